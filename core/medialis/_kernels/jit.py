@@ -1,0 +1,99 @@
+"""The one decorator for kernels: nogil, cached per user, and never stale.
+
+Numba's own cache knows only the source file of the kernel it stores: when a kernel that it *calls*
+changes in another file, an upgraded installation would run the old machine code. So the cache lives
+in one folder per numba version and per hash of all kernel sources, in the user's cache folder
+(`MEDIALIS_CACHE_DIR` or `NUMBA_CACHE_DIR` override it). It survives re-installation, serves every
+environment of the user, and an unwritable installation folder does not matter.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import sys
+from collections.abc import Callable
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numba
+from numba.core import caching
+
+PACKAGE = Path(__file__).resolve().parent.parent
+
+
+def kernel_sources() -> list[Path]:
+    """Return every kernel source file of the package, in a fixed order."""
+    return sorted([*PACKAGE.glob("_kernels/*.py"), *PACKAGE.glob("*/_*_kernels.py")])
+
+
+def _user_cache() -> Path:
+    for variable in ("MEDIALIS_CACHE_DIR", "NUMBA_CACHE_DIR"):
+        if os.environ.get(variable):
+            return Path(os.environ[variable])
+    if sys.platform == "win32":
+        base = Path(os.environ.get("LOCALAPPDATA") or Path.home() / "AppData" / "Local")
+    elif sys.platform == "darwin":
+        base = Path.home() / "Library" / "Caches"
+    else:
+        base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    return base / "medialis"
+
+
+@lru_cache(maxsize=1)
+def kernel_cache() -> Path:
+    """Return the folder of the compiled kernels for the sources and the numba in use."""
+    digest = hashlib.sha256()
+    for source in kernel_sources():
+        digest.update(source.relative_to(PACKAGE).as_posix().encode())
+        digest.update(source.read_bytes())
+    return _user_cache() / f"kernels-{digest.hexdigest()[:12]}-numba{numba.__version__}"
+
+
+class _Locator:
+    """Numba cache locator: our folder; the stamp is constant because the folder holds the hash."""
+
+    def __init__(self, py_func: Callable[..., Any]) -> None:
+        self._module = py_func.__module__
+
+    def ensure_cache_path(self) -> None:
+        kernel_cache().mkdir(parents=True, exist_ok=True)
+        if not os.access(kernel_cache(), os.W_OK):
+            raise OSError(f"{kernel_cache()} is not writable")
+
+    def get_cache_path(self) -> str:
+        return str(kernel_cache())
+
+    def get_source_stamp(self) -> str:
+        return kernel_cache().name
+
+    def get_disambiguator(self) -> str:
+        return self._module
+
+    @classmethod
+    def from_function(cls, py_func: Callable[..., Any], py_file: str) -> _Locator | None:
+        locator = cls(py_func)
+        try:
+            locator.ensure_cache_path()
+        except OSError:
+            return None
+        return locator
+
+
+class _CacheImpl(caching.CompileResultCacheImpl):
+    _locator_classes = [_Locator]  # noqa: RUF012 - numba reads a plain class attribute
+
+
+class _Cache(caching.FunctionCache):
+    _impl_class = _CacheImpl
+
+
+def kernel(function: Callable[..., Any]) -> Any:
+    """Compile a kernel with `nogil` and our cache; without a writable cache it compiles anew."""
+    dispatcher = numba.njit(nogil=True)(function)
+    try:
+        dispatcher._cache = _Cache(function)
+    except RuntimeError:  # no writable cache folder anywhere: slower start, same results
+        pass
+    return dispatcher

@@ -1,0 +1,100 @@
+"""MedialCloud: maximal balls with their two feature points (thesis 3.2.1, 3.5.1)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from enum import IntEnum
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from medialis.errors import InvalidShapeError
+from medialis.model.ragged import Ragged
+from medialis.validation import FloatArray, IntArray, frozen
+
+
+class BallStatus(IntEnum):
+    """What became of the ball of a sample."""
+
+    OK = 0
+    """A maximal ball with two feature points."""
+    OPEN = 1
+    """No second contact within the largest allowed radius (open surface, or the outer side)."""
+    NO_NORMAL = 2
+    """The sample has no normal, so no ball can be started: center and radius are NaN."""
+
+
+@dataclass(frozen=True, eq=False)
+class MedialCloud:
+    """Skeleton points: one ball for each surface sample and side (thesis 3.2).
+
+    Row i keeps its place whatever became of it; use `valid` to select the true medial balls.
+
+    Attributes
+    ----------
+    centers : (k, 3) float64
+        Ball centers in the units of the shape. An OPEN ball has the largest allowed radius.
+    radii : (k,) float64
+        Ball radii, same units.
+    features : (k, 2) int32
+        Feature points f1, f2: indices into ``Shape.points``; f2 is -1 where the status is not OK.
+    source : (k,) int32
+        The sample whose ball this is (equal to f1).
+    status : (k,) int8
+        A `BallStatus`.
+    spoke_angles : (k,) float64
+        Angle f1 - center - f2 in radians, 0..pi (theta-SMA); NaN where the status is not OK.
+    side : (k,) int8
+        +1 for an inner ball, -1 for an outer one.
+
+    Raises
+    ------
+    InvalidShapeError
+        When the arrays do not have the same number of rows.
+    """
+
+    centers: FloatArray
+    radii: FloatArray
+    features: IntArray
+    source: IntArray
+    status: NDArray[np.int8]
+    spoke_angles: FloatArray
+    side: NDArray[np.int8]
+
+    def __post_init__(self) -> None:
+        k = len(self.centers)
+        for name, dtype, shape in (
+            ("centers", np.float64, (k, 3)),
+            ("radii", np.float64, (k,)),
+            ("features", np.int32, (k, 2)),
+            ("source", np.int32, (k,)),
+            ("status", np.int8, (k,)),
+            ("spoke_angles", np.float64, (k,)),
+            ("side", np.int8, (k,)),
+        ):
+            value = np.asarray(getattr(self, name))
+            if value.shape != shape:
+                raise InvalidShapeError(f"{name} must have shape {shape}, got {value.shape}.")
+            object.__setattr__(self, name, frozen(value, dtype))
+
+    def __len__(self) -> int:
+        return len(self.radii)
+
+    @cached_property
+    def valid(self) -> NDArray[np.bool_]:
+        """True where the ball is maximal with two feature points, (k,)."""
+        return frozen(self.status == BallStatus.OK, np.bool_)
+
+    def subset(self, rows: ArrayLike) -> MedialCloud:
+        """Return the rows that a boolean mask or an index array selects, all arrays aligned."""
+        selection = np.asarray(rows)
+        return MedialCloud(**{f.name: getattr(self, f.name)[selection] for f in fields(self)})
+
+    def inverse_features(self, point_count: int) -> Ragged:
+        """Return, for each of the `point_count` samples, the skeleton points that touch it.
+
+        Source: thesis 3.5.1 (inverse feature transform).
+        """
+        touching = Ragged.group(self.features.ravel(), point_count)
+        return Ragged(touching.offsets, touching.indices // 2)

@@ -1,0 +1,68 @@
+"""Progress, cancellation and stage times in one small object that long computations pass along.
+
+A caller gives any `callback(fraction, text)`; it is called on the calling thread, between chunks of
+work, with `fraction` from 0 to 1 never decreasing. To cancel, the callback raises `Cancelled` or
+returns False. Functions accept the plain callback, an existing `Progress`, or None.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+from medialis.errors import Cancelled
+
+ProgressCallback = Callable[[float, str], "bool | None"]
+
+
+class Progress:
+    """A span of a longer computation, with the seconds that each named stage took.
+
+    Parameters
+    ----------
+    callback : callable, optional
+        Called with (fraction in 0..1, text). Returning False cancels.
+    """
+
+    def __init__(self, callback: ProgressCallback | None = None) -> None:
+        self._callback = callback
+        self._start = 0.0
+        self._width = 1.0
+        self._text = ""
+        self.seconds: dict[str, float] = {}
+
+    @classmethod
+    def of(cls, progress: Progress | ProgressCallback | None) -> Progress:
+        """Wrap a plain callback; an existing Progress is returned as it is."""
+        return progress if isinstance(progress, Progress) else cls(progress)
+
+    def update(self, fraction: float, text: str | None = None) -> None:
+        """Report a fraction of the current stage.
+
+        Raises
+        ------
+        Cancelled
+            When the callback returns False.
+        """
+        if self._callback is None:
+            return
+        clipped = min(max(fraction, 0.0), 1.0)
+        label = self._text if text is None else text
+        if self._callback(self._start + self._width * clipped, label) is False:
+            raise Cancelled("Cancelled: nothing was written or changed.")
+
+    @contextmanager
+    def stage(self, name: str, begin: float, end: float) -> Iterator[Progress]:
+        """Run a named stage that spans `begin`..`end` of the current span, and time it."""
+        outer = self._start, self._width, self._text
+        self._start, self._width = outer[0] + outer[1] * begin, outer[1] * (end - begin)
+        self._text = name
+        clock = time.perf_counter()
+        try:
+            self.update(0.0)
+            yield self
+            self.update(1.0)
+        finally:
+            self._start, self._width, self._text = outer
+            self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - clock

@@ -1,0 +1,107 @@
+"""One thread pool for all kernels: ranges of items in chunks of constant size, over nogil kernels.
+
+Chunk sizes never depend on the thread count, and every kernel call writes only the slots of its own
+range, so results are bitwise the same on 1 and on N threads. Progress and cancellation happen
+between chunks, on the calling thread.
+"""
+
+from __future__ import annotations
+
+import os
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+
+from medialis.errors import InvalidOptionError
+from medialis.progress import Progress
+
+_limit: ContextVar[int | None] = ContextVar("medialis_thread_limit", default=None)
+
+
+def thread_count() -> int:
+    """Return how many threads kernels use now: the limit, else the processors of this process."""
+    limit = _limit.get()
+    if limit is not None:
+        return limit
+    if hasattr(os, "sched_getaffinity"):
+        return max(1, len(os.sched_getaffinity(0)))
+    return max(1, os.cpu_count() or 1)
+
+
+@contextmanager
+def thread_limit(count: int | None) -> Iterator[None]:
+    """Use at most `count` threads inside the block (None: no limit), restored on the way out.
+
+    Raises
+    ------
+    InvalidOptionError
+        When `count` is not a whole number of at least 1.
+
+    Examples
+    --------
+    >>> from medialis.threads import thread_count, thread_limit
+    >>> with thread_limit(1):
+    ...     thread_count()
+    1
+    """
+    if count is not None and (isinstance(count, bool) or count != int(count) or count < 1):
+        raise InvalidOptionError(f"threads must be a whole number of at least 1, got {count!r}.")
+    token = _limit.set(None if count is None else int(count))
+    try:
+        yield
+    finally:
+        _limit.reset(token)
+
+
+def run_chunks(
+    work: Callable[[int, int], object],
+    count: int,
+    chunk: int,
+    *,
+    progress: Progress | None = None,
+) -> None:
+    """Call `work(begin, end)` for consecutive ranges of `chunk` items that cover 0..count.
+
+    The calling thread works too and reports progress between its own chunks. The first exception
+    (of a kernel, a cancelling progress callback, or Ctrl-C) stops all threads after the chunk they
+    are in and is raised here.
+    """
+    starts = iter(range(0, count, chunk))
+    lock = threading.Lock()
+    failures: list[BaseException] = []
+    done = 0
+
+    def next_range() -> tuple[int, int] | None:
+        nonlocal done
+        with lock:
+            if failures:
+                return None
+            begin = next(starts, None)
+            if begin is None:
+                return None
+            done = begin
+            return begin, min(begin + chunk, count)
+
+    def drain() -> None:
+        try:
+            while (span := next_range()) is not None:
+                work(*span)
+        except BaseException as error:  # noqa: BLE001 - handed to the calling thread below
+            failures.append(error)
+
+    helpers = min(thread_count(), -(-count // chunk)) - 1
+    threads = [threading.Thread(target=drain, daemon=True) for _ in range(helpers)]
+    for thread in threads:
+        thread.start()
+    try:
+        while (span := next_range()) is not None:
+            if progress is not None:
+                progress.update(done / count)
+            work(*span)
+    except BaseException as error:  # noqa: BLE001 - raised again below, after the threads stopped
+        failures.append(error)
+    for thread in threads:
+        thread.join()
+    if failures:
+        raise failures[0]
