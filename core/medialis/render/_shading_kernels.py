@@ -1,0 +1,119 @@
+"""Kernels that turn depth and index buffers into a shaded, anti-aliased picture (thesis 3.4)."""
+
+import math
+
+from medialis._kernels.jit import kernel
+from medialis.render._splat_kernels import facing, hit_point, triangle_hit
+
+
+@kernel
+def obscurance(row, col, depth, reach, scale):
+    """Return 0..1: how far the eight neighbours at `reach` pixels stand in front of this pixel."""
+    height, width = depth.shape
+    here = depth[row, col]
+    total = 0.0
+    for dr in range(-1, 2):
+        for dc in range(-1, 2):
+            r, c = row + dr * reach, col + dc * reach
+            if 0 <= r < height and 0 <= c < width:
+                total += min(max((here - depth[r, c]) / scale, 0.0), 1.0)
+    return total / 8.0
+
+
+@kernel
+def phong(nx, ny, nz, px, py, pz, perspective, lights, material):
+    """Return (diffuse factor, specular term) of the Phong model.
+
+    lights (l, 4) = unit direction to the light and its intensity; material = (ambient, diffuse,
+    specular, ...). The highlight has the exponent 32, by five squarings.
+    """
+    vx, vy, vz = 0.0, 0.0, -1.0
+    if perspective:
+        far = math.sqrt(px * px + py * py + pz * pz)
+        vx, vy, vz = -px / far, -py / far, -pz / far
+    # A sky slightly brighter than the ground keeps unlit sides readable.
+    diffuse = material[0] * (1.0 + 0.25 * ny)
+    specular = 0.0
+    for k in range(len(lights)):
+        lx, ly, lz = lights[k, 0], lights[k, 1], lights[k, 2]
+        diffuse += material[1] * lights[k, 3] * max(nx * lx + ny * ly + nz * lz, 0.0)
+        hx, hy, hz = lx + vx, ly + vy, lz + vz
+        length = math.sqrt(hx * hx + hy * hy + hz * hz)
+        if length > 0:
+            s = max((nx * hx + ny * hy + nz * hz) / length, 0.0)
+            s *= s
+            s *= s
+            s *= s
+            s *= s
+            specular += material[2] * lights[k, 3] * s * s
+    return diffuse, specular
+
+
+@kernel
+def shade(
+    depth,
+    index,
+    glass,
+    lens,
+    view,
+    radii,
+    colors,
+    mesh,
+    lights,
+    material,
+    begin,
+    end,
+    n,
+    curve,
+    out,
+):
+    """Write the picture rows begin..end (uint8): shade n x n samples a pixel, average, encode.
+
+    Colors are linear light; `curve` is the table linear light -> 8 bits. `glass` has one sample
+    row when nothing is see-through. material[3:] = shadow strength, its depth scale, background.
+    """
+    balls = len(radii)
+    see_through = len(glass) == len(depth)
+    top = len(curve) - 1
+    perspective = lens[3] > 0
+    for row in range(begin, end):
+        for col in range(out.shape[1]):
+            red = green = blue = 0.0
+            for sub in range(n * n):
+                r, c = row * n + sub // n, col * n + sub % n
+                i = index[r, c]
+                if i < 0:
+                    x = y = z = material[5]
+                else:
+                    px, py, pz = hit_point(r, c, depth[r, c], lens)
+                    if i < balls:
+                        nx, ny, nz, _ = facing(
+                            px - view[i, 0],
+                            py - view[i, 1],
+                            pz - view[i, 2],
+                            px,
+                            py,
+                            pz,
+                            perspective,
+                        )
+                        x, y, z = colors[i, 0], colors[i, 1], colors[i, 2]
+                    else:
+                        nx, ny, nz, _, x, y, z = triangle_hit(
+                            i - balls, px, py, pz, perspective, mesh
+                        )
+                    light, shine = phong(nx, ny, nz, px, py, pz, perspective, lights, material)
+                    light *= 1.0 - material[3] * obscurance(r, c, depth, 2 * n, material[4])
+                    x, y, z = x * light + shine, y * light + shine, z * light + shine
+                if see_through and glass[r, c, 3] > 0:
+                    passing = math.exp(-glass[r, c, 3])
+                    veil = (1.0 - passing) / glass[r, c, 3]
+                    x = x * passing + veil * glass[r, c, 0]
+                    y = y * passing + veil * glass[r, c, 1]
+                    z = z * passing + veil * glass[r, c, 2]
+                red += min(x, 1.0)
+                green += min(y, 1.0)
+                blue += min(z, 1.0)
+            share = top / (n * n)
+            out[row, col, 0] = curve[int(red * share + 0.5)]
+            out[row, col, 1] = curve[int(green * share + 0.5)]
+            out[row, col, 2] = curve[int(blue * share + 0.5)]

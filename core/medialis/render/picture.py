@@ -1,0 +1,277 @@
+"""Pictures: what to draw, in which colours, with a title and a legend (thesis 3.4, figures)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from medialis.errors import InvalidOptionError, InvalidShapeError
+from medialis.progress import Progress, ProgressCallback
+from medialis.render.annotation import (
+    ColorBar,
+    LabelKey,
+    draw_legend,
+    draw_title,
+    legend_width,
+    title_height,
+)
+from medialis.render.camera import Camera
+from medialis.render.colors import label_colors, map_colors, value_range
+from medialis.render.raster import as_radii
+from medialis.render.shading import BallLayer, MeshLayer, Style, render_layers
+from medialis.validation import FloatArray, as_faces, as_field, as_number, as_points
+
+Color = tuple[float, float, float]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Painted:
+    """How an item is coloured: by `labels`, else by `values`, else by `color`.
+
+    Attributes
+    ----------
+    color : (3,) or (count, 3) float
+        sRGB 0..1: one for all or one an element.
+    values : (count,) float, optional
+        Scalar field through `map_colors`; NaN is grey.
+    labels : (count,) int, optional
+        Distinct colours; -1 is grey.
+    cmap, low, high
+        Colour map and its limits, as in `map_colors`.
+    """
+
+    color: ArrayLike = (0.62, 0.68, 0.76)
+    values: ArrayLike | None = None
+    labels: ArrayLike | None = None
+    cmap: str = "sequential"
+    low: float | None = None
+    high: float | None = None
+
+    def colors(self, count: int) -> FloatArray:
+        """Return the sRGB colours of `count` elements, (count, 3).
+
+        Raises
+        ------
+        InvalidShapeError, InvalidOptionError
+            When there is not one value, label or colour for each element.
+        """
+        if self.labels is not None:
+            if np.shape(self.labels) != (count,):
+                raise InvalidShapeError(
+                    f"labels must have shape ({count},), got {np.shape(self.labels)}."
+                )
+            return label_colors(self.labels)
+        if self.values is not None:
+            field = as_field(self.values, count, "values")
+            return map_colors(field, self.cmap, self.low, self.high)
+        color = np.asarray(self.color, np.float64)
+        if color.shape not in ((3,), (count, 3)) or not ((color >= 0) & (color <= 1)).all():
+            raise InvalidOptionError(
+                f"color must be three numbers 0..1, or a ({count}, 3) array of them; "
+                f"got shape {color.shape}."
+            )
+        return np.broadcast_to(color, (count, 3))
+
+
+@dataclass(frozen=True, eq=False)
+class Balls(Painted):
+    """Shaded balls: centers (k, 3) and radii (k,) or one radius for all, in the caller's units."""
+
+    centers: ArrayLike
+    radii: ArrayLike
+
+
+@dataclass(frozen=True, eq=False)
+class Points(Painted):
+    """Points (k, 3) shown as small balls of the same size everywhere, `size` pixels across."""
+
+    points: ArrayLike
+    size: float = 4.0
+
+
+@dataclass(frozen=True, eq=False)
+class Curves(Painted):
+    """Tubes along edges (e, 2) between nodes (v, 3), `width` pixels thick.
+
+    Values, labels and colours belong to the nodes and blend along an edge (labels: to the nearer
+    node).
+    """
+
+    nodes: ArrayLike
+    edges: ArrayLike
+    width: float = 5.0
+
+
+@dataclass(frozen=True, eq=False)
+class Surface(Painted):
+    """Triangles; with opacity below 1 a see-through shell with a clear outline.
+
+    Attributes
+    ----------
+    points, faces : (n, 3) float and (m, 3) int
+    opacity : float
+        1 is solid. 0.1 to 0.2 shows what is inside.
+    smooth : bool
+        Smooth shading except at sharp edges; False shows the facets.
+
+    Values, labels and colours belong to the points or, with `per_face`, to the faces.
+    """
+
+    points: ArrayLike
+    faces: ArrayLike
+    opacity: float = 1.0
+    smooth: bool = True
+    per_face: bool = False
+
+
+Item = Balls | Points | Curves | Surface
+
+
+def draw(
+    items: Sequence[Item],
+    camera: Camera,
+    *,
+    title: str | None = None,
+    legend: str | None = None,
+    label_names: Sequence[str] | None = None,
+    style: Style | None = None,
+    progress: Progress | ProgressCallback | None = None,
+) -> NDArray[np.uint8]:
+    """Return a picture of the items, (h, w, 3) uint8 with the camera's width and height.
+
+    Parameters
+    ----------
+    items : sequence of Balls, Points, Curves, Surface
+    camera : Camera
+        Where a title or a legend takes room, the view shrinks so that all of it stays visible.
+    title : str, optional
+        One line above the picture.
+    legend : str, optional
+        Name of the quantity: adds a colour bar (smallest, middle, largest number of the scale), or
+        a key of labels, for the first item that has values or labels.
+    label_names : sequence of str, optional
+        Texts of the key for the labels 0, 1, ...; the numbers when missing.
+    style : Style, optional
+        Light and anti-aliasing.
+    progress : callable, optional
+
+    Raises
+    ------
+    InvalidShapeError, InvalidOptionError
+        When an item, an option, or a legend without values or labels cannot be drawn.
+    Cancelled
+        When the progress callback asks for it.
+
+    Notes
+    -----
+    Source: thesis 3.4 (Phong shaded balls with exact depth) and its figures.
+
+    Examples
+    --------
+    >>> camera = Camera.framing([[-1, -1, -1], [1, 1, 1]], width=80, height=60)
+    >>> image = draw([Balls([[0, 0, 0]], 1.0)], camera)
+    >>> image.shape, image[0, 0].tolist(), bool(image[30, 40].max() < 255)
+    ((60, 80, 3), [255, 255, 255], True)
+    """
+    steps = Progress.of(progress)
+    key = None if legend is None else _legend_of(items, legend, label_names)
+    top = title_height(camera.height) if title else 0
+    right = 0 if key is None else legend_width(key, camera.width, camera.height)
+    frame = _view_frame(camera, camera.width - right, camera.height - top)
+    balls: list[BallLayer] = []
+    meshes: list[MeshLayer] = []
+    for item in items:
+        if isinstance(item, Surface):
+            meshes.append(_mesh_layer(item))
+        else:
+            balls.append(_ball_layer(item, frame))
+    image = np.full((camera.height, camera.width, 3), 255, np.uint8)
+    chosen = Style() if style is None else style
+    image[...] = round(255 * chosen.background)
+    image[top:, : frame.width] = render_layers(balls, meshes, frame, chosen, steps)
+    if title:
+        draw_title(image, title)
+    if key is not None:
+        draw_legend(image, key, left=frame.width, top=top)
+    return image
+
+
+def _view_frame(camera: Camera, width: int, height: int) -> Camera:
+    """Return the camera for the part of the picture left free, still showing all it saw before."""
+    if (width, height) == (camera.width, camera.height):
+        return camera
+    if width < 1 or height < 1:
+        raise InvalidOptionError(
+            f"A picture of {camera.width} x {camera.height} has no room for title and legend."
+        )
+    wanted = camera.extent * camera.width / camera.height
+    extent = max(camera.extent, wanted * height / width)
+    return Camera(camera.eye, camera.target, camera.up, extent, width, height, camera.perspective)
+
+
+def _ball_layer(item: Balls | Points | Curves, camera: Camera) -> BallLayer:
+    if isinstance(item, Balls):
+        centers = as_points(item.centers, "centers")
+        radii = as_radii(item.radii, len(centers))
+        # Half a pixel at least, so that the smallest balls are still visible dots.
+        return BallLayer(centers, radii, item.colors(len(centers)), 0.5)
+    if isinstance(item, Points):
+        centers = as_points(item.points)
+        size = as_number(item.size, "size", low=0, high=1000, open_low=True)
+        return BallLayer(centers, np.zeros(len(centers)), item.colors(len(centers)), size / 2)
+    return _tube_layer(item, camera)
+
+
+def _tube_layer(item: Curves, camera: Camera) -> BallLayer:
+    """Draw tubes as chains of balls a third of a radius apart, at most 20000 an edge."""
+    nodes = as_points(item.nodes, "nodes")
+    width = as_number(item.width, "width", low=0, high=1000, open_low=True)
+    colors = item.colors(len(nodes))
+    pairs = np.asarray(item.edges)
+    if pairs.size == 0:
+        return BallLayer(nodes[:0], np.zeros(0), colors[:0], width / 2)
+    if pairs.ndim != 2 or pairs.shape[1] != 2:
+        raise InvalidShapeError(f"edges must be (e, 2) node indices, got shape {pairs.shape}.")
+    ends = as_faces(pairs[:, [0, 1, 1]], len(nodes), "edges")[:, :2]
+    a, b = nodes[ends[:, 0]], nodes[ends[:, 1]]
+    step = width / 2 / camera.scale / 3
+    count = np.ceil(np.linalg.norm(b - a, axis=1) / step)
+    count = np.clip(count, 1, 20000).astype(np.int64) + 1
+    edge = np.repeat(np.arange(len(ends)), count)
+    place = np.arange(len(edge)) - np.repeat(np.cumsum(count) - count, count)
+    share = (place / (count - 1)[edge])[:, None]
+    mix = np.rint(share) if item.labels is not None else share
+    first, second = colors[ends[edge, 0]], colors[ends[edge, 1]]
+    return BallLayer(
+        a[edge] + (b - a)[edge] * share,
+        np.zeros(len(edge)),
+        first + (second - first) * mix,
+        width / 2,
+    )
+
+
+def _mesh_layer(item: Surface) -> MeshLayer:
+    points = as_points(item.points)
+    faces = as_faces(item.faces, len(points))
+    opacity = as_number(item.opacity, "opacity", low=0, high=1)
+    if item.per_face:
+        corners = np.repeat(item.colors(len(faces))[:, None], 3, axis=1)
+    else:
+        corners = item.colors(len(points))[faces]
+    return MeshLayer(points, faces, corners, opacity, item.smooth)
+
+
+def _legend_of(
+    items: Sequence[Item], label: str, names: Sequence[str] | None
+) -> ColorBar | LabelKey:
+    for item in items:
+        if item.labels is not None:
+            return LabelKey(label, np.unique(item.labels), names)
+        if item.values is not None:
+            low, high = value_range(item.values, item.low, item.high)
+            missing = bool(np.isnan(np.asarray(item.values, np.float64)).any())
+            return ColorBar(label, item.cmap, low, high, missing)
+    raise InvalidOptionError("A legend needs an item with values or labels; there is none.")

@@ -1,0 +1,132 @@
+"""PNG files (8-bit RGB) with nothing but the standard library's zlib."""
+
+from __future__ import annotations
+
+import os
+import struct
+import tempfile
+import zlib
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from medialis.errors import FileError, InvalidShapeError
+
+SIGNATURE = b"\x89PNG\r\n\x1a\n"
+COMPRESSION = 1
+"""zlib level: 1000 x 750 pixels of a rendered mesh take about 11 ms, pure noise 42 ms."""
+
+
+def _chunk(kind: bytes, data: bytes) -> bytes:
+    checksum = zlib.crc32(data, zlib.crc32(kind))
+    return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", checksum)
+
+
+def encode_png(image: ArrayLike) -> bytes:
+    """Return the PNG bytes of an image (h, w, 3) uint8.
+
+    Each row is stored as the difference to the row above or to the pixel at its left, whichever has
+    the smaller sum of absolute differences: smooth shading then compresses well.
+
+    Raises
+    ------
+    InvalidShapeError
+        For another shape or another type than uint8.
+    """
+    pixels = np.asarray(image)
+    if pixels.ndim != 3 or pixels.shape[2] != 3 or pixels.dtype != np.uint8 or 0 in pixels.shape:
+        raise InvalidShapeError(
+            f"image must be (h, w, 3) uint8 with h, w >= 1, got {pixels.shape} {pixels.dtype}."
+        )
+    height, width = pixels.shape[:2]
+    left, above = pixels.copy(), pixels.copy()
+    left[:, 1:] -= pixels[:, :-1]
+    above[1:] -= pixels[:-1]
+    cost = [
+        np.abs(rows.reshape(height, -1).view(np.int8).astype(np.int16)).sum(axis=1, dtype=np.int64)
+        for rows in (left, above)
+    ]
+    use_left = cost[0] < cost[1]
+    rows = np.empty((height, 1 + 3 * width), np.uint8)
+    rows[:, 0] = np.where(use_left, 1, 2)
+    rows[:, 1:] = np.where(use_left[:, None, None], left, above).reshape(height, -1)
+    header = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
+    data = zlib.compress(rows.tobytes(), COMPRESSION)
+    return SIGNATURE + _chunk(b"IHDR", header) + _chunk(b"IDAT", data) + _chunk(b"IEND", b"")
+
+
+def write_png(path: str | os.PathLike[str], image: ArrayLike) -> None:
+    """Write an image (h, w, 3) uint8; the file appears whole or not at all.
+
+    Raises
+    ------
+    InvalidShapeError
+        For another shape or another type than uint8.
+    FileError
+        When the file cannot be written.
+    """
+    data = encode_png(image)
+    target = Path(path)
+    temporary: str | None = None
+    try:
+        if target.is_dir():
+            raise IsADirectoryError(f"{target} is a folder")
+        handle, temporary = tempfile.mkstemp(prefix=f".{target.name}.", dir=target.parent)
+        with os.fdopen(handle, "wb") as stream:
+            stream.write(data)
+        mask = os.umask(0)  # mkstemp makes private files; give the usual permissions
+        os.umask(mask)
+        Path(temporary).chmod(0o666 & ~mask)
+        Path(temporary).replace(target)
+    except OSError as error:
+        if temporary is not None:
+            Path(temporary).unlink(missing_ok=True)
+        reason = error.strerror or str(error)
+        raise FileError(f"Cannot write the picture {target}: {reason}.") from error
+
+
+def read_png(path: str | os.PathLike[str]) -> NDArray[np.uint8]:
+    """Return the image (h, w, 3) of a PNG file that `write_png` wrote.
+
+    Raises
+    ------
+    FileError
+        When the file cannot be read, is damaged, or is another kind of PNG.
+    """
+    try:
+        data = Path(path).read_bytes()
+    except OSError as error:
+        raise FileError(f"Cannot read the picture {path}: {error.strerror}.") from error
+    if not data.startswith(SIGNATURE):
+        raise FileError(f"{path} is not a PNG file.")
+    try:
+        header, packed = _read_chunks(data)
+        width, height, *kind = struct.unpack(">IIBBBBB", header)
+        rows = np.frombuffer(zlib.decompress(packed), np.uint8).reshape(height, 1 + 3 * width)
+    except (struct.error, zlib.error, ValueError) as error:
+        raise FileError(f"{path} is damaged or not an 8-bit RGB picture.") from error
+    if kind != [8, 2, 0, 0, 0] or not np.isin(rows[:, 0], (0, 1, 2)).all():
+        raise FileError(f"{path} is not an 8-bit RGB picture written by medialis.")
+    image = rows[:, 1:].reshape(height, width, 3).copy()
+    left = rows[:, 0] == 1
+    image[left] = np.cumsum(image[left], axis=1, dtype=np.uint8)
+    for row in np.flatnonzero(rows[1:, 0] == 2) + 1:
+        image[row] += image[row - 1]
+    return image
+
+
+def _read_chunks(data: bytes) -> tuple[bytes, bytes]:
+    header, packed, place = b"", [], len(SIGNATURE)
+    while place < len(data):
+        (size,) = struct.unpack_from(">I", data, place)
+        kind, body = data[place + 4 : place + 8], data[place + 8 : place + 8 + size]
+        (checksum,) = struct.unpack_from(">I", data, place + 8 + size)
+        if checksum != zlib.crc32(body, zlib.crc32(kind)):
+            raise ValueError("checksum")
+        if kind == b"IHDR":
+            header = body
+        elif kind == b"IDAT":
+            packed.append(body)
+        place += 12 + size
+    return header, b"".join(packed)

@@ -1,0 +1,212 @@
+"""Light: Phong shading with two lamps and a headlight, anti-aliasing, see-through surfaces."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from medialis.errors import InvalidOptionError
+from medialis.progress import Progress
+from medialis.render._shading_kernels import shade
+from medialis.render.camera import MAX_PIXELS, Camera
+from medialis.render.colors import to_linear, to_srgb
+from medialis.render.projection import lens, see_balls, see_triangles
+from medialis.render.raster import BAND, Mesh, draw_balls, draw_mesh, empty_mesh, face_normals
+from medialis.threads import run_chunks
+from medialis.validation import FloatArray, IntArray, as_number, as_whole_number, frozen
+
+SMOOTH_COSINE = 0.75
+"""A corner takes the vertex normal where that is within 41 degrees of the face normal."""
+
+_LAMPS = np.array(
+    [
+        [-0.45, 0.65, -0.62, 0.62],  # key: upper left, in front
+        [0.80, 0.10, -0.50, 0.18],  # fill: right
+        [0.0, 0.0, -1.0, 0.22],  # headlight
+    ]
+)
+
+
+@dataclass(frozen=True)
+class Style:
+    """How a picture is lit.
+
+    Attributes
+    ----------
+    ambient, diffuse, specular : float
+        Weights 0..2 of the Phong model, in linear light.
+    shadow : float
+        Darkening 0..1 of what lies closely behind something else; it makes point clouds readable.
+    supersampling : int
+        Samples a pixel along each axis, 1..4; 2 gives smooth edges.
+    background : float
+        Grey of the background, 0..1 (1 is white).
+
+    Raises
+    ------
+    InvalidOptionError
+        When a number is out of range.
+    """
+
+    ambient: float = 0.3
+    diffuse: float = 0.8
+    specular: float = 0.14
+    shadow: float = 0.45
+    supersampling: int = 2
+    background: float = 1.0
+
+    def __post_init__(self) -> None:
+        for name in ("ambient", "diffuse", "specular"):
+            as_number(getattr(self, name), name, low=0, high=2)
+        as_number(self.shadow, "shadow", low=0, high=1)
+        as_number(self.background, "background", low=0, high=1)
+        as_whole_number(self.supersampling, "supersampling", low=1, high=4)
+
+
+@dataclass(frozen=True, eq=False)
+class BallLayer:
+    """Balls (k): world centers, radii, sRGB colors (k, 3), least screen radius in pixels."""
+
+    centers: FloatArray
+    radii: FloatArray
+    colors: FloatArray
+    smallest: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class MeshLayer:
+    """Triangles: points (n, 3), faces (m, 3), sRGB corner colors (m, 3, 3), opacity 0..1."""
+
+    points: FloatArray
+    faces: IntArray
+    colors: FloatArray
+    opacity: float = 1.0
+    smooth: bool = True
+
+
+def corner_normals(points: FloatArray, faces: IntArray, smooth: bool = True) -> NDArray[np.float32]:
+    """Return a shading normal for each corner of each face, (m, 3, 3) float32.
+
+    The mean of the faces round the vertex, weighted by area, unless that is more than 41 degrees
+    off the face: so curved surfaces look smooth and sharp edges stay sharp.
+    """
+    flat = face_normals(points, faces)
+    if not smooth:
+        return np.repeat(flat[:, None], 3, axis=1).astype(np.float32)
+    a, b, c = points[faces[:, 0]], points[faces[:, 1]], points[faces[:, 2]]
+    weighted = np.cross(b - a, c - a)
+    vertex = np.stack(
+        [
+            np.bincount(faces.ravel(), np.repeat(weighted[:, j], 3), minlength=len(points))
+            for j in range(3)
+        ],
+        axis=1,
+    )
+    length = np.sqrt(np.einsum("ij,ij->i", vertex, vertex))[:, None]
+    np.divide(vertex, length, out=vertex, where=length > 0)
+    corners = vertex[faces]
+    close = np.einsum("mkj,mj->mk", corners, flat) > SMOOTH_COSINE
+    return np.where(close[..., None], corners, flat[:, None]).astype(np.float32)
+
+
+@lru_cache(maxsize=1)
+def _encoding() -> NDArray[np.uint8]:
+    """Return the table linear light 0..1 (8192 steps) -> sRGB 0..255."""
+    return frozen(np.rint(255 * to_srgb(np.linspace(0, 1, 8192))), np.uint8)
+
+
+def _mesh_of(layers: list[MeshLayer], camera: Camera) -> Mesh:
+    """Join mesh layers into the tuple that the kernels read, in view space."""
+    if not layers:
+        return empty_mesh()
+    counts = np.cumsum([0, *(len(layer.points) for layer in layers[:-1])])
+    views = [camera.to_view(layer.points) for layer in layers]
+    normals = [
+        corner_normals(view, layer.faces, layer.smooth)
+        for view, layer in zip(views, layers, strict=True)
+    ]
+    faces = [layer.faces + count for layer, count in zip(layers, counts, strict=True)]
+    density = [
+        np.full(len(layer.faces), -np.log1p(-min(layer.opacity, 0.999)), np.float32)
+        for layer in layers
+    ]
+    return (
+        np.concatenate(views),
+        np.concatenate(faces).astype(np.int32),
+        np.concatenate(normals),
+        np.concatenate([to_linear(layer.colors) for layer in layers]).astype(np.float32),
+        np.concatenate(density),
+    )
+
+
+def render_layers(
+    balls: list[BallLayer],
+    meshes: list[MeshLayer],
+    camera: Camera,
+    style: Style,
+    progress: Progress | None = None,
+) -> NDArray[np.uint8]:
+    """Return the picture (h, w, 3) uint8 of ball and mesh layers.
+
+    Opaque layers go to one depth buffer; a see-through layer (opacity below 1) then veils what lies
+    behind it, facing parts by `opacity` a layer and silhouettes up to ten times denser, so that the
+    inside stays visible and the outline is clear.
+
+    Raises
+    ------
+    InvalidOptionError
+        When the picture times the supersampling is larger than 16384 pixels.
+    """
+    n = style.supersampling
+    if max(camera.width, camera.height) * n > MAX_PIXELS:
+        raise InvalidOptionError(
+            f"A picture of {camera.width} x {camera.height} with supersampling {n} is larger than "
+            f"{MAX_PIXELS} samples; use a smaller picture or supersampling."
+        )
+    fine = camera.resized(camera.width * n, camera.height * n)
+    numbers = lens(fine)
+    depth = np.full((fine.height, fine.width), np.inf)
+    index = np.full(depth.shape, -1, np.int32)
+    centers = np.concatenate([np.zeros((0, 3)), *(layer.centers for layer in balls)])
+    radii = np.concatenate([np.zeros(0), *(layer.radii for layer in balls)])
+    colors = np.concatenate([np.zeros((0, 3)), *(to_linear(layer.colors) for layer in balls)])
+    smallest = np.repeat(
+        [n * layer.smallest for layer in balls], [len(layer.radii) for layer in balls]
+    )
+    seen = see_balls(fine, centers, radii, smallest)
+    solid = _mesh_of([layer for layer in meshes if layer.opacity >= 1], fine)
+    veil = _mesh_of([layer for layer in meshes if 0 < layer.opacity < 1], fine)
+    draw_balls(seen, numbers, depth, index, progress)
+    draw_mesh(see_triangles(fine, solid[0], solid[1], len(radii)), numbers, depth, index)
+    glass = np.zeros((0, 0, 4), np.float32)
+    if len(veil[1]):
+        glass = np.zeros((*depth.shape, 4), np.float32)
+        draw_mesh(
+            see_triangles(fine, veil[0], veil[1]), numbers, depth, index, glass=glass, mesh=veil
+        )
+    lamps = _LAMPS.copy()
+    lamps[:, :3] /= np.linalg.norm(lamps[:, :3], axis=1, keepdims=True)
+    material = np.array(
+        [
+            style.ambient,
+            style.diffuse,
+            style.specular,
+            style.shadow,
+            0.05 * camera.extent,
+            float(to_linear(style.background)),
+        ]
+    )
+    picture = np.empty((camera.height, camera.width, 3), np.uint8)
+    tints = colors.astype(np.float32)
+
+    def band(begin: int, end: int) -> None:
+        shade(
+            depth, index, glass, numbers, seen.view, seen.radii, tints, solid, lamps, material,
+            begin, end, n, _encoding(), picture,
+        )  # fmt: skip
+
+    run_chunks(band, camera.height, BAND, progress=progress)
+    return picture
