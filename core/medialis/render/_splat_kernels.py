@@ -100,21 +100,28 @@ def _perspective_ball(i, view, radius, row0, row1, boxes, lens, out_depth, out_i
     if z > near:
         center_row = pixel_of(lens[2] - focal * y / z)
         center_col = pixel_of(lens[1] + focal * x / z)
+    unit = 1.0 / focal
+    whole = z - radius >= near
     for row in range(row0, row1 + 1):
-        v = (lens[2] - row - 0.5) / focal
+        v = (lens[2] - row - 0.5) * unit
         a = y - z * v
+        rest = a * a
         for col in range(boxes[i, 2], boxes[i, 3] + 1):
-            u = (col + 0.5 - lens[1]) / focal
+            u = (col + 0.5 - lens[1]) * unit
             b = z * u - x
             c = x * v - y * u
             dd = u * u + v * v + 1.0
-            q = dd * radius * radius - (a * a + b * b + c * c)
+            q = dd * radius * radius - (rest + b * b + c * c)
             if q < 0:
                 if row != center_row or col != center_col:
                     continue
                 q = 0.0
-            root = math.sqrt(q)
             along = u * x + v * y + z
+            if whole:  # most pixels are hidden: know it without a root and a division
+                gap = sign * along - out_depth[row, col] * dd
+                if gap >= 0 and q <= gap * gap:
+                    continue
+            root = math.sqrt(q)
             t = (along - sign * root) / dd
             if t < near:  # the eye is inside the ball: its far side
                 t = (along + root) / dd
