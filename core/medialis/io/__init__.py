@@ -1,5 +1,19 @@
 """Files in and out: meshes and point clouds in, lossless results out."""
 
 from medialis.io.meshes import MeshData, read_mesh
+from medialis.io.output_folder import OutputFolder
+from medialis.io.ply_attributes import PlyData, read_ply_attributes, write_ply
+from medialis.io.results import json_text, read_npz, write_json, write_npz
 
-__all__ = ["MeshData", "read_mesh"]
+__all__ = [
+    "MeshData",
+    "OutputFolder",
+    "PlyData",
+    "json_text",
+    "read_mesh",
+    "read_npz",
+    "read_ply_attributes",
+    "write_json",
+    "write_npz",
+    "write_ply",
+]

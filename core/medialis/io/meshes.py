@@ -12,9 +12,10 @@ from typing import Any
 
 import numpy as np
 
-from medialis.errors import FileError, InvalidShapeError
+from medialis.errors import InvalidShapeError
 from medialis.io import off, point_text, stl
 from medialis.io._content import ParsedMesh
+from medialis.io._files import file_bytes
 from medialis.io._polygons import triangulate
 from medialis.io.obj import parse_obj
 from medialis.io.off import parse_off
@@ -84,7 +85,7 @@ def read_mesh(path: str | os.PathLike[str]) -> MeshData:
         are not there, or a face uses a vertex that is NaN or infinite.
     """
     name = os.fspath(path)
-    data = _file_bytes(name)
+    data = file_bytes(name)
     suffix = Path(name).suffix.lower()
     try:
         if suffix in _THROUGH_TRIMESH or data.startswith(b"glTF"):
@@ -97,30 +98,6 @@ def read_mesh(path: str | os.PathLike[str]) -> MeshData:
         raise InvalidShapeError(f"Cannot read {name}: {error}") from None
     except MemoryError:
         raise InvalidShapeError(f"Cannot read {name}: it does not fit into memory.") from None
-
-
-def _file_bytes(name: str) -> bytes:
-    path = Path(name)
-    try:
-        if path.is_dir():
-            raise FileError(f"Cannot read {name}: it is a folder; name a mesh file inside it.")
-        if path.exists() and not path.is_file():
-            raise FileError(f"Cannot read {name}: it is not a regular file.")
-        data = path.read_bytes()
-    except FileNotFoundError:
-        raise FileError(f"Cannot read {name}: there is no such file; check the path.") from None
-    except PermissionError:
-        raise FileError(f"Cannot read {name}: permission denied; change its rights.") from None
-    except FileError:
-        raise
-    except (OSError, ValueError) as error:  # ValueError: a NUL character in the name
-        reason = getattr(error, "strerror", None) or str(error)
-        raise FileError(f"Cannot read {name!r}: {reason}.") from None
-    except MemoryError:
-        raise FileError(f"Cannot read {name}: it does not fit into memory.") from None
-    if not data:
-        raise InvalidShapeError(f"Cannot read {name}: the file is empty.")
-    return data
 
 
 def _looks_like(kind: str, data: bytes, expected: bool) -> bool:
