@@ -1,4 +1,4 @@
-"""Progress, cancellation and stage times in one small object that long computations pass along.
+"""Progress, cancellation, messages and stage times in one object that computations pass along.
 
 A caller gives any `callback(fraction, text)`; it is called on the calling thread, between chunks of
 work, with `fraction` from 0 to 1 never decreasing. To cancel, the callback raises `Cancelled` or
@@ -7,22 +7,32 @@ returns False. Functions accept the plain callback, an existing `Progress`, or N
 
 from __future__ import annotations
 
+import logging
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from medialis.errors import Cancelled
 
+logger = logging.getLogger("medialis")
+
 ProgressCallback = Callable[[float, str], "bool | None"]
 
 
 class Progress:
-    """A span of a longer computation, with the seconds that each named stage took.
+    """A span of a longer computation, and the record of what happened in it.
 
     Parameters
     ----------
     callback : callable, optional
         Called with (fraction in 0..1, text). Returning False cancels.
+
+    Attributes
+    ----------
+    seconds : dict
+        Seconds that each named stage took.
+    messages : list of str
+        Sentences for the user: what was repaired, refined, masked. They go to the log as well.
     """
 
     def __init__(self, callback: ProgressCallback | None = None) -> None:
@@ -31,11 +41,17 @@ class Progress:
         self._width = 1.0
         self._text = ""
         self.seconds: dict[str, float] = {}
+        self.messages: list[str] = []
 
     @classmethod
     def of(cls, progress: Progress | ProgressCallback | None) -> Progress:
         """Wrap a plain callback; an existing Progress is returned as it is."""
         return progress if isinstance(progress, Progress) else cls(progress)
+
+    def note(self, text: str, *, level: int = logging.INFO) -> None:
+        """Record a sentence for the user and log it."""
+        self.messages.append(text)
+        logger.log(level, text)
 
     def update(self, fraction: float, text: str | None = None) -> None:
         """Report a fraction of the current stage.

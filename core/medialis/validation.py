@@ -147,7 +147,9 @@ def as_number(
     try:
         number = float(value)
     except (TypeError, ValueError) as error:
-        raise InvalidOptionError(f"{name} must be a number ({range_text}), got {value!r}.") from error
+        raise InvalidOptionError(
+            f"{name} must be a number ({range_text}), got {value!r}."
+        ) from error
     too_low = number <= low if open_low else number < low
     if isinstance(value, bool) or not math.isfinite(number) or too_low or number > high:
         raise InvalidOptionError(f"{name} must be a number ({range_text}), got {value!r}.")

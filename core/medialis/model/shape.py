@@ -4,12 +4,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from medialis.errors import InvalidShapeError
 from medialis.validation import FloatArray, IntArray, as_faces, as_normals, as_points, frozen
+
+if TYPE_CHECKING:
+    from medialis.model.diagnosis import Diagnosis
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,6 +36,13 @@ class Shape:
         inserted one. None when the shape was not refined.
     face_origin : (m,) int32 or None
         After `medialis.refine`: the face of the unrefined shape that this face lies in.
+    diagnosis : Diagnosis or None
+        What the input was like before repair (`medialis.read_shape`).
+    vertex_map : (n_in,) int32 or None
+        After repair: the point that each input vertex became, -1 if it was dropped. It stays right
+        after `medialis.refine`, which keeps the points and adds new ones behind them.
+    face_map : (m,) int32 or None
+        After repair: the input face of each face.
 
     Raises
     ------
@@ -44,6 +55,9 @@ class Shape:
     faces: IntArray | None = None
     origin: IntArray | None = None
     face_origin: IntArray | None = None
+    diagnosis: Diagnosis | None = None
+    vertex_map: IntArray | None = None
+    face_map: IntArray | None = None
 
     def __post_init__(self) -> None:
         points = as_points(self.points)
@@ -52,7 +66,12 @@ class Shape:
         if self.faces is not None:
             faces = as_faces(self.faces, len(points))
             object.__setattr__(self, "faces", faces if len(faces) else None)
-        for name, count in (("origin", len(points)), ("face_origin", self.face_count)):
+        for name, count in (
+            ("origin", len(points)),
+            ("face_origin", self.face_count),
+            ("face_map", self.face_count),
+            ("vertex_map", np.size(self.vertex_map)),
+        ):
             value = getattr(self, name)
             if value is not None:
                 if np.shape(value) != (count,):

@@ -1,0 +1,115 @@
+"""Operation: image-based reconstruction of a shape from its balls (thesis 3.4)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from medialis.model.shape import Shape
+from medialis.operations.common import (
+    REFINE,
+    TOLERANCE,
+    cloud_arrays,
+    cloud_layer,
+    refined,
+    require_balls,
+)
+from medialis.operations.declaration import Kind, Operation, Parameter
+from medialis.operations.result import Outcome
+from medialis.progress import Progress
+from medialis.surface_skeletons.ball_shrinking import surface_skeleton
+
+ORDERS = ("radius", "spoke_angle")
+
+
+def run(shape: Shape, parameters: Mapping[str, Any], progress: Progress) -> Outcome:
+    """Render the union of the balls beside the surface and compare them pixel by pixel."""
+    from medialis.render.camera import Camera
+    from medialis.render.annotation import contact_sheet
+    from medialis.render.reconstruction import progressive, reconstruct_image
+
+    fine = refined(shape, parameters["refine"], progress)
+    with progress.stage("skeleton", 0.1, 0.3):
+        cloud = surface_skeleton(fine, tolerance=parameters["tolerance"], progress=progress)
+    require_balls(cloud, fine)
+    size = parameters["size"]
+    camera = Camera.framing(fine.points, width=size, height=size)
+    with progress.stage("reconstruct", 0.3, 0.6 if parameters["progressive"] else 1.0):
+        found = reconstruct_image(fine, cloud, camera, progress=progress)
+    images = {
+        "reconstruction": contact_sheet(
+            [found.surface_images[0], found.ball_images[0], found.difference_images[0]],
+            [
+                "surface",
+                f"union of {found.ball_count} balls",
+                f"difference: {100 * found.only_one_share:.2f} % of the pixels, "
+                f"median depth {found.median_difference:.3f} % of the size",
+            ],
+            columns=3,
+        )
+    }
+    values = {
+        "balls": found.ball_count,
+        "pixels_that_differ_percent": 100 * found.only_one_share,
+        "median_depth_difference_percent": found.median_difference,
+        "depth_difference_95_percent": found.difference_95,
+    }
+    if parameters["progressive"]:
+        order = cloud.radii if parameters["order"] == "radius" else cloud.spoke_angles
+        with progress.stage("progressive", 0.6, 1.0):
+            steps = progressive(fine, cloud, order, camera=camera, progress=progress)
+        images["progressive"] = contact_sheet(
+            [step.ball_images[0] for step in steps],
+            [
+                f"{step.ball_count} balls: {100 * step.only_one_share:.2f} % differ, "
+                f"{step.median_difference:.3f} % depth"
+                for step in steps
+            ],
+            columns=3,
+        )
+        values["progressive"] = [
+            [step.ball_count, 100 * step.only_one_share, step.median_difference] for step in steps
+        ]
+    return Outcome(
+        shape=fine,
+        layers=(cloud_layer("balls", cloud.subset(cloud.valid)),),
+        values=values,
+        arrays=cloud_arrays(fine, cloud),
+        images=images,
+    )
+
+
+OPERATION = Operation(
+    name="ball_reconstruction",
+    filter_name="compute_ball_reconstruction_image",
+    label="Reconstruct from balls (image)",
+    group="Inspect",
+    help="Draw the union of the medial balls beside the surface, and measure how they differ.\n\n"
+    "Both are rendered with the same camera; the difference image and the numbers (share of pixels "
+    "that differ, depth error in per cent of the size) tell how well the skeleton describes the "
+    "shape. In progressive mode the balls are added in falling order of radius or spoke angle.",
+    source="thesis 3.4",
+    parameters=(
+        TOLERANCE,
+        REFINE,
+        Parameter(
+            "size", Kind.INT, 700, "Image size", "Pixels along each side.", low=64, high=4096
+        ),
+        Parameter(
+            "progressive",
+            Kind.BOOL,
+            False,
+            "Progressive",
+            "Also draw growing shares of the balls, the most important ones first.",
+        ),
+        Parameter(
+            "order",
+            Kind.CHOICE,
+            "radius",
+            "Order",
+            "What makes a ball important in progressive mode.",
+            choices=ORDERS,
+        ),
+    ),
+    run=run,
+)

@@ -1,0 +1,111 @@
+"""What operations share: the refinement parameter and the checks before and after computing."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from medialis.errors import InvalidShapeError
+from medialis.model.medial_cloud import MedialCloud
+from medialis.model.shape import Shape
+from medialis.operations.declaration import Kind, Parameter
+from medialis.operations.result import Layer
+from medialis.progress import Progress
+from medialis.shape.refinement import refine
+from medialis.surface_skeletons.ball_shrinking import DEFAULT_TOLERANCE
+
+REFINE = Parameter(
+    "refine",
+    Kind.LENGTH,
+    0.02,
+    "Refine edges above",
+    "Split edges longer than this fraction of the size for the computation, so that flat faces get "
+    "samples; the surface stays the same. 0 computes with the given vertices only.",
+    low=0.0,
+    high=1.0,
+)
+TOLERANCE = Parameter(
+    "tolerance",
+    Kind.LENGTH,
+    DEFAULT_TOLERANCE,
+    "Tolerance",
+    "Relief of the surface lower than this fraction of the size does not shrink a ball; no sample "
+    "lies deeper than this inside one. 0 gives the exact maximal balls, larger values suppress "
+    "noise.",
+    low=0.0,
+    high=0.1,
+)
+
+
+def refined(shape: Shape, fraction: float, progress: Progress) -> Shape:
+    """Refine a coarse mesh for the computation and say so."""
+    if fraction == 0.0 or shape.faces is None or shape.diagonal == 0.0:
+        return shape
+    with progress.stage("refine", 0.0, 0.1):
+        fine = refine(shape, fraction * shape.diagonal)
+    if fine is not shape:
+        progress.note(
+            f"Refined for the computation: {shape.point_count} vertices became "
+            f"{fine.point_count} samples (edges above {100 * fraction:g} % of the diagonal were "
+            "split, the surface is unchanged; refine = 0 turns this off)."
+        )
+    return fine
+
+
+def require_balls(cloud: MedialCloud, shape: Shape) -> None:
+    """Raise a sentence that says why there is no skeleton, when there is none."""
+    if cloud.valid.any():
+        return
+    low, high = shape.bounds
+    flat = " The shape is flat." if (high - low).min() <= 1e-9 * shape.diagonal else ""
+    raise InvalidShapeError(
+        f"No ball of the {shape.point_count} samples meets a second sample: the surface encloses "
+        f"nothing on this side.{flat} Use a closed or nearly closed shape, or side = outer."
+    )
+
+
+def cloud_arrays(shape: Shape, cloud: MedialCloud) -> dict[str, NDArray[Any]]:
+    """Full arrays of a shape and its medial cloud, masked rows included, for the NPZ file."""
+    arrays: dict[str, NDArray[Any]] = {"points": shape.points, "normals": shape.normals}
+    for name in ("faces", "origin", "face_origin", "vertex_map", "face_map"):
+        if getattr(shape, name) is not None:
+            arrays[name] = getattr(shape, name)
+    for name in ("centers", "radii", "features", "source", "status", "spoke_angles", "side"):
+        arrays[name] = getattr(cloud, name)
+    return arrays
+
+
+def cloud_layer(name: str, cloud: MedialCloud, color_by: str = "radius") -> Layer:
+    """Layer of a cloud without its masked rows; `source` tells the sample of each ball."""
+    return Layer(
+        name,
+        cloud.centers,
+        attributes={
+            "radius": cloud.radii,
+            "spoke_angle": cloud.spoke_angles,
+            "feature_1": cloud.features[:, 0],
+            "feature_2": cloud.features[:, 1],
+            "source": cloud.source,
+            "side": cloud.side,
+        },
+        color_by=color_by,
+    )
+
+
+def samples_layer(shape: Shape) -> Layer:
+    """Layer of the surface as computed on: feature points and sources index its points."""
+    return Layer("samples", shape.points, shape.faces, attributes={"normal": shape.normals})
+
+
+def summary(values: NDArray[np.float64], name: str) -> dict[str, float]:
+    """Smallest, median and largest of the finite values, as result values."""
+    finite = values[np.isfinite(values)]
+    if len(finite) == 0:
+        return {}
+    return {
+        f"{name}_min": float(finite.min()),
+        f"{name}_median": float(np.median(finite)),
+        f"{name}_max": float(finite.max()),
+    }

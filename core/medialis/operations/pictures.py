@@ -1,0 +1,90 @@
+"""Pictures of results, drawn by the project's own renderer (thesis 3.4)."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from medialis.errors import InvalidOptionError
+from medialis.operations.result import Layer, Outcome
+from medialis.progress import Progress, ProgressCallback
+from medialis.render.camera import Camera, turntable
+from medialis.render.picture import Curves, Item, Points, Surface, draw
+
+IN_DEGREES = ("spoke_angle",)
+
+
+def draw_result(
+    result: Outcome,
+    *,
+    color_by: str | None = None,
+    width: int = 1000,
+    height: int = 750,
+    camera: Camera | None = None,
+    title: str | None = None,
+    progress: Progress | ProgressCallback | None = None,
+) -> NDArray[np.uint8]:
+    """Draw the first layer of a result inside its see-through shape.
+
+    Parameters
+    ----------
+    result : Outcome
+        Of any operation with at least one layer.
+    color_by : str, optional
+        Attribute of the layer; its own choice when missing.
+    width, height : int
+        Picture size in pixels.
+    camera : Camera, optional
+        Else an automatic view of the shape.
+    title : str, optional
+        One line on top.
+    progress : callable, optional
+        Called with (fraction, text); returning False cancels.
+
+    Returns
+    -------
+    (height, width, 3) uint8
+
+    Raises
+    ------
+    InvalidOptionError
+        When the layer has no such attribute.
+    """
+    layer = result.layers[0]
+    if camera is None:
+        camera = Camera.framing(result.shape.points, width=width, height=height)
+    item, label = _paint(layer, color_by or layer.color_by, camera.width)
+    items: list[Item] = [item]
+    if result.shape.faces is not None:
+        items.insert(0, Surface(result.shape.points, result.shape.faces, opacity=0.12))
+    return draw(items, camera, title=title, legend=label, progress=progress)
+
+
+def draw_turntable(
+    result: Outcome, count: int, *, color_by: str | None = None, size: int = 600
+) -> list[NDArray[np.uint8]]:
+    """Draw `count` views round the up-axis, (size, size, 3) uint8 each."""
+    camera = Camera.framing(result.shape.points, width=size, height=size, fit="sphere")
+    return [
+        draw_result(result, color_by=color_by, camera=view) for view in turntable(camera, count)
+    ]
+
+
+def _paint(layer: Layer, color_by: str | None, width: int) -> tuple[Item, str | None]:
+    values, label = None, None
+    if color_by is not None:
+        if color_by not in layer.attributes:
+            raise InvalidOptionError(
+                f"Layer {layer.name} has no attribute {color_by}; it has "
+                f"{', '.join(layer.attributes)}."
+            )
+        values, label = np.asarray(layer.attributes[color_by]), color_by.replace("_", " ")
+        if color_by in IN_DEGREES:
+            values, label = np.degrees(values), label + " (degrees)"
+    if layer.faces is not None:
+        return Surface(layer.points, layer.faces, values=values), label
+    if layer.edges is not None:
+        return Curves(layer.points, layer.edges, values=values), label
+    # Smaller dots for more points, so that sheets look like sheets and not like gravel.
+    size = float(np.clip(width / np.sqrt(len(layer.points)) / 2, 1.5, 6.0))
+    return Points(layer.points, size=size, values=values), label

@@ -1,0 +1,90 @@
+"""All operations, and the one function that runs any of them."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import fields
+from typing import Any
+
+from medialis.errors import InvalidOptionError
+from medialis.model.shape import Shape
+from medialis.operations import ball_reconstruction, surface_skeleton
+from medialis.operations.declaration import Operation
+from medialis.operations.result import Outcome, Result
+from medialis.progress import Progress, ProgressCallback
+from medialis.threads import thread_limit
+
+OPERATIONS: tuple[Operation, ...] = (surface_skeleton.OPERATION, ball_reconstruction.OPERATION)
+
+
+def operation(name: str) -> Operation:
+    """Return an operation by its name, its name with dashes, or its MeshLab-style name.
+
+    Raises
+    ------
+    InvalidOptionError
+        When there is none; the sentence lists them.
+    """
+    for candidate in OPERATIONS:
+        if name in (candidate.name, candidate.name.replace("_", "-"), candidate.filter_name):
+            return candidate
+    known = ", ".join(candidate.name for candidate in OPERATIONS)
+    raise InvalidOptionError(f"There is no operation {name!r}; there are {known}.")
+
+
+def run(
+    name: str,
+    shape: Shape,
+    *,
+    threads: int | None = None,
+    progress: Progress | ProgressCallback | None = None,
+    **parameters: Any,
+) -> Result:
+    """Run any registered operation on a shape, as every host does.
+
+    Unlike the plain functions it refines a mesh that is too coarse, and it raises when there is
+    nothing to show.
+
+    Parameters
+    ----------
+    name : str
+        As in `operation`.
+    shape : Shape
+        From `read_shape` or `make_shape`.
+    threads : int, optional
+        At most this many; all processors when missing.
+    progress : callable, optional
+        Called with (fraction, text); returning False cancels.
+    **parameters
+        Parameters of the operation; lengths are fractions of the bounding-box diagonal.
+
+    Raises
+    ------
+    InvalidOptionError
+        For an unknown operation or parameter, or a bad value.
+    InvalidShapeError
+        When the shape cannot be used.
+    Cancelled
+        When `progress` asks for it.
+
+    Examples
+    --------
+    >>> import medialis
+    >>> result = medialis.run("surface_skeleton", medialis.organic_shape(30), subsample=0.01)
+    >>> result.layers[0].name, result.values["skeleton_points"] > 100
+    ('surface_skeleton', True)
+    """
+    chosen = operation(name)
+    resolved = chosen.resolve(parameters)
+    progress = Progress.of(progress)
+    clock = time.perf_counter()
+    with thread_limit(threads):
+        outcome = chosen.run(shape, resolved, progress)
+    progress.seconds["total"] = time.perf_counter() - clock
+    return Result(
+        **{f.name: getattr(outcome, f.name) for f in fields(Outcome)},
+        operation=chosen.name,
+        parameters=resolved,
+        seconds=dict(progress.seconds),
+        messages=tuple(progress.messages),
+    )

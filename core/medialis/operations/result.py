@@ -1,0 +1,95 @@
+"""Results as every host can show them: layers of points, triangles or curves with attributes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from medialis.errors import InvalidShapeError
+from medialis.model.shape import Shape
+from medialis.validation import as_faces, as_points
+
+
+@dataclass(frozen=True, eq=False)
+class Layer:
+    """Points, triangles or curves with named attributes, one row a point.
+
+    Attributes
+    ----------
+    name : str
+        Name in the host and stem of the file.
+    points : (p, 3) float64
+    faces : (m, 3) int32 or None
+    edges : (e, 2) int32 or None
+    attributes : dict of (p,) or (p, d) arrays
+        Scalars (float), labels (int) or vectors.
+    color_by : str or None
+        The attribute that hosts show first.
+    """
+
+    name: str
+    points: NDArray[np.float64]
+    faces: NDArray[np.int32] | None = None
+    edges: NDArray[np.int32] | None = None
+    attributes: Mapping[str, NDArray[Any]] = field(default_factory=dict)
+    color_by: str | None = None
+
+    def __post_init__(self) -> None:
+        count = len(as_points(self.points, f"points of layer {self.name}"))
+        if self.faces is not None:
+            as_faces(self.faces, count, f"faces of layer {self.name}")
+        for name, values in self.attributes.items():
+            if len(values) != count:
+                raise InvalidShapeError(
+                    f"Attribute {name} of layer {self.name} has {len(values)} rows for {count} points."
+                )
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """What the function of an operation returns.
+
+    Attributes
+    ----------
+    shape : Shape
+        The shape as computed on: repaired and perhaps refined; features index its points.
+    layers : tuple of Layer
+        First the one that hosts select.
+    values : dict
+        Counts and measures, plain numbers.
+    arrays : dict of arrays
+        The full result, also of masked rows; goes to the NPZ file.
+    images : dict of (h, w, 3) uint8
+        Pictures that are themselves the result.
+    """
+
+    shape: Shape
+    layers: tuple[Layer, ...] = ()
+    values: Mapping[str, Any] = field(default_factory=dict)
+    arrays: Mapping[str, NDArray[Any]] = field(default_factory=dict)
+    images: Mapping[str, NDArray[np.uint8]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class Result(Outcome):
+    """An outcome with the record of the run.
+
+    Attributes
+    ----------
+    operation : str
+    parameters : dict
+        All of them, defaults included.
+    seconds : dict
+        Per stage.
+    messages : tuple of str
+        What was repaired, refined or masked.
+    """
+
+    operation: str = ""
+    parameters: Mapping[str, Any] = field(default_factory=dict)
+    seconds: Mapping[str, float] = field(default_factory=dict)
+    messages: tuple[str, ...] = ()

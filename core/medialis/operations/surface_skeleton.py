@@ -1,0 +1,102 @@
+"""Operation: surface skeleton by ball shrinking (thesis 3.2)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from medialis.model.medial_cloud import BallStatus
+from medialis.model.shape import Shape
+from medialis.operations.common import (
+    REFINE,
+    TOLERANCE,
+    cloud_arrays,
+    cloud_layer,
+    refined,
+    require_balls,
+    samples_layer,
+    summary,
+)
+from medialis.operations.declaration import Kind, Operation, Parameter
+from medialis.operations.result import Outcome
+from medialis.progress import Progress
+from medialis.surface_skeletons.ball_shrinking import LARGEST_RADIUS, SIDES, surface_skeleton
+from medialis.surface_skeletons.subsampling import uniform_subsample
+
+
+def run(shape: Shape, parameters: Mapping[str, Any], progress: Progress) -> Outcome:
+    """Refine, shrink balls, thin the cloud if asked to."""
+    fine = refined(shape, parameters["refine"], progress)
+    with progress.stage("skeleton", 0.1, 0.95):
+        cloud = surface_skeleton(
+            fine,
+            tolerance=parameters["tolerance"],
+            side=parameters["side"],
+            largest_radius=parameters["largest_radius"],
+            progress=progress,
+        )
+    require_balls(cloud, fine)
+    with progress.stage("subsample", 0.95, 1.0):
+        mask = uniform_subsample(cloud, parameters["subsample"] * fine.diagonal)
+    shown = cloud.subset(mask)
+    return Outcome(
+        shape=fine,
+        layers=(cloud_layer("surface_skeleton", shown), samples_layer(fine)),
+        values={
+            "samples": fine.point_count,
+            "skeleton_points": len(shown),
+            "open_balls": int((cloud.status == BallStatus.OPEN).sum()),
+            "without_normal": int((cloud.status == BallStatus.NO_NORMAL).sum()),
+            **summary(shown.radii, "radius"),
+            **summary(shown.spoke_angles, "spoke_angle"),
+            "diagonal": fine.diagonal,
+            "spacing": fine.spacing,
+        },
+        arrays={**cloud_arrays(fine, cloud), "selected": mask},
+    )
+
+
+OPERATION = Operation(
+    name="surface_skeleton",
+    filter_name="generate_surface_skeleton",
+    label="Surface skeleton",
+    group="Skeleton",
+    help="Compute the surface skeleton (medial axis) of a shape as a cloud of maximal balls.\n\n"
+    "Every sample of the surface gets the largest ball that touches the surface there and lies "
+    "inside the shape. Each skeleton point carries the radius of its ball (local thickness), the "
+    "spoke angle between its two feature points, and the feature points themselves. Works on "
+    "meshes, also open or non-manifold ones, and on point clouds.",
+    source="thesis 3.2",
+    parameters=(
+        TOLERANCE,
+        Parameter(
+            "side",
+            Kind.CHOICE,
+            "inner",
+            "Side",
+            "Balls inside the shape, outside, or both.",
+            choices=SIDES,
+        ),
+        Parameter(
+            "subsample",
+            Kind.LENGTH,
+            0.0,
+            "Point distance",
+            "Thin the skeleton so that its points are at least this fraction of the size apart. "
+            "0 keeps all.",
+        ),
+        REFINE,
+        Parameter(
+            "largest_radius",
+            Kind.LENGTH,
+            LARGEST_RADIUS,
+            "Largest radius",
+            "A ball that meets no second sample within this fraction of the size is masked. Balls "
+            "inside a closed shape never get this large.",
+            low=1e-6,
+            high=10.0,
+            advanced=True,
+        ),
+    ),
+    run=run,
+)

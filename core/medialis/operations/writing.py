@@ -1,0 +1,122 @@
+"""Writing results: PLY layers, NPZ arrays, PNG pictures and a JSON manifest, all or nothing."""
+
+from __future__ import annotations
+
+import os
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from medialis.io.results import OutputFolder, write_json, write_npz, write_ply
+from medialis.operations.pictures import draw_result, draw_turntable
+from medialis.operations.result import Result
+from medialis.progress import Progress, ProgressCallback
+from medialis.render.png import write_png
+
+
+def describe_result(result: Result, **more: Any) -> dict[str, Any]:
+    """Return the manifest: operation, parameters, seconds per stage, values, messages."""
+    return {
+        "medialis": version("medialis"),
+        "operation": result.operation,
+        "parameters": dict(result.parameters),
+        "seconds": dict(result.seconds),
+        "values": dict(result.values),
+        "messages": list(result.messages),
+        "layers": [
+            {
+                "name": layer.name,
+                "points": len(layer.points),
+                "faces": 0 if layer.faces is None else len(layer.faces),
+                "edges": 0 if layer.edges is None else len(layer.edges),
+                "attributes": list(layer.attributes),
+            }
+            for layer in result.layers
+        ],
+        **more,
+    }
+
+
+def write_result(
+    result: Result,
+    folder: str | os.PathLike[str],
+    *,
+    source: str | None = None,
+    picture: bool = True,
+    color_by: str | None = None,
+    turntable: int = 0,
+    progress: Progress | ProgressCallback | None = None,
+) -> dict[str, Any]:
+    """Write a result into a folder; when anything fails nothing is left behind.
+
+    Parameters
+    ----------
+    result : Result
+        From `medialis.run`.
+    folder : path
+        Created when missing; files of the same name are replaced.
+    source : str, optional
+        Name of the input, for titles and the manifest.
+    picture : bool
+        Draw ``<operation>.png`` (and the result's own images in any case).
+    color_by : str, optional
+        Attribute to colour by; the layer's own choice when missing.
+    turntable : int
+        Number of turntable views to draw as well.
+    progress : callable, optional
+        Called with (fraction, text); returning False cancels.
+
+    Returns
+    -------
+    dict
+        The manifest, with "files": the paths written, and "picture": the main one or None.
+
+    Raises
+    ------
+    FileError
+        When the folder cannot be written.
+    """
+    progress = Progress.of(progress)
+    title = result.operation.replace("_", " ") + (f" of {Path(source).name}" if source else "")
+    pictures: list[str] = []
+    with OutputFolder(folder) as out:
+        names: list[str] = []
+
+        def new(name: str) -> Path:
+            names.append(name)
+            return out.file(name)
+
+        with progress.stage("write", 0.0, 0.5):
+            for number, layer in enumerate(result.layers):
+                write_ply(
+                    new(f"{layer.name}.ply"),
+                    layer.points,
+                    faces=layer.faces,
+                    edges=layer.edges,
+                    attributes=layer.attributes,
+                )
+                progress.update((number + 1) / (len(result.layers) + 1))
+            write_npz(new(f"{result.operation}.npz"), result.arrays)
+        with progress.stage("picture", 0.5, 1.0):
+            for name, image in result.images.items():
+                pictures.append(f"{name}.png")
+                write_png(new(f"{name}.png"), image)
+            if picture and result.layers and not result.images:
+                pictures.append(f"{result.operation}.png")
+                image = draw_result(result, color_by=color_by, title=title)
+                write_png(new(pictures[-1]), image)
+            for number, image in enumerate(
+                draw_turntable(result, turntable, color_by=color_by) if turntable else []
+            ):
+                write_png(new(f"turntable_{number:03d}.png"), image)
+                progress.update((number + 1) / turntable)
+        names.append("manifest.json")
+        base = Path(folder)
+        manifest = describe_result(
+            result,
+            input=source,
+            files=[str(base / name) for name in names],
+            picture=str(base / pictures[0]) if pictures else None,
+        )
+        write_json(out.file("manifest.json"), manifest)
+    return manifest

@@ -1,0 +1,113 @@
+"""From a file or from arrays to a Shape: read, diagnose, repair, complete the normals."""
+
+from __future__ import annotations
+
+import os
+from typing import Any
+
+from numpy.typing import ArrayLike
+
+from medialis.errors import InvalidShapeError
+from medialis.model.shape import Shape
+from medialis.progress import Progress, ProgressCallback
+from medialis.shape.normals import vertex_normals
+from medialis.validation import as_faces, as_points
+
+
+def read_shape(
+    path: str | os.PathLike[str], *, progress: Progress | ProgressCallback | None = None
+) -> Shape:
+    """Read a mesh or point cloud, repair it without moving a vertex, and complete its normals.
+
+    Parameters
+    ----------
+    path : path
+        PLY, OBJ, OFF, STL or plain text points; glTF, 3MF, Collada and others with the extra `io`.
+    progress : callable, optional
+        Called with (fraction, text); returning False cancels.
+
+    Returns
+    -------
+    Shape
+        With ``.diagnosis`` of the file as it was, and ``.vertex_map``/``.face_map`` to it. Mesh
+        normals come from the faces; normals in the file are used for point clouds only.
+
+    Raises
+    ------
+    FileError, InvalidShapeError
+        One sentence that names the file and what is wrong with it.
+    """
+    from medialis.io.meshes import read_mesh
+
+    progress = Progress.of(progress)
+    with progress.stage("read", 0.0, 0.5):
+        mesh = read_mesh(path)
+    for message in mesh.messages:
+        progress.note(message)
+    normals = None if mesh.faces is not None else mesh.normals
+    with progress.stage("prepare", 0.5, 1.0):
+        return make_shape(mesh.points, mesh.faces, normals, repair=True, progress=progress)
+
+
+def make_shape(
+    points: ArrayLike,
+    faces: ArrayLike | None = None,
+    normals: ArrayLike | None = None,
+    *,
+    repair: bool = False,
+    progress: Progress | ProgressCallback | None = None,
+) -> Shape:
+    """Build a Shape from arrays, with the normals it lacks.
+
+    Parameters
+    ----------
+    points : (n, 3) float
+        Vertices or samples, any unit.
+    faces : (m, 3) int, optional
+        Triangles, counter-clockwise seen from outside.
+    normals : (n, 3) float, optional
+        Outward normals. Missing ones are computed from the faces (angle-weighted), or estimated
+        and oriented for a point cloud.
+    repair : bool
+        Diagnose and repair first, as `read_shape` does (weld, drop what is degenerate or unused,
+        orient). Without it the shape has exactly these points and faces.
+    progress : callable, optional
+        Called with (fraction, text); returning False cancels.
+
+    Raises
+    ------
+    InvalidShapeError
+        When an array cannot be used, or nothing with an area is left.
+    """
+    progress = Progress.of(progress)
+    extra: dict[str, Any] = {}
+    if repair:
+        from medialis.shape.diagnosis import diagnose
+        from medialis.shape.repair import repair as repair_mesh
+
+        extra["diagnosis"] = diagnose(points, faces)
+        fixed = repair_mesh(points, faces, normals)
+        for message in fixed.messages:
+            progress.note(message)
+        extra["vertex_map"] = fixed.vertex_map
+        points, normals = fixed.points, fixed.normals
+        if faces is not None and len(fixed.faces) == 0 and len(faces) > 0:
+            raise InvalidShapeError(
+                f"None of the {len(faces)} faces has an area: all are degenerate. Check the mesh."
+            )
+        faces = fixed.faces
+        if faces is not None and len(faces):
+            extra["face_map"] = fixed.face_map
+    points = as_points(points)
+    if faces is not None:
+        faces = as_faces(faces, len(points))
+        faces = faces if len(faces) else None
+    if normals is None:
+        if faces is not None:
+            normals = vertex_normals(points, faces)
+        else:
+            from medialis.shape.cloud_normals import estimate_normals
+
+            normals = estimate_normals(points, progress=progress)
+            progress.note("The point cloud has no normals: they were estimated and oriented.")
+    return Shape(points, normals, faces, **extra)

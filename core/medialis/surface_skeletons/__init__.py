@@ -1,0 +1,1 @@
+"""Surface skeletons (medial axes) by ball shrinking, thesis 3.2."""

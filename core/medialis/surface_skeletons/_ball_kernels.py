@@ -1,0 +1,167 @@
+"""Kernel of ball shrinking (thesis 3.2, in one pass; see ball_shrinking.py).
+
+Strategy. The balls tangent at p with one normal are nested, and the depth r - |q - c| of a sample q
+grows with the radius. So "the largest ball in which no sample lies deeper than a" has the radius
+min r_a(q), where r_a(q) is the radius at which q lies exactly a deep: with num = |q - p|^2 and
+den = 2 n.(p - q), |q - c|^2 = r^2 + num - r den = (r - a)^2 gives
+
+    r_a(q) = (num - a^2) / (den - 2 a),    den > 2 a, num > a^2.
+
+One traversal that replaces the ball by a smaller one whenever a sample lies too deep finds the
+minimum: what was outside a larger ball stays outside a smaller one, nothing is visited twice. For
+a = 0 it is the maximal ball through p and q. For a > 0 samples that lie less than a below the
+tangent plane, relief of the surface no higher than a, cannot shrink the ball, and where many
+samples are nearly equidistant (tubes, spheres) the one farthest from p wins. The result is the
+ball through p and the winner: it is smaller, so no sample lies deeper than a in it either.
+
+Depth test without square root or division: deeper than a is num < r den - a (2 r - a); eight
+samples are tested by one vector instruction. Nodes are skipped when their box or slab lies outside
+the ball of radius r - a. The float32 bounds are good to `margin`, which is added to that radius, so
+a skip is always right.
+
+Certificate. After a traversal every sample is known to lie at least r0 - a from the center c0. By
+the triangle inequality a ball (c, r) holds no sample deeper than a + |c - c0| + r - r0. Where the
+warm start of a later sample gets this down to the tolerance, which is larger than a, no traversal
+is needed: samples of a sphere cost O(1).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from medialis._kernels.box_tree_kernels import FAN, LEAF
+from medialis._kernels.jit import kernel
+
+OK, OPEN, NO_NORMAL = 0, 1, 2
+
+
+@kernel
+def _scan_leaf(block, px, py, pz, nx, ny, nz, r, a, near2):
+    """Smallest r_a(q) of a leaf's samples, if any lies deeper than a in the ball.
+
+    Returns (radius, slot); slot is -1 when no sample does. `near2` >= a^2 is the squared distance
+    below which a sample counts as p itself.
+    """
+    slack = a * (2.0 * r - a) if r > a else r * r
+    inside = 0
+    for j in range(LEAF):
+        dx, dy, dz = px - block[0, j], py - block[1, j], pz - block[2, j]
+        num = dx * dx + dy * dy + dz * dz
+        den = 2.0 * (nx * dx + ny * dy + nz * dz)
+        inside += num < r * den - slack
+    slot = -1
+    if inside:
+        for j in range(LEAF):
+            dx, dy, dz = px - block[0, j], py - block[1, j], pz - block[2, j]
+            num = dx * dx + dy * dy + dz * dz
+            den = 2.0 * (nx * dx + ny * dy + nz * dz)
+            if num > near2 and num - a * a < r * (den - 2.0 * a):
+                r = (num - a * a) / (den - 2.0 * a)
+                slot = j
+    return r, slot
+
+
+@kernel
+def _test_children(bound, cx, cy, cz, reach, out_hits):
+    """Set out_hits where box and slab of a child come nearer to the center than `reach`."""
+    fx, fy, fz = np.float32(cx), np.float32(cy), np.float32(cz)
+    reach1, reach2 = np.float32(reach), np.float32(reach * reach)
+    zero = np.float32(0.0)
+    for j in range(FAN):
+        ax, bx = bound[0, j] - fx, fx - bound[3, j]
+        ay, by = bound[1, j] - fy, fy - bound[4, j]
+        az, bz = bound[2, j] - fz, fz - bound[5, j]
+        # Conditional expressions, not max(): max() treats NaN apart and is not vectorised.
+        dx = ax if ax > bx else bx
+        dy = ay if ay > by else by
+        dz = az if az > bz else bz
+        dx = dx if dx > zero else zero
+        dy = dy if dy > zero else zero
+        dz = dz if dz > zero else zero
+        s = bound[6, j] * fx + bound[7, j] * fy + bound[8, j] * fz
+        sa, sb = bound[9, j] - s, s - bound[10, j]
+        slab = sa if sa > sb else sb
+        out_hits[j] = (dx * dx + dy * dy + dz * dz < reach2) & (slab < reach1)
+
+
+@kernel
+def shrink_balls(
+    begin, end, sign, tolerance, a, largest, near2, margin,
+    points, normals, order, blocks, bounds, child, depth,
+    out_centers, out_radii, out_features, out_status, out_angles,
+):  # fmt: skip
+    """Maximal balls of the samples begin..end (tree order); outputs are in the original order."""
+    n = len(points)
+    stack = np.empty(8 * 12 + 8, np.int64)  # 8 children on each of at most 11 wide levels
+    hits = np.empty(FAN, np.int32)
+    previous = -1  # leaf of the last second feature point: the warm start
+    x0, y0, z0, known = 0.0, 0.0, 0.0, -math.inf  # certificate: center and r0 - a
+    visits = 0
+    for i in range(begin, end):
+        source = order[i]
+        px, py, pz = points[i, 0], points[i, 1], points[i, 2]
+        nx, ny, nz = sign * normals[i, 0], sign * normals[i, 1], sign * normals[i, 2]
+        if nx == 0.0 and ny == 0.0 and nz == 0.0:
+            out_status[source] = NO_NORMAL
+            continue
+        r, feature = largest, -1
+        own = ((i + 1) << depth) // n  # a leaf close to the sample: its own or a neighbour
+        own = min(own, (1 << depth) - 1)
+        r, slot = _scan_leaf(blocks[own], px, py, pz, nx, ny, nz, r, a, near2)
+        if slot >= 0:
+            feature = own * LEAF + slot
+        if previous >= 0:
+            r, slot = _scan_leaf(blocks[previous], px, py, pz, nx, ny, nz, r, a, near2)
+            if slot >= 0:
+                feature = previous * LEAF + slot
+        cx, cy, cz = px - r * nx, py - r * ny, pz - r * nz
+        moved = math.sqrt((cx - x0) ** 2 + (cy - y0) ** 2 + (cz - z0) ** 2)
+        if moved + r - known > tolerance:
+            stack[0] = 0
+            top = 1
+            while top > 0:
+                top -= 1
+                node = stack[top]
+                reach = r - a + margin
+                if reach <= 0.0:
+                    break
+                visits += 1
+                _test_children(bounds[node], cx, cy, cz, reach, hits)
+                base = child[node]
+                if base >= 0:
+                    for j in range(FAN):
+                        if hits[j]:
+                            stack[top] = base + j
+                            top += 1
+                else:
+                    for j in range(FAN):
+                        if hits[j]:
+                            leaf = ~base + j
+                            r, slot = _scan_leaf(blocks[leaf], px, py, pz, nx, ny, nz, r, a, near2)
+                            if slot >= 0:
+                                feature = leaf * LEAF + slot
+                                cx, cy, cz = px - r * nx, py - r * ny, pz - r * nz
+            x0, y0, z0, known = cx, cy, cz, r - a
+        if feature < 0:
+            out_centers[source, 0], out_centers[source, 1], out_centers[source, 2] = cx, cy, cz
+            out_radii[source] = r
+            out_status[source] = OPEN
+            continue
+        previous = feature // LEAF
+        slot = feature % LEAF
+        dx = px - blocks[previous, 0, slot]
+        dy = py - blocks[previous, 1, slot]
+        dz = pz - blocks[previous, 2, slot]
+        num = dx * dx + dy * dy + dz * dz
+        r = num / (2.0 * (nx * dx + ny * dy + nz * dz))
+        out_centers[source, 0] = px - r * nx
+        out_centers[source, 1] = py - r * ny
+        out_centers[source, 2] = pz - r * nz
+        out_radii[source] = r
+        out_angles[source] = 2.0 * math.asin(min(1.0, math.sqrt(num) / (2.0 * r)))
+        first = (n * previous) >> depth  # a padded slot stands for the last sample of its leaf
+        out_features[source] = order[min(first + slot, ((n * (previous + 1)) >> depth) - 1)]
+        out_status[source] = OK
+    return visits
