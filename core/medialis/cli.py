@@ -20,7 +20,7 @@ from medialis.progress import Progress
 
 EXIT_OK, EXIT_BAD_INPUT, EXIT_CANCELLED = 0, 2, 130
 
-_EPILOG = """exit codes: 0 done; 2 bad input or options (one line on stderr says what); 130 cancelled.
+_EPILOG = """exit codes: 0 done; 2 bad input or options (one line on stderr); 130 cancelled.
 Lengths are fractions of the bounding-box diagonal: 0.01 is 1 % of the size of the shape."""
 
 

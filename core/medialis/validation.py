@@ -1,4 +1,4 @@
-"""The one door for input: turns what a caller gives into arrays the core can trust, or one sentence.
+"""The one door for input: what a caller gives becomes arrays the core can trust, or one sentence.
 
 Arrays that leave this module are C-contiguous, read-only, float64 or int32. Inputs are never
 changed; a copy is made only where the given array is not already in that form.
@@ -69,7 +69,7 @@ def as_points(values: ArrayLike, name: str = "points") -> FloatArray:
 
 
 def as_normals(values: ArrayLike, count: int, name: str = "normals") -> FloatArray:
-    """Return normals (n, 3) float64, unit where defined; a zero or NaN row means "no normal" (zero).
+    """Return normals (n, 3) float64, unit where defined; zero or NaN rows mean "none" (zero).
 
     Raises
     ------

@@ -85,7 +85,6 @@ def build_box_tree(points: NDArray[np.float64], normals: NDArray[np.float64]) ->
         leaves,
         LEAVES_A_CHUNK,
     )
-    del rows
 
     # Wide levels: the root takes what is left over when the depth is no multiple of 3.
     root_bits = depth % 3 if depth % 3 or depth == 0 else 3

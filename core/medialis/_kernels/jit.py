@@ -13,6 +13,7 @@ import hashlib
 import os
 import sys
 from collections.abc import Callable
+from contextlib import suppress
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -92,8 +93,6 @@ class _Cache(caching.FunctionCache):
 def kernel(function: Callable[..., Any]) -> Any:
     """Compile a kernel with `nogil` and our cache; without a writable cache it compiles anew."""
     dispatcher = numba.njit(nogil=True)(function)
-    try:
+    with suppress(RuntimeError):  # no writable cache folder: slower start, same results
         dispatcher._cache = _Cache(function)
-    except RuntimeError:  # no writable cache folder anywhere: slower start, same results
-        pass
     return dispatcher

@@ -24,8 +24,8 @@ ORDERS = ("radius", "spoke_angle")
 
 def run(shape: Shape, parameters: Mapping[str, Any], progress: Progress) -> Outcome:
     """Render the union of the balls beside the surface and compare them pixel by pixel."""
-    from medialis.render.camera import Camera
     from medialis.render.annotation import contact_sheet
+    from medialis.render.camera import Camera
     from medialis.render.reconstruction import progressive, reconstruct_image
 
     fine = refined(shape, parameters["refine"], progress)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
-from enum import Enum
+from enum import StrEnum
 from typing import Any
 
 from medialis.errors import InvalidOptionError
@@ -14,7 +14,7 @@ from medialis.progress import Progress
 from medialis.validation import as_choice, as_number, as_whole_number
 
 
-class Kind(str, Enum):
+class Kind(StrEnum):
     """Type of a parameter; hosts choose the widget by it."""
 
     FLOAT = "float"

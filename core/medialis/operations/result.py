@@ -45,7 +45,7 @@ class Layer:
         for name, values in self.attributes.items():
             if len(values) != count:
                 raise InvalidShapeError(
-                    f"Attribute {name} of layer {self.name} has {len(values)} rows for {count} points."
+                    f"Attribute {name} of layer {self.name} has {len(values)} rows, not {count}."
                 )
 
 

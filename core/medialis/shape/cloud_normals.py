@@ -128,8 +128,8 @@ def _orient(
     outward, doubtful = _outward(points, oriented, part, parts)
     if doubtful:
         progress.note(
-            f"The outside of {doubtful} of {parts} parts of the cloud is uncertain (open or noisy): "
-            "their normals are consistent, but may all point inward.",
+            f"The outside of {doubtful} of {parts} parts of the cloud is uncertain (open or "
+            "noisy): their normals are consistent, but may all point inward.",
             level=logging.WARNING,
         )
     return oriented * outward[part][:, None]
@@ -138,7 +138,7 @@ def _orient(
 def _outward(
     points: FloatArray, normals: NDArray[np.float64], part: NDArray[np.int32], parts: int
 ) -> tuple[NDArray[np.float64], int]:
-    """+1 or -1 for each part: do the normals of its extreme points look outward? How many are unsure?
+    """Return +1 or -1 for each part (do its extreme points look outward?) and how many are unsure.
 
     At the sample that lies farthest in a direction, the normal of a closed surface has a positive
     component along it. 26 directions vote, weighted by that component.

@@ -10,8 +10,8 @@ from medialis.shape.normals import vertex_normals
 from medialis.validation import as_whole_number
 
 # Round cones of a four-legged creature, one row each: ends (x, y, z) and their radii. +x is ahead,
-# +z up; rows of _MIRRORED appear on both sides. Everything is then pressed flat along y, so that the
-# cross-sections are ellipses and the skeleton has sheets, not only curves.
+# +z up; rows of _MIRRORED appear on both sides. Everything is then pressed flat along y: the
+# cross-sections are ellipses, so that the skeleton has sheets, not only curves.
 _BODY = (
     ((-0.62, 0.00, 0.62), (-0.05, 0.00, 0.60), 0.24, 0.21),
     ((-0.05, 0.00, 0.60), (0.45, 0.00, 0.66), 0.21, 0.27),

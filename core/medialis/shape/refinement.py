@@ -21,8 +21,8 @@ MOST_POINTS = 50_000_000
 """Refinement stops with a sentence before it fills the memory."""
 
 # For each pattern of split edges (bit j: edge j, from corner j to corner j + 1), the new triangles
-# in terms of corners 0, 1, 2 and midpoints 3, 4, 5 of edges 0, 1, 2. Patterns of two split edges are
-# completed by the shorter diagonal of the quadrangle that is left.
+# in terms of corners 0, 1, 2 and midpoints 3, 4, 5 of edges 0, 1, 2. Two split edges leave a
+# quadrangle, which is cut along its shorter diagonal.
 _ONE = {1: ((0, 3, 2), (3, 1, 2)), 2: ((1, 4, 0), (4, 2, 0)), 4: ((2, 5, 1), (5, 0, 1))}
 _THREE = ((0, 3, 5), (3, 1, 4), (5, 4, 2), (3, 4, 5))
 # Two split edges: the corner where they meet and its two midpoints, then the far two corners.

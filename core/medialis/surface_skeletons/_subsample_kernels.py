@@ -1,9 +1,9 @@
 """Kernel of uniform subsampling (thesis 3.2.1; see subsampling.py).
 
 Strategy. Points are visited in the given order; a point is kept when no kept point lies within
-delta. Kept points live in a hash grid with cells of edge at least delta, so only the 27 cells around
-a point can hold one that is near. A cell chains its kept points; points of one cell that are pairwise at
-least delta apart are at most 8, so a chain is short. Open addressing with a table of at least twice
+delta. Kept points live in a hash grid with cells of edge at least delta, so only the 27 cells
+around a point can hold one that is near. A cell chains its kept points; at most 8 points of a cell
+of edge delta can be delta apart, so a chain is short. Open addressing in a table of at least twice
 the number of points: an empty slot is always found.
 """
 
@@ -47,7 +47,7 @@ def _has_neighbour(points, i, limit, cx, cy, cz, cells, table_key, table_head, c
 
 @kernel
 def keep_apart(points, order, delta, cell, cells, table_key, table_head, chain, out_keep):
-    """Set out_keep where a point is kept. Points start at 0; `cells`: cells along x, y, z (int64)."""
+    """Set out_keep where a point is kept. Points are >= 0; `cells`: cells along x, y, z."""
     limit = delta * delta
     for turn in range(len(order)):
         i = order[turn]

@@ -22,10 +22,10 @@ Side = Literal["inner", "outer", "both"]
 SIDES = ("inner", "outer", "both")
 
 DEFAULT_TOLERANCE = 3e-4
-"""Fraction of the diagonal. Exact balls cost no more, but they follow every bit of relief: on horse2
-(194k samples) 60 % of the exact balls touch the surface at two points less than 20 degrees apart,
-with 1e-5 55 %, 1e-4 32 %, 3e-4 13 %, 1e-3 1 %. 3e-4 is a tenth of the sample spacing of a mesh of
-100k vertices, so no shape of the mesh is lost, and most of the false balls are gone."""
+"""Fraction of the diagonal. Exact balls cost no more, but follow every bit of relief: on horse2
+(194k samples) 60 % of the exact balls touch the surface at two points less than 20 degrees apart;
+with 1e-5 it is 55 %, with 1e-4 32 %, with 3e-4 13 %, with 1e-3 1 %. 3e-4 is a tenth of the sample
+spacing of a mesh of 100k vertices: no shape is lost, and most of the false balls are gone."""
 
 CLEARANCE = 0.75
 """Share of the tolerance that a sample may lie deep; the rest is left for reusing certificates.
@@ -93,8 +93,8 @@ def surface_skeleton(
     Cost: O(n log n) for the tree, then nearly O(n) except where large parts of the surface are
     equidistant from the center (spheres, straight tubes). About 200 bytes a sample.
 
-    Source: thesis 3.2.1-3.2.2, Algorithm 1. Deviates: one pass instead of repeated nearest neighbour
-    searches and bisection. The thesis's tau ends an iteration whose result depends on where it
+    Source: thesis 3.2.1-3.2.2, Algorithm 1. Deviates: one pass instead of repeated nearest
+    neighbour searches and bisection. The thesis's tau ends an iteration whose result depends on where it
     started; here the ball is the largest one in which no sample lies deeper than 3/4 of the
     tolerance, shrunk to pass through its two feature points.
 
@@ -132,7 +132,7 @@ def surface_skeleton(
 def _shrink(
     shape: Shape, tolerance: float, largest: float, signs: tuple[int, ...], progress: Progress
 ) -> MedialCloud:
-    # Imported here: compiled code costs half a second to load, which `medialis --help` must not pay.
+    # Imported here: compiled code takes half a second to load, and `medialis --help` needs none.
     from medialis._kernels.box_tree import build_box_tree
     from medialis.surface_skeletons._ball_kernels import shrink_balls
 
