@@ -10,20 +10,25 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from medialis.errors import InvalidOptionError
-from medialis.validation import FloatArray, as_field, as_number, as_points, as_whole_number, frozen
+from medialis.render.framing import (
+    default_view,
+    orthographic_fit,
+    perspective_fit,
+    swept,
+    unit_direction,
+    view_axes,
+)
+from medialis.validation import (
+    FloatArray,
+    as_choice,
+    as_field,
+    as_number,
+    as_points,
+    as_whole_number,
+    frozen,
+)
 
 MAX_PIXELS = 16384
-FIELD_OF_VIEW = math.radians(30.0)
-
-
-def _direction(values: ArrayLike, name: str) -> FloatArray:
-    array = np.asarray(values, dtype=np.float64)
-    if array.shape != (3,) or not np.isfinite(array).all() or not array.any():
-        raise InvalidOptionError(
-            f"{name} must be three finite numbers, not all zero; got {values!r}."
-        )
-    array = array / np.abs(array).max()
-    return array / np.linalg.norm(array)
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +76,7 @@ class Camera:
             if value.shape != (3,) or not np.isfinite(value).all():
                 raise InvalidOptionError(f"{name} must be three finite numbers, got {value!r}.")
             object.__setattr__(self, name, frozen(value.copy(), np.float64))
-        object.__setattr__(self, "up", frozen(_direction(self.up, "up"), np.float64))
+        object.__setattr__(self, "up", frozen(unit_direction(self.up, "up"), np.float64))
         object.__setattr__(self, "extent", as_number(self.extent, "extent", low=0, open_low=True))
         for name in ("width", "height"):
             pixels = as_whole_number(getattr(self, name), name, low=1, high=MAX_PIXELS)
@@ -89,7 +94,7 @@ class Camera:
     @cached_property
     def axes(self) -> FloatArray:
         """Rows: unit right, up and forward in world coordinates, (3, 3)."""
-        return frozen(_axes(self.eye - self.target, self.up), np.float64)
+        return frozen(view_axes(self.eye - self.target, self.up), np.float64)
 
     @property
     def scale(self) -> float:
@@ -161,9 +166,10 @@ class Camera:
             Free border on each side, a fraction 0..0.45 of the picture.
         perspective : bool
             A perspective camera with a vertical field of view of 30 degrees.
-        fit : {"tight", "sphere"}
-            "sphere" frames the bounding-box sphere, so that nothing leaves the picture when the
-            camera turns (`turntable`).
+        fit : {"tight", "turntable", "sphere"}
+            "turntable" frames what the points sweep when they turn about the up-axis through the
+            middle of their box, so that nothing leaves the picture in a `turntable`; "sphere"
+            frames the sphere round their box, for any turn.
 
         Raises
         ------
@@ -173,15 +179,14 @@ class Camera:
         data = as_points(points)
         size = np.zeros(len(data)) if radii is None else as_field(radii, len(data), "radii")
         margin = as_number(margin, "margin", low=0, high=0.45)
-        if fit not in ("tight", "sphere"):
-            raise InvalidOptionError(f"fit must be tight or sphere, got {fit!r}.")
+        as_choice(fit, "fit", ("tight", "turntable", "sphere"))
         width = as_whole_number(width, "width", low=1, high=MAX_PIXELS)
         height = as_whole_number(height, "height", low=1, high=MAX_PIXELS)
         if direction is None or up is None:
             suggested = default_view(data)
             direction = suggested[0] if direction is None else direction
             up = suggested[1] if up is None else up
-        toward, upward = _direction(direction, "direction"), _direction(up, "up")
+        toward, upward = unit_direction(direction, "direction"), unit_direction(up, "up")
         if np.linalg.norm(np.cross(toward, upward)) < 1e-6:  # looking straight along up
             upward = np.roll(upward, 1)
         low, high = (data - size[:, None]).min(axis=0), (data + size[:, None]).max(axis=0)
@@ -192,53 +197,26 @@ class Camera:
             data, size = middle[None], np.array([reach])
         if fit == "sphere":
             data, size = middle[None], np.array([reach])
-        view = np.einsum("ij,kj->ik", data - middle, _axes(toward, upward))
-        place = _perspective_fit if perspective else _orthographic_fit
+        elif fit == "turntable":
+            data, size = swept(data, size, middle, upward)
+        view = np.einsum("ij,kj->ik", data - middle, view_axes(toward, upward))
+        place = perspective_fit if perspective else orthographic_fit
         shift, distance, extent = place(view, size, width / height, 1 - 2 * margin, reach)
-        target = middle + shift @ _axes(toward, upward)
+        target = middle + shift @ view_axes(toward, upward)
         eye = target + distance * toward
+        level = toward - upward * float(toward @ upward)
+        if fit == "turntable" and float(level @ level) > 1e-6:
+            # The target moves along the view onto the axis that the camera will turn about.
+            along = float((eye - middle) @ level) / float(toward @ level)
+            extent = extent * along / distance if perspective else extent
+            target = eye - along * toward
         return cls(eye, target, upward, extent, width, height, perspective)
-
-
-def _axes(backward: FloatArray, up: FloatArray) -> FloatArray:
-    forward = -backward / np.linalg.norm(backward)
-    right = np.cross(forward, up)
-    right /= np.linalg.norm(right)
-    return np.stack([right, np.cross(right, forward), forward])
-
-
-def _orthographic_fit(
-    view: FloatArray, radii: FloatArray, aspect: float, share: float, reach: float
-) -> tuple[FloatArray, float, float]:
-    low, high = (view - radii[:, None]).min(axis=0), (view + radii[:, None]).max(axis=0)
-    span = high - low
-    extent = max(span[1], span[0] / aspect, 1e-6 * reach) / share
-    return (low + high) / 2, 4.0 * reach, float(extent)
-
-
-def _perspective_fit(
-    view: FloatArray, radii: FloatArray, aspect: float, share: float, reach: float
-) -> tuple[FloatArray, float, float]:
-    # A ball (x, z, r) lies under the upper frustum plane of slope k, from an eye at (e, -D), when
-    # x - e + r sqrt(1 + k^2) <= k (z + D), and above the lower one when the mirrored inequality
-    # holds. The largest left sides give e and the least D of each axis; the larger D serves both.
-    half = math.tan(FIELD_OF_VIEW / 2)
-    shift, distance = np.zeros(3), 0.0
-    for axis, slope in ((0, half * aspect * share), (1, half * share)):
-        grown = radii * math.sqrt(1 + slope * slope)
-        upper = float((view[:, axis] + grown - slope * view[:, 2]).max())
-        lower = float((view[:, axis] - grown + slope * view[:, 2]).min())
-        shift[axis] = (upper + lower) / 2
-        distance = max(distance, (upper - lower) / (2 * slope))
-    front = float((view[:, 2] - radii).min())
-    distance = max(distance, -front + 0.01 * reach)
-    return shift, distance, 2 * half * distance
 
 
 def turntable(camera: Camera, count: int) -> list[Camera]:
     """Return `count` cameras at equal steps round the up-axis through the target.
 
-    Frame the first one with ``fit="sphere"`` and nothing leaves the picture.
+    Frame the first one with ``fit="turntable"`` and nothing leaves the picture.
 
     Raises
     ------
@@ -256,59 +234,3 @@ def turntable(camera: Camera, count: int) -> list[Camera]:
         )
         cameras.append(replace(camera, eye=camera.target + turned))
     return cameras
-
-
-def _footprint(points: FloatArray, axis: int) -> float:
-    """Return the bounding area of the lowest 4 % of the height over that of the whole, 0..1."""
-    height = points[:, axis]
-    low = height.min()
-    ground = np.delete(points, axis, axis=1)
-    feet = ground[height <= low + 0.04 * (height.max() - low)]
-    whole = np.ptp(ground, axis=0).prod()
-    return float(np.ptp(feet, axis=0).prod() / whole) if whole > 0 else 0.0
-
-
-def default_view(points: ArrayLike, up: ArrayLike | None = None) -> tuple[FloatArray, FloatArray]:
-    """Return (direction from the shape to the camera, up): a three-quarter view of its broad side.
-
-    The camera faces the axis of least variance, so that most of the shape is visible, and is then
-    turned 30 degrees to the side and raised by 20 degrees, so that depth shows. Up is y, unless the
-    shape is thinnest along y, or stands clearly better on its lowest z than on its lowest y (feet
-    spread out below): then z. A shape without a thin side is seen from the front (+z, or -y when
-    up is z).
-
-    Raises
-    ------
-    InvalidShapeError
-        When the points are not (n, 3) finite numbers.
-
-    Examples
-    --------
-    >>> direction, up = default_view([[0, 0, 0], [2, 0, 0], [0, 1, 0], [2, 1, 0.1]])
-    >>> up.tolist(), bool(direction[2] > 0.8)
-    ([0.0, 1.0, 0.0], True)
-    """
-    data = as_points(points)
-    span = np.abs(data).max()
-    offsets = (data - data.mean(axis=0)) / (span if span > 0 else 1.0)
-    variances, vectors = np.linalg.eigh(offsets.T @ offsets / len(data))
-    thin = vectors[:, 0]
-    clear = variances[0] < 0.8 * variances[1]
-    if up is None:
-        lying = clear and abs(thin[1]) > 0.8
-        facing = clear and abs(thin[2]) > 0.8
-        standing = not facing and _footprint(offsets, 2) > 1.5 * _footprint(offsets, 1) + 0.05
-        up = (0.0, 0.0, 1.0) if lying or standing else (0.0, 1.0, 0.0)
-    upward = _direction(up, "up")
-    front = thin - upward * float(thin @ upward)
-    if not clear or np.linalg.norm(front) < 0.3:
-        front = np.roll(upward, 1) if upward[2] < 0.5 else np.array([0.0, -1.0, 0.0])
-        front = front - upward * float(front @ upward)
-    front /= np.linalg.norm(front)
-    viewer = np.array([0.4, -1.0, 0.0] if upward[2] > 0.5 else [0.4, 0.0, 1.0])
-    if front @ viewer < 0:
-        front = -front
-    yaw, pitch = math.radians(30.0), math.radians(20.0)
-    side = np.cross(upward, front)
-    level = front * math.cos(yaw) + side * math.sin(yaw)
-    return _direction(level * math.cos(pitch) + upward * math.sin(pitch), "direction"), upward

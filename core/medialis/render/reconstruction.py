@@ -186,10 +186,12 @@ def reconstruct_image(
     differences: list[FloatArray] = []
     for number, view in enumerate(cameras):
         with steps.stage("views", number / len(cameras), (number + 1) / len(cameras)):
-            pair = rasterize(view, centers=centers, radii=radii), _surface_buffers(shape, view)
-            steps.update(0.4)
+            with steps.stage("depth", 0.0, 0.3):
+                union = rasterize(view, centers=centers, radii=radii, progress=steps)
+            with steps.stage("light", 0.3, 0.9):
+                shaded = draw([Balls(centers, radii, color=_SURFACE)], view, progress=steps)
+            pair = union, _surface_buffers(shape, view)
             image, percent = _difference(*pair, shape.diagonal)
-            shaded = draw([Balls(centers, radii, color=_SURFACE)], view)
             images.append((shaded, _shaded_surface(shape, view), image))
             pairs.append(pair)
             differences.append(percent)
@@ -251,5 +253,6 @@ def progressive(
     for number, share in enumerate(shares):
         with steps.stage("progressive", number / len(shares), (number + 1) / len(shares)):
             count = max(1, round(share * len(ranked)))
-            results.append(reconstruct_image(shape, cloud.subset(ranked[:count]), views))
+            part = cloud.subset(ranked[:count])
+            results.append(reconstruct_image(shape, part, views, progress=steps))
     return results

@@ -90,17 +90,17 @@ class MeshLayer:
 def corner_normals(points: FloatArray, faces: IntArray, smooth: bool = True) -> NDArray[np.float32]:
     """Return a shading normal for each corner of each face, (m, 3, 3) float32.
 
-    The mean of the faces round the vertex, weighted by area, unless that is more than 41 degrees
-    off the face: so curved surfaces look smooth and sharp edges stay sharp.
+    The mean of the faces round the vertex, weighted by their angle there (so that it does not
+    matter how a flat side is cut into triangles), unless that is more than 41 degrees off the face:
+    curved surfaces look smooth and sharp edges stay sharp.
     """
     flat = face_normals(points, faces)
     if not smooth:
         return np.repeat(flat[:, None], 3, axis=1).astype(np.float32)
-    a, b, c = points[faces[:, 0]], points[faces[:, 1]], points[faces[:, 2]]
-    weighted = np.cross(b - a, c - a)
+    angles = _corner_angles(points, faces)
     vertex = np.stack(
         [
-            np.bincount(faces.ravel(), np.repeat(weighted[:, j], 3), minlength=len(points))
+            np.bincount(faces.ravel(), (angles * flat[:, j, None]).ravel(), minlength=len(points))
             for j in range(3)
         ],
         axis=1,
@@ -110,6 +110,19 @@ def corner_normals(points: FloatArray, faces: IntArray, smooth: bool = True) -> 
     corners = vertex[faces]
     close = np.einsum("mkj,mj->mk", corners, flat) > SMOOTH_COSINE
     return np.where(close[..., None], corners, flat[:, None]).astype(np.float32)
+
+
+def _corner_angles(points: FloatArray, faces: IntArray) -> FloatArray:
+    """Return the angle at each corner of each face, (m, 3) in radians; 0 without an area."""
+    sides = [points[faces[:, (j + 1) % 3]] - points[faces[:, j]] for j in range(3)]
+    lengths = [np.sqrt(np.einsum("ij,ij->i", side, side)) for side in sides]
+    angles = np.zeros((len(faces), 3))
+    for j in range(3):
+        before, scale = sides[j - 1], lengths[j] * lengths[j - 1]
+        dot = -np.einsum("ij,ij->i", sides[j], before)
+        cosine = np.divide(dot, scale, out=np.ones_like(dot), where=scale > 0)
+        angles[:, j] = np.arccos(np.clip(cosine, -1.0, 1.0))
+    return angles
 
 
 @lru_cache(maxsize=1)
@@ -179,14 +192,18 @@ def render_layers(
     seen = see_balls(fine, centers, radii, smallest)
     solid = _mesh_of([layer for layer in meshes if layer.opacity >= 1], fine)
     veil = _mesh_of([layer for layer in meshes if 0 < layer.opacity < 1], fine)
-    draw_balls(seen, numbers, depth, index, progress)
-    draw_mesh(see_triangles(fine, solid[0], solid[1], len(radii)), numbers, depth, index)
+    steps = Progress.of(progress)
+    with steps.stage("balls", 0.0, 0.5):
+        draw_balls(seen, numbers, depth, index, steps)
+    with steps.stage("triangles", 0.5, 0.7):
+        opaque = see_triangles(fine, solid[0], solid[1], len(radii))
+        draw_mesh(opaque, numbers, depth, index, progress=steps)
     glass = np.zeros((0, 0, 4), np.float32)
     if len(veil[1]):
         glass = np.zeros((*depth.shape, 4), np.float32)
-        draw_mesh(
-            see_triangles(fine, veil[0], veil[1]), numbers, depth, index, glass=glass, mesh=veil
-        )
+        clear = see_triangles(fine, veil[0], veil[1])
+        with steps.stage("see-through", 0.7, 0.9):
+            draw_mesh(clear, numbers, depth, index, glass=glass, mesh=veil, progress=steps)
     lamps = _LAMPS.copy()
     lamps[:, :3] /= np.linalg.norm(lamps[:, :3], axis=1, keepdims=True)
     material = np.array(
@@ -208,5 +225,6 @@ def render_layers(
             begin, end, n, _encoding(), picture,
         )  # fmt: skip
 
-    run_chunks(band, camera.height, BAND, progress=progress)
+    with steps.stage("light", 0.9, 1.0):
+        run_chunks(band, camera.height, BAND, progress=steps)
     return picture

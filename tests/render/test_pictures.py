@@ -1,0 +1,283 @@
+"""Colours, text, PNG files and whole pictures."""
+
+import struct
+
+import numpy as np
+import pytest
+
+from medialis.errors import FileError, InvalidOptionError, InvalidShapeError
+from medialis.render.annotation import contact_sheet, number_text
+from medialis.render.camera import Camera
+from medialis.render.colors import (
+    MISSING,
+    color_table,
+    lab_of_rgb,
+    label_colors,
+    map_colors,
+    palette,
+    rgb_of_lab,
+    to_linear,
+    to_srgb,
+)
+from medialis.render.font import text_ink
+from medialis.render.picture import Balls, Curves, Points, Surface, draw
+from medialis.render.png import encode_png, read_png, write_png
+from medialis.render.shading import Style, corner_normals
+from medialis.threads import thread_limit
+
+CUBE = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
+CUBE_FACES = np.array(
+    [[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1],
+     [2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3]]
+)  # fmt: skip
+
+
+def camera(width=160, height=120, **options):
+    return Camera.framing(CUBE, width=width, height=height, **options)
+
+
+def ink(image):
+    return (image < 250).any(axis=2)
+
+
+def test_sequential_map_rises_evenly_in_lightness():
+    lightness = lab_of_rgb(color_table("sequential"))[:, 0]
+    # Evenly: the steps of L* differ only by what clipping to 0..1 rounds.
+    np.testing.assert_allclose(np.diff(lightness), 66 / 1023, atol=1e-6)
+
+
+def test_diverging_map_is_lightest_in_the_middle_and_even_on_both_sides():
+    lightness = lab_of_rgb(color_table("diverging"))[:, 0]
+    half = len(lightness) // 2
+    assert (np.diff(lightness[:half]) > 0).all()
+    assert (np.diff(lightness[half:]) < 0).all()
+    np.testing.assert_allclose(lightness, lightness[::-1], atol=0.2)
+
+
+def test_color_spaces_round_trip_and_known_colors():
+    rng = np.random.default_rng(0)
+    rgb = rng.random((50, 3))
+    np.testing.assert_allclose(rgb_of_lab(lab_of_rgb(rgb)), rgb, atol=1e-9)
+    np.testing.assert_allclose(to_srgb(to_linear(rgb)), rgb, atol=1e-9)
+    np.testing.assert_allclose(lab_of_rgb([1.0, 1, 1]), [100, 0, 0], atol=0.02)
+    # Published CIELAB of pure sRGB red under D65.
+    np.testing.assert_allclose(lab_of_rgb([1.0, 0, 0]), [53.24, 80.09, 67.20], atol=0.02)
+
+
+def test_labels_differ_clearly():
+    lab = lab_of_rgb(palette())
+    apart = np.linalg.norm(lab[:, None] - lab, axis=2) + 1e9 * np.eye(len(lab))
+    assert apart[:12, :12].min() > 30
+    assert apart.min() > 10
+    assert label_colors([-1, 48])[0].tolist() == list(MISSING)
+    np.testing.assert_array_equal(label_colors([48]), label_colors([0]))
+    with pytest.raises(InvalidShapeError, match="whole numbers"):
+        label_colors([0.5])
+
+
+def test_values_to_colors():
+    table = color_table("sequential")
+    colors = map_colors([0.0, 0.5, 1.0, np.nan, -np.inf, np.inf], low=0, high=1)
+    np.testing.assert_array_equal(colors[[0, 2, 4, 5]], table[[0, -1, 0, -1]])
+    assert colors[3].tolist() == list(MISSING)
+    np.testing.assert_array_equal(map_colors([3.0, 3.0]), table[[512, 512]])
+    np.testing.assert_array_equal(map_colors([-1e308, 1e308]), table[[0, -1]])
+    assert (map_colors([np.nan, np.nan]) == MISSING).all()
+    assert len(map_colors([])) == 0
+    with pytest.raises(InvalidOptionError, match="cmap must be one of sequential, diverging"):
+        map_colors([1.0], "rainbow")
+    with pytest.raises(InvalidOptionError, match="low must not be above high"):
+        map_colors([1.0], low=2, high=1)
+
+
+def test_every_character_has_its_own_shape():
+    shapes = {text_ink(chr(code), 14).tobytes() for code in range(33, 127)}
+    assert len(shapes) == 94
+    assert not text_ink(" ", 14).any()
+    np.testing.assert_array_equal(text_ink("é", 14), text_ink("?", 14))
+    assert text_ink("", 14).shape[1] == 0
+
+
+def test_numbers_are_short():
+    texts = [number_text(x) for x in (999.6, -0.5, 1e-12, 123456.0, 1e9, 0.1 + 0.2)]
+    assert texts == ["1000", "-0.5", "1e-12", "123000", "1e9", "0.3"]
+
+
+@pytest.mark.parametrize("shape", [(1, 1, 3), (7, 13, 3), (60, 41, 3)])
+def test_png_round_trip(tmp_path, shape):
+    rng = np.random.default_rng(0)
+    image = rng.integers(0, 256, shape).astype(np.uint8)
+    image[len(image) // 2 :] = 255
+    image[:, shape[1] // 2 :, 0] = np.arange(shape[0])[:, None]
+    write_png(tmp_path / "a.png", image)
+    np.testing.assert_array_equal(read_png(tmp_path / "a.png"), image)
+    assert [path.name for path in tmp_path.iterdir()] == ["a.png"]
+    assert struct.unpack(">II", encode_png(image)[16:24]) == shape[1::-1]
+
+
+def test_png_errors(tmp_path):
+    good = np.zeros((2, 2, 3), np.uint8)
+    for bad in (good[..., 0], good.astype(float), good[:0], good[..., :2]):
+        with pytest.raises(InvalidShapeError, match="uint8"):
+            encode_png(bad)
+    with pytest.raises(FileError, match="Cannot write"):
+        write_png(tmp_path / "missing" / "a.png", good)
+    with pytest.raises(FileError, match="folder"):
+        write_png(tmp_path, good)
+    with pytest.raises(FileError, match="Cannot read"):
+        read_png(tmp_path / "missing.png")
+    (tmp_path / "text.png").write_text("hello")
+    with pytest.raises(FileError, match="not a PNG"):
+        read_png(tmp_path / "text.png")
+    data = encode_png(good)
+    for damaged in (data[:40], data[:50] + b"xx" + data[52:]):
+        (tmp_path / "broken.png").write_bytes(damaged)
+        with pytest.raises(FileError, match="damaged"):
+            read_png(tmp_path / "broken.png")
+    assert not [path for path in tmp_path.iterdir() if path.name.startswith(".")]
+
+
+def test_picture_of_everything_is_the_same_on_any_number_of_threads():
+    rng = np.random.default_rng(0)
+    inside = rng.uniform(-0.8, 0.8, (50, 3))
+    items = [
+        Surface(CUBE, CUBE_FACES, opacity=0.2),
+        Surface(CUBE * 0.3, CUBE_FACES, labels=np.arange(12), per_face=True),
+        Balls(inside, rng.uniform(0, 0.1, 50), values=inside[:, 0]),
+        Points(inside[::-1], size=3, color=(1, 0, 0)),
+        Curves(CUBE, [[0, 1], [1, 3], [3, 7]], width=4, labels=np.arange(8)),
+    ]
+    pictures = []
+    for count in (1, 2):
+        with thread_limit(count):
+            pictures.append(draw(items, camera(perspective=True), title="T", legend="Label"))
+    np.testing.assert_array_equal(*pictures)
+    assert pictures[0].shape == (120, 160, 3)
+    assert pictures[0].dtype == np.uint8
+
+
+def test_colors_arrive_in_the_picture():
+    """A facing surface shows about its own colour: what the legend says is what one sees.
+
+    The highlight adds up to 0.03 of linear light, which is 0.14 of a channel that was dark.
+    """
+    square = [[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]
+    front = Camera([0, 0, 5], [0, 0, 0], [0, 1, 0], 1.0, 20, 20)
+    for color in ((0.8, 0.2, 0.2), (0.2, 0.7, 0.3), (0.1, 0.2, 0.6)):
+        image = draw([Surface(square, [[0, 1, 2], [0, 2, 3]], color=color)], front)
+        assert np.abs(image[10, 10] / 255 - color).max() < 0.14
+
+
+def test_edges_are_smooth_and_the_background_is_white():
+    image = draw([Balls([[0, 0, 0]], 0.8, color=(0, 0, 0))], camera())
+    assert (image[0] == 255).all()
+    assert len(np.unique(image)) > 20
+    rough = draw(
+        [Balls([[0, 0, 0]], 0.8, color=(0, 0, 0))],
+        camera(),
+        style=Style(specular=0, supersampling=1),
+    )
+    assert ((rough == 255) | (rough < 60)).all()
+
+
+def test_see_through_shows_the_inside_and_a_dark_outline():
+    around = camera(margin=0.1)
+    solid = draw([Surface(CUBE, CUBE_FACES), Points([[0, 0, 0]], size=20, color=(1, 0, 0))], around)
+    clear = draw(
+        [Surface(CUBE, CUBE_FACES, opacity=0.15), Points([[0, 0, 0]], size=20, color=(1, 0, 0))],
+        around,
+    )
+    red = (clear[..., 0].astype(int) - clear[..., 1]) > 90
+    assert red.sum() > 150
+    assert not ((solid[..., 0].astype(int) - solid[..., 1]) > 90).any()
+    np.testing.assert_array_equal(ink(clear), ink(solid))
+
+
+def test_title_and_legend_do_not_cover_the_shape():
+    around = camera(400, 300)
+    plain = draw([Balls([[0, 0, 0]], 0.9, values=[1.0])], around)
+    noted = draw([Balls([[0, 0, 0]], 0.9, values=[1.0])], around, title="A ball", legend="radius")
+    assert plain.shape == noted.shape
+    # The shape's own columns and rows are followed by a white gap before legend and title.
+    assert ink(noted)[:20].any()
+    columns = ink(noted)[30:].any(axis=0)
+    gaps = np.flatnonzero(np.diff(columns.astype(int)))
+    assert len(gaps) >= 4
+    missing = draw([Points(CUBE, values=[np.nan, *range(7)])], around, legend="x")
+    assert (np.abs(missing.astype(int) - round(255 * MISSING[0])).max(axis=2) == 0).sum() > 20
+
+
+def test_label_keys_use_names_and_shorten_long_lists():
+    around = camera(400, 300)
+    few = draw(
+        [Points(CUBE, labels=np.arange(8) % 3 - 1)],
+        around,
+        legend="part",
+        label_names=["body", "tail"],
+    )
+    many = draw([Points(np.repeat(CUBE, 10, 0), labels=np.arange(80))], around, legend="part")
+    assert few.shape == many.shape == (300, 400, 3)
+
+
+def test_sharp_edges_stay_sharp_and_round_ones_smooth():
+    """A cube's corners were once rounded where its diagonals gave one side a double weight."""
+    normals = corner_normals(CUBE, CUBE_FACES)
+    np.testing.assert_allclose(np.abs(normals).max(axis=2), 1, atol=1e-6)
+    angle = np.linspace(0, 2 * np.pi, 60, endpoint=False)
+    ring = np.stack([np.cos(angle), np.sin(angle)], 1)
+    points = np.concatenate([np.insert(ring, 2, z, axis=1) for z in (-1.0, 1.0)])
+    i, j = np.arange(60), np.roll(np.arange(60), -1)
+    faces = np.concatenate([np.stack([i, j, i + 60], 1), np.stack([j, j + 60, i + 60], 1)])
+    shading = corner_normals(points, faces)
+    radial = points[faces] * [1, 1, 0]
+    # The two faces round a vertex that share a side differ by 6 degrees.
+    assert (np.einsum("mkj,mkj->mk", shading, radial) > np.cos(np.radians(3.1))).all()
+
+
+def test_contact_sheet_places_images_and_captions():
+    cells = [np.full((30, 40, 3), shade, np.uint8) for shade in (10, 20, 30)]
+    sheet = contact_sheet(cells, columns=2)
+    assert sheet.shape == (2 * 38 + 8, 2 * 48 + 8, 3)
+    for number, shade in enumerate((10, 20, 30)):
+        row, col = 8 + number // 2 * 38, 8 + number % 2 * 48
+        assert (sheet[row : row + 30, col : col + 40] == shade).all()
+    assert contact_sheet(cells, ["a", "b", "a very long caption that is written smaller"]).size
+    with pytest.raises(InvalidShapeError, match="at least one"):
+        contact_sheet([])
+    with pytest.raises(InvalidShapeError, match="uint8"):
+        contact_sheet([np.zeros((3, 3))])
+    with pytest.raises(InvalidOptionError, match="captions"):
+        contact_sheet(cells, ["a"])
+
+
+def test_bad_items_and_options_are_one_sentence():
+    around = camera(60, 40)
+    ball = Balls([[0, 0, 0]], 1.0)
+    for item in (
+        Balls([[0, 0, 0]], [1.0, 2.0]),
+        Balls([[0, 0, 0]], [np.nan]),
+        Balls([[0, 0, 0]], 1.0, values=[1.0, 2.0]),
+        Points([[0, 0, 0]], labels=[0, 1]),
+        Surface(CUBE, [[0, 1, 9]]),
+        Curves(CUBE, [[0, 1, 2]]),
+        Curves(CUBE, [[0, 8]]),
+    ):
+        with pytest.raises(InvalidShapeError):
+            draw([item], around)
+    for item in (
+        Points([[0, 0, 0]], size=0),
+        Surface(CUBE, CUBE_FACES, opacity=1.5),
+        Balls([[0, 0, 0]], 1.0, color=(2, 0, 0)),
+        Balls([[0, 0, 0]], 1.0, values=[1.0], cmap="x"),
+    ):
+        with pytest.raises(InvalidOptionError):
+            draw([item], around)
+    with pytest.raises(InvalidOptionError, match="there is none"):
+        draw([ball], around, legend="radius")
+    with pytest.raises(InvalidOptionError, match="wider picture"):
+        draw([Balls([[0, 0, 0]], 1.0, values=[1.0])], around, legend="radius")
+    with pytest.raises(InvalidOptionError, match="supersampling"):
+        Style(supersampling=0)
+    with pytest.raises(InvalidOptionError, match="larger than 16384"):
+        draw([ball], camera(16384, 10))
+    assert (draw([], around) == 255).all()
