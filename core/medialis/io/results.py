@@ -1,4 +1,7 @@
-"""Arrays as NPZ and values as strict JSON, the same bytes for the same content."""
+"""Results out and back without loss: NPZ and strict JSON here, PLY and folders re-exported.
+
+The same content gives the same bytes.
+"""
 
 from __future__ import annotations
 
@@ -15,6 +18,19 @@ from numpy.typing import ArrayLike, NDArray
 
 from medialis.errors import InvalidOptionError, InvalidShapeError
 from medialis.io._files import complete_file, file_bytes
+from medialis.io.output_folder import OutputFolder
+from medialis.io.ply_attributes import PlyData, read_ply_attributes, write_ply
+
+__all__ = [
+    "OutputFolder",
+    "PlyData",
+    "json_text",
+    "read_npz",
+    "read_ply_attributes",
+    "write_json",
+    "write_npz",
+    "write_ply",
+]
 
 
 def write_npz(path: str | os.PathLike[str], arrays: Mapping[str, ArrayLike]) -> None:
