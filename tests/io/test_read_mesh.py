@@ -153,7 +153,7 @@ def test_ply_skips_what_it_does_not_need_and_reads_normals(tmp_path):
     np.testing.assert_array_equal(mesh.points, corners)
     np.testing.assert_array_equal(mesh.normals, [[0, 0, 1]] * 4)
     np.testing.assert_array_equal(mesh.faces, [[0, 1, 2], [0, 1, 2], [0, 2, 3]])
-    assert len(mesh.messages) == 2 and "1 quads" in mesh.messages[0]
+    assert len(mesh.messages) == 2 and "1 quad " in mesh.messages[0]
 
 
 def test_ascii_ply_with_mixed_faces_and_without_faces(tmp_path):

@@ -70,11 +70,13 @@ def _split_messages(counts: NDArray[np.int64]) -> tuple[str, ...]:
     messages = []
     quads, larger, small = (counts == 4).sum(), (counts > 4).sum(), (counts < 3).sum()
     if quads:
-        messages.append(f"Split {quads} quads into triangles.")
+        messages.append(f"Split {quads} quad{'s' * (quads != 1)} into triangles.")
     if larger:
-        messages.append(f"Split {larger} polygons of five or more corners into triangles.")
+        messages.append(
+            f"Split {larger} polygon{'s' * (larger != 1)} of five or more corners into triangles."
+        )
     if small:
-        messages.append(f"Left out {small} faces with fewer than three corners.")
+        messages.append(f"Left out {small} face{'s' * (small != 1)} with fewer than three corners.")
     return tuple(messages)
 
 

@@ -197,7 +197,8 @@ class _Work:
         faces, source, turned = flip_flat_faces(self._scaled(), self.faces, flat)
         if turned:
             self.messages.append(
-                f"Merged {turned} faces without area into their neighbours by turning an edge."
+                f"Merged {turned} face{'s' * (turned != 1)} without area into neighbours by turning "
+                "an edge."
             )
             self.faces, self.face_map = faces, self.face_map[source]
         keep = ~self._flat()
@@ -239,8 +240,8 @@ class _Work:
             self.faces = flipped(self.faces, flip)
         if one_sided.any():
             self.messages.append(
-                f"{_count(one_sided, 'face')} form one-sided pieces, like a Moebius band, that have "
-                "no outside."
+                f"{_count(one_sided, 'face')} form one-sided pieces, like a Moebius band, "
+                "that have no outside."
             )
 
     def turn_outward(self) -> None:
