@@ -67,17 +67,12 @@ def _check_corners(n: int, counts: NDArray[np.int64], corners: NDArray[np.int64]
 
 
 def _split_messages(counts: NDArray[np.int64]) -> tuple[str, ...]:
-    messages = []
-    quads, larger, small = (counts == 4).sum(), (counts > 4).sum(), (counts < 3).sum()
-    if quads:
-        messages.append(f"Split {quads} quad{'s' * (quads != 1)} into triangles.")
-    if larger:
-        messages.append(
-            f"Split {larger} polygon{'s' * (larger != 1)} of five or more corners into triangles."
-        )
-    if small:
-        messages.append(f"Left out {small} face{'s' * (small != 1)} with fewer than three corners.")
-    return tuple(messages)
+    found = (
+        ((counts == 4).sum(), "Split {} quad{} into triangles."),
+        ((counts > 4).sum(), "Split {} polygon{} of five or more corners into triangles."),
+        ((counts < 3).sum(), "Left out {} face{} with fewer than three corners."),
+    )
+    return tuple(text.format(n, "" if n == 1 else "s") for n, text in found if n)
 
 
 def _split(points: FloatArray, polygons: NDArray[np.int64]) -> NDArray[np.int64]:

@@ -197,8 +197,8 @@ class _Work:
         faces, source, turned = flip_flat_faces(self._scaled(), self.faces, flat)
         if turned:
             self.messages.append(
-                f"Merged {turned} face{'s' * (turned != 1)} without area into neighbours by turning "
-                "an edge."
+                f"Merged {turned} face{'' if turned == 1 else 's'} without area into neighbours by "
+                "turning an edge."
             )
             self.faces, self.face_map = faces, self.face_map[source]
         keep = ~self._flat()
