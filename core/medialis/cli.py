@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import logging
+import math
 import os
 import sys
 import time
@@ -79,8 +80,8 @@ def _parser() -> argparse.ArgumentParser:
     describe.add_argument("--json", action="store_true", help="print JSON (for programs)")
     warmup = add("warmup", "Compile all kernels now, so that the first run is fast.", _warmup)
     _add_progress(warmup)
-    demo = add("demo", "Compute the surface skeleton of a built-in shape, or of yours.", _demo)
-    demo.add_argument("file", nargs="?", help="a mesh or point cloud; a built-in shape if missing")
+    demo = add("demo", "Compute the surface skeleton of a built-in shape, and of yours.", _demo)
+    demo.add_argument("file", nargs="?", help="a mesh or point cloud of your own")
     demo.add_argument("-o", "--output", default="medialis-demo", help="output folder")
     _add_progress(demo)
     return parser
@@ -219,11 +220,14 @@ def _report(manifest: dict[str, Any], options: argparse.Namespace) -> None:
     if getattr(options, "json", False):
         print(json_text(manifest))
         return
-    for message in manifest["messages"]:
-        print(message)
+    print(f"{manifest['operation'].replace('_', ' ')} of {manifest['input']}")
     for name, value in manifest["values"].items():
-        shown = f"{value:.6g}" if isinstance(value, float) else value
+        shown = f"{value:.6g}" if isinstance(value, float) else str(value)
+        if name.startswith("spoke_angle"):  # radians in the core, degrees for people
+            shown = f"{math.degrees(value):.1f} degrees"
         print(f"{name.replace('_', ' ')}: {shown}")
+    for message in manifest["messages"]:
+        print(f"note: {message}")
     print(f"{manifest['seconds']['total']:.2f} seconds")
     for file in manifest["files"]:
         if file != manifest["picture"]:
@@ -288,8 +292,9 @@ def _warmup(options: argparse.Namespace) -> int:
 
 
 def _demo(options: argparse.Namespace) -> int:
-    manifest = _compute("surface_skeleton", options.file, options.output, {}, options)
-    _report(manifest, options)
+    for file in [None] if options.file is None else [None, options.file]:
+        folder = Path(options.output) / ("organic_shape" if file is None else Path(file).stem)
+        _report(_compute("surface_skeleton", file, str(folder), {}, options), options)
     return EXIT_OK
 
 

@@ -40,6 +40,7 @@ class Progress:
         self._start = 0.0
         self._width = 1.0
         self._text = ""
+        self._reached = 0.0
         self.seconds: dict[str, float] = {}
         self.messages: list[str] = []
 
@@ -63,9 +64,11 @@ class Progress:
         """
         if self._callback is None:
             return
-        clipped = min(max(fraction, 0.0), 1.0)
+        # Never backwards: nested spans can step back by a rounding error.
+        overall = self._start + self._width * min(max(fraction, 0.0), 1.0)
+        self._reached = min(max(overall, self._reached), 1.0)
         label = self._text if text is None else text
-        if self._callback(self._start + self._width * clipped, label) is False:
+        if self._callback(self._reached, label) is False:
             raise Cancelled("Cancelled: nothing was written or changed.")
 
     @contextmanager

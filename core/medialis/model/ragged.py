@@ -64,7 +64,7 @@ class Ragged:
         order = np.argsort(key, kind="stable")
         order = order[np.searchsorted(key[order], 0) :]
         counts = np.bincount(key[order], minlength=rows)
-        return cls(np.concatenate([[0], np.cumsum(counts)]), order)
+        return cls(np.concatenate([[0], np.cumsum(counts)]), order.astype(np.int32))
 
     def __len__(self) -> int:
         return len(self.offsets) - 1

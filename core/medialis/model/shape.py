@@ -70,7 +70,7 @@ class Shape:
             ("origin", len(points)),
             ("face_origin", self.face_count),
             ("face_map", self.face_count),
-            ("vertex_map", np.size(self.vertex_map)),
+            ("vertex_map", 0 if self.vertex_map is None else np.size(self.vertex_map)),
         ):
             value = getattr(self, name)
             if value is not None:

@@ -48,7 +48,7 @@ def run(shape: Shape, parameters: Mapping[str, Any], progress: Progress) -> Outc
             columns=3,
         )
     }
-    values = {
+    values: dict[str, Any] = {
         "balls": found.ball_count,
         "pixels_that_differ_percent": 100 * found.only_one_share,
         "median_depth_difference_percent": found.median_difference,

@@ -11,6 +11,10 @@ from medialis.progress import Progress, ProgressCallback
 from medialis.render.camera import Camera, turntable
 from medialis.render.picture import Curves, Item, Points, Surface, draw
 
+NEARBY = 0.1
+"""Fraction of the diagonal: what lies further from the bounding box may leave the picture, so that
+a few large balls of an open surface do not make the shape small."""
+
 IN_DEGREES = ("spoke_angle",)
 
 
@@ -52,11 +56,13 @@ def draw_result(
     """
     layer = result.layers[0]
     if camera is None:
-        camera = Camera.framing(result.shape.points, width=width, height=height)
+        camera = Camera.framing(_in_view(result), width=width, height=height)
     item, label = _paint(layer, color_by or layer.color_by, camera.width)
-    items: list[Item] = [item]
-    if result.shape.faces is not None:
-        items.insert(0, Surface(result.shape.points, result.shape.faces, opacity=0.12))
+    points, faces = result.shape.points, result.shape.faces
+    context: Item = Points(points, size=1.5, color=(0.78, 0.80, 0.84))
+    if faces is not None:
+        context = Surface(points, faces, opacity=0.12)
+    items = [context, item]
     return draw(items, camera, title=title, legend=label, progress=progress)
 
 
@@ -64,10 +70,18 @@ def draw_turntable(
     result: Outcome, count: int, *, color_by: str | None = None, size: int = 600
 ) -> list[NDArray[np.uint8]]:
     """Draw `count` views round the up-axis, (size, size, 3) uint8 each."""
-    camera = Camera.framing(result.shape.points, width=size, height=size, fit="sphere")
+    camera = Camera.framing(_in_view(result), width=size, height=size, fit="turntable")
     return [
         draw_result(result, color_by=color_by, camera=view) for view in turntable(camera, count)
     ]
+
+
+def _in_view(result: Outcome) -> NDArray[np.float64]:
+    """Points that a picture must show: the shape, and the layer where it is not far outside."""
+    (low, high), points = result.shape.bounds, result.layers[0].points
+    reach = NEARBY * result.shape.diagonal
+    near = ((points >= low - reach) & (points <= high + reach)).all(axis=1)
+    return np.concatenate([result.shape.points, points[near]])
 
 
 def _paint(layer: Layer, color_by: str | None, width: int) -> tuple[Item, str | None]:

@@ -7,7 +7,9 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from medialis.io.results import OutputFolder, write_json, write_npz, write_ply
+from medialis.io.output_folder import OutputFolder
+from medialis.io.ply_attributes import write_ply
+from medialis.io.results import write_json, write_npz
 from medialis.operations.pictures import draw_result, draw_turntable
 from medialis.operations.result import Result
 from medialis.progress import Progress, ProgressCallback

@@ -10,12 +10,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from medialis.errors import InvalidShapeError
 from medialis.progress import Progress, ProgressCallback
-from medialis.render._splat_kernels import (
-    draw_triangles,
-    fill_bins,
-    splat_balls,
-    surface_normals,
-)
 from medialis.render.camera import Camera
 from medialis.render.projection import BallSet, TriangleSet, lens, see_balls, see_triangles
 from medialis.threads import run_chunks
@@ -55,6 +49,8 @@ def _bands(
     first_row: NDArray[Any], last_row: NDArray[Any], height: int
 ) -> tuple[NDArray[np.int64], IntArray]:
     """Return, as compressed rows, the primitives that touch each band, ascending."""
+    from medialis.render._splat_kernels import fill_bins
+
     bands = -(-height // BAND)
     first, last = first_row // BAND, last_row // BAND
     outside = last_row < first_row
@@ -76,6 +72,8 @@ def draw_balls(
     progress: Progress | None = None,
 ) -> None:
     """Draw balls into depth and index; `numbers` is the `lens`."""
+    from medialis.render._splat_kernels import splat_balls
+
     height = len(depth)
     offsets, items = _bands(balls.boxes[:, 0], balls.boxes[:, 1], height)
 
@@ -97,6 +95,8 @@ def draw_mesh(
     progress: Progress | None = None,
 ) -> None:
     """Draw triangles into depth and index, or, with `glass`, add see-through layers to it."""
+    from medialis.render._splat_kernels import draw_triangles
+
     height = len(depth)
     rows = [triangles.screen[triangles.corners[:, j], 1] for j in range(3)]
     low = np.minimum(np.minimum(rows[0], rows[1]), rows[2])
@@ -207,6 +207,8 @@ def rasterize(
     >>> round(float(seen.depth.min()), 2), int(seen.mask.sum()) == 812
     (4.0, True)
     """
+    from medialis.render._splat_kernels import surface_normals
+
     steps = Progress.of(progress)
     smallest = as_number(min_radius_px, "min_radius_px", low=0, high=1000)
     sign = -1.0 if furthest else 1.0

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from medialis.errors import InvalidOptionError
 from medialis.progress import Progress
-from medialis.render._shading_kernels import shade
 from medialis.render.camera import MAX_PIXELS, Camera
 from medialis.render.colors import to_linear, to_srgb
 from medialis.render.projection import lens, see_balls, see_triangles
@@ -173,6 +172,8 @@ def render_layers(
     InvalidOptionError
         When the picture times the supersampling is larger than 16384 pixels.
     """
+    from medialis.render._shading_kernels import shade
+
     n = style.supersampling
     if max(camera.width, camera.height) * n > MAX_PIXELS:
         raise InvalidOptionError(

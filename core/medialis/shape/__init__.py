@@ -1,1 +1,1 @@
-"""Preparing shapes: diagnosis, repair, normals, refinement, generated examples (before thesis 3.2)."""
+"""Preparing shapes: diagnosis, repair, normals, refinement, generated examples (before 3.2)."""

@@ -42,7 +42,7 @@ def estimate_normals(
     -------
     (n, 3) float64
         Unit normals, consistent within each part of the neighbour graph and outward for a closed
-        surface. For an open one the side is a guess, and a message says so.
+        surface. Which side of an open one is outside is a guess; a message says when it is unsure.
 
     Raises
     ------

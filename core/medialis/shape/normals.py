@@ -6,6 +6,10 @@ import numpy as np
 
 from medialis.validation import FloatArray, IntArray, as_faces, as_points, frozen
 
+FACING_AWAY = 1e-6
+"""Cosine beyond which a face looks away from the normal: above rounding, so that the rim of a flat
+double-sided sheet, exactly at right angles to its faces, keeps its normal."""
+
 
 def vertex_normals(points: FloatArray, faces: IntArray) -> FloatArray:
     """Compute unit vertex normals: face normals weighted by the angle of the face at the vertex.
@@ -23,7 +27,8 @@ def vertex_normals(points: FloatArray, faces: IntArray) -> FloatArray:
     Returns
     -------
     (n, 3) float64
-        Zero where a vertex has no face with an area, or where its faces cancel out.
+        Zero where a vertex has no face with an area, or where one of its faces looks the other way
+        (a fold: its faces have no common outside, and a ball would start on the wrong side).
 
     Raises
     ------
@@ -55,7 +60,9 @@ def vertex_normals(points: FloatArray, faces: IntArray) -> FloatArray:
                 faces[:, corner], weights=weighted[:, axis], minlength=len(points)
             )
     length = np.linalg.norm(total, axis=1, keepdims=True)
-    # Below 1e-12 the faces of the vertex cancel out (a folded fin): rounding decides, so no normal.
-    return frozen(
-        np.divide(total, length, out=np.zeros_like(total), where=length > 1e-12), np.float64
-    )
+    # Below 1e-12 the faces of the vertex cancel out (a fin): rounding decides, so no normal.
+    normals = np.divide(total, length, out=np.zeros_like(total), where=length > 1e-12)
+    for corner in range(3):
+        away = np.einsum("ij,ij->i", normals[faces[:, corner]], unit) < -FACING_AWAY
+        normals[faces[away, corner]] = 0.0
+    return frozen(normals, np.float64)

@@ -7,11 +7,14 @@ from typing import Any
 
 from numpy.typing import ArrayLike
 
-from medialis.errors import InvalidShapeError
+from medialis.io.meshes import read_mesh
 from medialis.model.shape import Shape
 from medialis.progress import Progress, ProgressCallback
+from medialis.shape.cloud_normals import estimate_normals
+from medialis.shape.diagnosis import diagnose
 from medialis.shape.normals import vertex_normals
-from medialis.validation import as_faces, as_points
+from medialis.shape.repair import repair as repair_mesh
+from medialis.validation import as_faces, as_normals, as_points
 
 
 def read_shape(
@@ -37,8 +40,6 @@ def read_shape(
     FileError, InvalidShapeError
         One sentence that names the file and what is wrong with it.
     """
-    from medialis.io.meshes import read_mesh
-
     progress = Progress.of(progress)
     with progress.stage("read", 0.0, 0.5):
         mesh = read_mesh(path)
@@ -82,32 +83,23 @@ def make_shape(
     progress = Progress.of(progress)
     extra: dict[str, Any] = {}
     if repair:
-        from medialis.shape.diagnosis import diagnose
-        from medialis.shape.repair import repair as repair_mesh
-
-        extra["diagnosis"] = diagnose(points, faces)
+        diagnosis = diagnose(points, faces)
         fixed = repair_mesh(points, faces, normals)
         for message in fixed.messages:
             progress.note(message)
-        extra["vertex_map"] = fixed.vertex_map
-        points, normals = fixed.points, fixed.normals
-        if faces is not None and len(fixed.faces) == 0 and len(faces) > 0:
-            raise InvalidShapeError(
-                f"None of the {len(faces)} faces has an area: all are degenerate. Check the mesh."
-            )
-        faces = fixed.faces
-        if faces is not None and len(faces):
+        extra = {"diagnosis": diagnosis, "vertex_map": fixed.vertex_map}
+        points, faces, normals = fixed.points, fixed.faces, fixed.normals
+        if fixed.faces is not None and len(fixed.faces):
             extra["face_map"] = fixed.face_map
-    points = as_points(points)
-    if faces is not None:
-        faces = as_faces(faces, len(points))
-        faces = faces if len(faces) else None
-    if normals is None:
-        if faces is not None:
-            normals = vertex_normals(points, faces)
-        else:
-            from medialis.shape.cloud_normals import estimate_normals
-
-            normals = estimate_normals(points, progress=progress)
-            progress.note("The point cloud has no normals: they were estimated and oriented.")
-    return Shape(points, normals, faces, **extra)
+    vertices = as_points(points)
+    triangles = None if faces is None else as_faces(faces, len(vertices))
+    if triangles is not None and len(triangles) == 0:
+        triangles = None
+    if normals is not None:
+        directions = as_normals(normals, len(vertices))
+    elif triangles is not None:
+        directions = vertex_normals(vertices, triangles)
+    else:
+        directions = estimate_normals(vertices, progress=progress)
+        progress.note("The point cloud has no normals: they were estimated and oriented.")
+    return Shape(vertices, directions, triangles, **extra)

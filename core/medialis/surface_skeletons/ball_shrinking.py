@@ -94,9 +94,9 @@ def surface_skeleton(
     equidistant from the center (spheres, straight tubes). About 200 bytes a sample.
 
     Source: thesis 3.2.1-3.2.2, Algorithm 1. Deviates: one pass instead of repeated nearest
-    neighbour searches and bisection. The thesis's tau ends an iteration whose result depends on where it
-    started; here the ball is the largest one in which no sample lies deeper than 3/4 of the
-    tolerance, shrunk to pass through its two feature points.
+    neighbour searches and bisection. The thesis's tau ends an iteration whose result depends on
+    where it started; here the ball is the largest one in which no sample lies deeper than 3/4 of
+    the tolerance, shrunk to pass through its two feature points.
 
     Examples
     --------
@@ -181,7 +181,8 @@ def _note_outcome(cloud: MedialCloud, progress: Progress) -> None:
     counts = np.bincount(cloud.status, minlength=3)
     if counts[BallStatus.NO_NORMAL]:
         progress.note(
-            f"{counts[BallStatus.NO_NORMAL]} of {len(cloud)} samples have no normal: no ball.",
+            f"{counts[BallStatus.NO_NORMAL]} of {len(cloud)} samples have no normal (folded or "
+            "degenerate faces meet there): no ball.",
             level=logging.WARNING,
         )
     for sign, name in ((1, "inner"), (-1, "outer")):

@@ -1,0 +1,7 @@
+"""``python -m medialis``: the command line."""
+
+import sys
+
+from medialis.cli import main
+
+sys.exit(main())

@@ -1,0 +1,143 @@
+"""Make every picture of the docs by running the operations on generated shapes.
+
+python docs/make_pictures.py [NAME ...]
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+import medialis
+from medialis.operations.pictures import draw_result, draw_turntable
+from medialis.render.annotation import contact_sheet
+from medialis.render.camera import Camera
+from medialis.render.png import write_png
+
+Image = NDArray[np.uint8]
+FOLDER = Path(__file__).resolve().parent / "pictures"
+
+
+def hero() -> Image:
+    """Draw the README's picture."""
+    result = medialis.run("surface_skeleton", medialis.organic_shape(200))
+    return draw_result(result, title="surface skeleton: one maximal ball for each sample")
+
+
+def spoke_angle() -> Image:
+    """Colour by spoke angle."""
+    result = medialis.run("surface_skeleton", medialis.organic_shape(200))
+    return draw_result(result, color_by="spoke_angle")
+
+
+def _sheet(results: list[medialis.Result], captions: list[str], **options: object) -> Image:
+    size = {"width": 560, "height": 440}
+    return contact_sheet([draw_result(r, **size, **options) for r in results], captions, 2)
+
+
+def subsample() -> Image:
+    """Thesis Figure 3.3: the skeleton thinned to four point distances, coloured by spoke angle."""
+    shape, distances = medialis.organic_shape(200), (0.0, 0.005, 0.01, 0.02)
+    results = [medialis.run("surface_skeleton", shape, subsample=d) for d in distances]
+    captions = [
+        f"point distance {100 * d:g} %: {r.values['skeleton_points']} points"
+        for d, r in zip(distances, results, strict=True)
+    ]
+    return _sheet(results, captions, color_by="spoke_angle")
+
+
+def _noisy(amount: float) -> medialis.Shape:
+    shape = medialis.organic_shape(160)
+    step = np.random.default_rng(0).normal(size=shape.point_count) * amount * shape.diagonal
+    return medialis.make_shape(shape.points + step[:, None] * shape.normals, shape.faces)
+
+
+def tolerance() -> Image:
+    """Noise of 0.05 % of the size against four tolerances."""
+    shape, values = _noisy(0.0005), (0.0, 0.0003, 0.001, 0.003)
+    results = [medialis.run("surface_skeleton", shape, tolerance=t) for t in values]
+    return _sheet(results, [f"tolerance {100 * t:g} %" for t in values])
+
+
+def _box() -> medialis.Shape:
+    corners = np.array([[x, y, z] for x in (0, 3) for y in (0, 2) for z in (0, 1)], float)
+    quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    faces = [t for a, b, c, d in quads for t in ((a, b, c), (a, c, d))]
+    return medialis.make_shape(corners, faces, repair=True)
+
+
+def refine() -> Image:
+    """Draw a box of 8 vertices with three refinements."""
+    values = (0.0, 0.05, 0.02, 0.005)
+    results = [medialis.run("surface_skeleton", _box(), refine=v) for v in values]
+    captions = [
+        f"refine {100 * v:g} %: {r.values['samples']} samples"
+        for v, r in zip(values, results, strict=True)
+    ]
+    return _sheet(results, captions)
+
+
+def sides() -> Image:
+    """Inner and outer skeleton."""
+    shape = medialis.organic_shape(160)
+    results = [medialis.run("surface_skeleton", shape, side=side) for side in ("inner", "outer")]
+    return _sheet(results, ["side inner", "side outer"])
+
+
+def reconstruction() -> Image:
+    """Thesis Figure 3.7: surface, union of balls, difference."""
+    shape = medialis.organic_shape(300)
+    return medialis.run("ball_reconstruction", shape, size=560).images["reconstruction"]
+
+
+def progressive() -> Image:
+    """Thesis 3.4: growing shares of the balls, largest first."""
+    shape = medialis.organic_shape(200)
+    return medialis.run("ball_reconstruction", shape, size=420, progressive=True).images[
+        "progressive"
+    ]
+
+
+def turntable() -> Image:
+    """Eight views all round."""
+    result = medialis.run("surface_skeleton", medialis.organic_shape(160))
+    return contact_sheet(draw_turntable(result, 8, size=320), columns=4)
+
+
+def views() -> Image:
+    """Orthographic and perspective projection."""
+    result = medialis.run("surface_skeleton", medialis.organic_shape(160))
+    points = result.shape.points
+    cameras = [
+        Camera.framing(points, width=560, height=440, direction=(1, -1.2, 0.4), up=(0, 0, 1),
+                       perspective=perspective)
+        for perspective in (False, True)
+    ]  # fmt: skip
+    images = [draw_result(result, camera=camera) for camera in cameras]
+    return contact_sheet(images, ["orthographic", "perspective"], 2)
+
+
+PICTURES: dict[str, Callable[[], Image]] = {
+    make.__name__: make
+    for make in (
+        hero, spoke_angle, subsample, tolerance, refine, sides, reconstruction, progressive,
+        turntable, views,
+    )
+}  # fmt: skip
+
+
+def main(names: list[str]) -> None:
+    """Make the named pictures, or all."""
+    FOLDER.mkdir(exist_ok=True)
+    for name in names or PICTURES:
+        path = FOLDER / f"{name}.png"
+        write_png(path, PICTURES[name]())
+        print(path)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
