@@ -166,7 +166,7 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true", help="few and small shapes")
     options = parser.parse_args()
     repeats = 2 if options.quick else 5
-    medialis.surface_skeleton(medialis.organic_shape(30))  # compile
+    medialis.surface_skeleton(medialis.organic_shape(56))  # compile
 
     files = [Path(f) for f in options.files]
     if not files and REAL.is_dir():

@@ -18,8 +18,10 @@ from medialis.errors import Cancelled, InvalidOptionError, MedialisError
 from medialis.operations.declaration import Kind, Operation, Parameter
 from medialis.operations.registry import OPERATIONS, operation, run
 from medialis.progress import Progress
+from medialis.validation import as_whole_number
 
 EXIT_OK, EXIT_BAD_INPUT, EXIT_CANCELLED = 0, 2, 130
+NUMBERS = (Kind.FLOAT, Kind.INT, Kind.LENGTH)
 
 _EPILOG = """exit codes: 0 done; 2 bad input or options (one line on stderr); 130 cancelled.
 Lengths are fractions of the bounding-box diagonal: 0.01 is 1 % of the size of the shape."""
@@ -177,12 +179,21 @@ def _run_operation(options: argparse.Namespace) -> int:
     for parameter in chosen.parameters:
         value = getattr(options, f"parameter_{parameter.name}")
         if value is not None:
-            given[parameter.name] = value
+            given[parameter.name] = _number(value) if parameter.kind in NUMBERS else value
     chosen.resolve(given)  # bad options are reported before the file is read
+    as_whole_number(options.turntable, "turntable", low=0, high=10_000)
     output = options.output or Path(options.file).stem + "-medialis"
     manifest = _compute(chosen.name, options.file, output, given, options)
     _report(manifest, options)
     return EXIT_OK
+
+
+def _number(text: str) -> float | str:
+    """Convert text to a number; what is none goes on to the check, which words the error."""
+    try:
+        return float(text)
+    except ValueError:
+        return text
 
 
 def _compute(
@@ -278,7 +289,7 @@ def _warmup(options: argparse.Namespace) -> int:
     from medialis.shape.generate import organic_shape
 
     clock = time.perf_counter()
-    shape, progress = organic_shape(24), _progress(options)
+    shape, progress = organic_shape(56), _progress(options)
     for number, entry in enumerate(OPERATIONS):
         span = number / len(OPERATIONS), (number + 1) / len(OPERATIONS)
         with progress.stage(entry.name, *span):

@@ -58,11 +58,11 @@ def require_balls(cloud: MedialCloud, shape: Shape) -> None:
     """Raise a sentence that says why there is no skeleton, when there is none."""
     if cloud.valid.any():
         return
-    low, high = shape.bounds
-    flat = " The shape is flat." if (high - low).min() <= 1e-9 * shape.diagonal else ""
+    spread = np.linalg.svd(shape.points - shape.points.mean(axis=0), compute_uv=False)
+    why = "the shape is flat" if spread[-1] <= 1e-9 * spread[0] else "nothing faces it on this side"
     raise InvalidShapeError(
-        f"No ball of the {shape.point_count} samples meets a second sample: the surface encloses "
-        f"nothing on this side.{flat} Use a closed or nearly closed shape, or side = outer."
+        f"No ball of the {shape.point_count} samples meets a second sample: {why}. A skeleton needs "
+        "a surface that encloses a volume, at least partly."
     )
 
 

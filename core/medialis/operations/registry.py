@@ -70,7 +70,7 @@ def run(
     Examples
     --------
     >>> import medialis
-    >>> result = medialis.run("surface_skeleton", medialis.organic_shape(30), subsample=0.01)
+    >>> result = medialis.run("surface_skeleton", medialis.organic_shape(56), subsample=0.01)
     >>> result.layers[0].name, result.values["skeleton_points"] > 100
     ('surface_skeleton', True)
     """

@@ -40,7 +40,7 @@ def organic_shape(resolution: int = 128) -> Shape:
     Parameters
     ----------
     resolution : int
-        Grid cells along the longest side, 24 to 600; the number of vertices grows with its square
+        Grid cells along the longest side, 56 to 600; the number of vertices grows with its square
         (128: about 12,000).
 
     Returns
@@ -53,11 +53,12 @@ def organic_shape(resolution: int = 128) -> Shape:
     InvalidOptionError
         When `resolution` is out of its range.
     """
-    resolution = as_whole_number(resolution, "resolution", low=24, high=600)
+    resolution = as_whole_number(resolution, "resolution", low=56, high=600)
     cell = float((_HIGH - _LOW).max()) / resolution
     axes = [np.arange(low, high + cell, cell) for low, high in zip(_LOW, _HIGH, strict=True)]
     grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
     distance = _creature(grid.reshape(-1, 3)).reshape(grid.shape[:3])
+    _make_unambiguous(distance)
     points, faces = _surface_nets(distance, _LOW, cell)
     for _ in range(3):  # Newton steps onto the surface along the gradient
         gradient = _gradient(points, 0.01 * cell)
@@ -89,6 +90,56 @@ def _gradient(points: NDArray[np.float64], step: float) -> NDArray[np.float64]:
     return np.stack(
         [(_creature(points + o) - _creature(points - o)) / (2 * step) for o in offsets], axis=1
     )
+
+
+def _make_unambiguous(values: NDArray[np.float64]) -> None:
+    """Change the sign of grid values nearest to zero until the net is a manifold, in place.
+
+    Surface nets pinch where the corners of a grid square are inside and outside crosswise, or where
+    only two opposite corners of a cube are on one side.
+    """
+    tiny = 1e-9 * float(np.abs(values).max())
+    shifts = np.array([(i, j, k) for i in (0, 1) for j in (0, 1) for k in (0, 1)])
+    squares = [shifts[shifts[:, axis] == 0][[0, 1, 3, 2]] for axis in range(3)]  # in ring order
+    diagonals = [np.array([a, 1 - a]) for a in shifts[:4]]
+    while True:
+        flips = []
+        inside = values < 0
+        for ring in squares:
+            corner = _corners(inside, ring)
+            crossed = (corner[0] == corner[2]) & (corner[1] == corner[3]) & (corner[0] != corner[1])
+            flips.append(_nearest_to_zero(values, crossed, ring))
+        cube = _corners(inside, shifts)
+        count = sum(c.astype(np.int8) for c in cube)
+        for pair in diagonals:
+            first, second = _corners(inside, pair)
+            lonely = ((count == 2) & first & second) | ((count == 6) & ~first & ~second)
+            flips.append(_nearest_to_zero(values, lonely, pair))
+        places = np.unique(np.concatenate(flips), axis=0)
+        if len(places) == 0:
+            return
+        at = tuple(places.T)
+        values[at] = np.where(inside[at], tiny, -tiny)
+
+
+def _corners(grid: NDArray[np.bool_], offsets: NDArray[np.int64]) -> list[NDArray[np.bool_]]:
+    """Views of a grid shifted by each offset (0 or 1 along an axis), all of the same shape."""
+    reach = offsets.max(axis=0)
+    ends = np.array(grid.shape) - reach
+    return [
+        grid[tuple(slice(o, o + e) for o, e in zip(offset, ends, strict=True))]
+        for offset in offsets
+    ]
+
+
+def _nearest_to_zero(
+    values: NDArray[np.float64], found: NDArray[np.bool_], offsets: NDArray[np.int64]
+) -> NDArray[np.int64]:
+    """Of the corners at `offsets` of each found cell, the grid place with the smallest value."""
+    base = np.argwhere(found)
+    places = base[:, None, :] + offsets[None, :, :]
+    size = np.abs(values[tuple(np.moveaxis(places, -1, 0))])
+    return places[np.arange(len(base)), size.argmin(axis=1)] if len(base) else base
 
 
 def _surface_nets(

@@ -1,0 +1,283 @@
+"""The command line as a new user and as another program meet it."""
+
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import medialis
+from medialis.cli import main
+from medialis.io.ply_attributes import read_ply_attributes, write_ply
+from medialis.io.results import read_npz
+from medialis.operations.registry import OPERATIONS
+
+
+@pytest.fixture(scope="module")
+def creature(tmp_path_factory) -> Path:
+    shape = medialis.organic_shape(56)
+    path = tmp_path_factory.mktemp("shapes") / "creature with space ä.ply"
+    write_ply(path, shape.points, faces=shape.faces)
+    return path
+
+
+def run(*arguments: object) -> int:
+    return main([str(a) for a in arguments])
+
+
+def test_surface_skeleton_writes_what_the_manifest_says(creature, tmp_path, capsys):
+    out = tmp_path / "new" / "out"
+    assert run("surface-skeleton", creature, "-o", out, "--json") == 0
+    manifest = json.loads(capsys.readouterr().out)
+    assert sorted(Path(f).name for f in manifest["files"]) == sorted(p.name for p in out.iterdir())
+    assert Path(manifest["picture"]).read_bytes().startswith(b"\x89PNG")
+    assert manifest["operation"] == "surface_skeleton"
+    assert {"tree", "balls", "read", "write", "total"} <= set(manifest["seconds"])
+    assert json.loads((out / "manifest.json").read_text())["values"] == manifest["values"]
+
+
+def test_files_hold_bitwise_the_arrays_of_the_python_call(creature, tmp_path):
+    assert run("surface-skeleton", creature, "-o", tmp_path / "out", "--no-picture") == 0
+    result = medialis.run("surface_skeleton", medialis.read_shape(creature))
+    stored = read_npz(tmp_path / "out" / "surface_skeleton.npz")
+    assert stored.keys() == result.arrays.keys()
+    for name, array in result.arrays.items():
+        assert stored[name].dtype == array.dtype
+        assert stored[name].tobytes() == np.ascontiguousarray(array).tobytes(), name
+    layer = result.layers[0]
+    ply = read_ply_attributes(tmp_path / "out" / "surface_skeleton.ply")
+    assert ply.points.tobytes() == np.ascontiguousarray(layer.points).tobytes()
+    for name, array in layer.attributes.items():
+        assert ply.attributes[name].tobytes() == np.ascontiguousarray(array).tobytes(), name
+        assert ply.attributes[name].dtype == array.dtype
+
+
+def test_one_and_two_threads_write_the_same_bytes(creature, tmp_path):
+    for threads in (1, 2):
+        assert (
+            run("surface-skeleton", creature, "-o", tmp_path / str(threads), "--threads", threads)
+            == 0
+        )
+    for name in (
+        "surface_skeleton.ply",
+        "samples.ply",
+        "surface_skeleton.npz",
+        "surface_skeleton.png",
+    ):
+        assert (tmp_path / "1" / name).read_bytes() == (tmp_path / "2" / name).read_bytes(), name
+
+
+def test_progress_lines_rise_to_one(creature, tmp_path, capsys):
+    assert run("surface-skeleton", creature, "-o", tmp_path / "out", "--progress", "lines") == 0
+    lines = capsys.readouterr().err.splitlines()
+    assert all(re.fullmatch(r"PROGRESS [01]\.\d{4} \w+", line) for line in lines), lines
+    fractions = [float(line.split()[1]) for line in lines]
+    assert fractions == sorted(fractions) and fractions[0] == 0.0 and fractions[-1] == 1.0
+
+
+def test_parameters_reach_the_operation(creature, tmp_path, capsys):
+    flags = ["--side", "both", "--tolerance", "0.001", "--subsample", "0.05", "--refine", "0"]
+    flags += ["--largest-radius", "0.3", "--json", "--color-by", "spoke_angle", "--turntable", "2"]
+    assert run("surface-skeleton", creature, "-o", tmp_path / "out", *flags) == 0
+    manifest = json.loads(capsys.readouterr().out)
+    assert manifest["parameters"] == {
+        "side": "both", "tolerance": 0.001, "subsample": 0.05, "refine": 0.0,
+        "largest_radius": 0.3,
+    }  # fmt: skip
+    assert (tmp_path / "out" / "turntable_001.png").exists()
+
+
+@pytest.mark.parametrize("chosen", OPERATIONS, ids=lambda o: o.name)
+def test_every_operation_has_help_and_runs(chosen, creature, tmp_path, capsys):
+    with pytest.raises(SystemExit) as stop:
+        run(chosen.name.replace("_", "-"), "--help")
+    assert stop.value.code == 0
+    text = " ".join(capsys.readouterr().out.split())
+    for parameter in chosen.parameters:
+        assert "--" + parameter.name.replace("_", "-") in text
+        assert parameter.help.split(".")[0] in text
+    assert run(chosen.name.replace("_", "-"), creature, "-o", tmp_path / "out") == 0
+
+
+def test_describe_gives_the_registry_as_json(capsys):
+    assert run("describe", "--json") == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told == json.loads(json.dumps([o.describe() for o in OPERATIONS]))
+    assert run("describe", "surface-skeleton") == 0
+    assert "tolerance" in capsys.readouterr().out
+
+
+def test_list_names_every_operation(capsys):
+    assert run("list") == 0
+    out = capsys.readouterr().out
+    assert all(o.name.replace("_", "-") in out for o in OPERATIONS)
+
+
+def test_info_tells_the_diagnosis(creature, capsys):
+    assert run("info", creature, "--json") == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["closed"] is True and told["genus"] == 0 and told["orientation"] == "out"
+    assert run("info", creature) == 0
+    assert "closed" in capsys.readouterr().out
+
+
+def test_demo_makes_the_built_in_shape_and_yours(creature, tmp_path, capsys):
+    assert run("demo", creature, "-o", tmp_path / "demo") == 0
+    last = capsys.readouterr().out.splitlines()[-1]
+    assert last.endswith(".png") and Path(last).exists()
+    assert (tmp_path / "demo" / "organic_shape" / "surface_skeleton.png").exists()
+
+
+def triangle(path: Path) -> None:
+    write_ply(path, np.eye(3), faces=[[0, 1, 2]])
+
+
+def coincident(path: Path) -> None:
+    write_ply(path, np.ones((50, 3)))
+
+
+def flat(path: Path) -> None:
+    write_ply(path, np.array([[0.0, 0, 0], [1, 0, 0], [2, 0, 0]]), faces=[[0, 1, 2]])
+
+
+def one_point(path: Path) -> None:
+    write_ply(path, np.zeros((1, 3)))
+
+
+BAD_FILES = {
+    "empty.ply": (b"", "empty"),
+    "garbage.ply": (b"this is not a mesh at all\n" * 5, "ply"),
+    "binary.obj": (bytes(range(256)) * 8, ""),
+    "nan.obj": (b"v 0 0 nan\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", "NaN"),
+    "inf.off": (b"OFF\n3 1 0\n0 0 inf\n1 0 0\n0 1 0\n3 0 1 2\n", "infini"),
+    "range.off": (b"OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 7\n", "7"),
+    "short.off": (b"OFF\n300 1 0\n0 0 0\n1 0 0\n", "300"),
+    "huge.ply": (
+        b"ply\nformat binary_little_endian 1.0\nelement vertex 999999999999\n"
+        b"property float x\nproperty float y\nproperty float z\nend_header\n",
+        "999999999999",
+    ),
+    "triangle.ply": (triangle, "flat"),
+    "same.ply": (coincident, ""),
+    "flat.ply": (flat, "area"),
+    "point.ply": (one_point, ""),
+}
+
+
+@pytest.mark.parametrize("name", BAD_FILES)
+def test_bad_files_are_one_sentence_and_nothing_is_written(name, tmp_path, capsys):
+    content, told = BAD_FILES[name]
+    path = tmp_path / name
+    if callable(content):
+        content(path)
+    else:
+        path.write_bytes(content)
+    assert run("surface-skeleton", path, "-o", tmp_path / "out") == 2
+    said = capsys.readouterr()
+    assert said.out == "" and len(said.err.splitlines()) == 1
+    assert said.err.startswith("medialis: ") and told in said.err, said.err
+    assert sorted(p.name for p in tmp_path.iterdir()) == [name]
+
+
+def test_a_truncated_binary_file_says_how_much_came(creature, tmp_path, capsys):
+    path = tmp_path / "cut.ply"
+    path.write_bytes(creature.read_bytes()[:5000])
+    assert run("surface-skeleton", path, "-o", tmp_path / "out") == 2
+    assert re.search(r"announces \d+ vertices, only \d+ were found", capsys.readouterr().err)
+    assert not (tmp_path / "out").exists()
+
+
+BAD_OPTIONS = [
+    (["--tolerance", "-1"], "tolerance"),
+    (["--tolerance", "nan"], "tolerance"),
+    (["--tolerance", "much"], "tolerance"),
+    (["--side", "upper"], "inner, outer, both"),
+    (["--subsample", "7"], "subsample"),
+    (["--refine", "1e-9"], "points"),
+    (["--largest-radius", "0"], "largest_radius"),
+    (["--threads", "0"], "threads"),
+    (["--threads", "two"], "--threads"),
+    (["--turntable", "-3"], "turntable"),
+    (["--color-by", "taste"], "taste"),
+    (["--speed", "9"], "--speed"),
+    (["--progress", "loud"], "progress"),
+]
+
+
+@pytest.mark.parametrize(("flags", "told"), BAD_OPTIONS, ids=lambda v: str(v))
+def test_bad_options_are_one_sentence(flags, told, creature, tmp_path, capsys):
+    assert run("surface-skeleton", creature, "-o", tmp_path / "out", *flags) == 2
+    said = capsys.readouterr()
+    assert len(said.err.splitlines()) == 1 and told in said.err, said.err
+    assert said.out == "" and list(tmp_path.iterdir()) == []
+
+
+def test_missing_file_folder_and_unknown_command(tmp_path, capsys):
+    for arguments in (
+        ["surface-skeleton", tmp_path / "no.ply"],
+        ["surface-skeleton", tmp_path],
+        ["info", tmp_path / "no.ply"],
+        ["describe", "nothing"],
+        ["juggle"],
+        [],
+    ):
+        assert run(*arguments) == 2
+        assert len(capsys.readouterr().err.splitlines()) == 1
+
+
+def test_output_that_is_a_file_is_refused(creature, tmp_path, capsys):
+    (tmp_path / "out").write_text("mine")
+    assert run("surface-skeleton", creature, "-o", tmp_path / "out") == 2
+    assert "out" in capsys.readouterr().err
+    assert (tmp_path / "out").read_text() == "mine"
+    assert [p.name for p in tmp_path.iterdir()] == ["out"]
+
+
+def test_an_unwritable_output_is_refused_before_the_work(creature, capsys):
+    """/proc accepts no new folder, not even from root."""
+    if not Path("/proc/self").exists():
+        pytest.skip("needs a folder that nobody can write to (/proc)")
+    assert run("surface-skeleton", creature, "-o", "/proc/medialis/out") == 2
+    assert "/proc" in capsys.readouterr().err
+
+
+def test_help_and_list_load_no_compiled_code():
+    code = (
+        "import sys; from medialis.cli import main; main(['list']);"
+        "assert not {'numba', 'scipy'} & set(sys.modules), 'loaded'"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True, capture_output=True)
+
+
+@pytest.mark.skipif(os.name == "nt", reason="sends the interrupt signal of Unix")
+def test_interrupt_leaves_nothing_behind(creature, tmp_path):
+    """Ctrl-C while it works: exit code 130, one line, no file and no temporary folder."""
+    child = subprocess.Popen(
+        [sys.executable, "-m", "medialis", "surface-skeleton", str(creature), "-o", "out",
+         "--refine", "0.002", "--progress", "lines", "--turntable", "400"],
+        cwd=tmp_path, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    for line in child.stderr:
+        if "picture" in line:
+            break
+    time.sleep(0.2)
+    child.send_signal(signal.SIGINT)
+    rest = child.stderr.read().splitlines()
+    child.stderr.close()
+    assert child.wait(timeout=60) == 130
+    assert rest[-1] == "medialis: cancelled, nothing was written."
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_closed_pipe_is_not_an_error():
+    done = subprocess.run(
+        f"{sys.executable} -m medialis describe --json | head -c 10 >/dev/null; echo ok",
+        shell=True, capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    assert done.stdout == "ok\n" and done.stderr == ""
