@@ -13,8 +13,10 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 
-from medialis.errors import InvalidOptionError
 from medialis.progress import Progress
+from medialis.validation import as_whole_number
+
+MOST_THREADS = 1024
 
 _limit: ContextVar[int | None] = ContextVar("medialis_thread_limit", default=None)
 
@@ -36,7 +38,7 @@ def thread_limit(count: int | None) -> Iterator[None]:
     Raises
     ------
     InvalidOptionError
-        When `count` is not a whole number of at least 1.
+        When `count` is not a whole number from 1 to 1024.
 
     Examples
     --------
@@ -45,9 +47,9 @@ def thread_limit(count: int | None) -> Iterator[None]:
     ...     thread_count()
     1
     """
-    if count is not None and (isinstance(count, bool) or count != int(count) or count < 1):
-        raise InvalidOptionError(f"threads must be a whole number of at least 1, got {count!r}.")
-    token = _limit.set(None if count is None else int(count))
+    token = _limit.set(
+        None if count is None else as_whole_number(count, "threads", low=1, high=MOST_THREADS)
+    )
     try:
         yield
     finally:

@@ -82,11 +82,15 @@ def as_normals(values: ArrayLike, count: int, name: str = "normals") -> FloatArr
         raise InvalidShapeError(f"{name} must be {wanted}, got shape {array.shape}.")
     normals = np.array(array, dtype=np.float64)
     normals[~np.isfinite(normals).all(axis=1)] = 0.0
-    # Dividing by the largest component first keeps lengths of 1e-300 or 1e300 in range.
+    # Dividing by the largest component first keeps lengths of 1e-300 or 1e300 in range. A row that
+    # is unit to rounding stays as it is: normals must not drift each time a shape is rebuilt.
     largest = np.abs(normals).max(axis=1, keepdims=True, initial=0.0)
-    np.divide(normals, largest, out=normals, where=largest > 0)
+    moderate = np.where(largest < 2.0, normals, 2.0)
+    square = np.einsum("ij,ij->i", moderate, moderate)[:, None]
+    wanting = (largest > 0) & (np.abs(square - 1.0) > 8 * np.finfo(np.float64).eps)
+    np.divide(normals, largest, out=normals, where=wanting)
     length = np.sqrt(np.einsum("ij,ij->i", normals, normals))[:, None]
-    np.divide(normals, length, out=normals, where=length > 0)
+    np.divide(normals, length, out=normals, where=wanting)
     return frozen(normals, np.float64)
 
 
@@ -146,12 +150,17 @@ def as_number(
         range_text = "finite"
     try:
         number = float(value)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise InvalidOptionError(
             f"{name} must be a number ({range_text}), got {value!r}."
         ) from error
     too_low = number <= low if open_low else number < low
-    if isinstance(value, bool) or not math.isfinite(number) or too_low or number > high:
+    if (
+        isinstance(value, (bool, np.bool_, str, bytes))
+        or not math.isfinite(number)
+        or too_low
+        or number > high
+    ):
         raise InvalidOptionError(f"{name} must be a number ({range_text}), got {value!r}.")
     return number
 
@@ -178,6 +187,6 @@ def as_choice(value: Any, name: str, choices: Sequence[str]) -> str:
     InvalidOptionError
         When it is none of them; the sentence lists them.
     """
-    if value not in choices:
+    if not isinstance(value, str) or value not in choices:
         raise InvalidOptionError(f"{name} must be one of {', '.join(choices)}, got {value!r}.")
     return str(value)
