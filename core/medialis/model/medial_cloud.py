@@ -89,6 +89,8 @@ class MedialCloud:
     def subset(self, rows: ArrayLike) -> MedialCloud:
         """Return the rows that a boolean mask or an index array selects, all arrays aligned."""
         selection = np.asarray(rows)
+        if selection.size == 0:  # an empty list is an array of floats, which cannot index
+            selection = selection.astype(selection.dtype if selection.dtype == bool else np.int64)
         return MedialCloud(**{f.name: getattr(self, f.name)[selection] for f in fields(self)})
 
     def inverse_features(self, point_count: int) -> Ragged:

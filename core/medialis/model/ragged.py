@@ -59,8 +59,17 @@ class Ragged:
         """Group 0..len(keys)-1 by key: row r lists the positions whose key is r, ascending.
 
         Negative keys are left out. Cost: one stable sort.
+
+        Raises
+        ------
+        InvalidShapeError
+            When a key is not below `rows`.
         """
         key = np.asarray(keys)
+        if key.size == 0:
+            key = key.astype(np.int64)
+        elif key.max() >= rows:
+            raise InvalidShapeError(f"Keys must be below {rows} rows, got {key.max()}.")
         order = np.argsort(key, kind="stable")
         order = order[np.searchsorted(key[order], 0) :]
         counts = np.bincount(key[order], minlength=rows)

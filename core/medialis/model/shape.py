@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -93,21 +94,28 @@ class Shape:
     @cached_property
     def bounds(self) -> tuple[FloatArray, FloatArray]:
         """Lower and upper corner of the bounding box, two (3,) arrays."""
-        return self.points.min(axis=0), self.points.max(axis=0)
+        low, high = self.points.min(axis=0), self.points.max(axis=0)
+        return frozen(low, np.float64), frozen(high, np.float64)
 
     @cached_property
     def diagonal(self) -> float:
         """Length of the bounding-box diagonal: the unit of every length option."""
         low, high = self.bounds
-        return float(np.linalg.norm(high - low))
+        return math.hypot(*(high - low))  # squares of 1e200 or 1e-200 would leave the range
 
     @cached_property
     def edges(self) -> IntArray:
-        """Undirected edges (e, 2), lower index first, in ascending order; empty for a cloud."""
+        """Undirected edges (e, 2), lower index first, in ascending order; empty for a cloud.
+
+        A face that names a vertex twice has no edge from the vertex to itself.
+        """
         if self.faces is None:
             return frozen(np.empty((0, 2)), np.int32)
         half = np.sort(self.faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
-        keys = np.unique(half[:, 0].astype(np.int64) * self.point_count + half[:, 1])
+        half = half[half[:, 0] != half[:, 1]]
+        keys = half[:, 0].astype(np.int64) * self.point_count + half[:, 1]
+        keys.sort()  # numpy.unique hashes integers, which is five times slower here
+        keys = keys[np.r_[True, keys[1:] != keys[:-1]][: len(keys)]]
         return frozen(np.stack(divmod(keys, self.point_count), axis=1), np.int32)
 
     @cached_property
@@ -130,7 +138,8 @@ class Shape:
     def face_adjacency(self) -> NDArray[np.int32]:
         """Face across each edge, (m, 3); edge j joins corners j and j+1.
 
-        -1 at a border and at a non-manifold edge (three or more faces).
+        -1 at a border, at a non-manifold edge (three or more faces) and where a face that names a
+        vertex twice meets itself.
         """
         m = self.face_count
         result = np.full(3 * m, -1, np.int32)
@@ -142,6 +151,7 @@ class Shape:
             first = np.flatnonzero(np.r_[True, sorted_keys[1:] != sorted_keys[:-1]])
             pairs = first[np.diff(np.r_[first, len(keys)]) == 2]
             a, b = order[pairs], order[pairs + 1]
+            a, b = a[a // 3 != b // 3], b[a // 3 != b // 3]
             result[a], result[b] = b // 3, a // 3
         return frozen(result.reshape(m, 3), np.int32)
 
