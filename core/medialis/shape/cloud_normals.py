@@ -63,20 +63,31 @@ def estimate_normals(
     centered = points - points.mean(axis=0)
     size = float(np.abs(centered).max())
     spread = np.linalg.svd(centered / size, compute_uv=False) if size else np.zeros(3)
-    if len(points) < 4 or spread.shape != (3,) or spread[1] < 1e-9 * spread[0] or size == 0.0:
+    if _at_most_three(points) or spread[1] < 1e-9 * spread[0]:
         raise InvalidShapeError(
-            f"Normals need at least 4 points that do not all lie on one line, got {len(points)} "
-            "points. Give normals, or a mesh with faces."
+            "Normals need at least 4 different points that do not all lie on one line, which these "
+            f"{len(points)} are not. Give normals, or a mesh with faces."
         )
     progress = Progress.of(progress)
     progress.update(0.0)
-    _, near = cKDTree(points).query(
-        points, k=min(neighbours, len(points) - 1) + 1, workers=thread_count()
+    centered /= size  # squared distances of tiny or huge clouds stay in range
+    _, near = cKDTree(centered).query(
+        centered, k=min(neighbours, len(points) - 1) + 1, workers=thread_count()
     )
     progress.update(0.4)
-    normals = _plane_normals(centered / size, near)
+    normals = _plane_normals(centered, near)
     progress.update(0.7)
-    return frozen(_orient(centered / size, normals, near, progress), np.float64)
+    return frozen(_orient(centered, normals, near, progress), np.float64)
+
+
+def _at_most_three(points: FloatArray) -> bool:
+    """Tell whether there are fewer than four different points."""
+    rest = points
+    for _ in range(3):
+        rest = rest[(rest != rest[0]).any(axis=1)]
+        if len(rest) == 0:
+            return True
+    return False
 
 
 def _plane_normals(points: FloatArray, near: NDArray[np.int64]) -> NDArray[np.float64]:

@@ -7,7 +7,9 @@ faces always agree and no vertex moves.
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
+from typing import NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,7 +53,8 @@ def refine(shape: Shape, longest_edge: float) -> Shape:
     InvalidOptionError
         When `longest_edge` is not above 0.
     InvalidShapeError
-        When more than 50 million points would be needed.
+        When more than 50 million points would be needed, or `longest_edge` is so small that the
+        coordinates cannot tell the points apart.
 
     Notes
     -----
@@ -70,14 +73,10 @@ def refine(shape: Shape, longest_edge: float) -> Shape:
         return shape
     points, faces = np.array(shape.points), np.array(shape.faces)
     face_origin = np.arange(len(faces), dtype=np.int32)
+    _check_affordable(shape, longest_edge)
     while (split := _split_once(points, faces, longest_edge)) is not None:
         points, faces, parents = split
         face_origin = face_origin[parents]
-        if len(points) > MOST_POINTS:
-            raise InvalidShapeError(
-                f"Refining to edges of at most {longest_edge:g} needs more than {MOST_POINTS} "
-                f"points; the longest edge is {_longest(shape):g}. Ask for longer edges."
-            )
     n = shape.point_count
     if len(points) == n:
         return shape
@@ -99,9 +98,48 @@ def refine(shape: Shape, longest_edge: float) -> Shape:
     )
 
 
-def _longest(shape: Shape) -> float:
+def _check_affordable(shape: Shape, longest_edge: float) -> None:
+    """Refuse a length that needs too many points, before any of them is made.
+
+    A lower bound of the number: an edge is halved until its 2^k pieces are short enough, and has
+    2^k - 1 new points. A face of area A gets at least F = A / (sqrt(3)/4 h^2) triangles, since none
+    with edges up to h is larger than the equilateral one; a triangulation with B vertices on its
+    rim and I inside has 2 I + B - 2 triangles, so I >= (F - B) / 2 + 1.
+    """
+    faces = shape.faces
+    if faces is None or len(shape.edges) == 0:
+        return
     ends = shape.points[shape.edges]
-    return float(np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1).max())
+    length = np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1)
+    if length.max() <= longest_edge:
+        return
+    sides = np.roll(shape.points[faces], -1, axis=1) - shape.points[faces]
+    area = 0.5 * np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
+    triangles = area / longest_edge / longest_edge / (math.sqrt(3.0) / 4.0)
+    rim = _pieces(np.linalg.norm(sides, axis=2), longest_edge).sum(axis=1)
+    inside = np.maximum(0.5 * (triangles - rim) + 1.0, 0.0).sum()
+    needed = shape.point_count + (_pieces(length, longest_edge) - 1.0).sum() + inside
+    if needed > MOST_POINTS:
+        _refuse(longest_edge, f"the longest edge is {length.max():g}")
+    rounding = np.finfo(np.float64).eps * float(np.abs(shape.points).max())
+    if longest_edge < 16.0 * rounding:
+        raise InvalidShapeError(
+            f"Edges of {longest_edge:g} drown in the rounding of the coordinates ({rounding:.1g}). "
+            "Ask for longer edges, or move the shape to the origin."
+        )
+
+
+def _pieces(length: NDArray[np.float64], longest_edge: float) -> NDArray[np.float64]:
+    """Return 2^k pieces, the least that are no longer than `longest_edge`."""
+    ratio = np.maximum(length / longest_edge, 1.0)
+    return 2.0 ** np.ceil(np.log2(np.minimum(ratio, 1e30)))
+
+
+def _refuse(longest_edge: float, measure: str) -> NoReturn:
+    raise InvalidShapeError(
+        f"Refining to edges of at most {longest_edge:g} needs more than {MOST_POINTS} points; "
+        f"{measure}. Ask for longer edges."
+    )
 
 
 def _split_once(
@@ -116,6 +154,8 @@ def _split_once(
     if not is_long.any():
         return None
     long_keys = np.unique(keys[is_long])
+    if n + len(long_keys) > MOST_POINTS:
+        _refuse(longest_edge, f"{n} were made and {len(long_keys)} edges are still longer")
     a, b = divmod(long_keys, n)
     new_points = np.concatenate([points, 0.5 * (points[a] + points[b])])
 
