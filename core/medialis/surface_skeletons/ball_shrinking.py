@@ -7,6 +7,7 @@ branch-and-bound traversal finds the same ball exactly; `_ball_kernels.py` argue
 from __future__ import annotations
 
 import logging
+import math
 from typing import Literal
 
 import numpy as np
@@ -136,16 +137,20 @@ def _shrink(
     from medialis._kernels.box_tree import build_box_tree
     from medialis.surface_skeletons._ball_kernels import shrink_balls
 
-    n, diagonal = shape.point_count, shape.diagonal
+    # Dividing by a power of two changes no digit, and keeps the squares of tiny or huge coordinates
+    # within the range of the tree's float32 bounds.
+    unit = math.ldexp(1.0, math.frexp(shape.diagonal)[1] - 1)
+    n, diagonal = shape.point_count, shape.diagonal / unit
     clearance = CLEARANCE * tolerance * diagonal
     k = n * len(signs)
     centers, radii = np.full((k, 3), np.nan), np.full(k, np.nan)
     second, status = np.full(k, -1, np.int32), np.zeros(k, np.int8)
     angles, side = np.full(k, np.nan), np.repeat(np.array(signs, np.int8), n)
     with progress.stage("tree", 0.0, 0.15):
-        tree = build_box_tree(shape.points, shape.normals)
-    with progress.stage("balls", 0.15, 1.0):
-        for turn, sign in enumerate(signs):
+        tree = build_box_tree(shape.points / unit, shape.normals)
+    for turn, sign in enumerate(signs):
+        share = 0.85 / len(signs)
+        with progress.stage("balls", 0.15 + share * turn, 0.15 + share * (turn + 1)):
             rows = slice(turn * n, (turn + 1) * n)
             out = centers[rows], radii[rows], second[rows], status[rows], angles[rows]
 
@@ -169,8 +174,10 @@ def _shrink(
                     *out,
                 )
 
-            run_chunks(work, n, SAMPLES_A_CHUNK, progress=progress if turn == 0 else None)
+            run_chunks(work, n, SAMPLES_A_CHUNK, progress=progress)
     centers += tree.center
+    centers *= unit
+    radii *= unit
     source = np.tile(np.arange(n, dtype=np.int32), len(signs))
     return MedialCloud(
         centers, radii, np.stack([source, second], axis=1), source, status, angles, side
