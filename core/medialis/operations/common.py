@@ -59,10 +59,11 @@ def require_balls(cloud: MedialCloud, shape: Shape) -> None:
     if cloud.valid.any():
         return
     spread = np.linalg.svd(shape.points - shape.points.mean(axis=0), compute_uv=False)
-    why = "the shape is flat" if spread[-1] <= 1e-9 * spread[0] else "nothing faces it on this side"
+    flat = spread[-1] <= 1e-9 * spread[0]
+    why = "the shape is flat" if flat else "nothing faces them on this side"
     raise InvalidShapeError(
-        f"No ball of the {shape.point_count} samples meets a second sample: {why}. A skeleton needs "
-        "a surface that encloses a volume, at least partly."
+        f"No ball of the {shape.point_count} samples meets a second sample: {why}. A skeleton "
+        "needs a surface that encloses a volume, at least partly."
     )
 
 

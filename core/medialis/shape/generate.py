@@ -123,7 +123,7 @@ def _make_unambiguous(values: NDArray[np.float64]) -> None:
 
 
 def _corners(grid: NDArray[np.bool_], offsets: NDArray[np.int64]) -> list[NDArray[np.bool_]]:
-    """Views of a grid shifted by each offset (0 or 1 along an axis), all of the same shape."""
+    """Return views of a grid shifted by each offset (0 or 1 an axis), all of the same shape."""
     reach = offsets.max(axis=0)
     ends = np.array(grid.shape) - reach
     return [

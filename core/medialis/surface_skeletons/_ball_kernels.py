@@ -35,6 +35,7 @@ from medialis._kernels.box_tree_kernels import FAN, LEAF
 from medialis._kernels.jit import kernel
 
 OK, OPEN, NO_NORMAL = 0, 1, 2
+KNOWN = 16  # certificates kept: a leaf of a tube lies on about four rings, whose balls are the same
 
 
 @kernel
@@ -87,6 +88,17 @@ def _test_children(bound, cx, cy, cz, reach, out_hits):
 
 
 @kernel
+def _is_certain(known, cx, cy, cz, rest):
+    """Tell whether a certificate shows that no sample lies too deep: |c - c0| + a - r0 <= rest."""
+    certain = 0
+    for j in range(KNOWN):
+        dx, dy, dz = cx - known[0, j], cy - known[1, j], cz - known[2, j]
+        room = rest - known[3, j]
+        certain += (room >= 0.0) & (dx * dx + dy * dy + dz * dz <= room * room)
+    return certain > 0
+
+
+@kernel
 def shrink_balls(
     begin, end, sign, tolerance, a, largest, near2, margin,
     points, normals, order, blocks, bounds, child, depth,
@@ -97,7 +109,8 @@ def shrink_balls(
     stack = np.empty(8 * 12 + 8, np.int64)  # 8 children on each of at most 11 wide levels
     hits = np.empty(FAN, np.int32)
     previous = -1  # leaf of the last second feature point: the warm start
-    x0, y0, z0, known = 0.0, 0.0, 0.0, -math.inf  # certificate: center and r0 - a
+    known = np.full((4, KNOWN), np.inf)  # certificates: last centers x, y, z and a - r0
+    turn = 0
     visits = 0
     for i in range(begin, end):
         source = order[i]
@@ -117,8 +130,7 @@ def shrink_balls(
             if slot >= 0:
                 feature = previous * LEAF + slot
         cx, cy, cz = px - r * nx, py - r * ny, pz - r * nz
-        moved = math.sqrt((cx - x0) ** 2 + (cy - y0) ** 2 + (cz - z0) ** 2)
-        if moved + r - known > tolerance:
+        if not _is_certain(known, cx, cy, cz, tolerance - r):
             stack[0] = 0
             top = 1
             while top > 0:
@@ -143,7 +155,9 @@ def shrink_balls(
                             if slot >= 0:
                                 feature = leaf * LEAF + slot
                                 cx, cy, cz = px - r * nx, py - r * ny, pz - r * nz
-            x0, y0, z0, known = cx, cy, cz, r - a
+            known[0, turn], known[1, turn], known[2, turn] = cx, cy, cz
+            known[3, turn] = a - r
+            turn = (turn + 1) % KNOWN
         if feature < 0:
             out_centers[source, 0], out_centers[source, 1], out_centers[source, 2] = cx, cy, cz
             out_radii[source] = r

@@ -32,9 +32,10 @@ CLEARANCE = 0.75
 """Share of the tolerance that a sample may lie deep; the rest is left for reusing certificates.
 Of 1/2, 3/4 and 1, the largest that keeps spheres fast (1: 200 times slower)."""
 
-LARGEST_RADIUS = 0.5
+LARGEST_RADIUS = 1.0
 """Fraction of the diagonal. A ball inside a closed shape fits its bounding box, so its radius is at
-most diagonal / (2 sqrt 3); only open shapes and the outer side reach this bound."""
+most diagonal / (2 sqrt 3), or half a diagonal where only the corners of a box are sampled. Only
+open shapes and the outer side reach this bound."""
 
 COINCIDENT = 1e-10
 """Fraction of the diagonal. A sample nearer than this to the tangent point counts as that point: it

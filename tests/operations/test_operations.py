@@ -1,0 +1,157 @@
+"""Every registered operation: declaration, run on real and generated shapes, result, writing."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import medialis
+from medialis.operations.registry import OPERATIONS
+
+REAL = Path(__file__).resolve().parents[3] / "shared" / "shapes"
+# The largest shapes take seconds each and show nothing that horse2 does not.
+NAMES = sorted(p.stem for p in REAL.glob("*.ply") if p.stem != "igea2") or ["missing"]
+CUBE = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], float)
+QUADS = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+FACES = np.array([t for a, b, c, d in QUADS for t in ((a, b, c), (a, c, d))])
+
+
+@pytest.fixture(scope="module")
+def creature() -> medialis.Shape:
+    return medialis.organic_shape(56)
+
+
+@pytest.mark.parametrize("chosen", OPERATIONS, ids=lambda o: o.name)
+def test_declarations_are_complete(chosen):
+    assert chosen.name.isidentifier() and chosen.filter_name.isidentifier()
+    assert chosen.help.splitlines()[0].endswith(".") and chosen.source.startswith("thesis ")
+    for parameter in chosen.parameters:
+        assert parameter.name.isidentifier() and parameter.help.endswith(".")
+        assert parameter.check(parameter.default) == parameter.default
+    json.dumps(chosen.describe(), allow_nan=False)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_real_shapes_give_a_skeleton_with_empty_balls(name, real_shapes):
+    """Every real mesh and cloud; no sample lies deeper in a ball than the tolerance."""
+    from scipy.spatial import cKDTree
+
+    result = medialis.run("surface_skeleton", medialis.read_shape(real_shapes / f"{name}.ply"))
+    layer, shape = result.layers[0], result.shape
+    assert len(layer.points) >= 0.98 * shape.point_count
+    radius = layer.attributes["radius"]
+    assert np.isfinite(layer.points).all() and (radius > 0).all()
+    rows = np.linspace(0, len(radius) - 1, 5000).astype(int)
+    distance, _ = cKDTree(shape.points).query(layer.points[rows])
+    limit = (result.parameters["tolerance"] + 1e-9) * shape.diagonal
+    assert (radius[rows] - distance).max() <= limit
+    for feature in ("feature_1", "feature_2"):
+        reach = np.linalg.norm(shape.points[layer.attributes[feature]] - layer.points, axis=1)
+        assert np.allclose(reach, radius, rtol=0, atol=1e-12 * shape.diagonal)
+
+
+@pytest.mark.parametrize("chosen", OPERATIONS, ids=lambda o: o.name)
+def test_every_operation_runs_on_a_real_shape(chosen, real_shapes):
+    result = medialis.run(chosen.name, medialis.read_shape(real_shapes / "hand.ply"))
+    assert result.layers and result.values and result.seconds["total"] > 0
+
+
+def test_a_cube_of_8_vertices_has_its_medial_sheets():
+    """Blender's cube: the centers lie on the 12 bisector triangles of edges and center.
+
+    A point belongs to them when its two smallest wall distances agree. Balls touch two samples, and
+    a wall is sampled with the spacing h: a contact off by h/sqrt(2) changes the radius by at most
+    h^2/(4 r) (thesis 3.2 with the sagitta of the ball), doubled for third-order terms and samples
+    near edges; the tolerance adds its share.
+    """
+    shape = medialis.make_shape(CUBE, FACES, repair=True)
+    result = medialis.run("surface_skeleton", shape)
+    assert any("Refined" in message for message in result.messages)
+    layer, fine = result.layers[0], result.shape
+    h = np.linalg.norm(np.diff(fine.points[fine.edges], axis=1), axis=2).max()
+    inner = layer.attributes["radius"] > 2 * h
+    walls = np.sort(np.hstack([layer.points, 1 - layer.points]), axis=1)[inner]
+    bound = h**2 / (2 * layer.attributes["radius"][inner]) + 2 * 3e-4 * shape.diagonal
+    # Samples at least 2 h from the edges of their face, less one row for the edge itself.
+    assert inner.mean() >= (1 - 6 * h) ** 2
+    assert (np.abs(walls[:, 1] - walls[:, 0]) <= bound).all()
+    assert (np.abs(layer.attributes["radius"][inner] - walls[:, 0]) <= bound).all()
+    # All 6 pyramids round the center are there, and the center itself.
+    assert abs(layer.attributes["radius"].max() - 0.5) < h
+    plain = medialis.run("surface_skeleton", shape, refine=0)
+    assert len(plain.layers[0].points) == 8 and not plain.messages
+
+
+def test_names_and_parameters_are_checked(creature):
+    for name in ("surface_skeleton", "surface-skeleton", "generate_surface_skeleton"):
+        assert medialis.operation(name).name == "surface_skeleton"
+    with pytest.raises(medialis.InvalidOptionError, match="surface_skeleton, ball_recon"):
+        medialis.run("skeletonize", creature)
+    with pytest.raises(medialis.InvalidOptionError, match="no parameter depth; it has tolerance"):
+        medialis.run("surface_skeleton", creature, depth=3)
+    with pytest.raises(medialis.InvalidOptionError, match="side must be one of inner"):
+        medialis.run("surface_skeleton", creature, side="left")
+    with pytest.raises(medialis.InvalidOptionError, match="progressive must be True or False"):
+        medialis.run("ball_reconstruction", creature, progressive=1)
+    with pytest.raises(medialis.InvalidOptionError, match="size must be"):
+        medialis.run("ball_reconstruction", creature, size=2)
+
+
+def test_cancelling_midway_and_monotone_progress(creature):
+    seen = []
+
+    def stop(fraction, text):
+        seen.append(fraction)
+        return fraction < 0.3
+
+    with pytest.raises(medialis.Cancelled):
+        medialis.run("surface_skeleton", creature, progress=stop)
+    assert seen == sorted(seen) and seen[-1] >= 0.3
+
+
+def test_outer_side_of_a_sphere_has_nothing_to_show(creature):
+    normals = creature.points / np.linalg.norm(creature.points, axis=1, keepdims=True)
+    sphere = medialis.Shape(normals, normals)
+    with pytest.raises(medialis.InvalidShapeError, match="No ball of the"):
+        medialis.run("surface_skeleton", sphere, side="outer")
+
+
+def test_ball_reconstruction_agrees_with_the_surface():
+    """The union of the balls is the shape, up to the sagitta h^2 / (8 R) between samples.
+
+    The limbs have R >= 0.03. Along the silhouette, that gap and half a pixel of rasterizing are
+    what can differ: (gap + half a pixel) times the outline over the area, some 0.12 pixels.
+    """
+    shape = medialis.organic_shape(160)
+    result = medialis.run("ball_reconstruction", shape, size=300, progressive=True)
+    gap = shape.spacing**2 / (8 * 0.03) / shape.diagonal
+    assert result.values["pixels_that_differ_percent"] < 100 * 0.12 * (300 * gap + 0.5)
+    assert result.values["median_depth_difference_percent"] < 100 * gap
+    errors = [step[1] for step in result.values["progressive"]]
+    assert errors == sorted(errors, reverse=True)
+    assert result.images["reconstruction"].dtype == np.uint8
+
+
+def test_write_result_is_all_or_nothing(creature, tmp_path, monkeypatch):
+    result = medialis.run("surface_skeleton", creature)
+
+    def fail(*arguments, **options):
+        raise medialis.FileError("disk full")
+
+    monkeypatch.setattr("medialis.operations.writing.write_png", fail)
+    with pytest.raises(medialis.FileError):
+        medialis.write_result(result, tmp_path / "deep" / "out")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_pictures_of_any_attribute_and_wrong_ones(creature):
+    result = medialis.run("surface_skeleton", creature)
+    for name in result.layers[0].attributes:
+        assert medialis.draw_result(result, color_by=name, width=200, height=150).shape == (
+            150,
+            200,
+            3,
+        )
+    with pytest.raises(medialis.InvalidOptionError, match="no attribute taste; it has radius"):
+        medialis.draw_result(result, color_by="taste")
