@@ -1,7 +1,6 @@
 """Ball shrinking against closed forms, two slow oracles, and invariances."""
 
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -28,7 +27,6 @@ from oracles import brute_force_balls, deepest, depth_radii, thesis_algorithm_1
 
 EPS = np.finfo(float).eps
 EXACT = 1e-9  # fraction of the diagonal that the docstring grants to rounding
-SHAPES = Path(__file__).resolve().parents[2].parent / "shared" / "shapes"
 
 
 def rounding(shape, i, second, r, a=0.0):
@@ -295,11 +293,8 @@ def _box_gaps(form):
 
 @pytest.mark.parametrize("tolerance", [0.0, DEFAULT_TOLERANCE])
 @pytest.mark.parametrize("name", ["bunny", "armadillo", "fandisk"])
-def test_no_sample_lies_deep_in_a_ball_of_a_real_shape(name, tolerance):
-    path = SHAPES / f"{name}.ply"
-    if not path.exists():
-        pytest.skip(f"{path.name} is not beside this checkout")
-    shape = read_shape(path)
+def test_no_sample_lies_deep_in_a_ball_of_a_real_shape(name, tolerance, real_shapes):
+    shape = read_shape(real_shapes / f"{name}.ply")
     cloud = surface_skeleton(shape, tolerance=tolerance)
     rows = np.flatnonzero(cloud.status != BallStatus.NO_NORMAL)[::11]
     distance = cKDTree(shape.points).query(cloud.centers[rows])[0]

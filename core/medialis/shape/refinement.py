@@ -115,7 +115,8 @@ def _check_affordable(shape: Shape, longest_edge: float) -> None:
         return
     sides = np.roll(shape.points[faces], -1, axis=1) - shape.points[faces]
     area = 0.5 * np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
-    triangles = area / longest_edge / longest_edge / (math.sqrt(3.0) / 4.0)
+    with np.errstate(over="ignore"):  # infinitely many are too many as well
+        triangles = area / longest_edge / longest_edge / (math.sqrt(3.0) / 4.0)
     rim = _pieces(np.linalg.norm(sides, axis=2), longest_edge).sum(axis=1)
     inside = np.maximum(0.5 * (triangles - rim) + 1.0, 0.0).sum()
     needed = shape.point_count + (_pieces(length, longest_edge) - 1.0).sum() + inside
@@ -131,8 +132,9 @@ def _check_affordable(shape: Shape, longest_edge: float) -> None:
 
 def _pieces(length: NDArray[np.float64], longest_edge: float) -> NDArray[np.float64]:
     """Return 2^k pieces, the least that are no longer than `longest_edge`."""
-    ratio = np.maximum(length / longest_edge, 1.0)
-    return 2.0 ** np.ceil(np.log2(np.minimum(ratio, 1e30)))
+    with np.errstate(over="ignore"):
+        ratio = np.clip(length / longest_edge, 1.0, 1e30)
+    return 2.0 ** np.ceil(np.log2(ratio))
 
 
 def _refuse(longest_edge: float, measure: str) -> NoReturn:

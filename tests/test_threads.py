@@ -1,0 +1,98 @@
+"""The thread pool: every range once, errors and cancelling stop all threads."""
+
+import math
+import threading
+
+import numpy as np
+import pytest
+
+from medialis.errors import Cancelled, InvalidOptionError
+from medialis.progress import Progress
+from medialis.threads import run_chunks, thread_count, thread_limit
+
+
+def test_limit_holds_inside_the_block_only():
+    before = thread_count()
+    assert before >= 1
+    with thread_limit(3):
+        assert thread_count() == 3
+        with thread_limit(1):
+            assert thread_count() == 1
+        with thread_limit(None):
+            assert thread_count() == before
+        assert thread_count() == 3
+    assert thread_count() == before
+    with pytest.raises(RuntimeError), thread_limit(2):
+        raise RuntimeError
+    assert thread_count() == before
+
+
+@pytest.mark.parametrize(
+    "count", [0, -1, 1.5, True, "2", "abc", math.nan, math.inf, [1], 1j, 10**400, 10**6]
+)
+def test_bad_limits(count):
+    """Text, NaN and lists came out as ValueError, OverflowError or TypeError (fixed)."""
+    with pytest.raises(InvalidOptionError, match="threads"), thread_limit(count):
+        pass
+
+
+@pytest.mark.parametrize("count", [2, 2.0, np.int64(2)])
+def test_whole_numbers_of_any_type(count):
+    with thread_limit(count):
+        assert thread_count() == 2 and type(thread_count()) is int
+
+
+@pytest.mark.parametrize("threads", [1, 2, 7])
+@pytest.mark.parametrize(("count", "chunk"), [(0, 4), (1, 4), (4, 4), (5, 4), (1000, 7)])
+def test_ranges_cover_all_items_once(threads, count, chunk):
+    spans = []
+    with thread_limit(threads):
+        run_chunks(lambda begin, end: spans.append((begin, end)), count, chunk)
+    assert sorted(spans) == [(b, min(b + chunk, count)) for b in range(0, count, chunk)]
+
+
+def test_several_threads_work_at_once():
+    """Both ranges wait for each other: one thread alone would never pass the barrier."""
+    barrier = threading.Barrier(2)
+    with thread_limit(2):
+        run_chunks(lambda begin, end: barrier.wait(timeout=20), 2, 1)
+
+
+def test_progress_rises_on_the_calling_thread():
+    seen, callers = [], set()
+
+    def note(fraction, text):
+        seen.append(fraction)
+        callers.add(threading.get_ident())
+
+    with thread_limit(2):
+        run_chunks(lambda begin, end: None, 500, 1, progress=Progress(note))
+    assert seen == sorted(seen) and all(0 <= fraction < 1 for fraction in seen)
+    assert callers <= {threading.get_ident()}
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+@pytest.mark.parametrize("error", [ValueError, KeyboardInterrupt])
+def test_first_error_stops_the_work(threads, error):
+    done = []
+
+    def work(begin, end):
+        if begin == 10:
+            raise error("in range 10")
+        done.append(begin)
+
+    with thread_limit(threads), pytest.raises(error, match="range 10"):
+        run_chunks(work, 100_000, 1)
+    assert len(done) < 100_000
+    assert threading.active_count() == 1
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_cancelling_stops_the_work(threads):
+    done = []
+    progress = Progress(lambda fraction, text: len(done) < 50)
+    with thread_limit(threads), pytest.raises(Cancelled):
+        run_chunks(lambda begin, end: done.append(begin), 1_000_000, 1, progress=progress)
+    assert len(done) < 1_000_000
+    count = len(done)
+    assert threading.active_count() == 1 and len(done) == count
