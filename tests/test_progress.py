@@ -2,6 +2,7 @@
 
 import logging
 import time
+from itertools import pairwise
 
 import pytest
 from hypothesis import given, settings
@@ -39,10 +40,10 @@ def test_fractions_never_fall_and_stay_within_0_and_1(cuts, inner):
     seen = []
     progress = Progress(lambda fraction, text: seen.append(fraction))
     bounds = [0.0, *sorted(cuts), 1.0]
-    for begin, end in zip(bounds, bounds[1:], strict=False):
+    for begin, end in pairwise(bounds):
         with progress.stage("a", begin, end):
             parts = [0.0, *sorted(inner), 1.0]
-            for b, e in zip(parts, parts[1:], strict=False):
+            for b, e in pairwise(parts):
                 with progress.stage("b", b, e):
                     progress.update(0.3)
     assert seen == sorted(seen) and seen[0] == 0 and seen[-1] == 1

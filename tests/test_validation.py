@@ -148,8 +148,10 @@ def test_numbers(value):
 
 @pytest.mark.parametrize(
     "value",
-    [-1e-9, 1.1, math.nan, math.inf, -math.inf, None, "0.5", b"1", "x", 1j, [0.5], {}, True]
-    + [np.True_, np.array([0.5, 0.5]), 10**400],
+    [
+        *(-1e-9, 1.1, math.nan, math.inf, -math.inf, 10**400, 1j),
+        *(None, "0.5", b"1", "x", [0.5], {}, True, np.True_, np.array([0.5, 0.5])),
+    ],
 )
 def test_bad_numbers(value):
     """Text passed as a number, and 10**400 came out as an OverflowError (fixed)."""

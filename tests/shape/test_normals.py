@@ -50,7 +50,7 @@ def test_scale_and_place_do_not_matter(scale):
         expected, abs=64 * EPS
     )
     # Coordinates at 1e3 are rounded by 1e3 eps, against edges of at least 0.1.
-    moved = vertex_normals(shape.points + [1e3, -1e3, 500], shape.faces)
+    moved = vertex_normals(shape.points + np.array([1e3, -1e3, 500]), shape.faces)
     assert moved == pytest.approx(expected, abs=8 * 1e3 * EPS / 0.1)
 
 

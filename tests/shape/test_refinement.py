@@ -3,6 +3,7 @@
 import math
 import time
 import tracemalloc
+from itertools import permutations
 
 import numpy as np
 import pytest
@@ -170,6 +171,16 @@ def test_new_normals_of_flat_faces_are_the_face_normals():
     assert new.normals[inner] == pytest.approx(expected[inner], abs=8 * EPS)
 
 
+@pytest.mark.parametrize("order", list(permutations(range(3))))
+def test_two_long_edges_leave_a_quadrangle_with_its_shorter_diagonal(order):
+    """Sides 10, 6.7 and 5: the diagonals measure 3.2 and 7.2, and only the first is short enough."""
+    points = np.array([[0, 0, 0], [10, 0, 0], [6, 3, 0]])[list(order)]
+    fine = refine(forms.mesh(points, [[0, 1, 2]]), 5.5)
+    assert fine.face_count == 3 and fine.point_count == 5
+    assert lengths(fine).min() == pytest.approx(2.5)
+    assert math.sqrt(10) == pytest.approx(lengths(fine)[np.abs(lengths(fine) - 3.16) < 0.1][0])
+
+
 def test_nothing_to_do_gives_the_same_object():
     cube, cloud = forms.cube(), forms.sphere(50).shape
     assert refine(cube, math.sqrt(8)) is cube
@@ -178,7 +189,7 @@ def test_nothing_to_do_gives_the_same_object():
 
 @pytest.mark.parametrize("h", [1e-4, 1e-9, 1e-300])
 def test_absurd_length_is_refused_before_memory_runs_out(h):
-    """The points were made first and counted afterwards: tens of gigabytes for 50 million (fixed)."""
+    """Points were made first and counted afterwards: many gigabytes for 50 million (fixed)."""
     tracemalloc.start()
     begin = time.perf_counter()
     with pytest.raises(InvalidShapeError, match=r"more than 50000000 points.*longest edge is 2\.8"):
