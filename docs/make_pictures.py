@@ -105,7 +105,7 @@ def progressive() -> Image:
 def turntable() -> Image:
     """Eight views all round."""
     result = medialis.run("surface_skeleton", medialis.organic_shape(160))
-    return contact_sheet(draw_turntable(result, 8, size=320), columns=4)
+    return contact_sheet(list(draw_turntable(result, 8, size=320)), columns=4)
 
 
 def views() -> Image:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -68,12 +70,11 @@ def draw_result(
 
 def draw_turntable(
     result: Outcome, count: int, *, color_by: str | None = None, size: int = 600
-) -> list[NDArray[np.uint8]]:
-    """Draw `count` views round the up-axis, (size, size, 3) uint8 each."""
+) -> Iterator[NDArray[np.uint8]]:
+    """Draw `count` views round the up-axis one after the other, (size, size, 3) uint8 each."""
     camera = Camera.framing(_in_view(result), width=size, height=size, fit="turntable")
-    return [
-        draw_result(result, color_by=color_by, camera=view) for view in turntable(camera, count)
-    ]
+    for view in turntable(camera, count):
+        yield draw_result(result, color_by=color_by, camera=view)
 
 
 def _in_view(result: Outcome) -> NDArray[np.float64]:

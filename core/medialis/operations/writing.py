@@ -107,9 +107,8 @@ def write_result(
                 pictures.append(f"{result.operation}.png")
                 image = draw_result(result, color_by=color_by, title=title)
                 write_png(new(pictures[-1]), image)
-            for number, image in enumerate(
-                draw_turntable(result, turntable, color_by=color_by) if turntable else []
-            ):
+            views = draw_turntable(result, turntable, color_by=color_by) if turntable else ()
+            for number, image in enumerate(views):
                 write_png(new(f"turntable_{number:03d}.png"), image)
                 progress.update((number + 1) / turntable)
         names.append("manifest.json")
