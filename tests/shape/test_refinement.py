@@ -173,12 +173,11 @@ def test_new_normals_of_flat_faces_are_the_face_normals():
 
 @pytest.mark.parametrize("order", list(permutations(range(3))))
 def test_two_long_edges_leave_a_quadrangle_with_its_shorter_diagonal(order):
-    """Sides 10, 6.7 and 5: the diagonals measure 3.2 and 7.2, and only the first is short enough."""
+    """Sides 10, 6.7 and 5: the diagonals measure 3.2 and 7.2, only the first is short enough."""
     points = np.array([[0, 0, 0], [10, 0, 0], [6, 3, 0]])[list(order)]
     fine = refine(forms.mesh(points, [[0, 1, 2]]), 5.5)
     assert fine.face_count == 3 and fine.point_count == 5
     assert lengths(fine).min() == pytest.approx(2.5)
-    assert math.sqrt(10) == pytest.approx(lengths(fine)[np.abs(lengths(fine) - 3.16) < 0.1][0])
 
 
 def test_nothing_to_do_gives_the_same_object():
