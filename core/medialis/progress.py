@@ -75,6 +75,8 @@ class Progress:
     def stage(self, name: str, begin: float, end: float) -> Iterator[Progress]:
         """Run a named stage that spans `begin`..`end` of the current span, and time it."""
         outer = self._start, self._width, self._text
+        if outer == (0.0, 1.0, "") and begin == 0.0:
+            self._reached = 0.0  # a new computation with the same object
         self._start, self._width = outer[0] + outer[1] * begin, outer[1] * (end - begin)
         self._text = name
         clock = time.perf_counter()

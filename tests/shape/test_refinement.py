@@ -1,7 +1,6 @@
 """Refinement: the same surface, the same vertices, no edge too long."""
 
 import math
-import time
 import tracemalloc
 from itertools import permutations
 
@@ -188,14 +187,13 @@ def test_nothing_to_do_gives_the_same_object():
 
 @pytest.mark.parametrize("h", [1e-4, 1e-9, 1e-300])
 def test_absurd_length_is_refused_before_memory_runs_out(h):
-    """Points were made first and counted afterwards: many gigabytes for 50 million (fixed)."""
+    """Points were made first and counted afterwards: many gigabytes when absurd (fixed)."""
     tracemalloc.start()
-    begin = time.perf_counter()
-    with pytest.raises(InvalidShapeError, match=r"more than 50000000 points.*longest edge is 2\.8"):
+    with pytest.raises(InvalidShapeError, match=r"more than 10000000 points.*longest edge is 2\.8"):
         refine(forms.cube(), h)
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
-    assert peak < 1e6 and time.perf_counter() - begin < 1
+    assert peak < 1e6
 
 
 def test_bound_of_the_number_of_points_is_a_lower_bound(monkeypatch):

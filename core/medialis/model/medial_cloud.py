@@ -94,9 +94,10 @@ class MedialCloud:
         return MedialCloud(**{f.name: getattr(self, f.name)[selection] for f in fields(self)})
 
     def inverse_features(self, point_count: int) -> Ragged:
-        """Return, for each of the `point_count` samples, the skeleton points that touch it.
+        """Return, for each of the `point_count` samples, the valid skeleton points that touch it.
 
         Source: thesis 3.5.1 (inverse feature transform).
         """
-        touching = Ragged.group(self.features.ravel(), point_count)
+        features = np.where(self.valid[:, None], self.features, -1)
+        touching = Ragged.group(features.ravel(), point_count)
         return Ragged(touching.offsets, touching.indices // 2)

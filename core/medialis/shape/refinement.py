@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from medialis.errors import InvalidShapeError
 from medialis.model.shape import Shape
 from medialis.shape.normals import vertex_normals
-from medialis.validation import IntArray, as_number
+from medialis.validation import FloatArray, IntArray, as_number
 
-MOST_POINTS = 50_000_000
+MOST_POINTS = 10_000_000
 """Refinement stops with a sentence before it fills the memory."""
 
 # For each pattern of split edges (bit j: edge j, from corner j to corner j + 1), the new triangles
@@ -53,7 +53,7 @@ def refine(shape: Shape, longest_edge: float) -> Shape:
     InvalidOptionError
         When `longest_edge` is not above 0.
     InvalidShapeError
-        When more than 50 million points would be needed, or `longest_edge` is so small that the
+        When more than 10 million points would be needed, or `longest_edge` is so small that the
         coordinates cannot tell the points apart.
 
     Notes
@@ -71,15 +71,17 @@ def refine(shape: Shape, longest_edge: float) -> Shape:
     longest_edge = as_number(longest_edge, "longest_edge", low=0.0, open_low=True)
     if shape.faces is None:
         return shape
+    ends = shape.points[shape.edges]
+    length = np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1)
+    if not (length > longest_edge).any():
+        return shape
+    _check_affordable(shape.points, shape.faces, length, longest_edge)
     points, faces = np.array(shape.points), np.array(shape.faces)
     face_origin = np.arange(len(faces), dtype=np.int32)
-    _check_affordable(shape, longest_edge)
     while (split := _split_once(points, faces, longest_edge)) is not None:
         points, faces, parents = split
         face_origin = face_origin[parents]
     n = shape.point_count
-    if len(points) == n:
-        return shape
     normals = np.array(vertex_normals(points, faces))
     normals[:n] = shape.normals
     origin = np.full(len(points), -1, np.int32)
@@ -98,7 +100,9 @@ def refine(shape: Shape, longest_edge: float) -> Shape:
     )
 
 
-def _check_affordable(shape: Shape, longest_edge: float) -> None:
+def _check_affordable(
+    points: FloatArray, faces: IntArray, length: FloatArray, longest_edge: float
+) -> None:
     """Refuse a length that needs too many points, before any of them is made.
 
     A lower bound of the number: an edge is halved until its 2^k pieces are short enough, and has
@@ -106,23 +110,16 @@ def _check_affordable(shape: Shape, longest_edge: float) -> None:
     with edges up to h is larger than the equilateral one; a triangulation with B vertices on its
     rim and I inside has 2 I + B - 2 triangles, so I >= (F - B) / 2 + 1.
     """
-    faces = shape.faces
-    if faces is None or len(shape.edges) == 0:
-        return
-    ends = shape.points[shape.edges]
-    length = np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1)
-    if length.max() <= longest_edge:
-        return
-    sides = np.roll(shape.points[faces], -1, axis=1) - shape.points[faces]
+    sides = np.roll(points[faces], -1, axis=1) - points[faces]
     area = 0.5 * np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
     with np.errstate(over="ignore"):  # infinitely many are too many as well
         triangles = area / longest_edge / longest_edge / (math.sqrt(3.0) / 4.0)
     rim = _pieces(np.linalg.norm(sides, axis=2), longest_edge).sum(axis=1)
     inside = np.maximum(0.5 * (triangles - rim) + 1.0, 0.0).sum()
-    needed = shape.point_count + (_pieces(length, longest_edge) - 1.0).sum() + inside
+    needed = len(points) + (_pieces(length, longest_edge) - 1.0).sum() + inside
     if needed > MOST_POINTS:
         _refuse(longest_edge, f"the longest edge is {length.max():g}")
-    rounding = np.finfo(np.float64).eps * float(np.abs(shape.points).max())
+    rounding = np.finfo(np.float64).eps * float(np.abs(points).max())
     if longest_edge < 16.0 * rounding:
         raise InvalidShapeError(
             f"Edges of {longest_edge:g} drown in the rounding of the coordinates ({rounding:.1g}). "
