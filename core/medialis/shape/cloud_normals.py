@@ -65,8 +65,8 @@ def estimate_normals(
     spread = np.linalg.svd(centered / size, compute_uv=False) if size else np.zeros(3)
     if _at_most_three(points) or spread[1] < 1e-9 * spread[0]:
         raise InvalidShapeError(
-            "Normals need at least 4 different points that do not all lie on one line, which these "
-            f"{len(points)} are not. Give normals, or a mesh with faces."
+            "Normals need at least 4 different points that do not all lie on one line; "
+            f"{len(points)} came. Give normals, or a mesh with faces."
         )
     progress = Progress.of(progress)
     progress.update(0.0)
@@ -122,7 +122,9 @@ def _orient(
     weight = 1.0 + 1e-6 - np.abs(np.einsum("ij,ij->i", normals[a], normals[b]))
     low, high = np.minimum(a, b), np.maximum(a, b)
     _, first = np.unique(low * np.int64(n) + high, return_index=True)
-    graph = coo_array((weight[first], (low[first], high[first])), shape=(n, n)).tocsr()
+    # scipy before 1.12 builds minimum spanning trees on 32-bit indices only.
+    low, high = low[first].astype(np.int32), high[first].astype(np.int32)
+    graph = coo_array((weight[first], (low, high)), shape=(n, n)).tocsr()
     parts, part = connected_components(graph, directed=False)
 
     # One virtual root above one point of each part turns the forest into a tree.
