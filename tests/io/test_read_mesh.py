@@ -121,6 +121,13 @@ def test_windows_line_ends(tmp_path, name):
     np.testing.assert_array_equal(mesh.points[mesh.faces], POINTS[FACES])
 
 
+@pytest.mark.parametrize("name", [n for n in GOOD if b"\0" not in GOOD[n]])
+def test_byte_order_mark(tmp_path, name):
+    """Windows editors put one before the text: an OBJ file lost its first vertex to it."""
+    mesh = read(tmp_path, name, b"\xef\xbb\xbf" + GOOD[name])
+    np.testing.assert_array_equal(mesh.points[mesh.faces], POINTS[FACES])
+
+
 @pytest.mark.parametrize("name", GOOD)
 @pytest.mark.parametrize("wrong", ["x.bin", "x", "x.ply", "x.obj", "x.off", "x.stl", "x.xyz"])
 def test_the_content_wins_over_the_extension(tmp_path, name, wrong):

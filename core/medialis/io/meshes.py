@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import importlib.util
 import os
 import re
@@ -91,6 +92,8 @@ def read_mesh(path: str | os.PathLike[str]) -> MeshData:
         if suffix in _THROUGH_TRIMESH or data.startswith(b"glTF"):
             binary_gltf = data.startswith(b"glTF")
             return _read_with_trimesh(name, "glb" if binary_gltf else suffix.lstrip("."))
+        if not stl.is_binary_stl(data):
+            data = data.removeprefix(codecs.BOM_UTF8)  # some editors put it before any text
         kind, told = _format_of(suffix, data)
         parsed = _PARSERS[kind](data)
         return _checked(parsed, kind, told)
@@ -150,8 +153,8 @@ def _checked(parsed: ParsedMesh, kind: str, told: tuple[str, ...]) -> MeshData:
         bad = used & ~finite
         if bad.any():
             raise InvalidShapeError(
-                f"{int(bad.sum())} vertices that faces use are NaN or infinite (first: vertex "
-                f"{int(bad.argmax())}); remove or correct them."
+                f"faces use {int(bad.sum())} of {len(points)} vertices that are NaN or infinite "
+                f"(first: vertex {int(bad.argmax())}); remove or correct them."
             )
     normals = None if parsed.normals is None else as_normals(parsed.normals, len(points))
     return MeshData(

@@ -64,11 +64,11 @@ class Diagnosis:
     def summary(self) -> str:
         """Return a few lines for people."""
         if self.faces == 0:
-            lines = [f"point cloud of {self.vertices} points"]
+            lines = [f"point cloud of {_counted(self.vertices, 'point')}"]
         else:
             lines = [
-                f"mesh of {self.vertices} vertices, {self.faces} faces, {self.edges} edges in "
-                f"{_counted(self.components, 'component')}",
+                f"mesh of {self.vertices} vertices, {_counted(self.faces, 'face')}, {self.edges} "
+                f"edges in {_counted(self.components, 'component')}",
                 self._surface_line(),
             ]
         lines += self._trouble_lines()
