@@ -61,6 +61,7 @@ def test_points_come_out_in_one_form(values):
         ("points", "values"),
         (None, "object"),
         ([[1, 2, 3], [math.nan, 0, 0], [0, math.inf, 0]], "2 of 3 rows.*first at row 1"),
+        ([[1, 2, 3], [0, 0, -1e200]], "within 1e.151 .* got 1e.200.*Scale"),
     ],
 )
 def test_bad_points(values, reason):

@@ -18,6 +18,9 @@ from medialis.errors import InvalidOptionError, InvalidShapeError
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int32]
 
+LARGEST_COORDINATE = 1e151
+"""Squares of distances between points, and of cameras around them, stay below 1.8e308."""
+
 
 def frozen(array: NDArray[Any], dtype: Any) -> NDArray[Any]:
     """Return a C-contiguous read-only array of `dtype`, without a copy when it is one already.
@@ -43,12 +46,12 @@ def _numeric(values: ArrayLike, name: str, wanted: str) -> NDArray[Any]:
 
 
 def as_points(values: ArrayLike, name: str = "points") -> FloatArray:
-    """Return points (n, 3) float64 with finite coordinates, n >= 1.
+    """Return points (n, 3) float64 with finite coordinates up to 1e151, n >= 1.
 
     Raises
     ------
     InvalidShapeError
-        For another array shape, no rows, text or objects, NaN or infinity.
+        For another array shape, no rows, text or objects, NaN, infinity or beyond 1e151.
     """
     wanted = "an (n, 3) array of numbers"
     array = _numeric(values, name, wanted)
@@ -64,6 +67,12 @@ def as_points(values: ArrayLike, name: str = "points") -> FloatArray:
         raise InvalidShapeError(
             f"{name} must be finite: {int(bad.sum())} of {len(result)} rows hold NaN or infinity "
             f"(first at row {int(bad.argmax())}). Remove these points or repair the file."
+        )
+    largest = float(np.abs(result).max())
+    if largest > LARGEST_COORDINATE:
+        raise InvalidShapeError(
+            f"{name} must lie within {LARGEST_COORDINATE:g} of the origin, got {largest:g}: "
+            "squared distances would leave the range of numbers. Scale the shape down."
         )
     return result
 

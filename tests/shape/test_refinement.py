@@ -216,6 +216,15 @@ def test_length_below_the_rounding_of_the_coordinates():
         refine(far, 0.1)
 
 
+@pytest.mark.parametrize("exponent", [-1000, -20, 20, 500])
+def test_scale_does_not_matter(exponent):
+    """Edges of 1e-200 had length 0 and were never split; those of 1e200 were split for ever."""
+    cube, unit = forms.cube(), 2.0**exponent
+    plain = refine(cube, 0.3)
+    scaled = refine(forms.mesh(cube.points * unit, cube.faces), 0.3 * unit)
+    assert (scaled.points == plain.points * unit).all() and (scaled.faces == plain.faces).all()
+
+
 @pytest.mark.parametrize("h", [0.0, -1.0, math.nan, math.inf, "1", None])
 def test_bad_length(h):
     with pytest.raises(InvalidOptionError, match="longest_edge"):

@@ -8,7 +8,6 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from medialis.errors import InvalidShapeError
 from medialis.validation import FloatArray, IntArray, as_faces, as_normals, as_points, frozen
@@ -101,7 +100,7 @@ class Shape:
     def diagonal(self) -> float:
         """Length of the bounding-box diagonal: the unit of every length option."""
         low, high = self.bounds
-        return math.hypot(*(high - low))  # squares of 1e200 or 1e-200 would leave the range
+        return math.hypot(*(high - low))  # the square of 1e-200 would be 0
 
     @cached_property
     def edges(self) -> IntArray:
@@ -135,14 +134,13 @@ class Shape:
         return float(cKDTree(self.points).query(self.points, k=2)[0][:, 1].mean())
 
     @cached_property
-    def face_adjacency(self) -> NDArray[np.int32]:
-        """Face across each edge, (m, 3); edge j joins corners j and j+1.
+    def edge_twins(self) -> IntArray:
+        """The same edge in the neighbouring face, (3m,): half-edge 3 f + j is side j of face f.
 
-        -1 at a border, at a non-manifold edge (three or more faces) and where a face that names a
-        vertex twice meets itself.
+        Side j runs from corner j to corner j + 1. -1 at a border, at a non-manifold edge (three or
+        more faces) and where a face that names a vertex twice meets itself.
         """
-        m = self.face_count
-        result = np.full(3 * m, -1, np.int32)
+        result = np.full(3 * self.face_count, -1, np.int32)
         if self.faces is not None:
             half = np.sort(self.faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
             keys = half[:, 0].astype(np.int64) * self.point_count + half[:, 1]
@@ -152,8 +150,14 @@ class Shape:
             pairs = first[np.diff(np.r_[first, len(keys)]) == 2]
             a, b = order[pairs], order[pairs + 1]
             a, b = a[a // 3 != b // 3], b[a // 3 != b // 3]
-            result[a], result[b] = b // 3, a // 3
-        return frozen(result.reshape(m, 3), np.int32)
+            result[a], result[b] = b, a
+        return frozen(result, np.int32)
+
+    @cached_property
+    def face_adjacency(self) -> IntArray:
+        """Face across each edge, (m, 3); side j joins corners j and j + 1; -1 as in `edge_twins`."""
+        twins = self.edge_twins.reshape(-1, 3)
+        return frozen(np.where(twins < 0, -1, twins // 3), np.int32)
 
     @cached_property
     def components(self) -> IntArray:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from medialis.errors import InvalidShapeError
 from medialis.model.shape import Shape
+from medialis.shape._volumes import power_of_two_scale
 from medialis.shape.normals import vertex_normals
 from medialis.validation import FloatArray, IntArray, as_number
 
@@ -71,17 +72,22 @@ def refine(shape: Shape, longest_edge: float) -> Shape:
     longest_edge = as_number(longest_edge, "longest_edge", low=0.0, open_low=True)
     if shape.faces is None:
         return shape
-    ends = shape.points[shape.edges]
+    # A power of two changes no digit, and keeps squares of tiny or huge lengths in range.
+    scale = power_of_two_scale(shape.points)
+    points, faces = shape.points * scale, np.array(shape.faces)
+    h = max(longest_edge * scale, float(np.finfo(np.float64).tiny))
+    ends = points[shape.edges]
     length = np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1)
-    if not (length > longest_edge).any():
+    if not (length > h).any():
         return shape
-    _check_affordable(shape.points, shape.faces, length, longest_edge)
-    points, faces = np.array(shape.points), np.array(shape.faces)
+    _check_affordable(points, faces, length, h, scale)
     face_origin = np.arange(len(faces), dtype=np.int32)
-    while (split := _split_once(points, faces, longest_edge)) is not None:
+    while (split := _split_once(points, faces, h, scale)) is not None:
         points, faces, parents = split
         face_origin = face_origin[parents]
     n = shape.point_count
+    points /= scale
+    points[:n] = shape.points
     normals = np.array(vertex_normals(points, faces))
     normals[:n] = shape.normals
     origin = np.full(len(points), -1, np.int32)
@@ -101,9 +107,11 @@ def refine(shape: Shape, longest_edge: float) -> Shape:
 
 
 def _check_affordable(
-    points: FloatArray, faces: IntArray, length: FloatArray, longest_edge: float
+    points: FloatArray, faces: IntArray, length: FloatArray, longest_edge: float, scale: float
 ) -> None:
     """Refuse a length that needs too many points, before any of them is made.
+
+    `scale` is what lengths were multiplied with; sentences tell them in the caller's units.
 
     A lower bound of the number: an edge is halved until its 2^k pieces are short enough, and has
     2^k - 1 new points. A face of area A gets at least F = A / (sqrt(3)/4 h^2) triangles, since none
@@ -118,12 +126,12 @@ def _check_affordable(
     inside = np.maximum(0.5 * (triangles - rim) + 1.0, 0.0).sum()
     needed = len(points) + (_pieces(length, longest_edge) - 1.0).sum() + inside
     if needed > MOST_POINTS:
-        _refuse(longest_edge, f"the longest edge is {length.max():g}")
+        _refuse(longest_edge / scale, f"the longest edge is {length.max() / scale:g}")
     rounding = np.finfo(np.float64).eps * float(np.abs(points).max())
     if longest_edge < 16.0 * rounding:
         raise InvalidShapeError(
-            f"Edges of {longest_edge:g} drown in the rounding of the coordinates ({rounding:.1g}). "
-            "Ask for longer edges, or move the shape to the origin."
+            f"Edges of {longest_edge / scale:g} drown in the rounding of the coordinates "
+            f"({rounding / scale:.1g}). Ask for longer edges, or move the shape to the origin."
         )
 
 
@@ -142,7 +150,7 @@ def _refuse(longest_edge: float, measure: str) -> NoReturn:
 
 
 def _split_once(
-    points: NDArray[np.float64], faces: IntArray, longest_edge: float
+    points: NDArray[np.float64], faces: IntArray, longest_edge: float, scale: float
 ) -> tuple[NDArray[np.float64], IntArray, NDArray[np.int64]] | None:
     """Halve every edge that is too long once; None when there is none."""
     n = len(points)
@@ -154,7 +162,7 @@ def _split_once(
         return None
     long_keys = np.unique(keys[is_long])
     if n + len(long_keys) > MOST_POINTS:
-        _refuse(longest_edge, f"{n} were made and {len(long_keys)} edges are still longer")
+        _refuse(longest_edge / scale, f"{n} were made and {len(long_keys)} edges are still longer")
     a, b = divmod(long_keys, n)
     new_points = np.concatenate([points, 0.5 * (points[a] + points[b])])
 
