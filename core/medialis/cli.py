@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import io
 import json
 import logging
 import math
@@ -14,7 +15,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from medialis.errors import Cancelled, InvalidOptionError, MedialisError
+from medialis.errors import Cancelled, InvalidOptionError, InvalidShapeError, MedialisError
 from medialis.operations.declaration import Kind, Operation, Parameter
 from medialis.operations.registry import OPERATIONS, operation, run
 from medialis.progress import Progress
@@ -36,6 +37,7 @@ class _Parser(argparse.ArgumentParser):
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit code."""
+    _print_any_name()
     try:
         options = _parser().parse_args(arguments)
         _configure_log(options)
@@ -46,7 +48,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print("medialis: cancelled, nothing was written.", file=sys.stderr)
         return EXIT_CANCELLED
     except BrokenPipeError:  # the reader of our output went away, as in `medialis list | head -1`
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _drop_output()
         return EXIT_OK
     except MedialisError as error:
         print(f"medialis: {' '.join(str(error).split())}", file=sys.stderr)
@@ -54,6 +56,22 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except MemoryError:
         print("medialis: not enough memory for this shape and these options.", file=sys.stderr)
         return EXIT_BAD_INPUT
+    except OSError as error:  # all other files are FileErrors: this is our own output
+        print(f"medialis: cannot print the output: {error.strerror or error}.", file=sys.stderr)
+        _drop_output()
+        return EXIT_BAD_INPUT
+
+
+def _print_any_name() -> None:
+    """Let file names in any script pass through a stream that cannot encode them."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper) and stream.errors == "strict":
+            stream.reconfigure(errors="backslashreplace")
+
+
+def _drop_output() -> None:
+    """Send what is still buffered to nowhere, so that Python does not fail on it at its end."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -73,7 +91,7 @@ def _parser() -> argparse.ArgumentParser:
         sub.set_defaults(command=command, verbose=False)
         return sub
 
-    info = add("info", "Diagnose a mesh or point cloud file.", _info)
+    info = add("info", "Diagnose a mesh or point cloud file, before and after repair.", _info)
     info.add_argument("file", help="PLY, OBJ, OFF, STL or point text; more with the extra io")
     info.add_argument("--json", action="store_true", help="print one JSON object")
     add("list", "List all operations.", _list)
@@ -251,14 +269,28 @@ def _info(options: argparse.Namespace) -> int:
     from medialis.io.meshes import read_mesh
     from medialis.io.results import json_text
     from medialis.shape.diagnosis import diagnose
+    from medialis.shape.repair import repair
 
     mesh = read_mesh(options.file)
-    found = diagnose(mesh.points, mesh.faces)
+    found, repaired = diagnose(mesh.points, mesh.faces), None
+    messages = list(mesh.messages)
+    try:
+        fixed = repair(mesh.points, mesh.faces)
+        messages += fixed.messages
+        repaired = diagnose(fixed.points, fixed.faces) if fixed.messages else found
+    except InvalidShapeError as error:  # nothing is left: the diagnosis tells why
+        messages.append(f"Operations will refuse it: {error}")
     if options.json:
-        print(json_text({"file": options.file, "format": mesh.format, **found.as_dict()}))
-    else:
-        print(f"{options.file} ({mesh.format})")
-        print(found.summary())
+        after = None if repaired is None else repaired.as_dict()
+        about = {"file": options.file, "format": mesh.format, "messages": messages}
+        print(json_text({**about, **found.as_dict(), "repaired": after}))
+        return EXIT_OK
+    print(f"{options.file} ({mesh.format})")
+    print(found.summary())
+    for message in messages:
+        print(f"note: {message}")
+    if repaired is not None and repaired != found:
+        print(f"as operations see it:\n{repaired.summary()}")
     return EXIT_OK
 
 

@@ -127,6 +127,30 @@ def test_info_tells_the_diagnosis(creature, capsys):
     assert "closed" in capsys.readouterr().out
 
 
+def test_info_tells_what_repair_makes_of_it(tmp_path, capsys):
+    """Every STL file looked open, because its triangles share no vertices before welding."""
+    corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1.0]])
+    facets = corners[[[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]]]
+    text = "".join(
+        "facet normal 0 0 0\nouter loop\n"
+        + "".join("vertex {} {} {}\n".format(*corner) for corner in facet)
+        + "endloop\nendfacet\n"
+        for facet in facets
+    )
+    path = tmp_path / "tetrahedron.stl"
+    path.write_text(f"solid\n{text}endsolid\n")
+    assert run("info", path, "--json") == 0
+    told = json.loads(capsys.readouterr().out)
+    assert not told["closed"] and told["repaired"]["closed"] and "Welded" in told["messages"][0]
+    assert run("info", path) == 0
+    assert "as operations see it:\nmesh of 4 vertices" in capsys.readouterr().out
+
+    path.write_text(f"solid\n{text}endsolid\n".replace("1.0", "0.0"))
+    assert run("info", path, "--json") == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["repaired"] is None and "refuse" in told["messages"][-1]
+
+
 def test_demo_makes_the_built_in_shape_and_yours(creature, tmp_path, capsys):
     assert run("demo", creature, "-o", tmp_path / "demo") == 0
     last = capsys.readouterr().out.splitlines()[-1]
@@ -286,3 +310,32 @@ def test_a_closed_pipe_is_not_an_error():
         shell=True, capture_output=True, text=True, check=True,
     )  # fmt: skip
     assert done.stdout == "ok\n" and done.stderr == ""
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a device that is always full")
+def test_output_that_cannot_be_printed_is_one_sentence():
+    """A full disk behind `medialis list > file` was a traceback."""
+    with Path("/dev/full").open("w") as full:
+        done = subprocess.run(
+            [sys.executable, "-m", "medialis", "list"], stdout=full, stderr=subprocess.PIPE
+        )
+    assert done.returncode == 2 and len(done.stderr.splitlines()) == 1, done.stderr
+
+
+def test_names_in_any_script_are_printed(creature, tmp_path):
+    """A file name that the terminal or the pipe (on Windows cp1252) lacks was a traceback."""
+    path = tmp_path / "\u5f62.ply"
+    path.write_bytes(creature.read_bytes())
+    done = subprocess.run(
+        [sys.executable, "-m", "medialis", "info", str(path)],
+        env={**os.environ, "PYTHONIOENCODING": "cp1252"}, capture_output=True, check=True,
+    )  # fmt: skip
+    assert b"\\u5f62.ply" in done.stdout and done.stderr == b""
+
+
+def test_an_unknown_attribute_is_refused_with_and_without_a_picture(creature, tmp_path, capsys):
+    """Only the drawing looked at it, so operations with their own images took any name."""
+    for name in ("surface-skeleton", "ball-reconstruction"):
+        out = tmp_path / name
+        assert run(name, creature, "-o", out, "--no-picture", "--color-by", "taste") == 2
+        assert "taste" in capsys.readouterr().err and not out.exists()

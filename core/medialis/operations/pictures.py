@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -77,6 +77,23 @@ def draw_turntable(
         yield draw_result(result, color_by=color_by, camera=view)
 
 
+def require_attribute(layers: Sequence[Layer], name: str) -> None:
+    """Check that the first layer, the one that pictures show, has an attribute.
+
+    Raises
+    ------
+    InvalidOptionError
+        When it has not, or there is no layer.
+    """
+    if not layers:
+        raise InvalidOptionError(f"The result has no layer to colour by {name}.")
+    known = layers[0].attributes
+    if name not in known:
+        raise InvalidOptionError(
+            f"Layer {layers[0].name} has no attribute {name}; it has {', '.join(known)}."
+        )
+
+
 def _in_view(result: Outcome) -> NDArray[np.float64]:
     """Points that a picture must show: the shape, and the layer where it is not far outside."""
     (low, high), points = result.shape.bounds, result.layers[0].points
@@ -88,11 +105,7 @@ def _in_view(result: Outcome) -> NDArray[np.float64]:
 def _paint(layer: Layer, color_by: str | None, width: int) -> tuple[Item, str | None]:
     values, label = None, None
     if color_by is not None:
-        if color_by not in layer.attributes:
-            raise InvalidOptionError(
-                f"Layer {layer.name} has no attribute {color_by}; it has "
-                f"{', '.join(layer.attributes)}."
-            )
+        require_attribute((layer,), color_by)
         values, label = np.asarray(layer.attributes[color_by]), color_by.replace("_", " ")
         if color_by in IN_DEGREES:
             values, label = np.degrees(values), label + " (degrees)"

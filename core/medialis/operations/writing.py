@@ -10,7 +10,7 @@ from typing import Any
 from medialis.io.output_folder import OutputFolder
 from medialis.io.ply_attributes import write_ply
 from medialis.io.results import write_json, write_npz
-from medialis.operations.pictures import draw_result, draw_turntable
+from medialis.operations.pictures import draw_result, draw_turntable, require_attribute
 from medialis.operations.result import Result
 from medialis.progress import Progress, ProgressCallback
 from medialis.render.png import write_png
@@ -75,10 +75,14 @@ def write_result(
 
     Raises
     ------
+    InvalidOptionError
+        When the first layer has no attribute `color_by`.
     FileError
         When the folder cannot be written.
     """
     progress = Progress.of(progress)
+    if color_by is not None:
+        require_attribute(result.layers, color_by)
     title = result.operation.replace("_", " ") + (f" of {Path(source).name}" if source else "")
     pictures: list[str] = []
     with OutputFolder(folder) as out:

@@ -7,6 +7,7 @@ from typing import Any
 
 from numpy.typing import ArrayLike
 
+from medialis.errors import InvalidShapeError
 from medialis.io.meshes import read_mesh
 from medialis.model.shape import Shape
 from medialis.progress import Progress, ProgressCallback
@@ -47,7 +48,10 @@ def read_shape(
         progress.note(message)
     normals = None if mesh.faces is not None else mesh.normals
     with progress.stage("prepare", 0.5, 1.0):
-        return make_shape(mesh.points, mesh.faces, normals, repair=True, progress=progress)
+        try:
+            return make_shape(mesh.points, mesh.faces, normals, repair=True, progress=progress)
+        except InvalidShapeError as error:
+            raise InvalidShapeError(f"Cannot use {os.fspath(path)}: {error}") from None
 
 
 def make_shape(
