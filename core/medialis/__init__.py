@@ -15,14 +15,22 @@ from medialis.errors import (
     MedialisError,
 )
 from medialis.model.diagnosis import Diagnosis
+from medialis.model.geodesic_paths import GeodesicPaths, PathStatus
 from medialis.model.medial_cloud import BallStatus, MedialCloud
 from medialis.model.ragged import Ragged
 from medialis.model.shape import Shape
+from medialis.model.skeleton_mesh import SkeletonMesh
 from medialis.operations.pictures import draw_result
 from medialis.operations.registry import OPERATIONS, operation, run
 from medialis.operations.result import Layer, Result
 from medialis.operations.writing import write_result
 from medialis.progress import Progress
+from medialis.regularization.geodesics import Geodesic, geodesic, geodesic_lengths
+from medialis.regularization.importance import (
+    geodesic_importance,
+    important_points,
+    local_measures,
+)
 from medialis.render.reconstruction import progressive, reconstruct_image
 from medialis.shape.cloud_normals import estimate_normals
 from medialis.shape.diagnosis import diagnose
@@ -32,6 +40,7 @@ from medialis.shape.reading import make_shape, read_shape
 from medialis.shape.refinement import refine
 from medialis.shape.repair import Repair, repair
 from medialis.surface_skeletons.ball_shrinking import surface_skeleton
+from medialis.surface_skeletons.skeleton_mesh import skeleton_mesh
 from medialis.surface_skeletons.subsampling import uniform_subsample
 from medialis.threads import thread_count, thread_limit
 
@@ -41,19 +50,28 @@ __all__ = [
     "Cancelled",
     "Diagnosis",
     "FileError",
+    "Geodesic",
+    "GeodesicPaths",
     "InvalidOptionError",
     "InvalidShapeError",
     "Layer",
     "MedialCloud",
     "MedialisError",
+    "PathStatus",
     "Progress",
     "Ragged",
     "Repair",
     "Result",
     "Shape",
+    "SkeletonMesh",
     "diagnose",
     "draw_result",
     "estimate_normals",
+    "geodesic",
+    "geodesic_importance",
+    "geodesic_lengths",
+    "important_points",
+    "local_measures",
     "make_shape",
     "operation",
     "organic_shape",
@@ -63,6 +81,7 @@ __all__ = [
     "refine",
     "repair",
     "run",
+    "skeleton_mesh",
     "surface_skeleton",
     "thread_count",
     "thread_limit",

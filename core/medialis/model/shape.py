@@ -155,7 +155,7 @@ class Shape:
 
     @cached_property
     def face_adjacency(self) -> IntArray:
-        """Face across each edge, (m, 3); side j joins corners j and j + 1; -1 as in `edge_twins`."""
+        """Face across each side, (m, 3); side j joins corners j and j + 1; -1: see `edge_twins`."""
         twins = self.edge_twins.reshape(-1, 3)
         return frozen(np.where(twins < 0, -1, twins // 3), np.int32)
 

@@ -1,0 +1,71 @@
+"""GeodesicPaths: lengths and end tangents of geodesics between pairs of vertices (thesis 3.3)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from medialis.errors import InvalidShapeError
+from medialis.validation import FloatArray, frozen
+
+
+class PathStatus(IntEnum):
+    """How the length of a geodesic was found."""
+
+    NONE = 0
+    """There is no path: the ends lie in different components, or the pair is masked."""
+    PLANE = 1
+    """The shortest cut of the surface by a plane through the ends (or a common edge)."""
+    EDGES = 2
+    """No plane cut arrives (holes, non-manifold edges): shortest path along the edges."""
+
+
+@dataclass(frozen=True, eq=False)
+class GeodesicPaths:
+    """One geodesic for each of k pairs of vertices.
+
+    Attributes
+    ----------
+    length : (k,) float64
+        Length of the path in the units of the shape. +inf: there is no path, the ends lie in
+        different components. NaN: the pair is masked (a ball without a second feature point).
+    start_tangent, end_tangent : (k, 3) float64
+        Unit direction of the path as it leaves the first vertex (t_s of the thesis) and as it
+        arrives at the second one (t_e); NaN where there is no path or the ends coincide.
+    status : (k,) int8
+        A `PathStatus`.
+
+    Raises
+    ------
+    InvalidShapeError
+        When the arrays do not have the same number of rows.
+    """
+
+    length: FloatArray
+    start_tangent: FloatArray
+    end_tangent: FloatArray
+    status: NDArray[np.int8]
+
+    def __post_init__(self) -> None:
+        k = len(self.length)
+        for name, dtype, shape in (
+            ("length", np.float64, (k,)),
+            ("start_tangent", np.float64, (k, 3)),
+            ("end_tangent", np.float64, (k, 3)),
+            ("status", np.int8, (k,)),
+        ):
+            value = np.asarray(getattr(self, name))
+            if value.shape != shape:
+                raise InvalidShapeError(f"{name} must have shape {shape}, got {value.shape}.")
+            object.__setattr__(self, name, frozen(value, dtype))
+
+    def __len__(self) -> int:
+        return len(self.length)
+
+    @property
+    def reached(self) -> NDArray[np.bool_]:
+        """True where a path was found, (k,)."""
+        return self.status != PathStatus.NONE
