@@ -17,6 +17,8 @@ LAYERS = [
     {"io"},
     {"shape"},
     {"surface_skeletons"},
+    {"regularization"},
+    {"features"},
     {"render"},
     {"operations"},
     {"cli", "__main__"},

@@ -14,6 +14,13 @@ from medialis.errors import (
     InvalidShapeError,
     MedialisError,
 )
+from medialis.features.feature_transform import (
+    feature_transform,
+    field_on_skeleton,
+    field_on_surface,
+)
+from medialis.features.thickness import thickness
+from medialis.features.thin_spots import ThinSpot, thin_spots
 from medialis.model.diagnosis import Diagnosis
 from medialis.model.geodesic_paths import GeodesicPaths, PathStatus
 from medialis.model.medial_cloud import BallStatus, MedialCloud
@@ -64,9 +71,13 @@ __all__ = [
     "Result",
     "Shape",
     "SkeletonMesh",
+    "ThinSpot",
     "diagnose",
     "draw_result",
     "estimate_normals",
+    "feature_transform",
+    "field_on_skeleton",
+    "field_on_surface",
     "geodesic",
     "geodesic_importance",
     "geodesic_lengths",
@@ -83,6 +94,8 @@ __all__ = [
     "run",
     "skeleton_mesh",
     "surface_skeleton",
+    "thickness",
+    "thin_spots",
     "thread_count",
     "thread_limit",
     "uniform_subsample",

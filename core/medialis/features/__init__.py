@@ -1,0 +1,1 @@
+"""Fields between surface and skeleton, thickness, and the thinnest places (thesis 3.5.1)."""
