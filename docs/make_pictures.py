@@ -121,11 +121,41 @@ def views() -> Image:
     return contact_sheet(images, ["orthographic", "perspective"], 2)
 
 
+def skeleton_mesh() -> Image:
+    """Thesis Figures 3.8, 3.9: the skeleton as triangles."""
+    result = medialis.run("skeleton_mesh", medialis.organic_shape(200))
+    return draw_result(result, title="surface skeleton as triangles")
+
+
+def mesh_angles() -> Image:
+    """Thesis Figure 3.9 m-r: the mesh of all points, and simplified by three spoke angles."""
+    shape, angles = medialis.organic_shape(200), (0.0, 30.0, 60.0, 90.0)
+    results = [medialis.run("skeleton_mesh", shape, min_spoke_angle=a) for a in angles]
+    captions = [
+        f"spoke angle from {a:g} degrees: {r.values['faces']} faces"
+        for a, r in zip(angles, results, strict=True)
+    ]
+    return _sheet(results, captions)
+
+
+def mesh_bridges() -> Image:
+    """Draw the gaps of left-out points: torn, and bridged."""
+    shape = _noisy(0.0005)
+    results = [medialis.run("skeleton_mesh", shape, bridge=b) for b in (0, 2)]
+    return _sheet(results, ["bridge 0", "bridge 2"])
+
+
+def mesh_box() -> Image:
+    """Draw the sheets of a box of 8 vertices: points and triangles."""
+    results = [medialis.run(name, _box()) for name in ("surface_skeleton", "skeleton_mesh")]
+    return _sheet(results, ["points", "triangles"])
+
+
 PICTURES: dict[str, Callable[[], Image]] = {
     make.__name__: make
     for make in (
         hero, spoke_angle, subsample, tolerance, refine, sides, reconstruction, progressive,
-        turntable, views,
+        turntable, views, skeleton_mesh, mesh_angles, mesh_bridges, mesh_box,
     )
 }  # fmt: skip
 

@@ -8,13 +8,17 @@ from typing import Any
 
 from medialis.errors import InvalidOptionError
 from medialis.model.shape import Shape
-from medialis.operations import ball_reconstruction, surface_skeleton
+from medialis.operations import ball_reconstruction, skeleton_mesh, surface_skeleton
 from medialis.operations.declaration import Operation
 from medialis.operations.result import Outcome, Result
 from medialis.progress import Progress, ProgressCallback
 from medialis.threads import thread_limit
 
-OPERATIONS: tuple[Operation, ...] = (surface_skeleton.OPERATION, ball_reconstruction.OPERATION)
+OPERATIONS: tuple[Operation, ...] = (
+    surface_skeleton.OPERATION,
+    ball_reconstruction.OPERATION,
+    skeleton_mesh.OPERATION,
+)
 
 
 def operation(name: str) -> Operation:

@@ -1,0 +1,159 @@
+"""Operation: the surface skeleton as triangles (thesis 3.4.1)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from medialis.errors import InvalidShapeError
+from medialis.model.medial_cloud import MedialCloud
+from medialis.model.shape import Shape
+from medialis.model.skeleton_mesh import SkeletonMesh
+from medialis.operations.common import (
+    REFINE,
+    TOLERANCE,
+    cloud_arrays,
+    refined,
+    require_balls,
+    samples_layer,
+    summary,
+)
+from medialis.operations.declaration import Kind, Operation, Parameter
+from medialis.operations.result import Layer, Outcome
+from medialis.progress import Progress
+from medialis.surface_skeletons.ball_shrinking import SIDES, surface_skeleton
+from medialis.surface_skeletons.skeleton_mesh import DEFAULT_BRIDGE, skeleton_mesh
+
+
+def run(shape: Shape, parameters: Mapping[str, Any], progress: Progress) -> Outcome:
+    """Refine, shrink balls, choose the points to keep, connect them."""
+    if shape.faces is None:
+        raise InvalidShapeError(
+            "A skeleton mesh needs a surface with faces, got a point cloud: reconstruct a surface "
+            "first, or use surface_skeleton, which shows the skeleton as points."
+        )
+    fine = refined(shape, parameters["refine"], progress)
+    with progress.stage("skeleton", 0.1, 0.8):
+        cloud = surface_skeleton(
+            fine,
+            tolerance=parameters["tolerance"],
+            side=parameters["side"],
+            progress=progress,
+        )
+    require_balls(cloud, fine)
+    keep = cloud.valid & (cloud.spoke_angles >= math.radians(parameters["min_spoke_angle"]))
+    with progress.stage("mesh", 0.8, 1.0):
+        mesh = skeleton_mesh(
+            fine,
+            cloud,
+            keep=keep,
+            bridge=parameters["bridge"],
+            smallest_piece=parameters["smallest_piece"],
+            progress=progress,
+        )
+    if len(mesh.faces) == 0:
+        raise InvalidShapeError(
+            f"No triangle is left: {int(keep.sum())} of {int(cloud.valid.sum())} balls have a "
+            f"spoke angle of {parameters['min_spoke_angle']:g} degrees or more. Lower "
+            "min_spoke_angle or smallest_piece."
+        )
+    radii = cloud.radii[mesh.rows]
+    return Outcome(
+        shape=fine,
+        layers=(mesh_layer("skeleton_mesh", cloud, mesh), samples_layer(fine)),
+        values={
+            "points": len(mesh.points),
+            "faces": len(mesh.faces),
+            "area": mesh.area,
+            "pieces": mesh.piece_count,
+            "skeleton_points": int(cloud.valid.sum()),
+            "kept_points": int(keep.sum()),
+            **summary(radii, "radius"),
+            "diagonal": fine.diagonal,
+            "spacing": fine.spacing,
+        },
+        arrays={
+            **cloud_arrays(fine, cloud),
+            "selected": keep,
+            "mesh_faces": mesh.faces,
+            "mesh_rows": mesh.rows,
+            "mesh_face_origin": mesh.face_origin,
+        },
+    )
+
+
+def mesh_layer(name: str, cloud: MedialCloud, mesh: SkeletonMesh) -> Layer:
+    """Layer of a skeleton mesh with what its points know from the cloud."""
+    shown = cloud.subset(np.asarray(mesh.rows))
+    return Layer(
+        name,
+        mesh.points,
+        mesh.faces,
+        attributes={
+            "radius": shown.radii,
+            "spoke_angle": shown.spoke_angles,
+            "feature_1": shown.features[:, 0],
+            "feature_2": shown.features[:, 1],
+            "source": shown.source,
+            "side": shown.side,
+        },
+        color_by="radius",
+    )
+
+
+OPERATION = Operation(
+    name="skeleton_mesh",
+    filter_name="generate_surface_skeleton_mesh",
+    label="Surface skeleton mesh",
+    group="Skeleton",
+    help="Compute the surface skeleton (medial axis) of a mesh as triangles.\n\n"
+    "The surface's own triangles are moved to the centers of the balls at their corners; the two "
+    "sides of each sheet are merged into one. Points with a small spoke angle (bumps, noise, the "
+    "rims of the sheets) are left out. Each point carries the radius of its ball, the spoke angle "
+    "and its feature points.",
+    source="thesis 3.4.1",
+    parameters=(
+        TOLERANCE,
+        Parameter(
+            "side",
+            Kind.CHOICE,
+            "inner",
+            "Side",
+            "Skeleton inside the shape, outside, or both.",
+            choices=SIDES,
+        ),
+        Parameter(
+            "min_spoke_angle",
+            Kind.FLOAT,
+            45.0,
+            "Minimum spoke angle",
+            "Leave out points whose feature points are less than this many degrees apart, seen "
+            "from the center. 0 keeps every sheet, also those of bumps and noise.",
+            low=0.0,
+            high=180.0,
+        ),
+        Parameter(
+            "smallest_piece",
+            Kind.LENGTH,
+            0.01,
+            "Smallest piece",
+            "Leave out separate pieces that reach no further than this fraction of the size from "
+            "their middle. 0 keeps all.",
+        ),
+        Parameter(
+            "bridge",
+            Kind.INT,
+            DEFAULT_BRIDGE,
+            "Bridge gaps",
+            "Close gaps that left-out points would tear, up to this many edges from each side.",
+            low=0,
+            high=100,
+            advanced=True,
+        ),
+        REFINE,
+    ),
+    run=run,
+)
