@@ -101,7 +101,7 @@ def skeleton_mesh(
     Where the skeleton is a curve (a round tube) the triangles are slivers along it, where it is a
     point (a sphere) a speck.
 
-    Cost: O(m log m), about 100 bytes a face; 0.15 s for horse2 (194k samples) on two cores.
+    Cost: O(m log m), about 100 bytes a face; 0.12 s for horse2 (194k samples) on two cores.
 
     Source: thesis 3.4.1. Deviates: no Delaunay triangulation of the skeleton points of each face,
     projected on its plane. Triangulations of neighbouring faces overlap without agreeing and
