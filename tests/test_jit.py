@@ -21,7 +21,7 @@ LAYERS = [
     {"features"},
     {"render"},
     {"operations"},
-    {"cli", "__main__"},
+    {"arguments", "cli", "__main__"},
 ]
 COMPUTE = """\
 import numpy as np

@@ -1,4 +1,4 @@
-"""The command line: one subcommand for each operation, generated from the registry."""
+"""The command line: what its commands do (`arguments.py` says what they take)."""
 
 from __future__ import annotations
 
@@ -10,13 +10,14 @@ import math
 import os
 import sys
 import time
-from collections.abc import Callable, Sequence
-from importlib.metadata import version
+from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from medialis.errors import Cancelled, InvalidOptionError, InvalidShapeError, MedialisError
-from medialis.operations.declaration import Kind, Operation, Parameter
+from medialis.arguments import build_parser
+from medialis.errors import Cancelled, InvalidShapeError, MedialisError
+from medialis.operations.declaration import Kind, Operation
 from medialis.operations.registry import OPERATIONS, operation, run
 from medialis.progress import Progress
 from medialis.validation import as_whole_number
@@ -24,22 +25,12 @@ from medialis.validation import as_whole_number
 EXIT_OK, EXIT_BAD_INPUT, EXIT_CANCELLED = 0, 2, 130
 NUMBERS = (Kind.FLOAT, Kind.INT, Kind.LENGTH)
 
-_EPILOG = """exit codes: 0 done; 2 bad input or options (one line on stderr); 130 cancelled.
-Lengths are fractions of the bounding-box diagonal: 0.01 is 1 % of the size of the shape."""
-
-
-class _Parser(argparse.ArgumentParser):
-    """argparse that reports errors as one line, like every other error of the program."""
-
-    def error(self, message: str) -> Any:
-        raise InvalidOptionError(f"{message} (see {self.prog} --help)")
-
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit code."""
     _print_any_name()
     try:
-        options = _parser().parse_args(arguments)
+        options = build_parser(_run_operation, COMMANDS).parse_args(arguments)
         _configure_log(options)
         code: int = options.command(options)
         sys.stdout.flush()
@@ -71,96 +62,8 @@ def _print_any_name() -> None:
 
 def _drop_output() -> None:
     """Send what is still buffered to nowhere, so that Python does not fail on it at its end."""
-    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-
-
-def _parser() -> argparse.ArgumentParser:
-    parser = _Parser(
-        prog="medialis",
-        description="Medial descriptors of 3D shapes: skeletons, thickness, parts.",
-        epilog=_EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    parser.add_argument("--version", action="version", version=f"medialis {version('medialis')}")
-    commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
-    for chosen in OPERATIONS:
-        _add_operation(commands, chosen)
-
-    def add(name: str, help_text: str, command: Callable[[Any], int]) -> argparse.ArgumentParser:
-        sub = commands.add_parser(name, help=help_text, description=help_text)
-        sub.set_defaults(command=command, verbose=False)
-        return sub
-
-    info = add("info", "Diagnose a mesh or point cloud file, before and after repair.", _info)
-    info.add_argument("file", help="PLY, OBJ, OFF, STL or point text; more with the extra io")
-    info.add_argument("--json", action="store_true", help="print one JSON object")
-    add("list", "List all operations.", _list)
-    describe = add("describe", "Describe operations and their parameters.", _describe)
-    describe.add_argument("operation", nargs="?", help="one operation; all when missing")
-    describe.add_argument("--json", action="store_true", help="print JSON (for programs)")
-    warmup = add("warmup", "Compile all kernels now, so that the first run is fast.", _warmup)
-    _add_progress(warmup)
-    demo = add("demo", "Compute the surface skeleton of a built-in shape, and of yours.", _demo)
-    demo.add_argument("file", nargs="?", help="a mesh or point cloud of your own")
-    demo.add_argument("-o", "--output", default="medialis-demo", help="output folder")
-    _add_progress(demo)
-    return parser
-
-
-def _add_operation(commands: Any, chosen: Operation) -> None:
-    first = chosen.help.splitlines()[0]
-    sub = commands.add_parser(
-        chosen.name.replace("_", "-"),
-        help=first,
-        description=f"{chosen.help}\n\nSource: {chosen.source}.",
-        epilog=_EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    sub.add_argument("file", help="PLY, OBJ, OFF, STL or point text; more with the extra io")
-    sub.add_argument(
-        "-o", "--output", help="output folder (default: FILE's name + -medialis, here)"
-    )
-    group = sub.add_argument_group("parameters")
-    for parameter in chosen.parameters:
-        _add_parameter(group, parameter)
-    sub.add_argument("--threads", type=int, help="use at most this many threads")
-    sub.add_argument("--json", action="store_true", help="print the manifest as one JSON object")
-    sub.add_argument("--no-picture", action="store_true", help="write no picture")
-    sub.add_argument("--color-by", metavar="ATTRIBUTE", help="colour the picture by this attribute")
-    sub.add_argument(
-        "--turntable", type=int, default=0, metavar="N", help="also draw N views all round"
-    )
-    _add_progress(sub)
-    sub.set_defaults(command=_run_operation, operation=chosen)
-
-
-def _add_parameter(group: Any, parameter: Parameter) -> None:
-    flag = "--" + parameter.name.replace("_", "-")
-    text = f"{parameter.help} (default: {parameter.default})".replace("%", "%%")
-    if parameter.kind is Kind.BOOL:
-        group.add_argument(
-            flag,
-            dest=f"parameter_{parameter.name}",
-            action=argparse.BooleanOptionalAction,
-            default=parameter.default,
-            help=text,
-        )
-        return
-    metavar = {Kind.INT: "N", Kind.LENGTH: "FRACTION", Kind.FLOAT: "NUMBER"}.get(parameter.kind)
-    if parameter.kind is Kind.CHOICE:
-        metavar = "{" + ",".join(parameter.choices) + "}"
-    group.add_argument(flag, dest=f"parameter_{parameter.name}", metavar=metavar, help=text)
-
-
-def _add_progress(sub: argparse.ArgumentParser) -> None:
-    sub.add_argument(
-        "--progress",
-        choices=("auto", "bar", "lines", "none"),
-        default="auto",
-        help="bar for people, lines 'PROGRESS fraction text' for programs, both on stderr; auto: a "
-        "bar on a terminal",
-    )
-    sub.add_argument("-v", "--verbose", action="store_true", help="log what is done on stderr")
+    with suppress(OSError):  # a stream that is no file
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _configure_log(options: argparse.Namespace) -> None:
@@ -340,6 +243,8 @@ def _demo(options: argparse.Namespace) -> int:
         _report(_compute("surface_skeleton", file, str(folder), {}, options), options)
     return EXIT_OK
 
+
+COMMANDS = {"info": _info, "list": _list, "describe": _describe, "warmup": _warmup, "demo": _demo}
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -1,0 +1,114 @@
+"""The arguments of the command line: one subcommand for each operation, from the registry."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Mapping
+from importlib.metadata import version
+from typing import Any
+
+from medialis.errors import InvalidOptionError
+from medialis.operations.declaration import Kind, Operation, Parameter
+from medialis.operations.registry import OPERATIONS
+
+Command = Callable[[argparse.Namespace], int]
+
+_EPILOG = """exit codes: 0 done; 2 bad input or options (one line on stderr); 130 cancelled.
+Lengths are fractions of the bounding-box diagonal: 0.01 is 1 % of the size of the shape."""
+
+
+class _Parser(argparse.ArgumentParser):
+    """argparse that reports errors as one line, like every other error of the program."""
+
+    def error(self, message: str) -> Any:
+        raise InvalidOptionError(f"{message} (see {self.prog} --help)")
+
+
+def build_parser(run: Command, commands: Mapping[str, Command]) -> argparse.ArgumentParser:
+    """Return the parser; `run` is the command of every operation, `commands` the others by name."""
+    parser = _Parser(
+        prog="medialis",
+        description="Medial descriptors of 3D shapes: skeletons, thickness, parts.",
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--version", action="version", version=f"medialis {version('medialis')}")
+    group = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
+    for chosen in OPERATIONS:
+        _add_operation(group, chosen, run)
+
+    def add(name: str, help_text: str) -> argparse.ArgumentParser:
+        sub = group.add_parser(name, help=help_text, description=help_text)
+        sub.set_defaults(command=commands[name], verbose=False)
+        return sub
+
+    info = add("info", "Diagnose a mesh or point cloud file, before and after repair.")
+    info.add_argument("file", help="PLY, OBJ, OFF, STL or point text; more with the extra io")
+    info.add_argument("--json", action="store_true", help="print one JSON object")
+    add("list", "List all operations.")
+    describe = add("describe", "Describe operations and their parameters.")
+    describe.add_argument("operation", nargs="?", help="one operation; all when missing")
+    describe.add_argument("--json", action="store_true", help="print JSON (for programs)")
+    warmup = add("warmup", "Compile all kernels now, so that the first run is fast.")
+    _add_progress(warmup)
+    demo = add("demo", "Compute the surface skeleton of a built-in shape, and of yours.")
+    demo.add_argument("file", nargs="?", help="a mesh or point cloud of your own")
+    demo.add_argument("-o", "--output", default="medialis-demo", help="output folder")
+    _add_progress(demo)
+    return parser
+
+
+def _add_operation(group: Any, chosen: Operation, run: Command) -> None:
+    first = chosen.help.splitlines()[0]
+    sub = group.add_parser(
+        chosen.name.replace("_", "-"),
+        help=first,
+        description=f"{chosen.help}\n\nSource: {chosen.source}.",
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    sub.add_argument("file", help="PLY, OBJ, OFF, STL or point text; more with the extra io")
+    sub.add_argument(
+        "-o", "--output", help="output folder (default: FILE's name + -medialis, here)"
+    )
+    options = sub.add_argument_group("parameters")
+    for parameter in chosen.parameters:
+        _add_parameter(options, parameter)
+    sub.add_argument("--threads", type=int, help="use at most this many threads")
+    sub.add_argument("--json", action="store_true", help="print the manifest as one JSON object")
+    sub.add_argument("--no-picture", action="store_true", help="write no picture")
+    sub.add_argument("--color-by", metavar="ATTRIBUTE", help="colour the picture by this attribute")
+    sub.add_argument(
+        "--turntable", type=int, default=0, metavar="N", help="also draw N views all round"
+    )
+    _add_progress(sub)
+    sub.set_defaults(command=run, operation=chosen)
+
+
+def _add_parameter(group: Any, parameter: Parameter) -> None:
+    flag = "--" + parameter.name.replace("_", "-")
+    text = f"{parameter.help} (default: {parameter.default})".replace("%", "%%")
+    if parameter.kind is Kind.BOOL:
+        group.add_argument(
+            flag,
+            dest=f"parameter_{parameter.name}",
+            action=argparse.BooleanOptionalAction,
+            default=parameter.default,
+            help=text,
+        )
+        return
+    metavar = {Kind.INT: "N", Kind.LENGTH: "FRACTION", Kind.FLOAT: "NUMBER"}.get(parameter.kind)
+    if parameter.kind is Kind.CHOICE:
+        metavar = "{" + ",".join(parameter.choices) + "}"
+    group.add_argument(flag, dest=f"parameter_{parameter.name}", metavar=metavar, help=text)
+
+
+def _add_progress(sub: argparse.ArgumentParser) -> None:
+    sub.add_argument(
+        "--progress",
+        choices=("auto", "bar", "lines", "none"),
+        default="auto",
+        help="bar for people, lines 'PROGRESS fraction text' for programs, both on stderr; auto: a "
+        "bar on a terminal",
+    )
+    sub.add_argument("-v", "--verbose", action="store_true", help="log what is done on stderr")
