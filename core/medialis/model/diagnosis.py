@@ -90,7 +90,7 @@ class Diagnosis:
     def _trouble_lines(self) -> list[str]:
         troubles = (
             (self.nonmanifold_edges, "edge with three or more faces"),
-            (self.nonmanifold_vertices, "vertex that joins separate fans of faces"),
+            (self.nonmanifold_vertices, "vertex joining separate fans of faces"),
             (self.inconsistent_edges, "edge whose two faces disagree on the outside"),
             (self.duplicate_vertices, "duplicate vertex"),
             (self.duplicate_faces, "duplicate face"),
