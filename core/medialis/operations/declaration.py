@@ -23,6 +23,8 @@ class Kind(StrEnum):
     CHOICE = "choice"
     LENGTH = "length"
     """Fraction of the bounding-box diagonal; hosts show per cent."""
+    ANGLE = "angle"
+    """Degrees; the operation converts to radians."""
 
 
 @dataclass(frozen=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +33,9 @@ def draw_result(
 ) -> NDArray[np.uint8]:
     """Draw the first layer of a result inside its see-through shape.
 
+    A surface is drawn solid instead, with the points of the other shown layers as marks on it (see
+    `Outcome.shown`).
+
     Parameters
     ----------
     result : Outcome
@@ -56,10 +60,13 @@ def draw_result(
     InvalidOptionError
         When the layer has no such attribute.
     """
-    layer = result.layers[0]
+    layer, *others = result.shown or result.layers[:1]
     if camera is None:
         camera = Camera.framing(_in_view(result), width=width, height=height)
     item, label = _paint(layer, color_by or layer.color_by, camera.width)
+    if result.shown:
+        marks = [_mark(other, camera.width) for other in others]
+        return draw([item, *marks], camera, title=title, legend=label, progress=progress)
     points, faces = result.shape.points, result.shape.faces
     context: Item = Points(points, size=1.5, color=(0.78, 0.80, 0.84))
     if faces is not None:
@@ -102,6 +109,11 @@ def _in_view(result: Outcome) -> NDArray[np.float64]:
     return np.concatenate([result.shape.points, points[near]])
 
 
+def _mark(layer: Layer, width: int) -> Item:
+    """Points as black balls on the surface, half of each outside it."""
+    return Points(layer.points, size=max(4.0, width / 80), color=(0.05, 0.05, 0.05))
+
+
 def _paint(layer: Layer, color_by: str | None, width: int) -> tuple[Item, str | None]:
     values, label = None, None
     if color_by is not None:
@@ -110,7 +122,11 @@ def _paint(layer: Layer, color_by: str | None, width: int) -> tuple[Item, str | 
         if color_by in IN_DEGREES:
             values, label = np.degrees(values), label + " (degrees)"
     if layer.faces is not None:
-        return Surface(layer.points, layer.faces, values=values), label
+        colors: dict[str, Any] = {"values": values}
+        if color_by is not None and color_by == layer.color_by:
+            low, high = layer.color_limits
+            colors.update(cmap=layer.color_map, low=low, high=high)
+        return Surface(layer.points, layer.faces, **colors), label
     if layer.edges is not None:
         return Curves(layer.points, layer.edges, values=values), label
     # Smaller dots for more points, so that sheets look like sheets and not like gravel.

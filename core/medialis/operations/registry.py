@@ -8,7 +8,14 @@ from typing import Any
 
 from medialis.errors import InvalidOptionError
 from medialis.model.shape import Shape
-from medialis.operations import ball_reconstruction, skeleton_mesh, surface_skeleton
+from medialis.operations import (
+    ball_reconstruction,
+    geodesic_path,
+    skeleton_importance,
+    skeleton_mesh,
+    surface_skeleton,
+    thickness,
+)
 from medialis.operations.declaration import Operation
 from medialis.operations.result import Outcome, Result
 from medialis.progress import Progress, ProgressCallback
@@ -16,7 +23,10 @@ from medialis.threads import thread_limit
 
 OPERATIONS: tuple[Operation, ...] = (
     surface_skeleton.OPERATION,
+    skeleton_importance.OPERATION,
     ball_reconstruction.OPERATION,
+    thickness.OPERATION,
+    geodesic_path.OPERATION,
     skeleton_mesh.OPERATION,
 )
 

@@ -29,6 +29,10 @@ class Layer:
         Scalars (float), labels (int) or vectors.
     color_by : str or None
         The attribute that hosts show first.
+    color_map : str
+        Its colour map (`render.colors`).
+    color_limits : (float or None, float or None)
+        Values of its first and last colour; the range of the values where None.
     """
 
     name: str
@@ -37,6 +41,8 @@ class Layer:
     edges: NDArray[np.int32] | None = None
     attributes: Mapping[str, NDArray[Any]] = field(default_factory=dict)
     color_by: str | None = None
+    color_map: str = "sequential"
+    color_limits: tuple[float | None, float | None] = (None, None)
 
     def __post_init__(self) -> None:
         count = len(as_points(self.points, f"points of layer {self.name}"))
@@ -65,6 +71,9 @@ class Outcome:
         The full result, also of masked rows; goes to the NPZ file.
     images : dict of (h, w, 3) uint8
         Pictures that are themselves the result.
+    shown : tuple of Layer
+        What pictures show instead of the first layer inside the shape: a layer in its colours, and
+        layers of points marked on it.
     """
 
     shape: Shape
@@ -72,6 +81,7 @@ class Outcome:
     values: Mapping[str, Any] = field(default_factory=dict)
     arrays: Mapping[str, NDArray[Any]] = field(default_factory=dict)
     images: Mapping[str, NDArray[np.uint8]] = field(default_factory=dict)
+    shown: tuple[Layer, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from medialis.io.output_folder import OutputFolder
 from medialis.io.ply_attributes import write_ply
@@ -104,13 +108,9 @@ def write_result(
                 progress.update((number + 1) / (len(result.layers) + 1))
             write_npz(new(f"{result.operation}.npz"), result.arrays)
         with progress.stage("picture", 0.5, 1.0):
-            for name, image in result.images.items():
-                pictures.append(f"{name}.png")
-                write_png(new(f"{name}.png"), image)
-            if picture and result.layers and not result.images:
-                pictures.append(f"{result.operation}.png")
-                image = draw_result(result, color_by=color_by, title=title)
-                write_png(new(pictures[-1]), image)
+            for name, image in _main_pictures(result, picture, color_by, title):
+                pictures.append(name)
+                write_png(new(name), image)
             views = draw_turntable(result, turntable, color_by=color_by) if turntable else ()
             for number, image in enumerate(views):
                 write_png(new(f"turntable_{number:03d}.png"), image)
@@ -125,3 +125,13 @@ def write_result(
         )
         write_json(out.file("manifest.json"), manifest)
     return manifest
+
+
+def _main_pictures(
+    result: Result, picture: bool, color_by: str | None, title: str
+) -> Iterator[tuple[str, NDArray[np.uint8]]]:
+    """Give file names and images: the result's own ones, or one of its first layer if wanted."""
+    for name, image in result.images.items():
+        yield f"{name}.png", image
+    if picture and result.layers and not result.images:
+        yield f"{result.operation}.png", draw_result(result, color_by=color_by, title=title)

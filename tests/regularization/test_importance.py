@@ -1,0 +1,112 @@
+"""Geodesic importance, thresholding, local measures."""
+
+import math
+
+import numpy as np
+import pytest
+
+import closed_forms as forms
+import medialis
+from medialis.errors import InvalidOptionError, InvalidShapeError
+
+
+def test_importance_of_a_flat_box_is_the_way_round():
+    """In the middle sheet of a plate the importance is the path round the nearest rim.
+
+    Both feature points lie above each other, at distance d from the nearest rim of a plate of
+    thickness t: straight over the edge, 2 d + t. The balls of samples touch samples, so the second
+    feature point may be off by one spacing h (two, up and down), and the planes by ANGLE.
+    """
+    shape = forms.box_mesh((2.0, 1.6, 0.2), 0.05)
+    cloud = medialis.surface_skeleton(shape, tolerance=0)
+    paths = medialis.geodesic_importance(shape, cloud)
+    low, high = shape.bounds
+    top = np.abs(shape.points[:, 2] - high[2]) < 1e-12
+    rim = np.minimum(shape.points - low, high - shape.points)[:, :2].min(axis=1)
+    middle = top & (rim > 0.3)
+    expected = 2 * rim[middle] + 0.2
+    h = 0.05
+    assert middle.sum() > 200
+    assert (np.abs(paths.length[middle] - expected) <= 2 * math.sqrt(2) * h + 1e-3).all()
+
+
+def test_sphere_importance_is_the_arc_between_the_features():
+    shape = forms.icosphere(4)
+    cloud = medialis.surface_skeleton(shape)
+    paths = medialis.geodesic_importance(shape, cloud)
+    ends = shape.points[cloud.features]
+    angle = np.arccos(np.clip(np.einsum("ij,ij->i", ends[:, 0], ends[:, 1]), -1, 1))
+    assert np.allclose(paths.length, angle, rtol=0.01)
+
+
+def test_threshold_selects_without_recomputation():
+    shape = forms.cube()
+    values = np.array([0.0, 0.1, 0.5, np.inf, np.nan]) * shape.diagonal
+    assert medialis.important_points(shape, values, 0).tolist() == [True] * 4 + [False]
+    assert medialis.important_points(shape, values, 0.1).tolist() == [False] + [True] * 3 + [False]
+    assert medialis.important_points(shape, values, 1).tolist() == [False] * 3 + [True, False]
+    for bad in (-0.1, math.nan, 11):
+        with pytest.raises(InvalidOptionError, match="threshold"):
+            medialis.important_points(shape, values, bad)
+    with pytest.raises(InvalidShapeError, match="importance"):
+        medialis.important_points(shape, values.reshape(1, -1), 0.1)
+
+
+def test_thresholding_removes_noise_and_keeps_the_body():
+    """Noise of 0.2 % of the size makes balls everywhere; the important ones lie where the clean
+    skeleton is: within the noise amplitude over the sine of a reliable spoke angle, some 1 %."""
+    from scipy.spatial import cKDTree
+
+    clean = forms.box_mesh((1.0, 0.8, 0.6), 0.03)
+    step = np.random.default_rng(0).normal(size=clean.point_count) * 0.002 * clean.diagonal
+    noisy = medialis.make_shape(clean.points + step[:, None] * clean.normals, clean.faces)
+    cloud, truth = medialis.surface_skeleton(noisy), medialis.surface_skeleton(clean)
+    tree = cKDTree(truth.centers[truth.valid])
+    cloud = cloud.subset(cloud.valid)
+    paths = medialis.geodesic_importance(noisy, cloud)
+    kept = medialis.important_points(noisy, paths.length, 0.3)
+    off = tree.query(cloud.centers)[0] / clean.diagonal
+    assert kept.sum() > 100
+    assert np.quantile(off[kept], 0.9) < 0.03
+    assert np.quantile(off[kept], 0.9) < 0.7 * np.quantile(off, 0.9)
+
+
+def test_local_measures():
+    shape = forms.icosphere(3)
+    cloud = medialis.surface_skeleton(shape, side="both")
+    measures = medialis.local_measures(shape, cloud)
+    valid = cloud.valid
+    for values in measures.values():
+        assert values.shape == (len(cloud),) and (np.isnan(values) == ~valid).all()
+    half = np.sin(measures["spoke_angle"][valid] / 2)
+    assert np.allclose(measures["radius_ratio"][valid], half, atol=1e-9)
+    assert np.allclose(measures["feature_radius"][valid], cloud.radii[valid] * half, atol=1e-9)
+
+
+def test_clouds_are_told_what_to_use_instead():
+    sphere = forms.sphere(200).shape
+    with pytest.raises(InvalidShapeError, match="local measures"):
+        medialis.geodesic_importance(sphere, medialis.surface_skeleton(sphere))
+    with pytest.raises(InvalidShapeError, match="spoke angle"):
+        medialis.run("skeleton_importance", sphere)
+
+
+def test_operation_thresholds_and_reports():
+    shape = medialis.organic_shape(64)
+    full = medialis.run("skeleton_importance", shape)
+    some = medialis.run("skeleton_importance", shape, threshold=0.05)
+    assert some.values["skeleton_points"] == full.values["points_above_percent"]["5"]
+    assert some.layers[0].attributes["importance"].min() >= 0.05 * some.shape.diagonal
+    with pytest.raises(InvalidShapeError, match="Lower the threshold"):
+        medialis.run("skeleton_importance", shape, threshold=5)
+
+
+def test_geodesic_operation_names_input_vertices():
+    points = np.vstack([[9.0, 9, 9], forms.cube().points])
+    shape = medialis.make_shape(points, forms.cube().faces + 1, repair=True)
+    result = medialis.run("geodesic_path", shape, start=1, end=8)
+    assert (result.layers[0].points[[0, -1]] == points[[1, 8]]).all()
+    with pytest.raises(InvalidOptionError, match="no face uses"):
+        medialis.run("geodesic_path", shape, start=0, end=8)
+    with pytest.raises(InvalidOptionError, match=r"vertex 0\.\.8"):
+        medialis.run("geodesic_path", shape, start=1, end=9)
