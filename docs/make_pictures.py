@@ -102,6 +102,40 @@ def progressive() -> Image:
     ]
 
 
+def _dented_plate() -> medialis.Shape:
+    """Make a plate 3 x 2 x 0.4 with two round dents from both sides, 0.08 and 0.16 left."""
+    x, y = np.meshgrid(np.linspace(-1.5, 1.5, 121), np.linspace(-1, 1, 81), indexing="ij")
+    half = np.full(x.shape, 0.2)
+    for u, v, left in ((-0.7, 0.1, 0.08), (0.6, -0.3, 0.16)):
+        half -= (0.2 - left / 2) * np.exp(-((x - u) ** 2 + (y - v) ** 2) / 0.35**2)
+    top = np.stack([x, y, half], axis=2).reshape(-1, 3)
+    n, index = len(top), np.arange(len(top)).reshape(x.shape)
+    a, b, c, d = (
+        i.ravel() for i in (index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:])
+    )
+    cells = np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])
+    loop = np.concatenate([index[:-1, 0], index[-1, :-1], index[:0:-1, -1], index[0, :0:-1]])
+    ahead = np.roll(loop, -1)
+    rim = [(loop, loop + n, ahead + n), (loop, ahead + n, ahead)]
+    faces = [cells, cells[:, ::-1] + n, *(np.stack(corners, axis=1) for corners in rim)]
+    return medialis.make_shape(np.concatenate([top, top * [1, 1, -1]]), np.concatenate(faces))
+
+
+def thickness() -> Image:
+    """Thickness of the creature (thesis Figure 3.11) and of a plate with two dents."""
+    shapes = (medialis.organic_shape(200), _dented_plate())
+    results = [medialis.run("thickness", shape) for shape in shapes]
+    captions = [f"{r.values['thin_spots']} thin spots" for r in results]
+    return _sheet(results, captions)
+
+
+def wall_angle() -> Image:
+    """All balls, and only those of walls."""
+    shapes, angles = (_box(), medialis.organic_shape(160)), (0.0, 120.0)
+    results = [medialis.run("thickness", s, min_spoke_angle=a) for s in shapes for a in angles]
+    return _sheet(results, [f"min spoke angle {angle:g} degrees" for angle in angles * 2])
+
+
 def turntable() -> Image:
     """Eight views all round."""
     result = medialis.run("surface_skeleton", medialis.organic_shape(160))
@@ -155,7 +189,7 @@ PICTURES: dict[str, Callable[[], Image]] = {
     make.__name__: make
     for make in (
         hero, spoke_angle, subsample, tolerance, refine, sides, reconstruction, progressive,
-        turntable, views, skeleton_mesh, mesh_angles, mesh_bridges, mesh_box,
+        thickness, wall_angle, turntable, views, skeleton_mesh, mesh_angles, mesh_bridges, mesh_box,
     )
 }  # fmt: skip
 

@@ -97,7 +97,12 @@ def _add_parameter(group: Any, parameter: Parameter) -> None:
             help=text,
         )
         return
-    metavar = {Kind.INT: "N", Kind.LENGTH: "FRACTION", Kind.FLOAT: "NUMBER"}.get(parameter.kind)
+    metavar = {
+        Kind.INT: "N",
+        Kind.LENGTH: "FRACTION",
+        Kind.FLOAT: "NUMBER",
+        Kind.ANGLE: "DEGREES",
+    }.get(parameter.kind)
     if parameter.kind is Kind.CHOICE:
         metavar = "{" + ",".join(parameter.choices) + "}"
     group.add_argument(flag, dest=f"parameter_{parameter.name}", metavar=metavar, help=text)

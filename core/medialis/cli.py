@@ -23,7 +23,7 @@ from medialis.progress import Progress
 from medialis.validation import as_whole_number
 
 EXIT_OK, EXIT_BAD_INPUT, EXIT_CANCELLED = 0, 2, 130
-NUMBERS = (Kind.FLOAT, Kind.INT, Kind.LENGTH)
+NUMBERS = (Kind.FLOAT, Kind.INT, Kind.LENGTH, Kind.ANGLE)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -154,6 +154,8 @@ def _report(manifest: dict[str, Any], options: argparse.Namespace) -> None:
         return
     print(f"{manifest['operation'].replace('_', ' ')} of {manifest['input']}")
     for name, value in manifest["values"].items():
+        if isinstance(value, list):  # a table is for programs: --json and the manifest have it
+            continue
         shown = f"{value:.6g}" if isinstance(value, float) else str(value)
         if name.startswith("spoke_angle"):  # radians in the core, degrees for people
             shown = f"{math.degrees(value):.1f} degrees"

@@ -139,6 +139,20 @@ def wall_angles(shape: Shape, cloud: MedialCloud) -> FloatArray:
     return angles
 
 
+def unresolved_walls(shape: Shape, cloud: MedialCloud) -> NDArray[np.bool_]:
+    """Return whether the two feature points of each ball look like a wall that sampling blurs.
+
+    The normals at the two points are opposite (at least `MIN_SPOKE_ANGLE` apart), as on the two
+    sides of a wall, but the spoke angle is small, because the nearest sample on the far side is
+    further off to the side than the wall is thick: the true ball is smaller. (k,) bool.
+    """
+    result = np.zeros(len(cloud), np.bool_)
+    rows = np.flatnonzero(cloud.valid & (cloud.side > 0) & (cloud.spoke_angles < MIN_SPOKE_ANGLE))
+    first, second = (shape.normals[cloud.features[rows, j]] for j in (0, 1))
+    result[rows] = np.einsum("ij,ij->i", first, second) <= math.cos(MIN_SPOKE_ANGLE)
+    return result
+
+
 def _check_balls(cloud: MedialCloud, n: int) -> None:
     inner = cloud.valid & (cloud.side > 0)
     if not inner.any():

@@ -111,7 +111,7 @@ def _in_view(result: Outcome) -> NDArray[np.float64]:
 
 def _mark(layer: Layer, width: int) -> Item:
     """Points as black balls on the surface, half of each outside it."""
-    return Points(layer.points, size=max(4.0, width / 80), color=(0.05, 0.05, 0.05))
+    return Points(layer.points, size=max(4.0, width / 60), color=(0.05, 0.05, 0.05))
 
 
 def _paint(layer: Layer, color_by: str | None, width: int) -> tuple[Item, str | None]:
@@ -121,14 +121,14 @@ def _paint(layer: Layer, color_by: str | None, width: int) -> tuple[Item, str | 
         values, label = np.asarray(layer.attributes[color_by]), color_by.replace("_", " ")
         if color_by in IN_DEGREES:
             values, label = np.degrees(values), label + " (degrees)"
+    colors: dict[str, Any] = {"values": values}
+    if color_by is not None and color_by == layer.color_by:
+        low, high = layer.color_limits
+        colors.update(cmap=layer.color_map, low=low, high=high)
     if layer.faces is not None:
-        colors: dict[str, Any] = {"values": values}
-        if color_by is not None and color_by == layer.color_by:
-            low, high = layer.color_limits
-            colors.update(cmap=layer.color_map, low=low, high=high)
         return Surface(layer.points, layer.faces, **colors), label
     if layer.edges is not None:
-        return Curves(layer.points, layer.edges, values=values), label
+        return Curves(layer.points, layer.edges, **colors), label
     # Smaller dots for more points, so that sheets look like sheets and not like gravel.
     size = float(np.clip(width / np.sqrt(len(layer.points)) / 2, 1.5, 6.0))
-    return Points(layer.points, size=size, values=values), label
+    return Points(layer.points, size=size, **colors), label

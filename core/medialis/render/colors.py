@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from medialis.errors import InvalidOptionError, InvalidShapeError
 from medialis.validation import FloatArray, as_choice, as_number, frozen
 
-COLOR_MAPS = ("sequential", "diverging")
+COLOR_MAPS = ("sequential", "diverging", "sequential_reversed", "diverging_reversed")
 MISSING = (0.62, 0.62, 0.62)
 """Grey for NaN values and for the label -1."""
 
@@ -85,7 +85,8 @@ def color_table(name: str) -> FloatArray:
     """Return the 1024 sRGB colours of a map, (1024, 3) in 0..1, read-only.
 
     "sequential" rises in lightness L* evenly from 20 (violet) over blue, teal and green to 86
-    (yellow); "diverging" runs from blue (L* 38) over a light grey (L* 90) to red (L* 38).
+    (yellow); "diverging" runs from blue (L* 38) over a light grey (L* 90) to red (L* 38);
+    "_reversed" turns them round.
 
     Raises
     ------
@@ -99,6 +100,8 @@ def color_table(name: str) -> FloatArray:
     True
     """
     as_choice(name, "cmap", COLOR_MAPS)
+    if name.endswith("_reversed"):
+        return frozen(color_table(name.removesuffix("_reversed"))[::-1], np.float64)
     x = np.linspace(0, 1, TABLE_SIZE)
     if name == "sequential":
         stops = [0.0, 0.25, 0.5, 0.75, 1.0]
@@ -201,7 +204,8 @@ def map_colors(
     ----------
     values : (n,) float
         NaN gets `nan_color`; values beyond the limits (also infinity) get the end colours.
-    cmap : {"sequential", "diverging"}
+    cmap : str
+        One of `COLOR_MAPS`, see `color_table`.
     low, high : float, optional
         Values of the first and last colour; the range of the finite values when missing. With equal
         limits everything has the middle colour.

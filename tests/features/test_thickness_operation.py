@@ -1,0 +1,90 @@
+"""The operation `thickness`: original vertices, thin spots, picture, command line."""
+
+import json
+
+import numpy as np
+import pytest
+
+import closed_forms as forms
+import medialis
+from medialis.cli import main
+from medialis.io.ply_attributes import write_ply
+from medialis.operations.declaration import Kind, Parameter
+from medialis.render.colors import color_table
+
+
+@pytest.fixture(scope="module")
+def plate():
+    """12 triangles, 0.3 high."""
+    return forms.box_mesh((2.0, 1.5, 0.3), 10.0)
+
+
+def test_values_come_back_to_the_vertices_of_the_input(plate):
+    """The refined plate is 0.3 thick everywhere, up to the lateral offset of the contacts."""
+    result = medialis.run("thickness", plate)
+    layer = result.layers[0]
+    assert layer.name == "thickness" and (layer.points == plate.points).all()
+    h = 0.01 * plate.diagonal
+    assert (np.abs(layer.attributes["thickness"] - 0.3) < h**2 / 0.3 + 1e-3).all()
+    assert layer.attributes["thin_spot"].dtype == np.int32
+    names = [layer.name for layer in result.layers]
+    assert names == ["thickness", "thin_spots", "samples"]
+    assert len(result.layers[2].points) == result.values["samples"] > 1000
+    spot = result.values["spots"][0]
+    assert spot["vertices"] == result.values["samples"] and result.values["thin_spots"] == 1
+    assert any("1 thin spot; the thinnest: 0.3 (diameter)" in text for text in result.messages)
+    assert medialis.draw_result(result, width=200, height=150).shape == (150, 200, 3)
+    half = medialis.run("thickness", plate, kind="radius")
+    assert half.values["thickness_min"] == result.values["thickness_min"] / 2
+
+
+def test_threshold_and_angle(plate):
+    none = medialis.run("thickness", plate, threshold=0.05)
+    assert none.values["spots"] == [] and [x.name for x in none.layers] == ["thickness", "samples"]
+    assert any("No place is thinner than" in text for text in none.messages)
+    assert medialis.draw_result(none, width=200, height=150).shape == (150, 200, 3)
+    every = medialis.run("thickness", plate, min_spoke_angle=0)
+    assert every.values["thickness_min"] < 0.1
+    with pytest.raises(medialis.InvalidOptionError, match="min_spoke_angle"):
+        medialis.run("thickness", plate, min_spoke_angle=181)
+
+
+def test_walls_thinner_than_the_sampling_are_announced():
+    """Two staggered grids 0.2 steps apart: no ball of a wall is seen."""
+    x, y = (g.ravel() for g in np.meshgrid(np.arange(30.0), np.arange(30.0)))
+    top = np.stack([x, y, 0 * x], axis=1)
+    points = np.concatenate([top, top + np.array([0.5, 0.5, -0.2])])
+    normals = np.repeat([[0, 0, 1.0], [0, 0, -1.0]], len(top), axis=0)
+    result = medialis.run("thickness", medialis.Shape(points, normals))
+    assert any("try a smaller refine" in text for text in result.messages)
+
+
+def test_clouds_have_thickness_without_area():
+    form = forms.sphere(800)
+    result = medialis.run("thickness", form.shape)
+    assert abs(result.values["thickness_median"] - 2) < 0.01
+    assert np.isnan(result.layers[1].attributes["area"]).all()
+
+
+def test_command_line_tells_where(plate, tmp_path, capsys):
+    file, out = tmp_path / "plate.ply", tmp_path / "out"
+    write_ply(file, plate.points, faces=plate.faces)
+    arguments = ["thickness", str(file), "-o", str(out), "--min-spoke-angle", "100", "--spots", "3"]
+    assert main([*arguments, "--json"]) == 0
+    manifest = json.loads(capsys.readouterr().out)
+    spot = manifest["values"]["spots"][0]
+    assert len(spot["position"]) == 3 and spot["value"] == pytest.approx(0.3, rel=0.01)
+    assert manifest["parameters"]["min_spoke_angle"] == 100
+    assert {"thickness.ply", "thin_spots.ply", "samples.ply", "thickness.png"} <= {
+        path.name for path in out.iterdir()
+    }
+    assert main([*arguments, "--no-picture"]) == 0
+    assert "thinnest: 0.3 (diameter)" in capsys.readouterr().out
+
+
+def test_angles_and_reversed_maps():
+    angle = Parameter("turn", Kind.ANGLE, 5.0, "Turn", "Help.", high=180.0)
+    assert angle.check(90) == 90.0
+    with pytest.raises(medialis.InvalidOptionError, match="turn"):
+        angle.check("wide")
+    assert (color_table("diverging_reversed") == color_table("diverging")[::-1]).all()
