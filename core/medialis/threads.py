@@ -93,17 +93,21 @@ def run_chunks(
             failures.append(error)
 
     helpers = min(thread_count(), -(-count // chunk)) - 1
-    threads = [threading.Thread(target=drain, daemon=True) for _ in range(helpers)]
-    for thread in threads:
-        thread.start()
+    threads: list[threading.Thread] = []
     try:
+        for _ in range(helpers):
+            thread = threading.Thread(target=drain, daemon=True)
+            thread.start()
+            threads.append(thread)
         while (span := next_range()) is not None:
             if progress is not None:
                 progress.update(done / count)
             work(*span)
+        for thread in threads:
+            thread.join()
     except BaseException as error:  # noqa: BLE001 - raised again below, after the threads stopped
         failures.append(error)
-    for thread in threads:
-        thread.join()
+        for thread in threads:
+            thread.join()
     if failures:
         raise failures[0]

@@ -15,10 +15,11 @@ from numpy.typing import NDArray
 from medialis.errors import InvalidShapeError
 from medialis.progress import Progress, ProgressCallback
 from medialis.shape._signs import propagate_signs
-from medialis.threads import thread_count
+from medialis.threads import run_chunks
 from medialis.validation import FloatArray, as_points, as_whole_number, frozen
 
 BATCH = 1 << 16
+QUERIES_A_CHUNK = 1 << 13
 
 
 def estimate_normals(
@@ -71,10 +72,15 @@ def estimate_normals(
     progress = Progress.of(progress)
     progress.update(0.0)
     centered /= size  # squared distances of tiny or huge clouds stay in range
-    _, near = cKDTree(centered).query(
-        centered, k=min(neighbours, len(points) - 1) + 1, workers=thread_count()
-    )
-    progress.update(0.4)
+    k = min(neighbours, len(points) - 1) + 1
+    tree, near = cKDTree(centered), np.empty((len(points), k), np.int64)
+
+    def search(begin: int, end: int) -> None:
+        near[begin:end] = tree.query(centered[begin:end], k=k)[1]
+
+    # Not the query's own threads: Ctrl-C leaves them running in a tree that is freed.
+    with progress.stage("neighbours", 0.0, 0.4):
+        run_chunks(search, len(points), QUERIES_A_CHUNK, progress=progress)
     normals = _plane_normals(centered, near)
     progress.update(0.7)
     return frozen(_orient(centered, normals, near, progress), np.float64)
