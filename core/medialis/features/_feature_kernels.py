@@ -13,9 +13,8 @@ MINIMUM, MAXIMUM, SUM = 0, 1, 2
 def gather_at_features(features, values, how, out_values, out_counts):
     """Reduce the values of all balls at their feature points; NaN values and index -1 are left out.
 
-    One pass over the k balls in their order (numpy's `minimum.at` took 10 times as long before
-    numpy 1.25, sorting 30 times): 1 ms for 200k balls, so one thread is enough, and the sums are
-    the same on any number of them.
+    One pass over the k balls in their order: 2 ms for 194k balls (sorting by sample takes 19), so
+    one thread is enough, and sums are the same bits on any number of them.
     """
     for i in range(len(features)):
         value = values[i]
