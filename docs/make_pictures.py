@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -185,11 +186,46 @@ def mesh_box() -> Image:
     return _sheet(results, ["points", "triangles"])
 
 
+def importance() -> Image:
+    """Thesis Figure 3.4: the skeleton of a noisy shape at three thresholds of importance."""
+    shape, thresholds = _noisy(0.001), (0.0, 0.02, 0.05, 0.1)
+    results = [medialis.run("skeleton_importance", shape, threshold=t) for t in thresholds]
+    captions = [
+        f"importance from {100 * t:g} %: {r.values['skeleton_points']} points"
+        for t, r in zip(thresholds, results, strict=True)
+    ]
+    return _sheet(results, captions)
+
+
+def measures() -> Image:
+    """Prune a noisy skeleton by importance, spoke angle and radius, to the same number."""
+    shape = _noisy(0.001)
+    result = medialis.run("skeleton_importance", shape)
+    layer = result.layers[0]
+    count = result.values["points_above_percent"]["5"]
+    results = []
+    for name in ("importance", "spoke_angle", "radius"):
+        values = layer.attributes[name]
+        kept = np.sort(np.argsort(-values, kind="stable")[:count])
+        attributes = {key: array[kept] for key, array in layer.attributes.items()}
+        pruned = medialis.Layer(name, layer.points[kept], attributes=attributes, color_by=name)
+        results.append(replace(result, layers=(pruned,)))
+    return _sheet(results, [f"{count} points by {r.layers[0].name}" for r in results])
+
+
+def geodesic() -> Image:
+    """Draw a geodesic path from the nose to a hind foot."""
+    shape = medialis.organic_shape(160)
+    ends = [int(np.argmax(shape.points @ d)) for d in ((1, 0.1, -0.2), (-0.4, 0.5, -1))]
+    return draw_result(medialis.run("geodesic_path", shape, start=ends[0], end=ends[1]))
+
+
 PICTURES: dict[str, Callable[[], Image]] = {
     make.__name__: make
     for make in (
         hero, spoke_angle, subsample, tolerance, refine, sides, reconstruction, progressive,
         thickness, wall_angle, turntable, views, skeleton_mesh, mesh_angles, mesh_bridges, mesh_box,
+        importance, measures, geodesic,
     )
 }  # fmt: skip
 

@@ -110,3 +110,14 @@ def test_geodesic_operation_names_input_vertices():
         medialis.run("geodesic_path", shape, start=0, end=8)
     with pytest.raises(InvalidOptionError, match=r"vertex 0\.\.8"):
         medialis.run("geodesic_path", shape, start=1, end=9)
+
+
+def test_skeleton_mesh_is_simplified_by_importance():
+    shape = medialis.organic_shape(100)
+    plain = medialis.run("skeleton_mesh", shape, min_spoke_angle=0)
+    some = medialis.run("skeleton_mesh", shape, min_spoke_angle=0, importance=0.05)
+    assert some.values["kept_points"] < plain.values["kept_points"]
+    values = some.layers[0].attributes["importance"]
+    assert (values >= 0.05 * some.shape.diagonal).all() and "importance" in some.arrays
+    with pytest.raises(InvalidShapeError, match="importance of 9"):
+        medialis.run("skeleton_mesh", shape, importance=9)

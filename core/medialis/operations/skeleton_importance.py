@@ -126,9 +126,9 @@ OPERATION = Operation(
     group="Skeleton",
     help="Compute the surface skeleton with geodesic importance, and simplify it by one number.\n\n"
     "The importance of a skeleton point is the length of the shortest path over the surface "
-    "between its two feature points. It grows from the border of the skeleton inwards, so a threshold "
-    "removes what bumps and noise made and leaves the rest in one piece. Spoke angle, radius, "
-    "feature radius and radius ratio come along for comparison. Needs a mesh.",
+    "between its two feature points. It grows from the border of the skeleton inwards, so a "
+    "threshold removes what bumps and noise made and leaves the rest in one piece. Spoke angle, "
+    "radius, feature radius and radius ratio come along for comparison. Needs a mesh.",
     source="thesis 3.3",
     parameters=(
         Parameter(

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from medialis.errors import InvalidShapeError
 from medialis.model.medial_cloud import MedialCloud
@@ -24,6 +25,7 @@ from medialis.operations.common import (
 from medialis.operations.declaration import Kind, Operation, Parameter
 from medialis.operations.result import Layer, Outcome
 from medialis.progress import Progress
+from medialis.regularization.importance import geodesic_importance, important_points
 from medialis.surface_skeletons.ball_shrinking import SIDES, surface_skeleton
 from medialis.surface_skeletons.skeleton_mesh import DEFAULT_BRIDGE, skeleton_mesh
 
@@ -36,7 +38,7 @@ def run(shape: Shape, parameters: Mapping[str, Any], progress: Progress) -> Outc
             "first, or use surface_skeleton, which shows the skeleton as points."
         )
     fine = refined(shape, parameters["refine"], progress)
-    with progress.stage("skeleton", 0.1, 0.8):
+    with progress.stage("skeleton", 0.1, 0.5):
         cloud = surface_skeleton(
             fine,
             tolerance=parameters["tolerance"],
@@ -45,6 +47,12 @@ def run(shape: Shape, parameters: Mapping[str, Any], progress: Progress) -> Outc
         )
     require_balls(cloud, fine)
     keep = cloud.valid & (cloud.spoke_angles >= math.radians(parameters["min_spoke_angle"]))
+    measured: dict[str, NDArray[np.float64]] = {}
+    if parameters["importance"] > 0:
+        with progress.stage("importance", 0.5, 0.8):
+            paths = geodesic_importance(fine, cloud, progress=progress)
+        measured["importance"] = paths.length
+        keep &= important_points(fine, paths.length, parameters["importance"])
     with progress.stage("mesh", 0.8, 1.0):
         mesh = skeleton_mesh(
             fine,
@@ -57,13 +65,13 @@ def run(shape: Shape, parameters: Mapping[str, Any], progress: Progress) -> Outc
     if len(mesh.faces) == 0:
         raise InvalidShapeError(
             f"No triangle is left: {int(keep.sum())} of {int(cloud.valid.sum())} balls have a "
-            f"spoke angle of {parameters['min_spoke_angle']:g} degrees or more. Lower "
-            "min_spoke_angle or smallest_piece."
+            f"spoke angle of {parameters['min_spoke_angle']:g} degrees or more and an importance of "
+            f"{parameters['importance']:g} of the size. Lower these or smallest_piece."
         )
     radii = cloud.radii[mesh.rows]
     return Outcome(
         shape=fine,
-        layers=(mesh_layer("skeleton_mesh", cloud, mesh), samples_layer(fine)),
+        layers=(mesh_layer("skeleton_mesh", cloud, mesh, measured), samples_layer(fine)),
         values={
             "points": len(mesh.points),
             "faces": len(mesh.faces),
@@ -77,6 +85,7 @@ def run(shape: Shape, parameters: Mapping[str, Any], progress: Progress) -> Outc
         },
         arrays={
             **cloud_arrays(fine, cloud),
+            **measured,
             "selected": keep,
             "mesh_faces": mesh.faces,
             "mesh_rows": mesh.rows,
@@ -85,8 +94,10 @@ def run(shape: Shape, parameters: Mapping[str, Any], progress: Progress) -> Outc
     )
 
 
-def mesh_layer(name: str, cloud: MedialCloud, mesh: SkeletonMesh) -> Layer:
-    """Layer of a skeleton mesh with what its points know from the cloud."""
+def mesh_layer(
+    name: str, cloud: MedialCloud, mesh: SkeletonMesh, measured: Mapping[str, NDArray[np.float64]]
+) -> Layer:
+    """Layer of a skeleton mesh with what its points know from the cloud and from measures on it."""
     shown = cloud.subset(np.asarray(mesh.rows))
     return Layer(
         name,
@@ -99,6 +110,7 @@ def mesh_layer(name: str, cloud: MedialCloud, mesh: SkeletonMesh) -> Layer:
             "feature_2": shown.features[:, 1],
             "source": shown.source,
             "side": shown.side,
+            **{key: values[mesh.rows] for key, values in measured.items()},
         },
         color_by="radius",
     )
@@ -134,6 +146,16 @@ OPERATION = Operation(
             "from the center. 0 keeps every sheet, also those of bumps and noise.",
             low=0.0,
             high=180.0,
+        ),
+        Parameter(
+            "importance",
+            Kind.LENGTH,
+            0.0,
+            "Importance",
+            "Leave out points whose geodesic importance is below this fraction of the size: "
+            "removes what bumps and noise made. 0 measures no geodesics.",
+            low=0.0,
+            high=10.0,
         ),
         Parameter(
             "smallest_piece",
