@@ -1,6 +1,7 @@
 """Estimated normals of clouds: directions from the neighbours, signs outward."""
 
 import math
+import threading
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ import pytest
 import closed_forms as forms
 from medialis.errors import Cancelled, InvalidOptionError, InvalidShapeError
 from medialis.progress import Progress
+from medialis.shape import cloud_normals
 from medialis.shape.cloud_normals import estimate_normals
 from medialis.threads import thread_limit
 
@@ -149,3 +151,19 @@ def test_bad_neighbours(neighbours):
 def test_cancelling():
     with pytest.raises(Cancelled):
         estimate_normals(forms.sphere(50).shape.points, progress=lambda f, text: f < 0.5)
+
+
+def test_cancel_while_neighbours_are_searched(monkeypatch):
+    """The search was one call with threads of its own: Ctrl-C in it ended in a crash."""
+    monkeypatch.setattr(cloud_normals, "QUERIES_A_CHUNK", 100)
+    seen = []
+
+    def cancel(fraction, text):
+        seen.append((fraction, text))
+        return len(seen) < 4
+
+    before = threading.active_count()
+    with pytest.raises(Cancelled):
+        estimate_normals(forms.sphere(2000).points, progress=cancel)
+    assert seen[-1][1] == "neighbours" and 0 < seen[-1][0] < 0.4
+    assert threading.active_count() == before
