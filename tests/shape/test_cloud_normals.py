@@ -163,7 +163,7 @@ def test_cancel_while_neighbours_are_searched(monkeypatch):
         return len(seen) < 4
 
     before = threading.active_count()
-    with pytest.raises(Cancelled):
-        estimate_normals(forms.sphere(2000).points, progress=cancel)
+    with thread_limit(1), pytest.raises(Cancelled):
+        estimate_normals(forms.sphere(2000).shape.points, progress=cancel)
     assert seen[-1][1] == "neighbours" and 0 < seen[-1][0] < 0.4
     assert threading.active_count() == before
