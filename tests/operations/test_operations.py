@@ -86,7 +86,7 @@ def test_a_cube_of_8_vertices_has_its_medial_sheets():
 def test_names_and_parameters_are_checked(creature):
     for name in ("surface_skeleton", "surface-skeleton", "generate_surface_skeleton"):
         assert medialis.operation(name).name == "surface_skeleton"
-    with pytest.raises(medialis.InvalidOptionError, match="surface_skeleton, .*ball_recon"):
+    with pytest.raises(medialis.InvalidOptionError, match=r"surface_skeleton, .*ball_recon"):
         medialis.run("skeletonize", creature)
     with pytest.raises(medialis.InvalidOptionError, match="no parameter depth; it has tolerance"):
         medialis.run("surface_skeleton", creature, depth=3)
