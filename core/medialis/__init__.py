@@ -32,7 +32,12 @@ from medialis.operations.registry import OPERATIONS, operation, run
 from medialis.operations.result import Layer, Result
 from medialis.operations.writing import write_result
 from medialis.progress import Progress
-from medialis.regularization.geodesics import Geodesic, geodesic, geodesic_lengths
+from medialis.regularization.geodesics import (
+    Geodesic,
+    geodesic,
+    geodesic_lengths,
+    geodesics,
+)
 from medialis.regularization.importance import (
     geodesic_importance,
     important_points,
@@ -81,6 +86,7 @@ __all__ = [
     "geodesic",
     "geodesic_importance",
     "geodesic_lengths",
+    "geodesics",
     "important_points",
     "local_measures",
     "make_shape",

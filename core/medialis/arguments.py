@@ -102,6 +102,7 @@ def _add_parameter(group: Any, parameter: Parameter) -> None:
         Kind.LENGTH: "FRACTION",
         Kind.FLOAT: "NUMBER",
         Kind.ANGLE: "DEGREES",
+        Kind.FILE: "FILE",
     }.get(parameter.kind)
     if parameter.kind is Kind.CHOICE:
         metavar = "{" + ",".join(parameter.choices) + "}"

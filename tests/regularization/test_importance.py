@@ -106,9 +106,9 @@ def test_geodesic_operation_names_input_vertices():
     shape = medialis.make_shape(points, forms.cube().faces + 1, repair=True)
     result = medialis.run("geodesic_path", shape, start=1, end=8)
     assert (result.layers[0].points[[0, -1]] == points[[1, 8]]).all()
-    with pytest.raises(InvalidOptionError, match="no face uses"):
+    with pytest.raises(InvalidOptionError, match="Vertex 0 is used by no face"):
         medialis.run("geodesic_path", shape, start=0, end=8)
-    with pytest.raises(InvalidOptionError, match=r"vertex 0\.\.8"):
+    with pytest.raises(InvalidOptionError, match=r"numbered 0\.\.8, got 9"):
         medialis.run("geodesic_path", shape, start=1, end=9)
 
 
@@ -121,3 +121,25 @@ def test_skeleton_mesh_is_simplified_by_importance():
     assert (values >= 0.05 * some.shape.diagonal).all() and "importance" in some.arrays
     with pytest.raises(InvalidShapeError, match="importance of 9"):
         medialis.run("skeleton_mesh", shape, importance=9)
+
+
+def test_geodesics_of_a_list_of_pairs(tmp_path):
+    shape = forms.icosphere(2)
+    (tmp_path / "pairs.txt").write_text("0 5  # first\n\n3, 7\n2 2\n")
+    result = medialis.run("geodesic_path", shape, pairs=str(tmp_path / "pairs.txt"))
+    expected = medialis.geodesic_lengths(shape, [[0, 5], [3, 7], [2, 2]]).length
+    assert (result.arrays["length"] == expected).all() and result.values["pairs"] == 3
+    layer = result.layers[0]
+    for row, length in enumerate(expected):
+        mine = layer.attributes["pair"] == row
+        assert layer.attributes["distance"][mine].max() == pytest.approx(length, abs=1e-12)
+    same = layer.attributes["pair"][layer.edges]
+    assert (same[:, 0] == same[:, 1]).all()
+    for text, told in (("1 2 3", "Line 1"), ("a b", "two vertex numbers"), ("# none", "no pair")):
+        (tmp_path / "bad.txt").write_text(text)
+        with pytest.raises(InvalidOptionError, match=told):
+            medialis.run("geodesic_path", shape, pairs=str(tmp_path / "bad.txt"))
+    with pytest.raises(medialis.FileError, match="Cannot read the pairs"):
+        medialis.run("geodesic_path", shape, pairs=str(tmp_path / "missing.txt"))
+    with pytest.raises(InvalidOptionError, match="path of a file"):
+        medialis.run("geodesic_path", shape, pairs=7)

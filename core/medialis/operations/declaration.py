@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from enum import StrEnum
@@ -25,6 +26,8 @@ class Kind(StrEnum):
     """Fraction of the bounding-box diagonal; hosts show per cent."""
     ANGLE = "angle"
     """Degrees; the operation converts to radians."""
+    FILE = "file"
+    """Path of a file to read; empty: none."""
 
 
 @dataclass(frozen=True)
@@ -67,6 +70,10 @@ class Parameter:
         """
         if self.kind is Kind.CHOICE:
             return as_choice(value, self.name, self.choices)
+        if self.kind is Kind.FILE:
+            if not isinstance(value, str | os.PathLike):
+                raise InvalidOptionError(f"{self.name} must be the path of a file, got {value!r}.")
+            return os.fspath(value)
         if self.kind is Kind.BOOL:
             if not isinstance(value, bool):
                 raise InvalidOptionError(f"{self.name} must be True or False, got {value!r}.")

@@ -2,67 +2,125 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from medialis.errors import InvalidOptionError
+from medialis.errors import FileError, InvalidOptionError, InvalidShapeError
 from medialis.model.shape import Shape
+from medialis.operations.common import summary
 from medialis.operations.declaration import Kind, Operation, Parameter
 from medialis.operations.result import Layer, Outcome
 from medialis.operations.skeleton_importance import DIRECTIONS
 from medialis.progress import Progress
-from medialis.regularization.geodesics import geodesic
+from medialis.regularization.geodesics import Geodesic, geodesics
 
 LARGEST_INDEX = 2_147_483_647
 
 
 def run(shape: Shape, parameters: Mapping[str, Any], progress: Progress) -> Outcome:
-    """Trace the path between two vertices of the input."""
-    ends = [_vertex(shape, parameters[name], name) for name in ("start", "end")]
-    with progress.stage("geodesic", 0.0, 1.0):
-        path = geodesic(shape, *ends, directions=parameters["directions"])
-    count = len(path.points)
-    steps = np.linalg.norm(np.diff(path.points, axis=0), axis=1)
-    layer = Layer(
-        "geodesic_path",
-        path.points,
-        edges=np.stack([np.arange(count - 1), np.arange(1, count)], axis=1).astype(np.int32),
-        attributes={"distance": np.concatenate([[0.0], np.cumsum(steps)])},
-        color_by="distance",
-    )
-    straight = float(np.linalg.norm(path.points[-1] - path.points[0]))
+    """Trace the paths between the given vertices of the input."""
+    pairs = np.array([[parameters["start"], parameters["end"]]])
+    if parameters["pairs"]:
+        pairs = _read_pairs(parameters["pairs"])
+    ends = _in_shape(shape, pairs)
+    with progress.stage("geodesics", 0.0, 1.0):
+        paths = geodesics(shape, ends, directions=parameters["directions"], progress=progress)
+    found = [(row, path) for row, path in enumerate(paths) if path is not None]
+    if not found:
+        raise InvalidShapeError(
+            f"No path joins the vertices {pairs[0].tolist()}"
+            + (f" or those of {len(pairs) - 1} other pairs" if len(pairs) > 1 else "")
+            + ": they lie in different components."
+        )
+    if len(found) < len(paths):
+        progress.note(f"{len(paths) - len(found)} of {len(paths)} pairs are joined by no path.")
+    lengths = np.array([math.inf if path is None else path.length for path in paths])
+    one = found[0][1]
+    values: dict[str, Any] = {"pairs": len(paths), **summary(lengths, "length")}
+    if len(paths) == 1:
+        straight = float(np.linalg.norm(one.points[-1] - one.points[0]))
+        values = {
+            "length": one.length,
+            "straight_distance": straight,
+            "found": one.status.name.lower(),
+        }
+    values["path_points"] = sum(len(path.points) for _, path in found)
     return Outcome(
         shape=shape,
-        layers=(layer,),
-        values={
-            "length": path.length,
-            "straight_distance": straight,
-            "found": path.status.name.lower(),
-            "path_points": count,
-        },
-        arrays={"path": path.points},
+        layers=(_layer(found),),
+        values=values,
+        arrays={"pairs": pairs, "length": lengths},
     )
 
 
-def _vertex(shape: Shape, index: int, name: str) -> int:
-    """Index in the repaired shape of a vertex of the input."""
+def _layer(found: list[tuple[int, Geodesic]]) -> Layer:
+    """All polylines, with the distance from their start, and their row in the list of pairs."""
+    counts = np.array([len(path.points) for _, path in found])
+    first = np.cumsum(counts) - counts
+    index = np.arange(counts.sum())
+    inside = np.delete(index, first + counts - 1)  # a last point begins no edge
+    distance = [
+        np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(p.points, axis=0), axis=1))])
+        for _, p in found
+    ]
+    return Layer(
+        "geodesic_path",
+        np.concatenate([path.points for _, path in found]),
+        edges=np.stack([inside, inside + 1], axis=1).astype(np.int32),
+        attributes={
+            "distance": np.concatenate(distance),
+            "pair": np.repeat(np.array([row for row, _ in found], np.int32), counts),
+        },
+        color_by="distance",
+    )
+
+
+def _read_pairs(path: str) -> NDArray[np.int64]:
+    """Two vertex numbers a line, separated by blanks or a comma; # begins a comment."""
+    try:
+        text = Path(path).read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        reason = getattr(error, "strerror", None) or "it is no text"
+        raise FileError(f"Cannot read the pairs in {path}: {reason}.") from None
+    rows = []
+    for number, line in enumerate(text.splitlines(), 1):
+        words = line.split("#")[0].replace(",", " ").split()
+        if not words:
+            continue
+        if len(words) != 2 or not all(word.isascii() and word.isdigit() for word in words):
+            raise InvalidOptionError(
+                f"Line {number} of {path} must hold two vertex numbers, got {line.strip()[:40]!r}."
+            )
+        rows.append([int(word) for word in words])
+    if not rows:
+        raise InvalidOptionError(f"{path} holds no pair of vertex numbers.")
+    return np.array(rows, np.int64)
+
+
+def _in_shape(shape: Shape, pairs: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Numbers in the repaired shape of vertices of the input."""
     known = shape.point_count if shape.vertex_map is None else len(shape.vertex_map)
-    if index >= known:
-        raise InvalidOptionError(f"{name} must be a vertex 0..{known - 1}, got {index}.")
-    mapped = index if shape.vertex_map is None else int(shape.vertex_map[index])
-    if mapped < 0:
-        raise InvalidOptionError(f"{name} is vertex {index}, which no face uses: choose another.")
+    if pairs.max() >= known:
+        raise InvalidOptionError(f"Vertices are numbered 0..{known - 1}, got {pairs.max()}.")
+    mapped = pairs if shape.vertex_map is None else shape.vertex_map[pairs].astype(np.int64)
+    if (mapped < 0).any():
+        raise InvalidOptionError(
+            f"Vertex {pairs[mapped < 0][0]} is used by no face: no path starts or ends there."
+        )
     return mapped
 
 
 OPERATION = Operation(
     name="geodesic_path",
     filter_name="generate_geodesic_path",
-    label="Geodesic path",
+    label="Geodesic paths",
     group="Inspect",
-    help="Measure and draw the shortest straightest geodesic between two vertices.\n\n"
+    help="Measure and draw shortest straightest geodesics between vertices.\n\n"
     "The path runs over the surface: of many planes through the two vertices, the one that cuts "
     "the surface in the shortest curve wins. Typical error against exact geodesics: 0.001 %.",
     source="thesis 3.3.2",
@@ -77,6 +135,14 @@ OPERATION = Operation(
         ),
         Parameter(
             "end", Kind.INT, 1, "End vertex", "Number of the vertex, from 0.", high=LARGEST_INDEX
+        ),
+        Parameter(
+            "pairs",
+            Kind.FILE,
+            "",
+            "File of pairs",
+            "Text file with two vertex numbers a line: measures all of them, instead of start and "
+            "end.",
         ),
         DIRECTIONS,
     ),

@@ -65,8 +65,8 @@ def run(shape: Shape, parameters: Mapping[str, Any], progress: Progress) -> Outc
     if len(mesh.faces) == 0:
         raise InvalidShapeError(
             f"No triangle is left: {int(keep.sum())} of {int(cloud.valid.sum())} balls have a "
-            f"spoke angle of {parameters['min_spoke_angle']:g} degrees or more and an importance of "
-            f"{parameters['importance']:g} of the size. Lower these or smallest_piece."
+            f"spoke angle of {parameters['min_spoke_angle']:g} degrees or more and an importance "
+            f"of {parameters['importance']:g} of the size. Lower these or smallest_piece."
         )
     radii = cloud.radii[mesh.rows]
     return Outcome(
@@ -139,7 +139,7 @@ OPERATION = Operation(
         ),
         Parameter(
             "min_spoke_angle",
-            Kind.FLOAT,
+            Kind.ANGLE,
             45.0,
             "Minimum spoke angle",
             "Leave out points whose feature points are less than this many degrees apart, seen "

@@ -295,8 +295,8 @@ def _direction(a, b, out):
 
 
 @kernel
-def record_path(points, corners, twins, fan_offsets, fan, start, end, normal, length, out_line):
-    """Crossings of the path on one plane that has the given length; returns how many."""
+def record_path(points, corners, twins, fan_offsets, fan, start, end, normal, out_line):
+    """Crossings of the shortest path on one plane; returns how many."""
     first, last = np.empty(3), np.empty(3)
     _shortest_on_plane(
         points, corners, twins, fan_offsets, fan, start, end, normal, np.inf, first, last

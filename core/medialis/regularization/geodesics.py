@@ -126,29 +126,52 @@ def geodesic(
     -----
     Source: thesis 3.3.2. Cost as one pair of `geodesic_lengths`.
     """
-    directions = as_whole_number(directions, "directions", low=2, high=1000)
-    ends = _as_pairs([[start, end]], shape.point_count)
-    if ends.min() < 0:
+    if min(start, end) < 0:
         raise InvalidShapeError(f"Vertices must be 0..{shape.point_count - 1}, got {start}, {end}.")
-    walk = _Walk(shape)
-    out = _trace(walk, ends, directions, Progress())
-    length, status = float(out["length"][0]), PathStatus(int(out["status"][0]))
-    if status is PathStatus.NONE:
+    path = geodesics(shape, [[start, end]], directions=directions)[0]
+    if path is None:
         raise InvalidShapeError(
             f"No path joins the vertices {start} and {end}: they lie in different components."
         )
-    first, last = shape.points[start], shape.points[end]
+    return path
+
+
+def geodesics(
+    shape: Shape,
+    pairs: ArrayLike,
+    *,
+    directions: int = DEFAULT_DIRECTIONS,
+    progress: Progress | ProgressCallback | None = None,
+) -> list[Geodesic | None]:
+    """Compute the polylines of many geodesics; None where there is no path or the pair is masked.
+
+    Parameters, errors and cost are those of `geodesic_lengths`; use that one for lengths alone.
+    """
+    directions = as_whole_number(directions, "directions", low=2, high=1000)
+    ends = _as_pairs(pairs, shape.point_count)
+    walk = _Walk(shape)
+    out = _trace(walk, ends, directions, Progress.of(progress))
+    return [_polyline(walk, ends[row], row, out) for row in range(len(ends))]
+
+
+def _polyline(
+    walk: _Walk, ends: NDArray[np.int32], row: int, out: dict[str, NDArray[Any]]
+) -> Geodesic | None:
+    status = PathStatus(int(out["status"][row]))
+    if status is PathStatus.NONE:
+        return None
+    shape, (start, end) = walk.shape, ends.tolist()
     if status is PathStatus.EDGES:
-        inner = shape.points[_edge_vertices(shape, int(ends[0, 0]), int(ends[0, 1]))]
-    elif np.isnan(out["normal"][0, 0]):  # a common edge, or the same vertex
+        inner = shape.points[_edge_vertices(shape, start, end)]
+    elif np.isnan(out["normal"][row, 0]):  # a common edge, or the same vertex
         inner = np.empty((0, 3))
     else:
         from medialis.regularization._geodesic_kernels import record_path
 
         line = np.empty((shape.face_count + 1, 3))
-        count = record_path(*walk.arrays, ends[0, 0], ends[0, 1], out["normal"][0], length, line)
-        inner = line[:count]
-    return Geodesic(frozen(np.vstack([first, inner, last]), np.float64), length, status)
+        inner = line[: record_path(*walk.arrays, start, end, out["normal"][row], line)]
+    points = np.vstack([shape.points[start], inner, shape.points[end]])
+    return Geodesic(frozen(points, np.float64), float(out["length"][row]), status)
 
 
 class _Walk:
