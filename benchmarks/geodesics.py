@@ -105,14 +105,18 @@ def thresholds(names: list[str]) -> list[dict]:
     rows = []
     for name in names:
         shape = medialis.read_shape(REAL / f"{name}.ply")
+        shape = medialis.refine(shape, 0.02 * shape.diagonal)  # as medialis.run does
         cloud = medialis.surface_skeleton(shape)
         importance = medialis.geodesic_importance(shape, cloud).length
+        connected = medialis.connected_importance(shape, cloud, importance)
         for threshold in (0.0, 0.005, 0.01, 0.02, 0.05):
-            kept = cloud.subset(medialis.important_points(shape, importance, threshold))
+            plain = cloud.subset(medialis.important_points(shape, importance, threshold))
+            kept = cloud.subset(medialis.important_points(shape, connected, threshold))
             found = medialis.reconstruct_image(shape, kept)
             rows.append(
                 {"shape": name, "threshold_percent": 100 * threshold, "points": len(kept),
-                 "components_at_2_percent": components(kept.centers, 0.02 * shape.diagonal),
+                 "components": components(kept.centers, 0.02 * shape.diagonal),
+                 "components_plain": components(plain.centers, 0.02 * shape.diagonal),
                  "pixels_that_differ_percent": 100 * found.only_one_share,
                  "median_depth_percent": found.median_difference,
                  "depth_95_percent": found.difference_95}

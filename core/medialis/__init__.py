@@ -32,6 +32,7 @@ from medialis.operations.registry import OPERATIONS, operation, run
 from medialis.operations.result import Layer, Result
 from medialis.operations.writing import write_result
 from medialis.progress import Progress
+from medialis.regularization.connectivity import connected_importance
 from medialis.regularization.geodesics import (
     Geodesic,
     geodesic,
@@ -77,6 +78,7 @@ __all__ = [
     "Shape",
     "SkeletonMesh",
     "ThinSpot",
+    "connected_importance",
     "diagnose",
     "draw_result",
     "estimate_normals",

@@ -153,7 +153,9 @@ def cut_by_planes(shape, start, end, angles):
         places = np.array([place for _, place in nodes.values()])
         i = np.array([[nodes[a][0], nodes[b][0]] for a, b in links])
         weight = np.linalg.norm(places[i[:, 0]] - places[i[:, 1]], axis=1)
-        graph = coo_array((weight + 1e-300, tuple(i.T)), shape=(len(nodes),) * 2).tocsr()
+        graph = coo_array(
+            (weight + 1e-300, tuple(i.T.astype(np.int32))), shape=(len(nodes),) * 2
+        ).tocsr()
         there = dijkstra(graph, directed=False, indices=nodes["v", start][0])
         best = min(best, there[nodes["v", end][0]])
     return best

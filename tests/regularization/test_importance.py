@@ -143,3 +143,83 @@ def test_geodesics_of_a_list_of_pairs(tmp_path):
         medialis.run("geodesic_path", shape, pairs=str(tmp_path / "missing.txt"))
     with pytest.raises(InvalidOptionError, match="path of a file"):
         medialis.run("geodesic_path", shape, pairs=7)
+
+
+def dumbbell():
+    """Two boxes joined by a thin bar: the small box is an island at high thresholds."""
+    # Sections along x: half width at each; a chain of frusta with square cross-sections.
+    x = np.array([0, 0.1, 1.4, 1.5, 2.5, 2.6, 3.3, 3.4])
+    half = np.array([0.3, 0.5, 0.5, 0.1, 0.1, 0.35, 0.35, 0.2])
+    ring = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
+    points = np.concatenate([np.c_[np.full(4, a), h * ring] for a, h in zip(x, half, strict=True)])
+    faces = []
+    for i in range(len(x) - 1):
+        for j in range(4):
+            a, b = 4 * i + j, 4 * i + (j + 1) % 4
+            faces += [(a, b, b + 4), (a, b + 4, a + 4)]
+    last = len(points) - 4
+    faces += [(0, 2, 1), (0, 3, 2), (last, last + 1, last + 2), (last, last + 2, last + 3)]
+    shape = medialis.make_shape(points, faces, repair=True)
+    return medialis.refine(shape, 0.05)
+
+
+def pieces(shape, cloud, kept):
+    """Oracle: pieces of the kept points under the stated links, by flood fill."""
+    near = {i: [] for i in np.flatnonzero(kept).tolist()}
+    for a, b in np.concatenate([shape.edges, cloud.features[cloud.valid]]).tolist():
+        if a in near and b in near:
+            gap = np.linalg.norm(cloud.centers[a] - cloud.centers[b])
+            if gap <= 0.02 * shape.diagonal:
+                near[a].append(b)
+                near[b].append(a)
+    left, count = set(near), 0
+    while left:
+        todo = [left.pop()]
+        count += 1
+        while todo:
+            for other in near[todo.pop()]:
+                if other in left:
+                    left.remove(other)
+                    todo.append(other)
+    return count
+
+
+def test_connected_importance_leaves_one_piece_at_every_threshold():
+    shape = dumbbell()
+    cloud = medialis.surface_skeleton(shape)
+    plain = medialis.geodesic_importance(shape, cloud).length
+    lowered = medialis.connected_importance(shape, cloud, plain)
+    assert (np.isnan(lowered) == np.isnan(plain)).all()
+    assert (lowered[cloud.valid] <= plain[cloud.valid]).all()
+    torn = 0
+    for threshold in np.quantile(plain[cloud.valid], np.linspace(0.05, 0.95, 12)):
+        torn += pieces(shape, cloud, plain >= threshold) > 1
+        assert pieces(shape, cloud, (lowered >= threshold) & (lowered > 0)) <= 1
+    assert torn > 3  # the small box is an island without it
+    # What never was an island keeps its value: the largest piece of the highest threshold.
+    assert (lowered == plain).sum() > 0.3 * len(cloud)
+
+
+def test_connected_importance_of_two_parts_keeps_both():
+    one = forms.box_mesh((1.0, 0.8, 0.6), 0.1)
+    points = np.vstack([one.points, one.points + 3])
+    shape = medialis.make_shape(points, np.vstack([one.faces, one.faces + one.point_count]))
+    cloud = medialis.surface_skeleton(shape)
+    plain = medialis.geodesic_importance(shape, cloud).length
+    lowered = medialis.connected_importance(shape, cloud, plain, link=0.1)
+    n = one.point_count
+    for part in (slice(0, n), slice(n, 2 * n)):
+        assert np.nanmax(lowered[part]) == np.nanmax(plain[part])
+
+
+def test_connected_importance_refuses_what_it_cannot_link():
+    shape = forms.icosphere(1)
+    cloud = medialis.surface_skeleton(shape)
+    values = np.ones(len(cloud))
+    with pytest.raises(InvalidShapeError, match="whole inner cloud"):
+        medialis.connected_importance(shape, cloud.subset(np.arange(5)), values)
+    with pytest.raises(InvalidShapeError, match="no faces"):
+        sphere = medialis.Shape(shape.points, shape.normals)
+        medialis.connected_importance(sphere, cloud, values)
+    with pytest.raises(InvalidOptionError, match="link"):
+        medialis.connected_importance(shape, cloud, values, link=0)

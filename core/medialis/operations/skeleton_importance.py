@@ -23,6 +23,7 @@ from medialis.operations.common import (
 from medialis.operations.declaration import Kind, Operation, Parameter
 from medialis.operations.result import Layer, Outcome
 from medialis.progress import Progress
+from medialis.regularization.connectivity import connected_importance
 from medialis.regularization.geodesics import DEFAULT_DIRECTIONS
 from medialis.regularization.importance import (
     geodesic_importance,
@@ -61,9 +62,12 @@ def run(shape: Shape, parameters: Mapping[str, Any], progress: Progress) -> Outc
         paths = geodesic_importance(
             fine, cloud, directions=parameters["directions"], progress=progress
         )
-    mask = important_points(fine, paths.length, parameters["threshold"])
+        importance = paths.length
+        if parameters["connected"]:
+            importance = connected_importance(fine, cloud, importance)
+    mask = important_points(fine, importance, parameters["threshold"])
     if not mask.any():
-        largest = float(np.nanmax(paths.length)) / fine.diagonal
+        largest = float(np.nanmax(importance)) / fine.diagonal
         raise InvalidShapeError(
             f"No skeleton point has an importance of {parameters['threshold']:g} of the size or "
             f"more; the largest is {largest:.3g}. Lower the threshold."
@@ -84,7 +88,7 @@ def run(shape: Shape, parameters: Mapping[str, Any], progress: Progress) -> Outc
     base = cloud_layer("skeleton_importance", shown, "importance")
     measures = local_measures(fine, cloud)
     extra = {
-        "importance": paths.length[mask],
+        "importance": importance[mask],
         "feature_radius": measures["feature_radius"][mask],
         "radius_ratio": measures["radius_ratio"][mask],
     }
@@ -98,10 +102,10 @@ def run(shape: Shape, parameters: Mapping[str, Any], progress: Progress) -> Outc
             "samples": fine.point_count,
             "skeleton_points": len(shown),
             "points_above_percent": {
-                f"{100 * share:g}": int(important_points(fine, paths.length, share).sum())
+                f"{100 * share:g}": int(important_points(fine, importance, share).sum())
                 for share in SHARES
             },
-            **summary(paths.length[mask], "importance"),
+            **summary(importance[mask], "importance"),
             **summary(shown.radii, "radius"),
             "between_parts": unreached,
             "along_edges": around,
@@ -110,7 +114,8 @@ def run(shape: Shape, parameters: Mapping[str, Any], progress: Progress) -> Outc
         arrays={
             **cloud_arrays(fine, cloud),
             **measures,
-            "importance": paths.length,
+            "importance": importance,
+            "geodesic_length": paths.length,
             "start_tangent": paths.start_tangent,
             "end_tangent": paths.end_tangent,
             "path_status": paths.status,
@@ -140,6 +145,14 @@ OPERATION = Operation(
             "0.01 to 0.05 removes noise and small details.",
             low=0.0,
             high=10.0,
+        ),
+        Parameter(
+            "connected",
+            Kind.BOOL,
+            True,
+            "In one piece",
+            "Lower the importance of islands that a threshold would cut off, so that the skeleton "
+            "stays in one piece.",
         ),
         TOLERANCE,
         REFINE,

@@ -25,6 +25,7 @@ from medialis.operations.common import (
 from medialis.operations.declaration import Kind, Operation, Parameter
 from medialis.operations.result import Layer, Outcome
 from medialis.progress import Progress
+from medialis.regularization.connectivity import connected_importance
 from medialis.regularization.importance import geodesic_importance, important_points
 from medialis.surface_skeletons.ball_shrinking import SIDES, surface_skeleton
 from medialis.surface_skeletons.skeleton_mesh import DEFAULT_BRIDGE, skeleton_mesh
@@ -52,7 +53,9 @@ def run(shape: Shape, parameters: Mapping[str, Any], progress: Progress) -> Outc
         with progress.stage("importance", 0.5, 0.8):
             paths = geodesic_importance(fine, cloud, progress=progress)
         measured["importance"] = paths.length
-        keep &= important_points(fine, paths.length, parameters["importance"])
+        if parameters["side"] == "inner":
+            measured["importance"] = connected_importance(fine, cloud, paths.length)
+        keep &= important_points(fine, measured["importance"], parameters["importance"])
     with progress.stage("mesh", 0.8, 1.0):
         mesh = skeleton_mesh(
             fine,
