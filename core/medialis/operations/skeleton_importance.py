@@ -151,8 +151,8 @@ OPERATION = Operation(
             Kind.BOOL,
             True,
             "In one piece",
-            "Lower the importance of islands that a threshold would cut off, so that the skeleton "
-            "stays in one piece.",
+            "Keep the skeleton in one piece at every threshold: small islands go, bridges to large "
+            "ones stay.",
         ),
         TOLERANCE,
         REFINE,

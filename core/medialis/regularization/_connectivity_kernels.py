@@ -1,10 +1,11 @@
 """Kernel of connected importance (thesis 3.3; see connectivity.py).
 
 Strategy. Links are taken from the most important to the least; a link joins the pieces of its two
-ends (union-find). Above the importance of that link the smaller piece was an island: its points are
-lowered to it. Each point is lowered at most log2(n) times, because its piece at least doubles, so
-walking over the members of the smaller piece costs O(n log n) in all. Members form a ring
-(`following`), and two rings are joined by swapping two entries.
+ends (union-find). Above the importance of that link the smaller piece was an island. A small island
+is lowered to that importance. Each point is lowered at most log2(n) times, because its piece at
+least doubles, so walking over the members of the smaller piece costs O(n log n) in all. Members
+form a ring (`following`), and two rings are joined by swapping two entries. For a large island the
+peaks of both pieces are recorded: they are to be joined by a bridge.
 """
 
 from __future__ import annotations
@@ -23,22 +24,36 @@ def _root(parent, i):
 
 
 @kernel
-def lower_islands(links, strength, out_importance):
-    """Lower `out_importance`; `links` (e, 2) come with falling `strength`."""
+def join_pieces(links, strength, large, out_importance, out_tree, out_bridges):
+    """Lower small islands in `out_importance`; `links` (e, 2) come with falling `strength`.
+
+    `out_tree` receives the links that joined pieces, `out_bridges` the peaks of two pieces of at
+    least `large` points each. Returns the numbers of both.
+    """
     n = len(out_importance)
-    parent, following = np.arange(n), np.arange(n)
+    parent, following, peak = np.arange(n), np.arange(n), np.arange(n)
     size = np.ones(n, np.int64)
+    joined, bridges = 0, 0
     for e in range(len(links)):
         a, b = _root(parent, links[e, 0]), _root(parent, links[e, 1])
         if a == b:
             continue
+        out_tree[joined, 0], out_tree[joined, 1] = links[e, 0], links[e, 1]
+        joined += 1
         if size[a] < size[b] or (size[a] == size[b] and a > b):
             a, b = b, a
-        member = b
-        for _ in range(size[b]):
-            if out_importance[member] > strength[e]:
-                out_importance[member] = strength[e]
-            member = following[member]
+        if size[b] >= large:
+            out_bridges[bridges, 0], out_bridges[bridges, 1] = peak[a], peak[b]
+            bridges += 1
+        else:
+            member = b
+            for _ in range(size[b]):
+                if out_importance[member] > strength[e]:
+                    out_importance[member] = strength[e]
+                member = following[member]
+        if out_importance[peak[b]] > out_importance[peak[a]]:
+            peak[a] = peak[b]
         parent[b] = a
         size[a] += size[b]
         following[a], following[b] = following[b], following[a]
+    return joined, bridges
