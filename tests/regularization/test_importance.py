@@ -1,6 +1,7 @@
 """Geodesic importance, thresholding, local measures."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ import pytest
 import closed_forms as forms
 import medialis
 from medialis.errors import InvalidOptionError, InvalidShapeError
+from medialis.regularization.relaxation import relax
 
 
 def test_importance_of_a_flat_box_is_the_way_round():
@@ -227,3 +229,48 @@ def test_connected_importance_refuses_what_it_cannot_link():
         medialis.connected_importance(sphere, cloud, values)
     with pytest.raises(InvalidOptionError, match="link"):
         medialis.connected_importance(shape, cloud, values, link=0)
+
+
+def test_relaxation_is_the_shortest_way_through_neighbours():
+    """Oracle: repeat over all links until nothing gets shorter (Bellman-Ford)."""
+    shape = dumbbell()
+    cloud = medialis.surface_skeleton(shape)
+    pairs = np.where(cloud.valid[:, None], cloud.features, -1)
+    paths = medialis.geodesic_lengths(shape, pairs, directions=2)
+    length = np.array(paths.length)
+    length[np.flatnonzero(cloud.valid)[::7]] *= 3  # paths that a fold has led astray
+    found = relax(shape, cloud, replace(paths, length=length))
+    edges = {tuple(e) for e in shape.edges.tolist()}
+    links = []
+    for i, j in shape.edges.tolist():
+        if cloud.valid[i] and cloud.valid[j]:
+            a, b = sorted((int(cloud.features[i, 1]), int(cloud.features[j, 1])))
+            if a == b or (a, b) in edges:
+                gap = np.linalg.norm(shape.points[i] - shape.points[j])
+                links.append((i, j, gap + np.linalg.norm(shape.points[a] - shape.points[b])))
+    expected = length.copy()
+    for _ in range(len(expected)):
+        before = expected.copy()
+        for i, j, gap in links:
+            expected[i] = min(expected[i], expected[j] + gap)
+            expected[j] = min(expected[j], expected[i] + gap)
+        if np.array_equal(before, expected, equal_nan=True):
+            break
+    assert np.allclose(found.length, expected, rtol=1e-8, equal_nan=True)
+    changed = found.status == medialis.PathStatus.NEIGHBOUR
+    assert changed.sum() > 0.1 * len(cloud)
+    assert (found.length[~changed & cloud.valid] == length[~changed & cloud.valid]).all()
+    tangents = {row.tobytes() for row in paths.start_tangent[cloud.valid]}
+    assert all(row.tobytes() in tangents for row in found.start_tangent[changed])
+
+
+def test_importance_changes_no_faster_than_the_feature_points():
+    shape = medialis.organic_shape(100)
+    cloud = medialis.surface_skeleton(shape, side="both")
+    paths = medialis.geodesic_importance(shape, cloud)
+    inner = cloud.side > 0
+    a, b = shape.edges.T
+    near = (cloud.features[a, 1] == cloud.features[b, 1]) & cloud.valid[a] & cloud.valid[b]
+    step = np.linalg.norm(shape.points[a] - shape.points[b], axis=1)[near]
+    change = np.abs(paths.length[inner][a] - paths.length[inner][b])[near]
+    assert near.sum() > 1000 and (change <= step * (1 + 1e-6)).all()

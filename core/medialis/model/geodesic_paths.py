@@ -21,6 +21,8 @@ class PathStatus(IntEnum):
     """The shortest cut of the surface by a plane through the ends (or a common edge)."""
     EDGES = 2
     """No plane cut arrives (holes, non-manifold edges): shortest path along the edges."""
+    NEIGHBOUR = 3
+    """Along edges to the ends of a neighbouring path, and along that: shorter than its own."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,6 +10,7 @@ from medialis.model.medial_cloud import MedialCloud
 from medialis.model.shape import Shape
 from medialis.progress import Progress, ProgressCallback
 from medialis.regularization.geodesics import DEFAULT_DIRECTIONS, geodesic_lengths
+from medialis.regularization.relaxation import relax
 from medialis.validation import FloatArray, as_field, as_number
 
 
@@ -53,7 +54,8 @@ def geodesic_importance(
 
     Notes
     -----
-    Source: thesis 3.3.1-3.3.2; see `medialis.geodesic_lengths`.
+    Source: thesis 3.3.1-3.3.2; see `medialis.geodesic_lengths`. Deviates: where the way through the
+    feature points of neighbouring balls is shorter, it is taken (status NEIGHBOUR).
 
     Examples
     --------
@@ -67,7 +69,8 @@ def geodesic_importance(
     True
     """
     pairs = np.where(cloud.valid[:, None], cloud.features, -1)
-    return geodesic_lengths(shape, pairs, directions=directions, progress=progress)
+    paths = geodesic_lengths(shape, pairs, directions=directions, progress=progress)
+    return relax(shape, cloud, paths)
 
 
 def important_points(shape: Shape, importance: ArrayLike, threshold: float) -> NDArray[np.bool_]:
