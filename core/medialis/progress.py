@@ -15,6 +15,7 @@ from contextlib import contextmanager
 from medialis.errors import Cancelled
 
 logger = logging.getLogger("medialis")
+logger.addHandler(logging.NullHandler())  # silent unless the host configures a log
 
 ProgressCallback = Callable[[float, str], "bool | None"]
 

@@ -194,7 +194,8 @@ class _Walk:
 def _trace(
     walk: _Walk, ends: NDArray[np.int32], directions: int, progress: Progress
 ) -> dict[str, NDArray[Any]]:
-    from medialis.regularization._geodesic_kernels import edge_paths, trace_geodesics
+    from medialis.regularization._edge_path_kernels import edge_paths
+    from medialis.regularization._geodesic_kernels import trace_geodesics
 
     k = len(ends)
     out: dict[str, NDArray[Any]] = {
