@@ -17,6 +17,9 @@ from scipy.spatial import cKDTree
 from surface_skeleton import REAL, best_seconds, table
 
 import medialis
+from medialis.render.camera import Camera
+from medialis.render.picture import Curves, Points, draw
+from medialis.render.png import write_png
 
 RESULTS = Path(__file__).resolve().parent / "results"
 ACCURACY = ("fertility", "rockerarm", "cow", "fandisk", "bunny", "horse")
@@ -134,6 +137,34 @@ def thresholds(names: list[str]) -> list[dict]:
     return rows
 
 
+def curves(rows: list[dict]) -> np.ndarray:
+    """Draw the share of pixels that differ against the threshold, both axes logarithmic.
+
+    From left to right thresholds of 0.5, 1, 2, 5 %; grid lines at 0.1, 1, 10 and 100 %.
+    """
+    names = list(dict.fromkeys(row["shape"] for row in rows))
+    nodes, edges, labels = [], [], []
+    for number, name in enumerate(names):
+        mine = [row for row in rows if row["shape"] == name and row["threshold_percent"] > 0]
+        for step, row in enumerate(mine):
+            if step:
+                edges.append((len(nodes) - 1, len(nodes)))
+            height = 0.6 * np.log10(row["pixels_that_differ_percent"])
+            nodes.append((np.log2(row["threshold_percent"]), height, 0.0))
+            labels.append(number)
+    left, right = min(n[0] for n in nodes), max(n[0] for n in nodes)
+    grid = np.array([(x, 0.6 * k, -0.1) for k in range(-1, 3) for x in (left, right)])
+    lines = [(2 * k, 2 * k + 1) for k in range(4)]
+    items = [
+        Curves(nodes, edges, width=5, labels=labels),
+        Points(nodes, size=11, labels=labels),
+        Curves(grid, lines, width=1.5, color=(0.75, 0.75, 0.78)),
+    ]
+    camera = Camera.framing(grid, direction=(0, 0, 1), up=(0, 1, 0), width=900, height=560)
+    title = "pixels that differ: 0.1, 1, 10, 100 % over importance from 0.5, 1, 2, 5 %"
+    return draw(items, camera, title=title, legend="shape", label_names=names)
+
+
 def noise(names: list[str]) -> list[dict]:
     """Tell how far pruned skeletons of noisy shapes lie from the clean skeleton, by measure.
 
@@ -195,6 +226,8 @@ def main() -> None:
         ]
         names = options.shapes.split(",") if options.shapes else list(usual)
         rows = accuracy(names, options.pairs) if part == "accuracy" else globals()[part](names)
+        if part == "thresholds":
+            write_png(RESULTS / "geodesics_thresholds.png", curves(rows))
         (RESULTS / f"geodesics_{part}.md").write_text(table(rows) + "\n")
 
 

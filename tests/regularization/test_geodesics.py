@@ -351,3 +351,37 @@ def test_cancelling():
         medialis.geodesic_lengths(
             shape, pairs_of(shape.point_count, 2000), progress=lambda f, t: f < 0.2
         )
+
+
+def test_paths_on_a_cone_lie_between_the_unrolled_line_and_the_ring():
+    """Cone of half-angle 30 degrees, unrolled to a half disc: lines there are the geodesics.
+
+    Of two points at slant s, an angle phi apart, the unrolled ones are phi / 2 apart, and the
+    geodesic measures 2 s sin(phi / 4). The horizontal plane is among those tried up to ANGLE, so
+    the ring's chords bound the length from above. The mesh lies inside the cone by the sagitta of
+    its sides, 1 - cos(pi / sides) of the radius, and is no shorter than that share.
+    """
+    sides, rows = 96, 24
+    angle = 2 * np.pi * np.arange(sides) / sides
+    slant = np.linspace(0.2, 2.0, rows)
+    radius, height = slant * math.sin(math.pi / 6), -slant * math.cos(math.pi / 6)
+    points = np.stack(
+        [np.outer(radius, np.cos(angle)).ravel(), np.outer(radius, np.sin(angle)).ravel(),
+         np.repeat(height, sides)], 1
+    )  # fmt: skip
+    faces = []
+    for r in range(rows - 1):
+        for i in range(sides):
+            a, b = r * sides + i, r * sides + (i + 1) % sides
+            faces += [(a, a + sides, b + sides), (a, b + sides, b)]
+    shape = medialis.make_shape(points, faces)
+    apart = np.arange(4, 36, 4)
+    base = 15 * sides
+    found = medialis.geodesic_lengths(shape, np.stack([0 * apart + base, base + apart], 1)).length
+    phi = 2 * np.pi * apart / sides
+    shortest = 2 * slant[15] * np.sin(phi / 4)
+    ring = 2 * radius[15] * math.sin(math.pi / sides) * apart
+    assert (found >= shortest * math.cos(math.pi / sides) - 1e-12).all()
+    assert (found <= ring / math.cos(ANGLE) + 1e-12).all()
+    # A plane through both points that dips towards the apex follows the geodesic closely.
+    assert (found - shortest < 0.25 * (ring - shortest) + 1e-3 * shortest).all()
