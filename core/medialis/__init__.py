@@ -46,6 +46,7 @@ from medialis.regularization.importance import (
 )
 from medialis.render.reconstruction import progressive, reconstruct_image
 from medialis.shape.cloud_normals import estimate_normals
+from medialis.shape.cloud_surface import surface_of_cloud
 from medialis.shape.diagnosis import diagnose
 from medialis.shape.generate import organic_shape
 from medialis.shape.normals import vertex_normals
@@ -101,6 +102,7 @@ __all__ = [
     "repair",
     "run",
     "skeleton_mesh",
+    "surface_of_cloud",
     "surface_skeleton",
     "thickness",
     "thin_spots",

@@ -30,6 +30,7 @@ from medialis.regularization.importance import (
     important_points,
     local_measures,
 )
+from medialis.shape.cloud_surface import surface_of_cloud
 from medialis.surface_skeletons.ball_shrinking import surface_skeleton
 
 SHARES = (0.005, 0.01, 0.02, 0.05)
@@ -50,10 +51,14 @@ DIRECTIONS = Parameter(
 def run(shape: Shape, parameters: Mapping[str, Any], progress: Progress) -> Outcome:
     """Shrink balls, trace a geodesic for each, keep the important points."""
     if shape.faces is None:
-        raise InvalidShapeError(
-            "Geodesic importance needs a surface, and this shape is a point cloud. Use "
-            "surface_skeleton, which gives spoke angle and radius, or reconstruct a mesh first."
-        )
+        if not parameters["reconstruct"]:
+            raise InvalidShapeError(
+                "Geodesic importance needs a surface, and this shape is a point cloud. Use "
+                "surface_skeleton, which gives spoke angle and radius, or reconstruct = True."
+            )
+        with progress.stage("surface", 0.0, 0.05):
+            shape = surface_of_cloud(shape)
+        progress.note("A surface was built through the points of the cloud: look at samples.ply.")
     fine = refined(shape, parameters["refine"], progress)
     with progress.stage("skeleton", 0.1, 0.2):
         cloud = surface_skeleton(fine, tolerance=parameters["tolerance"], progress=progress)
@@ -153,6 +158,14 @@ OPERATION = Operation(
             "In one piece",
             "Keep the skeleton in one piece at every threshold: small islands go, bridges to large "
             "ones stay.",
+        ),
+        Parameter(
+            "reconstruct",
+            Kind.BOOL,
+            False,
+            "Surface for clouds",
+            "Build a surface through the points of a point cloud first; it should be closed and "
+            "dense.",
         ),
         TOLERANCE,
         REFINE,
