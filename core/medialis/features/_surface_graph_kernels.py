@@ -11,6 +11,7 @@ import math
 import numpy as np
 
 from medialis._kernels.jit import kernel
+from medialis._kernels.union_find_kernels import find_root
 
 
 @kernel
@@ -205,14 +206,6 @@ def third_lowest(values, offsets, neighbours, out):
 
 
 @kernel
-def _root(parent, v):
-    while parent[v] != v:
-        parent[v] = parent[parent[v]]
-        v = parent[v]
-    return v
-
-
-@kernel
 def prominent_minima(order, values, offsets, neighbours, ratio, parent, out_minima):
     """Minima from which one climbs to `ratio` times their value before reaching a lower one.
 
@@ -232,7 +225,7 @@ def prominent_minima(order, values, offsets, neighbours, ratio, parent, out_mini
             w = neighbours[at]
             if parent[w] < 0:
                 continue
-            a, b = _root(parent, v), _root(parent, w)
+            a, b = find_root(parent, v), find_root(parent, w)
             if a == b:
                 continue
             low, high = (a, b) if rank[a] < rank[b] else (b, a)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -21,7 +22,7 @@ from medialis.operations.common import (
     summary,
 )
 from medialis.operations.declaration import Kind, Operation, Parameter
-from medialis.operations.result import Layer, Outcome
+from medialis.operations.result import Outcome
 from medialis.progress import Progress
 from medialis.regularization.connectivity import connected_importance
 from medialis.regularization.geodesics import DEFAULT_DIRECTIONS
@@ -97,9 +98,7 @@ def run(shape: Shape, parameters: Mapping[str, Any], progress: Progress) -> Outc
         "feature_radius": measures["feature_radius"][mask],
         "radius_ratio": measures["radius_ratio"][mask],
     }
-    layer = Layer(
-        base.name, base.points, attributes={**extra, **base.attributes}, color_by="importance"
-    )
+    layer = replace(base, attributes={**extra, **base.attributes})
     return Outcome(
         shape=fine,
         layers=(layer, samples_layer(fine)),

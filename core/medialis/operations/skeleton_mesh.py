@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,7 @@ from medialis.operations.common import (
     REFINE,
     TOLERANCE,
     cloud_arrays,
+    cloud_layer,
     refined,
     require_balls,
     samples_layer,
@@ -101,21 +103,10 @@ def mesh_layer(
     name: str, cloud: MedialCloud, mesh: SkeletonMesh, measured: Mapping[str, NDArray[np.float64]]
 ) -> Layer:
     """Layer of a skeleton mesh with what its points know from the cloud and from measures on it."""
-    shown = cloud.subset(np.asarray(mesh.rows))
-    return Layer(
-        name,
-        mesh.points,
-        mesh.faces,
-        attributes={
-            "radius": shown.radii,
-            "spoke_angle": shown.spoke_angles,
-            "feature_1": shown.features[:, 0],
-            "feature_2": shown.features[:, 1],
-            "source": shown.source,
-            "side": shown.side,
-            **{key: values[mesh.rows] for key, values in measured.items()},
-        },
-        color_by="radius",
+    known = cloud_layer(name, cloud.subset(np.asarray(mesh.rows)))
+    extra = {key: values[mesh.rows] for key, values in measured.items()}
+    return replace(
+        known, points=mesh.points, faces=mesh.faces, attributes={**known.attributes, **extra}
     )
 
 

@@ -13,14 +13,7 @@ from __future__ import annotations
 import numpy as np
 
 from medialis._kernels.jit import kernel
-
-
-@kernel
-def _root(parent, i):
-    while parent[i] != i:
-        parent[i] = parent[parent[i]]
-        i = parent[i]
-    return i
+from medialis._kernels.union_find_kernels import find_root
 
 
 @kernel
@@ -35,7 +28,7 @@ def join_pieces(links, strength, large, out_importance, out_tree, out_bridges):
     size = np.ones(n, np.int64)
     joined, bridges = 0, 0
     for e in range(len(links)):
-        a, b = _root(parent, links[e, 0]), _root(parent, links[e, 1])
+        a, b = find_root(parent, links[e, 0]), find_root(parent, links[e, 1])
         if a == b:
             continue
         out_tree[joined, 0], out_tree[joined, 1] = links[e, 0], links[e, 1]
