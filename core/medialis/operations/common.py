@@ -14,7 +14,7 @@ from medialis.operations.declaration import Kind, Parameter
 from medialis.operations.result import Layer
 from medialis.progress import Progress
 from medialis.shape.refinement import refine
-from medialis.surface_skeletons.ball_shrinking import DEFAULT_TOLERANCE
+from medialis.surface_skeletons.ball_shrinking import DEFAULT_TOLERANCE, SIDES
 
 REFINE = Parameter(
     "refine",
@@ -25,6 +25,14 @@ REFINE = Parameter(
     "samples; the surface stays the same. 0 computes with the given vertices only.",
     low=0.0,
     high=1.0,
+)
+SIDE = Parameter(
+    "side",
+    Kind.CHOICE,
+    "inner",
+    "Side",
+    "Skeleton inside the shape, outside, or both.",
+    choices=SIDES,
 )
 TOLERANCE = Parameter(
     "tolerance",

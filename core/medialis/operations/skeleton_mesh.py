@@ -16,6 +16,7 @@ from medialis.model.shape import Shape
 from medialis.model.skeleton_mesh import SkeletonMesh
 from medialis.operations.common import (
     REFINE,
+    SIDE,
     TOLERANCE,
     cloud_arrays,
     cloud_layer,
@@ -29,7 +30,7 @@ from medialis.operations.result import Layer, Outcome
 from medialis.progress import Progress
 from medialis.regularization.connectivity import connected_importance
 from medialis.regularization.importance import geodesic_importance, important_points
-from medialis.surface_skeletons.ball_shrinking import SIDES, surface_skeleton
+from medialis.surface_skeletons.ball_shrinking import surface_skeleton
 from medialis.surface_skeletons.skeleton_mesh import DEFAULT_BRIDGE, skeleton_mesh
 
 
@@ -123,14 +124,7 @@ OPERATION = Operation(
     source="thesis 3.4.1",
     parameters=(
         TOLERANCE,
-        Parameter(
-            "side",
-            Kind.CHOICE,
-            "inner",
-            "Side",
-            "Skeleton inside the shape, outside, or both.",
-            choices=SIDES,
-        ),
+        SIDE,
         Parameter(
             "min_spoke_angle",
             Kind.ANGLE,

@@ -9,6 +9,7 @@ from medialis.model.medial_cloud import BallStatus
 from medialis.model.shape import Shape
 from medialis.operations.common import (
     REFINE,
+    SIDE,
     TOLERANCE,
     cloud_arrays,
     cloud_layer,
@@ -20,7 +21,7 @@ from medialis.operations.common import (
 from medialis.operations.declaration import Kind, Operation, Parameter
 from medialis.operations.result import Outcome
 from medialis.progress import Progress
-from medialis.surface_skeletons.ball_shrinking import LARGEST_RADIUS, SIDES, surface_skeleton
+from medialis.surface_skeletons.ball_shrinking import LARGEST_RADIUS, surface_skeleton
 from medialis.surface_skeletons.subsampling import uniform_subsample
 
 
@@ -69,14 +70,7 @@ OPERATION = Operation(
     source="thesis 3.2",
     parameters=(
         TOLERANCE,
-        Parameter(
-            "side",
-            Kind.CHOICE,
-            "inner",
-            "Side",
-            "Balls inside the shape, outside, or both.",
-            choices=SIDES,
-        ),
+        SIDE,
         Parameter(
             "subsample",
             Kind.LENGTH,

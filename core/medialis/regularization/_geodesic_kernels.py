@@ -84,6 +84,26 @@ def _trace(
 
 
 @kernel
+def _way_out(points, corners, h, normal, offset):
+    """Where a plane through the vertex that half-edge h leaves cuts the side across.
+
+    Returns the half-edge of that side, -1 when it is not cut, and the point.
+    """
+    across = h - 2 if h % 3 == 2 else h + 1
+    a = corners[across]
+    b = corners[across - 2 if across % 3 == 2 else across + 1]
+    da = normal[0] * points[a, 0] + normal[1] * points[a, 1] + normal[2] * points[a, 2] - offset
+    db = normal[0] * points[b, 0] + normal[1] * points[b, 1] + normal[2] * points[b, 2] - offset
+    if (da >= 0.0) == (db >= 0.0):
+        return -1, 0.0, 0.0, 0.0
+    share = da / (da - db)
+    x = points[a, 0] + share * (points[b, 0] - points[a, 0])
+    y = points[a, 1] + share * (points[b, 1] - points[a, 1])
+    z = points[a, 2] + share * (points[b, 2] - points[a, 2])
+    return across, x, y, z
+
+
+@kernel
 def _shortest_on_plane(
     points, corners, twins, fan_offsets, fan, start, end, normal, best, out_first, out_last
 ):
@@ -98,20 +118,9 @@ def _shortest_on_plane(
     last = np.empty(3)
     dropped = False
     for i in range(fan_offsets[start], fan_offsets[start + 1]):
-        h = fan[i]  # leaves the start vertex; the side across runs from a to b
-        across = h - 2 if h % 3 == 2 else h + 1
-        a = corners[across]
-        b = corners[across - 2 if across % 3 == 2 else across + 1]
-        da = normal[0] * points[a, 0] + normal[1] * points[a, 1] + normal[2] * points[a, 2]
-        db = normal[0] * points[b, 0] + normal[1] * points[b, 1] + normal[2] * points[b, 2]
-        da -= offset
-        db -= offset
-        if (da >= 0.0) == (db >= 0.0):
+        across, x, y, z = _way_out(points, corners, fan[i], normal, offset)
+        if across < 0:
             continue
-        share = da / (da - db)
-        x = points[a, 0] + share * (points[b, 0] - points[a, 0])
-        y = points[a, 1] + share * (points[b, 1] - points[a, 1])
-        z = points[a, 2] + share * (points[b, 2] - points[a, 2])
         first = math.sqrt((x - sx) ** 2 + (y - sy) ** 2 + (z - sz) ** 2)
         length, count = _trace(
             points, corners, twins, across, x, y, z, first, normal, offset, start, end, best,
@@ -303,16 +312,9 @@ def record_path(points, corners, twins, fan_offsets, fan, start, end, normal, ou
     )
     offset = _dot(normal, points[start])
     for i in range(fan_offsets[start], fan_offsets[start + 1]):
-        h = fan[i]
-        across = h - 2 if h % 3 == 2 else h + 1
-        a, b = corners[across], corners[across - 2 if across % 3 == 2 else across + 1]
-        da, db = _dot(normal, points[a]) - offset, _dot(normal, points[b]) - offset
-        if (da >= 0.0) == (db >= 0.0):
+        across, x, y, z = _way_out(points, corners, fan[i], normal, offset)
+        if across < 0:
             continue
-        share = da / (da - db)
-        x = points[a, 0] + share * (points[b, 0] - points[a, 0])
-        y = points[a, 1] + share * (points[b, 1] - points[a, 1])
-        z = points[a, 2] + share * (points[b, 2] - points[a, 2])
         if x == first[0] and y == first[1] and z == first[2]:
             _, count = _trace(
                 points, corners, twins, across, x, y, z, 0.0, normal, offset, start, end, np.inf,

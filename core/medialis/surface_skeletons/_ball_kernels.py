@@ -111,7 +111,6 @@ def shrink_balls(
     previous = -1  # leaf of the last second feature point: the warm start
     known = np.full((4, KNOWN), np.inf)  # certificates: last centers x, y, z and a - r0
     turn = 0
-    visits = 0
     for i in range(begin, end):
         source = order[i]
         px, py, pz = points[i, 0], points[i, 1], points[i, 2]
@@ -139,7 +138,6 @@ def shrink_balls(
                 reach = r - a + margin
                 if reach <= 0.0:
                     break
-                visits += 1
                 _test_children(bounds[node], cx, cy, cz, reach, hits)
                 base = child[node]
                 if base >= 0:
@@ -178,4 +176,3 @@ def shrink_balls(
         first = (n * previous) >> depth  # a padded slot stands for the last sample of its leaf
         out_features[source] = order[min(first + slot, ((n * (previous + 1)) >> depth) - 1)]
         out_status[source] = OK
-    return visits
