@@ -70,6 +70,24 @@ def test_ply_comes_back_bit_by_bit(tmp_path):
     assert names_in(tmp_path) == ["a.ply"]
 
 
+def test_ply_face_attributes_come_back_bit_by_bit(tmp_path):
+    """Beside point attributes of the same name; other programs still read the triangles."""
+    faces = np.arange(3 * N).reshape(N, 3) % N
+    write_ply(tmp_path / "a.ply", np.zeros((N, 3)), faces, None, {"flags": np.ones(N)}, ATTRIBUTES)
+    back = read_ply_attributes(tmp_path / "a.ply")
+    assert (back.faces == faces).all() and list(back.attributes) == ["flags"]
+    assert list(back.face_attributes) == list(ATTRIBUTES)
+    for name, values in ATTRIBUTES.items():
+        same_bits(back.face_attributes[name], values)
+    assert (read_mesh(tmp_path / "a.ply").faces == faces).all()
+
+
+def test_ply_refuses_face_attributes_of_other_length(tmp_path):
+    with pytest.raises(InvalidOptionError, match="each of the 0 faces"):
+        write_ply(tmp_path / "a.ply", np.zeros((2, 3)), face_attributes={"part": [1, 2]})
+    assert names_in(tmp_path) == []
+
+
 def test_ply_without_rows_and_parts(tmp_path):
     write_ply(tmp_path / "a.ply", np.empty((0, 3)), attributes={"v": np.empty((0, 3))})
     data = read_ply_attributes(tmp_path / "a.ply")

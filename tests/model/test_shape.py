@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import closed_forms as forms
+import medialis
 from medialis.errors import InvalidShapeError
 from medialis.model.shape import Shape
 from oracles import component_labels, edge_uses, face_neighbours
@@ -124,3 +125,25 @@ def test_lists_and_other_number_types_are_taken():
 def test_bad_arrays(arrays):
     with pytest.raises(InvalidShapeError):
         Shape(**{"points": SOME, "normals": SOME, **arrays})
+
+
+def test_values_go_back_to_the_input_before_repair():
+    """Merged vertices share a value, dropped ones and dropped faces get the missing one."""
+    points = [[9, 9, 9], [0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [0, 0, 0.0]]
+    faces = [[1, 3, 2], [1, 2, 4], [2, 2, 3], [2, 3, 4], [5, 4, 3]]
+    shape = medialis.make_shape(points, faces, repair=True)
+    assert shape.point_count == 4 and shape.face_count == 4
+    back = shape.on_input_points(shape.points, np.nan)
+    assert np.isnan(back[0]).all() and (back[1:] == np.array(points)[1:]).all()
+    corners = np.sort(shape.points[shape.faces].reshape(4, 9), axis=1)
+    known = shape.on_input_faces(corners, 5, -1.0)
+    assert (known[2] == -1).all()
+    given = np.sort(np.array(points)[np.array(faces)].reshape(5, 9), axis=1)
+    assert (known[[0, 1, 3, 4]] == given[[0, 1, 3, 4]]).all()
+
+
+def test_values_of_an_unrepaired_shape_are_the_input_s_own():
+    shape = medialis.organic_shape(20)
+    values = np.arange(shape.point_count)
+    assert (shape.on_input_points(values, -1) == values).all()
+    assert (shape.on_input_faces(shape.faces, shape.face_count, -1) == shape.faces).all()

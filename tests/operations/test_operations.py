@@ -57,6 +57,23 @@ def test_every_operation_runs_on_a_real_shape(chosen, real_shapes):
     assert result.layers and result.values and result.seconds["total"] > 0
 
 
+@pytest.mark.parametrize(
+    "given",
+    [{"color_by": "x"}, {"filter_by": "x"}, {"labels": ("x",)}, {"attributes": {"a": [1]}}],
+    ids=lambda given: next(iter(given)),
+)
+def test_a_layer_has_the_attributes_it_names(given):
+    with pytest.raises(medialis.InvalidShapeError, match=r"of layer a has 1 rows|no attribute x"):
+        medialis.Layer("a", np.zeros((2, 3)), **given)
+
+
+@pytest.mark.parametrize("chosen", OPERATIONS, ids=lambda o: o.name)
+def test_layers_on_the_input_have_its_points(chosen, creature):
+    for layer in medialis.run(chosen.name, creature).layers:
+        if layer.on_input:
+            assert (layer.points == creature.points).all() and (layer.faces == creature.faces).all()
+
+
 def test_a_cube_of_8_vertices_has_its_medial_sheets():
     """Blender's cube: the centers lie on the 12 bisector triangles of edges and center.
 

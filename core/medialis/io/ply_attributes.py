@@ -7,7 +7,7 @@ Any viewer reads these files; header comments let `read_ply_attributes` restore 
   when all lie within +-2^53; other values are refused (NPZ holds them).
 - An (n, a, b) attribute is stored as the scalars ``name_0`` .. ``name_(ab-1)``, row by row.
 - Header line of each attribute: ``comment medialis NAME DTYPE SHAPE``; SHAPE is ``scalar`` for an
-  (n,) array, else the sizes after n joined by ``x``.
+  (n,) array, else the sizes after n joined by ``x``. Attributes of faces say ``medialis_face``.
 """
 
 from __future__ import annotations
@@ -34,6 +34,7 @@ _PLY_NAMES = {
 }
 _EXACT_DOUBLE = 2**53
 _TAG = "medialis"
+_FACE_TAG = "medialis_face"
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,12 +48,15 @@ class PlyData:
     faces : (m, 3) int32 or None
     edges : (e, 2) int32 or None
     attributes : dict of name -> array (n, ...)
+    face_attributes : dict of name -> array (m, ...)
+        Empty when the file has polygons: their triangles would not match.
     """
 
     points: FloatArray
     faces: IntArray | None
     edges: IntArray | None
     attributes: dict[str, NDArray[Any]]
+    face_attributes: dict[str, NDArray[Any]]
 
 
 def write_ply(
@@ -61,6 +65,7 @@ def write_ply(
     faces: ArrayLike | None = None,
     edges: ArrayLike | None = None,
     attributes: Mapping[str, ArrayLike] | None = None,
+    face_attributes: Mapping[str, ArrayLike] | None = None,
 ) -> None:
     """Write points with attributes, triangles and edges as binary little-endian PLY, losslessly.
 
@@ -74,6 +79,8 @@ def write_ply(
     edges : (e, 2) integers, optional
     attributes : mapping of name -> (n, ...) array, optional
         See the top of `medialis.io.ply_attributes` for the types and how they are stored.
+    face_attributes : mapping of name -> (m, ...) array, optional
+        The same for faces.
 
     Raises
     ------
@@ -88,25 +95,28 @@ def write_ply(
     xyz = np.asarray(points)
     if xyz.ndim != 2 or xyz.shape[1] != 3 or xyz.dtype.kind not in "fiub":
         raise InvalidShapeError(f"points must be an (n, 3) array of numbers, got {xyz.shape}.")
+    header = ["ply", "format binary_little_endian 1.0", f"comment {_TAG} 1"]
     columns: list[tuple[str, NDArray[Any]]] = [
         (name, xyz[:, i].astype(np.float64, copy=False)) for i, name in enumerate("xyz")
     ]
-    header = ["ply", "format binary_little_endian 1.0", f"comment {_TAG} 1"]
-    for name, values in (attributes or {}).items():
-        array = np.asarray(values)
-        header.append(_attribute_comment(name, array, len(xyz)))
-        flat = _storable(name, array).reshape(len(xyz), math.prod(array.shape[1:]))
-        columns += zip(_column_names(name, array), flat.T, strict=True)
-    _check_names([name for name, _ in columns])
-    types = np.dtype([(name, column.dtype.newbyteorder("<")) for name, column in columns])
-    table = np.empty(len(xyz), types)
-    for name, column in columns:
-        table[name] = column
+    columns += _columns(_TAG, attributes or {}, len(xyz), "points", header)
+    triangles = None if faces is None else as_faces(faces, len(xyz))
+    face_columns = _columns(
+        _FACE_TAG,
+        face_attributes or {},
+        0 if triangles is None else len(triangles),
+        "faces",
+        header,
+    )
     header.append(f"element vertex {len(xyz)}")
-    header += [f"property {_PLY_NAMES[types[n].str[1:]]} {n}" for n in types.names or ()]
-    body = [table.tobytes()]
-    if faces is not None:
-        body.append(_face_bytes(as_faces(faces, len(xyz)), header))
+    body = [_table(columns, [], header).tobytes()]
+    if triangles is not None:
+        header += [f"element face {len(triangles)}", "property list uchar int vertex_indices"]
+        lists: list[tuple[str, NDArray[Any]]] = [
+            ("corner_count", np.full(len(triangles), 3, np.uint8)),
+            ("corners", triangles),
+        ]
+        body.append(_table(face_columns, lists, header).tobytes())
     if edges is not None:
         body.append(_edge_bytes(_as_edges(edges, len(xyz)), header))
     header.append("end_header\n")
@@ -116,18 +126,47 @@ def write_ply(
             stream.write(part)
 
 
-def _attribute_comment(name: Any, array: NDArray[Any], n: int) -> str:
+def _columns(
+    tag: str, attributes: Mapping[str, ArrayLike], n: int, rows: str, header: list[str]
+) -> list[tuple[str, NDArray[Any]]]:
+    """Return the scalar columns of attributes with n rows, and announce them in the header."""
+    columns: list[tuple[str, NDArray[Any]]] = []
+    for name, values in attributes.items():
+        array = np.asarray(values)
+        header.append(_attribute_comment(tag, name, array, n, rows))
+        flat = _storable(name, array).reshape(n, math.prod(array.shape[1:]))
+        columns += zip(_column_names(name, array), flat.T, strict=True)
+    return columns
+
+
+def _table(
+    columns: list[tuple[str, NDArray[Any]]],
+    lists: list[tuple[str, NDArray[Any]]],
+    header: list[str],
+) -> NDArray[Any]:
+    """Return rows as they are in the file: announced list parts first, then named columns."""
+    _check_names([name for name, _ in columns])
+    parts = [(f"list {i}", values) for i, (_, values) in enumerate(lists)] + columns
+    types = np.dtype([(n, c.dtype.newbyteorder("<"), c.shape[1:]) for n, c in parts])
+    table = np.empty(len(parts[0][1]), types)
+    for name, column in parts:
+        table[name] = column
+    header += [f"property {_PLY_NAMES[types[n].str[1:]]} {n}" for n, _ in columns]
+    return table
+
+
+def _attribute_comment(tag: str, name: Any, array: NDArray[Any], n: int, rows: str) -> str:
     if not isinstance(name, str) or not name.isascii() or not name.isprintable() or " " in name:
         raise InvalidOptionError(f"an attribute name must be one ASCII word, got {name!r}.")
     if not name:
         raise InvalidOptionError("an attribute name must not be empty.")
     if array.ndim == 0 or len(array) != n:
         raise InvalidOptionError(
-            f"attribute {name!r} must have one row for each of the {n} points, got shape "
+            f"attribute {name!r} must have one row for each of the {n} {rows}, got shape "
             f"{array.shape}."
         )
     shape = "x".join(map(str, array.shape[1:])) or "scalar"
-    return f"comment {_TAG} {name} {array.dtype.newbyteorder('=').name} {shape}"
+    return f"comment {tag} {name} {array.dtype.newbyteorder('=').name} {shape}"
 
 
 def _storable(name: str, array: NDArray[Any]) -> NDArray[Any]:
@@ -164,13 +203,6 @@ def _check_names(names: list[str]) -> None:
         raise InvalidOptionError(
             f"the attribute name {min(taken)!r} is taken twice in the PLY file."
         )
-
-
-def _face_bytes(faces: IntArray, header: list[str]) -> bytes:
-    header += [f"element face {len(faces)}", "property list uchar int vertex_indices"]
-    rows = np.empty(len(faces), [("count", "u1"), ("corners", "<i4", 3)])
-    rows["count"], rows["corners"] = 3, faces
-    return rows.tobytes()
 
 
 def _edge_bytes(edges: IntArray, header: list[str]) -> bytes:
@@ -214,25 +246,27 @@ def read_ply_attributes(path: str | os.PathLike[str]) -> PlyData:
         if points is None:
             raise InvalidShapeError("the PLY vertices lack one of the properties x, y, z.")
         faces = tables.get("face", {}).get("vertex_indices")
-        triangles = None
+        triangles, face_attributes = None, {}
         if isinstance(faces, PlyList):
             corners = whole(faces.items, "PLY face indices")
             triangles = frozen(triangulate(points, faces.counts, corners)[0], np.int32)
+            if len(faces.counts) == len(triangles):
+                face_attributes = _attributes(_FACE_TAG, header, tables["face"], len(triangles))
         ends = ply_columns(tables.get("edge", {}), ("vertex1", "vertex2"))
         edges = None if ends is None else _as_edges(whole(ends, "PLY edges"), len(points))
-        attributes = _attributes(header, vertices, len(points))
+        attributes = _attributes(_TAG, header, vertices, len(points))
     except InvalidShapeError as error:
         raise InvalidShapeError(f"Cannot read {name}: {error}") from None
-    return PlyData(frozen(points, np.float64), triangles, edges, attributes)
+    return PlyData(frozen(points, np.float64), triangles, edges, attributes, face_attributes)
 
 
-def _attributes(header: PlyHeader, table: PlyTable, n: int) -> dict[str, NDArray[Any]]:
+def _attributes(tag: str, header: PlyHeader, table: PlyTable, n: int) -> dict[str, NDArray[Any]]:
     scalars = {name: c for name, c in table.items() if not isinstance(c, PlyList)}
     result: dict[str, NDArray[Any]] = {}
-    used = {"x", "y", "z"}
+    used = {"x", "y", "z"} if tag == _TAG else set()
     for comment in header.comments:
         words = comment.split()
-        if len(words) != 4 or words[0] != _TAG:
+        if len(words) != 4 or words[0] != tag:
             continue
         _, name, kind, shape_text = words
         try:

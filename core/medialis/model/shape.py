@@ -5,9 +5,10 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from medialis.errors import InvalidShapeError
 from medialis.validation import FloatArray, IntArray, as_faces, as_normals, as_points, frozen
@@ -79,6 +80,51 @@ class Shape:
                         f"{name} must have shape ({count},), got {np.shape(value)}."
                     )
                 object.__setattr__(self, name, frozen(np.asarray(value), np.int32))
+
+    def on_input_points(self, values: NDArray[Any], missing: Any) -> NDArray[Any]:
+        """Bring values of the points back to the vertices of the input before repair.
+
+        Parameters
+        ----------
+        values : (n, ...) array
+            Of this shape, or of the first n points of a refined one.
+        missing : scalar
+            For vertices that were dropped.
+
+        Returns
+        -------
+        (n_in, ...) array
+            In the same dtype; merged vertices have the same value.
+        """
+        if self.vertex_map is None:
+            return np.array(values)
+        result = np.full((len(self.vertex_map), *np.shape(values)[1:]), missing, values.dtype)
+        kept = self.vertex_map >= 0
+        result[kept] = values[self.vertex_map[kept]]
+        return result
+
+    def on_input_faces(self, values: NDArray[Any], count: int, missing: Any) -> NDArray[Any]:
+        """Bring values of the faces back to the `count` faces of the input before repair.
+
+        Parameters
+        ----------
+        values : (m, ...) array
+            One row a face of this shape.
+        count : int
+            Number of faces of the input.
+        missing : scalar
+            For faces that were dropped.
+
+        Returns
+        -------
+        (count, ...) array
+            In the same dtype. Several faces of one input face: the last one counts.
+        """
+        if self.face_map is None:
+            return np.array(values)
+        result = np.full((count, *np.shape(values)[1:]), missing, values.dtype)
+        result[self.face_map] = values
+        return result
 
     @property
     def point_count(self) -> int:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -86,12 +87,19 @@ def cloud_arrays(shape: Shape, cloud: MedialCloud) -> dict[str, NDArray[Any]]:
     return arrays
 
 
-def cloud_layer(name: str, cloud: MedialCloud, color_by: str = "radius") -> Layer:
-    """Layer of a cloud without its masked rows; `source` tells the sample of each ball."""
+def cloud_layer(
+    name: str, cloud: MedialCloud, first: Mapping[str, NDArray[Any]] | None = None
+) -> Layer:
+    """Layer of a cloud without its masked rows; `source` tells the sample of each ball.
+
+    It is coloured and filtered by the first of the `first` attributes, else by radius and angle.
+    """
+    first = first or {}
     return Layer(
         name,
         cloud.centers,
         attributes={
+            **first,
             "radius": cloud.radii,
             "spoke_angle": cloud.spoke_angles,
             "feature_1": cloud.features[:, 0],
@@ -99,13 +107,20 @@ def cloud_layer(name: str, cloud: MedialCloud, color_by: str = "radius") -> Laye
             "source": cloud.source,
             "side": cloud.side,
         },
-        color_by=color_by,
+        color_by=next(iter(first), "radius"),
+        filter_by=next(iter(first), "spoke_angle"),
     )
 
 
 def samples_layer(shape: Shape) -> Layer:
     """Layer of the surface as computed on: feature points and sources index its points."""
-    return Layer("samples", shape.points, shape.faces, attributes={"normal": shape.normals})
+    return Layer(
+        "samples",
+        shape.points,
+        shape.faces,
+        attributes={"normal": shape.normals},
+        auxiliary=True,
+    )
 
 
 def summary(values: NDArray[np.float64], name: str) -> dict[str, float]:

@@ -100,6 +100,8 @@ class Operation:
     parameters : tuple of Parameter
     run : callable
         ``run(shape, parameters, progress) -> Outcome``; the shape is repaired, not refined.
+    needs_faces : bool
+        Hosts do not offer it for point clouds; called with one it raises a sentence.
     """
 
     name: str
@@ -110,6 +112,7 @@ class Operation:
     source: str
     parameters: tuple[Parameter, ...]
     run: Callable[[Shape, Mapping[str, Any], Progress], Outcome]
+    needs_faces: bool = False
 
     def resolve(self, given: Mapping[str, Any]) -> dict[str, Any]:
         """Return all parameters: the given ones checked, the others at their defaults.
@@ -136,5 +139,6 @@ class Operation:
             "group": self.group,
             "help": self.help,
             "source": self.source,
+            "needs_faces": self.needs_faces,
             "parameters": [{**asdict(p), "kind": p.kind.value} for p in self.parameters],
         }

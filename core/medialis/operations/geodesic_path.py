@@ -147,4 +147,5 @@ OPERATION = Operation(
         DIRECTIONS,
     ),
     run=run,
+    needs_faces=True,
 )

@@ -33,6 +33,17 @@ class Layer:
         Its colour map (`render.colors`).
     color_limits : (float or None, float or None)
         Values of its first and last colour; the range of the values where None.
+    face_attributes : dict of (m,) or (m, d) arrays
+        The same for faces.
+    labels : tuple of str
+        Attributes that number segments: 0, 1, ...; -1 is none. Hosts make groups of them.
+    filter_by : str or None
+        Attribute whose small values hosts can hide by a slider without computing anew.
+    on_input : bool
+        The points and faces are those of the shape that was given: hosts that show it already
+        write the attributes on it (see `Shape.on_input_points`) instead of adding a layer.
+    auxiliary : bool
+        What the other layers refer to, such as the samples: hosts add it on request only.
     """
 
     name: str
@@ -43,16 +54,29 @@ class Layer:
     color_by: str | None = None
     color_map: str = "sequential"
     color_limits: tuple[float | None, float | None] = (None, None)
+    face_attributes: Mapping[str, NDArray[Any]] = field(default_factory=dict)
+    labels: tuple[str, ...] = ()
+    filter_by: str | None = None
+    on_input: bool = False
+    auxiliary: bool = False
 
     def __post_init__(self) -> None:
         count = len(as_points(self.points, f"points of layer {self.name}"))
+        faces = 0
         if self.faces is not None:
-            as_faces(self.faces, count, f"faces of layer {self.name}")
-        for name, values in self.attributes.items():
-            if len(values) != count:
-                raise InvalidShapeError(
-                    f"Attribute {name} of layer {self.name} has {len(values)} rows, not {count}."
-                )
+            faces = len(as_faces(self.faces, count, f"faces of layer {self.name}"))
+        for rows, attributes in ((count, self.attributes), (faces, self.face_attributes)):
+            for name, values in attributes.items():
+                if len(values) != rows:
+                    raise InvalidShapeError(
+                        f"Attribute {name} of layer {self.name} has {len(values)} rows, not {rows}."
+                    )
+        known = {*self.attributes, *self.face_attributes}
+        wanted = {*self.labels, *filter(None, (self.color_by, self.filter_by))}
+        if not wanted <= known:
+            raise InvalidShapeError(
+                f"Layer {self.name} has no attribute {', '.join(sorted(wanted - known))}."
+            )
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -91,14 +90,13 @@ def run(shape: Shape, parameters: Mapping[str, Any], progress: Progress) -> Outc
             "non-manifold edges stop every plane cut."
         )
     shown = cloud.subset(mask)
-    base = cloud_layer("skeleton_importance", shown, "importance")
     measures = local_measures(fine, cloud)
-    extra = {
+    own = {
         "importance": importance[mask],
         "feature_radius": measures["feature_radius"][mask],
         "radius_ratio": measures["radius_ratio"][mask],
     }
-    layer = replace(base, attributes={**extra, **base.attributes})
+    layer = cloud_layer("skeleton_importance", shown, own)
     return Outcome(
         shape=fine,
         layers=(layer, samples_layer(fine)),

@@ -166,4 +166,5 @@ OPERATION = Operation(
         REFINE,
     ),
     run=run,
+    needs_faces=True,
 )

@@ -85,6 +85,9 @@ def _surface_layer(name: str, shape: Shape, values: FloatArray, labels: IntArray
         color_by="thickness",
         color_map="diverging_reversed",
         color_limits=(float(values.min()), float(np.percentile(values, SHOWN_SHARE))),
+        labels=("thin_spot",),
+        on_input=name != "samples",
+        auxiliary=name == "samples",
     )
 
 

@@ -36,6 +36,14 @@ def describe_result(result: Result, **more: Any) -> dict[str, Any]:
                 "faces": 0 if layer.faces is None else len(layer.faces),
                 "edges": 0 if layer.edges is None else len(layer.edges),
                 "attributes": list(layer.attributes),
+                "face_attributes": list(layer.face_attributes),
+                "labels": list(layer.labels),
+                "color_by": layer.color_by,
+                "color_map": layer.color_map,
+                "color_limits": list(layer.color_limits),
+                "filter_by": layer.filter_by,
+                "on_input": layer.on_input,
+                "auxiliary": layer.auxiliary,
             }
             for layer in result.layers
         ],
@@ -104,6 +112,7 @@ def write_result(
                     faces=layer.faces,
                     edges=layer.edges,
                     attributes=layer.attributes,
+                    face_attributes=layer.face_attributes,
                 )
                 progress.update((number + 1) / (len(result.layers) + 1))
             write_npz(new(f"{result.operation}.npz"), result.arrays)
