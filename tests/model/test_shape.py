@@ -143,7 +143,7 @@ def test_values_go_back_to_the_input_before_repair():
 
 
 def test_values_of_an_unrepaired_shape_are_the_input_s_own():
-    shape = medialis.organic_shape(20)
+    shape = medialis.organic_shape(56)
     values = np.arange(shape.point_count)
     assert (shape.on_input_points(values, -1) == values).all()
     assert (shape.on_input_faces(shape.faces, shape.face_count, -1) == shape.faces).all()
