@@ -7,6 +7,7 @@
 The public names; importing them loads no compiled code, that happens at the first computation.
 """
 
+from medialis.batches.batch import batch
 from medialis.errors import (
     Cancelled,
     FileError,
@@ -79,6 +80,7 @@ __all__ = [
     "Shape",
     "SkeletonMesh",
     "ThinSpot",
+    "batch",
     "connected_importance",
     "diagnose",
     "draw_result",

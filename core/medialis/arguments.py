@@ -49,6 +49,7 @@ def build_parser(run: Command, commands: Mapping[str, Command]) -> argparse.Argu
     describe = add("describe", "Describe operations and their parameters.")
     describe.add_argument("operation", nargs="?", help="one operation; all when missing")
     describe.add_argument("--json", action="store_true", help="print JSON (for programs)")
+    _add_batch(add("batch", "Run operations over many files, in parallel; --help tells how."))
     warmup = add("warmup", "Compile all kernels now, so that the first run is fast.")
     _add_progress(warmup)
     demo = add("demo", "Compute the surface skeleton of a built-in shape, and of yours.")
@@ -83,6 +84,35 @@ def _add_operation(group: Any, chosen: Operation, run: Command) -> None:
     )
     _add_progress(sub)
     sub.set_defaults(command=run, operation=chosen)
+
+
+def _add_batch(sub: argparse.ArgumentParser) -> None:
+    sub.description = (
+        "Run operations over many shapes in worker processes (extra dask). Results go to "
+        "OUTPUT/SHAPE/OPERATION, a table of all to OUTPUT/results.html and results.csv. One bad "
+        "shape never stops the rest. Called again it computes only what is missing."
+    )
+    sub.add_argument(
+        "operations", metavar="OPERATION[,OPERATION...]", help="names as `medialis list` has them"
+    )
+    sub.add_argument(
+        "files", nargs="+", metavar="FILE", help="meshes and point clouds, or folders of them"
+    )
+    sub.add_argument("-o", "--output", default="medialis-batch", help="output folder")
+    sub.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        metavar="OPERATION.PARAMETER=VALUE",
+        help="a parameter that is not at its default; may be given several times",
+    )
+    sub.add_argument("--workers", type=int, help="processes (default: one a processor)")
+    sub.add_argument(
+        "--scheduler", metavar="ADDRESS", help="use the workers of an existing Dask scheduler"
+    )
+    sub.add_argument("--no-picture", action="store_true", help="draw no pictures")
+    sub.add_argument("--json", action="store_true", help="print the table as JSON")
+    _add_progress(sub)
 
 
 def _add_parameter(group: Any, parameter: Parameter) -> None:

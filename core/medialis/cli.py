@@ -12,11 +12,12 @@ import sys
 import time
 from collections.abc import Sequence
 from contextlib import suppress
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 from medialis.arguments import build_parser
-from medialis.errors import Cancelled, InvalidShapeError, MedialisError
+from medialis.errors import Cancelled, InvalidOptionError, InvalidShapeError, MedialisError
 from medialis.operations.declaration import Kind, Operation
 from medialis.operations.registry import OPERATIONS, operation, run
 from medialis.progress import Progress
@@ -221,6 +222,67 @@ def _describe(options: argparse.Namespace) -> int:
     return EXIT_OK
 
 
+def _batch(options: argparse.Namespace) -> int:
+    from medialis.batches.batch import batch
+    from medialis.batches.jobs import FAILED
+    from medialis.io.results import json_text
+
+    try:
+        rows = batch(
+            options.operations.split(","),
+            options.files,
+            options.output,
+            parameters=_settings(options.set),
+            workers=options.workers,
+            scheduler=options.scheduler,
+            picture=not options.no_picture,
+            progress=_progress(options),
+        )
+    except (KeyboardInterrupt, Cancelled):
+        print(
+            "medialis: cancelled; what is finished stays, the same command goes on from there.",
+            file=sys.stderr,
+        )
+        return EXIT_CANCELLED
+    if options.json:
+        print(json_text([asdict(row) for row in rows]))
+        return EXIT_OK
+    bad = [row for row in rows if row.status == FAILED]
+    for row in bad:
+        print(f"failed: {row.operation} of {row.file}: {row.sentence}")
+    print(f"{len(rows) - len(bad)} results, {len(bad)} failed")
+    print(Path(options.output) / "results.csv")
+    print(Path(options.output) / "results.html")
+    return EXIT_OK
+
+
+def _settings(given: Sequence[str]) -> dict[str, dict[str, Any]]:
+    """Parse OPERATION.PARAMETER=VALUE into the parameters of each operation."""
+    result: dict[str, dict[str, Any]] = {}
+    for text in given:
+        place, equals, value = text.partition("=")
+        name, dot, key = place.partition(".")
+        if not equals or not dot:
+            raise InvalidOptionError(
+                f"--set must be OPERATION.PARAMETER=VALUE, such as thickness.threshold=0.02; got "
+                f"{text!r}."
+            )
+        chosen = operation(name)
+        key = key.replace("-", "_")
+        result.setdefault(chosen.name, {})[key] = _value(chosen, key, value)
+    return result
+
+
+def _value(chosen: Operation, key: str, text: str) -> Any:
+    """Convert the text of a parameter; what is no value of its kind goes on to the check."""
+    kind = next((p.kind for p in chosen.parameters if p.name == key), None)
+    if kind is Kind.BOOL:
+        return {"true": True, "yes": True, "1": True, "false": False, "no": False, "0": False}.get(
+            text.lower(), text
+        )
+    return _number(text) if kind in NUMBERS else text
+
+
 def _warmup(options: argparse.Namespace) -> int:
     from medialis.operations.pictures import draw_result
     from medialis.shape.generate import organic_shape
@@ -246,7 +308,14 @@ def _demo(options: argparse.Namespace) -> int:
     return EXIT_OK
 
 
-COMMANDS = {"info": _info, "list": _list, "describe": _describe, "warmup": _warmup, "demo": _demo}
+COMMANDS = {
+    "info": _info,
+    "list": _list,
+    "describe": _describe,
+    "batch": _batch,
+    "warmup": _warmup,
+    "demo": _demo,
+}
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -11,6 +11,9 @@ from types import TracebackType
 from medialis.errors import FileError, InvalidOptionError
 from medialis.io._files import reason
 
+LAST = "manifest.json"
+"""Moved after all others: where it is, the results it lists are there, even after a kill."""
+
 
 class OutputFolder:
     """Collect files in a hidden folder and move them to `path` when the block ends well.
@@ -117,6 +120,7 @@ class OutputFolder:
             return
         hidden, target = self._hidden, self.path.absolute()
         files = sorted(p for p in hidden.rglob("*") if not p.is_dir())
+        files.sort(key=lambda p: p.name == LAST)
         blocked = [p for p in files if (target / p.relative_to(hidden)).is_dir()]
         if blocked:
             raise FileError(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -59,6 +59,7 @@ def write_result(
     picture: bool = True,
     color_by: str | None = None,
     turntable: int = 0,
+    record: Mapping[str, Any] | None = None,
     progress: Progress | ProgressCallback | None = None,
 ) -> dict[str, Any]:
     """Write a result into a folder; when anything fails nothing is left behind.
@@ -77,6 +78,8 @@ def write_result(
         Attribute to colour by; the layer's own choice when missing.
     turntable : int
         Number of turntable views to draw as well.
+    record : dict, optional
+        More entries for the manifest.
     progress : callable, optional
         Called with (fraction, text); returning False cancels.
 
@@ -131,6 +134,7 @@ def write_result(
             input=source,
             files=[str(base / name) for name in names],
             picture=str(base / pictures[0]) if pictures else None,
+            **(record or {}),
         )
         write_json(out.file("manifest.json"), manifest)
     return manifest

@@ -1,0 +1,101 @@
+"""Run operations over many files: plan, hand out, collect the table."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+from medialis.batches.engine import run_jobs
+from medialis.batches.jobs import FAILED, Job, Row, plan
+from medialis.batches.table import write_table
+from medialis.batches.work import run_job
+from medialis.progress import Progress, ProgressCallback
+from medialis.threads import thread_count
+from medialis.validation import as_whole_number
+
+MOST_WORKERS = 1024
+
+
+def batch(
+    operations: str | Sequence[str],
+    files: Sequence[str | os.PathLike[str]],
+    output: str | os.PathLike[str],
+    *,
+    parameters: Mapping[str, Mapping[str, Any]] | None = None,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    picture: bool = True,
+    progress: Progress | ProgressCallback | None = None,
+) -> list[Row]:
+    """Run operations over many shapes in worker processes; one bad shape never stops the rest.
+
+    Results go to ``output/<shape>/<operation>``, as `write_result` writes them, and a table of all
+    to ``output/results.csv`` and ``output/results.html``. Called again it computes only what is
+    missing: results of the same file, parameters and version stay.
+
+    Parameters
+    ----------
+    operations : str or sequence of str
+        Names as in `operation`.
+    files : sequence of paths
+        Meshes and point clouds; a folder stands for all of them in it.
+    output : path
+        Folder of the batch.
+    parameters : dict of dict, optional
+        Parameters by the name of the operation; the others are at their defaults.
+    workers : int, optional
+        Processes, which share the threads of this machine; as many as processors when missing.
+    scheduler : str, optional
+        Address of an existing Dask scheduler to use instead; its workers compute with one thread
+        for each of theirs and must see the files under the same paths.
+    picture : bool
+        Draw a picture of each result.
+    progress : callable, optional
+        Called with (fraction, text) after each shape; returning False cancels.
+
+    Returns
+    -------
+    list of Row
+        One for each file and operation, in the given order.
+
+    Raises
+    ------
+    InvalidOptionError
+        For unknown operations or bad parameters, or when Dask (extra ``dask``) is missing.
+    FileError
+        When the output cannot be written, or the scheduler cannot be reached.
+    Cancelled
+        When `progress` asks for it; what is finished stays, and the next call goes on from there.
+
+    Notes
+    -----
+    Scripts must call it under ``if __name__ == "__main__":``, as every use of worker processes.
+    """
+    progress = Progress.of(progress)
+    names = [operations] if isinstance(operations, str) else list(operations)
+    if workers is not None:
+        workers = as_whole_number(workers, "workers", low=1, high=MOST_WORKERS)
+    planned = plan(names, files, output, parameters=parameters, picture=picture)
+    processors = thread_count()
+    workers = min(workers or processors, len(planned))
+    threads = 1 if scheduler is not None else max(1, processors // workers)
+    jobs = [replace(job, threads=threads) for job in planned]
+    rows = {job.name: finished for job in jobs if (finished := _finished(job)) is not None}
+    waiting = [job for job in jobs if job.name not in rows]
+    progress.update(len(rows) / len(jobs), f"{len(rows)} of {len(jobs)}")
+    for job, made in run_jobs(waiting, run_job, workers=workers, scheduler=scheduler):
+        rows[job.name] = made
+        failed = sum(any(row.status == FAILED for row in found) for found in rows.values())
+        bad = f", {failed} failed" if failed else ""
+        progress.update(len(rows) / len(jobs), f"{len(rows)} of {len(jobs)}{bad}: {job.name}")
+    table = [row for job in jobs for row in rows[job.name]]
+    write_table(table, output)
+    return table
+
+
+def _finished(job: Job) -> list[Row] | None:
+    """Return the rows of a job that has nothing left to do."""
+    rows = [job.finished(name) for name in job.operations]
+    return [row for row in rows if row is not None] if None not in rows else None

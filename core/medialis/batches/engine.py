@@ -1,0 +1,143 @@
+"""Jobs on Dask: worker processes of this machine, or an existing cluster by its address.
+
+Strategy: no more jobs are handed out than the workers have threads, so that none waits in the queue
+of a worker that dies. A job whose worker died is a suspect, not yet guilty (on a cluster of many
+threads others die with it): suspects run again at the end, one at a time, and only what kills its
+worker alone is reported. Rows come back as they are made; nothing else is held.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+from medialis.batches.jobs import Job, Row
+from medialis.errors import FileError, InvalidOptionError
+
+Work = Callable[[Job], list[Row]]
+
+DIED = (
+    "The process that computed it died: out of memory, or a crash in a library. The other shapes "
+    "are not touched; try this one alone, with a larger refine or fewer samples."
+)
+CONNECT_SECONDS = 10
+
+
+def run_jobs(
+    jobs: Sequence[Job], work: Work, *, workers: int, scheduler: str | None = None
+) -> Iterator[tuple[Job, list[Row]]]:
+    """Yield each job with its rows, in the order in which they are finished.
+
+    Parameters
+    ----------
+    jobs : sequence of Job
+    work : callable
+        Called with a job in a worker; must be importable there.
+    workers : int
+        Processes on this machine, when no scheduler is given.
+    scheduler : str, optional
+        Address of an existing Dask scheduler, such as "tcp://127.0.0.1:8786". Its workers must see
+        the files under the same paths.
+
+    Raises
+    ------
+    InvalidOptionError
+        When Dask is not installed.
+    FileError
+        When there is no scheduler at the address, or no worker.
+    """
+    if not jobs:
+        return
+    with _client(workers, scheduler) as client:
+        slots = sum(client.nthreads().values())
+        if slots == 0:
+            raise FileError(f"The scheduler at {scheduler} has no worker: start one first.")
+        suspects: list[Job] = []
+        for job, rows in _hand_out(client, jobs, work, slots):
+            if rows is None:
+                suspects.append(job)
+            else:
+                yield job, rows
+        for job in suspects:
+            for _, rows in _hand_out(client, [job], work, 1):
+                failed = [job.failed(name, DIED) for name in job.operations]
+                yield job, failed if rows is None else rows
+
+
+def _hand_out(
+    client: Any, jobs: Sequence[Job], work: Work, slots: int
+) -> Iterator[tuple[Job, list[Row] | None]]:
+    """Yield each job with its rows, or None when its worker died; `slots` at a time."""
+    from distributed import KilledWorker, as_completed
+
+    waiting = deque(jobs)
+    running: dict[Any, Job] = {}
+
+    def submit() -> Any:
+        job = waiting.popleft()
+        future = client.submit(work, job, pure=False, key=f"medialis-{job.name}-{len(waiting)}")
+        running[future] = job
+        return future
+
+    finished = as_completed([submit() for _ in range(min(slots, len(waiting)))], loop=client.loop)
+    for future in finished:
+        job = running.pop(future)
+        try:
+            rows = future.result()
+        except KilledWorker:
+            rows = None
+        future.release()
+        if waiting:
+            finished.add(submit())
+        yield job, rows
+
+
+@contextmanager
+def _client(workers: int, scheduler: str | None) -> Iterator[Any]:
+    try:
+        import dask
+        from distributed import Client, LocalCluster
+    except ImportError:
+        raise InvalidOptionError(
+            'A batch needs Dask, which is not installed: pip install "medialis[dask]".'
+        ) from None
+    # A job whose worker died is not tried again by Dask: see the top of this file.
+    settings = {"distributed.scheduler.allowed-failures": 0}
+    with dask.config.set(settings), _quiet():
+        if scheduler is not None:
+            try:
+                client = Client(scheduler, timeout=CONNECT_SECONDS, set_as_default=False)
+            except (OSError, ValueError) as error:
+                raise FileError(f"Cannot reach a Dask scheduler at {scheduler}: {error}.") from None
+            with client:
+                yield client
+            return
+        with (
+            LocalCluster(
+                n_workers=workers,
+                threads_per_worker=1,
+                processes=True,
+                memory_limit=0,
+                dashboard_address=None,
+                silence_logs=logging.CRITICAL,
+            ) as cluster,
+            Client(cluster, set_as_default=False) as client,
+        ):
+            yield client
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Keep Dask's own log to itself: what matters for a shape is in its row."""
+    loggers = [logging.getLogger(n) for n in list(logging.root.manager.loggerDict)]
+    levels = [(log, log.level) for log in loggers if log.name.startswith("distributed")]
+    try:
+        for log, _ in levels:
+            log.setLevel(logging.CRITICAL)
+        yield
+    finally:
+        for log, level in levels:
+            log.setLevel(level)
