@@ -21,6 +21,7 @@ LAYERS = [
     {"features"},
     {"render"},
     {"operations"},
+    {"batches"},
     {"arguments", "cli", "__main__"},
 ]
 COMPUTE = """\
