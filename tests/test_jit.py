@@ -22,7 +22,7 @@ LAYERS = [
     {"render"},
     {"operations"},
     {"batches"},
-    {"arguments", "cli", "__main__"},
+    {"arguments", "doctor", "cli", "__main__"},
 ]
 COMPUTE = """\
 import numpy as np

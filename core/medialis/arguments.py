@@ -52,6 +52,8 @@ def build_parser(run: Command, commands: Mapping[str, Command]) -> argparse.Argu
     _add_batch(add("batch", "Run operations over many files, in parallel; --help tells how."))
     warmup = add("warmup", "Compile all kernels now, so that the first run is fast.")
     _add_progress(warmup)
+    doctor = add("doctor", "Say what is installed, what is missing, and how to get it.")
+    doctor.add_argument("--json", action="store_true", help="print JSON (for programs)")
     demo = add("demo", "Compute the surface skeleton of a built-in shape, and of yours.")
     demo.add_argument("file", nargs="?", help="a mesh or point cloud of your own")
     demo.add_argument("-o", "--output", default="medialis-demo", help="output folder")

@@ -301,6 +301,14 @@ def _warmup(options: argparse.Namespace) -> int:
     return EXIT_OK
 
 
+def _doctor(options: argparse.Namespace) -> int:
+    from medialis.doctor import as_data, as_text, examine
+
+    findings = examine()
+    print(json.dumps(as_data(findings), indent=2) if options.json else as_text(findings))
+    return EXIT_BAD_INPUT if any(f.state == "broken" for f in findings) else EXIT_OK
+
+
 def _demo(options: argparse.Namespace) -> int:
     for file in [None] if options.file is None else [None, options.file]:
         folder = Path(options.output) / ("organic_shape" if file is None else Path(file).stem)
@@ -315,6 +323,7 @@ COMMANDS = {
     "batch": _batch,
     "warmup": _warmup,
     "demo": _demo,
+    "doctor": _doctor,
 }
 
 if __name__ == "__main__":
