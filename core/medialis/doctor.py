@@ -53,11 +53,12 @@ def examine() -> list[Finding]:
         Finding("Python", "ok", f"{platform.python_version()} ({sys.executable})"),
         Finding("system", "ok", f"{platform.platform()}, {platform.machine()}"),
     ]
-    for package in NEEDED:
-        found.append(_package(package, "broken", f"pip install {package}"))
+    found += [_package(name, "broken", f"pip install {name}") for name in NEEDED]
     found += _kernels()
-    for package, extra, use in EXTRAS:
-        found.append(_package(package, "missing", f'{use}: pip install "medialis[{extra}]"'))
+    found += [
+        _package(name, "missing", f'{use}: pip install "medialis[{extra}]"')
+        for name, extra, use in EXTRAS
+    ]
     for name, commands, how in HOSTS:
         place = next((path for c in commands if (path := shutil.which(c))), None)
         text = f"{place}; {how}" if place else f"not on the PATH; {how}"
