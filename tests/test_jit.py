@@ -21,6 +21,7 @@ LAYERS = [
     {"features"},
     {"render"},
     {"operations"},
+    {"quality"},
     {"batches"},
     {"arguments", "doctor", "cli", "__main__"},
 ]

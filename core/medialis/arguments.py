@@ -80,6 +80,11 @@ def _add_operation(group: Any, chosen: Operation, run: Command) -> None:
     sub.add_argument("--threads", type=int, help="use at most this many threads")
     sub.add_argument("--json", action="store_true", help="print the manifest as one JSON object")
     sub.add_argument("--no-picture", action="store_true", help="write no picture")
+    sub.add_argument(
+        "--report",
+        action="store_true",
+        help="also write report.html and report.json: how good the result is",
+    )
     sub.add_argument("--color-by", metavar="ATTRIBUTE", help="colour the picture by this attribute")
     sub.add_argument(
         "--turntable", type=int, default=0, metavar="N", help="also draw N views all round"

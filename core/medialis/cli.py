@@ -133,7 +133,13 @@ def _compute(
         result = run(
             name, shape, threads=getattr(options, "threads", None), progress=progress, **given
         )
-    with progress.stage("output", 0.7, 1.0):
+    texts = None
+    if getattr(options, "report", False):
+        from medialis.quality.report import report_texts
+
+        with progress.stage("report", 0.7, 0.85):
+            texts = report_texts(result, source=file)
+    with progress.stage("output", 0.85, 1.0):
         manifest = write_result(
             result,
             output,
@@ -141,6 +147,7 @@ def _compute(
             picture=not getattr(options, "no_picture", False),
             color_by=getattr(options, "color_by", None),
             turntable=getattr(options, "turntable", 0),
+            texts=texts,
             progress=progress,
         )
     manifest["seconds"] = {**progress.seconds, "total": time.perf_counter() - clock}

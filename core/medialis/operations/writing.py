@@ -60,6 +60,7 @@ def write_result(
     color_by: str | None = None,
     turntable: int = 0,
     record: Mapping[str, Any] | None = None,
+    texts: Mapping[str, str] | None = None,
     progress: Progress | ProgressCallback | None = None,
 ) -> dict[str, Any]:
     """Write a result into a folder; when anything fails nothing is left behind.
@@ -80,6 +81,8 @@ def write_result(
         Number of turntable views to draw as well.
     record : dict, optional
         More entries for the manifest.
+    texts : dict, optional
+        More files: their text by name.
     progress : callable, optional
         Called with (fraction, text); returning False cancels.
 
@@ -127,6 +130,8 @@ def write_result(
             for number, image in enumerate(views):
                 write_png(new(f"turntable_{number:03d}.png"), image)
                 progress.update((number + 1) / turntable)
+        for name, text in (texts or {}).items():
+            new(name).write_text(text, encoding="utf-8")
         names.append("manifest.json")
         base = Path(folder)
         manifest = describe_result(

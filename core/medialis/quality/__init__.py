@@ -1,0 +1,1 @@
+"""How good a result is: reconstruction error, emptiness, topology, and the report of a run."""
