@@ -8,6 +8,7 @@ The public names; importing them loads no compiled code, that happens at the fir
 """
 
 from medialis.batches.batch import batch
+from medialis.batches.huge import huge_surface_skeleton, open_medial_cloud
 from medialis.errors import (
     Cancelled,
     FileError,
@@ -92,9 +93,11 @@ __all__ = [
     "geodesic_importance",
     "geodesic_lengths",
     "geodesics",
+    "huge_surface_skeleton",
     "important_points",
     "local_measures",
     "make_shape",
+    "open_medial_cloud",
     "operation",
     "organic_shape",
     "progressive",

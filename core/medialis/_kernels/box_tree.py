@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +22,13 @@ from medialis.threads import run_chunks
 SERIAL_LEVELS = 3  # the top levels are split one by one; below, 8 subtrees go to the threads
 NODES_A_CHUNK = 64
 LEAVES_A_CHUNK = 1024
+ROWS_A_BLOCK = 1 << 20  # what is copied at a time, so that mapped input needs no second copy
+
+Allocate = Callable[[str, tuple[int, ...], Any], NDArray[Any]]
+
+
+def _in_memory(name: str, shape: tuple[int, ...], dtype: Any) -> NDArray[Any]:
+    return np.empty(shape, dtype)
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,13 +68,30 @@ class BoxTree:
     depth: int
 
 
-def build_box_tree(points: NDArray[np.float64], normals: NDArray[np.float64]) -> BoxTree:
-    """Build the tree; deterministic, O(n log n), parallel below the top levels."""
+def build_box_tree(
+    points: NDArray[np.float64],
+    normals: NDArray[np.float64],
+    *,
+    unit: float = 1.0,
+    allocate: Allocate = _in_memory,
+) -> BoxTree:
+    """Build the tree; deterministic, O(n log n), parallel below the top levels.
+
+    Parameters
+    ----------
+    points, normals : (n, 3) float64
+    unit : float
+        A power of two that coordinates are divided by, which changes no digit.
+    allocate : callable
+        Gives an array for (name, shape, dtype): in memory, or mapped from a file.
+    """
     n = len(points)
-    center = 0.5 * (points.min(axis=0) + points.max(axis=0))
-    rows = np.empty((n, 4))
-    np.subtract(points, center, out=rows[:, :3])
-    rows[:, 3] = np.arange(n)
+    center = 0.5 * (points.min(axis=0) / unit + points.max(axis=0) / unit)
+    rows = allocate("rows", (n, 4), np.float64)
+    for begin in range(0, n, ROWS_A_BLOCK):
+        here = slice(begin, begin + ROWS_A_BLOCK)
+        np.subtract(points[here] / unit, center, out=rows[here, :3])
+        rows[here, 3] = np.arange(begin, begin + len(rows[here]))
     depth = max(0, int(np.ceil(np.log2(n / LEAF)))) if n > LEAF else 0
     while -(-n // (1 << depth)) > LEAF:
         depth += 1
@@ -76,8 +102,10 @@ def build_box_tree(points: NDArray[np.float64], normals: NDArray[np.float64]) ->
     run_chunks(lambda a, b: split_nodes(rows, top, depth, a, b), 1 << top, 1)
 
     leaves = 1 << depth
-    tree_points, tree_normals = np.empty((n, 3)), np.empty((n, 3))
-    order, blocks = np.empty(n, np.int32), np.empty((leaves, 3, LEAF))
+    tree_points = allocate("points", (n, 3), np.float64)
+    tree_normals = allocate("normals", (n, 3), np.float64)
+    order = allocate("order", (n,), np.int32)
+    blocks = allocate("blocks", (leaves, 3, LEAF), np.float64)
     run_chunks(
         lambda a, b: fill_leaves(
             rows, normals, depth, a, b, tree_points, tree_normals, order, blocks
@@ -91,10 +119,11 @@ def build_box_tree(points: NDArray[np.float64], normals: NDArray[np.float64]) ->
     child_depths = list(range(root_bits, depth + 1, 3))
     counts = [1] + [1 << d for d in child_depths[:-1]]
     first = np.concatenate([[0], np.cumsum(counts)])
-    bounds = np.full((int(first[-1]), BOUND_ROWS, FAN), np.inf, np.float32)
+    bounds = allocate("bounds", (int(first[-1]), BOUND_ROWS, FAN), np.float32)
+    bounds[:, :3], bounds[:, 9:] = np.inf, np.inf
     bounds[:, 3:6] = -np.inf
     bounds[:, 6:9] = 0.0
-    child = np.empty(int(first[-1]), np.int64)
+    child = allocate("child", (int(first[-1]),), np.int64)
     for level, (count, child_depth) in enumerate(zip(counts, child_depths, strict=True)):
         begin, fan = int(first[level]), 1 << (root_bits if level == 0 else 3)
         here = slice(begin, begin + count)

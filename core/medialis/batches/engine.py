@@ -12,12 +12,25 @@ import logging
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, Protocol, TypeVar
 
 from medialis.batches.jobs import Job, Row
 from medialis.errors import FileError, InvalidOptionError
 
 Work = Callable[[Job], list[Row]]
+
+
+class Named(Protocol):
+    """What can be handed out."""
+
+    @property
+    def name(self) -> str:
+        """Unique among the jobs."""
+        ...
+
+
+J = TypeVar("J", bound=Named)
+R = TypeVar("R")
 
 DIED = (
     "The process that computed it died: out of memory, or a crash in a library. The other shapes "
@@ -51,30 +64,30 @@ def run_jobs(
     """
     if not jobs:
         return
-    with _client(workers, scheduler) as client:
-        slots = sum(client.nthreads().values())
-        if slots == 0:
-            raise FileError(f"The scheduler at {scheduler} has no worker: start one first.")
+    with cluster(workers, scheduler) as (client, slots):
         suspects: list[Job] = []
-        for job, rows in _hand_out(client, jobs, work, slots):
+        for job, rows in hand_out(client, jobs, work, slots):
             if rows is None:
                 suspects.append(job)
             else:
                 yield job, rows
         for job in suspects:
-            for _, rows in _hand_out(client, [job], work, 1):
+            for _, rows in hand_out(client, [job], work, 1):
                 failed = [job.failed(name, DIED) for name in job.operations]
                 yield job, failed if rows is None else rows
 
 
-def _hand_out(
-    client: Any, jobs: Sequence[Job], work: Work, slots: int
-) -> Iterator[tuple[Job, list[Row] | None]]:
-    """Yield each job with its rows, or None when its worker died; `slots` at a time."""
+def hand_out(
+    client: Any, jobs: Sequence[J], work: Callable[[J], R], slots: int
+) -> Iterator[tuple[J, R | None]]:
+    """Yield each job with its result, or None when its worker died; `slots` at a time.
+
+    Jobs have a `name` that is unique among them.
+    """
     from distributed import KilledWorker, as_completed
 
     waiting = deque(jobs)
-    running: dict[Any, Job] = {}
+    running: dict[Any, J] = {}
 
     def submit() -> Any:
         job = waiting.popleft()
@@ -86,17 +99,18 @@ def _hand_out(
     for future in finished:
         job = running.pop(future)
         try:
-            rows = future.result()
+            result = future.result()
         except KilledWorker:
-            rows = None
+            result = None
         future.release()
         if waiting:
             finished.add(submit())
-        yield job, rows
+        yield job, result
 
 
 @contextmanager
-def _client(workers: int, scheduler: str | None) -> Iterator[Any]:
+def cluster(workers: int, scheduler: str | None) -> Iterator[tuple[Any, int]]:
+    """Give a Dask client and how many jobs it can run at a time; see `run_jobs` for the errors."""
     try:
         import dask
         from distributed import Client, LocalCluster
@@ -113,7 +127,10 @@ def _client(workers: int, scheduler: str | None) -> Iterator[Any]:
             except (OSError, ValueError) as error:
                 raise FileError(f"Cannot reach a Dask scheduler at {scheduler}: {error}.") from None
             with client:
-                yield client
+                slots = sum(client.nthreads().values())
+                if slots == 0:
+                    raise FileError(f"The scheduler at {scheduler} has no worker: start one first.")
+                yield client, slots
             return
         with (
             LocalCluster(
@@ -123,10 +140,10 @@ def _client(workers: int, scheduler: str | None) -> Iterator[Any]:
                 memory_limit=0,
                 dashboard_address=None,
                 silence_logs=logging.CRITICAL,
-            ) as cluster,
-            Client(cluster, set_as_default=False) as client,
+            ) as local,
+            Client(local, set_as_default=False) as client,
         ):
-            yield client
+            yield client, workers
 
 
 @contextmanager

@@ -125,9 +125,14 @@ def local_measures(shape: Shape, cloud: MedialCloud) -> dict[str, FloatArray]:
     -----
     Cost O(k). Source: thesis 3.2 and 3.3 (theta-SMA), 2.3.4 for the others.
     """
+    return measures_of_points(shape.points, cloud)
+
+
+def measures_of_points(points: FloatArray, cloud: MedialCloud) -> dict[str, FloatArray]:
+    """Compute `local_measures` from the samples (n, 3) alone."""
     valid = cloud.valid
     half = np.full(len(cloud), np.nan)
-    ends = shape.points[cloud.features[valid]]
+    ends = points[cloud.features[valid]]
     half[valid] = 0.5 * np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1)
     radius = np.where(valid, cloud.radii, np.nan)
     return {

@@ -8,16 +8,21 @@ from __future__ import annotations
 
 import logging
 import math
-from typing import Literal
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from medialis.errors import InvalidShapeError
 from medialis.model.medial_cloud import BallStatus, MedialCloud
 from medialis.model.shape import Shape
 from medialis.progress import Progress, ProgressCallback
 from medialis.threads import run_chunks
-from medialis.validation import as_choice, as_number
+from medialis.validation import FloatArray, as_choice, as_number
+
+if TYPE_CHECKING:
+    from medialis._kernels.box_tree import BoxTree
 
 Side = Literal["inner", "outer", "both"]
 SIDES = ("inner", "outer", "both")
@@ -131,24 +136,72 @@ def surface_skeleton(
     return cloud
 
 
+@dataclass(frozen=True)
+class Shrinking:
+    """Lengths of a run in units of the tree, and the call of the kernel; see `shrink_options`."""
+
+    unit: float
+    tolerance: float
+    clearance: float
+    largest: float
+    near2: float
+    margin: float
+
+    def run(
+        self, tree: BoxTree, begin: int, end: int, sign: int, out: tuple[NDArray[Any], ...]
+    ) -> None:
+        """Shrink the balls of the samples begin..end (tree order) on one side.
+
+        `out` is centers, radii, second feature points, status and spoke angles in the order of the
+        input. A range that starts at a multiple of SAMPLES_A_CHUNK and holds whole chunks gives the
+        same bits whoever runs the others.
+        """
+        from medialis.surface_skeletons._ball_kernels import shrink_balls
+
+        shrink_balls(
+            begin, end, float(sign), self.tolerance, self.clearance, self.largest, self.near2,
+            self.margin, tree.points, tree.normals, tree.order, tree.blocks, tree.bounds,
+            tree.child, tree.depth, *out,
+        )  # fmt: skip
+
+    def to_input(self, tree: BoxTree, centers: FloatArray, radii: FloatArray) -> None:
+        """Bring centers and radii from the units of the tree to those of the input, in place."""
+        centers += tree.center
+        centers *= self.unit
+        radii *= self.unit
+
+
+def shrink_options(diagonal: float, tolerance: float, largest_radius: float) -> Shrinking:
+    """Return the lengths of a run for a shape of this diagonal; options as fractions of it."""
+    # Dividing by a power of two changes no digit, and keeps the squares of tiny or huge coordinates
+    # within the range of the tree's float32 bounds.
+    unit = math.ldexp(1.0, math.frexp(diagonal)[1] - 1)
+    size = diagonal / unit
+    clearance = CLEARANCE * tolerance * size
+    return Shrinking(
+        unit,
+        tolerance * size,
+        clearance,
+        largest_radius * size,
+        max(COINCIDENT * size, clearance) ** 2,
+        FLOAT32_MARGIN * size * (1.0 + largest_radius),
+    )
+
+
 def _shrink(
     shape: Shape, tolerance: float, largest: float, signs: tuple[int, ...], progress: Progress
 ) -> MedialCloud:
     # Imported here: compiled code takes half a second to load, and `medialis --help` needs none.
     from medialis._kernels.box_tree import build_box_tree
-    from medialis.surface_skeletons._ball_kernels import shrink_balls
 
-    # Dividing by a power of two changes no digit, and keeps the squares of tiny or huge coordinates
-    # within the range of the tree's float32 bounds.
-    unit = math.ldexp(1.0, math.frexp(shape.diagonal)[1] - 1)
-    n, diagonal = shape.point_count, shape.diagonal / unit
-    clearance = CLEARANCE * tolerance * diagonal
+    options = shrink_options(shape.diagonal, tolerance, largest)
+    n = shape.point_count
     k = n * len(signs)
     centers, radii = np.full((k, 3), np.nan), np.full(k, np.nan)
     second, status = np.full(k, -1, np.int32), np.zeros(k, np.int8)
     angles, side = np.full(k, np.nan), np.repeat(np.array(signs, np.int8), n)
     with progress.stage("tree", 0.0, 0.15):
-        tree = build_box_tree(shape.points / unit, shape.normals)
+        tree = build_box_tree(shape.points, shape.normals, unit=options.unit)
     for turn, sign in enumerate(signs):
         share = 0.85 / len(signs)
         with progress.stage("balls", 0.15 + share * turn, 0.15 + share * (turn + 1)):
@@ -156,29 +209,10 @@ def _shrink(
             out = centers[rows], radii[rows], second[rows], status[rows], angles[rows]
 
             def work(begin: int, end: int, sign: int = sign, out: tuple = out) -> None:
-                shrink_balls(
-                    begin,
-                    end,
-                    float(sign),
-                    tolerance * diagonal,
-                    clearance,
-                    largest * diagonal,
-                    max(COINCIDENT * diagonal, clearance) ** 2,
-                    FLOAT32_MARGIN * diagonal * (1.0 + largest),
-                    tree.points,
-                    tree.normals,
-                    tree.order,
-                    tree.blocks,
-                    tree.bounds,
-                    tree.child,
-                    tree.depth,
-                    *out,
-                )
+                options.run(tree, begin, end, sign, out)
 
             run_chunks(work, n, SAMPLES_A_CHUNK, progress=progress)
-    centers += tree.center
-    centers *= unit
-    radii *= unit
+    options.to_input(tree, centers, radii)
     source = np.tile(np.arange(n, dtype=np.int32), len(signs))
     return MedialCloud(
         centers, radii, np.stack([source, second], axis=1), source, status, angles, side

@@ -1,0 +1,353 @@
+"""Clouds that do not fit comfortably: balls with everything mapped from files (thesis 3.2).
+
+Strategy. The tree over all samples is built once, in files that are mapped into memory, and its
+samples are shrunk in ranges of tree order: spatial blocks. A ball never reaches farther than its
+diameter, and the traversal touches only the nodes that the ball meets, so the halo of a block is
+loaded page by page as its balls need it, however wide that is, and never twice computed. Ranges
+hold whole chunks of the single run, and warm starts and certificates do not cross chunks: the
+result is the same bit for bit, on threads here or on the workers of a cluster.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import shutil
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from medialis.batches.engine import DIED, cluster, hand_out
+from medialis.errors import FileError, InvalidShapeError
+from medialis.io.output_folder import OutputFolder
+from medialis.model.medial_cloud import MedialCloud
+from medialis.progress import Progress, ProgressCallback
+from medialis.regularization.importance import measures_of_points
+from medialis.surface_skeletons.ball_shrinking import (
+    DEFAULT_TOLERANCE,
+    LARGEST_RADIUS,
+    SAMPLES_A_CHUNK,
+    Shrinking,
+    shrink_options,
+)
+from medialis.threads import run_chunks
+from medialis.validation import as_normals, as_number, as_points
+
+if TYPE_CHECKING:
+    from medialis._kernels.box_tree import BoxTree
+
+ROWS_A_BLOCK = 1 << 20
+"""What is checked, scaled or copied at a time: 24 MB of coordinates."""
+
+CHUNKS_A_JOB = 256
+"""Chunks that a cluster worker is given at a time: about half a second of work."""
+
+RESULTS = {
+    "centers": (np.float64, 3),
+    "radii": (np.float64, 0),
+    "features": (np.int32, 2),
+    "source": (np.int32, 0),
+    "status": (np.int8, 0),
+    "spoke_angles": (np.float64, 0),
+    "side": (np.int8, 0),
+}
+MEASURES = ("feature_radius", "radius_ratio")
+
+
+def huge_surface_skeleton(
+    points: ArrayLike | str | os.PathLike[str],
+    normals: ArrayLike | str | os.PathLike[str],
+    folder: str | os.PathLike[str],
+    *,
+    tolerance: float = DEFAULT_TOLERANCE,
+    largest_radius: float = LARGEST_RADIUS,
+    scheduler: str | None = None,
+    progress: Progress | ProgressCallback | None = None,
+) -> MedialCloud:
+    """Compute the inner surface skeleton of a cloud that is larger than the memory likes.
+
+    The same numbers as `medialis.surface_skeleton`, bit for bit. All large arrays live in files of
+    the folder, which needs about 300 bytes a sample while it runs and 86 at the end.
+
+    Parameters
+    ----------
+    points, normals : (n, 3) float64 array, or the path of a .npy file of one
+        Samples with unit outward normals; a path is mapped, not read.
+    folder : path
+        For the results: one .npy file for each array of a `MedialCloud`, opened again by
+        `open_medial_cloud`, and feature_radius.npy and radius_ratio.npy, the other measures of
+        `medialis.local_measures`.
+    tolerance, largest_radius : float
+        As in `medialis.surface_skeleton`.
+    scheduler : str, optional
+        Address of a Dask scheduler whose workers see the folder under the same path; threads of
+        this process when missing.
+    progress : callable, optional
+        Called with (fraction, text); returning False cancels.
+
+    Returns
+    -------
+    MedialCloud
+        Its arrays are mapped from the files.
+
+    Raises
+    ------
+    InvalidShapeError
+        When the samples cannot be used.
+    InvalidOptionError
+        When an option is out of its range.
+    FileError
+        When a file cannot be read or written, or a worker of the cluster died.
+    Cancelled
+        When `progress` asks for it; the folder is as it was.
+
+    Notes
+    -----
+    Source: thesis 3.2.1. Cost: as `medialis.surface_skeleton`, plus reading and writing.
+    """
+    tolerance = as_number(tolerance, "tolerance", low=0.0, high=0.1)
+    largest_radius = as_number(largest_radius, "largest_radius", low=0.0, high=10.0, open_low=True)
+    samples, directions = _mapped(points, "points"), _mapped(normals, "normals")
+    progress = Progress.of(progress)
+    with OutputFolder(folder) as out:
+        files = Files(out.file("a").parent)
+        unit_normals = files.new("unit_normals", (len(samples), 3), np.float64)
+        with progress.stage("check", 0.0, 0.05):
+            diagonal = _check(samples, directions, unit_normals, progress)
+            unit_normals.flags.writeable = False  # as in a Shape: kernels are compiled for that
+        options = shrink_options(diagonal, tolerance, largest_radius)
+        with progress.stage("tree", 0.05, 0.25):
+            tree = _build_tree(samples, unit_normals, options, files)
+        with progress.stage("balls", 0.25, 0.9):
+            results = _new_results(files, len(samples))
+            if scheduler is None:
+                _shrink_here(tree, options, results, progress)
+            else:
+                _shrink_there(files, options, results, scheduler, progress)
+        with progress.stage("finish", 0.9, 1.0):
+            _finish(tree, options, results, progress)
+            _measure(samples, files, results)
+        del tree, unit_normals, results
+        files.remove_temporary()
+    return open_medial_cloud(folder)
+
+
+def open_medial_cloud(folder: str | os.PathLike[str]) -> MedialCloud:
+    """Open the result of `huge_surface_skeleton`; arrays are mapped, nothing is read yet.
+
+    Raises
+    ------
+    FileError
+        When a file is missing or damaged.
+    """
+    try:
+        arrays = {n: np.load(Path(folder) / f"{n}.npy", mmap_mode="r") for n in RESULTS}
+        return MedialCloud(**arrays)
+    except (OSError, ValueError) as error:
+        raise FileError(f"Cannot read a medial cloud in {os.fspath(folder)}: {error}.") from None
+
+
+class Files:
+    """Arrays in .npy files of one folder; those of the tree are temporary."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.temporary = folder / "tree"
+        self.temporary.mkdir(exist_ok=True)
+
+    def new(self, name: str, shape: tuple[int, ...], dtype: Any) -> NDArray[Any]:
+        """Create a temporary array, mapped for writing."""
+        return _create(self.temporary / f"{name}.npy", shape, dtype)
+
+    def result(self, name: str, shape: tuple[int, ...], dtype: Any) -> NDArray[Any]:
+        """Create an array that stays."""
+        return _create(self.folder / f"{name}.npy", shape, dtype)
+
+    def remove_temporary(self) -> None:
+        """Remove the files of the tree."""
+        shutil.rmtree(self.temporary)
+
+
+@dataclass(frozen=True)
+class Range:
+    """A job of a cluster worker: chunks first..last of the samples in tree order."""
+
+    name: str
+    folder: str
+    options: Shrinking
+    center: tuple[float, ...]
+    depth: int
+    begin: int
+    end: int
+
+
+def shrink_range(job: Range) -> int:
+    """Run on a worker: map the files, shrink the balls of a range, return how many."""
+    from medialis._kernels.box_tree import BoxTree
+
+    folder = Path(job.folder)
+    parts = {
+        name: _plain(np.load(folder / "tree" / f"{name}.npy", mmap_mode="r+"))
+        for name in ("points", "normals", "order", "blocks", "bounds", "child")
+    }
+    tree = BoxTree(np.array(job.center), **parts, depth=job.depth)
+    results = {
+        name: _plain(np.load(folder / place, mmap_mode="r+"))
+        for name, place in (
+            ("centers", "centers.npy"),
+            ("radii", "radii.npy"),
+            ("second", "tree/second.npy"),
+            ("status", "status.npy"),
+            ("spoke_angles", "spoke_angles.npy"),
+        )
+    }
+    _shrink_chunks(tree, job.options, results, job.begin, job.end, None)
+    return job.end - job.begin
+
+
+def _shrink_chunks(
+    tree: BoxTree,
+    options: Shrinking,
+    results: dict[str, NDArray[Any]],
+    first: int,
+    last: int,
+    progress: Progress | None,
+) -> None:
+    names = ("centers", "radii", "second", "status", "spoke_angles")
+    out = tuple(results[name] for name in names)
+
+    def work(begin: int, end: int) -> None:
+        options.run(tree, first + begin, first + end, 1, out)
+
+    run_chunks(work, last - first, SAMPLES_A_CHUNK, progress=progress)
+
+
+def _shrink_here(
+    tree: BoxTree, options: Shrinking, results: dict[str, NDArray[Any]], progress: Progress
+) -> None:
+    _shrink_chunks(tree, options, results, 0, len(tree.points), progress)
+
+
+def _shrink_there(
+    files: Files,
+    options: Shrinking,
+    results: dict[str, NDArray[Any]],
+    scheduler: str,
+    progress: Progress,
+) -> None:
+    """Hand ranges of whole chunks to the workers of a cluster; they write into the same files."""
+    n = len(results["radii"])
+    about = np.load(files.temporary / "about.npy")
+    step = CHUNKS_A_JOB * SAMPLES_A_CHUNK
+    jobs = [
+        Range(
+            f"range-{begin}", str(files.folder.absolute()), options, tuple(about[:3].tolist()),
+            int(about[3]), begin, min(begin + step, n),
+        )
+        for begin in range(0, n, step)
+    ]  # fmt: skip
+    done = 0
+    with cluster(1, scheduler) as (client, slots):
+        for job, count in hand_out(client, jobs, shrink_range, slots):
+            if count is None:
+                raise FileError(f"A range of the samples was lost ({job.name}): {DIED}")
+            done += count
+            progress.update(done / n)
+
+
+def _mapped(values: Any, name: str) -> NDArray[np.float64]:
+    if isinstance(values, str | os.PathLike):
+        try:
+            values = np.load(values, mmap_mode="r")
+        except (OSError, ValueError, EOFError) as error:
+            raise FileError(f"Cannot read {name} from {os.fspath(values)}: {error}.") from None
+    array = np.asarray(values)
+    if array.ndim != 2 or array.shape[1] != 3 or array.dtype != np.float64 or len(array) == 0:
+        raise InvalidShapeError(
+            f"{name} must be an (n, 3) float64 array, got {array.dtype} {array.shape}."
+        )
+    return array
+
+
+def _blocks(n: int) -> Iterator[slice]:
+    for begin in range(0, n, ROWS_A_BLOCK):
+        yield slice(begin, min(begin + ROWS_A_BLOCK, n))
+
+
+def _check(
+    points: NDArray[np.float64],
+    normals: NDArray[np.float64],
+    out_normals: NDArray[np.float64],
+    progress: Progress,
+) -> float:
+    """Check all rows, make the normals unit, and return the diagonal of the bounding box."""
+    if len(points) != len(normals):
+        raise InvalidShapeError(f"There are {len(points)} points but {len(normals)} normals.")
+    low, high = np.full(3, math.inf), np.full(3, -math.inf)
+    for here in _blocks(len(points)):
+        part = as_points(points[here])
+        low, high = np.minimum(low, part.min(axis=0)), np.maximum(high, part.max(axis=0))
+        out_normals[here] = as_normals(normals[here], len(part))
+        progress.update(here.stop / len(points))
+    diagonal = math.hypot(*(high - low))
+    if diagonal == 0.0:
+        raise InvalidShapeError(f"All {len(points)} points coincide: a skeleton needs an extent.")
+    return diagonal
+
+
+def _build_tree(
+    points: NDArray[np.float64], normals: NDArray[np.float64], options: Shrinking, files: Files
+) -> BoxTree:
+    from medialis._kernels.box_tree import build_box_tree
+
+    tree = build_box_tree(points, normals, unit=options.unit, allocate=files.new)
+    np.save(files.temporary / "about.npy", np.array([*tree.center, tree.depth], np.float64))
+    return tree
+
+
+def _new_results(files: Files, n: int) -> dict[str, NDArray[Any]]:
+    results: dict[str, NDArray[Any]] = {}
+    for name, (dtype, width) in RESULTS.items():
+        results[name] = files.result(name, (n, width) if width else (n,), dtype)
+    results["second"] = files.new("second", (n,), np.int32)
+    for here in _blocks(n):
+        for name in ("centers", "radii", "spoke_angles"):
+            results[name][here] = np.nan
+        results["second"][here] = -1
+        results["source"][here] = np.arange(here.start, here.stop)
+        results["side"][here] = 1
+    return results
+
+
+def _finish(
+    tree: BoxTree, options: Shrinking, results: dict[str, NDArray[Any]], progress: Progress
+) -> None:
+    n = len(results["radii"])
+    for here in _blocks(n):
+        options.to_input(tree, results["centers"][here], results["radii"][here])
+        results["features"][here, 0] = results["source"][here]
+        results["features"][here, 1] = results["second"][here]
+        progress.update(here.stop / n)
+
+
+def _measure(points: NDArray[np.float64], files: Files, results: dict[str, NDArray[Any]]) -> None:
+    n = len(points)
+    out = {name: files.result(name, (n,), np.float64) for name in MEASURES}
+    for here in _blocks(n):
+        cloud = MedialCloud(**{name: results[name][here] for name in RESULTS})
+        found = measures_of_points(points, cloud)
+        for name in MEASURES:
+            out[name][here] = found[name]
+
+
+def _create(path: Path, shape: tuple[int, ...], dtype: Any) -> NDArray[Any]:
+    return _plain(np.lib.format.open_memmap(path, "w+", dtype, shape))
+
+
+def _plain(mapped: NDArray[Any]) -> NDArray[Any]:
+    """View a mapped array as a plain one, which is what kernels are compiled for."""
+    return mapped.view(np.ndarray)
