@@ -1,0 +1,78 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Quality and colour as expressions over a custom attribute, in the language of MeshLab's filters.
+
+An expression may have at most 5000 characters. A colour map is cut into 32 straight pieces, found
+by a tree of comparisons: within one step of 255 of the map itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from medialis.render.colors import MISSING, color_table, palette, value_range
+from medialis_meshset.attributes import Display, FloatArray
+
+PIECES = 32
+
+
+def quality_expression(shown: Display, name: str) -> str:
+    """Return the quality of `Display.quality` as an expression over the attribute `name`."""
+    low, high = value_range(shown.values)
+    return f"({name}=={name}?min(max({name},{low!r}),{high!r}):{low!r})"
+
+
+def color_expressions(shown: Display, name: str) -> tuple[str, str, str]:
+    """Return red, green and blue (0..255) as expressions over the attribute `name`."""
+    missing = [f"{round(255 * share)}" for share in MISSING]
+    if shown.is_label:
+        colors = np.rint(255 * palette()).astype(int)
+        # rint rounds half to even: the shift makes it the floor, for any number of labels.
+        count = len(colors)
+        row = f"({name}-{count}*rint({name}/{count}-0.4999))"
+        if shown.values.max(initial=0) < count:
+            row = name
+        limits = [f"{i - 0.5}" for i in range(1, count)]
+        trees = [_tree(row, limits, [f"{c}" for c in colors[:, k]]) for k in range(3)]
+        return _each(f"{name}<0", missing, trees)
+    low, high = shown.limits
+    table = 255 * color_table(shown.color_map)
+    trees = []
+    for k in range(3):
+        first, last = f"{table[0, k] + 0.5:.4f}", f"{table[-1, k] + 0.5:.4f}"
+        inside = _ramp(table[:, k], low, high, name)
+        trees.append(f"({name}<{low!r}?{first}:({name}>{high!r}?{last}:{inside}))")
+    # NaN is the value that is not equal to itself.
+    return _each(f"{name}!={name}", missing, trees)
+
+
+def _ramp(channel: FloatArray, low: float, high: float, name: str) -> str:
+    """Return one channel of a colour map between its limits; its middle where they are equal."""
+    rows = np.arange(len(channel))
+    ends = np.linspace(low, high, PIECES + 1)
+    widths = np.diff(ends)
+    if not (widths > 0).all():
+        return f"{channel[len(channel) // 2] + 0.5:.4f}"
+    at = np.interp(np.linspace(0, rows[-1], PIECES + 1), rows, channel)
+    # Half a step more, because MeshLab rounds down.
+    leaves = [
+        f"{start + 0.5:.4f}+{slope:.6g}*({name}-({end!r}))"
+        for start, slope, end in zip(at, np.diff(at) / widths, ends.tolist(), strict=False)
+    ]
+    return _tree(name, [f"{end!r}" for end in ends[1:-1].tolist()], leaves)
+
+
+def _tree(variable: str, limits: Sequence[str], leaves: Sequence[str]) -> str:
+    """Return nested comparisons that choose the leaf between the limits around the variable."""
+    if len(leaves) == 1:
+        return leaves[0]
+    middle = len(leaves) // 2
+    left = _tree(variable, limits[: middle - 1], leaves[:middle])
+    right = _tree(variable, limits[middle:], leaves[middle:])
+    return f"({variable}<{limits[middle - 1]}?{left}:{right})"
+
+
+def _each(condition: str, first: Sequence[str], others: Sequence[str]) -> tuple[str, str, str]:
+    red, green, blue = (f"({condition}?{a}:{b})" for a, b in zip(first, others, strict=True))
+    return red, green, blue

@@ -1,0 +1,80 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Layers of a result as new layers of a MeshSet."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pymeshlab
+from numpy.typing import NDArray
+
+from medialis.operations.result import Layer
+from medialis_meshset.attributes import (
+    FloatArray,
+    add_face_attribute,
+    add_vertex_attribute,
+    custom_arrays,
+    display_of,
+    free_name,
+)
+
+
+@dataclass(frozen=True, eq=False)
+class NewLayer:
+    """A layer ready to be added.
+
+    Its custom attributes wait outside the mesh: adding a mesh copies it, and MeshLab crashes in
+    expressions on a mesh with copied attributes.
+    """
+
+    name: str
+    mesh: pymeshlab.Mesh
+    vertex_attributes: dict[str, FloatArray]
+    face_attributes: dict[str, FloatArray]
+
+
+def new_layer(layer: Layer) -> NewLayer:
+    """Make the mesh and the attribute arrays of a layer.
+
+    Quality and colour come from `Layer.color_by`, normals from a vector attribute ``normal``.
+    """
+    given: dict[str, Any] = {"vertex_matrix": np.ascontiguousarray(layer.points)}
+    if layer.faces is not None and len(layer.faces):
+        given["face_matrix"] = np.ascontiguousarray(layer.faces, np.int32)
+    if layer.edges is not None and len(layer.edges):
+        given["edge_matrix"] = np.ascontiguousarray(layer.edges, np.int32)
+    normals = layer.attributes.get("normal")
+    if normals is not None and np.shape(normals)[1:] == (3,):
+        given["v_normals_matrix"] = np.ascontiguousarray(normals, np.float64)
+    for letter, attributes in (("v", layer.attributes), ("f", layer.face_attributes)):
+        shown = display_of(layer, attributes)
+        if shown is not None and len(shown.values):
+            given[f"{letter}_scalar_array"] = shown.quality
+            given[f"{letter}_color_matrix"] = shown.colors
+    return NewLayer(
+        layer.name,
+        pymeshlab.Mesh(**given),
+        _named(layer.attributes),
+        _named(layer.face_attributes),
+    )
+
+
+def add_layer(mesh_set: pymeshlab.MeshSet, layer: NewLayer) -> int:
+    """Add a layer, which becomes the current one, and return its id."""
+    mesh_set.add_mesh(layer.mesh, layer.name)
+    mesh = mesh_set.current_mesh()
+    for name, values in layer.vertex_attributes.items():
+        add_vertex_attribute(mesh, name, values)
+    for name, values in layer.face_attributes.items():
+        add_face_attribute(mesh, name, values)
+    return int(mesh.id())
+
+
+def _named(attributes: Mapping[str, NDArray[Any]]) -> dict[str, FloatArray]:
+    named: dict[str, FloatArray] = {}
+    for name, values in custom_arrays(attributes):
+        named[free_name(name, named)] = values
+    return named

@@ -1,0 +1,213 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Attributes of a result written on the current mesh: custom attributes, quality and colour.
+
+pymeshlab can add custom attributes to a mesh but not set its quality or colour. There are two ways
+round, and each has its trap:
+
+- An expression that reads the new attribute. On a mesh whose vertex attributes were copied (by
+  ``add_mesh``) it crashes, and Python cannot see whether they were.
+- ``transfer_attributes_per_vertex`` from a layer of the same points: slow where few points lie far
+  from all others, and it moves the vertices of a transformed layer by rounding errors.
+
+So a mesh without vertex attributes goes the first way, any other the second, with its transform
+put aside. Expressions over faces do not crash.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import pymeshlab
+from numpy.typing import NDArray
+
+from medialis.errors import InvalidShapeError
+from medialis.model.shape import Shape
+from medialis.operations.result import Layer
+from medialis_meshset.attributes import (
+    Display,
+    FloatArray,
+    add_face_attribute,
+    add_vertex_attribute,
+    custom_arrays,
+    display_of,
+    free_name,
+    taken_names,
+)
+from medialis_meshset.expressions import color_expressions, quality_expression
+from medialis_meshset.reading import is_identity
+from medialis_meshset.script import filter_script_kept
+
+NO_FACE_EXPRESSION = (
+    "Quality and colour of the faces were not set: the mesh has a face attribute whose name "
+    "MeshLab's expressions cannot hold. The values are in the attribute {name}."
+)
+
+
+@dataclass(frozen=True, eq=False)
+class InputData:
+    """All that will be written on the current mesh, one row a vertex or face of it.
+
+    The first names are those of the core; those written may differ (`free_name`).
+    """
+
+    vertex_attributes: dict[str, FloatArray]
+    face_attributes: dict[str, FloatArray]
+    vertex_display: Display | None = None
+    face_display: Display | None = None
+
+
+def input_data(layers: Sequence[Layer], shape: Shape, mesh: pymeshlab.Mesh) -> InputData:
+    """Bring the attributes of `on_input` layers to the vertices and faces of the given mesh.
+
+    Vertices and faces that repair dropped get NaN, and -1 for whole numbers. The first layer with
+    something to show decides quality and colour.
+    """
+    data = InputData({}, {})
+    for layer in layers:
+        points = {
+            name: shape.on_input_points(*_missing(values))
+            for name, values in layer.attributes.items()
+        }
+        faces = {
+            name: _on_faces(shape, mesh.face_number(), values)
+            for name, values in layer.face_attributes.items()
+        }
+        for values, count in ((points, mesh.vertex_number()), (faces, mesh.face_number())):
+            if any(len(array) != count for array in values.values()):
+                raise InvalidShapeError(
+                    f"Layer {layer.name} is not on the shape that was given; this is a fault of "
+                    "the operation."
+                )
+        data = replace(
+            data,
+            vertex_display=_collect(layer, points, data.vertex_attributes, data.vertex_display),
+            face_display=_collect(layer, faces, data.face_attributes, data.face_display),
+        )
+    return data
+
+
+def _collect(
+    layer: Layer,
+    given: Mapping[str, NDArray[Any]],
+    collected: dict[str, FloatArray],
+    shown: Display | None,
+) -> Display | None:
+    """Add the arrays of a layer to those of the others; return what is shown of all."""
+    display = shown or display_of(layer, given)
+    for name, array in custom_arrays(given):
+        free = free_name(name, collected)
+        collected[free] = array
+        if shown is None and display is not None and display.name == name:
+            display = replace(display, name=free)
+    return display
+
+
+def write_on_current(mesh_set: pymeshlab.MeshSet, data: InputData) -> tuple[dict[str, str], str]:
+    """Write on the current mesh.
+
+    Returns
+    -------
+    names : dict
+        The name of each custom attribute on the mesh by its name in the core.
+    message : str
+        What could not be done; empty otherwise.
+    """
+    mesh = mesh_set.current_mesh()
+    taken = taken_names(mesh_set, "v"), taken_names(mesh_set, "f")
+    names = _add_all(mesh, add_vertex_attribute, data.vertex_attributes, taken[0])
+    face_names = _add_all(mesh, add_face_attribute, data.face_attributes, taken[1])
+    message = ""
+    if data.vertex_display is not None or data.face_display is not None:
+        with filter_script_kept(mesh_set):
+            if data.vertex_display is not None and taken[0]:
+                _transfer(mesh_set, data.vertex_display)
+            elif data.vertex_display is not None:
+                _show_vertices(mesh_set, data.vertex_display, names)
+            if data.face_display is not None:
+                message = _show_faces(mesh_set, data.face_display, face_names)
+    return {**face_names, **names}, message
+
+
+def _add_all(
+    mesh: pymeshlab.Mesh,
+    add: Callable[[pymeshlab.Mesh, str, FloatArray], None],
+    attributes: Mapping[str, FloatArray],
+    taken: Sequence[str],
+) -> dict[str, str]:
+    """Add attributes under free names, and tell which."""
+    names: dict[str, str] = {}
+    for name, values in attributes.items():
+        names[name] = free_name(name, {*taken, *names.values()})
+        add(mesh, names[name], values)
+    return names
+
+
+def _missing(values: NDArray[Any]) -> tuple[NDArray[Any], Any]:
+    """Values in a type that can hold what stands for none, and that."""
+    array = np.asarray(values)
+    if array.dtype.kind == "f":
+        return array, np.nan
+    return array.astype(np.int64), -1
+
+
+def _on_faces(shape: Shape, count: int, values: NDArray[Any]) -> NDArray[Any]:
+    array, missing = _missing(values)
+    return shape.on_input_faces(array, count, missing)
+
+
+def _show_vertices(mesh_set: pymeshlab.MeshSet, shown: Display, names: Mapping[str, str]) -> None:
+    name = names[shown.name]
+    mesh_set.compute_scalar_by_function_per_vertex(q=quality_expression(shown, name))
+    red, green, blue = color_expressions(shown, name)
+    mesh_set.compute_color_by_function_per_vertex(x=red, y=green, z=blue)
+
+
+def _show_faces(mesh_set: pymeshlab.MeshSet, shown: Display, names: Mapping[str, str]) -> str:
+    name = names[shown.name]
+    try:
+        mesh_set.compute_scalar_by_function_per_face(q=quality_expression(shown, name))
+        red, green, blue = color_expressions(shown, name)
+        mesh_set.compute_color_by_function_per_face(r=red, g=green, b=blue)
+    except RuntimeError:  # how pymeshlab passes on what its expression parser throws
+        return NO_FACE_EXPRESSION.format(name=name)
+    return ""
+
+
+def _transfer(mesh_set: pymeshlab.MeshSet, shown: Display) -> None:
+    """Copy quality and colour from a layer of the same points, added for the moment."""
+    target = mesh_set.current_mesh_id()
+    with _untransformed(mesh_set):
+        source = pymeshlab.Mesh(
+            vertex_matrix=mesh_set.current_mesh().vertex_matrix(),
+            v_scalar_array=shown.quality,
+            v_color_matrix=shown.colors,
+        )
+        mesh_set.add_mesh(source, "medialis")
+        try:
+            mesh_set.transfer_attributes_per_vertex(
+                sourcemesh=mesh_set.current_mesh_id(),
+                targetmesh=target,
+                qualitytransfer=True,
+                colortransfer=True,
+            )
+        finally:
+            mesh_set.delete_current_mesh()
+            mesh_set.set_current_mesh(target)
+
+
+@contextmanager
+def _untransformed(mesh_set: pymeshlab.MeshSet) -> Iterator[None]:
+    """Put the transform of the current mesh aside; its vertices stay as they are."""
+    matrix = mesh_set.current_mesh().transform_matrix().copy()
+    if is_identity(matrix):
+        yield
+        return
+    mesh_set.set_matrix(transformmatrix=np.eye(4), freeze=False)
+    try:
+        yield
+    finally:
+        mesh_set.set_matrix(transformmatrix=matrix, freeze=False)
