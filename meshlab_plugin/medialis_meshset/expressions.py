@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Quality and colour as expressions over a custom attribute, in the language of MeshLab's filters.
 
-An expression may have at most 5000 characters. A colour map is cut into 32 straight pieces, found
-by a tree of comparisons: within one step of 255 of the map itself.
+An expression may have at most 5000 characters. A colour map is cut into straight pieces, found by a
+tree of comparisons: within one step of 255 of the map itself.
 """
 
 from __future__ import annotations
@@ -14,7 +14,8 @@ import numpy as np
 from medialis.render.colors import MISSING, color_table, palette, value_range
 from medialis_meshset.attributes import Display, FloatArray
 
-PIECES = 32
+TOLERANCE = 0.5
+"""How far a straight piece may be from the colour map, in steps of 255."""
 
 
 def quality_expression(shown: Display, name: str) -> str:
@@ -48,19 +49,26 @@ def color_expressions(shown: Display, name: str) -> tuple[str, str, str]:
 
 
 def _ramp(channel: FloatArray, low: float, high: float, name: str) -> str:
-    """Return one channel of a colour map between its limits; its middle where they are equal."""
-    rows = np.arange(len(channel))
-    ends = np.linspace(low, high, PIECES + 1)
-    widths = np.diff(ends)
-    if not (widths > 0).all():
+    """Return one channel of a colour map between its limits; its middle where they are equal.
+
+    Pieces are halved at the row that is furthest from a straight line, until all are straight.
+    """
+    values = np.linspace(low, high, len(channel))
+
+    def piece(first: int, last: int) -> str:
+        slope = (channel[last] - channel[first]) / (values[last] - values[first])
+        line = channel[first] + slope * (values[first : last + 1] - values[first])
+        error = np.abs(line - channel[first : last + 1])
+        if error.max() <= TOLERANCE or last - first < 2:
+            # Half a step more, because MeshLab rounds down.
+            return f"{channel[first] + 0.5:.4f}+{slope:.6g}*({name}-({float(values[first])!r}))"
+        split = first + 1 + int(error[1:-1].argmax())
+        left, right = piece(first, split), piece(split, last)
+        return f"({name}<{float(values[split])!r}?{left}:{right})"
+
+    if not (np.diff(values) > 0).all():
         return f"{channel[len(channel) // 2] + 0.5:.4f}"
-    at = np.interp(np.linspace(0, rows[-1], PIECES + 1), rows, channel)
-    # Half a step more, because MeshLab rounds down.
-    leaves = [
-        f"{start + 0.5:.4f}+{slope:.6g}*({name}-({end!r}))"
-        for start, slope, end in zip(at, np.diff(at) / widths, ends.tolist(), strict=False)
-    ]
-    return _tree(name, [f"{end!r}" for end in ends[1:-1].tolist()], leaves)
+    return piece(0, len(channel) - 1)
 
 
 def _tree(variable: str, limits: Sequence[str], leaves: Sequence[str]) -> str:

@@ -3,10 +3,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any
 
+import numpy as np
 import pymeshlab
 from pymeshlab import PyMeshLabException
 
@@ -73,7 +75,7 @@ def filter_values(
     diagonal = 0.0
     if mesh_set.mesh_number() and mesh_set.current_mesh().vertex_number():
         points = mesh_set.current_mesh().transformed_vertex_matrix()
-        diagonal = pymeshlab.Mesh(points).bounding_box().diagonal()
+        diagonal = math.hypot(*np.ptp(points, axis=0))
     given = checked(chosen, parameters)
     add = given.pop(ADD_SAMPLES.name, ADD_SAMPLES.default)
     values = chosen.resolve(with_fractions(chosen, given, diagonal))

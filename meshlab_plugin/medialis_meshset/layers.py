@@ -39,7 +39,8 @@ class NewLayer:
 def new_layer(layer: Layer) -> NewLayer:
     """Make the mesh and the attribute arrays of a layer.
 
-    Quality and colour come from `Layer.color_by`, normals from a vector attribute ``normal``.
+    Quality and colour come from `Layer.color_by`, normals of points from a vector attribute
+    ``normal`` (those of triangles MeshLab computes itself).
     """
     given: dict[str, Any] = {"vertex_matrix": np.ascontiguousarray(layer.points)}
     if layer.faces is not None and len(layer.faces):

@@ -68,6 +68,7 @@ def input_data(layers: Sequence[Layer], shape: Shape, mesh: pymeshlab.Mesh) -> I
     """
     data = InputData({}, {})
     for layer in layers:
+        _require_same(layer, shape)
         points = {
             name: shape.on_input_points(*_missing(values))
             for name, values in layer.attributes.items()
@@ -76,18 +77,22 @@ def input_data(layers: Sequence[Layer], shape: Shape, mesh: pymeshlab.Mesh) -> I
             name: _on_faces(shape, mesh.face_number(), values)
             for name, values in layer.face_attributes.items()
         }
-        for values, count in ((points, mesh.vertex_number()), (faces, mesh.face_number())):
-            if any(len(array) != count for array in values.values()):
-                raise InvalidShapeError(
-                    f"Layer {layer.name} is not on the shape that was given; this is a fault of "
-                    "the operation."
-                )
         data = replace(
             data,
             vertex_display=_collect(layer, points, data.vertex_attributes, data.vertex_display),
             face_display=_collect(layer, faces, data.face_attributes, data.face_display),
         )
     return data
+
+
+def _require_same(layer: Layer, shape: Shape) -> None:
+    faces = 0 if layer.faces is None else len(layer.faces)
+    if len(layer.points) != shape.point_count or (
+        layer.face_attributes and faces != shape.face_count
+    ):
+        raise InvalidShapeError(
+            f"Layer {layer.name} is not on the shape that was given: a fault of the operation."
+        )
 
 
 def _collect(

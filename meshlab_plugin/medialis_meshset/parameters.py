@@ -12,6 +12,7 @@ import os
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
 from pymeshlab import InvalidEnumException, PercentageValue, PureValue, PyMeshLabException
 
 from medialis.errors import InvalidOptionError
@@ -114,8 +115,9 @@ def _choice(choices: tuple[str, ...], value: Any) -> str:
 def _fraction(parameter: Parameter, value: Any, diagonal: float) -> float:
     """Return the fraction of the diagonal that a length is."""
     relative = isinstance(value, PercentageValue)
+    number = _as_typed(value)
     unit = 100.0 if relative else diagonal
-    fraction = value.value() / unit if unit > 0.0 else value.value()
+    fraction = number / unit if unit > 0.0 else number
     try:
         return float(parameter.check(fraction))
     except InvalidOptionError:
@@ -124,5 +126,13 @@ def _fraction(parameter: Parameter, value: Any, diagonal: float) -> float:
             f"Parameter {parameter.name}: must be between {parameter.low * unit:g}{suffix} and "
             f"{parameter.high * unit:g}{suffix} ({percent(parameter.low)} to "
             f"{percent(parameter.high)} of the bounding box diagonal). "
-            f"Value: {value.value():g}{suffix}"
+            f"Value: {number:g}{suffix}"
         ) from None
+
+
+def _as_typed(length: Any) -> float:
+    """Return the number as the user wrote it, up to 7 digits: pymeshlab keeps single precision.
+
+    Without this, 0.03 % would not be the 0.03 % of the core but 0.0299999993 %.
+    """
+    return float(str(np.float32(length.value())))

@@ -6,7 +6,6 @@ pymeshlab records every filter; a script with our inner steps would name layers 
 
 from __future__ import annotations
 
-import ctypes
 import os
 import tempfile
 from collections.abc import Iterator
@@ -29,25 +28,22 @@ def filter_script_kept(mesh_set: pymeshlab.MeshSet) -> Iterator[None]:
         finally:
             mesh_set.clear_filter_script()
             if EMPTY not in file.read_text(encoding="utf-8"):
-                with _standard_output_silent():
+                with _standard_error_silent():
                     mesh_set.load_filter_script(str(file))
 
 
 @contextmanager
-def _standard_output_silent() -> Iterator[None]:
-    """Send to nowhere what C++ code prints: MeshLab prints a line a filter that it loads.
+def _standard_error_silent() -> Iterator[None]:
+    """Send to nowhere what C++ code prints: MeshLab prints a line for each filter that it loads.
 
-    Where that cannot be done (no such stream, Windows), the lines appear.
+    Where there is no such stream, there is nothing to silence.
     """
     with ExitStack() as stack:
-        with suppress(OSError, TypeError, AttributeError):
-            library = ctypes.CDLL(None)
-            library.fflush(None)
-            kept = os.dup(1)
+        with suppress(OSError):
+            kept = os.dup(2)
             stack.callback(os.close, kept)
             nowhere = os.open(os.devnull, os.O_WRONLY)
-            os.dup2(nowhere, 1)
-            os.close(nowhere)
-            stack.callback(os.dup2, kept, 1)
-            stack.callback(library.fflush, None)
+            stack.callback(os.close, nowhere)
+            os.dup2(nowhere, 2)
+            stack.callback(os.dup2, kept, 2)
         yield

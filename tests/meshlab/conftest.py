@@ -1,0 +1,93 @@
+"""Fixtures of the pymeshlab filters: a MeshSet with a mesh, and operations made for a test."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import medialis
+from medialis.operations import registry
+from medialis.operations.declaration import Operation
+from medialis.operations.result import Outcome
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+@pytest.fixture(scope="session")
+def creature() -> medialis.Shape:
+    return medialis.organic_shape(56)
+
+
+@pytest.fixture
+def mesh_set(creature):
+    pymeshlab = pytest.importorskip("pymeshlab", reason="needs pymeshlab (the extra meshlab)")
+    import medialis_meshlab
+
+    medialis_meshlab.patch()
+    ms = pymeshlab.MeshSet()
+    ms.add_mesh(pymeshlab.Mesh(creature.points, creature.faces), "Größe 形")
+    return ms
+
+
+@pytest.fixture
+def register(monkeypatch):
+    """Function that registers an operation and makes a filter of it, for one test."""
+    pytest.importorskip("pymeshlab", reason="needs pymeshlab (the extra meshlab)")
+    import medialis_meshlab
+
+    medialis_meshlab.unpatch()
+
+    def add(*layers, name="generate_made", parameters=(), run=None, images=None, needs_faces=False):
+        def outcome(shape, values, progress):
+            made = [layer(shape) if callable(layer) else layer for layer in layers]
+            progress.note("Made by hand.")
+            return Outcome(shape, tuple(made), {"count": len(made)}, images=images or {})
+
+        own = Operation(
+            name.partition("_")[2],
+            name,
+            "Made",
+            "Test",
+            "Make layers by hand.",
+            "thesis 0",
+            tuple(parameters),
+            run or outcome,
+            needs_faces,
+        )
+        monkeypatch.setattr(registry, "OPERATIONS", (*registry.OPERATIONS, own))
+        medialis_meshlab.patch()
+        return own
+
+    yield add
+    medialis_meshlab.unpatch()
+    monkeypatch.undo()
+    medialis_meshlab.patch()
+
+
+@pytest.fixture
+def fresh():
+    """Function that runs Python code in a process of its own and returns what it printed."""
+    pytest.importorskip("pymeshlab", reason="needs pymeshlab (the extra meshlab)")
+
+    def run(code, *arguments, check=True, **more):
+        paths = [ROOT / "core", ROOT / "meshlab_plugin"]
+        environment = {**os.environ, "PYTHONPATH": os.pathsep.join(map(str, paths))}
+        done = subprocess.run(
+            [sys.executable, "-X", "faulthandler", "-W", "error", "-c", code, *map(str, arguments)],
+            capture_output=True,
+            text=True,
+            encoding="utf-8",
+            env={**environment, "PYTHONIOENCODING": "utf-8"},
+            timeout=300,
+            **more,
+        )
+        if check:
+            assert done.returncode == 0, done.stderr
+            return done.stdout
+        return done
+
+    return run

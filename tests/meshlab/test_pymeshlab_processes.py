@@ -1,0 +1,89 @@
+"""What only a fresh process shows: import orders, no patching, the tutorial scripts."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+EXAMPLES = sorted((ROOT / "docs" / "examples").glob("pymeshlab_*.py"))
+
+RUN = """
+import numpy as np
+ms = pymeshlab.MeshSet()
+shape = medialis.organic_shape(56)
+ms.add_mesh(pymeshlab.Mesh(shape.points, shape.faces))
+found = ms.generate_surface_skeleton()
+assert found["skeleton_points"] > 1000, found
+ms.compute_scalar_by_function_per_vertex(q="radius")
+print("done")
+"""
+
+
+@pytest.mark.parametrize(
+    "imports",
+    [
+        "import medialis_meshlab, pymeshlab, medialis, numba, scipy.spatial, scipy.sparse.csgraph",
+        "import numba, scipy.spatial, scipy.sparse.csgraph, medialis, pymeshlab, medialis_meshlab",
+        "import pymeshlab, medialis, medialis_meshlab",
+        "import medialis\nmedialis.run('surface_skeleton', medialis.organic_shape(56))\n"
+        "import medialis_meshlab, pymeshlab",
+    ],
+    ids=["first", "last", "after pymeshlab", "after computing"],
+)
+def test_any_order_of_imports(fresh, imports):
+    """pymeshlab's own libraries break others in some orders (PyMeshLab issue 444)."""
+    assert fresh(imports + RUN).strip() == "done"
+
+
+def test_the_core_does_not_import_pymeshlab(fresh):
+    assert fresh("import medialis, sys; print('pymeshlab' in sys.modules)").strip() == "False"
+
+
+def test_the_subclass_patches_nothing(fresh):
+    code = """
+import pymeshlab
+before = dict(vars(pymeshlab.MeshSet))
+from medialis_meshset import MeshSet, filter_list
+import medialis
+ms = MeshSet()
+shape = medialis.organic_shape(56)
+ms.add_mesh(pymeshlab.Mesh(shape.points, shape.faces))
+assert ms.generate_surface_skeleton()["layers"] == {"surface_skeleton": 1}
+ms.set_current_mesh(0)
+assert ms.apply_filter("generate_surface_skeleton")["layers"] == {"surface_skeleton": 2}
+assert ms.get_geometric_measures() and "refine" in ms.filter_parameter_values(filter_list()[-1])
+assert dict(vars(pymeshlab.MeshSet)) == before
+import medialis_meshlab
+assert hasattr(pymeshlab.MeshSet, "generate_surface_skeleton")
+medialis_meshlab.patch()
+medialis_meshlab.unpatch()
+assert dict(vars(pymeshlab.MeshSet)) == before
+assert ms.generate_surface_skeleton()["layers"] == {"surface_skeleton": 3}
+print("done")
+"""
+    assert fresh(code).strip() == "done"
+
+
+@pytest.mark.parametrize("package", ["medialis_meshlab", "medialis_meshset"])
+def test_without_pymeshlab_one_sentence_says_what_to_install(fresh, package):
+    code = f"import sys; sys.modules['pymeshlab'] = None\nimport {package}"
+    done = fresh(code, check=False)
+    assert done.returncode == 1
+    assert done.stderr.strip().endswith("not installed: pip install 'medialis[meshlab]'")
+
+
+@pytest.mark.parametrize("script", EXAMPLES, ids=lambda path: path.stem)
+def test_tutorial_scripts_run(fresh, script, tmp_path):
+    printed = fresh(script.read_text(encoding="utf-8"), cwd=tmp_path)
+    assert printed.strip() and [*tmp_path.iterdir()]
+
+
+def test_the_page_shows_code_of_the_scripts():
+    """Every Python block of docs/pymeshlab.md is part of a script that runs above."""
+    page = (ROOT / "docs" / "pymeshlab.md").read_text(encoding="utf-8")
+    blocks = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
+    scripts = [script.read_text(encoding="utf-8") for script in EXAMPLES]
+    assert len(blocks) >= 3 and len(scripts) >= 3
+    for block in blocks:
+        assert any(block in script for script in scripts), block
