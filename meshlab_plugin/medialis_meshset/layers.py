@@ -20,6 +20,7 @@ from medialis_meshset.attributes import (
     display_of,
     free_name,
 )
+from medialis_meshset.own_attributes import note_own
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,6 +72,8 @@ def add_layer(mesh_set: pymeshlab.MeshSet, layer: NewLayer) -> int:
         add_vertex_attribute(mesh, name, values)
     for name, values in layer.face_attributes.items():
         add_face_attribute(mesh, name, values)
+    note_own(mesh_set, mesh.id(), "v", layer.vertex_attributes)
+    note_own(mesh_set, mesh.id(), "f", layer.face_attributes)
     return int(mesh.id())
 
 

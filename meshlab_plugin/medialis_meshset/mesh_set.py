@@ -12,16 +12,18 @@ from medialis.operations import registry
 from medialis.operations.declaration import Operation
 from medialis_meshset.filters import filter_values, run_filter
 from medialis_meshset.listing import docstring, find_filter, signature
+from medialis_meshset.own_attributes import forget
 
 # Taken before anyone replaces them.
 _apply_filter = pymeshlab.MeshSet.apply_filter
 _filter_parameter_values = pymeshlab.MeshSet.filter_parameter_values
+_clear = pymeshlab.MeshSet.clear
 
 
 class FilterMethods:
     """The methods of pymeshlab.MeshSet that must know the filters of medialis as well."""
 
-    REPLACED = ("apply_filter", "filter_parameter_values")
+    REPLACED = ("apply_filter", "clear", "filter_parameter_values")
 
     def apply_filter(self, filter_name: str, **kwargs: Any) -> dict[str, Any]:
         """Apply a filter of MeshLab or of medialis by its name; a dict of results."""
@@ -29,6 +31,11 @@ class FilterMethods:
             return run_filter(self, filter_name, kwargs)
         found: dict[str, Any] = _apply_filter(self, filter_name, **kwargs)
         return found
+
+    def clear(self) -> None:
+        """Clear the MeshSet: remove all meshes."""
+        forget(self)
+        _clear(self)
 
     def filter_parameter_values(self, filter_name: str, **kwargs: Any) -> dict[str, Any]:
         """Return the parameters that a filter of MeshLab or of medialis would use now."""

@@ -4,19 +4,19 @@
 pymeshlab can add custom attributes to a mesh but not set its quality or colour. There are two ways
 round, and each has its trap:
 
-- An expression that reads the new attribute. On a mesh whose vertex attributes were copied (by
-  ``add_mesh``) it crashes, and Python cannot see whether they were.
-- ``transfer_attributes_per_vertex`` from a layer of the same points: slow where few points lie far
-  from all others, and it moves the vertices of a transformed layer by rounding errors.
+- An expression that reads the new attribute. It can crash on a mesh with attributes that were
+  copied (by ``add_mesh``), and Python cannot see whether they were.
+- For vertices, ``transfer_attributes_per_vertex`` from a layer of the same points: slow where few
+  points lie far from all others, and it moves the vertices of a transformed layer by rounding.
 
-So a mesh without vertex attributes goes the first way, any other the second, with its transform
-put aside. Expressions over faces do not crash.
+So a mesh without attributes but ours goes the first way. Vertices of any other go the second, with
+the transform put aside; its faces get the attribute only, and a message says so.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -38,12 +38,13 @@ from medialis_meshset.attributes import (
     taken_names,
 )
 from medialis_meshset.expressions import color_expressions, quality_expression
+from medialis_meshset.own_attributes import all_own, note_own
 from medialis_meshset.reading import is_identity
 from medialis_meshset.script import filter_script_kept
 
 NO_FACE_EXPRESSION = (
-    "Quality and colour of the faces were not set: the mesh has a face attribute whose name "
-    "MeshLab's expressions cannot hold. The values are in the attribute {name}."
+    "Quality and colour of the faces were not set: MeshLab's expressions fail or may crash on the "
+    "face attributes that this mesh has. The values are in the attribute {name}."
 )
 
 
@@ -121,19 +122,19 @@ def write_on_current(mesh_set: pymeshlab.MeshSet, data: InputData) -> tuple[dict
     message : str
         What could not be done; empty otherwise.
     """
-    mesh = mesh_set.current_mesh()
-    taken = taken_names(mesh_set, "v"), taken_names(mesh_set, "f")
-    names = _add_all(mesh, add_vertex_attribute, data.vertex_attributes, taken[0])
-    face_names = _add_all(mesh, add_face_attribute, data.face_attributes, taken[1])
-    message = ""
-    if data.vertex_display is not None or data.face_display is not None:
-        with filter_script_kept(mesh_set):
-            if data.vertex_display is not None and taken[0]:
-                _transfer(mesh_set, data.vertex_display)
-            elif data.vertex_display is not None:
-                _show_vertices(mesh_set, data.vertex_display, names)
-            if data.face_display is not None:
-                message = _show_faces(mesh_set, data.face_display, face_names)
+    mesh, message = mesh_set.current_mesh(), ""
+    taken = {element: taken_names(mesh_set, element) for element in "vf"}
+    safe = {element: all_own(mesh_set, mesh.id(), element, taken[element]) for element in "vf"}
+    shown = data.vertex_display is not None or data.face_display is not None
+    with filter_script_kept(mesh_set) if shown else nullcontext():
+        names = _add_all(mesh, add_vertex_attribute, data.vertex_attributes, taken["v"])
+        face_names = _add_all(mesh, add_face_attribute, data.face_attributes, taken["f"])
+        note_own(mesh_set, mesh.id(), "v", names.values())
+        note_own(mesh_set, mesh.id(), "f", face_names.values())
+        if data.vertex_display is not None:
+            _show_vertices(mesh_set, data.vertex_display, names, safe=safe["v"])
+        if data.face_display is not None:
+            message = _show_faces(mesh_set, data.face_display, face_names, safe=safe["f"])
     return {**face_names, **names}, message
 
 
@@ -164,22 +165,32 @@ def _on_faces(shape: Shape, count: int, values: NDArray[Any]) -> NDArray[Any]:
     return shape.on_input_faces(array, count, missing)
 
 
-def _show_vertices(mesh_set: pymeshlab.MeshSet, shown: Display, names: Mapping[str, str]) -> None:
-    name = names[shown.name]
-    mesh_set.compute_scalar_by_function_per_vertex(q=quality_expression(shown, name))
-    red, green, blue = color_expressions(shown, name)
-    mesh_set.compute_color_by_function_per_vertex(x=red, y=green, z=blue)
-
-
-def _show_faces(mesh_set: pymeshlab.MeshSet, shown: Display, names: Mapping[str, str]) -> str:
-    name = names[shown.name]
-    try:
-        mesh_set.compute_scalar_by_function_per_face(q=quality_expression(shown, name))
+def _show_vertices(
+    mesh_set: pymeshlab.MeshSet, shown: Display, names: Mapping[str, str], *, safe: bool
+) -> None:
+    """Set quality and colour of the vertices; `safe`: expressions do not crash."""
+    if safe:
+        name = names[shown.name]
         red, green, blue = color_expressions(shown, name)
-        mesh_set.compute_color_by_function_per_face(r=red, g=green, b=blue)
-    except RuntimeError:  # how pymeshlab passes on what its expression parser throws
-        return NO_FACE_EXPRESSION.format(name=name)
-    return ""
+        with suppress(RuntimeError):  # the name is too long for an expression
+            mesh_set.compute_scalar_by_function_per_vertex(q=quality_expression(shown, name))
+            mesh_set.compute_color_by_function_per_vertex(x=red, y=green, z=blue)
+            return
+    _transfer(mesh_set, shown)
+
+
+def _show_faces(
+    mesh_set: pymeshlab.MeshSet, shown: Display, names: Mapping[str, str], *, safe: bool
+) -> str:
+    """Set quality and colour of the faces, or return why not."""
+    name = names[shown.name]
+    if safe:
+        red, green, blue = color_expressions(shown, name)
+        with suppress(RuntimeError):
+            mesh_set.compute_scalar_by_function_per_face(q=quality_expression(shown, name))
+            mesh_set.compute_color_by_function_per_face(r=red, g=green, b=blue)
+            return ""
+    return NO_FACE_EXPRESSION.format(name=name)
 
 
 def _transfer(mesh_set: pymeshlab.MeshSet, shown: Display) -> None:

@@ -162,7 +162,7 @@ def test_again_on_the_same_mesh(mesh_set, register):
 
 
 def test_a_mesh_with_copied_attributes(creature, register):
-    """Trap: expressions crash on a mesh whose vertex attributes were copied by add_mesh."""
+    """Trap: expressions can crash on a mesh whose attributes were copied by add_mesh."""
     own = pymeshlab.Mesh(creature.points, creature.faces)
     own.add_vertex_custom_scalar_attribute(np.arange(len(creature.points)) * 1.0, "Height")
     own.add_vertex_custom_point_attribute(creature.points, "mine")
@@ -178,7 +178,9 @@ def test_a_mesh_with_copied_attributes(creature, register):
     assert (mesh.vertex_custom_point_attribute_matrix("place") == creature.points).all()
     kept = mesh.vertex_custom_scalar_attribute_array("Height")
     assert (kept == np.arange(len(creature.points))).all()
-    assert (mesh.face_scalar_array() == np.arange(len(creature.faces)) % 60 - 1).all()
+    part = mesh.face_custom_scalar_attribute_array("part_2")
+    assert (part == np.arange(len(creature.faces)) % 60 - 1).all()
+    assert "values are in the attribute part_2" in result["messages"][-1]
     assert ms.mesh_number() == 1 and ms.current_mesh_id() == 0
 
 
@@ -199,7 +201,7 @@ def test_a_mesh_with_copied_attributes_and_a_transform(creature, register):
 
 
 def test_an_attribute_name_that_expressions_cannot_hold(mesh_set, register):
-    """Trap: a face attribute named so by the user makes every expression over faces fail."""
+    """Trap: an attribute named so by the user makes every expression fail."""
     mesh = mesh_set.current_mesh()
     mesh.add_face_custom_scalar_attribute(np.zeros(mesh.face_number()), "größe (mm)")
     mesh.add_vertex_custom_scalar_attribute(np.zeros(mesh.vertex_number()), "größe (mm)")
@@ -211,6 +213,60 @@ def test_an_attribute_name_that_expressions_cannot_hold(mesh_set, register):
     assert "values are in the attribute part" in result["messages"][-1]
 
 
+def test_a_name_too_long_for_an_expression(mesh_set, register):
+    """Trap: an expression may have at most 5000 characters."""
+    name = "length_of_the_path_over_the_surface_" * 4
+    register(
+        lambda s: Layer(
+            "on",
+            s.points,
+            s.faces,
+            attributes={name: s.points[:, 2]},
+            color_by=name,
+            on_input=True,
+        )
+    )
+    mesh_set.generate_made()
+    mesh = mesh_set.current_mesh()
+    assert (mesh.vertex_scalar_array() == mesh.vertex_matrix()[:, 2]).all()
+    assert close(mesh.vertex_color_matrix(), map_colors(mesh.vertex_matrix()[:, 2]), steps=0.5)
+
+
+def test_a_mesh_of_polygons_and_another_thread(register):
+    """Polygons are triangles with an attribute of their own; Ctrl-C is a matter of one thread."""
+    import threading
+
+    quads = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
+    points = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1.0)])
+    ms = pymeshlab.MeshSet()
+    ms.add_mesh(pymeshlab.Mesh(points, [np.array(quad, np.uint32) for quad in quads]))
+    register(height, parts, name="compute_made")
+    worker = threading.Thread(target=ms.compute_made)
+    worker.start()
+    worker.join()
+    mesh = ms.current_mesh()
+    assert (mesh.face_custom_scalar_attribute_array("part") == np.arange(12) - 1).all()
+    assert (mesh.vertex_scalar_array() == points[:, 2]).all()
+    assert mesh.polygonal_face_list()[0].size == 4
+
+
+def test_ids_that_a_cleared_mesh_set_gives_again(creature, register):
+    """Mesh 0 of a MeshSet that was cleared is another mesh, whose attributes may be copies."""
+    register(height, parts)
+    own = pymeshlab.Mesh(creature.points, creature.faces)
+    ms = pymeshlab.MeshSet()
+    ms.add_mesh(own)
+    assert len(ms.generate_made()["messages"]) == 1
+    assert len(ms.generate_made()["messages"]) == 1  # the attributes that it has are ours
+    own.add_vertex_custom_scalar_attribute(np.zeros(len(creature.points)), "height")
+    own.add_face_custom_scalar_attribute(np.zeros(len(creature.faces)), "part")
+    ms.clear()
+    ms.add_mesh(own)
+    assert ms.current_mesh_id() == 0
+    assert "values are in the attribute part_2" in ms.generate_made()["messages"][-1]
+    assert (ms.current_mesh().vertex_scalar_array() == creature.points[:, 2]).all()
+
+
 def test_selection_and_colours_stay(mesh_set, register):
     """Vertex data, face data, selection: only what the layer sets changes."""
     mesh = mesh_set.current_mesh()
@@ -220,7 +276,9 @@ def test_selection_and_colours_stay(mesh_set, register):
     mesh_set.compute_scalar_by_function_per_face(q="fi")
     colors, quality = mesh.face_color_matrix(), mesh.face_scalar_array()
     register(height)
-    for _ in range(2):  # by expression, then by transfer
+    for ours in (True, False):  # by expression, then by transfer
+        if not ours:
+            mesh.add_vertex_custom_scalar_attribute(np.zeros(mesh.vertex_number()), "mine")
         mesh_set.generate_made()
         assert mesh.selected_face_number() == 100 and mesh.selected_vertex_number() == 50
         assert mesh.face_selection_array()[:100].all()

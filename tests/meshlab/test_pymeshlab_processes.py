@@ -40,6 +40,19 @@ def test_the_core_does_not_import_pymeshlab(fresh):
     assert fresh("import medialis, sys; print('pymeshlab' in sys.modules)").strip() == "False"
 
 
+def test_licences_are_kept_apart():
+    """The core (MIT) names no module of the adapters or of pymeshlab; the adapters say GPL."""
+    for path in (ROOT / "core").rglob("*.py"):
+        assert not re.search(
+            r"^\s*(import|from) (pymeshlab|medialis_mesh)", path.read_text(encoding="utf-8"), re.M
+        ), path
+    adapters = [*(ROOT / "meshlab_plugin").glob("medialis_*/*.py")]
+    assert len(adapters) > 5
+    for path in adapters:
+        first = path.read_text(encoding="utf-8").splitlines()[0]
+        assert first == "# SPDX-License-Identifier: GPL-3.0-or-later", path
+
+
 def test_the_subclass_patches_nothing(fresh):
     code = """
 import pymeshlab
