@@ -10,7 +10,7 @@ from medialis.operations.registry import OPERATIONS
 from medialis.operations.result import Layer, Outcome
 
 pymeshlab = pytest.importorskip("pymeshlab", reason="needs pymeshlab (the extra meshlab)")
-medialis_meshlab = pytest.importorskip("medialis_meshlab")
+import medialis_meshlab  # noqa: E402
 
 PercentageValue, PureValue = pymeshlab.PercentageValue, pymeshlab.PureValue
 ALL_KINDS = (

@@ -11,7 +11,7 @@ from medialis.render.colors import label_colors, map_colors
 from medialis.threads import run_chunks
 
 pymeshlab = pytest.importorskip("pymeshlab", reason="needs pymeshlab (the extra meshlab)")
-filters = pytest.importorskip("medialis_meshset.filters")
+import medialis_meshset.filters as filters  # noqa: E402
 
 POINTS = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1.0], [1, 1, 1]])
 FACES = np.array([[0, 1, 2], [0, 2, 3], [1, 2, 4]])
