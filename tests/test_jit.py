@@ -8,11 +8,11 @@ from pathlib import Path
 
 import pytest
 
-from medialis._kernels import jit
+from medialis._kernels import cache_folder
 
-PACKAGE = Path(jit.PACKAGE)
+PACKAGE = Path(cache_folder.PACKAGE)
 LAYERS = [
-    {"errors", "progress", "threads", "validation", "_kernels"},
+    {"errors", "progress", "threads", "validation", "version", "_kernels"},
     {"model"},
     {"io"},
     {"shape"},
@@ -91,8 +91,8 @@ def test_only_kernel_modules_import_numba(path):
     if not is_kernel_module(path):
         assert "numba" not in names
         return
-    assert path in jit.kernel_sources()
-    if path.name not in ("box_tree.py", "jit.py"):  # Python code around kernels
+    assert path in cache_folder.kernel_sources()
+    if path.name not in ("box_tree.py", "cache_folder.py", "jit.py"):  # Python code around kernels
         for name in imports(path):
             root = name.split(".")[0]
             if root == "medialis":
@@ -114,13 +114,13 @@ def test_hash_covers_every_kernel_source(tmp_path, monkeypatch):
     (kernels / "a.py").write_text("one")
     (topic / "_b_kernels.py").write_text("two")
     (topic / "other.py").write_text("three")
-    monkeypatch.setattr(jit, "PACKAGE", tmp_path)
-    jit.kernel_cache.cache_clear()
+    monkeypatch.setattr(cache_folder, "PACKAGE", tmp_path)
+    cache_folder.kernel_cache.cache_clear()
     seen = []
 
     def folder():
-        jit.kernel_cache.cache_clear()
-        return jit.kernel_cache()
+        cache_folder.kernel_cache.cache_clear()
+        return cache_folder.kernel_cache()
 
     try:
         seen.append(folder())
@@ -135,21 +135,37 @@ def test_hash_covers_every_kernel_source(tmp_path, monkeypatch):
         assert len(set(seen)) == 4
     finally:
         monkeypatch.undo()
-        jit.kernel_cache.cache_clear()
+        cache_folder.kernel_cache.cache_clear()
 
 
 def test_environment_names_the_folder(tmp_path, monkeypatch):
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "b"))
     monkeypatch.delenv("MEDIALIS_CACHE_DIR", raising=False)
-    assert jit._user_cache() == tmp_path / "b"
+    assert cache_folder.user_cache() == tmp_path / "b"
     monkeypatch.setenv("MEDIALIS_CACHE_DIR", str(tmp_path / "a"))
-    assert jit._user_cache() == tmp_path / "a"
+    assert cache_folder.user_cache() == tmp_path / "a"
     monkeypatch.delenv("MEDIALIS_CACHE_DIR")
     monkeypatch.delenv("NUMBA_CACHE_DIR")
     if sys.platform.startswith("linux"):
         monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "c"))
-        assert jit._user_cache() == tmp_path / "c" / "medialis"
-    assert "medialis" in jit._user_cache().parts
+        assert cache_folder.user_cache() == tmp_path / "c" / "medialis"
+    assert "medialis" in cache_folder.user_cache().parts
+
+
+def test_a_finished_warmup_is_remembered_for_these_kernels(tmp_path, monkeypatch):
+    monkeypatch.setenv("MEDIALIS_CACHE_DIR", str(tmp_path))
+    cache_folder.kernel_cache.cache_clear()
+    try:
+        cache_folder.mark_compiled()  # no folder yet: nothing to remember, no error
+        assert not cache_folder.kernels_are_compiled()
+        cache_folder.kernel_cache().mkdir()
+        cache_folder.mark_compiled()
+        assert cache_folder.kernels_are_compiled()
+        monkeypatch.setattr(cache_folder, "kernel_sources", list)
+        cache_folder.kernel_cache.cache_clear()
+        assert not cache_folder.kernels_are_compiled()
+    finally:
+        cache_folder.kernel_cache.cache_clear()
 
 
 def compute(folder):

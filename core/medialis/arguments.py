@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Mapping
-from importlib.metadata import version
 from typing import Any
 
 from medialis.errors import InvalidOptionError
 from medialis.operations.declaration import Kind, Operation, Parameter
 from medialis.operations.registry import OPERATIONS
+from medialis.version import package_version
 
 Command = Callable[[argparse.Namespace], int]
 
@@ -32,7 +32,7 @@ def build_parser(run: Command, commands: Mapping[str, Command]) -> argparse.Argu
         epilog=_EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("--version", action="version", version=f"medialis {version('medialis')}")
+    parser.add_argument("--version", action="version", version=f"medialis {package_version()}")
     group = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
     for chosen in OPERATIONS:
         _add_operation(group, chosen, run)

@@ -302,8 +302,9 @@ def _warmup(options: argparse.Namespace) -> int:
             given: dict[str, Any] = {"subsample": 0.01} if entry.name == "surface_skeleton" else {}
             result = run(entry.name, shape, progress=progress, **given)
             draw_result(result, width=64, height=64)
-    from medialis._kernels.jit import kernel_cache
+    from medialis._kernels.cache_folder import kernel_cache, mark_compiled
 
+    mark_compiled()
     print(f"Kernels ready in {time.perf_counter() - clock:.1f} s; cache: {kernel_cache()}")
     return EXIT_OK
 

@@ -2,54 +2,22 @@
 
 Numba's own cache knows only the source file of the kernel it stores: when a kernel that it *calls*
 changes in another file, an upgraded installation would run the old machine code. So the cache lives
-in one folder per numba version and per hash of all kernel sources, in the user's cache folder
-(`MEDIALIS_CACHE_DIR` or `NUMBA_CACHE_DIR` override it). It survives re-installation, serves every
-environment of the user, and an unwritable installation folder does not matter.
+in one folder per numba version and per hash of all kernel sources (`cache_folder.py`), in the
+user's cache folder. It survives re-installation, serves every environment of the user, and an
+unwritable installation folder does not matter.
 """
 
 from __future__ import annotations
 
-import hashlib
 import os
-import sys
 from collections.abc import Callable
 from contextlib import suppress
-from functools import lru_cache
-from pathlib import Path
 from typing import Any
 
 import numba
 from numba.core import caching
 
-PACKAGE = Path(__file__).resolve().parent.parent
-
-
-def kernel_sources() -> list[Path]:
-    """Return every kernel source file of the package, in a fixed order."""
-    return sorted([*PACKAGE.glob("_kernels/*.py"), *PACKAGE.glob("*/_*_kernels.py")])
-
-
-def _user_cache() -> Path:
-    for variable in ("MEDIALIS_CACHE_DIR", "NUMBA_CACHE_DIR"):
-        if os.environ.get(variable):
-            return Path(os.environ[variable])
-    if sys.platform == "win32":
-        base = Path(os.environ.get("LOCALAPPDATA") or Path.home() / "AppData" / "Local")
-    elif sys.platform == "darwin":
-        base = Path.home() / "Library" / "Caches"
-    else:
-        base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-    return base / "medialis"
-
-
-@lru_cache(maxsize=1)
-def kernel_cache() -> Path:
-    """Return the folder of the compiled kernels for the sources and the numba in use."""
-    digest = hashlib.sha256()
-    for source in kernel_sources():
-        digest.update(source.relative_to(PACKAGE).as_posix().encode())
-        digest.update(source.read_bytes())
-    return _user_cache() / f"kernels-{digest.hexdigest()[:12]}-numba{numba.__version__}"
+from medialis._kernels.cache_folder import kernel_cache
 
 
 class _Locator:

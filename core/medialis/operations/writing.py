@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Mapping
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -18,12 +17,13 @@ from medialis.operations.pictures import draw_result, draw_turntable, require_at
 from medialis.operations.result import Result
 from medialis.progress import Progress, ProgressCallback
 from medialis.render.png import write_png
+from medialis.version import package_version
 
 
 def describe_result(result: Result, **more: Any) -> dict[str, Any]:
     """Return the manifest: operation, parameters, seconds per stage, values, messages."""
     return {
-        "medialis": version("medialis"),
+        "medialis": package_version(),
         "operation": result.operation,
         "parameters": dict(result.parameters),
         "seconds": dict(result.seconds),
