@@ -6,7 +6,6 @@ import argparse
 import io
 import json
 import logging
-import math
 import os
 import sys
 import time
@@ -20,6 +19,7 @@ from medialis.arguments import build_parser
 from medialis.errors import Cancelled, InvalidOptionError, InvalidShapeError, MedialisError
 from medialis.operations.declaration import Kind, Operation
 from medialis.operations.registry import OPERATIONS, operation, run
+from medialis.operations.result import value_lines
 from medialis.progress import Progress
 from medialis.validation import as_whole_number
 
@@ -161,13 +161,8 @@ def _report(manifest: dict[str, Any], options: argparse.Namespace) -> None:
         print(json_text(manifest))
         return
     print(f"{manifest['operation'].replace('_', ' ')} of {manifest['input']}")
-    for name, value in manifest["values"].items():
-        if isinstance(value, list):  # a table is for programs: --json and the manifest have it
-            continue
-        shown = f"{value:.6g}" if isinstance(value, float) else str(value)
-        if name.startswith("spoke_angle"):  # radians in the core, degrees for people
-            shown = f"{math.degrees(value):.1f} degrees"
-        print(f"{name.replace('_', ' ')}: {shown}")
+    for line in value_lines(manifest["values"]):
+        print(line)
     for message in manifest["messages"]:
         print(f"note: {message}")
     print(f"{manifest['seconds']['total']:.2f} seconds")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -127,3 +128,22 @@ class Result(Outcome):
     parameters: Mapping[str, Any] = field(default_factory=dict)
     seconds: Mapping[str, float] = field(default_factory=dict)
     messages: tuple[str, ...] = ()
+
+
+def value_lines(values: Mapping[str, Any]) -> list[str]:
+    """Return the values of a result as lines for people; tables are for programs and left out.
+
+    Examples
+    --------
+    >>> value_lines({"points": 3, "spoke_angle_max": math.pi, "spots": [{}]})
+    ['points: 3', 'spoke angle max: 180.0 degrees']
+    """
+    found = []
+    for name, value in values.items():
+        if isinstance(value, list):
+            continue
+        shown = f"{value:.6g}" if isinstance(value, float) else str(value)
+        if name.startswith("spoke_angle"):  # radians in the core, degrees for people
+            shown = f"{math.degrees(value):.1f} degrees"
+        found.append(f"{name.replace('_', ' ')}: {shown}")
+    return found

@@ -1,0 +1,152 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A layer of a result as a new object: points, triangles or curves with their attributes."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Any
+
+import bpy
+import numpy as np
+from numpy.typing import NDArray
+
+from medialis import Layer
+from medialis.render.colors import label_colors, value_range
+
+from . import attributes, filtering, materials, meshes, point_clouds
+from .changes import Changes
+
+SIZE_SHARE = 0.002
+"""Radius of drawn points and curves where the spacing is not known, as a share of the diagonal."""
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """A layer in Blender's types; making it cannot fail because of its values any more."""
+
+    layer: Layer
+    title: str
+    points: NDArray[np.float32]
+    faces: NDArray[np.int32] | None
+    on_points: list[attributes.Column]
+    on_faces: list[attributes.Column] = field(default_factory=list)
+    limits: tuple[float, float] = (0.0, 1.0)
+    """Smallest and largest value of `filter_by`."""
+    size: float = 0.0
+
+    @property
+    def shows(self) -> str:
+        """What a viewer sees: "faces", "tubes" or "points"."""
+        if self.faces is not None:
+            return "faces"
+        return "points" if self.layer.edges is None else "tubes"
+
+
+def plan_layer(layer: Layer, title: str, spacing: float | None) -> Plan:
+    """Convert a layer; `spacing` is the distance of samples, for the size of drawn points.
+
+    Raises
+    ------
+    InvalidShapeError
+        When Blender cannot hold a value.
+    """
+    faces, on_faces = layer.faces, dict(layer.face_attributes)
+    if faces is not None:
+        # Blender has no face that names a vertex twice.
+        proper = (faces != np.roll(faces, 1, axis=1)).all(axis=1)
+        faces = faces[proper]
+        on_faces = {name: np.asarray(values)[proper] for name, values in on_faces.items()}
+    on_points = dict(layer.attributes)
+    for name in on_points.keys() & on_faces.keys():  # a mesh has each name once
+        on_faces[f"{name}_of_face"] = on_faces.pop(name)
+    plan_points = attributes.columns(on_points)
+    shown = layer.color_by
+    if shown in layer.labels and shown in layer.attributes:
+        plan_points.append(attributes.color_column(f"{shown}_color", _colors(layer, shown)))
+    if faces is None and layer.edges is None and "radius" in layer.attributes:
+        plan_points += attributes.columns({filtering.MEDIAL_RADIUS: layer.attributes["radius"]})
+    limits = (0.0, 1.0)
+    if layer.filter_by in layer.attributes:
+        limits = value_range(layer.attributes[layer.filter_by])
+    diagonal = math.hypot(*(layer.points.max(axis=0) - layer.points.min(axis=0)))
+    return Plan(
+        layer,
+        title,
+        attributes.coordinates(layer.points, layer.name),
+        faces,
+        plan_points,
+        attributes.columns(on_faces),
+        limits,
+        spacing / 2 if spacing else SIZE_SHARE * diagonal,
+    )
+
+
+def _colors(layer: Layer, name: str) -> NDArray[np.float64]:
+    return label_colors(np.asarray(layer.attributes[name]).astype(np.int64))
+
+
+def make_object(
+    plan: Plan, scene: bpy.types.Scene, changes: Changes, *, curves: bool = False
+) -> bpy.types.Object:
+    """Add the object of a layer to the scene's own collection, with material and modifier."""
+    if curves and plan.shows == "tubes":
+        made = _curve_object(plan, scene, changes)
+        made.data.materials.append(materials.label_material("curve", 0, changes))
+        return made
+    if plan.shows == "points":
+        made = point_clouds.new_point_cloud(plan.title, plan.points, scene, changes)
+    else:
+        mesh = meshes.new_mesh(plan.title, plan.points, plan.faces, plan.layer.edges, changes)
+        made = bpy.data.objects.new(plan.title, mesh)
+        scene.collection.objects.link(made)
+    for column in plan.on_points:
+        attributes.write(made.data, column, "POINT")
+    for column in plan.on_faces:
+        attributes.write(made.data, column, "FACE")
+    material = _material(plan.layer, changes)
+    if material is not None:
+        made.data.materials.append(material)
+    filter_by = plan.layer.filter_by if plan.layer.filter_by in plan.layer.attributes else None
+    if filter_by or plan.shows != "faces":
+        filtering.add_modifier(
+            made,
+            shows=plan.shows,
+            filter_by=filter_by,
+            limits=plan.limits,
+            size=plan.size,
+            material=material,
+            changes=changes,
+        )
+    return made
+
+
+def _curve_object(plan: Plan, scene: bpy.types.Scene, changes: Changes) -> bpy.types.Object:
+    radius = plan.layer.attributes.get("radius")
+    curve = meshes.new_curve(
+        plan.title,
+        plan.points,
+        plan.layer.edges,
+        None if radius is None else attributes.single(np.asarray(radius)),
+        changes,
+    )
+    made = bpy.data.objects.new(plan.title, curve)
+    scene.collection.objects.link(made)
+    return made
+
+
+def _material(layer: Layer, changes: Changes) -> bpy.types.Material | None:
+    """Material of the attribute that the layer shows first; None without one."""
+    name = layer.color_by
+    if name is None:
+        return None
+    on_points = name in layer.attributes
+    values: Any = np.asarray((layer.attributes if on_points else layer.face_attributes)[name])
+    if values.ndim > 1:  # a vector has no place in a colour map
+        return None
+    if name in layer.labels and on_points:
+        return materials.color_material(f"{name}_color", changes)
+    limits = value_range(values, *layer.color_limits)
+    points_only = layer.faces is None and layer.edges is None
+    shown = filtering.MEDIAL_RADIUS if name == "radius" and points_only else name
+    return materials.ramp_material(shown, layer.color_map, limits, changes)

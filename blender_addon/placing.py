@@ -1,0 +1,58 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Where results go: a collection for each source, and a parent that they lie on and follow."""
+
+from __future__ import annotations
+
+import bpy
+import numpy as np
+from mathutils import Matrix
+
+from .changes import Changes
+from .reading import Source
+
+
+def result_collection(scene: bpy.types.Scene, name: str, changes: Changes) -> bpy.types.Collection:
+    """Return "Medialis: <name>" of the scene; it is made when missing."""
+    title = f"Medialis: {name}"
+    while len(title.encode()) > 63:  # what Blender keeps of a name
+        title = title[:-1]
+    found = bpy.data.collections.get((title, None))
+    if found is not None and found in scene.collection.children_recursive:
+        return found
+    made = bpy.data.collections.new(title)
+    changes.undo_by(bpy.data.collections.remove, made)
+    scene.collection.children.link(made)
+    return made
+
+
+def lay_on(child: bpy.types.Object, parent: bpy.types.Object, source: Source) -> None:
+    """Parent an object in the coordinates of `Source` so that it lies on its source.
+
+    The inverse undoes rotation and scale as they were when the source was read, and has no
+    translation: exact also for objects far from the world's origin.
+    """
+    child.parent = parent
+    inverse = np.eye(4)
+    inverse[:3, :3] = np.linalg.inv(source.linear)
+    child.matrix_parent_inverse = Matrix(inverse.tolist())
+
+
+def link(child: bpy.types.Object, collection: bpy.types.Collection) -> None:
+    """Put an object into this collection only."""
+    for other in child.users_collection:
+        other.objects.unlink(child)
+    collection.objects.link(child)
+
+
+def make_active(context: bpy.types.Context, chosen: bpy.types.Object) -> None:
+    """Select only this object and make it active, as Blender's own operators do.
+
+    In a collection that is hidden or excluded from the view layer it cannot be: then nothing
+    changes.
+    """
+    layer = context.view_layer
+    if layer.objects.get(chosen.name) != chosen:
+        return
+    for other in layer.objects:
+        other.select_set(other == chosen)
+    layer.objects.active = chosen

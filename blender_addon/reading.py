@@ -1,0 +1,206 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""From a Blender object to arrays: the evaluated mesh in world axes, relative to its origin.
+
+Points are in world units and world axes, but relative to the origin of the object: so an object far
+from the world's origin loses no digits in Blender's single precision. `placing.py` puts results
+back.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import bpy
+import numpy as np
+from numpy.typing import NDArray
+
+from medialis import InvalidShapeError
+from medialis.operations.declaration import Operation
+
+TYPES = ("MESH", "CURVE", "SURFACE", "FONT", "META", "POINTCLOUD")
+RESULT = "medialis_result"
+"""Custom property that marks the objects that operations have added."""
+
+
+@dataclass(frozen=True, eq=False)
+class Source:
+    """What was read from an object; holds no reference to Blender data, which undo would break.
+
+    Attributes
+    ----------
+    name, uid : str, int or None
+        To find the object again (`find`); Blender 4.2 has no uid.
+    scene : str
+    linear : (3, 3) float64
+        Rotation and scale of the object in the world.
+    points : (n, 3) float64
+        World units and axes, relative to the object's origin.
+    faces : (m, 3) int32 or None
+        Triangles, counter-clockwise seen from outside also for mirrored objects.
+    polygons : (m,) int32 or None
+        Polygon of each triangle; None where all polygons are triangles.
+    polygon_count : int
+    topology : (c,) int32
+        Vertex of each corner of the evaluated mesh.
+    on_data : bool
+        The evaluated mesh has the vertices and corners of the object's own data: values can be
+        written there.
+    """
+
+    name: str
+    uid: int | None
+    scene: str
+    linear: NDArray[np.float64]
+    points: NDArray[np.float64]
+    faces: NDArray[np.int32] | None
+    polygons: NDArray[np.int32] | None
+    polygon_count: int
+    topology: NDArray[np.int32]
+    on_data: bool
+
+    def find(self) -> bpy.types.Object:
+        """Return the object.
+
+        Raises
+        ------
+        InvalidShapeError
+            When it was deleted or renamed meanwhile.
+        """
+        for candidate in bpy.data.objects:
+            if self.uid is not None and candidate.session_uid == self.uid:
+                return candidate
+        candidate = bpy.data.objects.get((self.name, None))
+        if candidate is None:
+            raise InvalidShapeError(
+                f"{self.name} was deleted or renamed while its result was computed: nothing was "
+                "added. Run again."
+            )
+        return candidate
+
+
+def target(context: bpy.types.Context) -> bpy.types.Object | None:
+    """Return the object to work on: the active one, or the source of an active result."""
+    active = context.active_object
+    if active is not None and active.get(RESULT) and active.parent is not None:
+        return active.parent
+    return active
+
+
+def why_not(context: bpy.types.Context, operation: Operation) -> str | None:
+    """Tell in one sentence why the operation cannot start now; None when it can."""
+    chosen = target(context)
+    if chosen is None:
+        return "Select a mesh or point cloud first: there is no active object"
+    if chosen.type not in TYPES:
+        return f"{chosen.name} is of type {chosen.type.lower()}: select a mesh or point cloud"
+    if operation.needs_faces and chosen.type == "POINTCLOUD":
+        return f"{operation.label} needs a surface with faces, and {chosen.name} is a point cloud"
+    return None
+
+
+def read_object(context: bpy.types.Context, chosen: bpy.types.Object) -> Source:
+    """Read the object as it is seen: edits flushed, modifiers applied, scaled and mirrored.
+
+    Raises
+    ------
+    InvalidShapeError
+        When it is linked from a library, has no extent along an axis, or has no vertices.
+    """
+    if chosen.library is not None:
+        raise InvalidShapeError(
+            f"{chosen.name} is linked from {chosen.library.name}, and nothing can be added to it: "
+            "make it local first (Object > Relations > Make Local)."
+        )
+    chosen.update_from_editmode()
+    graph = context.evaluated_depsgraph_get()
+    evaluated = chosen.evaluated_get(graph)
+    linear = np.array(evaluated.matrix_world, np.float64)[:3, :3]
+    if not np.isfinite(linear).all() or np.linalg.matrix_rank(linear) < 3:
+        raise InvalidShapeError(
+            f"{chosen.name} needs a size in every direction, its scale is "
+            f"{tuple(round(s, 6) for s in evaluated.matrix_world.to_scale())}: give it another "
+            "scale (N panel, Item)."
+        )
+    if chosen.type == "POINTCLOUD":
+        points, topology = _positions(evaluated.data), np.empty(0, np.int32)
+        faces, polygons, count = None, None, 0
+    else:
+        mesh = evaluated.to_mesh()
+        try:
+            points, topology = _positions(mesh), corner_vertices(mesh)
+            faces, polygons = triangles(mesh, topology)
+            count = len(mesh.polygons)
+        finally:
+            evaluated.to_mesh_clear()
+    if len(points) == 0:
+        raise InvalidShapeError(f"{chosen.name} has no vertices: there is nothing to compute on.")
+    if faces is not None and np.linalg.det(linear) < 0:
+        faces = np.ascontiguousarray(faces[:, [0, 2, 1]])  # mirrored: outside stays outside
+    return Source(
+        name=chosen.name,
+        uid=getattr(chosen, "session_uid", None),
+        scene=context.scene.name,
+        linear=linear,
+        points=points.astype(np.float64) @ linear.T,
+        faces=faces,
+        polygons=polygons,
+        polygon_count=count,
+        topology=topology,
+        on_data=has_topology(chosen, len(points), topology),
+    )
+
+
+def has_topology(chosen: bpy.types.Object, count: int, corners: NDArray[np.int32]) -> bool:
+    """Tell whether the object's own, local data has these vertices and corners."""
+    data = chosen.data
+    if chosen.type == "POINTCLOUD":
+        return data.library is None and len(data.points) == count
+    return (
+        chosen.type == "MESH"
+        and data.library is None
+        and len(data.vertices) == count
+        and len(data.loops) == len(corners)
+        and np.array_equal(corner_vertices(data), corners)
+    )
+
+
+def _positions(data: bpy.types.Mesh | bpy.types.PointCloud) -> NDArray[np.float32]:
+    attribute = data.attributes.get("position")
+    count = 0 if attribute is None else len(attribute.data)
+    points = np.empty(3 * count, np.float32)
+    if count:
+        attribute.data.foreach_get("vector", points)
+    return points.reshape(-1, 3)
+
+
+def corner_vertices(mesh: bpy.types.Mesh) -> NDArray[np.int32]:
+    """Return the vertex of each corner, (c,); a hundred times faster than through the loops."""
+    corners = np.empty(len(mesh.loops), np.int32)
+    if len(corners):
+        mesh.attributes[".corner_vert"].data.foreach_get("value", corners)
+    return corners
+
+
+def triangles(
+    mesh: bpy.types.Mesh, corners: NDArray[np.int32]
+) -> tuple[NDArray[np.int32] | None, NDArray[np.int32] | None]:
+    """Return the triangles (m, 3), None without faces, and the polygon of each where it matters."""
+    polygons = len(mesh.polygons)
+    if polygons == 0:
+        return None, None
+    totals = corner_totals(mesh)
+    if (totals == 3).all():
+        return corners.reshape(-1, 3), None
+    mesh.calc_loop_triangles()
+    loops = np.empty(3 * len(mesh.loop_triangles), np.int32)
+    mesh.loop_triangles.foreach_get("loops", loops)
+    # Blender keeps them in the order of the polygons, n - 2 for one of n corners.
+    of = np.repeat(np.arange(polygons, dtype=np.int32), totals - 2)
+    return corners[loops].reshape(-1, 3), of
+
+
+def corner_totals(mesh: bpy.types.Mesh) -> NDArray[np.int32]:
+    """Return the number of corners of each polygon."""
+    totals = np.empty(len(mesh.polygons), np.int32)
+    mesh.polygons.foreach_get("loop_total", totals)
+    return totals

@@ -1,0 +1,158 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""From a result of the core to the scene: everything is prepared first, and all of it is added.
+
+Layers on the input become attributes of the source; other layers become objects in the collection
+of the source. Auxiliary layers are added on request only. When anything fails the file is as it was
+before.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import bpy
+import numpy as np
+from numpy.typing import NDArray
+
+from medialis import InvalidShapeError, Result, Shape
+
+from . import fields, layers, placing, summary
+from .changes import Changes
+from .reading import RESULT, Source
+
+
+@dataclass(frozen=True)
+class Options:
+    """What a user can ask for beyond the result itself."""
+
+    add_samples: bool = False
+    with_materials: bool = False
+    curves: bool = False
+
+
+def add_result(
+    context: bpy.types.Context, source: Source, shape: Shape, result: Result, options: Options
+) -> list[bpy.types.Object]:
+    """Add a result to the scene of its source.
+
+    Parameters
+    ----------
+    source, shape
+        What was read, and the shape of the core made from it.
+
+    Returns
+    -------
+    list of objects
+        Those that carry the layers, in their order; the first new one is active and selected.
+
+    Raises
+    ------
+    InvalidShapeError
+        When the source is gone or changed, or Blender cannot hold the values: nothing is added.
+    """
+    chosen = source.find()
+    scene = bpy.data.scenes.get(source.scene) or context.scene
+    wanted = [layer for layer in result.layers if options.add_samples or not layer.auxiliary]
+    spacing = result.values.get("spacing")
+    plans: list[layers.Plan | fields.FieldPlan] = []
+    for layer in wanted:
+        title = f"{chosen.name} {layer.name.replace('_', ' ')}"
+        if layer.on_input:
+            plans.append(fields.plan_field(layer, title, shape, source))
+        else:
+            plans.append(layers.plan_layer(layer, title, spacing))
+    leave_edit_mode(context, chosen)
+    names = {plan.layer.name for plan in plans}
+    earlier = sum(child.get(RESULT) in names for child in chosen.children)
+    with Changes() as changes:
+        made = _make(context, scene, chosen, source, plans, options, changes)
+        _add_images(result, chosen.name, changes)
+        text = summary.lines(result, wanted, source.name, earlier)
+        for carrier in made:
+            _remember(carrier, text, changes)
+        new = [carrier for carrier in made if carrier != chosen]
+        if new:
+            placing.make_active(context, new[0])
+    return made
+
+
+def leave_edit_mode(context: bpy.types.Context, chosen: bpy.types.Object) -> None:
+    """Go to object mode: attributes cannot be written in others, and undo knows no objects there.
+
+    Raises
+    ------
+    InvalidShapeError
+        When Blender refuses.
+    """
+    if chosen.mode == "OBJECT":
+        return
+    with context.temp_override(object=chosen, active_object=chosen):
+        bpy.ops.object.mode_set(mode="OBJECT")
+    if chosen.mode != "OBJECT":
+        raise InvalidShapeError(f"{chosen.name} must be in object mode: press Tab, then run again.")
+
+
+def _make(
+    context: bpy.types.Context,
+    scene: bpy.types.Scene,
+    chosen: bpy.types.Object,
+    source: Source,
+    plans: Sequence[layers.Plan | fields.FieldPlan],
+    options: Options,
+    changes: Changes,
+) -> list[bpy.types.Object]:
+    collection = None
+    place = None
+    made = []
+    for plan in plans:
+        if isinstance(plan, fields.FieldPlan):
+            if place is None:  # one mesh for all layers on the input
+                place = fields.place_for_fields(context, chosen, source, changes)
+            carrier = place
+            fields.write_field(plan, carrier, changes, with_materials=options.with_materials)
+        else:
+            carrier = layers.make_object(plan, scene, changes, curves=options.curves)
+            placing.lay_on(carrier, chosen, source)
+            carrier.show_in_front = plan.shows != "faces"
+        if carrier != chosen and carrier not in made:
+            carrier.name = plan.title
+            carrier.data.name = plan.title
+            collection = collection or placing.result_collection(scene, chosen.name, changes)
+            placing.link(carrier, collection)
+            carrier[RESULT] = plan.layer.name
+        if carrier not in made:
+            made.append(carrier)
+    return made
+
+
+def _remember(carrier: bpy.types.Object, text: str, changes: Changes) -> None:
+    """Keep the summary with the object, so that the panel shows it also after loading the file."""
+    before = carrier.get(summary.PROPERTY)
+
+    def restore() -> None:
+        if before is None:
+            del carrier[summary.PROPERTY]
+        else:
+            carrier[summary.PROPERTY] = before
+
+    carrier[summary.PROPERTY] = text
+    changes.undo_by(restore)
+
+
+def _add_images(result: Result, name: str, changes: Changes) -> None:
+    """Add the pictures that are themselves the result; they are packed into the file."""
+    for title, pixels in result.images.items():
+        height, width = pixels.shape[:2]
+        image = bpy.data.images.new(f"{name} {title.replace('_', ' ')}", width, height)
+        changes.undo_by(bpy.data.images.remove, image)
+        image.pixels.foreach_set(_rgba(pixels))
+        image.update()
+        image.pack()
+        image.use_fake_user = True
+
+
+def _rgba(pixels: NDArray[np.uint8]) -> NDArray[np.float32]:
+    rgba = np.ones((*pixels.shape[:2], 4), np.float32)
+    rgba[..., :3] = pixels[::-1] / np.float32(255)  # Blender's first row is the lowest
+    return rgba.ravel()
