@@ -51,6 +51,7 @@ def make_active(context: bpy.types.Context, chosen: bpy.types.Object) -> None:
     changes.
     """
     layer = context.view_layer
+    layer.update()  # new collections are not in it before
     if layer.objects.get(chosen.name) != chosen:
         return
     for other in layer.objects:

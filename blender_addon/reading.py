@@ -174,10 +174,16 @@ def _positions(data: bpy.types.Mesh | bpy.types.PointCloud) -> NDArray[np.float3
 
 
 def corner_vertices(mesh: bpy.types.Mesh) -> NDArray[np.int32]:
-    """Return the vertex of each corner, (c,); a hundred times faster than through the loops."""
+    """Return the vertex of each corner, (c,).
+
+    The attribute is a hundred times faster than the loops; in edit mode it is hidden.
+    """
     corners = np.empty(len(mesh.loops), np.int32)
-    if len(corners):
-        mesh.attributes[".corner_vert"].data.foreach_get("value", corners)
+    attribute = mesh.attributes.get(".corner_vert")
+    if attribute is None:
+        mesh.loops.foreach_get("vertex_index", corners)
+    elif len(corners):
+        attribute.data.foreach_get("value", corners)
     return corners
 
 
