@@ -5,6 +5,7 @@ The adapter reads the evaluated object, calls the core (`medialis`), writes its 
 data, and reports. Every operation of the core's registry appears by itself.
 """
 
+import atexit
 import importlib.util
 import sys
 from pathlib import Path
@@ -34,12 +35,16 @@ def register() -> None:
 
     for module in (properties, operators, panel, menus, warmup):
         module.register()
+    # With `import bpy` of Blender 4.5, a Python process hangs at its end while a class of any
+    # add-on is registered.
+    atexit.register(unregister)
 
 
 def unregister() -> None:
     """Stop what runs and remove everything that `register` added."""
     from . import jobs, menus, operators, panel, properties, warmup
 
+    atexit.unregister(unregister)
     jobs.stop()
     for module in (warmup, menus, panel, operators, properties):
         module.unregister()

@@ -51,7 +51,9 @@ def add_modifier(
     if shows == "points":
         geometry = builder.points(geometry, size, MEDIAL_RADIUS in made.data.attributes)
     elif shows == "tubes":
-        geometry = builder.tubes(geometry, size, "radius" in made.data.attributes, material)
+        geometry = builder.tubes(geometry, size, "radius" in made.data.attributes)
+    if shows != "faces":  # Blender 4.5 loses the material of a cloud when it deletes points
+        geometry = builder.colored(geometry, material)
     builder.link(geometry, builder.node("NodeGroupOutput").inputs[0])
     modifier = made.modifiers.new(MODIFIER, "NODES")
     modifier.node_group = group
@@ -167,11 +169,7 @@ class _Builder:
         return node.outputs["Points"]
 
     def tubes(
-        self,
-        geometry: bpy.types.NodeSocket,
-        size: float,
-        has_radius: bool,
-        material: bpy.types.Material | None,
+        self, geometry: bpy.types.NodeSocket, size: float, has_radius: bool
     ) -> bpy.types.NodeSocket:
         shown = self.shown_radius(size, "radius" if has_radius else None)
         curve = self.node("GeometryNodeMeshToCurve")
@@ -189,7 +187,12 @@ class _Builder:
             self.link(shown, thick.inputs["Radius"])
             self.link(thick.outputs["Curve"], tube.inputs["Curve"])
         self.link(profile.outputs["Curve"], tube.inputs["Profile Curve"])
-        colored = self.node("GeometryNodeSetMaterial")
-        colored.inputs["Material"].default_value = material
-        self.link(tube.outputs["Mesh"], colored.inputs["Geometry"])
-        return colored.outputs["Geometry"]
+        return tube.outputs["Mesh"]
+
+    def colored(
+        self, geometry: bpy.types.NodeSocket, material: bpy.types.Material | None
+    ) -> bpy.types.NodeSocket:
+        node = self.node("GeometryNodeSetMaterial")
+        node.inputs["Material"].default_value = material
+        self.link(geometry, node.inputs["Geometry"])
+        return node.outputs["Geometry"]

@@ -15,7 +15,7 @@ from . import filtering, jobs, reading, summary, warmup
 from .menus import groups
 from .properties import OPTIONS
 
-CHARACTER = 7.0
+CHARACTER = 6.3
 """Pixels of a letter of the panel, on average, at Blender's standard scale."""
 
 
@@ -175,7 +175,7 @@ def draw_text(layout: Any, context: bpy.types.Context, text: str, icon: str = "N
     """Draw a sentence in as many lines as the panel is narrow."""
     width = 240 if context.region is None else context.region.width
     scale = context.preferences.system.ui_scale
-    letters = max(20, int((width / scale - 60) / CHARACTER))
+    letters = max(20, int((width / scale - 50) / CHARACTER))
     column = layout.column(align=True)
     column.scale_y = 0.8
     for number, line in enumerate(textwrap.wrap(text, letters)):

@@ -45,7 +45,10 @@ OPTIONS = {
 
 def property_of(parameter: Parameter) -> Any:
     """Return the Blender property of a parameter: lengths in per cent of the size."""
-    about = {"name": parameter.label, "description": parameter.help.removesuffix(".")}
+    about: dict[str, Any] = {
+        "name": parameter.label,
+        "description": parameter.help.removesuffix("."),
+    }
     kind = parameter.kind
     if kind is Kind.BOOL:
         return BoolProperty(default=parameter.default, **about)
@@ -53,6 +56,8 @@ def property_of(parameter: Parameter) -> Any:
         items = [(value, value.replace("_", " ").capitalize(), "") for value in parameter.choices]
         return EnumProperty(items=items, default=parameter.default, **about)
     if kind is Kind.FILE:
+        if bpy.app.version >= (4, 5, 0):  # "//" is the folder of the .blend file
+            about["options"] = {"PATH_SUPPORTS_BLEND_RELATIVE"}
         return StringProperty(subtype="FILE_PATH", default=parameter.default, **about)
     if kind is Kind.INT:
         low, high = max(int(parameter.low), -LARGEST), min(int(parameter.high), LARGEST)

@@ -90,7 +90,7 @@ def choose_cache() -> None:
     folder = user_cache()
     with suppress(OSError):
         folder.mkdir(parents=True, exist_ok=True)
-    if not os.access(folder, os.W_OK):
+    if not (folder.is_dir() and os.access(folder, os.W_OK)):
         own = Path(bpy.utils.user_resource("DATAFILES", path="medialis", create=True))
         os.environ["MEDIALIS_CACHE_DIR"] = str(own)
 

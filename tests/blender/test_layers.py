@@ -103,12 +103,14 @@ def test_the_threshold_filters_live(add):
     from blender_addon import filtering
 
     value = np.r_[np.inf, np.nan, np.linspace(0, 1, 10)]
-    layer = Layer("dots", POINTS, attributes={"value": value}, filter_by="value")
+    layer = Layer("dots", POINTS, attributes={"value": value}, filter_by="value", color_by="value")
     (made,) = add(layer)
     assert len(evaluated(made).data.points) == 12
     filtering.set_input(made, "Threshold", 0.5)
     assert len(evaluated(made).data.points) == 2 + (value[2:] >= 0.5).sum()
     assert len(made.data.points) == 12
+    # Blender 4.5 lost the material of filtered clouds: they were rendered white.
+    assert evaluated(made).data.materials[0].name == made.data.materials[0].name
     owner, path = filtering.modifier_inputs(made)["Threshold"]
     assert owner.path_resolve(path) == 0.5
 

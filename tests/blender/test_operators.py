@@ -1,0 +1,406 @@
+"""Every operation through its operator: same arrays as the core, undo, saving, errors, jobs."""
+
+import os
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+bpy = pytest.importorskip("bpy", reason="bpy is not installed: make hosts")
+import medialis
+from blender_scenes import add_mesh, add_object, counts, groups_of, read_back
+from medialis.io.meshes import read_mesh
+from medialis.operations.declaration import Kind
+from medialis.operations.registry import OPERATIONS, operation
+
+CUBE = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], float)
+QUADS = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+
+
+def start(name, **given):
+    """Run the operator of an operation, as a script does."""
+    return getattr(bpy.ops.medialis, name)(**given)
+
+
+def refused(name, **given):
+    """Return the sentence of an operator that reports an error (a script gets it as this)."""
+    before = counts()
+    with pytest.raises(RuntimeError) as caught:
+        start(name, **given)
+    assert counts() == before
+    return str(caught.value)
+
+
+@pytest.fixture(scope="module")
+def expected(real_shapes):
+    """Results of the core for a real shape, as Blender holds its vertices (single precision)."""
+    mesh = read_mesh(real_shapes / "hand.ply")
+    points = mesh.points.astype(np.float32).astype(float)
+    shape = medialis.make_shape(points, mesh.faces, repair=True)
+    found = {}
+
+    def result(name):
+        if name not in found:
+            found[name] = medialis.run(name, shape)
+        return found[name]
+
+    return points, mesh.faces, shape, result
+
+
+@pytest.mark.parametrize("chosen", OPERATIONS, ids=lambda o: o.name)
+def test_every_operation_gives_the_arrays_of_the_core(chosen, expected, scene, tmp_path):
+    """On a real shape; and what was added is the same after saving and loading the file."""
+    points, faces, shape, run = expected
+    hand = add_mesh("hand", points, faces)
+    assert start(chosen.name, add_samples=True) == {"FINISHED"}
+    check(run(chosen.name), shape)
+    path = str(tmp_path / "file.blend")
+    bpy.ops.wm.save_as_mainfile(filepath=path, check_existing=False)
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    bpy.ops.wm.open_mainfile(filepath=path)
+    check(run(chosen.name), shape)
+    assert hand is not None
+
+
+def check(result, shape):
+    hand = bpy.data.objects["hand"]
+    for layer in result.layers:
+        if layer.on_input:
+            data = hand.data
+            for name, values in layer.attributes.items():
+                missing = np.nan if np.asarray(values).dtype.kind == "f" else -1
+                same(data, name, shape.on_input_points(np.asarray(values), missing))
+            check_groups(hand, layer, shape)
+            continue
+        made = bpy.data.objects[f"hand {layer.name.replace('_', ' ')}"]
+        assert made.parent == hand and made["medialis_summary"]
+        same(made.data, "position", layer.points)
+        for name, values in layer.attributes.items():
+            same(made.data, name, np.asarray(values))
+        for name, values in layer.face_attributes.items():
+            same(made.data, name, np.asarray(values))
+        if layer.filter_by:
+            assert made.modifiers["Medialis"].node_group is not None
+        if layer.color_by:
+            assert made.data.materials[0] is not None
+    for name in result.images:
+        assert bpy.data.images[f"hand {name.replace('_', ' ')}"].packed_file is not None
+
+
+def same(data, name, values):
+    if values.dtype.kind == "f":
+        values = values.astype(np.float32)
+    assert np.array_equal(read_back(data, name), values, equal_nan=values.dtype.kind == "f")
+
+
+def check_groups(hand, layer, shape):
+    groups = groups_of(hand)
+    for name in layer.labels:
+        labels = shape.on_input_points(np.asarray(layer.attributes[name]), -1)
+        for label in np.unique(labels[labels >= 0]):
+            assert groups[f"{name} {label:03d}"] == np.flatnonzero(labels == label).tolist()
+        assert sum(g.startswith(f"{name} ") for g in groups) == len(np.unique(labels[labels >= 0]))
+
+
+@pytest.mark.parametrize("chosen", OPERATIONS, ids=lambda o: o.name)
+def test_properties_are_those_of_the_core(chosen, addon):
+    """Defaults come back exactly, though Blender keeps them in single precision and per cent."""
+    from blender_addon import properties
+
+    kind = getattr(bpy.types, f"MEDIALIS_OT_{chosen.name}")
+    assert kind.bl_label == chosen.label and {"REGISTER", "UNDO"} <= kind.bl_options
+    rna = getattr(bpy.ops.medialis, chosen.name).get_rna_type()
+    assert rna.description == chosen.help.splitlines()[0].removesuffix(".")
+    for parameter in chosen.parameters:
+        shown = rna.properties[parameter.name]
+        assert shown.name.startswith(parameter.label)
+        assert shown.description.startswith(parameter.help.removesuffix("."))
+        assert properties.value_of(parameter, shown.default) == parameter.default
+        if parameter.kind is Kind.CHOICE:
+            assert tuple(item.identifier for item in shown.enum_items) == parameter.choices
+        if parameter.kind is Kind.LENGTH:
+            assert shown.subtype == "PERCENTAGE"
+            assert shown.hard_max == pytest.approx(100 * parameter.high)
+
+
+def test_parameters_arrive(scene):
+    """Two per cent, a choice and degrees: as the core with 0.02, the same choice and degrees."""
+    shape = medialis.organic_shape(56)
+    points = shape.points.astype(np.float32).astype(float)
+    add_mesh("creature", points, shape.faces)
+    start("surface_skeleton", subsample=2.0, side="both", tolerance=0.1)
+    given = medialis.make_shape(points, shape.faces, repair=True)
+    result = medialis.run("surface_skeleton", given, subsample=0.02, side="both", tolerance=0.001)
+    made = bpy.context.active_object
+    assert made.name == "creature surface skeleton"
+    same(made.data, "position", result.layers[0].points)
+    bpy.context.view_layer.objects.active = bpy.data.objects["creature"]
+    start("skeleton_mesh", min_spoke_angle=70.5)
+    mesh = medialis.run("skeleton_mesh", given, min_spoke_angle=70.5)
+    same(bpy.context.active_object.data, "position", mesh.layers[0].points)
+
+
+def test_an_active_result_stands_for_its_source(scene):
+    add_mesh("cube", CUBE, QUADS)
+    start("surface_skeleton")
+    assert bpy.context.active_object.name == "cube surface skeleton"
+    start("thickness")
+    assert "thickness" in bpy.data.objects["cube"].data.attributes
+
+
+def test_undo_takes_the_result_back_and_redo_brings_it(scene):
+    add_mesh("cube", CUBE, QUADS)
+    bpy.ops.ed.undo_push(message="before")
+    before, names = counts(), sorted(bpy.data.objects["cube"].data.attributes.keys())
+    bpy.ops.medialis.thickness("EXEC_DEFAULT", True)
+    bpy.ops.medialis.surface_skeleton("EXEC_DEFAULT", True)
+    after = counts()
+    bpy.ops.ed.undo()
+    bpy.ops.ed.undo()
+    cube = bpy.data.objects["cube"]
+    assert counts() == before and sorted(cube.data.attributes.keys()) == names
+    assert not cube.vertex_groups and "medialis_summary" not in cube
+    bpy.ops.ed.redo()
+    bpy.ops.ed.redo()
+    assert counts() == after
+    assert "thickness" in bpy.data.objects["cube"].data.attributes
+
+
+def test_from_edit_mode(scene):
+    """Attributes cannot be written in edit mode: Blender is in object mode afterwards."""
+    cube = add_mesh("cube", CUBE, QUADS)
+    bpy.ops.object.mode_set(mode="EDIT")
+    assert start("thickness") == {"FINISHED"}
+    assert cube.mode == "OBJECT" and len(read_back(cube.data, "thickness")) == 8
+
+
+def test_texts_get_a_copy_with_the_field(scene):
+    curve = bpy.data.curves.new("text", "FONT")
+    curve.body, curve.extrude = "I", 0.2
+    word = add_object("word", curve)
+    assert start("thickness") == {"FINISHED"}
+    made = bpy.data.objects["word thickness"]
+    assert made.parent == word and (read_back(made.data, "thickness") > 0).all()
+
+
+def test_errors_are_sentences_and_change_nothing(scene, tmp_path):
+    assert "no active object" in refused("surface_skeleton")
+    add_mesh("empty", np.empty((0, 3)), [])
+    assert "empty has no vertices" in refused("thickness")
+    add_mesh("points", np.random.default_rng(1).normal(size=(60, 3)), [])
+    assert "Error: " in refused("geodesic_path")
+    assert "got a point cloud" in refused("skeleton_mesh")
+    cube = add_mesh("cube", CUBE, QUADS, scale=(1, 0, 1))
+    assert "needs a size in every direction" in refused("surface_skeleton")
+    cube.scale = (1, 1, 1)
+    add_mesh("huge", 1000 * CUBE, QUADS, scale=(1e38, 1e38, 1e38))
+    assert "too large for Blender" in refused("surface_skeleton")
+    bpy.context.view_layer.objects.active = cube
+    assert "Lower the threshold" in refused("skeleton_importance", threshold=1000)
+    assert "Error: " in refused("geodesic_path", start=3, end=700)
+    flat = add_mesh("flat", CUBE * (1, 1, 0) + (0, 0, 1), QUADS[:1])
+    assert "Error: " in refused("surface_skeleton")
+    assert flat.name in bpy.data.objects
+    bpy.data.libraries.write(str(tmp_path / "lib.blend"), {cube})
+    with bpy.data.libraries.load(str(tmp_path / "lib.blend"), link=True) as (_, into):
+        into.objects = ["cube"]
+    add = into.objects[0]
+    scene.collection.objects.link(add)
+    bpy.context.view_layer.objects.active = add
+    assert "make it local" in refused("thickness")
+
+
+def test_very_small_and_large_objects(scene):
+    """Results scale with the object; only beyond single precision they are refused."""
+    found = []
+    for scale in (1e-12, 1.0, 1e12):
+        add_mesh("cube", CUBE, QUADS, scale=(scale, scale, scale))
+        assert start("surface_skeleton") == {"FINISHED"}
+        found.append(read_back(bpy.context.active_object.data, "radius") / np.float32(scale))
+    assert np.allclose(found[0], found[1], rtol=1e-3)
+    assert np.allclose(found[2], found[1], rtol=1e-3)
+
+
+def test_a_cancelled_run_reports_and_changes_nothing(scene, monkeypatch):
+    from blender_addon import jobs
+
+    add_mesh("cube", CUBE, QUADS)
+
+    def cancelled(*_):
+        raise medialis.Cancelled("Cancelled: nothing was written or changed.")
+
+    monkeypatch.setattr(jobs, "compute", cancelled)
+    assert "Cancelled: nothing was written or changed." in refused("thickness")
+
+
+class FakeOperator:
+    """The operator around its methods: what a window would keep in a modal operator."""
+
+    def __init__(self, name, **given):
+        from blender_addon import operators
+
+        self.__class__ = type("Fake", (FakeOperator, operators.OperationOperator), {})
+        self.operation = operation(name)
+        self.reports = []
+        for parameter in self.operation.parameters:
+            value = given.get(parameter.name, parameter.default)
+            setattr(self, parameter.name, 100 * value if parameter.kind is Kind.LENGTH else value)
+        self.add_samples = self.with_materials = self.curves = False
+
+    def report(self, kind, text):
+        self.reports.append((*kind, text))
+
+
+class FakeContext:
+    """The real context with a window manager that records what a window would show."""
+
+    def __init__(self):
+        self.shown, self.timers = [], 0
+        self.window = SimpleNamespace()
+        self.workspace = SimpleNamespace(status_text_set=self.shown.append)
+        self.window_manager = SimpleNamespace(
+            windows=[],
+            progress_begin=lambda *_: None,
+            progress_update=lambda *_: None,
+            progress_end=lambda: None,
+            modal_handler_add=lambda _: None,
+            event_timer_add=self._add,
+            event_timer_remove=self._remove,
+        )
+
+    def _add(self, *_, **__):
+        self.timers += 1
+        return self.timers
+
+    def _remove(self, _):
+        self.timers -= 1
+
+    def __getattr__(self, name):
+        return getattr(bpy.context, name)
+
+
+TIMER = SimpleNamespace(type="TIMER", value="NOTHING")
+ESC = SimpleNamespace(type="ESC", value="PRESS")
+MOVE = SimpleNamespace(type="MOUSEMOVE", value="NOTHING")
+
+
+@pytest.fixture
+def modal(scene, monkeypatch):
+    """Begin an operation as from a button; the job waits until it is let go."""
+    import threading
+
+    from blender_addon import jobs, operators
+
+    monkeypatch.setattr(operators, "bpy", SimpleNamespace(app=SimpleNamespace(background=False)))
+    go, real = threading.Event(), jobs.compute
+
+    def compute(*arguments):
+        go.wait(20)
+        return real(*arguments)
+
+    monkeypatch.setattr(jobs, "compute", compute)
+
+    def begin(name, **given):
+        fake, context = FakeOperator(name, **given), FakeContext()
+        assert fake.invoke(context, None) == {"RUNNING_MODAL"}
+        assert jobs.running is not None
+        return fake, context, go
+
+    yield begin
+    go.set()
+    jobs.stop()
+
+
+def finish(fake, context, go):
+    go.set()
+    fake._job.wait(60)
+    return fake.modal(context, TIMER)
+
+
+def test_a_job_shows_progress_and_ends_with_the_result(modal):
+    from blender_addon import jobs
+
+    add_mesh("cube", CUBE, QUADS)
+    fake, context, go = modal("surface_skeleton")
+    assert fake.modal(context, TIMER) == {"PASS_THROUGH"}
+    assert fake.modal(context, MOVE) == {"PASS_THROUGH"}  # other work goes on
+    assert "Surface skeleton of cube" in context.shown[-1] and "Esc" in context.shown[-1]
+    with pytest.raises(RuntimeError, match="is being computed"):
+        start("thickness")
+    assert finish(fake, context, go) == {"FINISHED"}
+    assert jobs.running is None and context.timers == 0 and context.shown[-1] is None
+    assert fake.reports[0][0] == "INFO" and "cube surface skeleton" in bpy.data.objects
+    assert fake._job.fraction == 1.0
+
+
+def test_esc_cancels_also_when_pressed_twice(modal):
+    add_mesh("cube", CUBE, QUADS)
+    before = counts()
+    fake, context, go = modal("surface_skeleton")
+    assert fake.modal(context, ESC) == {"RUNNING_MODAL"}
+    assert fake.modal(context, ESC) == {"RUNNING_MODAL"}
+    assert finish(fake, context, go) == {"CANCELLED"}
+    assert fake.reports == [("ERROR", "Cancelled: nothing was written or changed.")]
+    assert counts() == before and context.timers == 0
+
+
+def test_the_button_cancels(modal):
+    add_mesh("cube", CUBE, QUADS)
+    fake, context, go = modal("surface_skeleton")
+    assert bpy.ops.medialis.cancel_computation() == {"FINISHED"}
+    assert finish(fake, context, go) == {"CANCELLED"}
+    assert bpy.ops.medialis.cancel_computation() == {"FINISHED"}  # nothing runs: nothing happens
+
+
+def test_blender_ends_the_operator(modal):
+    """On loading a file Blender calls `cancel`: the thread stops by itself, nothing stays."""
+    from blender_addon import jobs
+
+    add_mesh("cube", CUBE, QUADS)
+    fake, context, _ = modal("surface_skeleton")
+    fake.cancel(context)
+    assert jobs.running is None and context.timers == 0
+
+
+def test_the_source_is_deleted_meanwhile(modal):
+    cube = add_mesh("cube", CUBE, QUADS)
+    fake, context, go = modal("surface_skeleton")
+    bpy.data.objects.remove(cube)
+    before = counts()
+    assert finish(fake, context, go) == {"CANCELLED"}
+    assert "cube was deleted or renamed" in fake.reports[0][1] and counts() == before
+
+
+def test_the_faces_are_changed_meanwhile(modal):
+    cube = add_mesh("cube", CUBE, QUADS)
+    fake, context, go = modal("thickness")
+    cube.data.clear_geometry()
+    before = counts()
+    assert finish(fake, context, go) == {"CANCELLED"}
+    assert "were changed while" in fake.reports[0][1] and counts() == before
+    assert "thickness" not in cube.data.attributes
+
+
+def test_other_edits_meanwhile_do_no_harm(modal):
+    """Undo, moving the source and another active object: the result lies on the source."""
+    cube = add_mesh("cube", CUBE, QUADS)
+    bpy.ops.ed.undo_push(message="a")
+    bpy.ops.mesh.primitive_uv_sphere_add()
+    bpy.ops.ed.undo_push(message="b")
+    bpy.context.view_layer.objects.active = bpy.data.objects["cube"]
+    fake, context, go = modal("thickness")
+    bpy.ops.ed.undo()
+    cube = bpy.data.objects["cube"]
+    cube.location = (5, 5, 5)
+    bpy.context.view_layer.objects.active = None
+    assert finish(fake, context, go) == {"FINISHED"}
+    assert len(read_back(cube.data, "thickness")) == 8
+
+
+def test_relative_paths_start_at_the_file(scene, tmp_path):
+    """`//pairs.txt` is a file beside the .blend file."""
+    add_mesh("cube", CUBE, QUADS)
+    (tmp_path / "pairs.txt").write_text("0 7\n1 6\n")
+    bpy.ops.wm.save_as_mainfile(filepath=os.fspath(tmp_path / "a.blend"), check_existing=False)
+    assert start("geodesic_path", pairs="//pairs.txt") == {"FINISHED"}
+    assert set(read_back(bpy.context.active_object.data, "pair").tolist()) == {0, 1}

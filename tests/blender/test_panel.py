@@ -1,0 +1,263 @@
+"""The panels are drawn in every state, on a layout that knows what Blender's layout knows."""
+
+import subprocess
+import sys
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+bpy = pytest.importorskip("bpy", reason="bpy is not installed: make hosts")
+from blender_scenes import add_mesh, add_object
+from medialis.operations.registry import OPERATIONS
+
+CUBE = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], float)
+QUADS = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+ICONS = bpy.types.UILayout.bl_rna.functions["label"].parameters["icon"].enum_items.keys()
+
+
+class Layout:
+    """Records what is drawn; checks arguments, property paths, icons and operators as Blender."""
+
+    def __init__(self, drawn=None):
+        self.drawn = [] if drawn is None else drawn
+
+    def _inside(self, kind, arguments):
+        known = bpy.types.UILayout.bl_rna.functions[kind].parameters
+        assert set(arguments) <= set(known.keys()), f"{kind} has no {arguments}"
+        return Layout(self.drawn)
+
+    def box(self):
+        return Layout(self.drawn)
+
+    def row(self, **arguments):
+        return self._inside("row", arguments)
+
+    def column(self, **arguments):
+        return self._inside("column", arguments)
+
+    def split(self, **arguments):
+        return self._inside("split", arguments)
+
+    def separator(self):
+        pass
+
+    def menu(self, name):
+        assert hasattr(bpy.types, name)
+        self.drawn.append(name)
+
+    def label(self, text="", icon="NONE"):
+        assert icon in ICONS
+        self.drawn.append(text)
+
+    def progress(self, factor, text):
+        assert 0 <= factor <= 1
+        self.drawn.append(text)
+
+    def prop(self, owner, path, text=None, icon="NONE", emboss=True, slider=False):
+        assert icon in ICONS
+        if path.startswith("["):
+            owner.path_resolve(path)
+        else:
+            assert path in owner.bl_rna.properties
+        self.drawn.append(path if text is None else text)
+
+    def operator(self, name, icon="NONE"):
+        assert icon in ICONS
+        module, function = name.split(".")
+        kind = getattr(getattr(bpy.ops, module), function).get_rna_type()
+        self.drawn.append(name)
+        return Button(kind)
+
+
+class Button:
+    """Properties of an operator button: only those that the operator has can be set."""
+
+    def __init__(self, kind):
+        object.__setattr__(self, "kind", kind)
+        object.__setattr__(self, "given", {})
+
+    def __setattr__(self, name, value):
+        assert name in self.kind.properties
+        self.given[name] = value
+
+
+@pytest.fixture
+def draw(scene):
+    """Draw all panels that Blender would show, and return the texts."""
+    from blender_addon import panel
+
+    def draw_all(width=300):
+        context = SimpleNamespace(
+            scene=bpy.context.scene,
+            active_object=bpy.context.view_layer.objects.active,
+            preferences=SimpleNamespace(system=SimpleNamespace(ui_scale=1.0)),
+            region=SimpleNamespace(width=width),
+        )
+        drawn = []
+        for kind in panel._classes:
+            if getattr(kind, "poll", None) is None or kind.poll(context):
+                holder = SimpleNamespace(layout=Layout(drawn), group=getattr(kind, "group", None))
+                kind.draw(holder, context)
+        return drawn
+
+    return draw_all
+
+
+def test_nothing_or_no_mesh_is_selected(draw):
+    assert "Select a mesh or point cloud" in draw()
+    add_object("lamp", bpy.data.lights.new("lamp", "POINT"))
+    assert "lamp is no mesh" in draw()
+
+
+def test_every_operation_has_its_button_and_options(draw):
+    add_mesh("cube", CUBE, QUADS)
+    drawn = draw()
+    assert "cube" in drawn
+    for operation in OPERATIONS:
+        assert f"medialis.{operation.name}" in drawn
+    hidden = [p.name for o in OPERATIONS for p in o.parameters if not isinstance(p.default, str)]
+    assert not set(hidden) & set(drawn)
+    settings = bpy.context.scene.medialis
+    for operation in OPERATIONS:
+        getattr(settings, f"of_{operation.name}").unfolded = True
+    unfolded = draw()
+    visible = {p.name for o in OPERATIONS for p in o.parameters
+               if not p.advanced and not isinstance(p.default, str)}  # fmt: skip
+    assert visible <= set(unfolded) and "More" in unfolded
+    assert "largest_radius" not in unfolded
+    for operation in OPERATIONS:
+        getattr(settings, f"of_{operation.name}").unfolded_more = True
+    assert set(hidden) <= set(draw())
+
+
+def test_the_result_has_sliders_and_a_summary(draw):
+    add_mesh("cube", CUBE, QUADS)
+    assert "medialis.show_colors" not in draw()
+    bpy.ops.medialis.surface_skeleton()
+    drawn = draw()
+    assert {"Threshold", "Size", "Balls", "Source", "medialis.show_colors"} <= set(drawn)
+    assert any(text.startswith("Surface skeleton of cube:") for text in drawn)
+    assert any(text.startswith("Refined for the") for text in drawn)  # wrapped
+    assert "skeleton points" not in drawn
+    bpy.context.scene.medialis.unfolded_values = True
+    assert "skeleton points" in draw()
+    assert max(map(len, draw(width=150))) < max(map(len, draw(width=600)))
+    bpy.context.view_layer.objects.active = bpy.data.objects["cube"]
+    bpy.ops.medialis.thickness()
+    bpy.context.view_layer.objects.active = bpy.data.objects["cube"]
+    drawn = draw()
+    assert any(text.startswith("Thickness of cube:") for text in drawn)
+    assert "Threshold" not in drawn
+
+
+def test_a_running_job_and_the_warmup_are_shown(draw, monkeypatch):
+    from blender_addon import jobs, warmup
+
+    add_mesh("cube", CUBE, QUADS)
+    job = SimpleNamespace(label="Thickness of cube", fraction=0.25, text="skeleton")
+    monkeypatch.setattr(jobs, "running", job)
+    warm = SimpleNamespace(note="Preparing", running=True, fraction=0.5)
+    monkeypatch.setattr(warmup, "current", warm)
+    drawn = draw()
+    assert "25 %  skeleton" in drawn and "medialis.cancel_computation" in drawn
+    assert "Preparing" in drawn and "50 %  compiling" in drawn
+    warm.note, warm.running = "Preparing failed", False
+    assert "Preparing failed" in draw() and "50 %  compiling" not in draw()
+    warm.note = ""
+    assert "Preparing" not in draw()
+
+
+def test_the_menu_lists_every_operation(scene):
+    from blender_addon import menus
+
+    layout = Layout()
+    menus.MEDIALIS_MT_object.draw(SimpleNamespace(layout=layout), bpy.context)
+    assert layout.drawn == [
+        f"medialis.{o.name}" for group in menus.groups() for o in OPERATIONS if o.group == group
+    ]
+    layout = Layout()
+    menus._entry(SimpleNamespace(layout=layout), bpy.context)
+    assert layout.drawn == ["MEDIALIS_MT_object"]
+
+
+def test_registering_twice_in_turn_leaves_nothing(addon):
+    addon.unregister()
+    assert not hasattr(bpy.types.Scene, "medialis")
+    assert not any(name.startswith("MEDIALIS_") for name in dir(bpy.types))
+    addon.register()
+    assert hasattr(bpy.types, "MEDIALIS_PT_main")
+
+
+def test_warmup_runs_the_core_in_a_process_of_its_own(addon):
+    """It finds the core through the paths of this process; here it only lists the operations."""
+    from blender_addon.warmup import Warmup
+
+    child = Warmup(["list"])
+    child.wait(60)
+    assert not child.running and child.note == "" and child._process.returncode == 0
+
+
+def test_warmup_tells_its_progress_and_when_it_fails(addon, monkeypatch, capsys):
+    from blender_addon import warmup
+
+    real = subprocess.Popen
+
+    def popen(_, **settings):
+        code = (
+            "import sys\nprint('PROGRESS 0.5 a', file=sys.stderr)\n"
+            "sys.exit('medialis: no space left')"
+        )
+        return real([sys.executable, "-c", code], **settings)
+
+    monkeypatch.setattr(warmup.subprocess, "Popen", popen)
+    child = warmup.Warmup()
+    child.wait(60)
+    assert child.fraction == 0.5 and "failed" in child.note
+    assert "no space left" in capsys.readouterr().out
+
+
+def test_warmup_is_stopped(addon, monkeypatch):
+    from blender_addon import warmup
+
+    real, wait = subprocess.Popen, [sys.executable, "-c", "import time; time.sleep(60)"]
+    monkeypatch.setattr(warmup.subprocess, "Popen", lambda _, **given: real(wait, **given))
+    child = warmup.Warmup()
+    assert child.running and "once" in child.note
+    child.stop()
+    assert not child.running and child.note == ""
+
+
+def test_the_cache_goes_where_it_can_be_written(addon, monkeypatch, tmp_path):
+    from blender_addon import warmup
+
+    (tmp_path / "file").write_text("a file where the folder should be")
+    monkeypatch.setenv("BLENDER_USER_DATAFILES", str(tmp_path / "data"))
+    monkeypatch.setenv("MEDIALIS_CACHE_DIR", str(tmp_path / "good"))
+    warmup.choose_cache()
+    assert warmup.user_cache() == tmp_path / "good"
+    monkeypatch.setenv("MEDIALIS_CACHE_DIR", str(tmp_path / "file"))
+    warmup.choose_cache()
+    assert warmup.user_cache() != tmp_path / "file" and warmup.user_cache().is_dir()
+
+
+def test_showing_colors_sets_the_view(scene):
+    from blender_addon import operators
+
+    add_mesh("cube", CUBE, QUADS)
+    show = operators.MEDIALIS_OT_show_colors
+    shading = SimpleNamespace(type="SOLID", color_type="MATERIAL")
+    space = SimpleNamespace(type="VIEW_3D", shading=shading)
+
+    def context():
+        active = bpy.context.view_layer.objects.active
+        return SimpleNamespace(active_object=active, space_data=space)
+
+    bpy.ops.medialis.surface_skeleton()
+    assert show.poll(context()) and show.execute(None, context()) == {"FINISHED"}
+    assert shading.type == "MATERIAL" and bpy.data.objects["cube"].display_type == "WIRE"
+    bpy.context.view_layer.objects.active = bpy.data.objects["cube"]
+    bpy.ops.medialis.thickness()
+    bpy.context.view_layer.objects.active = bpy.data.objects["cube"]
+    show.execute(None, context())
+    assert (shading.type, shading.color_type) == ("SOLID", "VERTEX")
