@@ -15,7 +15,7 @@ from . import filtering, jobs, reading, summary, warmup
 from .menus import groups
 from .properties import OPTIONS
 
-CHARACTER = 6.3
+CHARACTER = 7.0
 """Pixels of a letter of the panel, on average, at Blender's standard scale."""
 
 
@@ -105,11 +105,13 @@ class MEDIALIS_PT_result(_Panel, bpy.types.Panel):
             column.prop(active.parent, "display_type", text="Source")
         lines = active[summary.PROPERTY].split("\n")
         draw_text(layout, context, lines[0], icon="CHECKMARK")
-        for line in lines[1:]:
-            if line.startswith("! "):
-                draw_text(layout, context, line[2:], icon="INFO")
+        notes = [line[2:] for line in lines[1:] if line.startswith("! ")]
+        settings = context.scene.medialis
+        if notes and draw_fold(layout, settings, "unfolded_notes", f"Notes: {len(notes)}"):
+            for note in notes:
+                draw_text(layout, context, note, icon="INFO")
         values = [line for line in lines[1:] if not line.startswith("! ")]
-        if draw_fold(layout, context.scene.medialis, "unfolded_values", "Values"):
+        if draw_fold(layout, settings, "unfolded_values", "Values"):
             for line in values:
                 name, _, value = line.partition(": ")
                 row = layout.row()

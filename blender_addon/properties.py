@@ -125,6 +125,9 @@ def _settings_classes() -> list[type]:
         )
         groups.append(made)
         pointers[f"of_{operation.name}"] = PointerProperty(type=made)
+    pointers["unfolded_notes"] = BoolProperty(
+        name="Notes", description="Show what was repaired, refined or left out", default=True
+    )
     pointers["unfolded_values"] = BoolProperty(name="Values", description="Show all values")
     return [
         *groups,

@@ -44,7 +44,7 @@ def add_result(
     Returns
     -------
     list of objects
-        Those that carry the layers, in their order; the first new one is active and selected.
+        Those that carry the layers, in their order; the first is active and selected.
 
     Raises
     ------
@@ -71,9 +71,8 @@ def add_result(
         text = summary.lines(result, wanted, source.name, earlier)
         for carrier in made:
             _remember(carrier, text, changes)
-        new = [carrier for carrier in made if carrier != chosen]
-        if new:
-            placing.make_active(context, new[0])
+        if made[0] != chosen:
+            placing.make_active(context, made[0])
     return made
 
 

@@ -301,7 +301,7 @@ def test_numbers_that_blender_cannot_hold_change_nothing(add):
 
 def test_failing_midway_takes_everything_back(add, cube, monkeypatch):
     """The last step fails: new objects go, and the mesh of the source is as it was."""
-    from blender_addon import placing
+    from blender_addon import writing
 
     shape = medialis.make_shape(*_arrays(cube), repair=True)
     field = Layer(
@@ -316,7 +316,7 @@ def test_failing_midway_takes_everything_back(add, cube, monkeypatch):
     def fail(*_):
         raise RuntimeError("no")
 
-    monkeypatch.setattr(placing, "make_active", fail)
+    monkeypatch.setattr(writing.summary, "lines", fail)
     with pytest.raises(RuntimeError, match="no"):
         add(field, Layer("dots", POINTS, attributes={"radius": POINTS[:, 0]}), other,
             images={"p": np.zeros((2, 2, 3), np.uint8)}, with_materials=True)  # fmt: skip
