@@ -10,15 +10,7 @@ import importlib.util
 import sys
 from pathlib import Path
 
-bl_info = {
-    "name": "Medialis",
-    "author": "The medialis developers",
-    "version": (0, 1, 0),
-    "blender": (4, 2, 0),
-    "location": "3D View > Sidebar > Medialis, Object > Medialis",
-    "description": "Medial skeletons, thickness and parts of meshes and point clouds",
-    "category": "Object",
-}
+_registered = False
 
 
 def _find_core() -> None:
@@ -30,6 +22,9 @@ def _find_core() -> None:
 
 def register() -> None:
     """Add operators, settings, panel and menu; start compiling kernels in a Blender window."""
+    global _registered
+    if _registered:
+        return
     _find_core()
     from . import menus, operators, panel, properties, warmup
 
@@ -38,10 +33,15 @@ def register() -> None:
     # With `import bpy` of Blender 4.5, a Python process hangs at its end while a class of any
     # add-on is registered.
     atexit.register(unregister)
+    _registered = True
 
 
 def unregister() -> None:
     """Stop what runs and remove everything that `register` added."""
+    global _registered
+    if not _registered:  # at exit Blender and `atexit` both may call this
+        return
+    _registered = False
     from . import jobs, menus, operators, panel, properties, warmup
 
     atexit.unregister(unregister)

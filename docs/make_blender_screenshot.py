@@ -1,10 +1,10 @@
-"""Screenshot of the panel in a real window: Debian's Blender 3.4.1, which is only a stand-in here.
+r"""Screenshot of the panel in a real window: Debian's Blender 3.4.1, which is only a stand-in here.
 
 The adapter needs Blender 4.2; what 3.4 lacks (point cloud objects by nodes, fast positions) is
 replaced by plain meshes. It needs a display, xdotool and imagemagick, and numba for Python 3.11:
 
     Xvfb :81 -screen 0 1200x900x24 +extension GLX &
-    DISPLAY=:81 LIBGL_ALWAYS_SOFTWARE=1 MEDIALIS_PACKAGES=.venv/lib/python3.11/site-packages \\
+    DISPLAY=:81 LIBGL_ALWAYS_SOFTWARE=1 MEDIALIS_PACKAGES=.venv/lib/python3.11/site-packages \
         blender --factory-startup --window-geometry 0 0 1200 900 -P docs/make_blender_screenshot.py
     DISPLAY=:81 xdotool mousemove 978 250 click 1       # the tab, as soon as the sidebar is there
     DISPLAY=:81 import -window root -crop 992x880+0+30 docs/pictures/blender_panel.png

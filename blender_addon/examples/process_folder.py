@@ -51,9 +51,7 @@ def main() -> int:
 
 def process(file: Path, output: Path, name: str) -> None:
     """Read one file, run the operation, save."""
-    bpy.ops.wm.read_factory_settings(use_empty=True)
-    if not hasattr(bpy.types.Scene, "medialis"):  # factory settings disable extensions
-        bpy.ops.preferences.addon_enable(module="bl_ext.user_default.medialis")
+    bpy.ops.wm.read_homefile(use_empty=True)
     getattr(bpy.ops.wm, READERS[file.suffix.lower()])(filepath=str(file))
     source = bpy.context.active_object
     getattr(bpy.ops.medialis, name)()

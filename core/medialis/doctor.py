@@ -11,6 +11,8 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
+from medialis.version import package_version
+
 NEEDED = ("numpy", "scipy", "numba", "llvmlite")
 
 EXTRAS = (
@@ -49,7 +51,7 @@ class Finding:
 def examine() -> list[Finding]:
     """Look at the installation, the kernel cache and the hosts; changes nothing."""
     found = [
-        Finding("medialis", "ok", f"{version('medialis')} in {Path(__file__).parent}"),
+        Finding("medialis", "ok", f"{package_version()} in {Path(__file__).parent}"),
         Finding("Python", "ok", f"{platform.python_version()} ({sys.executable})"),
         Finding("system", "ok", f"{platform.platform()}, {platform.machine()}"),
     ]

@@ -185,6 +185,8 @@ def test_registering_twice_in_turn_leaves_nothing(addon):
     addon.unregister()
     assert not hasattr(bpy.types.Scene, "medialis")
     assert not any(name.startswith("MEDIALIS_") for name in dir(bpy.types))
+    addon.unregister()
+    addon.register()
     addon.register()
     assert hasattr(bpy.types, "MEDIALIS_PT_main")
 

@@ -6,12 +6,12 @@ import json
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 from medialis.errors import FileError, InvalidOptionError
 from medialis.operations.registry import operation
+from medialis.version import package_version
 
 READABLE = (".ply", ".obj", ".off", ".stl", ".xyz", ".pts", ".glb", ".gltf", ".3mf", ".dae")
 """Files that are taken from a folder; a file that is named itself may have any ending."""
@@ -91,7 +91,7 @@ class Job:
         try:
             manifest = json.loads((folder / "manifest.json").read_text(encoding="utf-8"))
             same = (
-                manifest["medialis"] == version("medialis")
+                manifest["medialis"] == package_version()
                 and manifest["parameters"] == dict(self.operations[operation_name])
                 and manifest["input_stamp"] == stamp(self.file)
                 and (manifest["picture"] is not None or not self.picture)

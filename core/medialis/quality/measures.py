@@ -14,6 +14,7 @@ from medialis.model.shape import Shape
 from medialis.operations.result import Layer, Result
 from medialis.quality.distances import reconstruction_error
 from medialis.shape.diagnosis import diagnose
+from medialis.version import package_version
 
 HISTOGRAMS = ("radius", "importance", "thickness", "spoke_angle")
 BINS = 40
@@ -62,7 +63,8 @@ def measure(result: Result, *, source: str | None = None) -> dict[str, Any]:
         "messages": list(result.messages),
         "seconds": dict(result.seconds),
         "versions": {
-            **{name: version(name) for name in ("medialis", "numpy", "scipy", "numba")},
+            "medialis": package_version(),
+            **{name: version(name) for name in ("numpy", "scipy", "numba")},
             "python": platform.python_version(),
             "platform": platform.platform(),
         },
