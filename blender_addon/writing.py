@@ -62,7 +62,10 @@ def add_result(
             plans.append(fields.plan_field(layer, title, shape, source))
         else:
             plans.append(layers.plan_layer(layer, title, spacing))
-    leave_edit_mode(context, chosen)
+    active = context.view_layer.objects.active
+    for other in (chosen, active):  # meanwhile the user may be editing another object
+        if other is not None:
+            leave_edit_mode(context, other)
     names = {plan.layer.name for plan in plans}
     earlier = sum(child.get(RESULT) in names for child in chosen.children)
     with Changes() as changes:
@@ -71,7 +74,7 @@ def add_result(
         text = summary.lines(result, wanted, source.name, earlier)
         for carrier in made:
             _remember(carrier, text, changes)
-        if made[0] != chosen:
+        if made and made[0] != chosen:
             placing.make_active(context, made[0])
     return made
 

@@ -296,7 +296,7 @@ def _warmup(options: argparse.Namespace) -> int:
         with progress.stage(entry.name, *span):
             given: dict[str, Any] = {"subsample": 0.01} if entry.name == "surface_skeleton" else {}
             result = run(entry.name, shape, progress=progress, **given)
-            draw_result(result, width=64, height=64)
+            draw_result(result, width=320, height=240)
     from medialis._kernels.cache_folder import kernel_cache, mark_compiled
 
     mark_compiled()

@@ -51,7 +51,7 @@ def expected(real_shapes):
 def test_every_operation_gives_the_arrays_of_the_core(chosen, expected, scene, tmp_path):
     """On a real shape; and what was added is the same after saving and loading the file."""
     points, faces, shape, run = expected
-    hand = add_mesh("hand", points, faces)
+    add_mesh("hand", points, faces)
     assert start(chosen.name, add_samples=True) == {"FINISHED"}
     check(run(chosen.name), shape)
     path = str(tmp_path / "file.blend")
@@ -59,7 +59,6 @@ def test_every_operation_gives_the_arrays_of_the_core(chosen, expected, scene, t
     bpy.ops.wm.read_factory_settings(use_empty=True)
     bpy.ops.wm.open_mainfile(filepath=path)
     check(run(chosen.name), shape)
-    assert hand is not None
 
 
 def check(result, shape):
@@ -395,6 +394,19 @@ def test_other_edits_meanwhile_do_no_harm(modal):
     bpy.context.view_layer.objects.active = None
     assert finish(fake, context, go) == {"FINISHED"}
     assert len(read_back(cube.data, "thickness")) == 8
+
+
+def test_another_object_is_edited_meanwhile(modal):
+    """The edits are kept; objects cannot be added in edit mode, so it ends."""
+    add_mesh("cube", CUBE, QUADS)
+    fake, context, go = modal("surface_skeleton")
+    other = add_mesh("other", CUBE, QUADS)
+    bpy.ops.object.mode_set(mode="EDIT")
+    bpy.ops.mesh.select_all(action="SELECT")
+    bpy.ops.mesh.subdivide()
+    assert finish(fake, context, go) == {"FINISHED"}
+    assert bpy.context.mode == "OBJECT" and len(other.data.vertices) == 26
+    assert bpy.data.objects["cube surface skeleton"].parent == bpy.data.objects["cube"]
 
 
 def test_relative_paths_start_at_the_file(scene, tmp_path):

@@ -339,3 +339,11 @@ def test_an_unknown_attribute_is_refused_with_and_without_a_picture(creature, tm
         out = tmp_path / name
         assert run(name, creature, "-o", out, "--no-picture", "--color-by", "taste") == 2
         assert "taste" in capsys.readouterr().err and not out.exists()
+
+
+def test_warmup_comes_to_its_end_and_is_remembered(capsys):
+    """It drew pictures too narrow for their legend, and failed after the first operation."""
+    from medialis._kernels.cache_folder import kernels_are_compiled
+
+    assert main(["warmup"]) == 0
+    assert "Kernels ready in" in capsys.readouterr().out and kernels_are_compiled()
