@@ -3,6 +3,9 @@
 #   make demo SHAPE=file   the same for your own mesh or point cloud
 #   make test              the whole test suite
 # PYTHON names the interpreter that makes the environment, VENV where it goes.
+# For work on the Blender extension:
+#   make hosts             environments with Blender as a module, 1 GB each; `make test` uses them
+#   make blender           the extension's zips for all platforms, in dist/blender
 PYTHON ?= python3
 VENV ?= .venv
 RUN = $(VENV)/bin/python
@@ -15,7 +18,7 @@ CHECK_PYTHON = $(PYTHON) -c 'import sys; v = sys.version_info[:2]; \
 MAKE_VENV = $(RUN) -m pip --version >/dev/null 2>&1 \
 	|| { $(CHECK_PYTHON) && $(PYTHON) -m venv $(VENV); }
 
-.PHONY: demo test check bench pictures clean
+.PHONY: demo test test-blender check hosts blender bench pictures clean
 
 # The stamps are older than pyproject.toml exactly when its dependencies may have changed.
 $(VENV)/installed: pyproject.toml
@@ -31,8 +34,24 @@ $(VENV)/installed-dev: pyproject.toml
 demo: $(VENV)/installed
 	$(RUN) -m medialis demo $(if $(SHAPE),"$(SHAPE)") --output "$(OUT)"
 
+# PYTEST="tests/io -k ply" runs only these of the core's tests; for Blender's there is test-blender.
 test: $(VENV)/installed-dev
-	$(RUN) -m pytest $(PYTEST)
+	$(RUN) -m pytest --ignore=tests/blender $(PYTEST)
+	@$(if $(PYTEST),,$(MAKE) --no-print-directory test-blender)
+
+HOSTS = $(patsubst %/installed,%,$(wildcard .venv-bpy-*/installed))
+
+test-blender:
+	@$(if $(HOSTS),,echo "Blender tests were left out: they need the environments of 'make hosts'.")
+	@failed=; for host in $(HOSTS); do echo "tests/blender in $$host"; \
+		$$host/bin/python -m pytest tests/blender $(PYTEST) || failed="$$failed $$host"; done; \
+		[ -z "$$failed" ] || { echo "failed in:$$failed"; exit 1; }
+
+hosts:
+	tests/blender/make_hosts.sh
+
+blender: $(VENV)/installed-dev
+	$(RUN) blender_addon/packaging/build_extension.py
 
 check: $(VENV)/installed-dev
 	$(RUN) -m ruff check .
@@ -46,4 +65,4 @@ pictures: $(VENV)/installed
 	$(RUN) docs/make_pictures.py
 
 clean:
-	rm -rf $(VENV) $(OUT) build dist core/medialis.egg-info
+	rm -rf $(VENV) .venv-bpy-* $(OUT) build dist core/medialis.egg-info

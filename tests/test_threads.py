@@ -74,7 +74,7 @@ def test_progress_rises_on_the_calling_thread():
 @pytest.mark.parametrize("threads", [1, 2])
 @pytest.mark.parametrize("error", [ValueError, KeyboardInterrupt])
 def test_first_error_stops_the_work(threads, error):
-    done = []
+    done, before = [], threading.active_count()  # earlier tests may have left threads of Dask
 
     def work(begin, end):
         if begin == 10:
@@ -84,15 +84,15 @@ def test_first_error_stops_the_work(threads, error):
     with thread_limit(threads), pytest.raises(error, match="range 10"):
         run_chunks(work, 100_000, 1)
     assert len(done) < 100_000
-    assert threading.active_count() == 1
+    assert threading.active_count() <= before
 
 
 @pytest.mark.parametrize("threads", [1, 2])
 def test_cancelling_stops_the_work(threads):
-    done = []
+    done, before = [], threading.active_count()
     progress = Progress(lambda fraction, text: len(done) < 50)
     with thread_limit(threads), pytest.raises(Cancelled):
         run_chunks(lambda begin, end: done.append(begin), 1_000_000, 1, progress=progress)
     assert len(done) < 1_000_000
     count = len(done)
-    assert threading.active_count() == 1 and len(done) == count
+    assert threading.active_count() <= before and len(done) == count
