@@ -48,3 +48,6 @@ def unregister() -> None:
     jobs.stop()
     for module in (warmup, menus, panel, operators, properties):
         module.unregister()
+    if __package__.startswith("bl_ext."):  # after an update the next start must find the new core
+        for name in [name for name in sys.modules if name.partition(".")[0] == "medialis"]:
+            del sys.modules[name]
