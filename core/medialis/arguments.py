@@ -89,6 +89,13 @@ def _add_operation(group: Any, chosen: Operation, run: Command) -> None:
     sub.add_argument(
         "--turntable", type=int, default=0, metavar="N", help="also draw N views all round"
     )
+    sub.add_argument(
+        "--host",
+        action="store_true",
+        help="write for a host program: layers in colours and fields on the file's own vertices, "
+        "no pictures, no NPZ",
+    )
+    sub.add_argument("--auxiliary", action="store_true", help="with --host: also write the samples")
     _add_progress(sub)
     sub.set_defaults(command=run, operation=chosen)
 

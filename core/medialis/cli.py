@@ -7,12 +7,15 @@ import io
 import json
 import logging
 import os
+import signal
 import sys
+import threading
 import time
-from collections.abc import Sequence
-from contextlib import suppress
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import asdict
 from pathlib import Path
+from types import FrameType
 from typing import Any
 
 from medialis.arguments import build_parser
@@ -31,11 +34,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit code."""
     _print_any_name()
     try:
-        options = build_parser(_run_operation, COMMANDS).parse_args(arguments)
-        _configure_log(options)
-        code: int = options.command(options)
-        sys.stdout.flush()
-        return code
+        with _ending_as_interrupt():
+            options = build_parser(_run_operation, COMMANDS).parse_args(arguments)
+            _configure_log(options)
+            code: int = options.command(options)
+            sys.stdout.flush()
+            return code
     except (KeyboardInterrupt, Cancelled):
         print("medialis: cancelled, nothing was written.", file=sys.stderr)
         return EXIT_CANCELLED
@@ -59,6 +63,24 @@ def _print_any_name() -> None:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper) and stream.errors == "strict":
             stream.reconfigure(errors="backslashreplace")
+
+
+@contextmanager
+def _ending_as_interrupt() -> Iterator[None]:
+    """Let a request to end (`kill`, a host that cancels) clean up as Ctrl-C does."""
+
+    def stop(number: int, frame: FrameType | None) -> None:
+        signal.signal(signal.SIGTERM, signal.SIG_IGN)  # a second one must not disturb the cleaning
+        raise KeyboardInterrupt
+
+    if threading.current_thread() is not threading.main_thread():  # others may set no handler
+        yield
+        return
+    before = signal.signal(signal.SIGTERM, stop)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
 def _drop_output() -> None:
@@ -106,7 +128,8 @@ def _run_operation(options: argparse.Namespace) -> int:
     as_whole_number(options.turntable, "turntable", low=0, high=10_000)
     output = options.output or Path(options.file).stem + "-medialis"
     manifest = _compute(chosen.name, options.file, output, given, options)
-    _report(manifest, options)
+    if not options.host:  # a host reads the manifest from the folder
+        _report(manifest, options)
     return EXIT_OK
 
 
@@ -121,6 +144,7 @@ def _number(text: str) -> float | str:
 def _compute(
     name: str, file: str | None, output: str, given: dict[str, Any], options: argparse.Namespace
 ) -> dict[str, Any]:
+    from medialis.operations.handover import write_for_host
     from medialis.operations.writing import write_result
     from medialis.shape.generate import organic_shape
     from medialis.shape.reading import read_shape
@@ -133,6 +157,12 @@ def _compute(
         result = run(
             name, shape, threads=getattr(options, "threads", None), progress=progress, **given
         )
+    source = "organic shape" if file is None else file
+    if getattr(options, "host", False):
+        with progress.stage("output", 0.7, 1.0):
+            return write_for_host(
+                result, shape, output, source=source, auxiliary=options.auxiliary, progress=progress
+            )
     texts = None
     if getattr(options, "report", False):
         from medialis.quality.report import report_texts
@@ -143,7 +173,7 @@ def _compute(
         manifest = write_result(
             result,
             output,
-            source="organic shape" if file is None else file,
+            source=source,
             picture=not getattr(options, "no_picture", False),
             color_by=getattr(options, "color_by", None),
             turntable=getattr(options, "turntable", 0),

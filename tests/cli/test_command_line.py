@@ -280,8 +280,9 @@ def test_help_and_list_load_no_compiled_code():
 
 
 @pytest.mark.skipif(os.name == "nt", reason="sends the interrupt signal of Unix")
-def test_interrupt_leaves_nothing_behind(creature, tmp_path):
-    """Ctrl-C while it works: exit code 130, one line, no file and no temporary folder."""
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_interrupt_leaves_nothing_behind(creature, tmp_path, number):
+    """Ctrl-C or kill while it works: exit code 130, one line, no file and no temporary folder."""
     flags = ["-o", "out", "--refine", "0.005", "--progress", "lines", "--turntable", "400"]
     child = subprocess.Popen(
         [sys.executable, "-m", "medialis", "surface-skeleton", str(creature), *flags],
@@ -296,7 +297,7 @@ def test_interrupt_leaves_nothing_behind(creature, tmp_path):
             break
     time.sleep(0.2)
     assert [p.name for p in tmp_path.iterdir()] != []  # it was writing
-    child.send_signal(signal.SIGINT)
+    child.send_signal(number)
     rest = child.stderr.read().splitlines()
     child.stderr.close()
     assert child.wait(timeout=60) == 130
