@@ -1,4 +1,4 @@
-"""What hosts that read files get: colours, fields on their own vertices, nothing they must compute."""
+"""What hosts that read files get: layers in colours, and fields on their own vertices."""
 
 import json
 
