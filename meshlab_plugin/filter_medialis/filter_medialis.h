@@ -1,0 +1,58 @@
+// The plugin: one filter for each operation of medialis, run by its command line.
+#pragma once
+
+#include "filter_entry.h"
+#include "meshlab_compat.h"
+
+#include <QObject>
+
+#include <map>
+
+class FilterMedialis : public QObject, public MEDIALIS_PLUGIN_CLASS {
+    Q_OBJECT
+#ifdef MEDIALIS_MESHLAB_2020
+    MESHLAB_PLUGIN_IID_EXPORTER(MEDIALIS_PLUGIN_IID)
+    Q_INTERFACES(MeshFilterInterface)
+#else
+    MESHLAB_PLUGIN_IID_EXPORTER(MEDIALIS_PLUGIN_IID)
+    Q_INTERFACES(FilterPlugin)
+#endif
+
+public:
+    FilterMedialis();
+
+    QString pluginName() const override { return "FilterMedialis"; }
+    QString filterName(FilterId id) const override;
+    QString filterInfo(FilterId id) const override;
+    FilterArity filterArity(FilterAction*) const override { return FIXED; }
+    int getPreConditions(FilterAction* action) const override;
+    // MeshLab asks after the filter has run.
+    int postCondition(FilterAction*) const override { return changed_; }
+
+#ifdef MEDIALIS_MESHLAB_2020
+    FilterClass getClass(FilterAction* action) override { return classOf(action); }
+    void initParameterSet(QAction* action, MeshDocument& document,
+                          RichParameterList& list) override;
+    bool applyFilter(QAction* action, MeshDocument& document, const RichParameterList& values,
+                     vcg::CallBackPos* progress) override;
+#else
+    QString vendor() const override { return "The medialis developers"; }
+    FilterClass getClass(FilterAction* action) const override { return classOf(action); }
+    RichParameterList initParameterList(FilterAction* action,
+                                        const MeshDocument& document) override;
+    std::map<std::string, QVariant> applyFilter(FilterAction* action,
+                                                const RichParameterList& values,
+                                                MeshDocument& document, unsigned int& changed,
+                                                vcg::CallBackPos* progress) override;
+#endif
+
+private:
+    using Values = std::map<std::string, QVariant>;
+
+    const FilterEntry& entry(FilterAction* action) const;
+    FilterClass classOf(FilterAction* action) const;
+    Values run(const FilterEntry& filter, const RichParameterList& values, MeshDocument& document,
+               vcg::CallBackPos* progress);
+
+    int changed_ = MeshModel::MM_NONE;
+};
