@@ -135,8 +135,7 @@ class MeshLab:
 def filter_script(operation: Operation, path: Path, values: Mapping[str, Any]) -> str:
     """A script of one filter with all parameters, as MeshLab saves it; lengths are absolute."""
     size = float(np.linalg.norm(np.ptp(medialis_points(path), axis=0)))
-    source = values.get("source", 0)
-    rows = [f'<Param type="RichMesh" name="source" value="{source}"/>']
+    rows = []
     for parameter in operation.parameters:
         value = values.get(parameter.name, parameter.default)
         kind = parameter.kind.value

@@ -23,7 +23,7 @@ LAYERS = [
     {"operations"},
     {"quality"},
     {"batches"},
-    {"arguments", "doctor", "cli", "__main__"},
+    {"arguments", "doctor", "meshlab_install", "cli", "__main__"},
 ]
 COMPUTE = """\
 import numpy as np

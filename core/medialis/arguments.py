@@ -54,6 +54,12 @@ def build_parser(run: Command, commands: Mapping[str, Command]) -> argparse.Argu
     _add_progress(warmup)
     doctor = add("doctor", "Say what is installed, what is missing, and how to get it.")
     doctor.add_argument("--json", action="store_true", help="print JSON (for programs)")
+    install = add("meshlab-install", "Put the built plugin where MeshLab looks.")
+    install.add_argument("--plugin", metavar="FILE", help="the plugin (default: built here)")
+    install.add_argument(
+        "--meshlab", metavar="FOLDER", help="MeshLab's folder of plugins (default: found)"
+    )
+    add("meshlab-doctor", "Say what the filters in MeshLab's menu have and what they miss.")
     demo = add("demo", "Compute the surface skeleton of a built-in shape, and of yours.")
     demo.add_argument("file", nargs="?", help="a mesh or point cloud of your own")
     demo.add_argument("-o", "--output", default="medialis-demo", help="output folder")

@@ -19,7 +19,7 @@
 
 namespace {
 
-const char SOURCE[] = "source", HIDE[] = "hide_source", AUXILIARY[] = "auxiliary_layers";
+const char HIDE[] = "hide_source", AUXILIARY[] = "auxiliary_layers";
 
 // While the child runs, MeshLab stays drawn but takes no input: Escape cancels, and nothing can
 // start a second filter inside this one or close the document under it.
@@ -71,9 +71,9 @@ private:
 };
 
 // Lengths of the command line are fractions of the diagonal; those of MeshLab are absolute.
-double diagonal(const MeshModel* model)
+double diagonal(const MeshModel& model)
 {
-    const double found = model ? double(model->cm.trBB().Diag()) : 0.0;
+    const double found = double(model.cm.trBB().Diag());
     return found > 0.0 && std::isfinite(found) ? found : 1.0;
 }
 
@@ -104,11 +104,9 @@ QStringList argumentsOf(const FilterEntry& filter, const RichParameterList& valu
     return arguments;
 }
 
-template <typename Document>
-void addParameters(const FilterEntry& filter, Document& document, RichParameterList& list)
+void addParameters(const FilterEntry& filter, const MeshModel& model, RichParameterList& list)
 {
-    const double size = diagonal(document.mm());
-    list.addParam(MEDIALIS_MESH_PARAMETER(SOURCE, document, "Shape", "The layer to compute from."));
+    const double size = diagonal(model);
     for (const ParameterEntry& p : filter.parameters) {
         switch (p.kind) {
         case Kind::Length:
@@ -144,16 +142,6 @@ void addParameters(const FilterEntry& filter, Document& document, RichParameterL
     list.addParam(RichBool(AUXILIARY, false, "Add the samples",
                            "Also add the surface as it was computed on; numbers of feature points "
                            "and sources are rows of this layer." MEDIALIS_ADVANCED(true)));
-}
-
-MeshModel* sourceOf(const RichParameterList& values, MeshDocument& document)
-{
-#ifdef MEDIALIS_MESHLAB_2023
-    return document.getMesh(values.getMeshId(SOURCE));
-#else
-    Q_UNUSED(document);
-    return values.getMesh(SOURCE);
-#endif
 }
 
 QJsonObject readManifest(const QDir& folder)
@@ -202,22 +190,19 @@ std::vector<NewLayer> readLayers(const QJsonObject& manifest, const QDir& folder
     return layers;
 }
 
-// Returns what has changed on the source.
+// The given layer stays the current one: Apply in the dialog can be pressed again. Returns what has
+// changed on it.
 int addLayers(const std::vector<NewLayer>& layers, MeshModel& source, MeshDocument& document)
 {
     int changed = MeshModel::MM_NONE;
-    MeshModel* first = nullptr;
     for (const NewLayer& layer : layers) {
         if (layer.onInput) {
             changed |= putFields(source, layer.content, layer.colorBy);
-            continue;
+        } else {
+            MeshModel* model = document.addNewMesh("", layer.name, false);
+            fillMesh(*model, layer.content, layer.colorBy);
         }
-        MeshModel* model = document.addNewMesh("", layer.name, false);
-        fillMesh(*model, layer.content, layer.colorBy);
-        first = first ? first : model;
     }
-    // The result to look at is the first layer: a new one, or the shape with its fields.
-    if (!layers.empty() && !layers.front().onInput) document.setCurrentMesh(first->id());
     return changed;
 }
 
@@ -261,7 +246,7 @@ FilterMedialis::Values FilterMedialis::run(const FilterEntry& filter,
                                            MeshDocument& document, vcg::CallBackPos* progress)
 {
     changed_ = MeshModel::MM_NONE;
-    MeshModel* source = sourceOf(values, document);
+    MeshModel* source = document.mm();
     if (!source) throw Problem("There is no layer to compute from: open a shape first.");
     if (source->cm.vn == 0)
         throw Problem("The layer " + source->label() + " has no points: choose another layer.");
@@ -273,7 +258,7 @@ FilterMedialis::Values FilterMedialis::run(const FilterEntry& filter,
     QStringList arguments = {filter.command, input, "--output", output, "--host", "--progress",
                              "lines"};
     if (values.getBool(AUXILIARY)) arguments << "--auxiliary";
-    arguments << argumentsOf(filter, values, diagonal(source));
+    arguments << argumentsOf(filter, values, diagonal(*source));
     std::vector<NewLayer> layers;
     QJsonObject manifest;
     try {
@@ -304,10 +289,9 @@ FilterMedialis::Values FilterMedialis::run(const FilterEntry& filter,
 }
 
 #ifdef MEDIALIS_MESHLAB_2020
-void FilterMedialis::initParameterSet(QAction* action, MeshDocument& document,
-                                      RichParameterList& list)
+void FilterMedialis::initParameterSet(QAction* action, MeshModel& model, RichParameterList& list)
 {
-    addParameters(entry(action), document, list);
+    addParameters(entry(action), model, list);
 }
 
 bool FilterMedialis::applyFilter(QAction* action, MeshDocument& document,
@@ -326,11 +310,10 @@ bool FilterMedialis::applyFilter(QAction* action, MeshDocument& document,
     }
 }
 #else
-RichParameterList FilterMedialis::initParameterList(FilterAction* action,
-                                                    const MeshDocument& document)
+RichParameterList FilterMedialis::initParameterList(FilterAction* action, const MeshModel& model)
 {
     RichParameterList list;
-    addParameters(entry(action), document, list);
+    addParameters(entry(action), model, list);
     return list;
 }
 

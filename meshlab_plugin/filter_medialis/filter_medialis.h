@@ -24,22 +24,20 @@ public:
     QString pluginName() const override { return "FilterMedialis"; }
     QString filterName(FilterId id) const override;
     QString filterInfo(FilterId id) const override;
-    FilterArity filterArity(FilterAction*) const override { return FIXED; }
+    FilterArity filterArity(FilterAction*) const override { return SINGLE_MESH; }
     int getPreConditions(FilterAction* action) const override;
     // MeshLab asks after the filter has run.
     int postCondition(FilterAction*) const override { return changed_; }
 
 #ifdef MEDIALIS_MESHLAB_2020
     FilterClass getClass(FilterAction* action) override { return classOf(action); }
-    void initParameterSet(QAction* action, MeshDocument& document,
-                          RichParameterList& list) override;
+    void initParameterSet(QAction* action, MeshModel& model, RichParameterList& list) override;
     bool applyFilter(QAction* action, MeshDocument& document, const RichParameterList& values,
                      vcg::CallBackPos* progress) override;
 #else
     QString vendor() const override { return "The medialis developers"; }
     FilterClass getClass(FilterAction* action) const override { return classOf(action); }
-    RichParameterList initParameterList(FilterAction* action,
-                                        const MeshDocument& document) override;
+    RichParameterList initParameterList(FilterAction* action, const MeshModel& model) override;
     std::map<std::string, QVariant> applyFilter(FilterAction* action,
                                                 const RichParameterList& values,
                                                 MeshDocument& document, unsigned int& changed,

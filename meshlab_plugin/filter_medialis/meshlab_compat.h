@@ -8,9 +8,6 @@
 using FilterId = MeshCommonInterface::FilterIDType;
 using FilterAction = QAction;
 using FilterArity = MeshFilterInterface::FILTER_ARITY;
-using RichFileOpen = RichOpenFile;
-#define MEDIALIS_MESH_PARAMETER(name, document, label, help) \
-    RichMesh(name, (document).mm(), &(document), label, help)
 #define MEDIALIS_ADVANCED(advanced)
 #define MEDIALIS_LOG Log
 #define MEDIALIS_UPDATE_NORMALS UpdateBoxAndNormals
@@ -24,15 +21,6 @@ using RichFileOpen = RichOpenFile;
 using FilterId = MeshLabPlugin::ActionIDType;
 using FilterAction = const QAction;
 using FilterArity = FilterPlugin::FilterArity;
-#ifdef MEDIALIS_MESHLAB_2023
-#define MEDIALIS_MESH_PARAMETER(name, document, label, help) \
-    RichMesh(name, (document).mm() ? (document).mm()->id() : 0, &(document), label, help)
-#else
-using RichFileOpen = RichOpenFile;
-#define MEDIALIS_MESH_PARAMETER(name, document, label, help) \
-    RichMesh(name, const_cast<MeshModel*>((document).mm()), \
-             const_cast<MeshDocument*>(&(document)), label, help)
-#endif
 #define MEDIALIS_ADVANCED(advanced) , advanced
 #define MEDIALIS_LOG log
 #define MEDIALIS_UPDATE_NORMALS updateBoxAndNormals
@@ -43,5 +31,6 @@ using RichLength = RichPercentage;
 inline void hide(MeshModel& model) { model.setVisible(false); }
 #else
 using RichLength = RichAbsPerc;
+using RichFileOpen = RichOpenFile;
 inline void hide(MeshModel& model) { model.visible = false; }
 #endif

@@ -1,5 +1,7 @@
 """The plugin in the real MeshLab 2020.09: every operation, by meshlabserver."""
 
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -36,12 +38,13 @@ def nothing_left(meshlab: MeshLab) -> bool:
 
 @pytest.mark.parametrize("entry", OPERATIONS, ids=lambda entry: entry.name)
 def test_every_operation_adds_its_layers(meshlab, creature, tmp_path, entry):
-    """The layer that the filter leaves as the current one is saved with scalars and colours."""
+    """The last layer is saved with scalars and colours; without a new one it is the shape."""
     out = tmp_path / "out.ply"
-    printed = meshlab.run([creature], entry, more=["-o", str(out), "-m", "vq", "vc"])
+    printed = meshlab.run([creature], entry, more=["-o", str(out), "-l", "x", "-m", "vq", "vc"])
     assert "Problem with filter" not in printed, printed
     result = medialis.run(entry.name, medialis.read_shape(creature))
-    layer = next((x for x in result.layers if not x.auxiliary), None)
+    layers = [layer for layer in result.layers if not layer.auxiliary]
+    layer = ([x for x in layers if not x.on_input] or layers or [None])[-1]
     found = read_ply_attributes(out)
     if layer is None:  # a picture or numbers only: the shape stays the current layer
         assert len(found.points) == len(read_mesh(creature).points)
@@ -60,5 +63,148 @@ def test_every_operation_adds_its_layers(meshlab, creature, tmp_path, entry):
     assert nothing_left(meshlab)
 
 
-def test_smoke(meshlab, creature, tmp_path):
-    print(meshlab.run([creature], operation("thickness"), {"kind": "radius"}))
+def test_values_are_logged_and_parameters_reach_the_core(meshlab, creature, tmp_path):
+    """Lengths of MeshLab are absolute, those of the core fractions; choices go by number."""
+    values = {"tolerance": 0.001, "side": "both", "subsample": 0.01}
+    printed = meshlab.run([creature], operation("surface_skeleton"), values)
+    result = medialis.run("surface_skeleton", medialis.read_shape(creature), **values)
+    assert f"skeleton_points: {result.values['skeleton_points']}" in printed
+    for message in result.messages:
+        assert message in printed
+
+
+def test_fields_lie_on_the_given_layer(meshlab, creature, tmp_path):
+    out = tmp_path / "out.ply"
+    meshlab.run(
+        [creature], operation("thickness"), more=["-o", str(out), "-l", "c", "-m", "vq", "vc"]
+    )
+    layer = medialis.run("thickness", medialis.read_shape(creature)).layers[0]
+    found = read_ply_attributes(out)
+    assert layer.on_input and len(found.faces) == len(layer.faces)
+    expected = layer.attributes["thickness"].astype(np.float32)
+    np.testing.assert_array_equal(found.attributes["quality"], expected)
+    colors = [found.attributes[name] for name in ("red", "green", "blue", "alpha")]
+    np.testing.assert_array_equal(np.stack(colors, axis=1), layer_colors(layer))
+
+
+def test_a_point_cloud_is_computed_with_its_normals(meshlab, tmp_path):
+    shape = medialis.organic_shape(56)
+    names = dict(zip(("nx", "ny", "nz"), shape.normals.T.astype(np.float32), strict=True))
+    cloud, out = tmp_path / "cloud.ply", tmp_path / "out.ply"
+    write_ply(cloud, shape.points.astype(np.float32), attributes=names)
+    meshlab.run([cloud], operation("surface_skeleton"), more=["-o", str(out), "-l", "x"])
+    expected = medialis.run("surface_skeleton", medialis.read_shape(cloud)).layers[0]
+    found = read_ply_attributes(out).points
+    # Another rounding of the normals of MeshLab moves a center by its radius times that.
+    assert found.shape == expected.points.shape
+    assert np.median(np.linalg.norm(found - expected.points, axis=1)) < 1e-5
+
+
+def test_the_current_layer_is_taken(meshlab, creature, tmp_path):
+    other = medialis.organic_shape(64)
+    path, out = tmp_path / "other.ply", tmp_path / "out.ply"
+    write_ply(path, other.points.astype(np.float32), faces=other.faces)
+    saved = ["-o", str(out), "-l", "x", "-m", "vq"]
+    meshlab.run([path, creature], operation("surface_skeleton"), more=saved)
+    expected = medialis.run("surface_skeleton", medialis.read_shape(creature)).layers[0]
+    np.testing.assert_allclose(read_ply_attributes(out).points, expected.points, rtol=0, atol=FLOAT)
+
+
+def failed(meshlab: MeshLab, shape: Path, out: Path, sentence: str, **more) -> None:
+    """The filter fails with the sentence; no result, no child's file is left."""
+    name = more.pop("name", "surface_skeleton")
+    printed = meshlab.run([shape], operation(name), more.pop("values", None),
+                          more=["-o", str(out)], **more)  # fmt: skip
+    assert sentence in printed and "Problem with filter" in printed, printed
+    assert not out.exists() and nothing_left(meshlab)
+
+
+def test_bad_input_is_the_sentence_of_the_core(meshlab, tmp_path):
+    plane = tmp_path / "fläche.ply"
+    x, y = np.meshgrid(np.arange(9.0), np.arange(9.0))
+    points = np.stack([x.ravel(), y.ravel(), 0 * x.ravel()], axis=1)
+    corner = np.arange(8)[:, None] * 9 + np.arange(8)
+    faces = np.stack([corner, corner + 1, corner + 10], axis=-1).reshape(-1, 3)
+    write_ply(plane, points, faces=faces)
+    failed(meshlab, plane, tmp_path / "out.ply", "the shape is flat")
+
+
+def test_a_value_out_of_range_is_one_sentence(meshlab, creature, tmp_path):
+    failed(meshlab, creature, tmp_path / "out.ply", "tolerance must be a number (from 0 to 0.1)",
+           values={"tolerance": 0.5})  # fmt: skip
+
+
+def test_operations_on_faces_refuse_clouds(meshlab, tmp_path):
+    cloud = tmp_path / "cloud.ply"
+    write_ply(cloud, medialis.organic_shape(64).points.astype(np.float32))
+    failed(meshlab, cloud, tmp_path / "out.ply", "needs a surface", name="skeleton_importance")
+
+
+def test_a_missing_program_says_how_to_get_it(meshlab, creature, tmp_path):
+    changed = {"MEDIALIS_PROGRAM": str(tmp_path / "none")}
+    sentence = "run 'medialis meshlab-install' from the Python environment that has it"
+    failed(meshlab, creature, tmp_path / "out.ply", sentence, environment=changed)
+    # Neither a variable, nor a note beside the plugin, nor a program on the path.
+    changed = {"MEDIALIS_PROGRAM": None, "PATH": str(tmp_path)}
+    failed(meshlab, creature, tmp_path / "out.ply", sentence, environment=changed)
+
+
+def test_a_python_without_medialis_says_so(meshlab, creature, tmp_path):
+    python = tmp_path / "python3"
+    python.write_text(f'#!/bin/sh\nexec "{sys.executable}" -S -I "$@"\n')  # no site-packages
+    python.chmod(0o755)
+    changed = {"MEDIALIS_PROGRAM": str(python)}
+    failed(meshlab, creature, tmp_path / "out.ply", "python3 has no medialis", environment=changed)
+
+
+def test_the_note_beside_the_plugin_names_the_program(meshlab, creature, tmp_path):
+    note = meshlab.folder / "plugins" / "medialis-program.txt"
+    note.write_text(meshlab.environment["MEDIALIS_PROGRAM"] + "\n", encoding="utf-8")
+    changed = {"MEDIALIS_PROGRAM": None, "PATH": "/nowhere"}
+    try:
+        printed = meshlab.run([creature], operation("surface_skeleton"), environment=changed)
+    finally:
+        note.unlink()
+    assert "skeleton_points: " in printed, printed
+
+
+def test_a_child_that_is_killed_or_crashes_is_one_sentence(meshlab, creature, tmp_path):
+    program = tmp_path / "medialis"
+    for body, sentence in (
+        ("kill -9 $$", "The medialis program was ended from outside; nothing was changed."),
+        ("echo 'Bad: <x>' >&2; exit 1", "The medialis program failed (exit code 1): Bad: <x>"),
+        ("exit 0", "The medialis program left no result."),
+    ):
+        program.write_text(f"#!/bin/sh\n{body}\n")
+        program.chmod(0o755)
+        changed = {"MEDIALIS_PROGRAM": str(program)}
+        failed(meshlab, creature, tmp_path / "out.ply", sentence, environment=changed)
+
+
+def test_broken_variables_of_the_host_do_not_reach_the_child(meshlab, creature):
+    changed = {
+        "PYTHONHOME": "/nonexistent",
+        "PYTHONPATH": "/nonexistent",
+        "LD_PRELOAD": "/nonexistent.so",
+    }
+    printed = meshlab.run([creature], operation("surface_skeleton"), environment=changed)
+    assert "skeleton_points: " in printed, printed
+
+
+def test_a_full_disk_in_the_temporary_folder_is_one_sentence(meshlab, creature, tmp_path):
+    """First too small for the layer that is handed over, then only for the result."""
+    small = tmp_path / "small"
+    small.mkdir()
+    size = creature.stat().st_size // 1024
+    for kilobytes, sentence in ((size // 2, "Cannot write the layer for medialis"),
+                                (size + size // 2, "no space left on device")):  # fmt: skip
+        mount = ["mount", "-t", "tmpfs", "-o", f"size={kilobytes}k", "tmpfs", str(small)]
+        if subprocess.run(mount, capture_output=True).returncode != 0:
+            pytest.skip("needs the right to mount a small disk")
+        try:
+            changed = {"TMPDIR": str(small)}
+            out = tmp_path / "out.ply"
+            failed(meshlab, creature, out, sentence, environment=changed)
+            assert list(small.iterdir()) == []
+        finally:
+            subprocess.run(["umount", str(small)], check=True)
