@@ -4,7 +4,7 @@
 #   meshlab_plugin/build.sh                     gets the source that the package was made from
 #   MESHLAB_SOURCE=folder meshlab_plugin/build.sh      takes one that is here
 # and leave it in build/plugin-2020.09, where `medialis meshlab-install` finds it. For another
-# MeshLab call CMake as in docs/meshlab_plugin.md. PYTHON names an interpreter that can import numpy.
+# MeshLab call CMake as in docs/meshlab.md. PYTHON names an interpreter that can import numpy.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 source=${MESHLAB_SOURCE:-$PWD/build/meshlab-src}

@@ -50,9 +50,7 @@ def need(program: str) -> str:
 def build_plugin(source: Path, libraries: Path, release: str, scalar: str) -> Path:
     """Build the plugin, or bring it up to date, for one MeshLab; the test skips without source."""
     if not (source / "src" / "common").is_dir():
-        pytest.skip(
-            f"needs MeshLab's source in {source}, see meshlab_plugin/filter_medialis/README.md"
-        )
+        pytest.skip(f"needs MeshLab's source in {source}, see docs/meshlab.md")
     for program in ("cmake", "c++", "make"):
         need(program)
     folder = PROJECT / "build" / f"plugin-{release}"
@@ -153,9 +151,8 @@ def filter_script(operation: Operation, path: Path, values: Mapping[str, Any]) -
             **{"int": "Int", "float": "Float", "angle": "Float"},
         }
         text = str(value).lower() if kind == "bool" else str(value)
-        rows.append(
-            f'<Param type="Rich{names[kind]}" name="{parameter.name}" value={quoteattr(text)}{more}/>'
-        )
+        about = f'type="Rich{names[kind]}" name="{parameter.name}" value={quoteattr(text)}{more}'
+        rows.append(f"<Param {about}/>")
     for name, default in (("hide_source", True), ("auxiliary_layers", False)):
         text = str(values.get(name, default)).lower()
         rows.append(f'<Param type="RichBool" name="{name}" value="{text}"/>')

@@ -274,7 +274,8 @@ FilterMedialis::Values FilterMedialis::run(const FilterEntry& filter,
         throw Problem(QString::fromUtf8(problem.what()).replace(input, source->label()));
     }
     changed_ = addLayers(layers, *source, document);
-    if (!layers.empty() && !layers.front().onInput && values.getBool(HIDE)) hide(*source);
+    if (!layers.empty() && !layers.front().onInput && values.getBool(HIDE))
+        document.setVisible(int(source->id()), false);
     for (const QJsonValue& message : manifest["messages"].toArray())
         MEDIALIS_LOG(message.toString().toStdString());
     Values result;

@@ -119,6 +119,8 @@ int fillMesh(MeshModel& model, const LayerFile& layer, const std::string& colorB
             mesh.edge[i].V(k) = &mesh.vert[size_t(layer.edges[i][k])];
     const int changed = putFields(model, layer, colorBy);
     model.MEDIALIS_UPDATE_NORMALS();
+    // Points and curves have no normals: lit by zeros they would be all but black.
+    if (layer.triangles.empty()) model.clearDataMask(MeshModel::MM_VERTNORMAL);
     return changed;
 }
 

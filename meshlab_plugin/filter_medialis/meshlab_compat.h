@@ -28,9 +28,7 @@ using FilterArity = FilterPlugin::FilterArity;
 
 #ifdef MEDIALIS_MESHLAB_2023
 using RichLength = RichPercentage;
-inline void hide(MeshModel& model) { model.setVisible(false); }
 #else
 using RichLength = RichAbsPerc;
 using RichFileOpen = RichOpenFile;
-inline void hide(MeshModel& model) { model.visible = false; }
 #endif

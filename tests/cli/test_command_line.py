@@ -305,6 +305,21 @@ def test_interrupt_leaves_nothing_behind(creature, tmp_path, number):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.skipif(os.name == "nt", reason="needs pipes as Unix has them")
+def test_a_child_whose_host_died_ends_and_leaves_nothing(creature, tmp_path):
+    """Nobody reads its progress any more: it stops at the next line, and writes no result."""
+    flags = ["-o", "out", "--refine", "0.005", "--host", "--progress", "lines"]
+    child = subprocess.Popen(
+        [sys.executable, "-m", "medialis", "surface-skeleton", str(creature), *flags],
+        cwd=tmp_path,
+        stderr=subprocess.PIPE,
+    )
+    assert child.stderr.readline().startswith(b"PROGRESS")
+    child.stderr.close()
+    child.wait(timeout=60)
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_a_closed_pipe_is_not_an_error():
     done = subprocess.run(
         f"{sys.executable} -m medialis describe --json | head -c 10 >/dev/null; echo ok",

@@ -116,7 +116,7 @@ def test_the_newest_built_plugin_is_found(machine, tmp_path):
 def test_a_folder_that_may_not_be_written_asks_for_an_administrator(machine, tmp_path):
     folder = system_folder(machine)
     folder.chmod(0o500)
-    with pytest.raises(medialis.FileError, match="permission denied; .*administrator"):
+    with pytest.raises(medialis.FileError, match=r"permission denied; .*administrator"):
         install(built(tmp_path / "build", "2020.09", "float"), machine=machine)
     assert list(folder.iterdir()) == []
 

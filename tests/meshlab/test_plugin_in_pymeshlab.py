@@ -12,11 +12,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from real_meshlab import NEW_SOURCE, PROJECT, build_plugin, medialis_program
 
 import medialis
 from medialis.io.ply_attributes import write_ply
 from medialis.operations.registry import OPERATIONS
+from real_meshlab import NEW_SOURCE, PROJECT, build_plugin, medialis_program
 
 SCRIPT = """
 import json, sys

@@ -6,13 +6,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from real_meshlab import MeshLab, make_meshlab, x_server
 
 import medialis
 from medialis.io.meshes import read_mesh
 from medialis.io.ply_attributes import read_ply_attributes, write_ply
 from medialis.operations.handover import layer_colors
 from medialis.operations.registry import OPERATIONS, operation
+from real_meshlab import MeshLab, make_meshlab, x_server
 
 FLOAT = 2e-7  # MeshLab 2020.09 holds single precision
 
