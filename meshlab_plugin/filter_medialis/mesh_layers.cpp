@@ -77,6 +77,8 @@ void writeMesh(const CMeshO& mesh, const QString& path)
     std::vector<int> number(mesh.vert.size(), -1);
     const bool cloud = mesh.fn == 0;
     const vcg::Matrix44d toWorld = vcg::Matrix44d::Construct(mesh.Tr);
+    // Normals go with the inverse transpose, which keeps them upright under any scaling.
+    const vcg::Matrix33d turn(vcg::Inverse(toWorld).transpose(), 3);
     bool directed = false;  // a cloud that was read without normals has zeros
     for (size_t i = 0; i < mesh.vert.size(); ++i) {
         if (mesh.vert[i].IsD()) continue;
@@ -84,10 +86,8 @@ void writeMesh(const CMeshO& mesh, const QString& path)
         const vcg::Point3d p = toWorld * vcg::Point3d::Construct(mesh.vert[i].cP());
         points.push_back({{p[0], p[1], p[2]}});
         if (!cloud) continue;
-        // Directions of normals turn with the rotation; MeshLab's layers are not sheared.
-        const vcg::Point3d n = vcg::Point3d::Construct(mesh.vert[i].cN());
-        const vcg::Point3d turned = toWorld * n - toWorld * vcg::Point3d(0, 0, 0);
-        normals.push_back({{turned[0], turned[1], turned[2]}});
+        const vcg::Point3d n = turn * vcg::Point3d::Construct(mesh.vert[i].cN());
+        normals.push_back({{n[0], n[1], n[2]}});
         directed = directed || n.SquaredNorm() > 0;
     }
     if (!directed) normals.clear();
