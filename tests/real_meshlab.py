@@ -6,7 +6,6 @@ folder with its plugins and ours, which is where these programs look first.
 
 from __future__ import annotations
 
-import fcntl
 import os
 import shutil
 import subprocess
@@ -53,6 +52,7 @@ def build_plugin(source: Path, libraries: Path, release: str, scalar: str) -> Pa
         pytest.skip(f"needs MeshLab's source in {source}, see docs/meshlab.md")
     for program in ("cmake", "c++", "make"):
         need(program)
+    fcntl = pytest.importorskip("fcntl", reason="needs file locks as Unix has them")
     folder = PROJECT / "build" / f"plugin-{release}"
     folder.mkdir(parents=True, exist_ok=True)
     with (folder / "lock").open("w") as lock:  # several test processes may want it at once

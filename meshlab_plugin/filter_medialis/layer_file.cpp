@@ -3,11 +3,13 @@
 #include <QFile>
 #include <QtEndian>
 
-#include <cstring>
+#include <limits>
 #include <map>
 #include <sstream>
 
 namespace {
+
+const int BLOCK = 1 << 22;
 
 struct Property {
     std::string type, name;
@@ -185,6 +187,9 @@ LayerFile readLayer(const QString& path)
     QFile file(path);
     if (!file.open(QIODevice::ReadOnly))
         throw Problem("Cannot read the result: " + file.errorString() + ".");
+    if (file.size() > std::numeric_limits<int>::max())
+        throw Problem("The result has more than 2 GB, which MeshLab's plugin cannot read; use the "
+                      "command line.");
     const QByteArray data = file.readAll();
     const Header header = readHeader(data);
     LayerFile layer;
@@ -225,8 +230,15 @@ void writeShape(const QString& path, const std::vector<std::array<double, 3>>& p
         data += "\nproperty list uchar int vertex_indices\n";
     }
     data += "end_header\n";
-    data.reserve(int(data.size() + 48 * points.size() + 13 * triangles.size()));
-    for (size_t i = 0; i < points.size(); ++i) {
+    QFile file(path);
+    bool good = file.open(QIODevice::WriteOnly);
+    // In blocks: one QByteArray holds at most 2 GB.
+    const auto flush = [&](int limit) {
+        if (data.size() < limit) return;
+        good = good && file.write(data) == data.size();
+        data.clear();
+    };
+    for (size_t i = 0; i < points.size(); ++i, flush(BLOCK)) {
         for (const double value : points[i]) appendNumber(data, value);
         if (!normals.empty())
             for (const double value : normals[i]) appendNumber(data, value);
@@ -234,9 +246,10 @@ void writeShape(const QString& path, const std::vector<std::array<double, 3>>& p
     for (const auto& triangle : triangles) {
         data.append(char(3));
         for (const int corner : triangle) appendNumber(data, qint32(corner));
+        flush(BLOCK);
     }
-    QFile file(path);
-    if (!file.open(QIODevice::WriteOnly) || file.write(data) != data.size() || !file.flush())
+    flush(0);
+    if (!good || !file.flush())
         throw Problem("Cannot write the layer for medialis to " + path + ": " +
                       file.errorString() + ".");
 }
