@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Build the plugin for the MeshLab 2020.09 of Debian and Ubuntu:
-#   apt install cmake g++ meshlab qtbase5-dev libqt5opengl5-dev libglew-dev libeigen3-dev dpkg-dev
+#   apt install cmake g++ meshlab qtbase5-dev libqt5opengl5-dev libglew-dev libeigen3-dev xz-utils
 #   meshlab_plugin/build.sh                     gets the source that the package was made from
 #   MESHLAB_SOURCE=folder meshlab_plugin/build.sh      takes one that is here
 # and leave it in build/plugin-2020.09, where `medialis meshlab-install` finds it. For another
