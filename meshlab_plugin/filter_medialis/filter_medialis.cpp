@@ -190,19 +190,24 @@ std::vector<NewLayer> readLayers(const QJsonObject& manifest, const QDir& folder
     return layers;
 }
 
-// The given layer stays the current one: Apply in the dialog can be pressed again. Returns what has
-// changed on it.
+// The given layer stays the current one: Apply in the dialog can be pressed again. New layers come
+// first, because they can be taken back when memory runs out. Returns what changed on the given one.
 int addLayers(const std::vector<NewLayer>& layers, MeshModel& source, MeshDocument& document)
 {
-    int changed = MeshModel::MM_NONE;
-    for (const NewLayer& layer : layers) {
-        if (layer.onInput) {
-            changed |= putFields(source, layer.content, layer.colorBy);
-        } else {
-            MeshModel* model = document.addNewMesh("", layer.name, false);
-            fillMesh(*model, layer.content, layer.colorBy);
+    std::vector<MeshModel*> added;
+    try {
+        for (const NewLayer& layer : layers) {
+            if (layer.onInput) continue;
+            added.push_back(document.addNewMesh("", layer.name, false));
+            fillMesh(*added.back(), layer.content, layer.colorBy);
         }
+    } catch (...) {
+        for (MeshModel* model : added) removeLayer(document, model);
+        throw;
     }
+    int changed = MeshModel::MM_NONE;
+    for (const NewLayer& layer : layers)
+        if (layer.onInput) changed |= putFields(source, layer.content, layer.colorBy);
     return changed;
 }
 

@@ -28,7 +28,9 @@ using FilterArity = FilterPlugin::FilterArity;
 
 #ifdef MEDIALIS_MESHLAB_2023
 using RichLength = RichPercentage;
+inline void removeLayer(MeshDocument& document, MeshModel* model) { document.delMesh(model->id()); }
 #else
 using RichLength = RichAbsPerc;
 using RichFileOpen = RichOpenFile;
+inline void removeLayer(MeshDocument& document, MeshModel* model) { document.delMesh(model); }
 #endif
