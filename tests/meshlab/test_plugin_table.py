@@ -5,9 +5,9 @@ import subprocess
 import sys
 
 import pytest
-from real_meshlab import PLUGIN
 
 from medialis.operations.registry import OPERATIONS
+from real_meshlab import PLUGIN
 
 ROW = r'^    \{"(?P<command>[a-z-]+)", "(?P<title>[^"]+)", "(?:[^"\\]|\\.)*", "(?P<verb>[a-z]+)",$'
 PARAMETER = r'^        \{"(?P<name>[a-z_]+)", Kind::(?P<kind>[A-Z][a-z]+), (?P<number>[^,]+), "'
