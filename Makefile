@@ -6,6 +6,8 @@
 # For work on the Blender extension:
 #   make hosts             environments with Blender as a module, 1 GB each; `make test` uses them
 #   make blender           the extension's zips for all platforms, in dist/blender
+# For the filters in MeshLab's menu (docs/meshlab.md says what it needs):
+#   make meshlab-plugin    the plugin for the MeshLab of this machine
 PYTHON ?= python3
 VENV ?= .venv
 RUN = $(VENV)/bin/python
@@ -18,7 +20,7 @@ CHECK_PYTHON = $(PYTHON) -c 'import sys; v = sys.version_info[:2]; \
 MAKE_VENV = $(RUN) -m pip --version >/dev/null 2>&1 \
 	|| { $(CHECK_PYTHON) && $(PYTHON) -m venv $(VENV); }
 
-.PHONY: demo test test-blender check hosts blender bench pictures clean
+.PHONY: demo test test-blender check hosts blender meshlab-plugin bench pictures clean
 
 # The stamps are older than pyproject.toml exactly when its dependencies may have changed.
 $(VENV)/installed: pyproject.toml
@@ -52,6 +54,9 @@ hosts:
 
 blender: $(VENV)/installed-dev
 	$(RUN) blender_addon/packaging/build_extension.py
+
+meshlab-plugin: $(VENV)/installed
+	PYTHON="$(CURDIR)/$(RUN)" meshlab_plugin/build.sh
 
 check: $(VENV)/installed-dev
 	$(RUN) -m ruff check .
