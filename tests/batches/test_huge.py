@@ -47,7 +47,7 @@ def test_files_as_input_and_a_cluster_of_two_workers(sampled, tmp_path, monkeypa
     monkeypatch.setattr(huge, "CHUNKS_A_JOB", 2)
     for name, values in zip(("points", "normals"), sampled, strict=True):
         np.save(tmp_path / f"{name}.npy", values)
-    with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as local:
+    with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address="127.0.0.1:0") as local:
         cloud = medialis.huge_surface_skeleton(
             tmp_path / "points.npy",
             tmp_path / "normals.npy",

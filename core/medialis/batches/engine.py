@@ -138,7 +138,7 @@ def cluster(workers: int, scheduler: str | None) -> Iterator[tuple[Any, int]]:
                 threads_per_worker=1,
                 processes=True,
                 memory_limit=0,
-                dashboard_address=None,
+                dashboard_address="127.0.0.1:0",
                 silence_logs=logging.CRITICAL,
             ) as local,
             Client(local, set_as_default=False) as client,
