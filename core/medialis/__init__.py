@@ -23,6 +23,7 @@ from medialis.features.feature_transform import (
 )
 from medialis.features.thickness import thickness
 from medialis.features.thin_spots import ThinSpot, thin_spots
+from medialis.model.curve_skeleton import CurveSkeleton
 from medialis.model.diagnosis import Diagnosis
 from medialis.model.geodesic_paths import GeodesicPaths, PathStatus
 from medialis.model.medial_cloud import BallStatus, MedialCloud
@@ -64,6 +65,7 @@ __all__ = [
     "OPERATIONS",
     "BallStatus",
     "Cancelled",
+    "CurveSkeleton",
     "Diagnosis",
     "FileError",
     "Geodesic",

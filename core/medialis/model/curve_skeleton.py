@@ -1,0 +1,284 @@
+"""CurveSkeleton: a curve skeleton as a graph of nodes, edges and branches (thesis 3.6)."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from medialis.errors import InvalidShapeError
+from medialis.validation import FloatArray, IntArray, frozen
+
+
+@dataclass(frozen=True, eq=False)
+class CurveSkeleton:
+    """A graph of points along the middle of a shape; loops are kept.
+
+    A branch is a chain of edges between two nodes that are not of degree 2, or a closed chain. Use
+    `of` to have the branches found.
+
+    Attributes
+    ----------
+    nodes : (v, 3) float64
+        Positions in the units of the shape.
+    edges : (e, 2) int32
+        Pairs of different nodes, no pair twice.
+    radii : (v,) float64
+        Radius of the ball round each node, same units.
+    importance : (v,) float64
+        How much of the surface hangs on the skeleton here (the mu of the thesis, an area, for
+        skeletons from the surface skeleton); NaN where it was not measured.
+    branch : (e,) int32
+        Branch of each edge, 0, 1, ...
+    vertex_node : (n,) int32 or None
+        Node of each vertex of the surface; -1: none.
+    vertex_branch : (n,) int32 or None
+        Branch of each vertex of the surface; -1: none (also where the skeleton is one point).
+
+    Raises
+    ------
+    InvalidShapeError
+        When the arrays do not fit together, or an edge is no pair of two nodes or comes twice.
+
+    Examples
+    --------
+    >>> import medialis
+    >>> points = [[0, 0, 0], [1, 0, 0], [2, 1, 0], [2, -1, 0]]
+    >>> fork = medialis.CurveSkeleton.of(points, [[0, 1], [1, 2], [1, 3]], [1, 1, 1, 1])
+    >>> fork.branch.tolist(), fork.junctions.tolist(), fork.end_points.tolist(), fork.loops
+    ([0, 1, 2], [1], [0, 2, 3], 0)
+    """
+
+    nodes: FloatArray
+    edges: IntArray
+    radii: FloatArray
+    importance: FloatArray
+    branch: IntArray
+    vertex_node: IntArray | None = None
+    vertex_branch: IntArray | None = None
+
+    def __post_init__(self) -> None:
+        v, e = len(self.nodes), len(self.edges)
+        for name, dtype, shape in (
+            ("nodes", np.float64, (v, 3)),
+            ("edges", np.int32, (e, 2)),
+            ("radii", np.float64, (v,)),
+            ("importance", np.float64, (v,)),
+            ("branch", np.int32, (e,)),
+        ):
+            value = np.asarray(getattr(self, name))
+            if value.shape != shape:
+                raise InvalidShapeError(f"{name} must have shape {shape}, got {value.shape}.")
+            object.__setattr__(self, name, frozen(value, dtype))
+        _check_edges(self.edges, v)
+        branches = int(self.branch.max(initial=-1)) + 1
+        for name, count in (("vertex_node", v), ("vertex_branch", branches)):
+            given = getattr(self, name)
+            if given is None:
+                continue
+            value = np.asarray(given)
+            if value.ndim != 1 or (len(value) and not -1 <= value.min() <= value.max() < count):
+                raise InvalidShapeError(
+                    f"{name} must be a row of numbers from -1 to {count - 1}, got {value.shape}."
+                )
+            object.__setattr__(self, name, frozen(value, np.int32))
+
+    @classmethod
+    def of(
+        cls,
+        nodes: ArrayLike,
+        edges: ArrayLike,
+        radii: ArrayLike,
+        *,
+        importance: ArrayLike | None = None,
+        vertex_node: ArrayLike | None = None,
+    ) -> CurveSkeleton:
+        """Find the branches of a graph and return it as a curve skeleton.
+
+        Parameters
+        ----------
+        nodes : (v, 3) float
+        edges : (e, 2) int
+            Undirected.
+        radii : (v,) float
+        importance : (v,) float, optional
+            NaN when missing.
+        vertex_node : (n,) int, optional
+            Node of each vertex of the surface. Its branch is the one that the node lies on; at a
+            junction the lowest one.
+
+        Raises
+        ------
+        InvalidShapeError
+            As the class.
+        """
+        points = np.asarray(nodes, np.float64).reshape(-1, 3)
+        pairs = np.asarray(edges, np.int32).reshape(-1, 2)
+        _check_edges(pairs, len(points))
+        branch = _branch_of_edges(pairs, len(points))
+        measured = np.full(len(points), np.nan) if importance is None else np.asarray(importance)
+        node = branch_of_vertex = None
+        if vertex_node is not None:
+            node = np.asarray(vertex_node, np.int32)
+            # One more row: the node -1 has the branch -1.
+            of_node = np.full(len(points) + 1, np.iinfo(np.int32).max, np.int32)
+            np.minimum.at(of_node, pairs.ravel(), np.repeat(branch, 2))
+            of_node[of_node == np.iinfo(np.int32).max] = -1
+            branch_of_vertex = of_node[node]
+        return cls(
+            points, pairs, np.asarray(radii, np.float64), measured, branch, node, branch_of_vertex
+        )
+
+    @cached_property
+    def degrees(self) -> IntArray:
+        """Number of edges at each node, (v,)."""
+        return frozen(np.bincount(self.edges.ravel(), minlength=len(self.nodes)), np.int32)
+
+    @property
+    def junctions(self) -> IntArray:
+        """Nodes where three or more edges meet."""
+        return frozen(np.flatnonzero(self.degrees >= 3), np.int32)
+
+    @property
+    def end_points(self) -> IntArray:
+        """Nodes with one edge."""
+        return frozen(np.flatnonzero(self.degrees == 1), np.int32)
+
+    @property
+    def branch_count(self) -> int:
+        """Number of branches b."""
+        return int(self.branch.max(initial=-1)) + 1
+
+    @cached_property
+    def branches(self) -> tuple[IntArray, ...]:
+        """Nodes along each branch, from end to end; a closed branch ends with its first node."""
+        order = np.argsort(self.branch, kind="stable")
+        starts = np.searchsorted(self.branch[order], np.arange(self.branch_count + 1))
+        return tuple(
+            frozen(np.array(_in_sequence(self.edges[order[a:b]], self.degrees)), np.int32)
+            for a, b in itertools.pairwise(starts)
+        )
+
+    @cached_property
+    def components(self) -> IntArray:
+        """Connected component of each node, (v,), numbered by their lowest node."""
+        from scipy.sparse import coo_array
+        from scipy.sparse.csgraph import connected_components
+
+        v = len(self.nodes)
+        if v == 0:
+            return frozen(np.empty(0), np.int32)
+        a, b = self.edges.T
+        graph = coo_array((np.ones(len(a), np.int8), (a, b)), shape=(v, v))
+        return frozen(connected_components(graph, directed=False)[1], np.int32)
+
+    @property
+    def component_count(self) -> int:
+        """Number of connected components."""
+        return int(self.components.max(initial=-1)) + 1
+
+    @property
+    def loops(self) -> int:
+        """Number of independent loops: edges - nodes + components (the first Betti number)."""
+        return len(self.edges) - len(self.nodes) + self.component_count
+
+    @cached_property
+    def edge_lengths(self) -> FloatArray:
+        """Length of each edge, (e,)."""
+        a, b = self.edges.T
+        return frozen(np.linalg.norm(self.nodes[a] - self.nodes[b], axis=1), np.float64)
+
+    @cached_property
+    def branch_lengths(self) -> FloatArray:
+        """Length of each branch, (b,)."""
+        total = np.bincount(self.branch, self.edge_lengths, minlength=self.branch_count)
+        return frozen(total, np.float64)
+
+    @property
+    def length(self) -> float:
+        """Length of all edges."""
+        return float(self.edge_lengths.sum())
+
+    @cached_property
+    def tortuosity(self) -> FloatArray:
+        """Length of each branch over the distance of its ends, (b,): 1 straight, inf closed."""
+        chord = np.array(
+            [np.linalg.norm(self.nodes[row[-1]] - self.nodes[row[0]]) for row in self.branches]
+        )
+        result = np.full(self.branch_count, np.inf)
+        np.divide(self.branch_lengths, chord, out=result, where=chord > 0)
+        return frozen(result, np.float64)
+
+    @cached_property
+    def mean_radii(self) -> FloatArray:
+        """Mean radius along each branch, (b,), by length."""
+        a, b = self.edges.T
+        middle = (self.radii[a] + self.radii[b]) / 2
+        total = np.bincount(self.branch, middle * self.edge_lengths, minlength=self.branch_count)
+        count = np.bincount(self.branch, minlength=self.branch_count)
+        plain = np.bincount(self.branch, middle, minlength=self.branch_count) / count
+        length = self.branch_lengths
+        return frozen(np.where(length > 0, total / np.where(length > 0, length, 1), plain), float)
+
+    def surface_part(self, branch: int) -> IntArray:
+        """Return the vertices of the surface that belong to a branch.
+
+        Raises
+        ------
+        InvalidShapeError
+            When the skeleton has no map from the surface.
+        """
+        if self.vertex_branch is None:
+            raise InvalidShapeError("This curve skeleton has no map from a surface to branches.")
+        return frozen(np.flatnonzero(self.vertex_branch == branch), np.int32)
+
+
+def _check_edges(edges: IntArray, count: int) -> None:
+    if len(edges) == 0:
+        return
+    if edges.min() < 0 or edges.max() >= count:
+        raise InvalidShapeError(
+            f"Edges must name nodes 0..{count - 1}, got {edges.min()}..{edges.max()}."
+        )
+    if (edges[:, 0] == edges[:, 1]).any():
+        row = int((edges[:, 0] == edges[:, 1]).argmax())
+        raise InvalidShapeError(f"An edge must join two nodes; edge {row} joins one with itself.")
+    low, high = edges.min(axis=1).astype(np.int64), edges.max(axis=1)
+    if len(np.unique(low * count + high)) < len(edges):
+        raise InvalidShapeError("An edge must not come twice: merge equal edges first.")
+
+
+def _branch_of_edges(edges: IntArray, count: int) -> IntArray:
+    """Join edges that meet at a node of degree 2 into chains, numbered by their lowest edge."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    e = len(edges)
+    if e == 0:
+        return np.empty(0, np.int32)
+    ends = edges.ravel()
+    order = np.argsort(ends, kind="stable")
+    degree = np.bincount(ends, minlength=count)
+    first = np.cumsum(degree) - degree
+    at = first[degree == 2]
+    a, b = order[at] // 2, order[at + 1] // 2
+    graph = coo_array((np.ones(len(a), np.int8), (a, b)), shape=(e, e))
+    return np.asarray(connected_components(graph, directed=False)[1], np.int32)
+
+
+def _in_sequence(edges: IntArray, degrees: IntArray) -> list[int]:
+    """Nodes along a chain of edges; from the lower end, a closed chain from its junction if any."""
+    at: dict[int, list[int]] = {}
+    for a, b in edges.tolist():
+        at.setdefault(a, []).append(b)
+        at.setdefault(b, []).append(a)
+    here = min((node for node in at if degrees[node] != 2), default=min(at))
+    sequence, before = [here], -1
+    for _ in range(len(edges)):
+        near = at[here]
+        before, here = here, near[0] if near[0] != before or len(near) == 1 else near[1]
+        sequence.append(here)
+    return sequence
