@@ -19,6 +19,7 @@ LAYERS = [
     {"surface_skeletons"},
     {"regularization"},
     {"features"},
+    {"curve_skeletons"},
     {"render"},
     {"operations"},
     {"quality"},

@@ -9,6 +9,14 @@ The public names; importing them loads no compiled code, that happens at the fir
 
 from medialis.batches.batch import batch
 from medialis.batches.huge import huge_surface_skeleton, open_medial_cloud
+from medialis.curve_skeletons.area import area_importance
+from medialis.curve_skeletons.candidates import (
+    CandidateMeasure,
+    candidate_measure,
+    tangent_field,
+)
+from medialis.curve_skeletons.curve_skeleton import curve_skeleton
+from medialis.curve_skeletons.simplification import simplify_branches
 from medialis.errors import (
     Cancelled,
     FileError,
@@ -65,6 +73,7 @@ __all__ = [
     "OPERATIONS",
     "BallStatus",
     "Cancelled",
+    "CandidateMeasure",
     "CurveSkeleton",
     "Diagnosis",
     "FileError",
@@ -83,8 +92,11 @@ __all__ = [
     "Shape",
     "SkeletonMesh",
     "ThinSpot",
+    "area_importance",
     "batch",
+    "candidate_measure",
     "connected_importance",
+    "curve_skeleton",
     "diagnose",
     "draw_result",
     "estimate_normals",
@@ -108,9 +120,11 @@ __all__ = [
     "refine",
     "repair",
     "run",
+    "simplify_branches",
     "skeleton_mesh",
     "surface_of_cloud",
     "surface_skeleton",
+    "tangent_field",
     "thickness",
     "thin_spots",
     "thread_count",

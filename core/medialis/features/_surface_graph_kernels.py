@@ -10,6 +10,7 @@ import math
 
 import numpy as np
 
+from medialis._kernels.heap_kernels import pop, push
 from medialis._kernels.jit import kernel
 from medialis._kernels.union_find_kernels import find_root
 
@@ -63,48 +64,6 @@ def drop_repeats(offsets, neighbours):
 
 
 @kernel
-def _before(keys, names, a, b):
-    return keys[a] < keys[b] or (keys[a] == keys[b] and names[a] < names[b])
-
-
-@kernel
-def _swap(keys, names, a, b):
-    keys[a], keys[b] = keys[b], keys[a]
-    names[a], names[b] = names[b], names[a]
-
-
-@kernel
-def _push(keys, names, size, key, name):
-    keys[size], names[size] = key, name
-    child = size
-    while child > 0:
-        parent = (child - 1) // 2
-        if not _before(keys, names, child, parent):
-            break
-        _swap(keys, names, child, parent)
-        child = parent
-    return size + 1
-
-
-@kernel
-def _pop(keys, names, size):
-    """Move the smallest entry to the end of the heap, which loses it; return the new size."""
-    size -= 1
-    _swap(keys, names, 0, size)
-    parent = 0
-    while True:
-        child = 2 * parent + 1
-        if child >= size:
-            return size
-        if child + 1 < size and _before(keys, names, child + 1, child):
-            child += 1
-        if not _before(keys, names, child, parent):
-            return size
-        _swap(keys, names, child, parent)
-        parent = child
-
-
-@kernel
 def spread_from_seeds(points, offsets, neighbours, keys, names, out_distance, out_seed):
     """Dijkstra's search from all seeds at once: the nearest seed along edges, and its distance.
 
@@ -116,9 +75,9 @@ def spread_from_seeds(points, offsets, neighbours, keys, names, out_distance, ou
     size = 0
     for v in range(len(out_seed)):
         if out_seed[v] >= 0 and offsets[v + 1] > offsets[v]:
-            size = _push(keys, names, size, 0.0, v)
+            size = push(keys, names, size, 0.0, v)
     while size > 0:
-        size = _pop(keys, names, size)
+        size = pop(keys, names, size)
         distance, v = keys[size], names[size]
         if distance > out_distance[v]:
             continue  # a shorter way was found since
@@ -130,7 +89,7 @@ def spread_from_seeds(points, offsets, neighbours, keys, names, out_distance, ou
             reach = distance + math.sqrt(x * x + y * y + z * z)
             if reach < out_distance[w]:
                 out_distance[w], out_seed[w] = reach, out_seed[v]
-                size = _push(keys, names, size, reach, w)
+                size = push(keys, names, size, reach, w)
             elif reach == out_distance[w] and out_seed[v] < out_seed[w]:
                 out_seed[w] = out_seed[v]
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -108,7 +108,7 @@ class CurveSkeleton:
             NaN when missing.
         vertex_node : (n,) int, optional
             Node of each vertex of the surface. Its branch is the one that the node lies on; at a
-            junction the lowest one.
+            junction the thickest one.
 
         Raises
         ------
@@ -120,17 +120,15 @@ class CurveSkeleton:
         _check_edges(pairs, len(points))
         branch = _branch_of_edges(pairs, len(points))
         measured = np.full(len(points), np.nan) if importance is None else np.asarray(importance)
-        node = branch_of_vertex = None
-        if vertex_node is not None:
-            node = np.asarray(vertex_node, np.int32)
-            # One more row: the node -1 has the branch -1.
-            of_node = np.full(len(points) + 1, np.iinfo(np.int32).max, np.int32)
-            np.minimum.at(of_node, pairs.ravel(), np.repeat(branch, 2))
-            of_node[of_node == np.iinfo(np.int32).max] = -1
-            branch_of_vertex = of_node[node]
-        return cls(
-            points, pairs, np.asarray(radii, np.float64), measured, branch, node, branch_of_vertex
-        )
+        bare = cls(points, pairs, np.asarray(radii, np.float64), measured, branch)
+        if vertex_node is None:
+            return bare
+        node = np.asarray(vertex_node, np.int32)
+        # Written from the thinnest to the thickest, so that the thickest remains.
+        of_node = np.full(len(points) + 1, -1, np.int32)  # one more row: the branch of node -1
+        for number in np.argsort(bare.mean_radii, kind="stable").tolist():
+            of_node[bare.branches[number]] = number
+        return replace(bare, vertex_node=node, vertex_branch=of_node[node])
 
     @cached_property
     def degrees(self) -> IntArray:

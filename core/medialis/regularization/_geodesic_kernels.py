@@ -30,7 +30,7 @@ FIRST_LIMIT = 1.7  # times the straight line; a half circle has pi / 2
 
 
 @kernel
-def _trace(
+def trace_plane(
     points, corners, twins, h, x, y, z, length, normal, offset, start, end, best, out_line, out
 ):  # fmt: skip
     """Walk along a plane from half-edge h, which the path leaves through at (x, y, z).
@@ -84,7 +84,7 @@ def _trace(
 
 
 @kernel
-def _way_out(points, corners, h, normal, offset):
+def way_out(points, corners, h, normal, offset):
     """Where a plane through the vertex that half-edge h leaves cuts the side across.
 
     Returns the half-edge of that side, -1 when it is not cut, and the point.
@@ -118,11 +118,11 @@ def _shortest_on_plane(
     last = np.empty(3)
     dropped = False
     for i in range(fan_offsets[start], fan_offsets[start + 1]):
-        across, x, y, z = _way_out(points, corners, fan[i], normal, offset)
+        across, x, y, z = way_out(points, corners, fan[i], normal, offset)
         if across < 0:
             continue
         first = math.sqrt((x - sx) ** 2 + (y - sy) ** 2 + (z - sz) ** 2)
-        length, count = _trace(
+        length, count = trace_plane(
             points, corners, twins, across, x, y, z, first, normal, offset, start, end, best,
             nothing, last,
         )  # fmt: skip
@@ -312,11 +312,11 @@ def record_path(points, corners, twins, fan_offsets, fan, start, end, normal, ou
     )
     offset = _dot(normal, points[start])
     for i in range(fan_offsets[start], fan_offsets[start + 1]):
-        across, x, y, z = _way_out(points, corners, fan[i], normal, offset)
+        across, x, y, z = way_out(points, corners, fan[i], normal, offset)
         if across < 0:
             continue
         if x == first[0] and y == first[1] and z == first[2]:
-            _, count = _trace(
+            _, count = trace_plane(
                 points, corners, twins, across, x, y, z, 0.0, normal, offset, start, end, np.inf,
                 out_line, last,
             )  # fmt: skip

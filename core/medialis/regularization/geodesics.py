@@ -174,6 +174,20 @@ def _polyline(
     return Geodesic(frozen(points, np.float64), float(out["length"][row]), status)
 
 
+def surface_walk(shape: Shape) -> tuple[NDArray[Any], ...]:
+    """Return the arrays that kernels need to walk over a mesh.
+
+    Points, corners (3m,), half-edge twins (3m,), and the half-edges that leave each vertex as
+    offsets (n + 1,) and a list (3m,).
+
+    Raises
+    ------
+    InvalidShapeError
+        When the shape has no faces.
+    """
+    return _Walk(shape).arrays
+
+
 class _Walk:
     """The arrays that walking needs; half-edge 3 f + j leaves corner j of face f."""
 

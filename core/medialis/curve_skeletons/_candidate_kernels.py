@@ -1,0 +1,91 @@
+"""Kernels of the candidate measure of curve-skeleton points (thesis 3.6.1; see candidates.py)."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from medialis._kernels.jit import kernel
+
+TINY = 1e-12
+
+
+@kernel
+def project_tangents(
+    begin, stop, points, features, rows, starts, ends, out_tangent, out_feature
+):  # fmt: skip
+    """Tangent t and unit feature vector F of the balls rows[begin..stop] (Eq. 3.2).
+
+    Both tangents of the geodesic are taken pointing away from the ball: t_s as it leaves f1, and
+    -t_e, the way back from f2. Their sum without its part along F points to where the geodesic
+    runs; it is zero where they cancel.
+    """
+    for i in range(begin, stop):
+        row = rows[i]
+        a, b = features[row, 0], features[row, 1]
+        size = 0.0
+        for k in range(3):
+            out_feature[i, k] = points[a, k] - points[b, k]
+            size += out_feature[i, k] ** 2
+        size = math.sqrt(size)
+        along = 0.0
+        for k in range(3):
+            out_feature[i, k] = out_feature[i, k] / size if size > 0.0 else 0.0
+            out_tangent[i, k] = starts[row, k] - ends[row, k]
+            along += out_feature[i, k] * out_tangent[i, k]
+        size = 0.0
+        for k in range(3):
+            out_tangent[i, k] -= along * out_feature[i, k]
+            size += out_tangent[i, k] ** 2
+        size = math.sqrt(size)
+        for k in range(3):
+            out_tangent[i, k] = out_tangent[i, k] / size if size > TINY else 0.0
+
+
+@kernel
+def median_of(values):
+    """Median of a few values, which are sorted in place."""
+    k = len(values)
+    for i in range(1, k):
+        value = values[i]
+        j = i - 1
+        while j >= 0 and values[j] > value:
+            values[j + 1] = values[j]
+            j -= 1
+        values[j + 1] = value
+    if k % 2:
+        return values[k // 2]
+    return (values[k // 2 - 1] + values[k // 2]) / 2
+
+
+@kernel
+def measure_spread(
+    begin, stop, near, distance, length, tangent, feature, smallest, out_spread
+):  # fmt: skip
+    """1 minus the length of the mean tangent of the neighbours: I / rho (thesis 3.6.1).
+
+    Tangents that all point the same way give 0, tangents that point to opposite sides give 1. The
+    weights are those of the thesis; a point with no neighbour of any weight gets 0.
+    """
+    reach = np.empty(near.shape[1])
+    for i in range(begin, stop):
+        for c in range(len(reach)):
+            reach[c] = distance[i, c]
+        sigma = max(median_of(reach), smallest)
+        total, x, y, z = 0.0, 0.0, 0.0, 0.0
+        for c in range(near.shape[1]):
+            j = near[i, c]
+            same = 0.0
+            for k in range(3):
+                same += feature[i, k] * feature[j, k]
+            change = (length[i] - length[j]) / sigma
+            away = distance[i, c] / sigma
+            weight = abs(same) * math.exp(-0.5 * (change * change + away * away))
+            total += weight
+            x += weight * tangent[j, 0]
+            y += weight * tangent[j, 1]
+            z += weight * tangent[j, 2]
+        out_spread[i] = 0.0
+        if total > TINY:
+            out_spread[i] = max(0.0, 1.0 - math.sqrt(x * x + y * y + z * z) / total)

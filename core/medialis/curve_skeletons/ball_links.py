@@ -1,0 +1,114 @@
+"""Links between balls: the graph along which a curve skeleton runs (thesis 3.6.3).
+
+A link between two balls stays inside the shape when each center lies in the other ball, or at least
+when the balls overlap. So a graph of such links leads along the surface skeleton only.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from medialis.validation import FloatArray, frozen
+
+OFF_CURVE = 20.0
+"""Times what a link costs on the curve skeleton that one far from it costs."""
+
+OVERLAP_ONLY, APART = 10.0, 1000.0
+"""Factors of the cost where a center lies outside the other ball, and where the balls are apart:
+last resorts that keep the graph in one piece."""
+
+
+@dataclass(frozen=True, eq=False)
+class BallLinks:
+    """Balls and the links between them; row i of any array belongs to ball i.
+
+    Attributes
+    ----------
+    centers : (k, 3) float64
+    radii : (k,) float64
+    offsets : (k + 1,) int64
+        Links of ball i are numbers offsets[i] to offsets[i + 1]; each is listed from both ends.
+    neighbours : (l,) int32
+        The other end.
+    length : (l,) float64
+        Distance of the centers.
+    cost : (l,) float64
+        What a way along the link costs: low near the curve skeleton.
+    """
+
+    centers: FloatArray
+    radii: FloatArray
+    offsets: NDArray[np.int64]
+    neighbours: NDArray[np.int32]
+    length: FloatArray
+    cost: FloatArray
+
+    def __len__(self) -> int:
+        return len(self.radii)
+
+
+def link_balls(
+    centers: FloatArray,
+    radii: FloatArray,
+    closeness: FloatArray,
+    near: NDArray[np.int64],
+    needed: NDArray[np.int64],
+    *,
+    spacing: float,
+) -> BallLinks:
+    """Link balls and give each link a cost.
+
+    Parameters
+    ----------
+    centers : (k, 3) float64
+    radii : (k,) float64
+    closeness : (k,) float64
+        1 on the curve skeleton, 0 far from it.
+    near : (a, 2) int
+        Pairs that may be linked: used where each center lies in the other ball.
+    needed : (b, 2) int
+        Pairs that are linked in any case, for the graph to hang together.
+    spacing : float
+        Typical distance of neighbouring balls; a longer link costs more for its length.
+
+    Returns
+    -------
+    BallLinks
+    """
+    k = len(radii)
+    pairs = np.sort(np.concatenate([near, needed]).astype(np.int64), axis=1)
+    wanted = np.arange(len(pairs)) >= len(near)
+    key = pairs[:, 0] * k + pairs[:, 1]
+    reach, smaller, both = _measure(centers, radii, pairs)
+    use = (pairs[:, 0] != pairs[:, 1]) & (wanted | (reach < smaller))
+    key = np.sort(key[use])
+    key = key[np.r_[True, key[1:] != key[:-1]][: len(key)]]
+    low, high = np.divmod(key, k)
+    reach, smaller, both = _measure(centers, radii, np.stack([low, high], axis=1))
+    density = 1 / (1 / OFF_CURVE + closeness)
+    cost = reach * (1 + reach / spacing) * (density[low] + density[high]) / 2
+    cost *= np.where(reach < smaller, 1.0, np.where(reach < both, OVERLAP_ONLY, APART))
+    cost += 1e-9 * spacing  # coincident centers: the way with fewer links
+    start = np.concatenate([low, high])
+    order = np.argsort(start, kind="stable")
+    offsets = np.concatenate([[0], np.cumsum(np.bincount(start, minlength=k))])
+    return BallLinks(
+        centers,
+        radii,
+        offsets,
+        np.concatenate([high, low])[order].astype(np.int32),
+        frozen(np.concatenate([reach, reach])[order], np.float64),
+        frozen(np.concatenate([cost, cost])[order], np.float64),
+    )
+
+
+def _measure(
+    centers: FloatArray, radii: FloatArray, pairs: NDArray[np.int64]
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Distance of each pair, its smaller radius, the sum of its radii."""
+    a, b = pairs.T
+    reach = np.linalg.norm(centers[a] - centers[b], axis=1)
+    return reach, np.minimum(radii[a], radii[b]), radii[a] + radii[b]

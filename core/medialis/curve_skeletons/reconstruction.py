@@ -1,0 +1,109 @@
+"""From candidates to a graph: the links it may take, and what is done with its branches (3.6.3)."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from medialis.curve_skeletons.ball_links import BallLinks, link_balls
+from medialis.curve_skeletons.candidates import CandidateMeasure, nearest_neighbours
+from medialis.curve_skeletons.finishing import (
+    merge_junctions,
+    prune_spurs,
+    sample_branches,
+    smooth_nodes,
+)
+from medialis.curve_skeletons.growth import Growth
+from medialis.model.curve_skeleton import CurveSkeleton
+from medialis.model.medial_cloud import MedialCloud
+from medialis.model.shape import Shape
+from medialis.validation import FloatArray
+
+
+def link_skeleton(
+    shape: Shape,
+    cloud: MedialCloud,
+    measured: CandidateMeasure,
+    found: NDArray[np.int64],
+    near: NDArray[np.int32],
+    level: float,
+) -> BallLinks:
+    """Link balls that are close to each other, and those of neighbouring samples."""
+    rows = np.flatnonzero(cloud.valid)
+    around, _ = nearest_neighbours(cloud.centers[rows], shape.diagonal)
+    pairs = np.concatenate([_pairs(rows, around), _pairs(found, near)])
+    pairs = pairs[shape.components[pairs[:, 0]] == shape.components[pairs[:, 1]]]
+    needed = np.concatenate([shape.edges, cloud.features[rows]])
+    needed = needed[cloud.valid[needed].all(axis=1)]
+    needed = needed[shape.components[needed[:, 0]] == shape.components[needed[:, 1]]]
+    closeness = np.nan_to_num(measured.spread)
+    closeness *= np.minimum(1.0, np.nan_to_num(measured.measure) / level)
+    centers = np.nan_to_num(cloud.centers)
+    radii = np.nan_to_num(cloud.radii)
+    return link_balls(centers, radii, closeness, pairs, needed, spacing=shape.spacing)
+
+
+def _pairs(rows: NDArray[np.int64], near: NDArray[np.int32]) -> NDArray[np.int64]:
+    return np.stack([np.repeat(rows, near.shape[1]), rows[near.ravel()]], axis=1)
+
+
+def finish_graph(
+    shape: Shape,
+    links: BallLinks,
+    edges: NDArray[np.int64],
+    strength: FloatArray,
+    smoothing: float,
+) -> CurveSkeleton:
+    """Merge close junctions, sample and smooth the branches, map the surface to the nodes."""
+    balls, inverse = np.unique(edges, return_inverse=True)
+    ends = inverse.reshape(-1, 2)
+    ends = ends[ends[:, 0] != ends[:, 1]]
+    raw = CurveSkeleton.of(links.centers[balls], ends, links.radii[balls])
+    stays = prune_spurs(raw)
+    balls, number = balls[stays], np.cumsum(stays) - 1
+    ends = number[ends[stays[ends].all(axis=1)]]
+    raw = CurveSkeleton.of(links.centers[balls], ends, links.radii[balls])
+    merged, into = merge_junctions(raw, strength[balls])
+    sampled = sample_branches(merged, shape.spacing)
+    nodes = smooth_nodes(sampled.nodes, sampled.edges, sampled.room, smoothing)
+    # The ways of all balls to the graph, by their length alone.
+    nearest = Growth(replace(links, cost=links.length), shape.spacing)
+    nearest.add(balls.tolist())
+    node_of_ball = np.full(len(links) + 1, -1, np.int64)  # one more row: no ball
+    node_of_ball[balls] = sampled.node_of[into]
+    vertex_node = node_of_ball[nearest.base]
+    _fill(vertex_node, shape)
+    return CurveSkeleton.of(nodes, sampled.edges, _distance(shape, nodes), vertex_node=vertex_node)
+
+
+def _distance(shape: Shape, nodes: FloatArray) -> FloatArray:
+    """Distance of each node to the nearest sample."""
+    from scipy.spatial import cKDTree
+
+    return np.asarray(cKDTree(shape.points).query(nodes)[0])
+
+
+def _fill(values: NDArray[np.int64], shape: Shape) -> None:
+    """Give samples without a value that of the nearest sample of their component that has one."""
+    from scipy.spatial import cKDTree
+
+    for number in np.unique(shape.components[values < 0]).tolist():
+        rows = np.flatnonzero(shape.components == number)
+        known, missing = rows[values[rows] >= 0], rows[values[rows] < 0]
+        if len(known):
+            values[missing] = values[
+                known[cKDTree(shape.points[known]).query(shape.points[missing])[1]]
+            ]
+
+
+def nearest_importance(
+    graph: CurveSkeleton, centers: FloatArray, importance: FloatArray
+) -> FloatArray:
+    """Importance of the candidate nearest to each node; NaN where there is none."""
+    from scipy.spatial import cKDTree
+
+    if len(centers) == 0:
+        return np.full(len(graph.nodes), np.nan)
+    return np.asarray(importance[cKDTree(centers).query(graph.nodes)[1]])

@@ -1,0 +1,114 @@
+"""Simplification of a curve skeleton: fewer nodes, the same topology (thesis 3.6.3)."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+from numpy.typing import NDArray
+
+from medialis.errors import InvalidShapeError
+from medialis.model.curve_skeleton import CurveSkeleton
+from medialis.validation import FloatArray
+
+INSIDE = 0.9
+"""Share of its radius by which a branch may move away from a node."""
+
+
+def simplify_branches(graph: CurveSkeleton, tolerance: float) -> CurveSkeleton:
+    """Leave out nodes of degree 2 while the branches stay where they are, up to a tolerance.
+
+    Parameters
+    ----------
+    graph : CurveSkeleton
+        v nodes.
+    tolerance : float
+        Length: no node that goes is farther than this from the new branch, nor than 0.9 of its
+        radius, so that the branch stays inside the shape.
+
+    Returns
+    -------
+    CurveSkeleton
+        With the same ends, junctions, components and loops. Vertices of the surface keep their
+        branch; their node is the nearest one along it.
+
+    Raises
+    ------
+    InvalidShapeError
+        When the tolerance is not a number from 0.
+
+    Notes
+    -----
+    Douglas and Peucker's method, branch by branch. Not in the thesis.
+
+    Examples
+    --------
+    >>> import medialis
+    >>> line = medialis.CurveSkeleton.of([[0, 0, 0], [1, 0, 0], [2, 0, 0]], [[0, 1], [1, 2]],
+    ...                                  [1, 1, 1])
+    >>> medialis.simplify_branches(line, 0.1).nodes.tolist()
+    [[0.0, 0.0, 0.0], [2.0, 0.0, 0.0]]
+    """
+    if not tolerance >= 0:
+        raise InvalidShapeError(f"The tolerance must be a number from 0, got {tolerance!r}.")
+    stays = graph.degrees != 2
+    kept_of: list[NDArray[np.int64]] = []
+    taken: set[tuple[int, int]] = set()
+    for row in graph.branches:
+        closed = row[0] == row[-1]
+        ends = (int(min(row[0], row[-1])), int(max(row[0], row[-1])))
+        # Fewer nodes would make a loop of one or two edges, or an edge that comes twice.
+        least = 2 if closed else 1 if ends in taken else 0
+        taken.add(ends)
+        bound = np.minimum(tolerance, INSIDE * graph.radii[row])
+        kept = _kept(graph.nodes[row], bound, least)
+        kept_of.append(kept)
+        stays[row[kept]] = True
+    number = np.cumsum(stays) - 1
+    edges, near = [], np.where(stays, number, -1)
+    for row, kept in zip(graph.branches, kept_of, strict=True):
+        names = number[row[kept]]
+        edges.append(np.stack([names[:-1], names[1:]], axis=1))
+        along = np.concatenate(
+            [[0], np.cumsum(np.linalg.norm(np.diff(graph.nodes[row], axis=0), axis=1))]
+        )
+        middle = (along[kept][1:] + along[kept][:-1]) / 2
+        near[row[1:-1]] = names[np.searchsorted(middle, along)][1:-1]
+    joined = np.concatenate(edges) if edges else np.empty((0, 2))
+    node = graph.vertex_node
+    simple = CurveSkeleton.of(
+        graph.nodes[stays],
+        joined,
+        graph.radii[stays],
+        importance=graph.importance[stays],
+        vertex_node=None if node is None else np.where(node >= 0, near[node], -1),
+    )
+    if graph.vertex_branch is None:
+        return simple
+    # Branches are numbered by their lowest edge, and edges come branch after branch.
+    return CurveSkeleton(
+        simple.nodes, simple.edges, simple.radii, simple.importance, simple.branch,
+        simple.vertex_node, graph.vertex_branch,
+    )  # fmt: skip
+
+
+def _kept(points: FloatArray, bound: FloatArray, least: int) -> NDArray[np.int64]:
+    """Places along a polyline that stay: both ends, what is needed, and `least` more at least."""
+    last = len(points) - 1
+    # A closed branch has no chord to begin with, and a second branch needs a node: split evenly.
+    kept = set(np.linspace(0, last, least + 2).round().astype(int).tolist())
+    marks = sorted(kept)
+    pieces = list(itertools.pairwise(marks))
+    while pieces:
+        a, b = pieces.pop()
+        if b - a < 2:
+            continue
+        chord = points[b] - points[a]
+        inner = points[a + 1 : b] - points[a]
+        share = np.clip(inner @ chord / max(float(chord @ chord), 1e-300), 0, 1)
+        over = np.linalg.norm(inner - share[:, None] * chord, axis=1) - bound[a + 1 : b]
+        if over.max() > 0:
+            middle = a + 1 + int(over.argmax())
+            kept.add(middle)
+            pieces += [(a, middle), (middle, b)]
+    return np.array(sorted(kept), np.int64)
