@@ -16,6 +16,7 @@ from medialis.curve_skeletons.candidates import (
     tangent_field,
 )
 from medialis.curve_skeletons.curve_skeleton import curve_skeleton
+from medialis.curve_skeletons.point_graph import point_graph
 from medialis.curve_skeletons.simplification import simplify_branches
 from medialis.errors import (
     Cancelled,
@@ -114,6 +115,7 @@ __all__ = [
     "open_medial_cloud",
     "operation",
     "organic_shape",
+    "point_graph",
     "progressive",
     "read_shape",
     "reconstruct_image",

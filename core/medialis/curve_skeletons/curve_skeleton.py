@@ -19,6 +19,7 @@ from medialis.curve_skeletons.reconstruction import (
     finish_graph,
     link_skeleton,
     nearest_importance,
+    put_in_shape,
 )
 from medialis.curve_skeletons.simplification import simplify_branches
 from medialis.errors import InvalidShapeError
@@ -190,7 +191,10 @@ def trace_curve_skeleton(
             handles=handles,
         )
         progress.update(0.5)
-        graph = finish_graph(shape, links, edges, strength, smoothing)
+        graph, node_of_sample = finish_graph(
+            links, edges, strength, spacing=shape.spacing, smoothing=smoothing
+        )
+        graph = put_in_shape(shape, graph, node_of_sample)
         if simplify > 0:
             graph = simplify_branches(graph, simplify * shape.diagonal)
         graph = replace(

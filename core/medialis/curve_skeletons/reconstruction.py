@@ -50,13 +50,35 @@ def _pairs(rows: NDArray[np.int64], near: NDArray[np.int32]) -> NDArray[np.int64
 
 
 def finish_graph(
-    shape: Shape,
     links: BallLinks,
     edges: NDArray[np.int64],
     strength: FloatArray,
+    *,
+    spacing: float,
     smoothing: float,
-) -> CurveSkeleton:
-    """Merge close junctions, sample and smooth the branches, map the surface to the nodes."""
+) -> tuple[CurveSkeleton, NDArray[np.int64]]:
+    """Prune spurs, merge close junctions, sample and smooth the branches of a grown graph.
+
+    Parameters
+    ----------
+    links : BallLinks
+        k balls.
+    edges : (e, 2) int
+        Of `grow_graph`.
+    strength : (k,) float64
+        Of the balls that become one junction the strongest gives its place.
+    spacing : float
+        Typical distance of neighbouring balls.
+    smoothing : float
+        As in `medialis.curve_skeleton`.
+
+    Returns
+    -------
+    CurveSkeleton
+        Its radii are those of balls round the nodes that lie in the given balls.
+    (k,) int64
+        Node nearest to each ball along the links; -1 where none leads to the graph.
+    """
     balls, inverse = np.unique(edges, return_inverse=True)
     ends = inverse.reshape(-1, 2)
     ends = ends[ends[:, 0] != ends[:, 1]]
@@ -66,23 +88,27 @@ def finish_graph(
     ends = number[ends[stays[ends].all(axis=1)]]
     raw = CurveSkeleton.of(links.centers[balls], ends, links.radii[balls])
     merged, into = merge_junctions(raw, strength[balls])
-    sampled = sample_branches(merged, shape.spacing)
+    sampled = sample_branches(merged, spacing)
     nodes = smooth_nodes(sampled.nodes, sampled.edges, sampled.room, smoothing)
     # The ways of all balls to the graph, by their length alone.
-    nearest = Growth(replace(links, cost=links.length), shape.spacing)
+    nearest = Growth(replace(links, cost=links.length), spacing)
     nearest.add(balls.tolist())
     node_of_ball = np.full(len(links) + 1, -1, np.int64)  # one more row: no ball
     node_of_ball[balls] = sampled.node_of[into]
-    vertex_node = node_of_ball[nearest.base]
-    _fill(vertex_node, shape)
-    return CurveSkeleton.of(nodes, sampled.edges, _distance(shape, nodes), vertex_node=vertex_node)
+    moved = np.linalg.norm(nodes - sampled.nodes, axis=1)
+    radii = np.maximum(sampled.room - moved, 0.0)
+    return CurveSkeleton.of(nodes, sampled.edges, radii), node_of_ball[nearest.base]
 
 
-def _distance(shape: Shape, nodes: FloatArray) -> FloatArray:
-    """Distance of each node to the nearest sample."""
+def put_in_shape(
+    shape: Shape, graph: CurveSkeleton, node_of_sample: NDArray[np.int64]
+) -> CurveSkeleton:
+    """Give nodes their distance to the nearest sample, and each sample its node and branch."""
     from scipy.spatial import cKDTree
 
-    return np.asarray(cKDTree(shape.points).query(nodes)[0])
+    radii = cKDTree(shape.points).query(graph.nodes)[0]
+    _fill(node_of_sample, shape)
+    return CurveSkeleton.of(graph.nodes, graph.edges, radii, vertex_node=node_of_sample)
 
 
 def _fill(values: NDArray[np.int64], shape: Shape) -> None:
@@ -93,15 +119,14 @@ def _fill(values: NDArray[np.int64], shape: Shape) -> None:
         rows = np.flatnonzero(shape.components == number)
         known, missing = rows[values[rows] >= 0], rows[values[rows] < 0]
         if len(known):
-            values[missing] = values[
-                known[cKDTree(shape.points[known]).query(shape.points[missing])[1]]
-            ]
+            nearest = cKDTree(shape.points[known]).query(shape.points[missing])[1]
+            values[missing] = values[known[nearest]]
 
 
 def nearest_importance(
     graph: CurveSkeleton, centers: FloatArray, importance: FloatArray
 ) -> FloatArray:
-    """Importance of the candidate nearest to each node; NaN where there is none."""
+    """Return the importance of the candidate nearest to each node; NaN where there is none."""
     from scipy.spatial import cKDTree
 
     if len(centers) == 0:
