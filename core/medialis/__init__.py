@@ -32,6 +32,7 @@ from medialis.features.feature_transform import (
 )
 from medialis.features.thickness import thickness
 from medialis.features.thin_spots import ThinSpot, thin_spots
+from medialis.io.curve_graphs import read_curve_skeleton, write_curve_skeleton
 from medialis.model.curve_skeleton import CurveSkeleton
 from medialis.model.diagnosis import Diagnosis
 from medialis.model.geodesic_paths import GeodesicPaths, PathStatus
@@ -117,6 +118,7 @@ __all__ = [
     "organic_shape",
     "point_graph",
     "progressive",
+    "read_curve_skeleton",
     "read_shape",
     "reconstruct_image",
     "refine",
@@ -133,5 +135,6 @@ __all__ = [
     "thread_limit",
     "uniform_subsample",
     "vertex_normals",
+    "write_curve_skeleton",
     "write_result",
 ]

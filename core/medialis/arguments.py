@@ -9,6 +9,7 @@ from typing import Any
 from medialis.errors import InvalidOptionError
 from medialis.operations.declaration import Kind, Operation, Parameter
 from medialis.operations.registry import OPERATIONS
+from medialis.operations.writing import GRAPH_FORMATS
 from medialis.version import package_version
 
 Command = Callable[[argparse.Namespace], int]
@@ -102,6 +103,14 @@ def _add_operation(group: Any, chosen: Operation, run: Command) -> None:
         "no pictures, no NPZ",
     )
     sub.add_argument("--auxiliary", action="store_true", help="with --host: also write the samples")
+    if chosen.makes_graph:
+        sub.add_argument(
+            "--formats",
+            default=",".join(GRAPH_FORMATS),
+            metavar="LIST",
+            help="graph formats to write besides PLY, with commas between them; '' for none "
+            "(default: %(default)s). SWC holds a tree: loops are cut, see its comments",
+        )
     _add_progress(sub)
     sub.set_defaults(command=run, operation=chosen)
 

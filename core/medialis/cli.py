@@ -23,8 +23,9 @@ from medialis.errors import Cancelled, InvalidOptionError, InvalidShapeError, Me
 from medialis.operations.declaration import Kind, Operation
 from medialis.operations.registry import OPERATIONS, operation, run
 from medialis.operations.result import value_lines
+from medialis.operations.writing import GRAPH_FORMATS
 from medialis.progress import Progress
-from medialis.validation import as_whole_number
+from medialis.validation import as_choice, as_whole_number
 
 EXIT_OK, EXIT_BAD_INPUT, EXIT_CANCELLED = 0, 2, 130
 NUMBERS = (Kind.FLOAT, Kind.INT, Kind.LENGTH, Kind.ANGLE)
@@ -126,11 +127,18 @@ def _run_operation(options: argparse.Namespace) -> int:
             given[parameter.name] = _number(value) if parameter.kind in NUMBERS else value
     chosen.resolve(given)  # bad options are reported before the file is read
     as_whole_number(options.turntable, "turntable", low=0, high=10_000)
+    for name in _formats(options):
+        as_choice(name, "formats", GRAPH_FORMATS)
     output = options.output or Path(options.file).stem + "-medialis"
     manifest = _compute(chosen.name, options.file, output, given, options)
     if not options.host:  # a host reads the manifest from the folder
         _report(manifest, options)
     return EXIT_OK
+
+
+def _formats(options: argparse.Namespace) -> tuple[str, ...]:
+    """Return the graph formats to write, each once."""
+    return tuple(dict.fromkeys(filter(None, getattr(options, "formats", "").split(","))))
 
 
 def _number(text: str) -> float | str:
@@ -178,6 +186,7 @@ def _compute(
             color_by=getattr(options, "color_by", None),
             turntable=getattr(options, "turntable", 0),
             texts=texts,
+            formats=_formats(options),
             progress=progress,
         )
     manifest["seconds"] = {**progress.seconds, "total": time.perf_counter() - clock}

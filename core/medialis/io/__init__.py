@@ -1,5 +1,6 @@
 """Files in and out: meshes and point clouds in, lossless results out."""
 
+from medialis.io.curve_graphs import read_curve_skeleton, write_curve_skeleton
 from medialis.io.meshes import MeshData, read_mesh
 from medialis.io.output_folder import OutputFolder
 from medialis.io.ply_attributes import PlyData, read_ply_attributes, write_ply
@@ -10,9 +11,11 @@ __all__ = [
     "OutputFolder",
     "PlyData",
     "json_text",
+    "read_curve_skeleton",
     "read_mesh",
     "read_npz",
     "read_ply_attributes",
+    "write_curve_skeleton",
     "write_json",
     "write_npz",
     "write_ply",

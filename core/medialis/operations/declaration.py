@@ -102,6 +102,8 @@ class Operation:
         ``run(shape, parameters, progress) -> Outcome``; the shape is repaired, not refined.
     needs_faces : bool
         Hosts do not offer it for point clouds; called with one it raises a sentence.
+    makes_graph : bool
+        Its outcome has a graph; hosts offer the graph formats.
     """
 
     name: str
@@ -113,6 +115,7 @@ class Operation:
     parameters: tuple[Parameter, ...]
     run: Callable[[Shape, Mapping[str, Any], Progress], Outcome]
     needs_faces: bool = False
+    makes_graph: bool = False
 
     def resolve(self, given: Mapping[str, Any]) -> dict[str, Any]:
         """Return all parameters: the given ones checked, the others at their defaults.
@@ -140,5 +143,6 @@ class Operation:
             "help": self.help,
             "source": self.source,
             "needs_faces": self.needs_faces,
+            "makes_graph": self.makes_graph,
             "parameters": [{**asdict(p), "kind": p.kind.value} for p in self.parameters],
         }

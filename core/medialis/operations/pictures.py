@@ -122,7 +122,9 @@ def _paint(layer: Layer, color_by: str | None, width: int) -> tuple[Item, str | 
         if color_by in IN_DEGREES:
             values, label = np.degrees(values), label + " (degrees)"
     colors: dict[str, Any] = {"values": values}
-    if color_by is not None and color_by == layer.color_by:
+    if color_by in layer.labels:
+        colors, label = {"labels": values}, None
+    elif color_by is not None and color_by == layer.color_by:
         low, high = layer.color_limits
         colors.update(cmap=layer.color_map, low=low, high=high)
     if layer.faces is not None:

@@ -10,6 +10,7 @@ from medialis.errors import InvalidOptionError
 from medialis.model.shape import Shape
 from medialis.operations import (
     ball_reconstruction,
+    curve_skeleton,
     geodesic_path,
     skeleton_importance,
     skeleton_mesh,
@@ -28,6 +29,7 @@ OPERATIONS: tuple[Operation, ...] = (
     thickness.OPERATION,
     geodesic_path.OPERATION,
     skeleton_mesh.OPERATION,
+    curve_skeleton.OPERATION,
 )
 
 

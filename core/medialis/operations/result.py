@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from medialis.errors import InvalidShapeError
+from medialis.model.curve_skeleton import CurveSkeleton
 from medialis.model.shape import Shape
 from medialis.validation import as_faces, as_points
 
@@ -96,6 +97,8 @@ class Outcome:
         The full result, also of masked rows; goes to the NPZ file.
     images : dict of (h, w, 3) uint8
         Pictures that are themselves the result.
+    graph : CurveSkeleton or None
+        A graph that is written in graph formats as well.
     shown : tuple of Layer
         What pictures show instead of the first layer inside the shape: a layer in its colours, and
         layers of points marked on it.
@@ -107,6 +110,7 @@ class Outcome:
     arrays: Mapping[str, NDArray[Any]] = field(default_factory=dict)
     images: Mapping[str, NDArray[np.uint8]] = field(default_factory=dict)
     shown: tuple[Layer, ...] = ()
+    graph: CurveSkeleton | None = None
 
 
 @dataclass(frozen=True, eq=False)

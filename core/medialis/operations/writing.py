@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from medialis.io.curve_graphs import write_curve_skeleton
 from medialis.io.output_folder import OutputFolder
 from medialis.io.ply_attributes import write_ply
 from medialis.io.results import write_json, write_npz
@@ -17,7 +19,11 @@ from medialis.operations.pictures import draw_result, draw_turntable, require_at
 from medialis.operations.result import Result
 from medialis.progress import Progress, ProgressCallback
 from medialis.render.png import write_png
+from medialis.validation import as_choice
 from medialis.version import package_version
+
+GRAPH_FORMATS = ("swc", "graphml", "json", "obj")
+"""Of a result with a graph; its layer is a PLY file in any case."""
 
 
 def describe_result(result: Result, **more: Any) -> dict[str, Any]:
@@ -61,6 +67,7 @@ def write_result(
     turntable: int = 0,
     record: Mapping[str, Any] | None = None,
     texts: Mapping[str, str] | None = None,
+    formats: Sequence[str] = GRAPH_FORMATS,
     progress: Progress | ProgressCallback | None = None,
 ) -> dict[str, Any]:
     """Write a result into a folder; when anything fails nothing is left behind.
@@ -83,6 +90,8 @@ def write_result(
         More entries for the manifest.
     texts : dict, optional
         More files: their text by name.
+    formats : sequence of str
+        Formats of the result's graph, if it has one: swc, graphml, json, obj.
     progress : callable, optional
         Called with (fraction, text); returning False cancels.
 
@@ -94,13 +103,15 @@ def write_result(
     Raises
     ------
     InvalidOptionError
-        When the first layer has no attribute `color_by`.
+        When the first layer has no attribute `color_by`, or a format is unknown.
     FileError
         When the folder cannot be written.
     """
     progress = Progress.of(progress)
     if color_by is not None:
         require_attribute(result.layers, color_by)
+    for ending in formats:
+        as_choice(ending, "formats", GRAPH_FORMATS)
     title = result.operation.replace("_", " ") + (f" of {Path(source).name}" if source else "")
     pictures: list[str] = []
     with OutputFolder(folder) as out:
@@ -121,6 +132,9 @@ def write_result(
                     face_attributes=layer.face_attributes,
                 )
                 progress.update((number + 1) / (len(result.layers) + 1))
+            if result.graph is not None:
+                for ending in formats:
+                    write_curve_skeleton(new(f"{result.operation}.{ending}"), result.graph)
             write_npz(new(f"{result.operation}.npz"), result.arrays)
         with progress.stage("picture", 0.5, 1.0):
             for name, image in _main_pictures(result, picture, color_by, title):

@@ -1,0 +1,290 @@
+"""Operation: the curve skeleton of a mesh as a graph (thesis 3.6)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from medialis.curve_skeletons.curve_skeleton import (
+    DEFAULT_CANDIDATES,
+    DEFAULT_SMOOTHING,
+    DEFAULT_THRESHOLD,
+    CurveSkeletonResult,
+    trace_curve_skeleton,
+)
+from medialis.errors import InvalidShapeError
+from medialis.io.curve_graphs import node_attributes
+from medialis.model.curve_skeleton import CurveSkeleton
+from medialis.model.medial_cloud import MedialCloud
+from medialis.model.shape import Shape
+from medialis.operations.common import (
+    REFINE,
+    TOLERANCE,
+    cloud_arrays,
+    refined,
+    require_balls,
+    samples_layer,
+)
+from medialis.operations.declaration import Kind, Operation, Parameter
+from medialis.operations.result import Layer, Outcome
+from medialis.progress import Progress
+from medialis.regularization.geodesics import DEFAULT_DIRECTIONS
+from medialis.regularization.importance import geodesic_importance
+from medialis.surface_skeletons.ball_shrinking import surface_skeleton
+
+FEW_SAMPLES = 100
+
+FAR, SHEET_SHARE = 2.0, 1 / 3
+"""A shape is flat where a third of its balls lie more than two radii from the curve skeleton: in
+an elliptic cross-section 2.4 times as wide as thick they begin to reach that far."""
+
+
+def run(shape: Shape, parameters: Mapping[str, Any], progress: Progress) -> Outcome:
+    """Refine, shrink balls, trace geodesics, find the curve skeleton."""
+    if shape.faces is None:
+        raise InvalidShapeError(
+            "A curve skeleton needs a surface with faces, got a point cloud: reconstruct a surface "
+            "first, or use skeleton_importance with reconstruct = True to see whether that works."
+        )
+    fine = refined(shape, parameters["refine"], progress)
+    with progress.stage("skeleton", 0.1, 0.25):
+        cloud = surface_skeleton(fine, tolerance=parameters["tolerance"], progress=progress)
+    require_balls(cloud, fine)
+    with progress.stage("importance", 0.25, 0.6):
+        paths = geodesic_importance(fine, cloud, directions=DEFAULT_DIRECTIONS, progress=progress)
+    with progress.stage("curve skeleton", 0.6, 1.0):
+        found = trace_curve_skeleton(
+            fine,
+            cloud,
+            paths,
+            threshold=parameters["threshold"],
+            candidates=parameters["candidates"],
+            smoothing=parameters["smoothing"],
+            simplify=parameters["simplify"],
+            progress=progress,
+        )
+    graph = found.skeleton
+    sheet = _sheet_share(cloud, graph)
+    _note_shape(fine, found, progress)
+    _note_result(graph, sheet, progress)
+    layers = [
+        Layer(
+            "curve_skeleton",
+            graph.nodes,
+            edges=graph.edges,
+            attributes=node_attributes(graph),
+            color_by="radius",
+            labels=("branch",),
+            filter_by="importance",
+        ),
+        _parts_layer("curve_skeleton_parts", shape, graph),
+    ]
+    if len(found.candidates):
+        layers.append(_candidates_layer(cloud, found))
+    layers.append(samples_layer(fine))
+    return Outcome(
+        shape=fine,
+        layers=tuple(layers),
+        values=_values(fine, found, sheet),
+        arrays={
+            **cloud_arrays(fine, cloud),
+            "tangent": found.measured.tangents,
+            "candidate_measure": found.measured.measure,
+            "candidates": found.candidates,
+            "area_importance": found.importance,
+            "nodes": graph.nodes,
+            "edges": graph.edges,
+            "node_radius": graph.radii,
+            "node_importance": graph.importance,
+            "edge_branch": graph.branch,
+            "vertex_node": _present(graph.vertex_node),
+            "vertex_branch": _present(graph.vertex_branch),
+        },
+        graph=graph,
+    )
+
+
+def _present(values: NDArray[np.int32] | None) -> NDArray[np.int32]:
+    return np.empty(0, np.int32) if values is None else values
+
+
+def _parts_layer(name: str, shape: Shape, graph: CurveSkeleton) -> Layer:
+    """Layer of the surface with the branch and the node of each of its points."""
+    n = shape.point_count  # a refined shape has the given points first
+    branch, node = _present(graph.vertex_branch)[:n], _present(graph.vertex_node)[:n]
+    return Layer(
+        name,
+        shape.points,
+        shape.faces,
+        attributes={"branch": branch, "node": node},
+        color_by="branch",
+        labels=("branch",),
+        on_input=True,
+    )
+
+
+def _candidates_layer(cloud: MedialCloud, found: CurveSkeletonResult) -> Layer:
+    rows = found.candidates
+    return Layer(
+        "curve_skeleton_candidates",
+        cloud.centers[rows],
+        attributes={
+            "measure": found.measured.measure[rows],
+            "importance": found.importance,
+            "kept": found.kept.astype(np.int32),
+            "source": cloud.source[rows],
+        },
+        color_by="measure",
+        filter_by="importance",
+        auxiliary=True,
+    )
+
+
+def _values(shape: Shape, found: CurveSkeletonResult, sheet: float) -> dict[str, Any]:
+    graph = found.skeleton
+    values: dict[str, Any] = {
+        "nodes": len(graph.nodes),
+        "edges": len(graph.edges),
+        "branches": graph.branch_count,
+        "junctions": len(graph.junctions),
+        "end_points": len(graph.end_points),
+        "components": graph.component_count,
+        "loops": graph.loops,
+    }
+    if len(found.genus) == int(shape.components.max()) + 1:
+        values["expected_loops"] = sum(found.genus.values())
+    values |= {
+        "length": graph.length,
+        "candidates": len(found.candidates),
+        "kept_candidates": int(found.kept.sum()),
+        "sheet_share": sheet,
+        "samples": shape.point_count,
+        "diagonal": shape.diagonal,
+        "branch_table": [
+            {
+                "length": float(graph.branch_lengths[branch]),
+                "tortuosity": float(graph.tortuosity[branch]),
+                "mean_radius": float(graph.mean_radii[branch]),
+                "nodes": [int(row[0]), int(row[-1])],
+                "samples": len(graph.surface_part(branch)),
+            }
+            for branch, row in enumerate(graph.branches)
+        ],
+    }
+    return values
+
+
+def _sheet_share(cloud: MedialCloud, graph: CurveSkeleton) -> float:
+    """Share of the balls that lie far from their node, measured by its radius."""
+    node = _present(graph.vertex_node)
+    rows = np.flatnonzero(cloud.valid & (node >= 0))
+    if len(rows) == 0:
+        return 0.0
+    away = np.linalg.norm(cloud.centers[rows] - graph.nodes[node[rows]], axis=1)
+    return float((away > FAR * graph.radii[node[rows]]).mean())
+
+
+def _note_shape(shape: Shape, found: CurveSkeletonResult, progress: Progress) -> None:
+    """Say what about the shape makes the result less certain."""
+    if shape.point_count < FEW_SAMPLES:
+        progress.note(
+            f"Only {shape.point_count} samples: a curve skeleton needs some {FEW_SAMPLES} at least "
+            "to be more than a guess. Refine the mesh."
+        )
+    parts = int(shape.components.max()) + 1
+    if parts > 1:
+        progress.note(f"The shape has {parts} separate parts: each gets a graph of its own.")
+    border = shape.edges.shape[0] * 2 - 3 * shape.face_count
+    unclear = parts - len(found.genus)
+    if unclear:
+        progress.note(
+            f"{unclear} of {parts} parts have edges with three or more faces, or touch themselves "
+            "in a vertex: their number of handles is not defined, so their graphs have no loops."
+        )
+    elif border > 0:
+        progress.note(
+            f"The shape is open, with {border} edges at holes: loops are counted as if each hole "
+            "were closed by a disc, and the skeleton near large holes is a guess."
+        )
+    for number, genus in sorted(found.genus.items()):
+        closed = found.loops.get(number, 0)
+        if closed < genus:
+            progress.note(
+                f"Part {number} has {genus} handles, only {closed} loops were found: handles "
+                "thinner than the sampling, or parts of the surface that cross each other."
+            )
+
+
+def _note_result(graph: CurveSkeleton, sheet: float, progress: Progress) -> None:
+    alone = int((graph.degrees == 0).sum())
+    if alone:
+        progress.note(
+            f"{alone} of {graph.component_count} parts are a single node: round shapes have no "
+            "direction, and small parts fall below the threshold."
+        )
+    if sheet > SHEET_SHARE:
+        progress.note(
+            f"{100 * sheet:.0f} % of the surface skeleton lies far from the curve skeleton: the "
+            "shape is flat there, thin sheets have no meaningful curve skeleton. Use the surface "
+            "skeleton."
+        )
+
+
+OPERATION = Operation(
+    name="curve_skeleton",
+    filter_name="generate_curve_skeleton",
+    label="Curve skeleton",
+    group="Skeleton",
+    help="Compute the curve skeleton of a mesh: a graph along the middle of its parts.\n\n"
+    "It runs along the points of the surface skeleton from which geodesics start to all sides. The "
+    "graph has one component for each part of the shape and one loop for each handle; it lies "
+    "inside the shape. Each node has its radius, each point of the surface its branch. Needs a "
+    "mesh; thin sheets have no meaningful curve skeleton.",
+    source="thesis 3.6",
+    parameters=(
+        Parameter(
+            "threshold",
+            Kind.LENGTH,
+            DEFAULT_THRESHOLD,
+            "Importance",
+            "Branches end where the surface that hangs on them is smaller than a square with this "
+            "fraction of the size as its side. Larger values remove small details.",
+        ),
+        Parameter(
+            "smoothing",
+            Kind.FLOAT,
+            DEFAULT_SMOOTHING,
+            "Smoothing",
+            "Bends shorter than this times the radius are smoothed. 0 leaves the zigzag of the "
+            "samples.",
+            low=0.0,
+            high=10.0,
+        ),
+        Parameter(
+            "simplify",
+            Kind.LENGTH,
+            0.0,
+            "Simplify",
+            "Leave out nodes where the branch changes by less than this fraction of the size. 0 "
+            "keeps all; the topology stays the same.",
+        ),
+        Parameter(
+            "candidates",
+            Kind.LENGTH,
+            DEFAULT_CANDIDATES,
+            "Candidates",
+            "Skeleton points are candidates when geodesics of this fraction of the size start from "
+            "them to opposite sides. Smaller values find thinner limbs, and more noise.",
+            low=0.0001,
+            advanced=True,
+        ),
+        TOLERANCE,
+        REFINE,
+    ),
+    run=run,
+    needs_faces=True,
+    makes_graph=True,
+)
