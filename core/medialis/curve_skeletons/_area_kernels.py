@@ -55,9 +55,19 @@ def trace_all_round(
         out_length[i] = np.inf
         if size == 0.0:
             continue
+        along = 0.0
         for k in range(3):
             axis[k] /= size
-            first[k] = tangent[i, k]
+            along += axis[k] * tangent[i, k]
+        size = 0.0
+        for k in range(3):
+            first[k] = tangent[i, k] - along * axis[k]
+            size += first[k] * first[k]
+        size = math.sqrt(size)
+        if size < 1e-9:
+            continue
+        for k in range(3):
+            first[k] /= size
         _cross(axis, first, second)
         for turn in range(half):
             angle = math.pi * turn / half
@@ -82,6 +92,37 @@ def trace_all_round(
                 )  # fmt: skip
                 if length < out_length[i, column]:
                     out_length[i, column] = length
+
+
+@kernel
+def find_second_ways(
+    begin, stop, points, corners, twins, fan_offsets, fan, ends, tangent, longest, out_found
+):  # fmt: skip
+    """Whether a geodesic no longer than `longest` leaves f1 to the side opposite to the tangent."""
+    axis, ahead, normal = np.empty(3), np.empty(3), np.empty(3)
+    nothing, last = np.empty((0, 3)), np.empty(3)
+    for i in range(begin, stop):
+        start, end = ends[i, 0], ends[i, 1]
+        out_found[i] = False
+        for k in range(3):
+            axis[k] = points[end, k] - points[start, k]
+            ahead[k] = -tangent[i, k]
+        _cross(axis, ahead, normal)
+        offset = 0.0
+        for k in range(3):
+            offset += normal[k] * points[start, k]
+        for at in range(fan_offsets[start], fan_offsets[start + 1]):
+            across, x, y, z = way_out(points, corners, fan[at], normal, offset)
+            if across < 0:
+                continue
+            ux, uy, uz = x - points[start, 0], y - points[start, 1], z - points[start, 2]
+            if ux * ahead[0] + uy * ahead[1] + uz * ahead[2] <= 0.0:
+                continue
+            length, _ = trace_plane(
+                points, corners, twins, across, x, y, z, math.sqrt(ux * ux + uy * uy + uz * uz),
+                normal, offset, start, end, longest[i], nothing, last,
+            )  # fmt: skip
+            out_found[i] |= length < longest[i]
 
 
 @kernel

@@ -9,6 +9,8 @@ import numpy as np
 from medialis._kernels.jit import kernel
 
 TINY = 1e-12
+SAME_PLACE = 0.05  # radii: centers this close belong to one ball as far as its contacts go
+WIDEST_GAP = 5.0 * math.pi / 6.0
 
 
 @kernel
@@ -89,3 +91,73 @@ def measure_spread(
         out_spread[i] = 0.0
         if total > TINY:
             out_spread[i] = max(0.0, 1.0 - math.sqrt(x * x + y * y + z * z) / total)
+
+
+@kernel
+def find_rings(
+    begin, stop, near, distance, rows, centers, radii, points, features, out_ring, out_opposite,
+    out_tangent,
+):  # fmt: skip
+    """Balls that touch the surface all round: gaps between contacts stay below 150 degrees.
+
+    The contacts are those of the ball and of its neighbours at the same place. `out_opposite`
+    receives the contact farthest from f1, `out_tangent` a direction across, both for rings only.
+    """
+    spokes, names = np.empty((2 * near.shape[1] + 2, 3)), np.empty(2 * near.shape[1] + 2, np.int64)
+    angles = np.empty(len(spokes))
+    across = np.empty(3)
+    for i in range(begin, stop):
+        out_ring[i] = False
+        count = 0
+        for c in range(-1, near.shape[1]):
+            if c >= 0 and distance[i, c] > SAME_PLACE * radii[rows[i]]:
+                continue
+            row = rows[i] if c < 0 else rows[near[i, c]]
+            for side in range(2):
+                names[count] = features[row, side]
+                size = 0.0
+                for k in range(3):
+                    spokes[count, k] = points[names[count], k] - centers[rows[i], k]
+                    size += spokes[count, k] ** 2
+                size = max(math.sqrt(size), 1e-300)
+                for k in range(3):
+                    spokes[count, k] /= size
+                count += 1
+        if count < 6:
+            continue
+        best, best_size, lowest = 0, 0.0, 2.0
+        for c in range(1, count):
+            along = _dot3(spokes[c], spokes[0])
+            if 1.0 - along * along > best_size:
+                best, best_size = c, 1.0 - along * along
+            if along < lowest:
+                lowest = along
+                out_opposite[i] = names[c]
+        if best_size < 0.25:
+            continue
+        along = _dot3(spokes[best], spokes[0])
+        for k in range(3):
+            across[k] = (spokes[best, k] - along * spokes[0, k]) / math.sqrt(best_size)
+        used = 0
+        for c in range(count):
+            x, y = _dot3(spokes[c], spokes[0]), _dot3(spokes[c], across)
+            if x * x + y * y > 0.25:
+                angle = math.atan2(y, x)
+                at = used
+                while at > 0 and angles[at - 1] > angle:
+                    angles[at] = angles[at - 1]
+                    at -= 1
+                angles[at] = angle
+                used += 1
+        gap = angles[0] + 2.0 * math.pi - angles[used - 1]
+        for c in range(1, used):
+            gap = max(gap, angles[c] - angles[c - 1])
+        if gap < WIDEST_GAP:
+            out_ring[i] = True
+            for k in range(3):
+                out_tangent[i, k] = across[k]
+
+
+@kernel
+def _dot3(a, b):
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]

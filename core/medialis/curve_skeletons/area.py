@@ -18,7 +18,7 @@ from medialis.validation import FloatArray, frozen
 DIRECTIONS = 50
 """The thesis's P."""
 
-LONGEST = 4.0
+LONGEST = 2.0
 """Diagonals: a plane cut that is longer does not lead to the other feature point."""
 
 POINTS_A_CHUNK = 64
@@ -79,7 +79,7 @@ def area_importance(
     opposite = np.empty(len(at), np.int64)
     smallest = 1e-12 * shape.diagonal
     find_opposite(0, len(at), near, distance, measure, tangent, smallest, opposite)
-    ends = np.ascontiguousarray(cloud.features[at])
+    ends = np.ascontiguousarray(measured.ends[at])
     length = np.empty((len(at), DIRECTIONS))
     walk, longest = surface_walk(shape), LONGEST * shape.diagonal
 
@@ -94,6 +94,7 @@ def area_importance(
     across = np.einsum("ij,ij->i", np.cross(axis, tangent), other)
     ahead = np.einsum("ij,ij->i", tangent, other)
     opening = np.mod(np.arctan2(across, ahead), 2 * math.pi)
+    opening[measured.tied[at]] = math.pi  # the second geodesic is its own
     area = np.empty(len(at))
     add_wedges(0, len(at), length, half, opening, area)
     return frozen(area, np.float64)

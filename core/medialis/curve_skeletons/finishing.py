@@ -23,6 +23,9 @@ one place, but samples make two of it."""
 STEP, SHORTEST_STEP = 0.3, 0.25
 """Distance of nodes: share of the radius, at least a share of the sample spacing."""
 
+PINNED = 1e6
+"""Weight of free ends in smoothing."""
+
 ROOM = 0.7
 """Share of the room inside its ball that smoothing may use."""
 
@@ -209,7 +212,7 @@ def smooth_nodes(
 
     Minimizes the integral of ``|x - x0|^2 + (s r)^4 |x''|^2`` along the branches, x0 the given
     nodes, r the room and s the strength. A bend of wave number k keeps 1 / (1 + (s r k)^4) of its
-    height. Ends and junctions have no second derivative: they move with what is next to them.
+    height. Free ends stay: a spline would shoot over them. Junctions move with their neighbours.
 
     Parameters
     ----------
@@ -253,6 +256,7 @@ def smooth_nodes(
         (values, (rows, np.concatenate([a, b, inner]))), shape=(max(1, len(inner)), v)
     ).tocsr()
     mass = np.maximum(mass, tiny)
+    mass[degree == 1] *= PINNED
     moved = spsolve((diags_array(mass) + bend.T @ bend).tocsc(), mass[:, None] * nodes)
     shift = np.asarray(moved).reshape(v, 3) - nodes
     size = np.linalg.norm(shift, axis=1)

@@ -22,7 +22,7 @@ def point_graph(
     *,
     strength: ArrayLike | None = None,
     neighbours: int = 10,
-    smoothing: float = 1.0,
+    smoothing: float = 0.7,
     handles: Mapping[int, Handles] | None = None,
 ) -> CurveSkeleton:
     """Build the graph of a curve skeleton from points on it, by the same steps as for a mesh.
