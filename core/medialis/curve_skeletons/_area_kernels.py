@@ -95,34 +95,39 @@ def trace_all_round(
 
 
 @kernel
-def find_second_ways(
-    begin, stop, points, corners, twins, fan_offsets, fan, ends, tangent, longest, out_found
+def find_ties(
+    begin, stop, points, corners, twins, fan_offsets, fan, ends, tangent, longest, slack, out_tied
 ):  # fmt: skip
-    """Whether a geodesic no longer than `longest` leaves f1 to the side opposite to the tangent."""
-    axis, ahead, normal = np.empty(3), np.empty(3), np.empty(3)
+    """Whether geodesics to both sides in the plane of the tangent are equally long.
+
+    Both are plane cuts, so that they are comparable; what is longer than `longest` does not count.
+    """
+    axis, normal = np.empty(3), np.empty(3)
     nothing, last = np.empty((0, 3)), np.empty(3)
     for i in range(begin, stop):
         start, end = ends[i, 0], ends[i, 1]
-        out_found[i] = False
         for k in range(3):
             axis[k] = points[end, k] - points[start, k]
-            ahead[k] = -tangent[i, k]
-        _cross(axis, ahead, normal)
+        _cross(axis, tangent[i], normal)
         offset = 0.0
         for k in range(3):
             offset += normal[k] * points[start, k]
+        ahead, behind = longest[i], longest[i]
         for at in range(fan_offsets[start], fan_offsets[start + 1]):
             across, x, y, z = way_out(points, corners, fan[at], normal, offset)
             if across < 0:
                 continue
             ux, uy, uz = x - points[start, 0], y - points[start, 1], z - points[start, 2]
-            if ux * ahead[0] + uy * ahead[1] + uz * ahead[2] <= 0.0:
-                continue
             length, _ = trace_plane(
                 points, corners, twins, across, x, y, z, math.sqrt(ux * ux + uy * uy + uz * uz),
                 normal, offset, start, end, longest[i], nothing, last,
             )  # fmt: skip
-            out_found[i] |= length < longest[i]
+            if ux * tangent[i, 0] + uy * tangent[i, 1] + uz * tangent[i, 2] > 0.0:
+                ahead = min(ahead, length)
+            else:
+                behind = min(behind, length)
+        longer = max(ahead, behind)
+        out_tied[i] = longer < longest[i] and longer <= (1.0 + slack) * min(ahead, behind)
 
 
 @kernel

@@ -22,9 +22,13 @@ JITTER = 1e-9
 """Fraction of the diagonal by which centers move for the search of neighbours only: exactly equal
 ones, as of a sphere, could not be split by a tree, and every search would visit all of them."""
 
-TIE = 0.005
+TIE = 0.01
 """Two geodesics are equally long when they differ by less than this share. A half circle of 30
 edges is 0.2 % shorter than round."""
+
+LONGER = 1.1
+"""Times the length of the geodesic up to which a plane cut is followed: where that was shortened
+through its neighbours, the cut in its plane is a little longer."""
 
 POINTS_A_CHUNK = 2048
 
@@ -140,21 +144,25 @@ def candidate_measure(shape: Shape, cloud: MedialCloud, paths: GeodesicPaths) ->
         length, tangent = paths.length[rows], field[rows]
         alike = _find_ties(shape, cloud, rows, tangent, length)
         near, distance = nearest_neighbours(cloud.centers[rows], shape.diagonal)
-        # Which of two equal geodesics was found is chance, and in a round tube with regular samples
-        # always the one on the same side: such a point takes no side.
-        tangent = np.where(alike[:, None], 0.0, tangent)
         found, ring, opposite = np.empty(r), np.empty(r, bool), np.empty(r, np.int32)
         turned = field[rows]
         smallest = 1e-12 * shape.diagonal
 
-        def work(begin: int, end: int) -> None:
-            measure_spread(begin, end, near, distance, length, tangent, feature, smallest, found)
+        def look_round(begin: int, end: int) -> None:
             find_rings(
                 begin, end, near, distance, rows, cloud.centers, cloud.radii, shape.points,
                 cloud.features, ring, opposite, turned,
             )  # fmt: skip
 
-        run_chunks(work, r, POINTS_A_CHUNK)
+        run_chunks(look_round, r, POINTS_A_CHUNK)
+        # Which of two equal geodesics was found is chance, and in a round tube with regular samples
+        # always the one on the same side: such a point takes no side.
+        tangent = np.where((alike | ring)[:, None], 0.0, tangent)
+
+        def average(begin: int, end: int) -> None:
+            measure_spread(begin, end, near, distance, length, tangent, feature, smallest, found)
+
+        run_chunks(average, r, POINTS_A_CHUNK)
         # The second contact of a ball in a round tube is any of its ring; half round it is pi r.
         length = np.where(ring, np.maximum(length, np.pi * cloud.radii[rows]), length)
         found[ring] = 1.0
@@ -178,13 +186,13 @@ def _find_ties(
     length: FloatArray,
 ) -> NDArray[np.bool_]:
     """Tell where a second geodesic, as long, runs on the other side."""
-    from medialis.curve_skeletons._area_kernels import find_second_ways
+    from medialis.curve_skeletons._area_kernels import find_ties
 
     walk, ends = surface_walk(shape), np.ascontiguousarray(cloud.features[rows])
-    found, longest = np.empty(len(rows), bool), (1 + TIE) * length
+    found, longest = np.empty(len(rows), bool), LONGER * length
 
     def work(begin: int, end: int) -> None:
-        find_second_ways(begin, end, *walk, ends, tangent, longest, found)
+        find_ties(begin, end, *walk, ends, tangent, longest, TIE, found)
 
     run_chunks(work, len(rows), POINTS_A_CHUNK)
     return found

@@ -185,7 +185,7 @@ def trace_curve_skeleton(
         strength += 1e-9 * links.radii  # without any measure: the largest ball
         edges, loops = grow_graph(
             links,
-            np.where(cloud.valid, shape.components, -1),
+            np.where(cloud.valid & _in_faces(shape), shape.components, -1),
             strength,
             wanted,
             spacing=shape.spacing,
@@ -210,6 +210,14 @@ def trace_curve_skeleton(
         {number: one.genus for number, one in handles.items()},
         loops,
     )
+
+
+def _in_faces(shape: Shape) -> NDArray[np.bool_]:
+    """Tell the vertices that faces use; others are no part of the surface."""
+    used = np.zeros(shape.point_count, bool)
+    if shape.faces is not None:
+        used[shape.faces] = True
+    return used
 
 
 def _smooth_importance(

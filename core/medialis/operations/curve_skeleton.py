@@ -154,7 +154,7 @@ def _values(shape: Shape, found: CurveSkeletonResult, sheet: float) -> dict[str,
         "components": graph.component_count,
         "loops": graph.loops,
     }
-    if len(found.genus) == int(shape.components.max()) + 1:
+    if len(found.genus) == _part_count(shape):
         values["expected_loops"] = sum(found.genus.values())
     values |= {
         "length": graph.length,
@@ -177,6 +177,11 @@ def _values(shape: Shape, found: CurveSkeletonResult, sheet: float) -> dict[str,
     return values
 
 
+def _part_count(shape: Shape) -> int:
+    """Count the components that have faces."""
+    return 0 if shape.faces is None else len(np.unique(shape.components[shape.faces[:, 0]]))
+
+
 def _sheet_share(cloud: MedialCloud, graph: CurveSkeleton) -> float:
     """Share of the balls that lie far from their node, measured by its radius."""
     node = _present(graph.vertex_node)
@@ -194,7 +199,7 @@ def _note_shape(shape: Shape, found: CurveSkeletonResult, progress: Progress) ->
             f"Only {shape.point_count} samples: a curve skeleton needs some {FEW_SAMPLES} at least "
             "to be more than a guess. Refine the mesh."
         )
-    parts = int(shape.components.max()) + 1
+    parts = _part_count(shape)
     if parts > 1:
         progress.note(f"The shape has {parts} separate parts: each gets a graph of its own.")
     border = shape.edges.shape[0] * 2 - 3 * shape.face_count
