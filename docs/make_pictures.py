@@ -220,12 +220,67 @@ def geodesic() -> Image:
     return draw_result(medialis.run("geodesic_path", shape, start=ends[0], end=ends[1]))
 
 
+def _wheel() -> medialis.Shape:
+    """Make a tube round a ring with two bars: three handles."""
+    sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "tests"))
+    from tubes import circle, segment, tube
+
+    bars = [segment([-1.2, y, 0], [1.2, y, 0]) for y in (-0.5, 0.5)]
+    return tube([circle([0, 0, 0], 1.3), *bars], 0.2, 0.06)
+
+
+def curve_skeleton() -> Image:
+    """Thesis Figure 3.13: curve skeletons with the radius, of a creature and of a wheel."""
+    results = [medialis.run("curve_skeleton", s) for s in (medialis.organic_shape(160), _wheel())]
+    captions = [f"{r.values['branches']} branches, {r.values['loops']} loops" for r in results]
+    return _sheet(results, captions)
+
+
+def curve_candidates() -> Image:
+    """Thesis 3.6.1 and 3.6.2: candidates by the measure I, and by the area importance."""
+    result = medialis.run("curve_skeleton", medialis.organic_shape(160))
+    layer = next(row for row in result.layers if row.name.endswith("candidates"))
+    root = np.sqrt(layer.attributes["importance"]) / result.shape.diagonal
+    area = medialis.Layer("area", layer.points, attributes={"root": root}, color_by="root")
+    results = [replace(result, layers=(one,)) for one in (layer, area)]
+    return _sheet(results, ["measure I", "square root of mu over the size"])
+
+
+def curve_parts() -> Image:
+    """The surface by the branch of each point."""
+    results = []
+    for shape in (medialis.organic_shape(160), _wheel()):
+        result = medialis.run("curve_skeleton", shape)
+        parts = next(row for row in result.layers if row.on_input)
+        results.append(replace(result, shown=(parts,)))
+    return _sheet(results, ["", ""])
+
+
+def curve_options() -> Image:
+    """Thresholds and smoothing."""
+    shape = medialis.organic_shape(160)
+    options: list[dict[str, float]] = [
+        {"threshold": 0.04},
+        {"threshold": 0.15},
+        {"smoothing": 0.0},
+        {"simplify": 0.01},
+    ]
+    results = [medialis.run("curve_skeleton", shape, **given) for given in options]
+    captions = [
+        f"{name} {value:g}: {result.values['nodes']} nodes, {result.values['branches']} branches"
+        for given, result in zip(options, results, strict=True)
+        for name, value in given.items()
+    ]
+    return _sheet(results, captions)
+
+
 PICTURES: dict[str, Callable[[], Image]] = {
     make.__name__: make
     for make in (
         hero, spoke_angle, subsample, tolerance, refine, sides, reconstruction, progressive,
         thickness, wall_angle, turntable, views, skeleton_mesh, mesh_angles, mesh_bridges, mesh_box,
-        importance, measures, geodesic,
+        importance, measures, geodesic, curve_skeleton, curve_candidates, curve_parts,
+        curve_options,
     )
 }  # fmt: skip
 

@@ -1,4 +1,4 @@
-"""Medial descriptors of 3D shapes: surface skeletons today, thickness, curves and parts to come.
+"""Medial descriptors of 3D shapes: surface and curve skeletons, thickness; parts to come.
 
     shape = medialis.read_shape("bunny.ply")
     cloud = medialis.surface_skeleton(shape)
