@@ -247,7 +247,7 @@ def curve_candidates() -> Image:
 
 
 def curve_parts() -> Image:
-    """The surface by the branch of each point."""
+    """Colour the surface by the branch of each point."""
     results = []
     for shape in (medialis.organic_shape(160), _wheel()):
         result = medialis.run("curve_skeleton", shape)
