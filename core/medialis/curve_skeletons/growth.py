@@ -125,12 +125,11 @@ class Growth:
             known = _extend(known, turn[best])
             # Both ways may end in a common stretch, which is taken once.
             first = self.join(int(a[best]))
-            second = [ball for ball in self.way_of(int(b[best]))[:-1] if ball not in set(first)]
-            fresh = set(second)
-            for ball in second:
-                self.edges.append((ball, int(self.parent[ball])))
+            taken = set(first)
+            second = [ball for ball in self.way_of(int(b[best]))[:-1] if ball not in taken]
+            self.edges += [(ball, int(self.parent[ball])) for ball in second]
             self.edges.append((int(a[best]), int(b[best])))
-            self.add([*first, *sorted(fresh)])
+            self.add([*first, *second])
         return most
 
     def grow_branches(self, candidates: NDArray[np.int64]) -> None:
