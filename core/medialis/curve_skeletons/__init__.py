@@ -1,1 +1,1 @@
-"""Curve skeletons: candidates, their importance, and the graph that joins them (thesis 3.6)."""
+"""Curve skeletons: from the surface skeleton (thesis 3.6), and from views of a shape (3.7)."""
