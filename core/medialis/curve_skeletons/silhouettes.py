@@ -51,6 +51,22 @@ class Scratch:
         self.down = np.empty(size, np.int32)
 
 
+def check_border(near: NDArray[np.float32]) -> None:
+    """Raise when a silhouette touches the border of its picture.
+
+    Raises
+    ------
+    InvalidShapeError
+        Then the shape may reach beyond the picture.
+    """
+    sides = (near[0], near[-1], near[:, 0], near[:, -1])
+    if not all(np.isnan(side).all() for side in sides):
+        raise InvalidShapeError(
+            "A silhouette touches the border of its picture: the camera must see the whole shape "
+            "with a margin of one pixel."
+        )
+
+
 NO_FIELD = np.empty((0, 0), np.float32)
 
 

@@ -1,0 +1,378 @@
+"""From a point cloud near a curve skeleton to a graph with its branches and loops (thesis 3.7.6).
+
+Strategy. The cloud is thinned to one node a cell; near nodes whose balls overlap are joined. Paths of
+least cost through dense parts, from the furthest node that no path has come near to the paths so
+far, make a tree (the idea of TEASAR, Sato et al. 2000): limbs get one path each, and what lies
+within the ball of a path gets none, so there are no spurs to prune. A tree has no loops: where two
+near nodes hang on places that are far apart along the tree, the way through them closes a loop, and
+it stays unless a disc inside the shape spans it.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from medialis.model.curve_skeleton import CurveSkeleton
+from medialis.validation import FloatArray, IntArray
+
+Measure = Callable[[FloatArray], FloatArray]
+"""Radius of the ball round each of (k, 3) points, 0 for a point outside the shape."""
+
+LINK = 3.0
+"""Nodes up to this many cells apart are joined."""
+SPARSE = 0.05
+"""Nodes with less than this share of the median density are strays."""
+COVER = 1.0
+"""A path accounts for what lies within this many radii of it, plus `LINK` cells."""
+FEWEST = 0.01
+"""A piece of the cloud with a smaller share of the points is a stray, if it cannot be joined."""
+SPUR = 0.5
+"""A branch end whose ball reaches less than this many radii out of the ball of its junction goes."""
+SMOOTHING = 4
+"""Rounds of averaging along the branches."""
+
+
+@dataclass(frozen=True, eq=False)
+class Nodes:
+    """One node a cell: place, number of points near it, radius; and the links between them."""
+
+    points: FloatArray
+    density: FloatArray
+    radii: FloatArray
+    links: IntArray
+    lengths: FloatArray
+
+    @property
+    def costs(self) -> FloatArray:
+        """Cost of each link: its length, more where few points are."""
+        usual = np.median(self.density)
+        thin = np.sqrt(self.density[self.links[:, 0]] * self.density[self.links[:, 1]])
+        return self.lengths * np.clip(usual / thin, 0.2, 20.0)
+
+    def graph(self, values: FloatArray):  # type: ignore[no-untyped-def]
+        """Sparse matrix of the links with a value each."""
+        from scipy.sparse import csr_array
+
+        n = len(self.points)
+        a, b = self.links.T
+        return csr_array((np.r_[values, values], (np.r_[a, b], np.r_[b, a])), shape=(n, n))
+
+    def subset(self, keep: np.ndarray) -> Nodes:
+        """Return the chosen nodes and the links between them."""
+        number = np.cumsum(keep) - 1
+        stay = keep[self.links].all(axis=1)
+        return Nodes(
+            self.points[keep],
+            self.density[keep],
+            self.radii[keep],
+            number[self.links[stay]].astype(np.int32),
+            self.lengths[stay],
+        )
+
+
+def link_points(
+    points: FloatArray, weights: FloatArray, cell: float, measure: Measure
+) -> CurveSkeleton:
+    """Return the curve skeleton that a cloud of points near it shows.
+
+    Parameters
+    ----------
+    points : (k, 3) float64
+        Points on and near the curve skeleton, many on each place of it.
+    weights : (k,) float64
+        How many points each one stands for.
+    cell : float
+        Finest detail, in the units of the points: about the scatter of the cloud.
+    measure : callable
+        Radius of the ball round each of (j, 3) points; 0 for a point outside the shape.
+
+    Returns
+    -------
+    CurveSkeleton
+        One component for each part of the shape that the cloud covers; one node for a part without
+        length. Importance is NaN.
+
+    Notes
+    -----
+    Source: thesis 3.7.6, which leaves the reconstruction of lines to other methods. A loop stays
+    when no disc inside the shape spans it.
+    """
+    nodes = _thin(points, weights, cell, measure)
+    nodes = _join_pieces(nodes, cell, measure)
+    if len(nodes.points) == 0:
+        return CurveSkeleton.of(np.empty((0, 3)), np.empty((0, 2)), np.empty(0))
+    edges = _tree(nodes, cell)
+    edges = _close_loops(nodes, edges, cell, measure)
+    edges = _prune(nodes, edges)
+    return _as_skeleton(nodes, edges, measure)
+
+
+def merge_cells(
+    points: FloatArray, weights: FloatArray, cell: float
+) -> tuple[FloatArray, FloatArray]:
+    """Return the mean point and the weight of each cell of a grid that holds points, in its order."""
+    if len(points) == 0:
+        return np.empty((0, 3)), np.empty(0)
+    keys = np.floor((points - points.min(axis=0)) / cell).astype(np.int64)
+    size = keys.max(axis=0) + 1
+    flat = (keys[:, 0] * size[1] + keys[:, 1]) * size[2] + keys[:, 2]
+    _, cell_of = np.unique(flat, return_inverse=True)
+    total = np.bincount(cell_of, weights)
+    means = [np.bincount(cell_of, weights * points[:, j]) / total for j in range(3)]
+    return np.stack(means, axis=1), total
+
+
+def _weighted_median(values: FloatArray, weights: FloatArray) -> float:
+    order = np.argsort(values, kind="stable")
+    summed = np.cumsum(weights[order])
+    return float(values[order[np.searchsorted(summed, summed[-1] / 2)]])
+
+
+def _thin(points: FloatArray, weights: FloatArray, cell: float, measure: Measure) -> Nodes:
+    """Return the mean point of each cell of a grid, without strays and points outside."""
+    from scipy.spatial import cKDTree
+
+    means, count = merge_cells(points, weights, cell)
+    if len(means) == 0:
+        return Nodes(means, count, count, np.empty((0, 2), np.int32), count)
+    tree = cKDTree(means)
+    near = tree.sparse_distance_matrix(tree, 2 * cell, output_type="coo_matrix")
+    density = np.bincount(near.row, count[near.col], minlength=len(means))  # itself included
+    radii = measure(means)
+    keep = (density >= SPARSE * _weighted_median(density, count)) & (radii > 0)
+    means, density, radii = means[keep], density[keep], radii[keep]
+    if len(means) == 0:
+        return Nodes(means, density, radii, np.empty((0, 2), np.int32), np.empty(0))
+    links = cKDTree(means).query_pairs(LINK * cell, output_type="ndarray")
+    links = links[np.lexsort(links.T[::-1])].astype(np.int32)
+    lengths = np.linalg.norm(means[links[:, 0]] - means[links[:, 1]], axis=1)
+    # Balls that overlap hold the segment between their centers.
+    inside = lengths <= np.maximum(radii[links].sum(axis=1), 1.8 * cell)
+    return Nodes(means, density, radii, links[inside], lengths[inside])
+
+
+def _pieces(nodes: Nodes) -> IntArray:
+    from scipy.sparse.csgraph import connected_components
+
+    return np.asarray(connected_components(nodes.graph(nodes.lengths), directed=False)[1])
+
+
+def _segments_inside(a: FloatArray, b: FloatArray, step: float, measure: Measure) -> np.ndarray:
+    """Tell which segments lie inside the shape, by points along them."""
+    count = max(3, int(np.ceil(np.linalg.norm(a - b, axis=1).max(initial=0.0) / step)))
+    at = (np.arange(count) + 0.5)[:, None, None] / count
+    samples = (a + at * (b - a)).reshape(-1, 3)
+    return (measure(samples) > 0).reshape(count, -1).all(axis=0)
+
+
+def _join_pieces(nodes: Nodes, cell: float, measure: Measure) -> Nodes:
+    """Join pieces by the shortest links inside the shape; drop small ones that cannot be joined."""
+    from scipy.spatial import cKDTree
+
+    while len(nodes.points):
+        piece = _pieces(nodes)
+        count = int(piece.max()) + 1
+        if count == 1:
+            return nodes
+        # From every piece the nearest node of another piece; of equal ways the lowest one.
+        found = []
+        for number in range(count):
+            own, other = np.flatnonzero(piece == number), np.flatnonzero(piece != number)
+            away, at = cKDTree(nodes.points[other]).query(nodes.points[own])
+            few = np.argsort(away, kind="stable")[:16]
+            found.append(np.stack([own[few], other[at[few]]], axis=1))
+        pairs = np.concatenate(found)
+        a, b = nodes.points[pairs[:, 0]], nodes.points[pairs[:, 1]]
+        pairs = pairs[_segments_inside(a, b, cell / 2, measure)]
+        if len(pairs) == 0:
+            break
+        lengths = np.linalg.norm(nodes.points[pairs[:, 0]] - nodes.points[pairs[:, 1]], axis=1)
+        joined = np.arange(count)
+        links, sizes = [nodes.links], [nodes.lengths]
+        for row in np.argsort(lengths, kind="stable"):
+            p, q = joined[piece[pairs[row]]]
+            if p != q:
+                joined[joined == max(p, q)] = min(p, q)
+                links.append(pairs[row : row + 1].astype(np.int32))
+                sizes.append(lengths[row : row + 1])
+        nodes = Nodes(
+            nodes.points, nodes.density, nodes.radii, np.concatenate(links), np.concatenate(sizes)
+        )
+    if len(nodes.points) == 0:
+        return nodes
+    piece = _pieces(nodes)
+    share = np.bincount(piece, nodes.density) / nodes.density.sum()
+    return nodes.subset((share >= FEWEST)[piece] | (share == share.max())[piece])
+
+
+def _tree(nodes: Nodes, cell: float) -> list[tuple[int, int]]:
+    """Return the edges of the paths of each piece; a piece without length has none."""
+    piece = _pieces(nodes)
+    edges: list[tuple[int, int]] = []
+    for number in range(int(piece.max()) + 1):
+        edges += _piece_paths(nodes, np.flatnonzero(piece == number), cell)
+    return edges
+
+
+def _piece_paths(nodes: Nodes, rows: IntArray, cell: float) -> list[tuple[int, int]]:
+    from scipy.sparse.csgraph import dijkstra
+    from scipy.spatial import cKDTree
+
+    lengths, costs = nodes.graph(nodes.lengths), nodes.graph(nodes.costs)
+    tree = cKDTree(nodes.points[rows])
+    reach = COVER * nodes.radii + LINK * cell
+    open_ = np.zeros(len(nodes.points), bool)
+    open_[rows] = True
+
+    def cover(path: list[int]) -> None:
+        for near in tree.query_ball_point(nodes.points[path], reach[path]):
+            open_[rows[near]] = False
+
+    start = int(rows[nodes.density[rows].argmax()])
+    cover([start])
+    if not open_[rows].any():
+        return []  # all within one ball: a point
+    away = dijkstra(lengths, directed=False, indices=start)
+    root = int(rows[np.where(np.isfinite(away[rows]), away[rows], -1).argmax()])
+    away = dijkstra(lengths, directed=False, indices=root)
+    open_[rows] = True
+    on_tree = np.zeros(len(nodes.points), bool)
+    on_tree[root] = True
+    cover([root])
+    edges: list[tuple[int, int]] = []
+    while open_[rows].any():
+        left = rows[open_[rows]]
+        tip = int(left[away[left].argmax()])
+        _, before, _ = dijkstra(
+            costs, directed=False, indices=np.flatnonzero(on_tree), min_only=True,
+            return_predecessors=True,
+        )  # fmt: skip
+        path = [tip]
+        while not on_tree[path[-1]]:
+            path.append(int(before[path[-1]]))
+        edges += list(itertools.pairwise(path))
+        on_tree[path] = True
+        cover(path)
+    return edges
+
+
+def _close_loops(
+    nodes: Nodes, edges: list[tuple[int, int]], cell: float, measure: Measure
+) -> list[tuple[int, int]]:
+    """Add the ways that close a loop round a hole, the shortest way first."""
+    from scipy.sparse import csr_array
+    from scipy.sparse.csgraph import dijkstra
+
+    n = len(nodes.points)
+    refused: set[tuple[int, int]] = set()
+    while edges:
+        pairs = np.array(edges)
+        size = np.linalg.norm(nodes.points[pairs[:, 0]] - nodes.points[pairs[:, 1]], axis=1)
+        skeleton = csr_array((size, (pairs[:, 0], pairs[:, 1])), shape=(n, n))
+        on = np.unique(pairs)
+        away, before, foot = dijkstra(
+            nodes.graph(nodes.lengths), directed=False, indices=on, min_only=True,
+            return_predecessors=True,
+        )  # fmt: skip
+        a, b = nodes.links.T
+        use = (foot[a] != foot[b]) & np.isfinite(away[a]) & np.isfinite(away[b])
+        a, b, way = a[use], b[use], (away[a] + away[b] + nodes.lengths)[use]
+        feet, at = np.unique(foot[a], return_inverse=True)
+        if len(feet) == 0:
+            break
+        along, trace = dijkstra(
+            skeleton, directed=False, indices=feet, return_predecessors=True
+        )
+        round_ = along[at, foot[b]]
+        widest = np.maximum(nodes.radii[foot[a]], nodes.radii[foot[b]])
+        long = round_ > np.maximum(2.0 * way, 2 * widest + 4 * cell)
+        added = False
+        for row in np.flatnonzero(long)[np.argsort(way[long], kind="stable")]:
+            ends = (int(foot[a[row]]), int(foot[b[row]]))
+            near = {tuple(sorted((ends[0] // 1, ends[1] // 1)))}
+            if near & refused:
+                continue
+            there = _way_back(before, int(a[row]))[::-1] + _way_back(before, int(b[row]))
+            home = _way_back(trace[at[row]], ends[1])
+            if _spanned(nodes.points[there + home[1:]], cell, measure):
+                refused |= near  # type: ignore[arg-type]
+                continue
+            edges = edges + list(itertools.pairwise(there))
+            added = True
+            break
+        if not added:
+            break
+    return edges
+
+
+def _way_back(before: IntArray, node: int) -> list[int]:
+    path = [node]
+    while before[path[-1]] >= 0:
+        path.append(int(before[path[-1]]))
+    return path
+
+
+def _spanned(cycle: FloatArray, cell: float, measure: Measure) -> bool:
+    """Tell whether the cone from the middle of a cycle to it lies inside the shape."""
+    middle = cycle.mean(axis=0)
+    for share in np.arange(0.0, 1.0, 0.125):
+        if (measure(middle + share * (cycle - middle)) <= 0).any():
+            return False
+    return True
+
+
+def _prune(nodes: Nodes, edges: list[tuple[int, int]]) -> list[tuple[int, int]]:
+    """Drop branch ends that hardly leave the ball of their junction, the shortest first."""
+    near: dict[int, set[int]] = {}
+    for a, b in edges:
+        near.setdefault(a, set()).add(b)
+        near.setdefault(b, set()).add(a)
+    while True:
+        spurs = []
+        for tip in sorted(node for node, others in near.items() if len(others) == 1):
+            path = [tip, *near[tip]]
+            while len(near[path[-1]]) == 2:
+                path += near[path[-1]] - {path[-2]}
+            foot = path[-1]
+            if len(near[foot]) < 3:
+                continue  # the only branch of its piece
+            length = float(np.linalg.norm(np.diff(nodes.points[path], axis=0), axis=1).sum())
+            if length + nodes.radii[tip] < (1 + SPUR) * nodes.radii[foot]:
+                spurs.append((length, path))
+        if not spurs:
+            return sorted({(min(a, b), max(a, b)) for a, others in near.items() for b in others})
+        for a, b in itertools.pairwise(min(spurs)[1]):
+            near[a].discard(b)
+            near[b].discard(a)
+            if not near[a]:
+                del near[a]
+
+
+def _as_skeleton(
+    nodes: Nodes, edges: list[tuple[int, int]], measure: Measure
+) -> CurveSkeleton:
+    """Smooth the branches and measure their radii; pieces without edges are their densest node."""
+    piece = _pieces(nodes)
+    pairs = np.unique(np.sort(np.array(edges, np.int64).reshape(-1, 2), axis=1), axis=0)
+    bare = np.setdiff1d(piece, piece[pairs.ravel()])
+    lone = [np.flatnonzero(piece == p)[nodes.density[piece == p].argmax()] for p in bare]
+    used = np.unique(np.r_[pairs.ravel(), lone].astype(np.int64))
+    links = np.searchsorted(used, pairs).astype(np.int32)
+    degree = np.bincount(links.ravel(), minlength=len(used))
+    points = nodes.points[used]
+    for _ in range(SMOOTHING):
+        total = np.zeros_like(points)
+        np.add.at(total, links[:, 0], points[links[:, 1]])
+        np.add.at(total, links[:, 1], points[links[:, 0]])
+        inner = degree == 2
+        points[inner] = 0.5 * points[inner] + 0.25 * total[inner]
+    radii = measure(points)
+    # Smoothing must not leave the shape.
+    out = radii <= 0
+    points[out] = nodes.points[used][out]
+    radii[out] = nodes.radii[used][out]
+    return CurveSkeleton.of(points, links, radii)
