@@ -21,6 +21,7 @@ LAYERS = [
     {"features"},
     {"curve_skeletons"},
     {"render"},
+    {"curve_skeletons"},
     {"operations"},
     {"quality"},
     {"batches"},

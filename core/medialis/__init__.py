@@ -18,6 +18,8 @@ from medialis.curve_skeletons.candidates import (
 from medialis.curve_skeletons.curve_skeleton import curve_skeleton
 from medialis.curve_skeletons.point_graph import point_graph
 from medialis.curve_skeletons.simplification import simplify_branches
+from medialis.curve_skeletons.silhouettes import silhouette_skeleton
+from medialis.curve_skeletons.views import view_curve_skeleton, view_source
 from medialis.errors import (
     Cancelled,
     FileError,
@@ -40,6 +42,7 @@ from medialis.model.medial_cloud import BallStatus, MedialCloud
 from medialis.model.ragged import Ragged
 from medialis.model.shape import Shape
 from medialis.model.skeleton_mesh import SkeletonMesh
+from medialis.model.view import OrthographicCamera, View, ViewSource
 from medialis.operations.pictures import draw_result
 from medialis.operations.registry import OPERATIONS, operation, run
 from medialis.operations.result import Layer, Result
@@ -57,6 +60,7 @@ from medialis.regularization.importance import (
     important_points,
     local_measures,
 )
+from medialis.render.depth_range import rasterizer
 from medialis.render.reconstruction import progressive, reconstruct_image
 from medialis.shape.cloud_normals import estimate_normals
 from medialis.shape.cloud_surface import surface_of_cloud
@@ -86,6 +90,7 @@ __all__ = [
     "Layer",
     "MedialCloud",
     "MedialisError",
+    "OrthographicCamera",
     "PathStatus",
     "Progress",
     "Ragged",
@@ -97,6 +102,8 @@ __all__ = [
     "area_importance",
     "batch",
     "candidate_measure",
+    "View",
+    "ViewSource",
     "connected_importance",
     "curve_skeleton",
     "diagnose",
@@ -119,12 +126,14 @@ __all__ = [
     "point_graph",
     "progressive",
     "read_curve_skeleton",
+    "rasterizer",
     "read_shape",
     "reconstruct_image",
     "refine",
     "repair",
     "run",
     "simplify_branches",
+    "silhouette_skeleton",
     "skeleton_mesh",
     "surface_of_cloud",
     "surface_skeleton",
@@ -136,5 +145,7 @@ __all__ = [
     "uniform_subsample",
     "vertex_normals",
     "write_curve_skeleton",
+    "view_curve_skeleton",
+    "view_source",
     "write_result",
 ]

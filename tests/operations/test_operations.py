@@ -14,6 +14,8 @@ REAL = Path(__file__).resolve().parents[3] / "shared" / "shapes"
 NAMES = sorted(p.stem for p in REAL.glob("*.ply") if p.stem != "igea2") or ["missing"]
 CUBE = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], float)
 QUADS = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+# Computed at less than the default, which takes half a minute.
+QUICK = {"view_curve_skeleton": {"pairs": 40, "size": 128}}
 FACES = np.array([t for a, b, c, d in QUADS for t in ((a, b, c), (a, c, d))])
 
 
@@ -53,7 +55,8 @@ def test_real_shapes_give_a_skeleton_with_empty_balls(name, real_shapes):
 
 @pytest.mark.parametrize("chosen", OPERATIONS, ids=lambda o: o.name)
 def test_every_operation_runs_on_a_real_shape(chosen, real_shapes):
-    result = medialis.run(chosen.name, medialis.read_shape(real_shapes / "hand.ply"))
+    shape = medialis.read_shape(real_shapes / "hand.ply")
+    result = medialis.run(chosen.name, shape, **QUICK.get(chosen.name, {}))
     assert result.layers and result.values and result.seconds["total"] > 0
 
 
@@ -69,7 +72,7 @@ def test_a_layer_has_the_attributes_it_names(given):
 
 @pytest.mark.parametrize("chosen", OPERATIONS, ids=lambda o: o.name)
 def test_layers_on_the_input_have_its_points(chosen, creature):
-    for layer in medialis.run(chosen.name, creature).layers:
+    for layer in medialis.run(chosen.name, creature, **QUICK.get(chosen.name, {})).layers:
         if layer.on_input:
             assert (layer.points == creature.points).all() and (layer.faces == creature.faces).all()
 

@@ -1,9 +1,9 @@
 """Kernel of thesis 3.7.4: points of the two skeletons of a pair of views, matched along rows.
 
-Both cameras have the same center and the same up-axis; the second one is the first one turned about
-it by the angle alpha. So a row of the one is the same row of the other, and a point at column x,
-depth k of the first has the column x cos(alpha) - k sin(alpha) in the second, both measured from the
-middle in units of length (Eq. 3.9).
+Both cameras have the same center and the same up-axis; the second one is the first one turned
+about it by the angle alpha. So a row of the one is the same row of the other, and a point at column
+x, depth k of the first has the column x cos(alpha) - k sin(alpha) in the second, both measured from
+the middle in units of length (Eq. 3.9).
 """
 
 import math
@@ -43,8 +43,8 @@ def pair_crossings(
 ):
     """Write right, up and depth, as the first camera sees them, of the matched points.
 
-    A match counts when each is the best partner of the other and the point lies within the depth
-    range of both views. Returns the number of points.
+    A match counts when the point lies within the depth range of both views. Returns the number of
+    points.
     """
     size = len(begin_a) - 1
     middle = 0.5 * size
@@ -59,8 +59,6 @@ def pair_crossings(
             )  # fmt: skip
             if j < 0 or not low <= k <= high:
                 continue
-            # The same seen from the second camera: its first one is at the angle -alpha.
-            y = (column_b[j] - middle) * pixel
             low, high = middle_depth(near_b, far_b, row, column_b[j])
             depth = k * cosine + x * sine
             if not low <= depth <= high:

@@ -5,8 +5,6 @@ A batch of v views is `cameras` (v, 13), each center, axes and pixel as `project
 view in their order, so the threads cannot change the result.
 """
 
-import math
-
 from medialis._kernels.jit import kernel
 
 
@@ -63,6 +61,21 @@ def cull_and_sharpen(cameras, near, far, field, steps, begin, end, points, alive
 
 
 @kernel
+def distance_at(field, column, row):
+    """Return the distance transform at a sub-pixel position, to the nearest pixel centers outside.
+
+    Bilinear between pixel centers. The field counts to the border of those pixels, half a pixel
+    less; but of many pixels along a contour some have their center right behind it.
+    """
+    x, y = column - 0.5, row - 0.5
+    c, r = int(x), int(y)
+    s, t = x - c, y - r
+    above = (1 - s) * abs(field[r, c]) + s * abs(field[r, c + 1])
+    below = (1 - s) * abs(field[r + 1, c]) + s * abs(field[r + 1, c + 1])
+    return (1 - t) * above + t * below + 0.5
+
+
+@kernel
 def measure_radii(cameras, near, far, field, begin, end, points, out_radii):
     """Lower out_radii to the distance to the surface that any view shows; 0 where one is outside.
 
@@ -79,4 +92,5 @@ def measure_radii(cameras, near, far, field, begin, end, points, out_radii):
                 out_radii[i] = 0.0
                 continue
             ways = min(depth - near[v, r, c], far[v, r, c] - depth)
-            out_radii[i] = min(out_radii[i], ways, abs(field[v, r, c]) * cameras[v, 12])
+            away = distance_at(field[v], column, row) * cameras[v, 12]
+            out_radii[i] = min(out_radii[i], ways, away)

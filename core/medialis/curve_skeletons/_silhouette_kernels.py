@@ -1,11 +1,11 @@
 """Kernels of thesis 3.7.3: contours, exact feature transform and saliency skeleton of a silhouette.
 
-Strategy. A contour is a closed chain of *cracks*, the edges between a pixel of the shape and one of
-the background; each crack belongs to one contour and has one arc position on it, also where the
-shape or a gap is one pixel wide. The feature point of a pixel is the nearest background pixel b; its
-crack is the side of b that faces the pixel, along the longer leg of the way (that neighbour of b is
-nearer to the pixel, so it cannot be background). Rows are independent given the distance to the
-background within each column: the lower envelope of parabolas gives the feature points of a row
+Strategy. A contour is a closed chain of *cracks*, the edges between a pixel of the shape and one
+of the background; each crack belongs to one contour and has one arc position on it, also where the
+shape or a gap is one pixel wide. The feature point of a pixel is the nearest background pixel b;
+its crack is the side of b that faces the pixel, along the longer leg of the way (that neighbour of
+b is nearer to the pixel, so it cannot be background). Given the distance to the background within
+each column, rows are independent: the lower envelope of parabolas gives the feature points of a row
 (Meijster et al. 2000), and within a run of shape pixels only its own columns and the two background
 columns beside it matter.
 """
@@ -54,12 +54,12 @@ def column_offsets(near, down, out_offset):
 
 @kernel
 def trace_contours(offset, first, last, out_upright, out_flat, out_arc, out_contour, out_length):
-    """Number the cracks along their contours; return the number of contours and of cracks.
+    """Write number and arc position of every crack; return the number of contours and cracks.
 
-    Crack `out_upright[r, c]` is the left side of pixel (r, c), `out_flat[r, c]` its top. Crack k has
-    the arc position out_arc[k] on contour out_contour[k], which is out_length[...] long, in pixels
-    between midpoints of cracks (exact along rows, columns and diagonals, at most 8 % too long
-    between). Shape pixels that share a corner are connected.
+    Crack `out_upright[r, c]` is the left side of pixel (r, c), `out_flat[r, c]` its top. Crack k
+    has the arc position out_arc[k] on contour out_contour[k], which is out_length[...] long. Arcs
+    run between midpoints of cracks, in pixels: exact along rows, columns and diagonals, at most 8 %
+    too long between. Shape pixels that share a corner are connected.
     """
     width = offset.shape[1]
     for row in range(first, last):
@@ -182,11 +182,11 @@ def saliency_skeleton(
 ):
     """Find where rows cross the saliency skeleton, and, on request, the distance field.
 
-    cracks = (upright, flat, arc, contour, length, longest). room (6, w) int64 holds the envelope and
-    the feature points of this and the last row. Crossings of row r have the numbers out_begin[r] to
-    out_begin[r + 1], ascending; out_col is sub-pixel, with pixel centers at halves, and out_distance
-    the distance to the contour. With an `out_field` of the size of the picture it gets the distance
-    of every pixel center, negative at pixels beside the skeleton (crossings of rows and of columns).
+    cracks = (upright, flat, arc, contour, length, longest). room (6, w + 2) int64 holds the
+    envelope and the feature points of this and the last row. Crossings of row r have the numbers
+    out_begin[r] to out_begin[r + 1], ascending; out_col is sub-pixel, with pixel centers at halves,
+    and out_distance the distance to the contour. An `out_field` of the size of the picture gets the
+    distance of every pixel center, negative beside the skeleton (crossings of rows and columns).
     Returns the number of crossings.
     """
     upright, flat, arc, contour, length, longest = cracks

@@ -1,11 +1,11 @@
 """From a point cloud near a curve skeleton to a graph with its branches and loops (thesis 3.7.6).
 
-Strategy. The cloud is thinned to one node a cell; near nodes whose balls overlap are joined. Paths of
-least cost through dense parts, from the furthest node that no path has come near to the paths so
+Strategy. The cloud is thinned to one node a cell; near nodes whose balls overlap are joined. Paths
+of least cost through dense parts, from the furthest node that no path has come near to the paths so
 far, make a tree (the idea of TEASAR, Sato et al. 2000): limbs get one path each, and what lies
-within the ball of a path gets none, so there are no spurs to prune. A tree has no loops: where two
-near nodes hang on places that are far apart along the tree, the way through them closes a loop, and
-it stays unless a disc inside the shape spans it.
+within the balls of a path gets none, so there are few spurs to prune. A tree has no loops: where
+two near nodes hang on places that are far apart along the tree, the way through them closes a loop,
+and it stays unless a disc inside the shape spans it.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ COVER = 1.0
 FEWEST = 0.01
 """A piece of the cloud with a smaller share of the points is a stray, if it cannot be joined."""
 SPUR = 0.5
-"""A branch end whose ball reaches less than this many radii out of the ball of its junction goes."""
+"""A branch end goes when it reaches less than this many radii out of the ball of its junction."""
 SMOOTHING = 4
 """Rounds of averaging along the branches."""
 
@@ -114,14 +114,14 @@ def link_points(
 def merge_cells(
     points: FloatArray, weights: FloatArray, cell: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the mean point and the weight of each cell of a grid that holds points, in its order."""
+    """Return mean point and weight of each cell of a grid that holds points, in its order."""
     if len(points) == 0:
         return np.empty((0, 3)), np.empty(0)
     keys = np.floor((points - points.min(axis=0)) / cell).astype(np.int64)
     size = keys.max(axis=0) + 1
     flat = (keys[:, 0] * size[1] + keys[:, 1]) * size[2] + keys[:, 2]
     _, cell_of = np.unique(flat, return_inverse=True)
-    total = np.bincount(cell_of, weights)
+    total: FloatArray = np.bincount(cell_of, weights).astype(np.float64)
     means = [np.bincount(cell_of, weights * points[:, j]) / total for j in range(3)]
     return np.stack(means, axis=1), total
 
@@ -141,7 +141,8 @@ def _thin(points: FloatArray, weights: FloatArray, cell: float, measure: Measure
         return Nodes(means, count, count, np.empty((0, 2), np.int32), count)
     tree = cKDTree(means)
     near = tree.sparse_distance_matrix(tree, 2 * cell, output_type="coo_matrix")
-    density = np.bincount(near.row, count[near.col], minlength=len(means))  # itself included
+    density = np.zeros(len(means))
+    np.add.at(density, near.row, count[near.col])  # itself included
     radii = measure(means)
     keep = (density >= SPARSE * _weighted_median(density, count)) & (radii > 0)
     means, density, radii = means[keep], density[keep], radii[keep]
@@ -166,7 +167,7 @@ def _segments_inside(a: FloatArray, b: FloatArray, step: float, measure: Measure
     count = max(3, int(np.ceil(np.linalg.norm(a - b, axis=1).max(initial=0.0) / step)))
     at = (np.arange(count) + 0.5)[:, None, None] / count
     samples = (a + at * (b - a)).reshape(-1, 3)
-    return (measure(samples) > 0).reshape(count, -1).all(axis=0)
+    return np.asarray((measure(samples) > 0).reshape(count, -1).all(axis=0))
 
 
 def _join_pieces(nodes: Nodes, cell: float, measure: Measure) -> Nodes:
@@ -214,7 +215,7 @@ def _tree(nodes: Nodes, cell: float) -> list[tuple[int, int]]:
     piece = _pieces(nodes)
     edges: list[tuple[int, int]] = []
     for number in range(int(piece.max()) + 1):
-        edges += _piece_paths(nodes, np.flatnonzero(piece == number), cell)
+        edges += _piece_paths(nodes, np.flatnonzero(piece == number).astype(np.int32), cell)
     return edges
 
 
@@ -269,43 +270,37 @@ def _close_loops(
 
     n = len(nodes.points)
     refused: set[tuple[int, int]] = set()
-    while edges:
+    closing: list[int] | None = []
+    while edges and closing is not None:
+        edges = edges + list(itertools.pairwise(closing))
         pairs = np.array(edges)
         size = np.linalg.norm(nodes.points[pairs[:, 0]] - nodes.points[pairs[:, 1]], axis=1)
         skeleton = csr_array((size, (pairs[:, 0], pairs[:, 1])), shape=(n, n))
-        on = np.unique(pairs)
         away, before, foot = dijkstra(
-            nodes.graph(nodes.lengths), directed=False, indices=on, min_only=True,
+            nodes.graph(nodes.lengths), directed=False, indices=np.unique(pairs), min_only=True,
             return_predecessors=True,
         )  # fmt: skip
         a, b = nodes.links.T
         use = (foot[a] != foot[b]) & np.isfinite(away[a]) & np.isfinite(away[b])
         a, b, way = a[use], b[use], (away[a] + away[b] + nodes.lengths)[use]
         feet, at = np.unique(foot[a], return_inverse=True)
+        closing = None
         if len(feet) == 0:
             break
-        along, trace = dijkstra(
-            skeleton, directed=False, indices=feet, return_predecessors=True
-        )
-        round_ = along[at, foot[b]]
+        along, trace = dijkstra(skeleton, directed=False, indices=feet, return_predecessors=True)
+        detour = along[at, foot[b]]
         widest = np.maximum(nodes.radii[foot[a]], nodes.radii[foot[b]])
-        long = round_ > np.maximum(2.0 * way, 2 * widest + 4 * cell)
-        added = False
-        for row in np.flatnonzero(long)[np.argsort(way[long], kind="stable")]:
-            ends = (int(foot[a[row]]), int(foot[b[row]]))
-            near = {tuple(sorted((ends[0] // 1, ends[1] // 1)))}
-            if near & refused:
+        long = np.flatnonzero(detour > np.maximum(2 * way, 2 * widest + 4 * cell))
+        for row in long[np.argsort(way[long], kind="stable")]:
+            ends = int(foot[a[row]]), int(foot[b[row]])
+            if ends in refused:
                 continue
             there = _way_back(before, int(a[row]))[::-1] + _way_back(before, int(b[row]))
             home = _way_back(trace[at[row]], ends[1])
-            if _spanned(nodes.points[there + home[1:]], cell, measure):
-                refused |= near  # type: ignore[arg-type]
-                continue
-            edges = edges + list(itertools.pairwise(there))
-            added = True
-            break
-        if not added:
-            break
+            if not _spanned(nodes.points[there + home[1:]], measure):
+                closing = there
+                break
+            refused |= {ends, ends[::-1]}
     return edges
 
 
@@ -316,7 +311,7 @@ def _way_back(before: IntArray, node: int) -> list[int]:
     return path
 
 
-def _spanned(cycle: FloatArray, cell: float, measure: Measure) -> bool:
+def _spanned(cycle: FloatArray, measure: Measure) -> bool:
     """Tell whether the cone from the middle of a cycle to it lies inside the shape."""
     middle = cycle.mean(axis=0)
     for share in np.arange(0.0, 1.0, 0.125):
@@ -352,9 +347,7 @@ def _prune(nodes: Nodes, edges: list[tuple[int, int]]) -> list[tuple[int, int]]:
                 del near[a]
 
 
-def _as_skeleton(
-    nodes: Nodes, edges: list[tuple[int, int]], measure: Measure
-) -> CurveSkeleton:
+def _as_skeleton(nodes: Nodes, edges: list[tuple[int, int]], measure: Measure) -> CurveSkeleton:
     """Smooth the branches and measure their radii; pieces without edges are their densest node."""
     piece = _pieces(nodes)
     pairs = np.unique(np.sort(np.array(edges, np.int64).reshape(-1, 2), axis=1), axis=0)

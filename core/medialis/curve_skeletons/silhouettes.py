@@ -139,8 +139,8 @@ def silhouette_skeleton(mask: ArrayLike, *, saliency: float = DEFAULT_SALIENCY) 
     -----
     Feature points are exact: the nearest pixels outside. The skeleton passes between two neighbours
     in a row whose feature points are far apart along the contour, where the row is as far from the
-    one as from the other. Different contours count as the longest. Source: thesis 3.7.3, Eq. 3.6-3.8.
-    Deviates: importance is compared along rows only, since the pairing of views needs no more.
+    one as from the other. Different contours count as the longest. Source: thesis 3.7.3, Eq. 3.6 to
+    3.8. Deviates: importance is compared along rows only, since the pairing of views needs no more.
 
     Examples
     --------

@@ -116,7 +116,7 @@ class _Batch:
         run_chunks(skeletons, count, 1)
 
     def measure(self, points: FloatArray) -> FloatArray:
-        """Return the radius of the ball round each point, 0 for a point that a view sees outside."""
+        """Return the radius of the ball round each point, 0 where a view sees it outside."""
         from medialis.curve_skeletons._sharpening_kernels import measure_radii
 
         positions = np.ascontiguousarray(points)
@@ -286,8 +286,8 @@ def view_curve_skeleton(
     -----
     Cost: three renderings of each pair and two silhouette skeletons; memory for 16 views at a time.
     Parts that no view shows, such as handles inside a cavity, are not found. Source: thesis 3.7.
-    Deviates: see docs/thesis_map.md (saliency in pixels over pixels; steps of the sharpening shrink;
-    only views that see a point in the middle of their depth range move it).
+    Deviates: saliency is a plain ratio of lengths, the steps of the sharpening shrink, and only
+    views that see a point in the middle of their depth range move it (docs/view_curve_skeleton.md).
 
     Examples
     --------

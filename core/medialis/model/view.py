@@ -1,4 +1,4 @@
-"""View: what an orthographic camera sees of a shape: silhouette, near and far depth (thesis 3.7)."""
+"""View: silhouette and depth range of a shape, seen by an orthographic camera (thesis 3.7)."""
 
 from __future__ import annotations
 

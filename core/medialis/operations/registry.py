@@ -16,6 +16,7 @@ from medialis.operations import (
     skeleton_mesh,
     surface_skeleton,
     thickness,
+    view_curve_skeleton,
 )
 from medialis.operations.declaration import Operation
 from medialis.operations.result import Outcome, Result
@@ -30,6 +31,7 @@ OPERATIONS: tuple[Operation, ...] = (
     geodesic_path.OPERATION,
     skeleton_mesh.OPERATION,
     curve_skeleton.OPERATION,
+    view_curve_skeleton.OPERATION,
 )
 
 

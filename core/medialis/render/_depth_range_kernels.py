@@ -1,7 +1,7 @@
 """Kernel of the views (thesis 3.7): nearest and furthest depth of triangles in one pass.
 
-Pixels are hit by their centers, with the shared-edge rule of `edge`: neighbouring triangles leave no
-gap. Positions are columns and rows of the picture; one view is drawn by one call.
+Pixels are hit by their centers, with the shared-edge rule of `edge`: neighbouring triangles leave
+no gap. Positions are columns and rows of the picture; one view is drawn by one call.
 """
 
 import math

@@ -1,4 +1,4 @@
-"""The core's view source: silhouettes and depth ranges of a mesh or a point cloud (thesis 3.7.4.2)."""
+"""The core's view source: silhouettes and depths of a mesh or a point cloud (thesis 3.7.4.2)."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from medialis.model.view import OrthographicCamera, View
 from medialis.threads import run_chunks
 from medialis.validation import FloatArray, IntArray
 
-DISC_NEIGHBOUR = 8
+DISC_NEIGHBOUR = 12
 """The disc of a sample reaches as far as its neighbour of this rank: discs overlap, also where
 samples are irregular (checked on random samples of a sphere and a torus)."""
 

@@ -1,0 +1,175 @@
+"""Operation: curve skeleton from silhouettes and depths of many views (thesis 3.7)."""
+
+from __future__ import annotations
+
+import logging
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from medialis.curve_skeletons.silhouettes import DEFAULT_SALIENCY
+from medialis.curve_skeletons.views import (
+    DEFAULT_ANGLE,
+    DEFAULT_PAIRS,
+    DEFAULT_SIZE,
+    ViewSkeleton,
+    skeleton_of_shape,
+)
+from medialis.model.curve_skeleton import CurveSkeleton
+from medialis.model.shape import Shape
+from medialis.operations.common import summary
+from medialis.operations.declaration import Kind, Operation, Parameter
+from medialis.operations.result import Layer, Outcome
+from medialis.progress import Progress
+
+FAR_RADII = 2.5
+"""A place of the surface further than this many radii from the skeleton lies on a sheet."""
+SHEET_SHARE = 0.2
+"""Share of such places from which on a curve is a poor description."""
+
+
+def run(shape: Shape, parameters: Mapping[str, Any], progress: Progress) -> Outcome:
+    """Render, match, sharpen, link, and say where a curve is a poor description."""
+    found = skeleton_of_shape(
+        shape,
+        pairs=parameters["pairs"],
+        size=parameters["size"],
+        angle=math.radians(parameters["angle"]),
+        saliency=parameters["saliency"],
+        source=None,
+        progress=progress,
+    )
+    curve = found.curve
+    _note_doubts(shape, curve, progress)
+    return Outcome(
+        shape=shape,
+        layers=(_curve_layer(curve), _points_layer(found)),
+        values={
+            "nodes": len(curve.nodes),
+            "branches": curve.branch_count,
+            "junctions": len(curve.junctions),
+            "end_points": len(curve.end_points),
+            "loops": curve.loops,
+            "components": curve.component_count,
+            "length": curve.length,
+            **summary(curve.radii, "radius"),
+            "points": len(found.points),
+            "diagonal": shape.diagonal,
+        },
+        arrays={
+            "nodes": curve.nodes,
+            "edges": curve.edges,
+            "radii": curve.radii,
+            "branch": curve.branch,
+            "view_points": found.points,
+            "view_weights": found.weights,
+        },
+    )
+
+
+def _note_doubts(shape: Shape, curve: CurveSkeleton, progress: Progress) -> None:
+    """Warn of sheets, and of parts that no branch was found for."""
+    from scipy.spatial import cKDTree
+
+    away, node = cKDTree(curve.nodes).query(shape.points)
+    share = float((away > FAR_RADII * curve.radii[node]).mean())
+    if share > SHEET_SHARE:
+        progress.note(
+            f"{100 * share:.0f} % of the surface lies further than {FAR_RADII:g} radii from the "
+            "curve skeleton: the shape is flat or sheet-like there, or the views do not show it. "
+            "A surface skeleton describes sheets better.",
+            level=logging.WARNING,
+        )
+    parts = int(shape.components.max()) + 1
+    if curve.component_count != parts and shape.faces is not None:
+        progress.note(
+            f"The shape has {parts} connected part{'s' * (parts > 1)}, the curve skeleton "
+            f"{curve.component_count}: parts that touch or overlap are joined, parts thinner than "
+            "two pixels are left out, and thin places can be cut (raise size)."
+        )
+
+
+def _curve_layer(curve: CurveSkeleton) -> Layer:
+    """Nodes and edges; a junction has the label of its lowest branch."""
+    branch = np.full(len(curve.nodes), np.iinfo(np.int32).max, np.int32)
+    np.minimum.at(branch, curve.edges.ravel(), np.repeat(curve.branch, 2))
+    branch[branch == np.iinfo(np.int32).max] = -1
+    return Layer(
+        "view_curve_skeleton",
+        curve.nodes,
+        edges=curve.edges,
+        attributes={"radius": curve.radii, "branch": branch, "degree": curve.degrees},
+        color_by="radius",
+        labels=("branch",),
+    )
+
+
+def _points_layer(found: ViewSkeleton) -> Layer:
+    """Points near the curve skeleton that the views agree on."""
+    return Layer(
+        "view_points",
+        found.points,
+        attributes={"pairs": found.weights},
+        color_by="pairs",
+        filter_by="pairs",
+        auxiliary=True,
+    )
+
+
+OPERATION = Operation(
+    name="view_curve_skeleton",
+    filter_name="generate_curve_skeleton_from_views",
+    label="Curve skeleton from views",
+    group="Skeleton",
+    help="Compute the curve skeleton of a mesh or point cloud from pictures of it.\n\n"
+    "Silhouettes and depths are rendered from many directions, in pairs; their 2D skeletons are "
+    "matched to points in space, which all views test and move to where they agree; the points are "
+    "linked to a graph with branches and loops. It needs no clean mesh: holes, overlaps and "
+    "wrong orientations do not matter. Parts that no view shows are not found.",
+    source="thesis 3.7",
+    parameters=(
+        Parameter(
+            "pairs",
+            Kind.INT,
+            DEFAULT_PAIRS,
+            "Pairs of views",
+            "Number of directions that the shape is seen from, two views each; 100 give a preview.",
+            low=1,
+            high=100_000,
+        ),
+        Parameter(
+            "size",
+            Kind.INT,
+            DEFAULT_SIZE,
+            "View size",
+            "Width and height of a view in pixels. Parts thinner than two pixels are lost.",
+            low=32,
+            high=8192,
+        ),
+        Parameter(
+            "saliency",
+            Kind.FLOAT,
+            DEFAULT_SALIENCY,
+            "Saliency",
+            "Silhouette skeletons keep places where the contour between the two nearest contour "
+            "points is longer than this many times their distance. Higher values keep less.",
+            low=0.0,
+            high=1000.0,
+            advanced=True,
+        ),
+        Parameter(
+            "angle",
+            Kind.ANGLE,
+            math.degrees(DEFAULT_ANGLE),
+            "Angle of a pair",
+            "Angle between the two cameras of a pair: small ones place points less exactly, large "
+            "ones match wrong points.",
+            low=1.0,
+            high=90.0,
+            advanced=True,
+        ),
+    ),
+    run=run,
+)
