@@ -27,8 +27,8 @@ def blob(size, seed):
 def contours(mask):
     """Cracks in their order along each contour, as (row, col, side) of the shape pixel: oracle.
 
-    A crack leads to the next one at the corner where it ends, with the shape at the right hand; at a
-    corner where two shape pixels touch diagonally the way turns left, from the one to the other.
+    A crack leads to the next one at the corner where it ends, with the shape at the right hand; at
+    a corner where two shape pixels touch diagonally the way goes from the one to the other.
     """
     sides = {"left": (0, -1), "top": (-1, 0), "right": (0, 1), "bottom": (1, 0)}
     # Corners where the crack starts and ends, going clockwise round the pixel.
@@ -117,7 +117,8 @@ def test_crossings_agree_with_brute_force(seed):
     assert len(contours(mask)) >= 3
     expected, unsure = slow_crossings(mask, 1.0)
     found = silhouette_skeleton(mask)
-    pairs = set(zip(found.row.tolist(), np.floor(found.column - 0.5).astype(int).tolist()))
+    left = np.floor(found.column - 0.5).astype(int)
+    pairs = set(zip(found.row.tolist(), left.tolist(), strict=True))
     # A crossing at a pixel center belongs to the pairs on both sides of it.
     whole = found.column % 1 == 0.5
     both = {(r, int(c - 1.5)) for r, c in zip(found.row[whole], found.column[whole], strict=True)}
@@ -188,7 +189,9 @@ def test_empty_and_small_masks():
     assert (mask == copy).all()
 
 
-@pytest.mark.parametrize("mask", [np.ones(3), np.ones((2, 2, 2)), np.array([["a"]]), np.ones((0, 3))])
+@pytest.mark.parametrize(
+    "mask", [np.ones(3), np.ones((2, 2, 2)), np.array([["a"]]), np.ones((0, 3))]
+)
 def test_bad_masks(mask):
     with pytest.raises(medialis.InvalidShapeError, match="mask must be"):
         silhouette_skeleton(mask)

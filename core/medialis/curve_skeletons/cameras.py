@@ -10,6 +10,8 @@ from medialis.model.view import OrthographicCamera
 from medialis.validation import FloatArray
 
 GOLDEN = math.pi * (3 - math.sqrt(5))
+PLASTIC = 0.7548776662466927
+"""Steps by this spread well, and, unlike golden ones, do not beat with the turns of the spiral."""
 MARGIN = 2
 """Free pixels on each side: the border of a picture must lie outside the silhouette."""
 
@@ -29,7 +31,7 @@ def camera_axes(count: int) -> FloatArray:
     camera is turned about its direction by the golden angle against the last, so that rows lie in
     all directions.
     """
-    order = np.argsort((np.arange(count) * 0.6180339887498949) % 1.0, kind="stable")
+    order = np.argsort(np.argsort((np.arange(count) * PLASTIC) % 1.0, kind="stable"))
     z = 1 - (2 * order + 1) / count
     turn = order * GOLDEN
     level = np.sqrt(1 - z * z)
