@@ -1,0 +1,159 @@
+"""Views rendered by Blender against the core's rasterizer, and the desk between the threads."""
+
+import math
+import threading
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+bpy = pytest.importorskip("bpy", reason="bpy is not installed")
+
+from blender_addon import views
+
+import medialis
+from medialis.curve_skeletons.cameras import camera_pairs, sphere_of
+
+REAL = Path(__file__).resolve().parents[3] / "shared" / "shapes"
+
+
+@pytest.fixture(scope="module")
+def creature():
+    return medialis.organic_shape(56)
+
+
+@pytest.fixture(scope="module")
+def gpu_works():
+    reason = views.why_no_gpu()
+    if reason is not None:
+        pytest.skip(f"Blender cannot draw on this machine: {reason}")
+
+
+def cameras_of(shape, count, size):
+    center, radius = sphere_of(shape.points)
+    pairs = camera_pairs(center, radius, pairs=count, angle=math.radians(20), size=size)
+    return [camera for pair in pairs for camera in pair]
+
+
+def shapes():
+    names = [name for name in ("hand", "fertility") if (REAL / f"{name}.ply").exists()]
+    return ["creature", "cloud", "far away", *names]
+
+
+@pytest.mark.parametrize("name", shapes())
+def test_agrees_with_the_rasterizer(name, creature, gpu_works):
+    """Masks agree on 99.9 % of the pixels; depths, where surfaces are not steep, to a thousandth.
+
+    Graphics snap corners to 1/256 of a pixel, so the borders of silhouettes may differ, and a depth
+    by the slope over as much.
+    """
+    if name == "creature":
+        shape = creature
+    elif name == "cloud":
+        shape = medialis.Shape(creature.points, creature.normals)
+    elif name == "far away":
+        shape = medialis.Shape(creature.points + 1000.0, creature.normals, creature.faces)
+    else:
+        shape = medialis.read_shape(REAL / f"{name}.ply")
+    cameras = cameras_of(shape, 4, 256)
+    triangles = medialis.rasterizer(shape)
+    expected = triangles(cameras)
+    found = views.render_views(triangles.points, triangles.faces, cameras)
+    for one, other in zip(expected, found, strict=True):
+        assert (one.mask == other.mask).mean() >= 0.999
+        both = one.mask & other.mask
+        assert both.mean() > 0.02
+        for a, b in ((one.near, other.near), (one.far, other.far)):
+            gap = np.abs(a - b)[both] / shape.diagonal
+            assert np.median(gap) < 1e-5 and np.quantile(gap, 0.99) < 1e-3
+
+
+def test_curve_skeletons_agree(creature, gpu_works):
+    """Within 1 % of the diagonal, with the same number of components, loops and ends."""
+    from scipy.spatial import cKDTree
+
+    desk = views.ViewDesk(pytest.fail)
+    quick = {"pairs": 60, "size": 256}
+    own = medialis.view_curve_skeleton(creature, **quick)
+    blender = medialis.view_curve_skeleton(creature, source=desk.factory(creature), **quick)
+    assert (own.component_count, own.loops) == (blender.component_count, blender.loops)
+    assert len(own.end_points) == len(blender.end_points)
+    lines = []
+    for curve in (own, blender):
+        a, b = curve.nodes[curve.edges[:, 0]], curve.nodes[curve.edges[:, 1]]
+        lines.append(np.concatenate([a + t * (b - a) for t in np.linspace(0, 1, 9)]))
+    for one, other in (lines, lines[::-1]):
+        assert cKDTree(one).query(other)[0].max() < 0.01 * creature.diagonal
+
+
+def test_no_data_is_left(gpu_works):
+    """The tiny render that starts the graphics leaves no scene, camera or object behind."""
+    for data in (bpy.data.scenes, bpy.data.cameras, bpy.data.objects):
+        assert not any("medialis views" in item.name for item in data)
+
+
+def test_desk_serves_another_thread(creature, gpu_works):
+    """A computation on a thread of its own gets its views while the main thread serves."""
+    desk = views.ViewDesk(pytest.fail)
+    found = []
+
+    def compute():
+        with medialis.view_source(desk.factory):
+            found.append(medialis.run("view_curve_skeleton", creature, pairs=10, size=64))
+
+    worker = threading.Thread(target=compute)
+    worker.start()
+    while worker.is_alive():
+        desk.serve()
+        worker.join(0.01)
+    direct = medialis.view_curve_skeleton(
+        creature, source=views.ViewDesk(pytest.fail).factory(creature), pairs=10, size=64
+    )
+    assert (found[0].layers[0].points == direct.nodes).all()
+
+
+def test_a_closed_desk_cancels(creature):
+    desk = views.ViewDesk(pytest.fail)
+    seen = []
+
+    def compute():
+        try:
+            desk.factory(creature)
+        except medialis.Cancelled as error:
+            seen.append(error)
+
+    desk.close()
+    worker = threading.Thread(target=compute)
+    worker.start()
+    worker.join(10)
+    assert len(seen) == 1
+
+
+def test_without_graphics_the_core_renders(creature, monkeypatch):
+    monkeypatch.setattr(views, "why_no_gpu", lambda: "no driver")
+    notes = []
+    source = views.ViewDesk(notes.append).factory(creature)
+    assert notes == ["Blender cannot render views here (no driver): the core's rasterizer does."]
+    cameras = cameras_of(creature, 1, 64)
+    assert (source(cameras)[0].near == medialis.rasterizer(creature)(cameras)[0].near)[
+        source(cameras)[0].mask
+    ].all()
+
+
+def test_an_error_reaches_the_computation(creature, gpu_works):
+    desk = views.ViewDesk(pytest.fail)
+    source = desk.factory(creature)
+    raised = []
+
+    def compute():
+        try:
+            source([None])
+        except AttributeError as error:
+            raised.append(error)
+
+    worker = threading.Thread(target=compute)
+    worker.start()
+    while worker.is_alive():
+        desk.serve()
+        worker.join(0.01)
+    assert len(raised) == 1
