@@ -19,7 +19,6 @@ LAYERS = [
     {"surface_skeletons"},
     {"regularization"},
     {"features"},
-    {"curve_skeletons"},
     {"render"},
     {"curve_skeletons"},
     {"operations"},

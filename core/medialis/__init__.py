@@ -17,8 +17,8 @@ from medialis.curve_skeletons.candidates import (
 )
 from medialis.curve_skeletons.curve_skeleton import curve_skeleton
 from medialis.curve_skeletons.point_graph import point_graph
-from medialis.curve_skeletons.simplification import simplify_branches
 from medialis.curve_skeletons.silhouettes import silhouette_skeleton
+from medialis.curve_skeletons.simplification import simplify_branches
 from medialis.curve_skeletons.views import view_curve_skeleton, view_source
 from medialis.errors import (
     Cancelled,
@@ -104,6 +104,8 @@ __all__ = [
     "candidate_measure",
     "View",
     "ViewSource",
+    "area_importance",
+    "candidate_measure",
     "connected_importance",
     "curve_skeleton",
     "diagnose",
@@ -125,15 +127,15 @@ __all__ = [
     "organic_shape",
     "point_graph",
     "progressive",
-    "read_curve_skeleton",
     "rasterizer",
+    "read_curve_skeleton",
     "read_shape",
     "reconstruct_image",
     "refine",
     "repair",
     "run",
-    "simplify_branches",
     "silhouette_skeleton",
+    "simplify_branches",
     "skeleton_mesh",
     "surface_of_cloud",
     "surface_skeleton",
@@ -144,8 +146,8 @@ __all__ = [
     "thread_limit",
     "uniform_subsample",
     "vertex_normals",
-    "write_curve_skeleton",
     "view_curve_skeleton",
     "view_source",
+    "write_curve_skeleton",
     "write_result",
 ]

@@ -7,8 +7,6 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-import numpy as np
-
 from medialis.curve_skeletons.silhouettes import DEFAULT_SALIENCY
 from medialis.curve_skeletons.views import (
     DEFAULT_ANGLE,
@@ -17,6 +15,7 @@ from medialis.curve_skeletons.views import (
     ViewSkeleton,
     skeleton_of_shape,
 )
+from medialis.io.curve_graphs import node_attributes
 from medialis.model.curve_skeleton import CurveSkeleton
 from medialis.model.shape import Shape
 from medialis.operations.common import summary
@@ -45,7 +44,17 @@ def run(shape: Shape, parameters: Mapping[str, Any], progress: Progress) -> Outc
     _note_doubts(shape, curve, progress)
     return Outcome(
         shape=shape,
-        layers=(_curve_layer(curve), _points_layer(found)),
+        layers=(
+            Layer(
+                "view_curve_skeleton",
+                curve.nodes,
+                edges=curve.edges,
+                attributes={k: v for k, v in node_attributes(curve).items() if k != "importance"},
+                color_by="radius",
+                labels=("branch",),
+            ),
+            _points_layer(found),
+        ),
         values={
             "nodes": len(curve.nodes),
             "branches": curve.branch_count,
@@ -61,11 +70,12 @@ def run(shape: Shape, parameters: Mapping[str, Any], progress: Progress) -> Outc
         arrays={
             "nodes": curve.nodes,
             "edges": curve.edges,
-            "radii": curve.radii,
-            "branch": curve.branch,
+            "node_radius": curve.radii,
+            "edge_branch": curve.branch,
             "view_points": found.points,
             "view_weights": found.weights,
         },
+        graph=curve,
     )
 
 
@@ -89,21 +99,6 @@ def _note_doubts(shape: Shape, curve: CurveSkeleton, progress: Progress) -> None
             f"{curve.component_count}: parts that touch or overlap are joined, parts thinner than "
             "two pixels are left out, and thin places can be cut (raise size)."
         )
-
-
-def _curve_layer(curve: CurveSkeleton) -> Layer:
-    """Nodes and edges; a junction has the label of its lowest branch."""
-    branch = np.full(len(curve.nodes), np.iinfo(np.int32).max, np.int32)
-    np.minimum.at(branch, curve.edges.ravel(), np.repeat(curve.branch, 2))
-    branch[branch == np.iinfo(np.int32).max] = -1
-    return Layer(
-        "view_curve_skeleton",
-        curve.nodes,
-        edges=curve.edges,
-        attributes={"radius": curve.radii, "branch": branch, "degree": curve.degrees},
-        color_by="radius",
-        labels=("branch",),
-    )
 
 
 def _points_layer(found: ViewSkeleton) -> Layer:
