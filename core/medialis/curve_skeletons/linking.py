@@ -24,8 +24,9 @@ Measure = Callable[[FloatArray], FloatArray]
 
 LINK = 3.0
 """Nodes up to this many cells apart are joined."""
-SPARSE = 0.05
-"""Nodes with less than this share of the median density are strays."""
+SPARSE = 16.0
+"""Nodes with fewer points than this within two cells are strays. No share of what is usual: a part
+that few views show has few points, and more views settle strays as well as they add points."""
 COVER = 1.0
 """A path accounts for what lies within this many radii of it, plus `LINK` cells."""
 FEWEST = 0.01
@@ -126,12 +127,6 @@ def merge_cells(
     return np.stack(means, axis=1), total
 
 
-def _weighted_median(values: FloatArray, weights: FloatArray) -> float:
-    order = np.argsort(values, kind="stable")
-    summed = np.cumsum(weights[order])
-    return float(values[order[np.searchsorted(summed, summed[-1] / 2)]])
-
-
 def _thin(points: FloatArray, weights: FloatArray, cell: float, measure: Measure) -> Nodes:
     """Return the mean point of each cell of a grid, without strays and points outside."""
     from scipy.spatial import cKDTree
@@ -144,7 +139,7 @@ def _thin(points: FloatArray, weights: FloatArray, cell: float, measure: Measure
     density = np.zeros(len(means))
     np.add.at(density, near.row, count[near.col])  # itself included
     radii = measure(means)
-    keep = (density >= SPARSE * _weighted_median(density, count)) & (radii > 0)
+    keep = (density >= SPARSE) & (radii > 0)
     means, density, radii = means[keep], density[keep], radii[keep]
     if len(means) == 0:
         return Nodes(means, density, radii, np.empty((0, 2), np.int32), np.empty(0))
