@@ -186,6 +186,13 @@ def mesh_box() -> Image:
     return _sheet(results, ["points", "triangles"])
 
 
+def view_curve_skeleton() -> Image:
+    """Thesis Figures 3.17, 3.18: the graph, and the points that it was linked from."""
+    shape = medialis.organic_shape(160)
+    result = medialis.run("view_curve_skeleton", shape, pairs=200, size=512)
+    return draw_result(result, title="curve skeleton from 200 pairs of views")
+
+
 def importance() -> Image:
     """Thesis Figure 3.4: the skeleton of a noisy shape at three thresholds of importance."""
     shape, thresholds = _noisy(0.001), (0.0, 0.02, 0.05, 0.1)
@@ -281,6 +288,7 @@ PICTURES: dict[str, Callable[[], Image]] = {
         thickness, wall_angle, turntable, views, skeleton_mesh, mesh_angles, mesh_bridges, mesh_box,
         importance, measures, geodesic, curve_skeleton, curve_candidates, curve_parts,
         curve_options,
+        view_curve_skeleton, importance, measures, geodesic,
     )
 }  # fmt: skip
 
