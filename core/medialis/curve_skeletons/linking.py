@@ -29,6 +29,8 @@ SPARSE = 16.0
 that few views show has few points, and more views settle strays as well as they add points."""
 COVER = 1.0
 """A path accounts for what lies within this many radii of it, plus `LINK` cells."""
+CRUMB = 4
+"""Pieces of fewer nodes are strays at once: each of the others is tried to be joined."""
 FEWEST = 0.01
 """A piece of the cloud with a smaller share of the points is a stray, if it cannot be joined."""
 SPUR = 0.5
@@ -103,7 +105,7 @@ def link_points(
     when no disc inside the shape spans it.
     """
     nodes = _thin(points, weights, cell, measure)
-    nodes = _join_pieces(nodes, cell, measure)
+    nodes = _join_pieces(_without_crumbs(nodes), cell, measure)
     if len(nodes.points) == 0:
         return CurveSkeleton.of(np.empty((0, 3)), np.empty((0, 2)), np.empty(0))
     edges = _tree(nodes, cell)
@@ -155,6 +157,15 @@ def _pieces(nodes: Nodes) -> IntArray:
     from scipy.sparse.csgraph import connected_components
 
     return np.asarray(connected_components(nodes.graph(nodes.lengths), directed=False)[1])
+
+
+def _without_crumbs(nodes: Nodes) -> Nodes:
+    if len(nodes.points) == 0:
+        return nodes
+    piece = _pieces(nodes)
+    weight = np.bincount(piece, nodes.density)
+    keep = (np.bincount(piece) >= CRUMB) | (np.arange(len(weight)) == weight.argmax())
+    return nodes.subset(keep[piece])
 
 
 def _segments_inside(a: FloatArray, b: FloatArray, step: float, measure: Measure) -> np.ndarray:
