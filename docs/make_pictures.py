@@ -287,8 +287,7 @@ PICTURES: dict[str, Callable[[], Image]] = {
         hero, spoke_angle, subsample, tolerance, refine, sides, reconstruction, progressive,
         thickness, wall_angle, turntable, views, skeleton_mesh, mesh_angles, mesh_bridges, mesh_box,
         importance, measures, geodesic, curve_skeleton, curve_candidates, curve_parts,
-        curve_options,
-        view_curve_skeleton, importance, measures, geodesic,
+        curve_options, view_curve_skeleton,
     )
 }  # fmt: skip
 
