@@ -143,7 +143,9 @@ def test_a_cluster_gives_bitwise_the_same(finished, shapes, tmp_path):
     from distributed import LocalCluster
 
     out, rows = finished
-    with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address="127.0.0.1:0") as cluster:
+    with LocalCluster(
+        n_workers=2, threads_per_worker=1, dashboard_address="127.0.0.1:0"
+    ) as cluster:
         address = cluster.scheduler_address
         again = medialis.batch(OPERATIONS, shapes, tmp_path, scheduler=address, picture=False)
     for row, other in zip(again, rows, strict=True):

@@ -129,7 +129,7 @@ def run(shape: Shape, parameters: Mapping[str, Any], progress: Progress) -> Outc
 OPERATION = Operation(
     name="skeleton_importance",
     filter_name="generate_surface_skeleton_with_importance",
-    label="Surface skeleton with importance",
+    label="Skeleton with importance",
     group="Skeleton",
     help="Compute the surface skeleton with geodesic importance, and simplify it by one number.\n\n"
     "The importance of a skeleton point is the length of the shortest path over the surface "

@@ -23,6 +23,10 @@ from medialis.operations.declaration import Kind, Operation, Parameter
 from medialis.operations.result import Layer, Outcome
 from medialis.progress import Progress
 
+FAST_PAIRS, FAST_SIZE = 100, 512
+"""Defaults of the operation: a tenth of the time of the thesis's 500 pairs of 1024 pixels (3.7.6.2),
+which the plain function has. On hand, horse, fertility and elephant both find the same loops."""
+
 FAR_RADII = 2.5
 """A place of the surface further than this many radii from the skeleton lies on a sheet."""
 SHEET_SHARE = 0.2
@@ -128,16 +132,17 @@ OPERATION = Operation(
         Parameter(
             "pairs",
             Kind.INT,
-            DEFAULT_PAIRS,
+            FAST_PAIRS,
             "Pairs of views",
-            "Number of directions that the shape is seen from, two views each; 100 give a preview.",
+            f"Number of directions that the shape is seen from, two views each; {DEFAULT_PAIRS} with "
+            f"a view size of {DEFAULT_SIZE} is finer and takes ten times as long.",
             low=1,
             high=100_000,
         ),
         Parameter(
             "size",
             Kind.INT,
-            DEFAULT_SIZE,
+            FAST_SIZE,
             "View size",
             "Width and height of a view in pixels. Parts thinner than two pixels are lost.",
             low=32,
