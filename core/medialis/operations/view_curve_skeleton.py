@@ -24,8 +24,8 @@ from medialis.operations.result import Layer, Outcome
 from medialis.progress import Progress
 
 FAST_PAIRS, FAST_SIZE = 100, 512
-"""Defaults of the operation: a tenth of the time of the thesis's 500 pairs of 1024 pixels (3.7.6.2),
-which the plain function has. On hand, horse, fertility and elephant both find the same loops."""
+"""Defaults of the operation, a tenth of the time of the 500 pairs of 1024 pixels that the thesis
+(3.7.6.2) and the plain function take. On hand, horse and fertility both find the same loops."""
 
 FAR_RADII = 2.5
 """A place of the surface further than this many radii from the skeleton lies on a sheet."""
@@ -134,8 +134,8 @@ OPERATION = Operation(
             Kind.INT,
             FAST_PAIRS,
             "Pairs of views",
-            f"Number of directions that the shape is seen from, two views each; {DEFAULT_PAIRS} with "
-            f"a view size of {DEFAULT_SIZE} is finer and takes ten times as long.",
+            f"Number of directions that the shape is seen from, two views each; {DEFAULT_PAIRS} with a "
+            f"view size of {DEFAULT_SIZE} is finer and takes ten times as long.",
             low=1,
             high=100_000,
         ),
