@@ -134,8 +134,8 @@ OPERATION = Operation(
             Kind.INT,
             FAST_PAIRS,
             "Pairs of views",
-            f"Number of directions that the shape is seen from, two views each; {DEFAULT_PAIRS} with a "
-            f"view size of {DEFAULT_SIZE} is finer and takes ten times as long.",
+            "Number of directions that the shape is seen from, two views each. "
+            f"{DEFAULT_PAIRS} with a view size of {DEFAULT_SIZE} is finer, and ten times slower.",
             low=1,
             high=100_000,
         ),
