@@ -115,3 +115,38 @@ def component_labels(count, faces):
             label[face] = label[face].min()
         if (label == before).all():
             return np.unique(label, return_inverse=True)[1]
+
+
+def feature_sets(shape, cloud, reach):
+    """Thesis 6.2.1.1: for each ball its samples as clusters, a set of sets of samples.
+
+    Samples are linked along the edges of the faces; the spacing is the mean length of the edges at
+    the two feature points.
+    """
+    near = [set() for _ in shape.points]
+    for face in shape.faces:
+        for a in face:
+            near[a] |= set(face.tolist()) - {a}
+    spacing = [
+        np.mean([np.linalg.norm(shape.points[a] - shape.points[b]) for b in near[a]])
+        for a in range(len(near))
+    ]
+    result = []
+    for row in range(len(cloud)):
+        if not cloud.valid[row]:
+            result.append(set())
+            continue
+        tau = reach * np.mean([spacing[f] for f in cloud.features[row]])
+        distance = np.linalg.norm(shape.points - cloud.centers[row], axis=1)
+        left = set(np.flatnonzero(distance <= cloud.radii[row] + tau).tolist())
+        left |= set(cloud.features[row].tolist())
+        clusters = set()
+        while left:
+            cluster, front = set(), {min(left)}
+            while front:
+                cluster |= front
+                front = set().union(*(near[a] for a in front)) & left - cluster
+            clusters.add(frozenset(cluster))
+            left -= cluster
+        result.append(clusters)
+    return result

@@ -27,18 +27,23 @@ from medialis.errors import (
     InvalidShapeError,
     MedialisError,
 )
+from medialis.features.extended_features import extended_feature_transform
 from medialis.features.feature_transform import (
     feature_transform,
     field_on_skeleton,
     field_on_surface,
 )
+from medialis.features.point_types import PointType, point_types
+from medialis.features.sheets import medial_sheets
 from medialis.features.thickness import thickness
 from medialis.features.thin_spots import ThinSpot, thin_spots
 from medialis.io.curve_graphs import read_curve_skeleton, write_curve_skeleton
 from medialis.model.curve_skeleton import CurveSkeleton
 from medialis.model.diagnosis import Diagnosis
+from medialis.model.feature_sets import FeatureSets
 from medialis.model.geodesic_paths import GeodesicPaths, PathStatus
 from medialis.model.medial_cloud import BallStatus, MedialCloud
+from medialis.model.medial_sheets import MedialSheets
 from medialis.model.ragged import Ragged
 from medialis.model.shape import Shape
 from medialis.model.skeleton_mesh import SkeletonMesh
@@ -82,6 +87,7 @@ __all__ = [
     "CandidateMeasure",
     "CurveSkeleton",
     "Diagnosis",
+    "FeatureSets",
     "FileError",
     "Geodesic",
     "GeodesicPaths",
@@ -89,9 +95,11 @@ __all__ = [
     "InvalidShapeError",
     "Layer",
     "MedialCloud",
+    "MedialSheets",
     "MedialisError",
     "OrthographicCamera",
     "PathStatus",
+    "PointType",
     "Progress",
     "Ragged",
     "Repair",
@@ -109,6 +117,7 @@ __all__ = [
     "diagnose",
     "draw_result",
     "estimate_normals",
+    "extended_feature_transform",
     "feature_transform",
     "field_on_skeleton",
     "field_on_surface",
@@ -120,10 +129,12 @@ __all__ = [
     "important_points",
     "local_measures",
     "make_shape",
+    "medial_sheets",
     "open_medial_cloud",
     "operation",
     "organic_shape",
     "point_graph",
+    "point_types",
     "progressive",
     "rasterizer",
     "read_curve_skeleton",

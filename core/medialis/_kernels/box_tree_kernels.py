@@ -134,3 +134,26 @@ def bound_nodes(points, normals, child_depth, fan, first, last, out_bounds):
             child = node * fan + slot
             begin, end = (n * child) >> child_depth, (n * (child + 1)) >> child_depth
             _bound(points, normals, begin, end, out_bounds[node], slot)
+
+
+@kernel
+def test_children(bound, cx, cy, cz, reach, out_hits):
+    """Set out_hits where box and slab of a child come nearer to the center than `reach`."""
+    fx, fy, fz = np.float32(cx), np.float32(cy), np.float32(cz)
+    reach1, reach2 = np.float32(reach), np.float32(reach * reach)
+    zero = np.float32(0.0)
+    for j in range(FAN):
+        ax, bx = bound[0, j] - fx, fx - bound[3, j]
+        ay, by = bound[1, j] - fy, fy - bound[4, j]
+        az, bz = bound[2, j] - fz, fz - bound[5, j]
+        # Conditional expressions, not max(): max() treats NaN apart and is not vectorised.
+        dx = ax if ax > bx else bx
+        dy = ay if ay > by else by
+        dz = az if az > bz else bz
+        dx = dx if dx > zero else zero
+        dy = dy if dy > zero else zero
+        dz = dz if dz > zero else zero
+        s = bound[6, j] * fx + bound[7, j] * fy + bound[8, j] * fz
+        sa, sb = bound[9, j] - s, s - bound[10, j]
+        slab = sa if sa > sb else sb
+        out_hits[j] = (dx * dx + dy * dy + dz * dz < reach2) & (slab < reach1)

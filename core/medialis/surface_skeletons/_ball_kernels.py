@@ -31,7 +31,7 @@ import math
 
 import numpy as np
 
-from medialis._kernels.box_tree_kernels import FAN, LEAF
+from medialis._kernels.box_tree_kernels import FAN, LEAF, test_children
 from medialis._kernels.jit import kernel
 
 OK, OPEN, NO_NORMAL = 0, 1, 2
@@ -62,29 +62,6 @@ def _scan_leaf(block, px, py, pz, nx, ny, nz, r, a, near2):
                 r = (num - a * a) / (den - 2.0 * a)
                 slot = j
     return r, slot
-
-
-@kernel
-def _test_children(bound, cx, cy, cz, reach, out_hits):
-    """Set out_hits where box and slab of a child come nearer to the center than `reach`."""
-    fx, fy, fz = np.float32(cx), np.float32(cy), np.float32(cz)
-    reach1, reach2 = np.float32(reach), np.float32(reach * reach)
-    zero = np.float32(0.0)
-    for j in range(FAN):
-        ax, bx = bound[0, j] - fx, fx - bound[3, j]
-        ay, by = bound[1, j] - fy, fy - bound[4, j]
-        az, bz = bound[2, j] - fz, fz - bound[5, j]
-        # Conditional expressions, not max(): max() treats NaN apart and is not vectorised.
-        dx = ax if ax > bx else bx
-        dy = ay if ay > by else by
-        dz = az if az > bz else bz
-        dx = dx if dx > zero else zero
-        dy = dy if dy > zero else zero
-        dz = dz if dz > zero else zero
-        s = bound[6, j] * fx + bound[7, j] * fy + bound[8, j] * fz
-        sa, sb = bound[9, j] - s, s - bound[10, j]
-        slab = sa if sa > sb else sb
-        out_hits[j] = (dx * dx + dy * dy + dz * dz < reach2) & (slab < reach1)
 
 
 @kernel
@@ -138,7 +115,7 @@ def shrink_balls(
                 reach = r - a + margin
                 if reach <= 0.0:
                     break
-                _test_children(bounds[node], cx, cy, cz, reach, hits)
+                test_children(bounds[node], cx, cy, cz, reach, hits)
                 base = child[node]
                 if base >= 0:
                     for j in range(FAN):

@@ -1,0 +1,67 @@
+"""FeatureSets: all samples that a ball touches, in clusters (thesis 6.2.1.1)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from medialis.errors import InvalidShapeError
+from medialis.model.ragged import Ragged
+from medialis.validation import FloatArray, IntArray, frozen
+
+ROUND = 0.4
+"""Agreement below which one cluster goes round its ball: 0 for a circle or a sphere, 0.30 for 3/4
+of a circle, 0.5 for a half sphere, 0.64 for half a circle."""
+
+
+@dataclass(frozen=True, eq=False)
+class FeatureSets:
+    """Extended feature transform of k balls.
+
+    Attributes
+    ----------
+    samples : Ragged
+        k rows: the samples that each ball touches, first its two feature points, then the others
+        in no particular order; empty for a masked ball.
+    clusters : (entries,) int16
+        Cluster of each entry of ``samples.indices``, 0, 1, ... within its row; the first feature
+        point is in cluster 0.
+    counts : (k,) int32
+        Number of clusters; 0 for a masked ball.
+    agreement : (k,) float64
+        Length of the mean of the unit normals at the samples, 0 to 1: 0 where they go round the
+        ball or come from two opposite walls, 0.71 across a right edge, 0.9 for the quarter circle
+        of a rounded one, 1 on a plane. NaN for a masked ball.
+
+    Raises
+    ------
+    InvalidShapeError
+        When the arrays do not fit together.
+    """
+
+    samples: Ragged
+    clusters: NDArray[np.int16]
+    counts: IntArray
+    agreement: FloatArray
+
+    def __post_init__(self) -> None:
+        k = len(self.samples)
+        for name, dtype, rows in (
+            ("clusters", np.int16, len(self.samples.indices)),
+            ("counts", np.int32, k),
+            ("agreement", np.float64, k),
+        ):
+            value = np.asarray(getattr(self, name))
+            if value.shape != (rows,):
+                raise InvalidShapeError(f"{name} must have shape ({rows},), got {value.shape}.")
+            object.__setattr__(self, name, frozen(value, dtype))
+
+    def __len__(self) -> int:
+        return len(self.samples)
+
+    @property
+    def closed(self) -> NDArray[np.bool_]:
+        """True where the only cluster goes round the ball, as in a tube or a sphere, (k,)."""
+        return (self.counts == 1) & (self.agreement < ROUND)
