@@ -19,6 +19,7 @@ LAYERS = [
     {"surface_skeletons"},
     {"regularization"},
     {"features"},
+    {"applications"},
     {"render"},
     {"curve_skeletons"},
     {"operations"},

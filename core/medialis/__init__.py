@@ -7,6 +7,9 @@
 The public names; importing them loads no compiled code, that happens at the first computation.
 """
 
+from medialis.applications.parts import parts
+from medialis.applications.patches import patches
+from medialis.applications.soft_edges import SoftEdges, soft_edges
 from medialis.batches.batch import batch
 from medialis.batches.huge import huge_surface_skeleton, open_medial_cloud
 from medialis.curve_skeletons.area import area_importance
@@ -45,6 +48,7 @@ from medialis.model.geodesic_paths import GeodesicPaths, PathStatus
 from medialis.model.medial_cloud import BallStatus, MedialCloud
 from medialis.model.medial_sheets import MedialSheets
 from medialis.model.ragged import Ragged
+from medialis.model.segmentation import Segmentation
 from medialis.model.shape import Shape
 from medialis.model.skeleton_mesh import SkeletonMesh
 from medialis.model.view import OrthographicCamera, View, ViewSource
@@ -104,8 +108,10 @@ __all__ = [
     "Ragged",
     "Repair",
     "Result",
+    "Segmentation",
     "Shape",
     "SkeletonMesh",
+    "SoftEdges",
     "ThinSpot",
     "View",
     "ViewSource",
@@ -133,6 +139,8 @@ __all__ = [
     "open_medial_cloud",
     "operation",
     "organic_shape",
+    "parts",
+    "patches",
     "point_graph",
     "point_types",
     "progressive",
@@ -146,6 +154,7 @@ __all__ = [
     "silhouette_skeleton",
     "simplify_branches",
     "skeleton_mesh",
+    "soft_edges",
     "surface_of_cloud",
     "surface_skeleton",
     "tangent_field",

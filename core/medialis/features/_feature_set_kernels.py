@@ -78,15 +78,18 @@ def _cluster(found, count, offsets, neighbours, stamp, parent, out_cluster):
     `stamp` holds -1 everywhere on entry and on return.
     """
     for a in range(count):
-        stamp[found[a]] = a
         parent[a] = a
     for a in range(count):
-        for at in range(offsets[found[a]], offsets[found[a] + 1]):
-            b = stamp[neighbours[at]]
-            if b >= 0:
-                p, q = find_root(parent, a), find_root(parent, b)
-                if p != q:
-                    parent[max(p, q)] = min(p, q)
+        i = found[a]
+        for at in range(offsets[i] - 1, offsets[i + 1]):
+            near = i if at < offsets[i] else neighbours[at]
+            b = stamp[near]
+            if b < 0:
+                stamp[near] = a
+                continue
+            p, q = find_root(parent, a), find_root(parent, b)
+            if p != q:
+                parent[max(p, q)] = min(p, q)
     clusters = 0
     for a in range(count):
         root = find_root(parent, a)
@@ -96,6 +99,8 @@ def _cluster(found, count, offsets, neighbours, stamp, parent, out_cluster):
         else:
             out_cluster[a] = out_cluster[root]
         stamp[found[a]] = -1
+        for at in range(offsets[found[a]], offsets[found[a] + 1]):
+            stamp[neighbours[at]] = -1
     return clusters
 
 
@@ -184,3 +189,15 @@ def place_sets(rows, offsets, samples, labels, out_samples, out_labels):
         for place in range(offsets[row], offsets[row + 1]):
             out_samples[place], out_labels[place] = samples[at], labels[at]
             at += 1
+
+
+@kernel
+def smallest_at_samples(wanted, radii, turns, offsets, samples, out_radius, out_turn):
+    """Smallest radius and largest turn of the wanted balls at each sample of their sets."""
+    for row in range(len(wanted)):
+        if not wanted[row]:
+            continue
+        for at in range(offsets[row], offsets[row + 1]):
+            i = samples[at]
+            out_radius[i] = min(out_radius[i], radii[row])
+            out_turn[i] = max(out_turn[i], turns[row])

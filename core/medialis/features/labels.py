@@ -9,7 +9,10 @@ from numpy.typing import NDArray
 
 from medialis.model.ragged import Ragged
 from medialis.model.shape import Shape
+from medialis.threads import run_chunks
 from medialis.validation import FloatArray, IntArray
+
+SAMPLES_A_CHUNK = 16384
 
 
 def sample_areas(shape: Shape) -> FloatArray:
@@ -128,3 +131,17 @@ def numbered_by_weight(labels: IntArray, weight: FloatArray) -> IntArray:
     if len(used) and used[0] < 0:
         rank -= 1
     return rank[place].astype(np.int32)
+
+
+def smoothed_labels(labels: IntArray, graph: Ragged, rounds: int) -> IntArray:
+    """Straighten borders: each sample takes the most common label round it, `rounds` times."""
+    from medialis.features._sheet_kernels import majority
+
+    for _ in range(rounds):
+        old, labels = labels, np.empty_like(labels)
+
+        def work(begin: int, end: int, old: IntArray = old, new: IntArray = labels) -> None:
+            majority(begin, end, old, graph.offsets, graph.indices, new)
+
+        run_chunks(work, len(labels), SAMPLES_A_CHUNK)
+    return labels
