@@ -37,9 +37,12 @@ from medialis.features.feature_transform import (
     field_on_surface,
 )
 from medialis.features.point_types import PointType, point_types
+from medialis.features.scaffold import MedialScaffold, medial_scaffold
+from medialis.features.sheet_meshes import SheetMeshes, sheet_meshes
 from medialis.features.sheets import medial_sheets
 from medialis.features.thickness import thickness
 from medialis.features.thin_spots import ThinSpot, thin_spots
+from medialis.features.y_network import y_network
 from medialis.io.curve_graphs import read_curve_skeleton, write_curve_skeleton
 from medialis.model.curve_skeleton import CurveSkeleton
 from medialis.model.diagnosis import Diagnosis
@@ -52,6 +55,7 @@ from medialis.model.segmentation import Segmentation
 from medialis.model.shape import Shape
 from medialis.model.skeleton_mesh import SkeletonMesh
 from medialis.model.view import OrthographicCamera, View, ViewSource
+from medialis.model.y_network import YNetwork
 from medialis.operations.pictures import draw_result
 from medialis.operations.registry import OPERATIONS, operation, run
 from medialis.operations.result import Layer, Result
@@ -99,6 +103,7 @@ __all__ = [
     "InvalidShapeError",
     "Layer",
     "MedialCloud",
+    "MedialScaffold",
     "MedialSheets",
     "MedialisError",
     "OrthographicCamera",
@@ -110,11 +115,13 @@ __all__ = [
     "Result",
     "Segmentation",
     "Shape",
+    "SheetMeshes",
     "SkeletonMesh",
     "SoftEdges",
     "ThinSpot",
     "View",
     "ViewSource",
+    "YNetwork",
     "area_importance",
     "batch",
     "candidate_measure",
@@ -135,6 +142,7 @@ __all__ = [
     "important_points",
     "local_measures",
     "make_shape",
+    "medial_scaffold",
     "medial_sheets",
     "open_medial_cloud",
     "operation",
@@ -151,6 +159,7 @@ __all__ = [
     "refine",
     "repair",
     "run",
+    "sheet_meshes",
     "silhouette_skeleton",
     "simplify_branches",
     "skeleton_mesh",
@@ -168,4 +177,5 @@ __all__ = [
     "view_source",
     "write_curve_skeleton",
     "write_result",
+    "y_network",
 ]

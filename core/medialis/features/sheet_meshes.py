@@ -5,14 +5,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from medialis.errors import InvalidShapeError
+from medialis.features.extended_features import check_cloud
+from medialis.features.surface_graph import local_spacing, surface_graph
+from medialis.features.y_network import LONGEST_JUMP, smoothed_curves
 from medialis.model.medial_cloud import MedialCloud
 from medialis.model.medial_sheets import MedialSheets
 from medialis.model.shape import Shape
 from medialis.model.skeleton_mesh import SkeletonMesh
-from medialis.progress import Progress, ProgressCallback
-from medialis.surface_skeletons.skeleton_mesh import skeleton_mesh
 from medialis.validation import FloatArray, IntArray, frozen
 
 
@@ -23,13 +25,14 @@ class SheetMeshes:
     Attributes
     ----------
     mesh : SkeletonMesh
-        p points, t triangles; sheets share points where they meet.
+        p points, t triangles; triangles at a border reach into the other sheet.
     face_sheet : (t,) int32
         Sheet of each triangle.
     areas : (count,) float64
         Of each sheet; 0 where a sheet has no triangle.
     boundaries : (count,) float64
-        Length of the edges that belong to one triangle of a sheet only: its rim and its Y-curves.
+        Length of the edges that belong to one triangle of a sheet only, its rim and its Y-curves,
+        smoothed: they zigzag from sample to sample.
     mean_radii : (count,) float64
         Mean radius of the balls of each sheet, by area; NaN without a triangle.
 
@@ -72,7 +75,7 @@ class SheetMeshes:
         used, place = np.unique(self.mesh.faces[rows], return_inverse=True)
         return SkeletonMesh(
             self.mesh.points[used],
-            place.reshape(-1, 3),
+            frozen(place.reshape(-1, 3), np.int32),
             self.mesh.rows[used],
             self.mesh.face_origin[rows],
         )
@@ -82,8 +85,6 @@ def sheet_meshes(
     shape: Shape,
     cloud: MedialCloud,
     sheets: MedialSheets,
-    *,
-    progress: Progress | ProgressCallback | None = None,
 ) -> SheetMeshes:
     """Connect the points of each medial sheet to triangles.
 
@@ -95,8 +96,6 @@ def sheet_meshes(
         All k balls.
     sheets : MedialSheets
         From `medialis.medial_sheets`.
-    progress : callable, optional
-        Called with (fraction, text); returning False cancels.
 
     Returns
     -------
@@ -106,18 +105,19 @@ def sheet_meshes(
     ------
     InvalidShapeError
         When the shape has no faces, or cloud and sheets do not belong together.
-    Cancelled
-        When `progress` asks for it.
 
     Notes
     -----
-    `medialis.skeleton_mesh` copies the triangles of one side of each sheet. A triangle belongs to
-    the sheet of most of its corners (of three different ones: the lowest, which is the largest). A
-    triangle across a Y-curve goes to one of its sheets, so areas are good to half a sample spacing
-    along it.
+    The triangles on the front of a sheet (`MedialSheets.front`) are moved to the centers of the
+    balls of their corners. A triangle belongs to a sheet when two of its corners or more are on its
+    front, so areas are good to half a sample spacing along the border. Triangles longer than four
+    spacings between different sheets (jumps at concave edges) are left out.
 
-    Source: thesis 6.2.2.3, Eq. 6.6-6.7. Deviates: both sides are aligned by signs that are carried
-    over the mesh, not by geodesics to a reference point.
+    `medialis.skeleton_mesh` makes one mesh of the whole skeleton instead, in which sheets are
+    connected.
+
+    Source: thesis 6.2.2.3, Eq. 6.6-6.7. Deviates: the sides are told apart by pieces linked along
+    the surface and partners across the sheet, not by geodesics to a reference point.
 
     Examples
     --------
@@ -134,24 +134,75 @@ def sheet_meshes(
             f"There are {len(cloud)} balls, but sheets of {len(sheets)}: give the sheets of this "
             "cloud."
         )
-    mesh = skeleton_mesh(shape, cloud, progress=progress)
-    low, middle, high = np.sort(sheets.labels[mesh.rows][mesh.faces], axis=1).T
-    face_sheet = np.where((low != middle) & (middle != high), low, middle)
-    areas = np.bincount(face_sheet, mesh.face_areas, sheets.count)
-    radius = cloud.radii[mesh.rows][mesh.faces].mean(axis=1)
+    if shape.faces is None:
+        raise InvalidShapeError(
+            "Sheet meshes need a surface with faces, got a point cloud: reconstruct a surface "
+            "first, or show the sheets as points."
+        )
+    check_cloud(shape, cloud)
+    parts = []
+    for sign in (1, -1):
+        rows = np.flatnonzero(cloud.valid & (cloud.side == sign))
+        parts.append(_lifted(shape, cloud, rows, sheets))
+    corners = np.concatenate([part[0] for part in parts])
+    face_sheet = np.concatenate([part[1] for part in parts])
+    used, place = np.unique(corners, return_inverse=True)
+    origin = np.concatenate([part[2] for part in parts])
+    mesh = SkeletonMesh(
+        cloud.centers[used],
+        frozen(place.reshape(-1, 3), np.int32),
+        frozen(used, np.int32),
+        frozen(origin, np.int32),
+    )
+    areas = np.bincount(face_sheet, mesh.face_areas, sheets.count).astype(np.float64)
+    radius = cloud.radii[corners].mean(axis=1)
     mean = np.full(sheets.count, np.nan)
     total = np.bincount(face_sheet, mesh.face_areas * radius, sheets.count)
     np.divide(total, areas, out=mean, where=areas > 0)
-    return SheetMeshes(mesh, face_sheet, areas, _boundaries(mesh, face_sheet, sheets.count), mean)
+    boundaries = _boundaries(mesh, face_sheet, sheets.count)
+    return SheetMeshes(mesh, frozen(face_sheet, np.int32), areas, boundaries, mean)
 
 
-def _boundaries(mesh: SkeletonMesh, face_sheet: IntArray, count: int) -> FloatArray:
-    """Length of the edges with one triangle, for each sheet."""
+def _lifted(
+    shape: Shape, cloud: MedialCloud, rows: NDArray[np.int64], sheets: MedialSheets
+) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+    """Rows of the cloud, sheet and origin of each triangle on the front of a sheet."""
+    row_of = np.full(shape.point_count, -1, np.int64)
+    row_of[cloud.source[rows]] = rows
+    graph = surface_graph(shape)
+    faces = np.asarray(shape.faces)
+    corners = row_of[faces]
+    known = (corners >= 0).all(axis=1)
+    front = sheets.front[corners]
+    key = np.where(front & (corners >= 0), sheets.labels[corners], -1)
+    low, middle, high = np.sort(key, axis=1).T
+    chosen = known & (middle >= 0) & ((low == middle) | (middle == high))
+    # Between sheets, a triangle may not be longer than a border is wide.
+    reach = LONGEST_JUMP * local_spacing(shape, graph)[faces].max(axis=1)
+    a, b, c = (cloud.centers[corners[:, j]] for j in range(3))
+    longest = np.max([np.linalg.norm(v, axis=1) for v in (a - b, b - c, c - a)], axis=0)
+    labels = sheets.labels[corners]
+    inside = (labels[:, :1] == labels).all(axis=1)
+    chosen &= inside | (longest <= reach)
+    corner = corners[chosen]
+    spread = (corner != corner[:, [1, 2, 0]]).all(axis=1)
+    return corner[spread], middle[chosen][spread], np.flatnonzero(chosen)[spread]
+
+
+def _boundaries(
+    mesh: SkeletonMesh, face_sheet: NDArray[np.int64], count: int
+) -> NDArray[np.float64]:
+    """Length of the edges with one triangle, for each sheet, without their zigzag."""
     half = np.sort(mesh.faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
     sheet = np.repeat(face_sheet, 3)
     order = np.lexsort((half[:, 1], half[:, 0], sheet))
-    rows = np.column_stack([sheet[order], half[order]])
+    rows = np.column_stack([sheet[order], half[order]]).astype(np.int64)
     new = np.r_[True, (rows[1:] != rows[:-1]).any(axis=1)][: len(rows)]
-    single = new & np.r_[new[1:], True][: len(rows)]
-    a, b = mesh.points[rows[single, 1]], mesh.points[rows[single, 2]]
-    return np.bincount(rows[single, 0], np.linalg.norm(a - b, axis=1), count)
+    single = rows[new & np.r_[new[1:], True][: len(rows)]]
+    # A point on the boundaries of two sheets is two nodes.
+    keys = single[:, :1] * len(mesh.points) + single[:, 1:]
+    known, place = np.unique(keys, return_inverse=True)
+    links = place.reshape(-1, 2)
+    points = smoothed_curves(mesh.points[known % max(len(mesh.points), 1)], links)
+    length = np.linalg.norm(points[links[:, 0]] - points[links[:, 1]], axis=1)
+    return np.bincount(single[:, 0], length, count).astype(np.float64)

@@ -131,7 +131,7 @@ def medial_sheets(
     check_cloud(shape, cloud)
     progress = Progress.of(progress)
     graph, labels = surface_graph(shape), np.full(len(cloud), -1, np.int32)
-    linked = np.zeros(len(cloud), np.bool_)
+    linked, front = np.zeros(len(cloud), np.bool_), np.zeros(len(cloud), np.bool_)
     with progress.stage("sheets", 0.0, 1.0):
         if sets is None:
             with progress.stage("feature sets", 0.0, 0.8):
@@ -139,10 +139,10 @@ def medial_sheets(
         for sign in (1, -1):
             rows = np.flatnonzero(cloud.valid & (cloud.side == sign)).astype(np.int32)
             if len(rows):
-                found, known = _sheets_of(shape, cloud, rows, graph, sets, tau, smallest)
+                found, *rest = _sheets_of(shape, cloud, rows, graph, sets, tau, smallest)
                 labels[rows] = np.where(found < 0, -1, found + labels.max() + 1)
-                linked[rows] = known
-    return MedialSheets(labels, linked)
+                linked[rows], front[rows] = rest
+    return MedialSheets(labels, linked, front)
 
 
 def _sheets_of(
@@ -153,8 +153,8 @@ def _sheets_of(
     sets: FeatureSets,
     tau: float,
     smallest: float,
-) -> tuple[IntArray, NDArray[np.bool_]]:
-    """Sheets of the balls of one side, and whether each was linked."""
+) -> tuple[IntArray, NDArray[np.bool_], NDArray[np.bool_]]:
+    """Sheets of the balls of one side, whether each was linked, and whether it is in front."""
     n = shape.point_count
     row_of = np.full(n, -1, np.int32)
     row_of[cloud.source[rows]] = rows
@@ -162,19 +162,53 @@ def _sheets_of(
         raise InvalidShapeError("The cloud has several balls for one sample and side.")
     spacing = local_spacing(shape, graph)
     clear, wall = _clear_balls(shape, cloud, rows, spacing, sets)
-    piece = _pieces(shape, cloud, row_of, graph, spacing, clear, wall, sets, tau)
+    piece, region, partner = _pieces(shape, cloud, row_of, graph, spacing, clear, wall, sets, tau)
     size = np.bincount(piece[clear], minlength=len(cloud))
     linked = clear & (size[piece] >= LEAST_BALLS)
+    back = _backs(piece, region, partner, linked)
     labels = np.full(n, -1, np.int32)
-    labels[cloud.source[linked]] = np.unique(piece[linked], return_inverse=True)[1].reshape(-1)
+    at = cloud.source[linked]
+    # Twice the number of the piece, plus 1 on its back: both are spread at once.
+    labels[at] = 2 * np.unique(piece[linked], return_inverse=True)[1].reshape(-1) + back[linked]
     usable = row_of >= 0
-    labels = fill_components(shape, spread_labels(shape, graph, labels), usable)
+    both = spread_labels(shape, graph, labels)
+    labels = fill_components(shape, np.where(both < 0, -1, both // 2).astype(np.int32), usable)
     labels[~usable] = -1
     area = sample_areas(shape)
     if smallest > 0.0:
         labels = merge_small(labels, area, graph, smallest * float(area.sum()))
     labels = numbered_by_weight(labels, area)
-    return labels[cloud.source[rows]], linked[rows]
+    sources = cloud.source[rows]
+    return labels[sources], linked[rows], (both[sources] < 0) | (both[sources] % 2 == 0)
+
+
+def _backs(
+    piece: IntArray, region: IntArray, partner: IntArray, linked: NDArray[np.bool_]
+) -> NDArray[np.bool_]:
+    """Return which balls lie on the back of their piece: that side with fewer balls, (k,).
+
+    A region is what neighbours along the surface alone link: one side of a sheet, mostly all of it.
+    From the largest to the smallest, each takes the side across from those that it has partners in.
+    """
+    k = len(piece)
+    rows = np.flatnonzero(linked)
+    size = np.bincount(region[rows], minlength=k)
+    met = rows[partner[rows] >= 0]
+    pairs, links = np.unique(
+        region[met].astype(np.int64) * k + region[partner[met]], return_counts=True
+    )
+    facing: dict[int, list[tuple[int, int]]] = {}
+    for pair, number in zip(pairs.tolist(), links.tolist(), strict=True):
+        a, b = divmod(pair, k)
+        facing.setdefault(a, []).append((b, number))
+        facing.setdefault(b, []).append((a, number))
+    side = np.zeros(k, np.int8)  # +1 and -1; 0: not yet
+    used = np.flatnonzero(size)
+    for a in used[np.lexsort((used, -size[used]))].tolist():
+        votes = sum(number * int(side[b]) for b, number in facing.get(a, []) if b != a)
+        side[a] = -1 if votes > 0 else 1
+    balance = np.bincount(piece[rows], side[region[rows]], minlength=k)
+    return side[region] * np.where(balance < 0, -1, 1)[piece] < 0
 
 
 def _clear_balls(
@@ -203,8 +237,11 @@ def _pieces(
     wall: NDArray[np.bool_],
     sets: FeatureSets,
     tau: float,
-) -> IntArray:
-    """Return the lowest row that each ball is linked to, directly or through others, (k,)."""
+) -> tuple[IntArray, IntArray, IntArray]:
+    """Return the lowest row that each ball is linked to, directly or through others, (k,).
+
+    Also the same for links along the surface alone, and the partner of each ball across its sheet.
+    """
     from medialis.features._sheet_kernels import join_links, link_across, link_neighbours
 
     n = shape.point_count
@@ -220,6 +257,7 @@ def _pieces(
         link_across(begin, end, row_of, *balls, tau - 1.0, LARGEST_TURN, *members, partner)
 
     run_chunks(work, n, SAMPLES_A_CHUNK)
-    parent = np.arange(len(cloud), dtype=np.int32)
-    join_links(row_of, graph.offsets, graph.indices, links, partner, parent)
-    return parent
+    piece, region = np.arange(len(cloud), dtype=np.int32), np.arange(len(cloud), dtype=np.int32)
+    join_links(row_of, graph.offsets, graph.indices, links, partner, piece)
+    join_links(row_of, graph.offsets, graph.indices, links, np.full_like(partner, -1), region)
+    return piece, region, partner

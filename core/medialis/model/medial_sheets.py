@@ -23,6 +23,9 @@ class MedialSheets:
     linked : (k,) bool
         True where the ball itself was linked to its sheet; False where it was attached afterwards:
         on the rim of a sheet its feature points are too close together to tell.
+    front : (k,) bool
+        True on one of the two sides of each sheet: the samples of these balls cover it once (those
+        of a tube, which has no two sides, all around).
 
     Raises
     ------
@@ -32,15 +35,16 @@ class MedialSheets:
 
     labels: IntArray
     linked: NDArray[np.bool_]
+    front: NDArray[np.bool_]
 
     def __post_init__(self) -> None:
-        labels, linked = np.asarray(self.labels), np.asarray(self.linked)
-        if labels.ndim != 1 or linked.shape != labels.shape:
-            raise InvalidShapeError(
-                f"labels and linked must be two (k,) arrays, got {labels.shape}, {linked.shape}."
-            )
-        object.__setattr__(self, "labels", frozen(labels, np.int32))
-        object.__setattr__(self, "linked", frozen(linked, np.bool_))
+        for name, dtype in (("labels", np.int32), ("linked", np.bool_), ("front", np.bool_)):
+            value = np.asarray(getattr(self, name))
+            if value.shape != (len(self.labels),):
+                raise InvalidShapeError(
+                    f"{name} must have shape ({len(self.labels)},), got {value.shape}."
+                )
+            object.__setattr__(self, name, frozen(value, dtype))
 
     def __len__(self) -> int:
         return len(self.labels)
