@@ -12,8 +12,13 @@ from medialis.operations import (
     ball_reconstruction,
     curve_skeleton,
     geodesic_path,
+    medial_sheets,
+    parts,
+    patches,
+    point_types,
     skeleton_importance,
     skeleton_mesh,
+    soft_edges,
     surface_skeleton,
     thickness,
     view_curve_skeleton,
@@ -32,6 +37,11 @@ OPERATIONS: tuple[Operation, ...] = (
     skeleton_mesh.OPERATION,
     curve_skeleton.OPERATION,
     view_curve_skeleton.OPERATION,
+    point_types.OPERATION,
+    medial_sheets.OPERATION,
+    soft_edges.OPERATION,
+    patches.OPERATION,
+    parts.OPERATION,
 )
 
 

@@ -1,0 +1,79 @@
+"""Operation: types of medial points, and the skeleton without its rim (thesis 6.2.1)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from medialis.errors import InvalidShapeError
+from medialis.features.point_types import PointType, point_types
+from medialis.model.shape import Shape
+from medialis.operations.common import (
+    REFINE,
+    SIDE,
+    TOLERANCE,
+    cloud_arrays,
+    cloud_layer,
+    samples_layer,
+)
+from medialis.operations.declaration import Kind, Operation, Parameter
+from medialis.operations.result import Outcome
+from medialis.operations.segments import computed
+from medialis.progress import Progress
+
+
+def run(shape: Shape, parameters: Mapping[str, Any], progress: Progress) -> Outcome:
+    """Refine, shrink balls, count contacts, drop the rim on request."""
+    fine, cloud = computed(shape, parameters, progress, side=parameters["side"])
+    with progress.stage("point types", 0.4, 1.0):
+        types = point_types(fine, cloud, progress=progress)
+    keep = types > (PointType.A3 if parameters["filter_rim"] else PointType.NONE)
+    if not keep.any():
+        raise InvalidShapeError(
+            "All points of the skeleton are on its rim (A3): the shape is too coarse, or smooth "
+            "all round. Use a smaller refine, or filter_rim = False."
+        )
+    layer = cloud_layer("point_types", cloud.subset(keep), {"type": types[keep]})
+    return Outcome(
+        shape=fine,
+        layers=(layer, samples_layer(fine)),
+        values={
+            "skeleton_points": int(keep.sum()),
+            "a3_points": int((types == PointType.A3).sum()),
+            "sheet_points": int((types == PointType.SHEET).sum()),
+            "y_points": int((types >= PointType.Y_CURVE).sum()),
+            "contacts": {str(k): int(n) for k, n in enumerate(np.bincount(types)) if n},
+            "samples": fine.point_count,
+            "diagonal": fine.diagonal,
+            "spacing": fine.spacing,
+        },
+        arrays={**cloud_arrays(fine, cloud), "type": types, "selected": keep},
+    )
+
+
+OPERATION = Operation(
+    name="point_types",
+    filter_name="compute_medial_point_types",
+    label="Types of medial points",
+    group="Skeleton",
+    help="Classify the points of the surface skeleton: rim, sheet, or Y-curve.\n\n"
+    "The type is the number of places where the ball of a point touches the surface: 1 on the rim "
+    "of the skeleton (behind edges), 2 inside a sheet, 3 or more where sheets meet. Leaving out "
+    "the rim is a quick way to clean a skeleton without tearing it.",
+    source="thesis 6.2.1",
+    parameters=(
+        Parameter(
+            "filter_rim",
+            Kind.BOOL,
+            False,
+            "Leave out the rim",
+            "Leave out points of type 1 (A3).",
+        ),
+        TOLERANCE,
+        SIDE,
+        REFINE,
+    ),
+    run=run,
+)
