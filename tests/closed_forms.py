@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import cKDTree
+from scipy.spatial import Delaunay, cKDTree
 
 from medialis.model.shape import Shape
 from medialis.shape.normals import vertex_normals
@@ -244,3 +244,99 @@ def torus_mesh(around=48, across=24, major=1.0, minor=0.3):
         [np.stack([here, ahead, corner], axis=1), np.stack([here, corner, side], axis=1)]
     )
     return Shape(major * ring + minor * normals, normals, faces)
+
+
+def prism(outline, height=1.0, longest_edge=0.1):
+    """A polygon (v, 2), counter-clockwise, of height -height/2..height/2, refined.
+
+    The polygon is triangulated by Delaunay, which must contain its sides.
+    """
+    outline = np.asarray(outline, float)
+    n = len(outline)
+    cells = Delaunay(outline).simplices
+    a, b, c = (outline[cells[:, j]] for j in range(3))
+    turn = (b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]
+    cells[turn < 0] = cells[turn < 0, ::-1]
+    cells = cells[(np.abs(turn) > 1e-9) & _inside(outline, outline[cells].mean(axis=1))]
+    i = np.arange(n)
+    j = (i + 1) % n
+    walls = [np.stack([i, j, j + n], axis=1), np.stack([i, j + n, i + n], axis=1)]
+    faces = np.concatenate([cells[:, ::-1], cells + n, *walls])
+    low, high = np.full((n, 1), -height / 2), np.full((n, 1), height / 2)
+    points = np.concatenate([np.hstack([outline, low]), np.hstack([outline, high])])
+    return refine(mesh(points, faces), longest_edge)
+
+
+def _inside(outline, points):
+    """Even-odd rule."""
+    result = np.zeros(len(points), bool)
+    for (ax, ay), (bx, by) in zip(outline, np.roll(outline, -1, axis=0), strict=True):
+        above = (ay > points[:, 1]) != (by > points[:, 1])
+        with np.errstate(divide="ignore", invalid="ignore"):
+            at = ax + (points[:, 1] - ay) / (by - ay) * (bx - ax)
+        result ^= above & (points[:, 0] < at)
+    return result
+
+
+def disc_outline(radius=1.0, corners=64):
+    """A regular polygon."""
+    turn = 2 * np.pi * np.arange(corners) / corners
+    return radius * np.stack([np.cos(turn), np.sin(turn)], axis=1)
+
+
+L_OUTLINE = [[0, 0], [3, 0], [3, 1.2], [1.2, 1.2], [1.2, 3], [0, 3]]
+T_OUTLINE = [[0, 0], [1, 0], [1, 2], [2.2, 2], [2.2, 3], [-1.2, 3], [-1.2, 2], [0, 2]]
+TRIANGLE = [[0, 0], [3, 0], [0, 2.4]]
+
+
+def revolved(profile, around=96):
+    """Turn a profile (p, 2) of (radius, height) from axis to axis round the z-axis; a closed mesh.
+
+    The first and the last point lie on the axis.
+    """
+    profile = np.asarray(profile, float)
+    turn = 2 * np.pi * np.arange(around) / around
+    ring = np.stack([np.cos(turn), np.sin(turn)], axis=1)
+    inner = profile[1:-1]
+    points = np.concatenate(
+        [
+            [[0, 0, profile[0, 1]], [0, 0, profile[-1, 1]]],
+            *[np.column_stack([r * ring, np.full(around, z)]) for r, z in inner],
+        ]
+    )
+    i = np.arange(around)
+    j = (i + 1) % around
+    faces = [np.stack([0 * i, 2 + j, 2 + i], axis=1)]
+    for row in range(len(inner) - 1):
+        a, b = 2 + row * around, 2 + (row + 1) * around
+        faces += [np.stack([a + i, a + j, b + j], axis=1), np.stack([a + i, b + j, b + i], axis=1)]
+    last = 2 + (len(inner) - 1) * around
+    faces.append(np.stack([0 * i + 1, last + i, last + j], axis=1))
+    return mesh(points, np.concatenate(faces))
+
+
+def rounded_cylinder(radius=1.0, height=1.6, fillet=0.25, step=0.05):
+    """A cylinder whose two edges are quarter circles of radius `fillet`; 0: sharp edges."""
+    flat = np.arange(0.0, radius - fillet, step)
+    turn = np.linspace(0, np.pi / 2, max(2, math.ceil(fillet * np.pi / 2 / step) + 1))[1:]
+    top = height / 2
+    corner = [[radius - fillet + fillet * np.sin(t), top - fillet * (1 - np.cos(t))] for t in turn]
+    if fillet == 0:
+        corner = [[radius, top]]
+    rows = [[r, top] for r in flat] + [[radius - fillet, top]] * (fillet > 0) + corner
+    down = top - fillet
+    walls = [[radius, z] for z in np.arange(down - step, -down + step / 2, -step)]
+    profile = np.array(rows + walls + [[r, -z] for r, z in rows[::-1]])
+    return revolved(profile[::-1], around=round(2 * np.pi * radius / step))
+
+
+def dumbbell(ball=1.0, bar=0.3, half=2.0, step=0.06):
+    """Two balls joined by a round bar, along the z-axis."""
+    neck = math.asin(bar / ball)
+    turn = np.linspace(0, np.pi - neck, math.ceil((np.pi - neck) * ball / step))
+    cap = np.column_stack([ball * np.sin(turn), -half - ball * np.cos(turn)])
+    cap[0, 0] = 0.0
+    inner = half - ball * math.cos(neck)
+    bar_z = np.linspace(-inner, inner, math.ceil(2 * inner / step))[1:-1]
+    profile = np.concatenate([cap, np.column_stack([bar + 0 * bar_z, bar_z]), cap[::-1] * [1, -1]])
+    return revolved(profile, around=round(2 * np.pi * ball / step / 1.5))

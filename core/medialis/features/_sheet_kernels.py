@@ -38,28 +38,35 @@ def _agree(normals, a, b):
 
 @kernel
 def _matches(
-    i, j, a, b, points, normals, radii, spacing, wall, tau, turn, offsets, samples, clusters
+    i, j, a, b, points, normals, centers, radii, spacing, closed, wall, tau, turn,
+    offsets, samples, clusters,
 ):  # fmt: skip
     """Tell whether sample b (a contact of ball j) is what sample a is for ball i.
 
-    They are when b lies in the cluster of a, or close to a: nearer than tau spacings, and seen from
-    the center under a small angle (the chord is `turn` radii at most). In walls thinner than the
-    samples are apart, that angle says nothing: there the normals must agree.
+    They are when b is close to a, nearer than tau spacings, and seen from the center under a small
+    angle (the chord is `turn` radii at most). In walls thinner than the samples are apart, that
+    angle says nothing: there the normals must agree. They are also when the normals agree and b
+    lies in the cluster of a. Of balls that touch all round, contacts are arbitrary: two are the
+    same when they nearly coincide.
     """
+    reach = tau * max(spacing[a], spacing[b])
+    if closed[i] and closed[j]:
+        return _distance(centers, i, j) + abs(radii[i] - radii[j]) <= reach
     gap = _distance(points, a, b)
-    if gap <= tau * max(spacing[a], spacing[b]):
-        if gap <= turn * min(radii[i], radii[j]):
-            return True
-        if wall[i] and wall[j] and _agree(normals, a, b):
-            return True
+    if gap <= reach and gap <= turn * min(radii[i], radii[j]):
+        return True
+    if not _agree(normals, a, b):
+        return False
+    if gap <= reach and wall[i] and wall[j]:
+        return True
     mine = _cluster_of(a, i, offsets, samples, clusters)
     return mine >= 0 and mine == _cluster_of(b, i, offsets, samples, clusters)
 
 
 @kernel
 def link_neighbours(
-    begin, end, row_of, graph_offsets, graph, points, normals, features, radii, spacing, clear,
-    wall, tau, turn, offsets, samples, clusters, out_links,
+    begin, end, row_of, graph_offsets, graph, points, normals, features, centers, radii, spacing,
+    closed, clear, wall, tau, turn, offsets, samples, clusters, out_links,
 ):  # fmt: skip
     """Set out_links where the balls of two neighbouring samples lie on one sheet.
 
@@ -76,18 +83,18 @@ def link_neighbours(
                 continue
             a, b = features[i, 1], features[j, 1]
             out_links[at] = _matches(
-                i, j, a, b, points, normals, radii, spacing, wall, tau, turn,
-                offsets, samples, clusters,
+                i, j, a, b, points, normals, centers, radii, spacing, closed, wall,
+                tau, turn, offsets, samples, clusters,
             ) or _matches(
-                j, i, b, a, points, normals, radii, spacing, wall, tau, turn,
-                offsets, samples, clusters,
+                j, i, b, a, points, normals, centers, radii, spacing, closed, wall,
+                tau, turn, offsets, samples, clusters,
             )  # fmt: skip
 
 
 @kernel
 def link_across(
-    begin, end, row_of, points, normals, features, radii, spacing, clear, wall, tau, turn,
-    offsets, samples, clusters, out_partner,
+    begin, end, row_of, points, normals, features, centers, radii, spacing, closed, clear, wall,
+    tau, turn, offsets, samples, clusters, out_partner,
 ):  # fmt: skip
     """Row of the ball of the second feature point, where it is the same ball seen from there; -1.
 
@@ -99,8 +106,8 @@ def link_across(
             continue
         j = row_of[features[i, 1]]
         if j >= 0 and clear[j] and _matches(
-            i, j, s, features[j, 1], points, normals, radii, spacing, wall, tau, turn,
-            offsets, samples, clusters,
+            i, j, s, features[j, 1], points, normals, centers, radii, spacing, closed, wall,
+            tau, turn, offsets, samples, clusters,
         ):  # fmt: skip
             out_partner[i] = j
 

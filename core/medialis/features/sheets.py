@@ -100,10 +100,11 @@ def medial_sheets(
     -----
     1. A ball takes part when it is not of type A3 and its feature points are at least two spacings
        apart, or on the two sides of a wall (normals at least 120 degrees apart).
-    2. Balls of neighbouring samples are linked when their second feature points match: they lie in
-       the same cluster of one of the two feature sets, or closer together than tau allows and less
-       than 44 degrees apart as seen from the center. A ball is also linked to that of its second
-       feature point, where this is the same ball seen from the other side.
+    2. Balls of neighbouring samples are linked when their second feature points match: they lie
+       closer together than tau allows and less than 44 degrees apart as seen from the center, or
+       in the same cluster of one of the two feature sets with normals less than 45 degrees apart.
+       A ball is also linked to that of its second feature point, where this is the same ball seen
+       from the other side. Balls that touch all round are linked when they nearly coincide.
     3. Linked balls are a piece; pieces of at least 8 balls are sheets. All other balls get the
        sheet of the nearest sample along the surface.
 
@@ -245,16 +246,16 @@ def _pieces(
     from medialis.features._sheet_kernels import join_links, link_across, link_neighbours
 
     n = shape.point_count
-    balls = shape.points, shape.normals, cloud.features, cloud.radii, spacing, clear, wall
+    balls = shape.points, shape.normals, cloud.features, cloud.centers, cloud.radii
+    rules = spacing, sets.closed, clear, wall, tau - 1.0, LARGEST_TURN
     members = sets.samples.offsets, sets.samples.indices, sets.clusters
     links, partner = np.zeros(len(graph.indices), np.bool_), np.full(len(cloud), -1, np.int32)
 
     def work(begin: int, end: int) -> None:
         link_neighbours(
-            begin, end, row_of, graph.offsets, graph.indices, *balls, tau - 1.0, LARGEST_TURN,
-            *members, links,
+            begin, end, row_of, graph.offsets, graph.indices, *balls, *rules, *members, links,
         )  # fmt: skip
-        link_across(begin, end, row_of, *balls, tau - 1.0, LARGEST_TURN, *members, partner)
+        link_across(begin, end, row_of, *balls, *rules, *members, partner)
 
     run_chunks(work, n, SAMPLES_A_CHUNK)
     piece, region = np.arange(len(cloud), dtype=np.int32), np.arange(len(cloud), dtype=np.int32)
