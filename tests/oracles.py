@@ -120,8 +120,8 @@ def component_labels(count, faces):
 def feature_sets(shape, cloud, reach):
     """Thesis 6.2.1.1: for each ball its samples as clusters, a set of sets of samples.
 
-    Samples are linked along the edges of the faces; the spacing is the mean length of the edges at
-    the two feature points.
+    Samples are linked when they share an edge or a neighbour; the spacing is the mean length of the
+    edges at the two feature points.
     """
     near = [set() for _ in shape.points]
     for face in shape.faces:
@@ -145,7 +145,8 @@ def feature_sets(shape, cloud, reach):
             cluster, front = set(), {min(left)}
             while front:
                 cluster |= front
-                front = set().union(*(near[a] for a in front)) & left - cluster
+                around = front.union(*(near[a] for a in front))
+                front = around.union(*(near[a] for a in around)) & left - cluster
             clusters.add(frozenset(cluster))
             left -= cluster
         result.append(clusters)

@@ -33,8 +33,9 @@ def box_face(shape):
 @pytest.mark.parametrize("longest", [0.2, 0.1, 0.05])
 def test_soft_edges_of_a_box(longest):
     """A3 points reach one sample spacing h from an edge; their balls, of radius h, gather samples
-    up to sqrt(0.2) h further. The normals of two walls at a right angle, and of the samples on the
-    edge between them, have a mean of 0.7 to 0.81: they turn by 90 to 73 degrees."""
+    up to sqrt(0.2) h further. The faces at a sample on the edge have
+    the mean normal (1, 1)/2; with others on one wall only, (1, 0), at least (3, 1)/4, 0.79 long:
+    they turn by 75 degrees or more."""
     shape = forms.box_mesh(SIDES, longest)
     edges = medialis.soft_edges(shape, skeleton(shape))
     distance = box_face(shape)[1]

@@ -54,9 +54,9 @@ CASES = {
     "rounded cylinder": (lambda h: forms.rounded_cylinder(1.0, 1.6, 0.25, h), 3),
     "dumbbell": (lambda h: forms.dumbbell(step=h), 3),
 }
-"""Flat prisms of v corners, c of them concave: a middle sheet, one behind each convex side edge, and
-on top and bottom one behind each edge, where those that meet at a concave corner are one. Cylinders:
-two cones and the axis, a disc or a segment. Dumbbell: the middles of the balls and the axis."""
+"""Flat prisms: a middle sheet, one behind each convex side edge, and on top and bottom one behind
+each edge, where those that meet at a concave corner are one. Cylinders: two cones and the axis, a
+disc or a segment. Dumbbell: the middles of the balls and the axis."""
 
 
 @pytest.mark.parametrize("longest", [0.12, 0.08, 0.05])
@@ -129,15 +129,16 @@ def test_threads_order_rotation_and_scale():
 
 
 def test_crossing_nested_and_separate_parts():
-    """Two boxes apart are twice 13 sheets; a hollow box has the six bisectors... of each wall.
+    """Two boxes apart are twice 13 sheets; a hollow box has sheets of each wall.
 
     A box inside another one, facing inwards, makes six walls: their sheets meet at the edges of the
     hole, so there is at least one sheet a wall and none that joins opposite walls.
     """
     one = forms.box_mesh(SIDES, 0.1)
     n = one.point_count
+    apart = one.points + np.array([5.0, 0, 0])
     two = medialis.Shape(
-        np.concatenate([one.points, one.points + [5.0, 0, 0]]), np.tile(one.normals, (2, 1)),
+        np.concatenate([one.points, apart]), np.tile(one.normals, (2, 1)),
         np.concatenate([one.faces, one.faces + n]),
     )  # fmt: skip
     cloud, sheets = separated(two)
@@ -191,7 +192,7 @@ def test_y_network_of_a_box(longest):
         np.abs(network.points[:, 2]) < 1e-9, gaps[:, 1] - c / 2, gaps[:, 1] - gaps[:, 0]
     )
     assert np.median(np.abs(from_curve)) < longest
-    truth, third = box_sheet(cloud, SIDES)
+    third = box_sheet(cloud, SIDES)[1]
     assert (third[network.near & sheets.linked] < 3 * longest).mean() > 0.95
 
 
@@ -217,7 +218,7 @@ def test_y_networks_of_wedge_and_cylinder():
 
 @pytest.mark.parametrize("longest", [0.16, 0.08, 0.04])
 def test_sheet_meshes_of_a_box(longest):
-    """Behind an edge of length l: a trapezoid (l, l - c; at the shortest a triangle) c/sqrt(2) high.
+    """Behind an edge of length l: a trapezoid (l and l - c, or a triangle), c/sqrt(2) high.
 
     A border may be off by a sample spacing in the sheet, which is 1.4 on the surface.
     """

@@ -1,10 +1,10 @@
 """Kernels of the extended feature transform (thesis 6.2.1; see extended_features.py).
 
 Strategy. All samples in the ball of radius r + tau round a center are found by one walk down the
-box tree that ball shrinking uses. They are clustered by the graph of the surface: the found samples
-are stamped, and each is joined (union-find) with those of its graph neighbours that are stamped as
-well, so a set of s samples costs O(s), not O(s^2). Each chunk of balls grows a list of its own,
-which `place_sets` moves to the rows of the result.
+box tree that ball shrinking uses. They are clustered by the graph of the surface: each found sample
+stamps itself and its neighbours, and is joined (union-find) with whoever has stamped them before,
+so a set of s samples costs O(s), not O(s^2). Each chunk of balls grows a list of its own, which
+`place_sets` moves to the rows of the result.
 """
 
 from __future__ import annotations
@@ -106,16 +106,15 @@ def _cluster(found, count, offsets, neighbours, stamp, parent, out_cluster):
 
 @kernel
 def _mean_normal(found, count, normals):
-    """Length of the mean of the unit normals at the found samples, without those that have none."""
-    x, y, z, known = 0.0, 0.0, 0.0, 0.0
+    """Length of the mean of the normals at the found samples, without those that have none."""
+    x, y, z, known = 0.0, 0.0, 0.0, 0
     for a in range(count):
         i = found[a]
-        square = normals[i, 0] ** 2 + normals[i, 1] ** 2 + normals[i, 2] ** 2
         x += normals[i, 0]
         y += normals[i, 1]
         z += normals[i, 2]
-        known += square
-    return math.sqrt(x * x + y * y + z * z) / known if known > 0.0 else 1.0
+        known += normals[i, 0] != 0.0 or normals[i, 1] != 0.0 or normals[i, 2] != 0.0
+    return math.sqrt(x * x + y * y + z * z) / known if known > 0 else 1.0
 
 
 @kernel

@@ -55,8 +55,8 @@ def extended_feature_transform(
     Returns
     -------
     FeatureSets
-        Samples that are neighbours along the surface, directly or through others of the same set,
-        are one cluster.
+        Samples that are neighbours along the surface or share a neighbour, directly or through
+        others of the same set, are one cluster.
 
     Raises
     ------
@@ -76,7 +76,8 @@ def extended_feature_transform(
     Source: thesis 6.2.1.1, Eq. 6.1. Deviates: clusters follow the edges of the mesh (in a cloud,
     nearest neighbours) instead of a single linkage cut at the local spacing. Both join samples that
     lie next to each other; edges need no length, so that long triangles do not tear a cluster and
-    the two sides of a thin wall do not merge.
+    the two sides of a thin wall do not merge. Two edges are allowed, not one: the two samples that
+    a small ball touches beside an edge of the shape often have one between them.
 
     Examples
     --------
@@ -116,6 +117,28 @@ def check_cloud(shape: Shape, cloud: MedialCloud) -> None:
         )
 
 
+def _mean_face_normals(shape: Shape) -> NDArray[np.float64]:
+    """Mean of the unit normals of the faces at each sample, by area, (n, 3); shorter on a crease.
+
+    The normal of the sample itself where it has no face. Faces are turned to agree with those.
+    """
+    if shape.faces is None:
+        return shape.normals
+    a, b, c = shape.points[shape.faces.T]
+    normals = np.cross(b - a, c - a)
+    corners = np.asarray(shape.faces)
+    outward = np.einsum("ij,ij->i", normals, shape.normals[corners].sum(axis=1))
+    normals[outward < 0] *= -1.0
+    area = np.repeat(np.linalg.norm(normals, axis=1), 3)
+    n, at = shape.point_count, corners.ravel()
+    total = np.bincount(at, area, minlength=n)
+    mean = np.stack(
+        [np.bincount(at, np.repeat(normals[:, j], 3), minlength=n) for j in range(3)], axis=1
+    )
+    np.divide(mean, total[:, None], out=mean, where=total[:, None] > 0)
+    return np.where(total[:, None] > 0, mean, shape.normals)
+
+
 def _find(
     shape: Shape,
     cloud: MedialCloud,
@@ -139,7 +162,7 @@ def _find(
         place[tree.order] = np.arange(shape.point_count)
         rows = rows[np.argsort(place[cloud.source[rows]], kind="stable")]
         centers = cloud.centers / unit - tree.center
-        balls = shape.normals, centers, cloud.radii / unit, cloud.features, taus / unit
+        balls = _mean_face_normals(shape), centers, cloud.radii / unit, cloud.features, taus / unit
         nodes = tree.order, tree.blocks, tree.bounds, tree.child, tree.depth
         margin = FLOAT32_MARGIN * shape.diagonal / unit
         links = graph.offsets, graph.indices

@@ -31,7 +31,7 @@ class FeatureSets:
     counts : (k,) int32
         Number of clusters; 0 for a masked ball.
     agreement : (k,) float64
-        Length of the mean of the unit normals at the samples, 0 to 1: 0 where they go round the
+        Length of the mean of the unit normals of the faces there, 0 to 1: 0 where they go round the
         ball or come from two opposite walls, 0.71 across a right edge, 0.9 for the quarter circle
         of a rounded one, 1 on a plane. NaN for a masked ball.
 
