@@ -143,7 +143,7 @@ OPERATION = Operation(
     "areas, lengths and mean radii.",
     source="thesis 6.2.2",
     parameters=(
-        smallest_segment(0.001, "sheet"),
+        smallest_segment(0.002, "sheet"),
         TAU,
         SEGMENT_TOLERANCE,
         SIDE,

@@ -41,8 +41,8 @@ def run(shape: Shape, parameters: Mapping[str, Any], progress: Progress) -> Outc
     fields = {
         "sharpness": edges.sharpness,
         "edge_angle": edges.angle,
-        # The largest distance stands for "no edge": hosts cannot show infinity.
-        "edge_radius": np.where(found, edges.radius, np.nanmax(cloud.radii[cloud.valid])),
+        # The largest radius stands for "no edge": hosts cannot show infinity.
+        "edge_radius": np.where(found, edges.radius, edges.radius[found].max(initial=0.0)),
     }
     layers = surface_layers(
         "soft_edges", shape, fine, fields, color_by="sharpness", color_limits=(0.0, 1.0)

@@ -1,0 +1,118 @@
+"""Refined features against closed forms, and their speed (thesis 6.4).
+
+python benchmarks/features.py [MESH ...]
+
+First counts, lengths and areas at several densities; then, for the given meshes, counts and the
+processor time of each stage (smallest of three runs, all threads together).
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+import medialis
+
+TESTS = Path(__file__).resolve().parent.parent / "tests"
+SIDES = (2.0, 1.5, 1.0)
+
+
+def closed_forms() -> None:
+    """Print counts, Y-length and areas of shapes whose sheets are known."""
+    sys.path[:0] = [str(TESTS)]
+    import closed_forms as forms
+
+    a, b, c = SIDES
+    box_length = 8 * math.sqrt(3) / 2 * c + 2 * (a - c) + 2 * (b - c)
+    box_area = (a - c) * (b - c) + 4 * sum((2 * s - c) / 2 * c / math.sqrt(2) for s in SIDES)
+    cases: dict[str, tuple[Callable[[float], medialis.Shape], int, int, float, float]] = {
+        "box": (lambda h: forms.box_mesh(SIDES, h), 13, 6, box_length, box_area),
+        "slab": (lambda h: forms.box_mesh((2, 2, 0.5), h), 13, 6, 4 * math.sqrt(0.75) + 6, 7.553),
+        "L": (lambda h: forms.prism(forms.L_OUTLINE, 0.8, h), 16, 8, 0.0, 0.0),
+        "T": (lambda h: forms.prism(forms.T_OUTLINE, 0.8, h), 19, 10, 0.0, 0.0),
+        "wedge": (lambda h: forms.prism(forms.TRIANGLE, 0.8, h), 10, 5, 0.0, 0.0),
+        "flat cylinder": (
+            lambda h: forms.rounded_cylinder(1, 1, 0, h), 3, 3, math.pi,
+            math.pi / 4 + 3 * math.pi * math.sqrt(0.5),
+        ),
+        "rounded cylinder": (lambda h: forms.rounded_cylinder(1, 1.6, 0.25, h), 3, 3, 0.0, 0.0),
+        "dumbbell": (lambda h: forms.dumbbell(step=h), 3, 0, 0.0, 0.0),
+    }  # fmt: skip
+    print("| shape | spacing | samples | sheets | patches | parts | Y-length | area |")
+    print("|---|---|---|---|---|---|---|---|")
+    for name, (make, sheets, patches, length, area) in cases.items():
+        for spacing in (0.12, 0.06, 0.03):
+            shape = make(spacing)
+            cloud = medialis.surface_skeleton(shape, side="both")
+            inner = cloud.subset(cloud.side > 0)
+            found = medialis.medial_sheets(shape, inner, smallest=0.002)
+            network = medialis.y_network(shape, inner, found)
+            meshes = medialis.sheet_meshes(shape, inner, found)
+            print(
+                f"| {name} | {spacing} | {shape.point_count} | {found.count} ({sheets}) "
+                f"| {medialis.patches(shape, cloud).count}{f' ({patches})' if patches else ''} "
+                f"| {medialis.parts(shape, inner).count} "
+                f"| {network.lengths.sum():.3f}{f' ({length:.3f})' if length else ''} "
+                f"| {meshes.areas.sum():.3f}{f' ({area:.3f})' if area else ''} |"
+            )
+
+
+def timed(work: Callable[[], object]) -> float:
+    """Processor time of a call, the smallest of three."""
+    times = []
+    for _ in range(3):
+        clock = time.process_time()
+        work()
+        times.append(time.process_time() - clock)
+    return min(times)
+
+
+def speed(path: str) -> None:
+    """Print one line for a mesh."""
+    shape = medialis.read_shape(path)
+    cloud = medialis.surface_skeleton(shape)
+    sets = medialis.extended_feature_transform(shape, cloud)
+    sheets = medialis.medial_sheets(shape, cloud, sets=sets)
+    seconds = [
+        timed(lambda: medialis.extended_feature_transform(shape, cloud)),
+        timed(lambda: medialis.point_types(shape, cloud, sets=sets)),
+        timed(lambda: medialis.soft_edges(shape, cloud, sets=sets)),
+        timed(lambda: medialis.medial_sheets(shape, cloud, sets=sets)),
+        timed(lambda: medialis.y_network(shape, cloud, sheets)) if shape.faces is not None else 0,
+        timed(lambda: medialis.sheet_meshes(shape, cloud, sheets))
+        if shape.faces is not None
+        else 0,
+        timed(lambda: medialis.patches(shape, cloud, sets=sets)),
+        timed(lambda: medialis.parts(shape, cloud, sets=sets)),
+    ]
+    size = sum(x.nbytes for x in (sets.samples.indices, sets.samples.offsets, sets.clusters))
+    types = np.bincount(np.minimum(medialis.point_types(shape, cloud, sets=sets), 3), minlength=4)
+    large = medialis.medial_sheets(shape, cloud, sets=sets, smallest=0.01)
+    print(
+        f"| {Path(path).stem} | {shape.point_count} | {types[1]} | {types[3]} | {sheets.count} "
+        f"| {large.count} | "
+        + " | ".join(f"{s:.2f}" for s in seconds)
+        + f" | {size / len(cloud):.0f} |"
+    )
+
+
+def main(paths: list[str]) -> None:
+    """Run both."""
+    closed_forms()
+    print()
+    print(
+        "| shape | samples | A3 | A1^3+ | sheets | from 1 % | feature sets | types | soft edges "
+        "| sheets | Y-network | meshes | patches | parts | set bytes a ball |"
+    )
+    print("|" + "---|" * 15)
+    for path in paths:
+        speed(path)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
