@@ -326,6 +326,10 @@ def test_bad_input():
     with pytest.raises(medialis.InvalidShapeError, match="give the shape"):
         medialis.medial_sheets(forms.cube(), cloud)
     part = cloud.subset(np.arange(9))
+    sets = medialis.extended_feature_transform(shape, part)
+    for function in (medialis.point_types, medialis.medial_sheets, medialis.soft_edges):
+        with pytest.raises(medialis.InvalidShapeError, match="feature sets of this cloud"):
+            function(shape, cloud, sets=sets)
     for function in (medialis.y_network, medialis.sheet_meshes):
         with pytest.raises(medialis.InvalidShapeError, match="give the sheets"):
             function(shape, part, sheets)

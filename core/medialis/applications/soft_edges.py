@@ -8,7 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from medialis.errors import InvalidShapeError
-from medialis.features.extended_features import check_cloud, extended_feature_transform
+from medialis.features.extended_features import (
+    check_cloud,
+    check_sets,
+    extended_feature_transform,
+)
 from medialis.features.point_types import is_rim
 from medialis.model.feature_sets import FeatureSets
 from medialis.model.medial_cloud import MedialCloud
@@ -109,6 +113,7 @@ def soft_edges(
     check_cloud(shape, cloud)
     if sets is None:
         sets = extended_feature_transform(shape, cloud, progress=progress)
+    check_sets(cloud, sets)
     from medialis.features._feature_set_kernels import smallest_at_samples
 
     n = shape.point_count

@@ -117,6 +117,25 @@ def check_cloud(shape: Shape, cloud: MedialCloud) -> None:
         )
 
 
+def check_sets(cloud: MedialCloud, sets: FeatureSets) -> None:
+    """Check that feature sets are those of a cloud.
+
+    Raises
+    ------
+    InvalidShapeError
+        When there is not one set a ball, or a set does not begin with the feature points.
+    """
+    rows = np.flatnonzero(cloud.valid)
+    if len(sets) == len(cloud) and (sets.samples.lengths[rows] >= 2).all():
+        first = sets.samples.offsets[rows]
+        if (sets.samples.indices[first[:, None] + [0, 1]] == cloud.features[rows]).all():
+            return
+    raise InvalidShapeError(
+        f"sets must be the feature sets of this cloud of {len(cloud)} balls, got others of "
+        f"{len(sets)}: compute them with medialis.extended_feature_transform(shape, cloud)."
+    )
+
+
 def _mean_face_normals(shape: Shape) -> NDArray[np.float64]:
     """Mean of the unit normals of the faces at each sample, by area, (n, 3); shorter on a crease.
 

@@ -7,7 +7,7 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from medialis.features.extended_features import extended_feature_transform
+from medialis.features.extended_features import check_sets, extended_feature_transform
 from medialis.model.feature_sets import FeatureSets
 from medialis.model.medial_cloud import MedialCloud
 from medialis.model.shape import Shape
@@ -82,6 +82,7 @@ def point_types(
     """
     if sets is None:
         sets = extended_feature_transform(shape, cloud, progress=progress)
+    check_sets(cloud, sets)
     return frozen(np.where(sets.closed, PointType.SHEET, sets.counts), np.int32)
 
 

@@ -12,7 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from medialis.errors import InvalidShapeError
-from medialis.features.extended_features import check_cloud, extended_feature_transform
+from medialis.features.extended_features import (
+    check_cloud,
+    check_sets,
+    extended_feature_transform,
+)
 from medialis.features.labels import (
     fill_components,
     merge_small,
@@ -90,7 +94,8 @@ def medial_sheets(
     Raises
     ------
     InvalidShapeError
-        When the cloud belongs to a larger shape, or has two balls for one sample and side.
+        When the cloud belongs to a larger shape, has two balls for one sample and side, or the
+        sets belong to another cloud.
     InvalidOptionError
         When an option is out of its range.
     Cancelled
@@ -140,6 +145,7 @@ def medial_sheets(
         if sets is None:
             with progress.stage("feature sets", 0.0, 0.8):
                 sets = extended_feature_transform(shape, cloud, graph=graph, progress=progress)
+        check_sets(cloud, sets)
         for sign in (1, -1):
             rows = np.flatnonzero(cloud.valid & (cloud.side == sign)).astype(np.int32)
             if len(rows):

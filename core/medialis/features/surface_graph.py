@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from medialis.model.ragged import Ragged
 from medialis.model.shape import Shape
@@ -30,18 +31,20 @@ def surface_graph(shape: Shape) -> Ragged:
         those that it is one of the nearest of, without those whose normal is opposite. Every link
         is listed from both ends.
     """
+    if shape.faces is None:
+        return _cloud_graph(shape)
+    return mesh_graph(shape, np.ones(shape.point_count, np.bool_))
+
+
+def mesh_graph(shape: Shape, wanted: NDArray[np.bool_]) -> Ragged:
+    """Return the neighbours along the faces with a wanted corner, n rows."""
     from medialis.features._surface_graph_kernels import (
         count_corners,
         drop_repeats,
         list_neighbours,
     )
 
-    if shape.faces is None:
-        return _cloud_graph(shape)
-    wanted, offsets = (
-        np.ones(shape.point_count, np.bool_),
-        np.zeros(shape.point_count + 1, np.int64),
-    )
+    offsets = np.zeros(shape.point_count + 1, np.int64)
     count_corners(shape.faces, wanted, offsets)
     neighbours = np.empty(offsets[-1], np.int32)
     list_neighbours(shape.faces, wanted, offsets.copy(), neighbours)

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from medialis.errors import InvalidShapeError
 from medialis.features.feature_transform import field_on_surface
+from medialis.features.surface_graph import mesh_graph
 from medialis.model.medial_cloud import MedialCloud
 from medialis.model.shape import Shape
 from medialis.validation import FloatArray, as_choice, as_number
@@ -176,7 +177,8 @@ def _complete(shape: Shape, diameters: FloatArray, values: NDArray[np.float64]) 
         _nearest_in_space(shape, values)
         return
     missing = np.isnan(values)
-    offsets, neighbours = _graph(shape, missing)
+    graph = mesh_graph(shape, missing)
+    offsets, neighbours = graph.offsets, graph.indices
     seed = _nearest_seeds(shape, values, offsets, neighbours)
     if (seed < 0).any():
         _seed_other_components(shape, diameters, values, seed)
@@ -186,21 +188,6 @@ def _complete(shape: Shape, diameters: FloatArray, values: NDArray[np.float64]) 
     _smooth(np.flatnonzero(missing & reached), values, offsets, neighbours)
     if not reached.all():
         _nearest_in_space(shape, values)
-
-
-def _graph(shape: Shape, wanted: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
-    """Neighbours along the faces with a wanted corner."""
-    from medialis.features._surface_graph_kernels import (
-        count_corners,
-        drop_repeats,
-        list_neighbours,
-    )
-
-    offsets = np.zeros(shape.point_count + 1, np.int64)
-    count_corners(shape.faces, wanted, offsets)
-    neighbours = np.empty(offsets[-1], np.int32)
-    list_neighbours(shape.faces, wanted, offsets.copy(), neighbours)
-    return offsets, neighbours[: drop_repeats(offsets, neighbours)]
 
 
 def _nearest_seeds(

@@ -17,6 +17,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from medialis.errors import InvalidShapeError
+from medialis.features.labels import sample_areas
+from medialis.features.surface_graph import CLOUD_NEIGHBOURS
 from medialis.features.thickness import MIN_SPOKE_ANGLE, wall_angles
 from medialis.model.medial_cloud import MedialCloud
 from medialis.model.shape import Shape
@@ -33,9 +35,6 @@ from medialis.validation import (
 PROMINENCE = 0.25
 """Share of its value that one climbs from a minimum before it is a place of its own. Places at 0.1,
 0.25, 0.5 and 1: hand 5, 5, 5, 4 (its five fingers), bunny 7, 6, 4, 3, scapula 23, 12, 11, 6."""
-
-CLOUD_NEIGHBOURS = 8
-"""Nearest samples that are neighbours in a cloud; about as many as a vertex of a mesh has."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -220,7 +219,7 @@ def _regions(
     from medialis.features._surface_graph_kernels import flood_below
 
     label, queue = np.full(len(field), -1, np.int32), np.empty(len(field), np.int32)
-    area = _vertex_areas(shape)
+    area = sample_areas(shape) if shape.faces is not None else np.full(len(field), np.nan)
     spots: list[ThinSpot] = []
     for start, depth, level in zip(starts.tolist(), depths.tolist(), levels.tolist(), strict=True):
         if len(spots) == count:
@@ -232,15 +231,3 @@ def _regions(
         place = shape.points[start]
         spots.append(ThinSpot(place, depth, start, vertices, float(area[vertices].sum())))
     return tuple(spots)
-
-
-def _vertex_areas(shape: Shape) -> FloatArray:
-    """Return the area that each sample stands for, (n,): a third of its faces; NaN in a cloud."""
-    if shape.faces is None:
-        return np.full(shape.point_count, np.nan)
-    a, b, c = shape.points[shape.faces.T]
-    third = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 6.0
-    corners = shape.faces.ravel()
-    return np.asarray(
-        np.bincount(corners, np.repeat(third, 3), minlength=shape.point_count), np.float64
-    )
