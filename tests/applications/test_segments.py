@@ -202,10 +202,12 @@ def test_operations_refine_and_tell_counts(plain_box, name):
         assert result.layers[0].on_input and len(result.layers[0].points) == 8
     if name in ("patches", "parts"):
         assert result.layers[0].labels == (name,)
-        assert len(result.layers[0].face_attributes[name]) == 12
+        assert len(result.layers[0].face_attributes[f"face_{name}"]) == 12
     if name == "patches":  # each face of 2 triangles has a number of its own
-        pairs = result.layers[0].face_attributes[name].reshape(6, 2)
+        pairs = result.layers[0].face_attributes[f"face_{name}"].reshape(6, 2)
         assert (pairs[:, 0] == pairs[:, 1]).all() and len(set(pairs[:, 0])) == 6
+    for layer in result.layers:  # Blender has one list of names for both
+        assert not set(layer.attributes) & set(layer.face_attributes)
     assert medialis.draw_result(result, width=200, height=150).shape == (150, 200, 3)
     json.dumps({k: v for k, v in values.items() if k != "scaffold"}, allow_nan=False)
 
@@ -224,7 +226,7 @@ def test_sheet_layers_fit_together(plain_box):
     assert set(layers) == {"medial_sheets", "sheet_meshes", "y_network", "samples"}
     mesh = layers["sheet_meshes"]
     of_corners = mesh.attributes["sheet"][mesh.faces]
-    assert (of_corners == mesh.face_attributes["sheet"][:, None]).all()
+    assert (of_corners == mesh.face_attributes["face_sheet"][:, None]).all()
     assert len(result.values["scaffold"]["sheets"]) == 13
 
 

@@ -115,7 +115,7 @@ def _mesh_layer(cloud: MedialCloud, meshes: SheetMeshes) -> Layer:
         cloud.centers[rows],
         place.reshape(-1, 3).astype(np.int32),
         attributes={"sheet": (used // count).astype(np.int32), "radius": cloud.radii[rows]},
-        face_attributes={"sheet": meshes.face_sheet},
+        face_attributes={"face_sheet": meshes.face_sheet},
         color_by="sheet",
         labels=("sheet",),
     )

@@ -104,7 +104,8 @@ def surface_layers(
         faces: dict[str, NDArray[Any]] = {}
         if segmentation is not None and target.faces is not None:
             own = target is fine and fine is not shape
-            faces[name] = (
+            # Hosts keep vertex and face attributes in one list, where names are unique.
+            faces[f"face_{name}"] = (
                 segmentation.of_faces(fine) if own else input_face_labels(shape, fine, segmentation)
             )
         layers.append(
@@ -165,7 +166,7 @@ def segmentation_outcome(
         arrays={
             **arrays,
             name: segmentation.labels,
-            f"{name}_of_faces": segmentation.of_faces(fine),
+            f"face_{name}": segmentation.of_faces(fine),
         },
         shown=layers[-1:],
     )
