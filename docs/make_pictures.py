@@ -279,9 +279,13 @@ def curve_options() -> Image:
         for name, value in given.items()
     ]
     return _sheet(results, captions)
+
+
 def _solids() -> dict[str, medialis.Shape]:
     """Return shapes of which every sheet, patch and part is known; made as the tests make them."""
+    sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "tests"))
     import closed_forms as forms
+
     return {
         "box": forms.box_mesh((2.0, 1.5, 1.0), 10.0),
         "L": forms.prism(forms.L_OUTLINE, 0.8, 10.0),
@@ -293,20 +297,27 @@ def _solids() -> dict[str, medialis.Shape]:
         "plate": _dented_plate(),
         "creature": medialis.organic_shape(200),
     }
+
+
 def _gallery(operation: str, names: str, value: str, what: str, **options: object) -> Image:
     """Run an operation on several solids and count what it found."""
     solids = _solids()
     results = [medialis.run(operation, solids[name]) for name in names.split(", ")]
+    captions = [
         f"{name}: {r.values[value]} {what}"
         for name, r in zip(names.split(", "), results, strict=True)
+    ]
     size = {"width": 420, "height": 340}
     return contact_sheet([draw_result(r, **size, **options) for r in results], captions, 3)
+
+
 def point_types() -> Image:
     """Types of medial points, and the creature's skeleton without its rim."""
     solids = _solids()
     results = [
         medialis.run("point_types", solids[name], filter_rim=rim)
         for name, rim in (("box", False), ("L", False), ("creature", False), ("creature", True))
+    ]
     shown = []
     for result in results:
         layer = result.layers[0]
@@ -317,21 +328,31 @@ def point_types() -> Image:
         shown.append(replace(result, layers=(layer,)))
     captions = [f"{r.values['a3_points']} rim, {r.values['y_points']} Y-curve" for r in results]
     return _sheet(shown, [*captions[:3], "the rim left out"])
+
+
 def medial_sheets() -> Image:
     """Thesis Figure 6.4: points by sheet."""
     names = "box, L, T, wedge, flat cylinder, creature"
     return _gallery("medial_sheets", names, "sheets", "sheets")
+
+
 def _layer_of(result: medialis.Result, name: str) -> medialis.Result:
     """Return a result that shows another of its layers."""
     return replace(result, layers=tuple(x for x in result.layers if x.name == name))
+
+
 def y_network() -> Image:
     """Thesis Figure 6.6: the curves where sheets meet."""
     solids = _solids()
     results = [medialis.run("medial_sheets", solids[name]) for name in ("box", "L", "creature")]
+    captions = [
         f"{r.values['y_curves']} curves, length {r.values['y_length']:.2f}" for r in results
+    ]
     size = {"width": 420, "height": 340}
     images = [draw_result(_layer_of(r, "y_network"), **size) for r in results]
     return contact_sheet(images, captions, 3)
+
+
 def sheet_meshes() -> Image:
     """Thesis Figure 6.7: meshed sheets."""
     solids = _solids()
@@ -340,6 +361,8 @@ def sheet_meshes() -> Image:
     size = {"width": 420, "height": 340}
     images = [draw_result(_layer_of(r, "sheet_meshes"), **size) for r in results]
     return contact_sheet(images, captions, 3)
+
+
 def soft_edges() -> Image:
     """Thesis Figure 6.8: sharp and blunt edges, by sharpness and by radius."""
     solids = _solids()
@@ -348,11 +371,16 @@ def soft_edges() -> Image:
     size = {"width": 420, "height": 340}
     images = [
         draw_result(r, color_by=c, **size) for c in ("sharpness", "edge_radius") for r in results
+    ]
     return contact_sheet(images, [*names, *names], 3)
+
+
 def patches() -> Image:
     """Thesis Figure 6.9: patches between edges."""
     names = "box, L, flat cylinder, rounded cylinder, plate, creature"
     return _gallery("patches", names, "patches", "patches")
+
+
 def parts() -> Image:
     """Thesis Figure 6.10: parts of shapes."""
     names = "dumbbell, creature, box, L, flat cylinder, rounded cylinder"
@@ -366,8 +394,7 @@ PICTURES: dict[str, Callable[[], Image]] = {
         thickness, wall_angle, turntable, views, skeleton_mesh, mesh_angles, mesh_bridges, mesh_box,
         importance, measures, geodesic, curve_skeleton, curve_candidates, curve_parts,
         curve_options, view_curve_skeleton,
-        importance, measures, geodesic, point_types, medial_sheets, y_network, sheet_meshes,
-        soft_edges, patches, parts,
+        point_types, medial_sheets, y_network, sheet_meshes, soft_edges, patches, parts,
     )
 }  # fmt: skip
 

@@ -124,7 +124,6 @@ def _paint(layer: Layer, color_by: str | None, width: int) -> tuple[Item, str | 
     colors: dict[str, Any] = {"values": values}
     if color_by in layer.labels:
         colors, label = {"labels": values}, None
-        colors, label = {"labels": values}, None  # numbers of segments need no scale
     elif color_by is not None and color_by == layer.color_by:
         low, high = layer.color_limits
         colors.update(cmap=layer.color_map, low=low, high=high)
