@@ -17,6 +17,7 @@ import medialis
 from medialis.operations.pictures import draw_result, draw_turntable
 from medialis.render.annotation import contact_sheet
 from medialis.render.camera import Camera
+from medialis.render.picture import Points, Surface, draw
 from medialis.render.png import write_png
 
 Image = NDArray[np.uint8]
@@ -387,6 +388,83 @@ def parts() -> Image:
     return _gallery("parts", names, "parts", "parts")
 
 
+def _crossing(outliers: float) -> medialis.Shape:
+    """Make a sphere cut by two planes as a cloud, with outliers in the box around it."""
+    rng = np.random.default_rng(0)
+    ball = rng.normal(size=(9000, 3))
+    ball /= np.linalg.norm(ball, axis=1, keepdims=True)
+    flat, steep = (rng.uniform(-1.5, 1.5, (7000, 3)) * scale for scale in ((1, 1, 0), (1, 0, 1)))
+    noise = rng.uniform(-1.5, 1.5, (int(outliers * 23000), 3))
+    points = np.concatenate([ball, flat, steep + np.array([0, 0.3, 0]), noise])
+    return medialis.Shape(points, np.zeros_like(points))
+
+
+def _manifold_surfaces(result: medialis.Result) -> Image:
+    layer = result.layers[-1]
+    assert layer.faces is not None
+    owner = layer.face_attributes["manifold_of_face"]
+    surface = Surface(layer.points, layer.faces, labels=owner, per_face=True)
+    return draw([surface], Camera.framing(layer.points, width=560, height=440))
+
+
+def manifolds() -> Image:
+    """Draw a cloud of three surfaces and 40 % noise: points, and their surfaces."""
+    result = medialis.run("manifolds", _crossing(0.4), surfaces=True)
+    images = [draw_result(result, width=560, height=440), _manifold_surfaces(result)]
+    count = result.values["manifolds"]
+    return contact_sheet(images, [f"{count} manifolds, noise in grey", "their surfaces"], 2)
+
+
+def skeleton_manifolds() -> Image:
+    """Thesis Figure 4.7: the skeleton of a mesh divided into its manifolds."""
+    shape = medialis.organic_shape(300)
+    result = medialis.run("manifolds", shape, cloud="skeleton", max_bend=15.0, surfaces=True)
+    images = [draw_result(result, width=560, height=440), _manifold_surfaces(result)]
+    return contact_sheet(images, ["skeleton points", "surfaces of the manifolds"], 2)
+
+
+def denoise() -> Image:
+    """Thesis Figure 4.5: a cloud with 40 % outliers, and what is left of it."""
+    shape = medialis.organic_shape(200)
+    rng = np.random.default_rng(0)
+    base = shape.points[rng.choice(shape.point_count, int(0.4 * shape.point_count))]
+    step = rng.normal(size=base.shape)
+    step *= (
+        0.4
+        * shape.diagonal
+        * rng.random((len(base), 1))
+        / np.linalg.norm(step, axis=1, keepdims=True)
+    )
+    points = np.concatenate([shape.points, base + step])
+    noisy = medialis.Shape(points, np.zeros_like(points))
+    kept = medialis.run("denoise", noisy).layers[0].points
+    camera = Camera.framing(shape.points, width=560, height=440)
+    images = [draw([Points(p, size=2.0)], camera) for p in (points, kept)]
+    return contact_sheet(images, [f"{len(p)} points" for p in (points, kept)], 2)
+
+
+def mean_shift_segments() -> Image:
+    """Thesis Figure 5.5: a generated dental arch by automatic seeds, and by one pick a tooth."""
+    shape, teeth = medialis.dental_arch()
+    cloud = medialis.surface_skeleton(shape)
+    rows = [np.flatnonzero(teeth == t) for t in range(teeth.max() + 1)]
+    tips = [int(r[shape.points[r, 2].argmax()]) for r in rows]
+    automatic = medialis.mean_shift_segments(shape, cloud, seeds="bumps", last_steps=20, fill=False)
+    picked = medialis.mean_shift_segments(
+        shape, cloud, reach=0.04, seeds="none", add=tips, fill=False
+    )
+    found = [teeth, automatic.labels, picked.labels]
+    camera = Camera.framing(
+        shape.points, width=560, height=440, direction=(0.2, 0.8, 1.0), up=(0, 0, 1)
+    )
+    images = [draw([Surface(shape.points, shape.faces, labels=f)], camera) for f in found]
+    other = medialis.organic_shape(200)
+    result = medialis.run("mean_shift_segments", other)
+    images.append(draw_result(result, width=560, height=440))
+    captions = ["known teeth", "automatic seeds, last 20 steps", "one pick a tooth", "whole paths"]
+    return contact_sheet(images, captions, 2)
+
+
 PICTURES: dict[str, Callable[[], Image]] = {
     make.__name__: make
     for make in (
@@ -395,6 +473,7 @@ PICTURES: dict[str, Callable[[], Image]] = {
         importance, measures, geodesic, curve_skeleton, curve_candidates, curve_parts,
         curve_options, view_curve_skeleton,
         point_types, medial_sheets, y_network, sheet_meshes, soft_edges, patches, parts,
+        manifolds, skeleton_manifolds, denoise, mean_shift_segments,
     )
 }  # fmt: skip
 

@@ -19,6 +19,7 @@ LAYERS = [
     {"surface_skeletons"},
     {"regularization"},
     {"features"},
+    {"manifold_segmentation"},
     {"applications"},
     {"render"},
     {"curve_skeletons"},

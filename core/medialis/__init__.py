@@ -7,6 +7,8 @@
 The public names; importing them loads no compiled code, that happens at the first computation.
 """
 
+from medialis.applications.mean_shift import MeanShift, mean_shift
+from medialis.applications.mean_shift_segments import mean_shift_segments
 from medialis.applications.parts import parts
 from medialis.applications.patches import patches
 from medialis.applications.soft_edges import SoftEdges, soft_edges
@@ -44,10 +46,13 @@ from medialis.features.thickness import thickness
 from medialis.features.thin_spots import ThinSpot, thin_spots
 from medialis.features.y_network import y_network
 from medialis.io.curve_graphs import read_curve_skeleton, write_curve_skeleton
+from medialis.manifold_segmentation.segmentation import manifolds
+from medialis.manifold_segmentation.surfaces import manifold_surfaces
 from medialis.model.curve_skeleton import CurveSkeleton
 from medialis.model.diagnosis import Diagnosis
 from medialis.model.feature_sets import FeatureSets
 from medialis.model.geodesic_paths import GeodesicPaths, PathStatus
+from medialis.model.manifold_set import ManifoldSet, PointClass
 from medialis.model.medial_cloud import BallStatus, MedialCloud
 from medialis.model.medial_sheets import MedialSheets
 from medialis.model.ragged import Ragged
@@ -79,6 +84,7 @@ from medialis.shape.cloud_normals import estimate_normals
 from medialis.shape.cloud_surface import surface_of_cloud
 from medialis.shape.diagnosis import diagnose
 from medialis.shape.generate import organic_shape
+from medialis.shape.generate_arch import dental_arch
 from medialis.shape.normals import vertex_normals
 from medialis.shape.reading import make_shape, read_shape
 from medialis.shape.refinement import refine
@@ -102,12 +108,15 @@ __all__ = [
     "InvalidOptionError",
     "InvalidShapeError",
     "Layer",
+    "ManifoldSet",
+    "MeanShift",
     "MedialCloud",
     "MedialScaffold",
     "MedialSheets",
     "MedialisError",
     "OrthographicCamera",
     "PathStatus",
+    "PointClass",
     "PointType",
     "Progress",
     "Ragged",
@@ -127,6 +136,7 @@ __all__ = [
     "candidate_measure",
     "connected_importance",
     "curve_skeleton",
+    "dental_arch",
     "diagnose",
     "draw_result",
     "estimate_normals",
@@ -142,6 +152,10 @@ __all__ = [
     "important_points",
     "local_measures",
     "make_shape",
+    "manifold_surfaces",
+    "manifolds",
+    "mean_shift",
+    "mean_shift_segments",
     "medial_scaffold",
     "medial_sheets",
     "open_medial_cloud",

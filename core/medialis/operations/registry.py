@@ -12,6 +12,8 @@ from medialis.operations import (
     ball_reconstruction,
     curve_skeleton,
     geodesic_path,
+    manifolds,
+    mean_shift_segments,
     medial_sheets,
     parts,
     patches,
@@ -42,6 +44,9 @@ OPERATIONS: tuple[Operation, ...] = (
     soft_edges.OPERATION,
     patches.OPERATION,
     parts.OPERATION,
+    manifolds.OPERATION,
+    manifolds.DENOISE,
+    mean_shift_segments.OPERATION,
 )
 
 

@@ -58,8 +58,8 @@ def organic_shape(resolution: int = 128) -> Shape:
     axes = [np.arange(low, high + cell, cell) for low, high in zip(_LOW, _HIGH, strict=True)]
     grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
     distance = _creature(grid.reshape(-1, 3)).reshape(grid.shape[:3])
-    _make_unambiguous(distance)
-    points, faces = _surface_nets(distance, _LOW, cell)
+    make_unambiguous(distance)
+    points, faces = surface_nets(distance, _LOW, cell)
     for _ in range(3):  # Newton steps onto the surface along the gradient
         gradient = _gradient(points, 0.01 * cell)
         square = np.einsum("ij,ij->i", gradient, gradient)
@@ -92,7 +92,7 @@ def _gradient(points: NDArray[np.float64], step: float) -> NDArray[np.float64]:
     )
 
 
-def _make_unambiguous(values: NDArray[np.float64]) -> None:
+def make_unambiguous(values: NDArray[np.float64]) -> None:
     """Change the sign of grid values nearest to zero until the net is a manifold, in place.
 
     Surface nets pinch where the corners of a grid square are inside and outside crosswise, or where
@@ -142,7 +142,7 @@ def _nearest_to_zero(
     return places[np.arange(len(base)), size.argmin(axis=1)] if len(base) else base
 
 
-def _surface_nets(
+def surface_nets(
     values: NDArray[np.float64], low: NDArray[np.float64], cell: float
 ) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
     """Mesh the zero level: one vertex in each cell it crosses, one quadrangle for each grid edge.

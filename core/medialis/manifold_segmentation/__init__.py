@@ -1,0 +1,1 @@
+"""Noisy clouds segmented into intersecting manifolds (thesis 4.2)."""

@@ -1,0 +1,285 @@
+"""Operations: manifolds of a noisy cloud, and the cloud without what is in none (thesis 4.2)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from medialis.errors import InvalidShapeError
+from medialis.manifold_segmentation.segmentation import manifolds
+from medialis.manifold_segmentation.surfaces import manifold_surfaces
+from medialis.model.manifold_set import ManifoldSet, PointClass
+from medialis.model.shape import Shape
+from medialis.operations.common import REFINE, TOLERANCE, refined, require_balls
+from medialis.operations.declaration import Kind, Operation, Parameter
+from medialis.operations.result import Layer, Outcome
+from medialis.progress import Progress
+from medialis.surface_skeletons.ball_shrinking import surface_skeleton
+
+CLOUDS = ("points", "skeleton")
+
+
+def run(shape: Shape, parameters: Mapping[str, Any], progress: Progress) -> Outcome:
+    """Segment the points of the shape or its skeleton."""
+    if parameters["cloud"] == "skeleton":
+        return _of_skeleton(shape, parameters, progress)
+    with progress.stage("manifolds", 0.0, 1.0):
+        found = _segment(shape.points, parameters, progress)
+    layer = Layer(
+        "manifolds",
+        shape.points,
+        shape.faces,
+        attributes=_attributes(found),
+        color_by="manifold",
+        labels=("manifold",),
+        on_input=True,
+    )
+    return Outcome(
+        shape=shape,
+        layers=(layer, *_surfaces(shape.points, found, parameters, progress)),
+        values=_values(found),
+        arrays={"points": shape.points, **_arrays(found)},
+        shown=(layer,),
+    )
+
+
+def denoise(shape: Shape, parameters: Mapping[str, Any], progress: Progress) -> Outcome:
+    """Keep the points that belong to a manifold."""
+    with progress.stage("manifolds", 0.0, 1.0):
+        found = _segment(shape.points, parameters, progress)
+    kept = found.point_class != PointClass.NOISE
+    if not kept.any():
+        raise InvalidShapeError(
+            f"None of the {shape.point_count} points lies on a smooth surface: nothing is left. "
+            "Try larger angles or more neighbours."
+        )
+    progress.note(f"{int((~kept).sum())} of {len(kept)} points are noise.")
+    clean = Layer(
+        "denoised",
+        shape.points[kept],
+        attributes={
+            "manifold": found.labels()[kept],
+            "source": np.flatnonzero(kept).astype(np.int32),
+        },
+        color_by="manifold",
+        labels=("manifold",),
+    )
+    noise = Layer(
+        "noise",
+        shape.points,
+        shape.faces,
+        attributes={"noise": np.where(kept, -1, 0).astype(np.int32)},
+        color_by="noise",
+        labels=("noise",),
+        on_input=True,
+    )
+    return Outcome(
+        shape=shape,
+        layers=(clean, noise),
+        values={"kept_points": int(kept.sum()), **_values(found)},
+        arrays={"points": shape.points, "kept": kept, **_arrays(found)},
+        shown=(clean,),
+    )
+
+
+def _of_skeleton(shape: Shape, parameters: Mapping[str, Any], progress: Progress) -> Outcome:
+    fine = refined(shape, parameters["refine"], progress)
+    with progress.stage("skeleton", 0.1, 0.5):
+        cloud = surface_skeleton(fine, tolerance=parameters["tolerance"], progress=progress)
+    require_balls(cloud, fine)
+    cloud = cloud.subset(cloud.valid)
+    with progress.stage("manifolds", 0.5, 1.0):
+        found = _segment(cloud.centers, parameters, progress)
+    layer = Layer(
+        "skeleton_manifolds",
+        cloud.centers,
+        attributes={
+            **_attributes(found),
+            "radius": cloud.radii,
+            "feature_1": cloud.features[:, 0],
+            "feature_2": cloud.features[:, 1],
+        },
+        color_by="manifold",
+        labels=("manifold",),
+        filter_by="radius",
+    )
+    return Outcome(
+        shape=fine,
+        layers=(layer, *_surfaces(cloud.centers, found, parameters, progress)),
+        values={"samples": fine.point_count, **_values(found)},
+        arrays={"centers": cloud.centers, "source": cloud.source, **_arrays(found)},
+    )
+
+
+def _segment(
+    points: NDArray[np.float64], parameters: Mapping[str, Any], progress: Progress
+) -> ManifoldSet:
+    return manifolds(
+        points,
+        neighbours=parameters["neighbours"],
+        max_bend=math.radians(parameters["max_bend"]),
+        max_turn=math.radians(parameters["max_turn"]),
+        min_points=parameters["min_points"],
+        scatter=None if parameters["smooth"] else 0.0,
+        progress=progress,
+    )
+
+
+def _surfaces(
+    points: NDArray[np.float64],
+    found: ManifoldSet,
+    parameters: Mapping[str, Any],
+    progress: Progress,
+) -> tuple[Layer, ...]:
+    """Layer of the triangles of all manifolds, when wanted: points of several are repeated."""
+    if not parameters["surfaces"] or found.count == 0:
+        return ()
+    faces, owner = manifold_surfaces(points, found, progress=progress)
+    corners, place = np.unique(
+        np.stack([np.repeat(owner, 3), faces.reshape(-1)], axis=1), axis=0, return_inverse=True
+    )
+    layer = Layer(
+        "manifold_surfaces",
+        points[corners[:, 1]],
+        place.reshape(-1, 3).astype(np.int32),
+        attributes={"manifold": corners[:, 0], "source": corners[:, 1]},
+        face_attributes={"manifold_of_face": owner},
+        color_by="manifold",
+        labels=("manifold",),
+    )
+    return (layer,)
+
+
+def _attributes(found: ManifoldSet) -> dict[str, NDArray[Any]]:
+    return {
+        "manifold": found.labels(),
+        "point_class": found.point_class,
+        "patches": found.patch_counts,
+    }
+
+
+def _values(found: ManifoldSet) -> dict[str, Any]:
+    kinds = np.bincount(found.point_class, minlength=3)
+    return {
+        "points": len(found),
+        "manifolds": found.count,
+        "noise_points": int(kinds[PointClass.NOISE]),
+        "intersection_points": int(kinds[PointClass.INTERSECTION]),
+        "noise_percent": 100.0 * float(kinds[PointClass.NOISE]) / len(found),
+        "patches": int(found.patch_counts.sum()),
+        "largest": found.sizes[:10].tolist(),
+    }
+
+
+def _arrays(found: ManifoldSet) -> dict[str, NDArray[Any]]:
+    return {
+        "membership_offsets": found.manifolds.offsets,
+        "membership_manifolds": found.manifolds.indices,
+        **_attributes(found),
+    }
+
+
+_NEIGHBOURS = Parameter(
+    "neighbours",
+    Kind.INT,
+    10,
+    "Neighbours",
+    "Nearest points that tell whether a point is flat.",
+    low=4,
+    high=20,
+)
+_MAX_BEND = Parameter(
+    "max_bend",
+    Kind.ANGLE,
+    round(math.degrees(0.15), 9),
+    "Largest bend",
+    "Triangles of a flat patch differ by at most this angle. Larger ones allow more curvature.",
+    low=0.1,
+    high=90.0,
+)
+_MAX_TURN = Parameter(
+    "max_turn",
+    Kind.ANGLE,
+    round(math.degrees(0.1), 9),
+    "Largest turn",
+    "Patches of neighbouring points are joined up to this angle. Larger ones give fewer manifolds.",
+    low=0.1,
+    high=90.0,
+)
+_MIN_POINTS = Parameter(
+    "min_points",
+    Kind.INT,
+    20,
+    "Smallest manifold",
+    "What has fewer flat points is noise.",
+    low=1,
+    high=1_000_000,
+)
+_SMOOTH = Parameter(
+    "smooth",
+    Kind.BOOL,
+    True,
+    "Smooth if noisy",
+    "Classify a cloud that scatters about its surfaces by smoothed positions. Points stay where "
+    "they are.",
+    advanced=True,
+)
+
+OPERATION = Operation(
+    name="manifolds",
+    filter_name="compute_segmentation_by_manifolds_per_vertex",
+    label="Manifolds",
+    group="Segment",
+    help="Divide a point cloud into smooth surfaces, which may cross, and noise.\n\n"
+    "Works on any cloud, without normals, and on the vertices or the skeleton of a mesh. Each "
+    "point belongs to no surface (noise), to one, or to several where they cross.",
+    source="thesis 4.2",
+    parameters=(
+        Parameter(
+            "cloud",
+            Kind.CHOICE,
+            "points",
+            "Cloud",
+            "The points of the shape, or the points of its surface skeleton.",
+            choices=CLOUDS,
+        ),
+        _NEIGHBOURS,
+        _MAX_BEND,
+        _MAX_TURN,
+        _MIN_POINTS,
+        Parameter(
+            "surfaces",
+            Kind.BOOL,
+            False,
+            "Surfaces",
+            "Build triangles through the points of each manifold; holes and borders stay open.",
+        ),
+        _SMOOTH,
+        TOLERANCE,
+        REFINE,
+    ),
+    run=run,
+)
+
+DENOISE = Operation(
+    name="denoise",
+    filter_name="generate_denoised_point_cloud_by_manifolds",
+    label="Denoise",
+    group="Segment",
+    help="Remove the points of a cloud that lie on no smooth surface.\n\n"
+    "Keeps what belongs to a manifold, also where surfaces cross. No point is moved.",
+    source="thesis 4.2.4.2",
+    parameters=(
+        _NEIGHBOURS,
+        replace(_MAX_BEND, default=18.0),
+        replace(_MAX_TURN, default=12.0),
+        _MIN_POINTS,
+        _SMOOTH,
+    ),
+    run=denoise,
+)

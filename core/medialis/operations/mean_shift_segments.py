@@ -1,0 +1,187 @@
+"""Operation: segments of a surface by mean shift of its medial cloud (thesis 5.3)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from medialis.applications.mean_shift import MOST_STEPS
+from medialis.applications.mean_shift_segments import REACH, SEEDS, mean_shift_segments
+from medialis.errors import FileError, InvalidOptionError, InvalidShapeError
+from medialis.model.segmentation import Segmentation
+from medialis.model.shape import Shape
+from medialis.operations.common import REFINE, TOLERANCE, cloud_arrays, refined, require_balls
+from medialis.operations.declaration import Kind, Operation, Parameter
+from medialis.operations.result import Layer, Outcome
+from medialis.progress import Progress
+from medialis.surface_skeletons.ball_shrinking import surface_skeleton
+
+
+def run(shape: Shape, parameters: Mapping[str, Any], progress: Progress) -> Outcome:
+    """Refine, shrink balls, shift seeds, carry the clusters to the surface."""
+    add, remove = (_read_picks(parameters[name], shape) for name in ("add_seeds", "remove_seeds"))
+    fine = refined(shape, parameters["refine"], progress)
+    with progress.stage("skeleton", 0.1, 0.5):
+        cloud = surface_skeleton(fine, tolerance=parameters["tolerance"], progress=progress)
+    require_balls(cloud, fine)
+    with progress.stage("segments", 0.5, 1.0):
+        found = mean_shift_segments(
+            fine,
+            cloud,
+            reach=parameters["reach"],
+            seeds=parameters["seeds"],
+            add=add,
+            remove=remove,
+            last_steps=parameters["last_steps"] or None,
+            fill=parameters["fill"],
+            progress=progress,
+        )
+    if found.count == 0:
+        raise InvalidShapeError("No sample got a segment: try a larger reach or more last steps.")
+    surface = _layer("mean_shift_segments", shape, found)
+    samples = () if fine is shape else (_layer("samples", fine, found),)
+    return Outcome(
+        shape=fine,
+        layers=(surface, *samples),
+        values={
+            "samples": fine.point_count,
+            "segments": found.count,
+            "unassigned_samples": int((found.labels < 0).sum()),
+            "areas": found.areas.tolist(),
+        },
+        arrays={**cloud_arrays(fine, cloud), "segment": found.labels},
+        shown=samples or (surface,),
+    )
+
+
+def _layer(name: str, shape: Shape, found: Segmentation) -> Layer:
+    """Layer of the first points of the refined shape: all of them, or the vertices of the input."""
+    return Layer(
+        name,
+        shape.points,
+        shape.faces,
+        attributes={"segment": found.labels[: shape.point_count]},
+        color_by="segment",
+        labels=("segment",),
+        on_input=name != "samples",
+        auxiliary=name == "samples",
+    )
+
+
+def _read_picks(path: str, shape: Shape) -> NDArray[np.int64]:
+    """Vertices in a file: a number of the input, or three coordinates, a line; # is a comment."""
+    if not path:
+        return np.empty(0, np.int64)
+    try:
+        text = Path(path).read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        reason = getattr(error, "strerror", None) or "it is no text"
+        raise FileError(f"Cannot read the points in {path}: {reason}.") from None
+    numbers: list[int] = []
+    places: list[list[float]] = []
+    for line_number, line in enumerate(text.splitlines(), 1):
+        words = line.split("#")[0].replace(",", " ").split()
+        if not words:
+            continue
+        try:
+            if len(words) == 1:
+                numbers.append(int(words[0]))
+                continue
+            x, y, z = (float(word) for word in words)
+        except ValueError:
+            raise InvalidOptionError(
+                f"Line {line_number} of {path} must hold a vertex number or x y z, got "
+                f"{line.strip()[:40]!r}."
+            ) from None
+        places.append([x, y, z])
+    if not numbers and not places:
+        raise InvalidOptionError(f"{path} holds no vertex number and no point.")
+    return np.concatenate([_in_shape(numbers, shape), _nearest(places, shape)])
+
+
+def _in_shape(numbers: list[int], shape: Shape) -> NDArray[np.int64]:
+    """Numbers in the repaired shape of vertices of the input."""
+    known = shape.point_count if shape.vertex_map is None else len(shape.vertex_map)
+    outside = [number for number in numbers if not 0 <= number < known]
+    if outside:
+        raise InvalidOptionError(f"Vertices are numbered 0..{known - 1}, got {outside[0]}.")
+    picked = np.array(numbers, np.int64)
+    mapped = picked if shape.vertex_map is None else shape.vertex_map[picked].astype(np.int64)
+    if (mapped < 0).any():
+        raise InvalidOptionError(f"Vertex {picked[mapped < 0][0]} is used by no face: no seed.")
+    return mapped
+
+
+def _nearest(places: list[list[float]], shape: Shape) -> NDArray[np.int64]:
+    if not places:
+        return np.empty(0, np.int64)
+    from scipy.spatial import cKDTree
+
+    if not np.isfinite(places).all():
+        raise InvalidOptionError("Points of seeds must be finite numbers.")
+    return cKDTree(shape.points).query(np.array(places))[1].astype(np.int64)
+
+
+_FILE_HELP = "Text file with a vertex number, or x y z of a point near a vertex, a line"
+
+OPERATION = Operation(
+    name="mean_shift_segments",
+    filter_name="compute_segmentation_by_mean_shift_per_vertex",
+    label="Bump segments",
+    group="Segment",
+    help="Segment a surface into its convex bumps, such as the teeth of a dental cast.\n\n"
+    "Bumps are where the medial cloud is dense: seeds are shifted to the densest places, and "
+    "what they pass on the way is their segment.",
+    source="thesis 5.3",
+    parameters=(
+        Parameter(
+            "reach",
+            Kind.LENGTH,
+            REACH,
+            "Reach",
+            "Radius of the kernel: about the half width of a bump.",
+            low=0.001,
+            high=1.0,
+        ),
+        Parameter(
+            "seeds",
+            Kind.CHOICE,
+            "spread",
+            "Seeds",
+            "Which balls are shifted: some all over, some of the smallest 30 % (bumps, such as "
+            "teeth), all (slow), or none but those added.",
+            choices=SEEDS,
+        ),
+        Parameter(
+            "last_steps",
+            Kind.INT,
+            0,
+            "Last steps",
+            "Only so many last steps of each path count, so that what is far from the dense places "
+            "gets no segment; 20 for dental casts. 0 counts the whole path.",
+            high=MOST_STEPS,
+        ),
+        Parameter(
+            "fill",
+            Kind.BOOL,
+            True,
+            "Whole surface",
+            "What got no segment takes the nearest one along the surface. Off for dental casts.",
+        ),
+        Parameter("add_seeds", Kind.FILE, "", "Add seeds", f"{_FILE_HELP}: each is a seed."),
+        Parameter(
+            "remove_seeds",
+            Kind.FILE,
+            "",
+            "Remove seeds",
+            f"{_FILE_HELP}: seeds within reach of it are none.",
+        ),
+        TOLERANCE,
+        REFINE,
+    ),
+    run=run,
+)

@@ -1,0 +1,99 @@
+"""Generated clouds with known manifolds, outliers, jitter, and measures of agreement."""
+
+import math
+
+import numpy as np
+
+from closed_forms import unit
+
+
+def plane(n, rng, angle=0.0):
+    """The square -1..1, turned about x by an angle in degrees."""
+    u, v, a = rng.uniform(-1, 1, n), rng.uniform(-1, 1, n), math.radians(angle)
+    return np.stack([u, v * math.cos(a), v * math.sin(a)], axis=1)
+
+
+def crossing_planes(angle, n=4000, seed=0):
+    """Two planes and which is which."""
+    rng = np.random.default_rng(seed)
+    return np.concatenate([plane(n, rng), plane(n, rng, angle)]), np.repeat([0, 1], n)
+
+
+def three_planes(n=4000, seed=0):
+    """Three coordinate planes."""
+    rng = np.random.default_rng(seed)
+    parts = [plane(n, rng)[:, order] for order in ([0, 1, 2], [2, 0, 1], [1, 2, 0])]
+    return np.concatenate(parts), np.repeat([0, 1, 2], n)
+
+
+def sphere_and_plane(n=4000, seed=0):
+    """The unit sphere, cut by a plane."""
+    rng = np.random.default_rng(seed)
+    cut = 1.6 * plane(n, rng) + [0, 0, 0.2]
+    return np.concatenate([unit(rng.normal(size=(n, 3))), cut]), np.repeat([0, 1], n)
+
+
+def spiral_and_plane(n=6000, seed=0):
+    """A spiral band of three half turns, cut by a plane (thesis Figure 4.4 e)."""
+    rng = np.random.default_rng(seed)
+    turn = np.sqrt(rng.uniform(math.pi**2, (4 * math.pi) ** 2, n))
+    radius = turn / (4 * math.pi)
+    band = np.stack([radius * np.cos(turn), radius * np.sin(turn), rng.uniform(-0.5, 0.5, n)], 1)
+    return np.concatenate([band, 1.1 * plane(n // 2, rng)]), np.repeat([0, 1], [n, n // 2])
+
+
+def parallel_sheets(n=3000, gap=0.15, seed=0):
+    """Three parallel squares."""
+    rng = np.random.default_rng(seed)
+    return np.concatenate([plane(n, rng) + np.array([0, 0, gap * i]) for i in range(3)]), np.repeat(
+        [0, 1, 2], n
+    )
+
+
+def mobius_band(n=5000, seed=0):
+    """One manifold that cannot be oriented."""
+    rng = np.random.default_rng(seed)
+    u, v = rng.uniform(0, 2 * math.pi, n), rng.uniform(-0.35, 0.35, n)
+    ring = 1 + v * np.cos(u / 2)
+    points = np.stack([ring * np.cos(u), ring * np.sin(u), v * np.sin(u / 2)], axis=1)
+    return points, np.zeros(n, int)
+
+
+def with_outliers(points, share, seed=1):
+    """Thesis 4.2.4.2: an outlier for a share of the points, up to 40 % of the size away."""
+    rng = np.random.default_rng(seed)
+    count = round(share * len(points))
+    base = points[rng.choice(len(points), count, replace=False)]
+    size = np.linalg.norm(np.ptp(points, axis=0))
+    away = 0.4 * size * rng.uniform(0, 1, (count, 1)) * unit(rng.normal(size=(count, 3)))
+    return np.concatenate([points, base + away])
+
+
+def jittered(points, share, seed=2):
+    """Moved by at most `share` of the size, uniformly within a ball."""
+    rng = np.random.default_rng(seed)
+    length = share * np.linalg.norm(np.ptp(points, axis=0))
+    radius = rng.uniform(0, 1, (len(points), 1)) ** (1 / 3)
+    return points + length * radius * unit(rng.normal(size=points.shape))
+
+
+def adjusted_rand(a, b):
+    """Adjusted Rand index (Hubert and Arabie 1985) of two labellings; 1 when they agree."""
+    a, b = (np.unique(x, return_inverse=True)[1].reshape(-1) for x in (a, b))
+    table = np.zeros((a.max() + 1, b.max() + 1))
+    np.add.at(table, (a, b), 1)
+
+    def pairs(counts):
+        return (counts * (counts - 1) / 2).sum()
+
+    both, left, right = pairs(table), pairs(table.sum(1)), pairs(table.sum(0))
+    expected = left * right / pairs(np.array([len(a)]))
+    largest = (left + right) / 2
+    return 1.0 if largest == expected else (both - expected) / (largest - expected)
+
+
+def noise_scores(labels, clean):
+    """Recall and precision of the label -1 against the points after the first `clean`."""
+    found, true = labels < 0, np.arange(len(labels)) >= clean
+    hit = (found & true).sum()
+    return hit / max(true.sum(), 1), hit / max(found.sum(), 1)

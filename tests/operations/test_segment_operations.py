@@ -1,0 +1,105 @@
+"""Operations of the group Segment: layers, files of seeds, bad input."""
+
+import numpy as np
+import pytest
+
+import clouds
+import medialis
+
+
+@pytest.fixture(scope="module")
+def noisy():
+    points = clouds.with_outliers(clouds.crossing_planes(90, n=2000)[0], 0.3)
+    return medialis.Shape(points, np.zeros_like(points))
+
+
+@pytest.fixture(scope="module")
+def arch():
+    return medialis.dental_arch(resolution=100)
+
+
+def test_manifolds_lie_on_the_input(noisy):
+    result = medialis.run("manifolds", noisy)
+    layer = result.layers[0]
+    assert layer.on_input and layer.labels == ("manifold",)
+    assert result.values["manifolds"] == 2 == layer.attributes["manifold"].max() + 1
+    assert result.values["noise_points"] == (layer.attributes["point_class"] == 0).sum()
+    assert result.arrays["membership_offsets"][-1] == len(result.arrays["membership_manifolds"])
+
+
+def test_denoise_keeps_points_where_they_are(noisy):
+    result = medialis.run("denoise", noisy)
+    clean, noise = result.layers
+    assert (clean.points == noisy.points[clean.attributes["source"]]).all()
+    assert len(clean.points) + (noise.attributes["noise"] == 0).sum() == noisy.point_count
+    recall, precision = clouds.noise_scores(-1 - noise.attributes["noise"], 4000)
+    assert recall >= 0.9 and precision >= 0.9
+
+
+def test_nothing_left_is_a_sentence():
+    points = np.random.default_rng(0).uniform(size=(500, 3))
+    with pytest.raises(medialis.InvalidShapeError, match="None of the 500 points"):
+        medialis.run("denoise", medialis.Shape(points, 0 * points), max_bend=5.0, max_turn=5.0)
+
+
+def test_manifolds_of_a_skeleton_of_a_box():
+    """The medial sheets of a box are 13 flat pieces: 12 at the edges and the one in the middle.
+
+    They are off the plane by what a contact off by half a spacing (0.012) changes: some 1e-3.
+    """
+    corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1.3) for z in (0, 0.7)], float)
+    quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    faces = np.array([t for a, b, c, d in quads for t in ((a, b, c), (a, c, d))])
+    box = medialis.make_shape(corners, faces)
+    result = medialis.run("manifolds", box, cloud="skeleton", tolerance=0.0)
+    assert not result.layers[0].on_input
+    layer = result.layers[0]
+    for sheet in range(13):
+        points = layer.points[layer.attributes["manifold"] == sheet]
+        assert len(points) > 500
+        away = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)[-1]
+        assert away / np.sqrt(len(points)) < 1e-3
+    assert sum(result.values["largest"][:13]) > 0.5 * result.values["points"]
+    assert result.values["noise_percent"] < 5
+
+
+def test_seeds_from_files(arch, tmp_path):
+    shape, teeth = arch
+    tips = [
+        int(np.flatnonzero(teeth == t)[shape.points[teeth == t, 2].argmax()]) for t in (0, 5, 9)
+    ]
+    numbers, places = tmp_path / "numbers.txt", tmp_path / "places.txt"
+    numbers.write_text("# tips\n" + "\n".join(map(str, tips)), encoding="utf-8")
+    rows = [", ".join(map(str, shape.points[t] + 1e-6)) for t in tips]
+    places.write_text("\n".join(rows), encoding="utf-8")
+    results = [
+        medialis.run("mean_shift_segments", shape, seeds="none", reach=0.04, add_seeds=str(path))
+        for path in (numbers, places)
+    ]
+    first, second = (r.layers[0].attributes["segment"] for r in results)
+    assert results[0].values["segments"] == 3 and (first == second).all()
+    assert len({int(first[t]) for t in tips}) == 3
+    one = tmp_path / "one.txt"
+    one.write_text(str(tips[0]), encoding="utf-8")
+    fewer = medialis.run(
+        "mean_shift_segments", shape, seeds="none", reach=0.04,
+        add_seeds=str(numbers), remove_seeds=str(one),
+    )  # fmt: skip
+    assert fewer.values["segments"] == 2
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [("1 2\n", "Line 1"), ("x\n", "Line 1"), ("# none\n", "holds no"), ("99999999\n", "numbered"),
+     ("nan 0 0\n", "finite")],
+)  # fmt: skip
+def test_bad_files_of_seeds_are_refused(arch, tmp_path, text, words):
+    path = tmp_path / "seeds.txt"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(medialis.InvalidOptionError, match=words):
+        medialis.run("mean_shift_segments", arch[0], add_seeds=str(path))
+
+
+def test_missing_files_of_seeds_are_refused(arch, tmp_path):
+    with pytest.raises(medialis.FileError, match="Cannot read the points"):
+        medialis.run("mean_shift_segments", arch[0], add_seeds=str(tmp_path / "none.txt"))
