@@ -1,6 +1,7 @@
 """Layers of every kind, made by hand, as they arrive in a MeshSet; and nothing when one fails."""
 
 import signal
+import time
 
 import numpy as np
 import pytest
@@ -225,8 +226,12 @@ def test_a_layer_that_is_not_on_the_input_is_refused(mesh_set, register):
 def test_interrupt_while_computing(mesh_set, register):
     """Ctrl-C in a chunk of a kernel loop: the KeyboardInterrupt comes out, nothing has changed."""
 
+    def work(begin, end):
+        signal.raise_signal(signal.SIGINT)
+        time.sleep(0.001)  # else one thread can be through before the main thread's turn
+
     def run(shape, values, progress):
-        run_chunks(lambda begin, end: signal.raise_signal(signal.SIGINT), 100, 1, progress=progress)
+        run_chunks(work, 100, 1, progress=progress)
         pytest.fail("was not interrupted")
 
     register(run=run)
