@@ -31,6 +31,8 @@ def test_declarations_are_complete(chosen):
     for parameter in chosen.parameters:
         assert parameter.name.isidentifier() and parameter.help.endswith(".")
         assert parameter.check(parameter.default) == parameter.default
+        if isinstance(parameter.default, float):  # single precision in Blender, typed by people
+            assert float(f"{parameter.default:.6g}") == parameter.default
     json.dumps(chosen.describe(), allow_nan=False)
 
 

@@ -196,7 +196,7 @@ _NEIGHBOURS = Parameter(
 _MAX_BEND = Parameter(
     "max_bend",
     Kind.ANGLE,
-    round(math.degrees(0.15), 9),
+    round(math.degrees(0.15), 2),
     "Largest bend",
     "Triangles of a flat patch differ by at most this angle. Larger ones allow more curvature.",
     low=0.1,
@@ -205,7 +205,7 @@ _MAX_BEND = Parameter(
 _MAX_TURN = Parameter(
     "max_turn",
     Kind.ANGLE,
-    round(math.degrees(0.1), 9),
+    round(math.degrees(0.1), 2),
     "Largest turn",
     "Patches of neighbouring points are joined up to this angle. Larger ones give fewer manifolds.",
     low=0.1,
