@@ -139,12 +139,13 @@ def value_lines(values: Mapping[str, Any]) -> list[str]:
 
     Examples
     --------
-    >>> value_lines({"points": 3, "spoke_angle_max": math.pi, "spots": [{}]})
+    >>> value_lines({"points": 3, "spoke_angle_max": math.pi, "spots": [{}], "graph": {"a": []}})
     ['points: 3', 'spoke angle max: 180.0 degrees']
     """
     found = []
     for name, value in values.items():
-        if isinstance(value, list):
+        parts = value.values() if isinstance(value, dict) else ()
+        if isinstance(value, list) or any(isinstance(part, list | dict) for part in parts):
             continue
         shown = f"{value:.6g}" if isinstance(value, float) else str(value)
         if name.startswith("spoke_angle"):  # radians in the core, degrees for people
