@@ -85,6 +85,7 @@ from medialis.shape.cloud_surface import surface_of_cloud
 from medialis.shape.diagnosis import diagnose
 from medialis.shape.generate import organic_shape
 from medialis.shape.generate_arch import dental_arch
+from medialis.shape.noise import noise_level, smooth_noise
 from medialis.shape.normals import vertex_normals
 from medialis.shape.reading import make_shape, read_shape
 from medialis.shape.refinement import refine
@@ -158,6 +159,7 @@ __all__ = [
     "mean_shift_segments",
     "medial_scaffold",
     "medial_sheets",
+    "noise_level",
     "open_medial_cloud",
     "operation",
     "organic_shape",
@@ -177,6 +179,7 @@ __all__ = [
     "silhouette_skeleton",
     "simplify_branches",
     "skeleton_mesh",
+    "smooth_noise",
     "soft_edges",
     "surface_of_cloud",
     "surface_skeleton",

@@ -72,6 +72,21 @@ def test_what_makes_the_result_uncertain_is_said(creature):
     assert "2 separate parts" in notes(two)
 
 
+def test_sheets_are_parts_more_than_four_times_as_wide_as_thick():
+    """Of a plate L x w x t the balls of its inner (w - 4 t) x (L - 4 t) can lie that far."""
+    assert "thin sheets" in notes(box([1, 0.8, 0.06]))
+    assert "thin sheets" not in notes(box([1, 0.2, 0.06]))
+    assert "thin sheets" not in notes(box([1, 0.4, 0.4]))
+
+
+@pytest.mark.parametrize(
+    ("name", "flat"), [("scapula", True), ("rockerarm", False), ("screwdriver", False)]
+)
+def test_real_sheets_are_told_from_other_parts(name, flat, real_shapes):
+    found = medialis.run("curve_skeleton", medialis.read_shape(real_shapes / f"{name}.ply"))
+    assert ("thin sheets" in " ".join(found.messages)) == flat
+
+
 def test_clouds_and_flat_shapes_are_refused(creature):
     with pytest.raises(medialis.InvalidShapeError, match="needs a surface"):
         medialis.run("curve_skeleton", medialis.Shape(creature.points, creature.normals))

@@ -14,6 +14,7 @@ from medialis.model.shape import Shape
 from medialis.operations.declaration import Kind, Parameter
 from medialis.operations.result import Layer
 from medialis.progress import Progress
+from medialis.shape.noise import noise_level, smooth_noise
 from medialis.shape.refinement import refine
 from medialis.surface_skeletons.ball_shrinking import DEFAULT_TOLERANCE, SIDES
 
@@ -46,6 +47,42 @@ TOLERANCE = Parameter(
     low=0.0,
     high=0.1,
 )
+
+DENOISE = Parameter(
+    "denoise",
+    Kind.CHOICE,
+    "auto",
+    "Noise",
+    "auto: measure the noise of the surface and compute on a smoothed copy where it disturbs the "
+    "normals; clean surfaces stay as they are, also with sharp edges. off: never.",
+    choices=("auto", "off"),
+)
+
+NOISY = 0.04
+"""Spacings: deviation of noise from which on a surface is smoothed. It tilts normals by 5 degrees.
+Of 21 real meshes only one has more, a noisy scan with 0.043."""
+
+
+def denoised(
+    shape: Shape, choice: str, tolerance: float, progress: Progress
+) -> tuple[Shape, float]:
+    """Smooth a noisy mesh for the computation and say so; return the tolerance it then needs."""
+    if choice == "off" or shape.faces is None or shape.diagonal == 0.0:
+        return shape, tolerance
+    level = noise_level(shape)
+    if level < NOISY * shape.spacing:
+        return shape, tolerance
+    smooth, left = smooth_noise(shape, level)
+    if not smooth.diagonal > 0:
+        return shape, tolerance
+    raised = min(max(tolerance, left / shape.diagonal), TOLERANCE.high)
+    text = f", with a tolerance of {100 * raised:.3f} %" if raised > tolerance else ""
+    progress.note(
+        f"The surface is noisy: its vertices lie {100 * level / shape.diagonal:.2g} % of the "
+        f"diagonal off a smooth surface ({level / shape.spacing:.2g} of the spacing). Computed on "
+        f"a smoothed copy{text} (denoise = off turns this off)."
+    )
+    return smooth, raised
 
 
 def refined(shape: Shape, fraction: float, progress: Progress) -> Shape:
