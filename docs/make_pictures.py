@@ -228,6 +228,17 @@ def geodesic() -> Image:
     return draw_result(medialis.run("geodesic_path", shape, start=ends[0], end=ends[1]))
 
 
+def _tubes() -> list[medialis.Shape]:
+    """Make tubes round half a ring, three arms and three crossing axes."""
+    sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "tests"))
+    from tubes import arc, segment, tube
+
+    arms = [segment([0, 0, 0], end) for end in ([0, 0, -1.4], [1.2, 0.2, 0.8], [-1.2, 0, 0.8])]
+    axes = [segment(-end, end) for end in 1.3 * np.eye(3)]
+    bent = [arc([0, 0, 0], 1, 0, np.pi)]
+    return [tube(curves, 0.25, 0.06) for curves in (bent, arms, axes)]
+
+
 def _wheel() -> medialis.Shape:
     """Make a tube round a ring with two bars: three handles."""
     sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "tests"))
@@ -280,6 +291,16 @@ def curve_options() -> Image:
         for name, value in given.items()
     ]
     return _sheet(results, captions)
+
+
+def curve_comparison() -> Image:
+    """Five shapes: curve skeletons from the surface skeleton above, from views below."""
+    shapes = [medialis.organic_shape(120), *_tubes(), _wheel()]
+    names = ("curve_skeleton", "view_curve_skeleton")
+    results = [medialis.run(name, shape) for name in names for shape in shapes]
+    size = {"width": 300, "height": 260}
+    captions = [f"{r.values['end_points']} ends, {r.values['loops']} loops" for r in results]
+    return contact_sheet([draw_result(r, **size) for r in results], captions, len(shapes))
 
 
 def _solids() -> dict[str, medialis.Shape]:
@@ -471,7 +492,7 @@ PICTURES: dict[str, Callable[[], Image]] = {
         hero, spoke_angle, subsample, tolerance, refine, sides, reconstruction, progressive,
         thickness, wall_angle, turntable, views, skeleton_mesh, mesh_angles, mesh_bridges, mesh_box,
         importance, measures, geodesic, curve_skeleton, curve_candidates, curve_parts,
-        curve_options, view_curve_skeleton,
+        curve_options, curve_comparison, view_curve_skeleton,
         point_types, medial_sheets, y_network, sheet_meshes, soft_edges, patches, parts,
         manifolds, skeleton_manifolds, denoise, mean_shift_segments,
     )
