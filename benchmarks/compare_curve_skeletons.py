@@ -45,7 +45,8 @@ def main(paths: list[str]) -> None:
             away = cKDTree(line(target)).query(line(graph))[0] * 100 / shape.diagonal
             print(
                 f"{Path(path).stem} {name} {graph.loops} {len(graph.end_points)}",
-                f"{100 * inside(graph.nodes, shape).mean():.0f} {100 * np.median(room / local):.0f}",
+                f"{100 * inside(graph.nodes, shape).mean():.0f}",
+                f"{100 * np.median(room / local):.0f}",
                 f"{seconds[name]:.1f} {np.median(away):.2f} {np.quantile(away, 0.9):.2f}",
                 flush=True,
             )

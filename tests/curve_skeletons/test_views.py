@@ -17,7 +17,8 @@ import medialis
 from medialis.curve_skeletons.cameras import camera_axes, camera_pairs, sphere_of
 from medialis.curve_skeletons.pairing import pair_points
 from medialis.curve_skeletons.silhouettes import silhouette_skeleton
-from medialis.curve_skeletons.views import _GivenViews, _match, _sharpen
+from medialis.curve_skeletons.view_batches import GivenViews
+from medialis.curve_skeletons.views import _match, _sharpen
 from medialis.model.shape import Shape
 
 QUICK = {"pairs": 60, "size": 128}
@@ -341,4 +342,4 @@ def test_cancelling():
 
     with pytest.raises(medialis.Cancelled):
         medialis.view_curve_skeleton(closed_forms.icosphere(2), progress=stop, **QUICK)
-    assert _GivenViews([])([]) == []
+    assert GivenViews([])([]) == []

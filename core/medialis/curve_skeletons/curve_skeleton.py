@@ -8,13 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from medialis.curve_skeletons.area import area_importance
+from medialis.curve_skeletons.ball_links import BallLinks
 from medialis.curve_skeletons.candidates import (
     CandidateMeasure,
     candidate_measure,
     nearest_neighbours,
 )
 from medialis.curve_skeletons.growth import grow_graph
-from medialis.curve_skeletons.handles import find_handles
+from medialis.curve_skeletons.handles import Handles, find_handles
 from medialis.curve_skeletons.reconstruction import (
     finish_graph,
     link_skeleton,
@@ -179,18 +180,9 @@ def trace_curve_skeleton(
     with progress.stage("reconstruct", 0.6, 1.0):
         links = link_skeleton(shape, cloud, measured, found, near, share * shape.diagonal)
         handles = find_handles(shape)
-        wanted = np.zeros(len(cloud), bool)
-        wanted[found[kept]] = True
         strength = np.where(cloud.valid, np.nan_to_num(measured.measure), -np.inf)
         strength += 1e-9 * links.radii  # without any measure: the largest ball
-        edges, loops = grow_graph(
-            links,
-            np.where(cloud.valid & _in_faces(shape), shape.components, -1),
-            strength,
-            wanted,
-            spacing=shape.spacing,
-            handles=handles,
-        )
+        edges, loops = _grow(shape, cloud, links, strength, found[kept], handles)
         progress.update(0.5)
         graph, node_of_sample = finish_graph(
             links, edges, strength, spacing=shape.spacing, smoothing=smoothing
@@ -210,6 +202,21 @@ def trace_curve_skeleton(
         {number: one.genus for number, one in handles.items()},
         loops,
     )
+
+
+def _grow(
+    shape: Shape,
+    cloud: MedialCloud,
+    links: BallLinks,
+    strength: FloatArray,
+    rows: NDArray[np.int64],
+    handles: dict[int, Handles],
+) -> tuple[NDArray[np.int64], dict[int, int]]:
+    """Grow the graph along the balls of the surface; `rows` are the candidates to reach."""
+    wanted = np.zeros(len(cloud), bool)
+    wanted[rows] = True
+    components = np.where(cloud.valid & _in_faces(shape), shape.components, -1)
+    return grow_graph(links, components, strength, wanted, spacing=shape.spacing, handles=handles)
 
 
 def _in_faces(shape: Shape) -> NDArray[np.bool_]:

@@ -20,6 +20,7 @@ from medialis.threads import run_chunks
 from medialis.validation import FloatArray, IntArray, frozen
 
 POINTS_A_CHUNK = 64
+MOST_HANDLES = 2048
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +73,8 @@ def find_handles(shape: Shape) -> dict[int, Handles]:
     -------
     dict
         Handles by the number of the component (`Shape.components`). Components with non-manifold
-        edges are missing: they enclose no solid with a definite genus.
+        edges are missing: they enclose no solid with a definite genus. So are those with more than
+        2048 handles: angles of all balls to all of them would not fit into memory.
     """
     from medialis.curve_skeletons._growth_kernels import cut_open
 
@@ -86,7 +88,7 @@ def find_handles(shape: Shape) -> dict[int, Handles]:
     offsets, neighbours = _vertex_graph(closed)
     n = closed.point_count
     seen, used = np.zeros(n, bool), np.zeros(closed.face_count, bool)
-    parent, sides = np.full(n, -1, np.int64), np.empty(4096, np.int64)
+    parent, sides = np.full(n, -1, np.int64), np.empty(2 * MOST_HANDLES, np.int64)
     result = {}
     numbers, first_face = np.unique(of_face, return_index=True)
     for number, face in zip(numbers.tolist(), first_face.tolist(), strict=True):

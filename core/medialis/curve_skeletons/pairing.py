@@ -17,7 +17,7 @@ def pair_points(first: View, second: View, left: Crossings, right: Crossings) ->
     Parameters
     ----------
     first, second : View
-        With the same center, extent and up-axis (`check_pair`).
+        With the same center, extent and up-axis (`check_views`).
     left, right : Crossings
         Of the one and of the other.
 

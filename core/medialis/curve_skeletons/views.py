@@ -11,16 +11,24 @@ from dataclasses import dataclass
 import numpy as np
 
 from medialis.curve_skeletons.cameras import CameraPair, camera_pairs, sphere_of
-from medialis.curve_skeletons.linking import link_points, merge_cells
+from medialis.curve_skeletons.cloud_nodes import merge_cells
+from medialis.curve_skeletons.linking import link_points
 from medialis.curve_skeletons.pairing import pair_points
 from medialis.curve_skeletons.silhouettes import (
     DEFAULT_SALIENCY,
     Crossings,
     Scratch,
-    check_border,
     skeletonize,
 )
-from medialis.errors import InvalidOptionError, InvalidShapeError
+from medialis.curve_skeletons.view_batches import (
+    BATCH,
+    POINTS_A_CHUNK,
+    GivenViews,
+    ViewBatch,
+    check_views,
+    render_views,
+)
+from medialis.errors import InvalidShapeError
 from medialis.model.curve_skeleton import CurveSkeleton
 from medialis.model.shape import Shape
 from medialis.model.view import OrthographicCamera, View, ViewSource
@@ -32,11 +40,8 @@ from medialis.validation import FloatArray, as_number, as_whole_number
 DEFAULT_PAIRS = 500
 DEFAULT_SIZE = 1024
 DEFAULT_ANGLE = math.radians(20)
-BATCH = 16
-"""Views held at a time: a constant, so that memory and results do not depend on the threads."""
 PROBES = 32
 """Views that measure radii and tell inside from outside while the points are linked."""
-POINTS_A_CHUNK = 4096
 CELL = 2.0
 """Cell of the linking in pixels: the scatter of sharpened points is one or two pixels."""
 TRAVEL = 0.2
@@ -82,73 +87,6 @@ class ViewSkeleton:
     weights: FloatArray
 
 
-class _GivenViews:
-    """The source of views that the caller has."""
-
-    def __init__(self, pairs: Sequence[tuple[View, View]]) -> None:
-        self._views = {id(view.camera): view for pair in pairs for view in pair}
-
-    def __call__(self, cameras: Sequence[OrthographicCamera]) -> list[View]:
-        return [self._views[id(camera)] for camera in cameras]
-
-
-class _Batch:
-    """Depths and distance fields of a few views side by side, as the kernels read them."""
-
-    def __init__(
-        self, source: ViewSource, cameras: Sequence[OrthographicCamera], saliency: float
-    ) -> None:
-        size, count = cameras[0].size, len(cameras)
-        self.cameras = np.stack(
-            [np.r_[camera.center, camera.axes.ravel(), camera.pixel] for camera in cameras]
-        )
-        self.near = np.empty((count, size, size), np.float32)
-        self.far = np.empty_like(self.near)
-        self.field = np.zeros_like(self.near)
-        for begin in range(0, count, BATCH):
-            for at, view in enumerate(_render(source, cameras[begin : begin + BATCH]), begin):
-                self.near[at], self.far[at] = view.near, view.far
-
-        def skeletons(begin: int, end: int) -> None:
-            scratch = Scratch(size)
-            for at in range(begin, end):
-                skeletonize(self.near[at], saliency, scratch, self.field[at])
-
-        run_chunks(skeletons, count, 1)
-
-    def measure(self, points: FloatArray) -> FloatArray:
-        """Return the radius of the ball round each point, 0 where a view sees it outside."""
-        from medialis.curve_skeletons._sharpening_kernels import measure_radii
-
-        positions = np.ascontiguousarray(points)
-        radii = np.full(len(positions), np.inf)
-        run_chunks(
-            lambda a, b: measure_radii(
-                self.cameras, self.near, self.far, self.field, a, b, positions, radii
-            ),
-            len(positions),
-            POINTS_A_CHUNK,
-        )
-        return radii
-
-
-def _render(source: ViewSource, cameras: Sequence[OrthographicCamera]) -> Sequence[View]:
-    """Return the views of a source, checked: the kernels rely on them."""
-    views = source(cameras)
-    if len(views) != len(cameras):
-        raise InvalidShapeError(
-            f"The view source must return one view a camera: {len(views)} came for {len(cameras)}."
-        )
-    for view, camera in zip(views, cameras, strict=True):
-        if view.near.shape != (camera.size, camera.size):
-            raise InvalidShapeError(
-                f"The view source must return pictures of {camera.size} x {camera.size} pixels, "
-                f"got {view.near.shape}."
-            )
-        check_border(view.near)
-    return views
-
-
 def _match(
     source: ViewSource, pairs: Sequence[CameraPair], saliency: float, progress: Progress
 ) -> tuple[FloatArray, FloatArray]:
@@ -157,7 +95,7 @@ def _match(
     for begin in range(0, len(pairs), BATCH // 2):
         progress.update(begin / len(pairs))
         batch = pairs[begin : begin + BATCH // 2]
-        views = _render(source, [camera for pair in batch for camera in pair])
+        views = render_views(source, [camera for pair in batch for camera in pair])
         crossings: list[Crossings] = [None] * len(views)  # type: ignore[list-item]
 
         def skeletons(
@@ -194,12 +132,13 @@ def _sharpen(
         if len(points) == 0:
             break
         progress.update(begin / len(cameras))
-        batch = _Batch(source, cameras[begin : begin + BATCH], saliency)
+        batch = ViewBatch(source, cameras[begin : begin + BATCH], saliency)
         alive = np.ones(len(points), bool)
 
         def work(
-            first: int, last: int, batch: _Batch = batch, at: slice = slice(begin, begin + BATCH),
-            points: FloatArray = points, alive: np.ndarray = alive,
+            first: int, last: int, batch: ViewBatch = batch,
+            at: slice = slice(begin, begin + BATCH), points: FloatArray = points,
+            alive: np.ndarray = alive,
         ) -> None:  # fmt: skip
             cull_and_sharpen(
                 batch.cameras, batch.near, batch.far, batch.field, steps[at], first, last,
@@ -228,7 +167,7 @@ def skeleton_of_views(
     with progress.stage("sharpen", 0.5, 0.9):
         points, weights = _sharpen(source, firsts, points, weights, saliency, progress)
     with progress.stage("link", 0.9, 1.0):
-        probes = _Batch(source, firsts[:PROBES], saliency)
+        probes = ViewBatch(source, firsts[:PROBES], saliency)
         curve = link_points(points, weights, CELL * firsts[0].pixel, probes.measure)
     if len(curve.nodes) == 0:
         raise InvalidShapeError(
@@ -307,9 +246,9 @@ def view_curve_skeleton(
             progress=steps,
         )  # fmt: skip
         return found.curve
-    given = _check_views(shape_or_views)
+    given = check_views(shape_or_views)
     cameras = [(first.camera, second.camera) for first, second in given]
-    return skeleton_of_views(_GivenViews(given), cameras, sigma, steps).curve
+    return skeleton_of_views(GivenViews(given), cameras, sigma, steps).curve
 
 
 def skeleton_of_shape(
@@ -334,32 +273,3 @@ def skeleton_of_shape(
     cameras = camera_pairs(center, radius, pairs=count, angle=alpha, size=pixels)
     renderer = _factory.get()(shape) if source is None else source
     return skeleton_of_views(renderer, cameras, saliency, progress)
-
-
-def _check_views(views: Sequence[tuple[View, View]]) -> list[tuple[View, View]]:
-    """Return the pairs, when they can be used."""
-    pairs = [tuple(pair) for pair in views]
-    if not pairs or any(
-        len(pair) != 2 or not all(isinstance(view, View) for view in pair) for pair in pairs
-    ):
-        raise InvalidShapeError("A Shape or at least one pair of Views (first, second) is needed.")
-    size = pairs[0][0].camera.size
-    for number, (first, second) in enumerate(pairs):
-        a, b = first.camera, second.camera
-        fits = a.extent == b.extent and np.allclose(a.center, b.center, rtol=0, atol=a.pixel / 100)
-        if not (a.size == b.size == size and fits):
-            raise InvalidShapeError(
-                f"Pair {number}: both cameras must have the same center and extent, and all views "
-                f"the same size in pixels (the first has {size})."
-            )
-        if not np.allclose(a.axes[1], b.axes[1], rtol=0, atol=1e-6):
-            raise InvalidShapeError(
-                f"Pair {number}: the up-axes must be the same, got {a.axes[1]} and {b.axes[1]}."
-            )
-        between = math.acos(min(max(float(a.axes[2] @ b.axes[2]), -1.0), 1.0))
-        if not math.radians(0.99) <= between <= math.radians(90.01):
-            raise InvalidOptionError(
-                f"Pair {number}: the cameras must be 1 to 90 degrees apart, got "
-                f"{math.degrees(between):g}."
-            )
-    return pairs  # type: ignore[return-value]
