@@ -4,7 +4,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from medialis.model.shape import Shape
-from medialis.shape.generate import _make_unambiguous, _surface_nets
+from medialis.shape.generate import make_unambiguous, surface_nets
 from medialis.shape.normals import vertex_normals
 
 
@@ -20,8 +20,8 @@ def tube(curves, radius, cell):
     axes = [low[k] + cell * np.arange(count[k] + 1) for k in range(3)]
     grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
     distance = tree.query(grid.reshape(-1, 3))[0].reshape(grid.shape[:3]) - radius
-    _make_unambiguous(distance)
-    points, faces = _surface_nets(distance, low, cell)
+    make_unambiguous(distance)
+    points, faces = surface_nets(distance, low, cell)
     for _ in range(2):
         nearest = dense[tree.query(points)[1]]
         away = points - nearest

@@ -140,6 +140,17 @@ def test_results_are_the_same_on_1_and_2_threads_and_inputs_stay(rod):
     assert medialis.smooth_noise(shape, 0)[0] is shape
 
 
+def test_fans_of_many_triangles_are_left_out():
+    """A double cone whose hubs touch every other vertex: rings would hold the whole mesh."""
+    count = 50_000
+    turn = np.linspace(0, 2 * np.pi, count, endpoint=False)
+    points = np.r_[np.c_[np.cos(turn), np.sin(turn), 0 * turn], [[0, 0, 1], [0, 0, -1]]]
+    i, j = np.arange(count), np.roll(np.arange(count), -1)
+    faces = np.r_[np.c_[i, j, 0 * i + count], np.c_[j, i, 0 * i + count + 1]].astype(np.int32)
+    cone = medialis.Shape(points, medialis.vertex_normals(points, faces), faces)
+    assert medialis.noise_level(cone) == 0.0
+
+
 def test_clouds_and_bad_levels(rod):
     cloud = medialis.Shape(rod.points, rod.normals)
     assert medialis.noise_level(cloud) == 0.0
