@@ -70,7 +70,7 @@ def denoised(
     if choice == "off" or shape.faces is None or shape.diagonal == 0.0:
         return shape, tolerance
     level = noise_level(shape)
-    if level < NOISY * shape.spacing:
+    if level == 0.0 or level < NOISY * shape.spacing:
         return shape, tolerance
     smooth, left = smooth_noise(shape, level)
     if not smooth.diagonal > 0:
