@@ -40,7 +40,9 @@ class FieldPlan:
     colors: attributes.Column | None
 
 
-def plan_field(layer: Layer, title: str, shape: Shape, source: Source) -> FieldPlan:
+def plan_field(
+    layer: Layer, title: str, shape: Shape, source: Source, *, with_groups: bool = True
+) -> FieldPlan:
     """Bring the values of a layer to the vertices and polygons of what was read.
 
     Merged vertices have the same value; dropped ones NaN, or -1 for whole numbers. A polygon has
@@ -73,8 +75,8 @@ def plan_field(layer: Layer, title: str, shape: Shape, source: Source) -> FieldP
         title,
         attributes.columns(on_points),
         attributes.columns(on_faces),
-        {name: on_points[name] for name in layer.labels if name in on_points},
-        {name: on_faces[name] for name in layer.labels if name in on_faces},
+        {name: on_points[name] for name in layer.labels if with_groups and name in on_points},
+        {name: on_faces[name] for name in layer.labels if with_groups and name in on_faces},
         by_face,
         colors,
     )

@@ -4,21 +4,30 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from contextlib import nullcontext
 from typing import Any
 
-from medialis import Progress, Result, Shape, make_shape, run
+from medialis import Progress, Result, Shape, ViewSource, make_shape, run, view_source
 
+from . import views
 from .reading import Source
+
+SERVICE = 0.05
+"""Seconds that one look at a job may spend on rendering views for it."""
 
 running: Job | None = None
 """The job in progress; one at a time."""
 
 
 def compute(
-    source: Source, name: str, parameters: Mapping[str, Any], progress: Progress
+    source: Source,
+    name: str,
+    parameters: Mapping[str, Any],
+    progress: Progress,
+    factory: Callable[[Shape], ViewSource] | None = None,
 ) -> tuple[Shape, Result]:
-    """Repair what was read and run an operation on it; needs no Blender.
+    """Repair what was read and run an operation on it; `factory` renders views, if there are any.
 
     Raises
     ------
@@ -27,7 +36,8 @@ def compute(
     """
     with progress.stage("input", 0.0, 0.1):
         shape = make_shape(source.points, source.faces, repair=True, progress=progress)
-    with progress.stage("compute", 0.1, 1.0):
+    rendered = nullcontext() if factory is None else view_source(factory)
+    with rendered, progress.stage("compute", 0.1, 1.0):
         return shape, run(name, shape, progress=progress, **parameters)
 
 
@@ -43,12 +53,22 @@ class Job:
     """
 
     def __init__(
-        self, source: Source, name: str, parameters: Mapping[str, Any], label: str
+        self,
+        source: Source,
+        name: str,
+        parameters: Mapping[str, Any],
+        label: str,
+        *,
+        gpu_views: bool = False,
     ) -> None:
         self.source = source
         self.label = label
         self.fraction, self.text = 0.0, "starting"
         self._cancelled = threading.Event()
+        self._progress = Progress(self._report)
+        self._desk: views.ViewDesk | None = None
+        if gpu_views:
+            self._desk = views.ViewDesk(self._progress.note, self._cancelled.is_set)
         self._found: tuple[Shape, Result] | None = None
         self._error: BaseException | None = None
         self._thread = threading.Thread(
@@ -66,9 +86,16 @@ class Job:
         self._cancelled.set()
         self.text = "cancelling"
 
+    def serve(self) -> None:
+        """Render the views that it waits for; on the main thread, now and then."""
+        if self._desk is not None:
+            self._desk.serve(SERVICE)
+
     def close(self) -> None:
         """Forget it; it is not the running one any more."""
         global running
+        if self._desk is not None:
+            self._desk.close()
         if running is self:
             running = None
 
@@ -96,7 +123,8 @@ class Job:
 
     def _work(self, name: str, parameters: dict[str, Any]) -> None:
         try:
-            self._found = compute(self.source, name, parameters, Progress(self._report))
+            factory = () if self._desk is None else (self._desk.factory,)
+            self._found = compute(self.source, name, parameters, self._progress, *factory)
         except BaseException as error:  # noqa: BLE001 - it is raised again on the main thread
             self._error = error
 

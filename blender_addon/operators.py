@@ -10,7 +10,7 @@ import bpy
 from medialis import OPERATIONS, MedialisError, Progress, Result, Shape
 from medialis.operations.declaration import Operation
 
-from . import jobs, properties, reading, summary, writing
+from . import armatures, jobs, properties, reading, summary, views, writing
 
 STEP = 0.1
 """Seconds between two looks at a running job."""
@@ -44,9 +44,12 @@ class OperationOperator:
             manager.progress_update(int(100 * fraction))
 
         try:
-            source = reading.read_object(context, reading.target(context))
+            source = self._read(context)
             parameters = properties.parameters_of(self.operation, self)
-            found = jobs.compute(source, self.operation.name, parameters, Progress(report))
+            progress = Progress(report)
+            desk = views.ViewDesk(progress.note) if self._gpu_views() else None
+            factory = () if desk is None else (desk.factory,)
+            found = jobs.compute(source, self.operation.name, parameters, progress, *factory)
             return self._write(context, source, *found)
         except (MedialisError, MemoryError) as error:
             return self._fail(error)
@@ -58,12 +61,14 @@ class OperationOperator:
         if bpy.app.background or context.window is None:
             return self.execute(context)
         try:
-            source = reading.read_object(context, reading.target(context))
+            source = self._read(context)
         except (MedialisError, MemoryError) as error:
             return self._fail(error)
         parameters = properties.parameters_of(self.operation, self)
         label = f"{self.operation.label} of {source.name}"
-        self._job = jobs.Job(source, self.operation.name, parameters, label)
+        self._job = jobs.Job(
+            source, self.operation.name, parameters, label, gpu_views=self._gpu_views()
+        )
         manager = context.window_manager
         self._timer = manager.event_timer_add(STEP, window=context.window)
         manager.progress_begin(0, 100)
@@ -79,6 +84,7 @@ class OperationOperator:
             return {"RUNNING_MODAL"}
         if event.type != "TIMER":
             return {"PASS_THROUGH"}
+        job.serve()
         if not job.done:
             context.window_manager.progress_update(int(100 * job.fraction))
             context.workspace.status_text_set(
@@ -104,6 +110,16 @@ class OperationOperator:
         if context.workspace is not None:
             context.workspace.status_text_set(None)
         redraw(context)
+
+    def _read(self, context: bpy.types.Context) -> reading.Source:
+        chosen = reading.target(context)
+        source = reading.read_object(context, chosen)
+        if getattr(self, "bind", False) and source.on_data:
+            armatures.require_unbound(chosen)
+        return source
+
+    def _gpu_views(self) -> bool:
+        return views.chosen(getattr(self, "views_by", "CPU"))
 
     def _write(
         self, context: bpy.types.Context, source: reading.Source, shape: Shape, result: Result

@@ -13,7 +13,7 @@ from medialis.operations.declaration import Operation
 
 from . import filtering, jobs, reading, summary, warmup
 from .menus import groups
-from .properties import OPTIONS
+from .properties import EXTRAS, OPTIONS
 
 CHARACTER = 7.0
 """Pixels of a letter of the panel, on average, at Blender's standard scale."""
@@ -126,8 +126,9 @@ def draw_operation(layout: Any, context: bpy.types.Context, operation: Operation
     row = column.row(align=True)
     row.operator_context = "INVOKE_DEFAULT"
     button = row.operator(f"medialis.{operation.name}")
-    for parameter in operation.parameters:
-        setattr(button, parameter.name, getattr(settings, parameter.name))
+    extras = EXTRAS.get(operation.name, {})
+    for name in (*(parameter.name for parameter in operation.parameters), *extras):
+        setattr(button, name, getattr(settings, name))
     for name in OPTIONS:
         setattr(button, name, getattr(context.scene.medialis, name))
     icon = "DOWNARROW_HLT" if settings.unfolded else "PREFERENCES"
@@ -138,6 +139,8 @@ def draw_operation(layout: Any, context: bpy.types.Context, operation: Operation
     for parameter in operation.parameters:
         if not parameter.advanced:
             draw_parameter(box, settings, parameter)
+    for name in extras:
+        box.prop(settings, name)
     advanced = [parameter for parameter in operation.parameters if parameter.advanced]
     if advanced and draw_fold(box, settings, "unfolded_more", "More"):
         for parameter in advanced:

@@ -42,6 +42,29 @@ OPTIONS = {
     ),
 }
 
+EXTRAS: dict[str, dict[str, Any]] = {
+    "armature": {
+        "bind": BoolProperty(
+            name="Bind",
+            description="Parent the object to the armature and add an Armature modifier, so that "
+            "posing the bones deforms it",
+        ),
+    },
+    "view_curve_skeleton": {
+        "views_by": EnumProperty(
+            name="Views by",
+            description="What renders the views",
+            items=[
+                ("AUTO", "Automatic", "Blender's GPU in a window with a graphics card, otherwise "
+                 "the processor"),
+                ("GPU", "Blender's GPU", "Blender's gpu module; the processor where it cannot draw"),
+                ("CPU", "Processor", "The rasterizer of medialis"),
+            ],
+        ),
+    },
+}
+"""Options of single operations that only Blender has."""
+
 
 def property_of(parameter: Parameter) -> Any:
     """Return the Blender property of a parameter: lengths in per cent of the size."""
@@ -101,12 +124,14 @@ def parameters_of(operation: Operation, holder: Any) -> dict[str, Any]:
 
 def options_of(holder: Any) -> Options:
     """Return the output options from an operator or the settings."""
-    return Options(**{name: getattr(holder, name) for name in OPTIONS})
+    given = {name: getattr(holder, name) for name in OPTIONS}
+    return Options(**given, bind=getattr(holder, "bind", False))
 
 
 def annotations_of(operation: Operation) -> dict[str, Any]:
     """Return the properties of an operation by name."""
-    return {p.name: property_of(p) for p in operation.parameters}
+    own = {p.name: property_of(p) for p in operation.parameters}
+    return {**own, **EXTRAS.get(operation.name, {})}
 
 
 def _settings_classes() -> list[type]:

@@ -81,9 +81,12 @@ class Source:
 def target(context: bpy.types.Context) -> bpy.types.Object | None:
     """Return the object to work on: the active one, or the source of an active result."""
     active = context.active_object
-    if active is not None and active.get(RESULT) and active.parent is not None:
-        return active.parent
-    return active
+    if active is None or not active.get(RESULT):
+        return active
+    if active.type == "ARMATURE":  # one that its source is bound to is its parent
+        bound = [child for child in active.children if child.type in TYPES]
+        return bound[0] if bound else active.parent
+    return active if active.parent is None else active.parent
 
 
 def why_not(context: bpy.types.Context, operation: Operation) -> str | None:

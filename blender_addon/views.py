@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import queue
 import threading
+import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 
@@ -40,6 +41,21 @@ def why_no_gpu() -> str | None:
         except Exception as error:  # noqa: BLE001 - drivers raise anything
             _why_not = str(error) or type(error).__name__
     return _why_not
+
+
+def chosen(views_by: str) -> bool:
+    """Return whether the gpu module shall render the views: "GPU", "CPU" or "AUTO".
+
+    Software graphics are slower than the core's rasterizer. Without a window nothing is started to
+    find out which they are.
+    """
+    if views_by != "AUTO":
+        return views_by == "GPU"
+    if bpy.app.background:
+        return False
+    import gpu
+
+    return gpu.platform.device_type_get() != "SOFTWARE"
 
 
 def _start_gpu() -> None:
@@ -197,11 +213,13 @@ class ViewDesk:
         source = self._ask(lambda: GpuViews(triangles.points, triangles.faces))
         return lambda cameras: self._ask(lambda: source(cameras))
 
-    def serve(self) -> None:
-        """Do what was asked for since the last call; on the main thread."""
+    def serve(self, seconds: float = 0.0) -> None:
+        """Do what was asked for since the last call, and for so long; on the main thread."""
+        end = time.monotonic() + seconds
         with suppress(queue.Empty):
             while True:
-                order, answer = self._orders.get_nowait()
+                left = end - time.monotonic()
+                order, answer = self._orders.get(left > 0, max(left, 0.0))
                 try:
                     answer.put((order(), None))
                 except Exception as error:  # noqa: BLE001 - raised where it was asked for

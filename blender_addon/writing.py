@@ -15,9 +15,9 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
-from medialis import InvalidShapeError, Result, Shape
+from medialis import InvalidShapeError, Result, Shape, SkinWeights
 
-from . import fields, layers, placing, summary
+from . import armatures, fields, layers, placing, summary
 from .changes import Changes
 from .reading import RESULT, Source
 
@@ -29,6 +29,7 @@ class Options:
     add_samples: bool = False
     with_materials: bool = False
     curves: bool = False
+    bind: bool = False
 
 
 def add_result(
@@ -59,7 +60,8 @@ def add_result(
     for layer in wanted:
         title = f"{chosen.name} {layer.name.replace('_', ' ')}"
         if layer.on_input:
-            plans.append(fields.plan_field(layer, title, shape, source))
+            with_groups = result.skin is None  # otherwise the weights are the vertex groups
+            plans.append(fields.plan_field(layer, title, shape, source, with_groups=with_groups))
         else:
             plans.append(layers.plan_layer(layer, title, spacing))
     active = context.view_layer.objects.active
@@ -69,7 +71,9 @@ def add_result(
     names = {plan.layer.name for plan in plans}
     earlier = sum(child.get(RESULT) in names for child in chosen.children)
     with Changes() as changes:
-        made = _make(context, scene, chosen, source, plans, options, changes)
+        made = _make(context, scene, chosen, source, plans, options, result, changes)
+        if result.skin is not None:
+            _add_skin(made, shape, result, options, changes)
         _add_images(result, chosen.name, changes)
         text = summary.lines(result, wanted, source.name, earlier)
         for carrier in made:
@@ -102,6 +106,7 @@ def _make(
     source: Source,
     plans: Sequence[layers.Plan | fields.FieldPlan],
     options: Options,
+    result: Result,
     changes: Changes,
 ) -> list[bpy.types.Object]:
     collection = None
@@ -114,7 +119,10 @@ def _make(
             carrier = place
             fields.write_field(plan, carrier, changes, with_materials=options.with_materials)
         else:
-            carrier = layers.make_object(plan, scene, changes, curves=options.curves)
+            if result.rig is not None and plan.layer is result.layers[0]:
+                carrier = armatures.new_armature(context, plan.title, result.rig, changes)
+            else:
+                carrier = layers.make_object(plan, scene, changes, curves=options.curves)
             placing.lay_on(carrier, chosen, source)
             carrier.show_in_front = plan.shows != "faces"
         if carrier != chosen and carrier not in made:
@@ -126,6 +134,24 @@ def _make(
         if carrier not in made:
             made.append(carrier)
     return made
+
+
+def _add_skin(
+    made: Sequence[bpy.types.Object],
+    shape: Shape,
+    result: Result,
+    options: Options,
+    changes: Changes,
+) -> None:
+    """Write the weights on what carries the layer of the skin; bind that where it is asked for."""
+    armature = next(carrier for carrier in made if carrier.type == "ARMATURE")
+    place = next(carrier for carrier in made if carrier != armature)
+    bones = shape.on_input_points(result.skin.bones, -1)
+    weights = shape.on_input_points(result.skin.weights, 0.0)
+    armatures.write_weights(place, result.rig.names, SkinWeights(bones, weights))
+    if options.bind:
+        armatures.require_unbound(place)
+        armatures.bind(place, armature, changes)
 
 
 def _remember(carrier: bpy.types.Object, text: str, changes: Changes) -> None:

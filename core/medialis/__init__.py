@@ -15,6 +15,7 @@ from medialis.applications.soft_edges import SoftEdges, soft_edges
 from medialis.batches.batch import batch
 from medialis.batches.huge import huge_surface_skeleton, open_medial_cloud
 from medialis.curve_skeletons.area import area_importance
+from medialis.curve_skeletons.bones import bones
 from medialis.curve_skeletons.candidates import (
     CandidateMeasure,
     candidate_measure,
@@ -24,6 +25,7 @@ from medialis.curve_skeletons.curve_skeleton import curve_skeleton
 from medialis.curve_skeletons.point_graph import point_graph
 from medialis.curve_skeletons.silhouettes import silhouette_skeleton
 from medialis.curve_skeletons.simplification import simplify_branches
+from medialis.curve_skeletons.skinning import skin_weights
 from medialis.curve_skeletons.views import view_curve_skeleton, view_source
 from medialis.errors import (
     Cancelled,
@@ -48,6 +50,7 @@ from medialis.features.y_network import y_network
 from medialis.io.curve_graphs import read_curve_skeleton, write_curve_skeleton
 from medialis.manifold_segmentation.segmentation import manifolds
 from medialis.manifold_segmentation.surfaces import manifold_surfaces
+from medialis.model.armature import Bones, SkinWeights
 from medialis.model.curve_skeleton import CurveSkeleton
 from medialis.model.diagnosis import Diagnosis
 from medialis.model.feature_sets import FeatureSets
@@ -98,6 +101,7 @@ from medialis.threads import thread_count, thread_limit
 __all__ = [
     "OPERATIONS",
     "BallStatus",
+    "Bones",
     "Cancelled",
     "CandidateMeasure",
     "CurveSkeleton",
@@ -127,6 +131,7 @@ __all__ = [
     "Shape",
     "SheetMeshes",
     "SkeletonMesh",
+    "SkinWeights",
     "SoftEdges",
     "ThinSpot",
     "View",
@@ -134,6 +139,7 @@ __all__ = [
     "YNetwork",
     "area_importance",
     "batch",
+    "bones",
     "candidate_measure",
     "connected_importance",
     "curve_skeleton",
@@ -179,6 +185,7 @@ __all__ = [
     "silhouette_skeleton",
     "simplify_branches",
     "skeleton_mesh",
+    "skin_weights",
     "smooth_noise",
     "soft_edges",
     "surface_of_cloud",

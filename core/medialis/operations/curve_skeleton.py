@@ -46,8 +46,16 @@ shape is called sheet-like where that is a fifth of its area. Shoulder blade: 29
 %; rocker arm, a mechanical part with flat arms: 14 %; gears, a screwdriver: below 6 %."""
 
 
-def run(shape: Shape, parameters: Mapping[str, Any], progress: Progress) -> Outcome:
-    """Smooth where noisy, refine, shrink balls, trace geodesics, find the curve skeleton."""
+def traced(
+    shape: Shape, parameters: Mapping[str, Any], progress: Progress
+) -> tuple[Shape, MedialCloud, CurveSkeletonResult]:
+    """Return the shape as computed on, its balls and its curve skeleton; say what is uncertain.
+
+    Raises
+    ------
+    InvalidShapeError
+        For a point cloud, and for a shape without balls.
+    """
     if shape.faces is None:
         raise InvalidShapeError(
             "A curve skeleton needs a surface with faces, got a point cloud: reconstruct a surface "
@@ -71,10 +79,16 @@ def run(shape: Shape, parameters: Mapping[str, Any], progress: Progress) -> Outc
             simplify=parameters["simplify"],
             progress=progress,
         )
+    _note_shape(fine, found, progress)
+    _note_result(found.skeleton, _sheet_share(fine, cloud, found.skeleton), progress)
+    return fine, cloud, found
+
+
+def run(shape: Shape, parameters: Mapping[str, Any], progress: Progress) -> Outcome:
+    """Smooth where noisy, refine, shrink balls, trace geodesics, find the curve skeleton."""
+    fine, cloud, found = traced(shape, parameters, progress)
     graph = found.skeleton
     sheet = _sheet_share(fine, cloud, graph)
-    _note_shape(fine, found, progress)
-    _note_result(graph, sheet, progress)
     layers = [
         Layer(
             "curve_skeleton",

@@ -9,6 +9,7 @@ from typing import Any
 from medialis.errors import InvalidOptionError
 from medialis.model.shape import Shape
 from medialis.operations import (
+    armature,
     ball_reconstruction,
     curve_skeleton,
     geodesic_path,
@@ -39,6 +40,7 @@ OPERATIONS: tuple[Operation, ...] = (
     skeleton_mesh.OPERATION,
     curve_skeleton.OPERATION,
     view_curve_skeleton.OPERATION,
+    armature.OPERATION,
     point_types.OPERATION,
     medial_sheets.OPERATION,
     soft_edges.OPERATION,

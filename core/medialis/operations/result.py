@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from medialis.errors import InvalidShapeError
+from medialis.model.armature import Bones, SkinWeights
 from medialis.model.curve_skeleton import CurveSkeleton
 from medialis.model.shape import Shape
 from medialis.validation import as_faces, as_points
@@ -99,6 +100,10 @@ class Outcome:
         Pictures that are themselves the result.
     graph : CurveSkeleton or None
         A graph that is written in graph formats as well.
+    rig : Bones or None
+        Bones for hosts that have armatures, and
+    skin : SkinWeights or None
+        their weights on the points of the given shape.
     shown : tuple of Layer
         What pictures show instead of the first layer inside the shape: a layer in its colours, and
         layers of points marked on it.
@@ -111,6 +116,8 @@ class Outcome:
     images: Mapping[str, NDArray[np.uint8]] = field(default_factory=dict)
     shown: tuple[Layer, ...] = ()
     graph: CurveSkeleton | None = None
+    rig: Bones | None = None
+    skin: SkinWeights | None = None
 
 
 @dataclass(frozen=True, eq=False)

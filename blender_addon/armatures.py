@@ -1,0 +1,144 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Bones and skin weights of the core as an armature object, vertex groups and a modifier."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from typing import Any
+
+import bpy
+import numpy as np
+from mathutils import Matrix
+from numpy.typing import NDArray
+
+from medialis import Bones, InvalidShapeError, SkinWeights
+
+from . import attributes
+from .changes import Changes
+
+NAME = re.compile(r"bone \d{3,}")
+MODIFIER = "Medialis armature"
+
+
+def new_armature(
+    context: bpy.types.Context, title: str, rig: Bones, changes: Changes
+) -> bpy.types.Object:
+    """Add an armature object with these bones; bones that meet at a joint are connected.
+
+    Bones can be added in edit mode only: the armature is active for a moment.
+
+    Raises
+    ------
+    InvalidShapeError
+        When Blender cannot edit it, or cannot hold the coordinates.
+    """
+    heads = attributes.coordinates(rig.heads, title)
+    tails = attributes.coordinates(rig.tails, title)
+    data = bpy.data.armatures.new(title)
+    changes.undo_by(bpy.data.armatures.remove, data)
+    made = bpy.data.objects.new(title, data)
+    context.scene.collection.objects.link(made)
+    layer = context.view_layer
+    layer.update()
+    active = layer.objects.active
+    layer.objects.active = made
+    try:
+        bpy.ops.object.mode_set(mode="EDIT")
+        _add_bones(data, rig, heads, tails)
+        bpy.ops.object.mode_set(mode="OBJECT")
+    except RuntimeError as error:
+        raise InvalidShapeError(f"Blender cannot edit a new armature here: {error}") from error
+    finally:
+        layer.objects.active = active
+    data.display_type = "OCTAHEDRAL"
+    if len(data.bones) < rig.count:
+        raise InvalidShapeError(
+            f"{rig.count - len(data.bones)} bones are too short for Blender: scale the object up."
+        )
+    return made
+
+
+def _add_bones(
+    data: bpy.types.Armature, rig: Bones, heads: NDArray[np.float32], tails: NDArray[np.float32]
+) -> None:
+    made: list[Any] = []
+    for number, name in enumerate(rig.names):
+        bone = data.edit_bones.new(name)
+        bone.head, bone.tail = heads[number].tolist(), tails[number].tolist()
+        bone.head_radius = float(rig.head_radii[number])
+        bone.tail_radius = float(rig.tail_radii[number])
+        bone.envelope_distance = 0.25 * max(bone.head_radius, bone.tail_radius)
+        parent = int(rig.parents[number])
+        if parent >= 0:
+            bone.parent = made[parent]
+            bone.use_connect = bool(rig.connected[number])
+        made.append(bone)
+
+
+def write_weights(place: bpy.types.Object, names: Sequence[str], skin: SkinWeights) -> None:
+    """Write one vertex group a bone, of its name; those of an earlier run are replaced.
+
+    Vertices with the same weight are added together.
+    """
+    for group in [group for group in place.vertex_groups if NAME.fullmatch(group.name)]:
+        place.vertex_groups.remove(group)
+    vertices, columns = np.nonzero(skin.bones >= 0)
+    of_bone = skin.bones[vertices, columns]
+    weights = attributes.single(skin.weights[vertices, columns])
+    order = np.lexsort((vertices, weights, of_bone))
+    vertices, of_bone, weights = vertices[order], of_bone[order], weights[order]
+    groups = [place.vertex_groups.new(name=name) for name in names]
+    new = (np.diff(of_bone, prepend=-1) != 0) | (np.diff(weights, prepend=-1) != 0)
+    begins = np.flatnonzero(new).tolist()
+    rows, heaviness, numbers = vertices.tolist(), weights.tolist(), of_bone.tolist()
+    for begin, end in zip(begins, [*begins[1:], len(rows)], strict=True):
+        groups[numbers[begin]].add(rows[begin:end], heaviness[begin], "REPLACE")
+
+
+def require_unbound(place: bpy.types.Object) -> None:
+    """Refuse to bind what another armature moves.
+
+    Raises
+    ------
+    InvalidShapeError
+        When it does.
+    """
+    for modifier in place.modifiers:
+        if modifier.type == "ARMATURE":
+            raise InvalidShapeError(
+                f"{place.name} is moved by the armature of its modifier {modifier.name} already: "
+                "remove that first, or do not bind."
+            )
+
+
+def bind(place: bpy.types.Object, armature: bpy.types.Object, changes: Changes) -> None:
+    """Parent an object to an armature that lies on it, and let the bones deform it.
+
+    The armature takes the place of the object: it gets its parent, and no scale of its own.
+    """
+    context = bpy.context
+    context.view_layer.update()
+    above, inverse = place.parent, place.matrix_parent_inverse.copy()
+    kind, bone = place.parent_type, place.parent_bone
+    here, there = place.matrix_world.copy(), armature.matrix_world.copy()
+
+    def restore() -> None:
+        place.parent = above
+        place.parent_type, place.parent_bone = kind, bone
+        place.matrix_parent_inverse = inverse
+
+    changes.undo_by(restore)
+    basis = place.matrix_basis.copy()
+    armature.parent = above
+    if above is not None:
+        armature.parent_type, armature.parent_bone = kind, bone
+    armature.matrix_parent_inverse = Matrix()
+    place.parent = armature
+    place.parent_type = "OBJECT"
+    armature.matrix_world = there
+    context.view_layer.update()
+    place.matrix_parent_inverse = there.inverted() @ here @ basis.inverted()
+    modifier = place.modifiers.new(MODIFIER, "ARMATURE")
+    changes.undo_by(place.modifiers.remove, modifier)
+    modifier.object = armature

@@ -1,0 +1,123 @@
+"""Bones along a curve skeleton, and the weights with which they move a surface."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from medialis.errors import InvalidShapeError
+from medialis.validation import FloatArray, IntArray, frozen
+
+MOST_BONES = 4
+"""Bones that move one vertex: what game engines and exchange formats hold."""
+
+
+@dataclass(frozen=True, eq=False)
+class Bones:
+    """A tree of straight bones along the limbs of a curve skeleton; parents come first.
+
+    A limb is a chain of bones from one fork of the tree to the next, or to an end.
+
+    Attributes
+    ----------
+    heads, tails : (b, 3) float64
+        Joints, in the units of the shape.
+    parents : (b,) int32
+        -1: a root, one for each component of the curve skeleton.
+    limbs : (b,) int32
+        Limb of each bone, 0, 1, ...; those of a limb follow each other.
+    starts, ends : (b,) float64
+        Positions of the joints along the limb's curve; a limb begins with 0.
+    head_radii, tail_radii : (b,) float64
+        Radius of the curve skeleton at the joints.
+    before, after : (b,) float64
+        The weight passes from the parent to the bone between so far before its head (on the parent)
+        and so far behind it, along the curve.
+    edge_limbs : (e,) int32
+        Limb that each edge of the curve skeleton belongs to; -1: it was cut.
+    edge_spans : (e, 2) float64
+        Positions of both ends of an edge along the limb; equal on twigs too short for a bone.
+    node_limbs, node_places : (v,) int32, (v,) float64
+        The same for nodes.
+    """
+
+    heads: FloatArray
+    tails: FloatArray
+    parents: IntArray
+    limbs: IntArray
+    starts: FloatArray
+    ends: FloatArray
+    head_radii: FloatArray
+    tail_radii: FloatArray
+    before: FloatArray
+    after: FloatArray
+    edge_limbs: IntArray
+    edge_spans: FloatArray
+    node_limbs: IntArray
+    node_places: FloatArray
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            whole = name in ("parents", "limbs", "edge_limbs", "node_limbs")
+            object.__setattr__(self, name, frozen(value, np.int32 if whole else np.float64))
+
+    @property
+    def count(self) -> int:
+        """Number of bones b."""
+        return len(self.parents)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Name of each bone, "bone 000", "bone 001", ..."""
+        return tuple(f"bone {number:03d}" for number in range(self.count))
+
+    @property
+    def roots(self) -> IntArray:
+        """Bones without a parent."""
+        return frozen(np.flatnonzero(self.parents < 0), np.int32)
+
+    @property
+    def connected(self) -> np.ndarray:
+        """Whether the head of each bone is the tail of its parent, (b,) bool."""
+        return (self.parents >= 0) & (self.heads == self.tails[self.parents]).all(axis=1)
+
+    @property
+    def cut(self) -> int:
+        """Number of edges that were cut because they close loops."""
+        return int((self.edge_limbs < 0).sum())
+
+
+@dataclass(frozen=True, eq=False)
+class SkinWeights:
+    """Which bones move each vertex of a surface, and how much.
+
+    Attributes
+    ----------
+    bones : (n, 4) int32
+        By falling weight; -1: none.
+    weights : (n, 4) float64
+        They sum to 1; 0 where there is no bone.
+
+    Raises
+    ------
+    InvalidShapeError
+        When the arrays do not fit together.
+    """
+
+    bones: IntArray
+    weights: FloatArray
+
+    def __post_init__(self) -> None:
+        wanted = (len(self.bones), MOST_BONES)
+        if np.shape(self.bones) != wanted or np.shape(self.weights) != wanted:
+            raise InvalidShapeError(
+                f"bones and weights must both have shape (n, {MOST_BONES}), got "
+                f"{np.shape(self.bones)} and {np.shape(self.weights)}."
+            )
+        object.__setattr__(self, "bones", frozen(self.bones, np.int32))
+        object.__setattr__(self, "weights", frozen(self.weights, np.float64))
+
+    def of_bone(self, bone: int) -> FloatArray:
+        """Return the weight of one bone on every vertex, (n,)."""
+        return frozen((self.weights * (self.bones == bone)).sum(axis=1), np.float64)

@@ -1,0 +1,180 @@
+"""Operation: bones along the curve skeleton of a mesh, and skin weights."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from medialis.curve_skeletons.bones import (
+    DEFAULT_BLEND,
+    DEFAULT_BONE_LENGTH,
+    DEFAULT_SHORTEST,
+    bones,
+)
+from medialis.curve_skeletons.skinning import DEFAULT_SMOOTHING, skin_weights
+from medialis.model.armature import Bones, SkinWeights
+from medialis.model.shape import Shape
+from medialis.operations import curve_skeleton
+from medialis.operations.declaration import Kind, Operation, Parameter
+from medialis.operations.result import Layer, Outcome
+from medialis.progress import Progress
+
+_OF_CURVE = {parameter.name: parameter for parameter in curve_skeleton.OPERATION.parameters}
+
+
+def run(shape: Shape, parameters: Mapping[str, Any], progress: Progress) -> Outcome:
+    """Find the curve skeleton, lay bones along it, compute the weights."""
+    with progress.stage("curve", 0.0, 0.9):
+        fine, _, found = curve_skeleton.traced(shape, {**parameters, "simplify": 0.0}, progress)
+    curve = found.skeleton
+    with progress.stage("weights", 0.9, 1.0):
+        rig = bones(
+            curve,
+            length=parameters["bone_length"] * fine.diagonal,
+            shortest=parameters["shortest"],
+            blend=parameters["blend"],
+        )
+        whole = skin_weights(fine, curve, rig, smoothing=parameters["skin_smoothing"])
+    n = shape.point_count  # a refined shape has the given points first
+    skin = SkinWeights(whole.bones[:n], whole.weights[:n])
+    if rig.cut:
+        progress.note(
+            f"An armature has no loops: {rig.cut} of the curve skeleton were cut, each where both "
+            "ways round from the root are equally long."
+        )
+    if len(rig.roots) > 1:
+        progress.note(f"The shape has {len(rig.roots)} separate parts: each has a root bone.")
+    return Outcome(
+        shape=fine,
+        layers=(_bones_layer(rig), _skin_layer(shape, skin)),
+        values={
+            "bones": rig.count,
+            "limbs": int(rig.limbs.max()) + 1,
+            "roots": len(rig.roots),
+            "cut_loops": rig.cut,
+            "diagonal": shape.diagonal,
+            "bone_table": _table(rig),
+        },
+        arrays={
+            "heads": rig.heads,
+            "tails": rig.tails,
+            "parents": rig.parents,
+            "limbs": rig.limbs,
+            "skin_bones": skin.bones,
+            "skin_weights": skin.weights,
+            "nodes": curve.nodes,
+            "edges": curve.edges,
+        },
+        graph=curve,
+        rig=rig,
+        skin=skin,
+    )
+
+
+def _bones_layer(rig: Bones) -> Layer:
+    """Layer of one edge a bone."""
+    rows = np.arange(2 * rig.count, dtype=np.int32).reshape(-1, 2)
+    return Layer(
+        "armature",
+        np.stack([rig.heads, rig.tails], axis=1).reshape(-1, 3),
+        edges=rows,
+        attributes={
+            "radius": np.stack([rig.head_radii, rig.tail_radii], axis=1).ravel(),
+            "bone": np.repeat(np.arange(rig.count, dtype=np.int32), 2),
+            "parent": np.repeat(rig.parents, 2),
+            "limb": np.repeat(rig.limbs, 2),
+        },
+        color_by="bone",
+        labels=("bone",),
+    )
+
+
+def _skin_layer(shape: Shape, skin: SkinWeights) -> Layer:
+    """Layer of the surface with the bone that moves each point most, and its weight."""
+    return Layer(
+        "skin",
+        shape.points,
+        shape.faces,
+        attributes={"bone": skin.bones[:, 0], "weight": skin.weights[:, 0]},
+        color_by="bone",
+        labels=("bone",),
+        on_input=True,
+    )
+
+
+def _table(rig: Bones) -> list[dict[str, Any]]:
+    return [
+        {
+            "name": name,
+            "parent": int(rig.parents[bone]),
+            "limb": int(rig.limbs[bone]),
+            "head": rig.heads[bone].tolist(),
+            "tail": rig.tails[bone].tolist(),
+            "connected": bool(rig.connected[bone]),
+        }
+        for bone, name in enumerate(rig.names)
+    ]
+
+
+OPERATION = Operation(
+    name="armature",
+    filter_name="generate_armature",
+    label="Armature",
+    group="Skeleton",
+    help="Lay bones along the curve skeleton of a mesh, and compute skin weights.\n\n"
+    "The root is at the thickest junction. Long branches are split into bones, loops are cut. Each "
+    "point of the surface has at most four bones, with weights that sum to 1 and do not reach over "
+    "to other limbs. Needs a mesh.",
+    source="thesis 3.6",
+    parameters=(
+        _OF_CURVE["threshold"],
+        Parameter(
+            "bone_length",
+            Kind.LENGTH,
+            DEFAULT_BONE_LENGTH,
+            "Bone length",
+            "Longer branches are split into equal bones, none longer than this fraction of the "
+            "size.",
+            low=0.001,
+        ),
+        Parameter(
+            "blend",
+            Kind.FLOAT,
+            DEFAULT_BLEND,
+            "Blend",
+            "How far from a joint the weights pass over from one bone to the next, times the "
+            "radius there. 0 is stiff.",
+            low=0.0,
+            high=10.0,
+        ),
+        Parameter(
+            "shortest",
+            Kind.FLOAT,
+            DEFAULT_SHORTEST,
+            "Shortest limb",
+            "Branches shorter than this times the radius where they begin get no bone.",
+            low=0.0,
+            high=10.0,
+            advanced=True,
+        ),
+        Parameter(
+            "skin_smoothing",
+            Kind.FLOAT,
+            DEFAULT_SMOOTHING,
+            "Skin smoothing",
+            "Weights are smoothed along the surface over this times the radius.",
+            low=0.0,
+            high=10.0,
+            advanced=True,
+        ),
+        *(
+            _OF_CURVE[name]
+            for name in ("denoise", "smoothing", "candidates", "tolerance", "refine")
+        ),
+    ),
+    run=run,
+    needs_faces=True,
+    makes_graph=True,
+)
