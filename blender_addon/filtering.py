@@ -51,7 +51,7 @@ def add_modifier(
     if shows == "points":
         geometry = builder.points(geometry, size, MEDIAL_RADIUS in made.data.attributes)
     elif shows == "tubes":
-        geometry = builder.tubes(geometry, size, "radius" in made.data.attributes)
+        geometry = builder.tubes(geometry, size, MEDIAL_RADIUS in made.data.attributes)
     if shows != "faces":  # Blender 4.5 loses the material of a cloud when it deletes points
         geometry = builder.colored(geometry, material)
     builder.link(geometry, builder.node("NodeGroupOutput").inputs[0])
@@ -171,7 +171,7 @@ class _Builder:
     def tubes(
         self, geometry: bpy.types.NodeSocket, size: float, has_radius: bool
     ) -> bpy.types.NodeSocket:
-        shown = self.shown_radius(size, "radius" if has_radius else None)
+        shown = self.shown_radius(size, MEDIAL_RADIUS if has_radius else None)
         curve = self.node("GeometryNodeMeshToCurve")
         self.link(geometry, curve.inputs["Mesh"])
         profile = self.node("GeometryNodeCurvePrimitiveCircle")

@@ -18,7 +18,9 @@ from . import attributes, filtering, materials, meshes, point_clouds
 from .changes import Changes
 
 SIZE_SHARE = 0.002
-"""Radius of drawn points and curves where the spacing is not known, as a share of the diagonal."""
+"""Radius of drawn points where the spacing is not known, as a share of the diagonal."""
+TUBE_SHARE = 0.005
+"""Radius of drawn curves where the spacing is not known."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,11 +66,13 @@ def plan_layer(layer: Layer, title: str, spacing: float | None) -> Plan:
     shown = layer.color_by
     if shown in layer.labels and shown in layer.attributes:
         plan_points.append(attributes.color_column(f"{shown}_color", _colors(layer, shown)))
-    if faces is None and layer.edges is None and "radius" in layer.attributes:
+    # Points and curves are drawn with another radius, which replaces the attribute of that name.
+    if faces is None and "radius" in layer.attributes:
         plan_points += attributes.columns({filtering.MEDIAL_RADIUS: layer.attributes["radius"]})
     limits = (0.0, 1.0)
     if layer.filter_by in layer.attributes:
         limits = value_range(layer.attributes[layer.filter_by])
+    share = SIZE_SHARE if layer.edges is None else TUBE_SHARE
     diagonal = math.hypot(*(layer.points.max(axis=0) - layer.points.min(axis=0)))
     return Plan(
         layer,
@@ -78,7 +82,7 @@ def plan_layer(layer: Layer, title: str, spacing: float | None) -> Plan:
         plan_points,
         attributes.columns(on_faces),
         limits,
-        spacing / 2 if spacing else SIZE_SHARE * diagonal,
+        spacing / 2 if spacing else share * diagonal,
     )
 
 
@@ -147,6 +151,6 @@ def _material(layer: Layer, changes: Changes) -> bpy.types.Material | None:
     if name in layer.labels and on_points:
         return materials.color_material(f"{name}_color", changes)
     limits = value_range(values, *layer.color_limits)
-    points_only = layer.faces is None and layer.edges is None
-    shown = filtering.MEDIAL_RADIUS if name == "radius" and points_only else name
+    drawn_otherwise = name == "radius" and layer.faces is None
+    shown = filtering.MEDIAL_RADIUS if drawn_otherwise else name
     return materials.ramp_material(shown, layer.color_map, limits, changes)

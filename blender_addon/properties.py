@@ -55,9 +55,16 @@ EXTRAS: dict[str, dict[str, Any]] = {
             name="Views by",
             description="What renders the views",
             items=[
-                ("AUTO", "Automatic", "Blender's GPU in a window with a graphics card, otherwise "
-                 "the processor"),
-                ("GPU", "Blender's GPU", "Blender's gpu module; the processor where it cannot draw"),
+                (
+                    "AUTO",
+                    "Automatic",
+                    "Blender's GPU in a window with a graphics card, otherwise the processor",
+                ),
+                (
+                    "GPU",
+                    "Blender's GPU",
+                    "Blender's gpu module; the processor where it cannot draw",
+                ),
                 ("CPU", "Processor", "The rasterizer of medialis"),
             ],
         ),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -78,7 +79,7 @@ def bones(
     Examples
     --------
     >>> import medialis
-    >>> line = medialis.CurveSkeleton.of([[0, 0, 0], [1, 0, 0], [4, 0, 0]], [[0, 1], [1, 2]], [1] * 3)
+    >>> line = medialis.CurveSkeleton.of([[0, 0, 0], [4, 0, 0]], [[0, 1]], [1, 1])
     >>> rig = medialis.bones(line, length=2)
     >>> rig.heads[:, 0].tolist(), rig.parents.tolist()
     ([0.0, 2.0], [-1, 0])
@@ -93,8 +94,7 @@ def bones(
     longest = as_number(length, "length", low=0, open_low=True)
     limbs = _limbs(curve, *_tree(curve))
     _drop_twigs(curve, limbs, shortest)
-    _hang(curve, limbs)
-    return _lay_bones(curve, limbs, longest, blend)
+    return _lay_bones(curve, limbs, _hang(curve, limbs), longest, blend)
 
 
 def _roots(curve: CurveSkeleton) -> list[int]:
@@ -169,23 +169,31 @@ def _drop_twigs(curve: CurveSkeleton, limbs: list[_Limb], shortest: float) -> No
             max(members, key=lambda limb: limb.length).kept = True
 
 
-def _hang(curve: CurveSkeleton, limbs: list[_Limb]) -> None:
-    """Find out which limb with bones the ends of each limb belong to."""
+def _hang(curve: CurveSkeleton, limbs: list[_Limb]) -> list[int]:
+    """Find out where both ends of each limb belong to; return those with bones, parents first.
+
+    The root bone of a component is on the first limb at the root, unless all there are twigs.
+    """
+    kept = [number for number, limb in enumerate(limbs) if limb.kept]
     root_of: dict[int, int] = {}
-    for number, limb in enumerate(limbs):
-        if limb.kept:
-            root_of.setdefault(int(curve.components[limb.nodes[0]]), number)
+    for number in sorted(kept, key=lambda number: limbs[number].above >= 0):
+        root_of.setdefault(int(curve.components[limbs[number].nodes[0]]), number)
     for number, limb in enumerate(limbs):
         root = root_of[int(curve.components[limb.nodes[0]])]
-        limb.start = (root, 0.0) if limb.above < 0 else limbs[limb.above].end
+        on_root = limb.above < 0 or number == root
+        limb.start = (root, 0.0) if on_root else limbs[limb.above].end
         limb.end = (number, limb.length) if limb.kept else limb.start
+    first = set(root_of.values())
+    return [*sorted(first), *(number for number in kept if number not in first)]
 
 
-def _lay_bones(curve: CurveSkeleton, limbs: list[_Limb], longest: float, blend: float) -> Bones:
+def _lay_bones(
+    curve: CurveSkeleton, limbs: list[_Limb], kept: list[int], longest: float, blend: float
+) -> Bones:
     """Split the limbs into bones, and say where on them every edge and node lies."""
-    kept = [number for number, limb in enumerate(limbs) if limb.kept]
-    table: dict[str, list[FloatArray]] = {}
-    parents, of_limb = [], []
+    table: dict[str, Any] = {}
+    parents: list[int] = []
+    of_limb: list[int] = []
     for rank, number in enumerate(kept):
         limb = limbs[number]
         row, along = _joints(curve, limb, longest)
@@ -216,7 +224,7 @@ def _joints(curve: CurveSkeleton, limb: _Limb, longest: float) -> tuple[FloatArr
     rows = np.column_stack([curve.nodes, curve.radii])[limb.nodes]
     if len(rows) == 1:  # a round part has no direction: its bone points up
         size = rows[0, 3] or 1.0
-        return np.vstack([rows, rows + [[0, 0, size, 0]]]), np.array([0.0, size])
+        return np.vstack([rows, rows[0] + [0, 0, size, 0]]), np.array([0.0, size])
     at = _along(curve, limb)
     # The margin lets a limb of exactly two lengths have two bones.
     along = np.linspace(0.0, at[-1], max(1, math.ceil(at[-1] / longest * (1 - 1e-9))) + 1)
@@ -242,9 +250,7 @@ def _windows(
     return before, after
 
 
-def _places(
-    curve: CurveSkeleton, limbs: list[_Limb], rank: dict[int, int]
-) -> dict[str, np.ndarray]:
+def _places(curve: CurveSkeleton, limbs: list[_Limb], rank: dict[int, int]) -> dict[str, Any]:
     """Return limb and place of every node and edge; twigs have those of the fork they hang on."""
     v, e = len(curve.nodes), len(curve.edges)
     number_of = {pair: i for i, pair in enumerate(map(frozenset, curve.edges.tolist()))}
@@ -253,15 +259,15 @@ def _places(
     for limb in limbs:
         on, place = limb.end
         along = _along(curve, limb) if limb.kept else np.full(len(limb.nodes), place)
-        new = limb.nodes[1:] if limb.start[0] >= 0 and len(limb.nodes) > 1 else limb.nodes
-        node_limbs[new], node_places[new] = rank[on], along[len(along) - len(new) :]
+        if limb.above < 0:
+            node_limbs[limb.nodes[0]] = rank[limb.start[0]]
+        # All other first nodes are the last ones of the limb above.
+        node_limbs[limb.nodes[1:]], node_places[limb.nodes[1:]] = rank[on], along[1:]
         for step, pair in enumerate(itertools.pairwise(limb.nodes)):
             edge = number_of[frozenset(pair)]
             span = along[[step, step + 1]]
             edge_limbs[edge] = rank[on]
             edge_spans[edge] = span if curve.edges[edge, 0] == pair[0] else span[::-1]
-        if limb.above < 0:
-            node_limbs[limb.nodes[0]], node_places[limb.nodes[0]] = rank[limb.start[0]], 0.0
     return {
         "node_limbs": node_limbs,
         "node_places": node_places,

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from medialis.errors import InvalidShapeError
@@ -21,8 +23,8 @@ def skin_weights(
     """Compute the weights with which bones move the vertices of a surface.
 
     Each vertex is projected on the edges of the curve skeleton at its own node, so that what lies
-    near in space but on another branch has no say. The weights are a function of that place: 1 on a
-    bone, and passing over to the next one linearly near a joint (`bones`, option `blend`). Where two
+    near in space but on another branch has no say. The weights are a function of that place: 1 on
+    a bone, and passing over to the next one linearly near a joint (`bones`, option `blend`). Where
     neighbours on the surface belong to different branches the weights would jump: they are smoothed
     along the surface.
 
@@ -40,8 +42,8 @@ def skin_weights(
     Returns
     -------
     SkinWeights
-        Every vertex has at most four bones, and weights that sum to 1. One without a node (no ball, or a part without a
-        skeleton) takes those of the nearest vertex that has one.
+        Every vertex has at most four bones, and weights that sum to 1. One without a node (no
+        ball, or a part without a skeleton) takes those of the nearest vertex that has one.
 
     Raises
     ------
@@ -60,9 +62,9 @@ def skin_weights(
     Examples
     --------
     >>> import medialis
-    >>> shape = medialis.organic_shape(56)
-    >>> curve = medialis.curve_skeleton(shape)
-    >>> skin = medialis.skin_weights(shape, curve, medialis.bones(curve))
+    >>> found = medialis.run("curve_skeleton", medialis.organic_shape(56))
+    >>> rig = medialis.bones(found.graph)
+    >>> skin = medialis.skin_weights(found.shape, found.graph, rig)
     >>> round(float(skin.weights.sum(axis=1).min()), 12)
     1.0
     """
@@ -199,12 +201,11 @@ def _insert(bones: IntArray, weights: FloatArray, bone: int, values: FloatArray)
     weights[rows] = np.take_along_axis(weights[rows], order, axis=1)
 
 
-def _laplacian(shape: Shape):
+def _laplacian(shape: Shape) -> tuple[Any, FloatArray]:
     """Return the cotangent Laplacian, its negative weights set to zero, and the vertex areas."""
     from scipy.sparse import coo_array, diags_array
 
-    n, faces = shape.point_count, shape.faces
-    assert faces is not None
+    n, faces = shape.point_count, np.asarray(shape.faces)
     corners = shape.points[faces]
     rows, columns, values = [], [], []
     area = np.linalg.norm(
@@ -221,5 +222,5 @@ def _laplacian(shape: Shape):
     both = (one_way + one_way.T).tocsr()
     both.data = np.maximum(both.data, 0.0)
     mass = np.bincount(faces.ravel(), np.repeat(area / 6, 3), minlength=n)
-    mass = np.where(mass > 0, mass, 1.0)
+    mass = np.where(mass > 0, mass, 1.0).astype(np.float64)
     return diags_array(np.asarray(both.sum(axis=1)).ravel()) - both, mass
