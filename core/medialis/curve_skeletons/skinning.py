@@ -222,5 +222,6 @@ def _laplacian(shape: Shape) -> tuple[Any, FloatArray]:
     both = (one_way + one_way.T).tocsr()
     both.data = np.maximum(both.data, 0.0)
     mass = np.bincount(faces.ravel(), np.repeat(area / 6, 3), minlength=n)
-    mass = np.where(mass > 0, mass, 1.0).astype(np.float64)
-    return diags_array(np.asarray(both.sum(axis=1)).ravel()) - both, mass
+    mass = np.where(mass > 0, mass, 1.0)
+    stiff = diags_array(np.asarray(both.sum(axis=1)).ravel()) - both
+    return stiff, np.asarray(mass, np.float64)
