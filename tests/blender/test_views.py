@@ -157,3 +157,53 @@ def test_an_error_reaches_the_computation(creature, gpu_works):
         desk.serve()
         worker.join(0.01)
     assert len(raised) == 1
+
+
+def test_the_operator_renders_with_the_gpu(creature, scene, gpu_works, monkeypatch):
+    """The views come from `GpuViews`, and the nodes are those that they give."""
+    from blender_scenes import add_mesh, read_back
+
+    made = []
+    real = views.GpuViews
+
+    def recorded(*arguments):
+        made.append(real(*arguments))
+        return made[-1]
+
+    monkeypatch.setattr(views, "GpuViews", recorded)
+    points = creature.points.astype(np.float32).astype(float)
+    chosen = add_mesh("creature", points, creature.faces)
+    quick = {"pairs": 10, "size": 64}
+    assert bpy.ops.medialis.view_curve_skeleton(views_by="GPU", **quick) == {"FINISHED"}
+    assert len(made) == 1
+    shape = medialis.make_shape(points, creature.faces, repair=True)
+    with medialis.view_source(views.ViewDesk(pytest.fail).factory):
+        expected = medialis.run("view_curve_skeleton", shape, **quick).layers[0]
+    found = read_back(bpy.context.active_object.data, "position")
+    assert np.array_equal(found, expected.points.astype(np.float32))
+    bpy.context.view_layer.objects.active = chosen
+    count = len(made)
+    bpy.ops.medialis.view_curve_skeleton(**quick)  # without a window, the processor
+    assert len(made) == count
+
+
+def test_the_operator_falls_back_and_says_so(creature, scene, monkeypatch):
+    from blender_scenes import add_mesh
+
+    monkeypatch.setattr(views, "why_no_gpu", lambda: "no driver")
+    add_mesh("creature", creature.points, creature.faces)
+    bpy.ops.medialis.view_curve_skeleton(views_by="GPU", pairs=10, size=64)
+    said = bpy.context.active_object["medialis_summary"]
+    assert "Blender cannot render views here (no driver): the core's rasterizer does." in said
+
+
+@pytest.mark.parametrize(("device", "gpu"), [("NVIDIA", True), ("SOFTWARE", False)])
+def test_automatic_takes_graphics_cards_only(device, gpu, monkeypatch):
+    import sys
+    from types import SimpleNamespace
+
+    assert not views.chosen("AUTO") and views.chosen("GPU") and not views.chosen("CPU")
+    monkeypatch.setattr(views, "bpy", SimpleNamespace(app=SimpleNamespace(background=False)))
+    platform = SimpleNamespace(device_type_get=lambda: device)
+    monkeypatch.setitem(sys.modules, "gpu", SimpleNamespace(platform=platform))
+    assert views.chosen("AUTO") == gpu

@@ -1,0 +1,169 @@
+"""Armatures in Blender: bones of the core, weights as vertex groups, posing moves the right limb."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+bpy = pytest.importorskip("bpy", reason="bpy is not installed: make hosts")
+import medialis
+from blender_scenes import add_mesh, add_object, counts, evaluated, groups_of, read_back, world
+
+
+@pytest.fixture(scope="module")
+def creature():
+    """The generated shape as Blender holds it, and what the core finds in it."""
+    made = medialis.organic_shape(72)
+    points = made.points.astype(np.float32).astype(float)
+    shape = medialis.make_shape(points, made.faces, repair=True)
+    result = medialis.run("armature", shape)
+    bones = shape.on_input_points(result.skin.bones, -1)  # repair merges two vertices
+    weights = shape.on_input_points(result.skin.weights, 0.0)
+    return points, made.faces, replace(result, skin=medialis.SkinWeights(bones, weights))
+
+
+def seen(chosen):
+    """Return the points of an object in the world, as Blender shows it."""
+    shown = evaluated(chosen)
+    mesh = shown.to_mesh()
+    points = read_back(mesh, "position").astype(float)
+    shown.to_mesh_clear()
+    matrix = np.array(shown.matrix_world)
+    return points @ matrix[:3, :3].T + matrix[:3, 3]
+
+
+def weights_of(chosen, count):
+    found = np.zeros((len(chosen.data.vertices), count))
+    for vertex in chosen.data.vertices:
+        for entry in vertex.groups:
+            name = chosen.vertex_groups[entry.group].name
+            if name.startswith("bone "):
+                found[vertex.index, int(name[5:])] = entry.weight
+    return found
+
+
+def expected_weights(result):
+    return np.stack([result.skin.of_bone(bone) for bone in range(result.rig.count)], axis=1)
+
+
+def test_bones_and_weights_are_those_of_the_core(creature, scene, tmp_path):
+    """Also after saving and loading the file."""
+    points, faces, result = creature
+    chosen = add_mesh("creature", points, faces)
+    chosen.vertex_groups.new(name="mine").add([3, 4], 0.5, "REPLACE")
+    assert bpy.ops.medialis.armature() == {"FINISHED"}
+    assert bpy.context.active_object.type == "ARMATURE" and bpy.context.mode == "OBJECT"
+    path = str(tmp_path / "file.blend")
+    for _ in range(2):
+        armature, chosen = bpy.data.objects["creature armature"], bpy.data.objects["creature"]
+        rig, bones = result.rig, armature.data.bones
+        assert [bone.name for bone in bones] == list(rig.names)
+        for number, bone in enumerate(bones):
+            assert np.allclose(bone.head_local, rig.heads[number], atol=1e-5)
+            assert np.allclose(bone.tail_local, rig.tails[number], atol=1e-5)
+            above = -1 if bone.parent is None else rig.names.index(bone.parent.name)
+            assert above == rig.parents[number] and bone.use_connect == rig.connected[number]
+        # Blender keeps weights in single precision.
+        assert np.abs(weights_of(chosen, rig.count) - expected_weights(result)).max() < 1e-6
+        assert groups_of(chosen)["mine"] == [3, 4]
+        assert armature.parent == chosen and not chosen.modifiers
+        assert (read_back(chosen.data, "bone") == result.skin.bones[:, 0]).all()
+        bpy.ops.wm.save_as_mainfile(filepath=path, check_existing=False)
+        bpy.ops.wm.open_mainfile(filepath=path)
+
+
+def test_again_from_the_result_replaces_the_groups(creature, scene):
+    points, faces, result = creature
+    chosen = add_mesh("creature", points, faces)
+    bpy.ops.medialis.armature(bone_length=5.0)
+    many = len(chosen.vertex_groups)
+    bpy.ops.medialis.armature()  # the active armature stands for its source
+    assert len(chosen.vertex_groups) == result.rig.count < many
+    assert "creature armature.001" in bpy.data.objects
+
+
+@pytest.mark.parametrize("with_parent", [False, True])
+def test_posing_a_bone_moves_its_limb_only(with_parent, creature, scene):
+    """On a turned, mirrored, scaled object; binding itself moves nothing."""
+    points, faces, result = creature
+    place = {"location": (5, -2, 1), "rotation_euler": (0.3, 0.2, 1.0), "scale": (2, -1.5, 1)}
+    chosen = add_mesh("creature", points, faces, **place)
+    if with_parent:
+        above = add_object("above", None, location=(1, 2, 3), rotation_euler=(0, 0, 0.5))
+        chosen.parent = above
+        bpy.context.view_layer.objects.active = chosen
+    before = seen(chosen)
+    assert bpy.ops.medialis.armature(bind=True) == {"FINISHED"}
+    armature = bpy.context.active_object
+    assert chosen.parent == armature and chosen.modifiers[-1].object == armature
+    assert armature.parent == (above if with_parent else None)
+    assert np.abs(seen(chosen) - before).max() < 1e-5  # of coordinates below 10, in float32
+    bone = armature.pose.bones[-1]
+    bone.rotation_mode = "XYZ"
+    bone.rotation_euler = (0.6, 0.0, 0.0)
+    moved = np.linalg.norm(seen(chosen) - before, axis=1)
+    weight = weights_of(chosen, len(armature.data.bones))[:, -1]
+    assert (moved[weight == 0] < 1e-5).all()
+    tail = np.array(armature.matrix_world @ bone.bone.tail_local)
+    tip = np.argmin(np.linalg.norm(before - tail, axis=1))
+    assert weight[tip] > 0.9 and moved[tip] > 0.1 * bone.bone.length
+    armature.location.x += 3  # and all of it follows the armature
+    bone.rotation_euler = (0, 0, 0)
+    assert np.allclose(seen(chosen) - before, seen(chosen)[0] - before[0], atol=1e-4)
+    assert np.linalg.norm(seen(chosen)[0] - before[0]) == pytest.approx(3, abs=1e-4)
+
+
+def test_undo_and_redo(creature, scene):
+    points, faces, result = creature
+    add_mesh("creature", points, faces)
+    bpy.ops.ed.undo_push(message="before")
+    before = counts()
+    bpy.ops.medialis.armature("EXEC_DEFAULT", True, bind=True)
+    after = counts()
+    bpy.ops.ed.undo()
+    chosen = bpy.data.objects["creature"]
+    assert counts() == before and not chosen.vertex_groups and not chosen.modifiers
+    assert chosen.parent is None
+    bpy.ops.ed.redo()
+    chosen = bpy.data.objects["creature"]
+    assert counts() == after and len(chosen.vertex_groups) == result.rig.count
+    assert chosen.parent.type == "ARMATURE" and len(chosen.parent.data.bones) == result.rig.count
+
+
+def test_failures_change_nothing(creature, scene, monkeypatch):
+    from blender_addon import armatures
+
+    points, faces, _ = creature
+    chosen = add_mesh("creature", points, faces)
+    chosen.vertex_groups.new(name="bone 000").add([1], 1.0, "REPLACE")
+
+    def broken(*_):
+        raise medialis.InvalidShapeError("It broke.")
+
+    for name in ("write_weights", "bind", "_add_bones"):
+        before = counts()
+        with monkeypatch.context() as patch:
+            patch.setattr(armatures, name, broken)
+            with pytest.raises(RuntimeError, match="It broke"):
+                bpy.ops.medialis.armature(bind=True)
+        chosen = bpy.data.objects["creature"]
+        assert counts() == before and groups_of(chosen) == {"bone 000": [1]}
+        assert chosen.parent is None and not chosen.modifiers
+        assert bpy.context.view_layer.objects.active == chosen and bpy.context.mode == "OBJECT"
+    bpy.ops.medialis.armature(bind=True)
+    before = counts()
+    with pytest.raises(RuntimeError, match="is moved by the armature of its modifier"):
+        bpy.ops.medialis.armature(bind=True)
+    assert counts() == before
+
+
+def test_with_modifiers_a_copy_is_rigged(creature, scene):
+    """The vertices that are seen are others: the copy of what is seen has the groups."""
+    points, faces, _ = creature
+    chosen = add_mesh("creature", points, faces)
+    chosen.modifiers.new("mirror", "MIRROR").use_axis = (False, True, False)
+    assert bpy.ops.medialis.armature(bind=True) == {"FINISHED"}
+    copy = bpy.data.objects["creature skin"]
+    assert copy.vertex_groups and copy.modifiers[-1].type == "ARMATURE"
+    assert not chosen.vertex_groups and len(chosen.modifiers) == 1
+    assert np.allclose(world(copy)[:5], seen(chosen)[:5], atol=1e-5)
