@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 
 import bpy
+from mathutils import Quaternion, Vector
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT), str(ROOT / "core")]
@@ -94,7 +95,93 @@ def thickness() -> None:
     render(PICTURES / "blender_thickness.png")
 
 
+def see_through(chosen: bpy.types.Object) -> None:
+    """Give an object a material that shows its outline only."""
+    material = bpy.data.materials.new("glass")
+    if material.node_tree is None:
+        material.use_nodes = True
+    tree = material.node_tree
+    out = next(n for n in tree.nodes if n.type == "OUTPUT_MATERIAL")
+    mix = tree.nodes.new("ShaderNodeMixShader")
+    edge = tree.nodes.new("ShaderNodeLayerWeight")
+    edge.inputs["Blend"].default_value = 0.35
+    tree.links.new(edge.outputs["Facing"], mix.inputs[0])
+    white, blue = (1, 1, 1, 1), (0.35, 0.45, 0.6, 1)
+    kinds = ((1, "ShaderNodeBsdfTransparent", white), (2, "ShaderNodeBsdfDiffuse", blue))
+    for socket, kind, shade in kinds:
+        node = tree.nodes.new(kind)
+        node.inputs["Color"].default_value = shade
+        tree.links.new(node.outputs[0], mix.inputs[socket])
+    tree.links.new(mix.outputs[0], out.inputs[0])
+    chosen.data.materials.clear()
+    chosen.data.materials.append(material)
+
+
+def curve_skeleton() -> None:
+    """Draw the curve skeleton as it is added, in the shape."""
+    creature = new_scene()
+    bpy.ops.medialis.curve_skeleton()
+    see_through(creature)
+    render(PICTURES / "blender_curve_skeleton.png")
+
+
+POSE = {  # bone: degrees about the axis across the body
+    "bone 003": -45, "bone 004": 60, "bone 007": -25, "bone 008": -20, "bone 011": 30,
+    "bone 014": -40, "bone 015": 25, "bone 016": 35, "bone 017": 35, "bone 018": 20,
+}  # fmt: skip
+
+
+def bend(armature: bpy.types.Object, name: str, degrees: float) -> None:
+    """Turn a bone about the y axis of the world."""
+    bone = armature.pose.bones[name]
+    axis = bone.bone.matrix_local.to_3x3().inverted() @ Vector((0, 1, 0))
+    bone.rotation_quaternion = Quaternion(axis, math.radians(degrees))
+
+
+def draw_bones(armature: bpy.types.Object) -> None:
+    """Add the posed bones as a mesh: Blender renders no armatures."""
+    bpy.context.view_layer.update()
+    points: list[Vector] = []
+    faces = []
+    for bone in armature.pose.bones:
+        first, length = len(points), bone.length
+        wide = 0.07 * length
+        ring = [(wide, wide), (wide, -wide), (-wide, -wide), (-wide, wide)]
+        local = [(0, 0, 0), *((x, 0.15 * length, z) for x, z in ring), (0, length, 0)]
+        points += [bone.matrix @ Vector(corner) for corner in local]
+        for k in range(4):
+            a, b = first + 1 + k, first + 1 + (k + 1) % 4
+            faces += [(first, b, a), (a, b, first + 5)]
+    mesh = bpy.data.meshes.new("bones")
+    mesh.from_pydata(points, [], faces)
+    material = bpy.data.materials.new("bones")
+    if material.node_tree is None:
+        material.use_nodes = True
+    shader = next(n for n in material.node_tree.nodes if n.type == "BSDF_PRINCIPLED")
+    shader.inputs["Base Color"].default_value = (0.8, 0.25, 0.03, 1)
+    mesh.materials.append(material)
+    made = bpy.data.objects.new("bones", mesh)
+    made.matrix_world = armature.matrix_world
+    bpy.context.scene.collection.objects.link(made)
+
+
+def armature() -> None:
+    """Draw the shape in its rest pose and posed, with its bones and coloured by them."""
+    for name, is_posed in (("rest", False), ("posed", True)):
+        creature = new_scene()
+        bpy.ops.medialis.armature(bind=True, with_materials=not is_posed)
+        rig = bpy.context.active_object
+        for bone, degrees in POSE.items():
+            bend(rig, bone, degrees if is_posed else 0)
+        if is_posed:
+            draw_bones(rig)
+            see_through(creature)
+        render(PICTURES / f"blender_armature_{name}.png")
+
+
 if __name__ == "__main__":
     blender_addon.register()
     skeleton()
     thickness()
+    curve_skeleton()
+    armature()

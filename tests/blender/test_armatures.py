@@ -1,4 +1,4 @@
-"""Armatures in Blender: bones of the core, weights as vertex groups, posing moves the right limb."""
+"""Armatures in Blender: bones, weights as vertex groups, posing moves the right limb."""
 
 from dataclasses import replace
 
@@ -85,7 +85,7 @@ def test_again_from_the_result_replaces_the_groups(creature, scene):
 @pytest.mark.parametrize("with_parent", [False, True])
 def test_posing_a_bone_moves_its_limb_only(with_parent, creature, scene):
     """On a turned, mirrored, scaled object; binding itself moves nothing."""
-    points, faces, result = creature
+    points, faces, _ = creature
     place = {"location": (5, -2, 1), "rotation_euler": (0.3, 0.2, 1.0), "scale": (2, -1.5, 1)}
     chosen = add_mesh("creature", points, faces, **place)
     if with_parent:

@@ -43,3 +43,26 @@ def test_a_folder_of_files(tmp_path, name, file, attribute):
     assert len(written.points) == len(layer.points)
     assert np.array_equal(written.points, layer.points.astype(np.float32))
     assert attribute.encode() in (tmp_path / "out" / file).read_bytes()[:1000]
+
+
+def test_a_mesh_is_rigged(tmp_path):
+    shape = medialis.organic_shape(56)
+    write_ply(tmp_path / "figure.ply", shape.points, faces=shape.faces)
+    script = str(ROOT / "blender_addon/examples/rig_from_curve_skeleton.py")
+
+    def run(*arguments):
+        return subprocess.run(
+            [sys.executable, script, *arguments],
+            capture_output=True, text=True, timeout=120, cwd=tmp_path,
+        )  # fmt: skip
+
+    done = run("figure.ply", "figure.blend", "--bone-length", "20")
+    assert done.returncode == 0, done.stderr
+    assert "Armature of figure" in done.stdout
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "figure.blend"))
+    figure = bpy.data.objects["figure"]
+    assert figure.parent.type == "ARMATURE" and figure.modifiers[-1].object == figure.parent
+    assert len(figure.vertex_groups) == len(figure.parent.data.bones) > 8
+    (tmp_path / "bad.ply").write_text("no mesh")
+    assert run("bad.ply", "bad.blend").returncode == 1
+    assert not (tmp_path / "bad.blend").exists()
