@@ -130,14 +130,15 @@ def bind(place: bpy.types.Object, armature: bpy.types.Object, changes: Changes) 
 
     changes.undo_by(restore)
     basis = place.matrix_basis.copy()
-    armature.parent = above
+    armature.parent, armature.matrix_basis = above, Matrix()
+    armature.matrix_parent_inverse = Matrix()
     if above is not None:
         armature.parent_type, armature.parent_bone = kind, bone
-    armature.matrix_parent_inverse = Matrix()
-    place.parent = armature
-    place.parent_type = "OBJECT"
-    armature.matrix_world = there
     context.view_layer.update()
+    # Inverses of parents may shear, which location, rotation and scale cannot.
+    armature.matrix_parent_inverse = armature.matrix_world.inverted()
+    armature.matrix_basis = there
+    place.parent, place.parent_type = armature, "OBJECT"
     place.matrix_parent_inverse = there.inverted() @ here @ basis.inverted()
     modifier = place.modifiers.new(MODIFIER, "ARMATURE")
     changes.undo_by(place.modifiers.remove, modifier)

@@ -123,8 +123,8 @@ class Job:
 
     def _work(self, name: str, parameters: dict[str, Any]) -> None:
         try:
-            factory = () if self._desk is None else (self._desk.factory,)
-            self._found = compute(self.source, name, parameters, self._progress, *factory)
+            factory = None if self._desk is None else self._desk.factory
+            self._found = compute(self.source, name, parameters, self._progress, factory)
         except BaseException as error:  # noqa: BLE001 - it is raised again on the main thread
             self._error = error
 

@@ -48,8 +48,8 @@ class OperationOperator:
             parameters = properties.parameters_of(self.operation, self)
             progress = Progress(report)
             desk = views.ViewDesk(progress.note) if self._gpu_views() else None
-            factory = () if desk is None else (desk.factory,)
-            found = jobs.compute(source, self.operation.name, parameters, progress, *factory)
+            factory = None if desk is None else desk.factory
+            found = jobs.compute(source, self.operation.name, parameters, progress, factory)
             return self._write(context, source, *found)
         except (MedialisError, MemoryError) as error:
             return self._fail(error)

@@ -89,7 +89,7 @@ def test_posing_a_bone_moves_its_limb_only(with_parent, creature, scene):
     place = {"location": (5, -2, 1), "rotation_euler": (0.3, 0.2, 1.0), "scale": (2, -1.5, 1)}
     chosen = add_mesh("creature", points, faces, **place)
     if with_parent:
-        above = add_object("above", None, location=(1, 2, 3), rotation_euler=(0, 0, 0.5))
+        above = add_object("above", None, location=(1, 2, 3), scale=(1, 2, 0.5))
         chosen.parent = above
         bpy.context.view_layer.objects.active = chosen
     before = seen(chosen)
