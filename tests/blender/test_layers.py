@@ -160,6 +160,19 @@ def test_edges_with_radius_are_tubes_with_all_attributes(add):
     assert np.allclose(np.linalg.norm(ring, axis=1), 0.2, atol=1e-6)
 
 
+def test_tubes_are_coloured_by_their_medial_radius(add):
+    """The tube's own radius took the attribute's place: the whole curve had one colour."""
+    radius = np.array([0.2, 0.3, 0.1, 0.1, 0.05])
+    layer = Layer(
+        "curve", POINTS[:5], edges=BRANCH, attributes={"radius": radius}, color_by="radius"
+    )
+    (made,) = add(layer)
+    nodes = made.data.materials[0].node_tree.nodes
+    shown = next(node.attribute_name for node in nodes if node.type == "ATTRIBUTE")
+    tube = evaluated(made).to_mesh()
+    assert set(read_back(tube, shown).tolist()) == set(radius.astype(np.float32).tolist())
+
+
 def test_edges_as_curve_objects(add):
     radius = np.array([0.2, 0.3, 0.1, 0.1, 0.05])
     layer = Layer("curve", POINTS[:5], edges=BRANCH, attributes={"radius": radius})
