@@ -336,6 +336,17 @@ def test_a_job_shows_progress_and_ends_with_the_result(modal):
     assert fake._job.fraction == 1.0
 
 
+def test_a_job_adds_an_armature(modal, monkeypatch):
+    """Bones need edit mode for a moment: afterwards Blender is in object mode."""
+    shape = medialis.organic_shape(56)
+    figure = add_mesh("figure", shape.points, shape.faces)
+    monkeypatch.setattr(FakeOperator, "bind", True, raising=False)
+    fake, context, go = modal("armature")
+    assert finish(fake, context, go) == {"FINISHED"}
+    assert figure.parent.type == "ARMATURE" and bpy.context.mode == "OBJECT"
+    assert len(figure.parent.data.bones) == len(figure.vertex_groups) > 8
+
+
 def test_esc_cancels_also_when_pressed_twice(modal):
     add_mesh("cube", CUBE, QUADS)
     before = counts()
