@@ -1,0 +1,47 @@
+"""Settings of Sphinx; `docs/make_site.py` runs it on the staged pages."""
+
+from importlib.metadata import version as installed_version
+
+project = "medialis"
+author = "The medialis developers"
+copyright = "The medialis developers"
+version = release = installed_version("medialis")
+
+extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
+root_doc = "index"
+source_suffix = {".md": "markdown"}
+exclude_patterns = ["files", "**/README.md"]
+
+myst_enable_extensions = ["colon_fence"]
+myst_heading_anchors = 4
+highlight_language = "text"
+
+# Backticks in docstrings are code; what a module is called stays out of the way.
+default_role = "code"
+add_module_names = False
+autodoc_member_order = "bysource"
+autodoc_typehints = "none"
+napoleon_numpy_docstring = True
+napoleon_google_docstring = False
+napoleon_use_ivar = True
+napoleon_use_rtype = False
+
+html_theme = "furo"
+html_title = "medialis"
+html_static_path = ["static"]
+html_css_files = ["site.css"]
+html_copy_source = False
+html_show_sphinx = False
+
+
+def _keep_bars(app, what, name, thing, options, lines):
+    """Write |x| in docstrings as it stands: to Sphinx it would be a substitution."""
+    for row, line in enumerate(lines):
+        if not line.lstrip().startswith((">>>", "...")):
+            parts = line.split("`")
+            lines[row] = "`".join(p if i % 2 else p.replace("|", r"\|") for i, p in enumerate(parts))
+
+
+def setup(app):
+    """Register the hooks."""
+    app.connect("autodoc-process-docstring", _keep_bars)

@@ -1,0 +1,196 @@
+"""Pages that are written from the registry and the package: parameters, gallery, Python reference."""
+
+from __future__ import annotations
+
+import inspect
+import re
+from pathlib import Path
+from typing import Any
+
+import medialis
+from medialis.operations.declaration import Kind, Operation, Parameter
+from medialis.operations.registry import OPERATIONS
+from medialis.render.annotation import number_text
+from website.pages import operation_of
+from website.strips import Panel, default_picture, main_value, strip
+
+KINDS = {
+    Kind.FLOAT: "number",
+    Kind.INT: "whole number",
+    Kind.BOOL: "yes or no",
+    Kind.CHOICE: "choice",
+    Kind.LENGTH: "fraction of the size",
+    Kind.ANGLE: "degrees",
+    Kind.FILE: "file",
+}
+
+
+def shown(parameter: Parameter, value: Any) -> str:
+    """Return a value as people read it."""
+    if parameter.kind is Kind.BOOL:
+        return "yes" if value else "no"
+    if parameter.kind in (Kind.CHOICE, Kind.FILE):
+        return str(value) or "none"
+    if parameter.kind is Kind.INT:
+        return str(value)
+    if parameter.kind is Kind.LENGTH:
+        return f"{100 * value:.6g} %"
+    return f"{value:.6g}" + (" degrees" if parameter.kind is Kind.ANGLE else "")
+
+
+def _range(parameter: Parameter) -> str:
+    if parameter.kind is Kind.CHOICE:
+        return ", ".join(f"`{choice}`" for choice in parameter.choices)
+    if parameter.kind in (Kind.BOOL, Kind.FILE):
+        return ""
+    return f"{shown(parameter, parameter.low)} to {shown(parameter, parameter.high)}"
+
+
+def command_line_flag(parameter: Parameter) -> str:
+    """Return the flag of the command line."""
+    flag = "--" + parameter.name.replace("_", "-")
+    return f"{flag}, --no-{flag[2:]}" if parameter.kind is Kind.BOOL else flag
+
+
+def parameter_page(operation: Operation, pages: list[str], pictures: Path) -> str:
+    """Return the page of an operation: its names in every program, and all its parameters."""
+    first, _, more = operation.help.partition("\n")
+    dashed = operation.name.replace("_", "-")
+    lines = [
+        f"# {operation.label}: parameters",
+        f"{first} ({operation.source})",
+        more.strip(),
+        *(
+            f"[The page of this operation](../{page}.md) explains it with pictures."
+            for page in pages
+            if operation_of(page) is operation
+        ),
+        "| program | name |\n|---|---|\n"
+        f"| command line | `medialis {dashed} FILE` |\n"
+        f'| Python | `medialis.run("{operation.name}", shape)` |\n'
+        f"| Blender | `bpy.ops.medialis.{operation.name}()` |\n"
+        f"| MeshLab and pymeshlab | `{operation.filter_name}` |",
+        "Parameters have the same names everywhere: those below in Python, Blender, MeshLab and "
+        "pymeshlab, with dashes on the command line. Lengths are fractions of the bounding-box "
+        "diagonal in Python and on the command line (0.01 is 1 %), and per cent in Blender and "
+        "MeshLab. Angles are in degrees."
+        + (" Needs a mesh: point clouds have no faces." if operation.needs_faces else ""),
+        _overview(operation),
+        *(_section(operation, parameter, pictures) for parameter in operation.parameters),
+    ]
+    return "\n\n".join(line for line in lines if line) + "\n"
+
+
+def _overview(operation: Operation) -> str:
+    rows = [
+        f"| [{p.label}](#{_anchor(p)}) | `{p.name}` | `{command_line_flag(p)}` | {KINDS[p.kind]} "
+        f"| {shown(p, p.default)} | {_range(p)} |"
+        for p in operation.parameters
+    ]
+    head = "| label | name | flag | kind | default | range |\n|---|---|---|---|---|---|"
+    return "\n".join([head, *rows]) if rows else "It has no parameters."
+
+
+def _anchor(parameter: Parameter) -> str:
+    """Anchor that MyST gives to the heading of a parameter."""
+    return re.sub(r"[^\w -]", "", parameter.label.lower()).replace(" ", "-")
+
+
+def _section(operation: Operation, parameter: Parameter, pictures: Path) -> str:
+    text = parameter.help + (" Hosts fold it away under *More*." if parameter.advanced else "")
+    lines = [f"## {parameter.label}", f"`{parameter.name}`: {text}"]
+    panels = strip(operation, parameter, pictures)
+    if panels:
+        name = main_value(panels)
+        figures = "\n".join(_figure(parameter, panel, name) for panel in panels)
+        lines.append(f"::::{{container}} strip\n{figures}\n::::")
+    elif parameter.kind is not Kind.FILE:
+        lines.append("On the shape of these pictures it changes nothing that can be seen.")
+    return "\n\n".join(lines)
+
+
+def _figure(parameter: Parameter, panel: Panel, name: str | None) -> str:
+    value = shown(parameter, panel.value)
+    default = " (default)" if panel.value == parameter.default else ""
+    title = f"{parameter.label}: {value}"
+    if panel.picture is None:
+        return f":::{{container}} refused\n**{value}**{default}\n\n{panel.error}\n:::"
+    caption = f"**{value}**{default}"
+    if name is not None and name in panel.values:
+        number = panel.values[name]
+        text = str(number) if isinstance(number, int) else number_text(number)
+        caption += f"\n{name.replace('_', ' ')}: {text}"
+    return f":::{{figure}} pictures/{panel.picture}\n:alt: {title}\n\n{caption}\n:::"
+
+
+def parameters_index() -> str:
+    """Return the page that lists the pages of all operations."""
+    rows = [
+        f"| [{o.label}]({o.name}.md) | {', '.join(p.label.lower() for p in o.parameters)} |"
+        for o in OPERATIONS
+    ]
+    tree = "\n".join(o.name for o in OPERATIONS)
+    return (
+        "# Parameters\n\nEvery parameter of every operation: its names, its range, and what it "
+        "does, drawn at values from low to high.\n\n| operation | parameters |\n|---|---|\n"
+        + "\n".join(rows)
+        + f"\n\n```{{toctree}}\n:hidden:\n\n{tree}\n```\n"
+    )
+
+
+def gallery(pages: list[str], pictures: Path) -> str:
+    """Return the page of cards: a picture and a sentence for each operation, by group."""
+    lines = ["# Gallery", "Every operation at its defaults, on a shape that is made by code."]
+    for group in dict.fromkeys(o.group for o in OPERATIONS):
+        lines.append(f"## {group}\n\n::::{{container}} cards")
+        for chosen in (o for o in OPERATIONS if o.group == group):
+            page = next((p for p in pages if p == chosen.name), f"parameters/{chosen.name}")
+            page = next((p for p in pages if operation_of(p) is chosen), page)
+            name = default_picture(chosen, pictures)
+            lines.append(
+                f":::{{figure}} parameters/pictures/{name}\n:alt: {chosen.label}\n"
+                f":target: {page}.html\n\n[{chosen.label}]({page}.md)\n"
+                f"{chosen.help.splitlines()[0]}\n:::"
+            )
+        lines.append("::::")
+    return "\n\n".join(lines) + "\n"
+
+
+def reference() -> dict[str, str]:
+    """Return the pages of the Python reference by name: one for each package of the core."""
+    found: dict[str, list[str]] = {}
+    for name in medialis.__all__:
+        thing = getattr(medialis, name)
+        if inspect.isclass(thing) or inspect.isfunction(thing):
+            module = inspect.getmodule(thing)
+            found.setdefault(module.__name__.split(".")[1], []).append(name)
+    pages = {}
+    for package, names in sorted(found.items()):
+        module = inspect.getmodule(getattr(medialis, names[0]))
+        parent = __import__(f"medialis.{package}", fromlist=["x"])
+        about = inspect.getdoc(parent) or inspect.getdoc(module)
+        entries = "\n\n".join(_entry(name) for name in names)
+        title = package.replace("_", " ")
+        pages[f"reference/{package}"] = (
+            f"# {title[0].upper() + title[1:]}\n\n{about.splitlines()[0]}\n\n"
+            f"```{{eval-rst}}\n.. currentmodule:: medialis\n\n{entries}\n```\n"
+        )
+    rows = [
+        f"- [{text.splitlines()[0][2:]}]({page.rpartition('/')[2]}.md): "
+        + ", ".join(f"`{n}`" for n in found[page.rpartition("/")[2]])
+        for page, text in pages.items()
+    ]
+    tree = "\n".join(page.rpartition("/")[2] for page in pages)
+    pages["reference/index"] = (
+        "# Python reference\n\nThe public names of `import medialis`, by the package that they come "
+        "from.\n\n" + "\n".join(rows) + f"\n\n```{{toctree}}\n:hidden:\n\n{tree}\n```\n"
+    )
+    return pages
+
+
+def _entry(name: str) -> str:
+    thing = getattr(medialis, name)
+    if inspect.isclass(thing):
+        members = "" if issubclass(thing, Exception) else "\n   :members:"
+        return f".. autoclass:: {name}{members}"
+    return f".. autofunction:: {name}"

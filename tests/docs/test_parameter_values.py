@@ -1,0 +1,127 @@
+"""What is drawn of a parameter follows from its declaration, also of one that is added later."""
+
+import json
+
+import numpy as np
+import pytest
+from website import strips
+from website.generated_pages import gallery, parameter_page, reference
+from website.parameter_values import BASE, EXAMPLES, example_of, values_of
+
+import medialis
+from medialis.operations.declaration import Kind, Operation, Parameter
+from medialis.operations.registry import OPERATIONS
+from medialis.operations.result import Layer, Outcome
+
+ALL = [(o, p) for o in OPERATIONS for p in o.parameters]
+
+
+@pytest.mark.parametrize(("chosen", "parameter"), ALL, ids=lambda x: x.name)
+def test_values_are_allowed_and_rise(chosen, parameter):
+    for values in (values_of(parameter), example_of(chosen, parameter).values):
+        assert [parameter.check(value) for value in values] == list(values)
+        assert len(values) <= 4 and len(set(values)) == len(values)
+        if parameter.kind is Kind.FILE:
+            assert values == ()
+        elif parameter.kind not in (Kind.CHOICE, Kind.BOOL):
+            assert len(values) >= 2 and (chosen.name == "geodesic_path" or list(values) == sorted(values))
+    if parameter.kind is not Kind.FILE:
+        assert parameter.default in values_of(parameter)
+
+
+def test_examples_name_what_there_is():
+    known = {name for o, p in ALL for name in (p.name, f"{o.name}.{p.name}")}
+    assert set(EXAMPLES) <= known and set(BASE) <= {o.name for o in OPERATIONS}
+
+
+@pytest.mark.parametrize(
+    ("given", "expected"),
+    [
+        ({"kind": Kind.LENGTH, "default": 0.02}, (0.005, 0.02, 0.08)),
+        ({"kind": Kind.LENGTH, "default": 0.5}, (0.125, 0.5, 1.0)),
+        ({"kind": Kind.LENGTH, "default": 0.0}, (0.0, 0.005, 0.02, 0.05)),
+        ({"kind": Kind.INT, "default": 8, "low": 3, "high": 12}, (3, 4, 8, 12)),
+        ({"kind": Kind.ANGLE, "default": 60.0, "high": 180.0}, (0.0, 30.0, 60.0, 120.0)),
+        ({"kind": Kind.BOOL, "default": True}, (False, True)),
+        ({"kind": Kind.CHOICE, "default": "d", "choices": tuple("abcde")}, tuple("abcd")),
+        ({"kind": Kind.FILE, "default": ""}, ()),
+    ],
+)
+def test_values_by_kind(given, expected):
+    parameter = Parameter(name="x", label="X", help="X.", **given)
+    assert values_of(parameter) == pytest.approx(expected) if expected else not values_of(parameter)
+
+
+def _operation(run) -> Operation:
+    reach = Parameter("reach", Kind.LENGTH, 0.2, "Reach (of all)", "How far.", high=1.0)
+    path = Parameter("path", Kind.FILE, "", "File", "A file.")
+    return Operation(
+        "later", "generate_later", "Later", "New group", "Do it.\n\nAt length.", "thesis 9",
+        (reach, path), run,
+    )  # fmt: skip
+
+
+def test_an_operation_of_tomorrow_has_its_page(tmp_path):
+    """It is not in the registry, has no example, and refuses one of the values."""
+
+    def run(shape, parameters, progress):
+        if parameters["reach"] > 0.5:
+            raise medialis.InvalidOptionError("reach is too far | for *this* shape.")
+        low = shape.points[:, 2] <= parameters["reach"] * shape.diagonal
+        layer = Layer("later", shape.points[low], attributes={"height": shape.points[low, 2]})
+        return Outcome(shape, (layer,), values={"samples": 7, "points": int(low.sum())})
+
+    chosen = _operation(run)
+    text = _page(chosen, tmp_path)
+    assert "`medialis later FILE`" in text and "`bpy.ops.medialis.later()`" in text
+    assert "[Reach (of all)](#reach-of-all)" in text
+    counts = [json.loads(p.read_text())["values"].get("points") for p in tmp_path.glob("*.json")]
+    counts = sorted(filter(None, counts))
+    assert len(counts) == 2 and counts[0] < counts[1]
+    for count in counts:
+        assert f"points: {count}" in text
+    assert "reach is too far" in text and "samples:" not in text
+
+
+def test_what_changes_nothing_is_said(tmp_path):
+    def run(shape, parameters, progress):
+        return Outcome(shape, (Layer("later", shape.points[:100]),), values={"points": 100})
+
+    assert "it changes nothing that can be seen" in _page(_operation(run), tmp_path)
+
+
+def _page(chosen, folder) -> str:
+    """The page of an operation that is run without being registered."""
+
+    def run(name, shape, **given):
+        outcome = chosen.run(shape, chosen.resolve(given), medialis.Progress())
+        return medialis.Result(shape, outcome.layers, outcome.values)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(strips.medialis, "run", run)
+        return parameter_page(chosen, [], folder)
+
+
+def test_pictures_that_are_results_are_made_small():
+    image = np.zeros((300, 2000, 3), np.uint8)
+    image[:, :1000] = 200
+    shape = medialis.organic_shape(56)
+    small = strips.picture_of(medialis.Result(shape, images={"wide": image}))
+    assert small.shape[1] <= 2.5 * strips.SIZE[0] and (small[0, 0] == 200).all()
+    assert (small[-1, -1] == 0).all()
+
+
+def test_the_gallery_has_every_operation_once(tmp_path, monkeypatch):
+    monkeypatch.setattr("website.generated_pages.default_picture", lambda o, f: f"{o.name}.png")
+    text = gallery(["thickness"], tmp_path)
+    for chosen in OPERATIONS:
+        assert text.count(f"/{chosen.name}.png") == 1
+    assert "[Thickness](thickness.md)" in text
+    assert "(parameters/geodesic_path.md)" in text
+
+
+def test_the_reference_has_every_public_name_once():
+    text = "\n".join(reference().values())
+    for name in medialis.__all__:
+        if name != "OPERATIONS":
+            assert text.count(f":: {name}\n") + text.count(f":: {name}\n   :members:") >= 1, name

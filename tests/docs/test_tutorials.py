@@ -1,0 +1,82 @@
+"""Every code block of every tutorial runs, in the order of the page."""
+
+import shutil
+import sys
+from importlib.util import find_spec
+
+import pytest
+from code_blocks import blocks, run_bash, run_python
+from website.pages import DOCS
+
+TUTORIALS = sorted((DOCS / "tutorials").glob("*.md"))
+LANGUAGES = {"python", "bash"}
+
+pytestmark = pytest.mark.skipif(
+    shutil.which("bash") is None, reason="needs bash to run the commands of the tutorials"
+)
+
+
+@pytest.fixture
+def run_page(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+
+    def run(page) -> tuple[dict, str]:
+        names, output = {"__name__": "__main__"}, ""
+        found = blocks(page)
+        assert found and {language for language, _ in found} <= LANGUAGES
+        for language, code in found:
+            if language == "python":
+                run_python(code, page, names)
+            else:
+                output += run_bash(code, tmp_path)
+        return names, output
+
+    return run
+
+
+def test_thickness_check(run_page, tmp_path):
+    names, _ = run_page(DOCS / "tutorials" / "thickness_check.md")
+    spots = names["result"].values["spots"]
+    # The tips of the creature's ears have a radius of 0.03, pressed flat by 1.6, 50 times larger.
+    assert names["too_thin"] and 0 < spots[0]["value"] < names["wanted"]
+    assert max(spot["position"][2] for spot in spots) > 0.9 * names["shape"].points[:, 2].max()
+    assert (tmp_path / "thickness" / "thickness.ply").is_file()
+
+
+def test_batch_over_a_folder(run_page, tmp_path):
+    names, output = run_page(DOCS / "tutorials" / "batch_over_a_folder.md")
+    assert "4 results, 2 failed" in output
+    status = {row.name: row.status for row in names["rows"]}
+    assert sorted(status.values()) == ["done", "done", "failed"]
+    assert (tmp_path / "results" / "results.html").is_file()
+
+
+def test_noisy_scan(run_page):
+    """What is left is nearer to the true skeleton than everything: the page says so."""
+    names, _ = run_page(DOCS / "tutorials" / "noisy_scan.md")
+    assert names["after"] < names["before"] / 2
+
+
+def test_no_tutorial_is_left_out():
+    tested = {"thickness_check", "batch_over_a_folder", "noisy_scan"}
+    assert {page.stem for page in TUTORIALS} == tested
+
+
+@pytest.mark.skipif(find_spec("pymeshlab") is None, reason="needs pymeshlab (extra meshlab)")
+def test_batch_script_of_pymeshlab(tmp_path):
+    """Two layers a shape; a broken file is named and stops nothing."""
+    import subprocess
+
+    import medialis
+    from medialis.io.ply_attributes import write_ply
+
+    (tmp_path / "scans").mkdir()
+    figure = medialis.organic_shape(56)
+    write_ply(tmp_path / "scans" / "figure.ply", figure.points, figure.faces)
+    (tmp_path / "scans" / "broken.ply").write_text("this is no mesh")
+    done = subprocess.run(
+        [sys.executable, DOCS / "examples" / "batch_to_meshlab.py", "scans", "out"],
+        cwd=tmp_path, capture_output=True, text=True, timeout=300, check=True,
+    )  # fmt: skip
+    assert "broken.ply Cannot read" in done.stdout and "2 layers" in done.stdout
+    assert (tmp_path / "out" / "skeletons.mlp").is_file()
