@@ -8,6 +8,9 @@
 #   make blender           the extension's zips for all platforms, in dist/blender
 # For the filters in MeshLab's menu (docs/meshlab.md says what it needs):
 #   make meshlab-plugin    the plugin for the MeshLab of this machine
+# For a release:
+#   make site              gallery and docs in build/site, checked in Chromium where there is one
+#   make dist              wheel and sdist in dist; make test-dist installs and runs each
 PYTHON ?= python3
 VENV ?= .venv
 RUN = $(VENV)/bin/python
@@ -20,7 +23,7 @@ CHECK_PYTHON = $(PYTHON) -c 'import sys; v = sys.version_info[:2]; \
 MAKE_VENV = $(RUN) -m pip --version >/dev/null 2>&1 \
 	|| { $(CHECK_PYTHON) && $(PYTHON) -m venv $(VENV); }
 
-.PHONY: demo test test-blender check hosts blender meshlab-plugin bench pictures clean
+.PHONY: demo test test-blender check hosts blender meshlab-plugin bench pictures site dist test-dist clean
 
 # The stamps are older than pyproject.toml exactly when its dependencies may have changed.
 $(VENV)/installed: pyproject.toml
@@ -68,6 +71,22 @@ bench: $(VENV)/installed-dev
 
 pictures: $(VENV)/installed
 	$(RUN) docs/make_pictures.py
+	$(RUN) docs/make_thesis_figures.py
+
+$(VENV)/installed-docs: pyproject.toml
+	@$(MAKE_VENV)
+	$(RUN) -m pip install --quiet --editable '.[docs]'
+	touch $@ $(VENV)/installed
+
+site: $(VENV)/installed-docs
+	$(RUN) docs/make_site.py
+
+dist: $(VENV)/installed
+	$(RUN) -m pip install --quiet build
+	$(RUN) -m build --outdir dist
+
+test-dist: dist
+	$(RUN) tests/check_distribution.py
 
 clean:
 	rm -rf $(VENV) .venv-bpy-* $(OUT) build dist core/medialis.egg-info

@@ -13,6 +13,7 @@ import time
 from pathlib import Path
 
 import make_pictures
+import make_thesis_figures
 from check_site import check
 from website.generated_pages import gallery, parameter_page, parameters_index, reference
 from website.pages import DOCS, ROOT, navigation, stage
@@ -26,7 +27,7 @@ WEBSITE = DOCS / "website"
 
 def draw_pictures(target: Path, cache: Path) -> None:
     """Draw every picture of the pages anew; those that another program made are taken as kept."""
-    for name, draw in make_pictures.PICTURES.items():
+    for name, draw in {**make_pictures.PICTURES, **make_thesis_figures.FIGURES}.items():
         path = cache / f"{name}.png"
         if not path.exists():
             write_png(path, draw())
@@ -50,9 +51,7 @@ def write_pages(source: Path, cache: Path, redraw: bool) -> None:
         path = source / f"{name}.md"
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(text, encoding="utf-8")
-    shutil.copytree(
-        cache, source / "parameters/pictures", ignore=shutil.ignore_patterns("*.json")
-    )
+    shutil.copytree(cache, source / "parameters/pictures", ignore=shutil.ignore_patterns("*.json"))
     _link_parameters(source, pages)
     _add_contents(source / "index.md", pages)
     shutil.copyfile(WEBSITE / "conf.py", source / "conf.py")

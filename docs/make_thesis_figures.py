@@ -10,12 +10,16 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
-from make_pictures import FOLDER, Image, _dented_plate, _noisy
+from make_pictures import FOLDER, Image, _dented_plate, _noisy, _wheel
 from numpy.typing import ArrayLike, NDArray
 
 import medialis
+from medialis.curve_skeletons.cameras import camera_pairs, sphere_of
+from medialis.curve_skeletons.candidates import tangent_field
+from medialis.curve_skeletons.pairing import pair_points
 from medialis.operations.pictures import draw_result
 from medialis.render.annotation import contact_sheet
 from medialis.render.camera import Camera
@@ -105,21 +109,14 @@ def figure_3_11() -> Image:
 
 
 def figure_3_12() -> Image:
-    """Draw the tangent field T of the geodesics on the skeleton (Eq. 3.2), coloured by direction."""
+    """Draw the tangents of the geodesics on the skeleton (Eq. 3.2), coloured by direction."""
     shape = medialis.organic_shape(200)
     cloud = medialis.surface_skeleton(shape)
     paths = medialis.geodesic_importance(shape, cloud)
     kept = medialis.important_points(shape, paths.length, 0.02)
-    ends = shape.points[cloud.features[kept]]
-    along = ends[:, 0] - ends[:, 1]
-    along /= np.linalg.norm(along, axis=1, keepdims=True)
-    # Both pointing away from the ball: t_s leaves f1, and t_e, which arrives at f2, is turned round.
-    total = paths.start_tangent[kept] - paths.end_tangent[kept]
-    total -= along * (along * total).sum(axis=1, keepdims=True)
-    length = np.linalg.norm(total, axis=1)
-    found = length > 1e-9
-    direction = total[found] / length[found, None]
-    points = Points(cloud.centers[kept][found], size=2.5, color=(direction + 1) / 2)
+    tangents = tangent_field(shape, cloud, paths)[kept]
+    found = np.isfinite(tangents).all(axis=1)
+    points = Points(cloud.centers[kept][found], size=2.5, color=(tangents[found] + 1) / 2)
     pictures = [
         draw([points], camera)
         for camera in (_view(shape.points), _view(shape.points, direction=(0.3, -0.2, 1)))
@@ -127,10 +124,115 @@ def figure_3_12() -> Image:
     return contact_sheet(pictures, ["from the side", "from above"], 2)
 
 
+def figure_3_13() -> Image:
+    """Draw curve skeletons from the surface skeleton, and from views."""
+    pictures = [
+        draw_result(medialis.run(name, shape), **SIZE)
+        for name in ("curve_skeleton", "view_curve_skeleton")
+        for shape in (medialis.organic_shape(160), _wheel())
+    ]
+    captions = ["from the surface skeleton (3.6)"] * 2 + ["from views (3.7)"] * 2
+    return contact_sheet(pictures, captions, 2)
+
+
+def _silhouette(size: int = 320) -> NDArray[np.bool_]:
+    """Return the creature seen from the side."""
+    shape = medialis.organic_shape(160)
+    view = _square_view(shape, size, [[1, 0, 0], [0, 0, 1], [0, 1, 0]])
+    return medialis.rasterizer(shape)([view])[0].mask
+
+
+def _square_view(shape: medialis.Shape, size: int, axes: ArrayLike) -> medialis.OrthographicCamera:
+    low, high = shape.bounds
+    return medialis.OrthographicCamera((low + high) / 2, axes, 1.05 * shape.diagonal, size)
+
+
+def figure_3_15() -> Image:
+    """Draw the skeleton of a silhouette at three thresholds of importance and of saliency."""
+    mask = _silhouette()
+    lines = [
+        (np.column_stack([c.row, c.column]) if upright else np.column_stack([c.column, c.row]), c)
+        for upright, c in (
+            (True, medialis.silhouette_skeleton(mask, saliency=0.05)),
+            (False, medialis.silhouette_skeleton(mask.T, saliency=0.05)),
+        )
+    ]
+    pictures, captions = [], []
+    for name, thresholds in (("importance", (5, 20, 60)), ("saliency", (0.5, 1, 4))):
+        for threshold in thresholds:
+            image = np.full((*mask.shape, 3), 255, np.uint8)
+            image[mask] = (214, 219, 226)
+            for places, found in lines:
+                measure = found.importance
+                if name == "saliency":
+                    measure = found.importance / found.distance
+                row, column = places[measure >= threshold].astype(int).T
+                image[row, column] = (32, 60, 140)
+            pictures.append(image.repeat(2, axis=0).repeat(2, axis=1))
+            unit = " pixels" if name == "importance" else ""
+            captions.append(f"{name} from {threshold:g}{unit}")
+    return contact_sheet(pictures, captions, 3)
+
+
+def _all_pairs(first: medialis.View, second: medialis.View, left: Any, right: Any) -> NDArray[Any]:
+    """Return the points of every crossing with every one of the same row (Livesu et al.)."""
+    a, b = first.camera, second.camera
+    sine, cosine = -float(b.axes[0] @ a.axes[2]), float(b.axes[0] @ a.axes[0])
+    found = []
+    for row in range(a.size):
+        x, other = (
+            (c.column[c.begin[row] : c.begin[row + 1]] - a.size / 2) * a.pixel
+            for c in (left, right)
+        )
+        depth = (x[:, None] * cosine - other[None, :]) / sine
+        up = np.full(depth.shape, (a.size / 2 - row - 0.5) * a.pixel)
+        found.append(np.stack([np.broadcast_to(x[:, None], depth.shape), up, depth], axis=2))
+    return np.concatenate([block.reshape(-1, 3) for block in found]) @ a.axes + a.center
+
+
+def figure_3_17() -> Image:
+    """Draw the points of all pairs, of pairs by depth, and those sharpened, of the same views."""
+    shape = medialis.organic_shape(160)
+    result = medialis.run("view_curve_skeleton", shape, pairs=100, size=256)
+    center, radius = sphere_of(shape.points)
+    cameras = camera_pairs(center, radius, pairs=20, angle=np.radians(20), size=256)
+    render = medialis.rasterizer(shape)
+    every, by_depth = [], []
+    for pair in cameras:
+        views = render(pair)
+        crossings = [medialis.silhouette_skeleton(view.mask) for view in views]
+        every.append(_all_pairs(*views, *crossings))
+        by_depth.append(pair_points(*views, *crossings))
+    clouds = [np.concatenate(every), np.concatenate(by_depth), result.layers[1].points]
+    near = [cloud[np.linalg.norm(cloud - center, axis=1) < radius] for cloud in clouds]
+    context = Surface(shape.points, shape.faces, opacity=0.12)
+    camera = _view(shape.points, direction=(0.7, -1, 0.9))
+    pictures = [
+        draw([context, Points(cloud, size=2, color=(0.1, 0.2, 0.5))], camera) for cloud in near
+    ]
+    names = ("all pairs of 20 views", "pairs by depth", "100 views, culled and sharpened")
+    captions = [f"{name}: {len(cloud)} points" for name, cloud in zip(names, near, strict=True)]
+    return contact_sheet(pictures, captions, 3)
+
+
+def figure_3_18() -> Image:
+    """Draw the clouds of points that curve skeletons from views are linked from."""
+    pictures = []
+    for shape in (medialis.organic_shape(160), _wheel()):
+        cloud = medialis.run("view_curve_skeleton", shape).layers[1].points
+        context = Surface(shape.points, shape.faces, opacity=0.12)
+        points = Points(cloud, size=2, color=(0.1, 0.2, 0.5))
+        pictures.append(draw([context, points], _view(shape.points)))
+    return contact_sheet(pictures, columns=2)
+
+
 FIGURES: dict[str, Callable[[], Image]] = {
     f"thesis_{make.__name__}": make
-    for make in (figure_3_4, figure_3_7, figure_3_8, figure_3_9, figure_3_11, figure_3_12)
-}
+    for make in (
+        figure_3_4, figure_3_7, figure_3_8, figure_3_9, figure_3_11, figure_3_12,
+        figure_3_13, figure_3_15, figure_3_17, figure_3_18,
+    )
+}  # fmt: skip
 
 
 def main(names: list[str]) -> None:

@@ -39,7 +39,9 @@ def _keep_bars(app, what, name, thing, options, lines):
     for row, line in enumerate(lines):
         if not line.lstrip().startswith((">>>", "...")):
             parts = line.split("`")
-            lines[row] = "`".join(p if i % 2 else p.replace("|", r"\|") for i, p in enumerate(parts))
+            lines[row] = "`".join(
+                p if i % 2 else p.replace("|", r"\|") for i, p in enumerate(parts)
+            )
 
 
 def setup(app):

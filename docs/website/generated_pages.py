@@ -1,4 +1,4 @@
-"""Pages that are written from the registry and the package: parameters, gallery, Python reference."""
+"""Pages that are written from the registry and the package: parameters, gallery, reference."""
 
 from __future__ import annotations
 
@@ -33,8 +33,6 @@ def shown(parameter: Parameter, value: Any) -> str:
         return str(value) or "none"
     if parameter.kind is Kind.INT:
         return str(value)
-    if parameter.kind is Kind.LENGTH:
-        return f"{100 * value:.6g} %"
     return f"{value:.6g}" + (" degrees" if parameter.kind is Kind.ANGLE else "")
 
 
@@ -120,7 +118,8 @@ def _figure(parameter: Parameter, panel: Panel, name: str | None) -> str:
         number = panel.values[name]
         text = str(number) if isinstance(number, int) else number_text(number)
         caption += f"\n{name.replace('_', ' ')}: {text}"
-    return f":::{{figure}} pictures/{panel.picture}\n:alt: {title}\n\n{caption}\n:::"
+    options = f":alt: {title}\n:target: ../_images/{panel.picture}"
+    return f":::{{figure}} pictures/{panel.picture}\n{options}\n\n{caption}\n:::"
 
 
 def parameters_index() -> str:
@@ -182,8 +181,8 @@ def reference() -> dict[str, str]:
     ]
     tree = "\n".join(page.rpartition("/")[2] for page in pages)
     pages["reference/index"] = (
-        "# Python reference\n\nThe public names of `import medialis`, by the package that they come "
-        "from.\n\n" + "\n".join(rows) + f"\n\n```{{toctree}}\n:hidden:\n\n{tree}\n```\n"
+        "# Python reference\n\nThe public names of `import medialis`, by the package they come from."
+        "\n\n" + "\n".join(rows) + f"\n\n```{{toctree}}\n:hidden:\n\n{tree}\n```\n"
     )
     return pages
 

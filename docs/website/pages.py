@@ -94,7 +94,7 @@ def stage(target: Path) -> list[str]:
             place = _place(match["target"], source, target)
             if place is None:
                 return match[0]
-            file, _, anchor = match["target"].partition("#")
+            anchor = match["target"].partition("#")[2]
             relative = os.path.relpath(place, here.parent) + (f"#{anchor}" if anchor else "")
             return match["before"] + relative + match["after"]
 

@@ -73,7 +73,7 @@ EXAMPLES: dict[str, Callable[[], Example]] = {
     "refine": lambda: Example((0.0, 0.01, 0.02, 0.05), box),
     "largest_radius": lambda: Example((0.01, 0.02, 0.04, 1.0)),
     "connected": lambda: Example(shape=noisy, others={"threshold": 0.05}),
-        "geodesic_path.start": lambda: Example(_along(0)),
+    "geodesic_path.start": lambda: Example(_along(0)),
     "geodesic_path.end": lambda: Example(_along(0)),
     "skeleton_importance.threshold": lambda: Example((0.0, 0.02, 0.05, 0.1), noisy),
     "skeleton_mesh.bridge": lambda: Example((0, 1, 2, 4), noisy),

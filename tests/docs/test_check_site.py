@@ -18,7 +18,9 @@ def site(tmp_path):
 
 
 def test_good_links_are_good(site):
-    links = '<a href="deep/b.html#top">b</a><a href="https://example.org/">c</a><a href="#top">d</a>'
+    links = (
+        '<a href="deep/b.html#top">b</a><a href="https://example.org/">c</a><a href="#top">d</a>'
+    )
     assert check_site.broken_links(site(links)) == []
 
 

@@ -24,12 +24,18 @@ def extended(tmp_path_factory):
     package = folder / "medialis"
     skip = shutil.ignore_patterns("__pycache__")
     shutil.copytree(ROOT / "core" / "medialis", package, ignore=skip)
-    module, test = (code for language, code in blocks(ROOT / "CONTRIBUTING.md") if language == "python")
+    module, test = (
+        code for language, code in blocks(ROOT / "CONTRIBUTING.md") if language == "python"
+    )
     (package / "operations" / f"{NAME}.py").write_text(module)
     (folder / "test_widest_places.py").write_text(test)
     registry = package / "operations" / "registry.py"
-    text, first = re.subn(r"(from medialis\.operations import \()", rf"\1\n    {NAME},", registry.read_text())
-    text, second = re.subn(r"(OPERATIONS: tuple\[Operation, \.\.\.\] = \()", rf"\1\n    {NAME}.OPERATION,", text)
+    text, first = re.subn(
+        r"(from medialis\.operations import \()", rf"\1\n    {NAME},", registry.read_text()
+    )
+    text, second = re.subn(
+        r"(OPERATIONS: tuple\[Operation, \.\.\.\] = \()", rf"\1\n    {NAME}.OPERATION,", text
+    )
     assert (first, second) == (1, 1)
     registry.write_text(text)
     return folder
@@ -38,7 +44,9 @@ def extended(tmp_path_factory):
 def test_the_command_line_has_it(extended):
     shape = medialis.organic_shape(56)
     write_ply(extended / "creature.ply", shape.points, shape.faces)
-    (commands,) = (code for language, code in blocks(ROOT / "CONTRIBUTING.md") if language == "bash")
+    (commands,) = (
+        code for language, code in blocks(ROOT / "CONTRIBUTING.md") if language == "bash"
+    )
     output = run_bash(commands, extended, {"PYTHONPATH": str(extended)})
     assert "widest-places" in output
     values = json.loads((extended / "out" / "manifest.json").read_text())["values"]

@@ -24,7 +24,9 @@ def test_values_are_allowed_and_rise(chosen, parameter):
         if parameter.kind is Kind.FILE:
             assert values == ()
         elif parameter.kind not in (Kind.CHOICE, Kind.BOOL):
-            assert len(values) >= 2 and (chosen.name == "geodesic_path" or list(values) == sorted(values))
+            assert len(values) >= 2 and (
+                chosen.name == "geodesic_path" or list(values) == sorted(values)
+            )
     if parameter.kind is not Kind.FILE:
         assert parameter.default in values_of(parameter)
 
