@@ -27,6 +27,7 @@ WEBSITE = DOCS / "website"
 
 def draw_pictures(target: Path, cache: Path) -> None:
     """Draw every picture of the pages anew; those that another program made are taken as kept."""
+    cache.mkdir(exist_ok=True)
     for name, draw in {**make_pictures.PICTURES, **make_thesis_figures.FIGURES}.items():
         path = cache / f"{name}.png"
         if not path.exists():
@@ -38,7 +39,7 @@ def write_pages(source: Path, cache: Path, redraw: bool) -> None:
     """Write everything that Sphinx reads: pages, pictures, generated pages, tables of contents."""
     pages = stage(source)
     if redraw:
-        draw_pictures(source / "pictures", cache)
+        draw_pictures(source / "pictures", cache / "pages")
     clock = time.perf_counter()
     generated = {
         **{f"parameters/{o.name}": parameter_page(o, pages, cache) for o in OPERATIONS},
@@ -51,7 +52,9 @@ def write_pages(source: Path, cache: Path, redraw: bool) -> None:
         path = source / f"{name}.md"
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(text, encoding="utf-8")
-    shutil.copytree(cache, source / "parameters/pictures", ignore=shutil.ignore_patterns("*.json"))
+    shutil.copytree(
+        cache, source / "parameters/pictures", ignore=shutil.ignore_patterns("*.json", "pages")
+    )
     _link_parameters(source, pages)
     _add_contents(source / "index.md", pages)
     shutil.copyfile(WEBSITE / "conf.py", source / "conf.py")

@@ -181,7 +181,7 @@ def reference() -> dict[str, str]:
     ]
     tree = "\n".join(page.rpartition("/")[2] for page in pages)
     pages["reference/index"] = (
-        "# Python reference\n\nThe public names of `import medialis`, by the package they come from."
+        "# Python reference\n\nThe public names of `import medialis`, by package."
         "\n\n" + "\n".join(rows) + f"\n\n```{{toctree}}\n:hidden:\n\n{tree}\n```\n"
     )
     return pages

@@ -60,7 +60,7 @@ def picture_of(result: medialis.Result, size: tuple[int, int] = SIZE) -> NDArray
 
 def default_picture(operation: Operation, folder: Path) -> str:
     """Draw an operation at its defaults for the gallery, and return the name of the file."""
-    name = f"{operation.name}.png"
+    name = f"default-{operation.name}.png"
     if not (folder / name).exists():
         result = medialis.run(operation.name, creature(), **BASE.get(operation.name, dict)())
         write_png(folder / name, picture_of(result, (560, 420)))
