@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from make_pictures import FOLDER, Image, _dented_plate, _noisy, _wheel
 from numpy.typing import ArrayLike, NDArray
+from website.figures_of_chapters_4_to_6 import LATER_FIGURES
 
 import medialis
 from medialis.curve_skeletons.cameras import camera_pairs, sphere_of
@@ -232,7 +233,7 @@ FIGURES: dict[str, Callable[[], Image]] = {
         figure_3_4, figure_3_7, figure_3_8, figure_3_9, figure_3_11, figure_3_12,
         figure_3_13, figure_3_15, figure_3_17, figure_3_18,
     )
-}  # fmt: skip
+} | LATER_FIGURES  # fmt: skip
 
 
 def main(names: list[str]) -> None:

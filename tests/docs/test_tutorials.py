@@ -65,6 +65,7 @@ def test_noisy_scan(run_page):
 
 def test_no_tutorial_is_left_out():
     tested = {"thickness_check", "batch_over_a_folder", "noisy_scan", "rigging"}
+    tested |= {"denoising_a_scan", "teeth"}
     assert {page.stem for page in TUTORIALS} == tested
 
 
@@ -126,3 +127,20 @@ def test_rigging_script_in_blender(tmp_path):
         cwd=tmp_path, capture_output=True, text=True, timeout=300, check=True,
     )  # fmt: skip
     assert "bones" in done.stdout and (tmp_path / "figure.blend").is_file()
+
+
+def test_denoising_a_scan(run_page, tmp_path):
+    """The page of denoise promises: few good points go, about 5 % of the outliers stay.
+
+    Outliers here fill the box, so those within a spacing of the surface cannot be told from it.
+    """
+    names, _ = run_page(DOCS / "tutorials" / "denoising_a_scan.md")
+    assert 0 < names["lost"] < 0.1 and names["left"] < 0.1
+    assert (tmp_path / "skeleton" / "surface_skeleton.ply").is_file()
+
+
+def test_teeth(run_page):
+    """One segment for each pick, and nearly all of the teeth in the segment of their pick."""
+    names, _ = run_page(DOCS / "tutorials" / "teeth.md")
+    assert names["segment"].max() + 1 == len(names["picks"]) == 14
+    assert names["right"].mean() > 0.9
