@@ -42,12 +42,23 @@ def box() -> medialis.Shape:
     return medialis.make_shape(corners, faces, repair=True)
 
 
+@cache
+def cloud() -> medialis.Shape:
+    """Make a cloud of two crossing planes and a ball, with 20 % outliers."""
+    rng = np.random.default_rng(0)
+    ball = rng.normal(size=(4000, 3))
+    ball /= np.linalg.norm(ball, axis=1, keepdims=True)
+    planes = [rng.uniform(-1.5, 1.5, (3000, 3)) * scale for scale in ((1, 1, 0), (1, 0, 1))]
+    points = np.concatenate([ball, *planes, rng.uniform(-1.5, 1.5, (2000, 3))])
+    return medialis.Shape(points, np.zeros_like(points))
+
+
 @dataclass(frozen=True)
 class Example:
     """What a parameter is drawn on: a shape, values, and what the other parameters are."""
 
     values: tuple[Any, ...] = ()
-    shape: Callable[[], medialis.Shape] = creature
+    shape: Callable[[], medialis.Shape] | None = None
     others: Mapping[str, Any] = field(default_factory=dict)
 
 
@@ -68,11 +79,22 @@ def _along(axis: int) -> tuple[int, ...]:
 BASE: dict[str, Callable[[], dict[str, Any]]] = {"geodesic_path": _ends}
 """Parameters of an operation that has nothing to show at its defaults."""
 
+SHAPES: dict[str, Callable[[], medialis.Shape]] = {
+    "denoise": cloud,
+    "manifolds": cloud,
+}
+"""Shapes on which an operation shows more than on the creature."""
+
 EXAMPLES: dict[str, Callable[[], Example]] = {
     "tolerance": lambda: Example((0.0, 0.0003, 0.001, 0.003), noisy),
     "refine": lambda: Example((0.0, 0.01, 0.02, 0.05), box),
     "largest_radius": lambda: Example((0.01, 0.02, 0.04, 1.0)),
     "connected": lambda: Example(shape=noisy, others={"threshold": 0.05}),
+    "manifolds.cloud": lambda: Example(shape=creature),
+    "manifolds.refine": lambda: Example((0.0, 0.005, 0.02), creature, {"cloud": "skeleton"}),
+    "manifolds.tolerance": lambda: Example(shape=creature, others={"cloud": "skeleton"}),
+    "mean_shift_segments.last_steps": lambda: Example((0, 5, 20, 80)),
+    "mean_shift_segments.fill": lambda: Example(others={"last_steps": 20}),
     "geodesic_path.start": lambda: Example(_along(0)),
     "geodesic_path.end": lambda: Example(_along(0)),
     "skeleton_importance.threshold": lambda: Example((0.0, 0.02, 0.05, 0.1), noisy),
@@ -90,10 +112,11 @@ def example_of(operation: Operation, parameter: Parameter) -> Example:
     example = known() if known else Example()
     others = {**BASE.get(operation.name, dict)(), **example.others}
     others.pop(parameter.name, None)
-    if example.shape is not creature:
+    shape = example.shape or SHAPES.get(operation.name, creature)
+    if shape is not creature:
         others = {name: v for name, v in others.items() if name not in ("start", "end")}
     values = tuple(v for v in example.values if _allowed(parameter, v)) or values_of(parameter)
-    return Example(values, example.shape, others)
+    return Example(values, shape, others)
 
 
 def _allowed(parameter: Parameter, value: Any) -> bool:

@@ -21,7 +21,7 @@ from medialis.operations.declaration import Operation, Parameter
 from medialis.operations.pictures import draw_result
 from medialis.render.png import write_png
 from website.pages import ROOT
-from website.parameter_values import BASE, creature, example_of
+from website.parameter_values import BASE, SHAPES, creature, example_of
 
 SIZE = (400, 320)
 BACKGROUND = ("samples", "diagonal", "spacing")
@@ -62,7 +62,8 @@ def default_picture(operation: Operation, folder: Path) -> str:
     """Draw an operation at its defaults for the gallery, and return the name of the file."""
     name = f"default-{operation.name}.png"
     if not (folder / name).exists():
-        result = medialis.run(operation.name, creature(), **BASE.get(operation.name, dict)())
+        shape = SHAPES.get(operation.name, creature)()
+        result = medialis.run(operation.name, shape, **BASE.get(operation.name, dict)())
         write_png(folder / name, picture_of(result, (560, 420)))
     return name
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from website import strips
 from website.generated_pages import gallery, parameter_page, reference
-from website.parameter_values import BASE, EXAMPLES, example_of, values_of
+from website.parameter_values import BASE, EXAMPLES, SHAPES, example_of, values_of
 
 import medialis
 from medialis.operations.declaration import Kind, Operation, Parameter
@@ -33,7 +33,8 @@ def test_values_are_allowed_and_rise(chosen, parameter):
 
 def test_examples_name_what_there_is():
     known = {name for o, p in ALL for name in (p.name, f"{o.name}.{p.name}")}
-    assert set(EXAMPLES) <= known and set(BASE) <= {o.name for o in OPERATIONS}
+    assert set(EXAMPLES) <= known
+    assert {*BASE, *SHAPES} <= {o.name for o in OPERATIONS}
 
 
 @pytest.mark.parametrize(
