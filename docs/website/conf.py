@@ -21,7 +21,7 @@ default_role = "code"
 add_module_names = False
 autodoc_member_order = "bysource"
 autodoc_typehints = "none"
-# Types in docstrings are prose: in "(count, 3) float64" Sphinx takes count for one of two attributes.
+# Types in docstrings are prose: Sphinx takes the count of "(count, 3)" for one of two attributes.
 suppress_warnings = ["ref.python"]
 napoleon_numpy_docstring = True
 napoleon_google_docstring = False
