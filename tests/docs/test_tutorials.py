@@ -1,12 +1,10 @@
 """Every code block of every tutorial runs, in the order of the page."""
 
-import runpy
 import shutil
 import subprocess
 import sys
 from importlib.util import find_spec
 
-import numpy as np
 import pytest
 from code_blocks import blocks, run_bash, run_python
 from website.pages import DOCS
@@ -64,8 +62,9 @@ def test_noisy_scan(run_page):
 
 
 def test_no_tutorial_is_left_out():
-    tested = {"thickness_check", "batch_over_a_folder", "noisy_scan", "rigging"}
+    tested = {"thickness_check", "batch_over_a_folder", "noisy_scan"}
     tested |= {"denoising_a_scan", "teeth"}
+    tested |= {"rigging"}  # by test_rigging_tutorial.py
     assert {page.stem for page in TUTORIALS} == tested
 
 
@@ -82,51 +81,6 @@ def test_batch_script_of_pymeshlab(tmp_path):
     )  # fmt: skip
     assert "broken.ply Cannot read" in done.stdout and "2 layers" in done.stdout
     assert (tmp_path / "out" / "skeletons.mlp").is_file()
-
-
-def test_rigging(run_page):
-    """Four feet, two ears, nose and tail end; the root lies in the trunk."""
-    names, _ = run_page(DOCS / "tutorials" / "rigging.md")
-    curve = names["curve"]
-    assert len(curve.end_points) == 8 and len(names["node"]) == names["shape"].point_count
-    assert abs(curve.nodes[names["thickest"], 1]) < 0.05
-
-
-@pytest.fixture(scope="module")
-def rig():
-    return runpy.run_path(str(DOCS / "examples" / "rig_from_curve_skeleton.py"))
-
-
-def test_bones_are_a_tree_with_parents_first(rig):
-    """A ring with two tails: the ring is cut once, every other edge is a bone."""
-    edges = [[0, 1], [1, 2], [2, 3], [3, 0], [0, 4], [4, 5], [2, 6]]
-    points = np.random.default_rng(1).normal(size=(7, 3))
-    radii = [1, 1, 3, 1, 1, 1, 1]
-    curve = medialis.CurveSkeleton.of(points, edges, radii, vertex_node=[2, 6, 5, 5, 0])
-    bones = rig["bones_of"](curve)
-    assert len(bones) == 6 and sorted(bone.tail for bone in bones) == [0, 1, 3, 4, 5, 6]
-    for number, bone in enumerate(bones):
-        assert bone.parent < number
-        assert bone.head == (2 if bone.parent < 0 else bones[bone.parent].tail)
-    owner = rig["bone_of_vertices"](curve, bones)
-    assert bones[owner[0]].head == 2 and [bones[k].tail for k in owner[1:]] == [6, 5, 5, 0]
-
-
-def test_bones_of_two_parts_have_two_roots(rig):
-    curve = medialis.CurveSkeleton.of(np.eye(4, 3), [[0, 1], [2, 3]], [1, 2, 3, 4])
-    assert [bone.parent for bone in rig["bones_of"](curve)] == [-1, -1]
-
-
-@pytest.mark.skipif(find_spec("bpy") is None, reason="needs Blender as a module (extra blender)")
-def test_rigging_script_in_blender(tmp_path):
-    figure = medialis.organic_shape(56)
-    write_ply(tmp_path / "figure.ply", figure.points, figure.faces)
-    script = DOCS / "examples" / "rig_from_curve_skeleton.py"
-    done = subprocess.run(
-        [sys.executable, script, "figure.ply", "figure.blend"],
-        cwd=tmp_path, capture_output=True, text=True, timeout=300, check=True,
-    )  # fmt: skip
-    assert "bones" in done.stdout and (tmp_path / "figure.blend").is_file()
 
 
 def test_denoising_a_scan(run_page, tmp_path):
