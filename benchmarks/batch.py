@@ -117,7 +117,7 @@ def main() -> None:
         print(f"{len(table)} shapes in one batch: {wall:.1f} s, {len(table) - len(bad)} done")
         for row in bad:
             print(f"  {row.name}: {row.sentence.replace(str(folder), '...')[:110]}")
-        process = multiprocessing.get_context("fork").Process(
+        process = multiprocessing.get_context("spawn").Process(
             target=run_batch, args=(files, folder / "killed", medialis.thread_count())
         )
         process.start()
