@@ -120,6 +120,18 @@ def test_point_cloud_of_a_capsule():
     assert np.allclose(ends, [-1, 1], rtol=0, atol=6 * pixel)
 
 
+def test_discs_of_a_cloud_fit_into_the_pictures():
+    """Cameras saw the samples whole, but not the discs round them: clouds with corners, and many
+    scans, were refused because "a silhouette touches the border of its picture"."""
+    shape = closed_forms.box_samples((3.0, 0.6, 0.6), spacing=0.1).shape
+    curve = medialis.view_curve_skeleton(shape, **QUICK)
+    along = curve.nodes[:, 0] - shape.points[:, 0].mean()
+    assert curve.component_count == 1 and along.min() < -0.75 and along.max() > 0.75
+    core = medialis.rasterizer(shape)
+    other = medialis.view_curve_skeleton(shape, **QUICK, source=lambda cameras: core(cameras))
+    assert np.array_equal(curve.nodes, other.nodes)
+
+
 def slow_pairs(first, second, left, right, angle):
     """Every crossing with the one of all in its row whose depth is nearest: Eq. 3.9, 3.10."""
     a, b = first.camera, second.camera

@@ -177,3 +177,25 @@ def test_pictures_of_any_attribute_and_wrong_ones(creature):
         )
     with pytest.raises(medialis.InvalidOptionError, match="no attribute taste; it has radius"):
         medialis.draw_result(result, color_by="taste")
+
+
+@pytest.mark.parametrize("scale", [1e40, 1e-40])
+def test_sizes_beyond_pictures_are_refused(scale):
+    """Views of a shape of 1e40 complained about their own pictures; at 1e100 the process ended, and
+    at 1e-100 sheets had no area."""
+    cube = medialis.make_shape(CUBE * scale, FACES)
+    for chosen in OPERATIONS:
+        with pytest.raises(medialis.InvalidShapeError, match="1e-30 to 1e\\+30, got"):
+            medialis.run(chosen.name, cube)
+
+
+def test_note_on_infinite_importance_counts_what_the_result_holds():
+    """It said that all points between parts are infinite and kept, also where connecting pieces had
+    made their importance finite."""
+    both = np.concatenate([CUBE, 0.9 * CUBE + 0.05])
+    shape = medialis.make_shape(both, np.concatenate([FACES, FACES[:, ::-1] + 8]))
+    progress = medialis.Progress()
+    result = medialis.run("skeleton_importance", shape, progress=progress)
+    infinite = int(np.isinf(result.arrays["importance"]).sum())
+    assert result.values["between_parts"] > 0
+    assert any(f" {infinite} points have an infinite" in text for text in progress.messages)

@@ -103,3 +103,24 @@ def test_bad_files_of_seeds_are_refused(arch, tmp_path, text, words):
 def test_missing_files_of_seeds_are_refused(arch, tmp_path):
     with pytest.raises(medialis.FileError, match="Cannot read the points"):
         medialis.run("mean_shift_segments", arch[0], add_seeds=str(tmp_path / "none.txt"))
+
+
+def test_too_few_points_are_told_so():
+    """The eight vertices of a cube got the advice to try larger angles, which cannot help."""
+    corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], float)
+    with pytest.raises(medialis.InvalidShapeError, match="needs 20 points or more"):
+        medialis.run("denoise", medialis.Shape(corners, corners - 0.5))
+
+
+@pytest.mark.parametrize("operation", ["manifolds", "denoise"])
+def test_a_cloud_of_mostly_noise_is_doubted(noisy, operation):
+    """Most vertices of a coarse mesh were called noise without a word."""
+    plane = noisy.points[:300] * [0.01, 0.01, 0.0]
+    apart = np.random.default_rng(0).uniform(-1, 1, (900, 3))
+    both = np.concatenate([plane, apart])
+    progress = medialis.Progress()
+    medialis.run(operation, medialis.Shape(both, 0 * both), max_bend=5.0, progress=progress)
+    assert any("% of the points are noise" in message for message in progress.messages)
+    clean = medialis.Progress()
+    medialis.run(operation, noisy, progress=clean)
+    assert not any("% of the points are noise" in message for message in clean.messages)

@@ -281,3 +281,18 @@ def test_bad_items_and_options_are_one_sentence():
     with pytest.raises(InvalidOptionError, match="larger than 16384"):
         draw([ball], camera(16384, 10))
     assert (draw([], around) == 255).all()
+
+
+@pytest.mark.parametrize("unit", [2.0**330, 2.0**-330], ids=["huge", "tiny"])
+def test_unit_of_length_does_not_change_a_picture(unit):
+    """At a size of 1e100 products of lengths were NaN, which indexed the table of colours: drawing
+    ended the process with a segmentation fault."""
+    frame = camera()
+    scaled = Camera(unit * frame.eye, unit * frame.target, frame.up, unit * frame.extent, 160, 120)
+
+    def scene(points):
+        return [Surface(points, CUBE_FACES, opacity=0.2), Points(points / 2, size=5.0)]
+
+    expected = draw([*scene(CUBE), Surface(CUBE / 3, CUBE_FACES)], frame)
+    found = draw([*scene(unit * CUBE), Surface(unit * CUBE / 3, CUBE_FACES)], scaled)
+    assert np.array_equal(found, expected) and ink(found).any()

@@ -78,3 +78,16 @@ def test_cancelling_a_read(tmp_path):
     write_ply(tmp_path / "cube.ply", CUBE, faces=FACES)
     with pytest.raises(medialis.Cancelled):
         medialis.read_shape(tmp_path / "cube.ply", progress=lambda fraction, text: False)
+
+
+def test_zero_normals_of_a_cloud_count_as_missing():
+    """Arrays of zeros from programs that keep room for normals left a cloud without any: skeletons
+    were refused with the advice to use the function that had just made the shape."""
+    sphere = np.random.default_rng(0).normal(size=(400, 3))
+    sphere /= np.linalg.norm(sphere, axis=1, keepdims=True)
+    progress = medialis.Progress()
+    shape = medialis.make_shape(sphere, None, 0 * sphere, progress=progress)
+    assert (np.einsum("ij,ij->i", shape.normals, sphere) > 0.9).all()
+    assert any("zero normals only" in message for message in progress.messages)
+    mesh = medialis.make_shape(CUBE, FACES, np.zeros((8, 3)))
+    assert not mesh.normals.any()  # given with a mesh they are used as they are

@@ -33,7 +33,7 @@ from medialis.model.curve_skeleton import CurveSkeleton
 from medialis.model.shape import Shape
 from medialis.model.view import OrthographicCamera, View, ViewSource
 from medialis.progress import Progress, ProgressCallback
-from medialis.render.depth_range import rasterizer
+from medialis.render.depth_range import Rasterizer, rasterizer
 from medialis.threads import run_chunks
 from medialis.validation import FloatArray, as_number, as_whole_number
 
@@ -270,6 +270,9 @@ def skeleton_of_shape(
         raise InvalidShapeError(
             f"All {shape.point_count} points of the shape are the same: views need a solid."
         )
-    cameras = camera_pairs(center, radius, pairs=count, angle=alpha, size=pixels)
     renderer = _factory.get()(shape) if source is None else source
+    if shape.faces is None:  # whoever draws them, the discs of a cloud reach beyond its samples
+        discs = renderer if isinstance(renderer, Rasterizer) else rasterizer(shape)
+        center, radius = sphere_of(discs.points)
+    cameras = camera_pairs(center, radius, pairs=count, angle=alpha, size=pixels)
     return skeleton_of_views(renderer, cameras, saliency, progress)

@@ -133,7 +133,7 @@ def _smoothed(
         return places
     progress.note(
         f"The points scatter by {100 * amount:.2g} % of the size about their surfaces: they were "
-        "classified by smoothed positions (scatter = 0 turns this off)."
+        "classified by smoothed positions (smooth off, or scatter = 0 in Python, prevents this)."
     )
     return without_jitter(places, amount, progress)
 

@@ -59,7 +59,7 @@ def traced(
     if shape.faces is None:
         raise InvalidShapeError(
             "A curve skeleton needs a surface with faces, got a point cloud: reconstruct a surface "
-            "first, or use skeleton_importance with reconstruct = True to see whether that works."
+            "first, or use view_curve_skeleton, which takes point clouds."
         )
     clean, tolerance = denoised(shape, parameters["denoise"], parameters["tolerance"], progress)
     fine = refined(clean, parameters["refine"], progress)

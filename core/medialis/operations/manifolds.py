@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import Mapping
 from dataclasses import replace
@@ -23,6 +24,10 @@ from medialis.surface_skeletons.ball_shrinking import surface_skeleton
 
 CLOUDS = ("points", "skeleton")
 
+MOSTLY = 0.5
+"""Share of noise above which a warning doubts the sampling: the thesis adds at most 40 % of
+outliers to its clouds (4.2.4.2)."""
+
 
 def run(shape: Shape, parameters: Mapping[str, Any], progress: Progress) -> Outcome:
     """Segment the points of the shape or its skeleton."""
@@ -30,6 +35,7 @@ def run(shape: Shape, parameters: Mapping[str, Any], progress: Progress) -> Outc
         return _of_skeleton(shape, parameters, progress)
     with progress.stage("manifolds", 0.0, 1.0):
         found = _segment(shape.points, parameters, progress)
+    _note_mostly_noise(found, progress)
     layer = Layer(
         "manifolds",
         shape.points,
@@ -54,11 +60,16 @@ def denoise(shape: Shape, parameters: Mapping[str, Any], progress: Progress) -> 
         found = _segment(shape.points, parameters, progress)
     kept = found.point_class != PointClass.NOISE
     if not kept.any():
+        least = parameters["min_points"]
+        advice = "Try larger angles or more neighbours."
+        if shape.point_count < least:
+            advice = f"A surface needs {least} points or more (min_points): give more, or lower it."
         raise InvalidShapeError(
             f"None of the {shape.point_count} points lies on a smooth surface: nothing is left. "
-            "Try larger angles or more neighbours."
+            + advice
         )
     progress.note(f"{int((~kept).sum())} of {len(kept)} points are noise.")
+    _note_mostly_noise(found, progress)
     clean = Layer(
         "denoised",
         shape.points[kept],
@@ -85,6 +96,17 @@ def denoise(shape: Shape, parameters: Mapping[str, Any], progress: Progress) -> 
         arrays={"points": shape.points, "kept": kept, **_arrays(found)},
         shown=(clean,),
     )
+
+
+def _note_mostly_noise(found: ManifoldSet, progress: Progress) -> None:
+    """Warn where the answer says more of the sampling than of the shape."""
+    share = float((found.point_class == PointClass.NOISE).mean())
+    if share > MOSTLY:
+        progress.note(
+            f"{100 * share:.0f} % of the points are noise: they lie too far apart for the bends of "
+            "the surface, or on no surface. Refine a coarse mesh first, or try larger angles.",
+            level=logging.WARNING,
+        )
 
 
 def _of_skeleton(shape: Shape, parameters: Mapping[str, Any], progress: Progress) -> Outcome:

@@ -6,7 +6,7 @@ import time
 from dataclasses import fields
 from typing import Any
 
-from medialis.errors import InvalidOptionError
+from medialis.errors import InvalidOptionError, InvalidShapeError
 from medialis.model.shape import Shape
 from medialis.operations import (
     armature,
@@ -50,6 +50,10 @@ OPERATIONS: tuple[Operation, ...] = (
     manifolds.DENOISE,
     mean_shift_segments.OPERATION,
 )
+
+
+SMALLEST_SIZE, LARGEST_SIZE = 1e-30, 1e30
+"""Diagonals for which sixth powers and the float32 depths of pictures stay in range."""
 
 
 def operation(name: str) -> Operation:
@@ -98,7 +102,7 @@ def run(
     InvalidOptionError
         For an unknown operation or parameter, or a bad value.
     InvalidShapeError
-        When the shape cannot be used.
+        When the shape cannot be used, or its diagonal is not within 1e-30 to 1e30.
     Cancelled
         When `progress` asks for it.
 
@@ -111,6 +115,7 @@ def run(
     """
     chosen = operation(name)
     resolved = chosen.resolve(parameters)
+    _require_size(shape)
     progress = Progress.of(progress)
     clock = time.perf_counter()
     with thread_limit(threads):
@@ -123,3 +128,17 @@ def run(
         seconds=dict(progress.seconds),
         messages=tuple(progress.messages),
     )
+
+
+def _require_size(shape: Shape) -> None:
+    """Refuse sizes for which areas and pictures would overflow or vanish; 0 has its own sentences.
+
+    Raises
+    ------
+    InvalidShapeError
+    """
+    if shape.diagonal > 0 and not SMALLEST_SIZE <= shape.diagonal <= LARGEST_SIZE:
+        raise InvalidShapeError(
+            f"The bounding-box diagonal must be within {SMALLEST_SIZE:g} to {LARGEST_SIZE:g}, got "
+            f"{shape.diagonal:g}: scale the shape to another unit."
+        )

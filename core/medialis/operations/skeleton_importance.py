@@ -79,9 +79,11 @@ def run(shape: Shape, parameters: Mapping[str, Any], progress: Progress) -> Outc
         )
     unreached = int(np.isinf(paths.length).sum())
     if unreached:
+        infinite = int(np.isinf(importance).sum())  # connecting pieces changes some
         progress.note(
             f"{unreached} skeleton points lie between different parts of the shape: no geodesic "
-            "joins their feature points, their importance is infinite and they are kept."
+            f"joins their feature points. {infinite} points have an infinite importance and are "
+            "kept by any threshold."
         )
     around = int((paths.status == PathStatus.EDGES).sum())
     if around:

@@ -69,10 +69,13 @@ def run(shape: Shape, parameters: Mapping[str, Any], progress: Progress) -> Outc
             progress=progress,
         )
     if len(mesh.faces) == 0:
+        advice = "Lower these or smallest_piece"
+        if keep.sum() == cloud.valid.sum():
+            advice = "Lower smallest_piece, or refine so that parts have more samples"
         raise InvalidShapeError(
             f"No triangle is left: {int(keep.sum())} of {int(cloud.valid.sum())} balls have a "
             f"spoke angle of {parameters['min_spoke_angle']:g} degrees or more and an importance "
-            f"of {parameters['importance']:g} of the size. Lower these or smallest_piece."
+            f"of {parameters['importance']:g} of the size. {advice}."
         )
     radii = cloud.radii[mesh.rows]
     return Outcome(

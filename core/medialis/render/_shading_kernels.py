@@ -110,9 +110,10 @@ def shade(
                     x = x * passing + veil * glass[r, c, 0]
                     y = y * passing + veil * glass[r, c, 1]
                     z = z * passing + veil * glass[r, c, 2]
-                red += min(x, 1.0)
-                green += min(y, 1.0)
-                blue += min(z, 1.0)
+                # Not min: NaN, from sizes beyond the range of products, must not index the table.
+                red += x if x < 1.0 else 1.0
+                green += y if y < 1.0 else 1.0
+                blue += z if z < 1.0 else 1.0
             share = top / (n * n)
             out[row, col, 0] = curve[int(red * share + 0.5)]
             out[row, col, 1] = curve[int(green * share + 0.5)]

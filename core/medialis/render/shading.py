@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -154,6 +155,25 @@ def _mesh_of(layers: list[MeshLayer], camera: Camera) -> Mesh:
     )
 
 
+def _within_range(
+    balls: list[BallLayer], meshes: list[MeshLayer], camera: Camera
+) -> tuple[list[BallLayer], list[MeshLayer], Camera]:
+    """Return huge or tiny scenes in a unit in which products of lengths stay in range.
+
+    A power of two, so that the picture does not change.
+    """
+    unit = 2.0 ** math.frexp(camera.extent)[1]
+    if 1e-30 < unit < 1e30:
+        return balls, meshes, camera
+    return (
+        [replace(x, centers=x.centers / unit, radii=x.radii / unit) for x in balls],
+        [replace(x, points=x.points / unit) for x in meshes],
+        replace(
+            camera, eye=camera.eye / unit, target=camera.target / unit, extent=camera.extent / unit
+        ),
+    )
+
+
 def render_layers(
     balls: list[BallLayer],
     meshes: list[MeshLayer],
@@ -174,6 +194,7 @@ def render_layers(
     """
     from medialis.render._shading_kernels import shade
 
+    balls, meshes, camera = _within_range(balls, meshes, camera)
     n = style.supersampling
     if max(camera.width, camera.height) * n > MAX_PIXELS:
         raise InvalidOptionError(

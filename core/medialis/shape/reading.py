@@ -72,7 +72,7 @@ def make_shape(
         Triangles, counter-clockwise seen from outside.
     normals : (n, 3) float, optional
         Outward normals. Missing ones are computed from the faces (angle-weighted), or estimated
-        and oriented for a point cloud.
+        and oriented for a point cloud, also when all of its normals are zero.
     repair : bool
         Diagnose and repair first, as `read_shape` does (weld, drop what is degenerate or unused,
         orient). Without it the shape has exactly these points and faces.
@@ -99,11 +99,11 @@ def make_shape(
     triangles = None if faces is None else as_faces(faces, len(vertices))
     if triangles is not None and len(triangles) == 0:
         triangles = None
-    if normals is not None:
-        directions = as_normals(normals, len(vertices))
-    elif triangles is not None:
-        directions = vertex_normals(vertices, triangles)
-    else:
+    directions = None if normals is None else as_normals(normals, len(vertices))
+    if triangles is not None:
+        directions = vertex_normals(vertices, triangles) if directions is None else directions
+    elif directions is None or not directions.any():  # programs write zeros for "none"
+        lack = "has no normals" if directions is None else "has zero normals only"
         directions = estimate_normals(vertices, progress=progress)
-        progress.note("The point cloud has no normals: they were estimated and oriented.")
+        progress.note(f"The point cloud {lack}: they were estimated and oriented.")
     return Shape(vertices, directions, triangles, **extra)
