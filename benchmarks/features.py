@@ -56,7 +56,7 @@ def closed_forms() -> None:
             print(
                 f"| {name} | {spacing} | {shape.point_count} | {found.count} ({sheets}) "
                 f"| {medialis.patches(shape, cloud).count}{f' ({patches})' if patches else ''} "
-                f"| {medialis.parts(shape, inner).count} "
+                f"| {medialis.parts(shape, inner, method='sheets').count} "
                 f"| {network.lengths.sum():.3f}{f' ({length:.3f})' if length else ''} "
                 f"| {meshes.areas.sum():.3f}{f' ({area:.3f})' if area else ''} |"
             )
@@ -88,7 +88,7 @@ def speed(path: str) -> None:
         if shape.faces is not None
         else 0,
         timed(lambda: medialis.patches(shape, cloud, sets=sets)),
-        timed(lambda: medialis.parts(shape, cloud, sets=sets)),
+        timed(lambda: medialis.parts(shape, cloud, sets=sets, method="sheets")),
     ]
     size = sum(x.nbytes for x in (sets.samples.indices, sets.samples.offsets, sets.clusters))
     types = np.bincount(np.minimum(medialis.point_types(shape, cloud, sets=sets), 3), minlength=4)

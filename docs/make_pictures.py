@@ -321,10 +321,18 @@ def _solids() -> dict[str, medialis.Shape]:
     }
 
 
-def _gallery(operation: str, names: str, value: str, what: str, **options: object) -> Image:
+def _gallery(
+    operation: str,
+    names: str,
+    value: str,
+    what: str,
+    parameters: dict[str, str] | None = None,
+    **options: object,
+) -> Image:
     """Run an operation on several solids and count what it found."""
     solids = _solids()
-    results = [medialis.run(operation, solids[name]) for name in names.split(", ")]
+    given = parameters or {}
+    results = [medialis.run(operation, solids[name], **given) for name in names.split(", ")]
     captions = [
         f"{name}: {r.values[value]} {what}"
         for name, r in zip(names.split(", "), results, strict=True)
@@ -404,9 +412,26 @@ def patches() -> Image:
 
 
 def parts() -> Image:
-    """Thesis Figure 6.10: parts of shapes."""
+    """Thesis Figure 6.10: parts of shapes, one for each sheet."""
     names = "dumbbell, creature, box, L, flat cylinder, rounded cylinder"
-    return _gallery("parts", names, "parts", "parts")
+    return _gallery("parts", names, "parts", "parts", {"method": "sheets"})
+
+
+def limbs() -> Image:
+    """Parts by the curve skeleton, where limbs leave a body."""
+    solids = _solids()
+    from tubes import AXES, FORK, hub
+
+    solids |= {
+        "jack": hub(AXES, 0.04, ball=0.6)[0],
+        "fork": hub(FORK, 0.04, ball=0.25)[0],
+        "wheel": _wheel(),
+    }
+    names = ("creature", "jack", "dumbbell", "fork", "T", "wheel")
+    results = [medialis.run("parts", solids[name], method="limbs") for name in names]
+    captions = [f"{n}: {r.values['parts']} parts" for n, r in zip(names, results, strict=True)]
+    size = {"width": 420, "height": 340}
+    return contact_sheet([draw_result(r, **size) for r in results], captions, 3)
 
 
 def _crossing(outliers: float) -> medialis.Shape:
@@ -493,7 +518,7 @@ PICTURES: dict[str, Callable[[], Image]] = {
         thickness, wall_angle, turntable, views, skeleton_mesh, mesh_angles, mesh_bridges, mesh_box,
         importance, measures, geodesic, curve_skeleton, curve_candidates, curve_parts,
         curve_options, curve_comparison, view_curve_skeleton,
-        point_types, medial_sheets, y_network, sheet_meshes, soft_edges, patches, parts,
+        point_types, medial_sheets, y_network, sheet_meshes, soft_edges, patches, limbs, parts,
         manifolds, skeleton_manifolds, denoise, mean_shift_segments,
     )
 }  # fmt: skip

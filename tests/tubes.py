@@ -7,6 +7,9 @@ from medialis.model.shape import Shape
 from medialis.shape.generate import make_unambiguous, surface_nets
 from medialis.shape.normals import vertex_normals
 
+AXES = np.concatenate([np.eye(3), -np.eye(3)])
+FORK = np.array([[1, 0, 0], [-0.5, 0.75**0.5, 0], [-0.5, -(0.75**0.5), 0]])
+
 
 def tube(curves, radius, cell):
     """Surface at a distance from curves, each (p, 3), with the cell of its grid as spacing.
@@ -56,3 +59,25 @@ def distance_to(points, curves, step=1e-3):
     """Distance of points to the nearest of the curves."""
     dense = np.concatenate([dense_curve(np.asarray(c, float), step) for c in curves])
     return cKDTree(dense).query(points)[0]
+
+
+def hub(directions, cell, *, ball, arm=0.25, length=2.0):
+    """Arms, capsules from the origin, joined with a ball: mesh, and the body of each vertex.
+
+    0 is the ball, 1 + i arm i: that whose surface is nearest.
+    """
+    side = np.arange(-length - 4.2 * cell, length + 4.2 * cell, cell)
+    grid = np.stack(np.meshgrid(side, side, side, indexing="ij"), axis=-1)
+
+    def distances(at):
+        found = [np.linalg.norm(at, axis=-1) - ball]
+        for one in directions:
+            along = np.clip(at @ one, 0, length - arm)[..., None]
+            found.append(np.linalg.norm(at - along * one, axis=-1) - arm)
+        return np.stack(found)
+
+    field = distances(grid).min(axis=0)
+    make_unambiguous(field)
+    points, faces = surface_nets(field, np.full(3, side[0]), cell)
+    shape = Shape(points, vertex_normals(points, faces), faces)
+    return shape, distances(points).argmin(axis=0)

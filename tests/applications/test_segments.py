@@ -89,10 +89,10 @@ def test_patches_of_other_shapes(longest):
         assert medialis.patches(shape, skeleton(shape, "both")).count == 3
 
 
-def test_parts_of_a_dumbbell():
+def test_sheet_parts_of_a_dumbbell():
     """Two balls and the bar; within two spacings of the necks, where the sides blend, is free."""
     shape = forms.dumbbell(ball=1.0, bar=0.3, half=2.0, step=0.06)
-    found = medialis.parts(shape, skeleton(shape))
+    found = medialis.parts(shape, skeleton(shape), method="sheets")
     z = shape.points[:, 2]
     neck = 2.0 - math.cos(math.asin(0.3))
     assert found.count == 3
