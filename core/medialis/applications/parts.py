@@ -39,8 +39,9 @@ DIFFUSION = 5
 
 FLAT = 1.7
 """A shape is flat where samples lie this many radii from the curve skeleton, in the mean: cross-
-sections are then twice as wide as thick. hand, horse, cow, bunny, armadillo, fertility and elephant
-have 1.2 to 1.66; fandisk, gears, rockerarm, screwdriver, scapula and spider 1.8 to 3.3."""
+sections are then twice as wide as thick. hand, armadillo, fertility, elephant and bunny have 1.2 to
+1.6, screwdriver just less than 1.7; fandisk, rockerarm, spider and scapula 1.9 to 5.9. gears, seven
+pieces with teeth, have 1.5 and are taken for limbs."""
 
 
 def parts(
@@ -160,7 +161,7 @@ def divide_into_parts(
         if method == "limbs" or (flat < FLAT and limbs > 0):
             if method == "auto":
                 progress.note(
-                    f"Divided where {limbs} limbs leave their bodies (method limbs): the curve "
+                    f"Divided where limbs leave their bodies, {limbs} in all (method limbs): the curve "
                     f"skeleton describes this shape, samples lie {flat:.2g} radii from it."
                 )
             return found, "limbs"
