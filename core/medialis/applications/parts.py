@@ -161,8 +161,8 @@ def divide_into_parts(
         if method == "limbs" or (flat < FLAT and limbs > 0):
             if method == "auto":
                 progress.note(
-                    f"Divided where limbs leave their bodies, {limbs} in all (method limbs): the curve "
-                    f"skeleton describes this shape, samples lie {flat:.2g} radii from it."
+                    f"Divided where limbs leave their bodies, {limbs} in all (method limbs): the "
+                    f"curve skeleton describes this shape, samples lie {flat:.2g} radii from it."
                 )
             return found, "limbs"
         progress.note(
