@@ -7,13 +7,14 @@ the medial cloud; the two feature points of each ball bring its segment to the s
 from __future__ import annotations
 
 import math
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from medialis.applications.mean_shift import MeanShift, mean_shift
 from medialis.errors import InvalidOptionError, InvalidShapeError
+from medialis.features.labels import sample_areas, spread_labels
 from medialis.features.surface_graph import surface_graph
 from medialis.model.medial_cloud import MedialCloud
 from medialis.model.segmentation import Segmentation
@@ -255,9 +256,10 @@ def _on_surface(shape: Shape, cloud: MedialCloud, found: MeanShift, fill: bool) 
     label[sample[order]] = cluster[order]
     if fill:
         label[label == -1] = -2
-    label = _nearest_along(shape, label)
-    label[label == -2] = -1
-    area = _sample_areas(shape)
+    # Noise (-1) is passed on as well; only -2 takes the label of the nearest other sample.
+    known = spread_labels(shape, surface_graph(shape), (label + 1).astype(np.int32))
+    label = np.maximum(known - 1, -1)
+    area = sample_areas(shape)
     used, place = np.unique(label[label >= 0], return_inverse=True)
     areas = np.bincount(place.reshape(-1), area[label >= 0], minlength=len(used))
     rank = np.full(len(found.centers), -1, np.int64)
@@ -266,25 +268,3 @@ def _on_surface(shape: Shape, cloud: MedialCloud, found: MeanShift, fill: bool) 
     return Segmentation(
         np.where(label < 0, -1, rank[label]).astype(np.int32), areas[falling].astype(np.float64)
     )
-
-
-def _nearest_along(shape: Shape, label: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Give samples with -2 the label of the nearest other one along the surface."""
-    from medialis.features._surface_graph_kernels import spread_from_seeds
-
-    graph, n = surface_graph(shape), shape.point_count
-    seed = np.where(label == -2, -1, np.arange(n)).astype(np.int32)
-    distance = np.where(seed < 0, np.inf, 0.0)
-    room = n + len(graph.indices)
-    keys, names = np.empty(room), np.empty(room, np.int32)
-    spread_from_seeds(shape.points, graph.offsets, graph.indices, keys, names, distance, seed)
-    return np.where(seed < 0, -2, label[seed])
-
-
-def _sample_areas(shape: Shape) -> NDArray[Any]:
-    """Area that each sample stands for, (n,): a third of its faces; 1 in a cloud."""
-    if shape.faces is None:
-        return np.ones(shape.point_count)
-    a, b, c = shape.points[shape.faces.T]
-    third = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 6.0
-    return np.bincount(shape.faces.reshape(-1), np.repeat(third, 3), shape.point_count)

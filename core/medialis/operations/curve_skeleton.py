@@ -16,6 +16,7 @@ from medialis.curve_skeletons.curve_skeleton import (
     trace_curve_skeleton,
 )
 from medialis.errors import InvalidShapeError
+from medialis.features.labels import sample_areas
 from medialis.io.curve_graphs import node_attributes
 from medialis.model.curve_skeleton import CurveSkeleton
 from medialis.model.medial_cloud import MedialCloud
@@ -205,11 +206,9 @@ def _sheet_share(shape: Shape, cloud: MedialCloud, graph: CurveSkeleton) -> floa
     """Share of the area whose balls lie far from their node, in radii of the larger of both."""
     node = _present(graph.vertex_node)
     rows = np.flatnonzero(cloud.valid & (node >= 0))
-    if len(rows) == 0 or shape.faces is None:
+    if len(rows) == 0:
         return 0.0
-    a, b, c = shape.points[shape.faces].transpose(1, 0, 2)
-    face_area = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 6
-    area = np.bincount(shape.faces.ravel(), np.repeat(face_area, 3), minlength=shape.point_count)
+    area = sample_areas(shape)
     away = np.linalg.norm(cloud.centers[rows] - graph.nodes[node[rows]], axis=1)
     far = away > FAR * np.maximum(cloud.radii[rows], graph.radii[node[rows]])
     return float(area[rows[far]].sum() / max(area[rows].sum(), 1e-300))
