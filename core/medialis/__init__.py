@@ -1,4 +1,4 @@
-"""Medial descriptors of 3D shapes: surface and curve skeletons, thickness; parts to come.
+"""Medial descriptors of 3D shapes: surface and curve skeletons, thickness, sheets, parts.
 
     shape = medialis.read_shape("bunny.ply")
     cloud = medialis.surface_skeleton(shape)
