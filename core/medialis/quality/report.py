@@ -25,7 +25,7 @@ body { font: 15px/1.5 system-ui, sans-serif; margin: 2em auto; max-width: 62em; 
 h2 { margin-top: 2em; border-bottom: 1px solid #ccc; } img, svg { max-width: 100%; height: auto; }
 table { border-collapse: collapse; } td, th { text-align: left; padding: .15em 1.2em .15em 0; }
 td + td { font-variant-numeric: tabular-nums; } .row { display: flex; flex-wrap: wrap; gap: 1em; }
-.row > * { flex: 1 1 220px; min-width: 0; } figcaption { color: #666; }
+.row > * { flex: 1 1 200px; min-width: 0; max-width: 26em; } figcaption { color: #666; }
 figure { margin: 0; max-width: 26em; } .wide { overflow-x: auto; }
 rect { fill: #3b6fb6; } text { font-size: 11px; }
 @media (prefers-color-scheme: dark) { body { background: #16181c; color: #ddd; }
