@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from medialis import InvalidShapeError, Layer, Shape
-from medialis.render.colors import label_colors, map_colors
+from medialis.model.shape import missing_value
+from medialis.operations.handover import shown_colors
 
 from . import attributes, materials
 from .changes import Changes
@@ -54,8 +55,7 @@ def plan_field(
         When Blender cannot hold a value.
     """
     on_points = {
-        name: shape.on_input_points(np.asarray(values), _missing(values))
-        for name, values in layer.attributes.items()
+        name: shape.on_input_points(np.asarray(values)) for name, values in layer.attributes.items()
     }
     on_faces = {
         name: _on_polygons(np.asarray(values), shape, source)
@@ -69,7 +69,7 @@ def plan_field(
     if shown is not None:
         values = (on_faces if by_face else on_points)[shown]
         if values.ndim == 1:
-            colors = attributes.color_column(f"{shown}_color", _colors(layer, values))
+            colors = attributes.color_column(f"{shown}_color", shown_colors(layer, values))
     return FieldPlan(
         layer,
         title,
@@ -82,25 +82,15 @@ def plan_field(
     )
 
 
-def _missing(values: Any) -> Any:
-    return {"f": np.nan, "b": False}.get(np.asarray(values).dtype.kind, -1)
-
-
 def _on_polygons(values: NDArray[Any], shape: Shape, source: Source) -> NDArray[Any]:
     count = 0 if source.faces is None else len(source.faces)
-    triangles = shape.on_input_faces(values, count, _missing(values))
+    triangles = shape.on_input_faces(values, count)
     if source.polygons is None:
         return triangles
-    result = np.full((source.polygon_count, *values.shape[1:]), _missing(values), values.dtype)
+    result = np.full((source.polygon_count, *values.shape[1:]), missing_value(values), values.dtype)
     first = np.flatnonzero(np.diff(source.polygons, prepend=-1))
     result[source.polygons[first]] = triangles[first]
     return result
-
-
-def _colors(layer: Layer, values: NDArray[Any]) -> NDArray[np.float64]:
-    if layer.color_by in layer.labels:
-        return label_colors(values)
-    return map_colors(values, layer.color_map, *layer.color_limits)
 
 
 def place_for_fields(

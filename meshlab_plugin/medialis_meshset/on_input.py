@@ -71,11 +71,11 @@ def input_data(layers: Sequence[Layer], shape: Shape, mesh: pymeshlab.Mesh) -> I
     for layer in layers:
         _require_same(layer, shape)
         points = {
-            name: shape.on_input_points(*_missing(values))
+            name: shape.on_input_points(_signed(values))
             for name, values in layer.attributes.items()
         }
         faces = {
-            name: _on_faces(shape, mesh.face_number(), values)
+            name: shape.on_input_faces(_signed(values), mesh.face_number())
             for name, values in layer.face_attributes.items()
         }
         data = replace(
@@ -152,17 +152,10 @@ def _add_all(
     return names
 
 
-def _missing(values: NDArray[Any]) -> tuple[NDArray[Any], Any]:
-    """Values in a type that can hold what stands for none, and that."""
+def _signed(values: NDArray[Any]) -> NDArray[Any]:
+    """Values in a type that can hold NaN or -1 for none."""
     array = np.asarray(values)
-    if array.dtype.kind == "f":
-        return array, np.nan
-    return array.astype(np.int64), -1
-
-
-def _on_faces(shape: Shape, count: int, values: NDArray[Any]) -> NDArray[Any]:
-    array, missing = _missing(values)
-    return shape.on_input_faces(array, count, missing)
+    return array if array.dtype.kind == "f" else array.astype(np.int64)
 
 
 def _show_vertices(

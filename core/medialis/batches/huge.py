@@ -109,6 +109,9 @@ def huge_surface_skeleton(
     -----
     Source: thesis 3.2.1. Cost: as `medialis.surface_skeleton`, plus reading and writing.
     """
+    # Imported here: compiled code takes half a second to load, and `medialis --help` needs none.
+    from medialis._kernels.box_tree import build_box_tree
+
     tolerance = as_number(tolerance, "tolerance", low=0.0, high=0.1)
     largest_radius = as_number(largest_radius, "largest_radius", low=0.0, high=10.0, open_low=True)
     samples, directions = _mapped(points, "points"), _mapped(normals, "normals")
@@ -121,13 +124,13 @@ def huge_surface_skeleton(
             unit_normals.flags.writeable = False  # as in a Shape: kernels are compiled for that
         options = shrink_options(diagonal, tolerance, largest_radius)
         with progress.stage("tree", 0.05, 0.25):
-            tree = _build_tree(samples, unit_normals, options, files)
+            tree = build_box_tree(samples, unit_normals, unit=options.unit, allocate=files.new)
         with progress.stage("balls", 0.25, 0.9):
             results = _new_results(files, len(samples))
             if scheduler is None:
-                _shrink_here(tree, options, results, progress)
+                _shrink_chunks(tree, options, results, 0, len(samples), progress)
             else:
-                _shrink_there(files, options, results, scheduler, progress)
+                _shrink_there(files, tree, options, scheduler, progress)
         with progress.stage("finish", 0.9, 1.0):
             _finish(tree, options, results, progress)
             _measure(samples, files, results)
@@ -226,27 +229,16 @@ def _shrink_chunks(
     run_chunks(work, last - first, SAMPLES_A_CHUNK, progress=progress)
 
 
-def _shrink_here(
-    tree: BoxTree, options: Shrinking, results: dict[str, NDArray[Any]], progress: Progress
-) -> None:
-    _shrink_chunks(tree, options, results, 0, len(tree.points), progress)
-
-
 def _shrink_there(
-    files: Files,
-    options: Shrinking,
-    results: dict[str, NDArray[Any]],
-    scheduler: str,
-    progress: Progress,
+    files: Files, tree: BoxTree, options: Shrinking, scheduler: str, progress: Progress
 ) -> None:
     """Hand ranges of whole chunks to the workers of a cluster; they write into the same files."""
-    n = len(results["radii"])
-    about = np.load(files.temporary / "about.npy")
+    n = len(tree.points)
     step = CHUNKS_A_JOB * SAMPLES_A_CHUNK
     jobs = [
         Range(
-            f"range-{begin}", str(files.folder.absolute()), options, tuple(about[:3].tolist()),
-            int(about[3]), begin, min(begin + step, n),
+            f"range-{begin}", str(files.folder.absolute()), options, tuple(tree.center.tolist()),
+            tree.depth, begin, min(begin + step, n),
         )
         for begin in range(0, n, step)
     ]  # fmt: skip
@@ -297,16 +289,6 @@ def _check(
     if diagonal == 0.0:
         raise InvalidShapeError(f"All {len(points)} points coincide: a skeleton needs an extent.")
     return diagonal
-
-
-def _build_tree(
-    points: NDArray[np.float64], normals: NDArray[np.float64], options: Shrinking, files: Files
-) -> BoxTree:
-    from medialis._kernels.box_tree import build_box_tree
-
-    tree = build_box_tree(points, normals, unit=options.unit, allocate=files.new)
-    np.save(files.temporary / "about.npy", np.array([*tree.center, tree.depth], np.float64))
-    return tree
 
 
 def _new_results(files: Files, n: int) -> dict[str, NDArray[Any]]:

@@ -17,6 +17,11 @@ if TYPE_CHECKING:
     from medialis.model.diagnosis import Diagnosis
 
 
+def missing_value(values: NDArray[Any]) -> float | int:
+    """Return what stands for none among such values: NaN, -1, or 0 where no type has a minus."""
+    return {"f": np.nan, "i": -1}.get(np.asarray(values).dtype.kind, 0)
+
+
 @dataclass(frozen=True, eq=False)
 class Shape:
     """A sampled surface: the input of every operation.
@@ -81,15 +86,15 @@ class Shape:
                     )
                 object.__setattr__(self, name, frozen(np.asarray(value), np.int32))
 
-    def on_input_points(self, values: NDArray[Any], missing: Any) -> NDArray[Any]:
+    def on_input_points(self, values: NDArray[Any], missing: Any = None) -> NDArray[Any]:
         """Bring values of the points back to the vertices of the input before repair.
 
         Parameters
         ----------
         values : (n, ...) array
             Of this shape, or of the first n points of a refined one.
-        missing : scalar
-            For vertices that were dropped.
+        missing : scalar, optional
+            For vertices that were dropped; else `missing_value`.
 
         Returns
         -------
@@ -98,12 +103,13 @@ class Shape:
         """
         if self.vertex_map is None:
             return np.array(values)
+        missing = missing_value(values) if missing is None else missing
         result = np.full((len(self.vertex_map), *np.shape(values)[1:]), missing, values.dtype)
         kept = self.vertex_map >= 0
         result[kept] = values[self.vertex_map[kept]]
         return result
 
-    def on_input_faces(self, values: NDArray[Any], count: int, missing: Any) -> NDArray[Any]:
+    def on_input_faces(self, values: NDArray[Any], count: int, missing: Any = None) -> NDArray[Any]:
         """Bring values of the faces back to the `count` faces of the input before repair.
 
         Parameters
@@ -112,8 +118,8 @@ class Shape:
             One row a face of this shape.
         count : int
             Number of faces of the input.
-        missing : scalar
-            For faces that were dropped.
+        missing : scalar, optional
+            For faces that were dropped; else `missing_value`.
 
         Returns
         -------
@@ -122,6 +128,7 @@ class Shape:
         """
         if self.face_map is None:
             return np.array(values)
+        missing = missing_value(values) if missing is None else missing
         result = np.full((count, *np.shape(values)[1:]), missing, values.dtype)
         result[self.face_map] = values
         return result

@@ -23,6 +23,7 @@ from medialis.model.shape import Shape
 from medialis.operations.result import Layer, Result
 from medialis.operations.writing import describe_result
 from medialis.progress import Progress, ProgressCallback
+from medialis.validation import FloatArray
 
 COLOR_NAMES = ("red", "green", "blue", "alpha")
 
@@ -37,21 +38,24 @@ def layer_colors(layer: Layer) -> NDArray[np.uint8] | None:
         distinct colours where it is one of the layer's `labels`. None when it has no `color_by`
         or that holds vectors.
     """
-    from medialis.render.colors import label_colors, map_colors
-
     if layer.color_by is None:
         return None
     known = {**layer.face_attributes, **layer.attributes}
     values = np.asarray(known[layer.color_by])
     if values.ndim != 1:
         return None
-    if layer.color_by in layer.labels:
-        rgb = label_colors(values)
-    else:
-        rgb = map_colors(values, layer.color_map, *layer.color_limits)
     colors = np.full((len(values), 4), 255, np.uint8)
-    colors[:, :3] = np.rint(255 * rgb)
+    colors[:, :3] = np.rint(255 * shown_colors(layer, values))
     return colors
+
+
+def shown_colors(layer: Layer, values: NDArray[Any]) -> FloatArray:
+    """Return the sRGB colours 0..1, (rows, 3), that a layer gives to values of its `color_by`."""
+    from medialis.render.colors import label_colors, map_colors
+
+    if layer.color_by in layer.labels:
+        return label_colors(values)
+    return map_colors(values, layer.color_map, *layer.color_limits)
 
 
 def on_input_attributes(
@@ -84,13 +88,9 @@ def on_input_attributes(
         )
     faces = shape.face_count if shape.diagnosis is None else shape.diagnosis.faces
     return (
-        {k: shape.on_input_points(v, _missing(v)) for k, v in layer.attributes.items()},
-        {k: shape.on_input_faces(v, faces, _missing(v)) for k, v in layer.face_attributes.items()},
+        {k: shape.on_input_points(np.asarray(v)) for k, v in layer.attributes.items()},
+        {k: shape.on_input_faces(np.asarray(v), faces) for k, v in layer.face_attributes.items()},
     )
-
-
-def _missing(values: NDArray[Any]) -> float | int:
-    return {"f": np.nan, "i": -1}.get(np.asarray(values).dtype.kind, 0)
 
 
 def write_for_host(

@@ -7,7 +7,7 @@ no gap. Positions are columns and rows of the picture; one view is drawn by one 
 import math
 
 from medialis._kernels.jit import kernel
-from medialis.render._splat_kernels import edge, orient, pixel_range
+from medialis.render._splat_kernels import covers, edge, orient, pixel_range
 
 
 @kernel
@@ -67,13 +67,7 @@ def draw_depth_range(faces, screen, out_near, out_far):
                 e0 = s0 - dy0 * (col + 0.5 - ox0)
                 e1 = s1 - dy1 * (col + 0.5 - ox1)
                 e2 = s2 - dy2 * (col + 0.5 - ox2)
-                if e0 < 0 or e1 < 0 or e2 < 0:
-                    continue
-                if (
-                    (e0 == 0 and not closed0)
-                    or (e1 == 0 and not closed1)
-                    or (e2 == 0 and not closed2)
-                ):
+                if not covers(e0, e1, e2, closed0, closed1, closed2):
                     continue
                 z = min(max((e0 * za + e1 * zb + e2 * zc) * unit, low), high)
                 if z < out_near[row, col]:

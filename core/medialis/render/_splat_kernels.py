@@ -148,6 +148,15 @@ def edge(ax, ay, bx, by):
 
 
 @kernel
+def covers(e0, e1, e2, closed0, closed1, closed2):
+    """Tell whether a pixel with these sides of the three edges belongs to the triangle (`edge`)."""
+    if e0 < 0 or e1 < 0 or e2 < 0:
+        return False
+    tie = (e0 == 0 and not closed0) or (e1 == 0 and not closed1) or (e2 == 0 and not closed2)
+    return not tie
+
+
+@kernel
 def orient(corners, screen):
     """Return the corners of a triangle in the order of positive area, and twice that area."""
     a, b, c = corners[0], corners[1], corners[2]
@@ -193,13 +202,7 @@ def draw_triangles(
                 e0 = s0 - dy0 * (col + 0.5 - ox0)
                 e1 = s1 - dy1 * (col + 0.5 - ox1)
                 e2 = s2 - dy2 * (col + 0.5 - ox2)
-                if e0 < 0 or e1 < 0 or e2 < 0:
-                    continue
-                if (
-                    (e0 == 0 and not closed0)
-                    or (e1 == 0 and not closed1)
-                    or (e2 == 0 and not closed2)
-                ):
+                if not covers(e0, e1, e2, closed0, closed1, closed2):
                     continue
                 w = min(max((e0 * wa + e1 * wb + e2 * wc) / area, low), high)
                 depth = lens[5] / w if lens[3] > 0 else lens[5] * w
