@@ -26,7 +26,7 @@ LAYERS = [
     {"operations"},
     {"quality"},
     {"batches"},
-    {"arguments", "doctor", "meshlab_install", "cli", "__main__"},
+    {"machine", "arguments", "doctor", "meshlab_install", "cli", "__main__"},
 ]
 COMPUTE = """\
 import numpy as np

@@ -60,7 +60,6 @@ def build_parser(run: Command, commands: Mapping[str, Command]) -> argparse.Argu
     install.add_argument(
         "--meshlab", metavar="FOLDER", help="MeshLab's folder of plugins (default: found)"
     )
-    add("meshlab-doctor", "Say what the filters in MeshLab's menu have and what they miss.")
     demo = add("demo", "Compute the surface skeleton of a built-in shape, and of yours.")
     demo.add_argument("file", nargs="?", help="a mesh or point cloud of your own")
     demo.add_argument("-o", "--output", default="medialis-demo", help="output folder")

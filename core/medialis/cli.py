@@ -360,17 +360,6 @@ def _meshlab_install(options: argparse.Namespace) -> int:
     return EXIT_OK
 
 
-def _meshlab_doctor(options: argparse.Namespace) -> int:
-    from medialis.meshlab_install import diagnose
-
-    findings = diagnose()
-    for finding in findings:
-        print(f"{'ok     ' if finding.ok else 'MISSING'} {finding.text}")
-        if finding.advice:
-            print(f"        {finding.advice}")
-    return EXIT_OK if all(finding.ok for finding in findings) else EXIT_BAD_INPUT
-
-
 def _demo(options: argparse.Namespace) -> int:
     for file in [None] if options.file is None else [None, options.file]:
         folder = Path(options.output) / ("organic_shape" if file is None else Path(file).stem)
@@ -387,7 +376,6 @@ COMMANDS = {
     "demo": _demo,
     "doctor": _doctor,
     "meshlab-install": _meshlab_install,
-    "meshlab-doctor": _meshlab_doctor,
 }
 
 if __name__ == "__main__":

@@ -1,53 +1,219 @@
-"""`medialis doctor` tells the truth about an installation."""
+"""`medialis doctor` tells the truth about an installation, on this machine and on made-up ones."""
 
 import json
+import os
+import sys
 from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
 
 import pytest
 
 from medialis import doctor
 from medialis.cli import main
+from medialis.machine import EXTENSION, Machine
+from medialis.meshlab_install import PROGRAM_NOTE
+
+posix = pytest.mark.skipif(os.name == "nt", reason="plays programs by shell scripts")
 
 
-def states(findings):
-    return {finding.name: finding.state for finding in findings}
+@pytest.fixture
+def machine(tmp_path) -> Machine:
+    root = tmp_path / "machine"
+    (root / "home").mkdir(parents=True)
+    (root / "bin").mkdir()
+    return Machine("linux", root, root / "home", {"PATH": str(root / "bin")})
 
 
-def test_a_sound_installation_has_nothing_broken(capsys):
+@pytest.fixture
+def quick(monkeypatch):
+    """Nothing is imported: the tests of the rest need not wait for it."""
+    monkeypatch.setattr(doctor, "_loads", lambda module: "")
+
+
+def program(path: Path, text: str, code: int = 0) -> Path:
+    path.write_text(f'#!/bin/sh\necho "{text}"\nexit {code}\n')
+    path.chmod(0o755)
+    return path
+
+
+def by_name(findings):
+    return {finding.name.strip(): finding for finding in findings}
+
+
+def test_a_sound_installation_has_nothing_broken(machine, monkeypatch, capsys):
+    monkeypatch.setattr(doctor, "Machine", lambda: machine)
     assert main(["doctor", "--json"]) == 0
     found = {entry["name"]: entry for entry in json.loads(capsys.readouterr().out)}
     assert found["numba"]["text"] == version("numba") and found["medialis"]["state"] == "ok"
-    assert main(["doctor"]) == 0
-    text = capsys.readouterr().out
-    assert "BROKEN" not in text and all(name in text for name in found)
 
 
-def test_what_is_missing_comes_with_the_way_to_get_it(monkeypatch):
+def test_the_report_names_everything_and_what_to_do(machine, quick):
+    findings = doctor.examine(machine)
+    text = doctor.as_text(findings)
+    assert all(finding.name in text and finding.text in text for finding in findings)
+    assert [f.name for f in findings if f.state != "ok" and not f.advice] == []
+    assert "-> get Blender 4.2 or later from blender.org" in text
+
+
+def test_what_is_missing_comes_with_the_way_to_get_it(monkeypatch, machine, quick):
     def installed(name):
-        if name in ("scipy", "distributed"):
+        if name in ("scipy", "distributed", "lxml"):
             raise PackageNotFoundError(name)
         return "1.0"
 
     monkeypatch.setattr(doctor, "version", installed)
-    monkeypatch.setattr(doctor.shutil, "which", lambda command: None)
-    found = doctor.examine()
-    assert states(found)["scipy"] == "broken" and states(found)["distributed"] == "missing"
-    assert states(found)["Blender"] == "missing"
-    assert 'pip install "medialis[dask]"' in doctor.as_text(found)
+    found = by_name(doctor.examine(machine))
+    assert found["scipy"].state == "broken" and found["scipy"].advice == "pip install scipy"
+    assert found["extra dask"].state == found["extra io"].state == "missing"
+    assert found["extra io"].text.startswith("lxml not installed")
+    assert found["extra dask"].advice == 'pip install "medialis[dask]"'
 
 
-def test_something_broken_is_an_exit_code(monkeypatch, capsys):
-    finding = doctor.Finding("numba", "broken", "pip install numba")
-    monkeypatch.setattr(doctor, "examine", lambda: [finding])
+def test_a_package_that_cannot_be_loaded_is_found_out(tmp_path, monkeypatch, machine, capsys):
+    """It is installed, so its version is known; only loading it tells."""
+    (tmp_path / "numba.py").write_text("raise ImportError('Numba needs NumPy 1.0 or less')")
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr(doctor, "Machine", lambda: machine)
+    monkeypatch.setattr(doctor, "EXTRAS", {})
     assert main(["doctor"]) == 2
-    assert "BROKEN numba" in capsys.readouterr().out
+    printed = capsys.readouterr().out
+    expected = "installed and cannot be loaded: ImportError: Numba needs NumPy 1.0 or less"
+    assert f"BROKEN numba         {version('numba')} is {expected}" in printed
+    assert "-> pip install --force-reinstall numba" in printed and "kernel cache" not in printed
 
 
-@pytest.mark.parametrize("writable", [True, False])
-def test_the_kernel_cache_is_looked_at(tmp_path, monkeypatch, writable):
-    monkeypatch.setattr("medialis._kernels.jit.kernel_cache", lambda: tmp_path / "a" / "b")
-    monkeypatch.setattr(doctor.os, "access", lambda path, mode: writable)
-    (finding,) = [f for f in doctor.examine() if f.name == "kernel cache"]
-    assert finding.state == ("ok" if writable else "missing")
-    assert ("medialis warmup" if writable else "MEDIALIS_CACHE_DIR") in finding.text
+def test_threads_are_not_those_of_numba(machine, quick, monkeypatch):
+    monkeypatch.setenv("NUMBA_NUM_THREADS", "1")
+    found = by_name(doctor.examine(machine))["threads"]
+    assert found.text.startswith(f"{doctor.thread_count()}, ") and "NUMBA_NUM_THREADS" in found.text
+
+
+def test_the_kernel_cache_is_looked_at_and_not_made(tmp_path, monkeypatch, machine, quick):
+    monkeypatch.setattr(doctor, "kernel_cache", lambda: tmp_path / "a" / "b")
+    monkeypatch.setattr(doctor, "kernels_are_compiled", lambda: False)
+    found = by_name(doctor.examine(machine))["kernel cache"]
+    assert found.state == "ok" and "0 kernels" in found.text and "medialis warmup" in found.advice
     assert not (tmp_path / "a").exists()
+
+
+@pytest.mark.parametrize("folder", ["no folder", "no rights", "no home"])
+def test_a_cache_that_cannot_be_written_says_what_to_do(
+    tmp_path, monkeypatch, machine, quick, folder
+):
+    (tmp_path / "no folder").write_text("a file")
+
+    def place():
+        if folder == "no home":
+            raise RuntimeError("Could not determine home directory.")
+        return tmp_path / folder / "kernels"
+
+    monkeypatch.setattr(doctor, "kernel_cache", place)
+    if folder == "no rights":
+        monkeypatch.setattr(doctor.os, "access", lambda path, mode: mode == os.F_OK)
+    found = by_name(doctor.examine(machine))["kernel cache"]
+    assert found.state == "missing" and "every start compiles anew" in found.text
+    assert "MEDIALIS_CACHE_DIR" in found.advice
+
+
+def test_without_a_home_folder_hosts_are_not_looked_for(monkeypatch, quick):
+    def none():
+        raise RuntimeError("Could not determine home directory.")
+
+    monkeypatch.setattr(Path, "home", none)
+    assert "variable HOME" in by_name(doctor.examine())["hosts"].text
+
+
+@posix
+@pytest.mark.parametrize(
+    ("text", "code", "state", "expected"),
+    [
+        ("Blender 5.2.0 LTS", 0, "ok", "5.2.0 ("),
+        ("Blender 3.4.1", 0, "missing", "too old"),
+        ("", 1, "broken", "cannot be run: it ended with code 1"),
+        ("Segmentation fault", 0, "broken", "does not say its version"),
+    ],
+)
+def test_blender_is_asked_for_its_version(machine, quick, text, code, state, expected):
+    program(machine.root / "bin" / "blender", text, code)
+    found = by_name(doctor.examine(machine))
+    assert found["Blender"].state == state and expected in found["Blender"].text
+    assert (
+        found["extension"].state == "missing" and "Install from Disk" in found["extension"].advice
+    )
+
+
+@pytest.mark.parametrize(
+    ("platform", "folder"),
+    [
+        ("linux", ".config/blender/4.5/extensions/user_default"),
+        ("darwin", "Library/Application Support/Blender/4.5/extensions/user_default"),
+        ("win32", "AppData/Roaming/Blender Foundation/Blender/4.5/extensions/user_default"),
+    ],
+)
+def test_the_installed_extension_is_found(machine, quick, platform, folder):
+    manifest = machine.home / folder / EXTENSION
+    manifest.parent.mkdir(parents=True)
+    manifest.write_text('version = "1.2.3"')
+    there = Machine(platform, machine.root, machine.home, machine.environment)
+    found = by_name(doctor.examine(there))["extension"]
+    assert found.state == "ok" and found.text == f"1.2.3 in {manifest.parent}"
+    manifest.write_text("version =")
+    found = by_name(doctor.examine(there))["extension"]
+    assert found.state == "broken" and "again" in found.advice
+
+
+def test_folders_that_are_named_for_blender_are_looked_at(machine):
+    resources, extensions = machine.root / "resources", machine.root / "extensions"
+    expected = [extensions / "here" / EXTENSION, resources / "extensions" / "there" / EXTENSION]
+    for manifest in expected:
+        manifest.parent.mkdir(parents=True)
+        manifest.touch()
+    variables = {"BLENDER_USER_RESOURCES": resources, "BLENDER_USER_EXTENSIONS": extensions}
+    named = {name: str(folder) for name, folder in variables.items()}
+    assert Machine("linux", machine.root, machine.home, named).blender_extensions() == expected
+
+
+@pytest.mark.parametrize(
+    ("platform", "name", "file"),
+    [
+        ("darwin", "blender", "Applications/Blender.app/Contents/MacOS/Blender"),
+        ("win32", "blender", "Program Files/Blender Foundation/Blender 4.5/blender.exe"),
+        ("linux", "blender", "opt/blender-4.5/blender"),
+        ("darwin", "meshlab", "Applications/MeshLab2025.07.app/Contents/MacOS/meshlab"),
+    ],
+)
+def test_programs_are_found_where_they_usually_are(machine, platform, name, file):
+    (machine.root / file).parent.mkdir(parents=True)
+    (machine.root / file).touch()
+    there = Machine(platform, machine.root, machine.home, machine.environment)
+    assert there.programs(name) == [machine.root / file]
+
+
+def test_meshlab_and_its_plugin_are_missing(machine, quick):
+    found = by_name(doctor.examine(machine))
+    assert found["MeshLab"].state == found["plugin"].state == "missing"
+    assert "meshlab.net" in found["MeshLab"].advice and "meshlab-install" in found["plugin"].advice
+
+
+@posix
+def test_the_python_of_the_plugin_is_run(machine, quick, monkeypatch, tmp_path):
+    folder = machine.root / "usr" / "lib" / "x86_64-linux-gnu" / "meshlab" / "plugins"
+    folder.mkdir(parents=True)
+    (folder / "libfilter_medialis.so").touch()
+    python = tmp_path / "python"
+    (folder / PROGRAM_NOTE).write_text(f"{python}\n")
+
+    def its_python():
+        found = by_name(doctor.examine(machine))
+        assert str(folder) in found["MeshLab"].text and found["plugin"].state == "ok"
+        return found["its Python"]
+
+    assert its_python().text == f"{python} cannot run medialis: no such file or directory"
+    program(python, "", 1)
+    assert its_python().state == "broken" and "meshlab-install" in its_python().advice
+    program(python, "medialis 1.2$PYTHONHOME")
+    monkeypatch.setenv("PYTHONHOME", "/of/the/host")  # the plugin does not hand it on
+    assert its_python().text == f"{python} has medialis 1.2" and its_python().state == "ok"
+    (folder / PROGRAM_NOTE).unlink()
+    assert its_python().state == "missing" and "runs `medialis` from the path" in its_python().text
+    assert sys.executable not in its_python().text

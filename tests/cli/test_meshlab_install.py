@@ -1,4 +1,4 @@
-"""`medialis meshlab-install` and `meshlab-doctor` on a folder that plays the whole machine."""
+"""`medialis meshlab-install` on a folder that plays the whole machine."""
 
 import json
 import os
@@ -9,15 +9,8 @@ import pytest
 
 import medialis
 from medialis.cli import main
-from medialis.meshlab_install import (
-    BUILD_NOTE,
-    PROGRAM_NOTE,
-    Machine,
-    build_of,
-    diagnose,
-    find_built,
-    install,
-)
+from medialis.machine import Machine
+from medialis.meshlab_install import BUILD_NOTE, PROGRAM_NOTE, build_of, find_built, install
 
 
 @pytest.fixture
@@ -69,7 +62,7 @@ def test_later_meshlabs_look_in_the_folder_of_the_user(
     folder = machine.home / expected / "MeshLabExtraPlugins" / "2025.07d"
     assert written[0] == folder / name and written[0].is_file()
     assert Path(written[1].read_text().strip()) == Path(sys.executable).absolute()
-    assert there.installed() == [folder / name]
+    assert there.plugins() == [folder / name]
 
 
 def test_the_folders_that_the_environment_names_win(machine, tmp_path):
@@ -136,39 +129,20 @@ def test_a_failed_copy_leaves_the_old_plugin(machine, tmp_path, monkeypatch):
     assert len(list(folder.iterdir())) == 2
 
 
-def test_the_doctor_says_what_is_missing_and_how_to_get_it(machine):
-    findings = diagnose(machine)
-    assert [finding.ok for finding in findings] == [False, False]
-    assert "meshlab.net" in findings[0].advice and "meshlab-install" in findings[1].advice
-
-
-def test_the_doctor_runs_the_python_of_the_plugin(machine, tmp_path, monkeypatch):
-    folder = system_folder(machine)
-    install(built(tmp_path / "build", "2020.09", "float"), machine=machine)
-    program = tmp_path / "python"
-    (folder / PROGRAM_NOTE).write_text(f"{program}\n")
-    assert "cannot be run" in diagnose(machine)[2].text
-    for code, expected in ((1, "has no medialis"), (0, "has medialis 1.2")):
-        program.write_text(f'#!/bin/sh\necho "medialis 1.2$PYTHONHOME"\nexit {code}\n')
-        program.chmod(0o755)
-        monkeypatch.setenv("PYTHONHOME", "/of/the/host")  # the plugin does not hand it on
-        findings = diagnose(machine)
-        assert findings[2].text == f"Python: {program} {expected}" + "." and findings[2].ok == (
-            code == 0
-        )
-    (folder / PROGRAM_NOTE).unlink()
-    assert "no medialis-program.txt" in diagnose(machine)[2].text
-
-
-def test_commands_print_where_and_what(machine, tmp_path, monkeypatch, capsys):
+def test_the_command_prints_where(machine, tmp_path, capsys):
     folder = system_folder(machine)
     plugin = built(tmp_path / "build", "2020.09", "float")
     assert main(["meshlab-install", "--plugin", str(plugin), "--meshlab", str(folder)]) == 0
     assert str(folder / PROGRAM_NOTE) in capsys.readouterr().out
-    monkeypatch.setattr("medialis.meshlab_install.Machine", lambda: machine)
-    (folder / PROGRAM_NOTE).unlink()
-    assert main(["meshlab-doctor"]) == 2
-    printed = capsys.readouterr().out
-    assert printed.startswith("ok      MeshLab: plugins in") and "MISSING Python" in printed
     assert main(["meshlab-install", "--plugin", str(tmp_path / "none")]) == 2
     assert "medialis: Cannot install" in capsys.readouterr().err
+
+
+def test_a_user_without_a_home_folder_gets_one_sentence(monkeypatch, capsys):
+    def none():
+        raise RuntimeError("Could not determine home directory.")
+
+    monkeypatch.setattr(Path, "home", none)
+    assert main(["meshlab-install"]) == 2
+    expected = "medialis: Cannot find the home folder of this user: name it in the variable HOME.\n"
+    assert capsys.readouterr().err == expected
