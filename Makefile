@@ -10,7 +10,7 @@
 #   make meshlab-plugin    the plugin for the MeshLab of this machine
 # For a release:
 #   make site              gallery and docs in build/site, checked in Chromium where there is one
-#   make dist              wheel and sdist in dist; make test-dist installs and runs each
+#   make dist              wheel and sdist in dist; make test-dist looks into each, installs and runs it
 PYTHON ?= python3
 VENV ?= .venv
 RUN = $(VENV)/bin/python
@@ -83,6 +83,7 @@ site: $(VENV)/installed-docs
 
 dist: $(VENV)/installed
 	$(RUN) -m pip install --quiet build
+	rm -f dist/medialis-*.whl dist/medialis-*.tar.gz
 	$(RUN) -m build --outdir dist
 
 test-dist: dist

@@ -67,7 +67,7 @@ def test_zip_holds_what_is_shipped(bundle: Any, tmp_path: Path) -> None:
     python, system = "cp" + bundle.python.replace(".", ""), build.PIP_PLATFORMS[bundle.platform][0]
     wheels = [
         _small_wheel(tmp_path, f"numba-0.68.1-{python}-{python}-{system}.whl"),
-        _small_wheel(tmp_path, "medialis-0.1.0+core.00000000-py3-none-any.whl"),
+        _small_wheel(tmp_path, f"medialis-{build.core_version()}+core.0-py3-none-any.whl"),
     ]
     target = tmp_path / bundle.zip_name(build.core_version())
     build.write_zip(target, bundle, wheels)
