@@ -170,6 +170,8 @@ class MEDIALIS_OT_show_colors(bpy.types.Operator):
         on_surface = active.type == "MESH" and active.data.color_attributes.active_color
         if on_surface:
             shading.type, shading.color_type = "SOLID", "VERTEX"
+            if active.display_type == "WIRE":  # as the colours of its skeleton have left it
+                active.display_type = "TEXTURED"
         else:
             shading.type = "MATERIAL"
             if active.get(reading.RESULT) and active.parent is not None:

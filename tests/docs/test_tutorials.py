@@ -65,6 +65,7 @@ def test_no_tutorial_is_left_out():
     tested = {"thickness_check", "batch_over_a_folder", "noisy_scan"}
     tested |= {"denoising_a_scan", "teeth"}
     tested |= {"rigging"}  # by test_rigging_tutorial.py
+    tested |= {"first_skeleton_in_blender"}  # by tests/blender/test_first_skeleton_tutorial.py
     assert {page.stem for page in TUTORIALS} == tested
 
 
