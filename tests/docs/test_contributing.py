@@ -1,68 +1,74 @@
-"""The walk-through of CONTRIBUTING.md: one file more in a copy of the package is an operation."""
+"""The walk-through of CONTRIBUTING.md: one file more in a checkout, and every host has it.
+
+Blender has it too: tests/blender/test_contributing.py.
+"""
 
 import json
-import os
-import re
-import shutil
-import subprocess
-import sys
+from importlib.util import find_spec
 
 import pytest
 from code_blocks import blocks, run_bash
-from website.pages import ROOT
+from extended_checkout import NAME, PAGE, extended_checkout, python_path, run_in
 
 import medialis
 from medialis.io.ply_attributes import read_ply_attributes, write_ply
 
-NAME = "widest_places"
-
 
 @pytest.fixture(scope="module")
-def extended(tmp_path_factory):
-    """A copy of the core with the module of the page, and the registry changed as it says."""
-    folder = tmp_path_factory.mktemp("extended")
-    package = folder / "medialis"
-    skip = shutil.ignore_patterns("__pycache__")
-    shutil.copytree(ROOT / "core" / "medialis", package, ignore=skip)
-    module, test = (
-        code for language, code in blocks(ROOT / "CONTRIBUTING.md") if language == "python"
-    )
-    (package / "operations" / f"{NAME}.py").write_text(module)
-    (folder / "test_widest_places.py").write_text(test)
-    registry = package / "operations" / "registry.py"
-    text, first = re.subn(
-        r"(from medialis\.operations import \()", rf"\1\n    {NAME},", registry.read_text()
-    )
-    text, second = re.subn(
-        r"(OPERATIONS: tuple\[Operation, \.\.\.\] = \()", rf"\1\n    {NAME}.OPERATION,", text
-    )
-    assert (first, second) == (1, 1)
-    registry.write_text(text)
+def checkout(tmp_path_factory):
+    """A checkout with the operation, and a mesh in it."""
+    folder = extended_checkout(tmp_path_factory.mktemp("checkout"))
+    shape = medialis.organic_shape(56)
+    write_ply(folder / "creature.ply", shape.points, shape.faces)
     return folder
 
 
-def test_the_command_line_has_it(extended):
-    shape = medialis.organic_shape(56)
-    write_ply(extended / "creature.ply", shape.points, shape.faces)
-    (commands,) = (
-        code for language, code in blocks(ROOT / "CONTRIBUTING.md") if language == "bash"
-    )
-    output = run_bash(commands, extended, {"PYTHONPATH": str(extended)})
+def test_the_command_line_has_it(checkout):
+    (commands,) = (code for language, code in blocks(PAGE) if language == "bash")
+    output = run_bash(commands, checkout, python_path(checkout))
     assert "widest-places" in output
-    values = json.loads((extended / "out" / "manifest.json").read_text())["values"]
-    layer = read_ply_attributes(extended / "out" / f"{NAME}.ply")
+    values = json.loads((checkout / "out" / "manifest.json").read_text())["values"]
+    layer = read_ply_attributes(checkout / "out" / f"{NAME}.ply")
     radius = layer.attributes["radius"]
     assert values["places"] == len(layer.points) == 3
     assert list(radius) == sorted(radius, reverse=True) and values["radius_max"] == radius[0]
 
 
-def test_its_test_passes(extended):
-    done = subprocess.run(
-        [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "test_widest_places.py"],
-        cwd=extended, env={**os.environ, "PYTHONPATH": str(extended)},
-        capture_output=True, text=True, timeout=300,
-    )  # fmt: skip
-    assert done.returncode == 0 and "1 passed" in done.stdout, done.stdout
+def test_its_test_passes(checkout):
+    printed = run_in(checkout, "-m", "pytest", "-q", "-p", "no:cacheprovider", f"test_{NAME}.py")
+    assert "1 passed" in printed
+
+
+def test_the_report_has_it(checkout):
+    run_in(checkout, "-m", "medialis", "widest-places", "creature.ply", "-o", "r", "--report")
+    report = json.loads((checkout / "r" / "report.json").read_text())
+    assert report["operation"] == NAME and (checkout / "r" / "report.html").is_file()
+
+
+@pytest.mark.skipif(find_spec("distributed") is None, reason="needs the extra dask")
+def test_batches_have_it(checkout):
+    chosen = ["--set", f"{NAME}.places=2", "--workers", "1", "--no-picture"]
+    run_in(checkout, "-m", "medialis", "batch", NAME, "creature.ply", "-o", "b", *chosen)
+    manifest = json.loads((checkout / "b" / "creature" / NAME / "manifest.json").read_text())
+    assert manifest["values"]["places"] == 2
+
+
+def test_the_table_of_the_meshlab_plugin_has_it(checkout):
+    run_in(checkout, "meshlab_plugin/filter_medialis/generate_table.py", "filter_table.h")
+    table = (checkout / "filter_table.h").read_text()
+    assert '"Generate Widest Places"' in table and '{"places", Kind::Int, 5' in table
+
+
+@pytest.mark.skipif(find_spec("pymeshlab") is None, reason="needs the extra meshlab")
+def test_pymeshlab_has_it(checkout):
+    code = (
+        "import medialis_meshlab, pymeshlab\n"
+        "meshes = pymeshlab.MeshSet()\n"
+        "meshes.load_new_mesh('creature.ply')\n"
+        "meshes.generate_widest_places(places=3)\n"
+        "print(meshes.current_mesh().vertex_number())"
+    )
+    assert run_in(checkout, "-c", code).split()[-1] == "3"
 
 
 def test_the_package_itself_is_unchanged():

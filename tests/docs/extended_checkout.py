@@ -1,0 +1,53 @@
+"""A copy of the sources with the operation of CONTRIBUTING.md, added as that page says."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+from code_blocks import blocks
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGE = ROOT / "CONTRIBUTING.md"
+NAME = "widest_places"
+COPIED = ("core/medialis", "meshlab_plugin", "blender_addon")
+
+
+def extended_checkout(folder: Path) -> Path:
+    """Copy the core and the adapters, add the module of the page, and change the registry."""
+    for name in COPIED:
+        shutil.copytree(ROOT / name, folder / name, ignore=shutil.ignore_patterns("__pycache__"))
+    operations = folder / "core" / "medialis" / "operations"
+    module, test = (code for language, code in blocks(PAGE) if language == "python")
+    (operations / f"{NAME}.py").write_text(module)
+    (folder / f"test_{NAME}.py").write_text(test)
+    registry = operations / "registry.py"
+    text, first = re.subn(
+        r"(from medialis\.operations import \()", rf"\1\n    {NAME},", registry.read_text()
+    )
+    text, second = re.subn(
+        r"(OPERATIONS: tuple\[Operation, \.\.\.\] = \()", rf"\1\n    {NAME}.OPERATION,", text
+    )
+    assert (first, second) == (1, 1)
+    registry.write_text(text)
+    return folder
+
+
+def python_path(checkout: Path) -> dict[str, str]:
+    """Return the variable that lets a Python import the packages of a checkout."""
+    folders = (checkout / "core", checkout / "meshlab_plugin", checkout)
+    return {"PYTHONPATH": os.pathsep.join(map(str, folders))}
+
+
+def run_in(checkout: Path, *arguments: str | Path) -> str:
+    """Run this Python in a checkout and return what it prints."""
+    done = subprocess.run(
+        [sys.executable, *arguments], cwd=checkout, env={**os.environ, **python_path(checkout)},
+        capture_output=True, text=True, timeout=300,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
