@@ -50,6 +50,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except MedialisError as error:
         print(f"medialis: {' '.join(str(error).split())}", file=sys.stderr)
         return EXIT_BAD_INPUT
+    except ImportError as error:  # numba is loaded by the first computation
+        print(
+            f"medialis: a package cannot be loaded: {error}; see medialis doctor.", file=sys.stderr
+        )
+        return EXIT_BAD_INPUT
     except MemoryError:
         print("medialis: not enough memory for this shape and these options.", file=sys.stderr)
         return EXIT_BAD_INPUT

@@ -137,7 +137,7 @@ def _extra(extra: str) -> Finding:
             missing.append(name)
     name = f"extra {extra}"
     if missing:
-        return Finding(name, "missing", f"{' and '.join(missing)} not installed; for {use}", advice)
+        return Finding(name, "missing", f"{', '.join(missing)} not installed; for {use}", advice)
     for package in packages:
         if why := _loads(MODULES.get(package, package)):
             text = f"{package} is installed and cannot be loaded: {why}"
@@ -164,9 +164,9 @@ def _cache() -> Finding:
     if not (nearest.is_dir() and os.access(nearest, os.W_OK | os.X_OK)):
         text = f"{folder} cannot be written: every start compiles anew"
         return Finding("kernel cache", "missing", text, advice)
-    files = list(folder.glob("*.nbc"))
+    files = list(folder.glob("*.py{}{}.*.nbc".format(*sys.version_info)))
     size = sum(file.stat().st_size for file in files) / 1e6
-    text = f"{folder}: {len(files)} kernels, {size:.1f} MB"
+    text = f"{folder}: {len(files)} kernels of this Python, {size:.1f} MB"
     if kernels_are_compiled():
         return Finding("kernel cache", "ok", f"{text}, all that there are")
     return Finding("kernel cache", "ok", f"{text}; a first run compiles what it needs",

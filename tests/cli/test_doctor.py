@@ -2,6 +2,7 @@
 
 import json
 import os
+import subprocess
 import sys
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -82,6 +83,26 @@ def test_a_package_that_cannot_be_loaded_is_found_out(tmp_path, monkeypatch, mac
     assert "-> pip install --force-reinstall numba" in printed and "kernel cache" not in printed
 
 
+def test_a_computation_without_its_packages_points_to_the_doctor(tmp_path):
+    (tmp_path / "numba.py").write_text("raise ImportError('Numba needs NumPy 1.0 or less')")
+    path = os.pathsep.join([str(tmp_path), *filter(None, sys.path)])
+    done = subprocess.run(
+        [sys.executable, "-m", "medialis", "demo", "-o", str(tmp_path / "out")],
+        env={**os.environ, "PYTHONPATH": path}, capture_output=True, text=True, timeout=120,
+    )  # fmt: skip
+    expected = "a package cannot be loaded: Numba needs NumPy 1.0 or less; see medialis doctor."
+    assert (done.returncode, done.stderr) == (2, f"medialis: {expected}\n")
+    assert not (tmp_path / "out").exists()
+
+
+def test_kernels_of_other_pythons_do_not_count(tmp_path, monkeypatch, machine, quick):
+    this = "py{}{}".format(*sys.version_info)
+    for name in (f"a.{this}.1.nbc", f"a.{this}.nbi", "a.py36.1.nbc"):
+        (tmp_path / name).touch()
+    monkeypatch.setattr(doctor, "kernel_cache", lambda: tmp_path)
+    assert ": 1 kernels of this Python" in by_name(doctor.examine(machine))["kernel cache"].text
+
+
 def test_threads_are_not_those_of_numba(machine, quick, monkeypatch):
     monkeypatch.setenv("NUMBA_NUM_THREADS", "1")
     found = by_name(doctor.examine(machine))["threads"]
@@ -92,7 +113,9 @@ def test_the_kernel_cache_is_looked_at_and_not_made(tmp_path, monkeypatch, machi
     monkeypatch.setattr(doctor, "kernel_cache", lambda: tmp_path / "a" / "b")
     monkeypatch.setattr(doctor, "kernels_are_compiled", lambda: False)
     found = by_name(doctor.examine(machine))["kernel cache"]
-    assert found.state == "ok" and "0 kernels" in found.text and "medialis warmup" in found.advice
+    assert (
+        found.state == "ok" and "0 kernels of" in found.text and "medialis warmup" in found.advice
+    )
     assert not (tmp_path / "a").exists()
 
 
