@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from medialis.errors import InvalidOptionError
@@ -65,6 +65,22 @@ def build_parser(run: Command, commands: Mapping[str, Command]) -> argparse.Argu
     demo.add_argument("-o", "--output", default="medialis-demo", help="output folder")
     _add_progress(demo)
     return parser
+
+
+def with_dashes(arguments: Sequence[str]) -> list[str]:
+    """Return arguments with the command and the options spelled as the parser knows them.
+
+    Examples
+    --------
+    >>> with_dashes(["soft_edges", "my_part.ply", "--color_by=edge_radius"])
+    ['soft-edges', 'my_part.ply', '--color-by=edge_radius']
+    """
+    result = list(arguments)
+    for place, word in enumerate(result):
+        name, equals, value = word.partition("=")
+        if place == 0 or name.startswith("--"):
+            result[place] = name.replace("_", "-") + equals + value
+    return result
 
 
 def _add_operation(group: Any, chosen: Operation, run: Command) -> None:

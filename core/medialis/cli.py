@@ -18,7 +18,9 @@ from pathlib import Path
 from types import FrameType
 from typing import Any
 
-from medialis.arguments import build_parser
+import numpy as np
+
+from medialis.arguments import build_parser, with_dashes
 from medialis.errors import Cancelled, InvalidOptionError, InvalidShapeError, MedialisError
 from medialis.operations.declaration import Kind, Operation
 from medialis.operations.registry import OPERATIONS, operation, run
@@ -36,7 +38,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     _print_any_name()
     try:
         with _ending_as_interrupt():
-            options = build_parser(_run_operation, COMMANDS).parse_args(arguments)
+            given = with_dashes(sys.argv[1:] if arguments is None else arguments)
+            options = build_parser(_run_operation, COMMANDS).parse_args(given)
             _configure_log(options)
             code: int = options.command(options)
             sys.stdout.flush()
@@ -220,7 +223,9 @@ def _report(manifest: dict[str, Any], options: argparse.Namespace) -> None:
 def _info(options: argparse.Namespace) -> int:
     from medialis.io.meshes import read_mesh
     from medialis.io.results import json_text
+    from medialis.model.shape import Shape
     from medialis.shape.diagnosis import diagnose
+    from medialis.shape.far_points import far_points
     from medialis.shape.repair import repair
 
     mesh = read_mesh(options.file)
@@ -230,6 +235,8 @@ def _info(options: argparse.Namespace) -> int:
         fixed = repair(mesh.points, mesh.faces)
         messages += fixed.messages
         repaired = diagnose(fixed.points, fixed.faces) if fixed.messages else found
+        without_normals = np.zeros_like(fixed.points)
+        messages += filter(None, [far_points(Shape(fixed.points, without_normals, fixed.faces))])
     except InvalidShapeError as error:  # nothing is left: the diagnosis tells why
         messages.append(f"Operations will refuse it: {error}")
     if options.json:
@@ -255,7 +262,7 @@ def _list(options: argparse.Namespace) -> int:
 def _describe(options: argparse.Namespace) -> int:
     chosen = [operation(options.operation)] if options.operation else list(OPERATIONS)
     if options.json:
-        print(json.dumps([entry.describe() for entry in chosen], indent=2))
+        print(json.dumps([entry.describe() for entry in chosen], indent=2, allow_nan=False))
         return EXIT_OK
     for entry in chosen:
         print(f"{entry.name} ({entry.label}; MeshLab: {entry.filter_name}; {entry.source})")
@@ -275,7 +282,7 @@ def _batch(options: argparse.Namespace) -> int:
 
     try:
         rows = batch(
-            options.operations.split(","),
+            [name.strip() for name in options.operations.split(",")],
             options.files,
             options.output,
             parameters=_settings(options.set),

@@ -107,6 +107,25 @@ def test_every_operation_has_help_and_runs(chosen, creature, tmp_path, capsys):
     assert run(chosen.name.replace("_", "-"), creature, "-o", tmp_path / "out", *quick) == 0
 
 
+def test_names_with_underscores_are_understood(creature, tmp_path, capsys):
+    """`medialis surface_skeleton` was an unknown command, `--no_picture` an unknown option."""
+    out = tmp_path / "out"
+    assert run("surface_skeleton", creature, "-o", out, "--no_picture", "--largest_radius=2") == 0
+    manifest = json.loads((out / "manifest.json").read_text())
+    assert manifest["parameters"]["largest_radius"] == 2.0 and manifest["picture"] is None
+    assert run("describe", "soft_edges") == run("describe", "soft-edges") == 0
+    assert capsys.readouterr().err == ""
+
+
+def test_info_tells_of_far_points(tmp_path, capsys):
+    path = tmp_path / "far.obj"
+    corners = np.vstack([np.eye(3), np.zeros((1, 3)), 1e5 + np.eye(3)])
+    faces = [[4, 2, 1], [4, 3, 2], [4, 1, 3], [1, 2, 3], [5, 6, 7]]
+    text = "".join("v {} {} {}\n".format(*row) for row in corners.tolist())
+    path.write_text(text + "".join("f {} {} {}\n".format(*row) for row in faces))
+    assert run("info", path) == 0 and "far" in capsys.readouterr().out
+
+
 def test_describe_gives_the_registry_as_json(capsys):
     assert run("describe", "--json") == 0
     told = json.loads(capsys.readouterr().out)

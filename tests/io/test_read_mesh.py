@@ -1,5 +1,6 @@
 """Every format in every spelling gives the same mesh; every bad file gives one sentence."""
 
+import gzip
 import os
 import struct
 import warnings
@@ -307,6 +308,24 @@ def test_empty_and_garbage(tmp_path, name):
     refused(tmp_path, name, b"", "empty")
     refused(tmp_path, name, b"Dear reader, this is a letter.\nYours, me\n")
     refused(tmp_path, name, bytes(range(256)) * 3)
+
+
+@pytest.mark.parametrize(
+    ("data", "words"),
+    [
+        (gzip.compress(b"ply\n"), "gzip"),
+        (b"PK\3\4" + bytes(50), "zip archive"),
+        ("ply\nformat ascii 1.0\n".encode("utf-16"), "UTF-16"),
+        (b"version https://git-lfs.github.com/spec/v1\n", "git lfs pull"),
+        (b"\n<!DOCTYPE html><html>v 1 2 3", "web page"),
+        (b"\x89PNG\r\n", "picture"),
+        (b"ISO-10303-21;", "STEP"),
+    ],
+)
+def test_files_that_are_no_mesh_are_named(tmp_path, data, words):
+    """A packed PLY was told that its header does not end."""
+    for name in ("a.ply", "a.obj", "a.xyz"):
+        refused(tmp_path, name, data, words)
 
 
 def test_absurd_counts_are_refused_before_any_allocation(tmp_path):

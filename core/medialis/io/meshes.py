@@ -17,6 +17,7 @@ from medialis.errors import InvalidShapeError
 from medialis.io import off, point_text, stl
 from medialis.io._content import ParsedMesh
 from medialis.io._files import file_bytes
+from medialis.io._foreign import foreign
 from medialis.io._polygons import triangulate
 from medialis.io.obj import parse_obj
 from medialis.io.off import parse_off
@@ -94,6 +95,8 @@ def read_mesh(path: str | os.PathLike[str]) -> MeshData:
             return _read_with_trimesh(name, "glb" if binary_gltf else suffix.lstrip("."))
         if not stl.is_binary_stl(data):
             data = data.removeprefix(codecs.BOM_UTF8)  # some editors put it before any text
+            if other := foreign(data):
+                raise InvalidShapeError(other)
         kind, told = _format_of(suffix, data)
         parsed = _PARSERS[kind](data)
         return _checked(parsed, kind, told)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 from typing import Any
 
@@ -13,6 +14,7 @@ from medialis.model.shape import Shape
 from medialis.progress import Progress, ProgressCallback
 from medialis.shape.cloud_normals import estimate_normals
 from medialis.shape.diagnosis import diagnose
+from medialis.shape.far_points import far_points
 from medialis.shape.normals import vertex_normals
 from medialis.shape.repair import repair as repair_mesh
 from medialis.validation import as_faces, as_normals, as_points
@@ -106,4 +108,8 @@ def make_shape(
         lack = "has no normals" if directions is None else "has zero normals only"
         directions = estimate_normals(vertices, progress=progress)
         progress.note(f"The point cloud {lack}: they were estimated and oriented.")
-    return Shape(vertices, directions, triangles, **extra)
+    shape = Shape(vertices, directions, triangles, **extra)
+    far = far_points(shape) if repair else None
+    if far:
+        progress.note(far, level=logging.WARNING)
+    return shape
