@@ -160,11 +160,11 @@ def _thickest_first(curve: CurveSkeleton, below: list[list[int]], root: int) -> 
 
 def _drop_twigs(curve: CurveSkeleton, limbs: list[_Limb], shortest: float) -> None:
     """Mark limbs that lie inside the ball they begin in; each component keeps one."""
-    of = curve.components
+    members_of: dict[int, list[_Limb]] = {}
     for limb in limbs:
         limb.kept = limb.length >= shortest * curve.radii[limb.nodes[0]]
-    for component in range(curve.component_count):
-        members = [limb for limb in limbs if of[limb.nodes[0]] == component]
+        members_of.setdefault(int(curve.components[limb.nodes[0]]), []).append(limb)
+    for members in members_of.values():
         if not any(limb.kept for limb in members):
             max(members, key=lambda limb: limb.length).kept = True
 
@@ -221,7 +221,7 @@ def _lay_bones(
 
 def _joints(curve: CurveSkeleton, limb: _Limb, longest: float) -> tuple[FloatArray, FloatArray]:
     """Return position and radius (j, 4) of the joints of a limb, and their places along it."""
-    rows = np.column_stack([curve.nodes, curve.radii])[limb.nodes]
+    rows = np.column_stack([curve.nodes[limb.nodes], curve.radii[limb.nodes]])
     if len(rows) == 1:  # a round part has no direction: its bone points up
         size = rows[0, 3] or 1.0
         return np.vstack([rows, rows[0] + [0, 0, size, 0]]), np.array([0.0, size])

@@ -19,7 +19,7 @@ from medialis.curve_skeletons.handles import Handles, find_handles
 from medialis.curve_skeletons.reconstruction import (
     finish_graph,
     link_skeleton,
-    nearest_importance,
+    node_importance,
     put_in_shape,
 )
 from medialis.curve_skeletons.simplification import simplify_branches
@@ -113,7 +113,8 @@ def curve_skeleton(
     Returns
     -------
     CurveSkeleton
-        With the node and the branch of each vertex of the shape. Its importance is mu.
+        With the node and the branch of each vertex of the shape. Its importance is mu; a part that
+        is a single node has its whole area.
 
     Raises
     ------
@@ -190,9 +191,8 @@ def trace_curve_skeleton(
         graph = put_in_shape(shape, graph, node_of_sample)
         if simplify > 0:
             graph = simplify_branches(graph, simplify * shape.diagonal)
-        graph = replace(
-            graph, importance=nearest_importance(graph, cloud.centers[found], importance)
-        )
+        known = node_importance(shape, graph, found, cloud.centers[found], importance)
+        graph = replace(graph, importance=known)
     return CurveSkeletonResult(
         graph,
         measured,

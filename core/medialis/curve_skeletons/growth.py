@@ -184,8 +184,8 @@ def grow_graph(
     components : (k,) int
         Component of each ball; -1: not to be used.
     strength : (k,) float64
-        The strongest candidate is where the graph of its component starts; without candidates the
-        graph is the strongest ball alone.
+        The strongest candidate is where the graph of its component starts; without candidates it
+        starts at the largest ball.
     candidates : (k,) bool
         Balls that the graph must reach where they stick out of it.
     spacing : float
@@ -205,8 +205,9 @@ def grow_graph(
     for number in np.unique(components[components >= 0]).tolist():
         rows = np.flatnonzero(components == number)
         wanted = rows[candidates[rows]]
-        pool = wanted if len(wanted) else rows
-        root = int(pool[np.nan_to_num(strength[pool], nan=-np.inf).argmax()])
+        # Where no candidate is kept the measure is noise: the middle of the thickest place stays.
+        pool, worth = (wanted, strength) if len(wanted) else (rows, links.radii)
+        root = int(pool[np.nan_to_num(worth[pool], nan=-np.inf).argmax()])
         before = len(graph.edges)
         graph.add([root])
         found = (handles or {}).get(number)

@@ -16,6 +16,7 @@ from medialis.curve_skeletons.finishing import (
     smooth_nodes,
 )
 from medialis.curve_skeletons.growth import Growth
+from medialis.features.labels import sample_areas
 from medialis.model.curve_skeleton import CurveSkeleton
 from medialis.model.medial_cloud import MedialCloud
 from medialis.model.shape import Shape
@@ -123,12 +124,36 @@ def _fill(values: NDArray[np.int64], shape: Shape) -> None:
             values[missing] = values[known[nearest]]
 
 
-def nearest_importance(
-    graph: CurveSkeleton, centers: FloatArray, importance: FloatArray
-) -> FloatArray:
-    """Return the importance of the candidate nearest to each node; NaN where there is none."""
+def node_importance(
+    shape: Shape, graph: CurveSkeleton, found: NDArray[np.int64], centers: FloatArray,
+    importance: FloatArray,
+) -> FloatArray:  # fmt: skip
+    """Return the importance of the nearest candidate of the same part of the shape for each node.
+
+    On a single node hangs the whole area of its part, and so it does in a part without candidates.
+
+    Parameters
+    ----------
+    shape : Shape
+    graph : CurveSkeleton
+        v nodes, with its map from the samples of the shape.
+    found : (c,) int
+        Samples of the candidates.
+    centers : (c, 3) float64
+    importance : (c,) float64
+    """
     from scipy.spatial import cKDTree
 
-    if len(centers) == 0:
-        return np.full(len(graph.nodes), np.nan)
-    return np.asarray(importance[cKDTree(centers).query(graph.nodes)[1]])
+    whole = np.bincount(shape.components, sample_areas(shape))
+    part = np.full(graph.component_count, -1)
+    node = np.asarray(graph.vertex_node)
+    part[graph.components[node[node >= 0]]] = shape.components[node >= 0]
+    of_node, of_candidate = part[graph.components], shape.components[found]
+    result = np.where(of_node >= 0, whole[of_node], np.nan)
+    for number in np.intersect1d(of_node, of_candidate).tolist():
+        nodes, rows = np.flatnonzero(of_node == number), np.flatnonzero(of_candidate == number)
+        nearest = cKDTree(centers[rows]).query(graph.nodes[nodes])[1]
+        result[nodes] = importance[rows[nearest]]
+    alone = (graph.degrees == 0) & (of_node >= 0)
+    result[alone] = whole[of_node[alone]]
+    return result

@@ -87,7 +87,7 @@ def skin_weights(
     skin = _weights(limb, place, rig)
     if width == 0 or shape.faces is None or rig.count == 1:
         return skin
-    return _smoothed(skin, shape, width * curve.radii[node], rig.count)
+    return _smoothed(skin, shape, width * curve.radii[node])
 
 
 def _nodes_everywhere(points: FloatArray, curve: CurveSkeleton) -> IntArray:
@@ -165,7 +165,7 @@ def _passed(distance: FloatArray, there: FloatArray, here: FloatArray) -> FloatA
     return np.clip(ramp, 0.0, 1.0)
 
 
-def _smoothed(skin: SkinWeights, shape: Shape, width: FloatArray, count: int) -> SkinWeights:
+def _smoothed(skin: SkinWeights, shape: Shape, width: FloatArray) -> SkinWeights:
     """Diffuse the weights over the surface, each vertex over its own width.
 
     Solves (M / width^2 + L) W = M / width^2 W0. L has no positive entry beside its diagonal and
@@ -176,19 +176,24 @@ def _smoothed(skin: SkinWeights, shape: Shape, width: FloatArray, count: int) ->
 
     stiff, mass = _laplacian(shape)
     pull = mass / np.maximum(width, 1e-6 * shape.diagonal) ** 2
-    n = len(width)
-    solver = splu(
-        csc_array(stiff + diags_array(pull)), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0,
-        options={"SymmetricMode": True},
-    )  # fmt: skip
-    bones = np.full((n, MOST_BONES), -1, np.int32)
-    weights = np.zeros((n, MOST_BONES))
-    for bone in range(count):
-        given = (skin.weights * (skin.bones == bone)).sum(axis=1)
-        if not given.any():
-            continue
-        found = solver.solve(pull * given)
-        _insert(bones, weights, bone, np.where(found < LEAST, 0.0, found))
+    # Sorted by component the matrix has a block for each: a bone of one moves nothing of another.
+    order = np.argsort(shape.components, kind="stable")
+    matrix = (stiff + diags_array(pull)).tocsr()[order][:, order]
+    ends = np.cumsum(np.bincount(shape.components))
+    bones = np.full((len(width), MOST_BONES), -1, np.int32)
+    weights = np.zeros((len(width), MOST_BONES))
+    for begin, end in zip([0, *ends[:-1]], ends, strict=True):
+        rows = order[begin:end]
+        solver = splu(
+            csc_array(matrix[begin:end, begin:end]), permc_spec="MMD_AT_PLUS_A",
+            diag_pivot_thresh=0.0, options={"SymmetricMode": True},
+        )  # fmt: skip
+        own_bones, own_weights = bones[rows], weights[rows]
+        for bone in np.unique(skin.bones[rows][skin.weights[rows] > 0]).tolist():
+            given = (skin.weights[rows] * (skin.bones[rows] == bone)).sum(axis=1)
+            found = solver.solve(pull[rows] * given)
+            _insert(own_bones, own_weights, bone, np.where(found < LEAST, 0.0, found))
+        bones[rows], weights[rows] = own_bones, own_weights
     return SkinWeights(bones, weights / weights.sum(axis=1, keepdims=True))
 
 

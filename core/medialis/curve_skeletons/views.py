@@ -170,10 +170,12 @@ def skeleton_of_views(
         probes = ViewBatch(source, firsts[:PROBES], saliency)
         curve = link_points(points, weights, CELL * firsts[0].pixel, probes.measure)
     if len(curve.nodes) == 0:
+        why = "no place was found in any pair of views"
+        if matched:
+            why = f"{matched} places were found in pairs of views, all outside in some other view"
         raise InvalidShapeError(
-            f"No curve skeleton is left: {matched} places were found in pairs of views, and all of "
-            "them lie outside in some view. A solid shape at least two pixels thick is needed: "
-            "check that it is closed, or raise size."
+            f"No curve skeleton is left: {why}. A solid shape at least two pixels thick is needed: "
+            "check that it is closed, raise size, or use surface_skeleton, which finds thin sheets."
         )
     return ViewSkeleton(curve, points, weights)
 

@@ -105,6 +105,7 @@ def _skin_layer(shape: Shape, skin: SkinWeights) -> Layer:
 
 
 def _table(rig: Bones) -> list[dict[str, Any]]:
+    connected = rig.connected
     return [
         {
             "name": name,
@@ -112,7 +113,7 @@ def _table(rig: Bones) -> list[dict[str, Any]]:
             "limb": int(rig.limbs[bone]),
             "head": rig.heads[bone].tolist(),
             "tail": rig.tails[bone].tolist(),
-            "connected": bool(rig.connected[bone]),
+            "connected": bool(connected[bone]),
         }
         for bone, name in enumerate(rig.names)
     ]
