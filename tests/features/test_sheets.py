@@ -253,7 +253,7 @@ def test_scaffold_tells_which_sheets_meet():
     network = medialis.y_network(shape, cloud, sheets)
     meshes = medialis.sheet_meshes(shape, cloud, sheets)
     scaffold = medialis.medial_scaffold(sheets, network, meshes)
-    plain = json.loads(json.dumps(scaffold.as_dict()))
+    plain = json.loads(json.dumps(scaffold.as_dict(), allow_nan=False))
     assert len(plain["sheets"]) == 13 and len(plain["curves"]) == 12
     # The middle sheet ends on 4 curves; one behind an edge on 2 at its ends, and on one there.
     count = np.bincount(scaffold.links[:, 1], minlength=13)

@@ -63,7 +63,27 @@ def test_clouds_have_thickness_without_area():
     form = forms.sphere(800)
     result = medialis.run("thickness", form.shape)
     assert abs(result.values["thickness_median"] - 2) < 0.01
-    assert np.isnan(result.layers[1].attributes["area"]).all()
+    assert "area" not in result.layers[1].attributes
+    assert [spot["area"] for spot in result.values["spots"]] == [None]
+
+
+@pytest.mark.parametrize("size", [(1.0, 1.0, 1e-4), (1e4, 1.0, 1.0)])
+def test_walls_thinner_than_the_tolerance_are_found(size):
+    """A plate of 1e-4 was 0.027 thick, and a bar of 1 : 10000 was 267 thick: the tolerance of 3e-4
+    took the other side for relief, and the few balls left ended at the far rim."""
+    result = medialis.run("thickness", forms.box_mesh(size, 2e4))
+    assert any("hides walls" in text for text in result.messages)
+    # Balls stop up to 3/4 of the tolerance behind the other side, here a tenth of the default.
+    slack = 0.75 * 3e-5 * result.shape.diagonal
+    values = result.layers[0].attributes["thickness"]
+    assert (np.abs(values - min(size)) < slack).all()
+
+
+def test_a_small_largest_radius_is_no_hidden_wall():
+    cube = forms.box_mesh((1, 1, 1), 0.5)
+    result = medialis.run("surface_skeleton", cube, largest_radius=0.05)
+    assert result.values["open_balls"] > 0
+    assert not any("walls" in text for text in result.messages)
 
 
 def test_command_line_tells_where(plate, tmp_path, capsys):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 from xml.etree import ElementTree
@@ -41,7 +42,7 @@ class MedialScaffold:
     links: IntArray
 
     def as_dict(self) -> dict[str, Any]:
-        """Return plain lists and numbers, for JSON."""
+        """Return plain lists and numbers, for strict JSON: None for what is not defined."""
         sheets: list[list[int]] = [[] for _ in self.lengths]
         for curve, sheet in self.links.tolist():
             sheets[curve].append(sheet)
@@ -51,24 +52,24 @@ class MedialScaffold:
                 for i, (b, a, o, r) in enumerate(
                     zip(
                         self.balls.tolist(),
-                        self.areas.tolist(),
-                        self.boundaries.tolist(),
-                        self.mean_radii.tolist(),
+                        _defined(self.areas),
+                        _defined(self.boundaries),
+                        _defined(self.mean_radii),
                         strict=True,
                     )
                 )
             ],
             "curves": [
                 {"curve": i, "length": length, "sheets": sheets[i]}
-                for i, length in enumerate(self.lengths.tolist())
+                for i, length in enumerate(_defined(self.lengths))
             ],
         }
 
     def graphml(self) -> str:
         """Return the graph as GraphML, which networkx, Gephi, yEd and others read.
 
-        Nodes are named s0, s1, ... (sheets) and c0, c1, ... (curves). Values that are not finite
-        are left out.
+        Nodes are named s0, s1, ... (sheets) and c0, c1, ... (curves). What is not defined is left
+        out.
         """
         root = ElementTree.Element("graphml", {"xmlns": GRAPHML})
         plain = self.as_dict()
@@ -82,12 +83,16 @@ class MedialScaffold:
             for row in rows:
                 node = ElementTree.SubElement(graph, "node", {"id": f"{kind[0]}{row[kind]}"})
                 for name, value in {"kind": kind, **row}.items():
-                    if name in types and (isinstance(value, str) or np.isfinite(value)):
+                    if name in types and value is not None:
                         ElementTree.SubElement(node, "data", {"key": name}).text = str(value)
         for curve, sheet in self.links.tolist():
             ElementTree.SubElement(graph, "edge", {"source": f"c{curve}", "target": f"s{sheet}"})
         ElementTree.indent(root)
         return ElementTree.tostring(root, encoding="unicode", xml_declaration=True)
+
+
+def _defined(values: FloatArray) -> list[float | None]:
+    return [value if math.isfinite(value) else None for value in values.tolist()]
 
 
 def medial_scaffold(

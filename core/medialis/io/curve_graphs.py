@@ -6,6 +6,7 @@ Numbers are written with as many digits as they need to come back the same.
 from __future__ import annotations
 
 import json
+import math
 import os
 from pathlib import Path
 from typing import Any
@@ -115,7 +116,8 @@ def _json_text(graph: CurveSkeleton) -> str:
     for name in ("nodes", "radii", "importance", "edges", "branch", "vertex_node", "vertex_branch"):
         values = getattr(graph, name)
         content[name] = None if values is None else values.tolist()
-    content["importance"] = [None if v != v else v for v in graph.importance.tolist()]
+    for name in ("radii", "importance"):
+        content[name] = [v if math.isfinite(v) else None for v in getattr(graph, name).tolist()]
     return json.dumps(content, allow_nan=False) + "\n"
 
 
@@ -127,13 +129,16 @@ def _parse_json(data: bytes) -> CurveSkeleton:
     if not isinstance(content, dict) or content.get("format") != NAME:
         raise InvalidShapeError(f"it is no {NAME}.")
     try:
-        importance = [np.nan if v is None else v for v in content["importance"]]
+        radii, importance = (
+            np.array([np.nan if v is None else v for v in content[name]], np.float64)
+            for name in ("radii", "importance")
+        )
         maps = [content.get(name) for name in ("vertex_node", "vertex_branch")]
         return CurveSkeleton(
             np.array(content["nodes"], np.float64).reshape(-1, 3),
             np.array(content["edges"], np.int32).reshape(-1, 2),
-            np.array(content["radii"], np.float64),
-            np.array(importance, np.float64),
+            radii,
+            importance,
             np.array(content["branch"], np.int32),
             *(None if row is None else np.array(row, np.int32) for row in maps),
         )
@@ -170,7 +175,7 @@ def _graphml_text(graph: CurveSkeleton) -> str:
         data = "".join(
             f'<data key="{name}">{value!r}</data>'
             for (_, name, _), value in zip(keys, values, strict=False)
-            if value == value
+            if math.isfinite(value)
         )
         data += f'<data key="degree">{degrees[node]}</data>'
         lines.append(f'<node id="n{node}">{data}</node>')

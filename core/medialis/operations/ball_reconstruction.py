@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import logging
+import math
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from medialis.model.shape import Shape
 from medialis.operations.common import (
@@ -11,13 +13,15 @@ from medialis.operations.common import (
     TOLERANCE,
     cloud_arrays,
     cloud_layer,
+    maximal_balls,
     refined,
-    require_balls,
 )
 from medialis.operations.declaration import Kind, Operation, Parameter
 from medialis.operations.result import Outcome
 from medialis.progress import Progress
-from medialis.surface_skeletons.ball_shrinking import surface_skeleton
+
+if TYPE_CHECKING:
+    from medialis.render.reconstruction import Comparison
 
 ORDERS = ("radius", "spoke_angle")
 
@@ -30,20 +34,24 @@ def run(shape: Shape, parameters: Mapping[str, Any], progress: Progress) -> Outc
 
     fine = refined(shape, parameters["refine"], progress)
     with progress.stage("skeleton", 0.1, 0.3):
-        cloud = surface_skeleton(fine, tolerance=parameters["tolerance"], progress=progress)
-    require_balls(cloud, fine)
+        cloud = maximal_balls(fine, parameters["tolerance"], progress)
     size = parameters["size"]
     camera = Camera.framing(fine.points, width=size, height=size)
     with progress.stage("reconstruct", 0.3, 0.6 if parameters["progressive"] else 1.0):
         found = reconstruct_image(fine, cloud, camera, progress=progress)
+    if math.isnan(found.median_difference):
+        progress.note(
+            "No pixel shows both the balls and the surface, so their depths cannot be compared: "
+            f"the shape is thinner than a pixel in a picture of {size} pixels. Raise size.",
+            level=logging.WARNING,
+        )
     images = {
         "reconstruction": contact_sheet(
             [found.surface_images[0], found.ball_images[0], found.difference_images[0]],
             [
                 "surface",
                 f"union of {found.ball_count} balls",
-                f"difference: {100 * found.only_one_share:.2f} % of the pixels, "
-                f"median depth {found.median_difference:.3f} % of the size",
+                f"difference: {_caption(found)}",
             ],
             columns=3,
         )
@@ -60,11 +68,7 @@ def run(shape: Shape, parameters: Mapping[str, Any], progress: Progress) -> Outc
             steps = progressive(fine, cloud, order, camera=camera, progress=progress)
         images["progressive"] = contact_sheet(
             [step.ball_images[0] for step in steps],
-            [
-                f"{step.ball_count} balls: {100 * step.only_one_share:.2f} % differ, "
-                f"{step.median_difference:.3f} % depth"
-                for step in steps
-            ],
+            [f"{step.ball_count} balls: {_caption(step)}" for step in steps],
             columns=3,
         )
         values["progressive"] = [
@@ -76,6 +80,15 @@ def run(shape: Shape, parameters: Mapping[str, Any], progress: Progress) -> Outc
         values=values,
         arrays=cloud_arrays(fine, cloud),
         images=images,
+    )
+
+
+def _caption(found: Comparison) -> str:
+    if math.isnan(found.median_difference):
+        return "no pixel shows both"
+    return (
+        f"{100 * found.only_one_share:.2f} % of the pixels, median depth "
+        f"{found.median_difference:.3f} % of the size"
     )
 
 

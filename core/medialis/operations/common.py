@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Mapping
 from typing import Any
 
@@ -16,7 +17,14 @@ from medialis.operations.result import Layer
 from medialis.progress import Progress
 from medialis.shape.noise import noise_level, smooth_noise
 from medialis.shape.refinement import refine
-from medialis.surface_skeletons.ball_shrinking import DEFAULT_TOLERANCE, SIDES
+from medialis.surface_skeletons.ball_shrinking import (
+    DEFAULT_TOLERANCE,
+    LARGEST_RADIUS,
+    SIDES,
+    Side,
+    hidden_walls,
+    surface_skeleton,
+)
 
 REFINE = Parameter(
     "refine",
@@ -57,6 +65,9 @@ DENOISE = Parameter(
     "normals; clean surfaces stay as they are, also with sharp edges. off: never.",
     choices=("auto", "off"),
 )
+
+LEAST_TOLERANCE = 1e-7
+"""Fraction of the diagonal below which a tolerance that hides walls becomes 0: exact balls."""
 
 NOISY = 0.04
 """Spacings: deviation of noise from which on a surface is smoothed. It tilts normals by 5 degrees.
@@ -100,13 +111,57 @@ def refined(shape: Shape, fraction: float, progress: Progress) -> Shape:
     return fine
 
 
-def require_balls(cloud: MedialCloud, shape: Shape) -> None:
+def maximal_balls(
+    shape: Shape,
+    tolerance: float,
+    progress: Progress,
+    *,
+    side: Side = "inner",
+    largest_radius: float = LARGEST_RADIUS,
+) -> MedialCloud:
+    """Shrink balls, with a lower tolerance where it hides walls, and say so.
+
+    A wall of a closed mesh that is thinner than the tolerance looks like relief of one surface: no
+    ball stops at its other side (`hidden_walls`).
+
+    Raises
+    ------
+    InvalidShapeError
+        When no ball meets a second sample; the sentence says why.
+    """
+
+    def shrunk(fraction: float, progress: Progress) -> MedialCloud:
+        return surface_skeleton(
+            shape, tolerance=fraction, side=side, largest_radius=largest_radius, progress=progress
+        )
+
+    cloud = found = shrunk(tolerance, progress)
+    finer = tolerance
+    silent = Progress(lambda fraction, text: progress.update(1.0))
+    while finer > 0 and hidden_walls(shape, found).any():
+        finer = finer / 10 if finer > LEAST_TOLERANCE else 0.0
+        found = shrunk(finer, silent)
+    if finer < tolerance and not hidden_walls(shape, found).any():
+        progress.note(
+            f"Computed with a tolerance of {100 * finer:.3g} % of the diagonal instead of "
+            f"{100 * tolerance:.3g} %, which hides walls thinner than itself: every inner ball of "
+            "a closed part now meets the other side.",
+            level=logging.WARNING,
+        )
+        cloud = found
+    _require_balls(cloud, shape)
+    return cloud
+
+
+def _require_balls(cloud: MedialCloud, shape: Shape) -> None:
     """Raise a sentence that says why there is no skeleton, when there is none."""
     if cloud.valid.any():
         return
     spread = np.linalg.svd(shape.points - shape.points.mean(axis=0), compute_uv=False)
     flat = spread[-1] <= 1e-9 * spread[0]
     why = "the shape is flat" if flat else "nothing faces them on this side"
+    if not flat and shape.faces is None:
+        why += " (if the normals of this cloud point inward, turn them or leave them out)"
     raise InvalidShapeError(
         f"No ball of the {shape.point_count} samples meets a second sample: {why}. A skeleton "
         "needs a surface that encloses a volume, at least partly."
@@ -160,13 +215,10 @@ def samples_layer(shape: Shape) -> Layer:
     )
 
 
-def summary(values: NDArray[np.float64], name: str) -> dict[str, float]:
-    """Smallest, median and largest of the finite values, as result values."""
+def summary(values: NDArray[np.float64], name: str) -> dict[str, float | None]:
+    """Smallest, median and largest of the finite values, as result values; None without any."""
     finite = values[np.isfinite(values)]
-    if len(finite) == 0:
-        return {}
     return {
-        f"{name}_min": float(finite.min()),
-        f"{name}_median": float(np.median(finite)),
-        f"{name}_max": float(finite.max()),
+        f"{name}_{word}": float(measure(finite)) if len(finite) else None
+        for word, measure in (("min", np.min), ("median", np.median), ("max", np.max))
     }

@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from medialis.curve_skeletons.curve_skeleton import (
     DEFAULT_CANDIDATES,
@@ -16,7 +15,6 @@ from medialis.curve_skeletons.curve_skeleton import (
     trace_curve_skeleton,
 )
 from medialis.errors import InvalidShapeError
-from medialis.features.labels import sample_areas
 from medialis.io.curve_graphs import node_attributes
 from medialis.model.curve_skeleton import CurveSkeleton
 from medialis.model.medial_cloud import MedialCloud
@@ -27,24 +25,22 @@ from medialis.operations.common import (
     TOLERANCE,
     cloud_arrays,
     denoised,
+    maximal_balls,
     refined,
-    require_balls,
     samples_layer,
+)
+from medialis.operations.curve_doubts import (
+    note_result,
+    note_shape,
+    part_count,
+    present,
+    sheet_share,
 )
 from medialis.operations.declaration import Kind, Operation, Parameter
 from medialis.operations.result import Layer, Outcome
 from medialis.progress import Progress
 from medialis.regularization.geodesics import DEFAULT_DIRECTIONS
 from medialis.regularization.importance import geodesic_importance
-from medialis.surface_skeletons.ball_shrinking import surface_skeleton
-
-FEW_SAMPLES = 100
-
-FAR, SHEET_SHARE = 3.0, 0.2
-"""A place of the surface belongs to a sheet where its ball lies more than three radii off the curve
-skeleton: the cross-section is there more than four times as wide (2 (3 + 1) r) as thick (2 r). A
-shape is called sheet-like where that is a fifth of its area. Shoulder blade: 29 %; thin plates: 57
-%; rocker arm, a mechanical part with flat arms: 14 %; gears, a screwdriver: below 6 %."""
 
 
 def traced(
@@ -65,8 +61,7 @@ def traced(
     clean, tolerance = denoised(shape, parameters["denoise"], parameters["tolerance"], progress)
     fine = refined(clean, parameters["refine"], progress)
     with progress.stage("skeleton", 0.1, 0.25):
-        cloud = surface_skeleton(fine, tolerance=tolerance, progress=progress)
-    require_balls(cloud, fine)
+        cloud = maximal_balls(fine, tolerance, progress)
     with progress.stage("importance", 0.25, 0.6):
         paths = geodesic_importance(fine, cloud, directions=DEFAULT_DIRECTIONS, progress=progress)
     with progress.stage("curve skeleton", 0.6, 1.0):
@@ -80,8 +75,8 @@ def traced(
             simplify=parameters["simplify"],
             progress=progress,
         )
-    _note_shape(fine, found, progress)
-    _note_result(found.skeleton, _sheet_share(fine, cloud, found.skeleton), progress)
+    note_shape(fine, found, progress)
+    note_result(found.skeleton, sheet_share(fine, cloud, found.skeleton), progress)
     return fine, cloud, found
 
 
@@ -89,7 +84,7 @@ def run(shape: Shape, parameters: Mapping[str, Any], progress: Progress) -> Outc
     """Smooth where noisy, refine, shrink balls, trace geodesics, find the curve skeleton."""
     fine, cloud, found = traced(shape, parameters, progress)
     graph = found.skeleton
-    sheet = _sheet_share(fine, cloud, graph)
+    sheet = sheet_share(fine, cloud, graph)
     layers = [
         Layer(
             "curve_skeleton",
@@ -120,21 +115,17 @@ def run(shape: Shape, parameters: Mapping[str, Any], progress: Progress) -> Outc
             "node_radius": graph.radii,
             "node_importance": graph.importance,
             "edge_branch": graph.branch,
-            "vertex_node": _present(graph.vertex_node),
-            "vertex_branch": _present(graph.vertex_branch),
+            "vertex_node": present(graph.vertex_node),
+            "vertex_branch": present(graph.vertex_branch),
         },
         graph=graph,
     )
 
 
-def _present(values: NDArray[np.int32] | None) -> NDArray[np.int32]:
-    return np.empty(0, np.int32) if values is None else values
-
-
 def _parts_layer(name: str, shape: Shape, graph: CurveSkeleton) -> Layer:
     """Layer of the surface with the branch and the node of each of its points."""
     n = shape.point_count  # a refined shape has the given points first
-    branch, node = _present(graph.vertex_branch)[:n], _present(graph.vertex_node)[:n]
+    branch, node = present(graph.vertex_branch)[:n], present(graph.vertex_node)[:n]
     return Layer(
         name,
         shape.points,
@@ -174,7 +165,7 @@ def _values(shape: Shape, found: CurveSkeletonResult, sheet: float) -> dict[str,
         "components": graph.component_count,
         "loops": graph.loops,
     }
-    if len(found.genus) == _part_count(shape):
+    if len(found.genus) == part_count(shape):
         values["expected_loops"] = sum(found.genus.values())
     values |= {
         "length": graph.length,
@@ -195,68 +186,6 @@ def _values(shape: Shape, found: CurveSkeletonResult, sheet: float) -> dict[str,
         ],
     }
     return values
-
-
-def _part_count(shape: Shape) -> int:
-    """Count the components that have faces."""
-    return 0 if shape.faces is None else len(np.unique(shape.components[shape.faces[:, 0]]))
-
-
-def _sheet_share(shape: Shape, cloud: MedialCloud, graph: CurveSkeleton) -> float:
-    """Share of the area whose balls lie far from their node, in radii of the larger of both."""
-    node = _present(graph.vertex_node)
-    rows = np.flatnonzero(cloud.valid & (node >= 0))
-    if len(rows) == 0:
-        return 0.0
-    area = sample_areas(shape)
-    away = np.linalg.norm(cloud.centers[rows] - graph.nodes[node[rows]], axis=1)
-    far = away > FAR * np.maximum(cloud.radii[rows], graph.radii[node[rows]])
-    return float(area[rows[far]].sum() / max(area[rows].sum(), 1e-300))
-
-
-def _note_shape(shape: Shape, found: CurveSkeletonResult, progress: Progress) -> None:
-    """Say what about the shape makes the result less certain."""
-    if shape.point_count < FEW_SAMPLES:
-        progress.note(
-            f"Only {shape.point_count} samples: a curve skeleton needs some {FEW_SAMPLES} at least "
-            "to be more than a guess. Refine the mesh."
-        )
-    parts = _part_count(shape)
-    if parts > 1:
-        progress.note(f"The shape has {parts} separate parts: each gets a graph of its own.")
-    border = shape.edges.shape[0] * 2 - 3 * shape.face_count
-    unclear = parts - len(found.genus)
-    if unclear:
-        progress.note(
-            f"{unclear} of {parts} parts have edges with three or more faces, or touch themselves "
-            "in a vertex: their number of handles is not defined, so their graphs have no loops."
-        )
-    elif border > 0:
-        progress.note(
-            f"The shape is open, with {border} edges at holes: loops are counted as if each hole "
-            "were closed by a disc, and the skeleton near large holes is a guess."
-        )
-    for number, genus in sorted(found.genus.items()):
-        closed = found.loops.get(number, 0)
-        if closed < genus:
-            progress.note(
-                f"Part {number} has {genus} handles, only {closed} loops were found: handles "
-                "thinner than the sampling, or parts of the surface that cross each other."
-            )
-
-
-def _note_result(graph: CurveSkeleton, sheet: float, progress: Progress) -> None:
-    alone = int((graph.degrees == 0).sum())
-    if alone:
-        progress.note(
-            f"{alone} of {graph.component_count} parts are a single node: round shapes have no "
-            "direction, and small parts fall below the threshold."
-        )
-    if sheet > SHEET_SHARE:
-        progress.note(
-            f"{100 * sheet:.0f} % of the surface belongs to parts more than four times as wide as "
-            "thick: thin sheets have no meaningful curve skeleton. Use the surface skeleton there."
-        )
 
 
 OPERATION = Operation(

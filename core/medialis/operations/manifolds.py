@@ -1,26 +1,23 @@
-"""Operations: manifolds of a noisy cloud, and the cloud without what is in none (thesis 4.2)."""
+"""Operation: the manifolds of a noisy cloud (thesis 4.2)."""
 
 from __future__ import annotations
 
 import logging
 import math
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from medialis.errors import InvalidShapeError
 from medialis.manifold_segmentation.segmentation import manifolds
 from medialis.manifold_segmentation.surfaces import manifold_surfaces
 from medialis.model.manifold_set import ManifoldSet, PointClass
 from medialis.model.shape import Shape
-from medialis.operations.common import REFINE, TOLERANCE, refined, require_balls
+from medialis.operations.common import REFINE, TOLERANCE, maximal_balls, refined
 from medialis.operations.declaration import Kind, Operation, Parameter
 from medialis.operations.result import Layer, Outcome
 from medialis.progress import Progress
-from medialis.surface_skeletons.ball_shrinking import surface_skeleton
 
 CLOUDS = ("points", "skeleton")
 
@@ -34,8 +31,8 @@ def run(shape: Shape, parameters: Mapping[str, Any], progress: Progress) -> Outc
     if parameters["cloud"] == "skeleton":
         return _of_skeleton(shape, parameters, progress)
     with progress.stage("manifolds", 0.0, 1.0):
-        found = _segment(shape.points, parameters, progress)
-    _note_mostly_noise(found, progress)
+        found = segmented(shape.points, parameters, progress)
+    note_mostly_noise(found, progress)
     layer = Layer(
         "manifolds",
         shape.points,
@@ -48,57 +45,13 @@ def run(shape: Shape, parameters: Mapping[str, Any], progress: Progress) -> Outc
     return Outcome(
         shape=shape,
         layers=(layer, *_surfaces(shape.points, found, parameters, progress)),
-        values=_values(found),
-        arrays={"points": shape.points, **_arrays(found)},
+        values=manifold_values(found),
+        arrays={"points": shape.points, **manifold_arrays(found)},
         shown=(layer,),
     )
 
 
-def denoise(shape: Shape, parameters: Mapping[str, Any], progress: Progress) -> Outcome:
-    """Keep the points that belong to a manifold."""
-    with progress.stage("manifolds", 0.0, 1.0):
-        found = _segment(shape.points, parameters, progress)
-    kept = found.point_class != PointClass.NOISE
-    if not kept.any():
-        least = parameters["min_points"]
-        advice = "Try larger angles or more neighbours."
-        if shape.point_count < least:
-            advice = f"A surface needs {least} points or more (min_points): give more, or lower it."
-        raise InvalidShapeError(
-            f"None of the {shape.point_count} points lies on a smooth surface: nothing is left. "
-            + advice
-        )
-    progress.note(f"{int((~kept).sum())} of {len(kept)} points are noise.")
-    _note_mostly_noise(found, progress)
-    clean = Layer(
-        "denoised",
-        shape.points[kept],
-        attributes={
-            "manifold": found.labels()[kept],
-            "source": np.flatnonzero(kept).astype(np.int32),
-        },
-        color_by="manifold",
-        labels=("manifold",),
-    )
-    noise = Layer(
-        "noise",
-        shape.points,
-        shape.faces,
-        attributes={"noise": np.where(kept, -1, 0).astype(np.int32)},
-        color_by="noise",
-        labels=("noise",),
-        on_input=True,
-    )
-    return Outcome(
-        shape=shape,
-        layers=(clean, noise),
-        values={"kept_points": int(kept.sum()), **_values(found)},
-        arrays={"points": shape.points, "kept": kept, **_arrays(found)},
-        shown=(clean,),
-    )
-
-
-def _note_mostly_noise(found: ManifoldSet, progress: Progress) -> None:
+def note_mostly_noise(found: ManifoldSet, progress: Progress) -> None:
     """Warn where the answer says more of the sampling than of the shape."""
     share = float((found.point_class == PointClass.NOISE).mean())
     if share > MOSTLY:
@@ -112,11 +65,10 @@ def _note_mostly_noise(found: ManifoldSet, progress: Progress) -> None:
 def _of_skeleton(shape: Shape, parameters: Mapping[str, Any], progress: Progress) -> Outcome:
     fine = refined(shape, parameters["refine"], progress)
     with progress.stage("skeleton", 0.1, 0.5):
-        cloud = surface_skeleton(fine, tolerance=parameters["tolerance"], progress=progress)
-    require_balls(cloud, fine)
+        cloud = maximal_balls(fine, parameters["tolerance"], progress)
     cloud = cloud.subset(cloud.valid)
     with progress.stage("manifolds", 0.5, 1.0):
-        found = _segment(cloud.centers, parameters, progress)
+        found = segmented(cloud.centers, parameters, progress)
     layer = Layer(
         "skeleton_manifolds",
         cloud.centers,
@@ -133,14 +85,15 @@ def _of_skeleton(shape: Shape, parameters: Mapping[str, Any], progress: Progress
     return Outcome(
         shape=fine,
         layers=(layer, *_surfaces(cloud.centers, found, parameters, progress)),
-        values={"samples": fine.point_count, **_values(found)},
-        arrays={"centers": cloud.centers, "source": cloud.source, **_arrays(found)},
+        values={"samples": fine.point_count, **manifold_values(found)},
+        arrays={"centers": cloud.centers, "source": cloud.source, **manifold_arrays(found)},
     )
 
 
-def _segment(
+def segmented(
     points: NDArray[np.float64], parameters: Mapping[str, Any], progress: Progress
 ) -> ManifoldSet:
+    """Segment points by the parameters that the operations share."""
     return manifolds(
         points,
         neighbours=parameters["neighbours"],
@@ -185,7 +138,8 @@ def _attributes(found: ManifoldSet) -> dict[str, NDArray[Any]]:
     }
 
 
-def _values(found: ManifoldSet) -> dict[str, Any]:
+def manifold_values(found: ManifoldSet) -> dict[str, Any]:
+    """Return the result values of a segmentation."""
     kinds = np.bincount(found.point_class, minlength=3)
     return {
         "points": len(found),
@@ -198,7 +152,8 @@ def _values(found: ManifoldSet) -> dict[str, Any]:
     }
 
 
-def _arrays(found: ManifoldSet) -> dict[str, NDArray[Any]]:
+def manifold_arrays(found: ManifoldSet) -> dict[str, NDArray[Any]]:
+    """Return the result arrays of a segmentation."""
     return {
         "membership_offsets": found.manifolds.offsets,
         "membership_manifolds": found.manifolds.indices,
@@ -206,7 +161,7 @@ def _arrays(found: ManifoldSet) -> dict[str, NDArray[Any]]:
     }
 
 
-_NEIGHBOURS = Parameter(
+NEIGHBOURS = Parameter(
     "neighbours",
     Kind.INT,
     10,
@@ -215,7 +170,7 @@ _NEIGHBOURS = Parameter(
     low=4,
     high=20,
 )
-_MAX_BEND = Parameter(
+MAX_BEND = Parameter(
     "max_bend",
     Kind.ANGLE,
     round(math.degrees(0.15), 2),
@@ -224,7 +179,7 @@ _MAX_BEND = Parameter(
     low=0.1,
     high=90.0,
 )
-_MAX_TURN = Parameter(
+MAX_TURN = Parameter(
     "max_turn",
     Kind.ANGLE,
     round(math.degrees(0.1), 2),
@@ -233,7 +188,7 @@ _MAX_TURN = Parameter(
     low=0.1,
     high=90.0,
 )
-_MIN_POINTS = Parameter(
+MIN_POINTS = Parameter(
     "min_points",
     Kind.INT,
     20,
@@ -242,7 +197,7 @@ _MIN_POINTS = Parameter(
     low=1,
     high=1_000_000,
 )
-_SMOOTH = Parameter(
+SMOOTH = Parameter(
     "smooth",
     Kind.BOOL,
     True,
@@ -270,10 +225,10 @@ OPERATION = Operation(
             "The points of the shape, or the points of its surface skeleton.",
             choices=CLOUDS,
         ),
-        _NEIGHBOURS,
-        _MAX_BEND,
-        _MAX_TURN,
-        _MIN_POINTS,
+        NEIGHBOURS,
+        MAX_BEND,
+        MAX_TURN,
+        MIN_POINTS,
         Parameter(
             "surfaces",
             Kind.BOOL,
@@ -281,27 +236,9 @@ OPERATION = Operation(
             "Surfaces",
             "Build triangles through the points of each manifold; holes and borders stay open.",
         ),
-        _SMOOTH,
+        SMOOTH,
         TOLERANCE,
         REFINE,
     ),
     run=run,
-)
-
-DENOISE = Operation(
-    name="denoise",
-    filter_name="generate_denoised_point_cloud_by_manifolds",
-    label="Denoise",
-    group="Segment",
-    help="Remove the points of a cloud that lie on no smooth surface.\n\n"
-    "Keeps what belongs to a manifold, also where surfaces cross. No point is moved.",
-    source="thesis 4.2.4.2",
-    parameters=(
-        _NEIGHBOURS,
-        replace(_MAX_BEND, default=18.0),
-        replace(_MAX_TURN, default=12.0),
-        _MIN_POINTS,
-        _SMOOTH,
-    ),
-    run=denoise,
 )

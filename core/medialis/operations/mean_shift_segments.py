@@ -14,11 +14,11 @@ from medialis.applications.mean_shift_segments import REACH, SEEDS, mean_shift_s
 from medialis.errors import FileError, InvalidOptionError, InvalidShapeError
 from medialis.model.segmentation import Segmentation
 from medialis.model.shape import Shape
-from medialis.operations.common import REFINE, TOLERANCE, cloud_arrays, refined, require_balls
+from medialis.operations.common import REFINE, TOLERANCE, cloud_arrays, maximal_balls, refined
 from medialis.operations.declaration import Kind, Operation, Parameter
 from medialis.operations.result import Layer, Outcome
+from medialis.operations.segments import note_unseen
 from medialis.progress import Progress
-from medialis.surface_skeletons.ball_shrinking import surface_skeleton
 
 
 def run(shape: Shape, parameters: Mapping[str, Any], progress: Progress) -> Outcome:
@@ -26,8 +26,7 @@ def run(shape: Shape, parameters: Mapping[str, Any], progress: Progress) -> Outc
     add, remove = (_read_picks(parameters[name], shape) for name in ("add_seeds", "remove_seeds"))
     fine = refined(shape, parameters["refine"], progress)
     with progress.stage("skeleton", 0.1, 0.5):
-        cloud = surface_skeleton(fine, tolerance=parameters["tolerance"], progress=progress)
-    require_balls(cloud, fine)
+        cloud = maximal_balls(fine, parameters["tolerance"], progress)
     with progress.stage("segments", 0.5, 1.0):
         found = mean_shift_segments(
             fine,
@@ -43,6 +42,7 @@ def run(shape: Shape, parameters: Mapping[str, Any], progress: Progress) -> Outc
     if found.count == 0:
         raise InvalidShapeError("No sample got a segment: try a larger reach or more last steps.")
     surface = _layer("mean_shift_segments", shape, found)
+    note_unseen(surface, found.count, progress)
     samples = () if fine is shape else (_layer("samples", fine, found),)
     return Outcome(
         shape=fine,

@@ -12,6 +12,7 @@ from medialis.operations import (
     armature,
     ball_reconstruction,
     curve_skeleton,
+    denoise,
     geodesic_path,
     manifolds,
     mean_shift_segments,
@@ -47,7 +48,7 @@ OPERATIONS: tuple[Operation, ...] = (
     patches.OPERATION,
     parts.OPERATION,
     manifolds.OPERATION,
-    manifolds.DENOISE,
+    denoise.OPERATION,
     mean_shift_segments.OPERATION,
 )
 

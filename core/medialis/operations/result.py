@@ -39,7 +39,9 @@ class Layer:
     face_attributes : dict of (m,) or (m, d) arrays
         The same for faces.
     labels : tuple of str
-        Attributes that number segments: 0, 1, ...; -1 is none. Hosts make groups of them.
+        Attributes that number segments: 0, 1, ...; -1 is none. Hosts make groups of them. A number
+        means the same in all layers, arrays and values of a result, so a layer with few points
+        (the vertices of a coarse input) may lack some.
     filter_by : str or None
         Attribute whose small values hosts can hide by a slider without computing anew.
     on_input : bool
@@ -93,7 +95,8 @@ class Outcome:
     layers : tuple of Layer
         First the one that hosts select.
     values : dict
-        Counts and measures, plain numbers.
+        Counts and measures, plain numbers; None for what is not defined (NaN and infinity become
+        None, also inside lists and dicts).
     arrays : dict of arrays
         The full result, also of masked rows; goes to the NPZ file.
     images : dict of (h, w, 3) uint8
@@ -118,6 +121,20 @@ class Outcome:
     graph: CurveSkeleton | None = None
     rig: Bones | None = None
     skin: SkinWeights | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "values", _defined(dict(self.values)))
+
+
+def _defined(value: Any) -> Any:
+    """Return plain data with None in the place of NaN and infinity."""
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    if isinstance(value, Mapping):
+        return {name: _defined(part) for name, part in value.items()}
+    if isinstance(value, list | tuple):
+        return [_defined(part) for part in value]
+    return value
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,8 +163,8 @@ def value_lines(values: Mapping[str, Any]) -> list[str]:
 
     Examples
     --------
-    >>> value_lines({"points": 3, "spoke_angle_max": math.pi, "spots": [{}], "graph": {"a": []}})
-    ['points: 3', 'spoke angle max: 180.0 degrees']
+    >>> value_lines({"points": 3, "spoke_angle_max": math.pi, "spots": [{}], "area": None})
+    ['points: 3', 'spoke angle max: 180.0 degrees', 'area: not defined']
     """
     found = []
     for name, value in values.items():
@@ -155,7 +172,9 @@ def value_lines(values: Mapping[str, Any]) -> list[str]:
         if isinstance(value, list) or any(isinstance(part, list | dict) for part in parts):
             continue
         shown = f"{value:.6g}" if isinstance(value, float) else str(value)
-        if name.startswith("spoke_angle"):  # radians in the core, degrees for people
+        if value is None:
+            shown = "not defined"
+        elif name.startswith("spoke_angle"):  # radians in the core, degrees for people
             shown = f"{math.degrees(value):.1f} degrees"
         found.append(f"{name.replace('_', ' ')}: {shown}")
     return found

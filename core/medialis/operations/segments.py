@@ -14,11 +14,11 @@ from medialis.features.sheets import DEFAULT_TAU
 from medialis.model.medial_cloud import MedialCloud
 from medialis.model.segmentation import Segmentation
 from medialis.model.shape import Shape
-from medialis.operations.common import REFINE, TOLERANCE, refined, require_balls
+from medialis.operations.common import REFINE, TOLERANCE, maximal_balls, refined
 from medialis.operations.declaration import Kind, Parameter
 from medialis.operations.result import Layer, Outcome
 from medialis.progress import Progress
-from medialis.surface_skeletons.ball_shrinking import surface_skeleton
+from medialis.surface_skeletons.ball_shrinking import Side
 from medialis.validation import IntArray
 
 TAU = Parameter(
@@ -55,18 +55,12 @@ def smallest_segment(default: float, what: str) -> Parameter:
 
 
 def computed(
-    shape: Shape, parameters: Mapping[str, Any], progress: Progress, *, side: str
+    shape: Shape, parameters: Mapping[str, Any], progress: Progress, *, side: Side
 ) -> tuple[Shape, MedialCloud]:
     """Refine and shrink balls, the first part of all these operations."""
     fine = refined(shape, parameters["refine"], progress)
     with progress.stage("skeleton", 0.1, 0.4):
-        cloud = surface_skeleton(
-            fine,
-            tolerance=parameters["tolerance"],
-            side=side,  # type: ignore[arg-type]
-            progress=progress,
-        )
-    require_balls(cloud, fine)
+        cloud = maximal_balls(fine, parameters["tolerance"], progress, side=side)
     return fine, cloud
 
 
@@ -125,6 +119,18 @@ def surface_layers(
     return tuple(layers)
 
 
+def note_unseen(layer: Layer, count: int, progress: Progress) -> None:
+    """Say how many of `count` segments a layer on a coarse input shows nowhere."""
+    fields = (*layer.attributes.values(), *layer.face_attributes.values())
+    labels = np.unique(np.concatenate(fields))
+    unseen = count - int((labels >= 0).sum())
+    if unseen:
+        progress.note(
+            f"{unseen} of {count} segments hold no vertex of the input and no whole face, since it "
+            "is coarse: the layer samples shows them."
+        )
+
+
 def segmentation_outcome(
     name: str,
     shape: Shape,
@@ -151,6 +157,7 @@ def segmentation_outcome(
         color_by=name,
         labels=(name,),
     )
+    note_unseen(layers[0], segmentation.count, progress)
     return Outcome(
         shape=fine,
         layers=layers,

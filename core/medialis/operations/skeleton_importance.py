@@ -15,8 +15,8 @@ from medialis.operations.common import (
     TOLERANCE,
     cloud_arrays,
     cloud_layer,
+    maximal_balls,
     refined,
-    require_balls,
     samples_layer,
     summary,
 )
@@ -31,7 +31,6 @@ from medialis.regularization.importance import (
     local_measures,
 )
 from medialis.shape.cloud_surface import surface_of_cloud
-from medialis.surface_skeletons.ball_shrinking import surface_skeleton
 
 SHARES = (0.005, 0.01, 0.02, 0.05)
 
@@ -61,8 +60,7 @@ def run(shape: Shape, parameters: Mapping[str, Any], progress: Progress) -> Outc
         progress.note("A surface was built through the points of the cloud: look at samples.ply.")
     fine = refined(shape, parameters["refine"], progress)
     with progress.stage("skeleton", 0.1, 0.2):
-        cloud = surface_skeleton(fine, tolerance=parameters["tolerance"], progress=progress)
-    require_balls(cloud, fine)
+        cloud = maximal_balls(fine, parameters["tolerance"], progress)
     with progress.stage("importance", 0.2, 0.95):
         paths = geodesic_importance(
             fine, cloud, directions=parameters["directions"], progress=progress

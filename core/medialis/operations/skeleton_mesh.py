@@ -20,8 +20,8 @@ from medialis.operations.common import (
     TOLERANCE,
     cloud_arrays,
     cloud_layer,
+    maximal_balls,
     refined,
-    require_balls,
     samples_layer,
     summary,
 )
@@ -30,7 +30,6 @@ from medialis.operations.result import Layer, Outcome
 from medialis.progress import Progress
 from medialis.regularization.connectivity import connected_importance
 from medialis.regularization.importance import geodesic_importance, important_points
-from medialis.surface_skeletons.ball_shrinking import surface_skeleton
 from medialis.surface_skeletons.skeleton_mesh import DEFAULT_BRIDGE, skeleton_mesh
 
 
@@ -43,13 +42,7 @@ def run(shape: Shape, parameters: Mapping[str, Any], progress: Progress) -> Outc
         )
     fine = refined(shape, parameters["refine"], progress)
     with progress.stage("skeleton", 0.1, 0.5):
-        cloud = surface_skeleton(
-            fine,
-            tolerance=parameters["tolerance"],
-            side=parameters["side"],
-            progress=progress,
-        )
-    require_balls(cloud, fine)
+        cloud = maximal_balls(fine, parameters["tolerance"], progress, side=parameters["side"])
     keep = cloud.valid & (cloud.spoke_angles >= math.radians(parameters["min_spoke_angle"]))
     measured: dict[str, NDArray[np.float64]] = {}
     if parameters["importance"] > 0:
@@ -69,13 +62,16 @@ def run(shape: Shape, parameters: Mapping[str, Any], progress: Progress) -> Outc
             progress=progress,
         )
     if len(mesh.faces) == 0:
-        advice = "Lower these or smallest_piece"
+        wanted = f"a spoke angle of {parameters['min_spoke_angle']:g} degrees or more"
+        advice = "Lower min_spoke_angle or smallest_piece"
+        if parameters["importance"] > 0:
+            wanted += f" and an importance of {parameters['importance']:g} of the size or more"
+            advice = "Lower min_spoke_angle, importance or smallest_piece"
         if keep.sum() == cloud.valid.sum():
             advice = "Lower smallest_piece, or refine so that parts have more samples"
         raise InvalidShapeError(
-            f"No triangle is left: {int(keep.sum())} of {int(cloud.valid.sum())} balls have a "
-            f"spoke angle of {parameters['min_spoke_angle']:g} degrees or more and an importance "
-            f"of {parameters['importance']:g} of the size. {advice}."
+            f"No triangle is left: {int(keep.sum())} of {int(cloud.valid.sum())} balls have "
+            f"{wanted}. {advice}."
         )
     radii = cloud.radii[mesh.rows]
     return Outcome(

@@ -16,8 +16,9 @@ from medialis.operations.declaration import Kind, Operation, Parameter
 from medialis.operations.result import Outcome
 from medialis.operations.segments import FINE, SEGMENT_TOLERANCE, computed, surface_layers
 from medialis.progress import Progress
+from medialis.surface_skeletons.ball_shrinking import Side
 
-SIDE_OF_EDGES = {"convex": "inner", "concave": "outer", "both": "both"}
+SIDE_OF_EDGES: dict[str, Side] = {"convex": "inner", "concave": "outer", "both": "both"}
 EDGES = Parameter(
     "edges",
     Kind.CHOICE,

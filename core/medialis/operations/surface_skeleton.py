@@ -13,15 +13,15 @@ from medialis.operations.common import (
     TOLERANCE,
     cloud_arrays,
     cloud_layer,
+    maximal_balls,
     refined,
-    require_balls,
     samples_layer,
     summary,
 )
 from medialis.operations.declaration import Kind, Operation, Parameter
 from medialis.operations.result import Outcome
 from medialis.progress import Progress
-from medialis.surface_skeletons.ball_shrinking import LARGEST_RADIUS, surface_skeleton
+from medialis.surface_skeletons.ball_shrinking import LARGEST_RADIUS
 from medialis.surface_skeletons.subsampling import uniform_subsample
 
 
@@ -29,14 +29,13 @@ def run(shape: Shape, parameters: Mapping[str, Any], progress: Progress) -> Outc
     """Refine, shrink balls, thin the cloud if asked to."""
     fine = refined(shape, parameters["refine"], progress)
     with progress.stage("skeleton", 0.1, 0.95):
-        cloud = surface_skeleton(
+        cloud = maximal_balls(
             fine,
-            tolerance=parameters["tolerance"],
+            parameters["tolerance"],
+            progress,
             side=parameters["side"],
             largest_radius=parameters["largest_radius"],
-            progress=progress,
         )
-    require_balls(cloud, fine)
     with progress.stage("subsample", 0.95, 1.0):
         mask = uniform_subsample(cloud, parameters["subsample"] * fine.diagonal)
     shown = cloud.subset(mask)

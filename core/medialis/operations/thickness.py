@@ -18,14 +18,13 @@ from medialis.operations.common import (
     REFINE,
     TOLERANCE,
     cloud_arrays,
+    maximal_balls,
     refined,
-    require_balls,
     summary,
 )
 from medialis.operations.declaration import Kind, Operation, Parameter
 from medialis.operations.result import Layer, Outcome
 from medialis.progress import Progress
-from medialis.surface_skeletons.ball_shrinking import surface_skeleton
 from medialis.validation import FloatArray, IntArray
 
 SHOWN_SHARE = 98.0
@@ -40,8 +39,7 @@ def run(shape: Shape, parameters: Mapping[str, Any], progress: Progress) -> Outc
     """Refine, shrink balls, measure, complete, list the thinnest places."""
     fine = refined(shape, parameters["refine"], progress)
     with progress.stage("skeleton", 0.1, 0.7):
-        cloud = surface_skeleton(fine, tolerance=parameters["tolerance"], progress=progress)
-    require_balls(cloud, fine)
+        cloud = maximal_balls(fine, parameters["tolerance"], progress)
     with progress.stage("thickness", 0.7, 0.85):
         angle = math.radians(parameters["min_spoke_angle"])
         values = thickness(fine, cloud, kind=parameters["kind"], min_spoke_angle=angle)
@@ -92,12 +90,13 @@ def _surface_layer(name: str, shape: Shape, values: FloatArray, labels: IntArray
 
 
 def _spots_layer(spots: tuple[ThinSpot, ...]) -> Layer:
+    area = np.array([spot.area for spot in spots])
     return Layer(
         "thin_spots",
         np.array([spot.position for spot in spots]),
         attributes={
             "value": np.array([spot.value for spot in spots]),
-            "area": np.array([spot.area for spot in spots]),
+            **({} if np.isnan(area).all() else {"area": area}),  # a cloud has no areas
             "vertices": np.array([len(spot.vertices) for spot in spots], np.int32),
         },
     )

@@ -93,7 +93,7 @@ def _note_doubts(shape: Shape, curve: CurveSkeleton, progress: Progress) -> None
         progress.note(
             f"{100 * share:.0f} % of the surface lies further than {FAR_RADII:g} radii from the "
             "curve skeleton: the shape is flat or sheet-like there, or the views do not show it. "
-            "A surface skeleton describes sheets better.",
+            "surface_skeleton describes sheets better.",
             level=logging.WARNING,
         )
     parts = int(shape.components.max()) + 1
