@@ -2,6 +2,10 @@
 
 #include <vcg/complex/allocate.h>
 
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
 namespace {
 
 using Allocator = vcg::tri::Allocator<CMeshO>;
@@ -31,6 +35,22 @@ struct Faces {
     }
 };
 
+// The values as quality, which must be finite: MeshLab scales its colours and histograms by the
+// smallest and the largest. NaN becomes the smallest finite value, infinity the nearest one.
+std::vector<double> asQuality(std::vector<double> values)
+{
+    double low = std::numeric_limits<double>::infinity(), high = -low;
+    for (double value : values)
+        if (std::isfinite(value)) {
+            low = std::min(low, value);
+            high = std::max(high, value);
+        }
+    if (low > high) low = high = 0.0;
+    for (double& value : values)
+        value = std::isnan(value) ? low : std::min(std::max(value, low), high);
+    return values;
+}
+
 template <typename Elements>
 int putRows(MeshModel& model, const Rows& rows, const std::string& colorBy)
 {
@@ -54,9 +74,10 @@ int putRows(MeshModel& model, const Rows& rows, const std::string& colorBy)
     const Attribute* scalar = rows.find(colorBy);
     if (!scalar && rows.colors.empty()) return 0;
     model.updateDataMask(Elements::masks());
+    const std::vector<double> quality = asQuality(scalar ? scalar->values : std::vector<double>());
     for (size_t row = 0; row < places.size(); ++row) {
         auto& element = Elements::at(mesh, places[row]);
-        if (scalar) element.Q() = Scalarm(scalar->values[row]);
+        if (scalar) element.Q() = Scalarm(quality[row]);
         if (!rows.colors.empty()) {
             const auto& c = rows.colors[row];
             element.C() = vcg::Color4b(c[0], c[1], c[2], c[3]);

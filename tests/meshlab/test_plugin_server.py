@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import closed_forms as forms
 import medialis
 from medialis.io.meshes import read_mesh
 from medialis.io.ply_attributes import read_ply_attributes, write_ply
@@ -85,6 +86,24 @@ def test_fields_lie_on_the_given_layer(meshlab, creature, tmp_path):
     np.testing.assert_array_equal(found.attributes["quality"], expected)
     colors = [found.attributes[name] for name in ("red", "green", "blue", "alpha")]
     np.testing.assert_array_equal(np.stack(colors, axis=1), layer_colors(layer))
+
+
+def test_quality_is_finite_where_importance_is_not(meshlab, tmp_path):
+    """Between overlapping parts importance is infinite; MeshLab's scale of quality was too."""
+    ball = forms.icosphere(2)
+    shape, out = tmp_path / "two.ply", tmp_path / "out.ply"
+    points = np.vstack([ball.points, ball.points + np.array([1, 0, 0])]).astype(np.float32)
+    faces = np.vstack([ball.faces, ball.faces + ball.point_count])
+    write_ply(shape, points.astype(np.float64), faces=faces)
+    meshlab.run(
+        [shape], operation("skeleton_importance"), more=["-o", str(out), "-l", "x", "-m", "vq"]
+    )
+    result = medialis.run("skeleton_importance", medialis.read_shape(shape))
+    importance = result.layers[0].attributes["importance"]
+    assert np.isinf(importance).any()
+    expected = np.where(np.isinf(importance), result.values["importance_max"], importance)
+    found = read_ply_attributes(out).attributes["quality"]
+    np.testing.assert_array_equal(found, expected.astype(np.float32))
 
 
 def test_a_point_cloud_is_computed_with_its_normals(meshlab, tmp_path):

@@ -8,6 +8,7 @@ from html.parser import HTMLParser
 import numpy as np
 import pytest
 
+import closed_forms as forms
 import medialis
 from medialis.cli import main
 from medialis.io.ply_attributes import write_ply
@@ -85,6 +86,19 @@ def test_values_that_are_not_numbers_have_a_place(creature):
     found = {**measure(result), "values": {"a": None, "b": np.inf, "c": "<i>"}}
     text = "".join(parsed(report_page(found, [])).text)
     assert "inf" in text and "<i>" in text
+
+
+@pytest.mark.parametrize("scale", [1e-29, 1.0, 1e29])
+def test_clouds_and_equal_values_of_any_size_have_a_report(scale):
+    """A cloud has no areas to show. Of equal radii of 1e29, numpy made no bins: half of 1 up and
+    down is nothing there."""
+    form = forms.sphere(300).shape
+    cloud = medialis.Shape(scale * form.points, form.normals)
+    texts = report_texts(medialis.run("thickness", cloud))
+    found = json.loads(texts["report.json"])
+    assert found["thin_spots"][0]["area"] is None and parsed(texts["report.html"]).images
+    counts, edges = found["histograms"]["thickness"].values()
+    assert sum(counts) == 300 and edges == sorted(edges)
 
 
 def test_the_command_line_writes_it(creature, tmp_path, capsys):

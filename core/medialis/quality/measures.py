@@ -14,6 +14,7 @@ from medialis.model.shape import Shape
 from medialis.operations.result import Layer, Result
 from medialis.quality.distances import reconstruction_error
 from medialis.shape.diagnosis import diagnose
+from medialis.validation import FloatArray
 from medialis.version import package_version
 
 HISTOGRAMS = ("radius", "importance", "thickness", "spoke_angle")
@@ -119,6 +120,15 @@ def _centredness(result: Result) -> dict[str, float] | None:
     return {"median": float(np.median(share)), "lowest": float(share.min())}
 
 
+def _histogram(values: FloatArray) -> tuple[NDArray[np.int64], FloatArray]:
+    """Count finite values in bins; values that are equal but for rounding get a narrow range."""
+    low, high = float(values.min(initial=np.inf)), float(values.max(initial=-np.inf))
+    room = 1e-9 * max(abs(low), abs(high))
+    if len(values) == 0 or high - low > room or room == 0:
+        return np.histogram(values, BINS)
+    return np.histogram(values, BINS, (low - room, high + room))
+
+
 def _histograms(layers: tuple[Layer, ...]) -> dict[str, dict[str, list[float]]]:
     found: dict[str, dict[str, list[float]]] = {}
     for layer in (layer for layer in layers if not layer.auxiliary):
@@ -126,6 +136,6 @@ def _histograms(layers: tuple[Layer, ...]) -> dict[str, dict[str, list[float]]]:
             if name in found or name not in layer.attributes:
                 continue
             values = np.asarray(layer.attributes[name], float)
-            counts, edges = np.histogram(values[np.isfinite(values)], BINS)
+            counts, edges = _histogram(values[np.isfinite(values)])
             found[name] = {"counts": counts.tolist(), "edges": edges.tolist()}
     return found

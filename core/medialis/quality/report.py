@@ -169,11 +169,15 @@ def _chart(counts: Sequence[float], edges: Sequence[float]) -> str:
     )
 
 
+def _area(area: float | None) -> str:
+    return "" if area is None else f"{area:.4g}"  # a cloud has no areas
+
+
 def _spots(spots: Sequence[Mapping[str, Any]] | None) -> str:
     if not spots:
         return ""
     rows = "".join(
-        f"<tr><td>{spot['value']:.5g}</td><td>{spot['area']:.4g}</td><td>{spot['vertices']}</td>"
+        f"<tr><td>{spot['value']:.5g}</td><td>{_area(spot['area'])}</td><td>{spot['vertices']}</td>"
         f"<td>{', '.join(f'{x:.5g}' for x in spot['position'])}</td></tr>"
         for spot in spots
     )
