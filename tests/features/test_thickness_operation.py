@@ -79,6 +79,14 @@ def test_walls_thinner_than_the_tolerance_are_found(size):
     assert (np.abs(values - min(size)) < slack).all()
 
 
+def test_a_disc_whose_rim_stays_hidden_is_measured():
+    """At its sharp rim some balls meet nothing with any tolerance: all others were wrong too."""
+    ball = forms.icosphere(3)
+    disc = medialis.make_shape(ball.points * [1, 1, 1e-6], ball.faces)
+    values = medialis.run("thickness", disc, refine=0).layers[0].attributes["thickness"]
+    assert values.max() <= 2e-6 * (1 + 1e-6)
+
+
 def test_a_small_largest_radius_is_no_hidden_wall():
     cube = forms.box_mesh((1, 1, 1), 0.5)
     result = medialis.run("surface_skeleton", cube, largest_radius=0.05)

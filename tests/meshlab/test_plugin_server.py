@@ -92,13 +92,12 @@ def test_quality_is_finite_where_importance_is_not(meshlab, tmp_path):
     """Between overlapping parts importance is infinite; MeshLab's scale of quality was too."""
     ball = forms.icosphere(2)
     shape, out = tmp_path / "two.ply", tmp_path / "out.ply"
-    points = np.vstack([ball.points, ball.points + np.array([1, 0, 0])]).astype(np.float32)
+    points = np.vstack([ball.points, ball.points + np.array([0.9, 0.2, 0.1])]).astype(np.float32)
     faces = np.vstack([ball.faces, ball.faces + ball.point_count])
     write_ply(shape, points.astype(np.float64), faces=faces)
-    meshlab.run(
-        [shape], operation("skeleton_importance"), more=["-o", str(out), "-l", "x", "-m", "vq"]
-    )
-    result = medialis.run("skeleton_importance", medialis.read_shape(shape))
+    values, more = {"connected": False}, ["-o", str(out), "-l", "x", "-m", "vq"]
+    meshlab.run([shape], operation("skeleton_importance"), values, more=more)
+    result = medialis.run("skeleton_importance", medialis.read_shape(shape), **values)
     importance = result.layers[0].attributes["importance"]
     assert np.isinf(importance).any()
     expected = np.where(np.isinf(importance), result.values["importance_max"], importance)

@@ -136,16 +136,18 @@ def maximal_balls(
         )
 
     cloud = found = shrunk(tolerance, progress)
+    before = left = int(hidden_walls(shape, cloud).sum())
     finer = tolerance
     silent = Progress(lambda fraction, text: progress.update(1.0))
-    while finer > 0 and hidden_walls(shape, found).any():
+    while finer > 0 and left:
         finer = finer / 10 if finer > LEAST_TOLERANCE else 0.0
         found = shrunk(finer, silent)
-    if finer < tolerance and not hidden_walls(shape, found).any():
+        left = int(hidden_walls(shape, found).sum())
+    if left < before:
         progress.note(
             f"Computed with a tolerance of {100 * finer:.3g} % of the diagonal instead of "
-            f"{100 * tolerance:.3g} %, which hides walls thinner than itself: every inner ball of "
-            "a closed part now meets the other side.",
+            f"{100 * tolerance:.3g} %, which hides walls thinner than itself: {left or 'none'} of "
+            f"these {before} inner balls of closed parts meet nothing now.",
             level=logging.WARNING,
         )
         cloud = found

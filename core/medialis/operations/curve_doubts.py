@@ -80,10 +80,11 @@ def note_result(graph: CurveSkeleton, sheet: float, progress: Progress) -> None:
     if alone:
         progress.note(
             f"{alone} of {graph.component_count} parts are a single node: round shapes have no "
-            "direction, and small parts fall below the threshold."
+            "direction, small parts fall below the threshold, and thin ones need lower candidates."
         )
     if sheet > SHEET_SHARE:
         progress.note(
-            f"{100 * sheet:.0f} % of the surface belongs to parts more than four times as wide as "
-            "thick: thin sheets have no meaningful curve skeleton; surface_skeleton describes them."
+            f"{100 * sheet:.0f} % of the surface lies more than {FAR:g} radii off the curve "
+            "skeleton: thin sheets have no meaningful one (surface_skeleton describes them), and "
+            "thin limbs need lower candidates."
         )
