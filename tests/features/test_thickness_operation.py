@@ -72,11 +72,32 @@ def test_walls_thinner_than_the_tolerance_are_found(size):
     """A plate of 1e-4 was 0.027 thick, and a bar of 1 : 10000 was 267 thick: the tolerance of 3e-4
     took the other side for relief, and the few balls left ended at the far rim."""
     result = medialis.run("thickness", forms.box_mesh(size, 2e4))
-    assert any("hides walls" in text for text in result.messages)
+    assert any("hides its other side" in text for text in result.messages)
     # Balls stop up to 3/4 of the tolerance behind the other side, here a tenth of the default.
     slack = 0.75 * 3e-5 * result.shape.diagonal
     values = result.layers[0].attributes["thickness"]
     assert (np.abs(values - min(size)) < slack).all()
+
+
+@pytest.mark.parametrize("wall", [1e-3, 1e-4, 1e-5])
+def test_a_thin_fin_on_a_thick_base_is_measured(wall):
+    """Balls went through a fin and came to rest on the base beside it: 0.5 instead of 1e-4, and
+    nothing was said."""
+    x = 0.5 + np.array([-0.5, 0.5, 0.5, wall / 2, wall / 2, -wall / 2, -wall / 2, -0.5])
+    outline = np.stack([x, [0, 0, 0.5, 0.5, 1, 1, 0.5, 0.5]], axis=1)
+    corners = [np.insert(outline, 1, depth, axis=1) for depth in (0.0, 1.0)]
+    sides = [(i, (i + 1) % 8, 8 + (i + 1) % 8, 8 + i) for i in range(8)]
+    quads = [*sides, (0, 1, 2, 7), (15, 10, 9, 8), (3, 4, 5, 6), (14, 13, 12, 11)]
+    front = [(2, 3, 6), (2, 6, 7), (14, 11, 10), (15, 14, 10)]
+    faces = [f for a, b, c, d in quads for f in ((a, b, c), (a, c, d))] + front
+    shape = medialis.make_shape(np.concatenate(corners), faces, repair=True)
+    assert shape.diagnosis.closed and shape.diagnosis.genus == 0
+    result = medialis.run("thickness", shape, refine=0.02)
+    values, top = result.layers[0].attributes["thickness"], shape.points[:, 2] > 0.9
+    # The tolerance that finds it is below the wall, and balls stop up to 3/4 of it behind.
+    assert top.sum() == 4 and (np.abs(values[top] / wall - 1) < 0.75).all()
+    hidden = any("hides its other side" in text for text in result.messages)
+    assert hidden == (wall < 3e-4 * result.shape.diagonal)
 
 
 def test_a_disc_whose_rim_stays_hidden_is_measured():
@@ -91,7 +112,7 @@ def test_a_small_largest_radius_is_no_hidden_wall():
     cube = forms.box_mesh((1, 1, 1), 0.5)
     result = medialis.run("surface_skeleton", cube, largest_radius=0.05)
     assert result.values["open_balls"] > 0
-    assert not any("walls" in text for text in result.messages)
+    assert not any("wall" in text for text in result.messages)
 
 
 def test_command_line_tells_where(plate, tmp_path, capsys):

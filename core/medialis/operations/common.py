@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -22,9 +23,9 @@ from medialis.surface_skeletons.ball_shrinking import (
     LARGEST_RADIUS,
     SIDES,
     Side,
-    hidden_walls,
     surface_skeleton,
 )
+from medialis.surface_skeletons.hidden_walls import THINNEST, hidden_walls
 
 REFINE = Parameter(
     "refine",
@@ -65,9 +66,6 @@ DENOISE = Parameter(
     "normals; clean surfaces stay as they are, also with sharp edges. off: never.",
     choices=("auto", "off"),
 )
-
-LEAST_TOLERANCE = 1e-7
-"""Fraction of the diagonal below which a tolerance that hides walls becomes 0: exact balls."""
 
 NOISY = 0.04
 """Spacings: deviation of noise from which on a surface is smoothed. It tilts normals by 5 degrees.
@@ -119,10 +117,7 @@ def maximal_balls(
     side: Side = "inner",
     largest_radius: float = LARGEST_RADIUS,
 ) -> MedialCloud:
-    """Shrink balls, with a lower tolerance where it hides walls, and say so.
-
-    A wall of a closed mesh that is thinner than the tolerance looks like relief of one surface: no
-    ball stops at its other side (`hidden_walls`).
+    """Shrink balls; those that the tolerance lets through a wall get a lower one, and it is said.
 
     Raises
     ------
@@ -135,24 +130,38 @@ def maximal_balls(
             shape, tolerance=fraction, side=side, largest_radius=largest_radius, progress=progress
         )
 
-    cloud = found = shrunk(tolerance, progress)
-    before = left = int(hidden_walls(shape, cloud).sum())
-    finer = tolerance
-    silent = Progress(lambda fraction, text: progress.update(1.0))
-    while finer > 0 and left:
-        finer = finer / 10 if finer > LEAST_TOLERANCE else 0.0
-        found = shrunk(finer, silent)
-        left = int(hidden_walls(shape, found).sum())
-    if left < before:
-        progress.note(
-            f"Computed with a tolerance of {100 * finer:.3g} % of the diagonal instead of "
-            f"{100 * tolerance:.3g} %, which hides walls thinner than itself: {left or 'none'} of "
-            f"these {before} inner balls of closed parts meet nothing now.",
-            level=logging.WARNING,
-        )
-        cloud = found
+    cloud = shrunk(tolerance, progress)
+    hidden = hidden_walls(shape, cloud, tolerance)
+    if hidden.any():
+        silent = Progress(lambda fraction, text: progress.update(1.0))
+        exact, finer = shrunk(0.0, silent), tolerance
+        hidden &= ~hidden_walls(shape, exact, tolerance)  # others have another reason
+        count = int(hidden.sum())
+        while hidden.any():
+            finer = finer / 10 if finer > THINNEST else 0.0
+            found = shrunk(finer, silent) if finer > 0 else exact
+            seen = hidden & ~hidden_walls(shape, found, tolerance)
+            cloud, hidden = _with_balls(cloud, found, seen), hidden & ~seen
+        if count:
+            progress.note(
+                f"At {count} of {shape.point_count} samples the wall is thinner than the tolerance "
+                f"of {100 * tolerance:.3g} % of the diagonal, which hides its other side: their "
+                f"balls were computed with down to {100 * finer:.3g} %.",
+                level=logging.WARNING,
+            )
     _require_balls(cloud, shape)
     return cloud
+
+
+def _with_balls(cloud: MedialCloud, other: MedialCloud, rows: NDArray[np.bool_]) -> MedialCloud:
+    """Return a cloud with some balls of another one of the same samples."""
+    fields = ("centers", "radii", "features", "status", "spoke_angles")
+    taken = {}
+    for name in fields:
+        values = np.array(getattr(cloud, name))
+        values[rows] = getattr(other, name)[rows]
+        taken[name] = values
+    return replace(cloud, **taken)
 
 
 def _require_balls(cloud: MedialCloud, shape: Shape) -> None:

@@ -18,6 +18,7 @@ from medialis.errors import InvalidShapeError
 from medialis.model.medial_cloud import BallStatus, MedialCloud
 from medialis.model.shape import Shape
 from medialis.progress import Progress, ProgressCallback
+from medialis.surface_skeletons.hidden_walls import hidden_walls
 from medialis.threads import run_chunks
 from medialis.validation import FloatArray, as_choice, as_number
 
@@ -41,9 +42,6 @@ LARGEST_RADIUS = 1.0
 """Fraction of the diagonal. A ball inside a closed shape fits its bounding box, so its radius is at
 most diagonal / (2 sqrt 3), or half a diagonal where only the corners of a box are sampled. Only
 open shapes and the outer side reach this bound."""
-
-HALF = 0.5
-"""Fraction of the diagonal: no ball inside a closed shape has a larger radius."""
 
 COINCIDENT = 1e-10
 """Fraction of the diagonal. A sample nearer than this to the tangent point counts as that point: it
@@ -135,26 +133,8 @@ def surface_skeleton(
     signs = {"inner": (1,), "outer": (-1,), "both": (1, -1)}[side]
     progress = Progress.of(progress)
     cloud = _shrink(shape, tolerance, largest_radius, signs, progress)
-    _note_outcome(shape, cloud, progress)
+    _note_outcome(shape, cloud, tolerance, progress)
     return cloud
-
-
-def hidden_walls(shape: Shape, cloud: MedialCloud) -> NDArray[np.bool_]:
-    """Return the inner balls of closed components that meet no second sample, (k,) bool.
-
-    Inside a closed surface there always is one: the wall is thinner than the tolerance, so that its
-    other side was taken for relief, or the normals point inward. None in a cloud, and none among
-    balls that a small `largest_radius` stopped.
-    """
-    # Compared so that NaN, the radius of a sample without a normal, is no large ball.
-    large = cloud.radii >= HALF * shape.diagonal
-    hidden = large & (cloud.status == BallStatus.OPEN) & (cloud.side > 0)
-    if shape.faces is None or not hidden.any():
-        return np.zeros(len(cloud), np.bool_)
-    part = shape.components
-    rim = part[shape.faces.ravel()[shape.edge_twins < 0]]
-    in_faces = np.isin(cloud.source, shape.faces)
-    return np.asarray(hidden & in_faces & ~np.isin(part[cloud.source], rim))
 
 
 @dataclass(frozen=True)
@@ -240,7 +220,7 @@ def _shrink(
     )
 
 
-def _note_outcome(shape: Shape, cloud: MedialCloud, progress: Progress) -> None:
+def _note_outcome(shape: Shape, cloud: MedialCloud, tolerance: float, progress: Progress) -> None:
     counts = np.bincount(cloud.status, minlength=3)
     if counts[BallStatus.NO_NORMAL]:
         reason = "folded or degenerate faces meet there"
@@ -256,7 +236,7 @@ def _note_outcome(shape: Shape, cloud: MedialCloud, progress: Progress) -> None:
         count = int(((cloud.status == BallStatus.OPEN) & mine).sum())
         if count:
             reason = "the surface is open there" if sign > 0 else "nothing faces them"
-            if sign > 0 and hidden_walls(shape, cloud).any():
+            if sign > 0 and hidden_walls(shape, cloud, tolerance).any():
                 reason = "walls are thinner than the tolerance there, or normals point inward"
             progress.note(
                 f"{count} of {mine.sum()} {name} balls meet no second sample within the largest "
