@@ -63,17 +63,31 @@ def test_distance_to_a_triangle_in_all_its_regions():
 
 
 def test_a_sphere_and_its_ball():
-    """The facets lie inside the ball by the sagitta of their circumcircle at most."""
+    """The facets lie inside the ball by the sagitta of their circumcircle at most; their middles
+    are seen, the samples alone are not."""
     sphere = forms.icosphere(4)
     error = reconstruction_error(sphere, [[0, 0, 0.0]], [1.0])
     longest = np.linalg.norm(np.diff(sphere.points[sphere.edges], axis=1), axis=2).max()
     sagitta = 1 - np.sqrt(1 - (longest / np.sqrt(3)) ** 2)  # of the largest possible triangle
-    assert error.surface_to_balls_max <= 1e-12
+    middles = sphere.points[sphere.faces].mean(axis=1)
+    assert error.surface_to_balls_max == pytest.approx(1 - np.linalg.norm(middles, axis=1).min())
+    assert error.deepest_sample <= 1e-12
     assert 0 < error.balls_to_surface_max <= sagitta
     grown = reconstruction_error(sphere, [[0, 0, 0.0]], [1.25])
-    assert grown.surface_to_balls_max == pytest.approx(0.25)
+    assert grown.surface_to_balls_max == pytest.approx(1.25 - np.linalg.norm(middles, axis=1).min())
     assert grown.balls_to_surface_max == pytest.approx(0.25, abs=sagitta)
     assert grown.hausdorff >= grown.balls_to_surface_mean > 0.249
+
+
+def test_the_worst_place_is_on_the_stray_ball():
+    """A ball outside of the shape, as false normals make: its far side is found. Of 512 points one
+    lies within twice the cap that is its share of a sphere, 2 sqrt(4 / 512) = 0.18; the distance
+    is off by the height of that cap and the sagitta of the facets, 0.01 each at most."""
+    error = reconstruction_error(forms.icosphere(3), [[0, 0, 0], [3, 0, 0.0]], [1.0, 0.5])
+    assert np.linalg.norm(error.worst_place - [3.5, 0, 0]) <= 0.18 * 0.5
+    assert error.hausdorff == error.balls_to_surface_max == pytest.approx(2.5, abs=0.02)
+    left_out = reconstruction_error(forms.icosphere(3), [[0, 0, 0.5]], [0.5])
+    assert left_out.worst_place @ [0, 0, 1] == pytest.approx(-1, abs=0.02)
 
 
 def test_leaving_balls_out_is_seen_on_the_surface_side_only():
@@ -84,8 +98,11 @@ def test_leaving_balls_out_is_seen_on_the_surface_side_only():
     half = good.subset(good.centers[:, 0] > np.median(good.centers[:, 0]))
     all_of_it = reconstruction_error(shape, good.centers, good.radii)
     error = reconstruction_error(shape, half.centers, half.radii)
-    # Every sample touches its own ball; no ball is deeper than the tolerance in the surface.
-    assert all_of_it.surface_to_balls_max <= (3e-4 + 1e-9) * shape.diagonal
+    # Every sample touches its own ball; no ball is deeper than the tolerance in the surface. A
+    # place between them is no further from a sample than the longest edge.
+    longest = np.linalg.norm(np.diff(shape.points[shape.edges], axis=1), axis=2).max()
+    assert 0 < all_of_it.deepest_sample <= (3e-4 + 1e-9) * shape.diagonal
+    assert all_of_it.surface_to_balls_max <= longest
     assert error.surface_to_balls_max > 0.1 * shape.diagonal
     assert error.balls_to_surface_mean < 0.1 * shape.diagonal
 
@@ -102,6 +119,24 @@ def test_rotation_and_scale_change_nothing():
     assert other.surface_to_balls_mean == pytest.approx(1e3 * error.surface_to_balls_mean, rel=1e-9)
     # The points on the spheres do not turn with the shape: the mean over them is a sample.
     assert other.balls_to_surface_mean == pytest.approx(1e3 * error.balls_to_surface_mean, rel=0.1)
+
+
+def test_distance_to_uneven_triangles_is_exact():
+    """Report of gears: the triangles round the three nearest vertices of a place are not always
+    the nearest ones, so that its Hausdorff distance came out too large. Here the nearest triangle
+    has all its vertices far away."""
+    corners = [[-10, -10, 0], [10, -10, 0], [0, 10, 0], [0, 0, -1], [0.1, 0, -1], [0, 0.1, -1.0]]
+    shape = medialis.make_shape(corners, [[0, 1, 2], [3, 4, 5]])
+    assert distance_to_surface([[0, 0, 0.25]], shape) == pytest.approx(0.25)
+
+
+def test_a_far_side_that_was_not_seen_is_none():
+    """Of many balls every second one is looked at; the only one on the boundary is not."""
+    radii = np.full(40_000, 0.01)
+    radii[1] = 1.0
+    error = reconstruction_error(forms.icosphere(2), np.zeros((40_000, 3)), radii)
+    assert error.balls_to_surface_max is None and error.balls_to_surface_mean is None
+    assert error.hausdorff == error.surface_to_balls_max > 0
 
 
 @pytest.mark.parametrize(

@@ -3,6 +3,7 @@
 import base64
 import json
 import re
+from dataclasses import replace
 from html.parser import HTMLParser
 
 import numpy as np
@@ -12,11 +13,14 @@ import closed_forms as forms
 import medialis
 from medialis.cli import main
 from medialis.io.ply_attributes import write_ply
+from medialis.model.curve_skeleton import CurveSkeleton
 from medialis.operations.registry import OPERATIONS
-from medialis.quality.measures import measure
+from medialis.operations.result import Layer, Result
+from medialis.quality.balls import along
+from medialis.quality.measures import histogram, measure
 from medialis.quality.report import report_page, report_texts
 
-VOID = {"meta", "img", "rect", "br"}
+VOID = {"meta", "img", "rect", "path", "line"}
 
 
 class Balance(HTMLParser):
@@ -62,7 +66,8 @@ def test_every_operation_has_a_report(chosen, creature):
     assert base64.b64decode(page.images[0].split(",")[1]).startswith(b"\x89PNG")
     assert not re.search(r'(src|href)="(?!data:)', texts["report.html"])
     assert "a <b>.ply" in "".join(page.text)
-    found = json.loads(texts["report.json"])
+    assert not re.search(r"\b(nan|inf|None|True|False)\b", "".join(page.text))
+    found = json.loads(texts["report.json"], parse_constant=pytest.fail)
     assert found["operation"] == chosen.name and found["input"]["as_computed"]["closed"]
     assert found["topology"]["genus"] == creature.diagnosis.genus
 
@@ -77,15 +82,106 @@ def test_the_numbers_are_those_of_the_shape(creature):
     slow = (layer.attributes["radius"][rows] - gaps).max() / shape.diagonal * 100
     assert slow - 1e-9 <= found["emptiness"]["deepest"] <= 3e-4 * 100
     assert sum(found["histograms"]["radius"]["counts"]) == len(layer.points)
-    assert found["reconstruction"]["surface_to_balls_max"] <= 3e-4 * 100 + 1e-9
+    states = {line["about"]: line["state"] for line in found["verdict"]}
+    assert states["Emptiness"] == "good" and states["Balls"] == "info"  # 10 have no normal
+    assert found["balls"]["started"] - found["balls"]["maximal"] == 10
     assert found["versions"]["medialis"] and found["seconds"]["total"] > 0
+
+
+def test_a_ball_deeper_than_the_tolerance_is_seen(creature):
+    """The balls of a larger tolerance, judged by a smaller one."""
+    result = medialis.run("surface_skeleton", creature, tolerance=0.02)
+    found = measure(replace(result, parameters={**result.parameters, "tolerance": 3e-4}))
+    line = next(line for line in found["verdict"] if line["about"] == "Emptiness")
+    assert line["state"] == "look" and "more than the tolerance of 0.03 %" in line["text"]
+
+
+def test_outer_balls_are_empty_but_give_back_no_surface(creature):
+    found = measure(medialis.run("surface_skeleton", creature, side="outer"))
+    assert found["reconstruction"] is None
+    assert 0 < found["emptiness"]["deepest"] <= 3e-4 * 100
+    both = measure(medialis.run("surface_skeleton", creature, side="both"))
+    inner = measure(medialis.run("surface_skeleton", creature))
+    assert both["reconstruction"] == inner["reconstruction"]
+
+
+def test_loops_and_centredness_of_a_ring():
+    """A torus has one handle, and its curve skeleton is the middle circle. The distance to a facet
+    is smaller than the radius by the sagitta of a tube with 24 sides at most, and the nodes may
+    leave the middle by a tenth of the radius."""
+    result = medialis.run("curve_skeleton", forms.torus_mesh(96, 24, 1.0, 0.25))
+    found = measure(result)
+    assert (found["topology"]["expected_loops"], found["topology"]["loops"]) == (1, 1)
+    lines = {line["about"]: line for line in found["verdict"]}
+    assert lines["Loops"]["text"] == "1 expected (one for each handle), 1 found."
+    assert lines["Loops"]["state"] == lines["Components"]["state"] == "good"
+    assert found["centredness"]["median"] == pytest.approx(1, abs=0.1 + 1 - np.cos(np.pi / 24))
+    cut = replace(result, graph=CurveSkeleton.of(result.graph.nodes[:9], [], np.ones(9)))
+    lines = {line["about"]: line for line in measure(cut)["verdict"]}
+    assert lines["Loops"]["state"] == lines["Components"]["state"] == "look"
+
+
+def test_balls_along_an_edge_are_a_step_apart_at_most():
+    graph = CurveSkeleton.of([[0, 0, 0], [1, 0, 0], [1, 2, 0.0]], [[0, 1], [1, 2]], [1, 2, 4.0])
+    centers, radii = along(graph, 0.5)
+    assert len(radii) == 3 + 1 + 3
+    # The radius runs linearly along each edge.
+    x, y = centers[:, 0], centers[:, 1]
+    assert np.allclose(radii, np.where(y == 0, 1 + x, 2 + y))
+    assert along(graph, 0.0)[0] is graph.nodes
+
+
+@pytest.mark.parametrize(
+    ("values", "bins", "median"),
+    [([], 0, None), ([np.nan, np.inf], 0, None), ([2.0, 2.0], 1, 2.0), ([0.0, 0.0], 1, 0.0)],
+)
+def test_histograms_without_a_range(values, bins, median):
+    found = histogram(values)
+    assert len(found["counts"]) == bins and found["median"] == median
+    assert found["count"] + found["infinite"] + found["missing"] == len(values)
+
+
+def test_a_histogram_of_values_that_differ_by_rounding():
+    """A sphere: numpy refuses 40 bins between neighbouring numbers."""
+    values = [1.0, np.nextafter(1.0, 2)]
+    assert histogram(values)["counts"] == [2]
+
+
+def test_infinite_importance_is_told(creature):
+    """Parts that overlap: some pairs of feature points are joined by no path."""
+    layer = Layer(
+        "a", np.zeros((4, 3)), attributes={"importance": np.array([1, 2, np.inf, np.nan])}
+    )
+    result = Result(shape=creature, layers=(layer,), operation="skeleton_importance")
+    found = measure(result)
+    assert found["histograms"]["importance"]["infinite"] == 1
+    text = "".join(parsed(report_page(found, [])).text)
+    assert "1 infinite, not shown; 1 missing, not shown" in text
 
 
 def test_values_that_are_not_numbers_have_a_place(creature):
     result = medialis.run("surface_skeleton", creature, subsample=0.05)
-    found = {**measure(result), "values": {"a": None, "b": np.inf, "c": "<i>"}}
-    text = "".join(parsed(report_page(found, [])).text)
-    assert "inf" in text and "<i>" in text
+    values = {
+        "a": None,
+        "b": np.inf,
+        "c": "<i>",
+        "radius_d": np.nan,
+        "e": {"f": np.nan, "g": [{"h": np.nan}]},
+        "i": [1, np.nan],
+        "j": [{"k": [np.nan]}],
+    }
+    texts = report_texts(replace(result, values=values))
+    json.loads(texts["report.json"], parse_constant=pytest.fail)
+    text = "".join(parsed(texts["report.html"]).text)
+    assert "infinite" in text and "<i>" in text and "nan" not in text
+
+
+def test_a_result_without_anything(creature):
+    """No layer, no ball, no value: the shape is still described."""
+    point = medialis.Shape(np.zeros((1, 3)), np.zeros((1, 3)))
+    texts = report_texts(Result(shape=point, operation="manifolds"))
+    json.loads(texts["report.json"], parse_constant=pytest.fail)
+    assert "A cloud of 1 point." in "".join(parsed(texts["report.html"]).text)
 
 
 @pytest.mark.parametrize("scale", [1e-29, 1.0, 1e29])

@@ -1,4 +1,4 @@
-"""Kernels of the distances between a surface and a union of balls (see distances.py)."""
+"""Kernels of the distances to balls and triangles (see nearest.py)."""
 
 from __future__ import annotations
 
@@ -30,54 +30,6 @@ def _box_distance(bound, j, x, y, z):
     dy = max(bound[1, j] - y, y - bound[4, j], 0.0)
     dz = max(bound[2, j] - z, z - bound[5, j], 0.0)
     return math.sqrt(dx * dx + dy * dy + dz * dz)
-
-
-@kernel
-def nearest_ball(
-    begin, end, queries, centers, radii, bounds, child, largest, depth, margin,
-    out_distance, out_ball,
-):  # fmt: skip
-    """Smallest |x - c| - r over all balls; centers and radii are in tree order.
-
-    A node is skipped when even its largest ball at the nearest place of its box is no nearer. The
-    child that promises most is visited first: it is pushed last.
-    """
-    n = len(radii)
-    stack = np.empty(8 * 12 + 8, np.int64)
-    promise = np.empty(8 * 12 + 8)
-    bound = np.empty(FAN)
-    for i in range(begin, end):
-        x, y, z = queries[i, 0], queries[i, 1], queries[i, 2]
-        best, winner = math.inf, -1
-        stack[0], promise[0] = 0, -math.inf
-        top = 1
-        while top > 0:
-            top -= 1
-            node = stack[top]
-            if promise[top] > best:
-                continue
-            base = child[node]
-            nearest = 0
-            for j in range(FAN):
-                bound[j] = _box_distance(bounds[node], j, x, y, z) - largest[node, j] - margin
-                if bound[j] < bound[nearest]:
-                    nearest = j
-            for turn in range(FAN):
-                j = (nearest + 1 + turn) % FAN  # the nearest one comes last
-                if base >= 0 and bound[j] <= best and bound[j] < math.inf:  # inf: no such child
-                    stack[top], promise[top] = base + j, bound[j]
-                    top += 1
-            for turn in range(FAN):
-                j = (nearest + turn) % FAN
-                if base < 0 and bound[j] <= best and bound[j] < math.inf:
-                    leaf = ~base + j
-                    for k in range((n * leaf) >> depth, (n * (leaf + 1)) >> depth):
-                        dx, dy, dz = x - centers[k, 0], y - centers[k, 1], z - centers[k, 2]
-                        value = math.sqrt(dx * dx + dy * dy + dz * dz) - radii[k]
-                        if value < best or (value == best and k < winner):
-                            best, winner = value, k
-        out_distance[i] = best
-        out_ball[i] = winner
 
 
 @kernel
@@ -118,17 +70,52 @@ def _to_triangle(px, py, pz, a, b, c):
 
 
 @kernel
-def distance_to_fans(begin, end, queries, near, points, faces, offsets, incident, out_distance):
-    """Distance to the nearest triangle that has one of the `near` vertices of a query."""
+def nearest_item(
+    begin, end, queries, centers, radii, corners, bounds, child, largest, depth, margin, enough,
+    out_distance, out_item,
+):  # fmt: skip
+    """Smallest distance to balls, |x - c| - r, or to the triangles within them; all in tree order.
+
+    `corners` has no row for balls. A node is skipped when even its largest ball at the nearest
+    place of its box is no nearer. The child that promises most is visited first: it is pushed
+    last. A distance below `enough` ends the search.
+    """
+    n = len(radii)
+    stack = np.empty(8 * 12 + 8, np.int64)
+    promise = np.empty(8 * 12 + 8)
+    bound = np.empty(FAN)
     for i in range(begin, end):
         x, y, z = queries[i, 0], queries[i, 1], queries[i, 2]
-        best = math.inf
-        for j in range(near.shape[1]):
-            v = near[i, j]
-            dx, dy, dz = x - points[v, 0], y - points[v, 1], z - points[v, 2]
-            best = min(best, _dot(dx, dy, dz, dx, dy, dz))
-            for at in range(offsets[v], offsets[v + 1]):
-                corners = faces[incident[at]]
-                a, b, c = points[corners[0]], points[corners[1]], points[corners[2]]
-                best = min(best, _to_triangle(x, y, z, a, b, c))
-        out_distance[i] = math.sqrt(best)
+        best, winner = math.inf, -1
+        stack[0], promise[0] = 0, -math.inf
+        top = 1
+        while top > 0 and best >= enough:
+            top -= 1
+            node = stack[top]
+            if promise[top] > best:
+                continue
+            base = child[node]
+            nearest = 0
+            for j in range(FAN):
+                bound[j] = _box_distance(bounds[node], j, x, y, z) - largest[node, j] - margin
+                if bound[j] < bound[nearest]:
+                    nearest = j
+            for turn in range(FAN):
+                j = (nearest + 1 + turn) % FAN  # the nearest one comes last
+                if base >= 0 and bound[j] <= best and bound[j] < math.inf:  # inf: no such child
+                    stack[top], promise[top] = base + j, bound[j]
+                    top += 1
+            for turn in range(FAN):
+                j = (nearest + turn) % FAN
+                if base < 0 and bound[j] <= best and bound[j] < math.inf:
+                    leaf = ~base + j
+                    for k in range((n * leaf) >> depth, (n * (leaf + 1)) >> depth):
+                        dx, dy, dz = x - centers[k, 0], y - centers[k, 1], z - centers[k, 2]
+                        value = math.sqrt(dx * dx + dy * dy + dz * dz) - radii[k]
+                        if len(corners) > 0 and value - margin <= best:
+                            a, b, c = corners[k, 0], corners[k, 1], corners[k, 2]
+                            value = math.sqrt(_to_triangle(x, y, z, a, b, c))
+                        if value < best or (value == best and k < winner):
+                            best, winner = value, k
+        out_distance[i] = best
+        out_item[i] = winner

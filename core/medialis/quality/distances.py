@@ -8,25 +8,22 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from medialis.errors import InvalidShapeError
-from medialis.model.ragged import Ragged
-from medialis.threads import run_chunks
 from medialis.validation import FloatArray, IntArray, as_field, as_points
 
 if TYPE_CHECKING:
     from medialis.model.shape import Shape
 
-QUERIES_A_CHUNK = 512
-NEAR_VERTICES = 3
-
-DIRECTIONS_A_BALL = 32
-"""Points looked at on each sphere."""
+PLACES_BETWEEN = 100_000
+"""Places of the surface between the samples that are looked at."""
 
 BALLS_LOOKED_AT = 20_000
 """More balls than this are thinned evenly: the far side is a measurement, not a proof."""
 
+SPHERE_POINTS, FEWEST, MOST = 640_000, 32, 512
+"""Points looked at on all spheres, and on each."""
+
 INSIDE = 1e-9
-"""Fraction of the diagonal: points deeper than this in a ball are not on the boundary."""
+"""Fraction of the diagonal: points deeper than this are inside a ball, not on it."""
 
 
 @dataclass(frozen=True)
@@ -36,21 +33,30 @@ class ReconstructionError:
     Attributes
     ----------
     surface_to_balls_max, surface_to_balls_mean : float
-        Over the samples of the surface: distance to the boundary of the union (one-sided Hausdorff
-        distance, and its mean).
-    balls_to_surface_max, balls_to_surface_mean : float
-        Over points of the boundary of the union: distance to the surface.
+        Over places of the surface: distance to the union; inside of it, the depth in the deepest
+        ball (one-sided Hausdorff distance, and its mean).
+    balls_to_surface_max, balls_to_surface_mean : float or None
+        Over points of the boundary of the union: distance to the surface. None when no point that
+        was looked at is on the boundary.
+    worst_place : (3,) float64
+        Where the two-sided Hausdorff distance was found: a point of the surface or of a ball.
+    deepest_sample, deep_95_percent : float
+        Depth of the samples in the deepest ball around them, 0 outside: the largest, and the one
+        that 95 % of the samples do not exceed. 0 is empty.
     """
 
     surface_to_balls_max: float
     surface_to_balls_mean: float
-    balls_to_surface_max: float
-    balls_to_surface_mean: float
+    balls_to_surface_max: float | None
+    balls_to_surface_mean: float | None
+    worst_place: FloatArray
+    deepest_sample: float
+    deep_95_percent: float
 
     @property
     def hausdorff(self) -> float:
         """Two-sided Hausdorff distance."""
-        return max(self.surface_to_balls_max, self.balls_to_surface_max)
+        return max(self.surface_to_balls_max, self.balls_to_surface_max or 0.0)
 
 
 def distance_to_balls(
@@ -80,70 +86,23 @@ def distance_to_balls(
     -----
     Cost: about O(log k) a query for balls of a skeleton.
     """
-    from medialis._kernels.box_tree import build_box_tree
-    from medialis.quality._distance_kernels import largest_radii, nearest_ball
+    from medialis.quality.nearest import NearestTree
 
-    points, middles = as_points(queries, "queries"), as_points(centers, "centers")
-    sizes = as_field(radii, len(middles), "radii")
-    if not np.isfinite(sizes).all() or (sizes < 0).any():
-        raise InvalidShapeError("radii must be finite and not negative.")
-    tree = build_box_tree(middles, np.zeros_like(middles))
-    ordered = sizes[tree.order]
-    largest = np.zeros((len(tree.child), tree.bounds.shape[2]))
-    for nodes, child_depth, fan in _levels(len(tree.child), tree.depth):
-        largest_radii(ordered, child_depth, fan, 0, nodes.stop - nodes.start, largest[nodes])
-    # Bounds are float32 of coordinates relative to the middle: good to 1e-7 of their size, twice.
-    reach = float(np.abs(tree.points).max(initial=0.0) + np.abs(points - tree.center).max())
-    distance, ball = np.empty(len(points)), np.empty(len(points), np.int64)
-    shifted = points - tree.center
-
-    def work(begin: int, end: int) -> None:
-        nearest_ball(
-            begin, end, shifted, tree.points, ordered, tree.bounds, tree.child, largest,
-            tree.depth, 4e-7 * reach, distance, ball,
-        )  # fmt: skip
-
-    run_chunks(work, len(points), QUERIES_A_CHUNK)
-    return distance, tree.order[ball]
-
-
-def _levels(nodes: int, depth: int) -> list[tuple[slice, int, int]]:
-    """Nodes of each wide level of a box tree, the binary level of their children, children each."""
-    bits = depth % 3 if depth % 3 or depth == 0 else 3
-    result, first, count, child_depth, fan = [], 0, 1, bits, 1 << bits
-    while first < nodes:
-        result.append((slice(first, first + count), child_depth, fan))
-        first, count = first + count, 1 << child_depth
-        child_depth, fan = child_depth + 3, 8
-    return result
+    middles = as_points(centers, "centers")
+    tree = NearestTree.of_balls(middles, as_field(radii, len(middles), "radii"))
+    return tree.distances(as_points(queries, "queries"))
 
 
 def distance_to_surface(queries: ArrayLike, shape: Shape) -> FloatArray:
-    """Return the distance of points to a mesh, or to the samples of a cloud, (q,).
-
-    The triangles round the three nearest vertices are looked at: exact near an evenly sampled
-    surface, never too small.
-    """
+    """Return the distance of points to the triangles of a mesh, or the samples of a cloud, (q,)."""
     from scipy.spatial import cKDTree
 
-    from medialis.quality._distance_kernels import distance_to_fans
+    from medialis.quality.nearest import NearestTree
 
     points = as_points(queries, "queries")
-    count = min(NEAR_VERTICES, shape.point_count)
-    near_distance, near = cKDTree(shape.points).query(points, k=[*range(1, count + 1)], workers=-1)
     if shape.faces is None:
-        return np.ascontiguousarray(near_distance[:, 0])
-    incident = Ragged.group(shape.faces.ravel(), shape.point_count)
-    distance = np.empty(len(points))
-
-    def work(begin: int, end: int) -> None:
-        distance_to_fans(
-            begin, end, points, near.astype(np.int64), shape.points, shape.faces,
-            incident.offsets, incident.indices // 3, distance,
-        )  # fmt: skip
-
-    run_chunks(work, len(points), QUERIES_A_CHUNK)
-    return distance
+        return np.asarray(cKDTree(shape.points).query(points, workers=-1)[0])
+    return NearestTree.of_triangles(shape.points, shape.faces).distances(points)[0]
 
 
 def reconstruction_error(shape: Shape, centers: ArrayLike, radii: ArrayLike) -> ReconstructionError:
@@ -167,21 +126,52 @@ def reconstruction_error(shape: Shape, centers: ArrayLike, radii: ArrayLike) -> 
     Notes
     -----
     Source: thesis 3.4 measures it in images (`medialis.reconstruct_image`); here it is measured in
-    space. The surface is seen at its samples, the balls at 32 points on each of at most 20,000.
+    space. The surface is seen at its samples and at the middles of its edges and faces (at most
+    100,000 of these), the balls at 32 to 512 points on each of at most 20,000.
     """
+    from medialis.quality.nearest import NearestTree
+
     middles = as_points(centers, "centers")
     sizes = as_field(radii, len(middles), "radii")
-    out, _ = distance_to_balls(shape.points, middles, sizes)
-    rows = np.unique(np.linspace(0, len(sizes) - 1, min(len(sizes), BALLS_LOOKED_AT)).astype(int))
-    spread = _sphere_points(DIRECTIONS_A_BALL)
+    tree = NearestTree.of_balls(middles, sizes)
+    places = np.concatenate([shape.points, _between(shape)])
+    out, _ = tree.distances(places)
+    inside = INSIDE * shape.diagonal
+    depth = np.where(out < -inside, -out, 0.0)[: shape.point_count]
+    rows = _thinned(len(sizes), BALLS_LOOKED_AT)
+    spread = _sphere_points(int(np.clip(SPHERE_POINTS // len(rows), FEWEST, MOST)))
     spheres = (middles[rows, None] + sizes[rows, None, None] * spread).reshape(-1, 3)
-    depth, _ = distance_to_balls(spheres, middles, sizes)
-    boundary = spheres[depth >= -INSIDE * shape.diagonal]
-    back = distance_to_surface(boundary, shape) if len(boundary) else np.zeros(1)
+    boundary = spheres[tree.distances(spheres, enough=-inside)[0] >= -inside]
+    back = distance_to_surface(boundary, shape) if len(boundary) else None
     far = np.abs(out)
+    worst = places[far.argmax()]
+    if back is not None and back.max() > far.max():
+        worst = boundary[back.argmax()]
     return ReconstructionError(
-        float(far.max()), float(far.mean()), float(back.max()), float(back.mean())
+        float(far.max()),
+        float(far.mean()),
+        None if back is None else float(back.max()),
+        None if back is None else float(back.mean()),
+        worst,
+        float(depth.max()),
+        float(np.percentile(depth, 95)),
     )
+
+
+def _between(shape: Shape) -> FloatArray:
+    """Middles of the edges and faces of a mesh, thinned evenly; nothing for a cloud."""
+    if shape.faces is None:
+        return np.empty((0, 3))
+    edges = len(shape.edges)
+    rows = _thinned(edges + shape.face_count, PLACES_BETWEEN)
+    on_edges = shape.points[shape.edges[rows[rows < edges]]].mean(axis=1)
+    on_faces = shape.points[shape.faces[rows[rows >= edges] - edges]].mean(axis=1)
+    return np.concatenate([on_edges, on_faces])
+
+
+def _thinned(count: int, most: int) -> IntArray:
+    """At most this many of the numbers below count, spread evenly."""
+    return np.unique(np.linspace(0, count - 1, min(count, most)).astype(np.int64))
 
 
 def _sphere_points(count: int) -> FloatArray:

@@ -7,20 +7,29 @@ from importlib.metadata import version
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike
 
+from medialis.model.diagnosis import Diagnosis
 from medialis.model.medial_cloud import BallStatus
 from medialis.model.shape import Shape
-from medialis.operations.result import Layer, Result
-from medialis.quality.distances import reconstruction_error
+from medialis.operations.result import Result
+from medialis.quality.balls import ShownBalls, shown_balls
+from medialis.quality.distances import (
+    distance_to_balls,
+    distance_to_surface,
+    reconstruction_error,
+)
+from medialis.quality.verdicts import NOUNS, verdicts
 from medialis.shape.diagnosis import diagnose
-from medialis.validation import FloatArray
 from medialis.version import package_version
 
-HISTOGRAMS = ("radius", "importance", "thickness", "spoke_angle")
+HISTOGRAMS = ("radius", "importance", "thickness", "spoke_angle", "sharpness")
 BINS = 40
-FOUND = ("components", "expected_loops", "loops", "pieces", "sheets", "parts", "patches")
-"""Values of results that say something about topology or parts."""
+LENGTHS = (
+    *("surface_to_balls_max", "surface_to_balls_mean"),
+    *("balls_to_surface_max", "balls_to_surface_mean", "hausdorff"),
+)
+"""Of a reconstruction, in per cent of the diagonal."""
 
 
 def measure(result: Result, *, source: str | None = None) -> dict[str, Any]:
@@ -36,30 +45,29 @@ def measure(result: Result, *, source: str | None = None) -> dict[str, Any]:
     Returns
     -------
     dict
-        ``input`` (the diagnosis before repair, and of the shape as computed on), ``parameters``,
-        ``reconstruction`` and ``emptiness`` (per cent of the diagonal), ``centredness`` (share of
-        the radius), ``topology``, ``histograms``, ``thin_spots``, ``messages``, ``seconds``,
-        ``versions``.
+        ``verdict`` (see `verdicts`), ``input`` (the diagnosis before repair, and of the shape as
+        computed on), ``parameters``, ``values``, ``balls`` (how many samples have one, and which
+        are measured), ``reconstruction`` and ``emptiness`` (per cent of the diagonal),
+        ``centredness`` (share of the radius), ``topology``, ``histograms``, ``thin_spots``,
+        ``messages``, ``seconds``, ``versions``.
     """
     shape = result.shape
     before = None if shape.diagnosis is None else shape.diagnosis.as_dict()
     after = diagnose(shape.points, shape.faces)
-    balls = _balls(result)
-    return {
+    balls = shown_balls(result)
+    reconstruction, emptiness = _against_the_surface(shape, balls)
+    found = {
         "operation": result.operation,
         "source": source,
         "input": {"as_read": before, "as_computed": after.as_dict()},
         "parameters": dict(result.parameters),
-        "values": {k: v for k, v in result.values.items() if not isinstance(v, list | dict)},
-        "reconstruction": None if balls is None else _reconstruction(shape, *balls),
-        "emptiness": None if balls is None else _emptiness(shape, *balls),
+        "values": {name: value for name, value in result.values.items() if name != "spots"},
+        "balls": _ball_counts(result, balls),
+        "reconstruction": reconstruction,
+        "emptiness": emptiness,
         "centredness": _centredness(result),
-        "topology": {
-            "components": after.components,
-            "genus": after.genus,
-            "found": {name: result.values[name] for name in FOUND if name in result.values},
-        },
-        "histograms": _histograms(result.layers),
+        "topology": _topology(result, after),
+        "histograms": _histograms(result, balls),
         "thin_spots": result.values.get("spots"),
         "messages": list(result.messages),
         "seconds": dict(result.seconds),
@@ -70,72 +78,133 @@ def measure(result: Result, *, source: str | None = None) -> dict[str, Any]:
             "platform": platform.platform(),
         },
     }
+    return {**found, "verdict": verdicts(found)}
 
 
-def _balls(result: Result) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
-    """Balls of the result: those it shows, else all valid ones of its arrays."""
-    first = result.layers[0] if result.layers else None
-    if first is not None and "feature_1" in first.attributes:
-        return first.points, np.asarray(first.attributes["radius"])
-    if "radii" in result.arrays:
-        good = result.arrays["status"] == BallStatus.OK
-        return result.arrays["centers"][good], result.arrays["radii"][good]
-    return None
-
-
-def _reconstruction(
-    shape: Shape, centers: NDArray[np.float64], radii: NDArray[np.float64]
-) -> dict[str, float]:
-    error = reconstruction_error(shape, centers, radii)
-    per_cent = 100 / shape.diagonal
-    return {
-        "surface_to_balls_max": per_cent * error.surface_to_balls_max,
-        "surface_to_balls_mean": per_cent * error.surface_to_balls_mean,
-        "balls_to_surface_max": per_cent * error.balls_to_surface_max,
-        "balls_to_surface_mean": per_cent * error.balls_to_surface_mean,
-        "hausdorff": per_cent * error.hausdorff,
+def _ball_counts(result: Result, balls: ShownBalls | None) -> dict[str, Any] | None:
+    """Count the balls that are measured, and the inner ones that samples have or lack."""
+    if balls is None:
+        return None
+    counts: dict[str, Any] = {
+        "measured": len(balls.radii),
+        "what": balls.what,
+        "by_shrinking": balls.by_shrinking,
     }
+    if "status" in result.arrays:
+        status = result.arrays["status"]
+        side = result.arrays["side"]
+        status = status[side > 0] if (side > 0).any() else status
+        counts |= {
+            "started": len(status),
+            "maximal": int((status == BallStatus.OK).sum()),
+            "open": int((status == BallStatus.OPEN).sum()),
+            "without_normal": int((status == BallStatus.NO_NORMAL).sum()),
+        }
+    return counts
 
 
-def _emptiness(
-    shape: Shape, centers: NDArray[np.float64], radii: NDArray[np.float64]
-) -> dict[str, float]:
-    """How deep the samples lie in the balls, per cent of the diagonal; 0 is empty."""
-    from scipy.spatial import cKDTree
-
-    nearest, _ = cKDTree(shape.points).query(centers, workers=-1)
-    depth = np.maximum(radii - nearest, 0.0) * 100 / shape.diagonal
-    return {"deepest": float(depth.max()), "deep_95_percent": float(np.percentile(depth, 95))}
+def _against_the_surface(
+    shape: Shape, balls: ShownBalls | None
+) -> tuple[dict[str, Any] | None, dict[str, Any] | None]:
+    """Reconstruction by the inner balls and emptiness of all, in per cent of the diagonal."""
+    if balls is None or not shape.diagonal > 0:
+        return None, None
+    per_cent, inner = 100 / shape.diagonal, balls.inner
+    error, depth = None, (0.0, 0.0)
+    if inner.any():
+        error = reconstruction_error(shape, balls.centers[inner], balls.radii[inner])
+        depth = error.deepest_sample, error.deep_95_percent
+    if not inner.all():
+        inside = -distance_to_balls(shape.points, balls.centers, balls.radii)[0]
+        inside = np.maximum(inside, 0.0)
+        depth = float(inside.max()), float(np.percentile(inside, 95))
+    reconstruction: dict[str, Any] | None = None
+    if error is not None:
+        lengths = {name: getattr(error, name) for name in LENGTHS}
+        reconstruction = {k: None if v is None else per_cent * v for k, v in lengths.items()}
+        reconstruction["worst_place"] = error.worst_place.tolist()
+    emptiness = {
+        "deepest": per_cent * depth[0],
+        "deep_95_percent": per_cent * depth[1],
+    }
+    return reconstruction, emptiness
 
 
 def _centredness(result: Result) -> dict[str, float] | None:
-    """Distance to the surface over the radius, of the points of curves; 1 is centred."""
-    from medialis.quality.distances import distance_to_surface
-
-    curves = [x for x in result.layers if x.edges is not None and "radius" in x.attributes]
-    if not curves or not len(curves[0].points):
+    """Distance to the surface over the radius, of the nodes of a curve skeleton; 1 is centred."""
+    graph = result.graph
+    if graph is None or not (graph.radii > 0).any():
         return None
-    radius = np.asarray(curves[0].attributes["radius"])
-    share = distance_to_surface(curves[0].points, result.shape) / np.maximum(radius, 1e-300)
-    return {"median": float(np.median(share)), "lowest": float(share.min())}
+    nodes = np.flatnonzero(graph.radii > 0)
+    share = distance_to_surface(graph.nodes[nodes], result.shape) / graph.radii[nodes]
+    return {
+        "median": float(np.median(share)),
+        "lowest": float(share.min()),
+        "low_5_percent": float(np.percentile(share, 5)),
+        "highest": float(share.max()),
+    }
 
 
-def _histogram(values: FloatArray) -> tuple[NDArray[np.int64], FloatArray]:
-    """Count finite values in bins; values that are equal but for rounding get a narrow range."""
-    low, high = float(values.min(initial=np.inf)), float(values.max(initial=-np.inf))
-    room = 1e-9 * max(abs(low), abs(high))
-    if len(values) == 0 or high - low > room or room == 0:
-        return np.histogram(values, BINS)
-    return np.histogram(values, BINS, (low - room, high + room))
+def _topology(result: Result, after: Diagnosis) -> dict[str, Any]:
+    """Count what the shape has, and what a curve skeleton should have and has."""
+    cloud = result.shape.faces is None
+    topology: dict[str, Any] = {
+        "components": None if cloud else after.components,
+        "genus": after.genus,
+        "boundary_loops": None if cloud else after.boundary_loops,
+        "found": {name: result.values[name] for name in NOUNS if name in result.values},
+    }
+    if result.graph is not None:
+        by_part = result.operation == "curve_skeleton"  # it knows the genus of each part
+        expected = result.values.get("expected_loops") if by_part else after.genus
+        topology |= {
+            "expected_loops": expected,
+            "loops": result.graph.loops,
+            "expected_components": topology["components"],
+            "skeleton_components": result.graph.component_count,
+        }
+    return topology
 
 
-def _histograms(layers: tuple[Layer, ...]) -> dict[str, dict[str, list[float]]]:
-    found: dict[str, dict[str, list[float]]] = {}
-    for layer in (layer for layer in layers if not layer.auxiliary):
+def _histograms(result: Result, balls: ShownBalls | None) -> dict[str, dict[str, Any]]:
+    """Histograms of the first layer that knows a quantity; of the balls where none has radii."""
+    found: dict[str, ArrayLike] = {}
+    for layer in sorted(result.layers, key=lambda layer: layer.on_input):  # samples go first
         for name in HISTOGRAMS:
-            if name in found or name not in layer.attributes:
-                continue
-            values = np.asarray(layer.attributes[name], float)
-            counts, edges = _histogram(values[np.isfinite(values)])
-            found[name] = {"counts": counts.tolist(), "edges": edges.tolist()}
-    return found
+            if name not in found and name in layer.attributes:
+                found[name] = layer.attributes[name]
+    if balls is not None:
+        found.setdefault("radius", balls.radii)
+    return {name: histogram(found[name]) for name in HISTOGRAMS if name in found}
+
+
+def histogram(values: ArrayLike) -> dict[str, Any]:
+    """Count the finite values in bins of equal width, and the others.
+
+    Returns
+    -------
+    dict
+        ``counts`` (40,) and ``edges`` (41,) of the bins, one bin where all values are equal up to
+        rounding, none without finite values; ``count`` of finite values, ``min``, ``median``,
+        ``max`` (None without one), ``infinite``, ``missing`` (NaN).
+    """
+    every = np.asarray(values, np.float64)
+    finite = every[np.isfinite(every)]
+    found: dict[str, Any] = {
+        "counts": [],
+        "edges": [],
+        "count": len(finite),
+        "min": None,
+        "median": None,
+        "max": None,
+        "infinite": int(np.isinf(every).sum()),
+        "missing": int(np.isnan(every).sum()),
+    }
+    if len(finite) == 0:
+        return found
+    low, high = float(finite.min()), float(finite.max())
+    found |= {"min": low, "median": float(np.median(finite)), "max": high}
+    if high - low <= 1e-9 * max(abs(low), abs(high)):
+        return {**found, "counts": [len(finite)], "edges": [low, high]}
+    counts, edges = np.histogram(finite, BINS, (low, high))
+    return {**found, "counts": counts.tolist(), "edges": edges.tolist()}

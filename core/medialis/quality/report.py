@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 import html
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,33 +13,50 @@ import numpy as np
 from numpy.typing import NDArray
 
 from medialis.io.results import json_text
+from medialis.operations.declaration import Kind, Parameter
 from medialis.operations.pictures import draw_result, draw_turntable
+from medialis.operations.registry import OPERATIONS
 from medialis.operations.result import Result
 from medialis.quality.measures import measure
+from medialis.quality.page import STYLE, bullets, cell, chart, records, section, table, verdict_list
+from medialis.quality.wording import counted, named, number, place
 from medialis.render.png import encode_png
 
 STILLS, STILL_SIZE = 4, 360
+ROWS = 30
+"""Rows of tables that are shown."""
 
-_STYLE = """
-body { font: 15px/1.5 system-ui, sans-serif; margin: 2em auto; max-width: 62em; padding: 0 1em; }
-h2 { margin-top: 2em; border-bottom: 1px solid #ccc; } img, svg { max-width: 100%; height: auto; }
-table { border-collapse: collapse; } td, th { text-align: left; padding: .15em 1.2em .15em 0; }
-td + td { font-variant-numeric: tabular-nums; } .row { display: flex; flex-wrap: wrap; gap: 1em; }
-.row > * { flex: 1 1 200px; min-width: 0; max-width: 26em; } figcaption { color: #666; }
-figure { margin: 0; max-width: 26em; } .wide { overflow-x: auto; }
-rect { fill: #3b6fb6; } text { font-size: 11px; }
-@media (prefers-color-scheme: dark) { body { background: #16181c; color: #ddd; }
-  text { fill: #ddd; } h2 { border-color: #444; } rect { fill: #6d9fe0; } }
-"""
+LENGTHS = (
+    *("radius", "thickness", "importance", "edge_radius", "length", "straight_distance"),
+    *("y_length", "spacing"),
+)
+"""First words of values that are lengths."""
 
-_WORDS = {
+OF_CLOUDS = (
+    *("vertices", "duplicate_vertices", "nonfinite_vertices"),
+    *("diagonal", "spacing", "min_edge", "max_edge"),
+)
+"""What a diagnosis says of a point cloud."""
+
+ABOUT = {
+    "reconstruction": (
+        "Distances between the surface and the union of the balls, in per cent of the diagonal. "
+        "The surface is seen at its samples and at the middles of its edges and faces, the balls "
+        "at points on their spheres."
+    ),
+    "emptiness": "Depth of samples of the surface in balls, in per cent of the diagonal.",
+    "centredness": "Distance to the surface over the radius, at the nodes; 1 is centred.",
+}
+LABELS = {
     "surface_to_balls_max": "surface to balls, largest",
     "surface_to_balls_mean": "surface to balls, mean",
     "balls_to_surface_max": "balls to surface, largest",
     "balls_to_surface_mean": "balls to surface, mean",
-    "hausdorff": "Hausdorff distance, two-sided",
-    "deepest": "deepest sample in a ball",
-    "deep_95_percent": "95 % of the balls: no deeper than",
+    "hausdorff": "Hausdorff distance (the larger of both)",
+    "worst_place": "found at",
+    "deepest": "deepest sample",
+    "deep_95_percent": "95 % of the samples: at most",
+    "low_5_percent": "95 % of the nodes: at least",
 }
 
 
@@ -65,132 +82,160 @@ def report_page(measures: Mapping[str, Any], pictures: Sequence[NDArray[np.uint8
     measures : dict
         From `medialis.quality.measures.measure`.
     pictures : sequence of (h, w, 3) uint8
-        The first one is shown large.
+        From `stills`: the last four are views all round, the one before is the main picture.
     """
-    title = measures["operation"].replace("_", " ")
+    title = measures["operation"].replace("_", " ").capitalize()
     if measures["source"]:
         title += f" of {measures['source']}"
-    parts = [
-        f"<h1>{html.escape(title)}</h1>",
-        _pictures(pictures),
-        _section("What was said", _list(measures["messages"])),
-        _section("Result", _table(measures["values"])),
-        _section("Quality", _quality(measures)),
-        _section("Distributions", _charts(measures["histograms"])),
-        _section("Thin spots", _spots(measures["thin_spots"])),
-        _section("Input", _input(measures["input"])),
-        _section("Parameters", _table(measures["parameters"])),
-        _section("Seconds", _table(measures["seconds"])),
-        _section("Versions", _table(measures["versions"])),
-    ]
+    large, views = (pictures[:-STILLS], pictures[-STILLS:])
+    if len(pictures) <= STILLS:
+        large, views = pictures, ()
+    body = (
+        f"<header><h1>{html.escape(title)}</h1>\n{_subtitle(measures)}</header>",
+        '<div class="side">',
+        section("At a glance", verdict_list(measures["verdict"])),
+        section("", *(_picture(image) for image in large[-1:])),
+        "</div>",
+        _views(views),
+        *(section("", _picture(image)) for image in large[:-1]),
+        section("Notes", bullets(measures["messages"])),
+        section("Quality", _quality(measures)),
+        section("Distributions", _charts(measures["histograms"], "loops" in measures["topology"])),
+        section("Thin spots", records(measures["thin_spots"] or [], ROWS)),
+        '<div class="side">',
+        section("Result", *_values(measures)),
+        section("Input", _input(measures["input"])),
+        "</div>",
+        '<div class="side">',
+        section("Parameters", _parameters(measures)),
+        section("Seconds", _seconds(measures["seconds"])),
+        section("Versions", table(measures["versions"].items())),
+        "</div>",
+    )
     return (
         '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        f"<title>{html.escape(title)}</title><style>{_STYLE}</style></head><body>\n"
-        + "\n".join(filter(None, parts))
+        f"<title>{html.escape(title)}</title><style>{STYLE}</style></head><body>\n"
+        + "\n".join(filter(None, body))
         + "\n</body></html>\n"
     )
 
 
-def _section(title: str, body: str) -> str:
-    return f"<h2>{title}</h2>\n{body}" if body else ""
-
-
-def _pictures(pictures: Sequence[NDArray[np.uint8]]) -> str:
-    images = [
-        f'<img alt="picture {number + 1} of the result" src="data:image/png;base64,'
-        f'{base64.b64encode(encode_png(image)).decode()}">'
-        for number, image in enumerate(pictures)
+def _subtitle(measures: Mapping[str, Any]) -> str:
+    shape = measures["input"]["as_computed"]
+    parts = [
+        counted(shape["vertices"], "sample"),
+        f"diagonal {number(shape['diagonal'])} in the units of the file",
+        f"{number(measures['seconds'].get('total', 0.0), 3)} seconds",
+        f"medialis {measures['versions']['medialis']}",
     ]
-    rest = f'<div class="row">{"".join(images[1:])}</div>' if images[1:] else ""
-    return "".join(images[:1]) + rest
+    return f'<p class="soft">{html.escape(" · ".join(parts))}</p>'
 
 
-def _list(lines: Iterable[str]) -> str:
-    items = "".join(f"<li>{html.escape(line)}</li>" for line in lines)
-    return f"<ul>{items}</ul>" if items else ""
+def _picture(image: NDArray[np.uint8], alt: str = "the result") -> str:
+    data = base64.b64encode(encode_png(image)).decode()
+    height, width = image.shape[:2]
+    return f'<img alt="{alt}" width="{width}" height="{height}" src="data:image/png;base64,{data}">'
 
 
-def _table(values: Mapping[str, Any]) -> str:
-    rows = "".join(
-        f"<tr><td>{html.escape(_WORDS.get(name, name.replace('_', ' ')))}</td>"
-        f"<td>{_shown(value)}</td></tr>"
-        for name, value in values.items()
-    )
-    return f'<div class="wide"><table>{rows}</table></div>' if rows else ""
-
-
-def _shown(value: Any) -> str:
-    if value is None:
-        return "-"
-    if isinstance(value, float):
-        return f"{value:.5g}" if math.isfinite(value) else str(value)
-    return html.escape(str(value))
+def _views(images: Sequence[NDArray[np.uint8]]) -> str:
+    step = 360 // max(len(images), 1)
+    views = [_picture(image, f"turned by {step * i} degrees") for i, image in enumerate(images)]
+    return f'<div class="views">{"".join(views)}</div>' if views else ""
 
 
 def _quality(measures: Mapping[str, Any]) -> str:
-    parts = []
-    for name, unit in (("reconstruction", "per cent of the size"), ("emptiness", "the same")):
+    parts, diagonal = [], measures["input"]["as_computed"]["diagonal"]
+    for name, about in ABOUT.items():
         if measures[name] is not None:
-            parts.append(f"<h3>{name.capitalize()} ({unit})</h3>{_table(measures[name])}")
-    if measures["centredness"] is not None:
-        table = _table(measures["centredness"])
-        parts.append(f"<h3>Centredness (distance to the surface over radius)</h3>{table}")
-    topology = measures["topology"]
-    known = {"components of the shape": topology["components"], "its genus": topology["genus"]}
-    found = {f"{name.replace('_', ' ')} found": v for name, v in topology["found"].items()}
-    parts.append(f"<h3>Topology</h3>{_table({**known, **found})}")
-    return "".join(parts)
+            rows = [
+                (LABELS.get(k, named(k)), place(v, diagonal) if k == "worst_place" else number(v))
+                for k, v in measures[name].items()
+            ]
+            parts.append(
+                f'<div><h3>{name.capitalize()}</h3><p class="soft">{about}</p>{table(rows)}</div>'
+            )
+    return f'<div class="row">{"".join(parts)}</div>' if parts else ""
 
 
-def _charts(histograms: Mapping[str, Mapping[str, Sequence[float]]]) -> str:
-    charts = "".join(
-        f"<figure>{_chart(chart['counts'], chart['edges'])}"
-        f"<figcaption>{name.replace('_', ' ')}"
-        f"{' in radians' if name == 'spoke_angle' else ''}</figcaption></figure>"
-        for name, chart in histograms.items()
-    )
-    return f'<div class="row">{charts}</div>' if charts else ""
+def _charts(histograms: Mapping[str, Mapping[str, Any]], curve: bool) -> str:
+    units = dict.fromkeys(("radius", "importance", "thickness"), "units of the file")
+    units |= {"spoke_angle": "degrees", "sharpness": "share of a right angle"}
+    if curve:  # its importance is the area of the surface that hangs on a node
+        units["importance"] = "area, square units of the file"
+    charts = [
+        chart(
+            found,
+            f"{named(name)} ({units[name]})",
+            180 / math.pi if name == "spoke_angle" else 1.0,
+        )
+        for name, found in histograms.items()
+    ]
+    return f'<div class="row">{"".join(charts)}</div>' if charts else ""
 
 
-def _chart(counts: Sequence[float], edges: Sequence[float]) -> str:
-    """Bars of a histogram as SVG, the range below."""
-    width, height = 320, 130
-    bar, top = width / len(counts), max([*counts, 1])
-    bars = "".join(
-        f'<rect x="{i * bar:.1f}" y="{height * (1 - count / top):.1f}" width="{bar - 0.6:.1f}" '
-        f'height="{height * count / top:.1f}"/>'
-        for i, count in enumerate(counts)
-    )
-    return (
-        f'<svg viewBox="0 0 {width} {height + 16}" role="img" aria-label="histogram">{bars}'
-        f'<text x="0" y="{height + 13}">{edges[0]:.4g}</text>'
-        f'<text x="{width}" y="{height + 13}" text-anchor="end">{edges[-1]:.4g}</text></svg>'
-    )
+def _values(measures: Mapping[str, Any]) -> list[str]:
+    """Tables of the values: single ones, then one for each list of things."""
+    diagonal = measures["input"]["as_computed"]["diagonal"]
+    single: list[tuple[str, str, str]] = []
+    more: list[str] = []
+    for name, value in measures["values"].items():
+        if isinstance(value, dict):
+            for key, part in value.items():
+                if _is_table(part):
+                    more.append(f"<h3>{named(name)}: {named(key)}</h3>{records(part, ROWS)}")
+                else:
+                    single.append((f"{named(name)}: {named(key)}", cell(part), ""))
+        elif _is_table(value):
+            more.append(f"<h3>{named(name)}</h3>{records(value, ROWS)}")
+        elif name.startswith("spoke_angle") and value is not None:
+            single.append((named(name), f"{number(math.degrees(value))}°", ""))
+        else:
+            is_length = name.startswith(LENGTHS) and isinstance(value, float) and diagonal > 0
+            share = f"{number(100 * value / diagonal)} %" if is_length else ""
+            single.append((named(name), cell(value), share))
+    head = ("", "", "of the diagonal") if any(share for *_, share in single) else ()
+    return [table(single, head), *more]
 
 
-def _area(area: float | None) -> str:
-    return "" if area is None else f"{area:.4g}"  # a cloud has no areas
-
-
-def _spots(spots: Sequence[Mapping[str, Any]] | None) -> str:
-    if not spots:
-        return ""
-    rows = "".join(
-        f"<tr><td>{spot['value']:.5g}</td><td>{_area(spot['area'])}</td><td>{spot['vertices']}</td>"
-        f"<td>{', '.join(f'{x:.5g}' for x in spot['position'])}</td></tr>"
-        for spot in spots
-    )
-    head = "<tr><th>value</th><th>area</th><th>vertices</th><th>position</th></tr>"
-    return f'<div class="wide"><table>{head}{rows}</table></div>'
+def _is_table(value: Any) -> bool:
+    return isinstance(value, list) and bool(value) and isinstance(value[0], dict)
 
 
 def _input(found: Mapping[str, Mapping[str, Any] | None]) -> str:
     before, after = found["as_read"], found["as_computed"] or {}
-    rows = "".join(
-        f"<tr><td>{name.replace('_', ' ')}</td>"
-        f"<td>{'' if before is None else _shown(before[name])}</td><td>{_shown(value)}</td></tr>"
+    rows = [
+        (named(name), "–" if before is None else number(before[name]), number(value))
         for name, value in after.items()
-    )
-    head = "<tr><th></th><th>as read</th><th>as computed on</th></tr>"
-    return f'<div class="wide"><table>{head}{rows}</table></div>'
+        if after["faces"] or name in OF_CLOUDS
+    ]
+    return table(rows, ("", "as read", "as computed on"))
+
+
+def _parameters(measures: Mapping[str, Any]) -> str:
+    known: dict[str, Parameter] = {
+        parameter.name: parameter
+        for entry in OPERATIONS
+        if entry.name == measures["operation"]
+        for parameter in entry.parameters
+    }
+    rows = []
+    for name, value in measures["parameters"].items():
+        parameter = known.get(name)
+        default = ""
+        if parameter is not None and value != parameter.default:
+            default = f"default: {_with_unit(parameter, parameter.default)}"
+        rows.append((named(name), _with_unit(parameter, value), default))
+    return table(rows)
+
+
+def _with_unit(parameter: Parameter | None, value: Any) -> str:
+    if parameter is not None and parameter.kind is Kind.LENGTH:
+        return f"{number(100 * value)} % of the diagonal"
+    if parameter is not None and parameter.kind is Kind.ANGLE:
+        return f"{number(value)}°"
+    return number(value) if value != "" else "none"
+
+
+def _seconds(seconds: Mapping[str, float]) -> str:
+    return table([(named(name), f"{value:.2f}") for name, value in seconds.items()])
