@@ -90,6 +90,19 @@ def test_the_worst_place_is_on_the_stray_ball():
     assert left_out.worst_place @ [0, 0, 1] == pytest.approx(-1, abs=0.02)
 
 
+def test_the_mean_is_over_the_area_not_over_the_samples():
+    """A square whose samples crowd at one side. The ball is so large that the distance of a place
+    is its x, up to 1 / (2 radius): the mean is a half, that of the samples a twentieth."""
+    x = np.r_[np.linspace(0, 0.05, 60), 1.0]
+    rows = np.arange(len(x) - 1)
+    points = np.array([[value, y, 0] for y in (0.0, 1.0) for value in x])
+    low, high = np.stack([rows, rows + 1]), np.stack([rows, rows + 1]) + len(x)
+    faces = np.concatenate([np.stack([*low, high[1]], 1), np.stack([low[0], *high[::-1]], 1)])
+    shape = medialis.Shape(points, np.tile([0, 0, 1.0], (len(points), 1)), faces)
+    error = reconstruction_error(shape, [[-1e4, 0, 0]], [1e4])
+    assert error.surface_to_balls_mean == pytest.approx(0.5, abs=1e-4)
+
+
 def test_leaving_balls_out_is_seen_on_the_surface_side_only():
     """Half of the balls of a real skeleton: samples of the other half are far from the union."""
     shape = medialis.organic_shape(56)

@@ -33,11 +33,11 @@ class ReconstructionError:
     Attributes
     ----------
     surface_to_balls_max, surface_to_balls_mean : float
-        Over places of the surface: distance to the union; inside of it, the depth in the deepest
-        ball (one-sided Hausdorff distance, and its mean).
+        Over the surface, the mean by area: distance to the union; inside of it, the depth in the
+        deepest ball (one-sided Hausdorff distance, and its mean).
     balls_to_surface_max, balls_to_surface_mean : float or None
-        Over points of the boundary of the union: distance to the surface. None when no point that
-        was looked at is on the boundary.
+        Over the boundary of the union, the mean by area: distance to the surface. None when no
+        point that was looked at is on the boundary.
     worst_place : (3,) float64
         Where the two-sided Hausdorff distance was found: a point of the surface or of a ball.
     deepest_sample, deep_95_percent : float
@@ -134,14 +134,16 @@ def reconstruction_error(shape: Shape, centers: ArrayLike, radii: ArrayLike) -> 
     middles = as_points(centers, "centers")
     sizes = as_field(radii, len(middles), "radii")
     tree = NearestTree.of_balls(middles, sizes)
-    places = np.concatenate([shape.points, _between(shape)])
+    between, areas = _between(shape)
+    places = np.concatenate([shape.points, between])
     out, _ = tree.distances(places)
     inside = INSIDE * shape.diagonal
     depth = np.where(out < -inside, -out, 0.0)[: shape.point_count]
     rows = _thinned(len(sizes), BALLS_LOOKED_AT)
     spread = _sphere_points(int(np.clip(SPHERE_POINTS // len(rows), FEWEST, MOST)))
     spheres = (middles[rows, None] + sizes[rows, None, None] * spread).reshape(-1, 3)
-    boundary = spheres[tree.distances(spheres, enough=-inside)[0] >= -inside]
+    bare = np.flatnonzero(tree.distances(spheres, enough=-inside)[0] >= -inside)
+    boundary, ball = spheres[bare], rows[bare // len(spread)]
     back = distance_to_surface(boundary, shape) if len(boundary) else None
     far = np.abs(out)
     worst = places[far.argmax()]
@@ -149,24 +151,47 @@ def reconstruction_error(shape: Shape, centers: ArrayLike, radii: ArrayLike) -> 
         worst = boundary[back.argmax()]
     return ReconstructionError(
         float(far.max()),
-        float(far.mean()),
+        _mean_over_surface(shape, far, areas),
         None if back is None else float(back.max()),
-        None if back is None else float(back.mean()),
+        None if back is None else _mean(back, (sizes[ball] / max(sizes.max(), 1e-300)) ** 2),
         worst,
         float(depth.max()),
         float(np.percentile(depth, 95)),
     )
 
 
-def _between(shape: Shape) -> FloatArray:
-    """Middles of the edges and faces of a mesh, thinned evenly; nothing for a cloud."""
+def _between(shape: Shape) -> tuple[FloatArray, FloatArray]:
+    """Middles of the edges, then of the faces, thinned evenly, and areas of these faces.
+
+    Nothing for a cloud.
+    """
     if shape.faces is None:
-        return np.empty((0, 3))
+        return np.empty((0, 3)), np.empty(0)
     edges = len(shape.edges)
     rows = _thinned(edges + shape.face_count, PLACES_BETWEEN)
     on_edges = shape.points[shape.edges[rows[rows < edges]]].mean(axis=1)
-    on_faces = shape.points[shape.faces[rows[rows >= edges] - edges]].mean(axis=1)
-    return np.concatenate([on_edges, on_faces])
+    corners = shape.points[shape.faces[rows[rows >= edges] - edges]]
+    a, b, c = corners.transpose(1, 0, 2)
+    areas = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
+    return np.concatenate([on_edges, corners.mean(axis=1)]), areas
+
+
+def _mean_over_surface(shape: Shape, values: FloatArray, areas: FloatArray) -> float:
+    """Integrate over triangles: a quarter by their corners, the rest by their middles.
+
+    That is exact for polynomials of degree 2. The places on edges are for the maximum only.
+    """
+    from medialis.features.labels import sample_areas
+
+    at_samples = _mean(values[: shape.point_count], sample_areas(shape))
+    if len(areas) == 0:
+        return at_samples
+    return 0.25 * at_samples + 0.75 * _mean(values[-len(areas) :], areas)
+
+
+def _mean(values: FloatArray, weights: FloatArray) -> float:
+    """Weighted mean; the plain one where no weight is positive."""
+    return float(np.average(values, weights=weights if weights.any() else None))
 
 
 def _thinned(count: int, most: int) -> IntArray:

@@ -128,7 +128,7 @@ def _reconstruction(found: Mapping[str, Any]) -> dict[str, str] | None:
         f"and the {what}, at {where}; on average the surface is "
         f"{number(error['surface_to_balls_mean'], 2)} % off."
     )
-    if not after["closed"]:
+    if found["balls"]["by_shrinking"] and not after["closed"]:
         text += " Balls bulge out at holes" + (
             " between the points." if not after["faces"] else "."
         )
