@@ -124,15 +124,19 @@ def _reconstruction(found: Mapping[str, Any]) -> dict[str, str] | None:
     what, after = found["balls"]["what"], found["input"]["as_computed"]
     where = place(error["worst_place"], after["diagonal"])
     text = (
-        f"Hausdorff distance {number(error['hausdorff'], 3)} % of the diagonal between the surface "
-        f"and the {what}, at {where}; on average the surface is "
-        f"{number(error['surface_to_balls_mean'], 2)} % off."
+        f"Hausdorff distance from the surface to the {what} {_one_way(error, 'surface_to_balls')}, "
+        f"back {_one_way(error, 'balls_to_surface')}; the largest is at {where}."
     )
     if found["balls"]["by_shrinking"] and not after["closed"]:
-        text += " Balls bulge out at holes" + (
-            " between the points." if not after["faces"] else "."
-        )
+        text += " Balls bulge out at holes."
     return _line("Reconstruction", INFO, text)
+
+
+def _one_way(error: Mapping[str, Any], way: str) -> str:
+    largest, mean = error[f"{way}_max"], error[f"{way}_mean"]
+    if largest is None:
+        return "not seen"
+    return f"{number(largest, 3)} % of the diagonal (mean {number(mean, 2)} %)"
 
 
 def _centredness(share: Mapping[str, float] | None) -> dict[str, str] | None:
