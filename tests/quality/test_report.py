@@ -173,7 +173,7 @@ def test_values_that_are_not_numbers_have_a_place(creature):
     texts = report_texts(replace(result, values=values))
     json.loads(texts["report.json"], parse_constant=pytest.fail)
     text = "".join(parsed(texts["report.html"]).text)
-    assert "infinite" in text and "<i>" in text and "nan" not in text
+    assert "–" in text and "<i>" in text and "nan" not in text
 
 
 def test_a_result_without_anything(creature):
@@ -193,8 +193,9 @@ def test_clouds_and_equal_values_of_any_size_have_a_report(scale):
     texts = report_texts(medialis.run("thickness", cloud))
     found = json.loads(texts["report.json"])
     assert found["thin_spots"][0]["area"] is None and parsed(texts["report.html"]).images
-    counts, edges = found["histograms"]["thickness"].values()
-    assert sum(counts) == 300 and edges == sorted(edges)
+    chart = found["histograms"]["thickness"]
+    assert sum(chart["counts"]) == chart["count"] == 300
+    assert chart["edges"] == sorted(chart["edges"])
 
 
 def test_the_command_line_writes_it(creature, tmp_path, capsys):
