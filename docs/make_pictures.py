@@ -30,6 +30,26 @@ def hero() -> Image:
     return draw_result(result, title="surface skeleton: one maximal ball for each sample")
 
 
+def overview() -> Image:
+    """Draw six results of one shape, for the first page."""
+    shape = medialis.organic_shape(160)
+    runs = {
+        "where its middle is": ("skeleton_mesh", ""),
+        "how its parts hang together": ("curve_skeleton", ""),
+        "how thick it is, and where thinnest": ("thickness", ""),
+        "which parts it has": ("parts", ""),
+        "bones, and what they move": ("armature", "skin"),
+        "its smooth sheets": ("medial_sheets", "sheet_meshes"),
+    }
+    images = []
+    for name, layer in runs.values():
+        result = medialis.run(name, shape)
+        if layer:
+            result = _layer_of(result, layer)
+        images.append(draw_result(result, width=300, height=236, legend=False))
+    return contact_sheet(images, list(runs), 3)
+
+
 def spoke_angle() -> Image:
     """Colour by spoke angle."""
     result = medialis.run("surface_skeleton", medialis.organic_shape(200))
@@ -399,10 +419,18 @@ def soft_edges() -> Image:
     names = ("L", "rounded cylinder", "creature")
     results = [medialis.run("soft_edges", solids[name]) for name in names]
     size = {"width": 420, "height": 340}
-    images = [
-        draw_result(r, color_by=c, **size) for c in ("sharpness", "edge_radius") for r in results
-    ]
+    images = [draw_result(r, **size) for r in results]
+    images += [draw_result(_radius_of_edges(r), color_by="edge_radius", **size) for r in results]
     return contact_sheet(images, [*names, *names], 3)
+
+
+def _radius_of_edges(result: medialis.Result) -> medialis.Result:
+    """Return the result with no radius, drawn grey, off all edges."""
+    layer = result.shown[0]
+    on_edge = layer.attributes["sharpness"] > 0
+    radius = np.where(on_edge, layer.attributes["edge_radius"], np.nan)
+    layer = replace(layer, attributes={**layer.attributes, "edge_radius": radius})
+    return replace(result, shown=(layer,))
 
 
 def patches() -> Image:
@@ -514,7 +542,8 @@ def mean_shift_segments() -> Image:
 PICTURES: dict[str, Callable[[], Image]] = {
     make.__name__: make
     for make in (
-        hero, spoke_angle, subsample, tolerance, refine, sides, reconstruction, progressive,
+        hero, overview, spoke_angle,
+        subsample, tolerance, refine, sides, reconstruction, progressive,
         thickness, wall_angle, turntable, views, skeleton_mesh, mesh_angles, mesh_bridges, mesh_box,
         importance, measures, geodesic, curve_skeleton, curve_candidates, curve_parts,
         curve_options, curve_comparison, view_curve_skeleton,

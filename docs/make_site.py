@@ -12,42 +12,30 @@ import sys
 import time
 from pathlib import Path
 
-import make_pictures
-import make_thesis_figures
 from check_site import check
+from website.drawing import PAGE_PICTURES, draw_all
 from website.generated_pages import gallery, parameter_page, parameters_index, reference
 from website.pages import DOCS, ROOT, navigation, stage
 from website.strips import state
 
 from medialis.operations.registry import OPERATIONS
-from medialis.render.png import write_png
 
 WEBSITE = DOCS / "website"
-
-
-def draw_pictures(target: Path, cache: Path) -> None:
-    """Draw every picture of the pages anew; those that another program made are taken as kept."""
-    cache.mkdir(exist_ok=True)
-    for name, draw in {**make_pictures.PICTURES, **make_thesis_figures.FIGURES}.items():
-        path = cache / f"{name}.png"
-        if not path.exists():
-            write_png(path, draw())
-        shutil.copyfile(path, target / f"{name}.png")
 
 
 def write_pages(source: Path, cache: Path, redraw: bool) -> None:
     """Write everything that Sphinx reads: pages, pictures, generated pages, tables of contents."""
     pages = stage(source)
+    draw_all(cache, PAGE_PICTURES if redraw else ())
     if redraw:
-        draw_pictures(source / "pictures", cache / "pages")
-    clock = time.perf_counter()
+        for name in PAGE_PICTURES:
+            shutil.copyfile(cache / f"pages/{name}.png", source / f"pictures/{name}.png")
     generated = {
         **{f"parameters/{o.name}": parameter_page(o, pages, cache) for o in OPERATIONS},
         "parameters/index": parameters_index(),
         "gallery": gallery(pages, cache),
         **reference(),
     }
-    print(f"parameters: {time.perf_counter() - clock:.0f} s")
     for name, text in generated.items():
         path = source / f"{name}.md"
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -70,6 +58,8 @@ def _link_parameters(source: Path, pages: list[str]) -> None:
 
 def _add_contents(index: Path, pages: list[str]) -> None:
     """Append the tables of contents, one for each section, to the first page."""
+    text = index.read_text(encoding="utf-8")
+    index.write_text(text.replace("in the gallery", "in the [gallery](gallery.md)"), "utf-8")
     sections = {"Overview": ["gallery"], **navigation(pages)}
     sections["Reference"] = ["parameters/index", "reference/index"]
     with index.open("a", encoding="utf-8") as file:

@@ -43,6 +43,12 @@ def _close_up(points: NDArray[np.float64], place: Sequence[float], share: float)
     return Camera(eye, place, whole.up, whole.extent * share, **SIZE)
 
 
+def _head(shape: medialis.Shape) -> NDArray[np.float64]:
+    """Return the middle of the creature's head."""
+    forward = shape.points[:, 0]
+    return shape.points[forward > np.quantile(forward, 0.88)].mean(axis=0)
+
+
 def figure_3_4() -> Image:
     """Draw importance on a clean and on a noisy skeleton, at three thresholds."""
     pictures, captions = [], []
@@ -58,9 +64,8 @@ def figure_3_7() -> Image:
     """Draw surface and union of balls, whole and close up, and their difference."""
     shape = medialis.organic_shape(300)
     cloud = medialis.surface_skeleton(shape)
-    head = shape.points[np.argmax(shape.points @ [1.0, 0.0, 1.0])]
     rows = []
-    for camera in (_view(shape.points), _close_up(shape.points, head, 0.35)):
+    for camera in (_view(shape.points), _close_up(shape.points, _head(shape), 0.4)):
         seen = reconstruct_image(shape, cloud, camera=camera)
         rows += [seen.surface_images[0], seen.ball_images[0], seen.difference_images[0]]
     return contact_sheet(rows, ["surface", "union of balls", "difference"] * 2, 3)
@@ -79,14 +84,13 @@ def figure_3_8() -> Image:
 def figure_3_9() -> Image:
     """Draw the raw and the simplified skeleton mesh, whole and close up."""
     shape = _noisy(0.0005)
-    head = shape.points[np.argmax(shape.points @ [1.0, 0.0, 1.0])]
     pictures, captions = [], []
     for name, given in (
         ("all points", {"min_spoke_angle": 0.0, "smallest_piece": 0.0}),
         ("importance from 3 %", {"min_spoke_angle": 0.0, "importance": 0.03}),
     ):
         result = medialis.run("skeleton_mesh", shape, **given)
-        for camera in (_view(shape.points), _close_up(shape.points, head, 0.4)):
+        for camera in (_view(shape.points), _close_up(shape.points, _head(shape), 0.4)):
             pictures.append(draw_result(result, camera=camera))
             captions.append(f"{name}: {result.values['faces']} faces")
     return contact_sheet(pictures, captions, 2)
@@ -137,8 +141,8 @@ def figure_3_13() -> Image:
 
 
 def _silhouette(size: int = 320) -> NDArray[np.bool_]:
-    """Return the creature seen from the side."""
-    shape = medialis.organic_shape(160)
+    """Return the creature with a rough surface, seen from the side."""
+    shape = _noisy(0.003)
     view = _square_view(shape, size, [[1, 0, 0], [0, 0, 1], [0, 1, 0]])
     return medialis.rasterizer(shape)([view])[0].mask
 
@@ -148,9 +152,16 @@ def _square_view(shape: medialis.Shape, size: int, axes: ArrayLike) -> medialis.
     return medialis.OrthographicCamera((low + high) / 2, axes, 1.05 * shape.diagonal, size)
 
 
+def _around(taken: NDArray[np.bool_], margin: int = 12) -> slice:
+    """Return the range that is taken, with a margin."""
+    inside = np.flatnonzero(taken)
+    return slice(max(0, inside[0] - margin), inside[-1] + margin + 1)
+
+
 def figure_3_15() -> Image:
     """Draw the skeleton of a silhouette at three thresholds of importance and of saliency."""
     mask = _silhouette()
+    rows, columns = (_around(mask.any(axis=axis)) for axis in (1, 0))
     lines = [
         (np.column_stack([c.row, c.column]) if upright else np.column_stack([c.column, c.row]), c)
         for upright, c in (
@@ -169,7 +180,7 @@ def figure_3_15() -> Image:
                     measure = found.importance / found.distance
                 row, column = places[measure >= threshold].astype(int).T
                 image[row, column] = (32, 60, 140)
-            pictures.append(image.repeat(2, axis=0).repeat(2, axis=1))
+            pictures.append(image[rows][:, columns].repeat(2, axis=0).repeat(2, axis=1))
             unit = " pixels" if name == "importance" else ""
             captions.append(f"{name} from {threshold:g}{unit}")
     return contact_sheet(pictures, captions, 3)

@@ -1,5 +1,6 @@
 """Settings of Sphinx; `docs/make_site.py` runs it on the staged pages."""
 
+import itertools
 from importlib.metadata import version as installed_version
 
 project = "medialis"
@@ -46,6 +47,23 @@ def _keep_bars(app, what, name, thing, options, lines):
             )
 
 
+def _part_groups(app, what, name, thing, options, lines):
+    """Give each of several attributes with one description a line of its own, before napoleon."""
+    begin = lines.index("Attributes") if "Attributes" in lines else len(lines)
+    for row in range(len(lines) - 1, begin, -1):
+        names, colon, kind = lines[row].partition(" : ")
+        if colon and ", " in names and not lines[row].startswith(" "):
+            about = list(itertools.takewhile(_is_about, lines[row + 1 :]))
+            lines[row : row + 1 + len(about)] = [
+                line for one in names.split(", ") for line in (f"{one} : {kind}", *about)
+            ]
+
+
+def _is_about(line):
+    return line.startswith(" ")
+
+
 def setup(app):
     """Register the hooks."""
+    app.connect("autodoc-process-docstring", _part_groups, priority=400)
     app.connect("autodoc-process-docstring", _keep_bars)

@@ -12,9 +12,10 @@ import medialis
 from medialis.operations.pictures import draw_result
 from medialis.render.annotation import contact_sheet
 from medialis.render.camera import Camera
-from medialis.render.picture import Points, Surface, draw
+from medialis.render.picture import Curves, Points, Surface, draw
 
 SIZE = {"width": 420, "height": 340}
+GREY = (0.75, 0.75, 0.78)
 
 
 def _cloud(points: ArrayLike) -> medialis.Shape:
@@ -88,6 +89,39 @@ def figure_4_5() -> Image:
         clouds = (noisy, _without_statistical_outliers(noisy), kept)
         rows += [draw([Points(points, size=2)], camera) for points in clouds]
     return contact_sheet(rows, ["40 % outliers", "SOR", "ours"] * 2, 3)
+
+
+def figure_4_6() -> Image:
+    """Draw the points removed in excess of the outliers over the share of outliers."""
+    shapes = (
+        medialis.organic_shape(100),
+        _dented_plate(),
+        medialis.dental_arch(12, resolution=110)[0],
+    )
+    shares = np.array([0.0, 0.1, 0.2, 0.3, 0.4])
+    excess = np.zeros((2, len(shares)))
+    for shape in shapes:
+        for column, share in enumerate(shares):
+            noisy = _with_outliers(shape, share)
+            ours = medialis.run("denoise", _cloud(noisy)).values["kept_points"]
+            left = np.array([ours, len(_without_statistical_outliers(noisy))])
+            excess[:, column] += (shape.point_count - left) / shape.point_count / len(shapes)
+    nodes = [(8 * x, 8 * y, 0.0) for row in excess for x, y in zip(shares, row, strict=True)]
+    edges = [(i, i + 1) for i in range(2 * len(shares) - 1) if i != len(shares) - 1]
+    method = np.repeat([0, 1], len(shares))
+    heights = np.arange(np.floor(10 * excess.min()), np.ceil(10 * excess.max()) + 1) / 10
+    grid = [(8 * x, 8 * height, -0.1) for height in heights for x in (shares[0], shares[-1])]
+    items = [
+        Curves(nodes, edges, width=5, labels=method),
+        Points(nodes, size=11, labels=method),
+        Curves(grid, [(2 * k, 2 * k + 1) for k in range(len(heights))], width=1.5, color=GREY),
+        Curves(
+            [(0, 0, -0.05), (8 * shares[-1], 0, -0.05)], [(0, 1)], width=3, color=(0.4, 0.4, 0.4)
+        ),
+    ]
+    camera = Camera.framing(grid, direction=(0, 0, 1), up=(0, 1, 0), width=900, height=560)
+    title = "points removed in excess, lines 10 % apart, dark: 0 %; outliers from 0 to 40 %"
+    return draw(items, camera, title=title, legend="method", label_names=["ours", "SOR"])
 
 
 def figure_4_11() -> Image:
@@ -193,6 +227,7 @@ LATER_FIGURES: dict[str, Callable[[], Image]] = {
     for make in (
         figure_4_4,
         figure_4_5,
+        figure_4_6,
         figure_4_11,
         figure_5_3,
         figure_5_4,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 import re
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ from medialis.operations.declaration import Kind, Operation, Parameter
 from medialis.operations.registry import OPERATIONS
 from medialis.render.annotation import number_text
 from website.pages import operation_of
-from website.strips import Panel, default_picture, main_value, strip
+from website.strips import Panel, can_be_seen, changing_values, default_picture, strip
 
 KINDS = {
     Kind.FLOAT: "number",
@@ -98,23 +99,43 @@ def _section(operation: Operation, parameter: Parameter, pictures: Path) -> str:
     text = parameter.help + (" Hosts fold it away under *More*." if parameter.advanced else "")
     lines = [f"## {parameter.label}", f"`{parameter.name}`: {text}"]
     panels = strip(operation, parameter, pictures)
-    if panels:
-        name = main_value(panels)
-        figures = "\n".join(_figure(parameter, panel, name) for panel in panels)
-        lines.append(f"::::{{container}} strip\n{figures}\n::::")
+    if panels and can_be_seen(panels):
+        figures = "\n".join(_figure(parameter, panel, changing_values(panels)) for panel in panels)
+        lines.append(f"::::{{container}} strip{_width(panels)}\n{figures}\n::::")
+    elif panels:
+        lines.append(_numbers(parameter, panels))
     elif parameter.kind is not Kind.FILE:
-        lines.append("On the shape of these pictures it changes nothing that can be seen.")
+        lines.append("On the shape of these pictures it changes nothing.")
     return "\n\n".join(lines)
 
 
-def _figure(parameter: Parameter, panel: Panel, name: str | None) -> str:
+def _width(panels: Sequence[Panel]) -> str:
+    """Return the class of a strip whose pictures need the whole width of the page each."""
+    return " wide" if any(p.glance and len(p.glance[0]) > 2 * len(p.glance) for p in panels) else ""
+
+
+def _numbers(parameter: Parameter, panels: Sequence[Panel]) -> str:
+    """Return what a strip would not show: a table of the numbers that change."""
+    names = changing_values(panels)[:3]
+    text = "The pictures of its values look the same"
+    if not names:
+        return text + "."
+    head = "| ".join(["", parameter.label.lower(), *(n.replace("_", " ") for n in names), ""])
+    rows = [
+        "| ".join(["", shown(parameter, p.value), *(f"{p.values[n]:.6g}" for n in names), ""])
+        for p in panels
+    ]
+    return "\n".join([f"{text}; in numbers:\n", head, "|---" * (len(names) + 1) + "|", *rows])
+
+
+def _figure(parameter: Parameter, panel: Panel, names: Sequence[str]) -> str:
     value = shown(parameter, panel.value)
     default = " (default)" if panel.value == parameter.default else ""
     title = f"{parameter.label}: {value}"
     if panel.picture is None:
         return f":::{{container}} refused\n**{value}**{default}\n\n{panel.error}\n:::"
     caption = f"**{value}**{default}"
-    if name is not None and name in panel.values:
+    for name in names[:1]:
         number = panel.values[name]
         text = str(number) if isinstance(number, int) else number_text(number)
         caption += f"\n{name.replace('_', ' ')}: {text}"

@@ -30,6 +30,9 @@ SECTIONS = {
 FROM_ROOT = {"CONTRIBUTING.md": "contributing.md", "CHANGELOG.md": "changelog.md"}
 """Pages of the root of the repository, and what they are called on the site."""
 
+PICTURE = re.compile(r"^!\[(?P<alt>[^\]]*)\]\((?P<file>[^)\s:]+\.png)\)$", re.MULTILINE)
+"""A picture that stands alone on its line."""
+
 LINK = re.compile(r"(?P<before>!?\[[^\]]*\]\()(?P<target>[^)\s]+)(?P<after>\))")
 FENCE = re.compile(r"^(```|~~~).*?^\1", re.MULTILINE | re.DOTALL)
 
@@ -98,8 +101,21 @@ def stage(target: Path) -> list[str]:
             relative = os.path.relpath(place, here.parent) + (f"#{anchor}" if anchor else "")
             return match["before"] + relative + match["after"]
 
-        here.write_text(LINK.sub(lead, text), encoding="utf-8")
+        depth = "../" * name.count("/")
+        here.write_text(_enlarged(LINK.sub(lead, text), depth), encoding="utf-8")
     return list(pages)
+
+
+def _enlarged(text: str, depth: str) -> str:
+    """Lead from each picture to the picture alone, in full size."""
+
+    def figure(match: re.Match[str]) -> str:
+        alt = " ".join(match["alt"].split())
+        name = match["file"].rpartition("/")[2]
+        options = f":alt: {alt}\n:target: {depth}_images/{name}"
+        return f":::{{image}} {match['file']}\n{options}\n:::"
+
+    return PICTURE.sub(figure, text)
 
 
 def _place(link: str, source: Path, target: Path) -> Path | None:

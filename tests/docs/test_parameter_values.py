@@ -90,7 +90,41 @@ def test_what_changes_nothing_is_said(tmp_path):
     def run(shape, parameters, progress):
         return Outcome(shape, (Layer("later", shape.points[:100]),), values={"points": 100})
 
-    assert "it changes nothing that can be seen" in _page(_operation(run), tmp_path)
+    text = _page(_operation(run), tmp_path)
+    assert "it changes nothing." in text and "container} strip" not in text
+
+
+def test_pictures_that_look_alike_become_a_table(tmp_path):
+    """A reader who sees four equal pictures learns less than from four numbers."""
+
+    def run(shape, parameters, progress):
+        layer = Layer("later", shape.points[:100])
+        return Outcome(shape, (layer,), values={"twice": 2 * parameters["reach"]})
+
+    text = _page(_operation(run), tmp_path)
+    assert "look the same" in text and "container} strip" not in text
+    assert "| 0.2| 0.4|" in text and "| 0.8| 1.6|" in text
+
+
+def test_strips_share_their_runs():
+    """The run at the defaults is in most strips, and is made once."""
+    thickness = next(o for o in OPERATIONS if o.name == "thickness")
+    found = {
+        p.name: {tile.file for tile in strips.tiles(thickness, p)} for p in thickness.parameters
+    }
+    assert found["kind"] & found["spots"] & found["min_spoke_angle"]
+    assert not found["refine"] & found["kind"]
+
+
+def test_another_layer_and_attribute_are_drawn_on_request():
+    shape = medialis.organic_shape(56)
+    part = Layer("part", shape.points[:50])
+    whole = Layer("whole", shape.points, attributes={"height": shape.points[:, 2]})
+    result = medialis.Result(shape, (part, whole))
+    first, other = (strips.picture_of(result, layer=name) for name in ("part", "whole"))
+    coloured = strips.picture_of(result, layer="whole", color_by="height")
+    assert (first != other).any() and (other != coloured).any()
+    assert (strips.picture_of(result, layer="missing") != other).any()
 
 
 def _page(chosen, folder) -> str:

@@ -1,1 +1,1 @@
-"""Fields between surface and skeleton, thickness, and the thinnest places (thesis 3.5.1)."""
+"""Fields on surface and skeleton, thickness (thesis 3.5.1), point types and sheets (6.2)."""

@@ -21,12 +21,12 @@ class PointType(IntEnum):
     NONE = 0
     """A masked ball."""
     A3 = 1
-    """One contact: the rim of a sheet, behind a convex edge, however soft."""
+    """One contact, on the rim of a sheet, behind a convex edge, however soft."""
     SHEET = 2
-    """Two contacts (A1^2): inside a sheet. Also balls of tubes and spheres, whose one contact goes
+    """Two contacts (A1^2), inside a sheet. Also balls of tubes and spheres, whose one contact goes
     all the way round."""
     Y_CURVE = 3
-    """Three contacts (A1^3): near a curve where sheets meet."""
+    """Three contacts (A1^3), near a curve where sheets meet."""
 
 
 def point_types(

@@ -16,13 +16,13 @@ class PathStatus(IntEnum):
     """How the length of a geodesic was found."""
 
     NONE = 0
-    """There is no path: the ends lie in different components, or the pair is masked."""
+    """There is no path, as the ends lie in different components, or the pair is masked."""
     PLANE = 1
     """The shortest cut of the surface by a plane through the ends (or a common edge)."""
     EDGES = 2
-    """No plane cut arrives (holes, non-manifold edges): shortest path along the edges."""
+    """The shortest path along the edges, where no plane cut arrives (holes, non-manifold edges)."""
     NEIGHBOUR = 3
-    """Along edges to the ends of a neighbouring path, and along that: shorter than its own."""
+    """Along edges to the ends of a neighbouring path, and along that; shorter than its own."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -29,6 +29,7 @@ def draw_result(
     height: int = 750,
     camera: Camera | None = None,
     title: str | None = None,
+    legend: bool = True,
     progress: Progress | ProgressCallback | None = None,
 ) -> NDArray[np.uint8]:
     """Draw the first layer of a result inside its see-through shape.
@@ -48,6 +49,8 @@ def draw_result(
         Else an automatic view of the shape.
     title : str, optional
         One line on top.
+    legend : bool
+        Say which colour is which value, where the layer has values.
     progress : callable, optional
         Called with (fraction, text); returning False cancels.
 
@@ -64,6 +67,7 @@ def draw_result(
     if camera is None:
         camera = Camera.framing(_in_view(result), width=width, height=height)
     item, label = _paint(layer, color_by or layer.color_by, camera.width)
+    label = label if legend else None
     if result.shown:
         marks = [_mark(other, camera.width) for other in others]
         return draw([item, *marks], camera, title=title, legend=label, progress=progress)

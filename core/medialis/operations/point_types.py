@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -36,6 +37,7 @@ def run(shape: Shape, parameters: Mapping[str, Any], progress: Progress) -> Outc
             "all round. Use a smaller refine, or filter_rim = False."
         )
     layer = cloud_layer("point_types", cloud.subset(keep), {"type": types[keep]})
+    layer = replace(layer, color_limits=(float(PointType.A3), float(PointType.Y_CURVE)))
     return Outcome(
         shape=fine,
         layers=(layer, samples_layer(fine)),
