@@ -29,7 +29,8 @@ def connected_importance(
     """Change the importance so that no threshold leaves islands.
 
     Two skeleton points are linked when their samples share an edge of the mesh, or one is the
-    second feature point of the other. Above any threshold the points of the result hang together
+    second feature point of the other; and the most important of a neighbourhood across the others,
+    up to three edges: on a rough surface most balls belong to noise. Above any threshold the points of the result hang together
     by links, in one piece for each piece of the shape. Links longer than `link` come last: a small
     piece that only they reach gets importance 0.
 
@@ -87,6 +88,8 @@ def connected_importance(
     links = np.concatenate([shape.edges, cloud.features[cloud.valid]])
     usable = (links[:, 0] != links[:, 1]) & (cloud.valid & ~np.isnan(values))[links].all(axis=1)
     links = links[usable].astype(np.int64)
+    edges = links[: np.count_nonzero(usable[: len(shape.edges)])]
+    links = np.concatenate([links, _across_noise(edges, values)])
     reach = np.linalg.norm(cloud.centers[links[:, 0]] - cloud.centers[links[:, 1]], axis=1)
     strength = np.minimum(values[links[:, 0]], values[links[:, 1]])
     # Neighbours that are too far apart join last, as if the link had no importance.
@@ -99,6 +102,17 @@ def connected_importance(
     )
     _raise_bridges(values, tree[:joined].astype(np.int32), bridges[:count])
     return frozen(values, np.float64)
+
+
+def _across_noise(edges: NDArray[np.int64], values: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Link each point, and its best neighbour, to the best neighbours of its neighbours."""
+    ends = np.concatenate([edges, edges[:, ::-1]])
+    rising = ends[np.argsort(values[ends[:, 1]], kind="stable")]
+    best = np.arange(len(values))
+    best[rising[:, 0]] = rising[:, 1]  # of equal places the last one stays, the most important
+    best = np.where(values[best] > values, best, np.arange(len(values)))
+    found = np.concatenate([np.column_stack([ends[:, 0], best[ends[:, 1]]]), best[edges]])
+    return found[found[:, 0] != found[:, 1]]
 
 
 def _raise_bridges(
