@@ -30,9 +30,9 @@ def connected_importance(
 
     Two skeleton points are linked when their samples share an edge of the mesh, or one is the
     second feature point of the other; and the most important of a neighbourhood across the others,
-    up to three edges: on a rough surface most balls belong to noise. Above any threshold the points of the result hang together
-    by links, in one piece for each piece of the shape. Links longer than `link` come last: a small
-    piece that only they reach gets importance 0.
+    up to three edges, since on a rough surface most balls belong to noise. Above any threshold the
+    points of the result hang together by links, in one piece for each piece of the shape. Links
+    longer than `link` come last: a small piece that only they reach gets importance 0.
 
     Parameters
     ----------
