@@ -25,6 +25,25 @@ def matrix(links):
     return csr_array((links.cost, links.neighbours, links.offsets), shape=(k, k))
 
 
+def test_a_way_through_a_thick_body_is_no_dearer_than_one_along_thin_balls():
+    """Links of a thick body are many spacings long. They cost more for it, so that the curve
+    skeleton of a plump body went round its middle, along thin balls below the surface."""
+    x = np.arange(11.0)
+    thick = np.stack([0.25 * x, 0 * x, 0 * x], axis=1)
+    thin = np.stack([0.01 * x, 5 + 0 * x, 0 * x], axis=1)
+    pairs = np.stack([np.arange(21), np.arange(1, 22)], axis=1)
+    links = link_balls(
+        np.concatenate([thick, thin]),
+        np.repeat([1.0, 0.03], 11),
+        np.ones(22),
+        np.delete(pairs, 10, axis=0),
+        NONE,
+        spacing=0.01,
+    )
+    price = links.cost / links.length
+    assert price[links.length > 0.1].max() < price[links.length < 0.1].min()
+
+
 def test_links_come_from_both_ends_once_and_near_ones_stay_in_both_balls():
     links = random_links()
     table = matrix(links).toarray()

@@ -16,6 +16,11 @@ from medialis.validation import FloatArray, frozen
 OFF_CURVE = 20.0
 """Times what a link costs on the curve skeleton that one far from it costs."""
 
+SHORT = 0.3
+"""Share of the smaller radius up to which a link counts as short: the distance of the nodes in the
+end. In a thick body centers are many spacings apart; a way through it must not cost more than one
+along thin balls below its surface."""
+
 OVERLAP_ONLY, APART = 10.0, 1000.0
 """Factors of the cost where a center lies outside the other ball, and where the balls are apart:
 last resorts that keep the graph in one piece."""
@@ -72,7 +77,8 @@ def link_balls(
     needed : (b, 2) int
         Pairs that are linked in any case, for the graph to hang together.
     spacing : float
-        Typical distance of neighbouring balls; a longer link costs more for its length.
+        Typical distance of neighbouring balls; a link longer than this, and than a share of the
+        smaller radius, costs more for its length.
 
     Returns
     -------
@@ -89,7 +95,8 @@ def link_balls(
     low, high = np.divmod(key, k)
     reach, smaller, both = _measure(centers, radii, np.stack([low, high], axis=1))
     density = 1 / (1 / OFF_CURVE + closeness)
-    cost = reach * (1 + reach / spacing) * (density[low] + density[high]) / 2
+    long = 1 + reach / np.maximum(SHORT * smaller, spacing)
+    cost = reach * long * (density[low] + density[high]) / 2
     cost *= np.where(reach < smaller, 1.0, np.where(reach < both, OVERLAP_ONLY, APART))
     cost += 1e-9 * spacing  # coincident centers: the way with fewer links
     start = np.concatenate([low, high])
