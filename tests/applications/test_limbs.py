@@ -7,9 +7,11 @@ from scipy.spatial import cKDTree
 import closed_forms as forms
 import medialis
 from clouds import adjusted_rand
-from medialis.applications.limbs import find_limbs, flatness, node_widths
+from medialis.applications.limbs import find_limbs, flatness, node_widths, protrusions
+from medialis.applications.parts import _extent
 from medialis.features.labels import connected_labels, diffused_labels
 from medialis.model.ragged import Ragged
+from medialis.model.segmentation import Segmentation
 from medialis.shape.generate import make_unambiguous, surface_nets
 from medialis.shape.normals import vertex_normals
 from medialis.threads import thread_limit
@@ -103,6 +105,62 @@ def test_auto_takes_limbs_or_sheets():
     assert len(np.unique(feet)) == 4 and 0 not in feet  # four legs, none of them the trunk
 
 
+def box_field(at, middle, half):
+    return (np.abs(at - np.array(middle)) - np.array(half)).max(axis=-1)
+
+
+def table(cell=0.03):
+    """A plate on four square legs, 0.9 long and 0.24 wide."""
+    axes = [np.arange(-e, e + cell, cell) for e in (1.5, 1.1, 1.3)]
+    grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+    bodies = [box_field(grid, (0, 0, 1), (1.2, 0.8, 0.1))]
+    for x in (-1.0, 1.0):
+        bodies += [box_field(grid, (x, y, 0.45), (0.12, 0.12, 0.5)) for y in (-0.6, 0.6)]
+    field = np.minimum.reduce(bodies)
+    make_unambiguous(field)
+    points, faces = surface_nets(field, np.array([axis[0] for axis in axes]), cell)
+    return medialis.make_shape(points, faces)
+
+
+def gear(teeth=8, height=0.6):
+    """A wheel with teeth as wide as high: they do not stick out as limbs do."""
+    turn = (np.arange(teeth)[:, None] + [0.0, 0.25, 0.35, 0.65, 0.75]) * 2 * np.pi / teeth
+    reach = np.broadcast_to([1.0, 1.0, 1.25, 1.25, 1.0], turn.shape)
+    corners = np.stack([reach * np.cos(turn), reach * np.sin(turn)], axis=-1).reshape(-1, 2)
+    return forms.prism(corners, height, 0.08)
+
+
+def test_auto_takes_limbs_where_they_stick_out():
+    """Gears were taken for limbs, and a table with legs was not, since its plate is flat."""
+    for shape, method in ((table(), "limbs"), (gear(), "sheets")):
+        result = medialis.run("parts", shape, refine=0)
+        assert result.values["method"] == method
+        assert any("stick out" in text for text in result.messages)
+
+
+def test_protrusions_of_a_dumbbell():
+    """The bar, of length l and radius r, has 2 pi r l over two discs; a ball its cap over one.
+    The border lies at most a step out on the ball, which widens the disc."""
+    step, r, inner = 0.06, 0.3, 2.0 - np.sqrt(1 - 0.3**2)
+    shape = forms.dumbbell(ball=1.0, bar=r, half=2.0, step=step)
+    labels = np.array([1, 0, 2], np.int32)[np.digitize(shape.points[:, 2], [-inner, inner])]
+    bar, ball = 2 * inner * 2 * np.pi * r, 2 * np.pi * (1 + np.sqrt(1 - r**2))
+    parts = Segmentation(labels, np.array([bar, ball, ball]))
+    found = protrusions(shape, parts)
+    exact = np.array([bar / 2, ball, ball]) / (np.pi * r**2)
+    assert (found < 1.01 * exact).all() and (found > exact * (r / (r + step)) ** 2).all()
+    whole = Segmentation(np.zeros(shape.point_count, np.int32), np.array([bar + 2 * ball]))
+    assert np.isinf(protrusions(shape, whole)).all()
+
+
+def test_extent_does_not_change_when_a_shape_is_turned():
+    shape = medialis.organic_shape(56)
+    turn = np.linalg.qr(np.random.default_rng(4).normal(size=(3, 3)))[0]
+    moved = medialis.Shape(shape.points @ turn.T + 3, shape.normals @ turn.T, shape.faces)
+    assert _extent(moved) == pytest.approx(_extent(shape), rel=1e-9)
+    assert _extent(shape) == pytest.approx(shape.diagonal, rel=0.2)
+
+
 def test_same_parts_turned_scaled_reordered_and_on_one_thread(jack):
     """Cuts depend on distances alone; the order decides ties of ways along the skeleton, rounding
     too: a row of samples round each arm, 6 * 37 of 13,000, may change sides, 0.97."""
@@ -182,6 +240,25 @@ def test_limbs_of_a_graph_by_hand():
     assert len(np.unique(even)) == 1
     alone = medialis.CurveSkeleton.of([[0.0, 0, 0]], np.empty((0, 2), int), [1.0])
     assert find_limbs(alone, np.ones(1)).tolist() == [0]
+
+
+@pytest.mark.parametrize(("passage", "parts"), [(1.0, 3), (0.8, 3), (0.7, 4), (0.3, 4)])
+def test_bodies_that_touch_are_one_without_a_neck(passage, parts):
+    """A trunk with two thin limbs: the balls of the two junctions touch without overlap. It was cut
+    between them when they touched by chance."""
+    x = np.arange(-3.0, 3.01, 0.5)
+    up, none = np.arange(1, 9) / 2, np.zeros(8)
+    limbs = [np.stack([none + at, none, up], axis=1) for at in (-1, 0.5)]
+    nodes = np.concatenate([np.stack([x, 0 * x, 0 * x], axis=1), *limbs])
+    n = len(x)
+    edges = [(i, i + 1) for i in range(n - 1)]
+    for first, foot in ((n, 4), (n + 8, 7)):
+        edges += [(foot, first), *((i, i + 1) for i in range(first, first + 7))]
+    width = np.where(nodes[:, 2] > 0, 0.2, 1.0)
+    width[5:7] = passage
+    part = find_limbs(medialis.CurveSkeleton.of(nodes, edges, 0.8 * width), width)
+    assert len(np.unique(part)) == parts
+    assert (part[4] == part[7]) == (parts == 3)
 
 
 def test_flatness_of_round_and_flat_rods():

@@ -4,13 +4,24 @@ from __future__ import annotations
 
 import numpy as np
 
-from medialis.applications.limbs import find_limbs, flatness, node_widths
+from medialis.applications.limbs import (
+    PROTRUDES,
+    find_limbs,
+    flatness,
+    node_widths,
+    protrusions,
+)
 from medialis.applications.patches import completed
-from medialis.curve_skeletons.curve_skeleton import curve_skeleton
+from medialis.curve_skeletons.curve_skeleton import (
+    DEFAULT_CANDIDATES,
+    DEFAULT_THRESHOLD,
+    curve_skeleton,
+)
 from medialis.errors import InvalidShapeError
 from medialis.features.labels import (
     connected_labels,
     diffused_labels,
+    sample_areas,
     smoothed_labels,
     spread_labels,
 )
@@ -40,8 +51,7 @@ DIFFUSION = 5
 FLAT = 1.7
 """A shape is flat where samples lie this many radii from the curve skeleton, in the mean: cross-
 sections are then twice as wide as thick. hand, armadillo, fertility, elephant and bunny have 1.2 to
-1.6, screwdriver just less than 1.7; fandisk, rockerarm, spider and scapula 1.9 to 5.9. gears, seven
-pieces with teeth, have 1.5 and are taken for limbs."""
+1.6; table, fandisk, rockerarm, spider and scapula 1.9 to 5.9."""
 
 
 def parts(
@@ -66,8 +76,9 @@ def parts(
         All k balls; outer ones take no part.
     method : {"auto", "limbs", "sheets"}
         "limbs": cut where limbs leave a body, by the curve skeleton; needs a mesh and its whole
-        inner cloud. "sheets": one part for each medial sheet. "auto": limbs if there are some and
-        the shape is not flat, else sheets; a message says which, and why.
+        inner cloud. "sheets": one part for each medial sheet. "auto": limbs if some stick out of
+        their base, and those are most or the shape is not flat, else sheets; a message says which,
+        and why.
     tau : float
         As in `medialis.medial_sheets`; only for sheets.
     smallest : float
@@ -155,24 +166,12 @@ def divide_into_parts(
             if skeleton is None:
                 skeleton = _skeleton(shape, cloud, progress)
             found = limb_parts(shape, skeleton, smallest=smallest, smoothing=rounds)
-        flat = flatness(shape, skeleton)
-        pieces = len(np.unique(shape.components[found.labels >= 0]))
-        limbs = found.count - pieces
-        if method == "limbs" or (flat < FLAT and limbs > 0):
-            if method == "auto":
-                progress.note(
-                    f"Divided where limbs leave their bodies, {limbs} in all (method limbs): the "
-                    f"curve skeleton describes this shape, samples lie {flat:.2g} radii from it."
-                )
+        if method == "limbs":
             return found, "limbs"
-        progress.note(
-            "Divided by medial sheets (method sheets): "
-            + (
-                f"the shape is flat, samples lie {flat:.2g} radii from its curve skeleton."
-                if flat >= FLAT
-                else "the curve skeleton has no limbs that stick out."
-            )
-        )
+        limbs, reason = _choose(shape, skeleton, found)
+        progress.note(reason)
+        if limbs:
+            return found, "limbs"
     elif method == "auto":
         progress.note(
             "Divided by medial sheets (method sheets): a curve skeleton needs a mesh with all its "
@@ -187,6 +186,29 @@ def divide_into_parts(
         labels[cloud.source] = sheets.labels
         labels = smoothed_labels(labels, graph, rounds)
         return completed(shape, graph, labels, smallest, fill=False), "sheets"
+
+
+def _choose(shape: Shape, skeleton: CurveSkeleton, found: Segmentation) -> tuple[bool, str]:
+    """Tell whether limbs describe a shape better than sheets, and why."""
+    flat = flatness(shape, skeleton)
+    labelled = np.flatnonzero(found.labels >= 0)
+    # Parts are numbered from the largest: the first one of each component is no limb.
+    order = labelled[np.argsort(found.labels[labelled], kind="stable")]
+    bodies = found.labels[order[np.unique(shape.components[order], return_index=True)[1]]]
+    limbs = np.setdiff1d(np.arange(found.count), bodies)
+    out = limbs[protrusions(shape, found)[limbs] >= PROTRUDES]
+    most = found.areas[out].sum() >= found.areas[limbs].sum() / 2
+    if len(out) and (most or flat < FLAT):
+        return True, (
+            f"Divided where limbs leave their bodies, {len(limbs)} in all (method limbs): "
+            f"{len(out)} of them stick out, samples lie {flat:.2g} radii from the curve skeleton."
+        )
+    why = (
+        f"the shape is flat, samples lie {flat:.2g} radii from its curve skeleton."
+        if flat >= FLAT
+        else "the curve skeleton has no limbs that stick out."
+    )
+    return False, f"Divided by medial sheets (method sheets): {why}"
 
 
 def limb_parts(
@@ -243,5 +265,24 @@ def _skeleton(shape: Shape, cloud: MedialCloud, progress: Progress) -> CurveSkel
         )
     with progress.stage("importance", 0.0, 0.5):
         paths = geodesic_importance(shape, cloud, progress=progress)
+    share = _extent(shape) / shape.diagonal
     with progress.stage("curve skeleton", 0.5, 1.0):
-        return curve_skeleton(shape, cloud, paths, progress=progress)
+        return curve_skeleton(
+            shape,
+            cloud,
+            paths,
+            threshold=share * DEFAULT_THRESHOLD,
+            candidates=share * DEFAULT_CANDIDATES,
+            progress=progress,
+        )
+
+
+def _extent(shape: Shape) -> float:
+    """Return the diagonal of the bounding box along the principal axes of the surface.
+
+    That along the coordinate axes changes by a fifth when a shape is turned.
+    """
+    area = sample_areas(shape)
+    away = shape.points - area @ shape.points / area.sum()
+    axes = np.linalg.eigh((away.T * area) @ away)[1]
+    return float(np.linalg.norm(np.ptp(away @ axes, axis=0)))

@@ -61,8 +61,8 @@ OPERATION = Operation(
             "auto",
             "Method",
             "limbs: cut where limbs leave a body, for animals, people, tubes. sheets: one part for "
-            "each sheet of the skeleton, for flat and blocky shapes. auto: limbs if there are some "
-            "and the shape is not flat.",
+            "each sheet of the skeleton, for flat and blocky shapes. auto: limbs if some stick out "
+            "of their base, else sheets.",
             choices=METHODS,
         ),
         smallest_segment(DEFAULT_SMALLEST, "part"),
