@@ -1,11 +1,14 @@
 """Mapped runs give the numbers of the single run, bit for bit, wherever they are computed."""
 
+import errno
+import os
+
 import numpy as np
 import pytest
 
 import closed_forms as forms
 import medialis
-from medialis.batches import huge
+from medialis.batches import mapped_files, ranges
 
 
 @pytest.fixture(scope="module")
@@ -18,14 +21,14 @@ def sampled():
 
 
 def same_bits(one, two):
-    for name in huge.RESULTS:
+    for name in mapped_files.RESULTS:
         assert getattr(one, name).tobytes() == getattr(two, name).tobytes(), name
 
 
 @pytest.mark.parametrize("tolerance", [0.0, 3e-4])
 def test_the_same_bits_as_the_single_run(sampled, tmp_path, monkeypatch, tolerance):
     """Also when rows are copied in many blocks."""
-    monkeypatch.setattr(huge, "ROWS_A_BLOCK", 700)
+    monkeypatch.setattr(mapped_files, "ROWS_A_BLOCK", 700)
     monkeypatch.setattr("medialis._kernels.box_tree.ROWS_A_BLOCK", 900)
     shape = medialis.Shape(*sampled)
     single = medialis.surface_skeleton(shape, tolerance=tolerance)
@@ -33,18 +36,18 @@ def test_the_same_bits_as_the_single_run(sampled, tmp_path, monkeypatch, toleran
     same_bits(cloud, single)
     same_bits(medialis.open_medial_cloud(tmp_path / "out"), single)
     measures = medialis.local_measures(shape, single)
-    for name in huge.MEASURES:
+    for name in mapped_files.MEASURES:
         found = np.load(tmp_path / "out" / f"{name}.npy")
         assert found.tobytes() == measures[name].tobytes()
     assert isinstance(cloud.centers.base, np.memmap) or isinstance(cloud.centers, np.memmap)
-    expected = {f"{name}.npy" for name in (*huge.RESULTS, *huge.MEASURES)}
+    expected = {f"{name}.npy" for name in (*mapped_files.RESULTS, *mapped_files.MEASURES)}
     assert {path.name for path in (tmp_path / "out").iterdir()} == expected
 
 
 def test_files_as_input_and_a_cluster_of_two_workers(sampled, tmp_path, monkeypatch):
     from distributed import LocalCluster
 
-    monkeypatch.setattr(huge, "CHUNKS_A_JOB", 2)
+    monkeypatch.setattr(ranges, "CHUNKS_A_JOB", 2)
     for name, values in zip(("points", "normals"), sampled, strict=True):
         np.save(tmp_path / f"{name}.npy", values)
     with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address="127.0.0.1:0") as local:
@@ -63,6 +66,19 @@ def test_cancelling_leaves_nothing(sampled, tmp_path):
 
     with pytest.raises(medialis.Cancelled):
         medialis.huge_surface_skeleton(*sampled, tmp_path / "out", progress=stop)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.skipif(not hasattr(os, "posix_fallocate"), reason="the system reserves no space")
+def test_a_full_disk_is_one_sentence_and_leaves_nothing(sampled, tmp_path, monkeypatch):
+    """Writing to a mapped page without a place on the disk killed the process (fixed)."""
+
+    def full(handle: int, begin: int, size: int) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(os, "posix_fallocate", full)
+    with pytest.raises(medialis.FileError, match="no space left"):
+        medialis.huge_surface_skeleton(*sampled, tmp_path / "out")
     assert list(tmp_path.iterdir()) == []
 
 

@@ -12,16 +12,14 @@ from __future__ import annotations
 
 import math
 import os
-import shutil
-from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from medialis.batches.engine import DIED, cluster, hand_out
+from medialis.batches.mapped_files import MEASURES, RESULTS, Files, blocks
+from medialis.batches.ranges import shrink_chunks, shrink_there
 from medialis.errors import FileError, InvalidShapeError
 from medialis.io.output_folder import OutputFolder
 from medialis.model.medial_cloud import MedialCloud
@@ -30,32 +28,13 @@ from medialis.regularization.importance import measures_of_points
 from medialis.surface_skeletons.ball_shrinking import (
     DEFAULT_TOLERANCE,
     LARGEST_RADIUS,
-    SAMPLES_A_CHUNK,
     Shrinking,
     shrink_options,
 )
-from medialis.threads import run_chunks
 from medialis.validation import as_normals, as_number, as_points
 
 if TYPE_CHECKING:
     from medialis._kernels.box_tree import BoxTree
-
-ROWS_A_BLOCK = 1 << 20
-"""What is checked, scaled or copied at a time: 24 MB of coordinates."""
-
-CHUNKS_A_JOB = 256
-"""Chunks that a cluster worker is given at a time: about half a second of work."""
-
-RESULTS = {
-    "centers": (np.float64, 3),
-    "radii": (np.float64, 0),
-    "features": (np.int32, 2),
-    "source": (np.int32, 0),
-    "status": (np.int8, 0),
-    "spoke_angles": (np.float64, 0),
-    "side": (np.int8, 0),
-}
-MEASURES = ("feature_radius", "radius_ratio")
 
 
 def huge_surface_skeleton(
@@ -128,9 +107,9 @@ def huge_surface_skeleton(
         with progress.stage("balls", 0.25, 0.9):
             results = _new_results(files, len(samples))
             if scheduler is None:
-                _shrink_chunks(tree, options, results, 0, len(samples), progress)
+                shrink_chunks(tree, options, results, 0, len(samples), progress)
             else:
-                _shrink_there(files, tree, options, scheduler, progress)
+                shrink_there(files, tree, options, scheduler, progress)
         with progress.stage("finish", 0.9, 1.0):
             _finish(tree, options, results, progress)
             _measure(samples, files, results)
@@ -154,103 +133,6 @@ def open_medial_cloud(folder: str | os.PathLike[str]) -> MedialCloud:
         raise FileError(f"Cannot read a medial cloud in {os.fspath(folder)}: {error}.") from None
 
 
-class Files:
-    """Arrays in .npy files of one folder; those of the tree are temporary."""
-
-    def __init__(self, folder: Path) -> None:
-        self.folder = folder
-        self.temporary = folder / "tree"
-        self.temporary.mkdir(exist_ok=True)
-
-    def new(self, name: str, shape: tuple[int, ...], dtype: Any) -> NDArray[Any]:
-        """Create a temporary array, mapped for writing."""
-        return _create(self.temporary / f"{name}.npy", shape, dtype)
-
-    def result(self, name: str, shape: tuple[int, ...], dtype: Any) -> NDArray[Any]:
-        """Create an array that stays."""
-        return _create(self.folder / f"{name}.npy", shape, dtype)
-
-    def remove_temporary(self) -> None:
-        """Remove the files of the tree."""
-        shutil.rmtree(self.temporary)
-
-
-@dataclass(frozen=True)
-class Range:
-    """A job of a cluster worker: chunks first..last of the samples in tree order."""
-
-    name: str
-    folder: str
-    options: Shrinking
-    center: tuple[float, ...]
-    depth: int
-    begin: int
-    end: int
-
-
-def shrink_range(job: Range) -> int:
-    """Run on a worker: map the files, shrink the balls of a range, return how many."""
-    from medialis._kernels.box_tree import BoxTree
-
-    folder = Path(job.folder)
-    parts = {
-        name: _plain(np.load(folder / "tree" / f"{name}.npy", mmap_mode="r+"))
-        for name in ("points", "normals", "order", "blocks", "bounds", "child")
-    }
-    tree = BoxTree(np.array(job.center), **parts, depth=job.depth)
-    results = {
-        name: _plain(np.load(folder / place, mmap_mode="r+"))
-        for name, place in (
-            ("centers", "centers.npy"),
-            ("radii", "radii.npy"),
-            ("second", "tree/second.npy"),
-            ("status", "status.npy"),
-            ("spoke_angles", "spoke_angles.npy"),
-        )
-    }
-    _shrink_chunks(tree, job.options, results, job.begin, job.end, None)
-    return job.end - job.begin
-
-
-def _shrink_chunks(
-    tree: BoxTree,
-    options: Shrinking,
-    results: dict[str, NDArray[Any]],
-    first: int,
-    last: int,
-    progress: Progress | None,
-) -> None:
-    names = ("centers", "radii", "second", "status", "spoke_angles")
-    out = tuple(results[name] for name in names)
-
-    def work(begin: int, end: int) -> None:
-        options.run(tree, first + begin, first + end, 1, out)
-
-    run_chunks(work, last - first, SAMPLES_A_CHUNK, progress=progress)
-
-
-def _shrink_there(
-    files: Files, tree: BoxTree, options: Shrinking, scheduler: str, progress: Progress
-) -> None:
-    """Hand ranges of whole chunks to the workers of a cluster; they write into the same files."""
-    n = len(tree.points)
-    step = CHUNKS_A_JOB * SAMPLES_A_CHUNK
-    jobs = [
-        Range(
-            f"range-{begin}", str(files.folder.absolute()), options, tuple(tree.center.tolist()),
-            tree.depth, begin, min(begin + step, n),
-        )
-        for begin in range(0, n, step)
-    ]  # fmt: skip
-    done = 0
-    with cluster(1, scheduler) as (client, slots):
-        for job, count in hand_out(client, jobs, shrink_range, slots):
-            if count is None:
-                raise FileError(f"A range of the samples was lost ({job.name}): {DIED}")
-            done += count
-            progress.update(done / n)
-
-
 def _mapped(values: Any, name: str) -> NDArray[np.float64]:
     if isinstance(values, str | os.PathLike):
         try:
@@ -265,11 +147,6 @@ def _mapped(values: Any, name: str) -> NDArray[np.float64]:
     return array
 
 
-def _blocks(n: int) -> Iterator[slice]:
-    for begin in range(0, n, ROWS_A_BLOCK):
-        yield slice(begin, min(begin + ROWS_A_BLOCK, n))
-
-
 def _check(
     points: NDArray[np.float64],
     normals: NDArray[np.float64],
@@ -280,7 +157,7 @@ def _check(
     if len(points) != len(normals):
         raise InvalidShapeError(f"There are {len(points)} points but {len(normals)} normals.")
     low, high = np.full(3, math.inf), np.full(3, -math.inf)
-    for here in _blocks(len(points)):
+    for here in blocks(len(points)):
         part = as_points(points[here])
         low, high = np.minimum(low, part.min(axis=0)), np.maximum(high, part.max(axis=0))
         out_normals[here] = as_normals(normals[here], len(part))
@@ -296,7 +173,7 @@ def _new_results(files: Files, n: int) -> dict[str, NDArray[Any]]:
     for name, (dtype, width) in RESULTS.items():
         results[name] = files.result(name, (n, width) if width else (n,), dtype)
     results["second"] = files.new("second", (n,), np.int32)
-    for here in _blocks(n):
+    for here in blocks(n):
         for name in ("centers", "radii", "spoke_angles"):
             results[name][here] = np.nan
         results["second"][here] = -1
@@ -309,7 +186,7 @@ def _finish(
     tree: BoxTree, options: Shrinking, results: dict[str, NDArray[Any]], progress: Progress
 ) -> None:
     n = len(results["radii"])
-    for here in _blocks(n):
+    for here in blocks(n):
         options.to_input(tree, results["centers"][here], results["radii"][here])
         results["features"][here, 0] = results["source"][here]
         results["features"][here, 1] = results["second"][here]
@@ -319,17 +196,8 @@ def _finish(
 def _measure(points: NDArray[np.float64], files: Files, results: dict[str, NDArray[Any]]) -> None:
     n = len(points)
     out = {name: files.result(name, (n,), np.float64) for name in MEASURES}
-    for here in _blocks(n):
+    for here in blocks(n):
         cloud = MedialCloud(**{name: results[name][here] for name in RESULTS})
         found = measures_of_points(points, cloud)
         for name in MEASURES:
             out[name][here] = found[name]
-
-
-def _create(path: Path, shape: tuple[int, ...], dtype: Any) -> NDArray[Any]:
-    return _plain(np.lib.format.open_memmap(path, "w+", dtype, shape))
-
-
-def _plain(mapped: NDArray[Any]) -> NDArray[Any]:
-    """View a mapped array as a plain one, which is what kernels are compiled for."""
-    return mapped.view(np.ndarray)
