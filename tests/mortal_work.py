@@ -7,8 +7,8 @@ from medialis.batches.jobs import DONE, Job, Row
 
 
 def mortal_work(job: Job) -> list[Row]:
-    """Die for jobs named "deadly...", once for jobs named "unlucky..."."""
-    if job.name.startswith("deadly"):
+    """Die at the thickness of jobs named "deadly...", once for jobs named "unlucky..."."""
+    if job.name.startswith("deadly") and "thickness" in job.operations:
         os._exit(1)
     mark = Path(job.output) / f"{job.name}.mark"
     if job.name.startswith("unlucky") and not mark.exists():

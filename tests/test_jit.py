@@ -26,7 +26,8 @@ LAYERS = [
     {"operations"},
     {"quality"},
     {"batches"},
-    {"machine", "arguments", "doctor", "meshlab_install", "cli", "__main__"},
+    {"display", "machine", "arguments", "batch_command", "doctor"}
+    | {"meshlab_install", "cli", "__main__"},
 ]
 COMPUTE = """\
 import numpy as np

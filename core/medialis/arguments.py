@@ -6,6 +6,7 @@ import argparse
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
+from medialis.display import STYLES
 from medialis.errors import InvalidOptionError
 from medialis.operations.declaration import Kind, Operation, Parameter
 from medialis.operations.registry import OPERATIONS
@@ -14,8 +15,20 @@ from medialis.version import package_version
 
 Command = Callable[[argparse.Namespace], int]
 
-_EPILOG = """exit codes: 0 done; 2 bad input or options (one line on stderr); 130 cancelled.
+EXIT_OK, EXIT_BAD_INPUT, EXIT_SOME_FAILED, EXIT_CANCELLED = 0, 2, 3, 130
+NUMBERS = (Kind.FLOAT, Kind.INT, Kind.LENGTH, Kind.ANGLE)
+
+_EPILOG = """exit codes: 0 done; 2 bad input or options (one line on stderr); 3 a batch is done but
+some of its results failed (the table says why); 130 cancelled.
 Lengths are fractions of the bounding-box diagonal: 0.01 is 1 % of the size of the shape."""
+
+
+def number(text: str) -> float | str:
+    """Convert text to a number; what is none goes on to the check, which words the error."""
+    try:
+        return float(text)
+    except ValueError:
+        return text
 
 
 class _Parser(argparse.ArgumentParser):
@@ -102,11 +115,7 @@ def _add_operation(group: Any, chosen: Operation, run: Command) -> None:
     sub.add_argument("--threads", type=int, help="use at most this many threads")
     sub.add_argument("--json", action="store_true", help="print the manifest as one JSON object")
     sub.add_argument("--no-picture", action="store_true", help="write no picture")
-    sub.add_argument(
-        "--report",
-        action="store_true",
-        help="also write report.html and report.json: how good the result is",
-    )
+    _add_report(sub, "of the result")
     sub.add_argument("--color-by", metavar="ATTRIBUTE", help="colour the picture by this attribute")
     sub.add_argument(
         "--turntable", type=int, default=0, metavar="N", help="also draw N views all round"
@@ -134,8 +143,11 @@ def _add_batch(sub: argparse.ArgumentParser) -> None:
     sub.description = (
         "Run operations over many shapes in worker processes (extra dask). Results go to "
         "OUTPUT/SHAPE/OPERATION, a table of all to OUTPUT/results.html and results.csv. One bad "
-        "shape never stops the rest. Called again it computes only what is missing."
+        "shape never stops the rest; the exit code is 3 then. Called again it computes only what "
+        "is missing."
     )
+    sub.epilog = _EPILOG
+    sub.formatter_class = argparse.RawDescriptionHelpFormatter
     sub.add_argument(
         "operations", metavar="OPERATION[,OPERATION...]", help="names as `medialis list` has them"
     )
@@ -155,6 +167,7 @@ def _add_batch(sub: argparse.ArgumentParser) -> None:
         "--scheduler", metavar="ADDRESS", help="use the workers of an existing Dask scheduler"
     )
     sub.add_argument("--no-picture", action="store_true", help="draw no pictures")
+    _add_report(sub, "of each result")
     sub.add_argument("--json", action="store_true", help="print the table as JSON")
     _add_progress(sub)
 
@@ -183,12 +196,20 @@ def _add_parameter(group: Any, parameter: Parameter) -> None:
     group.add_argument(flag, dest=f"parameter_{parameter.name}", metavar=metavar, help=text)
 
 
+def _add_report(sub: argparse.ArgumentParser, of_what: str) -> None:
+    sub.add_argument(
+        "--report",
+        action="store_true",
+        help=f"also write report.html and report.json: the quality {of_what}",
+    )
+
+
 def _add_progress(sub: argparse.ArgumentParser) -> None:
     sub.add_argument(
         "--progress",
-        choices=("auto", "bar", "lines", "none"),
+        choices=STYLES,
         default="auto",
-        help="bar for people, lines 'PROGRESS fraction text' for programs, both on stderr; auto: a "
-        "bar on a terminal",
+        help="on stderr: a bar, a log with a line now and then, lines 'PROGRESS fraction text' for "
+        "programs; auto: a bar on a terminal, else a log of a batch and nothing of a single run",
     )
     sub.add_argument("-v", "--verbose", action="store_true", help="log what is done on stderr")

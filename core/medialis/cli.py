@@ -13,24 +13,29 @@ import threading
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import asdict
 from pathlib import Path
 from types import FrameType
 from typing import Any
 
 import numpy as np
 
-from medialis.arguments import build_parser, with_dashes
-from medialis.errors import Cancelled, InvalidOptionError, InvalidShapeError, MedialisError
-from medialis.operations.declaration import Kind, Operation
+from medialis.arguments import (
+    EXIT_BAD_INPUT,
+    EXIT_CANCELLED,
+    EXIT_OK,
+    NUMBERS,
+    build_parser,
+    number,
+    with_dashes,
+)
+from medialis.batch_command import run_batch
+from medialis.display import shown_progress
+from medialis.errors import Cancelled, InvalidShapeError, MedialisError
+from medialis.operations.declaration import Operation
 from medialis.operations.registry import OPERATIONS, operation, run
 from medialis.operations.result import value_lines
 from medialis.operations.writing import GRAPH_FORMATS
-from medialis.progress import Progress
 from medialis.validation import as_choice, as_whole_number
-
-EXIT_OK, EXIT_BAD_INPUT, EXIT_CANCELLED = 0, 2, 130
-NUMBERS = (Kind.FLOAT, Kind.INT, Kind.LENGTH, Kind.ANGLE)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -103,36 +108,13 @@ def _configure_log(options: argparse.Namespace) -> None:
     logging.basicConfig(level=level, format="%(message)s", stream=sys.stderr)
 
 
-def _progress(options: argparse.Namespace) -> Progress:
-    style = options.progress
-    if style == "auto":
-        style = "bar" if sys.stderr.isatty() else "none"
-    if style == "none":
-        return Progress()
-    last = [-1.0]
-
-    def report(fraction: float, text: str) -> None:
-        now = time.monotonic()
-        if style == "lines":
-            if fraction - last[0] >= 0.005:
-                last[0] = fraction
-                print(f"PROGRESS {fraction:.4f} {text}", file=sys.stderr, flush=True)
-        elif fraction >= 1.0 or now - last[0] >= 0.05:
-            last[0] = now
-            full = int(30 * fraction)
-            bar = f"\r{'#' * full}{'.' * (30 - full)} {100 * fraction:3.0f} % {text:<20.20}"
-            print(bar if fraction < 1.0 else f"\r{'':<60}\r", end="", file=sys.stderr, flush=True)
-
-    return Progress(report)
-
-
 def _run_operation(options: argparse.Namespace) -> int:
     chosen: Operation = options.operation
     given = {}
     for parameter in chosen.parameters:
         value = getattr(options, f"parameter_{parameter.name}")
         if value is not None:
-            given[parameter.name] = _number(value) if parameter.kind in NUMBERS else value
+            given[parameter.name] = number(value) if parameter.kind in NUMBERS else value
     chosen.resolve(given)  # bad options are reported before the file is read
     as_whole_number(options.turntable, "turntable", low=0, high=10_000)
     for name in _formats(options):
@@ -149,14 +131,6 @@ def _formats(options: argparse.Namespace) -> tuple[str, ...]:
     return tuple(dict.fromkeys(filter(None, getattr(options, "formats", "").split(","))))
 
 
-def _number(text: str) -> float | str:
-    """Convert text to a number; what is none goes on to the check, which words the error."""
-    try:
-        return float(text)
-    except ValueError:
-        return text
-
-
 def _compute(
     name: str, file: str | None, output: str, given: dict[str, Any], options: argparse.Namespace
 ) -> dict[str, Any]:
@@ -166,7 +140,7 @@ def _compute(
     from medialis.shape.reading import read_shape
 
     clock = time.perf_counter()
-    progress = _progress(options)
+    progress = shown_progress(options.progress)
     with progress.stage("input", 0.0, 0.1):
         shape = organic_shape() if file is None else read_shape(file, progress=progress)
     with progress.stage("compute", 0.1, 0.7):
@@ -275,75 +249,14 @@ def _describe(options: argparse.Namespace) -> int:
     return EXIT_OK
 
 
-def _batch(options: argparse.Namespace) -> int:
-    from medialis.batches.batch import batch
-    from medialis.batches.jobs import FAILED
-    from medialis.io.results import json_text
-
-    try:
-        rows = batch(
-            [name.strip() for name in options.operations.split(",")],
-            options.files,
-            options.output,
-            parameters=_settings(options.set),
-            workers=options.workers,
-            scheduler=options.scheduler,
-            picture=not options.no_picture,
-            progress=_progress(options),
-        )
-    except (KeyboardInterrupt, Cancelled):
-        print(
-            "medialis: cancelled; what is finished stays, the same command goes on from there.",
-            file=sys.stderr,
-        )
-        return EXIT_CANCELLED
-    if options.json:
-        print(json_text([asdict(row) for row in rows]))
-        return EXIT_OK
-    bad = [row for row in rows if row.status == FAILED]
-    for row in bad:
-        print(f"failed: {row.operation} of {row.file}: {row.sentence}")
-    print(f"{len(rows) - len(bad)} results, {len(bad)} failed")
-    print(Path(options.output) / "results.csv")
-    print(Path(options.output) / "results.html")
-    return EXIT_OK
-
-
-def _settings(given: Sequence[str]) -> dict[str, dict[str, Any]]:
-    """Parse OPERATION.PARAMETER=VALUE into the parameters of each operation."""
-    result: dict[str, dict[str, Any]] = {}
-    for text in given:
-        place, equals, value = text.partition("=")
-        name, dot, key = place.partition(".")
-        if not equals or not dot:
-            raise InvalidOptionError(
-                f"--set must be OPERATION.PARAMETER=VALUE, such as thickness.threshold=0.02; got "
-                f"{text!r}."
-            )
-        chosen = operation(name)
-        key = key.replace("-", "_")
-        result.setdefault(chosen.name, {})[key] = _value(chosen, key, value)
-    return result
-
-
-def _value(chosen: Operation, key: str, text: str) -> Any:
-    """Convert the text of a parameter; what is no value of its kind goes on to the check."""
-    kind = next((p.kind for p in chosen.parameters if p.name == key), None)
-    if kind is Kind.BOOL:
-        return {"true": True, "yes": True, "1": True, "false": False, "no": False, "0": False}.get(
-            text.lower(), text
-        )
-    return _number(text) if kind in NUMBERS else text
-
-
 def _warmup(options: argparse.Namespace) -> int:
     from medialis.operations.pictures import draw_result
     from medialis.shape.generate import organic_shape
 
     clock = time.perf_counter()
-    shape, progress = organic_shape(56), _progress(options)
-    for number, entry in enumerate(OPERATIONS):
-        span = number / len(OPERATIONS), (number + 1) / len(OPERATIONS)
+    shape, progress = organic_shape(56), shown_progress(options.progress)
+    for place, entry in enumerate(OPERATIONS):
+        span = place / len(OPERATIONS), (place + 1) / len(OPERATIONS)
         with progress.stage(entry.name, *span):
             given: dict[str, Any] = {"subsample": 0.01} if entry.name == "surface_skeleton" else {}
             result = run(entry.name, shape, progress=progress, **given)
@@ -383,7 +296,7 @@ COMMANDS = {
     "info": _info,
     "list": _list,
     "describe": _describe,
-    "batch": _batch,
+    "batch": run_batch,
     "warmup": _warmup,
     "demo": _demo,
     "doctor": _doctor,

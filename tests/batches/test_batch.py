@@ -7,17 +7,23 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
+from urllib.parse import unquote
 
 import numpy as np
 import pytest
 
 import medialis
-from medialis.batches.engine import run_jobs
+from medialis.batches.engine import cluster, hand_out, run_jobs
 from medialis.batches.jobs import DONE, FAILED, Job, Row, plan
-from medialis.batches.table import csv_text, html_text
+from medialis.batches.lock import locked_folder
+from medialis.batches.page import html_text
+from medialis.batches.table import csv_text, write_table
+from medialis.batches.work import run_job
 from medialis.cli import main
 from medialis.io.ply_attributes import write_ply
+from medialis.render.png import read_png
 from mortal_work import mortal_work
 
 pytest.importorskip("distributed", reason="needs the extra dask")
@@ -64,9 +70,11 @@ def test_good_shapes_are_done_and_bad_ones_say_why(finished, shapes):
     listed = list(csv.DictReader((out / "results.csv").read_text("utf-8").splitlines()))
     assert [row["status"] for row in listed] == [r.status for r in rows]
     page = (out / "results.html").read_text("utf-8")
-    assert page.count("<img") == 6 and "6 results, 6 failed" in page
+    assert page.count("<img") == 6 and "6 shapes: 6 results, 6 failed" in page
+    for link in re.findall('(?:src|href)="([^"#]+)"', page):
+        assert (out / unquote(link)).exists()
     for link in re.findall('src="([^"]+)"', page):
-        assert (out / link.replace("%20", " ").replace("%C3%BC", "ü")).is_file()
+        assert read_png(out / unquote(link)).shape == (187, 250, 3)
 
 
 def test_results_are_bitwise_those_of_single_runs(finished, shapes, tmp_path):
@@ -121,22 +129,24 @@ def test_a_killed_batch_goes_on_and_gives_the_same_table(finished, shapes, tmp_p
     child.wait()
     assert not (tmp_path / "out" / "results.csv").exists()
     done = subprocess.run(command, capture_output=True, text=True)
-    assert done.returncode == 0 and "6 results, 6 failed" in done.stdout, done.stderr
+    assert done.returncode == 3 and "6 results, 6 failed" in done.stdout, done.stderr
     text = (tmp_path / "out" / "results.csv").read_text("utf-8")
     assert without_seconds(text) == without_seconds(csv_text(rows))
     assert not list(tmp_path.glob("out/*/.*"))
 
 
 def test_a_dying_worker_is_one_failed_row(tmp_path):
-    """An innocent job whose process died by chance is tried again and done."""
+    """An innocent job whose process died by chance is tried again and done; so are the other
+    operations of a deadly one: all of them were failed rows (fixed)."""
     names = ["a", "deadly", "b", "unlucky", "c", "d"]
-    jobs = [Job(n, n, str(tmp_path), {"thickness": {}}) for n in names]
+    jobs = [Job(n, n, str(tmp_path), {"patches": {}, "thickness": {}}) for n in names]
     found = {job.name: rows for job, rows in run_jobs(jobs, mortal_work, workers=2)}
-    assert {n: rows[0].status for n, rows in found.items()} == {
-        **dict.fromkeys(names, DONE),
-        "deadly": FAILED,
-    }
-    assert "process that computed it died" in found["deadly"][0].sentence
+    for name, rows in found.items():
+        assert [row.operation for row in rows] == ["patches", "thickness"]
+        assert rows[0].status == DONE
+        assert rows[1].status == (FAILED if name == "deadly" else DONE)
+    assert set(found) == set(names)
+    assert "process that computed it died" in found["deadly"][1].sentence
 
 
 def test_a_cluster_gives_bitwise_the_same(finished, shapes, tmp_path):
@@ -154,6 +164,25 @@ def test_a_cluster_gives_bitwise_the_same(finished, shapes, tmp_path):
         assert path.read_bytes() == (out / path.relative_to(tmp_path)).read_bytes()
 
 
+def test_a_cluster_whose_workers_are_gone_is_one_sentence(monkeypatch):
+    """The batch waited for ever (fixed)."""
+    from distributed import LocalCluster
+
+    monkeypatch.setattr("medialis.batches.engine.PATIENCE_SECONDS", 0.2)
+    with (
+        LocalCluster(
+            n_workers=1,
+            threads_per_worker=1,
+            processes=False,
+            dashboard_address="127.0.0.1:0",
+        ) as local,
+        cluster(1, local.scheduler_address) as (client, slots),
+    ):
+        client.retire_workers()
+        with pytest.raises(medialis.FileError, match="All workers of the Dask cluster went away"):
+            list(hand_out(client, ["a", "b"], str, slots))
+
+
 def test_cancelling_keeps_what_is_finished(shapes, tmp_path):
     def stop(fraction: float, text: str) -> bool:
         return fraction == 0
@@ -164,13 +193,104 @@ def test_cancelling_keeps_what_is_finished(shapes, tmp_path):
     assert not (tmp_path / "results.csv").exists()
 
 
-def test_plan_names_are_unique_and_folders_are_searched(tmp_path):
-    for name in ("x/a.ply", "x/b.stl", "x/b.ply", "y/A.obj", "y/notes.md", "y/b.ply"):
+def test_names_say_what_tells_files_apart(tmp_path):
+    for name in ("x/a.ply", "x/b.stl", "x/b.ply", "y/A.obj", "y/notes.md", "y/b.ply", "y/c.ply"):
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).write_text("")
-    jobs = plan(["thickness"], [tmp_path, "other/c.weird"], tmp_path / "out")
-    assert [job.name for job in jobs] == ["a_ply", "b_ply", "b_stl", "A_obj", "b_ply_2", "c"]
-    assert jobs[0].folder("thickness") == tmp_path / "out" / "a_ply" / "thickness"
+    files = [tmp_path, "e/c.weird", "f/g/c.weird", "results.csv.ply", tmp_path / "x" / "a.ply"]
+    jobs = plan(["thickness"], files, tmp_path / "out")
+    names = ["a_ply", "x_b_ply", "x_b_stl", "A_obj", "y_b_ply"]
+    assert [job.name for job in jobs[:5]] == names
+    assert [job.name.endswith("_c") for job in jobs[5:8]] == [True] * 3
+    assert jobs[7].name.endswith("f_g_c") and len({job.name for job in jobs}) == len(jobs) == 9
+    assert jobs[8].name == "results.csv_2"  # results.csv is the table
+    assert jobs[0].folder("thickness") == tmp_path / "out/a_ply/thickness"
+
+
+def test_results_and_hidden_files_are_no_input(tmp_path):
+    """The second batch into a folder inside the input took the first one's results (fixed)."""
+    shape = medialis.organic_shape(56)
+    write_ply(tmp_path / "a.ply", shape.points, shape.faces)
+    (tmp_path / "._a.ply").write_text("what other systems leave")
+    out = tmp_path / "out"
+    for folder in (out, out, tmp_path, tmp_path):
+        rows = medialis.batch("thickness", [tmp_path], folder, picture=False, workers=1)
+        assert [(row.name, row.status) for row in rows] == [("a", DONE)]
+
+
+def test_another_file_of_the_same_size_and_time_is_another_input(shapes, tmp_path):
+    """Files of the same name were told apart by their order alone (fixed)."""
+    made = []
+    for folder, source in zip("xy", shapes, strict=False):
+        made.append(tmp_path / folder / "a.ply")
+        made[-1].parent.mkdir()
+        made[-1].write_bytes(source.read_bytes())
+        os.utime(made[-1], ns=(0, 0))
+    assert made[0].stat().st_size == made[1].stat().st_size
+    (job,) = plan(["thickness"], made[:1], tmp_path / "o", picture=False)
+    (row,) = run_job(job)
+    assert job.finished("thickness") == row
+    (other,) = plan(["thickness"], made[1:], tmp_path / "o", picture=False)
+    assert other.name == job.name and other.finished("thickness") is None
+
+
+def test_reports_are_made_where_they_are_missing(finished, shapes, tmp_path):
+    """The same files as of a single run; a result without one is computed again, once."""
+    out = tmp_path / "out"
+    jobs = [
+        plan(["thickness"], shapes[:1], out, picture=False, report=report)[0]
+        for report in (False, True)
+    ]
+    (row,) = run_job(jobs[0])
+    assert row.report is None and jobs[0].finished("thickness") == row
+    assert jobs[1].finished("thickness") is None
+    (row,) = run_job(jobs[1])
+    assert row.report == "good 0 ü/thickness/report.html" and jobs[1].finished("thickness") == row
+    assert jobs[0].finished("thickness") == row
+    assert f'<a href="{"good%200%20%C3%BC/thickness/report.html"}">report' in html_text([row])
+    single = ["thickness", str(shapes[0]), "-o", str(tmp_path / "one"), "--report"]
+    assert main([*single, "--no-picture"]) == 0
+    for name in ("report.html", "report.json"):
+        one, many = (
+            (f / name).read_text("utf-8") for f in (tmp_path / "one", out / row.name / "thickness")
+        )
+        assert without_times(one) == without_times(many)
+
+
+def without_times(text: str) -> str:
+    """Cut what differs from run to run: all after the heading, or the entry, of the seconds."""
+    assert "econds" in text
+    text = re.sub(r'"seconds": \{[^}]*\}', "", text)
+    return re.sub("<h2>Seconds</h2>.*?<h2>", "<h2>", text, flags=re.DOTALL)
+
+
+def test_one_batch_at_a_time_in_a_folder(shapes, tmp_path):
+    """Two of them removed each other's unfinished results (fixed)."""
+    out = tmp_path / "new" / "out"
+    with locked_folder(out):
+        with pytest.raises(medialis.FileError, match="Another batch is writing to"):
+            medialis.batch("thickness", shapes[:1], out)
+        with locked_folder(tmp_path / "other"):
+            pass
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_output_that_cannot_be_written_is_told_first(shapes, tmp_path):
+    """Every shape was computed in vain before (fixed)."""
+    (tmp_path / "file").touch()
+    called = []
+    with pytest.raises(medialis.FileError, match="Cannot write results to"):
+        medialis.batch("thickness", shapes, tmp_path / "file" / "out", progress=called.append)
+    assert called == []
+
+
+def test_a_file_name_that_is_no_text(tmp_path):
+    """The table could not be written (fixed)."""
+    file = os.fsdecode(b"bad\xff.ply")
+    row = Row("bad\udcff", file, "thickness", DONE, picture="bad\udcff/thickness/thickness.png")
+    write_table([row], tmp_path)
+    assert "bad%FF/thickness" in (tmp_path / "results.html").read_text("utf-8")
+    assert "bad\\udcff" in (tmp_path / "results.csv").read_text("utf-8")
 
 
 @pytest.mark.parametrize(
@@ -198,7 +318,7 @@ def test_plan_checks_parameters_before_anything_runs(tmp_path):
 
 def test_the_page_shows_any_name_as_text():
     row = Row("<b>", "<b>.ply", "thickness", FAILED, 'a < b & "c"', values={"x": 1 / 3})
-    page = html_text([row])
+    page = html_text([row, replace(row, status=DONE)])
     assert "<b>.ply" not in page and "&lt;b&gt;" in page and "a &lt; b &amp;" in page
     assert "0.33333" in page and np.isclose(float(csv_text([row]).split(",")[-1]), 1 / 3)
 
@@ -214,7 +334,8 @@ def test_the_page_shows_any_name_as_text():
 )
 def test_the_command_refuses_in_one_line(given, text, shapes, tmp_path, capsys, monkeypatch):
     monkeypatch.setattr("medialis.batches.engine.CONNECT_SECONDS", 0.2)
-    assert main(["batch", "thickness", str(shapes[0]), "-o", str(tmp_path / "o"), *given]) == 2
+    command = ["batch", "thickness", str(shapes[0]), "-o", str(tmp_path / "o"), *given]
+    assert main([*command, "--progress", "none"]) == 2
     error = capsys.readouterr().err
     assert text in error and error.count("\n") == 1
     assert not (tmp_path / "o").exists()

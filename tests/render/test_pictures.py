@@ -21,7 +21,7 @@ from medialis.render.colors import (
 )
 from medialis.render.font import text_ink
 from medialis.render.picture import Balls, Curves, Points, Surface, draw
-from medialis.render.png import encode_png, read_png, write_png
+from medialis.render.png import encode_png, read_png, reduced, write_png
 from medialis.render.shading import Style, corner_normals
 from medialis.threads import thread_limit
 
@@ -113,6 +113,16 @@ def test_png_round_trip(tmp_path, shape):
     np.testing.assert_array_equal(read_png(tmp_path / "a.png"), image)
     assert [path.name for path in tmp_path.iterdir()] == ["a.png"]
     assert struct.unpack(">II", encode_png(image)[16:24]) == shape[1::-1]
+
+
+def test_a_reduced_picture_is_the_mean_of_squares():
+    """Whole squares only, and never narrower than asked for."""
+    image = np.arange(5 * 7 * 3, dtype=np.uint8).reshape(5, 7, 3)
+    small = reduced(image, 3)
+    assert small.shape == (2, 3, 3)
+    np.testing.assert_array_equal(small[1, 2], np.rint(image[2:4, 4:6].mean(axis=(0, 1))))
+    np.testing.assert_array_equal(reduced(image, 7), image)
+    assert reduced(image, 1).shape == (1, 1, 3)
 
 
 def test_png_errors(tmp_path):

@@ -9,6 +9,7 @@ from typing import Any
 
 from medialis.batches.engine import run_jobs
 from medialis.batches.jobs import FAILED, Job, Row, plan
+from medialis.batches.lock import locked_folder
 from medialis.batches.table import write_table
 from medialis.batches.work import run_job
 from medialis.progress import Progress, ProgressCallback
@@ -27,6 +28,7 @@ def batch(
     workers: int | None = None,
     scheduler: str | None = None,
     picture: bool = True,
+    report: bool = False,
     progress: Progress | ProgressCallback | None = None,
 ) -> list[Row]:
     """Run operations over many shapes in worker processes; one bad shape never stops the rest.
@@ -52,6 +54,8 @@ def batch(
         for each of theirs and must see the files under the same paths.
     picture : bool
         Draw a picture of each result.
+    report : bool
+        Write ``report.html`` and ``report.json`` beside each result: how good it is.
     progress : callable, optional
         Called with (fraction, text) after each shape; returning False cancels.
 
@@ -65,7 +69,8 @@ def batch(
     InvalidOptionError
         For unknown operations or bad parameters, or when Dask (extra ``dask``) is missing.
     FileError
-        When the output cannot be written, or the scheduler cannot be reached.
+        When the output cannot be written, another batch is writing to it, or the scheduler or all
+        workers cannot be reached.
     Cancelled
         When `progress` asks for it; what is finished stays, and the next call goes on from there.
 
@@ -77,25 +82,27 @@ def batch(
     names = [operations] if isinstance(operations, str) else list(operations)
     if workers is not None:
         workers = as_whole_number(workers, "workers", low=1, high=MOST_WORKERS)
-    planned = plan(names, files, output, parameters=parameters, picture=picture)
-    processors = thread_count()
-    workers = min(workers or processors, len(planned))
-    threads = 1 if scheduler is not None else max(1, processors // workers)
-    jobs = [replace(job, threads=threads) for job in planned]
-    rows = {job.name: finished for job in jobs if (finished := _finished(job)) is not None}
-    waiting = [job for job in jobs if job.name not in rows]
-    progress.update(len(rows) / len(jobs), f"{len(rows)} of {len(jobs)}")
-    for job, made in run_jobs(waiting, run_job, workers=workers, scheduler=scheduler):
-        rows[job.name] = made
-        failed = sum(any(row.status == FAILED for row in found) for found in rows.values())
-        bad = f", {failed} failed" if failed else ""
-        progress.update(len(rows) / len(jobs), f"{len(rows)} of {len(jobs)}{bad}: {job.name}")
-    table = [row for job in jobs for row in rows[job.name]]
-    write_table(table, output)
+    jobs = plan(names, files, output, parameters=parameters, picture=picture, report=report)
+    with locked_folder(output):
+        rows = {job.name: found for job in jobs if (found := _finished(job)) is not None}
+        waiting = [job for job in jobs if job.name not in rows]
+        failed = 0
+        progress.update(len(rows) / len(jobs), f"{len(rows)} of {len(jobs)}")
+        processors = thread_count()
+        workers = max(1, min(workers or processors, len(waiting)))
+        threads = 1 if scheduler is not None else max(1, processors // workers)
+        shared = [replace(job, threads=threads) for job in waiting]
+        for job, made in run_jobs(shared, run_job, workers=workers, scheduler=scheduler):
+            rows[job.name] = made
+            failed += any(row.status == FAILED for row in made)
+            bad = f", {failed} failed" if failed else ""
+            progress.update(len(rows) / len(jobs), f"{len(rows)} of {len(jobs)}{bad}: {job.name}")
+        table = [row for job in jobs for row in rows[job.name]]
+        write_table(table, output)
     return table
 
 
 def _finished(job: Job) -> list[Row] | None:
     """Return the rows of a job that has nothing left to do."""
-    rows = [job.finished(name) for name in job.operations]
-    return [row for row in rows if row is not None] if None not in rows else None
+    rows = [row for name in job.operations if (row := job.finished(name)) is not None]
+    return rows if len(rows) == len(job.operations) else None

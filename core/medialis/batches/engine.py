@@ -2,8 +2,8 @@
 
 Strategy: no more jobs are handed out than the workers have threads, so that none waits in the queue
 of a worker that dies. A job whose worker died is a suspect, not yet guilty (on a cluster of many
-threads others die with it): suspects run again at the end, one at a time, and only what kills its
-worker alone is reported. Rows come back as they are made; nothing else is held.
+threads others die with it): suspects run again at the end, one operation at a time and alone, and
+only what kills its worker then is reported. Rows come back as they are made; nothing else is held.
 """
 
 from __future__ import annotations
@@ -12,7 +12,8 @@ import logging
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any, Protocol, TypeVar
+from dataclasses import replace
+from typing import Any, TypeVar
 
 from medialis.batches.jobs import Job, Row
 from medialis.errors import FileError, InvalidOptionError
@@ -20,23 +21,17 @@ from medialis.errors import FileError, InvalidOptionError
 Work = Callable[[Job], list[Row]]
 
 
-class Named(Protocol):
-    """What can be handed out."""
-
-    @property
-    def name(self) -> str:
-        """Unique among the jobs."""
-        ...
-
-
-J = TypeVar("J", bound=Named)
+J = TypeVar("J")
 R = TypeVar("R")
 
 DIED = (
     "The process that computed it died: out of memory, or a crash in a library. The other shapes "
     "are not touched; try this one alone, with a larger refine or fewer samples."
 )
+GO_ON = "What is finished stays: start it again, and call the batch again to go on from there."
 CONNECT_SECONDS = 10
+PATIENCE_SECONDS = 30
+"""A worker that died has started again by then; looked at only while no job ends."""
 
 
 def run_jobs(
@@ -60,7 +55,7 @@ def run_jobs(
     InvalidOptionError
         When Dask is not installed.
     FileError
-        When there is no scheduler at the address, or no worker.
+        When there is no scheduler at the address, or no worker, or they went away.
     """
     if not jobs:
         return
@@ -72,9 +67,12 @@ def run_jobs(
             else:
                 yield job, rows
         for job in suspects:
-            for _, rows in hand_out(client, [job], work, 1):
-                failed = [job.failed(name, DIED) for name in job.operations]
-                yield job, failed if rows is None else rows
+            tried = []
+            for name, given in job.operations.items():
+                alone = replace(job, operations={name: given})
+                for _, rows in hand_out(client, [alone], work, 1):
+                    tried += [job.failed(name, DIED)] if rows is None else rows
+            yield job, tried
 
 
 def hand_out(
@@ -82,30 +80,42 @@ def hand_out(
 ) -> Iterator[tuple[J, R | None]]:
     """Yield each job with its result, or None when its worker died; `slots` at a time.
 
-    Jobs have a `name` that is unique among them.
+    Raises
+    ------
+    FileError
+        When the scheduler or all workers went away.
     """
-    from distributed import KilledWorker, as_completed
+    from concurrent.futures import CancelledError
+
+    from distributed import KilledWorker, wait
 
     waiting = deque(jobs)
     running: dict[Any, J] = {}
 
-    def submit() -> Any:
-        job = waiting.popleft()
-        future = client.submit(work, job, pure=False, key=f"medialis-{job.name}-{len(waiting)}")
-        running[future] = job
-        return future
+    def fill() -> None:
+        while waiting and len(running) < slots:
+            job = waiting.popleft()
+            running[client.submit(work, job, pure=False)] = job
 
-    finished = as_completed([submit() for _ in range(min(slots, len(waiting)))], loop=client.loop)
-    for future in finished:
-        job = running.pop(future)
+    fill()
+    while running:
         try:
-            result = future.result()
-        except KilledWorker:
-            result = None
-        future.release()
-        if waiting:
-            finished.add(submit())
-        yield job, result
+            with client.as_current():
+                finished = wait(list(running), PATIENCE_SECONDS, "FIRST_COMPLETED").done
+            for future in finished:
+                job = running.pop(future)
+                try:
+                    result = future.result()
+                except KilledWorker:
+                    result = None
+                future.release()
+                fill()
+                yield job, result
+        except TimeoutError:
+            if not client.nthreads():
+                raise FileError("All workers of the Dask cluster went away. " + GO_ON) from None
+        except CancelledError:
+            raise FileError("The Dask scheduler went away. " + GO_ON) from None
 
 
 @contextmanager
@@ -114,9 +124,9 @@ def cluster(workers: int, scheduler: str | None) -> Iterator[tuple[Any, int]]:
     try:
         import dask
         from distributed import Client, LocalCluster
-    except ImportError:
+    except ImportError as error:
         raise InvalidOptionError(
-            'A batch needs Dask, which is not installed: pip install "medialis[dask]".'
+            f'A batch needs Dask: pip install "medialis[dask]" (importing it says: {error}).'
         ) from None
     # A job whose worker died is not tried again by Dask: see the top of this file.
     settings = {"distributed.scheduler.allowed-failures": 0}

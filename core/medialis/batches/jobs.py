@@ -9,14 +9,15 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from medialis.batches.files import READABLE, find_files, unique_names
 from medialis.errors import FileError, InvalidOptionError
 from medialis.operations.registry import operation
+from medialis.operations.writing import THUMBNAIL
 from medialis.version import package_version
 
-READABLE = (".ply", ".obj", ".off", ".stl", ".xyz", ".pts", ".glb", ".gltf", ".3mf", ".dae")
-"""Files that are taken from a folder; a file that is named itself may have any ending."""
-
 DONE, FAILED = "done", "failed"
+REPORT = "report.html"
+"""The page of `medialis.quality.report.report_texts`."""
 
 
 @dataclass(frozen=True)
@@ -35,11 +36,11 @@ class Row:
     sentence : str
         Why it failed; for a result, what it says about the shape (repaired, refined, ...).
     seconds : float or None
-        Of the computation and writing.
+        Of reading and computing, and of measuring where a report is made.
     values : dict
         Counts and measures of the result.
-    picture : str or None
-        Path relative to the output folder.
+    picture, thumbnail, report : str or None
+        Paths relative to the output folder.
     """
 
     name: str
@@ -50,6 +51,13 @@ class Row:
     seconds: float | None = None
     values: Mapping[str, Any] = field(default_factory=dict)
     picture: str | None = None
+    thumbnail: str | None = None
+    report: str | None = None
+
+    @property
+    def numbers(self) -> dict[str, Any]:
+        """Values that fit into a table: numbers and words; lists are for the manifest."""
+        return {k: v for k, v in self.values.items() if isinstance(v, int | float | str)}
 
 
 @dataclass(frozen=True)
@@ -67,7 +75,8 @@ class Job:
         All parameters of each operation.
     threads : int
         At most this many.
-    picture : bool
+    picture, report : bool
+        Whether to make them.
     """
 
     name: str
@@ -76,6 +85,7 @@ class Job:
     operations: Mapping[str, Mapping[str, Any]]
     threads: int = 1
     picture: bool = True
+    report: bool = False
 
     def folder(self, operation_name: str) -> Path:
         """Return where the results of an operation go."""
@@ -84,29 +94,33 @@ class Job:
     def finished(self, operation_name: str) -> Row | None:
         """Return the row of a result that is there already, complete and of the same input.
 
-        Same means: the same file by size and time of change, the same parameters, and the same
-        version of medialis.
+        Same means: the same file by path, size and time of change, the same parameters, and the
+        same version of medialis.
         """
         folder = self.folder(operation_name)
         try:
             manifest = json.loads((folder / "manifest.json").read_text(encoding="utf-8"))
+            files = {Path(name).name for name in manifest["files"]}
             same = (
                 manifest["medialis"] == package_version()
                 and manifest["parameters"] == dict(self.operations[operation_name])
                 and manifest["input_stamp"] == stamp(self.file)
-                and (manifest["picture"] is not None or not self.picture)
-                and all((folder / Path(name).name).is_file() for name in manifest["files"])
+                and (THUMBNAIL in files or not self.picture)
+                and (REPORT in files or not self.report)
+                and all((folder / name).is_file() for name in files)
             )
         except (OSError, ValueError, KeyError, TypeError):
             return None
         return self.row(manifest) if same else None
 
     def row(self, manifest: Mapping[str, Any]) -> Row:
-        """Return the row of a result from its manifest."""
-        picture = manifest["picture"]
-        if picture is not None:
-            place = self.folder(manifest["operation"]) / Path(picture).name
-            picture = place.relative_to(self.output).as_posix()
+        """Return the row of a result from its manifest, as it is read back from its file."""
+        files = [Path(name).name for name in manifest["files"]]
+        place = self.folder(manifest["operation"]).relative_to(self.output)
+
+        def path(name: str) -> str | None:
+            return (place / name).as_posix() if name in files else None
+
         return Row(
             self.name,
             self.file,
@@ -114,8 +128,10 @@ class Job:
             DONE,
             " ".join(manifest["messages"]),
             manifest["seconds"]["total"],
-            dict(sorted(manifest["values"].items())),  # as read back from a manifest
-            picture,
+            manifest["values"],
+            None if manifest["picture"] is None else path(Path(manifest["picture"]).name),
+            path(THUMBNAIL),
+            path(REPORT),
         )
 
     def failed(self, operation_name: str, sentence: str) -> Row:
@@ -123,10 +139,16 @@ class Job:
         return Row(self.name, self.file, operation_name, FAILED, " ".join(sentence.split()))
 
 
-def stamp(file: str) -> list[int]:
-    """Size and time of change of a file: another input under the same name is computed anew."""
+def stamp(file: str) -> list[str | int]:
+    """Path, size and time of change of a file: another input under a name is computed anew.
+
+    Raises
+    ------
+    OSError
+        When there is no such file.
+    """
     found = Path(file).stat()
-    return [found.st_size, found.st_mtime_ns]
+    return [str(Path(file).absolute()), found.st_size, found.st_mtime_ns]
 
 
 def plan(
@@ -136,6 +158,7 @@ def plan(
     *,
     parameters: Mapping[str, Mapping[str, Any]] | None = None,
     picture: bool = True,
+    report: bool = False,
 ) -> list[Job]:
     """Return one job for each file, in the given order; folders stand for the meshes in them.
 
@@ -161,38 +184,13 @@ def plan(
         raise FileError(
             f"Cannot write results to {os.fspath(output)}: it is a file; name a folder."
         )
-    paths = [path for entry in files for path in _expand(Path(entry))]
+    paths = find_files(files, Path(output))
     if not paths:
         raise InvalidOptionError(
             f"A batch needs at least one file with one of the endings {', '.join(READABLE)}; "
             "none was found."
         )
     return [
-        Job(name, str(path), os.fspath(output), chosen, picture=picture)
-        for name, path in zip(_unique_names(paths), paths, strict=True)
+        Job(name, str(path), os.fspath(output), chosen, picture=picture, report=report)
+        for name, path in zip(unique_names(paths), paths, strict=True)
     ]
-
-
-def _expand(entry: Path) -> list[Path]:
-    if not entry.is_dir():
-        return [entry]
-    return sorted(p for p in entry.rglob("*") if p.suffix.lower() in READABLE and p.is_file())
-
-
-def _unique_names(paths: Sequence[Path]) -> list[str]:
-    """Stem of each file; the ending, then a number are added where stems are the same.
-
-    Compared without case, as some file systems do.
-    """
-    result: list[str] = []
-    stems = [path.stem.casefold() for path in paths]
-    taken: set[str] = set()
-    for path, stem in zip(paths, stems, strict=True):
-        base = path.stem if stems.count(stem) == 1 else path.name.replace(".", "_")
-        name, number = base, 1
-        while name.casefold() in taken:
-            number += 1
-            name = f"{base}_{number}"
-        taken.add(name.casefold())
-        result.append(name)
-    return result

@@ -2,22 +2,36 @@
 
 from __future__ import annotations
 
+import json
 import logging
 import shutil
 import time
+from dataclasses import dataclass
 from pathlib import Path
 
 from medialis.batches.jobs import Job, Row, stamp
 from medialis.errors import Cancelled, MedialisError
+from medialis.io.results import json_text
 from medialis.model.shape import Shape
 from medialis.operations.registry import run
 from medialis.operations.writing import write_result
 from medialis.progress import Progress
 from medialis.shape.reading import read_shape
+from medialis.threads import thread_limit
 
 logger = logging.getLogger(__name__)
 
 NO_MEMORY = "There is not enough memory for this shape and these options."
+
+
+@dataclass(frozen=True)
+class Source:
+    """A shape as it was read, and what identifies its file."""
+
+    shape: Shape
+    messages: tuple[str, ...]
+    seconds: float
+    stamp: list[str | int]
 
 
 def run_job(job: Job) -> list[Row]:
@@ -25,41 +39,56 @@ def run_job(job: Job) -> list[Row]:
 
     The shape is read once. Returns one row for each operation.
     """
-    rows = []
-    shape: Shape | None = None
-    reading: Progress = Progress()
+    rows: list[Row] = []
+    source: Source | None = None
+    unreadable: str | None = None
     for name in job.operations:
         row = job.finished(name)
-        if row is None:
-            clock = time.perf_counter()
+        if row is None and unreadable is None:
             try:
-                input_stamp = [] if not Path(job.file).is_file() else stamp(job.file)
-                if shape is None:
-                    shape = read_shape(job.file, progress=reading)
-                row = _run_operation(job, name, shape, reading.messages, input_stamp, clock)
+                with thread_limit(job.threads):
+                    source = source or _read(job)
+                    row = _run_operation(job, name, source)
             except Exception as error:  # noqa: BLE001 - one shape never stops the others
                 row = job.failed(name, _sentence(error))
-        rows.append(row)
+                unreadable = row.sentence if source is None else None
+        rows.append(row or job.failed(name, unreadable or ""))
     return rows
 
 
-def _run_operation(
-    job: Job, name: str, shape: Shape, said: list[str], input_stamp: list[int], clock: float
-) -> Row:
+def _read(job: Job) -> Source:
+    clock, progress = time.perf_counter(), Progress()
+    try:
+        here = stamp(job.file)
+    except (OSError, ValueError):
+        here = []  # reading tells what is wrong
+    shape = read_shape(job.file, progress=progress)
+    return Source(shape, tuple(progress.messages), time.perf_counter() - clock, here)
+
+
+def _run_operation(job: Job, name: str, source: Source) -> Row:
+    clock, progress = time.perf_counter(), Progress()
     _remove_unfinished(job.folder(name))
-    progress = Progress()
-    progress.messages.extend(said)
-    result = run(name, shape, threads=job.threads, progress=progress, **job.operations[name])
-    progress.seconds["total"] = time.perf_counter() - clock
+    progress.messages.extend(source.messages)
+    result = run(name, source.shape, threads=job.threads, progress=progress, **job.operations[name])
+    texts = None
+    if job.report:
+        from medialis.quality.report import report_texts
+
+        texts = report_texts(result, source=job.file)
+    progress.seconds["total"] = source.seconds + time.perf_counter() - clock
     manifest = write_result(
         result,
         job.folder(name),
         source=job.file,
         picture=job.picture,
+        thumbnail=job.picture,
+        texts=texts,
         progress=progress,
-        record={"input_stamp": input_stamp},
+        record={"input_stamp": source.stamp},
     )
-    return job.row(manifest)
+    # As it is read back: a resumed batch must give the same table.
+    return job.row(json.loads(json_text(manifest)))
 
 
 def _remove_unfinished(folder: Path) -> None:

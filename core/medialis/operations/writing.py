@@ -17,12 +17,14 @@ from medialis.io.results import write_json, write_npz
 from medialis.operations.pictures import draw_result, draw_turntable, require_attribute
 from medialis.operations.result import Result
 from medialis.progress import Progress, ProgressCallback
-from medialis.render.png import write_png
+from medialis.render.png import reduced, write_png
 from medialis.validation import as_choice
 from medialis.version import package_version
 
 GRAPH_FORMATS = ("swc", "graphml", "json", "obj")
 """Of a result with a graph; its layer is a PLY file in any case."""
+
+THUMBNAIL, THUMBNAIL_WIDTH = "thumbnail.png", 250
 
 
 def describe_result(result: Result, **more: Any) -> dict[str, Any]:
@@ -64,6 +66,7 @@ def write_result(
     picture: bool = True,
     color_by: str | None = None,
     turntable: int = 0,
+    thumbnail: bool = False,
     record: Mapping[str, Any] | None = None,
     texts: Mapping[str, str] | None = None,
     formats: Sequence[str] = GRAPH_FORMATS,
@@ -85,6 +88,8 @@ def write_result(
         Attribute to colour by; the layer's own choice when missing.
     turntable : int
         Number of turntable views to draw as well.
+    thumbnail : bool
+        Write the main picture also small, as ``thumbnail.png``.
     record : dict, optional
         More entries for the manifest.
     texts : dict, optional
@@ -139,6 +144,8 @@ def write_result(
             for name, image in _main_pictures(result, picture, color_by, title):
                 pictures.append(name)
                 write_png(new(name), image)
+                if thumbnail and pictures == [name]:
+                    write_png(new(THUMBNAIL), reduced(image, THUMBNAIL_WIDTH))
             views = draw_turntable(result, turntable, color_by=color_by) if turntable else ()
             for number, image in enumerate(views):
                 write_png(new(f"turntable_{number:03d}.png"), image)

@@ -56,6 +56,17 @@ def encode_png(image: ArrayLike) -> bytes:
     return SIGNATURE + _chunk(b"IHDR", header) + _chunk(b"IDAT", data) + _chunk(b"IEND", b"")
 
 
+def reduced(image: NDArray[np.uint8], width: int) -> NDArray[np.uint8]:
+    """Return a picture (h, w, 3) at a whole fraction of its size, no narrower than `width`.
+
+    Each pixel is the mean of a square; a rest that fills no square is cut off.
+    """
+    step = max(1, image.shape[1] // width)
+    high, wide = (max(1, size // step) for size in image.shape[:2])
+    squares = image[: high * step, : wide * step].reshape(high, -1, wide, step, 3)
+    return np.rint(squares.mean(axis=(1, 3))).astype(np.uint8)
+
+
 def write_png(path: str | os.PathLike[str], image: ArrayLike) -> None:
     """Write an image (h, w, 3) uint8; the file appears whole or not at all.
 

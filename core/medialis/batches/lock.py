@@ -1,0 +1,72 @@
+"""One batch at a time in an output folder, and no batch at all where nothing can be written."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from medialis.errors import FileError
+from medialis.io._files import reason
+
+LOCK = ".medialis-batch"
+
+
+@contextmanager
+def locked_folder(folder: str | os.PathLike[str]) -> Iterator[None]:
+    """Hold an output folder; it is made when missing, and removed again when it stays empty.
+
+    The system gives the lock back when the process ends in whatever way, so a killed batch leaves
+    none behind.
+
+    Raises
+    ------
+    FileError
+        When another batch holds the folder, or it cannot be made or written.
+    """
+    path = Path(folder) / LOCK
+    made = [p for p in (path.parent, *path.parent.parents) if not p.exists()]
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle = os.open(path, os.O_RDWR | os.O_CREAT)
+    except (OSError, ValueError) as error:
+        raise FileError(f"Cannot write results to {folder}: {reason(error)}.") from None
+    try:
+        if not _take(handle, path):
+            raise FileError(
+                f"Another batch is writing to {folder}: wait until it has ended, or name another "
+                "folder."
+            )
+        try:
+            yield
+        finally:
+            with suppress(OSError):  # an open file cannot be removed everywhere
+                path.unlink()
+    finally:
+        os.close(handle)
+        with suppress(OSError):  # something is in it
+            for new in made:
+                new.rmdir()
+
+
+def _take(handle: int, path: Path) -> bool:
+    """Lock an open file without waiting; False when another process has it."""
+    try:
+        if sys.platform == "win32":
+            import msvcrt
+
+            msvcrt.locking(handle, msvcrt.LK_NBLCK, 1)
+        else:
+            import fcntl
+
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except PermissionError:  # Windows
+        return False
+    except BlockingIOError:
+        return False
+    except OSError:  # a file system without locks
+        return True
+    # The one who had it may have removed it between our opening and locking.
+    return path.exists() and os.path.samestat(os.fstat(handle), path.stat())
