@@ -69,19 +69,28 @@ def test_no_tutorial_is_left_out():
     assert {page.stem for page in TUTORIALS} == tested
 
 
-@pytest.mark.skipif(find_spec("pymeshlab") is None, reason="needs pymeshlab (extra meshlab)")
-def test_batch_script_of_pymeshlab(tmp_path):
-    """Two layers a shape; a broken file is named and stops nothing."""
+@pytest.mark.parametrize(
+    ("script", "host", "said", "made"),
+    [
+        ("batch_to_meshlab.py", "pymeshlab", "2 layers", "skeletons.mlp"),
+        ("batch_to_blender.py", "bpy", "1 objects", "skeletons.blend"),
+    ],
+)
+def test_batch_scripts(script, host, said, made, tmp_path):
+    """Each good shape is in the host's file; a broken one is named and stops nothing."""
+    pytest.importorskip("distributed", reason="needs the extra dask")
+    if find_spec(host) is None:
+        pytest.skip(f"needs {host}")
     (tmp_path / "scans").mkdir()
     figure = medialis.organic_shape(56)
     write_ply(tmp_path / "scans" / "figure.ply", figure.points, figure.faces)
     (tmp_path / "scans" / "broken.ply").write_text("this is no mesh")
     done = subprocess.run(
-        [sys.executable, DOCS / "examples" / "batch_to_meshlab.py", "scans", "out"],
+        [sys.executable, DOCS / "examples" / script, "scans", "out"],
         cwd=tmp_path, capture_output=True, text=True, timeout=300, check=True,
     )  # fmt: skip
-    assert "broken.ply Cannot read" in done.stdout and "2 layers" in done.stdout
-    assert (tmp_path / "out" / "skeletons.mlp").is_file()
+    assert "broken.ply Cannot read" in done.stdout and said in done.stdout
+    assert (tmp_path / "out" / made).is_file()
 
 
 def test_denoising_a_scan(run_page, tmp_path):
