@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from medialis.io._files import complete_file
 from medialis.io.curve_graphs import write_curve_skeleton
 from medialis.io.output_folder import OutputFolder
 from medialis.io.ply_attributes import write_ply
@@ -151,7 +152,8 @@ def write_result(
                 write_png(new(f"turntable_{number:03d}.png"), image)
                 progress.update((number + 1) / turntable)
         for name, text in (texts or {}).items():
-            new(name).write_text(text, encoding="utf-8")
+            with complete_file(new(name)) as stream:
+                stream.write(text.encode("utf-8", "backslashreplace"))  # as in write_json
         names.append("manifest.json")
         base = Path(folder)
         manifest = describe_result(
