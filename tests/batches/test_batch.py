@@ -326,6 +326,22 @@ def test_the_page_shows_any_name_as_text():
     assert "0.33333" in page and np.isclose(float(csv_text([row]).split(",")[-1]), 1 / 3)
 
 
+def test_the_page_gives_angles_in_degrees_and_the_table_in_radians():
+    row = Row("a", "a.ply", "surface_skeleton", DONE, values={"spoke_angle_max": np.pi / 3})
+    page = html_text([row])
+    assert "spoke angle max in degrees" in page and ">60<" in page
+    assert float(csv_text([row]).split(",")[-1]) == np.pi / 3
+
+
+def test_failures_come_first_and_the_same_sentence_once():
+    bad = [Row("a", "a.ply", name, FAILED, "It is flat.") for name in OPERATIONS]
+    good = [Row("b", "b.ply", name, DONE) for name in OPERATIONS]
+    page = html_text([*good, *bad])
+    assert page.count("It is flat.") == 1 and "<td>all</td>" in page
+    assert page.index("It is flat.") < page.index('id="surface_skeleton"')
+    assert "1 of 2" in page and "2 shapes: 2 results, 2 failed" in page
+
+
 @pytest.mark.parametrize(
     ("given", "text"),
     [

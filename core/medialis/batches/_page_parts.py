@@ -29,7 +29,7 @@ th:first-child { padding-left: .5em; position: sticky; left: 0; background: var(
   min-width: 12em; max-width: 22em; }
 .sortable th:first-child { min-width: 19em; }
 thead th:first-child { background: var(--head); }
-#failed tbody tr > * { background: var(--bad-back); }
+#failed tbody tr, #failed tbody tr > * { background: var(--bad-back); }
 #failed td:last-child { min-width: 20em; }
 .sortable td { text-align: right; font-variant-numeric: tabular-nums; white-space: nowrap; }
 .sortable thead th { text-align: right; max-width: 7em; }
@@ -41,7 +41,8 @@ td p { width: 27em; margin: 0; color: var(--dim); font-size: .93em; cursor: poin
 td p:focus { -webkit-line-clamp: none; outline: none; }
 tbody th div { display: flex; gap: .8em; } tbody th span { min-width: 0; }
 tbody th small { white-space: nowrap; } tbody th small a { margin-right: .5em; }
-img { display: block; width: 112px; height: 84px; object-fit: cover; border-radius: 3px; }
+img { display: block; width: 112px; height: 84px; object-fit: contain; background: #fff;
+  border-radius: 3px; }
 button { all: unset; cursor: pointer; } button:focus-visible { outline: 2px solid var(--link); }
 [aria-sort=ascending] button::after { content: " \\25B2"; }
 [aria-sort=descending] button::after { content: " \\25BC"; }

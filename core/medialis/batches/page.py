@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import html
+import math
 import os
 from collections.abc import Sequence
 from typing import Any
@@ -13,6 +14,9 @@ from medialis.batches.jobs import DONE, FAILED, Row
 
 OPEN_ROWS = 2000
 """Longer pages start with their tables closed, so that they open at once."""
+
+ANGLE = "spoke_angle"
+"""Values of such names are radians in the core, and degrees for people."""
 
 
 def html_text(rows: Sequence[Row]) -> str:
@@ -70,8 +74,8 @@ def _failed(rows: Sequence[Row], operations: int) -> str:
 def _operation(name: str, rows: Sequence[Row], is_open: str) -> str:
     done = [row for row in rows if row.status == DONE]
     columns = list(dict.fromkeys(key for row in done for key in row.numbers))
-    heads = ["shape", "seconds", *(_words(column) for column in columns), "what was said"]
-    head = "".join(f'<th aria-sort="none"><button>{_text(text)}</button></th>' for text in heads)
+    heads = ["shape", "seconds", *map(_heading, columns), "what was said"]
+    head = "".join(f'<th aria-sort="none"><button>{text}</button></th>' for text in heads)
     lines = "\n".join(_line(row, columns) for row in done)
     table = (
         f'<div class="wide"><table class="sortable"><thead><tr>{head}</tr></thead>\n'
@@ -98,7 +102,7 @@ def _line(row: Row, columns: Sequence[str]) -> str:
     links.append(f'<a href="{folder}">files</a>')
     seconds = "" if row.seconds is None else f"{row.seconds:.2f}"
     said = f'<p tabindex="0">{_text(row.sentence)}</p>' if row.sentence else ""
-    values = "".join(_cell(row.numbers.get(column)) for column in columns)
+    values = "".join(_cell(column, row.numbers.get(column)) for column in columns)
     return (
         f'<tr data-shape="{name}"><th scope="row" title="{_text(row.file)}"><div>{image}'
         f"<span>{name}<br><small>{' '.join(links)}</small></span></div></th>"
@@ -106,7 +110,13 @@ def _line(row: Row, columns: Sequence[str]) -> str:
     )
 
 
-def _cell(value: Any) -> str:
+def _heading(column: str) -> str:
+    return _words(column) + (" in degrees" if column.startswith(ANGLE) else "")
+
+
+def _cell(column: str, value: Any) -> str:
+    if isinstance(value, float) and column.startswith(ANGLE):
+        value = math.degrees(value)
     if isinstance(value, bool):
         return f"<td>{'yes' if value else 'no'}</td>"
     if isinstance(value, float):
