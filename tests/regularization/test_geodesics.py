@@ -241,7 +241,8 @@ def test_the_polyline_has_the_length_and_lies_on_the_surface():
         steps = np.linalg.norm(np.diff(path.points, axis=0), axis=1)
         assert steps.sum() == pytest.approx(path.length, rel=1e-12, abs=1e-15)
         assert (path.points[[0, -1]] == shape.points[[a, b]]).all()
-        assert path.length == medialis.geodesic_lengths(shape, [[a, b]]).length[0]
+        cut = medialis.geodesic_lengths(shape, [[a, b]]).length[0]
+        assert path.length <= cut * (1 + 1e-12)
         radius = np.linalg.norm(path.points, axis=1)
         assert (radius <= 1 + 1e-12).all() and (radius > 0.95).all()
 

@@ -44,7 +44,7 @@ def trace_all_round(
     """
     half = out_length.shape[1] // 2
     first, second, axis, normal = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
-    nothing, last = np.empty((0, 3)), np.empty(3)
+    nothing, last = np.empty(0, np.int64), np.empty(3)
     for i in range(begin, stop):
         start, end = ends[i, 0], ends[i, 1]
         size = 0.0
@@ -103,7 +103,7 @@ def find_ties(
     Both are plane cuts, so that they are comparable; what is longer than `longest` does not count.
     """
     axis, normal = np.empty(3), np.empty(3)
-    nothing, last = np.empty((0, 3)), np.empty(3)
+    nothing, last = np.empty(0, np.int64), np.empty(3)
     for i in range(begin, stop):
         start, end = ends[i, 0], ends[i, 1]
         for k in range(3):

@@ -18,9 +18,11 @@ class PathStatus(IntEnum):
     NONE = 0
     """There is no path, as the ends lie in different components, or the pair is masked."""
     PLANE = 1
-    """The shortest cut of the surface by a plane through the ends (or a common edge)."""
+    """The shortest cut of the surface by a plane through the ends (or a common edge). For a
+    polyline: what was shortened to it."""
     EDGES = 2
-    """The shortest path along the edges, where no plane cut arrives (holes, non-manifold edges)."""
+    """The shortest path along the edges, where no plane cut arrives (holes, non-manifold edges).
+    For a polyline: it was shortened from the path along the edges, as that is shorter."""
     NEIGHBOUR = 3
     """Along edges to the ends of a neighbouring path, and along that; shorter than its own."""
 

@@ -1,4 +1,4 @@
-"""Operation: shortest straightest geodesic between two vertices (thesis 3.3.2)."""
+"""Operation: shortest geodesics between vertices, with their polylines (thesis 3.3.2)."""
 
 from __future__ import annotations
 
@@ -120,9 +120,10 @@ OPERATION = Operation(
     filter_name="generate_geodesic_path",
     label="Geodesic paths",
     group="Inspect",
-    help="Measure and draw shortest straightest geodesics between vertices.\n\n"
-    "The path runs over the surface: of many planes through the two vertices, the one that cuts "
-    "the surface in the shortest curve wins. Typical error against exact geodesics: 0.001 %.",
+    help="Measure and draw shortest geodesics between vertices.\n\n"
+    "The path runs over the surface: the shortest cut by a plane through the two vertices and the "
+    "shortest path along the edges are shortened until they are straight everywhere; the shorter "
+    "one wins. It is the shortest path in its neighbourhood.",
     source="thesis 3.3.2",
     parameters=(
         Parameter(

@@ -31,13 +31,13 @@ FIRST_LIMIT = 1.7  # times the straight line; a half circle has pi / 2
 
 @kernel
 def trace_plane(
-    points, corners, twins, h, x, y, z, length, normal, offset, start, end, best, out_line, out
+    points, corners, twins, h, x, y, z, length, normal, offset, start, end, best, out_sides, out
 ):  # fmt: skip
     """Walk along a plane from half-edge h, which the path leaves through at (x, y, z).
 
     Returns the length up to vertex `end`, or inf when it is dropped, ends at a border or comes
-    back, and the number of points (-1: dropped). `out` receives the last point before the end;
-    `out_line`, when it has rows, all points.
+    back, and the number of crossings (-1: dropped). `out` receives the last point before the end;
+    `out_sides`, when it has room, the half-edges that the path leaves faces through.
     """
     ex, ey, ez = points[end, 0], points[end, 1], points[end, 2]
     count = 0
@@ -47,8 +47,8 @@ def trace_plane(
     da = nx * points[a, 0] + ny * points[a, 1] + nz * points[a, 2] - offset
     db = nx * points[b, 0] + ny * points[b, 1] + nz * points[b, 2] - offset
     for _ in range(len(corners) // 3):
-        if count < len(out_line):
-            out_line[count, 0], out_line[count, 1], out_line[count, 2] = x, y, z
+        if count < len(out_sides):
+            out_sides[count] = h
         count += 1
         rest = math.sqrt((x - ex) ** 2 + (y - ey) ** 2 + (z - ez) ** 2)
         if length + rest >= best:
@@ -114,7 +114,7 @@ def _shortest_on_plane(
     """
     sx, sy, sz = points[start, 0], points[start, 1], points[start, 2]
     offset = normal[0] * sx + normal[1] * sy + normal[2] * sz
-    nothing = np.empty((0, 3))
+    nothing = np.empty(0, np.int64)
     last = np.empty(3)
     dropped = False
     for i in range(fan_offsets[start], fan_offsets[start + 1]):
@@ -304,8 +304,8 @@ def direction(a, b, out):
 
 
 @kernel
-def record_path(points, corners, twins, fan_offsets, fan, start, end, normal, out_line):
-    """Crossings of the shortest path on one plane; returns how many."""
+def record_cut(points, corners, twins, fan_offsets, fan, start, end, normal, out_sides):
+    """Half-edges that the shortest path on one plane crosses; returns how many."""
     first, last = np.empty(3), np.empty(3)
     _shortest_on_plane(
         points, corners, twins, fan_offsets, fan, start, end, normal, np.inf, first, last
@@ -318,7 +318,7 @@ def record_path(points, corners, twins, fan_offsets, fan, start, end, normal, ou
         if x == first[0] and y == first[1] and z == first[2]:
             _, count = trace_plane(
                 points, corners, twins, across, x, y, z, 0.0, normal, offset, start, end, np.inf,
-                out_line, last,
+                out_sides, last,
             )  # fmt: skip
             return count
     return 0
