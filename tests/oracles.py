@@ -151,3 +151,16 @@ def feature_sets(shape, cloud, reach):
             left -= cluster
         result.append(clusters)
     return result
+
+
+def winding_numbers(points, faces, queries):
+    """How often a closed mesh surrounds each query, by solid angles: 1 inside, 0 outside."""
+    result = []
+    for query in queries:
+        a, b, c = (points[faces[:, j]] - query for j in range(3))
+        la, lb, lc = (np.linalg.norm(v, axis=1) for v in (a, b, c))
+        ab, bc, ca = (np.einsum("ij,ij->i", u, v) for u, v in ((a, b), (b, c), (c, a)))
+        solid = np.einsum("ij,ij->i", a, np.cross(b, c))
+        angle = np.arctan2(solid, la * lb * lc + ab * lc + bc * la + ca * lb)
+        result.append(angle.sum() / (2 * np.pi))
+    return np.array(result)

@@ -50,9 +50,16 @@ def test_real_shapes_give_a_skeleton_with_empty_balls(name, real_shapes):
     distance, _ = cKDTree(shape.points).query(layer.points[rows])
     limit = (result.parameters["tolerance"] + 1e-9) * shape.diagonal
     assert (radius[rows] - distance).max() <= limit
-    for feature in ("feature_1", "feature_2"):
-        reach = np.linalg.norm(shape.points[layer.attributes[feature]] - layer.points, axis=1)
-        assert np.allclose(reach, radius, rtol=0, atol=1e-12 * shape.diagonal)
+    ends = shape.points[np.stack([layer.attributes[f"feature_{i}"] for i in (1, 2)])]
+    reach = np.linalg.norm(ends - layer.points, axis=2)
+    off = np.abs(reach - radius) > 1e-12 * shape.diagonal
+    # Balls that touch a triangle name its corner nearest to there, at most an edge away.
+    told = [text.split()[1] for text in result.messages if "further apart than it is thick" in text]
+    assert not off[0].any() and off[1].sum() <= sum(map(int, told))
+    if off[1].any():
+        ends = shape.points[shape.edges]
+        longest = np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1).max()
+        assert (reach[1] < radius + longest).all()
 
 
 @pytest.mark.parametrize("chosen", OPERATIONS, ids=lambda o: o.name)

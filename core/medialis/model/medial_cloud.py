@@ -39,12 +39,15 @@ class MedialCloud:
         Ball radii, same units.
     features : (k, 2) int32
         Feature points f1, f2: indices into ``Shape.points``; f2 is -1 where the status is not OK.
+        Behind walls of a mesh that are thinner than the samples are apart, operations take for f2
+        the corner nearest to the place of the triangle that the ball touches.
     source : (k,) int32
         The sample whose ball this is (equal to f1).
     status : (k,) int8
         A `BallStatus`.
     spoke_angles : (k,) float64
-        Angle f1 - center - f2 in radians, 0..pi (theta-SMA); NaN where the status is not OK.
+        Angle f1 - center - f2 in radians, 0..pi (theta-SMA); NaN where the status is not OK. The
+        place that the ball touches counts, also where it is no sample.
     side : (k,) int8
         +1 for an inner ball, -1 for an outer one.
 

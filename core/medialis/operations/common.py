@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -18,14 +16,13 @@ from medialis.operations.result import Layer
 from medialis.progress import Progress
 from medialis.shape.noise import noise_level, smooth_noise
 from medialis.shape.refinement import refine
+from medialis.surface_skeletons import thin_walls
 from medialis.surface_skeletons.ball_shrinking import (
     DEFAULT_TOLERANCE,
     LARGEST_RADIUS,
     SIDES,
     Side,
-    surface_skeleton,
 )
-from medialis.surface_skeletons.hidden_walls import THINNEST, hidden_walls
 
 REFINE = Parameter(
     "refine",
@@ -117,51 +114,18 @@ def maximal_balls(
     side: Side = "inner",
     largest_radius: float = LARGEST_RADIUS,
 ) -> MedialCloud:
-    """Shrink balls; those that the tolerance lets through a wall get a lower one, and it is said.
+    """Shrink balls, also behind thin walls (see `thin_walls.maximal_balls`).
 
     Raises
     ------
     InvalidShapeError
         When no ball meets a second sample; the sentence says why.
     """
-
-    def shrunk(fraction: float, progress: Progress) -> MedialCloud:
-        return surface_skeleton(
-            shape, tolerance=fraction, side=side, largest_radius=largest_radius, progress=progress
-        )
-
-    cloud = shrunk(tolerance, progress)
-    hidden = hidden_walls(shape, cloud, tolerance)
-    if hidden.any():
-        silent = Progress(lambda fraction, text: progress.update(1.0))
-        exact, finer = shrunk(0.0, silent), tolerance
-        hidden &= ~hidden_walls(shape, exact, tolerance)  # others have another reason
-        count = int(hidden.sum())
-        while hidden.any():
-            finer = finer / 10 if finer > THINNEST else 0.0
-            found = shrunk(finer, silent) if finer > 0 else exact
-            seen = hidden & ~hidden_walls(shape, found, tolerance)
-            cloud, hidden = _with_balls(cloud, found, seen), hidden & ~seen
-        if count:
-            progress.note(
-                f"At {count} of {shape.point_count} samples the wall is thinner than the tolerance "
-                f"of {100 * tolerance:.3g} % of the diagonal, which hides its other side: their "
-                f"balls were computed with down to {100 * finer:.3g} %.",
-                level=logging.WARNING,
-            )
+    cloud = thin_walls.maximal_balls(
+        shape, tolerance=tolerance, side=side, largest_radius=largest_radius, progress=progress
+    )
     _require_balls(cloud, shape)
     return cloud
-
-
-def _with_balls(cloud: MedialCloud, other: MedialCloud, rows: NDArray[np.bool_]) -> MedialCloud:
-    """Return a cloud with some balls of another one of the same samples."""
-    fields = ("centers", "radii", "features", "status", "spoke_angles")
-    taken = {}
-    for name in fields:
-        values = np.array(getattr(cloud, name))
-        values[rows] = getattr(other, name)[rows]
-        taken[name] = values
-    return replace(cloud, **taken)
 
 
 def _require_balls(cloud: MedialCloud, shape: Shape) -> None:

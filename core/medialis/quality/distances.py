@@ -86,7 +86,7 @@ def distance_to_balls(
     -----
     Cost: about O(log k) a query for balls of a skeleton.
     """
-    from medialis.quality.nearest import NearestTree
+    from medialis._kernels.nearest import NearestTree
 
     middles = as_points(centers, "centers")
     tree = NearestTree.of_balls(middles, as_field(radii, len(middles), "radii"))
@@ -97,7 +97,7 @@ def distance_to_surface(queries: ArrayLike, shape: Shape) -> FloatArray:
     """Return the distance of points to the triangles of a mesh, or the samples of a cloud, (q,)."""
     from scipy.spatial import cKDTree
 
-    from medialis.quality.nearest import NearestTree
+    from medialis._kernels.nearest import NearestTree
 
     points = as_points(queries, "queries")
     if shape.faces is None:
@@ -129,7 +129,7 @@ def reconstruction_error(shape: Shape, centers: ArrayLike, radii: ArrayLike) -> 
     space. The surface is seen at its samples and at the middles of its edges and faces (at most
     100,000 of these), the balls at 32 to 512 points on each of at most 20,000.
     """
-    from medialis.quality.nearest import NearestTree
+    from medialis._kernels.nearest import NearestTree
 
     middles = as_points(centers, "centers")
     sizes = as_field(radii, len(middles), "radii")

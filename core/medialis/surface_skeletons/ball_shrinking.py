@@ -118,6 +118,16 @@ def surface_skeleton(
     >>> bool(np.abs(cloud.centers).max() < 1e-4), float(cloud.radii.mean().round(4))
     (True, 2.0)
     """
+    progress = Progress.of(progress)
+    cloud, _ = shrink(shape, tolerance, side, largest_radius, progress)
+    note_outcome(shape, cloud, tolerance, progress)
+    return cloud
+
+
+def shrink(
+    shape: Shape, tolerance: float, side: Side, largest_radius: float, progress: Progress
+) -> tuple[MedialCloud, BoxTree]:
+    """Check the options and shrink all balls; return the tree of the samples too."""
     tolerance = as_number(tolerance, "tolerance", low=0.0, high=0.1)
     side = as_choice(side, "side", SIDES)  # type: ignore[assignment]
     largest_radius = as_number(largest_radius, "largest_radius", low=0.0, high=10.0, open_low=True)
@@ -131,10 +141,7 @@ def surface_skeleton(
             "them (medialis.make_shape)."
         )
     signs = {"inner": (1,), "outer": (-1,), "both": (1, -1)}[side]
-    progress = Progress.of(progress)
-    cloud = _shrink(shape, tolerance, largest_radius, signs, progress)
-    _note_outcome(shape, cloud, tolerance, progress)
-    return cloud
+    return _shrink(shape, tolerance, largest_radius, signs, progress)
 
 
 @dataclass(frozen=True)
@@ -171,6 +178,19 @@ class Shrinking:
         centers *= self.unit
         radii *= self.unit
 
+    def to_cloud(
+        self,
+        tree: BoxTree,
+        arrays: tuple[NDArray[Any], ...],
+        source: NDArray[np.int32],
+        side: NDArray[np.int8],
+    ) -> MedialCloud:
+        """Return what `run` wrote as a cloud, in the units of the input."""
+        centers, radii, second, status, angles = arrays
+        self.to_input(tree, centers, radii)
+        features = np.stack([source, second], axis=1)
+        return MedialCloud(centers, radii, features, source, status, angles, side)
+
 
 def shrink_options(diagonal: float, tolerance: float, largest_radius: float) -> Shrinking:
     """Return the lengths of a run for a shape of this diagonal; options as fractions of it."""
@@ -191,36 +211,39 @@ def shrink_options(diagonal: float, tolerance: float, largest_radius: float) -> 
 
 def _shrink(
     shape: Shape, tolerance: float, largest: float, signs: tuple[int, ...], progress: Progress
-) -> MedialCloud:
+) -> tuple[MedialCloud, BoxTree]:
     # Imported here: compiled code takes half a second to load, and `medialis --help` needs none.
     from medialis._kernels.box_tree import build_box_tree
 
     options = shrink_options(shape.diagonal, tolerance, largest)
     n = shape.point_count
-    k = n * len(signs)
-    centers, radii = np.full((k, 3), np.nan), np.full(k, np.nan)
-    second, status = np.full(k, -1, np.int32), np.zeros(k, np.int8)
-    angles, side = np.full(k, np.nan), np.repeat(np.array(signs, np.int8), n)
+    arrays = blank_balls(n * len(signs))
     with progress.stage("tree", 0.0, 0.15):
         tree = build_box_tree(shape.points, shape.normals, unit=options.unit)
     for turn, sign in enumerate(signs):
         share = 0.85 / len(signs)
         with progress.stage("balls", 0.15 + share * turn, 0.15 + share * (turn + 1)):
             rows = slice(turn * n, (turn + 1) * n)
-            out = centers[rows], radii[rows], second[rows], status[rows], angles[rows]
+            out = tuple(values[rows] for values in arrays)
 
             def work(begin: int, end: int, sign: int = sign, out: tuple = out) -> None:
                 options.run(tree, begin, end, sign, out)
 
             run_chunks(work, n, SAMPLES_A_CHUNK, progress=progress)
-    options.to_input(tree, centers, radii)
     source = np.tile(np.arange(n, dtype=np.int32), len(signs))
-    return MedialCloud(
-        centers, radii, np.stack([source, second], axis=1), source, status, angles, side
-    )
+    side = np.repeat(np.array(signs, np.int8), n)
+    return options.to_cloud(tree, arrays, source, side), tree
 
 
-def _note_outcome(shape: Shape, cloud: MedialCloud, tolerance: float, progress: Progress) -> None:
+def blank_balls(count: int) -> tuple[NDArray[Any], ...]:
+    """Return arrays for `Shrinking.run` to fill."""
+    centers, radii = np.full((count, 3), np.nan), np.full(count, np.nan)
+    second, status = np.full(count, -1, np.int32), np.zeros(count, np.int8)
+    return centers, radii, second, status, np.full(count, np.nan)
+
+
+def note_outcome(shape: Shape, cloud: MedialCloud, tolerance: float, progress: Progress) -> None:
+    """Say how many samples have no ball, and why."""
     counts = np.bincount(cloud.status, minlength=3)
     if counts[BallStatus.NO_NORMAL]:
         reason = "folded or degenerate faces meet there"

@@ -5,6 +5,8 @@ A tolerance keeps relief from shrinking balls, and the other side of a thin wall
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -45,25 +47,36 @@ def hidden_walls(shape: Shape, cloud: MedialCloud, tolerance: float) -> NDArray[
     -----
     Cost: nothing for balls that touch as they should; 32 nearest samples for each of the others.
     """
-    inner, without = cloud.side > 0, cloud.status == BallStatus.OPEN
-    large = cloud.radii >= HALF * shape.diagonal  # not so where a small largest_radius ends them
-    hidden = inner & without & large & _in_closed_part(shape, cloud)
-    second = np.maximum(cloud.features[:, 1], 0)
-    outward = np.einsum("ij,ij->i", shape.points[second] - cloud.centers, shape.normals[second])
-    odd = np.flatnonzero(inner & (without | (cloud.valid & (outward < 0))) & ~hidden)
+    hidden = endless(shape, cloud)
+    without = (cloud.side > 0) & (cloud.status == BallStatus.OPEN)
+    odd = np.flatnonzero((without | touches_from_outside(shape, cloud)) & ~hidden)
     hidden[odd] = _close_behind(shape, cloud.source[odd], tolerance)
     return hidden
 
 
-def _in_closed_part(shape: Shape, cloud: MedialCloud) -> NDArray[np.bool_]:
-    """Tell the balls of samples whose component has faces and no border."""
-    if shape.faces is None or not (cloud.status == BallStatus.OPEN).any():
-        return np.zeros(len(cloud), np.bool_)
+def endless(shape: Shape, cloud: MedialCloud) -> NDArray[np.bool_]:
+    """Tell the inner balls in closed parts that meet no second sample, (k,); there is one."""
+    result = (cloud.side > 0) & (cloud.status == BallStatus.OPEN)
+    result &= cloud.radii >= HALF * shape.diagonal  # not so where a small largest_radius ends them
+    return result & in_closed_part(shape, cloud.source) if result.any() else result
+
+
+def touches_from_outside(shape: Shape, cloud: MedialCloud) -> NDArray[np.bool_]:
+    """Tell the inner balls whose center lies in front of the wall at their second sample, (k,)."""
+    second = np.maximum(cloud.features[:, 1], 0)
+    outward = np.einsum("ij,ij->i", shape.points[second] - cloud.centers, shape.normals[second])
+    return (cloud.side > 0) & cloud.valid & (outward < 0)
+
+
+def in_closed_part(shape: Shape, samples: NDArray[Any]) -> NDArray[np.bool_]:
+    """Tell the samples whose component has faces and no border."""
+    if shape.faces is None:
+        return np.zeros(len(samples), np.bool_)
     part, corners = shape.components, shape.faces.ravel()
     closed = np.zeros(int(part.max()) + 1, np.bool_)
     closed[part[corners]] = True
     closed[part[corners[shape.edge_twins < 0]]] = False
-    return np.asarray(closed[part[cloud.source]])
+    return np.asarray(closed[part[samples]])
 
 
 def _close_behind(shape: Shape, rows: NDArray[np.int32], tolerance: float) -> NDArray[np.bool_]:

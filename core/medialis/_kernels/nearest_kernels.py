@@ -38,8 +38,11 @@ def _dot(ax, ay, az, bx, by, bz):
 
 
 @kernel
-def _to_triangle(px, py, pz, a, b, c):
-    """Squared distance of a point to a triangle: the barycentric regions of the plane, in turn."""
+def _nearest_place(px, py, pz, a, b, c):
+    """Nearest place a + s (b - a) + t (c - a) of a triangle: the regions of its plane, in turn.
+
+    Returns (s, t, squared distance).
+    """
     abx, aby, abz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
     acx, acy, acz = c[0] - a[0], c[1] - a[1], c[2] - a[2]
     apx, apy, apz = px - a[0], py - a[1], pz - a[2]
@@ -49,7 +52,7 @@ def _to_triangle(px, py, pz, a, b, c):
     cpx, cpy, cpz = px - c[0], py - c[1], pz - c[2]
     d5, d6 = _dot(abx, aby, abz, cpx, cpy, cpz), _dot(acx, acy, acz, cpx, cpy, cpz)
     va, vb, vc = d3 * d6 - d5 * d4, d5 * d2 - d1 * d6, d1 * d4 - d3 * d2
-    s, t = 0.0, 0.0  # the nearest place is a + s ab + t ac
+    s, t = 0.0, 0.0
     if d1 <= 0.0 and d2 <= 0.0:
         pass
     elif d3 >= 0.0 and d4 <= d3:
@@ -66,17 +69,18 @@ def _to_triangle(px, py, pz, a, b, c):
     elif va + vb + vc > 0.0:
         s, t = vb / (va + vb + vc), vc / (va + vb + vc)
     x, y, z = apx - s * abx - t * acx, apy - s * aby - t * acy, apz - s * abz - t * acz
-    return _dot(x, y, z, x, y, z)
+    return s, t, _dot(x, y, z, x, y, z)
 
 
 @kernel
 def nearest_item(
-    begin, end, queries, centers, radii, corners, bounds, child, largest, depth, margin, enough,
-    out_distance, out_item,
+    begin, end, queries, centers, radii, corners, faces, without, bounds, child, largest, depth,
+    margin, enough, out_distance, out_item,
 ):  # fmt: skip
     """Smallest distance to balls, |x - c| - r, or to the triangles within them; all in tree order.
 
-    `corners` has no row for balls. A node is skipped when even its largest ball at the nearest
+    `corners` and `faces` have no row for balls. Triangles with the vertex `without` of a query do
+    not count. A node is skipped when even its largest ball at the nearest
     place of its box is no nearer. The child that promises most is visited first: it is pushed
     last. A distance below `enough` ends the search.
     """
@@ -113,9 +117,21 @@ def nearest_item(
                         dx, dy, dz = x - centers[k, 0], y - centers[k, 1], z - centers[k, 2]
                         value = math.sqrt(dx * dx + dy * dy + dz * dz) - radii[k]
                         if len(corners) > 0 and value - margin <= best:
+                            own = without[i]
+                            if faces[k, 0] == own or faces[k, 1] == own or faces[k, 2] == own:
+                                continue
                             a, b, c = corners[k, 0], corners[k, 1], corners[k, 2]
-                            value = math.sqrt(_to_triangle(x, y, z, a, b, c))
+                            value = math.sqrt(_nearest_place(x, y, z, a, b, c)[2])
                         if value < best or (value == best and k < winner):
                             best, winner = value, k
         out_distance[i] = best
         out_item[i] = winner
+
+
+@kernel
+def nearest_places(queries, corners, out_places):
+    """Nearest place of one triangle for each query, as s and t of `_nearest_place`."""
+    for i in range(len(queries)):
+        x, y, z = queries[i, 0], queries[i, 1], queries[i, 2]
+        s, t, _ = _nearest_place(x, y, z, corners[i, 0], corners[i, 1], corners[i, 2])
+        out_places[i, 0], out_places[i, 1] = s, t

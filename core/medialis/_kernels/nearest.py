@@ -27,12 +27,15 @@ class NearestTree:
         Largest radius below each child.
     corners : (k, 3, 3) or (0, 3, 3) float64
         Corners of triangles in tree order, relative to the tree's center.
+    faces : (k, 3) or (0, 3) int32
+        Vertices of triangles in tree order.
     """
 
     tree: BoxTree
     radii: FloatArray
     largest: FloatArray
     corners: FloatArray
+    faces: IntArray
 
     @classmethod
     def of_balls(cls, centers: FloatArray, radii: FloatArray) -> NearestTree:
@@ -47,7 +50,7 @@ class NearestTree:
         sizes = as_field(radii, len(middles), "radii")
         if not np.isfinite(sizes).all() or (sizes < 0).any():
             raise InvalidShapeError("radii must be finite and not negative.")
-        return cls._of(middles, sizes, np.empty((0, 3, 3)))
+        return cls._of(middles, sizes, np.empty((0, 3, 3)), np.empty((0, 3), np.int32))
 
     @classmethod
     def of_triangles(cls, points: FloatArray, faces: IntArray) -> NearestTree:
@@ -55,11 +58,13 @@ class NearestTree:
         corners = points[faces]
         middles = corners.mean(axis=1)
         sizes = np.linalg.norm(corners - middles[:, None], axis=2).max(axis=1)
-        return cls._of(middles, sizes, corners)
+        return cls._of(middles, sizes, corners, faces)
 
     @classmethod
-    def _of(cls, middles: FloatArray, sizes: FloatArray, corners: FloatArray) -> NearestTree:
-        from medialis.quality._distance_kernels import largest_radii
+    def _of(
+        cls, middles: FloatArray, sizes: FloatArray, corners: FloatArray, faces: IntArray
+    ) -> NearestTree:
+        from medialis._kernels.nearest_kernels import largest_radii
 
         tree = build_box_tree(middles, np.zeros_like(middles))
         ordered = sizes[tree.order]
@@ -68,10 +73,15 @@ class NearestTree:
             count = nodes.stop - nodes.start
             largest_radii(ordered, child_depth, fan, 0, count, largest[nodes])
         placed = corners[tree.order] - tree.center if len(corners) else corners
-        return cls(tree, ordered, largest, placed)
+        named = faces[tree.order] if len(faces) else faces
+        return cls(tree, ordered, largest, placed, named)
 
     def distances(
-        self, queries: FloatArray, *, enough: float = -np.inf
+        self,
+        queries: FloatArray,
+        *,
+        enough: float = -np.inf,
+        without: IntArray | None = None,
     ) -> tuple[FloatArray, IntArray]:
         """Return the distance of points to the nearest item, and its row.
 
@@ -80,20 +90,22 @@ class NearestTree:
         queries : (q, 3) float
         enough : float
             The search of a point ends at the first item that is nearer than this.
+        without : (q,) int32, optional
+            A vertex for each point: triangles that have it do not count.
 
         Returns
         -------
         distance : (q,) float64
             To balls |x - c| - r, negative inside; to triangles >= 0.
         row : (q,) int32
-            Ties go either way, but always the same way.
+            Ties go either way, but always the same way. (inf, any row) where nothing counts.
 
         Notes
         -----
         Cost: about O(log k) a point near the items; more far inside a hollow shape, where many
         items are equally far.
         """
-        from medialis.quality._distance_kernels import nearest_item
+        from medialis._kernels.nearest_kernels import nearest_item
 
         points, tree = as_points(queries, "queries"), self.tree
         # Bounds are float32 of coordinates relative to the middle: good to 1e-7 of their size,
@@ -101,15 +113,38 @@ class NearestTree:
         shifted = points - tree.center
         reach = float(np.abs(tree.points).max(initial=0.0) + np.abs(shifted).max())
         distance, row = np.empty(len(points)), np.empty(len(points), np.int64)
+        left_out = np.full(len(points), -1, np.int32) if without is None else without
 
         def work(begin: int, end: int) -> None:
             nearest_item(
-                begin, end, shifted, tree.points, self.radii, self.corners, tree.bounds,
-                tree.child, self.largest, tree.depth, 4e-7 * reach, enough, distance, row,
+                begin, end, shifted, tree.points, self.radii, self.corners, self.faces, left_out,
+                tree.bounds, tree.child, self.largest, tree.depth, 4e-7 * reach, enough, distance,
+                row,
             )  # fmt: skip
 
         run_chunks(work, len(points), QUERIES_A_CHUNK)
         return distance, tree.order[row]
+
+
+def nearest_on_triangles(queries: FloatArray, corners: FloatArray) -> FloatArray:
+    """Return the barycentric coordinates of the place of one triangle nearest to each point.
+
+    Parameters
+    ----------
+    queries : (q, 3) float64
+    corners : (q, 3, 3) float64
+
+    Returns
+    -------
+    (q, 3) float64
+        Not negative, sum 1; exactly 0 for the corners that an edge or a corner does not have.
+    """
+    from medialis._kernels.nearest_kernels import nearest_places
+
+    places = np.empty((len(queries), 2))
+    nearest_places(queries, corners, places)
+    first = np.where(places.sum(axis=1) >= 1.0, 0.0, 1.0 - places.sum(axis=1))
+    return np.column_stack([first, places])
 
 
 def _levels(nodes: int, depth: int) -> list[tuple[slice, int, int]]:
