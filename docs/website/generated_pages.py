@@ -33,7 +33,7 @@ def shown(parameter: Parameter, value: Any) -> str:
     if parameter.kind in (Kind.CHOICE, Kind.FILE):
         return str(value) or "none"
     if parameter.kind is Kind.INT:
-        return str(value)
+        return str(int(value))
     return f"{value:.6g}" + (" degrees" if parameter.kind is Kind.ANGLE else "")
 
 
