@@ -90,6 +90,8 @@ def with_dashes(arguments: Sequence[str]) -> list[str]:
     """
     result = list(arguments)
     for place, word in enumerate(result):
+        if word == "--":  # file names follow
+            break
         name, equals, value = word.partition("=")
         if place == 0 or name.startswith("--"):
             result[place] = name.replace("_", "-") + equals + value

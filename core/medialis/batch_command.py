@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from medialis.arguments import EXIT_CANCELLED, EXIT_OK, EXIT_SOME_FAILED, NUMBERS, number
-from medialis.display import shown_progress
+from medialis.display import clear_bar, shown_progress
 from medialis.errors import Cancelled, InvalidOptionError
 from medialis.operations.declaration import Kind, Operation
 from medialis.operations.registry import operation
@@ -36,6 +36,7 @@ def run_batch(options: argparse.Namespace) -> int:
             progress=shown_progress(options.progress, batch=True),
         )
     except (KeyboardInterrupt, Cancelled):
+        clear_bar()
         print(
             "medialis: cancelled; what is finished stays, the same command goes on from there.",
             file=sys.stderr,

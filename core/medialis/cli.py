@@ -29,12 +29,13 @@ from medialis.arguments import (
     with_dashes,
 )
 from medialis.batch_command import run_batch
-from medialis.display import shown_progress
+from medialis.display import clear_bar, shown_progress
 from medialis.errors import Cancelled, InvalidShapeError, MedialisError
 from medialis.operations.declaration import Operation
 from medialis.operations.registry import OPERATIONS, operation, run
 from medialis.operations.result import value_lines
 from medialis.operations.writing import GRAPH_FORMATS
+from medialis.threads import thread_limit
 from medialis.validation import as_choice, as_whole_number
 
 
@@ -50,12 +51,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
             sys.stdout.flush()
             return code
     except (KeyboardInterrupt, Cancelled):
+        clear_bar()
         print("medialis: cancelled, nothing was written.", file=sys.stderr)
         return EXIT_CANCELLED
     except BrokenPipeError:  # the reader of our output went away, as in `medialis list | head -1`
         _drop_output()
         return EXIT_OK
     except MedialisError as error:
+        clear_bar()
         print(f"medialis: {' '.join(str(error).split())}", file=sys.stderr)
         return EXIT_BAD_INPUT
     except ImportError as error:  # numba is loaded by the first computation
@@ -140,13 +143,12 @@ def _compute(
     from medialis.shape.reading import read_shape
 
     clock = time.perf_counter()
+    threads = getattr(options, "threads", None)
     progress = shown_progress(options.progress)
     with progress.stage("input", 0.0, 0.1):
         shape = organic_shape() if file is None else read_shape(file, progress=progress)
     with progress.stage("compute", 0.1, 0.7):
-        result = run(
-            name, shape, threads=getattr(options, "threads", None), progress=progress, **given
-        )
+        result = run(name, shape, threads=threads, progress=progress, **given)
     source = "organic shape" if file is None else file
     if getattr(options, "host", False):
         with progress.stage("output", 0.7, 1.0):
@@ -157,9 +159,9 @@ def _compute(
     if getattr(options, "report", False):
         from medialis.quality.report import report_texts
 
-        with progress.stage("report", 0.7, 0.85):
+        with progress.stage("report", 0.7, 0.85), thread_limit(threads):
             texts = report_texts(result, source=file)
-    with progress.stage("output", 0.85, 1.0):
+    with progress.stage("output", 0.85, 1.0), thread_limit(threads):
         manifest = write_result(
             result,
             output,

@@ -113,6 +113,12 @@ class Bar:
         _write(f"\r{line:<{room}.{room}}{end}")
 
 
+def clear_bar() -> None:
+    """Make room for a sentence where a bar may have been left."""
+    if sys.stderr.isatty():
+        _write("\r" + " " * (_columns() - 1) + "\r")
+
+
 def _write(text: str) -> None:
     sys.stderr.write(text)
     sys.stderr.flush()

@@ -108,7 +108,7 @@ def _call(command: Sequence[str], environment: Mapping[str, str]) -> tuple[bool,
 def _loads(module: str) -> str:
     """Return why a module cannot be imported; empty when it can."""
     path = {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
-    loads, why = _call([sys.executable, "-c", f"import {module}"], {**os.environ, **path})
+    loads, why = _call([sys.executable, "-P", "-c", f"import {module}"], {**os.environ, **path})
     return "" if loads else why
 
 

@@ -50,6 +50,11 @@ def home_folder() -> Path:
         ) from None
 
 
+def _root() -> Path:
+    """Return the root of the file system, on Windows that of the drive it is installed on."""
+    return Path(os.environ.get("SYSTEMDRIVE", "C:") + "\\" if sys.platform == "win32" else "/")
+
+
 @dataclass(frozen=True)
 class Machine:
     """Where to look: the system and the user; tests give a folder that plays both.
@@ -68,7 +73,7 @@ class Machine:
     """
 
     platform: str = sys.platform
-    root: Path = field(default_factory=lambda: Path(Path.cwd().anchor))
+    root: Path = field(default_factory=_root)
     home: Path = field(default_factory=home_folder)
     environment: Mapping[str, str] = field(default_factory=lambda: os.environ)
 

@@ -1,6 +1,7 @@
 """Batches: every good shape finished, every bad one listed, resumed runs give the same table."""
 
 import csv
+import json
 import os
 import re
 import signal
@@ -16,6 +17,7 @@ import pytest
 
 import medialis
 from medialis.batches.engine import cluster, hand_out, run_jobs
+from medialis.batches.files import find_files
 from medialis.batches.jobs import DONE, FAILED, Job, Row, plan
 from medialis.batches.lock import locked_folder
 from medialis.batches.page import html_text
@@ -216,6 +218,18 @@ def test_results_and_hidden_files_are_no_input(tmp_path):
     for folder in (out, out, tmp_path, tmp_path):
         rows = medialis.batch("thickness", [tmp_path], folder, picture=False, workers=1)
         assert [(row.name, row.status) for row in rows] == [("a", DONE)]
+
+
+def test_results_of_a_single_run_beside_the_input(tmp_path):
+    """A manifest among the scans made the whole folder no input (fixed)."""
+    for name in ("a.ply", "samples.ply", "thickness.ply"):
+        (tmp_path / name).touch()
+    manifest = {
+        "medialis": "1.0.0",
+        "files": [f"elsewhere/{n}.ply" for n in ("samples", "thickness")],
+    }
+    (tmp_path / "manifest.json").write_text(json.dumps(manifest))
+    assert find_files([tmp_path], tmp_path / "out") == [tmp_path / "a.ply"]
 
 
 def test_another_file_of_the_same_size_and_time_is_another_input(shapes, tmp_path):

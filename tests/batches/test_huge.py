@@ -82,6 +82,18 @@ def test_a_full_disk_is_one_sentence_and_leaves_nothing(sampled, tmp_path, monke
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.skipif(not hasattr(os, "posix_fallocate"), reason="the system reserves no space")
+def test_a_disk_that_cannot_reserve_is_written_all_the_same(sampled, tmp_path, monkeypatch):
+    """Network disks refuse to reserve space (was an error)."""
+
+    def refuse(handle: int, begin: int, size: int) -> None:
+        raise OSError(errno.EOPNOTSUPP, os.strerror(errno.EOPNOTSUPP))
+
+    monkeypatch.setattr(os, "posix_fallocate", refuse)
+    cloud = medialis.huge_surface_skeleton(*sampled, tmp_path / "out")
+    assert len(cloud) == 5000 and (tmp_path / "out" / "radii.npy").exists()
+
+
 @pytest.mark.parametrize(
     ("change", "text"),
     [

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 import medialis
+from medialis.arguments import with_dashes
 from medialis.cli import main
 from medialis.io.ply_attributes import read_ply_attributes, write_ply
 from medialis.io.results import read_npz
@@ -115,6 +116,11 @@ def test_names_with_underscores_are_understood(creature, tmp_path, capsys):
     assert manifest["parameters"]["largest_radius"] == 2.0 and manifest["picture"] is None
     assert run("describe", "soft_edges") == run("describe", "soft-edges") == 0
     assert capsys.readouterr().err == ""
+
+
+def test_underscores_of_file_names_stay():
+    words = ["thickness", "--no_picture", "--", "--my_part.ply"]
+    assert with_dashes(words) == ["thickness", "--no-picture", "--", "--my_part.ply"]
 
 
 def test_info_tells_of_far_points(tmp_path, capsys):

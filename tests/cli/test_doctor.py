@@ -31,6 +31,20 @@ def quick(monkeypatch):
     monkeypatch.setattr(doctor, "_loads", lambda module: "")
 
 
+def test_what_lies_in_the_folder_is_not_what_is_installed(tmp_path, monkeypatch):
+    """A file numpy.py in the current folder was imported, and numpy called broken (fixed)."""
+    (tmp_path / "numpy.py").write_text("raise ImportError('not this one')")
+    monkeypatch.chdir(tmp_path)
+    assert doctor._loads("numpy") == ""
+
+
+def test_a_folder_that_is_gone_does_not_matter(tmp_path, monkeypatch):
+    (tmp_path / "gone").mkdir()
+    monkeypatch.chdir(tmp_path / "gone")
+    (tmp_path / "gone").rmdir()
+    assert Machine(home=tmp_path).root.exists()
+
+
 def program(path: Path, text: str, code: int = 0) -> Path:
     path.write_text(f'#!/bin/sh\necho "{text}"\nexit {code}\n')
     path.chmod(0o755)

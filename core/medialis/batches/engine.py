@@ -76,9 +76,11 @@ def run_jobs(
 
 
 def hand_out(
-    client: Any, jobs: Sequence[J], work: Callable[[J], R], slots: int
+    client: Any, jobs: Sequence[J], work: Callable[[J], R], slots: int, then: str = GO_ON
 ) -> Iterator[tuple[J, R | None]]:
     """Yield each job with its result, or None when its worker died; `slots` at a time.
+
+    `then` says in an error what to do.
 
     Raises
     ------
@@ -113,9 +115,9 @@ def hand_out(
                 yield job, result
         except TimeoutError:
             if not client.nthreads():
-                raise FileError("All workers of the Dask cluster went away. " + GO_ON) from None
+                raise FileError("All workers of the Dask cluster went away. " + then) from None
         except CancelledError:
-            raise FileError("The Dask scheduler went away. " + GO_ON) from None
+            raise FileError("The Dask scheduler went away. " + then) from None
 
 
 @contextmanager

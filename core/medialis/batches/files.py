@@ -32,20 +32,22 @@ def _meshes(entry: Path, output: Path) -> Iterator[Path]:
         folder = Path(name)
         inside = top / folder.relative_to(entry)
         inner[:] = [n for n in inner if not n.startswith(".") and inside / n != out]
-        if _has_results(folder):
-            continue
+        results = _results(folder)
         for file in files:
             path = folder / file
-            if path.suffix.lower() in READABLE and not file.startswith(".") and path.is_file():
+            if path.suffix.lower() not in READABLE or file.startswith(".") or file in results:
+                continue
+            if path.is_file():
                 yield path
 
 
-def _has_results(folder: Path) -> bool:
-    """Whether medialis has written this folder: its manifest says so."""
+def _results(folder: Path) -> set[str]:
+    """Return the names of the files that medialis has written here: its manifest tells."""
     try:
-        return "medialis" in json.loads((folder / "manifest.json").read_bytes())
-    except (OSError, ValueError, TypeError):
-        return False
+        manifest = json.loads((folder / "manifest.json").read_bytes())
+        return {Path(file).name for file in manifest["files"]} if "medialis" in manifest else set()
+    except (OSError, ValueError, TypeError, KeyError):
+        return set()
 
 
 def unique_names(paths: Sequence[Path]) -> list[str]:

@@ -30,7 +30,7 @@ def locked_folder(folder: str | os.PathLike[str]) -> Iterator[None]:
     made = [p for p in (path.parent, *path.parent.parents) if not p.exists()]
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        handle = os.open(path, os.O_RDWR | os.O_CREAT)
+        handle = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
     except (OSError, ValueError) as error:
         raise FileError(f"Cannot write results to {folder}: {reason(error)}.") from None
     try:
@@ -42,10 +42,13 @@ def locked_folder(folder: str | os.PathLike[str]) -> Iterator[None]:
         try:
             yield
         finally:
-            with suppress(OSError):  # an open file cannot be removed everywhere
-                path.unlink()
+            if sys.platform != "win32":  # before the next one can open and lock it
+                path.unlink(missing_ok=True)
     finally:
         os.close(handle)
+        if sys.platform == "win32":  # an open file cannot be removed: not that of another batch
+            with suppress(OSError):
+                path.unlink()
         with suppress(OSError):  # something is in it
             for new in made:
                 new.rmdir()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import shutil
 from collections.abc import Iterator
@@ -69,11 +70,20 @@ def create_mapped(path: Path, shape: tuple[int, ...], dtype: Any) -> NDArray[Any
     try:
         array = np.lib.format.open_memmap(path, "w+", dtype, shape)
         if hasattr(os, "posix_fallocate"):
-            with path.open("r+b") as stream:
-                os.posix_fallocate(stream.fileno(), 0, path.stat().st_size)
+            _reserve(path)
     except OSError as error:
         raise FileError(f"Cannot write {path.name}: {reason(error)}.") from None
     return as_plain(array)
+
+
+def _reserve(path: Path) -> None:
+    """Let the disk set the size of a file aside, where the file system can."""
+    try:
+        with path.open("r+b") as stream:
+            os.posix_fallocate(stream.fileno(), 0, path.stat().st_size)
+    except OSError as error:
+        if error.errno not in (errno.EOPNOTSUPP, errno.EINVAL):
+            raise
 
 
 def as_plain(mapped: NDArray[Any]) -> NDArray[Any]:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from medialis.batches.engine import DIED, cluster, hand_out
+from medialis.batches.engine import cluster, hand_out
 from medialis.batches.mapped_files import Files, as_plain
 from medialis.errors import FileError
 from medialis.progress import Progress
@@ -19,6 +19,7 @@ from medialis.threads import run_chunks
 if TYPE_CHECKING:
     from medialis._kernels.box_tree import BoxTree
 
+AGAIN = "Nothing was written: see to the cluster, and call it again."
 CHUNKS_A_JOB = 256
 """Chunks that a cluster worker is given at a time: about half a second of work."""
 
@@ -93,8 +94,10 @@ def shrink_there(
     ]  # fmt: skip
     done = 0
     with cluster(1, scheduler) as (client, slots):
-        for job, count in hand_out(client, jobs, shrink_range, slots):
+        for job, count in hand_out(client, jobs, shrink_range, slots, AGAIN):
             if count is None:
-                raise FileError(f"A range of the samples was lost ({job.name}): {DIED}")
+                raise FileError(
+                    f"A worker died at {job.name}: out of memory, or a crash in a library. {AGAIN}"
+                )
             done += count
             progress.update(done / n)

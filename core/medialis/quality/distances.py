@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
+from medialis.threads import thread_count
 from medialis.validation import FloatArray, IntArray, as_field, as_points
 
 if TYPE_CHECKING:
@@ -101,7 +102,7 @@ def distance_to_surface(queries: ArrayLike, shape: Shape) -> FloatArray:
 
     points = as_points(queries, "queries")
     if shape.faces is None:
-        return np.asarray(cKDTree(shape.points).query(points, workers=-1)[0])
+        return np.asarray(cKDTree(shape.points).query(points, workers=thread_count())[0])
     return NearestTree.of_triangles(shape.points, shape.faces).distances(points)[0]
 
 

@@ -46,9 +46,10 @@ def maximal_balls(
 
     Parameters, result, errors and cost are those of `medialis.surface_skeleton`. Inner balls that
     the tolerance lets through a wall (`hidden_walls`) get the largest of tolerance / 10,
-    tolerance / 100, ... that does not. Inner balls of a mesh that slipped between the samples of a
-    wall are shrunk until its triangles touch them (`shrink_to_triangles`). All others stay the same
-    bits. Messages say how many balls changed.
+    tolerance / 100, ... that does not. Inner balls of a mesh that touch a sample from outside, as
+    they slipped between those of a wall, are shrunk until its triangles touch them
+    (`shrink_to_triangles`). All others stay the same bits, also those at sharp edges of a coarsely
+    sampled plate that touch a sample from inside. Messages say how many balls changed.
 
     Notes
     -----
