@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from medialis._kernels.box_tree import BoxTree, build_box_tree
 from medialis.errors import InvalidShapeError
@@ -38,7 +39,7 @@ class NearestTree:
     faces: IntArray
 
     @classmethod
-    def of_balls(cls, centers: FloatArray, radii: FloatArray) -> NearestTree:
+    def of_balls(cls, centers: ArrayLike, radii: ArrayLike) -> NearestTree:
         """Build the tree of balls.
 
         Raises

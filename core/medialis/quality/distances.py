@@ -89,9 +89,7 @@ def distance_to_balls(
     """
     from medialis._kernels.nearest import NearestTree
 
-    middles = as_points(centers, "centers")
-    tree = NearestTree.of_balls(middles, as_field(radii, len(middles), "radii"))
-    return tree.distances(as_points(queries, "queries"))
+    return NearestTree.of_balls(centers, radii).distances(as_points(queries, "queries"))
 
 
 def distance_to_surface(queries: ArrayLike, shape: Shape) -> FloatArray:
