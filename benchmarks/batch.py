@@ -29,7 +29,7 @@ from medialis.batches.engine import run_jobs
 from medialis.batches.jobs import DONE, Job, Row, plan
 from medialis.batches.table import csv_text
 from medialis.batches.work import run_job
-from medialis.io.ply_attributes import write_ply
+from medialis.files.ply_attributes import write_ply
 
 OPERATIONS = ("surface_skeleton",)
 

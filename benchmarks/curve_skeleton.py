@@ -16,7 +16,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 import medialis
-from medialis.curve_skeletons.curve_skeleton import trace_curve_skeleton
+from medialis.curves.from_balls.curve_skeleton import trace_curve_skeleton
 from medialis.operations.common import refined
 
 HEAD = "name vertices detect regularize reconstruct processor branches V-E components genus centred"
@@ -29,7 +29,7 @@ def main(paths: list[str]) -> None:
     for path in paths:
         shape = refined(medialis.read_shape(path), 0.02, medialis.Progress())
         cloud = medialis.surface_skeleton(shape)
-        paths_of_balls = medialis.geodesic_importance(shape, cloud)
+        paths_of_balls = medialis.geodesic_importance(cloud)
         progress, clock = medialis.Progress(), time.process_time()
         found = trace_curve_skeleton(shape, cloud, paths_of_balls, progress=progress)
         clock = time.process_time() - clock

@@ -55,7 +55,7 @@ def accuracy(names: list[str], count: int) -> list[dict]:
                 {"shape": name, "M": directions, **_errors(found, truth), "seconds": seconds,
                  "exact_seconds": slow}
             )  # fmt: skip
-        relaxed = medialis.geodesic_importance(shape, cloud).length[chosen]
+        relaxed = medialis.geodesic_importance(cloud).length[chosen]
         rows.append({"shape": name, "M": "importance", **_errors(relaxed, truth)})
         print(table(rows[-len(DIRECTIONS) - 1 :]), flush=True)
     return rows
@@ -83,13 +83,13 @@ def speed(names: list[str]) -> list[dict]:
         repeats = 1 if shape.point_count > 300_000 else 3
 
         def importance(p: medialis.Progress, s=shape, c=cloud) -> None:
-            medialis.geodesic_importance(s, c)
+            medialis.geodesic_importance(c)
 
         seconds, _ = best_seconds(importance, repeats)
         with medialis.thread_limit(1):
             single, _ = best_seconds(importance, 1)
         local, _ = best_seconds(lambda p, s=shape, c=cloud: medialis.local_measures(s, c), 3)
-        paths = medialis.geodesic_importance(shape, cloud)
+        paths = medialis.geodesic_importance(cloud)
         rows.append(
             {"shape": name, "points": len(cloud), "importance_s": seconds,
              "speedup_of_threads": single / seconds, "local_measures_s": local,
@@ -119,7 +119,7 @@ def thresholds(names: list[str]) -> list[dict]:
         shape = medialis.read_shape(REAL / f"{name}.ply")
         shape = medialis.refine(shape, 0.02 * shape.diagonal)  # as medialis.run does
         cloud = medialis.surface_skeleton(shape)
-        importance = medialis.geodesic_importance(shape, cloud).length
+        importance = medialis.geodesic_importance(cloud).length
         connected = medialis.connected_importance(shape, cloud, importance)
         for threshold in (0.0, 0.005, 0.01, 0.02, 0.05):
             plain = cloud.subset(medialis.important_points(shape, importance, threshold))
@@ -183,7 +183,7 @@ def noise(names: list[str]) -> list[dict]:
             cloud = medialis.surface_skeleton(shape)
             cloud = cloud.subset(cloud.valid)
             off = 100 * tree.query(cloud.centers)[0] / clean.diagonal
-            importance = medialis.geodesic_importance(shape, cloud).length
+            importance = medialis.geodesic_importance(cloud).length
             count = int(medialis.important_points(shape, importance, 0.1).sum())
             measures = {"importance": importance, **medialis.local_measures(shape, cloud)}
             row: dict = {"shape": name, "noise_percent": 100 * amount, "all": len(cloud),

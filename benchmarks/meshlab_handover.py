@@ -21,9 +21,9 @@ from pathlib import Path
 from typing import Any
 
 import medialis
-from medialis.io.meshes import read_mesh
-from medialis.io.ply_attributes import write_ply
-from medialis.operations.handover import write_for_host
+from medialis.files.meshes import read_mesh
+from medialis.files.ply_attributes import write_ply
+from medialis.hosts.handover import write_for_host
 from medialis.operations.registry import operation
 
 RUNS = 5

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from medialis import InvalidShapeError, Layer, Shape
+from medialis.hosts.handover import shown_colors
 from medialis.model.shape import missing_value
-from medialis.operations.handover import shown_colors
 
 from . import attributes, materials
 from .changes import Changes

@@ -18,9 +18,9 @@ from numpy.typing import ArrayLike, NDArray
 from website.figures_of_chapters_4_to_6 import LATER_FIGURES
 
 import medialis
-from medialis.curve_skeletons.cameras import camera_pairs, sphere_of
-from medialis.curve_skeletons.candidates import tangent_field
-from medialis.curve_skeletons.pairing import pair_points
+from medialis.curves.from_balls.candidates import tangent_field
+from medialis.curves.from_views.cameras import camera_pairs, sphere_of
+from medialis.curves.from_views.pairing import pair_points
 from medialis.operations.pictures import draw_result
 from medialis.render.annotation import contact_sheet
 from medialis.render.camera import Camera
@@ -117,7 +117,7 @@ def figure_3_12() -> Image:
     """Draw the tangents of the geodesics on the skeleton (Eq. 3.2), coloured by direction."""
     shape = medialis.organic_shape(200)
     cloud = medialis.surface_skeleton(shape)
-    paths = medialis.geodesic_importance(shape, cloud)
+    paths = medialis.geodesic_importance(cloud)
     kept = medialis.important_points(shape, paths.length, 0.02)
     tangents = tangent_field(shape, cloud, paths)[kept]
     found = np.isfinite(tangents).all(axis=1)

@@ -7,8 +7,8 @@ import numpy as np
 from scipy.spatial import Delaunay, cKDTree
 
 from medialis.model.shape import Shape
-from medialis.shape.normals import vertex_normals
-from medialis.shape.refinement import refine
+from medialis.surface.normals import vertex_normals
+from medialis.surface.refinement import refine
 
 
 @dataclass(frozen=True)

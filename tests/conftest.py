@@ -8,6 +8,8 @@ from pathlib import Path
 
 import pytest
 
+import medialis
+
 REAL_SHAPES = Path(__file__).resolve().parents[2] / "shared" / "shapes"
 
 
@@ -26,3 +28,10 @@ def ctrl_c() -> Iterator[None]:
     signal.signal(signal.SIGINT, signal.default_int_handler)
     yield
     signal.signal(signal.SIGINT, before)
+
+
+@pytest.fixture(autouse=True)
+def nothing_kept() -> Iterator[None]:
+    """Compute all results anew: a test that compares two runs must not find the first one again."""
+    with medialis.memory_limit(0):
+        yield

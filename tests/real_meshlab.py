@@ -165,7 +165,7 @@ def filter_script(operation: Operation, path: Path, values: Mapping[str, Any]) -
 
 def medialis_points(path: Path) -> np.ndarray:
     """Points of a mesh file."""
-    from medialis.io.meshes import read_mesh
+    from medialis.files.meshes import read_mesh
 
     return read_mesh(path).points
 

@@ -32,7 +32,7 @@ LAYERS = [
 COMPUTE = """\
 import numpy as np
 from medialis.model.shape import Shape
-from medialis.surface_skeletons.subsampling import uniform_subsample
+from medialis.balls.subsampling import uniform_subsample
 from medialis.model.medial_cloud import MedialCloud
 k = np.arange(3)
 cloud = MedialCloud(np.eye(3) * [[0], [0], [9]], np.ones(3), np.stack([k, k], 1), k, 0 * k,
@@ -111,7 +111,7 @@ def test_only_kernel_modules_import_numba(path):
 
 
 def test_importing_the_package_loads_no_compiled_code():
-    code = "import sys, medialis, medialis.cli; sys.exit('numba' in sys.modules)"
+    code = "import sys, medialis, medialis.cli.commands; sys.exit('numba' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code]).returncode == 0
 
 
@@ -208,6 +208,6 @@ def test_unwritable_cache_still_computes(tmp_path):
 
 
 def test_kernels_release_the_lock():
-    from medialis.surface_skeletons._ball_kernels import shrink_balls
+    from medialis.balls._ball_kernels import shrink_balls
 
     assert shrink_balls.targetoptions["nogil"]

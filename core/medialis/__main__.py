@@ -2,6 +2,6 @@
 
 import sys
 
-from medialis.cli import main
+from medialis.cli.commands import main
 
 sys.exit(main())

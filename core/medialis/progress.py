@@ -9,8 +9,10 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from types import MappingProxyType
+from typing import Any, Self
 
 from medialis.errors import Cancelled
 
@@ -18,6 +20,44 @@ logger = logging.getLogger("medialis")
 logger.addHandler(logging.NullHandler())  # silent unless the host configures a log
 
 ProgressCallback = Callable[[float, str], "bool | None"]
+
+
+class Message(str):
+    """A sentence for the user that programs can read as well.
+
+    Attributes
+    ----------
+    code : str
+        What it is about, such as "refined": the same for every shape and in every version.
+    data : dict
+        The counts and measures that the sentence tells.
+    level : int
+        Of `logging`: INFO, or WARNING where the user may want to do something.
+
+    Examples
+    --------
+    >>> message = Message("2 of 8 faces were dropped.", "dropped", faces=2, of=8)
+    >>> message, message.code, message.data["faces"]
+    ('2 of 8 faces were dropped.', 'dropped', 2)
+    """
+
+    code: str
+    data: Mapping[str, Any]
+    level: int
+
+    def __new__(cls, text: str, code: str = "", level: int = logging.INFO, **data: Any) -> Self:
+        """Make a sentence with its code and data."""
+        made = super().__new__(cls, text)
+        made.code, made.level, made.data = code, level, MappingProxyType(data)
+        return made
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Let messages go to other processes with all they carry."""
+        return _message, (str(self), self.code, self.level, dict(self.data))
+
+
+def _message(text: str, code: str, level: int, data: dict[str, Any]) -> Message:
+    return Message(text, code, level, **data)
 
 
 class Progress:
@@ -32,7 +72,7 @@ class Progress:
     ----------
     seconds : dict
         Seconds that each named stage took.
-    messages : list of str
+    messages : list of Message
         Sentences for the user: what was repaired, refined, masked. They go to the log as well.
     """
 
@@ -43,16 +83,16 @@ class Progress:
         self._text = ""
         self._reached = 0.0
         self.seconds: dict[str, float] = {}
-        self.messages: list[str] = []
+        self.messages: list[Message] = []
 
     @classmethod
     def of(cls, progress: Progress | ProgressCallback | None) -> Progress:
         """Wrap a plain callback; an existing Progress is returned as it is."""
         return progress if isinstance(progress, Progress) else cls(progress)
 
-    def note(self, text: str, *, level: int = logging.INFO) -> None:
-        """Record a sentence for the user and log it."""
-        self.messages.append(text)
+    def note(self, text: str, code: str = "", *, level: int = logging.INFO, **data: Any) -> None:
+        """Record a sentence for the user, with its code and its counts, and log it."""
+        self.messages.append(Message(text, code, level, **data))
         logger.log(level, text)
 
     def update(self, fraction: float, text: str | None = None) -> None:

@@ -35,6 +35,19 @@ def frozen(array: NDArray[Any], dtype: Any) -> NDArray[Any]:
     return result
 
 
+def owned(array: NDArray[Any]) -> NDArray[Any]:
+    """Return an array that nobody can write to: itself, or a copy where somebody could."""
+    base: Any = array
+    while isinstance(base, np.ndarray):
+        if base.flags.writeable:
+            array = array.copy()
+            break
+        base = base.base
+    array = np.ascontiguousarray(array)
+    array.flags.writeable = False
+    return array
+
+
 def _numeric(values: ArrayLike, name: str, wanted: str) -> NDArray[Any]:
     try:
         array = np.asarray(values)

@@ -78,7 +78,7 @@ def filter_values(
         diagonal = math.hypot(*np.ptp(points, axis=0))
     given = checked(chosen, parameters)
     add = given.pop(ADD_SAMPLES.name, ADD_SAMPLES.default)
-    values = chosen.resolve(with_fractions(chosen, given, diagonal))
+    values = chosen.resolve(with_fractions(chosen, given, diagonal)).values()
     for parameter in chosen.parameters:
         if parameter.kind is Kind.LENGTH:
             values[parameter.name] *= diagonal

@@ -23,8 +23,8 @@ from medialis.batches.lock import locked_folder
 from medialis.batches.page import html_text
 from medialis.batches.table import csv_text, write_table
 from medialis.batches.work import run_job
-from medialis.cli import main
-from medialis.io.ply_attributes import write_ply
+from medialis.cli.commands import main
+from medialis.files.ply_attributes import write_ply
 from medialis.render.png import read_png
 from mortal_work import mortal_work
 

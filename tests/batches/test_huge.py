@@ -31,7 +31,7 @@ def test_the_same_bits_as_the_single_run(sampled, tmp_path, monkeypatch, toleran
     monkeypatch.setattr(mapped_files, "ROWS_A_BLOCK", 700)
     monkeypatch.setattr("medialis._kernels.box_tree.ROWS_A_BLOCK", 900)
     shape = medialis.Shape(*sampled)
-    single = medialis.surface_skeleton(shape, tolerance=tolerance)
+    single = medialis.shrink_balls(shape, tolerance=tolerance)
     cloud = medialis.huge_surface_skeleton(*sampled, tmp_path / "out", tolerance=tolerance)
     same_bits(cloud, single)
     same_bits(medialis.open_medial_cloud(tmp_path / "out"), single)
@@ -57,7 +57,7 @@ def test_files_as_input_and_a_cluster_of_two_workers(sampled, tmp_path, monkeypa
             tmp_path / "out",
             scheduler=local.scheduler_address,
         )
-    same_bits(cloud, medialis.surface_skeleton(medialis.Shape(*sampled)))
+    same_bits(cloud, medialis.shrink_balls(medialis.Shape(*sampled)))
 
 
 def test_cancelling_leaves_nothing(sampled, tmp_path):

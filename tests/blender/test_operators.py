@@ -9,7 +9,7 @@ import pytest
 bpy = pytest.importorskip("bpy", reason="bpy is not installed: make hosts")
 import medialis
 from blender_scenes import add_mesh, add_object, counts, groups_of, read_back
-from medialis.io.meshes import read_mesh
+from medialis.files.meshes import read_mesh
 from medialis.operations.declaration import Kind
 from medialis.operations.registry import OPERATIONS, operation
 
@@ -156,7 +156,7 @@ def test_undo_takes_the_result_back_and_redo_brings_it(scene):
     bpy.ops.ed.undo_push(message="before")
     before, names = counts(), sorted(bpy.data.objects["cube"].data.attributes.keys())
     bpy.ops.medialis.thickness("EXEC_DEFAULT", True)
-    bpy.ops.medialis.surface_skeleton("EXEC_DEFAULT", True)
+    bpy.ops.medialis.shrink_balls("EXEC_DEFAULT", True)
     after = counts()
     bpy.ops.ed.undo()
     bpy.ops.ed.undo()

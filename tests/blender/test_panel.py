@@ -134,7 +134,7 @@ def test_every_operation_has_its_button_and_options(draw):
 def test_the_result_has_sliders_and_a_summary(draw):
     add_mesh("cube", CUBE, QUADS)
     assert "medialis.show_colors" not in draw()
-    bpy.ops.medialis.surface_skeleton()
+    bpy.ops.medialis.shrink_balls()
     drawn = draw()
     assert {"Threshold", "Size", "Balls", "Source", "medialis.show_colors"} <= set(drawn)
     assert any(text.startswith("Surface skeleton of cube:") for text in drawn)
@@ -255,7 +255,7 @@ def test_showing_colors_sets_the_view(scene):
         active = bpy.context.view_layer.objects.active
         return SimpleNamespace(active_object=active, space_data=space)
 
-    bpy.ops.medialis.surface_skeleton()
+    bpy.ops.medialis.shrink_balls()
     assert show.poll(context()) and show.execute(None, context()) == {"FINISHED"}
     assert shading.type == "MATERIAL" and bpy.data.objects["cube"].display_type == "WIRE"
     bpy.context.view_layer.objects.active = bpy.data.objects["cube"]

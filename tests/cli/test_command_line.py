@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 
 import medialis
-from medialis.arguments import with_dashes
-from medialis.cli import main
-from medialis.io.ply_attributes import read_ply_attributes, write_ply
-from medialis.io.results import read_npz
+from medialis.cli.arguments import with_dashes
+from medialis.cli.commands import main
+from medialis.files.ply_attributes import read_ply_attributes, write_ply
+from medialis.files.results import read_npz
 from medialis.operations.registry import OPERATIONS
 
 
@@ -300,7 +300,7 @@ def test_an_unwritable_output_is_refused_before_the_work(creature, capsys):
 
 def test_help_and_list_load_no_compiled_code():
     code = (
-        "import sys; from medialis.cli import main; main(['list']);"
+        "import sys; from medialis.cli.commands import main; main(['list']);"
         "assert not {'numba', 'scipy'} & set(sys.modules), 'loaded'"
     )
     subprocess.run([sys.executable, "-c", code], check=True, capture_output=True)

@@ -9,7 +9,7 @@ from medialis import display
 def clock(monkeypatch):
     """A clock that the test sets."""
     now = [100.0]
-    monkeypatch.setattr("medialis.display.time.monotonic", lambda: now[0])
+    monkeypatch.setattr("medialis.cli.display.time.monotonic", lambda: now[0])
     return now
 
 

@@ -10,9 +10,9 @@ from pathlib import Path
 import pytest
 
 from medialis import doctor
-from medialis.cli import main
-from medialis.machine import EXTENSION, Machine
-from medialis.meshlab_install import PROGRAM_NOTE
+from medialis.cli.commands import main
+from medialis.cli.machine import EXTENSION, Machine
+from medialis.cli.meshlab_install import PROGRAM_NOTE
 
 posix = pytest.mark.skipif(os.name == "nt", reason="plays programs by shell scripts")
 

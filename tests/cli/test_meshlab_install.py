@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 
 import medialis
-from medialis.cli import main
-from medialis.machine import Machine
-from medialis.meshlab_install import BUILD_NOTE, PROGRAM_NOTE, build_of, find_built, install
+from medialis.cli.commands import main
+from medialis.cli.machine import Machine
+from medialis.cli.meshlab_install import BUILD_NOTE, PROGRAM_NOTE, build_of, find_built, install
 
 
 @pytest.fixture

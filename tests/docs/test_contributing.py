@@ -11,7 +11,7 @@ from code_blocks import blocks, run_bash
 from extended_checkout import NAME, PAGE, extended_checkout, python_path, run_in
 
 import medialis
-from medialis.io.ply_attributes import read_ply_attributes, write_ply
+from medialis.files.ply_attributes import read_ply_attributes, write_ply
 
 
 @pytest.fixture(scope="module")

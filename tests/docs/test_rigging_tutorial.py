@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from medialis.cli import main
+from medialis.cli.commands import main
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "tutorials" / "rigging.md"
 

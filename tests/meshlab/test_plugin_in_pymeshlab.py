@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import medialis
-from medialis.io.ply_attributes import write_ply
+from medialis.files.ply_attributes import write_ply
 from medialis.operations.registry import OPERATIONS
 from real_meshlab import NEW_SOURCE, PROJECT, build_plugin, medialis_program
 

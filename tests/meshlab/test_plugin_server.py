@@ -9,9 +9,9 @@ import pytest
 
 import closed_forms as forms
 import medialis
-from medialis.io.meshes import read_mesh
-from medialis.io.ply_attributes import read_ply_attributes, write_ply
-from medialis.operations.handover import layer_colors
+from medialis.files.meshes import read_mesh
+from medialis.files.ply_attributes import read_ply_attributes, write_ply
+from medialis.hosts.handover import layer_colors
 from medialis.operations.registry import OPERATIONS, operation
 from real_meshlab import MeshLab, make_meshlab, x_server
 

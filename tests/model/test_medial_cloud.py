@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import closed_forms as forms
+from medialis.balls.ball_shrinking import shrink_balls as surface_skeleton
 from medialis.errors import InvalidShapeError
 from medialis.model.medial_cloud import BallStatus, MedialCloud
-from medialis.surface_skeletons.ball_shrinking import surface_skeleton
 
 NAMES = [field.name for field in fields(MedialCloud)]
 
@@ -69,7 +69,7 @@ def test_inverse_features():
 def test_inverse_features_invert_the_features():
     cloud = surface_skeleton(forms.capsule(500).shape, side="both")
     n = 750
-    rows = cloud.inverse_features(n)
+    rows = cloud.inverse_features
     assert rows.lengths.sum() == 2 * cloud.valid.sum()
     for sample in range(n):
         assert ((cloud.features[rows[sample]] == sample).sum(axis=1) == 1).all()

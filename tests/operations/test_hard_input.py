@@ -7,9 +7,9 @@ import pytest
 
 import closed_forms as forms
 import medialis
+from medialis.hosts.handover import layer_colors
 from medialis.model.curve_skeleton import CurveSkeleton
 from medialis.operations.common import summary
-from medialis.operations.handover import layer_colors
 from medialis.operations.result import Outcome
 from medialis.render.colors import value_range
 

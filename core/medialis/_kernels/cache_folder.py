@@ -19,7 +19,7 @@ PACKAGE = Path(__file__).resolve().parent.parent
 
 def kernel_sources() -> list[Path]:
     """Return every kernel source file of the package, in a fixed order."""
-    return sorted([*PACKAGE.glob("_kernels/*.py"), *PACKAGE.glob("*/_*_kernels.py")])
+    return sorted([*PACKAGE.glob("_kernels/*.py"), *PACKAGE.rglob("_*_kernels.py")])
 
 
 def user_cache() -> Path:

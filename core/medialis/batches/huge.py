@@ -18,19 +18,19 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from medialis.batches.mapped_files import MEASURES, RESULTS, Files, blocks
-from medialis.batches.ranges import shrink_chunks, shrink_there
-from medialis.errors import FileError, InvalidShapeError
-from medialis.io.output_folder import OutputFolder
-from medialis.model.medial_cloud import MedialCloud
-from medialis.progress import Progress, ProgressCallback
-from medialis.regularization.importance import measures_of_points
-from medialis.surface_skeletons.ball_shrinking import (
+from medialis.balls.ball_shrinking import (
     DEFAULT_TOLERANCE,
     LARGEST_RADIUS,
     Shrinking,
     shrink_options,
 )
+from medialis.batches.mapped_files import MEASURES, RESULTS, Files, blocks
+from medialis.batches.ranges import shrink_chunks, shrink_there
+from medialis.errors import FileError, InvalidShapeError
+from medialis.files.output_folder import OutputFolder
+from medialis.geodesics.importance import measures_of_points
+from medialis.model.medial_cloud import Balls
+from medialis.progress import Progress, ProgressCallback
 from medialis.validation import as_normals, as_number, as_points
 
 if TYPE_CHECKING:
@@ -46,7 +46,7 @@ def huge_surface_skeleton(
     largest_radius: float = LARGEST_RADIUS,
     scheduler: str | None = None,
     progress: Progress | ProgressCallback | None = None,
-) -> MedialCloud:
+) -> Balls:
     """Compute the inner surface skeleton of a cloud that is larger than the memory likes.
 
     The same numbers as `medialis.surface_skeleton`, bit for bit. All large arrays live in files of
@@ -57,7 +57,7 @@ def huge_surface_skeleton(
     points, normals : (n, 3) float64 array, or the path of a .npy file of one
         Samples with unit outward normals; a path is mapped, not read.
     folder : path
-        For the results: one .npy file for each array of a `MedialCloud`, opened again by
+        For the results: one .npy file for each array of a `medialis.Balls`, opened again by
         `open_medial_cloud`, and feature_radius.npy and radius_ratio.npy, the other measures of
         `medialis.local_measures`.
     tolerance, largest_radius : float
@@ -70,7 +70,7 @@ def huge_surface_skeleton(
 
     Returns
     -------
-    MedialCloud
+    Balls
         Its arrays are mapped from the files.
 
     Raises
@@ -118,7 +118,7 @@ def huge_surface_skeleton(
     return open_medial_cloud(folder)
 
 
-def open_medial_cloud(folder: str | os.PathLike[str]) -> MedialCloud:
+def open_medial_cloud(folder: str | os.PathLike[str]) -> Balls:
     """Open the result of `huge_surface_skeleton`; arrays are mapped, nothing is read yet.
 
     Raises
@@ -128,7 +128,7 @@ def open_medial_cloud(folder: str | os.PathLike[str]) -> MedialCloud:
     """
     try:
         arrays = {n: np.load(Path(folder) / f"{n}.npy", mmap_mode="r") for n in RESULTS}
-        return MedialCloud(**arrays)
+        return Balls(**arrays)
     except (OSError, ValueError) as error:
         raise FileError(f"Cannot read a medial cloud in {os.fspath(folder)}: {error}.") from None
 
@@ -197,7 +197,7 @@ def _measure(points: NDArray[np.float64], files: Files, results: dict[str, NDArr
     n = len(points)
     out = {name: files.result(name, (n,), np.float64) for name in MEASURES}
     for here in blocks(n):
-        cloud = MedialCloud(**{name: results[name][here] for name in RESULTS})
+        cloud = Balls(**{name: results[name][here] for name in RESULTS})
         found = measures_of_points(points, cloud)
         for name in MEASURES:
             out[name][here] = found[name]

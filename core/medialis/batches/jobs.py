@@ -17,7 +17,7 @@ from medialis.version import package_version
 
 DONE, FAILED = "done", "failed"
 REPORT = "report.html"
-"""The page of `medialis.quality.report.report_texts`."""
+"""The page of `medialis.reports.report.report_texts`."""
 
 
 @dataclass(frozen=True)
@@ -173,7 +173,7 @@ def plan(
     chosen = {}
     for name in operations:
         found = operation(name)
-        chosen[found.name] = found.resolve(given.pop(name, given.pop(found.name, {})))
+        chosen[found.name] = found.resolve(given.pop(name, given.pop(found.name, {}))).values()
     if not chosen:
         raise InvalidOptionError("A batch needs at least one operation, got none.")
     if given:

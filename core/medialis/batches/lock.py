@@ -9,7 +9,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from medialis.errors import FileError
-from medialis.io._files import reason
+from medialis.files._files import reason
 
 LOCK = ".medialis-batch"
 

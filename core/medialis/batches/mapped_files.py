@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from medialis.errors import FileError
-from medialis.io._files import reason
+from medialis.files._files import reason
 
 ROWS_A_BLOCK = 1 << 20
 """What is checked, scaled or copied at a time: 24 MB of coordinates."""

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from medialis.balls.ball_shrinking import SAMPLES_A_CHUNK, Shrinking
 from medialis.batches.engine import cluster, hand_out
 from medialis.batches.mapped_files import Files, as_plain
 from medialis.errors import FileError
 from medialis.progress import Progress
-from medialis.surface_skeletons.ball_shrinking import SAMPLES_A_CHUNK, Shrinking
 from medialis.threads import run_chunks
 
 if TYPE_CHECKING:

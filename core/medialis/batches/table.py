@@ -11,7 +11,7 @@ from pathlib import Path
 from medialis.batches.files import TABLES
 from medialis.batches.jobs import Row
 from medialis.batches.page import html_text
-from medialis.io._files import complete_file
+from medialis.files._files import complete_file
 
 FIRST = ("shape", "operation", "status", "seconds", "file", "sentence")
 

@@ -11,12 +11,12 @@ from pathlib import Path
 
 from medialis.batches.jobs import Job, Row, stamp
 from medialis.errors import Cancelled, MedialisError
-from medialis.io.results import json_text
+from medialis.files.results import json_text
 from medialis.model.shape import Shape
 from medialis.operations.registry import run
 from medialis.operations.writing import write_result
-from medialis.progress import Progress
-from medialis.shape.reading import read_shape
+from medialis.progress import Message, Progress
+from medialis.surface.reading import read_shape
 from medialis.threads import thread_limit
 
 logger = logging.getLogger(__name__)
@@ -29,7 +29,7 @@ class Source:
     """A shape as it was read, and what identifies its file."""
 
     shape: Shape
-    messages: tuple[str, ...]
+    messages: tuple[Message, ...]
     seconds: float
     stamp: list[str | int]
 
@@ -73,7 +73,7 @@ def _run_operation(job: Job, name: str, source: Source) -> Row:
     result = run(name, source.shape, threads=job.threads, progress=progress, **job.operations[name])
     texts = None
     if job.report:
-        from medialis.quality.report import report_texts
+        from medialis.reports.report import report_texts
 
         texts = report_texts(result, source=job.file)
     progress.seconds["total"] = source.seconds + time.perf_counter() - clock

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import IntEnum
 
 import numpy as np
 from numpy.typing import NDArray
 
 from medialis.errors import InvalidShapeError
+from medialis.kept import Bound
+from medialis.model.medial_cloud import MedialCloud
 from medialis.validation import FloatArray, frozen
 
 
@@ -27,8 +29,8 @@ class PathStatus(IntEnum):
     """Along edges to the ends of a neighbouring path, and along that; shorter than its own."""
 
 
-@dataclass(frozen=True, eq=False)
-class GeodesicPaths:
+@dataclass(frozen=True, eq=False, repr=False)
+class GeodesicPaths(Bound):
     """One geodesic for each of k pairs of vertices.
 
     Attributes
@@ -73,3 +75,19 @@ class GeodesicPaths:
     def reached(self) -> NDArray[np.bool_]:
         """True where a path was found, (k,)."""
         return self.status != PathStatus.NONE
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({len(self)} paths, {int(self.reached.sum())} found)"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Importance(GeodesicPaths):
+    """Geodesics between the feature points of the balls of a cloud: their lengths are importance.
+
+    Attributes
+    ----------
+    cloud : MedialCloud
+        The k skeleton points.
+    """
+
+    cloud: MedialCloud = field(kw_only=True)

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields, replace
 from enum import IntEnum
 from functools import cached_property
+from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from medialis.errors import InvalidShapeError
+from medialis.kept import Bound
 from medialis.model.ragged import Ragged
+from medialis.model.shape import Shape
 from medialis.validation import FloatArray, IntArray, frozen
 
 
@@ -25,9 +28,9 @@ class BallStatus(IntEnum):
     """The sample has no normal, so no ball can be started: center and radius are NaN."""
 
 
-@dataclass(frozen=True, eq=False)
-class MedialCloud:
-    """Skeleton points: one ball for each surface sample and side (thesis 3.2).
+@dataclass(frozen=True, eq=False, repr=False)
+class Balls(Bound):
+    """Rows of balls: what a `MedialCloud` holds, without the surface that they touch.
 
     Row i keeps its place whatever became of it; use `valid` to select the true medial balls.
 
@@ -38,9 +41,9 @@ class MedialCloud:
     radii : (k,) float64
         Ball radii, same units.
     features : (k, 2) int32
-        Feature points f1, f2: indices into ``Shape.points``; f2 is -1 where the status is not OK.
-        Behind walls of a mesh that are thinner than the samples are apart, operations take for f2
-        the corner nearest to the place of the triangle that the ball touches.
+        Feature points f1, f2: samples, by their index; f2 is -1 where the status is not OK. Behind
+        walls of a mesh that are thinner than the samples are apart, f2 is the corner nearest to the
+        place of the triangle that the ball touches.
     source : (k,) int32
         The sample whose ball this is (equal to f1).
     status : (k,) int8
@@ -89,18 +92,59 @@ class MedialCloud:
         """True where the ball is maximal with two feature points, (k,)."""
         return frozen(self.status == BallStatus.OK, np.bool_)
 
-    def subset(self, rows: ArrayLike) -> MedialCloud:
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({len(self)} balls, {int(self.valid.sum())} valid)"
+
+    def subset(self, rows: ArrayLike) -> Self:
         """Return the rows that a boolean mask or an index array selects, all arrays aligned."""
         selection = np.asarray(rows)
         if selection.size == 0:  # an empty list is an array of floats, which cannot index
             selection = selection.astype(selection.dtype if selection.dtype == bool else np.int64)
-        return MedialCloud(**{f.name: getattr(self, f.name)[selection] for f in fields(self)})
+        return replace(self, **{name: getattr(self, name)[selection] for name in COLUMNS})
 
-    def inverse_features(self, point_count: int) -> Ragged:
-        """Return, for each of the `point_count` samples, the valid skeleton points that touch it.
 
-        Source: thesis 3.5.1 (inverse feature transform).
-        """
+COLUMNS = tuple(f.name for f in fields(Balls))
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class MedialCloud(Balls):
+    """Skeleton points: one ball for each surface sample and side (thesis 3.2).
+
+    Its arrays are those of `Balls`.
+
+    Attributes
+    ----------
+    surface : Shape
+        The samples that the balls touch: the surface as computed on, smoothed and refined where
+        that was needed. Features and sources index its points.
+
+    Raises
+    ------
+    InvalidShapeError
+        When the arrays do not fit together, or touch samples that the surface does not have.
+    """
+
+    surface: Shape = field(kw_only=True)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        highest = max(int(self.features.max(initial=-1)), int(self.source.max(initial=-1)))
+        if highest >= self.surface.point_count:
+            raise InvalidShapeError(
+                f"The balls touch sample {highest}, but the surface has "
+                f"{self.surface.point_count}: give the surface that they were computed from."
+            )
+
+    @cached_property
+    def whole(self) -> bool:
+        """True when row i is the inner ball of sample i, for all n samples."""
+        n = self.surface.point_count
+        own = len(self) == n and not (self.side < 0).any()
+        return own and bool((self.source == np.arange(n)).all())
+
+    @cached_property
+    def inverse_features(self) -> Ragged:
+        """For each sample the valid skeleton points that touch it (thesis 3.5.1)."""
         features = np.where(self.valid[:, None], self.features, -1)
-        touching = Ragged.group(features.ravel(), point_count)
+        touching = Ragged.group(features.ravel(), self.surface.point_count)
         return Ragged(touching.offsets, touching.indices // 2)

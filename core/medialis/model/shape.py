@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass
-from functools import cached_property
+import hashlib
+from collections.abc import Hashable
+from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from medialis.errors import InvalidShapeError
-from medialis.validation import FloatArray, IntArray, as_faces, as_normals, as_points, frozen
+from medialis.model.surface import Surface
+from medialis.validation import FloatArray, IntArray, as_faces, as_normals, as_points, owned
 
 if TYPE_CHECKING:
     from medialis.model.diagnosis import Diagnosis
@@ -22,12 +23,13 @@ def missing_value(values: NDArray[Any]) -> float | int:
     return {"f": np.nan, "i": -1}.get(np.asarray(values).dtype.kind, 0)
 
 
-@dataclass(frozen=True, eq=False)
-class Shape:
+@dataclass(frozen=True, eq=False, repr=False)
+class Shape(Surface):
     """A sampled surface: the input of every operation.
 
     Built directly it checks its arrays and takes them as they are; `medialis.make_shape` estimates
-    missing normals and `medialis.read_shape` repairs a file first.
+    missing normals and `medialis.read_shape` repairs a file first. A shape never changes: arrays
+    that the caller could still write to are copied.
 
     Attributes
     ----------
@@ -66,11 +68,11 @@ class Shape:
     face_map: IntArray | None = None
 
     def __post_init__(self) -> None:
-        points = as_points(self.points)
+        points = owned(as_points(self.points))
         object.__setattr__(self, "points", points)
-        object.__setattr__(self, "normals", as_normals(self.normals, len(points)))
+        object.__setattr__(self, "normals", owned(as_normals(self.normals, len(points))))
         if self.faces is not None:
-            faces = as_faces(self.faces, len(points))
+            faces = owned(as_faces(self.faces, len(points)))
             object.__setattr__(self, "faces", faces if len(faces) else None)
         for name, count in (
             ("origin", len(points)),
@@ -84,7 +86,28 @@ class Shape:
                     raise InvalidShapeError(
                         f"{name} must have shape ({count},), got {np.shape(value)}."
                     )
-                object.__setattr__(self, name, frozen(np.asarray(value), np.int32))
+                object.__setattr__(self, name, owned(np.asarray(value, np.int32)))
+
+    @property
+    def identity(self) -> Hashable:
+        """A checksum of all that the shape holds: equal shapes share what is kept."""
+        known = self.__dict__.get("_identity")
+        if known is None:
+            digest = hashlib.blake2b(digest_size=20)
+            for one in fields(self):
+                value = getattr(self, one.name)
+                if isinstance(value, np.ndarray):
+                    digest.update(f"{one.name} {value.shape} {value.dtype}".encode())
+                    digest.update(value.data)
+                else:
+                    digest.update(f"{one.name} {value!r}".encode())
+            known = digest.digest()
+            self.__dict__["_identity"] = known
+        return known
+
+    def __repr__(self) -> str:
+        faces = "a cloud" if self.faces is None else f"{self.face_count} faces"
+        return f"Shape({self.point_count} points, {faces}, diagonal {self.diagonal:.6g})"
 
     def on_input_points(self, values: NDArray[Any], missing: Any = None) -> NDArray[Any]:
         """Bring values of the points back to the vertices of the input before repair.
@@ -132,98 +155,3 @@ class Shape:
         result = np.full((count, *np.shape(values)[1:]), missing, values.dtype)
         result[self.face_map] = values
         return result
-
-    @property
-    def point_count(self) -> int:
-        """Number of samples n."""
-        return len(self.points)
-
-    @property
-    def face_count(self) -> int:
-        """Number of triangles m (0 for a point cloud)."""
-        return 0 if self.faces is None else len(self.faces)
-
-    @cached_property
-    def bounds(self) -> tuple[FloatArray, FloatArray]:
-        """Lower and upper corner of the bounding box, two (3,) arrays."""
-        low, high = self.points.min(axis=0), self.points.max(axis=0)
-        return frozen(low, np.float64), frozen(high, np.float64)
-
-    @cached_property
-    def diagonal(self) -> float:
-        """Length of the bounding-box diagonal: the unit of every length option."""
-        low, high = self.bounds
-        return math.hypot(*(high - low))  # the square of 1e-200 would be 0
-
-    @cached_property
-    def edges(self) -> IntArray:
-        """Undirected edges (e, 2), lower index first, in ascending order; empty for a cloud.
-
-        A face that names a vertex twice has no edge from the vertex to itself.
-        """
-        if self.faces is None:
-            return frozen(np.empty((0, 2)), np.int32)
-        half = np.sort(self.faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
-        half = half[half[:, 0] != half[:, 1]]
-        keys = half[:, 0].astype(np.int64) * self.point_count + half[:, 1]
-        keys.sort()  # numpy.unique hashes integers, which is five times slower here
-        keys = keys[np.r_[True, keys[1:] != keys[:-1]][: len(keys)]]
-        return frozen(np.stack(divmod(keys, self.point_count), axis=1), np.int32)
-
-    @cached_property
-    def spacing(self) -> float:
-        """Mean distance of neighbouring samples: the mean edge length.
-
-        For a cloud, or a mesh whose vertices carry no edges, it is the mean distance to the
-        nearest other sample (0 when all samples coincide).
-        """
-        if len(self.edges):
-            ends = self.points[self.edges]
-            return float(np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1).mean())
-        if self.point_count < 2:
-            return 0.0
-        from scipy.spatial import cKDTree
-
-        return float(cKDTree(self.points).query(self.points, k=2)[0][:, 1].mean())
-
-    @cached_property
-    def edge_twins(self) -> IntArray:
-        """The same edge in the neighbouring face, (3m,): half-edge 3 f + j is side j of face f.
-
-        Side j runs from corner j to corner j + 1. -1 at a border, at a non-manifold edge (three or
-        more faces) and where a face that names a vertex twice meets itself.
-        """
-        result = np.full(3 * self.face_count, -1, np.int32)
-        if self.faces is not None:
-            half = np.sort(self.faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
-            keys = half[:, 0].astype(np.int64) * self.point_count + half[:, 1]
-            order = np.argsort(keys, kind="stable")
-            sorted_keys = keys[order]
-            first = np.flatnonzero(np.r_[True, sorted_keys[1:] != sorted_keys[:-1]])
-            pairs = first[np.diff(np.r_[first, len(keys)]) == 2]
-            a, b = order[pairs], order[pairs + 1]
-            a, b = a[a // 3 != b // 3], b[a // 3 != b // 3]
-            result[a], result[b] = b, a
-        return frozen(result, np.int32)
-
-    @cached_property
-    def face_adjacency(self) -> IntArray:
-        """Face across each side, (m, 3); side j joins corners j and j + 1; -1: see `edge_twins`."""
-        twins = self.edge_twins.reshape(-1, 3)
-        return frozen(np.where(twins < 0, -1, twins // 3), np.int32)
-
-    @cached_property
-    def components(self) -> IntArray:
-        """Connected component of each sample, (n,), numbered by their lowest vertex.
-
-        Faces connect their corners. In a cloud every sample has number 0.
-        """
-        if self.faces is None:
-            return frozen(np.zeros(self.point_count), np.int32)
-        from scipy.sparse import coo_array
-        from scipy.sparse.csgraph import connected_components
-
-        a, b = self.edges.T
-        n = self.point_count
-        graph = coo_array((np.ones(len(a), np.int8), (a, b)), shape=(n, n))
-        return frozen(connected_components(graph, directed=False)[1], np.int32)

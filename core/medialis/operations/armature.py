@@ -2,41 +2,96 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from medialis.curve_skeletons.bones import (
-    DEFAULT_BLEND,
-    DEFAULT_BONE_LENGTH,
-    DEFAULT_SHORTEST,
-    bones,
-)
-from medialis.curve_skeletons.skinning import DEFAULT_SMOOTHING, skin_weights
+from medialis.balls.surface_skeleton import Preparation
 from medialis.model.armature import Bones, SkinWeights
 from medialis.model.shape import Shape
 from medialis.operations import curve_skeleton
-from medialis.operations.declaration import Kind, Operation, Parameter
+from medialis.operations.declaration import Operation
 from medialis.operations.result import Layer, Outcome
+from medialis.options import length, number
 from medialis.progress import Progress
+from medialis.rigging.bones import (
+    bones,
+)
+from medialis.rigging.skinning import skin_weights
 
-_OF_CURVE = {parameter.name: parameter for parameter in curve_skeleton.OPERATION.parameters}
+
+@dataclass(frozen=True, kw_only=True)
+class ArmatureRun(Preparation):
+    """Options of the operation `armature`."""
+
+    threshold: float = length(
+        0.04,
+        "Importance",
+        "Branches end where the surface that hangs on them is smaller than a square "
+        "with this fraction of the size as its side. Larger values remove small "
+        "details.",
+    )
+    bone_length: float = length(
+        0.12,
+        "Bone length",
+        "Longer branches are split into equal bones, none longer than this fraction of the size.",
+        low=0.001,
+    )
+    blend: float = number(
+        1.0,
+        "Blend",
+        "How far from a joint the weights pass over from one bone to the next, times "
+        "the radius there. 0 is stiff.",
+        high=10.0,
+    )
+    shortest: float = number(
+        1.0,
+        "Shortest limb",
+        "Branches shorter than this times the radius where they begin get no bone.",
+        high=10.0,
+        advanced=True,
+    )
+    skin_smoothing: float = number(
+        0.3,
+        "Skin smoothing",
+        "Weights are smoothed along the surface over this times the radius.",
+        high=10.0,
+        advanced=True,
+    )
+    smoothing: float = number(
+        0.7,
+        "Smoothing",
+        "Bends shorter than this times the radius are smoothed. 0 leaves the zigzag "
+        "of the samples.",
+        high=10.0,
+    )
+    candidates: float = length(
+        0.015,
+        "Candidates",
+        "Skeleton points are candidates when geodesics of this fraction of the size "
+        "start from them to opposite sides. Smaller values find thinner limbs, and "
+        "more noise.",
+        low=0.0001,
+        advanced=True,
+    )
 
 
-def run(shape: Shape, parameters: Mapping[str, Any], progress: Progress) -> Outcome:
+def run(shape: Shape, options: ArmatureRun, progress: Progress) -> Outcome:
     """Find the curve skeleton, lay bones along it, compute the weights."""
     with progress.stage("curve", 0.0, 0.9):
-        fine, _, found = curve_skeleton.traced(shape, {**parameters, "simplify": 0.0}, progress)
+        fine, _, found = curve_skeleton.traced(
+            shape, curve_skeleton.CurveSkeletonRun.taken_from(options), progress
+        )
     curve = found.skeleton
     with progress.stage("weights", 0.9, 1.0):
         rig = bones(
             curve,
-            length=parameters["bone_length"] * fine.diagonal,
-            shortest=parameters["shortest"],
-            blend=parameters["blend"],
+            length=options.bone_length * fine.diagonal,
+            shortest=options.shortest,
+            blend=options.blend,
         )
-        whole = skin_weights(fine, curve, rig, smoothing=parameters["skin_smoothing"])
+        whole = skin_weights(fine, curve, rig, smoothing=options.skin_smoothing)
     n = shape.point_count  # a refined shape has the given points first
     skin = SkinWeights(whole.bones[:n], whole.weights[:n])
     if rig.cut:
@@ -129,53 +184,9 @@ OPERATION = Operation(
     "point of the surface has at most four bones, with weights that sum to 1 and do not reach over "
     "to other limbs. Needs a mesh.",
     source="thesis 3.6",
-    parameters=(
-        _OF_CURVE["threshold"],
-        Parameter(
-            "bone_length",
-            Kind.LENGTH,
-            DEFAULT_BONE_LENGTH,
-            "Bone length",
-            "Longer branches are split into equal bones, none longer than this fraction of the "
-            "size.",
-            low=0.001,
-        ),
-        Parameter(
-            "blend",
-            Kind.FLOAT,
-            DEFAULT_BLEND,
-            "Blend",
-            "How far from a joint the weights pass over from one bone to the next, times the "
-            "radius there. 0 is stiff.",
-            low=0.0,
-            high=10.0,
-        ),
-        Parameter(
-            "shortest",
-            Kind.FLOAT,
-            DEFAULT_SHORTEST,
-            "Shortest limb",
-            "Branches shorter than this times the radius where they begin get no bone.",
-            low=0.0,
-            high=10.0,
-            advanced=True,
-        ),
-        Parameter(
-            "skin_smoothing",
-            Kind.FLOAT,
-            DEFAULT_SMOOTHING,
-            "Skin smoothing",
-            "Weights are smoothed along the surface over this times the radius.",
-            low=0.0,
-            high=10.0,
-            advanced=True,
-        ),
-        *(
-            _OF_CURVE[name]
-            for name in ("denoise", "smoothing", "candidates", "tolerance", "refine")
-        ),
-    ),
+    options=ArmatureRun,
     run=run,
     needs_faces=True,
     makes_graph=True,
+    order=90,
 )

@@ -4,20 +4,18 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from medialis.balls.surface_skeleton import Preparation, surface_skeleton
 from medialis.model.shape import Shape
 from medialis.operations.common import (
-    REFINE,
-    TOLERANCE,
     cloud_arrays,
     cloud_layer,
-    maximal_balls,
-    refined,
 )
-from medialis.operations.declaration import Kind, Operation, Parameter
+from medialis.operations.declaration import Operation
 from medialis.operations.result import Outcome
+from medialis.options import choice, flag, whole
 from medialis.progress import Progress
 
 if TYPE_CHECKING:
@@ -26,18 +24,42 @@ if TYPE_CHECKING:
 ORDERS = ("radius", "spoke_angle")
 
 
-def run(shape: Shape, parameters: Mapping[str, Any], progress: Progress) -> Outcome:
+@dataclass(frozen=True, kw_only=True)
+class BallReconstructionRun(Preparation):
+    """Options of the operation `ball_reconstruction`."""
+
+    size: int = whole(
+        700,
+        "Image size",
+        "Pixels along each side.",
+        low=64,
+        high=4096,
+    )
+    progressive: bool = flag(
+        False,
+        "Progressive",
+        "Also draw growing shares of the balls, the most important ones first.",
+    )
+    order: str = choice(
+        "radius",
+        "Order",
+        "What makes a ball important in progressive mode.",
+        ("radius", "spoke_angle"),
+    )
+
+
+def run(shape: Shape, options: BallReconstructionRun, progress: Progress) -> Outcome:
     """Render the union of the balls beside the surface and compare them pixel by pixel."""
     from medialis.render.annotation import contact_sheet
     from medialis.render.camera import Camera
     from medialis.render.reconstruction import progressive, reconstruct_image
 
-    fine = refined(shape, parameters["refine"], progress)
-    with progress.stage("skeleton", 0.1, 0.3):
-        cloud = maximal_balls(fine, parameters["tolerance"], progress)
-    size = parameters["size"]
+    with progress.stage("skeleton", 0.0, 0.3):
+        cloud = surface_skeleton.of(shape, options, progress)
+    fine = cloud.surface
+    size = options.size
     camera = Camera.framing(fine.points, width=size, height=size)
-    with progress.stage("reconstruct", 0.3, 0.6 if parameters["progressive"] else 1.0):
+    with progress.stage("reconstruct", 0.3, 0.6 if options.progressive else 1.0):
         found = reconstruct_image(fine, cloud, camera, progress=progress)
     if math.isnan(found.median_difference):
         progress.note(
@@ -62,8 +84,8 @@ def run(shape: Shape, parameters: Mapping[str, Any], progress: Progress) -> Outc
         "median_depth_difference_percent": found.median_difference,
         "depth_difference_95_percent": found.difference_95,
     }
-    if parameters["progressive"]:
-        order = cloud.radii if parameters["order"] == "radius" else cloud.spoke_angles
+    if options.progressive:
+        order = cloud.radii if options.order == "radius" else cloud.spoke_angles
         with progress.stage("progressive", 0.6, 1.0):
             steps = progressive(fine, cloud, order, camera=camera, progress=progress)
         images["progressive"] = contact_sheet(
@@ -102,27 +124,7 @@ OPERATION = Operation(
     "that differ, depth error in per cent of the size) tell how well the skeleton describes the "
     "shape. In progressive mode the balls are added in falling order of radius or spoke angle.",
     source="thesis 3.4",
-    parameters=(
-        TOLERANCE,
-        REFINE,
-        Parameter(
-            "size", Kind.INT, 700, "Image size", "Pixels along each side.", low=64, high=4096
-        ),
-        Parameter(
-            "progressive",
-            Kind.BOOL,
-            False,
-            "Progressive",
-            "Also draw growing shares of the balls, the most important ones first.",
-        ),
-        Parameter(
-            "order",
-            Kind.CHOICE,
-            "radius",
-            "Order",
-            "What makes a ball important in progressive mode.",
-            choices=ORDERS,
-        ),
-    ),
+    options=BallReconstructionRun,
     run=run,
+    order=30,
 )

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from medialis.curve_skeletons.curve_skeleton import CurveSkeletonResult
-from medialis.features.labels import sample_areas
+from medialis.curves.from_balls.curve_skeleton import CurveSkeletonResult
 from medialis.model.curve_skeleton import CurveSkeleton
 from medialis.model.medial_cloud import MedialCloud
 from medialis.model.shape import Shape
 from medialis.progress import Progress
+from medialis.surface.labels import sample_areas
 
 FEW_SAMPLES = 100
 

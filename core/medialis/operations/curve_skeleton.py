@@ -2,31 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from medialis.curve_skeletons.curve_skeleton import (
-    DEFAULT_CANDIDATES,
-    DEFAULT_SMOOTHING,
-    DEFAULT_THRESHOLD,
+from medialis.balls.surface_skeleton import Preparation, surface_skeleton
+from medialis.curves.from_balls.curve_skeleton import (
     CurveSkeletonResult,
     trace_curve_skeleton,
 )
 from medialis.errors import InvalidShapeError
-from medialis.io.curve_graphs import node_attributes
+from medialis.files.curve_graphs import node_attributes
+from medialis.geodesics.importance import geodesic_importance
 from medialis.model.curve_skeleton import CurveSkeleton
 from medialis.model.medial_cloud import MedialCloud
 from medialis.model.shape import Shape
 from medialis.operations.common import (
-    DENOISE,
-    REFINE,
-    TOLERANCE,
     cloud_arrays,
-    denoised,
-    maximal_balls,
-    refined,
     samples_layer,
 )
 from medialis.operations.curve_doubts import (
@@ -36,15 +29,49 @@ from medialis.operations.curve_doubts import (
     present,
     sheet_share,
 )
-from medialis.operations.declaration import Kind, Operation, Parameter
+from medialis.operations.declaration import Operation
 from medialis.operations.result import Layer, Outcome
+from medialis.options import length, number
 from medialis.progress import Progress
-from medialis.regularization.geodesics import DEFAULT_DIRECTIONS
-from medialis.regularization.importance import geodesic_importance
+
+
+@dataclass(frozen=True, kw_only=True)
+class CurveSkeletonRun(Preparation):
+    """Options of the operation `curve_skeleton`."""
+
+    threshold: float = length(
+        0.04,
+        "Importance",
+        "Branches end where the surface that hangs on them is smaller than a square "
+        "with this fraction of the size as its side. Larger values remove small "
+        "details.",
+    )
+    smoothing: float = number(
+        0.7,
+        "Smoothing",
+        "Bends shorter than this times the radius are smoothed. 0 leaves the zigzag "
+        "of the samples.",
+        high=10.0,
+    )
+    simplify: float = length(
+        0.0,
+        "Simplify",
+        "Leave out nodes where the branch changes by less than this fraction of the "
+        "size. 0 keeps all; the topology stays the same.",
+    )
+    candidates: float = length(
+        0.015,
+        "Candidates",
+        "Skeleton points are candidates when geodesics of this fraction of the size "
+        "start from them to opposite sides. Smaller values find thinner limbs, and "
+        "more noise.",
+        low=0.0001,
+        advanced=True,
+    )
 
 
 def traced(
-    shape: Shape, parameters: Mapping[str, Any], progress: Progress
+    shape: Shape, options: CurveSkeletonRun, progress: Progress
 ) -> tuple[Shape, MedialCloud, CurveSkeletonResult]:
     """Return the shape as computed on, its balls and its curve skeleton; say what is uncertain.
 
@@ -58,21 +85,20 @@ def traced(
             "A curve skeleton needs a surface with faces, got a point cloud: reconstruct a surface "
             "first, or use view_curve_skeleton, which takes point clouds."
         )
-    clean, tolerance = denoised(shape, parameters["denoise"], parameters["tolerance"], progress)
-    fine = refined(clean, parameters["refine"], progress)
-    with progress.stage("skeleton", 0.1, 0.25):
-        cloud = maximal_balls(fine, tolerance, progress)
+    with progress.stage("skeleton", 0.0, 0.25):
+        cloud = surface_skeleton.of(shape, options, progress)
+    fine = cloud.surface
     with progress.stage("importance", 0.25, 0.6):
-        paths = geodesic_importance(fine, cloud, directions=DEFAULT_DIRECTIONS, progress=progress)
+        paths = geodesic_importance.of(cloud, options, progress)
     with progress.stage("curve skeleton", 0.6, 1.0):
         found = trace_curve_skeleton(
             fine,
             cloud,
             paths,
-            threshold=parameters["threshold"],
-            candidates=parameters["candidates"],
-            smoothing=parameters["smoothing"],
-            simplify=parameters["simplify"],
+            threshold=options.threshold,
+            candidates=options.candidates,
+            smoothing=options.smoothing,
+            simplify=options.simplify,
             progress=progress,
         )
     note_shape(fine, found, progress)
@@ -80,9 +106,9 @@ def traced(
     return fine, cloud, found
 
 
-def run(shape: Shape, parameters: Mapping[str, Any], progress: Progress) -> Outcome:
+def run(shape: Shape, options: CurveSkeletonRun, progress: Progress) -> Outcome:
     """Smooth where noisy, refine, shrink balls, trace geodesics, find the curve skeleton."""
-    fine, cloud, found = traced(shape, parameters, progress)
+    fine, cloud, found = traced(shape, options, progress)
     graph = found.skeleton
     sheet = sheet_share(fine, cloud, graph)
     layers = [
@@ -199,48 +225,9 @@ OPERATION = Operation(
     "inside the shape. Each node has its radius, each point of the surface its branch. Needs a "
     "mesh; thin sheets have no meaningful curve skeleton.",
     source="thesis 3.6",
-    parameters=(
-        Parameter(
-            "threshold",
-            Kind.LENGTH,
-            DEFAULT_THRESHOLD,
-            "Importance",
-            "Branches end where the surface that hangs on them is smaller than a square with this "
-            "fraction of the size as its side. Larger values remove small details.",
-        ),
-        Parameter(
-            "smoothing",
-            Kind.FLOAT,
-            DEFAULT_SMOOTHING,
-            "Smoothing",
-            "Bends shorter than this times the radius are smoothed. 0 leaves the zigzag of the "
-            "samples.",
-            low=0.0,
-            high=10.0,
-        ),
-        Parameter(
-            "simplify",
-            Kind.LENGTH,
-            0.0,
-            "Simplify",
-            "Leave out nodes where the branch changes by less than this fraction of the size. 0 "
-            "keeps all; the topology stays the same.",
-        ),
-        Parameter(
-            "candidates",
-            Kind.LENGTH,
-            DEFAULT_CANDIDATES,
-            "Candidates",
-            "Skeleton points are candidates when geodesics of this fraction of the size start from "
-            "them to opposite sides. Smaller values find thinner limbs, and more noise.",
-            low=0.0001,
-            advanced=True,
-        ),
-        DENOISE,
-        TOLERANCE,
-        REFINE,
-    ),
+    options=CurveSkeletonRun,
     run=run,
     needs_faces=True,
     makes_graph=True,
+    order=70,
 )

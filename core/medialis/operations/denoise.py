@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import replace
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -13,27 +11,65 @@ from medialis.model.manifold_set import PointClass
 from medialis.model.shape import Shape
 from medialis.operations.declaration import Operation
 from medialis.operations.manifolds import (
-    MAX_BEND,
-    MAX_TURN,
-    MIN_POINTS,
-    NEIGHBOURS,
-    SMOOTH,
     manifold_arrays,
     manifold_values,
     note_mostly_noise,
     segmented,
 )
 from medialis.operations.result import Layer, Outcome
+from medialis.options import Options, angle, flag, whole
 from medialis.progress import Progress
 
 
-def run(shape: Shape, parameters: Mapping[str, Any], progress: Progress) -> Outcome:
+@dataclass(frozen=True, kw_only=True)
+class DenoiseRun(Options):
+    """Options of the operation `denoise`."""
+
+    neighbours: int = whole(
+        10,
+        "Neighbours",
+        "Nearest points that tell whether a point is flat.",
+        low=4,
+        high=20,
+    )
+    max_bend: float = angle(
+        18.0,
+        "Largest bend",
+        "Triangles of a flat patch differ by at most this angle. Larger ones allow more curvature.",
+        low=0.1,
+        high=90.0,
+    )
+    max_turn: float = angle(
+        12.0,
+        "Largest turn",
+        "Patches of neighbouring points are joined up to this angle. Larger ones give"
+        " fewer manifolds.",
+        low=0.1,
+        high=90.0,
+    )
+    min_points: int = whole(
+        20,
+        "Smallest manifold",
+        "What has fewer flat points is noise.",
+        low=1,
+        high=1000000,
+    )
+    smooth: bool = flag(
+        True,
+        "Smooth if noisy",
+        "Classify a cloud that scatters about its surfaces by smoothed positions. "
+        "Points stay where they are.",
+        advanced=True,
+    )
+
+
+def run(shape: Shape, options: DenoiseRun, progress: Progress) -> Outcome:
     """Keep the points that belong to a manifold."""
     with progress.stage("manifolds", 0.0, 1.0):
-        found = segmented(shape.points, parameters, progress)
+        found = segmented(shape.points, options, progress)
     kept = found.point_class != PointClass.NOISE
     if not kept.any():
-        least = parameters["min_points"]
+        least = options.min_points
         advice = "Try larger angles or more neighbours."
         if shape.point_count < least:
             advice = f"A surface needs {least} points or more (min_points): give more, or lower it."
@@ -79,12 +115,7 @@ OPERATION = Operation(
     help="Remove the points of a cloud that lie on no smooth surface.\n\n"
     "Keeps what belongs to a manifold, also where surfaces cross. No point is moved.",
     source="thesis 4.2.4.2",
-    parameters=(
-        NEIGHBOURS,
-        replace(MAX_BEND, default=18.0),
-        replace(MAX_TURN, default=12.0),
-        MIN_POINTS,
-        SMOOTH,
-    ),
+    options=DenoiseRun,
     run=run,
+    order=160,
 )

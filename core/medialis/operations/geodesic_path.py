@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -11,25 +11,56 @@ import numpy as np
 from numpy.typing import NDArray
 
 from medialis.errors import FileError, InvalidOptionError, InvalidShapeError
+from medialis.geodesics.geodesics import Geodesic, geodesics
 from medialis.model.shape import Shape
 from medialis.operations.common import summary
-from medialis.operations.declaration import Kind, Operation, Parameter
+from medialis.operations.declaration import Operation
 from medialis.operations.result import Layer, Outcome
-from medialis.operations.skeleton_importance import DIRECTIONS
+from medialis.options import Options, file, whole
 from medialis.progress import Progress
-from medialis.regularization.geodesics import Geodesic, geodesics
 
 LARGEST_INDEX = 2_147_483_647
 
 
-def run(shape: Shape, parameters: Mapping[str, Any], progress: Progress) -> Outcome:
+@dataclass(frozen=True, kw_only=True)
+class GeodesicPathRun(Options):
+    """Options of the operation `geodesic_path`."""
+
+    start: int = whole(
+        0,
+        "Start vertex",
+        "Number of the vertex, from 0.",
+        high=2147483647,
+    )
+    end: int = whole(
+        1,
+        "End vertex",
+        "Number of the vertex, from 0.",
+        high=2147483647,
+    )
+    pairs: str = file(
+        "File of pairs",
+        "Text file with two vertex numbers a line: measures all of them, instead of start and end.",
+    )
+    directions: int = whole(
+        20,
+        "Directions",
+        "Directions in which each geodesic is tried. More find shorter paths in "
+        "strongly folded places and take longer.",
+        low=2,
+        high=1000,
+        advanced=True,
+    )
+
+
+def run(shape: Shape, options: GeodesicPathRun, progress: Progress) -> Outcome:
     """Trace the paths between the given vertices of the input."""
-    pairs = np.array([[parameters["start"], parameters["end"]]])
-    if parameters["pairs"]:
-        pairs = _read_pairs(parameters["pairs"])
+    pairs = np.array([[options.start, options.end]])
+    if options.pairs:
+        pairs = _read_pairs(options.pairs)
     ends = _in_shape(shape, pairs)
     with progress.stage("geodesics", 0.0, 1.0):
-        paths = geodesics(shape, ends, directions=parameters["directions"], progress=progress)
+        paths = geodesics(shape, ends, directions=options.directions, progress=progress)
     found = [(row, path) for row, path in enumerate(paths) if path is not None]
     if not found:
         raise InvalidShapeError(
@@ -125,28 +156,8 @@ OPERATION = Operation(
     "shortest path along the edges are shortened until they are straight everywhere; the shorter "
     "one wins. It is the shortest path in its neighbourhood.",
     source="thesis 3.3.2",
-    parameters=(
-        Parameter(
-            "start",
-            Kind.INT,
-            0,
-            "Start vertex",
-            "Number of the vertex, from 0.",
-            high=LARGEST_INDEX,
-        ),
-        Parameter(
-            "end", Kind.INT, 1, "End vertex", "Number of the vertex, from 0.", high=LARGEST_INDEX
-        ),
-        Parameter(
-            "pairs",
-            Kind.FILE,
-            "",
-            "File of pairs",
-            "Text file with two vertex numbers a line: measures all of them, instead of start and "
-            "end.",
-        ),
-        DIRECTIONS,
-    ),
+    options=GeodesicPathRun,
     run=run,
     needs_faces=True,
+    order=50,
 )

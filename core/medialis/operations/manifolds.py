@@ -4,19 +4,20 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from medialis.manifold_segmentation.segmentation import manifolds
-from medialis.manifold_segmentation.surfaces import manifold_surfaces
+from medialis.balls.surface_skeleton import Preparation, surface_skeleton
+from medialis.clouds.manifolds import manifolds
+from medialis.clouds.surfaces import manifold_surfaces
 from medialis.model.manifold_set import ManifoldSet, PointClass
 from medialis.model.shape import Shape
-from medialis.operations.common import REFINE, TOLERANCE, maximal_balls, refined
 from medialis.operations.declaration import Kind, Operation, Parameter
 from medialis.operations.result import Layer, Outcome
+from medialis.options import angle, choice, flag, whole
 from medialis.progress import Progress
 
 CLOUDS = ("points", "skeleton")
@@ -26,12 +27,65 @@ MOSTLY = 0.5
 outliers to its clouds (4.2.4.2)."""
 
 
-def run(shape: Shape, parameters: Mapping[str, Any], progress: Progress) -> Outcome:
+@dataclass(frozen=True, kw_only=True)
+class ManifoldsRun(Preparation):
+    """Options of the operation `manifolds`."""
+
+    cloud: str = choice(
+        "points",
+        "Cloud",
+        "The points of the shape, or the points of its surface skeleton.",
+        ("points", "skeleton"),
+    )
+    neighbours: int = whole(
+        10,
+        "Neighbours",
+        "Nearest points that tell whether a point is flat.",
+        low=4,
+        high=20,
+    )
+    max_bend: float = angle(
+        8.59,
+        "Largest bend",
+        "Triangles of a flat patch differ by at most this angle. Larger ones allow more curvature.",
+        low=0.1,
+        high=90.0,
+    )
+    max_turn: float = angle(
+        5.73,
+        "Largest turn",
+        "Patches of neighbouring points are joined up to this angle. Larger ones give"
+        " fewer manifolds.",
+        low=0.1,
+        high=90.0,
+    )
+    min_points: int = whole(
+        20,
+        "Smallest manifold",
+        "What has fewer flat points is noise.",
+        low=1,
+        high=1000000,
+    )
+    surfaces: bool = flag(
+        False,
+        "Surfaces",
+        "Build triangles through the points of each manifold; holes and borders stay open.",
+    )
+    smooth: bool = flag(
+        True,
+        "Smooth if noisy",
+        "Classify a cloud that scatters about its surfaces by smoothed positions. "
+        "Points stay where they are.",
+        advanced=True,
+    )
+
+
+def run(shape: Shape, options: ManifoldsRun, progress: Progress) -> Outcome:
     """Segment the points of the shape or its skeleton."""
-    if parameters["cloud"] == "skeleton":
-        return _of_skeleton(shape, parameters, progress)
+    if options.cloud == "skeleton":
+        return _of_skeleton(shape, options, progress)
     with progress.stage("manifolds", 0.0, 1.0):
-        found = segmented(shape.points, parameters, progress)
+        found = segmented(shape.points, options, progress)
     note_mostly_noise(found, progress)
     layer = Layer(
         "manifolds",
@@ -44,7 +98,7 @@ def run(shape: Shape, parameters: Mapping[str, Any], progress: Progress) -> Outc
     )
     return Outcome(
         shape=shape,
-        layers=(layer, *_surfaces(shape.points, found, parameters, progress)),
+        layers=(layer, *_surfaces(shape.points, found, options, progress)),
         values=manifold_values(found),
         arrays={"points": shape.points, **manifold_arrays(found)},
         shown=(layer,),
@@ -62,13 +116,13 @@ def note_mostly_noise(found: ManifoldSet, progress: Progress) -> None:
         )
 
 
-def _of_skeleton(shape: Shape, parameters: Mapping[str, Any], progress: Progress) -> Outcome:
-    fine = refined(shape, parameters["refine"], progress)
-    with progress.stage("skeleton", 0.1, 0.5):
-        cloud = maximal_balls(fine, parameters["tolerance"], progress)
+def _of_skeleton(shape: Shape, options: ManifoldsRun, progress: Progress) -> Outcome:
+    with progress.stage("skeleton", 0.0, 0.5):
+        cloud = surface_skeleton.of(shape, options, progress)
+    fine = cloud.surface
     cloud = cloud.subset(cloud.valid)
     with progress.stage("manifolds", 0.5, 1.0):
-        found = segmented(cloud.centers, parameters, progress)
+        found = segmented(cloud.centers, options, progress)
     layer = Layer(
         "skeleton_manifolds",
         cloud.centers,
@@ -84,23 +138,21 @@ def _of_skeleton(shape: Shape, parameters: Mapping[str, Any], progress: Progress
     )
     return Outcome(
         shape=fine,
-        layers=(layer, *_surfaces(cloud.centers, found, parameters, progress)),
+        layers=(layer, *_surfaces(cloud.centers, found, options, progress)),
         values={"samples": fine.point_count, **manifold_values(found)},
         arrays={"centers": cloud.centers, "source": cloud.source, **manifold_arrays(found)},
     )
 
 
-def segmented(
-    points: NDArray[np.float64], parameters: Mapping[str, Any], progress: Progress
-) -> ManifoldSet:
-    """Segment points by the parameters that the operations share."""
+def segmented(points: NDArray[np.float64], options: Any, progress: Progress) -> ManifoldSet:
+    """Segment points by the options that the operations share."""
     return manifolds(
         points,
-        neighbours=parameters["neighbours"],
-        max_bend=math.radians(parameters["max_bend"]),
-        max_turn=math.radians(parameters["max_turn"]),
-        min_points=parameters["min_points"],
-        scatter=None if parameters["smooth"] else 0.0,
+        neighbours=options.neighbours,
+        max_bend=math.radians(options.max_bend),
+        max_turn=math.radians(options.max_turn),
+        min_points=options.min_points,
+        scatter=None if options.smooth else 0.0,
         progress=progress,
     )
 
@@ -108,11 +160,11 @@ def segmented(
 def _surfaces(
     points: NDArray[np.float64],
     found: ManifoldSet,
-    parameters: Mapping[str, Any],
+    options: ManifoldsRun,
     progress: Progress,
 ) -> tuple[Layer, ...]:
     """Layer of the triangles of all manifolds, when wanted: points of several are repeated."""
-    if not parameters["surfaces"] or found.count == 0:
+    if not options.surfaces or found.count == 0:
         return ()
     faces, owner = manifold_surfaces(points, found, progress=progress)
     corners, place = np.unique(
@@ -216,29 +268,7 @@ OPERATION = Operation(
     "Works on any cloud, without normals, and on the vertices or the skeleton of a mesh. Each "
     "point belongs to no surface (noise), to one, or to several where they cross.",
     source="thesis 4.2",
-    parameters=(
-        Parameter(
-            "cloud",
-            Kind.CHOICE,
-            "points",
-            "Cloud",
-            "The points of the shape, or the points of its surface skeleton.",
-            choices=CLOUDS,
-        ),
-        NEIGHBOURS,
-        MAX_BEND,
-        MAX_TURN,
-        MIN_POINTS,
-        Parameter(
-            "surfaces",
-            Kind.BOOL,
-            False,
-            "Surfaces",
-            "Build triangles through the points of each manifold; holes and borders stay open.",
-        ),
-        SMOOTH,
-        TOLERANCE,
-        REFINE,
-    ),
+    options=ManifoldsRun,
     run=run,
+    order=150,
 )

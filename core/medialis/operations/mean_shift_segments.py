@@ -2,41 +2,82 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from medialis.applications.mean_shift import MOST_STEPS
-from medialis.applications.mean_shift_segments import REACH, SEEDS, mean_shift_segments
+from medialis.balls.surface_skeleton import Preparation, surface_skeleton
 from medialis.errors import FileError, InvalidOptionError, InvalidShapeError
 from medialis.model.segmentation import Segmentation
 from medialis.model.shape import Shape
-from medialis.operations.common import REFINE, TOLERANCE, cloud_arrays, maximal_balls, refined
-from medialis.operations.declaration import Kind, Operation, Parameter
+from medialis.operations.common import cloud_arrays
+from medialis.operations.declaration import Operation
 from medialis.operations.result import Layer, Outcome
 from medialis.operations.segments import note_unseen
+from medialis.options import choice, file, flag, length, whole
 from medialis.progress import Progress
+from medialis.segments.mean_shift_segments import Seeds, mean_shift_segments
 
 
-def run(shape: Shape, parameters: Mapping[str, Any], progress: Progress) -> Outcome:
+@dataclass(frozen=True, kw_only=True)
+class MeanShiftSegmentsRun(Preparation):
+    """Options of the operation `mean_shift_segments`."""
+
+    reach: float = length(
+        0.05,
+        "Reach",
+        "Radius of the kernel: about the half width of a bump.",
+        low=0.001,
+    )
+    seeds: Seeds = choice(
+        "spread",
+        "Seeds",
+        "Which balls are shifted: some all over, some of the smallest 30 % (bumps, "
+        "such as teeth), all (slow), or none but those added.",
+        ("spread", "bumps", "all", "none"),
+    )
+    last_steps: int = whole(
+        0,
+        "Last steps",
+        "Only so many last steps of each path count, so that what is far from the "
+        "dense places gets no segment; 20 for dental casts. 0 counts the whole path.",
+        high=300,
+    )
+    fill: bool = flag(
+        True,
+        "Whole surface",
+        "What got no segment takes the nearest one along the surface. Off for dental casts.",
+    )
+    add_seeds: str = file(
+        "Add seeds",
+        "Text file with a vertex number, or x y z of a point near a vertex, a line: "
+        "each is a seed.",
+    )
+    remove_seeds: str = file(
+        "Remove seeds",
+        "Text file with a vertex number, or x y z of a point near a vertex, a line: "
+        "seeds within reach of it are none.",
+    )
+
+
+def run(shape: Shape, options: MeanShiftSegmentsRun, progress: Progress) -> Outcome:
     """Refine, shrink balls, shift seeds, carry the clusters to the surface."""
-    add, remove = (_read_picks(parameters[name], shape) for name in ("add_seeds", "remove_seeds"))
-    fine = refined(shape, parameters["refine"], progress)
-    with progress.stage("skeleton", 0.1, 0.5):
-        cloud = maximal_balls(fine, parameters["tolerance"], progress)
+    add, remove = (_read_picks(path, shape) for path in (options.add_seeds, options.remove_seeds))
+    with progress.stage("skeleton", 0.0, 0.5):
+        cloud = surface_skeleton.of(shape, options, progress)
+    fine = cloud.surface
     with progress.stage("segments", 0.5, 1.0):
         found = mean_shift_segments(
             fine,
             cloud,
-            reach=parameters["reach"],
-            seeds=parameters["seeds"],
+            reach=options.reach,
+            seeds=options.seeds,
             add=add,
             remove=remove,
-            last_steps=parameters["last_steps"] or None,
-            fill=parameters["fill"],
+            last_steps=options.last_steps or None,
+            fill=options.fill,
             progress=progress,
         )
     if found.count == 0:
@@ -137,51 +178,7 @@ OPERATION = Operation(
     "Bumps are where the medial cloud is dense: seeds are shifted to the densest places, and "
     "what they pass on the way is their segment.",
     source="thesis 5.3",
-    parameters=(
-        Parameter(
-            "reach",
-            Kind.LENGTH,
-            REACH,
-            "Reach",
-            "Radius of the kernel: about the half width of a bump.",
-            low=0.001,
-            high=1.0,
-        ),
-        Parameter(
-            "seeds",
-            Kind.CHOICE,
-            "spread",
-            "Seeds",
-            "Which balls are shifted: some all over, some of the smallest 30 % (bumps, such as "
-            "teeth), all (slow), or none but those added.",
-            choices=SEEDS,
-        ),
-        Parameter(
-            "last_steps",
-            Kind.INT,
-            0,
-            "Last steps",
-            "Only so many last steps of each path count, so that what is far from the dense places "
-            "gets no segment; 20 for dental casts. 0 counts the whole path.",
-            high=MOST_STEPS,
-        ),
-        Parameter(
-            "fill",
-            Kind.BOOL,
-            True,
-            "Whole surface",
-            "What got no segment takes the nearest one along the surface. Off for dental casts.",
-        ),
-        Parameter("add_seeds", Kind.FILE, "", "Add seeds", f"{_FILE_HELP}: each is a seed."),
-        Parameter(
-            "remove_seeds",
-            Kind.FILE,
-            "",
-            "Remove seeds",
-            f"{_FILE_HELP}: seeds within reach of it are none.",
-        ),
-        TOLERANCE,
-        REFINE,
-    ),
+    options=MeanShiftSegmentsRun,
     run=run,
+    order=170,
 )

@@ -3,42 +3,72 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from medialis.features.extended_features import extended_feature_transform
-from medialis.features.point_types import PointType, point_types
-from medialis.features.scaffold import medial_scaffold
-from medialis.features.sheet_meshes import SheetMeshes, sheet_meshes
-from medialis.features.sheets import medial_sheets
-from medialis.features.y_network import y_network
+from medialis.balls.ball_shrinking import ShrinkOptions, Side
+from medialis.balls.surface_skeleton import Preparation
 from medialis.model.medial_cloud import MedialCloud
 from medialis.model.shape import Shape
 from medialis.model.y_network import YNetwork
-from medialis.operations.common import SIDE, cloud_arrays, cloud_layer, samples_layer
+from medialis.operations.common import cloud_arrays, cloud_layer, samples_layer
 from medialis.operations.declaration import Operation
 from medialis.operations.result import Layer, Outcome
 from medialis.operations.segments import (
-    FINE,
-    SEGMENT_TOLERANCE,
-    TAU,
     computed,
-    smallest_segment,
 )
+from medialis.options import changed, number
 from medialis.progress import Progress
+from medialis.sheets.extended_features import extended_feature_transform
+from medialis.sheets.point_types import PointType, point_types
+from medialis.sheets.scaffold import medial_scaffold
+from medialis.sheets.sheet_meshes import SheetMeshes, sheet_meshes
+from medialis.sheets.sheets import medial_sheets
+from medialis.sheets.y_network import y_network
 
 
-def run(shape: Shape, parameters: Mapping[str, Any], progress: Progress) -> Outcome:
+@dataclass(frozen=True, kw_only=True)
+class MedialSheetsRun(Preparation):
+    """Options of the operation `medial_sheets`."""
+
+    smallest: float = number(
+        0.002,
+        "Smallest sheet",
+        "A sheet that covers less than this share of the surface is merged into the "
+        "neighbour with the longest common border. 0 keeps all.",
+    )
+    tau: float = number(
+        4.0,
+        "Sheet threshold",
+        "Two neighbouring points are on one sheet when their feature points are "
+        "closer together than this many sample spacings. Larger values join more.",
+        low=1.5,
+        high=100.0,
+        advanced=True,
+    )
+    tolerance: float = changed(Preparation, "tolerance", advanced=True)
+    side: Side = changed(ShrinkOptions, "side")
+    refine: float = changed(
+        Preparation,
+        "refine",
+        default=0.01,
+        help="Split edges longer than this fraction of the size for the computation, so "
+        "that flat faces get samples; the surface stays the same. 0 computes with the"
+        " given vertices only. Sheets and edges need several samples across every "
+        "face.",
+    )
+
+
+def run(shape: Shape, options: MedialSheetsRun, progress: Progress) -> Outcome:
     """Refine, shrink balls, separate sheets, mesh them, find where they meet."""
-    fine, cloud = computed(shape, parameters, progress, side=parameters["side"])
+    fine, cloud = computed(shape, options, progress)
     with progress.stage("feature sets", 0.4, 0.7):
         sets = extended_feature_transform(fine, cloud, progress=progress)
         types = point_types(fine, cloud, sets=sets)
     with progress.stage("sheets", 0.7, 0.8):
-        sheets = medial_sheets(
-            fine, cloud, tau=parameters["tau"], smallest=parameters["smallest"], sets=sets
-        )
+        sheets = medial_sheets(fine, cloud, tau=options.tau, smallest=options.smallest, sets=sets)
     with progress.stage("y-network", 0.8, 0.9):
         network = y_network(fine, cloud, sheets)
     meshes = None
@@ -142,12 +172,7 @@ OPERATION = Operation(
     "Y-network as curves, and the scaffold: a graph of which sheets meet along which curves, with "
     "areas, lengths and mean radii.",
     source="thesis 6.2.2",
-    parameters=(
-        smallest_segment(0.002, "sheet"),
-        TAU,
-        SEGMENT_TOLERANCE,
-        SIDE,
-        FINE,
-    ),
+    options=MedialSheetsRun,
     run=run,
+    order=110,
 )

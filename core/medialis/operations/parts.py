@@ -2,41 +2,80 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+from dataclasses import dataclass
 
-from medialis.applications.parts import (
-    DEFAULT_SMALLEST,
-    DEFAULT_SMOOTHING,
-    METHODS,
-    divide_into_parts,
-)
+from medialis.balls.surface_skeleton import Preparation
 from medialis.model.shape import Shape
 from medialis.operations.common import cloud_arrays
-from medialis.operations.declaration import Kind, Operation, Parameter
+from medialis.operations.declaration import Operation
 from medialis.operations.result import Outcome
 from medialis.operations.segments import (
-    FINE,
-    SEGMENT_TOLERANCE,
-    TAU,
     computed,
     segmentation_outcome,
-    smallest_segment,
 )
+from medialis.options import changed, choice, number, whole
 from medialis.progress import Progress
+from medialis.segments.parts import (
+    divide_into_parts,
+)
 
 
-def run(shape: Shape, parameters: Mapping[str, Any], progress: Progress) -> Outcome:
+@dataclass(frozen=True, kw_only=True)
+class PartsRun(Preparation):
+    """Options of the operation `parts`."""
+
+    method: str = choice(
+        "auto",
+        "Method",
+        "limbs: cut where limbs leave a body, for animals, people, tubes. sheets: one"
+        " part for each sheet of the skeleton, for flat and blocky shapes. auto: "
+        "limbs if some stick out of their base, else sheets.",
+        ("auto", "limbs", "sheets"),
+    )
+    smallest: float = number(
+        0.01,
+        "Smallest part",
+        "A part that covers less than this share of the surface is merged into the "
+        "neighbour with the longest common border. 0 keeps all.",
+    )
+    smoothing: int = whole(
+        4,
+        "Smoothing",
+        "Rounds in which the borders of the parts are straightened.",
+        high=100,
+    )
+    tau: float = number(
+        4.0,
+        "Sheet threshold",
+        "Two neighbouring points are on one sheet when their feature points are "
+        "closer together than this many sample spacings. Larger values join more.",
+        low=1.5,
+        high=100.0,
+        advanced=True,
+    )
+    tolerance: float = changed(Preparation, "tolerance", advanced=True)
+    refine: float = changed(
+        Preparation,
+        "refine",
+        default=0.01,
+        help="Split edges longer than this fraction of the size for the computation, so "
+        "that flat faces get samples; the surface stays the same. 0 computes with the"
+        " given vertices only. Sheets and edges need several samples across every "
+        "face.",
+    )
+
+
+def run(shape: Shape, options: PartsRun, progress: Progress) -> Outcome:
     """Refine, shrink balls, find limbs or sheets, project them."""
-    fine, cloud = computed(shape, parameters, progress, side="inner")
+    fine, cloud = computed(shape, options, progress)
     with progress.stage("parts", 0.4, 1.0):
         found, method = divide_into_parts(
             fine,
             cloud,
-            method=parameters["method"],
-            tau=parameters["tau"],
-            smallest=parameters["smallest"],
-            smoothing=parameters["smoothing"],
+            method=options.method,
+            tau=options.tau,
+            smallest=options.smallest,
+            smoothing=options.smoothing,
             progress=progress,
         )
     return segmentation_outcome(
@@ -54,30 +93,7 @@ OPERATION = Operation(
     "shapes have a part for each sheet of the medial surface instead. Small parts are merged and "
     "borders smoothed.",
     source="thesis 6.3.3",
-    parameters=(
-        Parameter(
-            "method",
-            Kind.CHOICE,
-            "auto",
-            "Method",
-            "limbs: cut where limbs leave a body, for animals, people, tubes. sheets: one part for "
-            "each sheet of the skeleton, for flat and blocky shapes. auto: limbs if some stick out "
-            "of their base, else sheets.",
-            choices=METHODS,
-        ),
-        smallest_segment(DEFAULT_SMALLEST, "part"),
-        Parameter(
-            "smoothing",
-            Kind.INT,
-            DEFAULT_SMOOTHING,
-            "Smoothing",
-            "Rounds in which the borders of the parts are straightened.",
-            low=0,
-            high=100,
-        ),
-        TAU,
-        SEGMENT_TOLERANCE,
-        FINE,
-    ),
+    options=PartsRun,
     run=run,
+    order=140,
 )

@@ -2,35 +2,45 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import replace
-from typing import Any
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from medialis.balls.ball_shrinking import ShrinkOptions, Side
+from medialis.balls.surface_skeleton import Preparation
 from medialis.errors import InvalidShapeError
-from medialis.features.point_types import PointType, point_types
 from medialis.model.shape import Shape
 from medialis.operations.common import (
-    REFINE,
-    SIDE,
-    TOLERANCE,
     cloud_arrays,
     cloud_layer,
     samples_layer,
 )
-from medialis.operations.declaration import Kind, Operation, Parameter
+from medialis.operations.declaration import Operation
 from medialis.operations.result import Outcome
 from medialis.operations.segments import computed
+from medialis.options import changed, flag
 from medialis.progress import Progress
+from medialis.sheets.point_types import PointType, point_types
 
 
-def run(shape: Shape, parameters: Mapping[str, Any], progress: Progress) -> Outcome:
+@dataclass(frozen=True, kw_only=True)
+class PointTypesRun(Preparation):
+    """Options of the operation `point_types`."""
+
+    filter_rim: bool = flag(
+        False,
+        "Leave out the rim",
+        "Leave out points of type 1 (A3).",
+    )
+    side: Side = changed(ShrinkOptions, "side")
+
+
+def run(shape: Shape, options: PointTypesRun, progress: Progress) -> Outcome:
     """Refine, shrink balls, count contacts, drop the rim on request."""
-    fine, cloud = computed(shape, parameters, progress, side=parameters["side"])
+    fine, cloud = computed(shape, options, progress)
     with progress.stage("point types", 0.4, 1.0):
         types = point_types(fine, cloud, progress=progress)
-    keep = types > (PointType.A3 if parameters["filter_rim"] else PointType.NONE)
+    keep = types > (PointType.A3 if options.filter_rim else PointType.NONE)
     if not keep.any():
         raise InvalidShapeError(
             "All points of the skeleton are on its rim (A3): the shape is too coarse, or smooth "
@@ -65,17 +75,7 @@ OPERATION = Operation(
     "of the skeleton (behind edges), 2 inside a sheet, 3 or more where sheets meet. Leaving out "
     "the rim is a quick way to clean a skeleton without tearing it.",
     source="thesis 6.2.1",
-    parameters=(
-        Parameter(
-            "filter_rim",
-            Kind.BOOL,
-            False,
-            "Leave out the rim",
-            "Leave out points of type 1 (A3).",
-        ),
-        TOLERANCE,
-        SIDE,
-        REFINE,
-    ),
+    options=PointTypesRun,
     run=run,
+    order=100,
 )

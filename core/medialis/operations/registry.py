@@ -2,56 +2,34 @@
 
 from __future__ import annotations
 
+import importlib
+import pkgutil
 import time
 from dataclasses import fields
 from typing import Any
 
+import medialis.operations
 from medialis.errors import InvalidOptionError, InvalidShapeError
+from medialis.kept import kept
 from medialis.model.shape import Shape
-from medialis.operations import (
-    armature,
-    ball_reconstruction,
-    curve_skeleton,
-    denoise,
-    geodesic_path,
-    manifolds,
-    mean_shift_segments,
-    medial_sheets,
-    parts,
-    patches,
-    point_types,
-    skeleton_importance,
-    skeleton_mesh,
-    soft_edges,
-    surface_skeleton,
-    thickness,
-    view_curve_skeleton,
-)
 from medialis.operations.declaration import Operation
 from medialis.operations.result import Outcome, Result
 from medialis.progress import Progress, ProgressCallback
 from medialis.threads import thread_limit
 
-OPERATIONS: tuple[Operation, ...] = (
-    surface_skeleton.OPERATION,
-    skeleton_importance.OPERATION,
-    ball_reconstruction.OPERATION,
-    thickness.OPERATION,
-    geodesic_path.OPERATION,
-    skeleton_mesh.OPERATION,
-    curve_skeleton.OPERATION,
-    view_curve_skeleton.OPERATION,
-    armature.OPERATION,
-    point_types.OPERATION,
-    medial_sheets.OPERATION,
-    soft_edges.OPERATION,
-    patches.OPERATION,
-    parts.OPERATION,
-    manifolds.OPERATION,
-    denoise.OPERATION,
-    mean_shift_segments.OPERATION,
-)
 
+def _declared() -> tuple[Operation, ...]:
+    """Import the modules of this package, and return the operations that they declare."""
+    found = []
+    for module in pkgutil.iter_modules(medialis.operations.__path__):
+        loaded = importlib.import_module(f"medialis.operations.{module.name}")
+        if isinstance(declared := getattr(loaded, "OPERATION", None), Operation):
+            found.append(declared)
+    return tuple(sorted(found, key=lambda declared: (declared.order, declared.name)))
+
+
+OPERATIONS: tuple[Operation, ...] = _declared()
+"""Every module of this package with an `OPERATION`, in the order in which hosts list them."""
 
 SMALLEST_SIZE, LARGEST_SIZE = 1e-30, 1e30
 """Diagonals for which sixth powers and the float32 depths of pictures stay in range."""
@@ -115,17 +93,19 @@ def run(
     ('surface_skeleton', True)
     """
     chosen = operation(name)
-    resolved = chosen.resolve(parameters)
+    options = chosen.resolve(parameters)
     _require_size(shape)
     progress = Progress.of(progress)
+    # A host makes a new shape for each run: what is kept was computed from the first of its kind.
+    shape = kept(run, shape, None, lambda: shape, progress)
     clock = time.perf_counter()
     with thread_limit(threads):
-        outcome = chosen.run(shape, resolved, progress)
+        outcome = chosen.run(shape, options, progress)
     progress.seconds["total"] = time.perf_counter() - clock
     return Result(
         **{f.name: getattr(outcome, f.name) for f in fields(Outcome)},
         operation=chosen.name,
-        parameters=resolved,
+        parameters=options.values(),
         seconds=dict(progress.seconds),
         messages=tuple(progress.messages),
     )

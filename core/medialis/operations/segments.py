@@ -4,64 +4,26 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from medialis.features.sheets import DEFAULT_TAU
+from medialis.balls.surface_skeleton import surface_skeleton
 from medialis.model.medial_cloud import MedialCloud
 from medialis.model.segmentation import Segmentation
 from medialis.model.shape import Shape
-from medialis.operations.common import REFINE, TOLERANCE, maximal_balls, refined
-from medialis.operations.declaration import Kind, Parameter
 from medialis.operations.result import Layer, Outcome
+from medialis.options import Options
 from medialis.progress import Progress
-from medialis.surface_skeletons.ball_shrinking import Side
 from medialis.validation import IntArray
 
-TAU = Parameter(
-    "tau",
-    Kind.FLOAT,
-    DEFAULT_TAU,
-    "Sheet threshold",
-    "Two neighbouring points are on one sheet when their feature points are closer together than "
-    "this many sample spacings. Larger values join more.",
-    low=1.5,
-    high=100.0,
-    advanced=True,
-)
-FINE = replace(
-    REFINE,
-    default=0.01,
-    help=f"{REFINE.help} Sheets and edges need several samples across every face.",
-)
-SEGMENT_TOLERANCE = replace(TOLERANCE, advanced=True)
 
-
-def smallest_segment(default: float, what: str) -> Parameter:
-    """Return the parameter for the smallest segment, as a share of the surface."""
-    return Parameter(
-        "smallest",
-        Kind.FLOAT,
-        default,
-        f"Smallest {what}",
-        f"A {what} that covers less than this share of the surface is merged into the neighbour "
-        "with the longest common border. 0 keeps all.",
-        low=0.0,
-        high=1.0,
-    )
-
-
-def computed(
-    shape: Shape, parameters: Mapping[str, Any], progress: Progress, *, side: Side
-) -> tuple[Shape, MedialCloud]:
+def computed(shape: Shape, options: Options, progress: Progress) -> tuple[Shape, MedialCloud]:
     """Refine and shrink balls, the first part of all these operations."""
-    fine = refined(shape, parameters["refine"], progress)
-    with progress.stage("skeleton", 0.1, 0.4):
-        cloud = maximal_balls(fine, parameters["tolerance"], progress, side=side)
-    return fine, cloud
+    with progress.stage("skeleton", 0.0, 0.4):
+        cloud = surface_skeleton.of(shape, options, progress)
+    return cloud.surface, cloud
 
 
 def input_face_labels(shape: Shape, fine: Shape, segmentation: Segmentation) -> IntArray:

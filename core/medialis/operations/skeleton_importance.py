@@ -2,35 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 
+from medialis.balls.surface_skeleton import Preparation, surface_skeleton
 from medialis.errors import InvalidShapeError
+from medialis.geodesics.connectivity import connected_importance
+from medialis.geodesics.geodesics import DEFAULT_DIRECTIONS
+from medialis.geodesics.importance import (
+    geodesic_importance,
+    important_points,
+    local_measures,
+)
 from medialis.model.geodesic_paths import PathStatus
 from medialis.model.shape import Shape
 from medialis.operations.common import (
-    REFINE,
-    TOLERANCE,
     cloud_arrays,
     cloud_layer,
-    maximal_balls,
-    refined,
     samples_layer,
     summary,
 )
 from medialis.operations.declaration import Kind, Operation, Parameter
 from medialis.operations.result import Outcome
+from medialis.options import flag, length, whole
 from medialis.progress import Progress
-from medialis.regularization.connectivity import connected_importance
-from medialis.regularization.geodesics import DEFAULT_DIRECTIONS
-from medialis.regularization.importance import (
-    geodesic_importance,
-    important_points,
-    local_measures,
-)
-from medialis.shape.cloud_surface import surface_of_cloud
+from medialis.surface.cloud_surface import surface_of_cloud
 
 SHARES = (0.005, 0.01, 0.02, 0.05)
 
@@ -47,10 +44,43 @@ DIRECTIONS = Parameter(
 )
 
 
-def run(shape: Shape, parameters: Mapping[str, Any], progress: Progress) -> Outcome:
+@dataclass(frozen=True, kw_only=True)
+class SkeletonImportanceRun(Preparation):
+    """Options of the operation `skeleton_importance`."""
+
+    threshold: float = length(
+        0.0,
+        "Importance",
+        "Keep the points whose importance is at least this fraction of the size. 0 "
+        "keeps all; 0.01 to 0.05 removes noise and small details.",
+        high=10.0,
+    )
+    connected: bool = flag(
+        True,
+        "In one piece",
+        "Keep the skeleton in one piece at every threshold: small islands go, bridges"
+        " to large ones stay.",
+    )
+    reconstruct: bool = flag(
+        False,
+        "Surface for clouds",
+        "Build a surface through the points of a point cloud first; it should be closed and dense.",
+    )
+    directions: int = whole(
+        20,
+        "Directions",
+        "Directions in which each geodesic is tried. More find shorter paths in "
+        "strongly folded places and take longer.",
+        low=2,
+        high=1000,
+        advanced=True,
+    )
+
+
+def run(shape: Shape, options: SkeletonImportanceRun, progress: Progress) -> Outcome:
     """Shrink balls, trace a geodesic for each, keep the important points."""
     if shape.faces is None:
-        if not parameters["reconstruct"]:
+        if not options.reconstruct:
             raise InvalidShapeError(
                 "Geodesic importance needs a surface, and this shape is a point cloud. Use "
                 "surface_skeleton, which gives spoke angle and radius, or reconstruct = True."
@@ -58,21 +88,19 @@ def run(shape: Shape, parameters: Mapping[str, Any], progress: Progress) -> Outc
         with progress.stage("surface", 0.0, 0.05):
             shape = surface_of_cloud(shape)
         progress.note("A surface was built through the points of the cloud: look at samples.ply.")
-    fine = refined(shape, parameters["refine"], progress)
-    with progress.stage("skeleton", 0.1, 0.2):
-        cloud = maximal_balls(fine, parameters["tolerance"], progress)
+    with progress.stage("skeleton", 0.0, 0.2):
+        cloud = surface_skeleton.of(shape, options, progress)
+    fine = cloud.surface
     with progress.stage("importance", 0.2, 0.95):
-        paths = geodesic_importance(
-            fine, cloud, directions=parameters["directions"], progress=progress
-        )
+        paths = geodesic_importance.of(cloud, options, progress)
         importance = paths.length
-        if parameters["connected"]:
+        if options.connected:
             importance = connected_importance(fine, cloud, importance)
-    mask = important_points(fine, importance, parameters["threshold"])
+    mask = important_points(fine, importance, options.threshold)
     if not mask.any():
         largest = float(np.nanmax(importance)) / fine.diagonal
         raise InvalidShapeError(
-            f"No skeleton point has an importance of {parameters['threshold']:g} of the size or "
+            f"No skeleton point has an importance of {options.threshold:g} of the size or "
             f"more; the largest is {largest:.3g}. Lower the threshold."
         )
     unreached = int(np.isinf(paths.length).sum())
@@ -137,36 +165,7 @@ OPERATION = Operation(
     "threshold removes what bumps and noise made and leaves the rest in one piece. Spoke angle, "
     "radius, feature radius and radius ratio come along for comparison. Needs a mesh.",
     source="thesis 3.3",
-    parameters=(
-        Parameter(
-            "threshold",
-            Kind.LENGTH,
-            0.0,
-            "Importance",
-            "Keep the points whose importance is at least this fraction of the size. 0 keeps all; "
-            "0.01 to 0.05 removes noise and small details.",
-            low=0.0,
-            high=10.0,
-        ),
-        Parameter(
-            "connected",
-            Kind.BOOL,
-            True,
-            "In one piece",
-            "Keep the skeleton in one piece at every threshold: small islands go, bridges to large "
-            "ones stay.",
-        ),
-        Parameter(
-            "reconstruct",
-            Kind.BOOL,
-            False,
-            "Surface for clouds",
-            "Build a surface through the points of a point cloud first; it should be closed and "
-            "dense.",
-        ),
-        TOLERANCE,
-        REFINE,
-        DIRECTIONS,
-    ),
+    options=SkeletonImportanceRun,
     run=run,
+    order=20,
 )

@@ -4,68 +4,98 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import replace
-from typing import Any
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from medialis.balls.ball_shrinking import ShrinkOptions, Side
+from medialis.balls.surface_skeleton import Preparation, surface_skeleton
 from medialis.errors import InvalidShapeError
+from medialis.geodesics.connectivity import connected_importance
+from medialis.geodesics.importance import geodesic_importance, important_points
+from medialis.mesh.skeleton_mesh import skeleton_mesh
 from medialis.model.medial_cloud import MedialCloud
 from medialis.model.shape import Shape
 from medialis.model.skeleton_mesh import SkeletonMesh
 from medialis.operations.common import (
-    REFINE,
-    SIDE,
-    TOLERANCE,
     cloud_arrays,
     cloud_layer,
-    maximal_balls,
-    refined,
     samples_layer,
     summary,
 )
-from medialis.operations.declaration import Kind, Operation, Parameter
+from medialis.operations.declaration import Operation
 from medialis.operations.result import Layer, Outcome
+from medialis.options import angle, changed, length, whole
 from medialis.progress import Progress
-from medialis.regularization.connectivity import connected_importance
-from medialis.regularization.importance import geodesic_importance, important_points
-from medialis.surface_skeletons.skeleton_mesh import DEFAULT_BRIDGE, skeleton_mesh
 
 
-def run(shape: Shape, parameters: Mapping[str, Any], progress: Progress) -> Outcome:
+@dataclass(frozen=True, kw_only=True)
+class SkeletonMeshRun(Preparation):
+    """Options of the operation `skeleton_mesh`."""
+
+    side: Side = changed(ShrinkOptions, "side")
+    min_spoke_angle: float = angle(
+        45.0,
+        "Minimum spoke angle",
+        "Leave out points whose feature points are less than this many degrees apart,"
+        " seen from the center. 0 keeps every sheet, also those of bumps and noise.",
+    )
+    importance: float = length(
+        0.0,
+        "Importance",
+        "Leave out points whose geodesic importance is below this fraction of the "
+        "size: removes what bumps and noise made. 0 measures no geodesics.",
+        high=10.0,
+    )
+    smallest_piece: float = length(
+        0.01,
+        "Smallest piece",
+        "Leave out separate pieces that reach no further than this fraction of the "
+        "size from their middle. 0 keeps all.",
+    )
+    bridge: int = whole(
+        2,
+        "Bridge gaps",
+        "Close gaps that left-out points would tear, up to this many edges from each side.",
+        high=100,
+        advanced=True,
+    )
+
+
+def run(shape: Shape, options: SkeletonMeshRun, progress: Progress) -> Outcome:
     """Refine, shrink balls, choose the points to keep, connect them."""
     if shape.faces is None:
         raise InvalidShapeError(
             "A skeleton mesh needs a surface with faces, got a point cloud: reconstruct a surface "
             "first, or use surface_skeleton, which shows the skeleton as points."
         )
-    fine = refined(shape, parameters["refine"], progress)
-    with progress.stage("skeleton", 0.1, 0.5):
-        cloud = maximal_balls(fine, parameters["tolerance"], progress, side=parameters["side"])
-    keep = cloud.valid & (cloud.spoke_angles >= math.radians(parameters["min_spoke_angle"]))
+    with progress.stage("skeleton", 0.0, 0.5):
+        cloud = surface_skeleton.of(shape, options, progress)
+    fine = cloud.surface
+    keep = cloud.valid & (cloud.spoke_angles >= math.radians(options.min_spoke_angle))
     measured: dict[str, NDArray[np.float64]] = {}
-    if parameters["importance"] > 0:
+    if options.importance > 0:
         with progress.stage("importance", 0.5, 0.8):
-            paths = geodesic_importance(fine, cloud, progress=progress)
+            paths = geodesic_importance.of(cloud, options, progress)
         measured["importance"] = paths.length
-        if parameters["side"] == "inner":
+        if options.side == "inner":
             measured["importance"] = connected_importance(fine, cloud, paths.length)
-        keep &= important_points(fine, measured["importance"], parameters["importance"])
+        keep &= important_points(fine, measured["importance"], options.importance)
     with progress.stage("mesh", 0.8, 1.0):
         mesh = skeleton_mesh(
             fine,
             cloud,
             keep=keep,
-            bridge=parameters["bridge"],
-            smallest_piece=parameters["smallest_piece"],
+            bridge=options.bridge,
+            smallest_piece=options.smallest_piece,
             progress=progress,
         )
     if len(mesh.faces) == 0:
-        wanted = f"a spoke angle of {parameters['min_spoke_angle']:g} degrees or more"
+        wanted = f"a spoke angle of {options.min_spoke_angle:g} degrees or more"
         advice = "Lower min_spoke_angle or smallest_piece"
-        if parameters["importance"] > 0:
-            wanted += f" and an importance of {parameters['importance']:g} of the size or more"
+        if options.importance > 0:
+            wanted += f" and an importance of {options.importance:g} of the size or more"
             advice = "Lower min_spoke_angle, importance or smallest_piece"
         if keep.sum() == cloud.valid.sum():
             advice = "Lower smallest_piece, or refine so that parts have more samples"
@@ -121,49 +151,8 @@ OPERATION = Operation(
     "rims of the sheets) are left out. Each point carries the radius of its ball, the spoke angle "
     "and its feature points.",
     source="thesis 3.4.1",
-    parameters=(
-        TOLERANCE,
-        SIDE,
-        Parameter(
-            "min_spoke_angle",
-            Kind.ANGLE,
-            45.0,
-            "Minimum spoke angle",
-            "Leave out points whose feature points are less than this many degrees apart, seen "
-            "from the center. 0 keeps every sheet, also those of bumps and noise.",
-            low=0.0,
-            high=180.0,
-        ),
-        Parameter(
-            "importance",
-            Kind.LENGTH,
-            0.0,
-            "Importance",
-            "Leave out points whose geodesic importance is below this fraction of the size: "
-            "removes what bumps and noise made. 0 measures no geodesics.",
-            low=0.0,
-            high=10.0,
-        ),
-        Parameter(
-            "smallest_piece",
-            Kind.LENGTH,
-            0.01,
-            "Smallest piece",
-            "Leave out separate pieces that reach no further than this fraction of the size from "
-            "their middle. 0 keeps all.",
-        ),
-        Parameter(
-            "bridge",
-            Kind.INT,
-            DEFAULT_BRIDGE,
-            "Bridge gaps",
-            "Close gaps that left-out points would tear, up to this many edges from each side.",
-            low=0,
-            high=100,
-            advanced=True,
-        ),
-        REFINE,
-    ),
+    options=SkeletonMeshRun,
     run=run,
     needs_faces=True,
+    order=60,
 )

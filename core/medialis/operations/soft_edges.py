@@ -2,21 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 
-from medialis.applications.soft_edges import soft_edges
-from medialis.features.extended_features import extended_feature_transform
-from medialis.features.point_types import is_rim
+from medialis.balls.ball_shrinking import Side
+from medialis.balls.surface_skeleton import Preparation, SurfaceSkeletonOptions
 from medialis.model.shape import Shape
 from medialis.operations.common import cloud_arrays, summary
 from medialis.operations.declaration import Kind, Operation, Parameter
 from medialis.operations.result import Outcome
-from medialis.operations.segments import FINE, SEGMENT_TOLERANCE, computed, surface_layers
+from medialis.operations.segments import computed, surface_layers
+from medialis.options import changed, choice
 from medialis.progress import Progress
-from medialis.surface_skeletons.ball_shrinking import Side
+from medialis.segments.soft_edges import soft_edges
+from medialis.sheets.extended_features import extended_feature_transform
+from medialis.sheets.point_types import is_rim
 
 SIDE_OF_EDGES: dict[str, Side] = {"convex": "inner", "concave": "outer", "both": "both"}
 EDGES = Parameter(
@@ -29,10 +30,32 @@ EDGES = Parameter(
 )
 
 
-def run(shape: Shape, parameters: Mapping[str, Any], progress: Progress) -> Outcome:
+@dataclass(frozen=True, kw_only=True)
+class SoftEdgesRun(Preparation):
+    """Options of the operation `soft_edges`."""
+
+    edges: str = choice(
+        "both",
+        "Edges",
+        "Convex edges, concave ones, or both (takes twice as long as one).",
+        ("convex", "concave", "both"),
+    )
+    tolerance: float = changed(Preparation, "tolerance", advanced=True)
+    refine: float = changed(
+        Preparation,
+        "refine",
+        default=0.01,
+        help="Split edges longer than this fraction of the size for the computation, so "
+        "that flat faces get samples; the surface stays the same. 0 computes with the"
+        " given vertices only. Sheets and edges need several samples across every "
+        "face.",
+    )
+
+
+def run(shape: Shape, options: SoftEdgesRun, progress: Progress) -> Outcome:
     """Refine, shrink balls, find the rim of the skeleton, bring it back to the surface."""
-    side = SIDE_OF_EDGES[parameters["edges"]]
-    fine, cloud = computed(shape, parameters, progress, side=side)
+    side = SIDE_OF_EDGES[options.edges]
+    fine, cloud = computed(shape, SurfaceSkeletonOptions.taken_from(options, side=side), progress)
     with progress.stage("soft edges", 0.4, 1.0):
         sets = extended_feature_transform(fine, cloud, progress=progress)
         edges = soft_edges(fine, cloud, sets=sets)
@@ -79,6 +102,7 @@ OPERATION = Operation(
     "sharpness: this angle as a share of a right angle. Vertices off all edges have the sharpness "
     "0 and the largest radius.",
     source="thesis 6.3.1",
-    parameters=(EDGES, SEGMENT_TOLERANCE, FINE),
+    options=SoftEdgesRun,
     run=run,
+    order=120,
 )

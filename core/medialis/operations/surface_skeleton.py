@@ -2,42 +2,54 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+from dataclasses import dataclass
 
+from medialis.balls.ball_shrinking import ShrinkOptions, Side
+from medialis.balls.subsampling import uniform_subsample
+from medialis.balls.surface_skeleton import Preparation, surface_skeleton
 from medialis.model.medial_cloud import BallStatus
 from medialis.model.shape import Shape
 from medialis.operations.common import (
-    REFINE,
-    SIDE,
-    TOLERANCE,
     cloud_arrays,
     cloud_layer,
-    maximal_balls,
-    refined,
     samples_layer,
     summary,
 )
-from medialis.operations.declaration import Kind, Operation, Parameter
+from medialis.operations.declaration import Operation
 from medialis.operations.result import Outcome
+from medialis.options import changed, length
 from medialis.progress import Progress
-from medialis.surface_skeletons.ball_shrinking import LARGEST_RADIUS
-from medialis.surface_skeletons.subsampling import uniform_subsample
 
 
-def run(shape: Shape, parameters: Mapping[str, Any], progress: Progress) -> Outcome:
+@dataclass(frozen=True, kw_only=True)
+class SurfaceSkeletonRun(Preparation):
+    """Options of the operation `surface_skeleton`."""
+
+    side: Side = changed(ShrinkOptions, "side")
+    subsample: float = length(
+        0.0,
+        "Point distance",
+        "Thin the skeleton so that its points are at least this fraction of the size "
+        "apart. 0 keeps all.",
+    )
+    largest_radius: float = length(
+        1.0,
+        "Largest radius",
+        "A ball that meets no second sample within this fraction of the size is "
+        "masked. Balls inside a closed shape never get this large.",
+        low=1e-06,
+        high=10.0,
+        advanced=True,
+    )
+
+
+def run(shape: Shape, options: SurfaceSkeletonRun, progress: Progress) -> Outcome:
     """Refine, shrink balls, thin the cloud if asked to."""
-    fine = refined(shape, parameters["refine"], progress)
-    with progress.stage("skeleton", 0.1, 0.95):
-        cloud = maximal_balls(
-            fine,
-            parameters["tolerance"],
-            progress,
-            side=parameters["side"],
-            largest_radius=parameters["largest_radius"],
-        )
+    with progress.stage("skeleton", 0.0, 0.95):
+        cloud = surface_skeleton.of(shape, options, progress)
+    fine = cloud.surface
     with progress.stage("subsample", 0.95, 1.0):
-        mask = uniform_subsample(cloud, parameters["subsample"] * fine.diagonal)
+        mask = uniform_subsample(cloud, options.subsample * fine.diagonal)
     shown = cloud.subset(mask)
     return Outcome(
         shape=fine,
@@ -67,29 +79,7 @@ OPERATION = Operation(
     "spoke angle between its two feature points, and the feature points themselves. Works on "
     "meshes, also open or non-manifold ones, and on point clouds.",
     source="thesis 3.2",
-    parameters=(
-        TOLERANCE,
-        SIDE,
-        Parameter(
-            "subsample",
-            Kind.LENGTH,
-            0.0,
-            "Point distance",
-            "Thin the skeleton so that its points are at least this fraction of the size apart. "
-            "0 keeps all.",
-        ),
-        REFINE,
-        Parameter(
-            "largest_radius",
-            Kind.LENGTH,
-            LARGEST_RADIUS,
-            "Largest radius",
-            "A ball that meets no second sample within this fraction of the size is masked. Balls "
-            "inside a closed shape never get this large.",
-            low=1e-6,
-            high=10.0,
-            advanced=True,
-        ),
-    ),
+    options=SurfaceSkeletonRun,
     run=run,
+    order=10,
 )

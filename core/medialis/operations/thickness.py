@@ -4,26 +4,23 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from medialis.features.thickness import KINDS, MIN_SPOKE_ANGLE, thickness, unresolved_walls
-from medialis.features.thin_spots import ThinSpot, thin_spots
+from medialis.balls.surface_skeleton import Preparation, surface_skeleton
+from medialis.fields.thickness import ThicknessKind, thickness, unresolved_walls
+from medialis.fields.thin_spots import ThinSpot, thin_spots
 from medialis.model.medial_cloud import MedialCloud
 from medialis.model.shape import Shape
 from medialis.operations.common import (
-    REFINE,
-    TOLERANCE,
     cloud_arrays,
-    maximal_balls,
-    refined,
     summary,
 )
-from medialis.operations.declaration import Kind, Operation, Parameter
+from medialis.operations.declaration import Operation
 from medialis.operations.result import Layer, Outcome
+from medialis.options import angle, changed, choice, length, whole
 from medialis.progress import Progress
 from medialis.validation import FloatArray, IntArray
 
@@ -35,21 +32,61 @@ UNRESOLVED_SHARE = 0.02
 """Share of the samples from which on walls thinner than the sampling are worth a warning."""
 
 
-def run(shape: Shape, parameters: Mapping[str, Any], progress: Progress) -> Outcome:
+@dataclass(frozen=True, kw_only=True)
+class ThicknessRun(Preparation):
+    """Options of the operation `thickness`."""
+
+    kind: ThicknessKind = choice(
+        "diameter",
+        "Measure",
+        "The diameter of the ball, as a caliper measures, or its radius.",
+        ("diameter", "radius"),
+    )
+    threshold: float = length(
+        0.0,
+        "Thin below",
+        "Every connected region thinner than this fraction of the size is a thin "
+        "spot. 0 finds the places that are thinner than all around them.",
+    )
+    spots: int = whole(
+        10,
+        "Thin spots",
+        "List at most this many places, the thinnest first.",
+        low=1,
+        high=100000,
+    )
+    min_spoke_angle: float = angle(
+        120.0,
+        "Wall angle",
+        "Balls whose two feature points are closer together than this, seen from the "
+        "center, belong to edges and bumps, not to walls, and are left out. 0 uses "
+        "all balls.",
+        advanced=True,
+    )
+    refine: float = changed(
+        Preparation,
+        "refine",
+        default=0.01,
+        help="Split edges longer than this fraction of the size for the computation, so "
+        "that flat faces get samples; the surface stays the same. 0 computes with the"
+        " given vertices only. A wall is seen where the samples are closer together "
+        "than it is thick.",
+    )
+
+
+def run(shape: Shape, options: ThicknessRun, progress: Progress) -> Outcome:
     """Refine, shrink balls, measure, complete, list the thinnest places."""
-    fine = refined(shape, parameters["refine"], progress)
-    with progress.stage("skeleton", 0.1, 0.7):
-        cloud = maximal_balls(fine, parameters["tolerance"], progress)
+    with progress.stage("skeleton", 0.0, 0.7):
+        cloud = surface_skeleton.of(shape, options, progress)
+    fine = cloud.surface
     with progress.stage("thickness", 0.7, 0.85):
-        angle = math.radians(parameters["min_spoke_angle"])
-        values = thickness(fine, cloud, kind=parameters["kind"], min_spoke_angle=angle)
+        angle = math.radians(options.min_spoke_angle)
+        values = thickness(fine, cloud, kind=options.kind, min_spoke_angle=angle)
     with progress.stage("thin spots", 0.85, 1.0):
-        threshold = parameters["threshold"] * fine.diagonal or None
-        spots = thin_spots(
-            fine, values, threshold=threshold, count=parameters["spots"], cloud=cloud
-        )
+        threshold = options.threshold * fine.diagonal or None
+        spots = thin_spots(fine, values, threshold=threshold, count=options.spots, cloud=cloud)
     _note_resolution(fine, cloud, progress)
-    _note_thinnest(spots, threshold, parameters["kind"], progress)
+    _note_thinnest(spots, threshold, options.kind, progress)
     labels = np.full(fine.point_count, -1, np.int32)
     for number, spot in enumerate(spots):
         labels[spot.vertices] = number
@@ -147,49 +184,7 @@ OPERATION = Operation(
     "is taken, so that every vertex has a value. Thin spots are listed with position, value, area "
     "and vertices, one entry a place.",
     source="thesis 3.5.1",
-    parameters=(
-        Parameter(
-            "kind",
-            Kind.CHOICE,
-            "diameter",
-            "Measure",
-            "The diameter of the ball, as a caliper measures, or its radius.",
-            choices=KINDS,
-        ),
-        Parameter(
-            "threshold",
-            Kind.LENGTH,
-            0.0,
-            "Thin below",
-            "Every connected region thinner than this fraction of the size is a thin spot. 0 finds "
-            "the places that are thinner than all around them.",
-        ),
-        Parameter(
-            "spots",
-            Kind.INT,
-            10,
-            "Thin spots",
-            "List at most this many places, the thinnest first.",
-            low=1,
-            high=100_000,
-        ),
-        Parameter(
-            "min_spoke_angle",
-            Kind.ANGLE,
-            round(math.degrees(MIN_SPOKE_ANGLE), 9),
-            "Wall angle",
-            "Balls whose two feature points are closer together than this, seen from the center, "
-            "belong to edges and bumps, not to walls, and are left out. 0 uses all balls.",
-            high=180.0,
-            advanced=True,
-        ),
-        TOLERANCE,
-        replace(
-            REFINE,
-            default=0.01,
-            help=f"{REFINE.help} A wall is seen where the samples are closer together than it is "
-            "thick.",
-        ),
-    ),
+    options=ThicknessRun,
     run=run,
+    order=40,
 )

@@ -4,23 +4,19 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Mapping
-from typing import Any
+from dataclasses import dataclass
 
-from medialis.curve_skeletons.silhouettes import DEFAULT_SALIENCY
-from medialis.curve_skeletons.views import (
-    DEFAULT_ANGLE,
-    DEFAULT_PAIRS,
-    DEFAULT_SIZE,
+from medialis.curves.from_views.views import (
     ViewSkeleton,
     skeleton_of_shape,
 )
-from medialis.io.curve_graphs import node_attributes
+from medialis.files.curve_graphs import node_attributes
 from medialis.model.curve_skeleton import CurveSkeleton
 from medialis.model.shape import Shape
 from medialis.operations.common import summary
-from medialis.operations.declaration import Kind, Operation, Parameter
+from medialis.operations.declaration import Operation
 from medialis.operations.result import Layer, Outcome
+from medialis.options import Options, angle, number, whole
 from medialis.progress import Progress
 
 FAST_PAIRS, FAST_SIZE = 100, 512
@@ -33,14 +29,53 @@ SHEET_SHARE = 0.2
 """Share of such places from which on a curve is a poor description."""
 
 
-def run(shape: Shape, parameters: Mapping[str, Any], progress: Progress) -> Outcome:
+@dataclass(frozen=True, kw_only=True)
+class ViewCurveSkeletonRun(Options):
+    """Options of the operation `view_curve_skeleton`."""
+
+    pairs: int = whole(
+        100,
+        "Pairs of views",
+        "Number of directions that the shape is seen from, two views each. 500 with a"
+        " view size of 1024 is finer, and ten times slower.",
+        low=1,
+        high=100000,
+    )
+    size: int = whole(
+        512,
+        "View size",
+        "Width and height of a view in pixels. Parts thinner than two pixels are lost.",
+        low=32,
+        high=8192,
+    )
+    saliency: float = number(
+        1.0,
+        "Saliency",
+        "Silhouette skeletons keep places where the contour between the two nearest "
+        "contour points is longer than this many times their distance. Higher values "
+        "keep less.",
+        high=1000.0,
+        advanced=True,
+    )
+    angle: float = angle(
+        20.0,
+        "Angle of a pair",
+        "Angle between the two cameras of a pair: small ones place points less "
+        "exactly, large ones match wrong points.",
+        low=1.0,
+        high=90.0,
+        advanced=True,
+    )
+
+
+def run(shape: Shape, options: ViewCurveSkeletonRun, progress: Progress) -> Outcome:
     """Render, match, sharpen, link, and say where a curve is a poor description."""
     found = skeleton_of_shape(
         shape,
-        pairs=parameters["pairs"],
-        size=parameters["size"],
-        angle=math.radians(parameters["angle"]),
-        saliency=parameters["saliency"],
+        pairs=options.pairs,
+        size=options.size,
+        angle=math.radians(options.angle),
+        saliency=options.saliency,
         source=None,
         progress=progress,
     )
@@ -128,48 +163,7 @@ OPERATION = Operation(
     "linked to a graph with branches and loops. It needs no clean mesh: holes, overlaps and "
     "wrong orientations do not matter. Parts that no view shows are not found.",
     source="thesis 3.7",
-    parameters=(
-        Parameter(
-            "pairs",
-            Kind.INT,
-            FAST_PAIRS,
-            "Pairs of views",
-            "Number of directions that the shape is seen from, two views each. "
-            f"{DEFAULT_PAIRS} with a view size of {DEFAULT_SIZE} is finer, and ten times slower.",
-            low=1,
-            high=100_000,
-        ),
-        Parameter(
-            "size",
-            Kind.INT,
-            FAST_SIZE,
-            "View size",
-            "Width and height of a view in pixels. Parts thinner than two pixels are lost.",
-            low=32,
-            high=8192,
-        ),
-        Parameter(
-            "saliency",
-            Kind.FLOAT,
-            DEFAULT_SALIENCY,
-            "Saliency",
-            "Silhouette skeletons keep places where the contour between the two nearest contour "
-            "points is longer than this many times their distance. Higher values keep less.",
-            low=0.0,
-            high=1000.0,
-            advanced=True,
-        ),
-        Parameter(
-            "angle",
-            Kind.ANGLE,
-            math.degrees(DEFAULT_ANGLE),
-            "Angle of a pair",
-            "Angle between the two cameras of a pair: small ones place points less exactly, large "
-            "ones match wrong points.",
-            low=1.0,
-            high=90.0,
-            advanced=True,
-        ),
-    ),
+    options=ViewCurveSkeletonRun,
     run=run,
+    order=80,
 )

@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from medialis.io._files import complete_file
-from medialis.io.curve_graphs import write_curve_skeleton
-from medialis.io.output_folder import OutputFolder
-from medialis.io.ply_attributes import write_ply
-from medialis.io.results import write_json, write_npz
+from medialis.files._files import complete_file
+from medialis.files.curve_graphs import write_curve_skeleton
+from medialis.files.output_folder import OutputFolder
+from medialis.files.ply_attributes import write_ply
+from medialis.files.results import write_json, write_npz
 from medialis.operations.pictures import draw_result, draw_turntable, require_attribute
 from medialis.operations.result import Result
 from medialis.progress import Progress, ProgressCallback

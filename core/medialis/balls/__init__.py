@@ -1,0 +1,1 @@
+"""Maximal balls: shrinking, thin walls, subsampling (thesis 3.2)."""

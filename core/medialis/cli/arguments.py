@@ -1,0 +1,217 @@
+"""The arguments of the command line: one subcommand for each operation, from the registry."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+from medialis.cli.display import STYLES
+from medialis.errors import InvalidOptionError
+from medialis.operations.declaration import Kind, Operation, Parameter
+from medialis.operations.registry import OPERATIONS
+from medialis.operations.writing import GRAPH_FORMATS
+from medialis.version import package_version
+
+Command = Callable[[argparse.Namespace], int]
+
+EXIT_OK, EXIT_BAD_INPUT, EXIT_SOME_FAILED, EXIT_CANCELLED = 0, 2, 3, 130
+NUMBERS = (Kind.FLOAT, Kind.INT, Kind.LENGTH, Kind.ANGLE)
+
+_EPILOG = """exit codes: 0 done; 2 bad input or options (one line on stderr); 3 a batch is done but
+some of its results failed (the table says why); 130 cancelled.
+Lengths are fractions of the bounding-box diagonal: 0.01 is 1 % of the size of the shape."""
+
+
+def number(text: str) -> float | str:
+    """Convert text to a number; what is none goes on to the check, which words the error."""
+    try:
+        return float(text)
+    except ValueError:
+        return text
+
+
+class _Parser(argparse.ArgumentParser):
+    """argparse that reports errors as one line, like every other error of the program."""
+
+    def error(self, message: str) -> Any:
+        raise InvalidOptionError(f"{message} (see {self.prog} --help)")
+
+
+def build_parser(run: Command, commands: Mapping[str, Command]) -> argparse.ArgumentParser:
+    """Return the parser; `run` is the command of every operation, `commands` the others by name."""
+    parser = _Parser(
+        prog="medialis",
+        description="Medial descriptors of 3D shapes: skeletons, thickness, parts.",
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--version", action="version", version=f"medialis {package_version()}")
+    group = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
+    for chosen in OPERATIONS:
+        _add_operation(group, chosen, run)
+
+    def add(name: str, help_text: str) -> argparse.ArgumentParser:
+        sub = group.add_parser(name, help=help_text, description=help_text)
+        sub.set_defaults(command=commands[name], verbose=False)
+        return sub
+
+    info = add("info", "Diagnose a mesh or point cloud file, before and after repair.")
+    info.add_argument("file", help="PLY, OBJ, OFF, STL or point text; more with the extra io")
+    info.add_argument("--json", action="store_true", help="print one JSON object")
+    add("list", "List all operations.")
+    describe = add("describe", "Describe operations and their parameters.")
+    describe.add_argument("operation", nargs="?", help="one operation; all when missing")
+    describe.add_argument("--json", action="store_true", help="print JSON (for programs)")
+    _add_batch(add("batch", "Run operations over many files, in parallel; --help tells how."))
+    warmup = add("warmup", "Compile all kernels now, so that the first run is fast.")
+    _add_progress(warmup)
+    doctor = add("doctor", "Say what is installed, what is missing, and how to get it.")
+    doctor.add_argument("--json", action="store_true", help="print JSON (for programs)")
+    install = add("meshlab-install", "Put the built plugin where MeshLab looks.")
+    install.add_argument("--plugin", metavar="FILE", help="the plugin (default: built here)")
+    install.add_argument(
+        "--meshlab", metavar="FOLDER", help="MeshLab's folder of plugins (default: found)"
+    )
+    demo = add("demo", "Compute the surface skeleton of a built-in shape, and of yours.")
+    demo.add_argument("file", nargs="?", help="a mesh or point cloud of your own")
+    demo.add_argument("-o", "--output", default="medialis-demo", help="output folder")
+    _add_progress(demo)
+    return parser
+
+
+def with_dashes(arguments: Sequence[str]) -> list[str]:
+    """Return arguments with the command and the options spelled as the parser knows them.
+
+    Examples
+    --------
+    >>> with_dashes(["soft_edges", "my_part.ply", "--color_by=edge_radius"])
+    ['soft-edges', 'my_part.ply', '--color-by=edge_radius']
+    """
+    result = list(arguments)
+    for place, word in enumerate(result):
+        if word == "--":  # file names follow
+            break
+        name, equals, value = word.partition("=")
+        if place == 0 or name.startswith("--"):
+            result[place] = name.replace("_", "-") + equals + value
+    return result
+
+
+def _add_operation(group: Any, chosen: Operation, run: Command) -> None:
+    first = chosen.help.splitlines()[0]
+    sub = group.add_parser(
+        chosen.name.replace("_", "-"),
+        help=first,
+        description=f"{chosen.help}\n\nSource: {chosen.source}.",
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    sub.add_argument("file", help="PLY, OBJ, OFF, STL or point text; more with the extra io")
+    sub.add_argument(
+        "-o", "--output", help="output folder (default: FILE's name + -medialis, here)"
+    )
+    options = sub.add_argument_group("parameters")
+    for parameter in chosen.parameters:
+        _add_parameter(options, parameter)
+    sub.add_argument("--threads", type=int, help="use at most this many threads")
+    sub.add_argument("--json", action="store_true", help="print the manifest as one JSON object")
+    sub.add_argument("--no-picture", action="store_true", help="write no picture")
+    _add_report(sub, "of the result")
+    sub.add_argument("--color-by", metavar="ATTRIBUTE", help="colour the picture by this attribute")
+    sub.add_argument(
+        "--turntable", type=int, default=0, metavar="N", help="also draw N views all round"
+    )
+    sub.add_argument(
+        "--host",
+        action="store_true",
+        help="write for a host program: layers in colours and fields on the file's own vertices, "
+        "no pictures, no NPZ",
+    )
+    sub.add_argument("--auxiliary", action="store_true", help="with --host: also write the samples")
+    if chosen.makes_graph:
+        sub.add_argument(
+            "--formats",
+            default=",".join(GRAPH_FORMATS),
+            metavar="LIST",
+            help="graph formats to write besides PLY, with commas between them; '' for none "
+            "(default: %(default)s). SWC holds a tree: loops are cut, see its comments",
+        )
+    _add_progress(sub)
+    sub.set_defaults(command=run, operation=chosen)
+
+
+def _add_batch(sub: argparse.ArgumentParser) -> None:
+    sub.description = (
+        "Run operations over many shapes in worker processes (extra dask). Results go to "
+        "OUTPUT/SHAPE/OPERATION, a table of all to OUTPUT/results.html and results.csv. One bad "
+        "shape never stops the rest; the exit code is 3 then. Called again it computes only what "
+        "is missing."
+    )
+    sub.epilog = _EPILOG
+    sub.formatter_class = argparse.RawDescriptionHelpFormatter
+    sub.add_argument(
+        "operations", metavar="OPERATION[,OPERATION...]", help="names as `medialis list` has them"
+    )
+    sub.add_argument(
+        "files", nargs="+", metavar="FILE", help="meshes and point clouds, or folders of them"
+    )
+    sub.add_argument("-o", "--output", default="medialis-batch", help="output folder")
+    sub.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        metavar="OPERATION.PARAMETER=VALUE",
+        help="a parameter that is not at its default; may be given several times",
+    )
+    sub.add_argument("--workers", type=int, help="processes (default: one a processor)")
+    sub.add_argument(
+        "--scheduler", metavar="ADDRESS", help="use the workers of an existing Dask scheduler"
+    )
+    sub.add_argument("--no-picture", action="store_true", help="draw no pictures")
+    _add_report(sub, "of each result")
+    sub.add_argument("--json", action="store_true", help="print the table as JSON")
+    _add_progress(sub)
+
+
+def _add_parameter(group: Any, parameter: Parameter) -> None:
+    flag = "--" + parameter.name.replace("_", "-")
+    text = f"{parameter.help} (default: {parameter.default})".replace("%", "%%")
+    if parameter.kind is Kind.BOOL:
+        group.add_argument(
+            flag,
+            dest=f"parameter_{parameter.name}",
+            action=argparse.BooleanOptionalAction,
+            default=parameter.default,
+            help=text,
+        )
+        return
+    metavar = {
+        Kind.INT: "N",
+        Kind.LENGTH: "FRACTION",
+        Kind.FLOAT: "NUMBER",
+        Kind.ANGLE: "DEGREES",
+        Kind.FILE: "FILE",
+    }.get(parameter.kind)
+    if parameter.kind is Kind.CHOICE:
+        metavar = "{" + ",".join(parameter.choices) + "}"
+    group.add_argument(flag, dest=f"parameter_{parameter.name}", metavar=metavar, help=text)
+
+
+def _add_report(sub: argparse.ArgumentParser, of_what: str) -> None:
+    sub.add_argument(
+        "--report",
+        action="store_true",
+        help=f"also write report.html and report.json: the quality {of_what}",
+    )
+
+
+def _add_progress(sub: argparse.ArgumentParser) -> None:
+    sub.add_argument(
+        "--progress",
+        choices=STYLES,
+        default="auto",
+        help="on stderr: a bar, a log with a line now and then, lines 'PROGRESS fraction text' for "
+        "programs; auto: a bar on a terminal, else a log of a batch and nothing of a single run",
+    )
+    sub.add_argument("-v", "--verbose", action="store_true", help="log what is done on stderr")

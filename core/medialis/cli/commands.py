@@ -1,0 +1,309 @@
+"""The command line: what its commands do (`cli/arguments.py` says what they take)."""
+
+from __future__ import annotations
+
+import argparse
+import io
+import json
+import logging
+import os
+import signal
+import sys
+import threading
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+import numpy as np
+
+from medialis.cli.arguments import (
+    EXIT_BAD_INPUT,
+    EXIT_CANCELLED,
+    EXIT_OK,
+    NUMBERS,
+    build_parser,
+    number,
+    with_dashes,
+)
+from medialis.cli.batch_command import run_batch
+from medialis.cli.display import clear_bar, shown_progress
+from medialis.errors import Cancelled, InvalidShapeError, MedialisError
+from medialis.operations.declaration import Operation
+from medialis.operations.registry import OPERATIONS, operation, run
+from medialis.operations.result import value_lines
+from medialis.operations.writing import GRAPH_FORMATS
+from medialis.threads import thread_limit
+from medialis.validation import as_choice, as_whole_number
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line and return its exit code."""
+    _print_any_name()
+    try:
+        with _ending_as_interrupt():
+            given = with_dashes(sys.argv[1:] if arguments is None else arguments)
+            options = build_parser(_run_operation, COMMANDS).parse_args(given)
+            _configure_log(options)
+            code: int = options.command(options)
+            sys.stdout.flush()
+            return code
+    except (KeyboardInterrupt, Cancelled):
+        clear_bar()
+        print("medialis: cancelled, nothing was written.", file=sys.stderr)
+        return EXIT_CANCELLED
+    except BrokenPipeError:  # the reader of our output went away, as in `medialis list | head -1`
+        _drop_output()
+        return EXIT_OK
+    except MedialisError as error:
+        clear_bar()
+        print(f"medialis: {' '.join(str(error).split())}", file=sys.stderr)
+        return EXIT_BAD_INPUT
+    except ImportError as error:  # numba is loaded by the first computation
+        print(
+            f"medialis: a package cannot be loaded: {error}; see medialis doctor.", file=sys.stderr
+        )
+        return EXIT_BAD_INPUT
+    except MemoryError:
+        print("medialis: not enough memory for this shape and these options.", file=sys.stderr)
+        return EXIT_BAD_INPUT
+    except OSError as error:  # all other files are FileErrors: this is our own output
+        print(f"medialis: cannot print the output: {error.strerror or error}.", file=sys.stderr)
+        _drop_output()
+        return EXIT_BAD_INPUT
+
+
+def _print_any_name() -> None:
+    """Let file names in any script pass through a stream that cannot encode them."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper) and stream.errors == "strict":
+            stream.reconfigure(errors="backslashreplace")
+
+
+@contextmanager
+def _ending_as_interrupt() -> Iterator[None]:
+    """Let a request to end (`kill`, a host that cancels) clean up as Ctrl-C does."""
+
+    def stop(number: int, frame: FrameType | None) -> None:
+        signal.signal(signal.SIGTERM, signal.SIG_IGN)  # a second one must not disturb the cleaning
+        raise KeyboardInterrupt
+
+    if threading.current_thread() is not threading.main_thread():  # others may set no handler
+        yield
+        return
+    before = signal.signal(signal.SIGTERM, stop)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+def _drop_output() -> None:
+    """Send what is still buffered to nowhere, so that Python does not fail on it at its end."""
+    with suppress(OSError):  # a stream that is no file
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def _configure_log(options: argparse.Namespace) -> None:
+    level = logging.INFO if getattr(options, "verbose", False) else logging.ERROR
+    logging.basicConfig(level=level, format="%(message)s", stream=sys.stderr)
+
+
+def _run_operation(options: argparse.Namespace) -> int:
+    chosen: Operation = options.operation
+    given = {}
+    for parameter in chosen.parameters:
+        value = getattr(options, f"parameter_{parameter.name}")
+        if value is not None:
+            given[parameter.name] = number(value) if parameter.kind in NUMBERS else value
+    chosen.resolve(given)  # bad options are reported before the file is read
+    as_whole_number(options.turntable, "turntable", low=0, high=10_000)
+    for name in _formats(options):
+        as_choice(name, "formats", GRAPH_FORMATS)
+    output = options.output or Path(options.file).stem + "-medialis"
+    manifest = _compute(chosen.name, options.file, output, given, options)
+    if not options.host:  # a host reads the manifest from the folder
+        _report(manifest, options)
+    return EXIT_OK
+
+
+def _formats(options: argparse.Namespace) -> tuple[str, ...]:
+    """Return the graph formats to write, each once."""
+    return tuple(dict.fromkeys(filter(None, getattr(options, "formats", "").split(","))))
+
+
+def _compute(
+    name: str, file: str | None, output: str, given: dict[str, Any], options: argparse.Namespace
+) -> dict[str, Any]:
+    from medialis.hosts.handover import write_for_host
+    from medialis.operations.writing import write_result
+    from medialis.surface.generate import organic_shape
+    from medialis.surface.reading import read_shape
+
+    clock = time.perf_counter()
+    threads = getattr(options, "threads", None)
+    progress = shown_progress(options.progress)
+    with progress.stage("input", 0.0, 0.1):
+        shape = organic_shape() if file is None else read_shape(file, progress=progress)
+    with progress.stage("compute", 0.1, 0.7):
+        result = run(name, shape, threads=threads, progress=progress, **given)
+    source = "organic shape" if file is None else file
+    if getattr(options, "host", False):
+        with progress.stage("output", 0.7, 1.0):
+            return write_for_host(
+                result, shape, output, source=source, auxiliary=options.auxiliary, progress=progress
+            )
+    texts = None
+    if getattr(options, "report", False):
+        from medialis.reports.report import report_texts
+
+        with progress.stage("report", 0.7, 0.85), thread_limit(threads):
+            texts = report_texts(result, source=file)
+    with progress.stage("output", 0.85, 1.0), thread_limit(threads):
+        manifest = write_result(
+            result,
+            output,
+            source=source,
+            picture=not getattr(options, "no_picture", False),
+            color_by=getattr(options, "color_by", None),
+            turntable=getattr(options, "turntable", 0),
+            texts=texts,
+            formats=_formats(options),
+            progress=progress,
+        )
+    manifest["seconds"] = {**progress.seconds, "total": time.perf_counter() - clock}
+    return manifest
+
+
+def _report(manifest: dict[str, Any], options: argparse.Namespace) -> None:
+    from medialis.files.results import json_text
+
+    if getattr(options, "json", False):
+        print(json_text(manifest))
+        return
+    print(f"{manifest['operation'].replace('_', ' ')} of {manifest['input']}")
+    for line in value_lines(manifest["values"]):
+        print(line)
+    for message in manifest["messages"]:
+        print(f"note: {message}")
+    print(f"{manifest['seconds']['total']:.2f} seconds")
+    for file in manifest["files"]:
+        if file != manifest["picture"]:
+            print(file)
+    if manifest["picture"]:
+        print(manifest["picture"])
+
+
+def _info(options: argparse.Namespace) -> int:
+    from medialis.files.meshes import read_mesh
+    from medialis.files.results import json_text
+    from medialis.model.shape import Shape
+    from medialis.surface.diagnosis import diagnose
+    from medialis.surface.far_points import far_points
+    from medialis.surface.repair import repair
+
+    mesh = read_mesh(options.file)
+    found, repaired = diagnose(mesh.points, mesh.faces), None
+    messages = list(mesh.messages)
+    try:
+        fixed = repair(mesh.points, mesh.faces)
+        messages += fixed.messages
+        repaired = diagnose(fixed.points, fixed.faces) if fixed.messages else found
+        without_normals = np.zeros_like(fixed.points)
+        messages += filter(None, [far_points(Shape(fixed.points, without_normals, fixed.faces))])
+    except InvalidShapeError as error:  # nothing is left: the diagnosis tells why
+        messages.append(f"Operations will refuse it: {error}")
+    if options.json:
+        after = None if repaired is None else repaired.as_dict()
+        about = {"file": options.file, "format": mesh.format, "messages": messages}
+        print(json_text({**about, **found.as_dict(), "repaired": after}))
+        return EXIT_OK
+    print(f"{options.file} ({mesh.format})")
+    print(found.summary())
+    for message in messages:
+        print(f"note: {message}")
+    if repaired is not None and repaired != found:
+        print(f"as operations see it:\n{repaired.summary()}")
+    return EXIT_OK
+
+
+def _list(options: argparse.Namespace) -> int:
+    for chosen in OPERATIONS:
+        print(f"{chosen.name.replace('_', '-'):24} {chosen.help.splitlines()[0]}")
+    return EXIT_OK
+
+
+def _describe(options: argparse.Namespace) -> int:
+    chosen = [operation(options.operation)] if options.operation else list(OPERATIONS)
+    if options.json:
+        print(json.dumps([entry.describe() for entry in chosen], indent=2, allow_nan=False))
+        return EXIT_OK
+    for entry in chosen:
+        print(f"{entry.name} ({entry.label}; MeshLab: {entry.filter_name}; {entry.source})")
+        print(entry.help)
+        for parameter in entry.parameters:
+            kind = parameter.kind.value
+            if parameter.choices:
+                kind = " | ".join(parameter.choices)
+            print(f"  {parameter.name} [{kind}, default {parameter.default}]: {parameter.help}")
+    return EXIT_OK
+
+
+def _warmup(options: argparse.Namespace) -> int:
+    from medialis.operations.pictures import draw_result
+    from medialis.surface.generate import organic_shape
+
+    clock = time.perf_counter()
+    shape, progress = organic_shape(56), shown_progress(options.progress)
+    for place, entry in enumerate(OPERATIONS):
+        span = place / len(OPERATIONS), (place + 1) / len(OPERATIONS)
+        with progress.stage(entry.name, *span):
+            given: dict[str, Any] = {"subsample": 0.01} if entry.name == "surface_skeleton" else {}
+            result = run(entry.name, shape, progress=progress, **given)
+            draw_result(result, width=320, height=240)
+    from medialis._kernels.cache_folder import kernel_cache, mark_compiled
+
+    mark_compiled()
+    print(f"Kernels ready in {time.perf_counter() - clock:.1f} s; cache: {kernel_cache()}")
+    return EXIT_OK
+
+
+def _doctor(options: argparse.Namespace) -> int:
+    from medialis.cli.doctor import as_data, as_text, examine
+
+    findings = examine()
+    print(json.dumps(as_data(findings), indent=2) if options.json else as_text(findings))
+    return EXIT_BAD_INPUT if any(f.state == "broken" for f in findings) else EXIT_OK
+
+
+def _meshlab_install(options: argparse.Namespace) -> int:
+    from medialis.cli.meshlab_install import find_built, install
+
+    for path in install(options.plugin or find_built(), folder=options.meshlab):
+        print(path)
+    print("Start MeshLab again: its menu Filters has the filters of medialis.")
+    return EXIT_OK
+
+
+def _demo(options: argparse.Namespace) -> int:
+    for file in [None] if options.file is None else [None, options.file]:
+        folder = Path(options.output) / ("organic_shape" if file is None else Path(file).stem)
+        _report(_compute("surface_skeleton", file, str(folder), {}, options), options)
+    return EXIT_OK
+
+
+COMMANDS = {
+    "info": _info,
+    "list": _list,
+    "describe": _describe,
+    "batch": run_batch,
+    "warmup": _warmup,
+    "demo": _demo,
+    "doctor": _doctor,
+    "meshlab-install": _meshlab_install,
+}
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,268 @@
+"""What is installed, what it means, what is missing and how to get it: `medialis doctor`.
+
+Packages are imported in processes of their own: what is installed is not always what loads.
+"""
+
+from __future__ import annotations
+
+import os
+import platform
+import subprocess
+import sys
+import tomllib
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import asdict, dataclass
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+from medialis._kernels.cache_folder import kernel_cache, kernels_are_compiled
+from medialis.cli.machine import Machine
+from medialis.cli.meshlab_install import HOW_TO_BUILD, PROGRAM_NOTE
+from medialis.errors import FileError
+from medialis.files._files import reason
+from medialis.threads import thread_count
+from medialis.version import package_version
+
+NEEDED = {"numpy": "numpy", "scipy": "scipy.spatial", "llvmlite": "llvmlite", "numba": "numba"}
+"""Package and the module that must load."""
+
+EXTRAS = {
+    "io": ("glTF, 3MF, Collada and more", ("trimesh", "networkx", "lxml", "pycollada")),
+    "dask": ("batches", ("dask", "distributed")),
+    "meshlab": ("filters of pymeshlab", ("pymeshlab",)),
+    "blender": ("Blender as a Python module (Python 3.11 or 3.13)", ("bpy",)),
+}
+"""What an extra is for, and its packages."""
+
+MODULES = {"pycollada": "collada"}
+"""Modules that are not named like their package."""
+
+OLDEST_BLENDER = (4, 2)
+NOT_HANDED_ON = ("QT_", "LD_", "DYLD_", "PYTHONHOME", "PYTHONPATH", "PYTHONSTARTUP")
+"""Variables that the MeshLab plugin keeps from the Python that it runs, by their beginnings."""
+
+PATIENCE = 60
+"""Seconds for a program to answer."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One line of the report.
+
+    Attributes
+    ----------
+    name : str
+    state : str
+        "ok", "missing" (something optional) or "broken" (it is there or needed, and cannot work).
+    text : str
+        What was found and what it means.
+    advice : str
+        What to do about it; empty when there is nothing to do.
+    """
+
+    name: str
+    state: str
+    text: str
+    advice: str = ""
+
+
+def examine(machine: Machine | None = None) -> list[Finding]:
+    """Look at the installation, the kernel cache and the hosts; changes nothing."""
+    found = [
+        Finding("medialis", "ok", f"{package_version()} in {Path(__file__).parent}"),
+        Finding("Python", "ok", f"{platform.python_version()} ({sys.executable})"),
+        Finding("system", "ok", f"{platform.platform()}, {platform.machine()}"),
+    ]
+    with ThreadPoolExecutor(thread_count()) as pool:
+        needed = [pool.submit(_needed, name) for name in NEEDED]
+        extras = [pool.submit(_extra, name) for name in EXTRAS]
+        found += [future.result() for future in needed]
+        found += [_threads(), *([_cache()] if found[-1].state == "ok" else [])]
+        found += [future.result() for future in extras]
+    try:
+        machine = machine or Machine()
+    except FileError as error:
+        return [*found, Finding("hosts", "missing", f"not looked for: {error}")]
+    return [*found, *_blender(machine), *_meshlab(machine)]
+
+
+def _call(command: Sequence[str], environment: Mapping[str, str]) -> tuple[bool, str]:
+    """Return whether a program ends well, and what it says; its last line when it does not."""
+    try:
+        done = subprocess.run(
+            command, env=environment, stdin=subprocess.DEVNULL, capture_output=True, text=True,
+            errors="replace", timeout=PATIENCE,
+        )  # fmt: skip
+    except (OSError, ValueError) as error:
+        return False, reason(error) if isinstance(error, OSError) else str(error)
+    except subprocess.TimeoutExpired:
+        return False, f"no answer in {PATIENCE} seconds"
+    if done.returncode == 0:
+        return True, done.stdout.strip()
+    lines = [line.strip() for line in done.stderr.splitlines() if line.strip()]
+    return False, lines[-1] if lines else f"it ended with code {done.returncode}"
+
+
+def _loads(module: str) -> str:
+    """Return why a module cannot be imported; empty when it can."""
+    path = {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+    loads, why = _call([sys.executable, "-P", "-c", f"import {module}"], {**os.environ, **path})
+    return "" if loads else why
+
+
+def _needed(name: str) -> Finding:
+    try:
+        found = version(name)
+    except PackageNotFoundError:
+        return Finding(name, "broken", "not installed; nothing works without it",
+                       f"pip install {name}")  # fmt: skip
+    why = _loads(NEEDED[name])
+    if not why:
+        return Finding(name, "ok", found)
+    text = f"{found} is installed and cannot be loaded: {why}"
+    return Finding(name, "broken", text, f"pip install --force-reinstall {name}")
+
+
+def _extra(extra: str) -> Finding:
+    """Say what is there of an extra, and whether it loads."""
+    use, packages = EXTRAS[extra]
+    advice = f'pip install "medialis[{extra}]"'
+    there, missing = [], []
+    for name in packages:
+        try:
+            there.append(f"{name} {version(name)}")
+        except PackageNotFoundError:
+            missing.append(name)
+    name = f"extra {extra}"
+    if missing:
+        return Finding(name, "missing", f"{', '.join(missing)} not installed; for {use}", advice)
+    for package in packages:
+        if why := _loads(MODULES.get(package, package)):
+            text = f"{package} is installed and cannot be loaded: {why}"
+            return Finding(name, "broken", text, f"pip install --force-reinstall {package}")
+    return Finding(name, "ok", f"{', '.join(there)}; for {use}")
+
+
+def _threads() -> Finding:
+    text = f"{thread_count()}, one for each processor that may be used; --threads takes fewer"
+    if "NUMBA_NUM_THREADS" in os.environ:
+        text += "; NUMBA_NUM_THREADS changes nothing here"
+    return Finding("threads", "ok", text)
+
+
+def _cache() -> Finding:
+    """Say where compiled kernels are kept, whether they can be, and how many are there."""
+    advice = "name a folder that can be written in the variable MEDIALIS_CACHE_DIR"
+    try:
+        folder = kernel_cache()
+    except RuntimeError:
+        text = "this user has no home folder to keep kernels in: every start compiles anew"
+        return Finding("kernel cache", "missing", text, advice)
+    nearest = next(path for path in [folder, *folder.parents] if os.access(path, os.F_OK))
+    if not (nearest.is_dir() and os.access(nearest, os.W_OK | os.X_OK)):
+        text = f"{folder} cannot be written: every start compiles anew"
+        return Finding("kernel cache", "missing", text, advice)
+    files = list(folder.glob("*.py{}{}.*.nbc".format(*sys.version_info)))
+    size = sum(file.stat().st_size for file in files) / 1e6
+    text = f"{folder}: {len(files)} kernels of this Python, {size:.1f} MB"
+    if kernels_are_compiled():
+        return Finding("kernel cache", "ok", f"{text}, all that there are")
+    return Finding("kernel cache", "ok", f"{text}; a first run compiles what it needs",
+                   "to compile all of them now: medialis warmup")  # fmt: skip
+
+
+def _blender(machine: Machine) -> list[Finding]:
+    """Look for Blender and for the extension in the user's folders."""
+    oldest = ".".join(map(str, OLDEST_BLENDER))
+    get = f"get Blender {oldest} or later from blender.org"
+    found = []
+    for program in machine.programs("blender"):
+        answers, text = _call([str(program), "--version"], os.environ)
+        words = text.split() if answers else []
+        numbers = words[1] if len(words) > 1 and words[0] == "Blender" else ""
+        if not numbers:
+            why = "it does not say its version" if answers else text
+            found.append(Finding("Blender", "broken", f"{program} cannot be run: {why}", get))
+        elif _numbers(numbers) < OLDEST_BLENDER:
+            text = f"{numbers} ({program}) is too old for the extension"
+            found.append(Finding("Blender", "missing", text, get))
+        else:
+            found.append(Finding("Blender", "ok", f"{numbers} ({program})"))
+    if not found:
+        text = "not found on the path or in the usual places"
+        found.append(Finding("Blender", "missing", text, get))
+    manifests = machine.blender_extensions()
+    found += [_extension(manifest) for manifest in manifests]
+    if not manifests:
+        advice = (
+            "drag the zip of the extension into Blender, or Preferences > Get Extensions > Install "
+            "from Disk; `make blender` in the sources makes it"
+        )
+        found.append(Finding("  extension", "missing", "not installed for this user", advice))
+    return found
+
+
+def _numbers(text: str) -> tuple[int, ...]:
+    return tuple(int(word) for word in text.split(".") if word.isdigit())
+
+
+def _extension(manifest: Path) -> Finding:
+    """Say which version of the extension is installed for which Blender."""
+    try:
+        about = tomllib.loads(manifest.read_text("utf-8"))["version"]
+    except (OSError, ValueError, KeyError):
+        text = f"{manifest} cannot be read: Blender will not load it"
+        return Finding("  extension", "broken", text, "install the extension again from its zip")
+    return Finding("  extension", "ok", f"{about} in {manifest.parent}")
+
+
+def _meshlab(machine: Machine) -> list[Finding]:
+    """Look for MeshLab, for the plugin of its filter menu, and for the Python that it runs."""
+    folders = [f"plugins in {folder}" for folder in machine.system_folders()]
+    places = [*map(str, machine.programs("meshlab")), *folders]
+    if places:
+        found = [Finding("MeshLab", "ok", ", ".join(places))]
+    else:
+        text = "not found on the path or in the usual places"
+        advice = "get it from meshlab.net or with your system's packages"
+        found = [Finding("MeshLab", "missing", text, advice)]
+    installed = machine.plugins()
+    if not installed:
+        found.append(Finding("  plugin", "missing", "not installed; for filters in MeshLab's menu",
+                             HOW_TO_BUILD))  # fmt: skip
+    for plugin in installed:
+        found += [Finding("  plugin", "ok", str(plugin)), _program_of(plugin)]
+    return found
+
+
+def _program_of(plugin: Path) -> Finding:
+    """Say which Python a plugin runs and whether that has medialis."""
+    advice = "run medialis meshlab-install from the Python environment that has medialis"
+    try:
+        python = (plugin.parent / PROGRAM_NOTE).read_text("utf-8").strip()
+    except (OSError, ValueError):
+        text = f"no {PROGRAM_NOTE} beside the plugin names one: it runs `medialis` from the path"
+        return Finding("  its Python", "missing", text, advice)
+    handed_on = {k: v for k, v in os.environ.items() if not k.startswith(NOT_HANDED_ON)}
+    works, text = _call([python, "-m", "medialis", "--version"], handed_on)
+    if not works:
+        return Finding("  its Python", "broken", f"{python} cannot run medialis: {text}", advice)
+    return Finding("  its Python", "ok", f"{python} has {text}")
+
+
+def as_text(findings: Sequence[Finding]) -> str:
+    """Return the report for people."""
+    marks = {"ok": "ok     ", "missing": "-      ", "broken": "BROKEN "}
+    lines = []
+    for found in findings:
+        lines.append(f"{marks[found.state]}{found.name:14}{found.text}")
+        if found.advice:
+            lines.append(f"{'':21}-> {found.advice}")
+    return "\n".join(lines)
+
+
+def as_data(findings: Sequence[Finding]) -> list[dict[str, Any]]:
+    """Return the report for programs."""
+    return [asdict(finding) for finding in findings]

@@ -1,0 +1,1 @@
+"""Noisy clouds into manifolds that may cross, and their surfaces (thesis 4.2)."""

@@ -1,1 +1,0 @@
-"""Curve skeletons: from the surface skeleton (thesis 3.6), and from views of a shape (3.7)."""

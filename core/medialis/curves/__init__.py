@@ -1,0 +1,1 @@
+"""Curve skeletons (thesis 3.6, 3.7)."""

@@ -1,0 +1,1 @@
+"""Curve skeletons from the surface skeleton (thesis 3.6)."""

@@ -1,0 +1,1 @@
+"""Curve skeletons from views (thesis 3.7)."""

@@ -1,0 +1,115 @@
+"""Views as the stages of thesis 3.7 take them: checked, and side by side in batches."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from medialis.curves.from_views.silhouettes import Scratch, check_border, skeletonize
+from medialis.errors import InvalidOptionError, InvalidShapeError
+from medialis.model.view import OrthographicCamera, View, ViewSource
+from medialis.threads import run_chunks
+from medialis.validation import FloatArray
+
+BATCH = 16
+"""Views held at a time: a constant, so that memory and results do not depend on the threads."""
+POINTS_A_CHUNK = 4096
+
+
+class GivenViews:
+    """The source of views that the caller has."""
+
+    def __init__(self, pairs: Sequence[tuple[View, View]]) -> None:
+        self._views = {id(view.camera): view for pair in pairs for view in pair}
+
+    def __call__(self, cameras: Sequence[OrthographicCamera]) -> list[View]:
+        """Return the given view of each camera."""
+        return [self._views[id(camera)] for camera in cameras]
+
+
+class ViewBatch:
+    """Depths and distance fields of a few views side by side, as the kernels read them."""
+
+    def __init__(
+        self, source: ViewSource, cameras: Sequence[OrthographicCamera], saliency: float
+    ) -> None:
+        size, count = cameras[0].size, len(cameras)
+        self.cameras = np.stack(
+            [np.r_[camera.center, camera.axes.ravel(), camera.pixel] for camera in cameras]
+        )
+        self.near = np.empty((count, size, size), np.float32)
+        self.far = np.empty_like(self.near)
+        self.field = np.zeros_like(self.near)
+        for begin in range(0, count, BATCH):
+            for at, view in enumerate(render_views(source, cameras[begin : begin + BATCH]), begin):
+                self.near[at], self.far[at] = view.near, view.far
+
+        def skeletons(begin: int, end: int) -> None:
+            scratch = Scratch(size)
+            for at in range(begin, end):
+                skeletonize(self.near[at], saliency, scratch, self.field[at])
+
+        run_chunks(skeletons, count, 1)
+
+    def measure(self, points: FloatArray) -> FloatArray:
+        """Return the radius of the ball round each point, 0 where a view sees it outside."""
+        from medialis.curves.from_views._sharpening_kernels import measure_radii
+
+        positions = np.ascontiguousarray(points)
+        radii = np.full(len(positions), np.inf)
+        run_chunks(
+            lambda a, b: measure_radii(
+                self.cameras, self.near, self.far, self.field, a, b, positions, radii
+            ),
+            len(positions),
+            POINTS_A_CHUNK,
+        )
+        return radii
+
+
+def render_views(source: ViewSource, cameras: Sequence[OrthographicCamera]) -> Sequence[View]:
+    """Return the views of a source, checked: the kernels rely on them."""
+    views = source(cameras)
+    if len(views) != len(cameras):
+        raise InvalidShapeError(
+            f"The view source must return one view a camera: {len(views)} came for {len(cameras)}."
+        )
+    for view, camera in zip(views, cameras, strict=True):
+        if view.near.shape != (camera.size, camera.size):
+            raise InvalidShapeError(
+                f"The view source must return pictures of {camera.size} x {camera.size} pixels, "
+                f"got {view.near.shape}."
+            )
+        check_border(view.near)
+    return views
+
+
+def check_views(views: Sequence[tuple[View, View]]) -> list[tuple[View, View]]:
+    """Return the pairs, when they can be used."""
+    pairs = [tuple(pair) for pair in views]
+    if not pairs or any(
+        len(pair) != 2 or not all(isinstance(view, View) for view in pair) for pair in pairs
+    ):
+        raise InvalidShapeError("A Shape or at least one pair of Views (first, second) is needed.")
+    size = pairs[0][0].camera.size
+    for number, (first, second) in enumerate(pairs):
+        a, b = first.camera, second.camera
+        fits = a.extent == b.extent and np.allclose(a.center, b.center, rtol=0, atol=a.pixel / 100)
+        if not (a.size == b.size == size and fits):
+            raise InvalidShapeError(
+                f"Pair {number}: both cameras must have the same center and extent, and all views "
+                f"the same size in pixels (the first has {size})."
+            )
+        if not np.allclose(a.axes[1], b.axes[1], rtol=0, atol=1e-6):
+            raise InvalidShapeError(
+                f"Pair {number}: the up-axes must be the same, got {a.axes[1]} and {b.axes[1]}."
+            )
+        between = math.acos(min(max(float(a.axes[2] @ b.axes[2]), -1.0), 1.0))
+        if not math.radians(0.99) <= between <= math.radians(90.01):
+            raise InvalidOptionError(
+                f"Pair {number}: the cameras must be 1 to 90 degrees apart, got "
+                f"{math.degrees(between):g}."
+            )
+    return pairs  # type: ignore[return-value]

@@ -1,0 +1,280 @@
+"""Curve skeletons from views of a shape (thesis 3.7)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass
+
+import numpy as np
+
+from medialis.curves.from_views.cameras import CameraPair, camera_pairs, sphere_of
+from medialis.curves.from_views.cloud_nodes import merge_cells
+from medialis.curves.from_views.linking import link_points
+from medialis.curves.from_views.pairing import pair_points
+from medialis.curves.from_views.silhouettes import (
+    DEFAULT_SALIENCY,
+    Crossings,
+    Scratch,
+    skeletonize,
+)
+from medialis.curves.from_views.view_batches import (
+    BATCH,
+    POINTS_A_CHUNK,
+    GivenViews,
+    ViewBatch,
+    check_views,
+    render_views,
+)
+from medialis.errors import InvalidShapeError
+from medialis.model.curve_skeleton import CurveSkeleton
+from medialis.model.shape import Shape
+from medialis.model.view import OrthographicCamera, View, ViewSource
+from medialis.progress import Progress, ProgressCallback
+from medialis.render.depth_range import Rasterizer, rasterizer
+from medialis.threads import run_chunks
+from medialis.validation import FloatArray, as_number, as_whole_number
+
+DEFAULT_PAIRS = 500
+DEFAULT_SIZE = 1024
+DEFAULT_ANGLE = math.radians(20)
+PROBES = 32
+"""Views that measure radii and tell inside from outside while the points are linked."""
+CELL = 2.0
+"""Cell of the linking in pixels: the scatter of sharpened points is one or two pixels."""
+TRAVEL = 0.2
+"""How far sharpening may move a point in all, as a share of the picture. Points also drift toward
+thicker parts, along their branch: 500 steps of a pixel emptied thin bridges."""
+
+_factory: ContextVar[Callable[[Shape], ViewSource]] = ContextVar(
+    "medialis_view_source", default=rasterizer
+)
+
+
+@contextmanager
+def view_source(factory: Callable[[Shape], ViewSource]) -> Iterator[None]:
+    """Let all views inside the block come from another renderer, also those of `medialis.run`.
+
+    Parameters
+    ----------
+    factory : callable
+        Called with the shape; returns its `ViewSource`.
+    """
+    token = _factory.set(factory)
+    try:
+        yield
+    finally:
+        _factory.reset(token)
+
+
+@dataclass(frozen=True, eq=False)
+class ViewSkeleton:
+    """A curve skeleton from views, and the cloud of points that it was linked from.
+
+    Attributes
+    ----------
+    curve : CurveSkeleton
+    points : (k, 3) float64
+        Sharpened points, those in one pixel merged.
+    weights : (k,) float64
+        Number of matched pairs that each point stands for.
+    """
+
+    curve: CurveSkeleton
+    points: FloatArray
+    weights: FloatArray
+
+
+def _match(
+    source: ViewSource, pairs: Sequence[CameraPair], saliency: float, progress: Progress
+) -> tuple[FloatArray, FloatArray]:
+    """Return the points of all pairs of views, those in one pixel merged, and their weights."""
+    found: list[FloatArray] = []
+    for begin in range(0, len(pairs), BATCH // 2):
+        progress.update(begin / len(pairs))
+        batch = pairs[begin : begin + BATCH // 2]
+        views = render_views(source, [camera for pair in batch for camera in pair])
+        crossings: list[Crossings] = [None] * len(views)  # type: ignore[list-item]
+
+        def skeletons(
+            first: int, last: int, views: Sequence[View] = views, out: list[Crossings] = crossings
+        ) -> None:
+            scratch = Scratch(views[0].camera.size)
+            for at in range(first, last):
+                out[at] = skeletonize(views[at].near, saliency, scratch)
+
+        run_chunks(skeletons, len(views), 1)
+        found += [
+            pair_points(views[at], views[at + 1], crossings[at], crossings[at + 1])
+            for at in range(0, len(views), 2)
+        ]
+    points = np.concatenate(found)
+    return merge_cells(points, np.ones(len(points)), max(first.pixel for first, _ in pairs))
+
+
+def _sharpen(
+    source: ViewSource,
+    cameras: Sequence[OrthographicCamera],
+    points: FloatArray,
+    weights: FloatArray,
+    saliency: float,
+    progress: Progress,
+) -> tuple[FloatArray, FloatArray]:
+    """Return the points that no view sees outside, moved to the middle of what the views show."""
+    from medialis.curves.from_views._sharpening_kernels import cull_and_sharpen
+
+    # Steps that shrink let the points settle: the last views must not have the last word.
+    usual = min(0.625, TRAVEL * cameras[0].size / len(cameras))
+    steps = usual * (1.6 - 1.2 * (np.arange(len(cameras)) + 0.5) / len(cameras))
+    for begin in range(0, len(cameras), BATCH):
+        if len(points) == 0:
+            break
+        progress.update(begin / len(cameras))
+        batch = ViewBatch(source, cameras[begin : begin + BATCH], saliency)
+        alive = np.ones(len(points), bool)
+
+        def work(
+            first: int, last: int, batch: ViewBatch = batch,
+            at: slice = slice(begin, begin + BATCH), points: FloatArray = points,
+            alive: np.ndarray = alive,
+        ) -> None:  # fmt: skip
+            cull_and_sharpen(
+                batch.cameras, batch.near, batch.far, batch.field, steps[at], first, last,
+                points, alive,
+            )  # fmt: skip
+
+        run_chunks(work, len(points), POINTS_A_CHUNK)
+        points, weights = points[alive], weights[alive]
+    return points, weights
+
+
+def skeleton_of_views(
+    source: ViewSource, pairs: Sequence[CameraPair], saliency: float, progress: Progress
+) -> ViewSkeleton:
+    """Run the stages of thesis 3.7 on checked input: match, cull and sharpen, link.
+
+    Raises
+    ------
+    InvalidShapeError
+        When no point is left.
+    """
+    firsts = [first for first, _ in pairs]
+    with progress.stage("pairs", 0.0, 0.5):
+        points, weights = _match(source, pairs, saliency, progress)
+    matched = len(points)
+    with progress.stage("sharpen", 0.5, 0.9):
+        points, weights = _sharpen(source, firsts, points, weights, saliency, progress)
+    with progress.stage("link", 0.9, 1.0):
+        probes = ViewBatch(source, firsts[:PROBES], saliency)
+        curve = link_points(points, weights, CELL * firsts[0].pixel, probes.measure)
+    if len(curve.nodes) == 0:
+        why = "no place was found in any pair of views"
+        if matched:
+            why = f"{matched} places were found in pairs of views, all outside in some other view"
+        raise InvalidShapeError(
+            f"No curve skeleton is left: {why}. A solid shape at least two pixels thick is needed: "
+            "check that it is closed, raise size, or use surface_skeleton, which finds thin sheets."
+        )
+    return ViewSkeleton(curve, points, weights)
+
+
+def view_curve_skeleton(
+    shape_or_views: Shape | Sequence[tuple[View, View]],
+    *,
+    pairs: int = DEFAULT_PAIRS,
+    size: int = DEFAULT_SIZE,
+    angle: float = DEFAULT_ANGLE,
+    saliency: float = DEFAULT_SALIENCY,
+    source: ViewSource | None = None,
+    progress: Progress | ProgressCallback | None = None,
+) -> CurveSkeleton:
+    """Compute a curve skeleton from silhouettes and depths of a shape.
+
+    Parameters
+    ----------
+    shape_or_views : Shape, or sequence of (View, View)
+        A mesh, open or closed, or a point cloud with normals. Or pairs of views: the cameras of a
+        pair have the same center, extent and up-axis; `pairs`, `size` and `angle` are then theirs.
+    pairs : int
+        Number of pairs of views (N of the thesis), 1 to 100,000.
+    size : int
+        Width and height of a view in pixels (P of the thesis), 32 to 8192.
+    angle : float
+        Between the two cameras of a pair (alpha), in radians, from 1 to 90 degrees.
+    saliency : float
+        Smallest importance over distance to the contour (sigma_0) of silhouette skeletons, 0 to
+        1000. Higher values give fewer branches.
+    source : ViewSource, optional
+        Who renders the views of a shape; the core's rasterizer when missing (see `view_source`).
+    progress : callable, optional
+        Called with (fraction, text); returning False cancels.
+
+    Returns
+    -------
+    CurveSkeleton
+        Radii come from the views: distance to the nearest contour or depth that any of 32 shows.
+
+    Raises
+    ------
+    InvalidShapeError
+        When the shape has no size, views do not fit together, or no point is left.
+    InvalidOptionError
+        When an option is out of its range.
+    Cancelled
+        When `progress` asks for it.
+
+    Notes
+    -----
+    Cost: three renderings of each pair and two silhouette skeletons; memory for 16 views at a time.
+    Parts that no view shows, such as handles inside a cavity, are not found. Source: thesis 3.7.
+    Deviates: saliency is a plain ratio of lengths, the steps of the sharpening shrink, and only
+    views that see a point in the middle of their depth range move it (docs/view_curve_skeleton.md).
+
+    Examples
+    --------
+    >>> import medialis
+    >>> shape = medialis.organic_shape(56)
+    >>> curve = medialis.view_curve_skeleton(shape, pairs=40, size=128)
+    >>> curve.component_count, len(curve.end_points) >= 3
+    (1, True)
+    """
+    sigma = as_number(saliency, "saliency", low=0, high=1000)
+    steps = Progress.of(progress)
+    if isinstance(shape_or_views, Shape):
+        found = skeleton_of_shape(
+            shape_or_views, pairs=pairs, size=size, angle=angle, saliency=sigma, source=source,
+            progress=steps,
+        )  # fmt: skip
+        return found.curve
+    given = check_views(shape_or_views)
+    cameras = [(first.camera, second.camera) for first, second in given]
+    return skeleton_of_views(GivenViews(given), cameras, sigma, steps).curve
+
+
+def skeleton_of_shape(
+    shape: Shape,
+    *,
+    pairs: int,
+    size: int,
+    angle: float,
+    saliency: float,
+    source: ViewSource | None,
+    progress: Progress,
+) -> ViewSkeleton:
+    """As `view_curve_skeleton` for a shape; returns the cloud of points as well."""
+    count = as_whole_number(pairs, "pairs", low=1, high=100_000)
+    pixels = as_whole_number(size, "size", low=32, high=8192)
+    alpha = as_number(angle, "angle", low=math.radians(1), high=math.radians(90))
+    center, radius = sphere_of(shape.points)
+    if not radius > 0:
+        raise InvalidShapeError(
+            f"All {shape.point_count} points of the shape are the same: views need a solid."
+        )
+    renderer = _factory.get()(shape) if source is None else source
+    if shape.faces is None:  # whoever draws them, the discs of a cloud reach beyond its samples
+        discs = renderer if isinstance(renderer, Rasterizer) else rasterizer(shape)
+        center, radius = sphere_of(discs.points)
+    cameras = camera_pairs(center, radius, pairs=count, angle=alpha, size=pixels)
+    return skeleton_of_views(renderer, cameras, saliency, progress)

@@ -1,0 +1,1 @@
+"""Graphs of curves: growth, handles, finishing, simplification."""

@@ -1,0 +1,264 @@
+"""From ways along balls to smooth branches of the same topology (thesis 3.6.3).
+
+The nodes of a grown graph are balls, so it zigzags from sample to sample. Here close junctions
+become one, branches are sampled evenly (by their radius) and smoothed. A node moves within the ball
+that it comes from, so it stays inside the shape; edges are shorter than the radii at their ends.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from medialis.curves.graph.growth import sticks_out
+from medialis.model.curve_skeleton import CurveSkeleton
+from medialis.validation import FloatArray
+
+MERGE = 0.5
+"""Junctions closer than this share of the smaller radius there become one: limbs of an X meet in
+one place, but samples make two of it."""
+
+STEP, SHORTEST_STEP = 0.3, 0.25
+"""Distance of nodes: share of the radius, at least a share of the sample spacing."""
+
+PINNED = 1e6
+"""Weight of free ends in smoothing."""
+
+ROOM = 0.7
+"""Share of the room inside its ball that smoothing may use."""
+
+
+@dataclass(frozen=True, eq=False)
+class Sampled:
+    """A graph whose branches are sampled evenly.
+
+    Attributes
+    ----------
+    nodes : (v, 3) float64
+    edges : (e, 2) int32
+    room : (v,) float64
+        How far each node may move and stay in the balls that it comes from.
+    node_of : (g,) int32
+        Nearest node, along its branch, of each node of the graph that was sampled.
+    """
+
+    nodes: FloatArray
+    edges: NDArray[np.int32]
+    room: FloatArray
+    node_of: NDArray[np.int32]
+
+
+def prune_spurs(graph: CurveSkeleton) -> NDArray[np.bool_]:
+    """Choose the nodes that stay when spurs go: the shortest first, each seen in what is left.
+
+    A spur is a branch with a free end that does not stick out of the ball at its other end
+    (`sticks_out`). A branch with two free ends stays.
+
+    Returns
+    -------
+    (v,) bool
+    """
+    stays = np.ones(len(graph.nodes), bool)
+    while True:
+        rows = np.flatnonzero(stays)
+        number = np.cumsum(stays) - 1
+        edges = number[graph.edges[stays[graph.edges].all(axis=1)]]
+        left = CurveSkeleton.of(graph.nodes[rows], edges, graph.radii[rows])
+        found = []
+        for branch, row in enumerate(left.branches):
+            free = left.degrees[row[[0, -1]]] == 1
+            if free.sum() != 1:
+                continue
+            base, tip = (row[-1], row[0]) if free[0] else (row[0], row[-1])
+            gap = np.linalg.norm(left.nodes[tip] - left.nodes[base])
+            reach = np.maximum(gap, left.branch_lengths[branch] / 2)
+            if not sticks_out(reach, left.radii[tip], left.radii[base]):
+                found.append((float(left.branch_lengths[branch]), branch, int(base)))
+        if not found:
+            return stays
+        _, branch, base = min(found)
+        gone = left.branches[branch]
+        stays[rows[gone[gone != base]]] = False
+
+
+def merge_junctions(
+    graph: CurveSkeleton, strength: FloatArray
+) -> tuple[CurveSkeleton, NDArray[np.int64]]:
+    """Contract short branches between junctions, shortest first.
+
+    Parameters
+    ----------
+    graph : CurveSkeleton
+        v nodes, whose radii are those of balls inside the shape.
+    strength : (v,) float64
+        Of the nodes that become one, the strongest gives the position.
+
+    Returns
+    -------
+    CurveSkeleton
+        With the same components and loops.
+    (v,) int64
+        What became of each given node.
+    """
+    into = np.arange(len(graph.nodes))
+    while True:
+        for branch in _short_bridges(graph):
+            members = graph.branches[branch]
+            kept = int(members[np.nan_to_num(strength[members], nan=-np.inf).argmax()])
+            name = np.arange(len(graph.nodes))
+            name[members] = kept
+            edges = np.sort(name[graph.edges], axis=1)
+            edges = edges[edges[:, 0] != edges[:, 1]]
+            if len(np.unique(edges, axis=0)) == len(edges):  # else two edges, a loop, become one
+                break
+        else:
+            return graph, into
+        # Nodes that are gone are left out; the others keep their order.
+        stays = name == np.arange(len(name))
+        number = np.cumsum(stays) - 1
+        into = number[name[into]]
+        strength = strength[stays]
+        graph = CurveSkeleton.of(graph.nodes[stays], number[edges], graph.radii[stays])
+
+
+def _short_bridges(graph: CurveSkeleton) -> list[int]:
+    """Branches that join two junctions within one ball, shortest first."""
+    ends = np.array([(row[0], row[-1]) for row in graph.branches], np.int64).reshape(-1, 2)
+    between = (graph.degrees[ends] >= 3).all(axis=1) & (ends[:, 0] != ends[:, 1])
+    reach = MERGE * graph.radii[ends].min(axis=1)
+    usable = np.flatnonzero(between & (graph.branch_lengths < reach))
+    order = np.argsort(graph.branch_lengths[usable], kind="stable")
+    return usable[order].tolist()
+
+
+def sample_branches(graph: CurveSkeleton, spacing: float) -> Sampled:
+    """Place nodes evenly along each branch; junctions, ends and single nodes stay.
+
+    Parameters
+    ----------
+    graph : CurveSkeleton
+        Nodes are centers of balls inside the shape, edges lie inside it.
+    spacing : float
+        Of the surface samples.
+
+    Returns
+    -------
+    Sampled
+    """
+    fixed = np.flatnonzero(graph.degrees != 2)
+    node_of = np.full(len(graph.nodes), -1, np.int64)
+    node_of[fixed] = np.arange(len(fixed))
+    nodes, room = [graph.nodes[fixed]], [graph.radii[fixed]]
+    edges: list[NDArray[np.int64]] = []
+    count = len(fixed)
+    taken: set[tuple[int, int]] = set()
+    for row in graph.branches:
+        closed = row[0] == row[-1]
+        ends = (int(min(row[0], row[-1])), int(max(row[0], row[-1])))
+        least = 3 if closed else 2 if ends in taken else 1
+        taken.add(ends)
+        if node_of[row[0]] < 0:  # a ring: one of its nodes becomes fixed
+            node_of[row[0]] = count
+            nodes.append(graph.nodes[row[:1]])
+            room.append(graph.radii[row[:1]])
+            count += 1
+        place, points, free, nearest = _sample(graph, row, spacing, least)
+        inner = np.arange(count, count + len(place) - 2)
+        names = np.concatenate([[node_of[row[0]]], inner, [node_of[row[-1]]]])
+        node_of[row[1:-1]] = names[nearest[1:-1]]
+        nodes.append(points[1:-1])
+        room.append(free[1:-1])
+        edges.append(np.stack([names[:-1], names[1:]], axis=1))
+        count += len(inner)
+    joined = np.concatenate(edges) if edges else np.empty((0, 2))
+    return Sampled(
+        np.concatenate(nodes),
+        joined.astype(np.int32),
+        np.concatenate(room),
+        node_of.astype(np.int32),
+    )
+
+
+def _sample(
+    graph: CurveSkeleton, row: NDArray[np.int32], spacing: float, least: int
+) -> tuple[FloatArray, FloatArray, FloatArray, NDArray[np.int64]]:
+    """Even places along one branch: arc length, position, room; nearest place of each node."""
+    points, radii = graph.nodes[row], graph.radii[row]
+    reach = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    along = np.concatenate([[0], np.cumsum(reach)])
+    # Even in the measure ds / step, with the step of the thinner end of each piece.
+    step = np.maximum(STEP * np.minimum(radii[:-1], radii[1:]), SHORTEST_STEP * spacing)
+    measure = np.concatenate([[0], np.cumsum(reach / step)])
+    count = max(least, int(np.ceil(measure[-1])))
+    rising = measure + 1e-12 * (1 + measure[-1]) * np.arange(len(measure))  # pieces of no length
+    wanted = np.linspace(0, rising[-1], count + 1)
+    place = np.interp(wanted, rising, along)
+    piece = np.clip(np.searchsorted(rising, wanted, side="right") - 1, 0, len(reach) - 1)
+    share = (wanted - rising[piece]) / (rising[piece + 1] - rising[piece])
+    sampled = points[piece] + share[:, None] * (points[piece + 1] - points[piece])
+    # In one of the balls at the ends of its piece: the larger distance to their surfaces.
+    before, behind = share * reach[piece], (1 - share) * reach[piece]
+    free = np.maximum(radii[piece] - before, radii[piece + 1] - behind)
+    middle = (place[1:] + place[:-1]) / 2
+    return place, sampled, np.maximum(free, 0), np.searchsorted(middle, along)
+
+
+def smooth_nodes(
+    nodes: FloatArray, edges: NDArray[np.int32], room: FloatArray, strength: float
+) -> FloatArray:
+    """Smooth branches like splines: bends shorter than the radius go, longer ones stay.
+
+    Minimizes the integral of ``|x - x0|^2 + (s r)^4 |x''|^2`` along the branches, x0 the given
+    nodes, r the room and s the strength. A bend of wave number k keeps 1 / (1 + (s r k)^4) of its
+    height. Free ends stay: a spline would shoot over them. Junctions move with their neighbours.
+
+    Parameters
+    ----------
+    nodes : (v, 3) float64
+    edges : (e, 2) int32
+    room : (v,) float64
+        Radius of the ball in which a node may move.
+    strength : float
+        0 changes nothing.
+
+    Returns
+    -------
+    (v, 3) float64
+    """
+    from scipy.sparse import coo_array, diags_array
+    from scipy.sparse.linalg import spsolve
+
+    v = len(nodes)
+    if strength == 0 or len(edges) == 0:
+        return np.array(nodes)
+    reach = np.linalg.norm(nodes[edges[:, 0]] - nodes[edges[:, 1]], axis=1)
+    tiny = 1e-9 * max(float(room.max()), float(reach.max()), 1e-300)
+    reach = np.maximum(reach, tiny)
+    mass = np.bincount(edges.ravel(), np.repeat(reach, 2), minlength=v) / 2
+    ends = np.concatenate([edges, edges[:, ::-1]])
+    order = np.argsort(ends[:, 0], kind="stable")
+    degree = np.bincount(ends[:, 0], minlength=v)
+    inner = np.flatnonzero(degree == 2)
+    at = (np.cumsum(degree) - degree)[inner]
+    a, b = ends[order[at], 1], ends[order[at + 1], 1]
+    e = len(edges)
+    ha, hb = reach[order[at] % e], reach[order[at + 1] % e]
+    # x'' = 2 (x_a / ha + x_b / hb) / (ha + hb) - 2 x / (ha hb)
+    scale = np.sqrt(mass[inner]) * (strength * room[inner]) ** 2
+    line = np.arange(len(inner))
+    rows = np.concatenate([line, line, line])
+    values = np.concatenate(
+        [2 * scale / (ha * (ha + hb)), 2 * scale / (hb * (ha + hb)), -2 * scale / (ha * hb)]
+    )
+    bend = coo_array(
+        (values, (rows, np.concatenate([a, b, inner]))), shape=(max(1, len(inner)), v)
+    ).tocsr()
+    mass = np.maximum(mass, tiny)
+    mass[degree == 1] *= PINNED
+    moved = spsolve((diags_array(mass) + bend.T @ bend).tocsc(), mass[:, None] * nodes)
+    shift = np.asarray(moved).reshape(v, 3) - nodes
+    size = np.linalg.norm(shift, axis=1)
+    allowed = np.divide(ROOM * room, size, out=np.ones(v), where=size > ROOM * room)
+    return np.asarray(nodes + allowed[:, None] * shift)

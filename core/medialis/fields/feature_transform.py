@@ -1,0 +1,177 @@
+"""Feature transform and its inverse: fields from the skeleton to the surface and back (3.5.1).
+
+Every valid ball touches two samples (the feature transform); a sample is touched by any number of
+balls, at least by its own (the inverse, `MedialCloud.inverse_features`). So a value of each ball
+becomes a field on the surface by reducing over the balls that touch a sample, and a field on the
+surface becomes a value of each ball by reducing over its two feature points.
+"""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from medialis.errors import InvalidShapeError
+from medialis.model.medial_cloud import MedialCloud
+from medialis.validation import (
+    FloatArray,
+    IntArray,
+    as_choice,
+    as_field,
+    as_whole_number,
+    frozen,
+)
+
+Reduce = Literal["min", "max", "mean"]
+REDUCTIONS = ("min", "max", "mean")
+
+
+def feature_transform(cloud: MedialCloud) -> IntArray:
+    """Return the two samples that each ball touches.
+
+    Parameters
+    ----------
+    cloud : MedialCloud
+        k balls.
+
+    Returns
+    -------
+    (k, 2) int32
+        Indices into the samples; both are -1 for a masked ball.
+
+    Notes
+    -----
+    The inverse is `MedialCloud.inverse_features`. Source: thesis 3.5.1.
+
+    Examples
+    --------
+    >>> import medialis
+    >>> shape = medialis.organic_shape(56)
+    >>> cloud = medialis.surface_skeleton(shape)
+    >>> features = medialis.feature_transform(cloud)
+    >>> touching = cloud.inverse_features(shape.point_count)
+    >>> pairs = [(ball, sample) for ball in range(9) for sample in features[ball] if sample >= 0]
+    >>> all(ball in touching[sample] for ball, sample in pairs)
+    True
+    """
+    return frozen(np.where(cloud.valid[:, None], cloud.features, -1), np.int32)
+
+
+def field_on_surface(
+    cloud: MedialCloud, values: ArrayLike, point_count: int, *, reduce: Reduce = "max"
+) -> FloatArray:
+    """Carry a value of each ball to the samples that the balls touch.
+
+    Parameters
+    ----------
+    cloud : MedialCloud
+        k balls. Masked balls touch nothing.
+    values : (k,) float
+        One value a ball; NaN takes no part.
+    point_count : int
+        Number of samples n of the shape.
+    reduce : {"max", "min", "mean"}
+        What a sample gets that several balls touch. With the maximum, small balls of bumps near a
+        sample do not hide the value of its wall.
+
+    Returns
+    -------
+    (n,) float64
+        NaN where no ball (with a value) touches.
+
+    Raises
+    ------
+    InvalidShapeError
+        When there is not one value a ball, or a feature point is not below `point_count`.
+    InvalidOptionError
+        For an unknown reduction or a count that is not a whole number.
+
+    Notes
+    -----
+    Cost O(k + n), 2 ms for 200,000 balls. Source: thesis 3.5.1, Figure 3.11.
+
+    Examples
+    --------
+    >>> import medialis
+    >>> shape = medialis.organic_shape(56)
+    >>> cloud = medialis.surface_skeleton(shape)
+    >>> field = medialis.field_on_surface(cloud, cloud.radii, shape.point_count)
+    >>> bool((field[cloud.source] >= cloud.radii)[cloud.valid].all())
+    True
+    """
+    from medialis.fields._feature_kernels import MAXIMUM, MINIMUM, SUM, gather_at_features
+
+    reduce = as_choice(reduce, "reduce", REDUCTIONS)  # type: ignore[assignment]
+    count = as_whole_number(point_count, "point_count", low=0, high=np.iinfo(np.int32).max)
+    field = as_field(values, len(cloud), "values")
+    features = _features_below(cloud, count)
+    out, counts = np.full(count, np.nan), np.zeros(count, np.int32)
+    how = {"min": MINIMUM, "max": MAXIMUM, "mean": SUM}[reduce]
+    gather_at_features(features, field, how, out, counts)
+    if reduce == "mean":
+        out /= np.maximum(counts, 1)
+    return out
+
+
+def field_on_skeleton(
+    cloud: MedialCloud, field: ArrayLike, *, reduce: Reduce = "mean"
+) -> FloatArray:
+    """Carry a field on the surface to the balls, from the two feature points of each.
+
+    Parameters
+    ----------
+    cloud : MedialCloud
+        k balls.
+    field : (n,) float
+        One value a sample; NaN takes no part.
+    reduce : {"mean", "min", "max"}
+
+    Returns
+    -------
+    (k,) float64
+        NaN for masked balls and where neither feature point has a value.
+
+    Raises
+    ------
+    InvalidShapeError
+        When the field is not one-dimensional, not of numbers, or shorter than a feature index.
+    InvalidOptionError
+        For an unknown reduction.
+
+    Notes
+    -----
+    Cost O(k). Source: thesis 3.5.1.
+
+    Examples
+    --------
+    >>> import medialis
+    >>> shape = medialis.organic_shape(56)
+    >>> cloud = medialis.surface_skeleton(shape)
+    >>> height = medialis.field_on_skeleton(cloud, shape.points[:, 2])
+    >>> bool((abs(height - cloud.centers[:, 2]) <= cloud.radii)[cloud.valid].all())
+    True
+    """
+    reduce = as_choice(reduce, "reduce", REDUCTIONS)  # type: ignore[assignment]
+    values = as_field(field, np.shape(field)[0] if np.ndim(field) == 1 else -1, "field")
+    features = _features_below(cloud, len(values))
+    both = np.full((2, len(cloud)), np.nan)
+    both[:, cloud.valid] = values[features[cloud.valid].T]
+    if reduce == "min":
+        return np.fmin(*both)
+    if reduce == "max":
+        return np.fmax(*both)
+    first, second = np.where(np.isnan(both), both[::-1], both)  # one NaN: the other one alone
+    return 0.5 * first + 0.5 * second  # halves: the sum of two large values would overflow
+
+
+def _features_below(cloud: MedialCloud, count: int) -> IntArray:
+    features = feature_transform(cloud)
+    largest = int(features.max(initial=-1))
+    if largest >= count:
+        raise InvalidShapeError(
+            f"The balls touch sample {largest}, but there are only {count} samples: give the shape "
+            "that the cloud was computed on."
+        )
+    return features

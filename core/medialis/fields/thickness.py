@@ -1,0 +1,239 @@
+"""Thickness of the wall behind every point of the surface (thesis 3.5.1, Figure 3.11).
+
+Each sample touches the largest ball that fits inside the shape there. Where the ball lies between
+two walls, its diameter is what a caliper measures. Near a convex edge or on a bump the largest ball
+is small because of the edge, not because the shape is thin: its two feature points lie on the same
+side, seen under a small spoke angle. Such balls are left out, and their samples take the thickness
+of the wall that they belong to: that of the nearest reliable sample along the surface.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from medialis.errors import InvalidShapeError
+from medialis.fields.feature_transform import field_on_surface
+from medialis.model.medial_cloud import MedialCloud
+from medialis.model.shape import Shape
+from medialis.surface.surface_graph import mesh_graph
+from medialis.validation import FloatArray, as_choice, as_number
+
+ThicknessKind = Literal["diameter", "radius"]
+KINDS = ("diameter", "radius")
+
+MIN_SPOKE_ANGLE = math.radians(120.0)
+"""Radians. The spoke angle of a ball in a wedge whose faces enclose the angle phi is pi - phi: 180
+degrees between parallel walls, 150 in a blade of 30, 90 along the edges of a box. 120 lets walls
+taper by 60 degrees, and leaves out every convex edge of up to 60 + 60 = 120 degrees between its
+faces, those of a box with 30 degrees to spare for samples: at the distance d from a right edge, the
+ball that touches the other face at the depth k d has the spoke angle 2 atan k, and the smallest of
+these balls (k nearest to 1) exceeds 120 degrees only if no sample lies at depths from d / sqrt 3 to
+d sqrt 3, so only closer to the edge than 0.87 sample spacings. There the normals still tell: see
+`wall_angles`. Measured: on the hand, the rim of the cut wrist (80 degrees) is a false alarm of 1/9
+of the wrist's thickness at 100 degrees, and gone at 120; on fandisk, all edges are. 17 % (horse2)
+to 61 % (scapula, a bone plate) of the balls remain."""
+
+SMOOTHING_STEPS, SMOOTHING_ACCURACY = 40, 1e-3
+"""Steps at most, and residual relative to the start. On horse2, 40 steps (60 ms) look the same as
+400; the transition is then up to 40 edges wide."""
+
+
+def thickness(
+    shape: Shape,
+    cloud: MedialCloud,
+    *,
+    kind: ThicknessKind = "diameter",
+    min_spoke_angle: float = MIN_SPOKE_ANGLE,
+) -> FloatArray:
+    """Return the thickness of the shape at every point of its surface.
+
+    Parameters
+    ----------
+    shape : Shape
+        n samples, as given to `medialis.surface_skeleton`.
+    cloud : MedialCloud
+        Its balls; outer ones (side -1) take no part.
+    kind : {"diameter", "radius"}
+        Of the ball. The diameter is what a caliper measures across the wall.
+    min_spoke_angle : float
+        Radians, 0 to pi. Balls with a smaller angle belong to convex edges, bumps and noise, not to
+        walls: they are left out. 0 gives the ball of every sample as it is.
+
+    Returns
+    -------
+    (n,) float64
+        In the units of the shape, above 0, finite everywhere.
+
+    Raises
+    ------
+    InvalidShapeError
+        When no inner ball is valid, or the cloud belongs to a larger shape.
+    InvalidOptionError
+        For an unknown kind or an angle out of range.
+
+    Notes
+    -----
+    1. A sample whose own ball is reliable (`wall_angles` at least `min_spoke_angle`) has the size
+       of that ball; else one that reliable balls of other samples touch has the size of the largest
+       of them (the inverse feature transform).
+    2. Every other sample of a mesh starts with the value of the nearest one along the edges. Then
+       all of them become the mean of their neighbours, as far as a fixed number of steps carries:
+       a smooth transition, never below the smallest or above the largest reliable value.
+    3. A component without a reliable ball has the size of its largest ball everywhere (a cube: its
+       inscribed ball); one without any ball has the values nearest in space.
+
+    Samples without faces take the value nearest in space. A wall is seen only where the samples are
+    closer together than it is thick: refine first (the operation `thickness` does).
+
+    Cost O(n log n); 0.16 s for 194,000 vertices, of which 160,000 are filled in. Source: thesis
+    3.5.1, Figure 3.11. Deviates: the thesis shows the radius of every ball, edges and noise
+    included.
+
+    Examples
+    --------
+    >>> import medialis
+    >>> shape = medialis.organic_shape(56)
+    >>> cloud = medialis.surface_skeleton(shape)
+    >>> values = medialis.thickness(shape, cloud)
+    >>> raw = medialis.thickness(shape, cloud, min_spoke_angle=0)
+    >>> bool((raw == 2 * cloud.radii)[cloud.valid].all()), bool(values.mean() > raw.mean())
+    (True, True)
+    """
+    kind = as_choice(kind, "kind", KINDS)  # type: ignore[assignment]
+    angle = as_number(min_spoke_angle, "min_spoke_angle", low=0.0, high=math.pi)
+    n = shape.point_count
+    _check_balls(cloud, n)
+    rows = np.flatnonzero(cloud.valid & (cloud.side > 0))
+    own = np.full(n, np.nan)
+    own[cloud.source[rows]] = 2.0 * cloud.radii[rows]
+    walls = rows[wall_angles(shape, cloud)[rows] >= angle]
+    wall_cloud = cloud.subset(walls)
+    values = field_on_surface(wall_cloud, 2.0 * wall_cloud.radii, n, reduce="max")
+    values[wall_cloud.source] = 2.0 * wall_cloud.radii
+    if np.isnan(values).any():
+        _complete(shape, own, values)
+    return values if kind == "diameter" else 0.5 * values
+
+
+def wall_angles(shape: Shape, cloud: MedialCloud) -> FloatArray:
+    """Return how far apart the two feature points of each ball are, as seen from the center.
+
+    Returns
+    -------
+    (k,) float64
+        The smaller one of the spoke angle and the angle between the normals at the two feature
+        points, in radians; NaN for a masked ball. For a ball that touches a smooth surface they are
+        the same; next to an edge, where samples are no closer together than the ball is large, the
+        spoke angle alone says nothing (see `MIN_SPOKE_ANGLE`). Samples without a normal do not
+        take part: their spoke angle counts.
+    """
+    angles = np.array(cloud.spoke_angles)
+    rows = np.flatnonzero(cloud.valid)
+    first, second = (shape.normals[cloud.features[rows, j]] for j in (0, 1))
+    cosine = np.clip(np.einsum("ij,ij->i", first, second), -1.0, 1.0)
+    known = first.any(axis=1) & second.any(axis=1)
+    angles[rows] = np.where(known, np.minimum(angles[rows], np.arccos(cosine)), angles[rows])
+    return angles
+
+
+def unresolved_walls(shape: Shape, cloud: MedialCloud) -> NDArray[np.bool_]:
+    """Return whether the two feature points of each ball look like a wall that sampling blurs.
+
+    The normals at the two points are opposite (at least `MIN_SPOKE_ANGLE` apart), as on the two
+    sides of a wall, but the spoke angle is small, because the nearest sample on the far side is
+    further off to the side than the wall is thick: the true ball is smaller. (k,) bool.
+    """
+    result = np.zeros(len(cloud), np.bool_)
+    rows = np.flatnonzero(cloud.valid & (cloud.side > 0) & (cloud.spoke_angles < MIN_SPOKE_ANGLE))
+    first, second = (shape.normals[cloud.features[rows, j]] for j in (0, 1))
+    result[rows] = np.einsum("ij,ij->i", first, second) <= math.cos(MIN_SPOKE_ANGLE)
+    return result
+
+
+def _check_balls(cloud: MedialCloud, n: int) -> None:
+    inner = cloud.valid & (cloud.side > 0)
+    if not inner.any():
+        raise InvalidShapeError(
+            "No inner ball meets a second sample: thickness needs a surface that encloses a "
+            'volume, at least partly, and a cloud with side "inner" or "both".'
+        )
+    largest = int(max(cloud.source.max(), cloud.features.max()))
+    if largest >= n:
+        raise InvalidShapeError(
+            f"The balls touch sample {largest}, but the shape has only {n} points: give the shape "
+            "that the cloud was computed on."
+        )
+
+
+def _complete(shape: Shape, diameters: FloatArray, values: NDArray[np.float64]) -> None:
+    """Give a value to every sample that has none, in place."""
+    if shape.faces is None:
+        if np.isnan(values).all():
+            values[np.nanargmax(diameters)] = np.nanmax(diameters)
+        _nearest_in_space(shape, values)
+        return
+    missing = np.isnan(values)
+    graph = mesh_graph(shape, missing)
+    offsets, neighbours = graph.offsets, graph.indices
+    seed = _nearest_seeds(shape, values, offsets, neighbours)
+    if (seed < 0).any():
+        _seed_other_components(shape, diameters, values, seed)
+        seed = _nearest_seeds(shape, values, offsets, neighbours)
+    reached = seed >= 0
+    values[reached] = values[seed[reached]]
+    _smooth(np.flatnonzero(missing & reached), values, offsets, neighbours)
+    if not reached.all():
+        _nearest_in_space(shape, values)
+
+
+def _nearest_seeds(
+    shape: Shape, values: FloatArray, offsets: NDArray[np.int64], neighbours: NDArray[np.int32]
+) -> NDArray[np.int32]:
+    """Return the nearest sample with a value along the surface, (n,); -1 where none is reached."""
+    from medialis.surface._surface_graph_kernels import spread_from_seeds
+
+    n = shape.point_count
+    seed = np.where(np.isnan(values), -1, np.arange(n)).astype(np.int32)
+    distance = np.where(seed < 0, np.inf, 0.0)
+    room = n + len(neighbours)
+    keys, names = np.empty(room), np.empty(room, np.int32)
+    spread_from_seeds(shape.points, offsets, neighbours, keys, names, distance, seed)
+    return seed
+
+
+def _seed_other_components(
+    shape: Shape, diameters: FloatArray, values: NDArray[np.float64], seed: NDArray[np.int32]
+) -> None:
+    """Give the largest ball of each component that has no reliable one to its sample, in place."""
+    rows = np.flatnonzero((seed < 0) & ~np.isnan(diameters))
+    part = shape.components[rows]
+    order = np.lexsort((rows, -diameters[rows], part))  # ties: the lowest index
+    first = order[np.flatnonzero(np.diff(part[order], prepend=-1))]
+    values[rows[first]] = diameters[rows[first]]
+
+
+def _smooth(
+    rows: NDArray[np.int64],
+    values: NDArray[np.float64],
+    offsets: NDArray[np.int64],
+    neighbours: NDArray[np.int32],
+) -> None:
+    """Replace the steps between nearest values by a smooth transition, in place."""
+    from medialis.surface._surface_graph_kernels import make_harmonic
+
+    low, high = values[~np.isnan(values)].min(), values[~np.isnan(values)].max()
+    make_harmonic(rows, offsets, neighbours, SMOOTHING_STEPS, SMOOTHING_ACCURACY, values)
+    values[rows] = np.clip(values[rows], low, high)  # what few steps may overshoot
+
+
+def _nearest_in_space(shape: Shape, values: NDArray[np.float64]) -> None:
+    from scipy.spatial import cKDTree
+
+    missing = np.isnan(values)
+    known = np.flatnonzero(~missing)
+    nearest = cKDTree(shape.points[known]).query(shape.points[missing])[1]
+    values[missing] = values[known[nearest]]

@@ -1,0 +1,100 @@
+"""The header of PLY files: encoding, comments, and the elements with their properties."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from medialis.errors import InvalidShapeError
+from medialis.files._content import shown
+
+_TYPES = {
+    **{"char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4"},
+    **{"float": "f4", "double": "f8", "int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2"},
+    **{"int32": "i4", "uint32": "u4", "int64": "i8", "uint64": "u8"},
+    **{"float32": "f4", "float64": "f8"},
+}
+
+
+@dataclass
+class PlyProperty:
+    """A property of an element: a scalar, or a list when `count` is given."""
+
+    name: str
+    dtype: np.dtype[Any]
+    count: np.dtype[Any] | None = None
+
+
+@dataclass
+class PlyElement:
+    """An element of the header."""
+
+    name: str
+    rows: int
+    properties: list[PlyProperty] = field(default_factory=list)
+
+
+@dataclass
+class PlyHeader:
+    """The header: encoding, comments, elements, and where the body starts."""
+
+    encoding: str
+    comments: list[str]
+    elements: list[PlyElement]
+    body: int
+
+
+def read_ply_header(data: bytes) -> PlyHeader:
+    """Read the header lines.
+
+    Raises
+    ------
+    InvalidShapeError
+        When a line makes no sense or the header does not end.
+    """
+    end = re.search(rb"[\r\n][ \t]*end_header[ \t]*(\r\n|\n|\r)", data)
+    if not end:
+        raise InvalidShapeError("the PLY header does not end with a line 'end_header'.")
+    header = PlyHeader("", [], [], end.end())
+    for line in re.split(rb"[\r\n]+", data[: end.start()])[1:]:
+        try:
+            _header_line(header, line.decode("latin-1"))
+        except (ValueError, KeyError, IndexError):
+            raise InvalidShapeError(f"the PLY header line {shown(line)} makes no sense.") from None
+    if header.encoding not in ("ascii", "binary_little_endian", "binary_big_endian"):
+        raise InvalidShapeError(
+            f"the PLY format is {header.encoding!r}; ascii, binary_little_endian and "
+            "binary_big_endian are supported."
+        )
+    return header
+
+
+def _header_line(header: PlyHeader, line: str) -> None:
+    words = line.split()
+    if not words or words[0] == "obj_info":
+        return
+    if words[0] == "comment":
+        header.comments.append(line.strip()[len("comment") :].strip())
+    elif words[0] == "format":
+        header.encoding = words[1]
+    elif words[0] == "element":
+        rows = int(words[2])
+        if rows < 0 or words[1] in (e.name for e in header.elements):
+            raise ValueError
+        header.elements.append(PlyElement(words[1], rows))
+    elif words[0] == "property":
+        new = PlyProperty(words[-1], np.dtype(_TYPES[words[-2]]))
+        if words[1] == "list":
+            new.count = np.dtype(_TYPES[words[2]])
+            if len(words) != 5 or new.count.kind == "f":
+                raise ValueError
+        elif len(words) != 3:
+            raise ValueError
+        if new.name in (p.name for p in header.elements[-1].properties):
+            raise ValueError
+        header.elements[-1].properties.append(new)
+    else:
+        raise ValueError

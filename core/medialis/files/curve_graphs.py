@@ -1,0 +1,190 @@
+"""Curve skeletons out as SWC, JSON, GraphML, OBJ and PLY lines; SWC and JSON in.
+
+Numbers are written with as many digits as they need to come back the same.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from medialis.errors import InvalidOptionError, InvalidShapeError
+from medialis.files._files import complete_file, file_bytes
+from medialis.files.ply_attributes import write_ply
+from medialis.files.swc import parse_swc, swc_text
+from medialis.model.curve_skeleton import CurveSkeleton
+
+FORMATS = ("swc", "graphml", "json", "obj", "ply")
+NAME = "medialis curve skeleton"
+
+
+def write_curve_skeleton(path: str | os.PathLike[str], graph: CurveSkeleton) -> int:
+    """Write a curve skeleton in the format that the file name ends in.
+
+    Parameters
+    ----------
+    path : path
+        ``.json`` holds everything. ``.swc`` holds a tree: an edge of each loop is cut, and named in
+        a comment. ``.graphml`` holds nodes and edges with all measures. ``.obj`` holds branches
+        as polylines, the radius as texture coordinate. ``.ply`` holds edges and attributes.
+    graph : CurveSkeleton
+
+    Returns
+    -------
+    int
+        Loops that were cut.
+
+    Raises
+    ------
+    InvalidOptionError
+        For another ending.
+    FileError
+        When the file cannot be written.
+    """
+    ending = Path(path).suffix[1:].lower()
+    cut = 0
+    if ending == "ply":
+        write_ply(path, graph.nodes, edges=graph.edges, attributes=node_attributes(graph))
+        return cut
+    if ending == "swc":
+        text, cut = swc_text(graph)
+    elif ending == "json":
+        text = _json_text(graph)
+    elif ending == "graphml":
+        text = _graphml_text(graph)
+    elif ending == "obj":
+        text = _obj_text(graph)
+    else:
+        raise InvalidOptionError(
+            f"A curve skeleton is written as {', '.join('.' + name for name in FORMATS)}; "
+            f"got {os.fspath(path)!r}."
+        )
+    with complete_file(path) as stream:
+        stream.write(text.encode("ascii"))
+    return cut
+
+
+def read_curve_skeleton(path: str | os.PathLike[str]) -> CurveSkeleton:
+    """Read a curve skeleton from JSON (as written) or SWC (of any program).
+
+    SWC files that this project wrote get their loops back. Other programs' files are forests.
+
+    Raises
+    ------
+    FileError
+        When the file is missing or cannot be read.
+    InvalidShapeError
+        When its content is no such graph.
+    InvalidOptionError
+        For another ending.
+    """
+    name = os.fspath(path)
+    ending = Path(name).suffix[1:].lower()
+    if ending not in ("json", "swc"):
+        raise InvalidOptionError(f"A curve skeleton is read from .json or .swc; got {name!r}.")
+    data = file_bytes(name)
+    try:
+        return _parse_json(data) if ending == "json" else parse_swc(data)
+    except InvalidShapeError as error:
+        raise InvalidShapeError(f"Cannot read {name}: {error}") from None
+
+
+def node_attributes(graph: CurveSkeleton) -> dict[str, NDArray[Any]]:
+    """Return what hosts show of each node: radius, importance, branch, degree.
+
+    The branch of a junction is the thickest one, that of a single node is -1.
+    """
+    branch = np.full(len(graph.nodes), -1, np.int32)
+    for number in np.argsort(graph.mean_radii, kind="stable").tolist():
+        branch[graph.branches[number]] = number
+    return {
+        "radius": graph.radii,
+        "importance": graph.importance,
+        "branch": branch,
+        "degree": graph.degrees,
+    }
+
+
+def _json_text(graph: CurveSkeleton) -> str:
+    content: dict[str, Any] = {"format": NAME, "version": 1}
+    for name in ("nodes", "radii", "importance", "edges", "branch", "vertex_node", "vertex_branch"):
+        values = getattr(graph, name)
+        content[name] = None if values is None else values.tolist()
+    for name in ("radii", "importance"):
+        content[name] = [v if math.isfinite(v) else None for v in getattr(graph, name).tolist()]
+    return json.dumps(content, allow_nan=False) + "\n"
+
+
+def _parse_json(data: bytes) -> CurveSkeleton:
+    try:
+        content = json.loads(data)
+    except (ValueError, RecursionError) as error:
+        raise InvalidShapeError(f"it is no JSON ({error}).") from None
+    if not isinstance(content, dict) or content.get("format") != NAME:
+        raise InvalidShapeError(f"it is no {NAME}.")
+    try:
+        radii, importance = (
+            np.array([np.nan if v is None else v for v in content[name]], np.float64)
+            for name in ("radii", "importance")
+        )
+        maps = [content.get(name) for name in ("vertex_node", "vertex_branch")]
+        return CurveSkeleton(
+            np.array(content["nodes"], np.float64).reshape(-1, 3),
+            np.array(content["edges"], np.int32).reshape(-1, 2),
+            radii,
+            importance,
+            np.array(content["branch"], np.int32),
+            *(None if row is None else np.array(row, np.int32) for row in maps),
+        )
+    except InvalidShapeError:
+        raise
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
+        raise InvalidShapeError(f"its arrays are damaged ({error!r}).") from None
+
+
+def _obj_text(graph: CurveSkeleton) -> str:
+    lines = ["# medialis curve skeleton; vt is the radius of each node"]
+    lines += [f"v {x!r} {y!r} {z!r}" for x, y, z in graph.nodes.tolist()]
+    lines += [f"vt {r!r}" for r in graph.radii.tolist()]
+    for row in graph.branches:
+        lines.append("l " + " ".join(f"{node}/{node}" for node in (row + 1).tolist()))
+    return "\n".join(lines) + "\n"
+
+
+def _graphml_text(graph: CurveSkeleton) -> str:
+    keys = [("node", name, "double") for name in ("x", "y", "z", "radius", "importance")]
+    keys += [("node", "degree", "int"), ("edge", "branch", "int"), ("edge", "length", "double")]
+    lines = [
+        '<?xml version="1.0" encoding="UTF-8"?>',
+        '<graphml xmlns="http://graphml.graphdrawing.org/xmlns">',
+    ]
+    lines += [
+        f'<key id="{name}" for="{kind}" attr.name="{name}" attr.type="{of}"/>'
+        for kind, name, of in keys
+    ]
+    lines.append('<graph id="curve_skeleton" edgedefault="undirected">')
+    columns = (*graph.nodes.T.tolist(), graph.radii.tolist(), graph.importance.tolist())
+    degrees = graph.degrees.tolist()
+    for node, values in enumerate(zip(*columns, strict=True)):
+        data = "".join(
+            f'<data key="{name}">{value!r}</data>'
+            for (_, name, _), value in zip(keys, values, strict=False)
+            if math.isfinite(value)
+        )
+        data += f'<data key="degree">{degrees[node]}</data>'
+        lines.append(f'<node id="n{node}">{data}</node>')
+    rows = zip(
+        graph.edges.tolist(), graph.branch.tolist(), graph.edge_lengths.tolist(), strict=True
+    )
+    for (a, b), branch, length in rows:
+        lines.append(
+            f'<edge source="n{a}" target="n{b}"><data key="branch">{branch}</data>'
+            f'<data key="length">{length!r}</data></edge>'
+        )
+    return "\n".join([*lines, "</graph>", "</graphml>"]) + "\n"

@@ -1,0 +1,1 @@
+"""Shortest paths on a surface and the importance that they give (thesis 3.3)."""

@@ -1,0 +1,1 @@
+"""What adapters for host programs need."""

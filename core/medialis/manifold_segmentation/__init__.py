@@ -1,1 +1,0 @@
-"""Noisy clouds segmented into intersecting manifolds (thesis 4.2)."""

@@ -1,0 +1,1 @@
+"""The surface skeleton as triangles (thesis 3.4.1)."""

@@ -1,0 +1,269 @@
+"""Options of algorithms: each is said once, and all else follows from it.
+
+An algorithm has a frozen class of options. A field says name, type, unit, range, default, label and
+help of one option; the checks, the Python signature, the command line, the hosts and the pages of
+parameters are derived from it:
+
+    @dataclass(frozen=True, kw_only=True)
+    class SmoothOptions(Options):
+        strength: float = number(0.7, "Strength", "Bends shorter than this are smoothed.", high=10)
+
+    @algorithm(SmoothOptions)
+    def smooth(cloud: MedialCloud, options: SmoothOptions, progress: Progress) -> MedialCloud:
+        ...
+
+    smooth(cloud, strength=0.5)              # keywords, completed by editors and known to mypy
+    smooth.of(cloud, options, progress)      # with options of an operation, by their names
+
+Units are the same everywhere: lengths are fractions of the bounding-box diagonal, angles degrees.
+"""
+
+from __future__ import annotations
+
+import functools
+import inspect
+import os
+from collections.abc import Callable
+from dataclasses import dataclass, field, fields, replace
+from enum import StrEnum
+from typing import Any, Generic, ParamSpec, Protocol, Self, TypeVar, cast
+
+from medialis.errors import InvalidOptionError
+from medialis.kept import kept
+from medialis.progress import Progress, ProgressCallback
+from medialis.validation import as_choice, as_number, as_whole_number
+
+
+class Kind(StrEnum):
+    """Type of an option; hosts choose the widget by it."""
+
+    FLOAT = "float"
+    INT = "int"
+    BOOL = "bool"
+    CHOICE = "choice"
+    LENGTH = "length"
+    """Fraction of the bounding-box diagonal; hosts show per cent."""
+    ANGLE = "angle"
+    """Degrees."""
+    FILE = "file"
+    """Path of a file to read; empty: none."""
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """What is known of one option.
+
+    Attributes
+    ----------
+    name : str
+        Python keyword; the command line writes it with dashes.
+    kind : Kind
+    default : float, int, bool or str
+    label, help : str
+        For people; the help is one or two sentences.
+    low, high : float
+        Range of numbers, both included.
+    choices : tuple of str
+        Values of a CHOICE.
+    advanced : bool
+        Hosts fold it away.
+    """
+
+    name: str
+    kind: Kind
+    default: Any
+    label: str
+    help: str
+    low: float = 0.0
+    high: float = 1.0
+    choices: tuple[str, ...] = ()
+    advanced: bool = False
+
+    def check(self, value: Any) -> Any:
+        """Return the value in its proper type.
+
+        Raises
+        ------
+        InvalidOptionError
+            When it is of another type or out of range.
+        """
+        if self.kind is Kind.CHOICE:
+            return as_choice(value, self.name, self.choices)
+        if self.kind is Kind.FILE:
+            if not isinstance(value, str | os.PathLike):
+                raise InvalidOptionError(f"{self.name} must be the path of a file, got {value!r}.")
+            return os.fspath(value)
+        if self.kind is Kind.BOOL:
+            if not isinstance(value, bool):
+                raise InvalidOptionError(f"{self.name} must be True or False, got {value!r}.")
+            return value
+        if self.kind is Kind.INT:
+            return as_whole_number(value, self.name, low=int(self.low), high=int(self.high))
+        return as_number(value, self.name, low=self.low, high=self.high)
+
+
+def _option(kind: Kind, default: Any, label: str, help: str, **about: Any) -> Any:
+    known = Parameter("", kind, default, label, help, **about)
+    return field(default=default, metadata={"parameter": known})
+
+
+def number(default: float, label: str, help: str, **about: Any) -> Any:
+    """Declare a number without a unit; `about`: low, high, advanced (see `Parameter`)."""
+    return _option(Kind.FLOAT, default, label, help, **about)
+
+
+def whole(default: int, label: str, help: str, **about: Any) -> Any:
+    """Declare a whole number."""
+    return _option(Kind.INT, default, label, help, **about)
+
+
+def length(default: float, label: str, help: str, **about: Any) -> Any:
+    """Declare a length: a fraction of the bounding-box diagonal."""
+    return _option(Kind.LENGTH, default, label, help, **about)
+
+
+def angle(default: float, label: str, help: str, **about: Any) -> Any:
+    """Declare an angle in degrees."""
+    return _option(Kind.ANGLE, default, label, help, **{"high": 180.0, **about})
+
+
+def flag(default: bool, label: str, help: str, **about: Any) -> Any:
+    """Declare a choice between yes and no."""
+    return _option(Kind.BOOL, default, label, help, **about)
+
+
+def choice(default: str, label: str, help: str, choices: tuple[str, ...], **about: Any) -> Any:
+    """Declare a choice between words."""
+    return _option(Kind.CHOICE, default, label, help, choices=choices, **about)
+
+
+def file(label: str, help: str, **about: Any) -> Any:
+    """Declare the path of a file to read; empty: none."""
+    return _option(Kind.FILE, "", label, help, **about)
+
+
+def changed(options: type[Options], name: str, **changes: Any) -> Any:
+    """Declare an option as another class does, with another default or help."""
+    known = {p.name: p for p in options.parameters()}[name]
+    new = replace(known, **changes)
+    return field(default=new.default, metadata={"parameter": new})
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    """Options of an algorithm, checked; a subclass has a field for each.
+
+    Hosts show the options that a class adds itself first, then those of its bases in their order.
+
+    Attributes
+    ----------
+    progress : callable, optional
+        Called with (fraction, text); returning False cancels. It changes no result and takes no
+        part in comparing options.
+
+    Raises
+    ------
+    InvalidOptionError
+        When a value is of another type or out of range.
+    """
+
+    progress: Progress | ProgressCallback | None = field(default=None, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        for parameter in self.parameters():
+            checked = parameter.check(getattr(self, parameter.name))
+            object.__setattr__(self, parameter.name, checked)
+
+    @classmethod
+    def parameters(cls) -> tuple[Parameter, ...]:
+        """Return what is known of each option, in the order in which hosts show them."""
+        return _parameters(cls)  # type: ignore[arg-type]
+
+    @classmethod
+    def taken_from(cls, other: Options, **more: Any) -> Self:
+        """Return options with the values that `other` has of the same names, and `more`."""
+        names = {p.name for p in cls.parameters()} & {p.name for p in other.parameters()}
+        return cls(**{**{name: getattr(other, name) for name in names}, **more})
+
+    def values(self) -> dict[str, Any]:
+        """Return all options by name."""
+        return {p.name: getattr(self, p.name) for p in self.parameters()}
+
+
+@functools.cache
+def _parameters(options: type[Options]) -> tuple[Parameter, ...]:
+    known = {f.name: f.metadata["parameter"] for f in fields(options) if f.metadata}
+    own_first = (name for base in options.__mro__ for name in inspect.get_annotations(base))
+    return tuple(
+        replace(known[name], name=name) for name in dict.fromkeys(own_first) if name in known
+    )
+
+
+P = ParamSpec("P")
+Input = TypeVar("Input")
+InputIn = TypeVar("InputIn", contravariant=True)
+Chosen = TypeVar("Chosen", bound=Options)
+Found = TypeVar("Found")
+FoundOut = TypeVar("FoundOut", covariant=True)
+
+
+class Algorithm(Protocol, Generic[InputIn, P, FoundOut]):
+    """A function of one thing and of options, as `algorithm` makes it."""
+
+    def __call__(self, data: InputIn, /, *args: P.args, **kwargs: P.kwargs) -> FoundOut:
+        """Compute with options as keywords."""
+
+    def of(self, data: InputIn, options: Options, progress: Progress) -> FoundOut:
+        """Compute with those options of another class that have the same names."""
+
+
+def algorithm(
+    options: Callable[P, Chosen], *, keep: bool = True
+) -> Callable[[Callable[[Input, Chosen, Progress], Found]], Algorithm[Input, P, Found]]:
+    """Make a public function of one that takes (data, options, progress).
+
+    The signature has the fields of the options class as keywords. Results are kept with what they
+    were computed from (see `medialis.kept`) unless `keep` is False, as for results that take no
+    longer to compute than to look up.
+    """
+    chosen = cast(type[Chosen], options)
+
+    def decorate(
+        compute: Callable[[Input, Chosen, Progress], Found],
+    ) -> Algorithm[Input, P, Found]:
+        def of(data: Input, given: Options, progress: Progress) -> Found:
+            own = given if type(given) is chosen else chosen.taken_from(given)
+
+            def work() -> Found:
+                return compute(data, own, progress)
+
+            return kept(compute, data, own, work, progress) if keep else work()
+
+        @functools.wraps(compute)
+        def public(data: Input, /, *args: P.args, **kwargs: P.kwargs) -> Found:
+            unknown = sorted(set(kwargs) - {f.name for f in fields(chosen)})
+            if unknown:
+                known = ", ".join(p.name for p in chosen.parameters())
+                raise TypeError(
+                    f"{compute.__name__} has no option {', '.join(unknown)}; it has {known}."
+                )
+            given = options(*args, **kwargs)
+            return of(data, given, Progress.of(given.progress))
+
+        first = next(iter(inspect.signature(compute).parameters.values()))
+        first = first.replace(kind=inspect.Parameter.POSITIONAL_ONLY)
+        signature = inspect.signature(chosen)
+        public.__signature__ = signature.replace(  # type: ignore[attr-defined]
+            parameters=[first, *_in_order(signature, chosen)],
+            return_annotation=inspect.signature(compute).return_annotation,
+        )
+        public.of = of  # type: ignore[attr-defined]
+        return cast(Algorithm[Input, P, Found], public)
+
+    return decorate
+
+
+def _in_order(signature: inspect.Signature, options: type[Options]) -> list[inspect.Parameter]:
+    """Parameters of a signature as hosts show them, `progress` last."""
+    names = [p.name for p in options.parameters()]
+    return [signature.parameters[name] for name in (*names, "progress")]

@@ -1,0 +1,1 @@
+"""How well a result describes its shape: exact distances, topology, verdicts, the report."""

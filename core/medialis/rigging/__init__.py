@@ -1,0 +1,1 @@
+"""Bones along curve skeletons, and skin weights."""

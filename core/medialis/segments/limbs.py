@@ -1,0 +1,254 @@
+"""Limbs and bodies of a shape, told apart on its curve skeleton.
+
+A core is the stretch of the curve skeleton within the ball of a body: that of a junction, or of a
+thick place beside a neck. What lies between the cores and beyond them are arms. Arms that do not
+stick out belong to their core, arms and cores as thick as it go on as its trunk, and the others are
+limbs.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from medialis.model.curve_skeleton import CurveSkeleton
+from medialis.model.segmentation import Segmentation
+from medialis.model.shape import Shape
+from medialis.surface.labels import sample_areas
+from medialis.validation import FloatArray, IntArray
+
+REACH = 0.92
+"""Share of the width of a body up to which its core goes: there a limb 0.4 times as wide comes out
+of its ball."""
+
+NECK = 0.6
+"""A place is a body when the branch just outside its ball is less than this share as wide."""
+
+TRUNK = 0.75
+"""Share of its width: a core goes on into arms at least as wide as this, and into another core when
+neither is narrower where they meet. Limbs of real shapes are 0.1 to 0.7 as wide as their body, what
+goes on in a trunk is 0.85 or more."""
+
+LONG = 1.5
+"""Widths of the core by which the end of a limb is away from its border. The corners of a cube are
+1.1 long, a half ball is 1."""
+
+PROTRUDES = 2 * LONG + 1
+"""Area of a limb, in areas of its base, from which it sticks out: that of a round one 1.5 widths
+long. A half ball has 2."""
+
+
+def sample_reach(shape: Shape, graph: CurveSkeleton) -> FloatArray:
+    """Return the distance of each sample to its node, (n,); NaN without a node."""
+    assert graph.vertex_node is not None
+    away = np.linalg.norm(shape.points - graph.nodes[graph.vertex_node], axis=1)
+    return np.where(graph.vertex_node >= 0, away, np.nan)
+
+
+def flatness(shape: Shape, graph: CurveSkeleton) -> float:
+    """Return how wide cross-sections are for their thickness.
+
+    Returns
+    -------
+    float
+        Distance of the samples to their node over its radius, the mean over the surface: 1 for
+        tubes, 1.7 for a rectangle twice as wide as thick; 1 without any node.
+    """
+    assert graph.vertex_node is not None
+    rows = np.flatnonzero(graph.vertex_node >= 0)
+    area = sample_areas(shape)[rows]
+    radii = graph.radii[graph.vertex_node[rows]]
+    rows, area, radii = rows[radii > 0], area[radii > 0], radii[radii > 0]
+    if not area.sum() > 0:
+        return 1.0
+    return float((sample_reach(shape, graph)[rows] / radii) @ area / area.sum())
+
+
+def node_widths(shape: Shape, graph: CurveSkeleton) -> FloatArray:
+    """Return how far the surface is from each node, (v,): the mean over the samples round it.
+
+    The samples are those of all nodes in its ball. At least the radius; much larger in flat places
+    such as the palm of a hand.
+    """
+    from scipy.spatial import cKDTree
+
+    v = len(graph.nodes)
+    assert graph.vertex_node is not None
+    rows = np.flatnonzero(graph.vertex_node >= 0)
+    node, area = graph.vertex_node[rows], sample_areas(shape)[rows]
+    weight = np.bincount(node, area, minlength=v)
+    total = np.bincount(node, area * sample_reach(shape, graph)[rows], minlength=v)
+    near = cKDTree(graph.nodes).query_ball_point(graph.nodes, graph.radii, return_sorted=True)
+    at = np.repeat(np.arange(v), [len(one) for one in near])
+    every = np.concatenate([np.asarray(one, np.int64) for one in near])
+    same = graph.components[at] == graph.components[every]
+    at, every = at[same], every[same]
+    around = np.bincount(at, weight[every], minlength=v)
+    width = graph.radii.copy()
+    np.divide(np.bincount(at, total[every], minlength=v), around, out=width, where=around > 0)
+    return np.maximum(width, graph.radii)
+
+
+def find_limbs(graph: CurveSkeleton, width: FloatArray) -> IntArray:
+    """Divide a curve skeleton into limbs and bodies.
+
+    Parameters
+    ----------
+    graph : CurveSkeleton
+        v nodes.
+    width : (v,) float64
+        Distance of the surface, as of `node_widths`.
+
+    Returns
+    -------
+    (v,) int32
+        Part of each node; -1 for the nodes of a core where three or more arms meet that are as
+        thick as it: they belong to no arm more than to another.
+    """
+    piece, is_core = _pieces(graph, _cores(graph, width))
+    links = _links(graph, piece, width)
+    wide = _mean_widths(graph, piece, width)
+    widest = np.zeros(len(is_core))
+    np.maximum.at(widest, piece, width)
+    into = np.arange(len(is_core))
+
+    def join(core: int, other: int) -> None:
+        into[into == into[other]] = into[core]
+
+    shared = np.zeros(len(is_core), bool)
+    for core in np.flatnonzero(is_core).tolist():
+        trunk = []
+        for other, passage in sorted(links[core].items()):
+            if len(links[other]) == 1 and not _sticks_out(
+                graph, width, piece == core, piece == other
+            ):
+                join(core, other)
+            elif is_core[other]:
+                if passage >= TRUNK * max(widest[core], widest[other]):
+                    trunk.append(other)
+            elif wide[other] >= TRUNK * widest[core]:
+                trunk.append(other)
+        shared[core] = len(trunk) > 2
+        if not shared[core]:
+            for other in trunk:
+                join(core, other)
+    return np.where(shared[piece], -1, into[piece]).astype(np.int32)
+
+
+def protrusions(shape: Shape, parts: Segmentation) -> FloatArray:
+    """Return how far each part sticks out of its neighbours, (p,).
+
+    Returns
+    -------
+    (p,) float64
+        Area of the part in areas of its bases, discs as long round as the borders with each of its
+        neighbours: 2 for a half ball, 1 + 2 l / r for a rod of length l; inf without a neighbour.
+
+    Notes
+    -----
+    The protrusion of Hoffman and Singh, Salience of visual parts (Cognition 63, 1997). In a face a
+    border runs through the middles of two sides.
+    """
+    assert shape.faces is not None
+    points, p = shape.points, parts.count
+    base = np.zeros(p)
+    keys, lengths = [], []
+    for corner in range(3):
+        alone, a, b = np.roll(shape.faces, -corner, axis=1).T
+        one, two = parts.labels[alone], parts.labels[a]
+        cut = (one != two) & (two == parts.labels[b]) & (one >= 0) & (two >= 0)
+        one, two = one[cut].astype(np.int64), two[cut]
+        keys.append(np.minimum(one, two) * p + np.maximum(one, two))
+        lengths.append(np.linalg.norm(points[a[cut]] - points[b[cut]], axis=1) / 2)
+    used, place = np.unique(np.concatenate(keys), return_inverse=True)
+    discs = np.bincount(place.reshape(-1), np.concatenate(lengths)) ** 2 / (4 * np.pi)
+    for side in np.divmod(used, p):
+        base += np.bincount(side, discs, minlength=p)
+    return np.divide(parts.areas, base, out=np.full(p, np.inf), where=base > 0)
+
+
+def _cores(graph: CurveSkeleton, width: FloatArray) -> IntArray:
+    """Core of each node, -1 for arms: those that overlap are one."""
+    near = _neighbours(graph)
+    core = np.full(len(graph.nodes), -1, np.int32)
+    for at in np.lexsort((np.arange(len(width)), -width)).tolist():
+        junction = graph.degrees[at] >= 3
+        if core[at] >= 0 and not junction:
+            continue
+        reach = float(width[at])
+        if not junction:
+            rim = _within(graph, near, at, reach)[1]
+            if not any(core[b] < 0 and width[b] < NECK * reach for b in rim):
+                continue
+        inside = _within(graph, near, at, REACH * reach)[0]
+        old = np.unique(core[inside])
+        core[np.isin(core, old[old >= 0])] = at
+        core[inside] = at
+    return core
+
+
+def _neighbours(graph: CurveSkeleton) -> list[list[int]]:
+    near: list[list[int]] = [[] for _ in range(len(graph.nodes))]
+    for a, b in graph.edges.tolist():
+        near[a].append(b)
+        near[b].append(a)
+    return near
+
+
+def _within(
+    graph: CurveSkeleton, near: list[list[int]], start: int, reach: float
+) -> tuple[list[int], list[int]]:
+    """Nodes of the stretch round a node that lies in its ball, and the first ones outside."""
+    inside = np.linalg.norm(graph.nodes - graph.nodes[start], axis=1) <= reach
+    found, rim, waiting = {start}, set(), [start]
+    while waiting:
+        for b in near[waiting.pop()]:
+            if not inside[b]:
+                rim.add(b)
+            elif b not in found:
+                found.add(b)
+                waiting.append(b)
+    return sorted(found), sorted(rim)
+
+
+def _pieces(graph: CurveSkeleton, core: IntArray) -> tuple[IntArray, NDArray[np.bool_]]:
+    """Cut the graph round its cores: piece of each node, and which pieces are cores."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    v = len(graph.nodes)
+    a, b = graph.edges[core[graph.edges[:, 0]] == core[graph.edges[:, 1]]].T
+    kept = coo_array((np.ones(len(a), np.int8), (a, b)), shape=(v, v))
+    count, piece = connected_components(kept, directed=False)
+    is_core = np.zeros(count, bool)
+    is_core[piece[core >= 0]] = True
+    return piece.astype(np.int32), is_core
+
+
+def _links(graph: CurveSkeleton, piece: IntArray, width: FloatArray) -> list[dict[int, float]]:
+    """Neighbours of each piece, and how wide the passage to each is."""
+    links: list[dict[int, float]] = [{} for _ in range(int(piece.max(initial=-1)) + 1)]
+    passage = width[graph.edges].min(axis=1).tolist()
+    for (a, b), wide in zip(piece[graph.edges].tolist(), passage, strict=True):
+        if a != b:
+            links[a][b] = links[b][a] = max(wide, links[a].get(b, 0.0))
+    return links
+
+
+def _mean_widths(graph: CurveSkeleton, piece: IntArray, width: FloatArray) -> FloatArray:
+    """Mean width of each piece along its length."""
+    share = np.full(len(width), 1e-12 * (graph.length or 1.0))  # pieces of no length
+    share += np.bincount(graph.edges.ravel(), graph.edge_lengths.repeat(2), minlength=len(width))
+    return np.asarray(np.bincount(piece, share * width) / np.bincount(piece, share))
+
+
+def _sticks_out(
+    graph: CurveSkeleton, width: FloatArray, core: NDArray[np.bool_], arm: NDArray[np.bool_]
+) -> bool:
+    """Tell whether an arm with a free end is long for its width; one that returns is."""
+    a, b = graph.edges.T
+    feet = np.concatenate([a[arm[a] & core[b]], b[arm[b] & core[a]]])
+    if len(feet) != 1:
+        return True
+    away = np.linalg.norm(graph.nodes[arm] - graph.nodes[feet[0]], axis=1) + graph.radii[arm]
+    return bool(away.max() >= LONG * width[feet[0]])

@@ -1,0 +1,286 @@
+"""Y-network: where medial sheets meet, as points and as curves (thesis 6.2.2.2).
+
+Strategy. On the surface, the borders between the labels of the sheets are clean lines: they cross
+the edges whose ends have different labels. The middle between the two balls of such an edge lies on
+the Y-curve, or across a jump (at a concave edge) far from both: these are left out. So the borders,
+moved inside, are the Y-curves, each seen from its three contacts. Of the three, one is kept.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from medialis.errors import InvalidShapeError
+from medialis.model.medial_cloud import MedialCloud
+from medialis.model.medial_sheets import MedialSheets
+from medialis.model.ragged import Ragged
+from medialis.model.shape import Shape
+from medialis.model.y_network import YNetwork
+from medialis.sheets.extended_features import check_cloud
+from medialis.surface.surface_graph import local_spacing, surface_graph
+from medialis.validation import FloatArray, IntArray, as_whole_number
+
+DEFAULT_NEIGHBOURS = 3
+"""The thesis's k: more make the band of points wider."""
+
+LONGEST_JUMP = 4.0
+"""Sample spacings between two balls on different sheets that still lie on both sides of a Y-curve.
+Behind a right edge, balls are 1.4 spacings apart; ligatures and jumps stretch them further."""
+
+SMOOTHING_ROUNDS = 8
+"""Each node moves half-way to the middle of its neighbours: takes the zigzag between samples out of
+the curves, and shortens a circle of 40 nodes by 5 %."""
+
+SAME_CURVE = 2.0
+"""Sample spacings within which borders with the same sheets are the same curve."""
+
+
+def y_network(
+    shape: Shape,
+    cloud: MedialCloud,
+    sheets: MedialSheets,
+    *,
+    neighbours: int = DEFAULT_NEIGHBOURS,
+) -> YNetwork:
+    """Find the curves along which medial sheets meet.
+
+    Parameters
+    ----------
+    shape : Shape
+        n samples, as given to `medialis.surface_skeleton`.
+    cloud : MedialCloud
+        k balls.
+    sheets : MedialSheets
+        From `medialis.medial_sheets`.
+    neighbours : int
+        1 to 100: a ball is near the network when one of this many nearest medial points belongs to
+        another sheet.
+
+    Returns
+    -------
+    YNetwork
+        Curves need faces: a point cloud has points only. Curves are numbered by falling length.
+
+    Raises
+    ------
+    InvalidShapeError
+        When cloud, sheets and shape do not belong together.
+    InvalidOptionError
+        When `neighbours` is out of its range.
+
+    Notes
+    -----
+    Source: thesis 6.2.2.2. Deviates: the curves are new; the thesis has the points only.
+
+    Examples
+    --------
+    >>> import medialis
+    >>> shape = medialis.organic_shape(56)
+    >>> cloud = medialis.surface_skeleton(shape)
+    >>> network = medialis.y_network(shape, cloud, medialis.medial_sheets(shape, cloud))
+    >>> bool(network.near.any()), len(network.lengths) > 0
+    (True, True)
+    """
+    neighbours = as_whole_number(neighbours, "neighbours", low=1, high=100)
+    check_cloud(shape, cloud)
+    if len(sheets) != len(cloud):
+        raise InvalidShapeError(
+            f"There are {len(cloud)} balls, but sheets of {len(sheets)}: give the sheets of this "
+            "cloud."
+        )
+    near = _near_points(cloud, sheets, neighbours)
+    found = []
+    if shape.faces is not None:
+        for sign in (1, -1):
+            rows = np.flatnonzero(cloud.valid & (cloud.side == sign))
+            if len(rows):
+                found.append(_curves(shape, cloud, rows, sheets))
+    if not found:
+        empty = np.empty((0, 3), np.int32)
+        return YNetwork(near, np.empty((0, 3)), empty[:, :2], empty[:, 0], empty)
+    nodes = np.cumsum([0] + [len(part[0]) for part in found])
+    curves = np.cumsum([0] + [len(part[3]) for part in found])
+    return YNetwork(
+        near,
+        np.concatenate([part[0] for part in found]),
+        _joined([part[1] + shift for part, shift in zip(found, nodes, strict=False)]),
+        _joined([part[2] + shift for part, shift in zip(found, curves, strict=False)]),
+        _joined([part[3] for part in found]),
+    )
+
+
+def _joined(parts: list[NDArray[np.int64]]) -> IntArray:
+    return np.concatenate(parts).astype(np.int32)
+
+
+def _near_points(cloud: MedialCloud, sheets: MedialSheets, neighbours: int) -> NDArray[np.bool_]:
+    from scipy.spatial import cKDTree
+
+    near = np.zeros(len(cloud), np.bool_)
+    rows = np.flatnonzero(sheets.labels >= 0)
+    k = min(neighbours + 1, len(rows))
+    if k > 1:
+        found = cKDTree(cloud.centers[rows]).query(cloud.centers[rows], k=k)[1]
+        labels = sheets.labels[rows]
+        near[rows] = (labels[found] != labels[:, None]).any(axis=1)
+    return near
+
+
+def _curves(
+    shape: Shape, cloud: MedialCloud, rows: NDArray[np.int64], sheets: MedialSheets
+) -> tuple[FloatArray, NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+    """Nodes, edges, curve of each node and sheets of each curve, of the balls of one side."""
+    row_of = np.full(shape.point_count, -1, np.int64)
+    row_of[cloud.source[rows]] = rows
+    labels = np.where(row_of >= 0, sheets.labels[row_of], -1)
+    centers = cloud.centers[row_of]
+    graph = surface_graph(shape)
+    spacing = local_spacing(shape, graph)
+    ends, links = _borders(shape, labels, centers, spacing)
+    points = centers[ends].mean(axis=1)
+    piece, count = _chains(len(points), links)
+    points = smoothed_curves(points, links)
+    steps = np.linalg.norm(points[links[:, 0]] - points[links[:, 1]], axis=1)
+    length = np.bincount(piece[links[:, 0]], steps, minlength=count).astype(np.float64)
+    first = np.full(count, len(ends), np.int64)
+    np.minimum.at(first, piece, np.arange(len(ends)))
+    pair = np.sort(labels[ends[first]], axis=1) if count else np.empty((0, 2), np.int64)
+    third = _third_sheets(ends, piece, pair, labels, cloud.features[row_of, 1], graph)
+    triple = np.column_stack([pair, third])
+    reach = SAME_CURVE * spacing[ends].max(axis=1)
+    kept, triple = _without_repeats(points, reach, piece, length, triple)
+    return _compact(points, links, piece, kept, triple)
+
+
+def _borders(
+    shape: Shape, labels: IntArray, centers: FloatArray, spacing: FloatArray
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Crossed surface edges (b, 2), and links (l, 2) between those of one pair of sheets."""
+    sides = np.asarray(shape.faces)[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 3, 2).astype(np.int64)
+    sides = np.sort(sides, axis=2)
+    a, b = sides[..., 0], sides[..., 1]
+    gap = np.linalg.norm(centers[a] - centers[b], axis=2)
+    crossed = (labels[a] != labels[b]) & (np.minimum(labels[a], labels[b]) >= 0)
+    crossed &= gap <= LONGEST_JUMP * np.maximum(spacing[a], spacing[b])
+    keys = a * shape.point_count + b
+    known = np.unique(keys[crossed])
+    ends = np.stack(divmod(known, shape.point_count), axis=1)
+    place = np.searchsorted(known, keys)
+    links = []
+    for j in range(3):
+        i, k = (j + 1) % 3, (j + 2) % 3
+        both = crossed[:, i] & crossed[:, k]
+        pair = np.stack([place[both, i], place[both, k]], axis=1)
+        same = (np.sort(labels[ends[pair[:, 0]]]) == np.sort(labels[ends[pair[:, 1]]])).all(axis=1)
+        links.append(pair[same])
+    return ends, np.concatenate(links)
+
+
+def _chains(count: int, links: NDArray[np.int64]) -> tuple[IntArray, int]:
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    if count == 0:
+        return np.empty(0, np.int32), 0
+    matrix = coo_array((np.ones(len(links), np.int8), tuple(links.T)), shape=(count, count))
+    pieces, labels = connected_components(matrix, directed=False)
+    return labels, int(pieces)
+
+
+def smoothed_curves(points: FloatArray, links: NDArray[np.int64]) -> FloatArray:
+    """Move nodes with two neighbours or more towards the middle of these; ends stay."""
+    n = len(points)
+    degree = np.bincount(links.ravel(), minlength=n)
+    inner = degree >= 2
+    ends = np.concatenate([links, links[:, ::-1]])
+    for _ in range(SMOOTHING_ROUNDS):
+        total = np.stack(
+            [np.bincount(ends[:, 0], points[ends[:, 1], j], minlength=n) for j in range(3)], axis=1
+        )
+        middle = total[inner] / degree[inner, None]
+        points = points.copy()
+        points[inner] = 0.5 * (points[inner] + middle)
+    return points
+
+
+def _third_sheets(
+    ends: NDArray[np.int64],
+    piece: IntArray,
+    pair: NDArray[np.int64],
+    labels: IntArray,
+    second: IntArray,
+    graph: Ragged,
+) -> NDArray[np.int64]:
+    """Return the sheet found most often at the second feature points along a chain; -1: none."""
+    across = second[ends].ravel()
+    chain = np.repeat(piece, 2)
+    counts = graph.lengths[across]
+    start = np.repeat(graph.offsets[across] - np.cumsum(counts) + counts, counts)
+    seen = labels[graph.indices[start + np.arange(counts.sum())]].astype(np.int64)
+    chain = np.repeat(chain, counts).astype(np.int64)
+    new = (seen >= 0) & (seen != pair[chain, 0]) & (seen != pair[chain, 1])
+    width = int(labels.max(initial=0)) + 1
+    keys, votes = np.unique(chain[new] * width + seen[new], return_counts=True)
+    third = np.full(len(pair), -1, np.int64)
+    order = np.lexsort((-keys, votes))  # the last one stays: most votes, then the lowest sheet
+    third[keys[order] // width] = keys[order] % width
+    return third
+
+
+def _without_repeats(
+    points: FloatArray,
+    reach: FloatArray,
+    piece: IntArray,
+    length: FloatArray,
+    triple: NDArray[np.int64],
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Chains to keep, longest first, and their sheets; the same curve seen from two contacts once.
+
+    A chain repeats an earlier one when most of its nodes lie close to chains with the same three
+    sheets, or with two of them where one has only two.
+    """
+    from scipy.spatial import cKDTree
+
+    triple = np.sort(np.where(triple < 0, np.iinfo(np.int64).max, triple), axis=1)
+    members = Ragged.group(piece, len(length))
+    kept: list[int] = []
+    taken = np.full(len(points), -1, np.int64)
+    near = cKDTree(points).query_ball_point(points, reach) if len(points) else []
+    for chain in np.lexsort((np.arange(len(length)), -length)).tolist():
+        nodes = members[chain].tolist()
+        covered = 0
+        for node in nodes:
+            others = taken[near[node]]
+            others = others[others >= 0]
+            covered += len(others) > 0 and bool(_alike(triple[others], triple[chain]).any())
+        if 2 * covered <= len(nodes) and len(nodes) > 1:
+            kept.append(chain)
+            taken[nodes] = chain
+    sheets = triple[kept] if kept else np.empty((0, 3), np.int64)
+    return np.array(kept, np.int64), np.where(sheets == np.iinfo(np.int64).max, -1, sheets)
+
+
+def _alike(triples: NDArray[np.int64], one: NDArray[np.int64]) -> NDArray[np.bool_]:
+    unknown = np.iinfo(np.int64).max
+    common = (triples[:, :, None] == one[None, None, :]) & (triples[:, :, None] != unknown)
+    shared = common.any(axis=2).sum(axis=1)
+    complete = (triples[:, 2] != unknown) & (one[2] != unknown)
+    return np.where(complete, shared == 3, shared >= 1)
+
+
+def _compact(
+    points: FloatArray,
+    links: NDArray[np.int64],
+    piece: IntArray,
+    kept: NDArray[np.int64],
+    triple: NDArray[np.int64],
+) -> tuple[FloatArray, NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+    number = np.full(int(piece.max(initial=-1)) + 1, -1, np.int64)
+    number[kept] = np.arange(len(kept))
+    curve = number[piece]
+    nodes = np.flatnonzero(curve >= 0)
+    place = np.full(len(points), -1, np.int64)
+    place[nodes] = np.arange(len(nodes))
+    edges = place[links[curve[links[:, 0]] >= 0]]
+    return points[nodes], edges, curve[nodes], triple

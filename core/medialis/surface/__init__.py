@@ -1,0 +1,1 @@
+"""Shapes before balls: diagnosis, repair, normals, noise, refinement, graphs and labels."""

@@ -1,0 +1,176 @@
+"""Estimated and consistently oriented normals of point clouds (input of thesis 3.2).
+
+Directions by principal components of the nearest neighbours; signs by a minimum spanning tree over
+the neighbour graph, so that they are carried along where the surface is flat first (Hoppe et al.,
+"Surface reconstruction from unorganized points", 1992); outside by a vote of extreme points.
+"""
+
+from __future__ import annotations
+
+import logging
+
+import numpy as np
+from numpy.typing import NDArray
+
+from medialis.errors import InvalidShapeError
+from medialis.progress import Progress, ProgressCallback
+from medialis.surface._signs import propagate_signs
+from medialis.threads import run_chunks
+from medialis.validation import FloatArray, as_points, as_whole_number, frozen
+
+BATCH = 1 << 16
+QUERIES_A_CHUNK = 1 << 13
+
+
+def estimate_normals(
+    points: FloatArray,
+    *,
+    neighbours: int = 12,
+    progress: Progress | ProgressCallback | None = None,
+) -> FloatArray:
+    """Estimate unit outward normals of a point cloud.
+
+    Parameters
+    ----------
+    points : (n, 3) float
+        Samples of one or more surfaces.
+    neighbours : int
+        How many nearest samples span the tangent plane, 3 to 100 (at most n - 1 are used).
+    progress : callable, optional
+        Called with (fraction, text); returning False cancels.
+
+    Returns
+    -------
+    (n, 3) float64
+        Unit normals, consistent within each part of the neighbour graph and outward for a closed
+        surface. Which side of an open one is outside is a guess; a message says when it is unsure.
+
+    Raises
+    ------
+    InvalidShapeError
+        With fewer than 4 different points, or all of them on one line.
+    InvalidOptionError
+        When `neighbours` is out of its range.
+
+    Notes
+    -----
+    Cost O(n log n). A surface thinner than the sampling distance, or with sharp creases, can get
+    wrong signs: give normals where you have them.
+    """
+    from scipy.spatial import cKDTree
+
+    points = as_points(points)
+    neighbours = as_whole_number(neighbours, "neighbours", low=3, high=100)
+    centered = points - points.mean(axis=0)
+    size = float(np.abs(centered).max())
+    spread = np.linalg.svd(centered / size, compute_uv=False) if size else np.zeros(3)
+    if _at_most_three(points) or spread[1] < 1e-9 * spread[0]:
+        raise InvalidShapeError(
+            "Normals need at least 4 different points that do not all lie on one line; "
+            f"{len(points)} came. Give normals, or a mesh with faces."
+        )
+    progress = Progress.of(progress)
+    progress.update(0.0)
+    centered /= size  # squared distances of tiny or huge clouds stay in range
+    k = min(neighbours, len(points) - 1) + 1
+    tree, near = cKDTree(centered), np.empty((len(points), k), np.int64)
+
+    def search(begin: int, end: int) -> None:
+        near[begin:end] = tree.query(centered[begin:end], k=k)[1]
+
+    # Not the query's own threads: Ctrl-C leaves them running in a tree that is freed.
+    with progress.stage("neighbours", 0.0, 0.4):
+        run_chunks(search, len(points), QUERIES_A_CHUNK, progress=progress)
+    normals = _plane_normals(centered, near)
+    progress.update(0.7)
+    return frozen(_orient(centered, normals, near, progress), np.float64)
+
+
+def _at_most_three(points: FloatArray) -> bool:
+    """Tell whether there are fewer than four different points."""
+    rest = points
+    for _ in range(3):
+        rest = rest[(rest != rest[0]).any(axis=1)]
+        if len(rest) == 0:
+            return True
+    return False
+
+
+def _plane_normals(points: FloatArray, near: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Direction of least variance of each point's neighbourhood, sign arbitrary."""
+    normals = np.empty_like(points)
+    for begin in range(0, len(points), BATCH):
+        patch = points[near[begin : begin + BATCH]]
+        patch = patch - patch.mean(axis=1, keepdims=True)
+        covariance = np.einsum("nki,nkj->nij", patch, patch)
+        normals[begin : begin + BATCH] = np.linalg.eigh(covariance)[1][:, :, 0]
+    return normals
+
+
+def _orient(
+    points: FloatArray,
+    normals: NDArray[np.float64],
+    near: NDArray[np.int64],
+    progress: Progress,
+) -> NDArray[np.float64]:
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import (
+        breadth_first_order,
+        connected_components,
+        minimum_spanning_tree,
+    )
+
+    n = len(points)
+    a, b = np.repeat(np.arange(n), near.shape[1]), near.ravel()
+    a, b = a[a != b], b[a != b]
+    # 1 - |cos| is 0 on a plane, but a sparse matrix drops zeros: shifted by a constant, which
+    # changes no minimum spanning tree.
+    weight = 1.0 + 1e-6 - np.abs(np.einsum("ij,ij->i", normals[a], normals[b]))
+    low, high = np.minimum(a, b), np.maximum(a, b)
+    _, first = np.unique(low * np.int64(n) + high, return_index=True)
+    # scipy before 1.12 builds minimum spanning trees on 32-bit indices only.
+    low, high = low[first].astype(np.int32), high[first].astype(np.int32)
+    graph = coo_array((weight[first], (low, high)), shape=(n, n)).tocsr()
+    parts, part = connected_components(graph, directed=False)
+
+    # One virtual root above one point of each part turns the forest into a tree.
+    tree = minimum_spanning_tree(graph).tocoo()
+    heads = np.unique(part, return_index=True)[1]
+    rows = np.concatenate([tree.row, np.full(parts, n)])
+    columns = np.concatenate([tree.col, heads])
+    joined = coo_array((np.ones(len(rows), np.int8), (rows, columns)), shape=(n + 1, n + 1)).tocsr()
+    parent = breadth_first_order(joined, n, directed=False)[1]
+    above = np.where(parent[:n] == n, np.arange(n), parent[:n])
+    agree = np.where(np.einsum("ij,ij->i", normals, normals[above]) < 0, -1, 1)
+    sign = propagate_signs(np.append(parent[:n], -1), np.append(agree, 1))[:n]
+    oriented = normals * sign[:, None]
+    outward, doubtful = _outward(points, oriented, part, parts)
+    if doubtful:
+        progress.note(
+            f"The outside of {doubtful} of {parts} parts of the cloud is uncertain (open or "
+            "noisy): their normals are consistent, but may all point inward.",
+            level=logging.WARNING,
+        )
+    return oriented * outward[part][:, None]
+
+
+def _outward(
+    points: FloatArray, normals: NDArray[np.float64], part: NDArray[np.int32], parts: int
+) -> tuple[NDArray[np.float64], int]:
+    """Return +1 or -1 for each part (do its extreme points look outward?) and how many are unsure.
+
+    At the sample that lies farthest in a direction, the normal of a closed surface has a positive
+    component along it. 26 directions vote, weighted by that component.
+    """
+    grid = np.array(np.meshgrid(*[[-1.0, 0.0, 1.0]] * 3)).reshape(3, -1).T
+    directions = grid[np.abs(grid).sum(axis=1) > 0]
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    votes, sure = np.zeros(parts), np.zeros(parts)
+    for direction in directions:
+        height = points @ direction
+        top = np.lexsort((height, part))
+        ends = np.cumsum(np.bincount(part, minlength=parts)) - 1
+        component = normals[top[ends]] @ direction
+        votes += component
+        sure += np.abs(component)
+    return np.where(votes < 0, -1.0, 1.0), int((np.abs(votes) < 0.5 * sure).sum())

@@ -1,0 +1,211 @@
+"""Labels on the samples of a surface: spreading, merging, numbering (thesis 6.2.2, 6.3)."""
+
+from __future__ import annotations
+
+import heapq
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from medialis.model.ragged import Ragged
+from medialis.model.shape import Shape
+from medialis.threads import run_chunks
+from medialis.validation import FloatArray, IntArray
+
+SAMPLES_A_CHUNK = 16384
+
+
+def sample_areas(shape: Shape) -> FloatArray:
+    """Return the area that each sample stands for, (n,): a third of its faces; 1 in a cloud."""
+    if shape.faces is None:
+        return np.ones(shape.point_count)
+    a, b, c = shape.points[shape.faces.T]
+    third = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 6.0
+    corners = shape.faces.ravel()
+    return np.asarray(
+        np.bincount(corners, np.repeat(third, 3), minlength=shape.point_count), np.float64
+    )
+
+
+def spread_labels(shape: Shape, graph: Ragged, labels: IntArray) -> IntArray:
+    """Give samples with label -1 the label of the nearest labelled one along the graph.
+
+    Returns
+    -------
+    (n,) int32
+        -1 where no labelled sample can be reached.
+    """
+    from medialis.surface._surface_graph_kernels import spread_from_seeds
+
+    n = shape.point_count
+    seed = np.where(labels < 0, -1, np.arange(n)).astype(np.int32)
+    distance = np.where(seed < 0, np.inf, 0.0)
+    room = n + len(graph.indices)
+    keys, names = np.empty(room), np.empty(room, np.int32)
+    spread_from_seeds(shape.points, graph.offsets, graph.indices, keys, names, distance, seed)
+    return np.where(seed < 0, -1, labels[seed]).astype(np.int32)
+
+
+def fill_components(shape: Shape, labels: IntArray, usable: NDArray[np.bool_]) -> IntArray:
+    """Give each component of the surface in which nothing is labelled a label of its own."""
+    count = int(shape.components.max(initial=-1)) + 1
+    empty = np.bincount(shape.components[labels >= 0], minlength=count) == 0
+    new = np.cumsum(empty) - 1 + labels.max(initial=-1) + 1
+    rows = empty[shape.components] & usable
+    return np.where(rows, new[shape.components], labels).astype(np.int32)
+
+
+def merge_small(labels: IntArray, weight: FloatArray, graph: Ragged, smallest: float) -> IntArray:
+    """Merge segments lighter than `smallest`, lightest first, into a neighbouring segment.
+
+    The neighbour is the one with which a segment shares the most links of the graph (ties: the
+    lowest label). A segment without a neighbour stays.
+
+    Parameters
+    ----------
+    labels : (n,) int32
+        -1 takes no part.
+    weight : (n,) float
+        Of each sample, such as its area.
+    graph : Ragged
+        n rows.
+    smallest : float
+        In the units of the weights.
+
+    Returns
+    -------
+    (n,) int32
+        The labels left keep their numbers.
+    """
+    count = int(labels.max(initial=-1)) + 1
+    total = np.bincount(labels[labels >= 0], weight[labels >= 0], minlength=count)
+    borders = _borders(labels, graph, count)
+    target = np.arange(count)
+    waiting = [(float(total[a]), a) for a in range(count) if total[a] < smallest]
+    heapq.heapify(waiting)
+    while waiting:
+        size, a = heapq.heappop(waiting)
+        if target[a] != a or size != total[a] or not borders[a]:
+            continue  # merged, or grown since
+        b = min(borders[a], key=lambda other: (-borders[a][other], other))
+        target[a] = b
+        total[b] += total[a]
+        for other, links in borders[a].items():
+            del borders[other][a]
+            if other != b:
+                borders[b][other] = borders[b].get(other, 0) + links
+                borders[other][b] = borders[b][other]
+        if total[b] < smallest:
+            heapq.heappush(waiting, (float(total[b]), b))
+    for _ in range(count.bit_length() + 1):  # pointer jumping: halves every chain
+        target = target[target]
+    return np.where(labels < 0, -1, target[labels]).astype(np.int32)
+
+
+def _borders(labels: IntArray, graph: Ragged, count: int) -> list[dict[int, int]]:
+    """Count the links between each pair of segments, from either end."""
+    a = np.repeat(labels, graph.lengths)
+    b = labels[graph.indices]
+    crossing = (a >= 0) & (b >= 0) & (a != b)
+    keys, links = np.unique(
+        a[crossing].astype(np.int64) * max(count, 1) + b[crossing], return_counts=True
+    )
+    borders: list[dict[int, int]] = [{} for _ in range(count)]
+    for key, number in zip(keys.tolist(), links.tolist(), strict=True):
+        borders[key // count][key % count] = number
+    return borders
+
+
+def numbered_by_weight(labels: IntArray, weight: FloatArray) -> IntArray:
+    """Return labels numbered 0, 1, ... from the heaviest to the lightest; -1 stays.
+
+    Ties go to the label whose first sample comes first.
+    """
+    used, first, place = np.unique(labels, return_index=True, return_inverse=True)
+    place = place.reshape(-1)  # numpy 2.0 gave it another shape
+    total = np.bincount(place, weight, minlength=len(used))
+    total[used < 0] = np.inf
+    order = np.lexsort((first, -total))
+    rank = np.empty(len(used), np.int64)
+    rank[order] = np.arange(len(used))
+    if len(used) and used[0] < 0:
+        rank -= 1
+    return rank[place].astype(np.int32)
+
+
+def smoothed_labels(labels: IntArray, graph: Ragged, rounds: int) -> IntArray:
+    """Straighten borders: each sample takes the most common label round it, `rounds` times."""
+    from medialis.sheets._sheet_kernels import majority
+
+    for _ in range(rounds):
+        old, labels = labels, np.empty_like(labels)
+
+        def work(begin: int, end: int, old: IntArray = old, new: IntArray = labels) -> None:
+            majority(begin, end, old, graph.offsets, graph.indices, new)
+
+        run_chunks(work, len(labels), SAMPLES_A_CHUNK)
+    return labels
+
+
+def diffused_labels(labels: IntArray, graph: Ragged, steps: int) -> IntArray:
+    """Straighten borders farther than `smoothed_labels` does: labels spread and thin out like heat.
+
+    Each sample has a share of each label; a step gives it the mean share of itself and its
+    neighbours. At the end it takes the label with the largest share (ties: the lowest). Only
+    samples near a border take part. -1 stays, and spreads nowhere.
+
+    Parameters
+    ----------
+    labels : (n,) int32
+    graph : Ragged
+        n rows.
+    steps : int
+        Borders move by about the square root of this, in spacings.
+
+    Returns
+    -------
+    (n,) int32
+    """
+    from scipy.sparse import csr_array, eye_array
+
+    n, count = len(labels), int(labels.max(initial=-1)) + 1
+    if steps == 0 or count < 2:
+        return labels
+    near = csr_array((np.ones(len(graph.indices)), graph.indices, graph.offsets), shape=(n, n))
+    at = np.repeat(np.arange(n), graph.lengths)
+    moving = np.zeros(n, np.bool_)
+    moving[at[labels[at] != labels[graph.indices]]] = True
+    for _ in range(2 * math.isqrt(steps)):
+        moving |= near @ moving.astype(np.float64) > 0
+    moving &= labels >= 0
+    rows, still = np.flatnonzero(moving), np.flatnonzero(~moving & (labels >= 0))
+    around = near[rows]
+    inner = around[:, rows] + eye_array(len(rows))
+    fixed = csr_array((np.ones(len(still)), (np.arange(len(still)), labels[still])),
+                      shape=(len(still), count))  # fmt: skip
+    held = (around[:, still] @ fixed).toarray()
+    share = np.zeros((len(rows), count))
+    share[np.arange(len(rows)), labels[rows]] = 1.0
+    weight = (inner.sum(axis=1) + held.sum(axis=1))[:, None]
+    inner = csr_array(inner)
+    for _ in range(steps):
+        share = (inner @ share + held) / weight
+    result = labels.copy()
+    result[rows] = share.argmax(axis=1)
+    return result
+
+
+def connected_labels(labels: IntArray, graph: Ragged) -> IntArray:
+    """Give each connected piece of each label a label of its own; -1 stays."""
+    from scipy.sparse import csr_array
+    from scipy.sparse.csgraph import connected_components
+
+    n = len(labels)
+    at = np.repeat(np.arange(n), graph.lengths)
+    same = labels[at] == labels[graph.indices]
+    links = csr_array(
+        (np.ones(int(same.sum()), np.int8), (at[same], graph.indices[same])), shape=(n, n)
+    )
+    pieces = connected_components(links, directed=False)[1]
+    return np.where(labels < 0, -1, pieces).astype(np.int32)

@@ -1,0 +1,229 @@
+"""Noise of a surface: how much there is, and a copy of the mesh without it.
+
+The level is measured where it matters, between neighbouring vertices: how far a vertex lies off a
+quadric through the vertices round it. A smooth surface lies off as well where it bends within the
+neighbourhood, but that part grows quickly with the size of the neighbourhood and the noise does not
+grow, so two sizes tell them apart. A low quantile leaves out sharp edges.
+
+The copy is smoothed by a thin plate, which takes away bends shorter than a length and leaves
+straight and evenly curved parts as they are. The length follows from the noise: long enough for the
+normals to be of use.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from medialis.errors import InvalidShapeError
+from medialis.model.shape import Shape
+from medialis.surface.normals import vertex_normals
+from medialis.validation import FloatArray, as_number
+
+MOST_MEASURED = 4000
+"""Vertices that the level is measured at: its error is some 4 % then."""
+
+FEWEST_MEASURED = 100
+LEAST_NEIGHBOURS, MOST_NEIGHBOURS = 10, 300
+MOST_EDGES = 30
+"""Vertices with more edges, the hubs of fans, are left out: their rings reach everywhere."""
+
+QUANTILE, NORMAL_QUANTILE = 0.25, 0.31864
+"""Of the distances from the quadric, and the same of a normal distribution."""
+
+BENDING = 2.0
+"""Ratio of what bending adds in three rings and in two, at least: 2.0 to 3.0 on real meshes without
+noise, more on mechanical parts."""
+
+SLOPE = 0.05
+"""Slope that is left of the noise after smoothing, 3 degrees. With 0.2 false branches stay; with
+0.03 no branch more is right, and thin parts shrink more."""
+
+SHORTEST, LONGEST = 0.6, 4.0
+"""Spacings: smoothing lengths. A shorter one hardly changes bends of a few spacings; the longest is
+that for noise of four times the spacing."""
+
+PRECISE, MOST_STEPS = 1e-4, 2000
+"""Share of the change to which the smoothing is solved, and when to stop in any case."""
+
+
+def noise_level(shape: Shape) -> float:
+    """Estimate the standard deviation of the noise of the vertices of a mesh.
+
+    Parameters
+    ----------
+    shape : Shape
+        A mesh of n vertices. Sharp edges, curvature and holes do not count as noise.
+
+    Returns
+    -------
+    float
+        Along the normal, in the units of the points; 0 for a clean mesh, for a point cloud and for
+        a mesh with too few vertices to tell.
+
+    Notes
+    -----
+    Cost: quadrics through 19 and 37 neighbours of 4000 vertices, 0.1 s. Within 8 % of the true
+    level on real meshes with Gaussian noise of 6 to 120 % of the spacing. Not in the thesis.
+
+    Examples
+    --------
+    >>> import medialis
+    >>> shape = medialis.organic_shape(56)
+    >>> medialis.noise_level(shape) < 0.05 * shape.spacing
+    True
+    """
+    if shape.faces is None or len(shape.edges) == 0:
+        return 0.0
+    n = shape.point_count
+    rows = np.arange(0, n, 1 + n // MOST_MEASURED)
+    few = np.bincount(shape.edges.ravel(), minlength=n) <= MOST_EDGES
+    links = _adjacency(shape.edges[few[shape.edges].all(axis=1)], n)
+    ring, deviation = links[rows], []
+    for _ in range(2):  # two rings, three rings
+        ring = ring @ links
+        ring.data[:] = 1.0
+        small = np.flatnonzero(np.diff(ring.indptr) <= MOST_NEIGHBOURS)
+        rows, ring = rows[small], ring[small]
+        away = _off_quadrics(shape.points, rows, ring)
+        if len(away) < FEWEST_MEASURED:
+            return 0.0
+        deviation.append(float(np.quantile(away, QUANTILE)) / NORMAL_QUANTILE)
+    near, far = deviation
+    square = (BENDING**2 * near**2 - far**2) / (BENDING**2 - 1)
+    return math.sqrt(max(0.0, square))
+
+
+def _adjacency(edges: NDArray[np.int32], n: int):  # type: ignore[no-untyped-def]
+    """Sparse matrix of ones where an edge joins two vertices."""
+    from scipy.sparse import csr_array
+
+    a, b = edges.T
+    return csr_array((np.ones(2 * len(a)), (np.r_[a, b], np.r_[b, a])), shape=(n, n))
+
+
+def _off_quadrics(points: FloatArray, rows: NDArray[np.int64], ring) -> FloatArray:  # type: ignore[no-untyped-def]
+    """Distance of points from quadrics through their rings, in deviations of equal noise.
+
+    A point itself is no part of its ring. The noise of the ring carries over to the quadric; the
+    distance is divided by what that makes of noise of deviation 1. Points with few neighbours are
+    left out.
+    """
+    who = np.repeat(np.arange(len(rows)), np.diff(ring.indptr))
+    other = ring.indices
+    who, other = who[other != rows[who]], other[other != rows[who]]
+    count = np.bincount(who, minlength=len(rows))
+    use = count >= LEAST_NEIGHBOURS
+    number = np.cumsum(use) - 1
+    who, other = number[who[use[who]]], other[use[who]]
+    rows, count = rows[use], count[use]
+
+    def total(values: FloatArray) -> FloatArray:
+        columns = [np.bincount(who, column, minlength=len(rows)) for column in values.T]
+        return np.stack(columns, axis=1)
+
+    if len(rows) == 0:
+        return np.empty(0)
+    mean = total(points[other]) / count[:, None]
+    spoke = points[other] - mean[who]
+    spread = total((spoke[:, :, None] * spoke[:, None, :]).reshape(-1, 9)) / count[:, None]
+    size, axes = np.linalg.eigh(spread.reshape(-1, 3, 3))  # the normal first
+    scale = np.sqrt(np.maximum(size[:, 2], 1e-300))
+    local = np.einsum("ij,ijk->ik", spoke, axes[who]) / scale[who, None]
+    own = np.einsum("ij,ijk->ik", points[rows] - mean, axes) / scale[:, None]
+    terms, here = _quadratic(local), _quadratic(own)
+    matrix = total((terms[:, :, None] * terms[:, None, :]).reshape(-1, 36)).reshape(-1, 6, 6)
+    matrix += 1e-9 * count[:, None, None] * np.eye(6)  # neighbours on one line or conic
+    right = np.stack([total(terms * local[:, :1]), here], axis=2)
+    solved = np.linalg.solve(matrix, right)
+    away = own[:, 0] - np.einsum("ij,ij->i", solved[:, :, 0], here)
+    carried = np.einsum("ij,ij->i", solved[:, :, 1], here)
+    return np.asarray(np.abs(away) / np.sqrt(1 + np.maximum(carried, 0)) * scale)
+
+
+def _quadratic(local: FloatArray) -> FloatArray:
+    u, v = local[:, 2], local[:, 1]
+    return np.stack([np.ones(len(u)), u, v, u * u, u * v, v * v], axis=1)
+
+
+def smooth_noise(shape: Shape, level: float) -> tuple[Shape, float]:
+    """Smooth a mesh as much as noise of a given level needs, and no more.
+
+    Parameters
+    ----------
+    shape : Shape
+        A mesh of n vertices.
+    level : float
+        Standard deviation of the noise, a length: ``noise_level(shape)``. 0 changes nothing.
+
+    Returns
+    -------
+    Shape
+        With the same faces, moved vertices and new normals.
+    float
+        What is left of the noise, its standard deviation as a length.
+
+    Raises
+    ------
+    InvalidShapeError
+        When the shape has no faces.
+    InvalidOptionError
+        When the level is not a number from 0.
+
+    Notes
+    -----
+    Minimizes the sum of ``d |x - x0|^2 + 16 m^4 d |x - y|^2`` over the vertices, y the mean of the
+    d neighbours: a bend of wave number k per spacing keeps 1 / (1 + (m k)^4) of its height. Of
+    white noise of deviation s on a spacing h that leaves the height s / (4 m) and the slope
+    s / (5 h m^2), from which the length m follows. Borders bend freely. Not in the thesis.
+    """
+    if shape.faces is None:
+        raise InvalidShapeError("Smoothing needs a mesh, got a point cloud.")
+    level = as_number(level, "level", low=0.0)
+    if level == 0.0 or len(shape.edges) == 0:
+        return shape, 0.0
+    # Noise makes edges longer: the spacing is that of a copy without the noise of single vertices.
+    spacing = _plate(shape, 1.0).spacing
+    length = LONGEST
+    if spacing > 0:
+        length = min(max(math.sqrt(level / (5 * SLOPE * spacing)), SHORTEST), LONGEST)
+    return _plate(shape, length), level / (4 * length)
+
+
+def _plate(shape: Shape, length: float) -> Shape:
+    """Bend a mesh like a thin plate that is tied to its vertices; the length is in spacings."""
+    assert shape.faces is not None
+    links = _adjacency(shape.edges, shape.point_count)
+    degree = np.diff(links.indptr).astype(np.float64)
+    bends = degree > 0
+    twins = shape.edge_twins
+    bends[shape.faces.ravel()[twins < 0]] = False
+    bends[np.roll(shape.faces, -1, axis=1).ravel()[twins < 0]] = False
+    weight = (16 * length**4 * bends / np.maximum(degree, 1))[:, None]
+    degree = np.maximum(degree, 1)[:, None]
+
+    def apply(x: FloatArray) -> FloatArray:
+        bend = weight * (degree * x - links @ x)
+        return np.asarray(degree * bend - links @ bend)
+
+    # The change of the points, by conjugate gradients with the degrees as preconditioner; the three
+    # coordinates share each product. Sums by einsum: the same bits on any number of threads.
+    right = -apply(shape.points - shape.points.mean(axis=0))
+    change, rest = np.zeros_like(right), right
+    step = rest / degree
+    size = np.einsum("ij,ij->j", rest, step)
+    enough = PRECISE**2 * size
+    for _ in range(MOST_STEPS):
+        if (size <= enough).all():
+            break
+        bent = degree * step + apply(step)
+        share = size / np.maximum(np.einsum("ij,ij->j", step, bent), 1e-300)
+        change, rest = change + share * step, rest - share * bent
+        ready = rest / degree
+        before, size = size, np.einsum("ij,ij->j", rest, ready)
+        step = ready + size / np.maximum(before, 1e-300) * step
+    points = shape.points + change
+    return replace(shape, points=points, normals=vertex_normals(points, shape.faces))

@@ -1,0 +1,115 @@
+"""From a file or from arrays to a Shape: read, diagnose, repair, complete the normals."""
+
+from __future__ import annotations
+
+import logging
+import os
+from typing import Any
+
+from numpy.typing import ArrayLike
+
+from medialis.errors import InvalidShapeError
+from medialis.files.meshes import read_mesh
+from medialis.model.shape import Shape
+from medialis.progress import Progress, ProgressCallback
+from medialis.surface.cloud_normals import estimate_normals
+from medialis.surface.diagnosis import diagnose
+from medialis.surface.far_points import far_points
+from medialis.surface.normals import vertex_normals
+from medialis.surface.repair import repair as repair_mesh
+from medialis.validation import as_faces, as_normals, as_points
+
+
+def read_shape(
+    path: str | os.PathLike[str], *, progress: Progress | ProgressCallback | None = None
+) -> Shape:
+    """Read a mesh or point cloud, repair it without moving a vertex, and complete its normals.
+
+    Parameters
+    ----------
+    path : path
+        PLY, OBJ, OFF, STL or plain text points; glTF, 3MF, Collada and others with the extra `io`.
+    progress : callable, optional
+        Called with (fraction, text); returning False cancels.
+
+    Returns
+    -------
+    Shape
+        With ``.diagnosis`` of the file as it was, and ``.vertex_map``/``.face_map`` to it. Mesh
+        normals come from the faces; normals in the file are used for point clouds only.
+
+    Raises
+    ------
+    FileError, InvalidShapeError
+        One sentence that names the file and what is wrong with it.
+    """
+    progress = Progress.of(progress)
+    with progress.stage("read", 0.0, 0.5):
+        mesh = read_mesh(path)
+    for message in mesh.messages:
+        progress.note(message)
+    normals = None if mesh.faces is not None else mesh.normals
+    with progress.stage("prepare", 0.5, 1.0):
+        try:
+            return make_shape(mesh.points, mesh.faces, normals, repair=True, progress=progress)
+        except InvalidShapeError as error:
+            raise InvalidShapeError(f"Cannot use {os.fspath(path)}: {error}") from None
+
+
+def make_shape(
+    points: ArrayLike,
+    faces: ArrayLike | None = None,
+    normals: ArrayLike | None = None,
+    *,
+    repair: bool = False,
+    progress: Progress | ProgressCallback | None = None,
+) -> Shape:
+    """Build a Shape from arrays, with the normals it lacks.
+
+    Parameters
+    ----------
+    points : (n, 3) float
+        Vertices or samples, any unit.
+    faces : (m, 3) int, optional
+        Triangles, counter-clockwise seen from outside.
+    normals : (n, 3) float, optional
+        Outward normals. Missing ones are computed from the faces (angle-weighted), or estimated
+        and oriented for a point cloud, also when all of its normals are zero.
+    repair : bool
+        Diagnose and repair first, as `read_shape` does (weld, drop what is degenerate or unused,
+        orient). Without it the shape has exactly these points and faces.
+    progress : callable, optional
+        Called with (fraction, text); returning False cancels.
+
+    Raises
+    ------
+    InvalidShapeError
+        When an array cannot be used, or nothing with an area is left.
+    """
+    progress = Progress.of(progress)
+    extra: dict[str, Any] = {}
+    if repair:
+        diagnosis = diagnose(points, faces)
+        fixed = repair_mesh(points, faces, normals)
+        for message in fixed.messages:
+            progress.note(message)
+        extra = {"diagnosis": diagnosis, "vertex_map": fixed.vertex_map}
+        points, faces, normals = fixed.points, fixed.faces, fixed.normals
+        if fixed.faces is not None and len(fixed.faces):
+            extra["face_map"] = fixed.face_map
+    vertices = as_points(points)
+    triangles = None if faces is None else as_faces(faces, len(vertices))
+    if triangles is not None and len(triangles) == 0:
+        triangles = None
+    directions = None if normals is None else as_normals(normals, len(vertices))
+    if triangles is not None:
+        directions = vertex_normals(vertices, triangles) if directions is None else directions
+    elif directions is None or not directions.any():  # programs write zeros for "none"
+        lack = "has no normals" if directions is None else "has zero normals only"
+        directions = estimate_normals(vertices, progress=progress)
+        progress.note(f"The point cloud {lack}: they were estimated and oriented.")
+    shape = Shape(vertices, directions, triangles, **extra)
+    far = far_points(shape) if repair else None
+    if far:
+        progress.note(far, level=logging.WARNING)
+    return shape

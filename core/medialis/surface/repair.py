@@ -1,0 +1,321 @@
+"""Repair that never moves a vertex: weld, drop what is useless, face outward (before 3.2)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from medialis.errors import InvalidShapeError
+from medialis.surface._edges import EdgeTable, face_components
+from medialis.surface._flat_faces import flip_flat_faces
+from medialis.surface._folds import faces_to_drop
+from medialis.surface._orientation import agreeing_flips, flipped, outward_flips
+from medialis.surface._rows import first_equal_row
+from medialis.surface._volumes import (
+    degenerate_faces,
+    face_vectors,
+    piece_volumes,
+    power_of_two_scale,
+)
+from medialis.validation import FloatArray, IntArray, as_faces, as_normals, as_points, frozen
+
+
+@dataclass(frozen=True, eq=False)
+class Repair:
+    """A repaired mesh or cloud and where its parts come from.
+
+    Attributes
+    ----------
+    points : (n, 3) float64
+        The kept points, in their old order, none moved.
+    faces : (m, 3) int32 or None
+        None when no faces were given.
+    normals : (n, 3) float64 or None
+        Unit normals, a zero row where a point has none; None when none were given.
+    vertex_map : (n_in,) int32
+        The point that each input point became, -1 for a dropped one.
+    face_map : (m,) int32
+        The input face that each face comes from (lies in).
+    messages : tuple of str
+        One sentence for each thing done or noticed; empty for a clean input.
+    """
+
+    points: FloatArray
+    faces: IntArray | None
+    normals: FloatArray | None
+    vertex_map: IntArray
+    face_map: IntArray
+    messages: tuple[str, ...]
+
+
+def repair(
+    points: ArrayLike,
+    faces: ArrayLike | None = None,
+    normals: ArrayLike | None = None,
+    *,
+    drop_nonfinite: bool = True,
+    weld: bool = True,
+    drop_degenerate: bool = True,
+    drop_duplicate_faces: bool = True,
+    drop_unused: bool = True,
+    agree: bool = True,
+    outward: bool = True,
+) -> Repair:
+    """Repair a mesh or cloud without moving a vertex.
+
+    Parameters
+    ----------
+    points : (n, 3) array of numbers
+        NaN and infinity only in points that no face uses.
+    faces : (m, 3) integers, optional
+    normals : (n, 3) array of numbers, optional
+    drop_nonfinite : bool
+        Drop points with NaN or infinity.
+    weld : bool
+        Make points at exactly the same place one; the first stays, with the first normal that is
+        not zero.
+    drop_degenerate : bool
+        Drop faces with a repeated corner. A face of three different corners without height (at most
+        1e-12 of its longest edge) is merged into its neighbour by turning their common edge, which
+        changes no surface; it is dropped where that is impossible.
+    drop_duplicate_faces : bool
+        Keep one of the faces with the same corners. Small folds - faces lying on their own back
+        that hang on a surface - are dropped whole, so that no boundary appears.
+    drop_unused : bool
+        Drop vertices that no face uses (never the points of a cloud).
+    agree : bool
+        Flip faces so that neighbours across edges of exactly two faces agree on the outside; the
+        side with more faces wins.
+    outward : bool
+        Turn pieces (faces joined across such edges) outward: closed ones by their signed volume,
+        except cavities, which are inward pieces directly inside an outward one; open ones when
+        their volume, closed by cones from the middle of the boundary, is more than a fifth of what
+        its parts add up to without signs and more than 0.001 area^(3/2). Normals that then
+        disagree with the faces of a turned piece are turned too.
+
+    Returns
+    -------
+    Repair
+        Of a clean input: the same arrays, no messages.
+
+    Raises
+    ------
+    InvalidShapeError
+        When an array has a wrong shape or is out of range, a face uses a point that is not finite,
+        or no point or face is left.
+
+    Examples
+    --------
+    >>> fixed = repair([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 0, 0]], [[0, 1, 2], [0, 3, 1]])
+    >>> fixed.faces.tolist(), fixed.vertex_map.tolist()
+    ([[0, 1, 2]], [0, 1, 2, 1])
+    """
+    work = _Work.begin(points, faces, normals, drop_nonfinite)
+    if weld:
+        work.weld()
+    if len(work.faces):
+        if drop_degenerate:
+            work.drop_degenerate()
+        if drop_duplicate_faces:
+            work.drop_duplicate_faces()
+        if len(work.faces) == 0:
+            raise InvalidShapeError(
+                f"none of the {work.given_faces} faces has an area: all are degenerate or lie on "
+                "each other; check the mesh."
+            )
+        if drop_unused:
+            work.drop_unused()
+        if agree:
+            work.agree()
+        if outward:
+            work.turn_outward()
+    return work.result(faces is not None)
+
+
+@dataclass(eq=False)
+class _Work:
+    """The state between the steps."""
+
+    points: FloatArray
+    faces: IntArray
+    normals: FloatArray | None
+    vertex_map: IntArray
+    face_map: IntArray
+    given_faces: int
+    messages: list[str]
+
+    @classmethod
+    def begin(
+        cls,
+        points: ArrayLike,
+        faces: ArrayLike | None,
+        normals: ArrayLike | None,
+        drop_nonfinite: bool,
+    ) -> _Work:
+        raw = np.asarray(points)
+        triangles: ArrayLike = np.empty((0, 3), np.int32) if faces is None else faces
+        keep = np.ones(0, bool)
+        if drop_nonfinite and raw.dtype.kind == "f" and raw.ndim == 2 and raw.shape[1] == 3:
+            keep = np.asarray(np.isfinite(raw).all(axis=1))
+            used = np.zeros(len(raw), bool)
+            used[as_faces(triangles, len(raw))] = True
+            if not keep.any() or (used & ~keep).any():
+                keep = np.ones(0, bool)  # as_points says what is wrong
+        partial = len(keep) and not keep.all()
+        xyz = as_points(np.where(keep[:, None], raw, 0.0) if partial else points)
+        n = len(xyz)
+        checked = as_faces(triangles, n)
+        vectors = None if normals is None else as_normals(normals, n)
+        identity = np.arange(max(n, len(checked)), dtype=np.int32)
+        work = cls(xyz, checked, vectors, identity[:n], identity[: len(checked)], len(checked), [])
+        if partial:
+            work.messages.append(f"Dropped {_count(~keep, 'point')} with NaN or infinity.")
+            work._keep_points(keep)
+        return work
+
+    def weld(self) -> None:
+        first = first_equal_row(self.points)
+        keep = first == np.arange(len(first))
+        if keep.all():
+            return
+        self.messages.append(f"Welded {_count(~keep, 'point')} lying exactly on another one.")
+        if self.normals is not None:
+            self.normals = _first_normals(self.normals, first)
+        self._keep_points(keep, first)
+
+    def drop_degenerate(self) -> None:
+        a, b, c = self.faces.T
+        keep = (a != b) & (b != c) & (c != a)
+        if not keep.all():
+            self.messages.append(f"Dropped {_count(~keep, 'face')} with a repeated corner.")
+            self._keep_faces(keep)
+        flat = self._flat()
+        if not flat.any():
+            return
+        faces, source, turned = flip_flat_faces(self._scaled(), self.faces, flat)
+        if turned:
+            self.messages.append(
+                f"Merged {turned} face{'' if turned == 1 else 's'} without area into neighbours by "
+                "turning an edge."
+            )
+            self.faces, self.face_map = faces, self.face_map[source]
+        keep = ~self._flat()
+        if not keep.all():
+            self.messages.append(f"Dropped {_count(~keep, 'face')} without area.")
+            self._keep_faces(keep)
+
+    def _scaled(self) -> FloatArray:
+        return self.points * power_of_two_scale(self.points)
+
+    def _flat(self) -> NDArray[np.bool_]:
+        return degenerate_faces(*face_vectors(self._scaled(), self.faces))
+
+    def drop_duplicate_faces(self) -> None:
+        repeated, folds = faces_to_drop(self.faces, len(self.points))
+        if repeated.any():
+            self.messages.append(f"Dropped {_count(repeated, 'duplicate face')}.")
+        if folds.any():
+            self.messages.append(
+                f"Dropped {_count(folds, 'face')} of small folds that lie on their own back."
+            )
+        if repeated.any() or folds.any():
+            self._keep_faces(~(repeated | folds))
+
+    def drop_unused(self) -> None:
+        used = np.zeros(len(self.points), bool)
+        used[self.faces] = True
+        if not used.all():
+            plural = "vertex" if (~used).sum() == 1 else "vertices"
+            self.messages.append(f"Dropped {int((~used).sum())} {plural} that no face uses.")
+            self._keep_points(used)
+
+    def agree(self) -> None:
+        flip, one_sided = agreeing_flips(EdgeTable.of(self.faces, len(self.points)))
+        if flip.any():
+            self.messages.append(
+                f"Flipped {_count(flip, 'face')} to agree with the neighbours on the outside."
+            )
+            self.faces = flipped(self.faces, flip)
+        if one_sided.any():
+            self.messages.append(
+                f"{_count(one_sided, 'face')} form one-sided pieces, like a Moebius band, "
+                "that have no outside."
+            )
+
+    def turn_outward(self) -> None:
+        table = EdgeTable.of(self.faces, len(self.points))
+        count, piece = face_components(table)
+        points = self._scaled()
+        double, _ = face_vectors(points, self.faces)
+        measured = piece_volumes(points, self.faces, double, table, piece, count)
+        one_sided = np.zeros(count, bool)
+        a, _, opposite = table.pairs()
+        one_sided[piece[a[~opposite] // 3]] = True
+        flip, cavity = outward_flips(points, self.faces, piece, measured, one_sided)
+        for closed, word in ((True, "closed"), (False, "open")):
+            turned = flip & (measured.closed == closed)
+            if turned.any():
+                how = "" if closed else ", judging by the volume under the surface"
+                self.messages.append(f"Turned {_count(turned, word + ' piece')} outward{how}.")
+        if cavity.any():
+            self.messages.append(f"Kept {_count(cavity, 'cavity')} facing inward.")
+        if flip.any():
+            self.faces = flipped(self.faces, flip[piece])
+            if self.normals is not None:
+                double[flip[piece]] *= -1
+                self._turn_normals(double, piece, flip)
+
+    def _turn_normals(self, double: FloatArray, piece: IntArray, flip: NDArray[np.bool_]) -> None:
+        """Turn the normals of turned pieces where they disagree with the turned faces."""
+        if self.normals is None:
+            return
+        alike = sum(np.einsum("ij,ij->i", self.normals[self.faces[:, i]], double) for i in range(3))
+        wrong = flip & (np.bincount(piece, alike, len(flip)) < 0)
+        turn = np.zeros(len(self.points), bool)
+        turn[self.faces[wrong[piece]]] = True
+        self.normals = np.where(turn[:, None], -self.normals, self.normals) + 0.0
+
+    def _keep_points(
+        self, keep: NDArray[np.bool_], stand_in: NDArray[np.int64] | None = None
+    ) -> None:
+        """Drop points; `stand_in` names the kept point that takes a dropped one's place."""
+        place = np.where(keep, np.cumsum(keep) - 1, -1).astype(np.int32)
+        if stand_in is not None:
+            place = place[stand_in]
+        self.points = self.points[keep]
+        self.normals = None if self.normals is None else self.normals[keep]
+        self.faces = place[self.faces]
+        self.vertex_map = np.where(self.vertex_map < 0, -1, place[self.vertex_map])
+
+    def _keep_faces(self, keep: NDArray[np.bool_]) -> None:
+        self.faces, self.face_map = self.faces[keep], self.face_map[keep]
+
+    def result(self, with_faces: bool) -> Repair:
+        return Repair(
+            frozen(self.points, np.float64),
+            frozen(self.faces, np.int32) if with_faces else None,
+            None if self.normals is None else frozen(self.normals, np.float64),
+            frozen(self.vertex_map, np.int32),
+            frozen(self.face_map, np.int32),
+            tuple(self.messages),
+        )
+
+
+def _first_normals(normals: FloatArray, first: NDArray[np.int64]) -> FloatArray:
+    """Give each first point the first normal among its equals that is not zero."""
+    result = normals.copy()
+    known = np.flatnonzero((normals != 0).any(axis=1))
+    # Written from last to first, so the first one stays.
+    missing = ~(normals[first[known]] != 0).any(axis=1)
+    late = known[missing][::-1]
+    result[first[late]] = normals[late]
+    return result
+
+
+def _count(mask: NDArray[np.bool_], what: str) -> str:
+    number = int(mask.sum())
+    if number == 1:
+        return f"{number} {what}"
+    return f"{number} {what[:-1]}ies" if what.endswith("y") else f"{number} {what}s"

@@ -1,0 +1,75 @@
+"""The graph of the samples: along which neighbours a surface is followed (thesis 6.2, 6.3)."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from medialis.model.ragged import Ragged
+from medialis.model.shape import Shape
+from medialis.validation import FloatArray, frozen
+
+CLOUD_NEIGHBOURS = 8
+"""Nearest samples that are neighbours in a cloud; about as many as a vertex of a mesh has."""
+
+OPPOSITE = -0.5
+"""Cosine between normals below which near samples of a cloud lie on two sides of a thin wall."""
+
+
+def surface_graph(shape: Shape) -> Ragged:
+    """Return the neighbours of every sample.
+
+    Parameters
+    ----------
+    shape : Shape
+        n samples.
+
+    Returns
+    -------
+    Ragged
+        n rows: the samples that share an edge with a sample; in a cloud its 8 nearest ones and
+        those that it is one of the nearest of, without those whose normal is opposite. Every link
+        is listed from both ends.
+    """
+    if shape.faces is None:
+        return _cloud_graph(shape)
+    return mesh_graph(shape, np.ones(shape.point_count, np.bool_))
+
+
+def mesh_graph(shape: Shape, wanted: NDArray[np.bool_]) -> Ragged:
+    """Return the neighbours along the faces with a wanted corner, n rows."""
+    from medialis.surface._surface_graph_kernels import (
+        count_corners,
+        drop_repeats,
+        list_neighbours,
+    )
+
+    offsets = np.zeros(shape.point_count + 1, np.int64)
+    count_corners(shape.faces, wanted, offsets)
+    neighbours = np.empty(offsets[-1], np.int32)
+    list_neighbours(shape.faces, wanted, offsets.copy(), neighbours)
+    return Ragged(offsets, neighbours[: drop_repeats(offsets, neighbours)])
+
+
+def _cloud_graph(shape: Shape) -> Ragged:
+    from scipy.sparse import coo_array
+    from scipy.spatial import cKDTree
+
+    n, k = shape.point_count, min(CLOUD_NEIGHBOURS + 1, shape.point_count)
+    near = cKDTree(shape.points).query(shape.points, k=k)[1].reshape(n, k)
+    a, b = np.repeat(np.arange(n), k), near.ravel()
+    cosine = np.einsum("ij,ij->i", shape.normals[a], shape.normals[b])
+    kept = (a != b) & (cosine > OPPOSITE)
+    a, b = a[kept], b[kept]
+    ends = np.concatenate([a, b]), np.concatenate([b, a])
+    graph = coo_array((np.ones(len(ends[0]), np.int8), ends), shape=(n, n)).tocsr()
+    return Ragged(graph.indptr, graph.indices)
+
+
+def local_spacing(shape: Shape, graph: Ragged) -> FloatArray:
+    """Return the mean distance of each sample to its neighbours, (n,); `shape.spacing` without."""
+    at = np.repeat(np.arange(len(graph)), graph.lengths)
+    length = np.linalg.norm(shape.points[at] - shape.points[graph.indices], axis=1)
+    total = np.bincount(at, length, minlength=len(graph))
+    count = graph.lengths
+    return frozen(np.where(count > 0, total / np.maximum(count, 1), shape.spacing), np.float64)

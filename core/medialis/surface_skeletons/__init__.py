@@ -1,1 +1,0 @@
-"""Surface skeletons (medial axes) by ball shrinking, thesis 3.2."""

@@ -1,0 +1,108 @@
+import json
+
+import numpy as np
+import pytest
+
+import medialis
+from medialis.cli.commands import main
+from tubes import circle, segment, tube
+
+
+@pytest.fixture(scope="module")
+def creature():
+    return medialis.organic_shape(100)
+
+
+@pytest.fixture(scope="module")
+def result(creature):
+    return medialis.run("curve_skeleton", creature)
+
+
+def test_layers_and_values(result, creature):
+    graph, parts, candidates, samples = result.layers
+    assert [layer.auxiliary for layer in result.layers] == [False, False, True, True]
+    assert parts.on_input and parts.labels == ("branch",)
+    assert (parts.points == creature.points).all() and candidates.name.endswith("candidates")
+    assert samples.name == "samples"
+    values = result.values
+    assert values["components"] == 1 and values["loops"] == values["expected_loops"] == 0
+    assert values["nodes"] - values["edges"] == 1
+    assert values["length"] == pytest.approx(sum(row["length"] for row in values["branch_table"]))
+    assert len(graph.edges) == values["edges"] and set(graph.attributes) == {
+        "radius",
+        "importance",
+        "branch",
+        "degree",
+    }
+    # Four legs, head, tail and two ears.
+    assert values["end_points"] == 8
+    assert not any("flat" in message for message in result.messages)
+
+
+def notes(shape, **options):
+    return " ".join(medialis.run("curve_skeleton", shape, **options).messages)
+
+
+def box(size):
+    corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)]) * size
+    quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    faces = [t for a, b, c, d in quads for t in ((a, b, c), (a, c, d))]
+    return medialis.make_shape(corners, faces)
+
+
+def test_what_makes_the_result_uncertain_is_said(creature):
+    assert "thin sheets" in notes(box([1, 1, 0.06]))
+    assert "Only 8 samples" in notes(box([1, 0.4, 0.4]), refine=0)
+    ball = tube([segment([0, 0, 0], [1e-9, 0, 0])], 0.5, 0.1)
+    assert "single node" in notes(ball)
+    torus = tube([circle([0, 0, 0], 1)], 0.3, 0.1)
+    kept = (torus.faces[:, :, None] != [5]).all(axis=(1, 2))
+    holed = medialis.Shape(torus.points, torus.normals, torus.faces[kept])
+    run = medialis.run("curve_skeleton", holed)
+    assert run.graph.loops == 1 and "is open" in " ".join(run.messages)
+    torn = np.concatenate([torus.faces, [[*torus.faces[0, :2], 7]]])
+    run = medialis.run("curve_skeleton", medialis.Shape(torus.points, torus.normals, torn))
+    assert "three or more faces" in " ".join(run.messages)
+    assert run.graph.loops == 0 and "expected_loops" not in run.values
+    two = medialis.Shape(
+        np.concatenate([torus.points, ball.points + np.array([5, 0, 0])]),
+        np.concatenate([torus.normals, ball.normals]),
+        np.concatenate([torus.faces, ball.faces + torus.point_count]),
+    )
+    assert "2 separate parts" in notes(two)
+
+
+def test_sheets_are_parts_more_than_four_times_as_wide_as_thick():
+    """Of a plate L x w x t the balls of its inner (w - 4 t) x (L - 4 t) can lie that far."""
+    assert "thin sheets" in notes(box([1, 0.8, 0.06]))
+    assert "thin sheets" not in notes(box([1, 0.2, 0.06]))
+    assert "thin sheets" not in notes(box([1, 0.4, 0.4]))
+
+
+@pytest.mark.parametrize(
+    ("name", "flat"), [("scapula", True), ("rockerarm", False), ("screwdriver", False)]
+)
+def test_real_sheets_are_told_from_other_parts(name, flat, real_shapes):
+    found = medialis.run("curve_skeleton", medialis.read_shape(real_shapes / f"{name}.ply"))
+    assert ("thin sheets" in " ".join(found.messages)) == flat
+
+
+def test_clouds_and_flat_shapes_are_refused(creature):
+    with pytest.raises(medialis.InvalidShapeError, match="needs a surface"):
+        medialis.run("curve_skeleton", medialis.Shape(creature.points, creature.normals))
+
+
+def test_files_of_the_command_line(tmp_path, capsys):
+    shape = tube([circle([0, 0, 0], 1)], 0.3, 0.1)
+    medialis.files.write_ply(tmp_path / "torus.ply", shape.points, faces=shape.faces)
+    out = tmp_path / "out"
+    arguments = ["curve-skeleton", str(tmp_path / "torus.ply"), "-o", str(out), "--json"]
+    assert main([*arguments, "--formats", "swc,json"]) == 0
+    manifest = json.loads(capsys.readouterr().out)
+    assert manifest["values"]["loops"] == 1
+    names = {path.name for path in out.iterdir()}
+    assert {"curve_skeleton.ply", "curve_skeleton.swc", "curve_skeleton.png"} <= names
+    assert "curve_skeleton.json" in names and "curve_skeleton.obj" not in names
+    assert medialis.read_curve_skeleton(out / "curve_skeleton.swc").loops == 1
+    assert main([*arguments[:-1], "--formats", "swc,xls"]) == 2
+    assert "formats must be one of" in capsys.readouterr().err

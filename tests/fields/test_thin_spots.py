@@ -1,0 +1,181 @@
+"""Thin spots: known places, a slow oracle for minima and regions, invariances."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+import closed_forms as forms
+from medialis.balls.ball_shrinking import DEFAULT_TOLERANCE, surface_skeleton
+from medialis.errors import InvalidOptionError, InvalidShapeError
+from medialis.fields.thickness import thickness
+from medialis.fields.thin_spots import thin_spots
+from medialis.model.shape import Shape
+from medialis.surface.generate import organic_shape
+
+STEP = 0.05
+DENTS = np.array([[-0.7, 0.1, 0.15], [0.6, -0.3, 0.25]])
+"""Centers (x, y) on the grid, and the thickness left there."""
+
+
+def height(x, y):
+    """Thickness of a plate 1 high and wide with two round dents from both sides."""
+    total = np.ones_like(x)
+    for cx, cy, left in DENTS:
+        total -= (1 - left) * np.exp(-((x - cx) ** 2 + (y - cy) ** 2) / 0.4**2)
+    return total
+
+
+def dented_plate():
+    """Two mirrored height fields z = +-height/2 on a grid, joined by a rim of quadrangles."""
+    x, y = np.meshgrid(np.arange(-30, 31) * STEP, np.arange(-20, 21) * STEP, indexing="ij")
+    rows, columns = x.shape
+    z = height(x, y) / 2
+    top = np.stack([x, y, z], axis=2).reshape(-1, 3)
+    n = len(top)
+    index = np.arange(n).reshape(rows, columns)
+    a, b, c, d = index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:]
+    cells = np.concatenate([np.stack(t, axis=2).reshape(-1, 3) for t in ((a, b, c), (a, c, d))])
+    loop = np.concatenate([index[:-1, 0], index[-1, :-1], index[:0:-1, -1], index[0, :0:-1]])
+    after = np.roll(loop, -1)
+    rim = np.concatenate(
+        [np.stack([loop, loop + n, after + n], 1), np.stack([loop, after + n, after], 1)]
+    )
+    points = np.concatenate([top, top * [1, 1, -1]])
+    return forms.mesh(points, np.concatenate([cells, cells[:, ::-1] + n, rim]))
+
+
+def third_lowest(field, links):
+    return np.array([sorted([field[v], *(field[w] for w in links[v])])[2] for v in links])
+
+
+def flood(start, level, field, links):
+    found, queue = {start}, [start]
+    while queue:
+        for w in links[queue.pop()] - found:
+            if field[w] < level:
+                found.add(w)
+                queue.append(w)
+    return found
+
+
+def neighbours(shape):
+    links = {v: set() for v in range(shape.point_count)}
+    for a, b in shape.edges.tolist():
+        links[a].add(b)
+        links[b].add(a)
+    return links
+
+
+def test_a_plate_with_two_dents_has_two_thin_spots():
+    """At the middle of a dent the surfaces are parallel and mirrored: the ball is the height there.
+
+    The sample in the middle is on the grid and its mirror image is the contact, so only the
+    tolerance T enlarges the ball, to at most H / (1 - T/H). Another sample can be the lowest only
+    because of the tolerance: it is one step away at most.
+    """
+    shape = dented_plate()
+    cloud = surface_skeleton(shape)
+    values = thickness(shape, cloud)
+    spots = thin_spots(shape, values, cloud=cloud)
+    assert len(spots) == 2
+    for spot, (x, y, _) in zip(spots, DENTS, strict=True):
+        t = DEFAULT_TOLERANCE * shape.diagonal
+        true = height(np.array([x]), np.array([y]))[0]
+        assert true * (1 - 1e-9) <= spot.value <= true / (1 - t / true)
+        assert spot.value == values[spot.vertex]
+        assert np.linalg.norm(spot.position[:2] - [x, y]) <= STEP * 1.001
+        both = shape.points[spot.vertices, 2]
+        assert (both > 0).any() and (both < 0).any()  # both sides of the wall
+    below = thin_spots(shape, values, cloud=cloud, threshold=0.2)
+    assert len(below) == 1 and (values[below[0].vertices] < 0.2).all()
+    assert set(below[0].vertices) == set(np.flatnonzero(values < 0.2))
+    sides = thin_spots(shape, values, threshold=0.2)
+    assert len(sides) == 2 and set.union(*(set(s.vertices) for s in sides)) == set(
+        below[0].vertices
+    )
+    assert sum(s.area for s in sides) == pytest.approx(below[0].area)
+
+
+def test_a_uniform_plate_is_one_place_with_all_its_area():
+    shape = forms.box_mesh((2.0, 1.5, 0.3), 0.1)
+    spots = thin_spots(shape, thickness(shape, surface_skeleton(shape)))
+    assert len(spots) == 1 and len(spots[0].vertices) == shape.point_count
+    assert spots[0].area == pytest.approx(2 * (2 * 1.5 + 2 * 0.3 + 1.5 * 0.3))
+
+
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("prominence", [0.1, 0.25, 1.0])
+def test_minima_and_regions_agree_with_the_definition(seed, prominence):
+    """A sample is a place when nothing thinner is in its own sublevel set (ties: listed first)."""
+    shape = forms.icosphere(2)
+    rng = np.random.default_rng(seed)
+    field = np.exp(np.sin(shape.points @ rng.normal(size=3) * 6) + 0.3 * rng.normal(size=162))
+    if seed == 4:
+        field = np.round(field, 1) + 0.1
+    links = neighbours(shape)
+    calm = third_lowest(field, links)
+    rank = np.lexsort((np.arange(162), field, calm)).argsort()
+    expected = []
+    for v in np.argsort(rank):
+        region = flood(v, (1 + prominence) * calm[v], calm, links)
+        if rank[v] == min(rank[w] for w in region):
+            expected.append((v, region))
+    spots = thin_spots(shape, field, count=200, prominence=prominence)
+    found = [(s.vertex, set(s.vertices.tolist())) for s in spots]
+    assert sorted(found, key=lambda f: f[0]) == sorted(expected, key=lambda e: e[0])
+    assert [s.value for s in spots] == sorted(s.value for s in spots)
+    for spot in spots:
+        speck = calm[spot.vertex] >= (1 + prominence) * field[spot.vertex]
+        assert spot.value == (calm if speck else field)[spot.vertex]
+    assert thin_spots(shape, field, count=1, prominence=prominence)[0].vertex == spots[0].vertex
+
+
+def test_one_or_two_wrong_samples_are_no_place_but_fail_a_threshold():
+    shape = forms.icosphere(3)
+    values = np.ones(shape.point_count)
+    values[shape.edges[7]] = 0.01
+    assert len(thin_spots(shape, values)) == 1
+    found = thin_spots(shape, values, threshold=0.5)
+    assert len(found) == 1 and found[0].vertices.tolist() == shape.edges[7].tolist()
+    values[40] = np.nan
+    assert 40 not in thin_spots(shape, values)[0].vertices
+    assert thin_spots(shape, np.full(shape.point_count, np.inf)) == ()
+    assert thin_spots(shape, values, threshold=1e-3) == ()
+
+
+def test_scale_order_and_clouds():
+    shape = organic_shape(56)
+    values = thickness(shape, surface_skeleton(shape))
+    spots = thin_spots(shape, values)
+    bigger = thin_spots(Shape(4 * shape.points, shape.normals, shape.faces), 4 * values)
+    assert [s.value * 4 for s in spots] == [s.value for s in bigger]
+    place = np.random.default_rng(1).permutation(shape.point_count)
+    mixed = Shape(shape.points[place], shape.normals[place], np.argsort(place)[shape.faces])
+    other = thin_spots(mixed, values[place])
+    assert [s.value for s in other] == [s.value for s in spots]
+    for one, two in zip(spots, other, strict=True):
+        assert set(place[two.vertices].tolist()) == set(one.vertices.tolist())
+    cloud = thin_spots(Shape(shape.points, shape.normals), values)
+    assert cloud[0].vertices.size and np.isnan(cloud[0].area)
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        spots[0].value = 1.0
+    with pytest.raises(ValueError, match="read-only"):
+        spots[0].vertices[0] = 1
+
+
+def test_bad_input():
+    shape = forms.icosphere(1)
+    values = np.ones(shape.point_count)
+    with pytest.raises(InvalidShapeError, match="values must be"):
+        thin_spots(shape, values[1:])
+    with pytest.raises(InvalidShapeError, match="1 of 42 are"):
+        thin_spots(shape, np.r_[values[1:], -1.0])
+    with pytest.raises(InvalidShapeError, match="that the cloud was computed on"):
+        thin_spots(shape, values, cloud=surface_skeleton(forms.icosphere(2)))
+    with pytest.raises(InvalidOptionError, match="threshold"):
+        thin_spots(shape, values, threshold=0)
+    with pytest.raises(InvalidOptionError, match="count"):
+        thin_spots(shape, values, count=0)
+    with pytest.raises(InvalidOptionError, match="prominence"):
+        thin_spots(shape, values, prominence=-1)

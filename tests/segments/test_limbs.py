@@ -1,0 +1,300 @@
+"""Parts by limbs: closed forms with known limbs, invariance, odd input."""
+
+import numpy as np
+import pytest
+from scipy.spatial import cKDTree
+
+import closed_forms as forms
+import medialis
+from clouds import adjusted_rand
+from medialis.model.ragged import Ragged
+from medialis.model.segmentation import Segmentation
+from medialis.segments.limbs import find_limbs, flatness, node_widths, protrusions
+from medialis.segments.parts import _extent
+from medialis.surface.generate import make_unambiguous, surface_nets
+from medialis.surface.labels import connected_labels, diffused_labels
+from medialis.surface.normals import vertex_normals
+from medialis.threads import thread_limit
+from tubes import AXES, FORK, hub
+
+
+def limbs(shape, **options):
+    return medialis.parts(shape, medialis.shrink_balls(shape), method="limbs", **options)
+
+
+def across(shape, labels, other):
+    """Labels of the samples of another shape: those of the nearest sample."""
+    return labels[cKDTree(shape.points).query(other.points)[1]]
+
+
+@pytest.fixture(scope="module")
+def jack():
+    return hub(AXES, 0.042, ball=0.6)
+
+
+def test_jack_has_its_ball_and_its_arms(jack):
+    """At half, once and twice the density. One sample (0.06) round each arm, 1.6 long, is 0.6 of an
+    area of 15.6: with the samples on both sides of it the index is 0.9 or more."""
+    middle, plain = jack[0], limbs(jack[0]).labels
+    for cell in (0.06, 0.042, 0.03):
+        shape, body = hub(AXES, cell, ball=0.6)
+        found = limbs(shape)
+        assert found.count == 7
+        assert adjusted_rand(found.labels, body) > 0.9
+        assert adjusted_rand(across(shape, found.labels, middle), plain) > 0.9
+        beyond = np.linalg.norm(shape.points, axis=1) > 0.6 + 2 * cell
+        for number in range(1, 7):
+            assert len(np.unique(found.labels[beyond & (body == number)])) == 1
+
+
+@pytest.mark.parametrize("cell", [0.08, 0.05, 0.035])
+def test_equal_arms_meet_in_the_middle(cell):
+    """No ball: no arm is the trunk, so the joint is divided among the three."""
+    shape, body = hub(FORK, cell, ball=0.25)
+    nearest = (shape.points @ FORK.T).argmax(axis=1)
+    found = limbs(shape)
+    assert found.count == 3
+    assert adjusted_rand(found.labels, nearest) > 0.9
+    assert (np.bincount(body, minlength=4)[1:] > 0).all()
+
+
+def test_a_thin_arm_leaves_a_thick_one():
+    """A bar of two thick arms with a thin one: the bar is one part, the ends are no limbs."""
+    thick, _ = hub(np.array([[1.0, 0, 0], [-1, 0, 0]]), 0.06, ball=0.5, arm=0.5)
+    assert limbs(thick).count == 1
+    side = np.arange(-2.3, 2.31, 0.06)
+    x, y, z = np.meshgrid(side, side, side, indexing="ij")
+    bar = np.sqrt((np.abs(x) - np.minimum(np.abs(x), 1.4)) ** 2 + y**2 + z**2) - 0.5
+    peg = np.sqrt(x**2 + y**2 + (z - np.clip(z, 0, 1.8)) ** 2) - 0.2
+    field = np.minimum(bar, peg)
+    make_unambiguous(field)
+    points, faces = surface_nets(field, np.full(3, side[0]), 0.06)
+    shape = medialis.Shape(points, vertex_normals(points, faces), faces)
+    found = limbs(shape)
+    assert found.count == 2
+    assert adjusted_rand(found.labels, points[:, 2] > 0.5) > 0.9
+
+
+def test_dumbbell_at_three_densities():
+    """True borders: where the bar enters the balls. A sample spacing either side is free: with
+    0.06 in 3.1 of bar and 2 balls, the index stays above 0.95."""
+    neck = 2.0 - np.sqrt(1 - 0.3**2)
+    shapes = [forms.dumbbell(ball=1.0, bar=0.3, half=2.0, step=s) for s in (0.085, 0.06, 0.0425)]
+    found = [limbs(shape).labels for shape in shapes]
+    for shape, labels in zip(shapes, found, strict=True):
+        assert labels.max() == 2
+        assert adjusted_rand(labels, np.digitize(shape.points[:, 2], [-neck, neck])) > 0.95
+        assert adjusted_rand(across(shape, labels, shapes[1]), found[1]) > 0.95
+
+
+def test_auto_takes_limbs_or_sheets():
+    creature = medialis.organic_shape(80)
+    for shape, method, word in (
+        (creature, "limbs", "limbs leave"),
+        (forms.box_mesh((2.0, 1.5, 1.0), 0.1), "sheets", "no limbs"),
+        (forms.box_mesh((1.0, 1.0, 1.0), 0.08), "sheets", "no limbs"),
+        (forms.box_mesh((4.0, 3.0, 0.3), 0.12), "sheets", "flat"),
+        (forms.box_samples((1.0, 0.8, 0.6), 0.05).shape, "sheets", "needs a mesh"),
+    ):
+        result = medialis.run("parts", shape)
+        assert result.values["method"] == method
+        assert any(word in text for text in result.messages)
+    legs = medialis.run("parts", creature)
+    ground = creature.points[:, 2] < creature.points[:, 2].min() + 0.03 * creature.diagonal
+    feet = legs.layers[0].attributes["parts"][: creature.point_count][ground]
+    assert len(np.unique(feet)) == 4 and 0 not in feet  # four legs, none of them the trunk
+
+
+def box_field(at, middle, half):
+    return (np.abs(at - np.array(middle)) - np.array(half)).max(axis=-1)
+
+
+def table(cell=0.03):
+    """A plate on four square legs, 0.9 long and 0.24 wide."""
+    axes = [np.arange(-e, e + cell, cell) for e in (1.5, 1.1, 1.3)]
+    grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+    bodies = [box_field(grid, (0, 0, 1), (1.2, 0.8, 0.1))]
+    for x in (-1.0, 1.0):
+        bodies += [box_field(grid, (x, y, 0.45), (0.12, 0.12, 0.5)) for y in (-0.6, 0.6)]
+    field = np.minimum.reduce(bodies)
+    make_unambiguous(field)
+    points, faces = surface_nets(field, np.array([axis[0] for axis in axes]), cell)
+    return medialis.make_shape(points, faces)
+
+
+def gear(teeth=8, height=0.6):
+    """A wheel with teeth as wide as high: they do not stick out as limbs do."""
+    turn = (np.arange(teeth)[:, None] + [0.0, 0.25, 0.35, 0.65, 0.75]) * 2 * np.pi / teeth
+    reach = np.broadcast_to([1.0, 1.0, 1.25, 1.25, 1.0], turn.shape)
+    corners = np.stack([reach * np.cos(turn), reach * np.sin(turn)], axis=-1).reshape(-1, 2)
+    return forms.prism(corners, height, 0.08)
+
+
+def test_auto_takes_limbs_where_they_stick_out():
+    """Gears were taken for limbs, and a table with legs was not, since its plate is flat."""
+    for shape, method in ((table(), "limbs"), (gear(), "sheets")):
+        result = medialis.run("parts", shape, refine=0)
+        assert result.values["method"] == method
+        assert any("stick out" in text for text in result.messages)
+
+
+def test_protrusions_of_a_dumbbell():
+    """The bar, of length l and radius r, has 2 pi r l over two discs; a ball its cap over one.
+    The border lies at most a step out on the ball, which widens the disc."""
+    step, r, inner = 0.06, 0.3, 2.0 - np.sqrt(1 - 0.3**2)
+    shape = forms.dumbbell(ball=1.0, bar=r, half=2.0, step=step)
+    labels = np.array([1, 0, 2], np.int32)[np.digitize(shape.points[:, 2], [-inner, inner])]
+    bar, ball = 2 * inner * 2 * np.pi * r, 2 * np.pi * (1 + np.sqrt(1 - r**2))
+    parts = Segmentation(labels, np.array([bar, ball, ball]))
+    found = protrusions(shape, parts)
+    exact = np.array([bar / 2, ball, ball]) / (np.pi * r**2)
+    assert (found < 1.01 * exact).all() and (found > exact * (r / (r + step)) ** 2).all()
+    whole = Segmentation(np.zeros(shape.point_count, np.int32), np.array([bar + 2 * ball]))
+    assert np.isinf(protrusions(shape, whole)).all()
+
+
+def test_extent_does_not_change_when_a_shape_is_turned():
+    shape = medialis.organic_shape(56)
+    turn = np.linalg.qr(np.random.default_rng(4).normal(size=(3, 3)))[0]
+    moved = medialis.Shape(shape.points @ turn.T + 3, shape.normals @ turn.T, shape.faces)
+    assert _extent(moved) == pytest.approx(_extent(shape), rel=1e-9)
+    assert _extent(shape) == pytest.approx(shape.diagonal, rel=0.2)
+
+
+def test_same_parts_turned_scaled_reordered_and_on_one_thread(jack):
+    """Cuts depend on distances alone; the order decides ties of ways along the skeleton, rounding
+    too: a row of samples round each arm, 6 * 37 of 13,000, may change sides, 0.97."""
+    shape, _ = jack
+    plain = limbs(shape).labels
+    turn = np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))[0]
+    turn *= np.linalg.det(turn)
+    order = np.random.default_rng(2).permutation(shape.point_count)
+    place = np.argsort(order)
+    moved = medialis.Shape(7 * shape.points @ turn.T + 5, shape.normals @ turn.T, shape.faces)
+    mixed = medialis.Shape(
+        shape.points[order], shape.normals[order], place[shape.faces[::-1]].astype(np.int32)
+    )
+    assert adjusted_rand(limbs(moved).labels, plain) > 0.97
+    assert adjusted_rand(limbs(mixed).labels[place], plain) > 0.97
+    with thread_limit(1):
+        assert (limbs(shape).labels == plain).all()
+
+
+def test_given_skeleton_and_wrong_input(jack):
+    shape, _ = jack
+    cloud = medialis.shrink_balls(shape)
+    paths = medialis.geodesic_importance(cloud)
+    graph = medialis.curve_skeleton(shape, cloud, paths)
+    given = medialis.parts(shape, cloud, method="limbs", skeleton=graph)
+    assert (given.labels == limbs(shape).labels).all()
+    both = medialis.shrink_balls(shape, side="both")
+    assert (medialis.parts(shape, both, method="limbs").labels == given.labels).all()
+    with pytest.raises(medialis.InvalidOptionError, match="method"):
+        medialis.parts(shape, cloud, method="arms")
+    with pytest.raises(medialis.InvalidShapeError, match="give the skeleton of this shape"):
+        medialis.parts(forms.cube(), cloud, method="limbs", skeleton=graph)
+    with pytest.raises(medialis.InvalidShapeError, match="whole inner cloud"):
+        medialis.parts(shape, cloud.subset(np.arange(100)), method="limbs")
+    form = forms.box_samples()
+    with pytest.raises(medialis.InvalidShapeError, match="needs a mesh"):
+        medialis.run("parts", form.shape, method="limbs")
+    with pytest.raises(medialis.Cancelled):
+        medialis.parts(shape, cloud, method="limbs", progress=lambda *_: False)
+
+
+def test_open_non_manifold_and_separate_shapes(jack):
+    """Each piece of the surface has labels of its own; a square, which has no ball, has none."""
+    shape, _ = jack
+    n = shape.point_count
+    opened = medialis.make_shape(
+        shape.points, shape.faces[shape.points[shape.faces[:, 0], 2] > -1.7]
+    )
+    assert limbs(opened).labels[opened.faces].min() >= 0
+    fan = medialis.make_shape(shape.points, np.concatenate([shape.faces, [[0, 1, 2], [0, 1, 99]]]))
+    assert limbs(fan).labels.min() >= 0
+    square = np.array([[9.0, 0, 0], [10, 0, 0], [10, 1, 0], [9, 1, 0]])
+    many = medialis.make_shape(
+        np.concatenate([shape.points, shape.points + np.array([0, 6, 0]), square]),
+        np.concatenate([shape.faces, n + shape.faces, 2 * n + np.array([[0, 1, 2], [0, 2, 3]])]),
+    )
+    result = medialis.run("parts", many, method="limbs", refine=0)
+    labels = result.layers[0].attributes["parts"]
+    assert not set(labels[:n]) & set(labels[n : 2 * n]) and labels[: 2 * n].min() >= 0
+    assert len(set(labels[: 2 * n])) == 14
+    assert result.values["unlabelled"] == (labels < 0).sum()
+    if (labels < 0).any():
+        assert any("no label" in text for text in result.messages)
+
+
+def test_limbs_of_a_graph_by_hand():
+    """A body of width 1 in the middle of a thin line, and a ring that leaves it and returns."""
+    x = np.arange(-6.0, 6.01, 0.25)
+    line = np.stack([x, 0 * x, 0 * x], axis=1)
+    edges = np.stack([np.arange(len(x) - 1), np.arange(1, len(x))], axis=1)
+    width = np.where(np.abs(x) < 1, 1.0, 0.2)
+    graph = medialis.CurveSkeleton.of(line, edges, width)
+    part = find_limbs(graph, width)
+    assert len(np.unique(part)) == 3
+    assert len(np.unique(part[np.abs(x) <= 1])) == 1 and part[0] != part[-1]
+    even = find_limbs(graph, np.full(len(x), 0.3))
+    assert len(np.unique(even)) == 1
+    alone = medialis.CurveSkeleton.of([[0.0, 0, 0]], np.empty((0, 2), int), [1.0])
+    assert find_limbs(alone, np.ones(1)).tolist() == [0]
+
+
+@pytest.mark.parametrize(("passage", "parts"), [(1.0, 3), (0.8, 3), (0.7, 4), (0.3, 4)])
+def test_bodies_that_touch_are_one_without_a_neck(passage, parts):
+    """A trunk with two thin limbs: the balls of the two junctions touch without overlap. It was cut
+    between them when they touched by chance."""
+    x = np.arange(-3.0, 3.01, 0.5)
+    up, none = np.arange(1, 9) / 2, np.zeros(8)
+    limbs = [np.stack([none + at, none, up], axis=1) for at in (-1, 0.5)]
+    nodes = np.concatenate([np.stack([x, 0 * x, 0 * x], axis=1), *limbs])
+    n = len(x)
+    edges = [(i, i + 1) for i in range(n - 1)]
+    for first, foot in ((n, 4), (n + 8, 7)):
+        edges += [(foot, first), *((i, i + 1) for i in range(first, first + 7))]
+    width = np.where(nodes[:, 2] > 0, 0.2, 1.0)
+    width[5:7] = passage
+    part = find_limbs(medialis.CurveSkeleton.of(nodes, edges, 0.8 * width), width)
+    assert len(np.unique(part)) == parts
+    assert (part[4] == part[7]) == (parts == 3)
+
+
+def test_flatness_of_round_and_flat_rods():
+    """Round: 1. A cross-section of 2 x 1: the mean distance from its centre, 0.840, over 0.5; the
+    two ends of a rod 12 times as long as thick change it by a few per cent."""
+    for size, expected in (((12.0, 2.0, 1.0), 1.68), ((12.0, 1.0, 1.0), 1.15)):
+        shape = forms.box_mesh(size, 0.2)
+        cloud = medialis.shrink_balls(shape)
+        graph = medialis.curve_skeleton(shape, cloud, medialis.geodesic_importance(cloud))
+        assert flatness(shape, graph) == pytest.approx(expected, rel=0.06)
+        assert (node_widths(shape, graph) >= graph.radii).all()
+
+
+def grid_graph(side):
+    rows = []
+    for i in range(side * side):
+        a, b = divmod(i, side)
+        near = [(a - 1, b), (a + 1, b), (a, b - 1), (a, b + 1)]
+        rows.append([p * side + q for p, q in near if 0 <= p < side and 0 <= q < side])
+    return Ragged(np.cumsum([0] + [len(r) for r in rows]), np.concatenate(rows))
+
+
+def test_diffusion_straightens_borders_and_removes_specks():
+    side = 30
+    graph = grid_graph(side)
+    column = np.tile(np.arange(side), (side, 1))
+    wavy = (column > 15 + 2 * (np.arange(side)[:, None] % 2)).astype(np.int32)
+    wavy[5, 5] = 1
+    labels = wavy.ravel()
+    smooth = diffused_labels(labels, graph, 40).reshape(side, side)
+    assert (smooth[:, :16] == 0).all() and (smooth[:, 18:] == 1).all()
+    assert np.ptp(smooth[2:-2].sum(axis=1)) == 0  # one straight line
+    assert labels.reshape(side, side)[5, 5] == 1  # the input is unchanged
+    assert diffused_labels(labels, graph, 0) is labels
+    none = np.where(column.ravel() == 20, -1, labels).astype(np.int32)
+    assert ((diffused_labels(none, graph, 40) < 0) == (none < 0)).all()
+    pieces = connected_labels(none, graph).reshape(side, side)
+    assert pieces[0, 0] != pieces[0, 19] != pieces[0, 29] and (pieces[:, 20] == -1).all()
+    assert len(np.unique(pieces)) == 5  # both sides of the wave, the speck, behind the gap, -1
