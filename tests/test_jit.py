@@ -12,22 +12,25 @@ from medialis._kernels import cache_folder
 
 PACKAGE = Path(cache_folder.PACKAGE)
 LAYERS = [
-    {"errors", "progress", "threads", "validation", "version", "_kernels"},
+    {"errors", "progress", "threads", "validation", "version", "kept", "options", "_kernels"},
     {"model"},
-    {"io"},
-    {"shape"},
-    {"surface_skeletons"},
-    {"regularization"},
-    {"features"},
-    {"manifold_segmentation"},
+    {"files"},
+    {"surface"},
+    {"balls"},
+    {"mesh"},
+    {"geodesics"},
+    {"fields"},
+    {"sheets"},
+    {"clouds"},
     {"render"},
-    {"curve_skeletons"},
-    {"applications"},
+    {"curves"},
+    {"rigging"},
+    {"segments"},
     {"operations"},
-    {"quality"},
+    {"hosts"},
+    {"reports"},
     {"batches"},
-    {"display", "machine", "arguments", "batch_command", "doctor"}
-    | {"meshlab_install", "cli", "__main__"},
+    {"cli", "__main__"},
 ]
 COMPUTE = """\
 import numpy as np
@@ -35,8 +38,9 @@ from medialis.model.shape import Shape
 from medialis.balls.subsampling import uniform_subsample
 from medialis.model.medial_cloud import MedialCloud
 k = np.arange(3)
-cloud = MedialCloud(np.eye(3) * [[0], [0], [9]], np.ones(3), np.stack([k, k], 1), k, 0 * k,
-                    np.ones(3), np.ones(3))
+centers = np.eye(3) * [[0], [0], [9]]
+cloud = MedialCloud(centers, np.ones(3), np.stack([k, k], 1), k, 0 * k, np.ones(3), np.ones(3),
+                    surface=Shape(centers, centers))
 print(uniform_subsample(cloud, 1.0).tolist())
 """
 

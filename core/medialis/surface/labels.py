@@ -136,7 +136,7 @@ def numbered_by_weight(labels: IntArray, weight: FloatArray) -> IntArray:
 
 def smoothed_labels(labels: IntArray, graph: Ragged, rounds: int) -> IntArray:
     """Straighten borders: each sample takes the most common label round it, `rounds` times."""
-    from medialis.sheets._sheet_kernels import majority
+    from medialis.surface._surface_graph_kernels import majority
 
     for _ in range(rounds):
         old, labels = labels, np.empty_like(labels)
