@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from medialis.model.medial_cloud import MedialCloud
 from medialis.model.shape import Shape
-from medialis.operations.result import Layer
+from medialis.operations.result import FilterUnit, Layer
 
 
 def cloud_arrays(shape: Shape, cloud: MedialCloud) -> dict[str, NDArray[Any]]:
@@ -25,11 +25,17 @@ def cloud_arrays(shape: Shape, cloud: MedialCloud) -> dict[str, NDArray[Any]]:
 
 
 def cloud_layer(
-    name: str, cloud: MedialCloud, first: Mapping[str, NDArray[Any]] | None = None
+    name: str,
+    cloud: MedialCloud,
+    first: Mapping[str, NDArray[Any]] | None = None,
+    *,
+    unit: FilterUnit | None = None,
+    hidden_below: float = 0.0,
 ) -> Layer:
     """Layer of a cloud without its masked rows; `source` tells the sample of each ball.
 
-    It is coloured and filtered by the first of the `first` attributes, else by radius and angle.
+    It is coloured and filtered by the first of the `first` attributes, in this unit, else by radius
+    and spoke angle.
     """
     first = first or {}
     return Layer(
@@ -46,6 +52,8 @@ def cloud_layer(
         },
         color_by=next(iter(first), "radius"),
         filter_by=next(iter(first), "spoke_angle"),
+        filter_unit=unit or (FilterUnit() if first else FilterUnit.degrees()),
+        filter_default=hidden_below,
     )
 
 

@@ -30,7 +30,7 @@ from medialis.operations.curve_doubts import (
     sheet_share,
 )
 from medialis.operations.declaration import Operation
-from medialis.operations.result import Layer, Outcome
+from medialis.operations.result import FilterUnit, Layer, Outcome
 from medialis.options import length, number
 from medialis.progress import Progress
 
@@ -120,6 +120,7 @@ def run(shape: Shape, options: CurveSkeletonRun, progress: Progress) -> Outcome:
             color_by="radius",
             labels=("branch",),
             filter_by="importance",
+            filter_unit=FilterUnit.length(fine.diagonal, "threshold", power=2.0),
         ),
         _parts_layer("curve_skeleton_parts", shape, graph),
     ]
@@ -176,6 +177,7 @@ def _candidates_layer(cloud: MedialCloud, found: CurveSkeletonResult) -> Layer:
         },
         color_by="measure",
         filter_by="importance",
+        filter_unit=FilterUnit.length(cloud.surface.diagonal, "threshold", power=2.0),
         auxiliary=True,
     )
 

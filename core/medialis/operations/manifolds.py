@@ -16,7 +16,7 @@ from medialis.clouds.surfaces import manifold_surfaces
 from medialis.model.manifold_set import ManifoldSet, PointClass
 from medialis.model.shape import Shape
 from medialis.operations.declaration import Kind, Operation, Parameter
-from medialis.operations.result import Layer, Outcome
+from medialis.operations.result import FilterUnit, Layer, Outcome
 from medialis.options import angle, choice, flag, whole
 from medialis.progress import Progress
 
@@ -135,6 +135,7 @@ def _of_skeleton(shape: Shape, options: ManifoldsRun, progress: Progress) -> Out
         color_by="manifold",
         labels=("manifold",),
         filter_by="radius",
+        filter_unit=FilterUnit.length(fine.diagonal),
     )
     return Outcome(
         shape=fine,

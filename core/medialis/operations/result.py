@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,53 @@ from medialis.errors import InvalidShapeError
 from medialis.model.armature import Bones, SkinWeights
 from medialis.model.curve_skeleton import CurveSkeleton
 from medialis.model.shape import Shape
+from medialis.options import Kind
 from medialis.validation import as_faces, as_points
+
+
+@dataclass(frozen=True)
+class FilterUnit:
+    """How an attribute follows from the option that people give: scale * option ** power.
+
+    A slider on the attribute shows the option, so that its number can be typed into the operation.
+
+    Attributes
+    ----------
+    kind : Kind
+        LENGTH: the option is a fraction of the bounding-box diagonal; ANGLE: degrees.
+    scale, power : float
+    option : str or None
+        Name of the option of the operation that removes or hides the same points.
+
+    Examples
+    --------
+    >>> FilterUnit(Kind.LENGTH, scale=20.0, option="threshold").attribute(0.05)
+    1.0
+    """
+
+    kind: Kind = Kind.FLOAT
+    scale: float = 1.0
+    power: float = 1.0
+    option: str | None = None
+
+    @classmethod
+    def length(cls, diagonal: float, option: str | None = None, *, power: float = 1.0) -> Self:
+        """Return the unit of lengths, or areas (power 2), as fractions of the diagonal."""
+        return cls(Kind.LENGTH, diagonal**power, power, option)
+
+    @classmethod
+    def degrees(cls, option: str | None = None) -> Self:
+        """Return the unit of an attribute in radians."""
+        return cls(Kind.ANGLE, math.pi / 180.0, 1.0, option)
+
+    def attribute(self, option: float) -> float:
+        """Return the value of the attribute that an option stands for."""
+        return self.scale * option**self.power
+
+    def of_attribute(self, value: float) -> float:
+        """Return the option that stands for a value of the attribute, at least 0."""
+        share = value / self.scale if self.scale > 0.0 else 0.0
+        return float(max(share, 0.0) ** (1.0 / self.power))
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,6 +90,10 @@ class Layer:
         (the vertices of a coarse input) may lack some.
     filter_by : str or None
         Attribute whose small values hosts can hide by a slider without computing anew.
+    filter_unit : FilterUnit
+        What the slider shows, and
+    filter_default : float
+        where it stands at first, in that unit: points below it are hidden, not lost.
     on_input : bool
         The points and faces are those of the shape that was given: hosts that show it already
         write the attributes on it (see `Shape.on_input_points`) instead of adding a layer.
@@ -62,6 +112,8 @@ class Layer:
     face_attributes: Mapping[str, NDArray[Any]] = field(default_factory=dict)
     labels: tuple[str, ...] = ()
     filter_by: str | None = None
+    filter_unit: FilterUnit = FilterUnit()
+    filter_default: float = 0.0
     on_input: bool = False
     auxiliary: bool = False
 
@@ -82,6 +134,14 @@ class Layer:
             raise InvalidShapeError(
                 f"Layer {self.name} has no attribute {', '.join(sorted(wanted - known))}."
             )
+
+    @property
+    def hidden(self) -> NDArray[np.bool_]:
+        """Which points (p,) a slider at `filter_default` hides; none where that is 0."""
+        values = self.attributes.get(self.filter_by or "")
+        if values is None or self.filter_default == 0.0:
+            return np.zeros(len(self.points), bool)
+        return np.asarray(values) < self.filter_unit.attribute(self.filter_default)
 
 
 @dataclass(frozen=True, eq=False)

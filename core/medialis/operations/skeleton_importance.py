@@ -24,7 +24,7 @@ from medialis.operations.common import (
     summary,
 )
 from medialis.operations.declaration import Kind, Operation, Parameter
-from medialis.operations.result import Outcome
+from medialis.operations.result import FilterUnit, Outcome
 from medialis.options import flag, length, whole
 from medialis.progress import Progress
 from medialis.surface.cloud_surface import surface_of_cloud
@@ -124,7 +124,8 @@ def run(shape: Shape, options: SkeletonImportanceRun, progress: Progress) -> Out
         "feature_radius": measures["feature_radius"][mask],
         "radius_ratio": measures["radius_ratio"][mask],
     }
-    layer = cloud_layer("skeleton_importance", shown, own)
+    unit = FilterUnit.length(fine.diagonal, "threshold")
+    layer = cloud_layer("skeleton_importance", shown, own, unit=unit)
     return Outcome(
         shape=fine,
         layers=(layer, samples_layer(fine)),

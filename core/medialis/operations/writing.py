@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -50,6 +51,8 @@ def describe_result(result: Result, **more: Any) -> dict[str, Any]:
                 "color_map": layer.color_map,
                 "color_limits": list(layer.color_limits),
                 "filter_by": layer.filter_by,
+                "filter_unit": asdict(layer.filter_unit),
+                "filter_default": layer.filter_default,
                 "on_input": layer.on_input,
                 "auxiliary": layer.auxiliary,
             }
