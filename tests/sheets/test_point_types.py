@@ -7,7 +7,7 @@ from scipy.spatial import cKDTree
 import closed_forms as forms
 import medialis
 import oracles
-from medialis.surface.surface_graph import local_spacing, surface_graph
+from medialis.surface.surface_graph import local_spacing
 from medialis.threads import thread_limit
 
 
@@ -97,7 +97,7 @@ def test_box_has_three_contacts_along_its_y_curves_only(longest):
     shape = forms.box_mesh(sides, longest)
     cloud, types = typed(shape)
     clear = cloud.radii > 2 * longest  # smaller balls: three contacts within a few samples
-    spacing = local_spacing(shape, surface_graph(shape))
+    spacing = local_spacing(shape)
     tau = 0.1 * spacing[cloud.features].mean(axis=1)
     gaps = sides / 2 - np.abs(cloud.centers)
     gaps = np.sort(np.concatenate([gaps, sides - gaps], axis=1), axis=1) - cloud.radii[:, None]

@@ -20,7 +20,6 @@ from medialis.errors import InvalidShapeError
 from medialis.fields.thickness import MIN_SPOKE_ANGLE, wall_angles
 from medialis.model.medial_cloud import MedialCloud
 from medialis.model.shape import Shape
-from medialis.surface.labels import sample_areas
 from medialis.surface.surface_graph import CLOUD_NEIGHBOURS
 from medialis.validation import (
     FloatArray,
@@ -219,7 +218,7 @@ def _regions(
     from medialis.surface._surface_graph_kernels import flood_below
 
     label, queue = np.full(len(field), -1, np.int32), np.empty(len(field), np.int32)
-    area = sample_areas(shape) if shape.faces is not None else np.full(len(field), np.nan)
+    area = shape.point_areas if shape.faces is not None else np.full(len(field), np.nan)
     spots: list[ThinSpot] = []
     for start, depth, level in zip(starts.tolist(), depths.tolist(), levels.tolist(), strict=True):
         if len(spots) == count:

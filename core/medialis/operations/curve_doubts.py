@@ -10,7 +10,6 @@ from medialis.model.curve_skeleton import CurveSkeleton
 from medialis.model.medial_cloud import MedialCloud
 from medialis.model.shape import Shape
 from medialis.progress import Progress
-from medialis.surface.labels import sample_areas
 
 FEW_SAMPLES = 100
 
@@ -37,7 +36,7 @@ def sheet_share(shape: Shape, cloud: MedialCloud, graph: CurveSkeleton) -> float
     rows = np.flatnonzero(cloud.valid & (node >= 0))
     if len(rows) == 0:
         return 0.0
-    area = sample_areas(shape)
+    area = shape.point_areas
     away = np.linalg.norm(cloud.centers[rows] - graph.nodes[node[rows]], axis=1)
     far = away > FAR * np.maximum(cloud.radii[rows], graph.radii[node[rows]])
     return float(area[rows[far]].sum() / max(area[rows].sum(), 1e-300))

@@ -180,9 +180,7 @@ def _mean_over_surface(shape: Shape, values: FloatArray, areas: FloatArray) -> f
 
     That is exact for polynomials of degree 2. The places on edges are for the maximum only.
     """
-    from medialis.surface.labels import sample_areas
-
-    at_samples = _mean(values[: shape.point_count], sample_areas(shape))
+    at_samples = _mean(values[: shape.point_count], shape.point_areas)
     if len(areas) == 0:
         return at_samples
     return 0.25 * at_samples + 0.75 * _mean(values[-len(areas) :], areas)

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from medialis.model.curve_skeleton import CurveSkeleton
 from medialis.model.segmentation import Segmentation
 from medialis.model.shape import Shape
-from medialis.surface.labels import sample_areas
 from medialis.validation import FloatArray, IntArray
 
 REACH = 0.92
@@ -56,7 +55,7 @@ def flatness(shape: Shape, graph: CurveSkeleton) -> float:
     """
     assert graph.vertex_node is not None
     rows = np.flatnonzero(graph.vertex_node >= 0)
-    area = sample_areas(shape)[rows]
+    area = shape.point_areas[rows]
     radii = graph.radii[graph.vertex_node[rows]]
     rows, area, radii = rows[radii > 0], area[radii > 0], radii[radii > 0]
     if not area.sum() > 0:
@@ -75,7 +74,7 @@ def node_widths(shape: Shape, graph: CurveSkeleton) -> FloatArray:
     v = len(graph.nodes)
     assert graph.vertex_node is not None
     rows = np.flatnonzero(graph.vertex_node >= 0)
-    node, area = graph.vertex_node[rows], sample_areas(shape)[rows]
+    node, area = graph.vertex_node[rows], shape.point_areas[rows]
     weight = np.bincount(node, area, minlength=v)
     total = np.bincount(node, area * sample_reach(shape, graph)[rows], minlength=v)
     near = cKDTree(graph.nodes).query_ball_point(graph.nodes, graph.radii, return_sorted=True)

@@ -19,7 +19,7 @@ from medialis.model.segmentation import Segmentation
 from medialis.model.shape import Shape
 from medialis.progress import Progress, ProgressCallback
 from medialis.segments.mean_shift import MeanShift, mean_shift
-from medialis.surface.labels import sample_areas, spread_labels
+from medialis.surface.labels import spread_labels
 from medialis.surface.surface_graph import surface_graph
 from medialis.validation import as_choice, as_number
 
@@ -259,7 +259,7 @@ def _on_surface(shape: Shape, cloud: MedialCloud, found: MeanShift, fill: bool) 
     # Noise (-1) is passed on as well; only -2 takes the label of the nearest other sample.
     known = spread_labels(shape, surface_graph(shape), (label + 1).astype(np.int32))
     label = np.maximum(known - 1, -1)
-    area = sample_areas(shape)
+    area = shape.point_areas
     used, place = np.unique(label[label >= 0], return_inverse=True)
     areas = np.bincount(place.reshape(-1), area[label >= 0], minlength=len(used))
     rank = np.full(len(found.centers), -1, np.int64)

@@ -29,7 +29,6 @@ from medialis.sheets.sheets import DEFAULT_TAU, medial_sheets
 from medialis.surface.labels import (
     connected_labels,
     diffused_labels,
-    sample_areas,
     smoothed_labels,
     spread_labels,
 )
@@ -282,7 +281,7 @@ def _extent(shape: Shape) -> float:
 
     That along the coordinate axes changes by a fifth when a shape is turned.
     """
-    area = sample_areas(shape)
+    area = shape.point_areas
     away = shape.points - area @ shape.points / area.sum()
     axes = np.linalg.eigh((away.T * area) @ away)[1]
     return float(np.linalg.norm(np.ptp(away @ axes, axis=0)))

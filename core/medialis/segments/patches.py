@@ -18,7 +18,6 @@ from medialis.surface.labels import (
     fill_components,
     merge_small,
     numbered_by_weight,
-    sample_areas,
     spread_labels,
 )
 from medialis.surface.surface_graph import surface_graph
@@ -124,7 +123,7 @@ def completed(
 
     `fill`: a component of the surface without any label is a segment of its own.
     """
-    area: FloatArray = sample_areas(shape)
+    area: FloatArray = shape.point_areas
     labels = spread_labels(shape, graph, labels)
     if fill:
         labels = fill_components(shape, labels, np.ones(len(labels), np.bool_))

@@ -94,7 +94,7 @@ def extended_feature_transform(
     if graph is None:
         graph = surface_graph(shape)
     rows = np.flatnonzero(cloud.valid).astype(np.int32)
-    spacing = local_spacing(shape, graph)
+    spacing = local_spacing(shape)
     taus = np.zeros(len(cloud))
     taus[rows] = reach * spacing[cloud.features[rows]].mean(axis=1)
     with progress.stage("feature sets", 0.0, 1.0):

@@ -14,7 +14,7 @@ from medialis.model.shape import Shape
 from medialis.model.skeleton_mesh import SkeletonMesh
 from medialis.sheets.extended_features import check_cloud
 from medialis.sheets.y_network import LONGEST_JUMP, smoothed_curves
-from medialis.surface.surface_graph import local_spacing, surface_graph
+from medialis.surface.surface_graph import local_spacing
 from medialis.validation import FloatArray, IntArray, frozen
 
 
@@ -169,7 +169,6 @@ def _lifted(
     """Rows of the cloud, sheet and origin of each triangle on the front of a sheet."""
     row_of = np.full(shape.point_count, -1, np.int64)
     row_of[cloud.source[rows]] = rows
-    graph = surface_graph(shape)
     faces = np.asarray(shape.faces)
     corners = row_of[faces]
     known = (corners >= 0).all(axis=1)
@@ -178,7 +177,7 @@ def _lifted(
     low, middle, high = np.sort(key, axis=1).T
     chosen = known & (middle >= 0) & ((low == middle) | (middle == high))
     # Between sheets, a triangle may not be longer than a border is wide.
-    reach = LONGEST_JUMP * local_spacing(shape, graph)[faces].max(axis=1)
+    reach = LONGEST_JUMP * local_spacing(shape)[faces].max(axis=1)
     a, b, c = (cloud.centers[corners[:, j]] for j in range(3))
     longest = np.max([np.linalg.norm(v, axis=1) for v in (a - b, b - c, c - a)], axis=0)
     labels = sheets.labels[corners]

@@ -28,7 +28,6 @@ from medialis.surface.labels import (
     fill_components,
     merge_small,
     numbered_by_weight,
-    sample_areas,
     spread_labels,
 )
 from medialis.surface.surface_graph import local_spacing, surface_graph
@@ -170,7 +169,7 @@ def _sheets_of(
     row_of[cloud.source[rows]] = rows
     if len(rows) != np.count_nonzero(row_of >= 0):
         raise InvalidShapeError("The cloud has several balls for one sample and side.")
-    spacing = local_spacing(shape, graph)
+    spacing = local_spacing(shape)
     clear, wall = _clear_balls(shape, cloud, rows, spacing, sets)
     piece, region, partner = _pieces(shape, cloud, row_of, graph, spacing, clear, wall, sets, tau)
     size = np.bincount(piece[clear], minlength=len(cloud))
@@ -184,7 +183,7 @@ def _sheets_of(
     both = spread_labels(shape, graph, labels)
     labels = fill_components(shape, np.where(both < 0, -1, both // 2).astype(np.int32), usable)
     labels[~usable] = -1
-    area = sample_areas(shape)
+    area = shape.point_areas
     if smallest > 0.0:
         labels = merge_small(labels, area, graph, smallest * float(area.sum()))
     labels = numbered_by_weight(labels, area)

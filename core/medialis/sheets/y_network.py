@@ -136,7 +136,7 @@ def _curves(
     labels = np.where(row_of >= 0, sheets.labels[row_of], -1)
     centers = cloud.centers[row_of]
     graph = surface_graph(shape)
-    spacing = local_spacing(shape, graph)
+    spacing = local_spacing(shape)
     ends, links = _borders(shape, labels, centers, spacing)
     points = centers[ends].mean(axis=1)
     piece, count = _chains(len(points), links)

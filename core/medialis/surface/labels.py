@@ -16,18 +16,6 @@ from medialis.validation import FloatArray, IntArray
 SAMPLES_A_CHUNK = 16384
 
 
-def sample_areas(shape: Shape) -> FloatArray:
-    """Return the area that each sample stands for, (n,): a third of its faces; 1 in a cloud."""
-    if shape.faces is None:
-        return np.ones(shape.point_count)
-    a, b, c = shape.points[shape.faces.T]
-    third = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 6.0
-    corners = shape.faces.ravel()
-    return np.asarray(
-        np.bincount(corners, np.repeat(third, 3), minlength=shape.point_count), np.float64
-    )
-
-
 def spread_labels(shape: Shape, graph: Ragged, labels: IntArray) -> IntArray:
     """Give samples with label -1 the label of the nearest labelled one along the graph.
 

@@ -5,8 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from medialis.kept import kept
 from medialis.model.ragged import Ragged
 from medialis.model.shape import Shape
+from medialis.progress import Progress
 from medialis.validation import FloatArray, frozen
 
 CLOUD_NEIGHBOURS = 8
@@ -17,7 +19,7 @@ OPPOSITE = -0.5
 
 
 def surface_graph(shape: Shape) -> Ragged:
-    """Return the neighbours of every sample.
+    """Return the neighbours of every sample; they are kept with the shape.
 
     Parameters
     ----------
@@ -31,9 +33,13 @@ def surface_graph(shape: Shape) -> Ragged:
         those that it is one of the nearest of, without those whose normal is opposite. Every link
         is listed from both ends.
     """
-    if shape.faces is None:
-        return _cloud_graph(shape)
-    return mesh_graph(shape, np.ones(shape.point_count, np.bool_))
+
+    def work() -> Ragged:
+        if shape.faces is None:
+            return _cloud_graph(shape)
+        return mesh_graph(shape, np.ones(shape.point_count, np.bool_))
+
+    return kept(surface_graph, shape, None, work, Progress())
 
 
 def mesh_graph(shape: Shape, wanted: NDArray[np.bool_]) -> Ragged:
@@ -53,10 +59,9 @@ def mesh_graph(shape: Shape, wanted: NDArray[np.bool_]) -> Ragged:
 
 def _cloud_graph(shape: Shape) -> Ragged:
     from scipy.sparse import coo_array
-    from scipy.spatial import cKDTree
 
     n, k = shape.point_count, min(CLOUD_NEIGHBOURS + 1, shape.point_count)
-    near = cKDTree(shape.points).query(shape.points, k=k)[1].reshape(n, k)
+    near = shape.tree.query(shape.points, k=k)[1].reshape(n, k)
     a, b = np.repeat(np.arange(n), k), near.ravel()
     cosine = np.einsum("ij,ij->i", shape.normals[a], shape.normals[b])
     kept = (a != b) & (cosine > OPPOSITE)
@@ -66,10 +71,16 @@ def _cloud_graph(shape: Shape) -> Ragged:
     return Ragged(graph.indptr, graph.indices)
 
 
-def local_spacing(shape: Shape, graph: Ragged) -> FloatArray:
+def local_spacing(shape: Shape) -> FloatArray:
     """Return the mean distance of each sample to its neighbours, (n,); `shape.spacing` without."""
-    at = np.repeat(np.arange(len(graph)), graph.lengths)
-    length = np.linalg.norm(shape.points[at] - shape.points[graph.indices], axis=1)
-    total = np.bincount(at, length, minlength=len(graph))
-    count = graph.lengths
-    return frozen(np.where(count > 0, total / np.maximum(count, 1), shape.spacing), np.float64)
+
+    def work() -> FloatArray:
+        graph = surface_graph(shape)
+        count = graph.lengths
+        sample = np.repeat(np.arange(len(graph)), count)
+        length = np.linalg.norm(shape.points[sample] - shape.points[graph.indices], axis=1)
+        total = np.bincount(sample, length, minlength=len(graph))
+        mean = np.where(count > 0, total / np.maximum(count, 1), shape.spacing)
+        return frozen(mean, np.float64)
+
+    return kept(local_spacing, shape, None, work, Progress())

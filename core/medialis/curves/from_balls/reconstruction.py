@@ -19,7 +19,6 @@ from medialis.curves.graph.growth import Growth
 from medialis.model.curve_skeleton import CurveSkeleton
 from medialis.model.medial_cloud import MedialCloud
 from medialis.model.shape import Shape
-from medialis.surface.labels import sample_areas
 from medialis.validation import FloatArray
 
 
@@ -144,7 +143,7 @@ def node_importance(
     """
     from scipy.spatial import cKDTree
 
-    whole = np.bincount(shape.components, sample_areas(shape))
+    whole = np.bincount(shape.components, shape.point_areas)
     part = np.full(graph.component_count, -1)
     node = np.asarray(graph.vertex_node)
     part[graph.components[node[node >= 0]]] = shape.components[node >= 0]
