@@ -100,6 +100,7 @@ from medialis.surface.reading import make_shape, read_shape
 from medialis.surface.refinement import refine
 from medialis.surface.repair import Repair, repair
 from medialis.threads import thread_count, thread_limit
+from medialis.version import package_version
 
 __all__ = [
     "OPERATIONS",
@@ -143,6 +144,7 @@ __all__ = [
     "View",
     "ViewSource",
     "YNetwork",
+    "__version__",
     "area_importance",
     "batch",
     "bones",
@@ -213,3 +215,5 @@ __all__ = [
     "write_result",
     "y_network",
 ]
+
+__version__ = package_version()

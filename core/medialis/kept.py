@@ -16,7 +16,7 @@ import itertools
 import os
 import threading
 from collections import OrderedDict
-from collections.abc import Callable, Hashable, Iterator
+from collections.abc import Callable, Hashable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import fields, is_dataclass
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -38,7 +38,33 @@ LIMIT_VARIABLE = "MEDIALIS_KEPT_BYTES"
 _numbers = itertools.count()
 
 
-class Bound:
+class Described:
+    """A dataclass of arrays whose text is one short line: give the decorator ``repr=False``."""
+
+    def __repr__(self) -> str:
+        parts = (_described(f.name, getattr(self, f.name)) for f in fields(self) if f.repr)  # type: ignore[arg-type]
+        text = f"{type(self).__name__}({', '.join(filter(None, parts))})"
+        return text if len(text) < LONGEST_TEXT else text[: LONGEST_TEXT - 5] + "...)"
+
+
+LONGEST_TEXT = 160
+"""Characters."""
+
+
+def _described(name: str, value: Any) -> str:
+    """Say what a field holds: the size of an array, the names of a mapping, else the value."""
+    if value is None or isinstance(value, Described):
+        return ""
+    if isinstance(value, np.ndarray):
+        return f"{name} {' x '.join(map(str, value.shape))}"
+    if isinstance(value, Mapping):
+        return f"{name}: {', '.join(map(str, value))}" if value else ""
+    if isinstance(value, tuple | list) and any(isinstance(v, Described) for v in value):
+        return f"{len(value)} {name}"
+    return f"{name} {value!r}"
+
+
+class Bound(Described):
     """What results can be kept with: it has an identity that equal input shares.
 
     A subclass that is input, as `Shape`, answers by its content; everything computed by its number.

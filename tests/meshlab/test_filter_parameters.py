@@ -123,7 +123,7 @@ def test_a_length_must_say_its_unit(mesh_set, seen):
         ({"file": 3}, "file must be the path"),
         ({"add_samples": "yes"}, "add_samples must be True or False"),
     ],
-    ids=str,
+    ids=lambda part: next(iter(part)) if isinstance(part, dict) else part,
 )
 def test_bad_values_change_nothing(mesh_set, seen, given, text):
     with pytest.raises(pymeshlab.PyMeshLabException, match=text):
