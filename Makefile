@@ -1,7 +1,8 @@
 # Two commands do everything on a fresh machine (Python 3.11-3.13 with venv is all they need):
 #   make demo              a surface skeleton of a built-in shape, with a picture
 #   make demo SHAPE=file   the same for your own mesh or point cloud
-#   make test              the whole test suite
+#   make test              the whole test suite, on all processors
+#   make test-fast         what takes under a minute, while you work
 # PYTHON names the interpreter that makes the environment, VENV where it goes.
 # For work on the Blender extension:
 #   make hosts             environments with Blender as a module, 1 GB each; `make test` uses them
@@ -23,7 +24,7 @@ CHECK_PYTHON = $(PYTHON) -c 'import sys; v = sys.version_info[:2]; \
 MAKE_VENV = $(RUN) -m pip --version >/dev/null 2>&1 \
 	|| { $(CHECK_PYTHON) && $(PYTHON) -m venv $(VENV); }
 
-.PHONY: demo test test-blender check hosts blender meshlab-plugin bench pictures site dist test-dist clean
+.PHONY: demo test test-fast test-blender check hosts blender meshlab-plugin bench pictures site dist test-dist clean
 
 # The stamps are older than pyproject.toml exactly when its dependencies may have changed.
 $(VENV)/installed: pyproject.toml
@@ -39,10 +40,15 @@ $(VENV)/installed-dev: pyproject.toml
 demo: $(VENV)/installed
 	$(RUN) -m medialis demo $(if $(SHAPE),"$(SHAPE)") --output "$(OUT)"
 
-# PYTEST="tests/io -k ply" runs only these of the core's tests; for Blender's there is test-blender.
+# PYTEST="tests/files -k ply" runs only these of the core's tests; for Blender's there is test-blender.
+PARALLEL = -n auto --dist worksteal
+
 test: $(VENV)/installed-dev
-	$(RUN) -m pytest --ignore=tests/blender $(PYTEST)
+	$(RUN) -m pytest $(PARALLEL) --ignore=tests/blender $(PYTEST)
 	@$(if $(PYTEST),,$(MAKE) --no-print-directory test-blender)
+
+test-fast: $(VENV)/installed-dev
+	$(RUN) -m pytest $(PARALLEL) --ignore=tests/blender -m 'not slow' tests $(PYTEST)
 
 HOSTS = $(patsubst %/installed,%,$(wildcard .venv-bpy-*/installed))
 

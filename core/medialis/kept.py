@@ -191,7 +191,7 @@ def memory_limit(size: int) -> Iterator[None]:
     --------
     >>> import medialis
     >>> with medialis.memory_limit(0):
-    ...     cloud = medialis.surface_skeleton(medialis.organic_shape(40))
+    ...     cloud = medialis.surface_skeleton(medialis.organic_shape(56))
     """
     checked = as_whole_number(size, "size", low=0, high=2**62)
     before, _memory.limit = _memory.limit, checked

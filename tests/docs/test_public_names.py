@@ -1,11 +1,8 @@
 """The public face: groups, types, examples and short texts of what `import medialis` gives."""
 
-import enum
 import inspect
 import re
-import types
 import typing
-from collections.abc import Callable
 from dataclasses import fields, is_dataclass
 
 import pytest
