@@ -124,7 +124,7 @@ def thresholds(names: list[str]) -> list[dict]:
         for threshold in (0.0, 0.005, 0.01, 0.02, 0.05):
             plain = cloud.subset(medialis.important_points(shape, importance, threshold))
             kept = cloud.subset(medialis.important_points(shape, connected, threshold))
-            found = medialis.reconstruct_image(shape, kept)
+            found = medialis.reconstruct_image(kept)
             rows.append(
                 {"shape": name, "threshold_percent": 100 * threshold, "points": len(kept),
                  "components": components(kept.centers, 0.02 * shape.diagonal),

@@ -95,7 +95,7 @@ def figure_4_6(paths: list[str]) -> None:
         for points in shapes:
             noisy, n = clouds.with_outliers(points, share), len(points)
             bad = np.arange(len(noisy)) >= n
-            ours = medialis.manifolds(noisy, max_bend=math.radians(18), max_turn=math.radians(12))
+            ours = medialis.manifolds(noisy, max_bend=18, max_turn=12)
             gone = ours.labels() < 0
             far = distances_of_outliers(noisy)
             usual = far > far.mean() + far.std()
@@ -120,7 +120,7 @@ def real_shapes(paths: list[str]) -> None:
             cloud = medialis.surface_skeleton(shape)
             points, name = cloud.centers[cloud.valid], f"{name} (medial)"
         found, seconds = best(lambda points=points: medialis.manifolds(points))
-        wide = medialis.manifolds(points, max_bend=0.3, max_turn=0.2)
+        wide = medialis.manifolds(points, max_bend=17.2, max_turn=11.5)
         kinds = np.bincount(found.point_class, minlength=3)
         print(
             f"| {name} | {len(points)} | {found.count} | {kinds[0]} "

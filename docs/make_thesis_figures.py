@@ -66,7 +66,7 @@ def figure_3_7() -> Image:
     cloud = medialis.surface_skeleton(shape)
     rows = []
     for camera in (_view(shape.points), _close_up(shape.points, _head(shape), 0.4)):
-        seen = reconstruct_image(shape, cloud, camera=camera)
+        seen = reconstruct_image(cloud, camera=camera)
         rows += [seen.surface_images[0], seen.ball_images[0], seen.difference_images[0]]
     return contact_sheet(rows, ["surface", "union of balls", "difference"] * 2, 3)
 

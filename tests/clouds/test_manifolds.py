@@ -60,7 +60,7 @@ def test_jitter_is_measured_and_smoothed(angle):
     assert found.count == 2
     best = clouds.adjusted_rand(truth, judge)
     assert clouds.adjusted_rand(truth, found.labels()) >= best - 0.04
-    plain = medialis.manifolds(rough, scatter=0.0).labels()
+    plain = medialis.manifolds(rough, smooth=False).labels()
     assert clouds.adjusted_rand(truth, plain) < best - 0.2
 
 
@@ -202,9 +202,9 @@ def test_duplicates_and_a_constant_coordinate():
     [
         ({"neighbours": 3}, "neighbours must be a number"),
         ({"max_bend": 0}, "max_bend"),
-        ({"max_turn": 2}, "max_turn"),
+        ({"max_turn": 91}, "max_turn"),
         ({"min_points": 0}, "min_points"),
-        ({"scatter": -1}, "scatter"),
+        ({"smooth": 0.0}, "smooth"),
     ],
 )
 def test_bad_options_are_refused(options, words):
@@ -221,11 +221,27 @@ def test_bad_points_are_refused(points):
 def test_a_set_checks_its_rows():
     rows = medialis.Ragged([0, 1], [0])
     with pytest.raises(medialis.InvalidShapeError, match="Manifolds must be"):
-        medialis.ManifoldSet(rows, 0, [1])
+        medialis.ManifoldSet(rows, 0, [1], points=np.zeros((1, 3)))
     with pytest.raises(medialis.InvalidShapeError, match="patch_counts"):
-        medialis.ManifoldSet(rows, 1, [1, 2])
+        medialis.ManifoldSet(rows, 1, [1, 2], points=np.zeros((1, 3)))
+    with pytest.raises(medialis.InvalidShapeError, match="1 rows, the cloud 2"):
+        medialis.ManifoldSet(rows, 1, [1], points=np.zeros((2, 3)))
     with pytest.raises(medialis.InvalidOptionError):
-        medialis.ManifoldSet(rows, 1, [1]).points_of(1)
+        medialis.ManifoldSet(rows, 1, [1], points=np.zeros((1, 3))).points_of(1)
+
+
+def test_late_options_find_the_patches_again():
+    """Another turn or smallest size takes the patches as they are, with the same result."""
+    rough = medialis.Surface(clouds.jittered(clouds.crossing_planes(90, n=400)[0], 0.004))
+    fresh = medialis.manifolds(rough.points, max_turn=9.0, min_points=30)
+    with medialis.memory_limit(1 << 30):
+        medialis.manifolds(rough)
+        calls = []
+        late = medialis.manifolds(
+            rough, max_turn=9.0, min_points=30, progress=lambda _, text: calls.append(text)
+        )
+    assert set(calls) <= {"smoothing", "patches"} and len(calls) <= 4
+    assert (late.labels() == fresh.labels()).all() and late.points is rough.points
 
 
 def test_cancelling_raises():

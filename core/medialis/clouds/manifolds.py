@@ -11,16 +11,20 @@ there are at most n / min_points, at any angle of intersection; a point is in 4 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from medialis.clouds.smoothing import jitter, nearest_points, without_jitter
+from medialis.kept import kept
 from medialis.model.manifold_set import ManifoldSet
 from medialis.model.ragged import Ragged
-from medialis.progress import Progress, ProgressCallback
+from medialis.model.surface import Surface
+from medialis.options import Options, algorithm, angle, flag, whole
+from medialis.progress import Progress
 from medialis.threads import run_chunks
-from medialis.validation import FloatArray, as_number, as_points, as_whole_number
+from medialis.validation import FloatArray, IntArray, as_points
 
 LEAST_TRIANGLES, LEAST_NEIGHBOURS = 6, 4
 """A patch has at least four neighbours, which make six triangles with the point: three points are
@@ -36,33 +40,61 @@ neighbours tell where a manifold goes on through an intersection, where its own 
 CHUNK = 1024
 
 
+@dataclass(frozen=True, kw_only=True)
+class ManifoldsOptions(Options):
+    """Options of `manifolds`."""
+
+    neighbours: int = whole(
+        10, "Neighbours", "Nearest points that tell whether a point is flat.", low=4, high=20
+    )
+    max_bend: float = angle(
+        8.59,
+        "Largest bend",
+        "Triangles of a flat patch differ by at most this angle. Larger ones allow more curvature.",
+        low=0.1,
+        high=90.0,
+    )
+    max_turn: float = angle(
+        5.73,
+        "Largest turn",
+        "Patches of neighbouring points are joined up to this angle. Larger ones give fewer "
+        "manifolds.",
+        low=0.1,
+        high=90.0,
+    )
+    min_points: int = whole(
+        20, "Smallest manifold", "What has fewer flat points is noise.", low=1, high=1_000_000
+    )
+    smooth: bool = flag(
+        True,
+        "Smooth if noisy",
+        "Classify a cloud that scatters about its surfaces by smoothed positions. Points stay "
+        "where they are.",
+        advanced=True,
+    )
+
+
+@algorithm(ManifoldsOptions)
 def manifolds(
-    points: ArrayLike,
-    *,
-    neighbours: int = 10,
-    max_bend: float = 0.15,
-    max_turn: float = 0.1,
-    min_points: int = 20,
-    scatter: float | None = None,
-    progress: Progress | ProgressCallback | None = None,
+    cloud: Surface | ArrayLike, options: ManifoldsOptions, progress: Progress
 ) -> ManifoldSet:
     """Divide a noisy cloud into smooth surfaces, which may intersect and be open, and noise.
 
     Parameters
     ----------
-    points : (n, 3) float
-        Any cloud; no normals are needed. Repeated points count once.
+    cloud : (n, 3) float, or Shape or Surface
+        Any points; no normals are needed and no faces are used. Repeated points count once.
+        Results are kept with a shape or surface, not with an array.
     neighbours : int
         Nearest points that make the patches of a point, 4 to 20 (thesis: 7 to 10).
     max_bend : float
-        d_max: largest angle between the normals of one patch in radians, above 0 to pi/2.
+        Degrees, 0.1 to 90: largest angle between the normals of one patch (d_max).
     max_turn : float
-        delta_max: largest angle between joined patches of neighbouring points, the same range.
+        Degrees, 0.1 to 90: largest angle between joined patches of neighbouring points (delta_max).
     min_points : int
         Flat points that a manifold needs, 1 or more; smaller ones are noise.
-    scatter : float, optional
-        How far points lie off their surfaces (standard deviation, absolute). Where it is above 0,
-        positions are smoothed before they are classified. Missing: measured; 0: never smooth.
+    smooth : bool
+        Whether points that scatter about their surfaces are classified by smoothed positions.
     progress : callable, optional
         Called with (fraction, text); returning False cancels.
 
@@ -78,6 +110,12 @@ def manifolds(
         When the points are not (n, 3) finite numbers.
     InvalidOptionError
         When an option is out of its range.
+    Cancelled
+        When `progress` asks for it.
+
+    See Also
+    --------
+    manifold_surfaces : triangles through the points of each manifold.
 
     Notes
     -----
@@ -96,82 +134,102 @@ def manifolds(
     --------
     >>> import numpy as np, medialis
     >>> flat = np.random.default_rng(0).uniform(-1, 1, (4000, 3)) * [1, 1, 0]
-    >>> found = medialis.manifolds(np.concatenate([flat, flat[:, [2, 0, 1]] + [0.01, 0, 0]]))
-    >>> found.count, bool((found.sizes > 3900).all())
+    >>> crossing = np.concatenate([flat, flat[:, [2, 0, 1]] + [0.01, 0, 0]])
+    >>> result = medialis.manifolds(crossing, max_turn=6.0)
+    >>> result.count, bool((result.sizes > 3900).all())
     (2, True)
     """
-    cloud = as_points(points)
-    neighbours = as_whole_number(neighbours, "neighbours", low=4, high=20)
-    bend = as_number(max_bend, "max_bend", low=0.0, high=math.pi / 2, open_low=True)
-    turn = as_number(max_turn, "max_turn", low=0.0, high=math.pi / 2, open_low=True)
-    least = as_whole_number(min_points, "min_points", low=1, high=2**31 - 1)
-    if scatter is not None:
-        scatter = as_number(scatter, "scatter", low=0.0)
-    progress = Progress.of(progress)
-    low, high = cloud.min(axis=0), cloud.max(axis=0)
-    size = math.hypot(*(high - low))
-    # Each place once, in the order of coordinates: ties then do not depend on the given order.
-    places, place = np.unique(cloud, axis=0, return_inverse=True)
-    place = place.reshape(-1)
-    if len(places) <= LEAST_NEIGHBOURS or size == 0.0:
-        none = Ragged(np.zeros(len(cloud) + 1, np.int64), np.empty(0, np.int32))
-        return ManifoldSet(none, 0, np.zeros(len(cloud), np.int32))
-    places = (places - 0.5 * (low + high)) / size
+    points = cloud.points if isinstance(cloud, Surface) else as_points(cloud)
     with progress.stage("smoothing", 0.0, 0.5):
-        places = _smoothed(places, scatter, size, progress)
+        places, place = kept(
+            _places, cloud, options.smooth, lambda: _places(points, options, progress), progress
+        )
+    if len(places) <= LEAST_NEIGHBOURS:
+        none = Ragged(np.zeros(len(points) + 1, np.int64), np.empty(0, np.int32))
+        return ManifoldSet(none, 0, np.zeros(len(points), np.int32), points=points)
     with progress.stage("patches", 0.5, 1.0):
-        found = _segment(places, neighbours, bend, turn, least, progress)
-    return found.at(place)
+        key = options.smooth, options.neighbours, options.max_bend
+        patches = kept(
+            Patches, cloud, key, lambda: _find_patches(places, options, progress), progress
+        )
+        return replace(_segment(places, patches, options).at(place), points=points)
 
 
-def _smoothed(
-    places: FloatArray, scatter: float | None, size: float, progress: Progress
-) -> FloatArray:
-    """Return positions (in units of the size) without the given or measured scatter."""
-    amount = jitter(places) if scatter is None else scatter / size
-    if amount == 0.0 or len(places) <= LEAST_NEIGHBOURS:
-        return places
+def _places(
+    points: FloatArray, options: ManifoldsOptions, progress: Progress
+) -> tuple[FloatArray, NDArray[np.int64]]:
+    """Return each place once, in units of the size and without scatter, and that of each point.
+
+    Places are in the order of coordinates: ties then do not depend on the given order. None are
+    returned for points that all coincide.
+    """
+    low, high = points.min(axis=0), points.max(axis=0)
+    size = math.hypot(*(high - low))
+    if size == 0.0:
+        return np.empty((0, 3)), np.zeros(len(points), np.int64)
+    places, place = np.unique(points, axis=0, return_inverse=True)
+    places, place = (places - 0.5 * (low + high)) / size, place.reshape(-1)
+    if len(places) <= LEAST_NEIGHBOURS or not options.smooth:
+        return places, place
+    scatter = jitter(places)
+    if scatter == 0.0:
+        return places, place
     progress.note(
-        f"The points scatter by {100 * amount:.2g} % of the size about their surfaces: they were "
-        "classified by smoothed positions (smooth off, or scatter = 0 in Python, prevents this)."
+        f"The points scatter by {100 * scatter:.2g} % of the size about their surfaces: they were "
+        "classified by smoothed positions (smooth off prevents this).",
+        "scattered",
+        scatter=scatter,
     )
-    return without_jitter(places, amount, progress)
+    return without_jitter(places, scatter, progress), place
 
 
-def _segment(
-    places: FloatArray, neighbours: int, bend: float, turn: float, least: int, progress: Progress
-) -> ManifoldSet:
-    """Patches, components of their graph, and those with enough flat points."""
-    from medialis.clouds._patch_kernels import (
-        PATCHES,
-        claim_corners,
-        find_patches,
-        join_patches,
-    )
+@dataclass(frozen=True, eq=False)
+class Patches:
+    """Flat patches of each neighbourhood; see `_patch_kernels` for their slots."""
+
+    near: NDArray[np.int32]
+    axes: FloatArray
+    sizes: IntArray
+    corners: NDArray[np.uint64]
+
+
+def _find_patches(places: FloatArray, options: ManifoldsOptions, progress: Progress) -> Patches:
+    from medialis.clouds._patch_kernels import PATCHES, find_patches
 
     n = len(places)
-    near = nearest_points(places, min(neighbours, n - 1), progress)
+    near = nearest_points(places, min(options.neighbours, n - 1), progress)
     axes, sizes = np.zeros((PATCHES * n, 3)), np.zeros(PATCHES * n, np.int32)
     corners = np.zeros(PATCHES * n, np.uint64)
-    limits = math.cos(bend), SLIMMEST, LEAST_TRIANGLES, LEAST_NEIGHBOURS
+    bend = math.cos(math.radians(options.max_bend))
+    limits = bend, SLIMMEST, LEAST_TRIANGLES, LEAST_NEIGHBOURS
 
     def work(begin: int, end: int) -> None:
         find_patches(places, near, begin, end, *limits, axes, sizes, corners)
 
     run_chunks(work, n, CHUNK, progress=progress)
+    return Patches(near, axes, sizes, corners)
+
+
+def _segment(places: FloatArray, patches: Patches, options: ManifoldsOptions) -> ManifoldSet:
+    """Components of the graph of patches that have enough flat points."""
+    from medialis.clouds._patch_kernels import PATCHES, claim_corners, join_patches
+
+    n, sizes = len(places), patches.sizes
     root = np.arange(PATCHES * n)
-    join_patches(near, axes, sizes, corners, math.cos(turn), root)
+    turn = math.cos(math.radians(options.max_turn))
+    join_patches(patches.near, patches.axes, sizes, patches.corners, turn, root)
     counts = (sizes.reshape(n, PATCHES) > 0).sum(axis=1)
     seeds = np.bincount(root[PATCHES * np.flatnonzero(counts == 1)], minlength=PATCHES * n)
     number = np.full(PATCHES * n, -1, np.int32)
-    large = np.flatnonzero(seeds >= least)
+    large = np.flatnonzero(seeds >= options.min_points)
     number[large] = np.arange(len(large))
     label = np.where(sizes > 0, number[root], -1).reshape(n, PATCHES)
     label = np.ascontiguousarray(label, np.int32)
     claimed, counted = np.full_like(label, -1), np.zeros_like(label)
-    claim_corners(near, corners, label, CLAIMS, claimed, counted)
+    claim_corners(patches.near, patches.corners, label, CLAIMS, claimed, counted)
     size = np.bincount(label[label >= 0], minlength=len(large))
     rank = np.empty(len(large), np.int32)
     rank[np.argsort(-size, kind="stable")] = np.arange(len(large))
     offsets = np.concatenate([[0], np.cumsum((label >= 0).sum(axis=1))])
-    return ManifoldSet(Ragged(offsets, rank[label[label >= 0]]), len(large), counts)
+    members = Ragged(offsets, rank[label[label >= 0]])
+    return ManifoldSet(members, len(large), counts, points=places)

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from medialis.clouds.smoothing import nearest_points
-from medialis.errors import InvalidShapeError
 from medialis.model.manifold_set import ManifoldSet
-from medialis.progress import Progress, ProgressCallback
+from medialis.options import Options, algorithm
+from medialis.progress import Progress
 from medialis.threads import run_chunks
-from medialis.validation import FloatArray, IntArray, as_points, frozen
+from medialis.validation import FloatArray, IntArray, frozen
 
 NEIGHBOURS = 32
 """Nearest points of the same manifold. Of a random plane, 2 in 1000 triangles have a corner that
@@ -27,16 +27,16 @@ their corners must agree on one of its two diagonals."""
 CHUNK = 1024
 
 
+@algorithm(Options)
 def manifold_surfaces(
-    points: ArrayLike, found: ManifoldSet, *, progress: Progress | ProgressCallback | None = None
+    found: ManifoldSet, options: Options, progress: Progress
 ) -> tuple[IntArray, IntArray]:
     """Triangulate each manifold of a cloud.
 
     Parameters
     ----------
-    points : (n, 3) float
     found : ManifoldSet
-        Of these points.
+        The manifolds of n points.
     progress : callable, optional
         Called with (fraction, text); returning False cancels.
 
@@ -50,8 +50,12 @@ def manifold_surfaces(
 
     Raises
     ------
-    InvalidShapeError
-        When there is not one row of the set for each point.
+    Cancelled
+        When `progress` asks for it.
+
+    See Also
+    --------
+    manifolds : divides a cloud.
 
     Notes
     -----
@@ -64,17 +68,11 @@ def manifold_surfaces(
     --------
     >>> import numpy as np, medialis
     >>> flat = np.random.default_rng(0).uniform(-1, 1, (2000, 3)) * [1, 1, 0]
-    >>> faces, owner = medialis.manifold_surfaces(flat, medialis.manifolds(flat))
-    >>> a, b, c = flat[faces.T]
-    >>> bool(3.7 < np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2 < 4.0)
+    >>> faces, owner = medialis.manifold_surfaces(medialis.manifolds(flat))
+    >>> bool(3.7 < medialis.Surface(flat, faces).area < 4.0)
     True
     """
-    cloud = as_points(points)
-    if len(found) != len(cloud):
-        raise InvalidShapeError(
-            f"The set of manifolds has {len(found)} rows, the cloud {len(cloud)} points."
-        )
-    progress = Progress.of(progress)
+    cloud = found.points
     meshes = []
     for manifold in range(found.count):
         progress.update(manifold / found.count)

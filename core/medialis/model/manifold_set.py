@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import IntEnum
 from functools import cached_property
 from typing import Any
@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from medialis.errors import InvalidShapeError
+from medialis.kept import Bound
 from medialis.model.ragged import Ragged
-from medialis.validation import IntArray, as_whole_number, frozen
+from medialis.validation import FloatArray, IntArray, as_points, as_whole_number, frozen
 
 
 class PointClass(IntEnum):
@@ -26,8 +27,8 @@ class PointClass(IntEnum):
     """In several manifolds, where they cross."""
 
 
-@dataclass(frozen=True, eq=False)
-class ManifoldSet:
+@dataclass(frozen=True, eq=False, repr=False)
+class ManifoldSet(Bound):
     """Which manifolds each point of a cloud belongs to: none, one, or several.
 
     Attributes
@@ -38,6 +39,8 @@ class ManifoldSet:
         Number of manifolds m; manifold 0 has most points.
     patch_counts : (n,) int32
         Flat patches through each point (thesis 4.2.3.3).
+    points : (n, 3) float64
+        The cloud.
 
     Raises
     ------
@@ -46,7 +49,7 @@ class ManifoldSet:
 
     Examples
     --------
-    >>> found = ManifoldSet(Ragged([0, 1, 3, 3], [0, 1, 0]), 2, [1, 2, 0])
+    >>> found = ManifoldSet(Ragged([0, 1, 3, 3], [0, 1, 0]), 2, [1, 2, 0], points=np.eye(3))
     >>> found.labels().tolist(), found.point_class.tolist()
     ([0, 1, -1], [1, 2, 0])
     >>> found.membership.toarray().tolist()
@@ -56,12 +59,19 @@ class ManifoldSet:
     manifolds: Ragged
     count: int
     patch_counts: IntArray
+    points: FloatArray = field(kw_only=True)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "count", as_whole_number(self.count, "count", low=0, high=2**31))
+        object.__setattr__(self, "points", as_points(self.points))
         patches = frozen(np.asarray(self.patch_counts), np.int32)
         object.__setattr__(self, "patch_counts", patches)
         named = self.manifolds.indices
+        if len(self.points) != len(self.manifolds):
+            raise InvalidShapeError(
+                f"The set of manifolds has {len(self.manifolds)} rows, the cloud "
+                f"{len(self.points)} points."
+            )
         if patches.shape != (len(self.manifolds),):
             raise InvalidShapeError(
                 f"patch_counts must have shape ({len(self.manifolds)},), got {patches.shape}."
@@ -73,6 +83,9 @@ class ManifoldSet:
 
     def __len__(self) -> int:
         return len(self.manifolds)
+
+    def __repr__(self) -> str:
+        return f"ManifoldSet({len(self)} points, {self.count} manifolds)"
 
     @cached_property
     def membership(self) -> Any:
@@ -111,7 +124,8 @@ class ManifoldSet:
         inside = np.arange(offsets[-1]) - np.repeat(offsets[:-1], lengths)
         taken = np.repeat(self.manifolds.offsets[:-1][rows], lengths) + inside
         chosen = Ragged(offsets, self.manifolds.indices[taken])
-        return ManifoldSet(chosen, self.count, self.patch_counts[rows])
+        counts = self.patch_counts[rows]
+        return ManifoldSet(chosen, self.count, counts, points=self.points[rows])
 
     def points_of(self, manifold: int) -> NDArray[np.int64]:
         """Return the points of a manifold, ascending.

@@ -44,7 +44,7 @@ class BallReconstructionRun(Preparation):
         "radius",
         "Order",
         "What makes a ball important in progressive mode.",
-        ("radius", "spoke_angle"),
+        ORDERS,
     )
 
 
@@ -60,12 +60,14 @@ def run(shape: Shape, options: BallReconstructionRun, progress: Progress) -> Out
     size = options.size
     camera = Camera.framing(fine.points, width=size, height=size)
     with progress.stage("reconstruct", 0.3, 0.6 if options.progressive else 1.0):
-        found = reconstruct_image(fine, cloud, camera, progress=progress)
+        found = reconstruct_image(cloud, camera, progress=progress)
     if math.isnan(found.median_difference):
         progress.note(
             "No pixel shows both the balls and the surface, so their depths cannot be compared: "
             f"the shape is thinner than a pixel in a picture of {size} pixels. Raise size.",
+            "thinner_than_a_pixel",
             level=logging.WARNING,
+            size=size,
         )
     images = {
         "reconstruction": contact_sheet(
@@ -87,7 +89,7 @@ def run(shape: Shape, options: BallReconstructionRun, progress: Progress) -> Out
     if options.progressive:
         order = cloud.radii if options.order == "radius" else cloud.spoke_angles
         with progress.stage("progressive", 0.6, 1.0):
-            steps = progressive(fine, cloud, order, camera=camera, progress=progress)
+            steps = progressive(cloud, order, camera=camera, progress=progress)
         images["progressive"] = contact_sheet(
             [step.ball_images[0] for step in steps],
             [f"{step.ball_count} balls: {_caption(step)}" for step in steps],

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from medialis.clouds.manifolds import ManifoldsOptions, manifolds
 from medialis.errors import InvalidShapeError
 from medialis.model.manifold_set import PointClass
 from medialis.model.shape import Shape
@@ -14,59 +15,24 @@ from medialis.operations.manifolds import (
     manifold_arrays,
     manifold_values,
     note_mostly_noise,
-    segmented,
 )
 from medialis.operations.result import Layer, Outcome
-from medialis.options import Options, angle, flag, whole
+from medialis.options import changed
 from medialis.progress import Progress
 
 
 @dataclass(frozen=True, kw_only=True)
-class DenoiseRun(Options):
+class DenoiseRun(ManifoldsOptions):
     """Options of the operation `denoise`."""
 
-    neighbours: int = whole(
-        10,
-        "Neighbours",
-        "Nearest points that tell whether a point is flat.",
-        low=4,
-        high=20,
-    )
-    max_bend: float = angle(
-        18.0,
-        "Largest bend",
-        "Triangles of a flat patch differ by at most this angle. Larger ones allow more curvature.",
-        low=0.1,
-        high=90.0,
-    )
-    max_turn: float = angle(
-        12.0,
-        "Largest turn",
-        "Patches of neighbouring points are joined up to this angle. Larger ones give"
-        " fewer manifolds.",
-        low=0.1,
-        high=90.0,
-    )
-    min_points: int = whole(
-        20,
-        "Smallest manifold",
-        "What has fewer flat points is noise.",
-        low=1,
-        high=1000000,
-    )
-    smooth: bool = flag(
-        True,
-        "Smooth if noisy",
-        "Classify a cloud that scatters about its surfaces by smoothed positions. "
-        "Points stay where they are.",
-        advanced=True,
-    )
+    max_bend: float = changed(ManifoldsOptions, "max_bend", default=18.0)
+    max_turn: float = changed(ManifoldsOptions, "max_turn", default=12.0)
 
 
 def run(shape: Shape, options: DenoiseRun, progress: Progress) -> Outcome:
     """Keep the points that belong to a manifold."""
     with progress.stage("manifolds", 0.0, 1.0):
-        found = segmented(shape.points, options, progress)
+        found = manifolds.of(shape, options, progress)
     kept = found.point_class != PointClass.NOISE
     if not kept.any():
         least = options.min_points
@@ -77,7 +43,13 @@ def run(shape: Shape, options: DenoiseRun, progress: Progress) -> Outcome:
             f"None of the {shape.point_count} points lies on a smooth surface: nothing is left. "
             + advice
         )
-    progress.note(f"{int((~kept).sum())} of {len(kept)} points are noise.")
+    noise_count = int((~kept).sum())
+    progress.note(
+        f"{noise_count} of {len(kept)} points are noise.",
+        "noise_removed",
+        points=noise_count,
+        of=len(kept),
+    )
     note_mostly_noise(found, progress)
     clean = Layer(
         "denoised",

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,13 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from medialis.balls.surface_skeleton import Preparation, surface_skeleton
-from medialis.clouds.manifolds import manifolds
+from medialis.clouds.manifolds import ManifoldsOptions, manifolds
 from medialis.clouds.surfaces import manifold_surfaces
+from medialis.kept import kept
 from medialis.model.manifold_set import ManifoldSet, PointClass
+from medialis.model.medial_cloud import MedialCloud
 from medialis.model.shape import Shape
-from medialis.operations.declaration import Kind, Operation, Parameter
+from medialis.model.surface import Surface
+from medialis.operations.declaration import Operation
 from medialis.operations.result import FilterUnit, Layer, Outcome
-from medialis.options import angle, choice, flag, whole
+from medialis.options import choice, flag
 from medialis.progress import Progress
 
 CLOUDS = ("points", "skeleton")
@@ -28,55 +30,19 @@ outliers to its clouds (4.2.4.2)."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class ManifoldsRun(Preparation):
+class ManifoldsRun(ManifoldsOptions, Preparation):
     """Options of the operation `manifolds`."""
 
     cloud: str = choice(
         "points",
         "Cloud",
         "The points of the shape, or the points of its surface skeleton.",
-        ("points", "skeleton"),
-    )
-    neighbours: int = whole(
-        10,
-        "Neighbours",
-        "Nearest points that tell whether a point is flat.",
-        low=4,
-        high=20,
-    )
-    max_bend: float = angle(
-        8.59,
-        "Largest bend",
-        "Triangles of a flat patch differ by at most this angle. Larger ones allow more curvature.",
-        low=0.1,
-        high=90.0,
-    )
-    max_turn: float = angle(
-        5.73,
-        "Largest turn",
-        "Patches of neighbouring points are joined up to this angle. Larger ones give"
-        " fewer manifolds.",
-        low=0.1,
-        high=90.0,
-    )
-    min_points: int = whole(
-        20,
-        "Smallest manifold",
-        "What has fewer flat points is noise.",
-        low=1,
-        high=1000000,
+        CLOUDS,
     )
     surfaces: bool = flag(
         False,
         "Surfaces",
         "Build triangles through the points of each manifold; holes and borders stay open.",
-    )
-    smooth: bool = flag(
-        True,
-        "Smooth if noisy",
-        "Classify a cloud that scatters about its surfaces by smoothed positions. "
-        "Points stay where they are.",
-        advanced=True,
     )
 
 
@@ -85,7 +51,7 @@ def run(shape: Shape, options: ManifoldsRun, progress: Progress) -> Outcome:
     if options.cloud == "skeleton":
         return _of_skeleton(shape, options, progress)
     with progress.stage("manifolds", 0.0, 1.0):
-        found = segmented(shape.points, options, progress)
+        found = manifolds.of(shape, options, progress)
     note_mostly_noise(found, progress)
     layer = Layer(
         "manifolds",
@@ -98,7 +64,7 @@ def run(shape: Shape, options: ManifoldsRun, progress: Progress) -> Outcome:
     )
     return Outcome(
         shape=shape,
-        layers=(layer, *_surfaces(shape.points, found, options, progress)),
+        layers=(layer, *_surfaces(found, options, progress)),
         values=manifold_values(found),
         arrays={"points": shape.points, **manifold_arrays(found)},
         shown=(layer,),
@@ -112,7 +78,9 @@ def note_mostly_noise(found: ManifoldSet, progress: Progress) -> None:
         progress.note(
             f"{100 * share:.0f} % of the points are noise: they lie too far apart for the bends of "
             "the surface, or on no surface. Refine a coarse mesh first, or try larger angles.",
+            "mostly_noise",
             level=logging.WARNING,
+            share=share,
         )
 
 
@@ -120,9 +88,9 @@ def _of_skeleton(shape: Shape, options: ManifoldsRun, progress: Progress) -> Out
     with progress.stage("skeleton", 0.0, 0.5):
         cloud = surface_skeleton.of(shape, options, progress)
     fine = cloud.surface
-    cloud = cloud.subset(cloud.valid)
+    cloud, centers = kept(_skeleton_points, cloud, None, lambda: _skeleton_points(cloud), progress)
     with progress.stage("manifolds", 0.5, 1.0):
-        found = segmented(cloud.centers, options, progress)
+        found = manifolds.of(centers, options, progress)
     layer = Layer(
         "skeleton_manifolds",
         cloud.centers,
@@ -139,41 +107,28 @@ def _of_skeleton(shape: Shape, options: ManifoldsRun, progress: Progress) -> Out
     )
     return Outcome(
         shape=fine,
-        layers=(layer, *_surfaces(cloud.centers, found, options, progress)),
+        layers=(layer, *_surfaces(found, options, progress)),
         values={"samples": fine.point_count, **manifold_values(found)},
         arrays={"centers": cloud.centers, "source": cloud.source, **manifold_arrays(found)},
     )
 
 
-def segmented(points: NDArray[np.float64], options: Any, progress: Progress) -> ManifoldSet:
-    """Segment points by the options that the operations share."""
-    return manifolds(
-        points,
-        neighbours=options.neighbours,
-        max_bend=math.radians(options.max_bend),
-        max_turn=math.radians(options.max_turn),
-        min_points=options.min_points,
-        scatter=None if options.smooth else 0.0,
-        progress=progress,
-    )
+def _skeleton_points(cloud: MedialCloud) -> tuple[MedialCloud, Surface]:
+    valid = cloud.subset(cloud.valid)
+    return valid, Surface(valid.centers)
 
 
-def _surfaces(
-    points: NDArray[np.float64],
-    found: ManifoldSet,
-    options: ManifoldsRun,
-    progress: Progress,
-) -> tuple[Layer, ...]:
+def _surfaces(found: ManifoldSet, options: ManifoldsRun, progress: Progress) -> tuple[Layer, ...]:
     """Layer of the triangles of all manifolds, when wanted: points of several are repeated."""
     if not options.surfaces or found.count == 0:
         return ()
-    faces, owner = manifold_surfaces(points, found, progress=progress)
+    faces, owner = manifold_surfaces.of(found, options, progress)
     corners, place = np.unique(
         np.stack([np.repeat(owner, 3), faces.reshape(-1)], axis=1), axis=0, return_inverse=True
     )
     layer = Layer(
         "manifold_surfaces",
-        points[corners[:, 1]],
+        found.points[corners[:, 1]],
         place.reshape(-1, 3).astype(np.int32),
         attributes={"manifold": corners[:, 0], "source": corners[:, 1]},
         face_attributes={"manifold_of_face": owner},
@@ -213,52 +168,6 @@ def manifold_arrays(found: ManifoldSet) -> dict[str, NDArray[Any]]:
         **_attributes(found),
     }
 
-
-NEIGHBOURS = Parameter(
-    "neighbours",
-    Kind.INT,
-    10,
-    "Neighbours",
-    "Nearest points that tell whether a point is flat.",
-    low=4,
-    high=20,
-)
-MAX_BEND = Parameter(
-    "max_bend",
-    Kind.ANGLE,
-    round(math.degrees(0.15), 2),
-    "Largest bend",
-    "Triangles of a flat patch differ by at most this angle. Larger ones allow more curvature.",
-    low=0.1,
-    high=90.0,
-)
-MAX_TURN = Parameter(
-    "max_turn",
-    Kind.ANGLE,
-    round(math.degrees(0.1), 2),
-    "Largest turn",
-    "Patches of neighbouring points are joined up to this angle. Larger ones give fewer manifolds.",
-    low=0.1,
-    high=90.0,
-)
-MIN_POINTS = Parameter(
-    "min_points",
-    Kind.INT,
-    20,
-    "Smallest manifold",
-    "What has fewer flat points is noise.",
-    low=1,
-    high=1_000_000,
-)
-SMOOTH = Parameter(
-    "smooth",
-    Kind.BOOL,
-    True,
-    "Smooth if noisy",
-    "Classify a cloud that scatters about its surfaces by smoothed positions. Points stay where "
-    "they are.",
-    advanced=True,
-)
 
 OPERATION = Operation(
     name="manifolds",

@@ -145,7 +145,6 @@ def _numbers(
 
 
 def reconstruct_image(
-    shape: Shape,
     cloud: MedialCloud,
     camera: Camera | Sequence[Camera] | None = None,
     *,
@@ -155,13 +154,17 @@ def reconstruct_image(
 
     Parameters
     ----------
-    shape : Shape
-        Without faces, a small disc at each sample stands for the surface.
     cloud : MedialCloud
-        Only maximal inner balls are drawn.
+        Only maximal inner balls are drawn, beside ``cloud.surface``. Where that has no faces, a
+        small disc at each sample stands for it.
     camera : Camera or sequence of Camera, optional
         One view, several (their pixels count together), or one automatic view.
     progress : callable, optional
+        Called with (fraction, text); returning False cancels.
+
+    Returns
+    -------
+    Comparison
 
     Raises
     ------
@@ -176,7 +179,15 @@ def reconstruct_image(
     -----
     Source: thesis 3.4, Fig. 3.7. Cost: each ball touches the pixels it covers; 190 000 balls of
     a horse at 1024 x 1024 take about a second.
+
+    Examples
+    --------
+    >>> import medialis
+    >>> cloud = medialis.surface_skeleton(medialis.organic_shape(56))
+    >>> medialis.reconstruct_image(cloud).only_one_share < 0.05
+    True
     """
+    shape = cloud.surface
     steps = Progress.of(progress)
     rows = inner_balls(cloud)
     cameras = _cameras(shape, camera)
@@ -203,7 +214,6 @@ def reconstruct_image(
 
 
 def progressive(
-    shape: Shape,
     cloud: MedialCloud,
     order_values: ArrayLike | None = None,
     shares: Sequence[float] = SHARES,
@@ -215,7 +225,7 @@ def progressive(
 
     Parameters
     ----------
-    shape, cloud
+    cloud : MedialCloud
         As in `reconstruct_image`.
     order_values : (k,) float, optional
         Balls are drawn in descending order of this, for instance their importance; NaN comes last
@@ -223,6 +233,9 @@ def progressive(
     shares : sequence of float
         Shares of the balls, each above 0 and at most 1; at least one ball is drawn.
     camera : Camera, optional
+        One automatic view when missing.
+    progress : callable, optional
+        Called with (fraction, text); returning False cancels.
 
     Returns
     -------
@@ -248,11 +261,11 @@ def progressive(
     for share in shares:
         if not 0 < share <= 1:
             raise InvalidOptionError(f"shares must be above 0 and at most 1, got {share!r}.")
-    views = _cameras(shape, camera)
+    views = _cameras(cloud.surface, camera)
     results = []
     for number, share in enumerate(shares):
         with steps.stage("progressive", number / len(shares), (number + 1) / len(shares)):
             count = max(1, round(share * len(ranked)))
             part = cloud.subset(ranked[:count])
-            results.append(reconstruct_image(shape, part, views, progress=steps))
+            results.append(reconstruct_image(part, views, progress=steps))
     return results
