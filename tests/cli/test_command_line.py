@@ -77,7 +77,7 @@ def test_one_and_two_threads_write_the_same_bytes(creature, tmp_path):
 def test_progress_lines_rise_to_one(creature, tmp_path, capsys):
     assert run("surface-skeleton", creature, "-o", tmp_path / "out", "--progress", "lines") == 0
     lines = capsys.readouterr().err.splitlines()
-    assert all(re.fullmatch(r"PROGRESS [01]\.\d{4} \w+", line) for line in lines), lines
+    assert all(re.fullmatch(r"PROGRESS [01]\.\d{4} [\w ]+", line) for line in lines), lines
     fractions = [float(line.split()[1]) for line in lines]
     assert fractions == sorted(fractions) and fractions[0] == 0.0 and fractions[-1] == 1.0
 
@@ -89,7 +89,7 @@ def test_parameters_reach_the_operation(creature, tmp_path, capsys):
     manifest = json.loads(capsys.readouterr().out)
     assert manifest["parameters"] == {
         "side": "both", "tolerance": 0.001, "subsample": 0.05, "refine": 0.0,
-        "largest_radius": 0.3,
+        "largest_radius": 0.3, "importance": True, "threshold": 0.03, "denoise": "auto",
     }  # fmt: skip
     assert (tmp_path / "out" / "turntable_001.png").exists()
 

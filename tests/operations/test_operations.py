@@ -117,7 +117,7 @@ def test_names_and_parameters_are_checked(creature):
         assert medialis.operation(name).name == "surface_skeleton"
     with pytest.raises(medialis.InvalidOptionError, match=r"surface_skeleton, .*ball_recon"):
         medialis.run("skeletonize", creature)
-    with pytest.raises(medialis.InvalidOptionError, match="no parameter depth; it has tolerance"):
+    with pytest.raises(medialis.InvalidOptionError, match="no parameter depth; it has side"):
         medialis.run("surface_skeleton", creature, depth=3)
     with pytest.raises(medialis.InvalidOptionError, match="side must be one of inner"):
         medialis.run("surface_skeleton", creature, side="left")
@@ -182,7 +182,7 @@ def test_pictures_of_any_attribute_and_wrong_ones(creature):
             200,
             3,
         )
-    with pytest.raises(medialis.InvalidOptionError, match="no attribute taste; it has radius"):
+    with pytest.raises(medialis.InvalidOptionError, match="no attribute taste; it has importance"):
         medialis.draw_result(result, color_by="taste")
 
 

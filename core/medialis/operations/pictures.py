@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from medialis.errors import InvalidOptionError
 from medialis.operations.result import Layer, Outcome
+from medialis.options import Kind
 from medialis.progress import Progress, ProgressCallback
 from medialis.render.camera import Camera, turntable
 from medialis.render.picture import Curves, Item, Points, Surface, draw
@@ -34,7 +35,8 @@ def draw_result(
 ) -> NDArray[np.uint8]:
     """Draw the first layer of a result inside its see-through shape.
 
-    A surface is drawn solid instead, with the points of the other shown layers as marks on it (see
+    Points that the layer hides (`Layer.hidden`) are left out, and the legend says so. A surface is
+    drawn solid instead, with the points of the other shown layers as marks on it (see
     `Outcome.shown`).
 
     Parameters
@@ -125,6 +127,11 @@ def _paint(layer: Layer, color_by: str | None, width: int) -> tuple[Item, str | 
         values, label = np.asarray(layer.attributes[color_by]), color_by.replace("_", " ")
         if color_by in IN_DEGREES:
             values, label = np.degrees(values), label + " (degrees)"
+    points, hidden = layer.points, layer.hidden
+    if layer.faces is None and layer.edges is None and hidden.any():
+        points = points[~hidden]
+        values = None if values is None else values[~hidden]
+        label = None if label is None else f"{label}; {_shown_from(layer, str(color_by))}"
     colors: dict[str, Any] = {"values": values}
     if color_by in layer.labels:
         colors, label = {"labels": values}, None
@@ -136,5 +143,14 @@ def _paint(layer: Layer, color_by: str | None, width: int) -> tuple[Item, str | 
     if layer.edges is not None:
         return Curves(layer.points, layer.edges, **colors), label
     # Smaller dots for more points, so that sheets look like sheets and not like gravel.
-    size = float(np.clip(width / np.sqrt(len(layer.points)) / 2, 1.5, 6.0))
-    return Points(layer.points, size=size, **colors), label
+    size = float(np.clip(width / np.sqrt(len(points)) / 2, 1.5, 6.0))
+    return Points(points, size=size, **colors), label
+
+
+def _shown_from(layer: Layer, color_by: str) -> str:
+    """Say in few words from which value on a picture shows points; the note has the sentence."""
+    value, kind = layer.filter_default, layer.filter_unit.kind
+    unit = {Kind.LENGTH: " %", Kind.ANGLE: " degrees"}.get(kind, "")
+    limit = f"{100 * value if kind is Kind.LENGTH else value:g}{unit}"
+    of = "" if color_by == layer.filter_by else f" {str(layer.filter_by).replace('_', ' ')}"
+    return f"shown from {limit}{of} on"

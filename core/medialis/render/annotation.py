@@ -79,7 +79,7 @@ def draw_title(image: Image, title: str) -> None:
 
 def _lines(key: ColorBar | LabelKey) -> tuple[list[str], list[str]]:
     """Return the wrapped heading and the texts of the entries."""
-    heading = textwrap.wrap(key.label, 16) or [""]
+    heading = textwrap.wrap(key.label, 15) or [""]
     if isinstance(key, ColorBar):
         numbers = [key.high, (key.low / 2 + key.high / 2), key.low]
         return heading, [number_text(x) for x in numbers] + ["no value"] * key.missing

@@ -1,0 +1,75 @@
+"""The first click: a skeleton whose unimportant points are hidden, and all of them in the data."""
+
+import numpy as np
+import pytest
+
+import medialis
+
+
+@pytest.fixture(scope="module")
+def result():
+    return medialis.run("surface_skeleton", medialis.organic_shape(100))
+
+
+def test_it_has_the_importance_of_its_detailed_sister(result):
+    sister = medialis.run("skeleton_importance", medialis.organic_shape(100))
+    np.testing.assert_array_equal(result.arrays["importance"], sister.arrays["importance"])
+    layer = result.layers[0]
+    np.testing.assert_array_equal(
+        layer.attributes["importance"], result.arrays["importance"][result.arrays["selected"]]
+    )
+    assert layer.filter_by == layer.color_by == "importance"
+
+
+def test_points_below_the_threshold_are_hidden_and_counted(result):
+    layer = result.layers[0]
+    limit = 0.03 * result.shape.diagonal
+    np.testing.assert_array_equal(layer.hidden, layer.attributes["importance"] < limit)
+    (note,) = [message for message in result.messages if message.code == "hidden_points"]
+    assert 0 < note.data["hidden"] == result.values["hidden_points"] == layer.hidden.sum()
+    assert note.data["points"] == len(layer.points) == result.values["skeleton_points"]
+
+
+def test_a_threshold_of_zero_hides_nothing(result):
+    every = medialis.run("surface_skeleton", medialis.organic_shape(100), threshold=0.0)
+    assert not every.layers[0].hidden.any() and every.values["hidden_points"] == 0
+    assert "hidden_points" not in [message.code for message in every.messages]
+    np.testing.assert_array_equal(every.layers[0].points, result.layers[0].points)
+
+
+def test_where_all_points_are_unimportant_none_is_hidden():
+    shape = medialis.organic_shape(56)
+    found = medialis.run("surface_skeleton", shape, threshold=10.0)
+    assert not found.layers[0].hidden.any()
+
+
+def test_clouds_other_sides_and_a_plain_request_have_no_importance(result):
+    shape = medialis.organic_shape(56)
+    cloud = medialis.Shape(shape.points, shape.normals)
+    for found in (
+        medialis.run("surface_skeleton", cloud),
+        medialis.run("surface_skeleton", shape, side="both"),
+        medialis.run("surface_skeleton", shape, importance=False),
+    ):
+        layer = found.layers[0]
+        assert layer.filter_by == "spoke_angle" and layer.color_by == "radius"
+        assert "importance" not in found.arrays and not layer.hidden.any()
+
+
+def test_pictures_leave_hidden_points_out():
+    """A picture with hidden points is that of a result that has only the others."""
+    shape = medialis.organic_shape(56)
+    found = medialis.run("surface_skeleton", shape, threshold=0.1)
+    layer = found.layers[0]
+    assert layer.hidden.any() and not layer.hidden.all()
+    kept = medialis.Layer(
+        layer.name,
+        layer.points[~layer.hidden],
+        attributes={"importance": layer.attributes["importance"][~layer.hidden]},
+        color_by="importance",
+    )
+    size = {"width": 200, "height": 150, "legend": False}
+    alone = medialis.Result(found.shape, (kept,), operation="surface_skeleton")
+    camera = medialis.render.camera.Camera.framing(shape.points, width=200, height=150)
+    pictures = [medialis.draw_result(r, camera=camera, **size) for r in (found, alone)]
+    np.testing.assert_array_equal(*pictures)
