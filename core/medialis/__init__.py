@@ -1,10 +1,43 @@
 """Medial descriptors of 3D shapes: surface and curve skeletons, thickness, sheets, parts.
 
     shape = medialis.read_shape("bunny.ply")
-    cloud = medialis.surface_skeleton(shape)
-    result = medialis.run("surface_skeleton", shape)
+    cloud = medialis.surface_skeleton(shape)  # balls, the base of everything else
+    curve = medialis.curve_skeleton(cloud)
+    result = medialis.run("thickness", shape)  # as the command line and every host run it
 
-The public names; importing them loads no compiled code, that happens at the first computation.
+Functions take one thing and options as keywords; lengths are fractions of the bounding-box
+diagonal, angles are degrees. Importing loads no compiled code: that happens at the first
+computation. All public names, by what they are for (docs/api.md says more):
+
+Shapes:
+    read_shape, make_shape, Shape, Surface, diagnose, Diagnosis, repair, Repair, refine,
+    noise_level, smooth_noise, vertex_normals, organic_shape, dental_arch
+Balls and skeletons:
+    surface_skeleton, shrink_balls, MedialCloud, Balls, BallStatus, Ragged, uniform_subsample,
+    huge_surface_skeleton, open_medial_cloud, skeleton_mesh, SkeletonMesh
+Measures:
+    geodesic_importance, Importance, connected_importance, important_points, local_measures,
+    geodesic, Geodesic, geodesics, geodesic_lengths, GeodesicPaths, PathStatus, thickness,
+    thin_spots, ThinSpot, feature_transform, field_on_skeleton, field_on_surface
+Sheets and segments:
+    extended_feature_transform, FeatureSets, point_types, PointType, medial_sheets, MedialSheets,
+    y_network, YNetwork, sheet_meshes, SheetMeshes, medial_scaffold, MedialScaffold, soft_edges,
+    SoftEdges, patches, parts, mean_shift, MeanShift, mean_shift_segments, Segmentation
+Curves and rigging:
+    curve_skeleton, CurveSkeleton, candidate_measure, CandidateMeasure, tangent_field,
+    area_importance, simplify_branches, point_graph, view_curve_skeleton, view_source, View,
+    ViewSource, OrthographicCamera, rasterizer, silhouette_skeleton, bones, Bones, skin_weights,
+    SkinWeights
+Clouds:
+    estimate_normals, surface_of_cloud, manifolds, ManifoldSet, PointClass, manifold_surfaces
+Operations:
+    run, operation, OPERATIONS, Result, Layer, batch
+Files and pictures:
+    write_result, draw_result, read_curve_skeleton, write_curve_skeleton, reconstruct_image,
+    progressive
+Control:
+    Progress, Cancelled, thread_count, thread_limit, memory_limit, kept_bytes, forget,
+    MedialisError, InvalidShapeError, InvalidOptionError, FileError
 """
 
 from medialis.balls.ball_shrinking import shrink_balls

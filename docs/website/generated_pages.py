@@ -57,7 +57,7 @@ def parameter_page(operation: Operation, pages: list[str], pictures: Path) -> st
     dashed = operation.name.replace("_", "-")
     lines = [
         f"# {operation.label}: parameters",
-        f"{first} ({operation.source})",
+        f"{first} ({operation.source})" if operation.source else first,
         more.strip(),
         *(
             f"[The page of this operation](../{page}.md) explains it with pictures."
@@ -176,34 +176,33 @@ def gallery(pages: list[str], pictures: Path) -> str:
     return "\n\n".join(lines) + "\n"
 
 
+GROUP = re.compile(r"^(\w[\w ]*):\n((?:    .*\n?)+)", re.MULTILINE)
+"""A group of public names in the docstring of the package."""
+
+
+def groups() -> dict[str, list[str]]:
+    """Return the public names by group, as the docstring of the package has them."""
+    found = GROUP.findall(inspect.getdoc(medialis) or "")
+    return {title: names.replace(",", " ").split() for title, names in found}
+
+
 def reference() -> dict[str, str]:
-    """Return the pages of the Python reference by name: one for each package of the core."""
-    found: dict[str, list[str]] = {}
-    for name in medialis.__all__:
-        thing = getattr(medialis, name)
-        if inspect.isclass(thing) or inspect.isfunction(thing):
-            module = inspect.getmodule(thing)
-            found.setdefault(module.__name__.split(".")[1], []).append(name)
-    pages = {}
-    for package, names in sorted(found.items()):
-        module = inspect.getmodule(getattr(medialis, names[0]))
-        parent = __import__(f"medialis.{package}", fromlist=["x"])
-        about = inspect.getdoc(parent) or inspect.getdoc(module)
-        entries = "\n\n".join(_entry(name) for name in names)
-        title = package.replace("_", " ")
-        pages[f"reference/{package}"] = (
-            f"# {title[0].upper() + title[1:]}\n\n{about.splitlines()[0]}\n\n"
-            f"```{{eval-rst}}\n.. currentmodule:: medialis\n\n{entries}\n```\n"
+    """Return the pages of the Python reference by name: one for each group."""
+    pages, rows = {}, []
+    for title, names in groups().items():
+        page = title.lower().replace(" ", "_")
+        things = [name for name in names if callable(getattr(medialis, name))]
+        entries = "\n\n".join(_entry(name) for name in things)
+        pages[f"reference/{page}"] = (
+            f"# {title}\n\n```{{eval-rst}}\n.. currentmodule:: medialis\n\n{entries}\n```\n"
         )
-    rows = [
-        f"- [{text.splitlines()[0][2:]}]({page.rpartition('/')[2]}.md): "
-        + ", ".join(f"`{n}`" for n in found[page.rpartition("/")[2]])
-        for page, text in pages.items()
-    ]
+        rows.append(f"- [{title}]({page}.md): " + ", ".join(f"`{name}`" for name in names))
     tree = "\n".join(page.rpartition("/")[2] for page in pages)
     pages["reference/index"] = (
-        "# Python reference\n\nThe public names of `import medialis`, by package."
-        "\n\n" + "\n".join(rows) + f"\n\n```{{toctree}}\n:hidden:\n\n{tree}\n```\n"
+        "# Python reference\n\nThe public names of `import medialis`; "
+        "[what each is for](../api.md).\n\n"
+        + "\n".join(rows)
+        + f"\n\n```{{toctree}}\n:hidden:\n\n{tree}\n```\n"
     )
     return pages
 

@@ -23,6 +23,7 @@ SECTIONS = {
     "In other programs": ("blender*", "meshlab*", "pymeshlab*"),
     "Many and large shapes": ("batch*", "report*", "huge*"),
     "Thesis": ("thesis_*",),
+    "Python": ("api", "glossary", "versions"),
     "Project": ("architecture*", "benchmarks*", "contributing", "changelog"),
 }
 """Patterns of pages, without `.md`; the sections of the operations come before them."""

@@ -1,6 +1,7 @@
 """What is drawn of a parameter follows from its declaration, also of one that is added later."""
 
 import json
+from dataclasses import dataclass
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ import medialis
 from medialis.operations.declaration import Kind, Operation, Parameter
 from medialis.operations.registry import OPERATIONS
 from medialis.operations.result import Layer, Outcome
+from medialis.options import Options, file, length
 
 ALL = [(o, p) for o in OPERATIONS for p in o.parameters]
 
@@ -55,39 +57,43 @@ def test_values_by_kind(given, expected):
     assert values_of(parameter) == pytest.approx(expected) if expected else not values_of(parameter)
 
 
+@dataclass(frozen=True, kw_only=True)
+class LaterRun(Options):
+    height: float = length(0.2, "Height (of all)", "How far up.", high=1.0)
+    path: str = file("File", "A file.")
+
+
 def _operation(run) -> Operation:
-    reach = Parameter("reach", Kind.LENGTH, 0.2, "Reach (of all)", "How far.", high=1.0)
-    path = Parameter("path", Kind.FILE, "", "File", "A file.")
     return Operation(
-        "later", "generate_later", "Later", "New group", "Do it.\n\nAt length.", "thesis 9",
-        (reach, path), run,
+        "later", "generate_later", "Later", "New group", "Do it.\n\nAt length.",
+        LaterRun, run, "thesis 9",
     )  # fmt: skip
 
 
 def test_an_operation_of_tomorrow_has_its_page(tmp_path):
     """It is not in the registry, has no example, and refuses one of the values."""
 
-    def run(shape, parameters, progress):
-        if parameters["reach"] > 0.5:
-            raise medialis.InvalidOptionError("reach is too far | for *this* shape.")
-        low = shape.points[:, 2] <= parameters["reach"] * shape.diagonal
+    def run(shape, options, progress):
+        if options.height > 0.5:
+            raise medialis.InvalidOptionError("height is too far | for *this* shape.")
+        low = shape.points[:, 2] <= options.height * shape.diagonal
         layer = Layer("later", shape.points[low], attributes={"height": shape.points[low, 2]})
         return Outcome(shape, (layer,), values={"samples": 7, "points": int(low.sum())})
 
     chosen = _operation(run)
     text = _page(chosen, tmp_path)
     assert "`medialis later FILE`" in text and "`bpy.ops.medialis.later()`" in text
-    assert "[Reach (of all)](#reach-of-all)" in text
+    assert "[Height (of all)](#height-of-all)" in text
     counts = [json.loads(p.read_text())["values"].get("points") for p in tmp_path.glob("*.json")]
     counts = sorted(filter(None, counts))
     assert len(counts) == 2 and counts[0] < counts[1]
     for count in counts:
         assert f"points: {count}" in text
-    assert "reach is too far" in text and "samples:" not in text
+    assert "height is too far" in text and "samples:" not in text
 
 
 def test_what_changes_nothing_is_said(tmp_path):
-    def run(shape, parameters, progress):
+    def run(shape, options, progress):
         return Outcome(shape, (Layer("later", shape.points[:100]),), values={"points": 100})
 
     text = _page(_operation(run), tmp_path)
@@ -97,9 +103,9 @@ def test_what_changes_nothing_is_said(tmp_path):
 def test_pictures_that_look_alike_become_a_table(tmp_path):
     """A reader who sees four equal pictures learns less than from four numbers."""
 
-    def run(shape, parameters, progress):
+    def run(shape, options, progress):
         layer = Layer("later", shape.points[:100])
-        return Outcome(shape, (layer,), values={"twice": 2 * parameters["reach"]})
+        return Outcome(shape, (layer,), values={"twice": 2 * options.height})
 
     text = _page(_operation(run), tmp_path)
     assert "look the same" in text and "container} strip" not in text
@@ -160,5 +166,5 @@ def test_the_gallery_has_every_operation_once(tmp_path, monkeypatch):
 def test_the_reference_has_every_public_name_once():
     text = "\n".join(reference().values())
     for name in medialis.__all__:
-        if name != "OPERATIONS":
+        if callable(getattr(medialis, name)):
             assert text.count(f":: {name}\n") + text.count(f":: {name}\n   :members:") >= 1, name
