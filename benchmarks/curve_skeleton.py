@@ -16,8 +16,6 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 import medialis
-from medialis.curves.from_balls.curve_skeleton import trace_curve_skeleton
-from medialis.operations.common import refined
 
 HEAD = "name vertices detect regularize reconstruct processor branches V-E components genus centred"
 
@@ -27,21 +25,20 @@ def main(paths: list[str]) -> None:
     medialis.run("curve_skeleton", medialis.organic_shape(56))  # compiled and warm
     print(HEAD)
     for path in paths:
-        shape = refined(medialis.read_shape(path), 0.02, medialis.Progress())
-        cloud = medialis.surface_skeleton(shape)
-        paths_of_balls = medialis.geodesic_importance(cloud)
+        cloud = medialis.surface_skeleton(medialis.read_shape(path))
+        medialis.geodesic_importance(cloud)  # kept with the cloud
         progress, clock = medialis.Progress(), time.process_time()
-        found = trace_curve_skeleton(shape, cloud, paths_of_balls, progress=progress)
+        graph = medialis.curve_skeleton(cloud, progress=progress)
         clock = time.process_time() - clock
-        graph, stages = found.skeleton, progress.seconds
+        stages, evidence = progress.seconds, graph.evidence
         near = cKDTree(cloud.centers[cloud.valid]).query(graph.nodes)[1]
         centred = float(np.median(graph.radii / cloud.radii[cloud.valid][near]))
         numbers = [stages[name] for name in ("detect", "regularize", "reconstruct")]
         print(
-            f"{Path(path).stem} {shape.point_count}",
+            f"{Path(path).stem} {cloud.surface.point_count}",
             *(f"{number:.2f}" for number in [*numbers, clock]),
             f"{graph.branch_count} {len(graph.nodes) - len(graph.edges)}",
-            f"{graph.component_count} {sum(found.genus.values())} {centred:.3f}",
+            f"{graph.component_count} {sum(evidence.genus.values())} {centred:.3f}",
             flush=True,
         )
 

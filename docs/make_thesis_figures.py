@@ -119,7 +119,7 @@ def figure_3_12() -> Image:
     cloud = medialis.surface_skeleton(shape)
     paths = medialis.geodesic_importance(cloud)
     kept = medialis.important_points(shape, paths.length, 0.02)
-    tangents = tangent_field(shape, cloud, paths)[kept]
+    tangents = tangent_field(cloud)[kept]
     found = np.isfinite(tangents).all(axis=1)
     points = Points(cloud.centers[kept][found], size=2.5, color=(tangents[found] + 1) / 2)
     pictures = [

@@ -47,9 +47,9 @@ from medialis.batches.batch import batch
 from medialis.batches.huge import huge_surface_skeleton, open_medial_cloud
 from medialis.clouds.manifolds import manifolds
 from medialis.clouds.surfaces import manifold_surfaces
-from medialis.curves.from_balls.area import area_importance
 from medialis.curves.from_balls.candidates import (
     CandidateMeasure,
+    area_importance,
     candidate_measure,
     tangent_field,
 )
@@ -88,7 +88,7 @@ from medialis.geodesics.importance import (
 from medialis.kept import forget, kept_bytes, memory_limit
 from medialis.mesh.skeleton_mesh import skeleton_mesh
 from medialis.model.armature import Bones, SkinWeights
-from medialis.model.curve_skeleton import CurveSkeleton
+from medialis.model.curve_skeleton import CurveEvidence, CurveSkeleton, ViewPoints
 from medialis.model.diagnosis import Diagnosis
 from medialis.model.feature_sets import FeatureSets
 from medialis.model.geodesic_paths import GeodesicPaths, Importance, PathStatus
@@ -142,6 +142,7 @@ __all__ = [
     "Bones",
     "Cancelled",
     "CandidateMeasure",
+    "CurveEvidence",
     "CurveSkeleton",
     "Diagnosis",
     "FeatureSets",
@@ -175,6 +176,7 @@ __all__ = [
     "Surface",
     "ThinSpot",
     "View",
+    "ViewPoints",
     "ViewSource",
     "YNetwork",
     "__version__",

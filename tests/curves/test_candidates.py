@@ -3,9 +3,7 @@ import pytest
 
 import medialis
 from closed_forms import fibonacci
-from medialis.curves.from_balls.area import area_importance
-from medialis.curves.from_balls.candidates import nearest_neighbours
-from medialis.errors import InvalidShapeError
+from medialis.curves.graph.links import nearest_neighbours
 from tubes import segment, tube
 
 
@@ -45,10 +43,10 @@ def slow_measure(shape, cloud, paths, tied):
 
 def test_the_measure_is_the_formula(creature):
     shape, cloud, paths = creature
-    found = medialis.candidate_measure(shape, cloud, paths)
+    found = medialis.candidate_measure(cloud)
     tangents, slow = slow_measure(shape, cloud, paths, found.tied)
     known = np.isfinite(slow)
-    field = medialis.tangent_field(shape, cloud, paths)
+    field = medialis.tangent_field(cloud)
     assert np.allclose(field[known], tangents, atol=1e-12)
     assert (np.isnan(field).any(axis=1) == ~known).all()
     plain = known & ~found.tied
@@ -58,28 +56,22 @@ def test_the_measure_is_the_formula(creature):
 
 
 def test_measures_are_the_same_on_1_and_2_threads_and_change_no_input(creature):
-    shape, cloud, paths = creature
-    before = paths.length.copy()
+    _, cloud, _ = creature
+    before = cloud.centers.copy()
     with medialis.thread_limit(1):
-        one = medialis.candidate_measure(shape, cloud, paths)
+        one = medialis.candidate_measure(cloud)
     with medialis.thread_limit(2):
-        two = medialis.candidate_measure(shape, cloud, paths)
+        two = medialis.candidate_measure(cloud)
     assert one.measure.tobytes() == two.measure.tobytes()
     assert one.tangents.tobytes() == two.tangents.tobytes()
-    assert paths.length.tobytes() == before.tobytes()
-
-
-def test_paths_must_belong_to_the_cloud(creature):
-    shape, cloud, paths = creature
-    with pytest.raises(InvalidShapeError, match="one path for each"):
-        medialis.candidate_measure(shape, cloud.subset(np.arange(9)), paths)
+    assert cloud.centers.tobytes() == before.tobytes()
 
 
 def test_balls_of_a_round_tube_touch_all_round():
     """In a perfect tube the second contact is any of the ring, and its geodesic is of no use."""
     shape = tube([segment([0, 0, 0], [1.5, 0, 0.4])], 0.25, 0.05)
     cloud = medialis.shrink_balls(shape)
-    found = medialis.candidate_measure(shape, cloud, medialis.geodesic_importance(cloud))
+    found = medialis.candidate_measure(cloud)
     inner = (cloud.centers[:, 0] > 0.1) & (cloud.centers[:, 0] < 1.4)
     assert found.tied[inner].mean() > 0.5
     ends = shape.points[found.ends[inner & found.tied]]
@@ -96,9 +88,9 @@ def test_neighbours_of_equal_points_are_found():
 
 def areas_of(shape):
     cloud = medialis.shrink_balls(shape)
-    found = medialis.candidate_measure(shape, cloud, medialis.geodesic_importance(cloud))
+    found = medialis.candidate_measure(cloud)
     rows = np.flatnonzero(found.measure > 0.015 * shape.diagonal)
-    return cloud, rows, area_importance(shape, cloud, found, rows)
+    return cloud, rows, medialis.area_importance(found, rows)
 
 
 def spheroid(half_length, count=4000):

@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 
 import medialis
-from medialis.curves.from_balls.ball_links import link_balls
 from medialis.curves.graph.growth import Growth, grow_graph
 from medialis.curves.graph.handles import find_handles
+from medialis.curves.graph.links import link_balls
 from medialis.model.curve_skeleton import CurveSkeleton
 from tubes import circle, segment, tube
 

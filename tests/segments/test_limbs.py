@@ -183,8 +183,7 @@ def test_same_parts_turned_scaled_reordered_and_on_one_thread(jack):
 def test_given_skeleton_and_wrong_input(jack):
     shape, _ = jack
     cloud = medialis.shrink_balls(shape)
-    paths = medialis.geodesic_importance(cloud)
-    graph = medialis.curve_skeleton(shape, cloud, paths)
+    graph = medialis.curve_skeleton(cloud)
     given = medialis.parts(shape, cloud, method="limbs", skeleton=graph)
     assert (given.labels == limbs(shape).labels).all()
     both = medialis.shrink_balls(shape, side="both")
@@ -267,7 +266,7 @@ def test_flatness_of_round_and_flat_rods():
     for size, expected in (((12.0, 2.0, 1.0), 1.68), ((12.0, 1.0, 1.0), 1.15)):
         shape = forms.box_mesh(size, 0.2)
         cloud = medialis.shrink_balls(shape)
-        graph = medialis.curve_skeleton(shape, cloud, medialis.geodesic_importance(cloud))
+        graph = medialis.curve_skeleton(cloud)
         assert flatness(shape, graph) == pytest.approx(expected, rel=0.06)
         assert (node_widths(shape, graph) >= graph.radii).all()
 

@@ -3,18 +3,72 @@
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass, replace
+import math
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from medialis.errors import InvalidShapeError
+from medialis.kept import Bound
+from medialis.model.medial_cloud import MedialCloud
+from medialis.model.shape import Shape
+from medialis.model.surface import piece_labels
 from medialis.validation import FloatArray, IntArray, frozen
+
+if TYPE_CHECKING:
+    from medialis.curves.from_balls.candidates import CandidateMeasure
 
 
 @dataclass(frozen=True, eq=False)
-class CurveSkeleton:
+class CurveEvidence:
+    """What a curve skeleton from balls was made of.
+
+    Attributes
+    ----------
+    measured : CandidateMeasure
+        Of all k skeleton points.
+    candidates : (c,) int32
+        Rows of the skeleton points that are candidates.
+    importance : (c,) float64
+        Their mu, an area, each the median over itself and its neighbours.
+    kept : (c,) bool
+        Candidates whose importance is not below the threshold.
+    genus : dict
+        Genus of each component of the surface that encloses a solid; components with non-manifold
+        edges are missing.
+    closed_loops : dict
+        Loops that were closed, by the same components.
+    """
+
+    measured: CandidateMeasure
+    candidates: IntArray
+    importance: FloatArray
+    kept: NDArray[np.bool_]
+    genus: dict[int, int]
+    closed_loops: dict[int, int]
+
+
+@dataclass(frozen=True, eq=False)
+class ViewPoints:
+    """The points that a curve skeleton from views was linked from.
+
+    Attributes
+    ----------
+    points : (k, 3) float64
+        Sharpened points, those in one pixel merged.
+    weights : (k,) float64
+        Number of matched pairs that each point stands for.
+    """
+
+    points: FloatArray
+    weights: FloatArray
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class CurveSkeleton(Bound):
     """A graph of points along the middle of a shape; loops are kept.
 
     A branch is a chain of edges between two nodes that are not of degree 2, or a closed chain. Use
@@ -37,6 +91,12 @@ class CurveSkeleton:
         Node of each vertex of the surface; -1: none.
     vertex_branch : (n,) int32 or None
         Branch of each vertex of the surface; -1: none (also where the skeleton is one point).
+    cloud : MedialCloud or None
+        The balls that it was computed from.
+    evidence : CurveEvidence or None
+        What it was made of, when it was computed from balls.
+    view_points : ViewPoints or None
+        The same, when it was computed from views.
 
     Raises
     ------
@@ -59,6 +119,9 @@ class CurveSkeleton:
     branch: IntArray
     vertex_node: IntArray | None = None
     vertex_branch: IntArray | None = None
+    cloud: MedialCloud | None = field(default=None, kw_only=True)
+    evidence: CurveEvidence | None = field(default=None, kw_only=True)
+    view_points: ViewPoints | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
         v, e = len(self.nodes), len(self.edges)
@@ -75,6 +138,7 @@ class CurveSkeleton:
             object.__setattr__(self, name, frozen(value, dtype))
         _check_edges(self.edges, v)
         branches = int(self.branch.max(initial=-1)) + 1
+        rows = None if self.surface is None else self.surface.point_count
         for name, count in (("vertex_node", v), ("vertex_branch", branches)):
             given = getattr(self, name)
             if given is None:
@@ -83,6 +147,11 @@ class CurveSkeleton:
             if value.ndim != 1 or (len(value) and not -1 <= value.min() <= value.max() < count):
                 raise InvalidShapeError(
                     f"{name} must be a row of numbers from -1 to {count - 1}, got {value.shape}."
+                )
+            if rows not in (None, len(value)):
+                raise InvalidShapeError(
+                    f"{name} must have a row for each of the {rows} points of the surface, got "
+                    f"{len(value)}."
                 )
             object.__setattr__(self, name, frozen(value, np.int32))
 
@@ -95,6 +164,7 @@ class CurveSkeleton:
         *,
         importance: ArrayLike | None = None,
         vertex_node: ArrayLike | None = None,
+        cloud: MedialCloud | None = None,
     ) -> CurveSkeleton:
         """Find the branches of a graph and return it as a curve skeleton.
 
@@ -109,6 +179,8 @@ class CurveSkeleton:
         vertex_node : (n,) int, optional
             Node of each vertex of the surface. Its branch is the one that the node lies on; at a
             junction the thickest one.
+        cloud : MedialCloud, optional
+            Balls on that surface.
 
         Raises
         ------
@@ -120,7 +192,7 @@ class CurveSkeleton:
         _check_edges(pairs, len(points))
         branch = _branch_of_edges(pairs, len(points))
         measured = np.full(len(points), np.nan) if importance is None else np.asarray(importance)
-        bare = cls(points, pairs, np.asarray(radii, np.float64), measured, branch)
+        bare = cls(points, pairs, np.asarray(radii, np.float64), measured, branch, cloud=cloud)
         if vertex_node is None:
             return bare
         node = np.asarray(vertex_node, np.int32)
@@ -129,6 +201,26 @@ class CurveSkeleton:
         for number in np.argsort(bare.mean_radii, kind="stable").tolist():
             of_node[bare.branches[number]] = number
         return replace(bare, vertex_node=node, vertex_branch=of_node[node])
+
+    def __repr__(self) -> str:
+        return (
+            f"CurveSkeleton({len(self.nodes)} nodes, {self.branch_count} branches, "
+            f"{self.loops} loops)"
+        )
+
+    @property
+    def surface(self) -> Shape | None:
+        """The surface whose points `vertex_node` and `vertex_branch` refer to, if known."""
+        return None if self.cloud is None else self.cloud.surface
+
+    @cached_property
+    def diagonal(self) -> float:
+        """The unit of lengths: the diagonal of the surface, or of the nodes where it is unknown."""
+        if self.surface is not None:
+            return self.surface.diagonal
+        if len(self.nodes) == 0:
+            return 0.0
+        return math.dist(self.nodes.min(axis=0), self.nodes.max(axis=0))
 
     @cached_property
     def degrees(self) -> IntArray:
@@ -163,15 +255,7 @@ class CurveSkeleton:
     @cached_property
     def components(self) -> IntArray:
         """Connected component of each node, (v,), numbered by their lowest node."""
-        from scipy.sparse import coo_array
-        from scipy.sparse.csgraph import connected_components
-
-        v = len(self.nodes)
-        if v == 0:
-            return frozen(np.empty(0), np.int32)
-        a, b = self.edges.T
-        graph = coo_array((np.ones(len(a), np.int8), (a, b)), shape=(v, v))
-        return frozen(connected_components(graph, directed=False)[1], np.int32)
+        return piece_labels(len(self.nodes), self.edges)
 
     @property
     def component_count(self) -> int:
@@ -251,9 +335,6 @@ def _check_edges(edges: IntArray, count: int) -> None:
 
 def _branch_of_edges(edges: IntArray, count: int) -> IntArray:
     """Join edges that meet at a node of degree 2 into chains, numbered by their lowest edge."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
     e = len(edges)
     if e == 0:
         return np.empty(0, np.int32)
@@ -263,8 +344,7 @@ def _branch_of_edges(edges: IntArray, count: int) -> IntArray:
     first = np.cumsum(degree) - degree
     at = first[degree == 2]
     a, b = order[at] // 2, order[at + 1] // 2
-    graph = coo_array((np.ones(len(a), np.int8), (a, b)), shape=(e, e))
-    return np.asarray(connected_components(graph, directed=False)[1], np.int32)
+    return piece_labels(e, np.stack([a, b], axis=1))
 
 
 def _in_sequence(edges: IntArray, degrees: IntArray) -> list[int]:

@@ -8,12 +8,13 @@ from typing import Any
 import numpy as np
 
 from medialis.balls.surface_skeleton import Preparation
+from medialis.curves.from_balls.curve_skeleton import CurveSkeletonOptions
 from medialis.model.armature import Bones, SkinWeights
 from medialis.model.shape import Shape
-from medialis.operations import curve_skeleton
+from medialis.operations.curve_skeleton import described
 from medialis.operations.declaration import Operation
 from medialis.operations.result import Layer, Outcome
-from medialis.options import length, number
+from medialis.options import changed, length, number
 from medialis.progress import Progress
 from medialis.rigging.bones import (
     bones,
@@ -25,13 +26,7 @@ from medialis.rigging.skinning import skin_weights
 class ArmatureRun(Preparation):
     """Options of the operation `armature`."""
 
-    threshold: float = length(
-        0.04,
-        "Importance",
-        "Branches end where the surface that hangs on them is smaller than a square "
-        "with this fraction of the size as its side. Larger values remove small "
-        "details.",
-    )
+    threshold: float = changed(CurveSkeletonOptions, "threshold")
     bone_length: float = length(
         0.12,
         "Bone length",
@@ -59,31 +54,15 @@ class ArmatureRun(Preparation):
         high=10.0,
         advanced=True,
     )
-    smoothing: float = number(
-        0.7,
-        "Smoothing",
-        "Bends shorter than this times the radius are smoothed. 0 leaves the zigzag "
-        "of the samples.",
-        high=10.0,
-    )
-    candidates: float = length(
-        0.015,
-        "Candidates",
-        "Skeleton points are candidates when geodesics of this fraction of the size "
-        "start from them to opposite sides. Smaller values find thinner limbs, and "
-        "more noise.",
-        low=0.0001,
-        advanced=True,
-    )
+    smoothing: float = changed(CurveSkeletonOptions, "smoothing")
+    candidates: float = changed(CurveSkeletonOptions, "candidates")
 
 
 def run(shape: Shape, options: ArmatureRun, progress: Progress) -> Outcome:
     """Find the curve skeleton, lay bones along it, compute the weights."""
     with progress.stage("curve", 0.0, 0.9):
-        fine, _, found = curve_skeleton.traced(
-            shape, curve_skeleton.CurveSkeletonRun.taken_from(options), progress
-        )
-    curve = found.skeleton
+        curve, _ = described(shape, options, progress)
+    fine = curve.surface or shape
     with progress.stage("weights", 0.9, 1.0):
         rig = bones(
             curve,
@@ -183,7 +162,7 @@ OPERATION = Operation(
     "The root is at the thickest junction. Long branches are split into bones, loops are cut. Each "
     "point of the surface has at most four bones, with weights that sum to 1 and do not reach over "
     "to other limbs. Needs a mesh.",
-    source="thesis 3.6",
+    source=None,
     options=ArmatureRun,
     run=run,
     needs_faces=True,

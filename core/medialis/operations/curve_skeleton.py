@@ -2,78 +2,42 @@
 
 from __future__ import annotations
 
+import logging
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from medialis.balls.surface_skeleton import Preparation, surface_skeleton
-from medialis.curves.from_balls.curve_skeleton import (
-    CurveSkeletonResult,
-    trace_curve_skeleton,
-)
+from medialis.curves.from_balls.curve_skeleton import CurveSkeletonOptions, curve_skeleton
 from medialis.errors import InvalidShapeError
 from medialis.files.curve_graphs import node_attributes
-from medialis.geodesics.importance import geodesic_importance
-from medialis.model.curve_skeleton import CurveSkeleton
+from medialis.model.curve_skeleton import CurveEvidence, CurveSkeleton
 from medialis.model.medial_cloud import MedialCloud
 from medialis.model.shape import Shape
-from medialis.operations.common import (
-    cloud_arrays,
-    samples_layer,
-)
-from medialis.operations.curve_doubts import (
-    note_result,
-    note_shape,
-    part_count,
-    present,
-    sheet_share,
-)
+from medialis.operations.common import cloud_arrays, samples_layer
 from medialis.operations.declaration import Operation
 from medialis.operations.result import FilterUnit, Layer, Outcome
-from medialis.options import length, number
+from medialis.options import Options
 from medialis.progress import Progress
+
+FEW_SAMPLES = 100
+
+FAR, SHEET_SHARE = 3.0, 0.2
+"""A place of the surface belongs to a sheet where its ball lies more than three radii off the curve
+skeleton: the cross-section is there more than four times as wide (2 (3 + 1) r) as thick (2 r). A
+shape is called sheet-like where that is a fifth of its area. Shoulder blade: 29 %; thin plates: 57
+%; rocker arm, a mechanical part with flat arms: 14 %; gears, a screwdriver: below 6 %."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class CurveSkeletonRun(Preparation):
+class CurveSkeletonRun(CurveSkeletonOptions, Preparation):
     """Options of the operation `curve_skeleton`."""
 
-    threshold: float = length(
-        0.04,
-        "Importance",
-        "Branches end where the surface that hangs on them is smaller than a square "
-        "with this fraction of the size as its side. Larger values remove small "
-        "details.",
-    )
-    smoothing: float = number(
-        0.7,
-        "Smoothing",
-        "Bends shorter than this times the radius are smoothed. 0 leaves the zigzag "
-        "of the samples.",
-        high=10.0,
-    )
-    simplify: float = length(
-        0.0,
-        "Simplify",
-        "Leave out nodes where the branch changes by less than this fraction of the "
-        "size. 0 keeps all; the topology stays the same.",
-    )
-    candidates: float = length(
-        0.015,
-        "Candidates",
-        "Skeleton points are candidates when geodesics of this fraction of the size "
-        "start from them to opposite sides. Smaller values find thinner limbs, and "
-        "more noise.",
-        low=0.0001,
-        advanced=True,
-    )
 
-
-def traced(
-    shape: Shape, options: CurveSkeletonRun, progress: Progress
-) -> tuple[Shape, MedialCloud, CurveSkeletonResult]:
-    """Return the shape as computed on, its balls and its curve skeleton; say what is uncertain.
+def described(shape: Shape, options: Options, progress: Progress) -> tuple[CurveSkeleton, float]:
+    """Return the curve skeleton of a mesh and its `sheet_share`; say what is uncertain.
 
     Raises
     ------
@@ -87,92 +51,87 @@ def traced(
         )
     with progress.stage("skeleton", 0.0, 0.25):
         cloud = surface_skeleton.of(shape, options, progress)
-    fine = cloud.surface
-    with progress.stage("importance", 0.25, 0.6):
-        paths = geodesic_importance.of(cloud, options, progress)
-    with progress.stage("curve skeleton", 0.6, 1.0):
-        found = trace_curve_skeleton(
-            fine,
-            cloud,
-            paths,
-            threshold=options.threshold,
-            candidates=options.candidates,
-            smoothing=options.smoothing,
-            simplify=options.simplify,
-            progress=progress,
-        )
-    note_shape(fine, found, progress)
-    note_result(found.skeleton, sheet_share(fine, cloud, found.skeleton), progress)
-    return fine, cloud, found
+    with progress.stage("curve skeleton", 0.25, 1.0):
+        graph = curve_skeleton.of(cloud, options, progress)
+    sheet = sheet_share(cloud, graph)
+    if graph.evidence is not None:
+        _note_shape(cloud.surface, graph.evidence, progress)
+    _note_result(graph, sheet, progress)
+    return graph, sheet
 
 
 def run(shape: Shape, options: CurveSkeletonRun, progress: Progress) -> Outcome:
     """Smooth where noisy, refine, shrink balls, trace geodesics, find the curve skeleton."""
-    fine, cloud, found = traced(shape, options, progress)
-    graph = found.skeleton
-    sheet = sheet_share(fine, cloud, graph)
-    layers = [
-        Layer(
-            "curve_skeleton",
-            graph.nodes,
-            edges=graph.edges,
-            attributes=node_attributes(graph),
-            color_by="radius",
-            labels=("branch",),
-            filter_by="importance",
-            filter_unit=FilterUnit.length(fine.diagonal, "threshold", power=2.0),
-        ),
-        _parts_layer("curve_skeleton_parts", shape, graph),
-    ]
-    if len(found.candidates):
-        layers.append(_candidates_layer(cloud, found))
-    layers.append(samples_layer(fine))
+    graph, sheet = described(shape, options, progress)
+    cloud, evidence = graph.cloud, graph.evidence
+    assert cloud is not None and evidence is not None
     return Outcome(
-        shape=fine,
-        layers=tuple(layers),
-        values=_values(fine, found, sheet),
+        shape=cloud.surface,
+        layers=(
+            Layer(
+                "curve_skeleton",
+                graph.nodes,
+                edges=graph.edges,
+                attributes=node_attributes(graph),
+                color_by="radius",
+                labels=("branch",),
+                filter_by="importance",
+                filter_unit=FilterUnit.length(cloud.surface.diagonal, "threshold", power=2.0),
+            ),
+            _parts_layer(shape, graph),
+            *([_candidates_layer(cloud, evidence)] if len(evidence.candidates) else []),
+            samples_layer(cloud.surface),
+        ),
+        values=_values(cloud.surface, graph, evidence, sheet),
         arrays={
-            **cloud_arrays(fine, cloud),
-            "tangent": found.measured.tangents,
-            "candidate_measure": found.measured.measure,
-            "candidates": found.candidates,
-            "area_importance": found.importance,
+            **cloud_arrays(cloud.surface, cloud),
+            "tangent": evidence.measured.tangents,
+            "candidate_measure": evidence.measured.measure,
+            "candidates": evidence.candidates,
+            "area_importance": evidence.importance,
             "nodes": graph.nodes,
             "edges": graph.edges,
             "node_radius": graph.radii,
             "node_importance": graph.importance,
             "edge_branch": graph.branch,
-            "vertex_node": present(graph.vertex_node),
-            "vertex_branch": present(graph.vertex_branch),
+            "vertex_node": _present(graph.vertex_node),
+            "vertex_branch": _present(graph.vertex_branch),
         },
         graph=graph,
     )
 
 
-def _parts_layer(name: str, shape: Shape, graph: CurveSkeleton) -> Layer:
+def _present(values: NDArray[np.int32] | None) -> NDArray[np.int32]:
+    """Return an array, empty for None."""
+    return np.empty(0, np.int32) if values is None else values
+
+
+def _parts_layer(shape: Shape, graph: CurveSkeleton) -> Layer:
     """Layer of the surface with the branch and the node of each of its points."""
     n = shape.point_count  # a refined shape has the given points first
-    branch, node = present(graph.vertex_branch)[:n], present(graph.vertex_node)[:n]
     return Layer(
-        name,
+        "curve_skeleton_parts",
         shape.points,
         shape.faces,
-        attributes={"branch": branch, "node": node},
+        attributes={
+            "branch": _present(graph.vertex_branch)[:n],
+            "node": _present(graph.vertex_node)[:n],
+        },
         color_by="branch",
         labels=("branch",),
         on_input=True,
     )
 
 
-def _candidates_layer(cloud: MedialCloud, found: CurveSkeletonResult) -> Layer:
-    rows = found.candidates
+def _candidates_layer(cloud: MedialCloud, evidence: CurveEvidence) -> Layer:
+    rows = evidence.candidates
     return Layer(
         "curve_skeleton_candidates",
         cloud.centers[rows],
         attributes={
-            "measure": found.measured.measure[rows],
-            "importance": found.importance,
-            "kept": found.kept.astype(np.int32),
+            "measure": evidence.measured.measure[rows],
+            "importance": evidence.importance,
+            "kept": evidence.kept.astype(np.int32),
             "source": cloud.source[rows],
         },
         color_by="measure",
@@ -182,8 +141,9 @@ def _candidates_layer(cloud: MedialCloud, found: CurveSkeletonResult) -> Layer:
     )
 
 
-def _values(shape: Shape, found: CurveSkeletonResult, sheet: float) -> dict[str, Any]:
-    graph = found.skeleton
+def _values(
+    surface: Shape, graph: CurveSkeleton, evidence: CurveEvidence, sheet: float
+) -> dict[str, Any]:
     values: dict[str, Any] = {
         "nodes": len(graph.nodes),
         "edges": len(graph.edges),
@@ -193,27 +153,109 @@ def _values(shape: Shape, found: CurveSkeletonResult, sheet: float) -> dict[str,
         "components": graph.component_count,
         "loops": graph.loops,
     }
-    if len(found.genus) == part_count(shape):
-        values["expected_loops"] = sum(found.genus.values())
-    values |= {
+    if len(evidence.genus) == surface.part_count:
+        values["expected_loops"] = sum(evidence.genus.values())
+    samples = np.bincount(_present(graph.vertex_branch) + 1, minlength=graph.branch_count + 1)[1:]
+    return values | {
         "length": graph.length,
-        "candidates": len(found.candidates),
-        "kept_candidates": int(found.kept.sum()),
+        "candidates": len(evidence.candidates),
+        "kept_candidates": int(evidence.kept.sum()),
         "sheet_share": sheet,
-        "samples": shape.point_count,
-        "diagonal": shape.diagonal,
+        "samples": surface.point_count,
+        "diagonal": surface.diagonal,
         "branch_table": [
             {
                 "length": float(graph.branch_lengths[branch]),
                 "tortuosity": float(graph.tortuosity[branch]),
                 "mean_radius": float(graph.mean_radii[branch]),
                 "nodes": [int(row[0]), int(row[-1])],
-                "samples": len(graph.surface_part(branch)),
+                "samples": int(samples[branch]),
             }
             for branch, row in enumerate(graph.branches)
         ],
     }
-    return values
+
+
+def sheet_share(cloud: MedialCloud, graph: CurveSkeleton) -> float:
+    """Share of the area whose balls lie far from their node, in radii of the larger of both."""
+    node = _present(graph.vertex_node)
+    rows = np.flatnonzero(cloud.valid & (node >= 0))
+    if len(rows) == 0:
+        return 0.0
+    area = cloud.surface.point_areas[rows]
+    away = np.linalg.norm(cloud.centers[rows] - graph.nodes[node[rows]], axis=1)
+    far = away > FAR * np.maximum(cloud.radii[rows], graph.radii[node[rows]])
+    return float(area[far].sum() / max(area.sum(), 1e-300))
+
+
+def _note_shape(surface: Shape, evidence: CurveEvidence, progress: Progress) -> None:
+    """Say what about the surface makes the result less certain."""
+    if surface.point_count < FEW_SAMPLES:
+        progress.note(
+            f"The shape has {surface.point_count} samples only: a curve skeleton needs about "
+            f"{FEW_SAMPLES} at least. Refine the mesh.",
+            "few_samples",
+            level=logging.WARNING,
+            samples=surface.point_count,
+        )
+    parts = surface.part_count
+    if parts > 1:
+        progress.note(
+            f"The shape has {parts} separate parts: each gets a graph of its own.",
+            "separate_parts",
+            parts=parts,
+        )
+    unclear = parts - len(evidence.genus)
+    if unclear:
+        progress.note(
+            f"{unclear} of {parts} parts have edges with three or more faces, or touch themselves "
+            "in a vertex: their number of handles is not defined, so their graphs have no loops.",
+            "handles_undefined",
+            level=logging.WARNING,
+            parts=unclear,
+            of=parts,
+        )
+    elif surface.border_edges > 0:
+        progress.note(
+            f"The shape is open, with {surface.border_edges} edges at holes: loops are counted as "
+            "if each hole were closed by a disc, and the skeleton near large holes is a guess.",
+            "open_shape",
+            border_edges=surface.border_edges,
+        )
+    for number, genus in sorted(evidence.genus.items()):
+        closed = evidence.closed_loops.get(number, 0)
+        if closed < genus:
+            progress.note(
+                f"Part {number} has {genus} handles, but {closed} loops were closed: its handles "
+                "are thinner than the sampling, or parts of the surface cross each other.",
+                "loops_missing",
+                level=logging.WARNING,
+                part=number,
+                handles=genus,
+                loops=closed,
+            )
+
+
+def _note_result(graph: CurveSkeleton, sheet: float, progress: Progress) -> None:
+    """Say where a curve skeleton says little about the shape."""
+    alone = int((graph.degrees == 0).sum())
+    if alone:
+        progress.note(
+            f"{alone} of {graph.component_count} parts are a single node: round shapes have no "
+            "direction, small parts fall below the threshold, and thin ones need lower candidates.",
+            "single_nodes",
+            parts=alone,
+            of=graph.component_count,
+        )
+    if sheet > SHEET_SHARE:
+        progress.note(
+            f"{100 * sheet:.0f} % of the surface lies more than {FAR:g} radii off the curve "
+            "skeleton: thin sheets have no meaningful one (surface_skeleton describes them), and "
+            "thin limbs need lower candidates.",
+            "thin_sheets",
+            level=logging.WARNING,
+            share=sheet,
+        )
 
 
 OPERATION = Operation(

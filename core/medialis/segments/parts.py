@@ -4,13 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from medialis.curves.from_balls.curve_skeleton import (
-    DEFAULT_CANDIDATES,
-    DEFAULT_THRESHOLD,
-    curve_skeleton,
-)
+from medialis.curves.from_balls.curve_skeleton import CurveSkeletonOptions, curve_skeleton
 from medialis.errors import InvalidShapeError
-from medialis.geodesics.importance import geodesic_importance
 from medialis.model.curve_skeleton import CurveSkeleton
 from medialis.model.feature_sets import FeatureSets
 from medialis.model.medial_cloud import MedialCloud
@@ -262,18 +257,11 @@ def _skeleton(shape: Shape, cloud: MedialCloud, progress: Progress) -> CurveSkel
             f"{shape.face_count} faces and {len(cloud)} balls for {shape.point_count} samples. "
             "Use method = sheets."
         )
-    with progress.stage("importance", 0.0, 0.5):
-        paths = geodesic_importance(cloud, progress=progress)
-    share = _extent(shape) / shape.diagonal
-    with progress.stage("curve skeleton", 0.5, 1.0):
-        return curve_skeleton(
-            shape,
-            cloud,
-            paths,
-            threshold=share * DEFAULT_THRESHOLD,
-            candidates=share * DEFAULT_CANDIDATES,
-            progress=progress,
-        )
+    share, usual = _extent(shape) / shape.diagonal, CurveSkeletonOptions()
+    turned = CurveSkeletonOptions(
+        threshold=share * usual.threshold, candidates=share * usual.candidates
+    )
+    return curve_skeleton.of(cloud, turned, progress)
 
 
 def _extent(shape: Shape) -> float:

@@ -2,237 +2,206 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from medialis.curves.from_balls.area import area_importance
-from medialis.curves.from_balls.ball_links import BallLinks
 from medialis.curves.from_balls.candidates import (
     CandidateMeasure,
+    area_importance,
     candidate_measure,
-    nearest_neighbours,
 )
-from medialis.curves.from_balls.reconstruction import (
-    finish_graph,
-    link_skeleton,
-    node_importance,
-    put_in_shape,
-)
+from medialis.curves.graph.finishing import finish_graph
 from medialis.curves.graph.growth import grow_graph
 from medialis.curves.graph.handles import Handles, find_handles
-from medialis.curves.graph.simplification import simplify_branches
+from medialis.curves.graph.links import BallLinks, link_balls, nearest_neighbours
+from medialis.curves.graph.simplification import SimplifyOptions, simplify_branches
 from medialis.errors import InvalidShapeError
-from medialis.model.curve_skeleton import CurveSkeleton
-from medialis.model.geodesic_paths import GeodesicPaths
+from medialis.kept import Bound, kept
+from medialis.model.curve_skeleton import CurveEvidence, CurveSkeleton
 from medialis.model.medial_cloud import MedialCloud
 from medialis.model.shape import Shape
-from medialis.progress import Progress, ProgressCallback
-from medialis.validation import FloatArray, IntArray, as_number, frozen
-
-DEFAULT_THRESHOLD = 0.04
-DEFAULT_CANDIDATES = 0.015
-"""Fraction of the diagonal. On hand, fertility, horse these are the curves one would draw."""
-
-DEFAULT_SMOOTHING = 0.7
+from medialis.options import Options, algorithm, changed, length, number
+from medialis.progress import Progress
+from medialis.validation import FloatArray, IntArray, frozen
 
 MOST_MEASURED = 2000
 """Candidates whose importance is measured; a curve needs no more, a round tube has far more."""
 
 
-@dataclass(frozen=True, eq=False)
-class CurveSkeletonResult:
-    """A curve skeleton and what it was made of.
+@dataclass(frozen=True, kw_only=True)
+class CurveSkeletonOptions(Options):
+    """Options of `curve_skeleton`; on hand, fertility, horse the defaults give what one draws."""
 
-    Attributes
-    ----------
-    skeleton : CurveSkeleton
-    measured : CandidateMeasure
-        Of all k skeleton points.
-    candidates : (c,) int32
-        Rows of the skeleton points that are candidates.
-    importance : (c,) float64
-        Their mu, an area, each the median over itself and its neighbours.
-    kept : (c,) bool
-        Candidates whose importance reaches the threshold.
-    genus : dict
-        Genus of each component of the shape that encloses a solid; components with non-manifold
-        edges are missing.
-    loops : dict
-        Loops that were closed, by the same components.
+    threshold: float = length(
+        0.04,
+        "Importance",
+        "Branches end where the surface that hangs on them is smaller than a square with this "
+        "fraction of the size as its side. Larger values remove small details.",
+    )
+    smoothing: float = number(
+        0.7,
+        "Smoothing",
+        "Bends shorter than this times the radius are smoothed. 0 leaves the zigzag of the "
+        "samples.",
+        high=10.0,
+    )
+    simplify: float = changed(SimplifyOptions, "simplify", default=0.0)
+    candidates: float = length(
+        0.015,
+        "Candidates",
+        "Skeleton points are candidates when geodesics of this fraction of the size start from "
+        "them to opposite sides. Smaller values find thinner limbs, and more noise.",
+        low=0.0001,
+        advanced=True,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Ground(Bound):
+    """What a graph grows on: the same for every threshold, smoothing and simplification.
+
+    Rows of `candidates` are those of `importance`; all others are one a ball.
     """
 
-    skeleton: CurveSkeleton
     measured: CandidateMeasure
-    candidates: IntArray
+    candidates: NDArray[np.int64]
     importance: FloatArray
-    kept: NDArray[np.bool_]
-    genus: dict[int, int]
-    loops: dict[int, int]
+    links: BallLinks
+    strength: FloatArray
+    components: IntArray
+    handles: dict[int, Handles] = field(default_factory=dict)
 
 
+@algorithm(CurveSkeletonOptions)
 def curve_skeleton(
-    shape: Shape,
-    cloud: MedialCloud,
-    paths: GeodesicPaths,
-    *,
-    threshold: float = DEFAULT_THRESHOLD,
-    candidates: float = DEFAULT_CANDIDATES,
-    smoothing: float = DEFAULT_SMOOTHING,
-    simplify: float = 0.0,
-    progress: Progress | ProgressCallback | None = None,
+    cloud: MedialCloud, options: CurveSkeletonOptions, progress: Progress
 ) -> CurveSkeleton:
     """Compute the curve skeleton of a mesh as a graph.
 
-    The graph has one component for each component of the shape and one loop for each handle. It
+    The graph has one component for each component of the surface and one loop for each handle. It
     runs along the points of the surface skeleton from which geodesics start to all sides; gaps
     between them are closed along the surface skeleton.
 
     Parameters
     ----------
-    shape : Shape
-        A mesh of n vertices.
     cloud : MedialCloud
-        ``surface_skeleton(shape)``: all n inner balls, row i of vertex i.
-    paths : GeodesicPaths
-        ``geodesic_importance(cloud)``.
+        ``surface_skeleton(shape)`` of a mesh: all n inner balls, row i of sample i.
     threshold : float
         Branches end where less surface hangs on them than the square of this fraction of the
         diagonal, 0 to 1.
-    candidates : float
-        Fraction of the diagonal, above 0 to 1: points whose measure I is larger are candidates.
     smoothing : float
         0 to 10: bends as short as this times the radius are smoothed; 0 leaves the zigzag of the
         samples.
     simplify : float
         Fraction of the diagonal, 0 to 1: nodes go where the branch changes by less; 0 keeps all.
+    candidates : float
+        Fraction of the diagonal, 0.0001 to 1: points whose measure I is larger are candidates.
     progress : callable, optional
         Called with (fraction, text); returning False cancels.
 
     Returns
     -------
     CurveSkeleton
-        With the node and the branch of each vertex of the shape. Its importance is mu; a part that
-        is a single node has its whole area.
+        With the node and the branch of each sample of ``cloud.surface``, and what it was made of
+        (``evidence``). Its importance is mu; a part that is a single node has its whole area.
 
     Raises
     ------
     InvalidShapeError
-        When the shape has no faces, or the cloud is not its whole inner cloud with its paths.
+        When the surface has no faces, or the cloud is not its whole inner cloud.
     InvalidOptionError
         When an option is out of its range.
     Cancelled
         When `progress` asks for it.
 
+    See Also
+    --------
+    view_curve_skeleton : from pictures; also of point clouds and of meshes that are not clean.
+    candidate_measure, area_importance : the two measures that it rests on.
+    bones : an armature along it.
+    simplify_branches : fewer nodes later.
+
     Notes
     -----
-    Cost O(n log n): 4 s for 194,000 vertices after the geodesics. Source: thesis 3.6. Deviates: the
+    Cost O(n log n): 4 s for 194,000 vertices after the geodesics. Another threshold, smoothing or
+    simplification of the same cloud only grows the graph anew. Source: thesis 3.6. Deviates: the
     linking. The thesis connects candidates within a radius, which leaves gaps and does not know the
     genus. See `growth.py` for branches and `handles.py` for loops.
 
     Examples
     --------
     >>> import medialis
-    >>> shape = medialis.organic_shape(100)
-    >>> cloud = medialis.surface_skeleton(shape)
-    >>> paths = medialis.geodesic_importance(cloud)
-    >>> graph = medialis.curve_skeleton(shape, cloud, paths)
-    >>> graph.component_count, graph.loops
-    (1, 0)
+    >>> cloud = medialis.surface_skeleton(medialis.organic_shape(100))
+    >>> medialis.curve_skeleton(cloud)
+    CurveSkeleton(309 nodes, 11 branches, 0 loops)
     """
-    return trace_curve_skeleton(
-        shape,
-        cloud,
-        paths,
-        threshold=threshold,
-        candidates=candidates,
-        smoothing=smoothing,
-        simplify=simplify,
-        progress=progress,
-    ).skeleton
-
-
-def trace_curve_skeleton(
-    shape: Shape,
-    cloud: MedialCloud,
-    paths: GeodesicPaths,
-    *,
-    threshold: float = DEFAULT_THRESHOLD,
-    candidates: float = DEFAULT_CANDIDATES,
-    smoothing: float = DEFAULT_SMOOTHING,
-    simplify: float = 0.0,
-    progress: Progress | ProgressCallback | None = None,
-) -> CurveSkeletonResult:
-    """Compute a curve skeleton and return all that it was made of; see `curve_skeleton`."""
-    threshold = as_number(threshold, "threshold", low=0.0, high=1.0)
-    share = as_number(candidates, "candidates", low=0.0, high=1.0, open_low=True)
-    smoothing = as_number(smoothing, "smoothing", low=0.0, high=10.0)
-    simplify = as_number(simplify, "simplify", low=0.0, high=1.0)
-    _require_whole_cloud(shape, cloud)
-    progress = Progress.of(progress)
-    with progress.stage("detect", 0.0, 0.3):
-        measured = candidate_measure(shape, cloud, paths)
-        found = np.flatnonzero(measured.measure > share * shape.diagonal)
-        near, _ = nearest_neighbours(cloud.centers[found], shape.diagonal)
-    with progress.stage("regularize", 0.3, 0.6):
-        importance = _smooth_importance(shape, cloud, measured, found, progress)
-        kept = importance >= (threshold * shape.diagonal) ** 2
-    with progress.stage("reconstruct", 0.6, 1.0):
-        links = link_skeleton(shape, cloud, measured, found, near, share * shape.diagonal)
-        handles = find_handles(shape)
-        strength = np.where(cloud.valid, np.nan_to_num(measured.measure), -np.inf)
-        strength += 1e-9 * links.radii  # without any measure: the largest ball
-        edges, loops = _grow(shape, cloud, links, strength, found[kept], handles)
+    _require_whole_cloud(cloud)
+    surface, share = cloud.surface, options.candidates
+    ground = kept(_ground, cloud, share, lambda: _ground(cloud, share, progress), progress)
+    with progress.stage("reconstruct", 0.8, 1.0):
+        enough = ground.importance >= (options.threshold * surface.diagonal) ** 2
+        wanted = np.zeros(len(cloud), bool)
+        wanted[ground.candidates[enough]] = True
+        edges, loops = grow_graph(
+            ground.links, ground.components, ground.strength, wanted,
+            spacing=surface.spacing, handles=ground.handles,
+        )  # fmt: skip
         progress.update(0.5)
         graph, node_of_sample = finish_graph(
-            links, edges, strength, spacing=shape.spacing, smoothing=smoothing
-        )
-        graph = put_in_shape(shape, graph, node_of_sample)
-        if simplify > 0:
-            graph = simplify_branches(graph, simplify * shape.diagonal)
-        known = node_importance(shape, graph, found, cloud.centers[found], importance)
-        graph = replace(graph, importance=known)
-    return CurveSkeletonResult(
-        graph,
-        measured,
-        frozen(found, np.int32),
-        frozen(importance, np.float64),
-        kept,
-        {number: one.genus for number, one in handles.items()},
+            ground.links, edges, ground.strength, spacing=surface.spacing,
+            smoothing=options.smoothing,
+        )  # fmt: skip
+        graph = _put_in_surface(cloud, graph, node_of_sample)
+        if options.simplify > 0:
+            graph = simplify_branches.of(graph, options, progress)
+    evidence = CurveEvidence(
+        ground.measured,
+        frozen(ground.candidates, np.int32),
+        ground.importance,
+        frozen(enough, np.bool_),
+        {number: one.genus for number, one in ground.handles.items()},
         loops,
+    )
+    return replace(graph, importance=_node_importance(graph, ground), evidence=evidence)
+
+
+def _require_whole_cloud(cloud: MedialCloud) -> None:
+    if cloud.surface.faces is None:
+        raise InvalidShapeError(
+            "A curve skeleton from balls needs a mesh, got a point cloud: build a surface with "
+            "surface_of_cloud first, or use view_curve_skeleton."
+        )
+    if not cloud.whole:
+        raise InvalidShapeError(
+            "A curve skeleton needs the whole inner cloud of its surface, "
+            f"{cloud.surface.point_count} rows in their order; got {len(cloud)} rows."
+        )
+    if not cloud.valid.any():
+        raise InvalidShapeError("A curve skeleton needs a ball with two feature points, got none.")
+
+
+def _ground(cloud: MedialCloud, share: float, progress: Progress) -> _Ground:
+    """Find and measure the candidates, link the balls, find the handles."""
+    surface = cloud.surface
+    level = share * surface.diagonal
+    with progress.stage("detect", 0.0, 0.6):
+        measured = candidate_measure.of(cloud, Options(), progress)
+        candidates = np.flatnonzero(measured.measure > level)
+    with progress.stage("regularize", 0.6, 0.8):
+        importance = _smooth_importance(measured, candidates, progress)
+    links = _link_balls(measured, candidates, level)
+    strength = np.where(cloud.valid, np.nan_to_num(measured.measure), -np.inf)
+    strength += 1e-9 * links.radii  # without any measure: the largest ball
+    components = np.where(cloud.valid & surface.used_points, surface.components, -1)
+    return _Ground(
+        measured, candidates, importance, links, strength, components, find_handles(surface)
     )
 
 
-def _grow(
-    shape: Shape,
-    cloud: MedialCloud,
-    links: BallLinks,
-    strength: FloatArray,
-    rows: NDArray[np.int64],
-    handles: dict[int, Handles],
-) -> tuple[NDArray[np.int64], dict[int, int]]:
-    """Grow the graph along the balls of the surface; `rows` are the candidates to reach."""
-    wanted = np.zeros(len(cloud), bool)
-    wanted[rows] = True
-    components = np.where(cloud.valid & _in_faces(shape), shape.components, -1)
-    return grow_graph(links, components, strength, wanted, spacing=shape.spacing, handles=handles)
-
-
-def _in_faces(shape: Shape) -> NDArray[np.bool_]:
-    """Tell the vertices that faces use; others are no part of the surface."""
-    used = np.zeros(shape.point_count, bool)
-    if shape.faces is not None:
-        used[shape.faces] = True
-    return used
-
-
 def _smooth_importance(
-    shape: Shape,
-    cloud: MedialCloud,
-    measured: CandidateMeasure,
-    found: NDArray[np.int64],
-    progress: Progress,
+    measured: CandidateMeasure, candidates: NDArray[np.int64], progress: Progress
 ) -> FloatArray:
     """Median importance of each candidate and its neighbours, from a sample of them if many.
 
@@ -240,26 +209,82 @@ def _smooth_importance(
     """
     from scipy.spatial import cKDTree
 
-    some = found[:: 1 + len(found) // MOST_MEASURED]
-    area = area_importance(shape, cloud, measured, some, progress=progress)
-    near, _ = nearest_neighbours(cloud.centers[some], shape.diagonal)
+    centers = measured.cloud.centers
+    some = candidates[:: 1 + len(candidates) // MOST_MEASURED]
+    area = area_importance(measured, some, progress=progress)
+    near, _ = nearest_neighbours(centers[some], measured.cloud.surface.diagonal)
     median = np.median(np.column_stack([area, area[near]]), axis=1)
-    if len(some) == len(found):
-        return median
-    return np.asarray(median[cKDTree(cloud.centers[some]).query(cloud.centers[found])[1]])
+    if len(some) < len(candidates):
+        median = median[cKDTree(centers[some]).query(centers[candidates])[1]]
+    return frozen(median, np.float64)
 
 
-def _require_whole_cloud(shape: Shape, cloud: MedialCloud) -> None:
-    n = shape.point_count
-    if shape.faces is None:
-        raise InvalidShapeError(
-            "A curve skeleton from geodesics needs a mesh, got a point cloud: build a surface with "
-            "surface_of_cloud first."
-        )
-    if len(cloud) != n or (cloud.side < 0).any() or (cloud.source != np.arange(n)).any():
-        raise InvalidShapeError(
-            f"A curve skeleton needs the whole inner cloud of the shape, {n} rows in their order; "
-            f"got {len(cloud)} rows."
-        )
-    if not cloud.valid.any():
-        raise InvalidShapeError("A curve skeleton needs a ball with two feature points, got none.")
+def _link_balls(
+    measured: CandidateMeasure, candidates: NDArray[np.int64], level: float
+) -> BallLinks:
+    """Link balls that are close to each other, and those of neighbouring samples."""
+    cloud, surface = measured.cloud, measured.cloud.surface
+    pairs = np.concatenate(
+        [_near_pairs(cloud, rows) for rows in (np.flatnonzero(cloud.valid), candidates)]
+    )
+    needed = np.concatenate([surface.edges, cloud.features[cloud.valid]])
+    needed = needed[cloud.valid[needed].all(axis=1)]
+    pairs, needed = (
+        rows[surface.components[rows[:, 0]] == surface.components[rows[:, 1]]]
+        for rows in (pairs, needed)
+    )
+    closeness = np.nan_to_num(measured.spread)
+    closeness *= np.minimum(1.0, np.nan_to_num(measured.measure) / level)
+    centers, radii = np.nan_to_num(cloud.centers), np.nan_to_num(cloud.radii)
+    return link_balls(centers, radii, closeness, pairs, needed, spacing=surface.spacing)
+
+
+def _near_pairs(cloud: MedialCloud, rows: NDArray[np.int64]) -> NDArray[np.int64]:
+    near, _ = nearest_neighbours(cloud.centers[rows], cloud.surface.diagonal)
+    return np.stack([np.repeat(rows, near.shape[1]), rows[near.ravel()]], axis=1)
+
+
+def _put_in_surface(
+    cloud: MedialCloud, graph: CurveSkeleton, node_of_sample: NDArray[np.int64]
+) -> CurveSkeleton:
+    """Give nodes their distance to the nearest sample, and each sample its node and branch."""
+    radii = cloud.surface.tree.query(graph.nodes)[0]
+    _fill(node_of_sample, cloud.surface)
+    return CurveSkeleton.of(
+        graph.nodes, graph.edges, radii, vertex_node=node_of_sample, cloud=cloud
+    )
+
+
+def _fill(values: NDArray[np.int64], surface: Shape) -> None:
+    """Give samples without a value that of the nearest sample of their component that has one."""
+    from scipy.spatial import cKDTree
+
+    for part in np.unique(surface.components[values < 0]).tolist():
+        rows = np.flatnonzero(surface.components == part)
+        known, missing = rows[values[rows] >= 0], rows[values[rows] < 0]
+        if len(known):
+            nearest = cKDTree(surface.points[known]).query(surface.points[missing])[1]
+            values[missing] = values[known[nearest]]
+
+
+def _node_importance(graph: CurveSkeleton, ground: _Ground) -> FloatArray:
+    """Return the importance of the nearest candidate of the same part of the shape for each node.
+
+    On a single node hangs the whole area of its part, and so it does in a part without candidates.
+    """
+    from scipy.spatial import cKDTree
+
+    cloud = ground.measured.cloud
+    surface, node = cloud.surface, np.asarray(graph.vertex_node)
+    whole = np.bincount(surface.components, surface.point_areas)
+    part = np.full(graph.component_count, -1)
+    part[graph.components[node[node >= 0]]] = surface.components[node >= 0]
+    of_node, of_candidate = part[graph.components], surface.components[ground.candidates]
+    result = np.where(of_node >= 0, whole[of_node], np.nan)
+    for one in np.intersect1d(of_node, of_candidate).tolist():
+        nodes, rows = np.flatnonzero(of_node == one), np.flatnonzero(of_candidate == one)
+        tree = cKDTree(cloud.centers[ground.candidates[rows]])
+        result[nodes] = ground.importance[rows[tree.query(graph.nodes[nodes])[1]]]
+    alone = (graph.degrees == 0) & (of_node >= 0)
+    result[alone] = whole[of_node[alone]]
+    return result

@@ -7,12 +7,13 @@ that it comes from, so it stays inside the shape; edges are shorter than the rad
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from medialis.curves.graph.growth import sticks_out
+from medialis.curves.graph.growth import Growth, sticks_out
+from medialis.curves.graph.links import BallLinks
 from medialis.model.curve_skeleton import CurveSkeleton
 from medialis.validation import FloatArray
 
@@ -48,6 +49,57 @@ class Sampled:
     edges: NDArray[np.int32]
     room: FloatArray
     node_of: NDArray[np.int32]
+
+
+def finish_graph(
+    links: BallLinks,
+    edges: NDArray[np.int64],
+    strength: FloatArray,
+    *,
+    spacing: float,
+    smoothing: float,
+) -> tuple[CurveSkeleton, NDArray[np.int64]]:
+    """Prune spurs, merge close junctions, sample and smooth the branches of a grown graph.
+
+    Parameters
+    ----------
+    links : BallLinks
+        k balls.
+    edges : (e, 2) int
+        Of `grow_graph`.
+    strength : (k,) float64
+        Of the balls that become one junction the strongest gives its place.
+    spacing : float
+        Typical distance of neighbouring balls.
+    smoothing : float
+        As in `medialis.curve_skeleton`.
+
+    Returns
+    -------
+    CurveSkeleton
+        Its radii are those of balls round the nodes that lie in the given balls.
+    (k,) int64
+        Node nearest to each ball along the links; -1 where none leads to the graph.
+    """
+    balls, inverse = np.unique(edges, return_inverse=True)
+    ends = inverse.reshape(-1, 2)
+    ends = ends[ends[:, 0] != ends[:, 1]]
+    raw = CurveSkeleton.of(links.centers[balls], ends, links.radii[balls])
+    stays = prune_spurs(raw)
+    balls, number = balls[stays], np.cumsum(stays) - 1
+    ends = number[ends[stays[ends].all(axis=1)]]
+    raw = CurveSkeleton.of(links.centers[balls], ends, links.radii[balls])
+    merged, into = merge_junctions(raw, strength[balls])
+    sampled = sample_branches(merged, spacing)
+    nodes = smooth_nodes(sampled.nodes, sampled.edges, sampled.room, smoothing)
+    # The ways of all balls to the graph, by their length alone.
+    nearest = Growth(replace(links, cost=links.length), spacing)
+    nearest.add(balls.tolist())
+    node_of_ball = np.full(len(links) + 1, -1, np.int64)  # one more row: no ball
+    node_of_ball[balls] = sampled.node_of[into]
+    moved = np.linalg.norm(nodes - sampled.nodes, axis=1)
+    radii = np.maximum(sampled.room - moved, 0.0)
+    return CurveSkeleton.of(nodes, sampled.edges, radii), node_of_ball[nearest.base]
 
 
 def prune_spurs(graph: CurveSkeleton) -> NDArray[np.bool_]:

@@ -14,8 +14,8 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from medialis.curves.from_balls.ball_links import BallLinks
 from medialis.curves.graph.handles import Handles
+from medialis.curves.graph.links import BallLinks
 from medialis.validation import FloatArray
 
 STICKS_OUT = 0.5

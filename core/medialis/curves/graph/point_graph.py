@@ -7,11 +7,10 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from medialis.curves.from_balls.ball_links import link_balls
-from medialis.curves.from_balls.candidates import nearest_neighbours
-from medialis.curves.from_balls.reconstruction import finish_graph
+from medialis.curves.graph.finishing import finish_graph
 from medialis.curves.graph.growth import grow_graph
 from medialis.curves.graph.handles import Handles
+from medialis.curves.graph.links import link_balls, nearest_neighbours
 from medialis.model.curve_skeleton import CurveSkeleton
 from medialis.validation import as_field, as_number, as_points
 

@@ -3,28 +3,47 @@
 from __future__ import annotations
 
 import itertools
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from medialis.errors import InvalidShapeError
 from medialis.model.curve_skeleton import CurveSkeleton
+from medialis.options import Options, algorithm, length
+from medialis.progress import Progress
 from medialis.validation import FloatArray
 
 INSIDE = 0.9
 """Share of its radius by which a branch may move away from a node."""
 
 
-def simplify_branches(graph: CurveSkeleton, tolerance: float) -> CurveSkeleton:
+@dataclass(frozen=True, kw_only=True)
+class SimplifyOptions(Options):
+    """Options of `simplify_branches`."""
+
+    simplify: float = length(
+        0.005,
+        "Simplify",
+        "Leave out nodes where the branch changes by less than this fraction of the size. 0 keeps "
+        "all; the topology stays the same.",
+    )
+
+
+@algorithm(SimplifyOptions, keep=False)
+def simplify_branches(
+    graph: CurveSkeleton, options: SimplifyOptions, progress: Progress
+) -> CurveSkeleton:
     """Leave out nodes of degree 2 while the branches stay where they are, up to a tolerance.
 
     Parameters
     ----------
     graph : CurveSkeleton
         v nodes.
-    tolerance : float
-        Length: no node that goes is farther than this from the new branch, nor than 0.9 of its
-        radius, so that the branch stays inside the shape.
+    simplify : float
+        Fraction of the diagonal, 0 to 1: no node that goes is farther than this from the new
+        branch, nor than 0.9 of its radius, so that the branch stays inside the shape.
+    progress : callable, optional
+        Called with (fraction, text); returning False cancels.
 
     Returns
     -------
@@ -34,8 +53,12 @@ def simplify_branches(graph: CurveSkeleton, tolerance: float) -> CurveSkeleton:
 
     Raises
     ------
-    InvalidShapeError
-        When the tolerance is not a number from 0.
+    InvalidOptionError
+        When `simplify` is out of its range.
+
+    See Also
+    --------
+    curve_skeleton : has the same option.
 
     Notes
     -----
@@ -46,11 +69,10 @@ def simplify_branches(graph: CurveSkeleton, tolerance: float) -> CurveSkeleton:
     >>> import medialis
     >>> line = medialis.CurveSkeleton.of([[0, 0, 0], [1, 0, 0], [2, 0, 0]], [[0, 1], [1, 2]],
     ...                                  [1, 1, 1])
-    >>> medialis.simplify_branches(line, 0.1).nodes.tolist()
+    >>> medialis.simplify_branches(line, simplify=0.05).nodes.tolist()
     [[0.0, 0.0, 0.0], [2.0, 0.0, 0.0]]
     """
-    if not tolerance >= 0:
-        raise InvalidShapeError(f"The tolerance must be a number from 0, got {tolerance!r}.")
+    tolerance = options.simplify * graph.diagonal
     stays = graph.degrees != 2
     kept_of: list[NDArray[np.int64]] = []
     taken: set[tuple[int, int]] = set()
@@ -83,12 +105,10 @@ def simplify_branches(graph: CurveSkeleton, tolerance: float) -> CurveSkeleton:
         importance=graph.importance[stays],
         vertex_node=None if node is None else np.where(node >= 0, near[node], -1),
     )
-    if graph.vertex_branch is None:
-        return simple
     # Branches are numbered by their lowest edge, and edges come branch after branch.
-    return CurveSkeleton(
-        simple.nodes, simple.edges, simple.radii, simple.importance, simple.branch,
-        simple.vertex_node, graph.vertex_branch,
+    return replace(
+        graph, nodes=simple.nodes, edges=simple.edges, radii=simple.radii,
+        importance=simple.importance, branch=simple.branch, vertex_node=simple.vertex_node,
     )  # fmt: skip
 
 

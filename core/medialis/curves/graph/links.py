@@ -11,7 +11,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from medialis.threads import thread_count
 from medialis.validation import FloatArray, frozen
+
+NEIGHBOURS = 10
+"""Of each point, as in the thesis."""
+
+JITTER = 1e-9
+"""Fraction of the diagonal by which points move for the search of neighbours only: exactly equal
+ones, as the centers of a sphere, could not be split by a tree, and every search would visit all."""
 
 OFF_CURVE = 20.0
 """Times what a link costs on the curve skeleton that one far from it costs."""
@@ -24,6 +32,24 @@ along thin balls below its surface."""
 OVERLAP_ONLY, APART = 10.0, 1000.0
 """Factors of the cost where a center lies outside the other ball, and where the balls are apart:
 last resorts that keep the graph in one piece."""
+
+
+def nearest_neighbours(
+    points: NDArray[np.float64], size: float, count: int = NEIGHBOURS
+) -> tuple[NDArray[np.int32], FloatArray]:
+    """Find the nearest other points of each point, (k, count) indices and distances.
+
+    With fewer than count + 1 points there are fewer columns.
+    """
+    from scipy.spatial import cKDTree
+
+    k = len(points)
+    count = min(count, k - 1)
+    if count <= 0:
+        return np.empty((k, 0), np.int32), np.empty((k, 0))
+    moved = points + JITTER * size * np.random.default_rng(0).uniform(-1, 1, points.shape)
+    distance, near = cKDTree(moved).query(moved, k=count + 1, workers=thread_count())
+    return np.ascontiguousarray(near[:, 1:], np.int32), np.ascontiguousarray(distance[:, 1:])
 
 
 @dataclass(frozen=True, eq=False)
