@@ -50,9 +50,14 @@ def overview() -> Image:
     return contact_sheet(images, list(runs), 3)
 
 
+def _all_balls(shape: medialis.Shape, **options: object) -> medialis.Result:
+    """Compute the whole surface skeleton: no noise smoothed away, no ball hidden."""
+    return medialis.run("surface_skeleton", shape, denoise="off", importance=False, **options)
+
+
 def spoke_angle() -> Image:
     """Colour by spoke angle."""
-    result = medialis.run("surface_skeleton", medialis.organic_shape(200))
+    result = _all_balls(medialis.organic_shape(200))
     return draw_result(result, color_by="spoke_angle")
 
 
@@ -64,7 +69,7 @@ def _sheet(results: list[medialis.Result], captions: list[str], **options: objec
 def subsample() -> Image:
     """Thesis Figure 3.3: the skeleton thinned to four point distances, coloured by spoke angle."""
     shape, distances = medialis.organic_shape(200), (0.0, 0.005, 0.01, 0.02)
-    results = [medialis.run("surface_skeleton", shape, subsample=d) for d in distances]
+    results = [_all_balls(shape, subsample=d) for d in distances]
     captions = [
         f"point distance {100 * d:g} %: {r.values['skeleton_points']} points"
         for d, r in zip(distances, results, strict=True)
@@ -81,7 +86,7 @@ def _noisy(amount: float) -> medialis.Shape:
 def tolerance() -> Image:
     """Noise of 0.05 % of the size against four tolerances."""
     shape, values = _noisy(0.0005), (0.0, 0.0003, 0.001, 0.003)
-    results = [medialis.run("surface_skeleton", shape, tolerance=t) for t in values]
+    results = [_all_balls(shape, tolerance=t) for t in values]
     return _sheet(results, [f"tolerance {100 * t:g} %" for t in values])
 
 
@@ -95,7 +100,7 @@ def _box() -> medialis.Shape:
 def refine() -> Image:
     """Draw a box of 8 vertices with three refinements."""
     values = (0.0, 0.05, 0.02, 0.005)
-    results = [medialis.run("surface_skeleton", _box(), refine=v) for v in values]
+    results = [_all_balls(_box(), refine=v) for v in values]
     captions = [
         f"refine {100 * v:g} %: {r.values['samples']} samples"
         for v, r in zip(values, results, strict=True)
@@ -106,7 +111,7 @@ def refine() -> Image:
 def sides() -> Image:
     """Inner and outer skeleton."""
     shape = medialis.organic_shape(160)
-    results = [medialis.run("surface_skeleton", shape, side=side) for side in ("inner", "outer")]
+    results = [_all_balls(shape, side=side) for side in ("inner", "outer")]
     return _sheet(results, ["side inner", "side outer"])
 
 
@@ -217,7 +222,9 @@ def view_curve_skeleton() -> Image:
 def importance() -> Image:
     """Thesis Figure 3.4: the skeleton of a noisy shape at three thresholds of importance."""
     shape, thresholds = _noisy(0.001), (0.0, 0.02, 0.05, 0.1)
-    results = [medialis.run("skeleton_importance", shape, threshold=t) for t in thresholds]
+    results = [
+        medialis.run("skeleton_importance", shape, denoise="off", threshold=t) for t in thresholds
+    ]
     captions = [
         f"importance from {100 * t:g} %: {r.values['skeleton_points']} points"
         for t, r in zip(thresholds, results, strict=True)
@@ -228,7 +235,7 @@ def importance() -> Image:
 def measures() -> Image:
     """Prune a noisy skeleton by importance, spoke angle and radius, to the same number."""
     shape = _noisy(0.001)
-    result = medialis.run("skeleton_importance", shape)
+    result = medialis.run("skeleton_importance", shape, denoise="off")
     layer = result.layers[0]
     count = result.values["points_above_percent"]["5"]
     results = []
