@@ -187,6 +187,11 @@ def memory_limit(size: int) -> Iterator[None]:
     InvalidOptionError
         When `size` is not a whole number of bytes.
 
+    See Also
+    --------
+    kept_bytes : how much is kept.
+    forget : keeps nothing of it.
+
     Examples
     --------
     >>> import medialis
@@ -203,12 +208,40 @@ def memory_limit(size: int) -> Iterator[None]:
 
 
 def forget() -> None:
-    """Forget all kept results, and give their memory back."""
+    """Forget all kept results, and give their memory back.
+
+    See Also
+    --------
+    memory_limit : how much is kept.
+    kept_bytes : how much is kept now.
+
+    Examples
+    --------
+    >>> import medialis
+    >>> medialis.forget()
+    >>> medialis.kept_bytes()
+    0
+    """
     _memory.forget()
 
 
 def kept_bytes() -> int:
-    """Return the bytes that kept results take now, with what they refer to."""
+    """Return the bytes that kept results take now, with what they refer to.
+
+    See Also
+    --------
+    memory_limit : how much may be kept.
+    forget : keeps nothing of it.
+
+    Examples
+    --------
+    >>> import medialis
+    >>> medialis.forget()
+    >>> with medialis.memory_limit(1 << 30):
+    ...     cloud = medialis.surface_skeleton(medialis.organic_shape(56))
+    ...     medialis.kept_bytes() > 0
+    True
+    """
     return _memory.size()
 
 

@@ -22,7 +22,19 @@ _limit: ContextVar[int | None] = ContextVar("medialis_thread_limit", default=Non
 
 
 def thread_count() -> int:
-    """Return how many threads kernels use now: the limit, else the processors of this process."""
+    """Return how many threads kernels use now: the limit, else the processors of this process.
+
+    See Also
+    --------
+    thread_limit : sets it.
+
+    Examples
+    --------
+    >>> import medialis
+    >>> with medialis.thread_limit(2):
+    ...     medialis.thread_count()
+    2
+    """
     limit = _limit.get()
     if limit is not None:
         return limit
@@ -39,6 +51,10 @@ def thread_limit(count: int | None) -> Iterator[None]:
     ------
     InvalidOptionError
         When `count` is not a whole number from 1 to 1024.
+
+    See Also
+    --------
+    thread_count : how many there are.
 
     Examples
     --------

@@ -74,9 +74,23 @@ def batch(
     Cancelled
         When `progress` asks for it; what is finished stays, and the next call goes on from there.
 
+    See Also
+    --------
+    run : one operation on one shape.
+    read_shape : what reads each file.
+
     Notes
     -----
     Scripts must call it under ``if __name__ == "__main__":``, as every use of worker processes.
+
+    Examples
+    --------
+    Workers begin by importing the script that started them, so this stands below its `main` test:
+
+    >>> import medialis
+    >>> rows = medialis.batch("thickness", ["scans/"], "results/")  # doctest: +SKIP
+    >>> [row.name for row in rows if row.status == "failed"]  # doctest: +SKIP
+    []
     """
     progress = Progress.of(progress)
     names = [operations] if isinstance(operations, str) else list(operations)

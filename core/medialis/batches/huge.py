@@ -84,9 +84,24 @@ def huge_surface_skeleton(
     Cancelled
         When `progress` asks for it; the folder is as it was.
 
+    See Also
+    --------
+    open_medial_cloud : opens what it wrote.
+    shrink_balls : in memory.
+
     Notes
     -----
     Source: thesis 3.2.1. Cost: as `medialis.surface_skeleton`, plus reading and writing.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import medialis
+    >>> shape = medialis.organic_shape(56)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     balls = medialis.huge_surface_skeleton(shape.points, shape.normals, f"{folder}/out")
+    ...     len(balls) == shape.point_count
+    True
     """
     # Imported here: compiled code takes half a second to load, and `medialis --help` needs none.
     from medialis._kernels.box_tree import build_box_tree
@@ -125,6 +140,20 @@ def open_medial_cloud(folder: str | os.PathLike[str]) -> Balls:
     ------
     FileError
         When a file is missing or damaged.
+
+    See Also
+    --------
+    huge_surface_skeleton : writes the folder.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import medialis
+    >>> shape = medialis.organic_shape(56)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     _ = medialis.huge_surface_skeleton(shape.points, shape.normals, f"{folder}/out")
+    ...     len(medialis.open_medial_cloud(f"{folder}/out")) == shape.point_count
+    True
     """
     try:
         arrays = {n: np.load(Path(folder) / f"{n}.npy", mmap_mode="r") for n in RESULTS}

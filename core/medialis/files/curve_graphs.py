@@ -46,6 +46,20 @@ def write_curve_skeleton(path: str | os.PathLike[str], graph: CurveSkeleton) -> 
         For another ending.
     FileError
         When the file cannot be written.
+
+    See Also
+    --------
+    read_curve_skeleton : reads SWC and JSON back.
+    write_result : writes them with all else.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import medialis
+    >>> curve = medialis.curve_skeleton(medialis.surface_skeleton(medialis.organic_shape(56)))
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     medialis.write_curve_skeleton(f"{folder}/curve.swc", curve)
+    0
     """
     ending = Path(path).suffix[1:].lower()
     cut = 0
@@ -83,6 +97,21 @@ def read_curve_skeleton(path: str | os.PathLike[str]) -> CurveSkeleton:
         When its content is no such graph.
     InvalidOptionError
         For another ending.
+
+    See Also
+    --------
+    write_curve_skeleton : writes such files.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import medialis
+    >>> curve = medialis.curve_skeleton(medialis.surface_skeleton(medialis.organic_shape(56)))
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     _ = medialis.write_curve_skeleton(f"{folder}/curve.json", curve)
+    ...     again = medialis.read_curve_skeleton(f"{folder}/curve.json")
+    >>> bool((again.nodes == curve.nodes).all())
+    True
     """
     name = os.fspath(path)
     ending = Path(name).suffix[1:].lower()

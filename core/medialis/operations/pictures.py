@@ -64,6 +64,17 @@ def draw_result(
     ------
     InvalidOptionError
         When the layer has no such attribute.
+
+    See Also
+    --------
+    write_result : writes the picture with all files.
+
+    Examples
+    --------
+    >>> import medialis
+    >>> result = medialis.run("thickness", medialis.organic_shape(56))
+    >>> medialis.draw_result(result, width=240, height=180).shape
+    (180, 240, 3)
     """
     layer, *others = result.shown or result.layers[:1]
     if camera is None:

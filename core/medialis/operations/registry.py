@@ -42,6 +42,16 @@ def operation(name: str) -> Operation:
     ------
     InvalidOptionError
         When there is none; the sentence lists them.
+
+    See Also
+    --------
+    run : runs it.
+
+    Examples
+    --------
+    >>> import medialis
+    >>> medialis.operation("thickness").label
+    'Thickness'
     """
     for candidate in OPERATIONS:
         if name in (candidate.name, candidate.name.replace("_", "-"), candidate.filter_name):
@@ -84,6 +94,12 @@ def run(
         When the shape cannot be used, or its diagonal is not within 1e-30 to 1e30.
     Cancelled
         When `progress` asks for it.
+
+    See Also
+    --------
+    operation : what is known of one.
+    write_result, draw_result : what to do with the result.
+    batch : over many files.
 
     Examples
     --------

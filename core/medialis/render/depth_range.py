@@ -77,6 +77,18 @@ def rasterizer(shape: Shape) -> Rasterizer:
     ------
     InvalidShapeError
         For a point cloud without normals, or with fewer than 9 samples.
+
+    See Also
+    --------
+    view_curve_skeleton : what the views are for.
+    view_source : sets another renderer.
+
+    Examples
+    --------
+    >>> import medialis
+    >>> source = medialis.rasterizer(medialis.organic_shape(56))
+    >>> callable(source)
+    True
     """
     if shape.faces is not None:
         return Rasterizer(shape.points, shape.faces)

@@ -52,10 +52,23 @@ def estimate_normals(
     InvalidOptionError
         When `neighbours` is out of its range.
 
+    See Also
+    --------
+    surface_of_cloud : triangles through the points.
+    vertex_normals : of meshes.
+
     Notes
     -----
     Cost O(n log n). A surface thinner than the sampling distance, or with sharp creases, can get
     wrong signs: give normals where you have them.
+
+    Examples
+    --------
+    >>> import medialis
+    >>> shape = medialis.organic_shape(56)
+    >>> normals = medialis.estimate_normals(shape.points)
+    >>> bool(((normals * shape.normals).sum(axis=1) > 0.8).mean() > 0.9)
+    True
     """
     from scipy.spatial import cKDTree
 

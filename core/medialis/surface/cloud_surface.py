@@ -36,11 +36,23 @@ def surface_of_cloud(shape: Shape) -> Shape:
     InvalidShapeError
         When the points are flat or no part of space counts as inside.
 
+    See Also
+    --------
+    estimate_normals : what it needs.
+    manifold_surfaces : of clouds of several surfaces.
+
     Notes
     -----
     Cost: one 3D Delaunay triangulation (scipy's Qhull). A tetrahedron is inside when its
     circumcenter lies behind most of the tangent planes of its corners. The result is closed; where
     the cloud is open or noisy it can be wrong or non-manifold, so look at it. Not in the thesis.
+
+    Examples
+    --------
+    >>> import medialis
+    >>> shape = medialis.organic_shape(56)
+    >>> medialis.surface_of_cloud(medialis.Shape(shape.points, shape.normals)).faces is not None
+    True
     """
     from scipy.spatial import Delaunay, QhullError
 

@@ -52,6 +52,17 @@ def organic_shape(resolution: int = 128) -> Shape:
     ------
     InvalidOptionError
         When `resolution` is out of its range.
+
+    See Also
+    --------
+    dental_arch : another one.
+    read_shape : from a file.
+
+    Examples
+    --------
+    >>> import medialis
+    >>> medialis.organic_shape(56).faces is not None
+    True
     """
     resolution = as_whole_number(resolution, "resolution", low=56, high=600)
     cell = float((_HIGH - _LOW).max()) / resolution

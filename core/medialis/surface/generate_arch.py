@@ -80,9 +80,21 @@ def dental_arch(
     InvalidOptionError
         When an option is out of its range.
 
+    See Also
+    --------
+    organic_shape : another shape to try things on.
+    mean_shift_segments : finds the teeth.
+
     Notes
     -----
     An example with known segments for thesis 5.3; not in the thesis, which shows scans.
+
+    Examples
+    --------
+    >>> import medialis
+    >>> cast, tooth = medialis.dental_arch(12, resolution=100)
+    >>> len(tooth) == cast.point_count, int(tooth.max()) + 1
+    (True, 12)
     """
     teeth = as_whole_number(teeth, "teeth", low=12, high=16)
     resolution = as_whole_number(resolution, "resolution", low=100, high=500)

@@ -64,6 +64,11 @@ def noise_level(shape: Shape) -> float:
         Along the normal, in the units of the points; 0 for a clean mesh, for a point cloud and for
         a mesh with too few vertices to tell.
 
+    See Also
+    --------
+    smooth_noise : removes it.
+    surface_skeleton : does both where needed.
+
     Notes
     -----
     Cost: quadrics through 19 and 37 neighbours of 4000 vertices, 0.1 s. Within 8 % of the true
@@ -173,12 +178,28 @@ def smooth_noise(shape: Shape, level: float) -> tuple[Shape, float]:
     InvalidOptionError
         When the level is not a number from 0.
 
+    See Also
+    --------
+    noise_level : measures it.
+    surface_skeleton : does both where needed.
+
     Notes
     -----
     Minimizes the sum of ``d |x - x0|^2 + 16 m^4 d |x - y|^2`` over the vertices, y the mean of the
     d neighbours: a bend of wave number k per spacing keeps 1 / (1 + (m k)^4) of its height. Of
     white noise of deviation s on a spacing h that leaves the height s / (4 m) and the slope
     s / (5 h m^2), from which the length m follows. Borders bend freely. Not in the thesis.
+
+    Examples
+    --------
+    >>> import medialis
+    >>> import numpy as np
+    >>> clean = medialis.organic_shape(80)
+    >>> step = np.random.default_rng(0).normal(size=clean.points.shape) * 0.003 * clean.diagonal
+    >>> rough = medialis.make_shape(clean.points + step, clean.faces)
+    >>> smooth, left = medialis.smooth_noise(rough, medialis.noise_level(rough))
+    >>> medialis.noise_level(smooth) < medialis.noise_level(rough)
+    True
     """
     if shape.faces is None:
         raise InvalidShapeError("Smoothing needs a mesh, got a point cloud.")

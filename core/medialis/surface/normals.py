@@ -35,6 +35,10 @@ def vertex_normals(points: FloatArray, faces: IntArray) -> FloatArray:
     InvalidShapeError
         When an array has the wrong shape or a face index is out of range.
 
+    See Also
+    --------
+    estimate_normals : of clouds.
+
     Examples
     --------
     >>> vertex_normals([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])[0]

@@ -42,6 +42,23 @@ def read_shape(
     ------
     FileError, InvalidShapeError
         One sentence that names the file and what is wrong with it.
+
+    See Also
+    --------
+    make_shape : from arrays.
+    run : what to do with it.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from pathlib import Path
+    >>> import medialis
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = Path(folder) / "tetrahedron.off"
+    ...     lines = "OFF;4 4 0;0 0 0;1 0 0;0 1 0;0 0 1;3 0 2 1;3 0 1 3;3 1 2 3;3 0 3 2".split(";")
+    ...     _ = path.write_text(chr(10).join(lines))
+    ...     medialis.read_shape(path)
+    Shape(4 points, 4 faces, diagonal 1.73205)
     """
     progress = Progress.of(progress)
     with progress.stage("read", 0.0, 0.5):
@@ -85,6 +102,18 @@ def make_shape(
     ------
     InvalidShapeError
         When an array cannot be used, or nothing with an area is left.
+
+    See Also
+    --------
+    read_shape : from a file.
+    repair : what it can do first.
+
+    Examples
+    --------
+    >>> import medialis
+    >>> corners = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]
+    >>> medialis.make_shape(corners, [[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]])
+    Shape(4 points, 4 faces, diagonal 1.73205)
     """
     progress = Progress.of(progress)
     extra: dict[str, Any] = {}

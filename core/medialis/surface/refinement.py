@@ -57,6 +57,11 @@ def refine(shape: Shape, longest_edge: float) -> Shape:
         When more than 10 million points would be needed, or `longest_edge` is so small that the
         coordinates cannot tell the points apart.
 
+    See Also
+    --------
+    surface_skeleton : refines by itself.
+    make_shape : shapes from arrays.
+
     Notes
     -----
     Cost O(n log(longest / h)). Source: thesis 3.2.1 (re-sampling before ball shrinking).
