@@ -24,10 +24,10 @@ Sheets and segments:
     y_network, YNetwork, sheet_meshes, SheetMeshes, medial_scaffold, MedialScaffold, soft_edges,
     SoftEdges, patches, parts, mean_shift, MeanShift, mean_shift_segments, Segmentation
 Curves and rigging:
-    curve_skeleton, CurveSkeleton, candidate_measure, CandidateMeasure, tangent_field,
-    area_importance, simplify_branches, point_graph, view_curve_skeleton, view_source, View,
-    ViewSource, OrthographicCamera, rasterizer, silhouette_skeleton, bones, Bones, skin_weights,
-    SkinWeights
+    curve_skeleton, CurveSkeleton, CurveEvidence, candidate_measure, CandidateMeasure,
+    tangent_field, area_importance, simplify_branches, point_graph, view_curve_skeleton,
+    view_source, View, ViewPoints, ViewSource, OrthographicCamera, rasterizer, silhouette_skeleton,
+    bones, Bones, skin_weights, SkinWeights
 Clouds:
     estimate_normals, surface_of_cloud, manifolds, ManifoldSet, PointClass, manifold_surfaces
 Operations:
