@@ -22,7 +22,7 @@ def uniform_subsample(
     cloud : MedialCloud
         k skeleton points; those that are not valid are never selected.
     distance : float
-        Absolute length in the units of the shape, >= 0. 0 selects every valid point.
+        Fraction of the bounding-box diagonal of the surface, >= 0. 0 selects every valid point.
     priority : (k,) array, optional
         Larger is kept first; ties go to the lowest index. Default: the spoke angle, so that points
         with well separated feature points survive.
@@ -39,11 +39,23 @@ def uniform_subsample(
     InvalidShapeError
         When the priority has not k rows.
 
+    See Also
+    --------
+    important_points : selects points by their importance.
+
     Notes
     -----
     Cost O(k). Source: thesis 3.2.1. Deviates: the order, which the thesis leaves open, is stated.
+
+    Examples
+    --------
+    >>> import medialis
+    >>> cloud = medialis.surface_skeleton(medialis.organic_shape(56))
+    >>> mask = medialis.uniform_subsample(cloud, 0.01)
+    >>> 100 < len(cloud.subset(mask)) < len(cloud)
+    True
     """
-    distance = as_number(distance, "distance", low=0.0)
+    distance = as_number(distance, "distance", low=0.0) * cloud.surface.diagonal
     if priority is None:
         priority = cloud.spoke_angles
     rank = as_field(priority, len(cloud), "priority")

@@ -13,16 +13,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from medialis.errors import InvalidShapeError
 from medialis.model.medial_cloud import MedialCloud
-from medialis.validation import (
-    FloatArray,
-    IntArray,
-    as_choice,
-    as_field,
-    as_whole_number,
-    frozen,
-)
+from medialis.validation import FloatArray, IntArray, as_choice, as_field, frozen
 
 Reduce = Literal["min", "max", "mean"]
 REDUCTIONS = ("min", "max", "mean")
@@ -41,6 +33,10 @@ def feature_transform(cloud: MedialCloud) -> IntArray:
     (k, 2) int32
         Indices into the samples; both are -1 for a masked ball.
 
+    See Also
+    --------
+    field_on_surface, field_on_skeleton : values either way.
+
     Notes
     -----
     The inverse is `MedialCloud.inverse_features`. Source: thesis 3.5.1.
@@ -48,10 +44,9 @@ def feature_transform(cloud: MedialCloud) -> IntArray:
     Examples
     --------
     >>> import medialis
-    >>> shape = medialis.organic_shape(56)
-    >>> cloud = medialis.surface_skeleton(shape)
+    >>> cloud = medialis.surface_skeleton(medialis.organic_shape(56))
     >>> features = medialis.feature_transform(cloud)
-    >>> touching = cloud.inverse_features(shape.point_count)
+    >>> touching = cloud.inverse_features
     >>> pairs = [(ball, sample) for ball in range(9) for sample in features[ball] if sample >= 0]
     >>> all(ball in touching[sample] for ball, sample in pairs)
     True
@@ -60,18 +55,16 @@ def feature_transform(cloud: MedialCloud) -> IntArray:
 
 
 def field_on_surface(
-    cloud: MedialCloud, values: ArrayLike, point_count: int, *, reduce: Reduce = "max"
+    cloud: MedialCloud, values: ArrayLike, *, reduce: Reduce = "max"
 ) -> FloatArray:
     """Carry a value of each ball to the samples that the balls touch.
 
     Parameters
     ----------
     cloud : MedialCloud
-        k balls. Masked balls touch nothing.
+        k balls on n samples. Masked balls touch nothing.
     values : (k,) float
         One value a ball; NaN takes no part.
-    point_count : int
-        Number of samples n of the shape.
     reduce : {"max", "min", "mean"}
         What a sample gets that several balls touch. With the maximum, small balls of bumps near a
         sample do not hide the value of its wall.
@@ -84,9 +77,14 @@ def field_on_surface(
     Raises
     ------
     InvalidShapeError
-        When there is not one value a ball, or a feature point is not below `point_count`.
+        When there is not one value a ball.
     InvalidOptionError
-        For an unknown reduction or a count that is not a whole number.
+        For an unknown reduction.
+
+    See Also
+    --------
+    field_on_skeleton : the other direction.
+    thickness : the radii on the surface, without those of edges and bumps.
 
     Notes
     -----
@@ -95,21 +93,18 @@ def field_on_surface(
     Examples
     --------
     >>> import medialis
-    >>> shape = medialis.organic_shape(56)
-    >>> cloud = medialis.surface_skeleton(shape)
-    >>> field = medialis.field_on_surface(cloud, cloud.radii, shape.point_count)
+    >>> cloud = medialis.surface_skeleton(medialis.organic_shape(56))
+    >>> field = medialis.field_on_surface(cloud, cloud.radii)
     >>> bool((field[cloud.source] >= cloud.radii)[cloud.valid].all())
     True
     """
     from medialis.fields._feature_kernels import MAXIMUM, MINIMUM, SUM, gather_at_features
 
     reduce = as_choice(reduce, "reduce", REDUCTIONS)  # type: ignore[assignment]
-    count = as_whole_number(point_count, "point_count", low=0, high=np.iinfo(np.int32).max)
-    field = as_field(values, len(cloud), "values")
-    features = _features_below(cloud, count)
+    field, count = as_field(values, len(cloud), "values"), cloud.surface.point_count
     out, counts = np.full(count, np.nan), np.zeros(count, np.int32)
     how = {"min": MINIMUM, "max": MAXIMUM, "mean": SUM}[reduce]
-    gather_at_features(features, field, how, out, counts)
+    gather_at_features(feature_transform(cloud), field, how, out, counts)
     if reduce == "mean":
         out /= np.maximum(counts, 1)
     return out
@@ -123,9 +118,9 @@ def field_on_skeleton(
     Parameters
     ----------
     cloud : MedialCloud
-        k balls.
+        k balls on n samples.
     field : (n,) float
-        One value a sample; NaN takes no part.
+        One value a sample of ``cloud.surface``; NaN takes no part.
     reduce : {"mean", "min", "max"}
 
     Returns
@@ -136,9 +131,13 @@ def field_on_skeleton(
     Raises
     ------
     InvalidShapeError
-        When the field is not one-dimensional, not of numbers, or shorter than a feature index.
+        When there is not one number a sample.
     InvalidOptionError
         For an unknown reduction.
+
+    See Also
+    --------
+    field_on_surface : the other direction.
 
     Notes
     -----
@@ -147,31 +146,18 @@ def field_on_skeleton(
     Examples
     --------
     >>> import medialis
-    >>> shape = medialis.organic_shape(56)
-    >>> cloud = medialis.surface_skeleton(shape)
-    >>> height = medialis.field_on_skeleton(cloud, shape.points[:, 2])
+    >>> cloud = medialis.surface_skeleton(medialis.organic_shape(56))
+    >>> height = medialis.field_on_skeleton(cloud, cloud.surface.points[:, 2])
     >>> bool((abs(height - cloud.centers[:, 2]) <= cloud.radii)[cloud.valid].all())
     True
     """
     reduce = as_choice(reduce, "reduce", REDUCTIONS)  # type: ignore[assignment]
-    values = as_field(field, np.shape(field)[0] if np.ndim(field) == 1 else -1, "field")
-    features = _features_below(cloud, len(values))
+    values = as_field(field, cloud.surface.point_count, "field")
     both = np.full((2, len(cloud)), np.nan)
-    both[:, cloud.valid] = values[features[cloud.valid].T]
+    both[:, cloud.valid] = values[cloud.features[cloud.valid].T]
     if reduce == "min":
         return np.fmin(*both)
     if reduce == "max":
         return np.fmax(*both)
     first, second = np.where(np.isnan(both), both[::-1], both)  # one NaN: the other one alone
     return 0.5 * first + 0.5 * second  # halves: the sum of two large values would overflow
-
-
-def _features_below(cloud: MedialCloud, count: int) -> IntArray:
-    features = feature_transform(cloud)
-    largest = int(features.max(initial=-1))
-    if largest >= count:
-        raise InvalidShapeError(
-            f"The balls touch sample {largest}, but there are only {count} samples: give the shape "
-            "that the cloud was computed on."
-        )
-    return features

@@ -10,6 +10,7 @@ of the wall that they belong to: that of the nearest reliable sample along the s
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -18,15 +19,17 @@ from numpy.typing import NDArray
 from medialis.errors import InvalidShapeError
 from medialis.fields.feature_transform import field_on_surface
 from medialis.model.medial_cloud import MedialCloud
+from medialis.model.ragged import Ragged
 from medialis.model.shape import Shape
+from medialis.options import Options, algorithm, angle, choice
+from medialis.progress import Progress
 from medialis.surface.surface_graph import mesh_graph
-from medialis.validation import FloatArray, as_choice, as_number
+from medialis.validation import FloatArray, frozen
 
 ThicknessKind = Literal["diameter", "radius"]
-KINDS = ("diameter", "radius")
 
-MIN_SPOKE_ANGLE = math.radians(120.0)
-"""Radians. The spoke angle of a ball in a wedge whose faces enclose the angle phi is pi - phi: 180
+WALL_ANGLE = 120.0
+"""Degrees. The spoke angle of a ball in a wedge whose faces enclose the angle phi is pi - phi: 180
 degrees between parallel walls, 150 in a blade of 30, 90 along the edges of a box. 120 lets walls
 taper by 60 degrees, and leaves out every convex edge of up to 60 + 60 = 120 degrees between its
 faces, those of a box with 30 degrees to spare for samples: at the distance d from a right edge, the
@@ -42,38 +45,57 @@ SMOOTHING_STEPS, SMOOTHING_ACCURACY = 40, 1e-3
 400; the transition is then up to 40 edges wide."""
 
 
-def thickness(
-    shape: Shape,
-    cloud: MedialCloud,
-    *,
-    kind: ThicknessKind = "diameter",
-    min_spoke_angle: float = MIN_SPOKE_ANGLE,
-) -> FloatArray:
+@dataclass(frozen=True, kw_only=True)
+class ThicknessOptions(Options):
+    """Options of `thickness`."""
+
+    kind: ThicknessKind = choice(
+        "diameter",
+        "Measure",
+        "The diameter of the ball, as a caliper measures, or its radius.",
+        ("diameter", "radius"),
+    )
+    min_spoke_angle: float = angle(
+        WALL_ANGLE,
+        "Wall angle",
+        "Balls whose two feature points are closer together than this, seen from the center, "
+        "belong to edges and bumps, not to walls, and are left out. 0 uses all balls.",
+        advanced=True,
+    )
+
+
+@algorithm(ThicknessOptions)
+def thickness(cloud: MedialCloud, options: ThicknessOptions, progress: Progress) -> FloatArray:
     """Return the thickness of the shape at every point of its surface.
 
     Parameters
     ----------
-    shape : Shape
-        n samples, as given to `medialis.surface_skeleton`.
     cloud : MedialCloud
-        Its balls; outer ones (side -1) take no part.
+        Balls on n samples; outer ones (side -1) take no part.
     kind : {"diameter", "radius"}
         Of the ball. The diameter is what a caliper measures across the wall.
     min_spoke_angle : float
-        Radians, 0 to pi. Balls with a smaller angle belong to convex edges, bumps and noise, not to
-        walls: they are left out. 0 gives the ball of every sample as it is.
+        Degrees, 0 to 180. Balls with a smaller angle belong to convex edges, bumps and noise, not
+        to walls: they are left out. 0 gives the ball of every sample as it is.
+    progress : callable, optional
+        Called with (fraction, text); returning False cancels.
 
     Returns
     -------
     (n,) float64
-        In the units of the shape, above 0, finite everywhere.
+        In the units of the shape, above 0, finite everywhere: one value for each sample of
+        ``cloud.surface``, whose first points are those of the shape that was given.
 
     Raises
     ------
     InvalidShapeError
-        When no inner ball is valid, or the cloud belongs to a larger shape.
+        When no inner ball is valid.
     InvalidOptionError
         For an unknown kind or an angle out of range.
+
+    See Also
+    --------
+    thin_spots : the thinnest places, one entry a place.
 
     Notes
     -----
@@ -96,30 +118,29 @@ def thickness(
     Examples
     --------
     >>> import medialis
-    >>> shape = medialis.organic_shape(56)
-    >>> cloud = medialis.surface_skeleton(shape)
-    >>> values = medialis.thickness(shape, cloud)
-    >>> raw = medialis.thickness(shape, cloud, min_spoke_angle=0)
+    >>> cloud = medialis.surface_skeleton(medialis.organic_shape(56))
+    >>> values = medialis.thickness(cloud)
+    >>> raw = medialis.thickness(cloud, min_spoke_angle=0)
     >>> bool((raw == 2 * cloud.radii)[cloud.valid].all()), bool(values.mean() > raw.mean())
     (True, True)
     """
-    kind = as_choice(kind, "kind", KINDS)  # type: ignore[assignment]
-    angle = as_number(min_spoke_angle, "min_spoke_angle", low=0.0, high=math.pi)
-    n = shape.point_count
-    _check_balls(cloud, n)
     rows = np.flatnonzero(cloud.valid & (cloud.side > 0))
-    own = np.full(n, np.nan)
+    if len(rows) == 0:
+        raise InvalidShapeError(
+            "No inner ball meets a second sample: thickness needs a surface that encloses a "
+            'volume, at least partly, and a cloud with side "inner" or "both".'
+        )
+    own = np.full(cloud.surface.point_count, np.nan)
     own[cloud.source[rows]] = 2.0 * cloud.radii[rows]
-    walls = rows[wall_angles(shape, cloud)[rows] >= angle]
-    wall_cloud = cloud.subset(walls)
-    values = field_on_surface(wall_cloud, 2.0 * wall_cloud.radii, n, reduce="max")
-    values[wall_cloud.source] = 2.0 * wall_cloud.radii
+    walls = cloud.subset(rows[wall_angles(cloud)[rows] >= math.radians(options.min_spoke_angle)])
+    values = field_on_surface(walls, 2.0 * walls.radii, reduce="max")
+    values[walls.source] = 2.0 * walls.radii
     if np.isnan(values).any():
-        _complete(shape, own, values)
-    return values if kind == "diameter" else 0.5 * values
+        _complete(cloud.surface, own, values)
+    return frozen(values if options.kind == "diameter" else 0.5 * values, np.float64)
 
 
-def wall_angles(shape: Shape, cloud: MedialCloud) -> FloatArray:
+def wall_angles(cloud: MedialCloud) -> FloatArray:
     """Return how far apart the two feature points of each ball are, as seen from the center.
 
     Returns
@@ -128,45 +149,31 @@ def wall_angles(shape: Shape, cloud: MedialCloud) -> FloatArray:
         The smaller one of the spoke angle and the angle between the normals at the two feature
         points, in radians; NaN for a masked ball. For a ball that touches a smooth surface they are
         the same; next to an edge, where samples are no closer together than the ball is large, the
-        spoke angle alone says nothing (see `MIN_SPOKE_ANGLE`). Samples without a normal do not
+        spoke angle alone says nothing (see `WALL_ANGLE`). Samples without a normal do not
         take part: their spoke angle counts.
     """
     angles = np.array(cloud.spoke_angles)
     rows = np.flatnonzero(cloud.valid)
-    first, second = (shape.normals[cloud.features[rows, j]] for j in (0, 1))
+    first, second = (cloud.surface.normals[cloud.features[rows, j]] for j in (0, 1))
     cosine = np.clip(np.einsum("ij,ij->i", first, second), -1.0, 1.0)
     known = first.any(axis=1) & second.any(axis=1)
     angles[rows] = np.where(known, np.minimum(angles[rows], np.arccos(cosine)), angles[rows])
     return angles
 
 
-def unresolved_walls(shape: Shape, cloud: MedialCloud) -> NDArray[np.bool_]:
+def unresolved_walls(cloud: MedialCloud) -> NDArray[np.bool_]:
     """Return whether the two feature points of each ball look like a wall that sampling blurs.
 
-    The normals at the two points are opposite (at least `MIN_SPOKE_ANGLE` apart), as on the two
-    sides of a wall, but the spoke angle is small, because the nearest sample on the far side is
-    further off to the side than the wall is thick: the true ball is smaller. (k,) bool.
+    The normals at the two points are opposite (at least `WALL_ANGLE` apart), as on the two sides of
+    a wall, but the spoke angle is small, because the nearest sample on the far side is further off
+    to the side than the wall is thick: the true ball is smaller. (k,) bool.
     """
+    least = math.radians(WALL_ANGLE)
     result = np.zeros(len(cloud), np.bool_)
-    rows = np.flatnonzero(cloud.valid & (cloud.side > 0) & (cloud.spoke_angles < MIN_SPOKE_ANGLE))
-    first, second = (shape.normals[cloud.features[rows, j]] for j in (0, 1))
-    result[rows] = np.einsum("ij,ij->i", first, second) <= math.cos(MIN_SPOKE_ANGLE)
+    rows = np.flatnonzero(cloud.valid & (cloud.side > 0) & (cloud.spoke_angles < least))
+    first, second = (cloud.surface.normals[cloud.features[rows, j]] for j in (0, 1))
+    result[rows] = np.einsum("ij,ij->i", first, second) <= math.cos(least)
     return result
-
-
-def _check_balls(cloud: MedialCloud, n: int) -> None:
-    inner = cloud.valid & (cloud.side > 0)
-    if not inner.any():
-        raise InvalidShapeError(
-            "No inner ball meets a second sample: thickness needs a surface that encloses a "
-            'volume, at least partly, and a cloud with side "inner" or "both".'
-        )
-    largest = int(max(cloud.source.max(), cloud.features.max()))
-    if largest >= n:
-        raise InvalidShapeError(
-            f"The balls touch sample {largest}, but the shape has only {n} points: give the shape "
-            "that the cloud was computed on."
-        )
 
 
 def _complete(shape: Shape, diameters: FloatArray, values: NDArray[np.float64]) -> None:
@@ -178,30 +185,27 @@ def _complete(shape: Shape, diameters: FloatArray, values: NDArray[np.float64]) 
         return
     missing = np.isnan(values)
     graph = mesh_graph(shape, missing)
-    offsets, neighbours = graph.offsets, graph.indices
-    seed = _nearest_seeds(shape, values, offsets, neighbours)
+    seed = _nearest_seeds(shape, values, graph)
     if (seed < 0).any():
         _seed_other_components(shape, diameters, values, seed)
-        seed = _nearest_seeds(shape, values, offsets, neighbours)
+        seed = _nearest_seeds(shape, values, graph)
     reached = seed >= 0
     values[reached] = values[seed[reached]]
-    _smooth(np.flatnonzero(missing & reached), values, offsets, neighbours)
+    _smooth(np.flatnonzero(missing & reached), values, graph)
     if not reached.all():
         _nearest_in_space(shape, values)
 
 
-def _nearest_seeds(
-    shape: Shape, values: FloatArray, offsets: NDArray[np.int64], neighbours: NDArray[np.int32]
-) -> NDArray[np.int32]:
+def _nearest_seeds(shape: Shape, values: FloatArray, graph: Ragged) -> NDArray[np.int32]:
     """Return the nearest sample with a value along the surface, (n,); -1 where none is reached."""
     from medialis.surface._surface_graph_kernels import spread_from_seeds
 
     n = shape.point_count
     seed = np.where(np.isnan(values), -1, np.arange(n)).astype(np.int32)
     distance = np.where(seed < 0, np.inf, 0.0)
-    room = n + len(neighbours)
+    room = n + len(graph.indices)
     keys, names = np.empty(room), np.empty(room, np.int32)
-    spread_from_seeds(shape.points, offsets, neighbours, keys, names, distance, seed)
+    spread_from_seeds(shape.points, graph.offsets, graph.indices, keys, names, distance, seed)
     return seed
 
 
@@ -216,17 +220,13 @@ def _seed_other_components(
     values[rows[first]] = diameters[rows[first]]
 
 
-def _smooth(
-    rows: NDArray[np.int64],
-    values: NDArray[np.float64],
-    offsets: NDArray[np.int64],
-    neighbours: NDArray[np.int32],
-) -> None:
+def _smooth(rows: NDArray[np.int64], values: NDArray[np.float64], graph: Ragged) -> None:
     """Replace the steps between nearest values by a smooth transition, in place."""
     from medialis.surface._surface_graph_kernels import make_harmonic
 
     low, high = values[~np.isnan(values)].min(), values[~np.isnan(values)].max()
-    make_harmonic(rows, offsets, neighbours, SMOOTHING_STEPS, SMOOTHING_ACCURACY, values)
+    steps, accuracy = SMOOTHING_STEPS, SMOOTHING_ACCURACY
+    make_harmonic(rows, graph.offsets, graph.indices, steps, accuracy, values)
     values[rows] = np.clip(values[rows], low, high)  # what few steps may overshoot
 
 

@@ -11,25 +11,20 @@ sample.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from medialis.errors import InvalidShapeError
-from medialis.fields.thickness import MIN_SPOKE_ANGLE, wall_angles
+from medialis.fields.thickness import WALL_ANGLE, ThicknessOptions, thickness, wall_angles
 from medialis.model.medial_cloud import MedialCloud
+from medialis.model.ragged import Ragged
 from medialis.model.shape import Shape
+from medialis.options import algorithm, length, number, whole
+from medialis.progress import Progress
 from medialis.surface.surface_graph import CLOUD_NEIGHBOURS
-from medialis.validation import (
-    FloatArray,
-    IntArray,
-    as_field,
-    as_number,
-    as_points,
-    as_whole_number,
-    frozen,
-)
+from medialis.validation import FloatArray, IntArray, as_points, frozen
 
 PROMINENCE = 0.25
 """Share of its value that one climbs from a minimum before it is a place of its own. Places at 0.1,
@@ -66,32 +61,50 @@ class ThinSpot:
         object.__setattr__(self, "vertices", frozen(np.asarray(self.vertices), np.int32))
 
 
+@dataclass(frozen=True, kw_only=True)
+class ThinSpotOptions(ThicknessOptions):
+    """Options of `thin_spots`."""
+
+    threshold: float = length(
+        0.0,
+        "Thin below",
+        "Every connected region thinner than this fraction of the size is a thin spot. 0 finds the "
+        "places that are thinner than all around them.",
+    )
+    spots: int = whole(
+        10, "Thin spots", "List at most this many places, the thinnest first.", low=1, high=100_000
+    )
+    prominence: float = number(
+        PROMINENCE,
+        "Prominence",
+        "Without a threshold: how far the thickness rises around a place before it counts as one "
+        "of its own, as a share of its thickness.",
+        high=100.0,
+        advanced=True,
+    )
+
+
+@algorithm(ThinSpotOptions)
 def thin_spots(
-    shape: Shape,
-    values: ArrayLike,
-    *,
-    threshold: float | None = None,
-    count: int = 10,
-    prominence: float = PROMINENCE,
-    cloud: MedialCloud | None = None,
+    cloud: MedialCloud, options: ThinSpotOptions, progress: Progress
 ) -> tuple[ThinSpot, ...]:
     """List the thinnest places of a shape, thinnest first.
 
     Parameters
     ----------
-    shape : Shape
-        n samples.
-    values : (n,) float
-        Thickness of each (`medialis.thickness`), not negative; NaN and infinity belong to no place.
-    threshold : float, optional
-        Absolute. Every connected region below it is a place. When missing, every prominent minimum
-        is one (see the top of this module).
-    count : int
-        At most this many places, 1 to 1,000,000.
+    cloud : MedialCloud
+        Balls on n samples. Those between two walls join their sides into one place.
+    threshold : float
+        Fraction of the bounding-box diagonal: every connected region below it is a place. 0: every
+        prominent minimum is one (see the top of this module).
+    spots : int
+        At most this many places, 1 to 100,000.
     prominence : float
         Without a threshold: how far one must climb from a minimum, as a share of its value.
-    cloud : MedialCloud, optional
-        Its balls join the two sides of a wall into one place; without it they are two.
+    kind, min_spoke_angle
+        As in `thickness`.
+    progress : callable, optional
+        Called with (fraction, text); returning False cancels.
 
     Returns
     -------
@@ -101,10 +114,13 @@ def thin_spots(
     Raises
     ------
     InvalidShapeError
-        When there is not one value a sample, one is negative, or the cloud belongs to a larger
-        shape.
+        When no inner ball is valid.
     InvalidOptionError
-        For a threshold that is not above 0, or another option out of range.
+        When an option is out of its range.
+
+    See Also
+    --------
+    thickness : the field that the places are those of.
 
     Notes
     -----
@@ -114,119 +130,99 @@ def thin_spots(
     Examples
     --------
     >>> import medialis
-    >>> shape = medialis.organic_shape(56)
-    >>> cloud = medialis.surface_skeleton(shape)
-    >>> spots = medialis.thin_spots(shape, medialis.thickness(shape, cloud), cloud=cloud)
+    >>> cloud = medialis.surface_skeleton(medialis.organic_shape(56))
+    >>> spots = medialis.thin_spots(cloud)
     >>> bool(spots[0].position[0] < -1.2)  # the end of the tail
     True
     """
-    field = as_field(values, shape.point_count, "values")
-    if (field < 0).any():
-        raise InvalidShapeError(
-            f"values must not be negative: {int((field < 0).sum())} of {len(field)} are."
-        )
-    if threshold is not None:
-        threshold = as_number(threshold, "threshold", low=0.0, open_low=True)
-    count = as_whole_number(count, "count", low=1, high=1_000_000)
-    prominence = as_number(prominence, "prominence", low=0.0, high=100.0)
-    field = np.where(np.isnan(field), np.inf, field)
-    offsets, neighbours = _neighbours(shape, cloud)
+    values = thickness.of(cloud, options, progress)
+    walls = (cloud.side > 0) & (wall_angles(cloud) >= math.radians(WALL_ANGLE))
+    return places_of_field(cloud.surface, values, cloud.features[walls], options)
+
+
+def places_of_field(
+    shape: Shape, field: FloatArray, walls: IntArray, options: ThinSpotOptions
+) -> tuple[ThinSpot, ...]:
+    """List the lowest places of a field (n,), 0 or more; `walls` (w, 2) joins their two sides."""
+    graph = _neighbours(shape, walls)
     order = np.argsort(field, kind="stable").astype(np.int32)
-    if threshold is not None:
-        starts = order[field[order] < threshold]
-        levels = np.full(len(starts), threshold)
-        return _regions(shape, field, starts, field[starts], levels, offsets, neighbours, count)
-    ratio = 1.0 + prominence
-    calm, order = _without_specks(field, order, offsets, neighbours)
-    starts = order[_prominent(calm, order, offsets, neighbours, ratio)[order]]
+    if options.threshold > 0:
+        level = options.threshold * shape.diagonal
+        starts = order[field[order] < level]
+        levels = np.full(len(starts), level)
+        return _regions(shape, field, (starts, field[starts], levels), graph, options.spots)
+    ratio = 1.0 + options.prominence
+    calm, order = _without_specks(field, order, graph)
+    starts = order[_prominent(calm, order, graph, ratio)[order]]
     # A sample so much lower than those round it that it could be a place of its own is a speck.
     depth = np.where(calm[starts] < ratio * field[starts], field[starts], calm[starts])
     turn = np.argsort(depth, kind="stable")
     starts, depth = starts[turn], depth[turn]
-    return _regions(shape, calm, starts, depth, ratio * calm[starts], offsets, neighbours, count)
+    return _regions(shape, calm, (starts, depth, ratio * calm[starts]), graph, options.spots)
 
 
-def _neighbours(
-    shape: Shape, cloud: MedialCloud | None
-) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+def _neighbours(shape: Shape, walls: IntArray) -> Ragged:
     """Return the graph on which places are connected: edges, and balls across a wall."""
     from scipy.sparse import coo_array
 
     n = shape.point_count
-    links = [shape.edges if shape.faces is not None else _cloud_links(shape)]
-    if cloud is not None:
-        if int(cloud.features.max(initial=-1)) >= n:
-            raise InvalidShapeError(
-                f"The balls touch sample {cloud.features.max()}, but there are only {n} samples: "
-                "give the shape that the cloud was computed on."
-            )
-        walls = (cloud.side > 0) & (wall_angles(shape, cloud) >= MIN_SPOKE_ANGLE)
-        links.append(cloud.features[walls])
-    a, b = np.concatenate(links).T
+    edges = shape.edges if shape.faces is not None else _cloud_links(shape)
+    a, b = np.concatenate([edges, walls]).T
     ends = np.concatenate([a, b]), np.concatenate([b, a])
     graph = coo_array((np.ones(len(ends[0]), np.int8), ends), shape=(n, n)).tocsr()
-    return graph.indptr, graph.indices
+    return Ragged(graph.indptr, graph.indices)
 
 
 def _cloud_links(shape: Shape) -> IntArray:
-    from scipy.spatial import cKDTree
-
     n, k = shape.point_count, min(CLOUD_NEIGHBOURS + 1, shape.point_count)
-    near = cKDTree(shape.points).query(shape.points, k=k)[1].reshape(n, k)
+    near = shape.tree.query(shape.points, k=k)[1].reshape(n, k)
     links = np.stack([np.repeat(np.arange(n), k), near.ravel()], axis=1)
     return frozen(links[links[:, 0] != links[:, 1]], np.int32)
 
 
 def _without_specks(
-    field: FloatArray, order: IntArray, offsets: NDArray[np.int32], neighbours: NDArray[np.int32]
+    field: FloatArray, order: IntArray, graph: Ragged
 ) -> tuple[FloatArray, IntArray]:
     """Return the third lowest value round each sample, and its order (ties: the lower sample)."""
     from medialis.surface._surface_graph_kernels import third_lowest
 
     calm = np.empty_like(field)
-    third_lowest(field, offsets, neighbours, calm)
-    calm[np.isinf(field)] = np.inf
+    third_lowest(field, graph.offsets, graph.indices, calm)
     return calm, order[np.argsort(calm[order], kind="stable")]
 
 
 def _prominent(
-    field: FloatArray,
-    order: IntArray,
-    offsets: NDArray[np.int32],
-    neighbours: NDArray[np.int32],
-    ratio: float,
+    field: FloatArray, order: IntArray, graph: Ragged, ratio: float
 ) -> NDArray[np.bool_]:
     from medialis.surface._surface_graph_kernels import prominent_minima
 
     found = np.zeros(len(field), np.bool_)
     parent = np.full(len(field), -1, np.int32)
-    prominent_minima(order, field, offsets, neighbours, ratio, parent, found)
-    return found & np.isfinite(field)
+    prominent_minima(order, field, graph.offsets, graph.indices, ratio, parent, found)
+    return found
 
 
 def _regions(
     shape: Shape,
     field: FloatArray,
-    starts: IntArray,
-    depths: FloatArray,
-    levels: FloatArray,
-    offsets: NDArray[np.int32],
-    neighbours: NDArray[np.int32],
+    starts: tuple[IntArray, FloatArray, FloatArray],
+    graph: Ragged,
     count: int,
 ) -> tuple[ThinSpot, ...]:
-    """Collect what lies below its level round each start that is in no region yet."""
+    """Collect what lies below its level round each start (sample, value, level) in no region yet."""
     from medialis.surface._surface_graph_kernels import flood_below
 
     label, queue = np.full(len(field), -1, np.int32), np.empty(len(field), np.int32)
     area = shape.point_areas if shape.faces is not None else np.full(len(field), np.nan)
-    spots: list[ThinSpot] = []
-    for start, depth, level in zip(starts.tolist(), depths.tolist(), levels.tolist(), strict=True):
-        if len(spots) == count:
+    places: list[ThinSpot] = []
+    for start, depth, level in zip(*(column.tolist() for column in starts), strict=True):
+        if len(places) == count:
             break
         if label[start] >= 0:
             continue
-        size = flood_below(start, level, field, offsets, neighbours, len(spots), label, queue)
+        number = len(places)
+        size = flood_below(start, level, field, graph.offsets, graph.indices, number, label, queue)
         vertices = np.sort(queue[:size])
-        place = shape.points[start]
-        spots.append(ThinSpot(place, depth, start, vertices, float(area[vertices].sum())))
-    return tuple(spots)
+        total = float(area[vertices].sum())
+        places.append(ThinSpot(shape.points[start], depth, start, vertices, total))
+    return tuple(places)

@@ -8,24 +8,38 @@ path that joins the two is raised to it.
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
+
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from medialis.errors import InvalidShapeError
-from medialis.model.medial_cloud import MedialCloud
-from medialis.model.shape import Shape
-from medialis.validation import FloatArray, as_field, as_number, frozen
-
-DEFAULT_LINK = 0.02
-"""Fraction of the diagonal: neighbours whose centers are further apart are linked last."""
+from medialis.model.geodesic_paths import Importance
+from medialis.options import Options, algorithm, length
+from medialis.progress import Progress
+from medialis.validation import frozen
 
 LARGE = 0.002
 """Share of the skeleton points from which an island is worth a bridge: at most 500 bridges."""
 
 
+@dataclass(frozen=True, kw_only=True)
+class ConnectOptions(Options):
+    """Options of `connected_importance`."""
+
+    link: float = length(
+        0.02,
+        "Longest link",
+        "Neighbours whose centers are further apart than this fraction of the size are linked last.",
+        low=1e-9,
+        advanced=True,
+    )
+
+
+@algorithm(ConnectOptions)
 def connected_importance(
-    shape: Shape, cloud: MedialCloud, importance: ArrayLike, *, link: float = DEFAULT_LINK
-) -> FloatArray:
+    importance: Importance, options: ConnectOptions, progress: Progress
+) -> Importance:
     """Change the importance so that no threshold leaves islands.
 
     Two skeleton points are linked when their samples share an edge of the mesh, or one is the
@@ -36,26 +50,27 @@ def connected_importance(
 
     Parameters
     ----------
-    shape : Shape
-        The mesh that the cloud was computed from, n vertices.
-    cloud : MedialCloud
-        All n inner balls: row i belongs to vertex i.
-    importance : (n,) float
-        ``geodesic_importance(...).length``.
+    importance : Importance
+        `geodesic_importance` of the whole inner cloud of a mesh: row i belongs to vertex i.
     link : float
         Fraction of the bounding-box diagonal, above 0 to 1.
 
     Returns
     -------
-    (n,) float64
-        Lower on small islands, higher on the bridges to large ones; NaN where the given one is.
+    Importance
+        The same paths; ``length`` (n,) is lower on small islands, higher on the bridges to large
+        ones, and NaN where the given one is.
 
     Raises
     ------
     InvalidShapeError
-        When the shape has no faces, or the cloud is not the whole inner cloud of the shape.
+        When the cloud is not the whole inner cloud of its surface.
     InvalidOptionError
         When `link` is out of its range.
+
+    See Also
+    --------
+    geodesic_importance, important_points
 
     Notes
     -----
@@ -66,34 +81,31 @@ def connected_importance(
     Examples
     --------
     >>> import medialis, numpy as np
-    >>> shape = medialis.organic_shape(100)
-    >>> cloud = medialis.surface_skeleton(shape)
-    >>> plain = medialis.geodesic_importance(cloud).length
-    >>> connected = medialis.connected_importance(shape, cloud, plain)
-    >>> bool(np.isclose(connected, plain).mean() > 0.9)
+    >>> cloud = medialis.surface_skeleton(medialis.organic_shape(100))
+    >>> plain = medialis.geodesic_importance(cloud)
+    >>> connected = medialis.connected_importance(plain)
+    >>> bool(np.isclose(connected.length, plain.length).mean() > 0.9)
     True
     """
     from medialis.geodesics._connectivity_kernels import join_pieces
 
-    link = as_number(link, "link", low=0.0, high=1.0, open_low=True)
-    n = shape.point_count
-    if shape.faces is None:
-        raise InvalidShapeError("Connected importance needs a mesh: this shape has no faces.")
-    if len(cloud) != n or (cloud.side < 0).any() or (cloud.source != np.arange(n)).any():
+    cloud = importance.cloud
+    shape, n = cloud.surface, len(cloud)
+    if not cloud.whole:
         raise InvalidShapeError(
-            f"Connected importance needs the whole inner cloud of the shape, {n} rows in their "
-            f"order; got {len(cloud)} rows."
+            "Connected importance needs the whole inner cloud of the shape, "
+            f"{shape.point_count} rows in their order; got {n} rows."
         )
-    values = np.array(as_field(importance, n, "importance"))
+    values = np.array(importance.length)
     links = np.concatenate([shape.edges, cloud.features[cloud.valid]])
     usable = (links[:, 0] != links[:, 1]) & (cloud.valid & ~np.isnan(values))[links].all(axis=1)
     links = links[usable].astype(np.int64)
     edges = links[: np.count_nonzero(usable[: len(shape.edges)])]
     links = np.concatenate([links, _across_noise(edges, values)])
-    reach = np.linalg.norm(cloud.centers[links[:, 0]] - cloud.centers[links[:, 1]], axis=1)
+    apart = np.linalg.norm(cloud.centers[links[:, 0]] - cloud.centers[links[:, 1]], axis=1)
     strength = np.minimum(values[links[:, 0]], values[links[:, 1]])
     # Neighbours that are too far apart join last, as if the link had no importance.
-    strength[reach > link * shape.diagonal] = 0.0
+    strength[apart > options.link * shape.diagonal] = 0.0
     falling = np.argsort(-strength, kind="stable")
     tree, bridges = np.empty((n, 2), np.int64), np.empty((n, 2), np.int64)
     large = max(2.0, LARGE * np.count_nonzero(cloud.valid))
@@ -101,7 +113,7 @@ def connected_importance(
         np.ascontiguousarray(links[falling]), strength[falling], large, values, tree, bridges
     )
     _raise_bridges(values, tree[:joined].astype(np.int32), bridges[:count])
-    return frozen(values, np.float64)
+    return replace(importance, length=frozen(values, np.float64))
 
 
 def _across_noise(edges: NDArray[np.int64], values: NDArray[np.float64]) -> NDArray[np.int64]:
@@ -111,8 +123,8 @@ def _across_noise(edges: NDArray[np.int64], values: NDArray[np.float64]) -> NDAr
     best = np.arange(len(values))
     best[rising[:, 0]] = rising[:, 1]  # of equal places the last one stays, the most important
     best = np.where(values[best] > values, best, np.arange(len(values)))
-    found = np.concatenate([np.column_stack([ends[:, 0], best[ends[:, 1]]]), best[edges]])
-    return found[found[:, 0] != found[:, 1]]
+    links = np.concatenate([np.column_stack([ends[:, 0], best[ends[:, 1]]]), best[edges]])
+    return links[links[:, 0] != links[:, 1]]
 
 
 def _raise_bridges(

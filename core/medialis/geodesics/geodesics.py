@@ -12,12 +12,10 @@ from numpy.typing import ArrayLike, NDArray
 from medialis.errors import InvalidShapeError
 from medialis.model.geodesic_paths import GeodesicPaths, PathStatus
 from medialis.model.shape import Shape
+from medialis.options import Options, whole
 from medialis.progress import Progress, ProgressCallback
 from medialis.threads import run_chunks
-from medialis.validation import FloatArray, as_whole_number, frozen
-
-DEFAULT_DIRECTIONS = 20
-"""The thesis's M, directions round the line between the ends: M/2 planes, followed both ways."""
+from medialis.validation import FloatArray, frozen
 
 HALVINGS = 4
 """Of the angle between planes, round the best one: 18 degrees become about 1. Eight extra paths
@@ -27,12 +25,37 @@ PAIRS_A_CHUNK = 256
 SEARCHES_A_CHUNK = 16
 PATHS_A_CHUNK = 4
 
+Walk = tuple[NDArray[Any], ...]
+"""What `surface_walk` returns."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class GeodesicOptions(Options):
+    """Options of all that measures geodesics; `directions` is M of the thesis."""
+
+    directions: int = whole(
+        20,
+        "Directions",
+        "Directions in which each geodesic is tried: half as many planes through its ends, followed "
+        "both ways. More find shorter paths in strongly folded places and take longer.",
+        low=2,
+        high=1000,
+        advanced=True,
+    )
+
 
 @dataclass(frozen=True, eq=False)
 class Geodesic:
-    """One path over the surface: points (p, 3) from end to end, length, and how it was found.
+    """One path over the surface.
 
-    `status` is PLANE or EDGES: the path that was shortened to this one.
+    Attributes
+    ----------
+    points : (p, 3) float64
+        Polyline from end to end.
+    length : float
+        In the units of the shape.
+    status : PathStatus
+        PLANE or EDGES: the path that was shortened to this one.
     """
 
     points: FloatArray
@@ -44,7 +67,7 @@ def geodesic_lengths(
     shape: Shape,
     pairs: ArrayLike,
     *,
-    directions: int = DEFAULT_DIRECTIONS,
+    directions: int = GeodesicOptions.directions,
     progress: Progress | ProgressCallback | None = None,
 ) -> GeodesicPaths:
     """Compute shortest straightest geodesics for pairs of vertices.
@@ -93,15 +116,14 @@ def geodesic_lengths(
     >>> medialis.geodesic_lengths(square, [[1, 3], [0, 0]]).length.round(6).tolist()
     [1.414214, 0.0]
     """
-    directions = as_whole_number(directions, "directions", low=2, high=1000)
+    options = GeodesicOptions(directions=directions)
     ends = _as_pairs(pairs, shape.point_count)
-    walk = _Walk(shape)
-    out = _trace(walk, ends, directions, Progress.of(progress))
+    out = _trace(shape, ends, options.directions, Progress.of(progress))
     return GeodesicPaths(out["length"], out["start_tangent"], out["end_tangent"], out["status"])
 
 
 def geodesic(
-    shape: Shape, start: int, end: int, *, directions: int = DEFAULT_DIRECTIONS
+    shape: Shape, start: int, end: int, *, directions: int = GeodesicOptions.directions
 ) -> Geodesic:
     """Compute one geodesic with its polyline: a locally shortest path.
 
@@ -151,50 +173,49 @@ def geodesics(
     shape: Shape,
     pairs: ArrayLike,
     *,
-    directions: int = DEFAULT_DIRECTIONS,
+    directions: int = GeodesicOptions.directions,
     progress: Progress | ProgressCallback | None = None,
 ) -> list[Geodesic | None]:
     """Compute the polylines of many geodesics; None where there is no path or the pair is masked.
 
     Parameters and errors are those of `geodesic_lengths`, paths and cost those of `geodesic`.
     """
-    directions = as_whole_number(directions, "directions", low=2, high=1000)
-    ends = _as_pairs(pairs, shape.point_count)
-    walk, task = _Walk(shape), Progress.of(progress)
+    options, task = GeodesicOptions(directions=directions), Progress.of(progress)
+    ends, walk = _as_pairs(pairs, shape.point_count), surface_walk(shape)
     with task.stage("plane cuts", 0.0, 0.3):
-        out = _cut(walk, np.sort(ends, axis=1), directions, task)
-    found: list[Geodesic | None] = [None] * len(ends)
+        out = _cut(shape, np.sort(ends, axis=1), options.directions, task)
+    paths: list[Geodesic | None] = [None] * len(ends)
 
     def shorten_rows(begin: int, end: int) -> None:
         for row in range(begin, end):
-            found[row] = _shortest(walk, ends[row], row, out)
+            paths[row] = _shortest(shape, walk, ends[row], row, out)
 
     with task.stage("shortening", 0.3, 1.0):
         run_chunks(shorten_rows, len(ends), PATHS_A_CHUNK, progress=task)
-    return found
+    return paths
 
 
 def _shortest(
-    walk: _Walk, ends: NDArray[np.int32], row: int, out: dict[str, NDArray[Any]]
+    shape: Shape, walk: Walk, ends: NDArray[np.int32], row: int, out: dict[str, NDArray[Any]]
 ) -> Geodesic | None:
     """Shorten the plane cut and the path along the edges; the lower vertex first, for symmetry."""
     from medialis.geodesics._edge_path_kernels import short_path
     from medialis.geodesics._geodesic_kernels import record_cut
     from medialis.geodesics._shortening_kernels import shorten
 
-    shape, (low, high) = walk.shape, np.sort(ends)
+    low, high = np.sort(ends)
     if low < 0 or shape.components[low] != shape.components[high]:
         return None
     is_cut = out["status"][row] == PathStatus.PLANE
     if is_cut and np.isnan(out["normal"][row, 0]):  # a common edge, or no way to go
         return _as_geodesic(shape.points[ends], PathStatus.PLANE)
-    starts = [(short_path(*walk.arrays, low, high), PathStatus.EDGES)]
+    starts = [(short_path(*walk, low, high), PathStatus.EDGES)]
     if is_cut:
         sides = np.empty(shape.face_count, np.int64)
-        count = record_cut(*walk.arrays, low, high, out["normal"][row], sides)
+        count = record_cut(*walk, low, high, out["normal"][row], sides)
         cut = np.concatenate([[-1 - low], sides[:count], [-1 - high]])
         starts.insert(0, (cut, PathStatus.PLANE))
-    paths = [_as_geodesic(shorten(*walk.arrays, items), status) for items, status in starts]
+    paths = [_as_geodesic(shorten(*walk, items), status) for items, status in starts]
     best = min(paths, key=lambda path: path.length)
     back = ends[0] != low
     return replace(best, points=frozen(best.points[::-1], np.float64)) if back else best
@@ -205,7 +226,7 @@ def _as_geodesic(points: FloatArray, status: PathStatus) -> Geodesic:
     return Geodesic(frozen(points, np.float64), length, status)
 
 
-def surface_walk(shape: Shape) -> tuple[NDArray[Any], ...]:
+def surface_walk(shape: Shape) -> Walk:
     """Return the arrays that kernels need to walk over a mesh.
 
     Points, corners (3m,), half-edge twins (3m,), and the half-edges that leave each vertex as
@@ -216,37 +237,26 @@ def surface_walk(shape: Shape) -> tuple[NDArray[Any], ...]:
     InvalidShapeError
         When the shape has no faces.
     """
-    return _Walk(shape).arrays
-
-
-class _Walk:
-    """The arrays that walking needs; half-edge 3 f + j leaves corner j of face f."""
-
-    def __init__(self, shape: Shape) -> None:
-        if shape.faces is None:
-            raise InvalidShapeError(
-                "Geodesics need a surface: this shape is a point cloud without faces. Use the "
-                "local measures (spoke angle, radius), or reconstruct a mesh first."
-            )
-        corners = np.ascontiguousarray(shape.faces.ravel())
-        fan = np.argsort(corners, kind="stable").astype(np.int32)
-        count = np.bincount(corners, minlength=shape.point_count)
-        offsets = np.concatenate([[0], np.cumsum(count)])
-        self.shape = shape
-        self.arrays = (shape.points, corners, shape.edge_twins, offsets, fan)
+    if shape.faces is None:
+        raise InvalidShapeError(
+            "Geodesics need a surface: this shape is a point cloud without faces. Use the "
+            "local measures (spoke angle, radius), or reconstruct a mesh first."
+        )
+    fans = shape.fans
+    return shape.points, shape.faces.ravel(), shape.edge_twins, fans.offsets, fans.indices
 
 
 def _trace(
-    walk: _Walk, ends: NDArray[np.int32], directions: int, progress: Progress
+    shape: Shape, ends: NDArray[np.int32], directions: int, progress: Progress
 ) -> dict[str, NDArray[Any]]:
     """Cut all pairs by planes; follow the edges where no plane cut arrives."""
     from medialis.geodesics._edge_path_kernels import edge_paths
 
     with progress.stage("geodesics", 0.0, 0.9):
-        out = _cut(walk, ends, directions, progress)
+        out = _cut(shape, ends, directions, progress)
     starts, goals = np.ascontiguousarray(ends[:, 0]), np.ascontiguousarray(ends[:, 1])
-    points, corners, _, offsets, fan = walk.arrays
-    components = walk.shape.components
+    points, corners, _, offsets, fan = surface_walk(shape)
+    components = shape.components
     with progress.stage("edge paths", 0.9, 1.0):
         lost = out["status"] == PathStatus.NONE
         lost &= (ends >= 0).all(axis=1) & (components[starts] == components[goals])
@@ -263,7 +273,7 @@ def _trace(
 
 
 def _cut(
-    walk: _Walk, ends: NDArray[np.int32], directions: int, progress: Progress
+    shape: Shape, ends: NDArray[np.int32], directions: int, progress: Progress
 ) -> dict[str, NDArray[Any]]:
     """Shortest plane cut of each pair, with the plane's normal (NaN: an edge, or one place)."""
     from medialis.geodesics._geodesic_kernels import trace_geodesics
@@ -277,11 +287,12 @@ def _cut(
         "status": np.zeros(k, np.int8),
     }
     starts, goals = np.ascontiguousarray(ends[:, 0]), np.ascontiguousarray(ends[:, 1])
+    points, *connectivity = surface_walk(shape)
+    components = shape.components
 
     def trace(begin: int, end: int) -> None:
-        points, *surface = walk.arrays
         trace_geodesics(
-            begin, end, points, walk.shape.normals, *surface, walk.shape.components,
+            begin, end, points, shape.normals, *connectivity, components,
             starts, goals, math.ceil(directions / 2), HALVINGS, *out.values(),
         )  # fmt: skip
 

@@ -1,35 +1,31 @@
-"""Geodesic importance of skeleton points, thresholding, and local measures (thesis 3.3)."""
+"""Geodesic importance of skeleton points, thresholding, and local measures (thesis 3.3).
+
+Where the surface is folded or has holes, no plane cut comes near the shortest path of some pairs,
+while neighbouring pairs do well. From the feature points of one ball one can go along an edge to
+those of the neighbouring ball, and take its geodesic: that path is real, and where it is shorter it
+is taken. It also makes the importance continuous: it changes by at most the distance between the
+feature points.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from medialis.geodesics.geodesics import DEFAULT_DIRECTIONS, geodesic_lengths
-from medialis.geodesics.relaxation import relax
-from medialis.model.geodesic_paths import GeodesicPaths, Importance
+from medialis.geodesics.geodesics import GeodesicOptions, geodesic_lengths
+from medialis.kept import kept
+from medialis.model.geodesic_paths import GeodesicPaths, Importance, PathStatus
 from medialis.model.medial_cloud import Balls, MedialCloud
-from medialis.model.shape import Shape
-from medialis.options import Options, algorithm, whole
+from medialis.options import Options, algorithm, length
 from medialis.progress import Progress
-from medialis.validation import FloatArray, as_field, as_number
+from medialis.validation import FloatArray
 
 
 @dataclass(frozen=True, kw_only=True)
-class ImportanceOptions(Options):
+class ImportanceOptions(GeodesicOptions):
     """Options of `geodesic_importance`."""
-
-    directions: int = whole(
-        DEFAULT_DIRECTIONS,
-        "Directions",
-        "Directions in which each geodesic is tried. More find shorter paths in strongly folded "
-        "places and take longer.",
-        low=2,
-        high=1000,
-        advanced=True,
-    )
 
 
 @algorithm(ImportanceOptions)
@@ -66,64 +62,89 @@ def geodesic_importance(
     Cancelled
         When `progress` asks for it.
 
+    See Also
+    --------
+    important_points : selects the points above a threshold.
+    connected_importance : importance without islands at any threshold.
+
     Notes
     -----
-    Source: thesis 3.3.1-3.3.2; see `medialis.geodesic_lengths`. Deviates: where the way through the
-    feature points of neighbouring balls is shorter, it is taken (status NEIGHBOUR).
+    Source: thesis 3.3.1-3.3.2; see `medialis.geodesic_lengths`. Deviates: where the path through
+    the feature points of neighbouring balls is shorter, it is taken (status NEIGHBOUR).
 
     Examples
     --------
     >>> import medialis
     >>> cloud = medialis.surface_skeleton(medialis.organic_shape(100))
     >>> importance = medialis.geodesic_importance(cloud)
-    >>> simple = cloud.subset(importance.length >= 0.05 * cloud.surface.diagonal)
+    >>> simple = cloud.subset(medialis.important_points(importance, threshold=0.05))
     >>> 0 < len(simple) < len(cloud)
     True
     """
     pairs = np.where(cloud.valid[:, None], cloud.features, -1)
     paths = geodesic_lengths(cloud.surface, pairs, directions=options.directions, progress=progress)
-    known = vars(relax(cloud.surface, cloud, paths))
+    known = vars(relax(cloud, paths))
     return Importance(**{f.name: known[f.name] for f in fields(GeodesicPaths)}, cloud=cloud)
 
 
-def important_points(shape: Shape, importance: ArrayLike, threshold: float) -> NDArray[np.bool_]:
+@dataclass(frozen=True, kw_only=True)
+class ThresholdOptions(Options):
+    """Options of `important_points`."""
+
+    threshold: float = length(
+        0.0,
+        "Importance",
+        "Keep the points whose importance is at least this fraction of the size. 0 keeps all; 0.01 "
+        "to 0.05 removes noise and small details.",
+        high=10.0,
+    )
+
+
+@algorithm(ThresholdOptions, keep=False)
+def important_points(
+    importance: Importance, options: ThresholdOptions, progress: Progress
+) -> NDArray[np.bool_]:
     """Select the skeleton points whose importance reaches a threshold.
 
     Parameters
     ----------
-    shape : Shape
-        Gives the unit of the threshold.
-    importance : (k,) float
-        ``geodesic_importance(...).length``. NaN is dropped, +inf kept.
+    importance : Importance
+        From `geodesic_importance` or `connected_importance`; k points.
     threshold : float
         Fraction of the bounding-box diagonal, 0 to 10.
 
     Returns
     -------
     (k,) bool
-        For ``cloud.subset(mask)``; any threshold, without recomputation.
+        For ``cloud.subset(mask)``. NaN is dropped, +inf kept.
 
     Raises
     ------
     InvalidOptionError
         When the threshold is out of its range.
-    InvalidShapeError
-        When the importance is not one number for each point.
+
+    See Also
+    --------
+    uniform_subsample : selects points by their distance.
+
+    Examples
+    --------
+    >>> import medialis
+    >>> importance = medialis.geodesic_importance(
+    ...     medialis.surface_skeleton(medialis.organic_shape(56)))
+    >>> bool(medialis.important_points(importance, threshold=0.05).mean() < 0.9)
+    True
     """
-    threshold = as_number(threshold, "threshold", low=0.0, high=10.0)
-    values = as_field(importance, np.size(importance), "importance")
-    return np.asarray(values >= threshold * shape.diagonal)
+    return np.asarray(importance.length >= options.threshold * importance.cloud.surface.diagonal)
 
 
-def local_measures(shape: Shape, cloud: MedialCloud) -> dict[str, FloatArray]:
+def local_measures(cloud: MedialCloud) -> dict[str, FloatArray]:
     """Compute the importance measures that need no surface, for comparison.
 
     They are not monotone: thresholding them can tear the skeleton apart (thesis 3.3).
 
     Parameters
     ----------
-    shape : Shape
-        The shape that the cloud was computed from.
     cloud : MedialCloud
         k skeleton points.
 
@@ -134,11 +155,28 @@ def local_measures(shape: Shape, cloud: MedialCloud) -> dict[str, FloatArray]:
         distance of the feature points, the radius of the smallest ball that holds both (the
         lambda medial axis). ``radius_ratio``: feature_radius / radius, 0..1. NaN where masked.
 
+    See Also
+    --------
+    geodesic_importance : the measure that keeps a skeleton in one piece.
+
     Notes
     -----
     Cost O(k). Source: thesis 3.2 and 3.3 (theta-SMA), 2.3.4 for the others.
+
+    Examples
+    --------
+    >>> import medialis
+    >>> cloud = medialis.surface_skeleton(medialis.organic_shape(56))
+    >>> sorted(medialis.local_measures(cloud))
+    ['feature_radius', 'radius', 'radius_ratio', 'spoke_angle']
     """
-    return measures_of_points(shape.points, cloud)
+    points = cloud.surface.points
+    # A copy: who writes into the dict that is kept would change what others get.
+    return dict(
+        kept(
+            measures_of_points, cloud, None, lambda: measures_of_points(points, cloud), Progress()
+        )
+    )
 
 
 def measures_of_points(points: FloatArray, cloud: Balls) -> dict[str, FloatArray]:
@@ -154,3 +192,78 @@ def measures_of_points(points: FloatArray, cloud: Balls) -> dict[str, FloatArray
         "feature_radius": half,
         "radius_ratio": np.minimum(half / radius, 1.0),
     }
+
+
+def relax(cloud: MedialCloud, paths: GeodesicPaths) -> GeodesicPaths:
+    """Shorten paths where the path through neighbouring balls is shorter.
+
+    Two balls are neighbours when their first feature points share an edge of the mesh, and their
+    second ones share an edge or are the same vertex.
+
+    Parameters
+    ----------
+    cloud : MedialCloud
+        k balls of a mesh, all or some of them.
+    paths : GeodesicPaths
+        The geodesic of each ball, k rows.
+
+    Returns
+    -------
+    GeodesicPaths
+        Lengths at most the given ones. A shortened path has status NEIGHBOUR and the tangents of
+        the path that it ends up in.
+
+    Notes
+    -----
+    Cost: one Dijkstra search over the k balls with all of them as sources, O(k log k).
+    """
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import dijkstra
+
+    links, weight = _neighbours(cloud)
+    k = len(cloud)
+    known = np.flatnonzero(np.isfinite(paths.length))
+    if len(links) == 0 or len(known) == 0:
+        return paths
+    # A virtual source reaches each ball at its own length; 1e-300 since a stored zero is no edge.
+    rows = np.concatenate([links[:, 0], links[:, 1], np.full(len(known), k)]).astype(np.int32)
+    columns = np.concatenate([links[:, 1], links[:, 0], known]).astype(np.int32)
+    values = np.concatenate([weight, weight, paths.length[known] + 1e-300])
+    graph = coo_array((values, (rows, columns)), shape=(k + 1, k + 1)).tocsr()
+    reached, via = dijkstra(graph, indices=k, return_predecessors=True)
+    # Shorter by rounding alone is not shorter.
+    shorter = np.flatnonzero(reached[:k] < paths.length * (1 - 1e-9))
+    length, status = np.array(paths.length), np.array(paths.status)
+    start, end = np.array(paths.start_tangent), np.array(paths.end_tangent)
+    length[shorter] = reached[shorter]
+    status[shorter] = PathStatus.NEIGHBOUR
+    for row in shorter.tolist():
+        origin = row
+        while via[origin] != k:
+            origin = int(via[origin])
+        start[row], end[row] = paths.start_tangent[origin], paths.end_tangent[origin]
+    return replace(paths, length=length, start_tangent=start, end_tangent=end, status=status)
+
+
+def _neighbours(cloud: MedialCloud) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Pairs of rows that are neighbours, and how far their feature points are apart in all."""
+    shape = cloud.surface
+    n, edges = shape.point_count, shape.edges
+    edge_keys = edges[:, 0].astype(np.int64) * n + edges[:, 1]  # ascending, as the edges are
+    pieces = [np.empty((0, 2), np.int64)]
+    for side in (1, -1):
+        rows = np.flatnonzero(cloud.valid & (cloud.side == side))
+        row_of = np.full(n, -1, np.int64)
+        row_of[cloud.source[rows]] = rows
+        pairs = row_of[edges]
+        pairs = pairs[(pairs >= 0).all(axis=1)]
+        second = np.sort(cloud.features[pairs, 1].astype(np.int64), axis=1)
+        keys = second[:, 0] * n + second[:, 1]
+        place = np.minimum(np.searchsorted(edge_keys, keys), max(len(edge_keys) - 1, 0))
+        near = second[:, 0] == second[:, 1]
+        if len(edge_keys):
+            near |= edge_keys[place] == keys
+        pieces.append(pairs[near])
+    links = np.concatenate(pieces)
+    gaps = shape.points[cloud.features[links[:, 0]]] - shape.points[cloud.features[links[:, 1]]]
+    return links, np.linalg.norm(gaps, axis=2).sum(axis=1)

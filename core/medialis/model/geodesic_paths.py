@@ -77,7 +77,7 @@ class GeodesicPaths(Bound):
         return self.status != PathStatus.NONE
 
     def __repr__(self) -> str:
-        return f"{type(self).__name__}({len(self)} paths, {int(self.reached.sum())} found)"
+        return f"{type(self).__name__}({len(self)} paths, {int(self.reached.sum())} arrive)"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -87,7 +87,8 @@ class Importance(GeodesicPaths):
     Attributes
     ----------
     cloud : MedialCloud
-        The k skeleton points.
+        The k skeleton points. After `medialis.connected_importance`, ``length`` is lower than the
+        path on islands, and higher on bridges.
     """
 
     cloud: MedialCloud = field(kw_only=True)

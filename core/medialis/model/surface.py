@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from medialis.kept import Bound
+from medialis.model.ragged import Ragged
 from medialis.validation import FloatArray, IntArray, as_faces, as_points, frozen
 
 if TYPE_CHECKING:
@@ -163,6 +164,12 @@ class Surface(Bound):
         """Face across each side, (m, 3); side j joins corners j and j + 1; -1: see `edge_twins`."""
         twins = self.edge_twins.reshape(-1, 3)
         return frozen(np.where(twins < 0, -1, twins // 3), np.int32)
+
+    @cached_property
+    def fans(self) -> Ragged:
+        """For each point the half-edges that leave it, ascending: one for each face there."""
+        corners = np.empty(0, np.int32) if self.faces is None else self.faces.ravel()
+        return Ragged.group(corners, self.point_count)
 
     @property
     def border_edges(self) -> int:

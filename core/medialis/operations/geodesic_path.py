@@ -11,45 +11,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from medialis.errors import FileError, InvalidOptionError, InvalidShapeError
-from medialis.geodesics.geodesics import Geodesic, geodesics
+from medialis.geodesics.geodesics import Geodesic, GeodesicOptions, geodesics
 from medialis.model.shape import Shape
 from medialis.operations.common import summary
 from medialis.operations.declaration import Operation
 from medialis.operations.result import Layer, Outcome
-from medialis.options import Options, file, whole
+from medialis.options import file, whole
 from medialis.progress import Progress
 
 LARGEST_INDEX = 2_147_483_647
+"""Of a vertex: indices are int32."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class GeodesicPathRun(Options):
+class GeodesicPathRun(GeodesicOptions):
     """Options of the operation `geodesic_path`."""
 
-    start: int = whole(
-        0,
-        "Start vertex",
-        "Number of the vertex, from 0.",
-        high=2147483647,
-    )
-    end: int = whole(
-        1,
-        "End vertex",
-        "Number of the vertex, from 0.",
-        high=2147483647,
-    )
+    start: int = whole(0, "Start vertex", "Number of the vertex, from 0.", high=LARGEST_INDEX)
+    end: int = whole(1, "End vertex", "Number of the vertex, from 0.", high=LARGEST_INDEX)
     pairs: str = file(
         "File of pairs",
         "Text file with two vertex numbers a line: measures all of them, instead of start and end.",
-    )
-    directions: int = whole(
-        20,
-        "Directions",
-        "Directions in which each geodesic is tried. More find shorter paths in "
-        "strongly folded places and take longer.",
-        low=2,
-        high=1000,
-        advanced=True,
     )
 
 
@@ -61,51 +43,55 @@ def run(shape: Shape, options: GeodesicPathRun, progress: Progress) -> Outcome:
     ends = _in_shape(shape, pairs)
     with progress.stage("geodesics", 0.0, 1.0):
         paths = geodesics(shape, ends, directions=options.directions, progress=progress)
-    found = [(row, path) for row, path in enumerate(paths) if path is not None]
-    if not found:
+    drawn = [(row, path) for row, path in enumerate(paths) if path is not None]
+    if not drawn:
         raise InvalidShapeError(
             f"No path joins the vertices {pairs[0].tolist()}"
             + (f" or those of {len(pairs) - 1} other pairs" if len(pairs) > 1 else "")
             + ": they lie in different components."
         )
-    if len(found) < len(paths):
-        progress.note(f"{len(paths) - len(found)} of {len(paths)} pairs are joined by no path.")
+    if len(drawn) < len(paths):
+        progress.note(
+            f"{len(paths) - len(drawn)} of {len(paths)} pairs are joined by no path.",
+            "unjoined_pairs",
+            pairs=len(paths) - len(drawn),
+            of=len(paths),
+        )
     lengths = np.array([math.inf if path is None else path.length for path in paths])
-    one = found[0][1]
     values: dict[str, Any] = {"pairs": len(paths), **summary(lengths, "length")}
     if len(paths) == 1:
-        straight = float(np.linalg.norm(one.points[-1] - one.points[0]))
+        path = drawn[0][1]
         values = {
-            "length": one.length,
-            "straight_distance": straight,
-            "found": one.status.name.lower(),
+            "length": path.length,
+            "straight_distance": float(np.linalg.norm(path.points[-1] - path.points[0])),
+            "found": path.status.name.lower(),
         }
-    values["path_points"] = sum(len(path.points) for _, path in found)
+    values["path_points"] = sum(len(path.points) for _, path in drawn)
     return Outcome(
         shape=shape,
-        layers=(_layer(found),),
+        layers=(_layer(drawn),),
         values=values,
         arrays={"pairs": pairs, "length": lengths},
     )
 
 
-def _layer(found: list[tuple[int, Geodesic]]) -> Layer:
+def _layer(drawn: list[tuple[int, Geodesic]]) -> Layer:
     """All polylines, with the distance from their start, and their row in the list of pairs."""
-    counts = np.array([len(path.points) for _, path in found])
+    counts = np.array([len(path.points) for _, path in drawn])
     first = np.cumsum(counts) - counts
     index = np.arange(counts.sum())
     inside = np.delete(index, first + counts - 1)  # a last point begins no edge
     distance = [
         np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(p.points, axis=0), axis=1))])
-        for _, p in found
+        for _, p in drawn
     ]
     return Layer(
         "geodesic_path",
-        np.concatenate([path.points for _, path in found]),
+        np.concatenate([path.points for _, path in drawn]),
         edges=np.stack([inside, inside + 1], axis=1).astype(np.int32),
         attributes={
             "distance": np.concatenate(distance),
-            "pair": np.repeat(np.array([row for row, _ in found], np.int32), counts),
+            "pair": np.repeat(np.array([row for row, _ in drawn], np.int32), counts),
         },
         color_by="distance",
     )

@@ -9,8 +9,9 @@ import numpy as np
 from medialis.balls.surface_skeleton import Preparation, surface_skeleton
 from medialis.errors import InvalidShapeError
 from medialis.geodesics.connectivity import connected_importance
-from medialis.geodesics.geodesics import DEFAULT_DIRECTIONS
 from medialis.geodesics.importance import (
+    ImportanceOptions,
+    ThresholdOptions,
     geodesic_importance,
     important_points,
     local_measures,
@@ -23,38 +24,20 @@ from medialis.operations.common import (
     samples_layer,
     summary,
 )
-from medialis.operations.declaration import Kind, Operation, Parameter
+from medialis.operations.declaration import Operation
 from medialis.operations.result import FilterUnit, Outcome
-from medialis.options import flag, length, whole
+from medialis.options import changed, flag
 from medialis.progress import Progress
 from medialis.surface.cloud_surface import surface_of_cloud
 
 SHARES = (0.005, 0.01, 0.02, 0.05)
 
-DIRECTIONS = Parameter(
-    "directions",
-    Kind.INT,
-    DEFAULT_DIRECTIONS,
-    "Directions",
-    "Directions in which each geodesic is tried. More find shorter paths in strongly folded places "
-    "and take longer.",
-    low=2,
-    high=1000,
-    advanced=True,
-)
-
 
 @dataclass(frozen=True, kw_only=True)
-class SkeletonImportanceRun(Preparation):
+class SkeletonImportanceRun(Preparation, ImportanceOptions):
     """Options of the operation `skeleton_importance`."""
 
-    threshold: float = length(
-        0.0,
-        "Importance",
-        "Keep the points whose importance is at least this fraction of the size. 0 "
-        "keeps all; 0.01 to 0.05 removes noise and small details.",
-        high=10.0,
-    )
+    threshold: float = changed(ThresholdOptions, "threshold")
     connected: bool = flag(
         True,
         "In one piece",
@@ -65,15 +48,6 @@ class SkeletonImportanceRun(Preparation):
         False,
         "Surface for clouds",
         "Build a surface through the points of a point cloud first; it should be closed and dense.",
-    )
-    directions: int = whole(
-        20,
-        "Directions",
-        "Directions in which each geodesic is tried. More find shorter paths in "
-        "strongly folded places and take longer.",
-        low=2,
-        high=1000,
-        advanced=True,
     )
 
 
@@ -87,16 +61,18 @@ def run(shape: Shape, options: SkeletonImportanceRun, progress: Progress) -> Out
             )
         with progress.stage("surface", 0.0, 0.05):
             shape = surface_of_cloud(shape)
-        progress.note("A surface was built through the points of the cloud: look at samples.ply.")
+        progress.note(
+            "A surface was built through the points of the cloud: look at samples.ply.",
+            "surface_built",
+        )
     with progress.stage("skeleton", 0.0, 0.2):
         cloud = surface_skeleton.of(shape, options, progress)
     fine = cloud.surface
     with progress.stage("importance", 0.2, 0.95):
         paths = geodesic_importance.of(cloud, options, progress)
-        importance = paths.length
-        if options.connected:
-            importance = connected_importance(fine, cloud, importance)
-    mask = important_points(fine, importance, options.threshold)
+        chosen = connected_importance.of(paths, options, progress) if options.connected else paths
+    importance = chosen.length
+    mask = important_points.of(chosen, options, progress)
     if not mask.any():
         largest = float(np.nanmax(importance)) / fine.diagonal
         raise InvalidShapeError(
@@ -109,16 +85,20 @@ def run(shape: Shape, options: SkeletonImportanceRun, progress: Progress) -> Out
         progress.note(
             f"{unreached} skeleton points lie between different parts of the shape: no geodesic "
             f"joins their feature points. {infinite} points have an infinite importance and are "
-            "kept by any threshold."
+            "kept by any threshold.",
+            "between_parts",
+            points=unreached,
+            infinite=infinite,
         )
     around = int((paths.status == PathStatus.EDGES).sum())
     if around:
         progress.note(
             f"{around} geodesics were measured along the edges, slightly too long: holes or "
-            "non-manifold edges stop every plane cut."
+            "non-manifold edges stop every plane cut.",
+            "along_edges",
+            paths=around,
         )
-    shown = cloud.subset(mask)
-    measures = local_measures(fine, cloud)
+    shown, measures = cloud.subset(mask), local_measures(cloud)
     own = {
         "importance": importance[mask],
         "feature_radius": measures["feature_radius"][mask],
@@ -133,7 +113,7 @@ def run(shape: Shape, options: SkeletonImportanceRun, progress: Progress) -> Out
             "samples": fine.point_count,
             "skeleton_points": len(shown),
             "points_above_percent": {
-                f"{100 * share:g}": int(important_points(fine, importance, share).sum())
+                f"{100 * share:g}": int(important_points(chosen, threshold=share).sum())
                 for share in SHARES
             },
             **summary(importance[mask], "importance"),

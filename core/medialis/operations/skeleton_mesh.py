@@ -77,11 +77,11 @@ def run(shape: Shape, options: SkeletonMeshRun, progress: Progress) -> Outcome:
     measured: dict[str, NDArray[np.float64]] = {}
     if options.importance > 0:
         with progress.stage("importance", 0.5, 0.8):
-            paths = geodesic_importance.of(cloud, options, progress)
-        measured["importance"] = paths.length
-        if options.side == "inner":
-            measured["importance"] = connected_importance(fine, cloud, paths.length)
-        keep &= important_points(fine, measured["importance"], options.importance)
+            importance = geodesic_importance.of(cloud, options, progress)
+            if options.side == "inner":
+                importance = connected_importance.of(importance, options, progress)
+        measured["importance"] = importance.length
+        keep &= important_points(importance, threshold=options.importance)
     with progress.stage("mesh", 0.8, 1.0):
         mesh = skeleton_mesh(
             fine,

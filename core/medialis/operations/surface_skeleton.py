@@ -12,12 +12,7 @@ from medialis.geodesics.connectivity import connected_importance
 from medialis.geodesics.importance import geodesic_importance
 from medialis.model.medial_cloud import BallStatus, MedialCloud
 from medialis.model.shape import Shape
-from medialis.operations.common import (
-    cloud_arrays,
-    cloud_layer,
-    samples_layer,
-    summary,
-)
+from medialis.operations.common import cloud_arrays, cloud_layer, samples_layer, summary
 from medialis.operations.declaration import Operation
 from medialis.operations.result import FilterUnit, Layer, Outcome
 from medialis.options import changed, flag, length
@@ -54,15 +49,7 @@ class SurfaceSkeletonRun(Preparation):
         "Thin the skeleton so that its points are at least this fraction of the size "
         "apart. 0 keeps all.",
     )
-    largest_radius: float = length(
-        1.0,
-        "Largest radius",
-        "A ball that meets no second sample within this fraction of the size is "
-        "masked. Balls inside a closed shape never get this large.",
-        low=1e-06,
-        high=10.0,
-        advanced=True,
-    )
+    largest_radius: float = changed(ShrinkOptions, "largest_radius")
 
 
 def run(shape: Shape, options: SurfaceSkeletonRun, progress: Progress) -> Outcome:
@@ -76,7 +63,7 @@ def run(shape: Shape, options: SurfaceSkeletonRun, progress: Progress) -> Outcom
             lengths = geodesic_importance.of(cloud, options, progress).length
             importance = connected_importance(fine, cloud, lengths)
     with progress.stage("subsample", 0.95, 1.0):
-        mask = uniform_subsample(cloud, options.subsample * fine.diagonal)
+        mask = uniform_subsample(cloud, options.subsample)
     shown = cloud.subset(mask)
     values: dict[str, Any] = {
         "samples": fine.point_count,

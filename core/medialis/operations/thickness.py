@@ -3,24 +3,20 @@
 from __future__ import annotations
 
 import logging
-import math
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from medialis.balls.surface_skeleton import Preparation, surface_skeleton
-from medialis.fields.thickness import ThicknessKind, thickness, unresolved_walls
-from medialis.fields.thin_spots import ThinSpot, thin_spots
+from medialis.fields.thickness import thickness, unresolved_walls
+from medialis.fields.thin_spots import ThinSpot, ThinSpotOptions, thin_spots
 from medialis.model.medial_cloud import MedialCloud
 from medialis.model.shape import Shape
-from medialis.operations.common import (
-    cloud_arrays,
-    summary,
-)
+from medialis.operations.common import cloud_arrays, summary
 from medialis.operations.declaration import Operation
 from medialis.operations.result import Layer, Outcome
-from medialis.options import angle, changed, choice, length, whole
+from medialis.options import changed
 from medialis.progress import Progress
 from medialis.validation import FloatArray, IntArray
 
@@ -33,44 +29,16 @@ UNRESOLVED_SHARE = 0.02
 
 
 @dataclass(frozen=True, kw_only=True)
-class ThicknessRun(Preparation):
+class ThicknessRun(ThinSpotOptions, Preparation):
     """Options of the operation `thickness`."""
 
-    kind: ThicknessKind = choice(
-        "diameter",
-        "Measure",
-        "The diameter of the ball, as a caliper measures, or its radius.",
-        ("diameter", "radius"),
-    )
-    threshold: float = length(
-        0.0,
-        "Thin below",
-        "Every connected region thinner than this fraction of the size is a thin "
-        "spot. 0 finds the places that are thinner than all around them.",
-    )
-    spots: int = whole(
-        10,
-        "Thin spots",
-        "List at most this many places, the thinnest first.",
-        low=1,
-        high=100000,
-    )
-    min_spoke_angle: float = angle(
-        120.0,
-        "Wall angle",
-        "Balls whose two feature points are closer together than this, seen from the "
-        "center, belong to edges and bumps, not to walls, and are left out. 0 uses "
-        "all balls.",
-        advanced=True,
-    )
     refine: float = changed(
         Preparation,
         "refine",
         default=0.01,
-        help="Split edges longer than this fraction of the size for the computation, so "
-        "that flat faces get samples; the surface stays the same. 0 computes with the"
-        " given vertices only. A wall is seen where the samples are closer together "
-        "than it is thick.",
+        help="Split edges longer than this fraction of the size for the computation, so that flat "
+        "faces get samples; the surface stays the same. 0 computes with the given vertices only. A "
+        "wall is seen where the samples are closer together than it is thick.",
     )
 
 
@@ -80,13 +48,11 @@ def run(shape: Shape, options: ThicknessRun, progress: Progress) -> Outcome:
         cloud = surface_skeleton.of(shape, options, progress)
     fine = cloud.surface
     with progress.stage("thickness", 0.7, 0.85):
-        angle = math.radians(options.min_spoke_angle)
-        values = thickness(fine, cloud, kind=options.kind, min_spoke_angle=angle)
+        values = thickness.of(cloud, options, progress)
     with progress.stage("thin spots", 0.85, 1.0):
-        threshold = options.threshold * fine.diagonal or None
-        spots = thin_spots(fine, values, threshold=threshold, count=options.spots, cloud=cloud)
-    _note_resolution(fine, cloud, progress)
-    _note_thinnest(spots, threshold, options.kind, progress)
+        spots = thin_spots.of(cloud, options, progress)
+    _note_resolution(cloud, progress)
+    _note_thinnest(spots, options, fine.diagonal, progress)
     labels = np.full(fine.point_count, -1, np.int32)
     for number, spot in enumerate(spots):
         labels[spot.vertices] = number
@@ -149,26 +115,33 @@ def _spot_values(spot: ThinSpot) -> dict[str, Any]:
 
 
 def _note_thinnest(
-    spots: tuple[ThinSpot, ...], threshold: float | None, kind: str, progress: Progress
+    spots: tuple[ThinSpot, ...], options: ThicknessRun, diagonal: float, progress: Progress
 ) -> None:
+    below = options.threshold * diagonal
     if not spots:
-        progress.note(f"No place is thinner than {threshold:.6g}.")
+        progress.note(f"No place is thinner than {below:.6g}.", "no_thin_spot", threshold=below)
         return
     place = ", ".join(f"{x:.6g}" for x in spots[0].position)
-    more = "" if threshold is None else f" below {threshold:.6g}"
+    more = f" below {below:.6g}" if below else ""
     progress.note(
         f"{len(spots)} thin {'spot' if len(spots) == 1 else 'spots'}{more}; the thinnest: "
-        f"{spots[0].value:.6g} ({kind}) at ({place})."
+        f"{spots[0].value:.6g} ({options.kind}) at ({place}).",
+        "thin_spots",
+        spots=len(spots),
+        thinnest=spots[0].value,
     )
 
 
-def _note_resolution(shape: Shape, cloud: MedialCloud, progress: Progress) -> None:
-    count = int(unresolved_walls(shape, cloud).sum())
-    if count > UNRESOLVED_SHARE * shape.point_count:
+def _note_resolution(cloud: MedialCloud, progress: Progress) -> None:
+    count, of = int(unresolved_walls(cloud).sum()), cloud.surface.point_count
+    if count > UNRESOLVED_SHARE * of:
         progress.note(
-            f"At {count} of {shape.point_count} samples the wall may be thinner than the samples "
-            "are apart, so that its thickness is not seen: try a smaller refine.",
+            f"At {count} of {of} samples the wall may be thinner than the samples are apart, so "
+            "that its thickness is not seen: try a smaller refine.",
+            "unresolved_walls",
             level=logging.WARNING,
+            samples=count,
+            of=of,
         )
 
 
