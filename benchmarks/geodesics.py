@@ -36,7 +36,7 @@ def accuracy(names: list[str], count: int) -> list[dict]:
     rows = []
     for name in names:
         shape = medialis.read_shape(REAL / f"{name}.ply")
-        cloud = medialis.surface_skeleton(shape)
+        cloud = medialis.shrink_balls(shape)
         chosen = np.random.default_rng(0).choice(np.flatnonzero(cloud.valid), count, replace=False)
         pairs = cloud.features[chosen]
         exact = geodesic.PyGeodesicAlgorithmExact(shape.points, shape.faces)
@@ -78,7 +78,7 @@ def speed(names: list[str]) -> list[dict]:
     rows = []
     for name in names:
         shape = medialis.read_shape(REAL / f"{name}.ply")
-        cloud = medialis.surface_skeleton(shape)
+        cloud = medialis.shrink_balls(shape)
         medialis.geodesic_lengths(shape, cloud.features[:100])
         repeats = 1 if shape.point_count > 300_000 else 3
 
@@ -88,7 +88,7 @@ def speed(names: list[str]) -> list[dict]:
         seconds, _ = best_seconds(importance, repeats)
         with medialis.thread_limit(1):
             single, _ = best_seconds(importance, 1)
-        local, _ = best_seconds(lambda p, s=shape, c=cloud: medialis.local_measures(s, c), 3)
+        local, _ = best_seconds(lambda p, c=cloud: medialis.local_measures(c), 3)
         paths = medialis.geodesic_importance(cloud)
         rows.append(
             {"shape": name, "points": len(cloud), "importance_s": seconds,
@@ -117,13 +117,12 @@ def thresholds(names: list[str]) -> list[dict]:
     rows = []
     for name in names:
         shape = medialis.read_shape(REAL / f"{name}.ply")
-        shape = medialis.refine(shape, 0.02 * shape.diagonal)  # as medialis.run does
         cloud = medialis.surface_skeleton(shape)
-        importance = medialis.geodesic_importance(cloud).length
-        connected = medialis.connected_importance(shape, cloud, importance)
+        importance = medialis.geodesic_importance(cloud)
+        connected = medialis.connected_importance(importance)
         for threshold in (0.0, 0.005, 0.01, 0.02, 0.05):
-            plain = cloud.subset(medialis.important_points(shape, importance, threshold))
-            kept = cloud.subset(medialis.important_points(shape, connected, threshold))
+            plain = cloud.subset(medialis.important_points(importance, threshold=threshold))
+            kept = cloud.subset(medialis.important_points(connected, threshold=threshold))
             found = medialis.reconstruct_image(kept)
             rows.append(
                 {"shape": name, "threshold_percent": 100 * threshold, "points": len(kept),
@@ -183,9 +182,9 @@ def noise(names: list[str]) -> list[dict]:
             cloud = medialis.surface_skeleton(shape)
             cloud = cloud.subset(cloud.valid)
             off = 100 * tree.query(cloud.centers)[0] / clean.diagonal
-            importance = medialis.geodesic_importance(cloud).length
-            count = int(medialis.important_points(shape, importance, 0.1).sum())
-            measures = {"importance": importance, **medialis.local_measures(shape, cloud)}
+            importance = medialis.geodesic_importance(cloud)
+            count = int(medialis.important_points(importance, threshold=0.1).sum())
+            measures = {"importance": importance.length, **medialis.local_measures(cloud)}
             row: dict = {"shape": name, "noise_percent": 100 * amount, "all": len(cloud),
                          "kept": count, "all_median": float(np.median(off))}  # fmt: skip
             for measure in ("importance", "spoke_angle", "radius"):

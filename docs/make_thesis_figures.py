@@ -101,7 +101,7 @@ def figure_3_11() -> Image:
     shape = medialis.organic_shape(200)
     cloud = medialis.surface_skeleton(shape)
     good = cloud.subset(cloud.valid)
-    field = medialis.field_on_surface(cloud, cloud.radii, shape.point_count)
+    field = medialis.field_on_surface(cloud, cloud.radii)[: shape.point_count]
     camera = _view(shape.points)
     panels: list[list[Item]] = [
         [Surface(shape.points, shape.faces)],
@@ -118,7 +118,7 @@ def figure_3_12() -> Image:
     shape = medialis.organic_shape(200)
     cloud = medialis.surface_skeleton(shape)
     paths = medialis.geodesic_importance(cloud)
-    kept = medialis.important_points(shape, paths.length, 0.02)
+    kept = medialis.important_points(paths, threshold=0.02)
     tangents = tangent_field(cloud)[kept]
     found = np.isfinite(tangents).all(axis=1)
     points = Points(cloud.centers[kept][found], size=2.5, color=(tangents[found] + 1) / 2)

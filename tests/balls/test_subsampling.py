@@ -8,15 +8,19 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import closed_forms as forms
-from medialis.balls.ball_shrinking import shrink_balls as surface_skeleton
+from medialis.balls.ball_shrinking import shrink_balls
 from medialis.balls.subsampling import uniform_subsample
 from medialis.errors import InvalidOptionError, InvalidShapeError
 from medialis.model.medial_cloud import BallStatus, MedialCloud
+from medialis.model.shape import Shape
 from oracles import greedy_subsample
 
 
 def cloud_at(centers, status=None, angles=None):
+    """Balls on a surface with the diagonal 1, so that fractions of it are lengths."""
     k = len(centers)
+    points = np.zeros((max(k, 2), 3))
+    points[1, 0] = 1.0
     return MedialCloud(
         centers=np.asarray(centers, float),
         radii=np.ones(k),
@@ -25,6 +29,7 @@ def cloud_at(centers, status=None, angles=None):
         status=np.zeros(k) if status is None else status,
         spoke_angles=np.ones(k) if angles is None else angles,
         side=np.ones(k),
+        surface=Shape(points, points),
     )
 
 
@@ -68,13 +73,13 @@ def test_selection_is_the_greedy_one(k, kind, distance, ties, masked, seed):
 
 
 def test_points_are_apart_and_cover_all_others():
-    cloud = surface_skeleton(forms.ellipsoid(3000, mirrored=False).shape, side="both")
+    cloud = shrink_balls(forms.ellipsoid(3000, mirrored=False).shape, side="both")
     distance = 0.05
-    mask = uniform_subsample(cloud, distance)
+    mask = uniform_subsample(cloud, distance / cloud.surface.diagonal)
     kept = cloud.centers[mask]
     gaps = np.linalg.norm(kept[:, None] - kept[None], axis=2)
     gaps[np.diag_indices(len(kept))] = np.inf
-    assert gaps.min() >= distance
+    assert gaps.min() >= distance * (1 - 1e-15)
     valid = cloud.centers[cloud.valid]
     nearest = np.linalg.norm(valid[:, None] - kept[None], axis=2).min(axis=1)
     assert nearest.max() < distance

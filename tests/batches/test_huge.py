@@ -35,7 +35,7 @@ def test_the_same_bits_as_the_single_run(sampled, tmp_path, monkeypatch, toleran
     cloud = medialis.huge_surface_skeleton(*sampled, tmp_path / "out", tolerance=tolerance)
     same_bits(cloud, single)
     same_bits(medialis.open_medial_cloud(tmp_path / "out"), single)
-    measures = medialis.local_measures(shape, single)
+    measures = medialis.local_measures(single)
     for name in mapped_files.MEASURES:
         found = np.load(tmp_path / "out" / f"{name}.npy")
         assert found.tobytes() == measures[name].tobytes()

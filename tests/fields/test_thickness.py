@@ -8,11 +8,11 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 
 import closed_forms as forms
-from medialis.balls.ball_shrinking import DEFAULT_TOLERANCE, surface_skeleton
+from medialis.balls.ball_shrinking import DEFAULT_TOLERANCE, shrink_balls
 from medialis.errors import InvalidOptionError, InvalidShapeError
 from medialis.fields import thickness as module
 from medialis.fields.feature_transform import field_on_surface
-from medialis.fields.thickness import MIN_SPOKE_ANGLE, thickness, wall_angles
+from medialis.fields.thickness import WALL_ANGLE, thickness, wall_angles
 from medialis.model.shape import Shape
 from medialis.surface.generate import organic_shape
 from medialis.surface.reading import read_shape
@@ -20,7 +20,7 @@ from medialis.threads import thread_limit
 
 
 def measured(shape, **options):
-    return thickness(shape, surface_skeleton(shape), **options)
+    return thickness(shrink_balls(shape), **options)
 
 
 def slack(shape, wall, lateral):
@@ -36,7 +36,7 @@ def slack(shape, wall, lateral):
 @pytest.fixture(scope="module")
 def creature():
     shape = organic_shape(56)
-    return shape, surface_skeleton(shape)
+    return shape, shrink_balls(shape)
 
 
 def test_a_plate_is_as_thick_as_it_is_high_up_to_its_rim_and_on_it():
@@ -62,7 +62,7 @@ def test_a_cube_has_no_wall_and_gets_its_inscribed_ball_everywhere():
     """
     h = 0.1
     shape = forms.box_mesh((1.0, 1.0, 1.0), h)
-    for angle in (MIN_SPOKE_ANGLE, math.pi):
+    for angle in (WALL_ANGLE, 180.0):
         values = measured(shape, min_spoke_angle=angle)
         assert values.min() >= 1 - math.sqrt(2) * h
         assert values.max() <= 1 + slack(shape, 1.0, h / math.sqrt(2))
@@ -78,8 +78,8 @@ def test_sphere_and_capsule_are_as_thick_as_their_diameter():
         values = measured(form.shape)
         true = 2 * form.radii[0]
         bound = 2 * form.excess(DEFAULT_TOLERANCE)
-        cloud = surface_skeleton(form.shape)
-        rows = wall_angles(form.shape, cloud) >= MIN_SPOKE_ANGLE
+        cloud = shrink_balls(form.shape)
+        rows = wall_angles(cloud) >= math.radians(WALL_ANGLE)
         assert np.isfinite(bound[rows]).mean() > 0.9
         assert (values >= true * (1 - 1e-9)).all()
         own = rows & np.isfinite(bound)
@@ -89,14 +89,14 @@ def test_sphere_and_capsule_are_as_thick_as_their_diameter():
 
 def test_an_ellipsoid_has_the_closed_form_where_it_is_a_wall():
     form = forms.ellipsoid(4000, (1.0, 0.8, 0.3))
-    cloud = surface_skeleton(form.shape)
-    values, bound = thickness(form.shape, cloud), 2 * form.excess(DEFAULT_TOLERANCE)
-    wall = wall_angles(form.shape, cloud) >= MIN_SPOKE_ANGLE
+    cloud = shrink_balls(form.shape)
+    values, bound = thickness(cloud), 2 * form.excess(DEFAULT_TOLERANCE)
+    wall = wall_angles(cloud) >= math.radians(WALL_ANGLE)
     assert 0.3 < wall.mean() < 0.9
     error = values - 2 * form.radii
     assert (error[wall] >= -1e-9).all() and (error[wall] <= bound[wall]).all()
     assert values.min() >= values[wall].min() and values.max() <= values[wall].max()
-    assert (thickness(form.shape, cloud, kind="radius") == values / 2).all()
+    assert (thickness(cloud, kind="radius") == values / 2).all()
 
 
 def test_a_hollow_sphere_is_as_thick_as_its_wall():
@@ -115,7 +115,7 @@ def test_a_hollow_sphere_is_as_thick_as_its_wall():
 
 def test_zero_angle_gives_the_ball_of_every_sample(creature):
     shape, cloud = creature
-    values = thickness(shape, cloud, min_spoke_angle=0.0)
+    values = thickness(cloud, min_spoke_angle=0.0)
     own = np.full(shape.point_count, np.nan)
     own[cloud.source] = 2 * cloud.radii
     assert (values[cloud.source[cloud.valid]] == own[cloud.source[cloud.valid]]).all()
@@ -125,8 +125,8 @@ def test_completion_is_the_harmonic_field_between_reliable_samples(creature, mon
     """With enough steps: every other sample is the mean of its neighbours (dense solve)."""
     shape, cloud = creature
     n = shape.point_count
-    rows = wall_angles(shape, cloud) >= MIN_SPOKE_ANGLE
-    fixed = field_on_surface(cloud.subset(rows), 2 * cloud.radii[rows], n)
+    rows = wall_angles(cloud) >= math.radians(WALL_ANGLE)
+    fixed = field_on_surface(cloud.subset(rows), 2 * cloud.radii[rows])
     fixed[cloud.source[rows]] = 2 * cloud.radii[rows]
     free = np.isnan(fixed)
     a, b = shape.edges.T
@@ -136,7 +136,7 @@ def test_completion_is_the_harmonic_field_between_reliable_samples(creature, mon
     wanted = np.linalg.solve(laplacian[:, free].toarray(), -laplacian[:, ~free] @ fixed[~free])
     monkeypatch.setattr(module, "SMOOTHING_STEPS", 5000)
     monkeypatch.setattr(module, "SMOOTHING_ACCURACY", 1e-13)
-    values = thickness(shape, cloud)
+    values = thickness(cloud)
     assert (values[~free] == fixed[~free]).all()
     assert np.allclose(values[free], wanted, rtol=1e-9)
 
@@ -145,8 +145,8 @@ def test_without_smoothing_the_nearest_along_the_surface_wins(creature, monkeypa
     """Against scipy's search. Equally near seeds may differ: compare by distance."""
     shape, cloud = creature
     monkeypatch.setattr(module, "SMOOTHING_STEPS", 0)
-    values = thickness(shape, cloud)
-    rows = wall_angles(shape, cloud) >= MIN_SPOKE_ANGLE
+    values = thickness(cloud)
+    rows = wall_angles(cloud) >= math.radians(WALL_ANGLE)
     seeds = np.unique(cloud.features[rows])
     length = np.linalg.norm(np.diff(shape.points[shape.edges], axis=1)[:, 0], axis=1)
     n = shape.point_count
@@ -180,16 +180,16 @@ def test_motion_scale_order_and_threads(creature):
     """Scaling by a power of two and threads change no digit. Turning rounds coordinates by eps:
     the radius (num/den with den down to r^2 1e-4) keeps 1e-9; another order changes sums only."""
     shape, cloud = creature
-    values = thickness(shape, cloud)
+    values = thickness(cloud)
     assert (measured(Shape(4 * shape.points, shape.normals, shape.faces)) == 4 * values).all()
     with thread_limit(1):
         assert measured(shape).tobytes() == values.tobytes()
     turn = np.linalg.qr(np.random.default_rng(0).normal(size=(3, 3)))[0]
     turn *= np.sign(np.linalg.det(turn))
-    cloud = surface_skeleton(shape, tolerance=0)  # the tolerance scales with the (turned) box
+    cloud = shrink_balls(shape, tolerance=0)  # the tolerance scales with the (turned) box
     turned = Shape(shape.points @ turn.T, shape.normals @ turn.T, shape.faces)
-    other = thickness(turned, surface_skeleton(turned, tolerance=0))
-    assert np.quantile(np.abs(other / thickness(shape, cloud) - 1), 0.99) < 1e-6
+    other = thickness(shrink_balls(turned, tolerance=0))
+    assert np.quantile(np.abs(other / thickness(cloud) - 1), 0.99) < 1e-6
     place = np.random.default_rng(1).permutation(shape.point_count)
     new = np.argsort(place)
     mixed = Shape(shape.points[place], shape.normals[place], new[shape.faces][::-1])
@@ -201,9 +201,9 @@ def test_real_shapes_are_complete(name, real_shapes):
     """Open, non-manifold, of many parts, and a cloud."""
     path = real_shapes / f"{name}.ply"
     shape = read_shape(path)
-    cloud = surface_skeleton(shape)
+    cloud = shrink_balls(shape)
     inputs = cloud.radii.copy(), shape.points.copy()
-    values = thickness(shape, cloud)
+    values = thickness(cloud)
     assert np.isfinite(values).all() and (values > 0).all()
     # Balls of an open surface may be larger than what encloses them, but not than allowed.
     assert values.max() <= 2 * shape.diagonal
@@ -213,12 +213,10 @@ def test_real_shapes_are_complete(name, real_shapes):
 def test_bad_input(creature):
     shape, cloud = creature
     with pytest.raises(InvalidOptionError, match="kind must be one of diameter, radius"):
-        thickness(shape, cloud, kind="width")
+        thickness(cloud, kind="width")
     with pytest.raises(InvalidOptionError, match="min_spoke_angle"):
-        thickness(shape, cloud, min_spoke_angle=120)
-    with pytest.raises(InvalidShapeError, match="that the cloud was computed on"):
-        thickness(forms.icosphere(1), cloud)
+        thickness(cloud, min_spoke_angle=181)
     with pytest.raises(InvalidShapeError, match="No inner ball"):
-        thickness(shape, surface_skeleton(shape, side="outer"))
+        thickness(shrink_balls(shape, side="outer"))
     with pytest.raises(InvalidShapeError, match="No inner ball"):
-        thickness(shape, cloud.subset([]))
+        thickness(cloud.subset([]))

@@ -6,14 +6,22 @@ import numpy as np
 import pytest
 
 import closed_forms as forms
-from medialis.balls.ball_shrinking import DEFAULT_TOLERANCE, surface_skeleton
+from medialis.balls.ball_shrinking import DEFAULT_TOLERANCE, shrink_balls
 from medialis.errors import InvalidOptionError, InvalidShapeError
 from medialis.fields.thickness import thickness
-from medialis.fields.thin_spots import thin_spots
+from medialis.fields.thin_spots import ThinSpotOptions, places_of_field, thin_spots
 from medialis.model.shape import Shape
 from medialis.surface.generate import organic_shape
 
 STEP = 0.05
+NO_WALLS = np.empty((0, 2), np.int32)
+
+
+def places(shape, field, **options):
+    """Places of any field; the two sides of a wall are not joined."""
+    return places_of_field(shape, field, NO_WALLS, ThinSpotOptions(**options))
+
+
 DENTS = np.array([[-0.7, 0.1, 0.15], [0.6, -0.3, 0.25]])
 """Centers (x, y) on the grid, and the thickness left there."""
 
@@ -75,9 +83,9 @@ def test_a_plate_with_two_dents_has_two_thin_spots():
     because of the tolerance: it is one step away at most.
     """
     shape = dented_plate()
-    cloud = surface_skeleton(shape)
-    values = thickness(shape, cloud)
-    spots = thin_spots(shape, values, cloud=cloud)
+    cloud = shrink_balls(shape)
+    values = thickness(cloud)
+    spots = thin_spots(cloud)
     assert len(spots) == 2
     for spot, (x, y, _) in zip(spots, DENTS, strict=True):
         t = DEFAULT_TOLERANCE * shape.diagonal
@@ -87,10 +95,11 @@ def test_a_plate_with_two_dents_has_two_thin_spots():
         assert np.linalg.norm(spot.position[:2] - [x, y]) <= STEP * 1.001
         both = shape.points[spot.vertices, 2]
         assert (both > 0).any() and (both < 0).any()  # both sides of the wall
-    below = thin_spots(shape, values, cloud=cloud, threshold=0.2)
+    threshold = 0.2 / shape.diagonal
+    below = thin_spots(cloud, threshold=threshold)
     assert len(below) == 1 and (values[below[0].vertices] < 0.2).all()
     assert set(below[0].vertices) == set(np.flatnonzero(values < 0.2))
-    sides = thin_spots(shape, values, threshold=0.2)
+    sides = places(shape, values, threshold=threshold)
     assert len(sides) == 2 and set.union(*(set(s.vertices) for s in sides)) == set(
         below[0].vertices
     )
@@ -99,7 +108,7 @@ def test_a_plate_with_two_dents_has_two_thin_spots():
 
 def test_a_uniform_plate_is_one_place_with_all_its_area():
     shape = forms.box_mesh((2.0, 1.5, 0.3), 0.1)
-    spots = thin_spots(shape, thickness(shape, surface_skeleton(shape)))
+    spots = thin_spots(shrink_balls(shape))
     assert len(spots) == 1 and len(spots[0].vertices) == shape.point_count
     assert spots[0].area == pytest.approx(2 * (2 * 1.5 + 2 * 0.3 + 1.5 * 0.3))
 
@@ -121,42 +130,39 @@ def test_minima_and_regions_agree_with_the_definition(seed, prominence):
         region = flood(v, (1 + prominence) * calm[v], calm, links)
         if rank[v] == min(rank[w] for w in region):
             expected.append((v, region))
-    spots = thin_spots(shape, field, count=200, prominence=prominence)
+    spots = places(shape, field, spots=200, prominence=prominence)
     found = [(s.vertex, set(s.vertices.tolist())) for s in spots]
     assert sorted(found, key=lambda f: f[0]) == sorted(expected, key=lambda e: e[0])
     assert [s.value for s in spots] == sorted(s.value for s in spots)
     for spot in spots:
         speck = calm[spot.vertex] >= (1 + prominence) * field[spot.vertex]
         assert spot.value == (calm if speck else field)[spot.vertex]
-    assert thin_spots(shape, field, count=1, prominence=prominence)[0].vertex == spots[0].vertex
+    assert places(shape, field, spots=1, prominence=prominence)[0].vertex == spots[0].vertex
 
 
 def test_one_or_two_wrong_samples_are_no_place_but_fail_a_threshold():
     shape = forms.icosphere(3)
     values = np.ones(shape.point_count)
     values[shape.edges[7]] = 0.01
-    assert len(thin_spots(shape, values)) == 1
-    found = thin_spots(shape, values, threshold=0.5)
-    assert len(found) == 1 and found[0].vertices.tolist() == shape.edges[7].tolist()
-    values[40] = np.nan
-    assert 40 not in thin_spots(shape, values)[0].vertices
-    assert thin_spots(shape, np.full(shape.point_count, np.inf)) == ()
-    assert thin_spots(shape, values, threshold=1e-3) == ()
+    assert len(places(shape, values)) == 1
+    below = places(shape, values, threshold=0.5 / shape.diagonal)
+    assert len(below) == 1 and below[0].vertices.tolist() == shape.edges[7].tolist()
+    assert places(shape, values, threshold=1e-3 / shape.diagonal) == ()
 
 
 def test_scale_order_and_clouds():
     shape = organic_shape(56)
-    values = thickness(shape, surface_skeleton(shape))
-    spots = thin_spots(shape, values)
-    bigger = thin_spots(Shape(4 * shape.points, shape.normals, shape.faces), 4 * values)
+    values = thickness(shrink_balls(shape))
+    spots = places(shape, values)
+    bigger = places(Shape(4 * shape.points, shape.normals, shape.faces), 4 * values)
     assert [s.value * 4 for s in spots] == [s.value for s in bigger]
     place = np.random.default_rng(1).permutation(shape.point_count)
     mixed = Shape(shape.points[place], shape.normals[place], np.argsort(place)[shape.faces])
-    other = thin_spots(mixed, values[place])
+    other = places(mixed, values[place])
     assert [s.value for s in other] == [s.value for s in spots]
     for one, two in zip(spots, other, strict=True):
         assert set(place[two.vertices].tolist()) == set(one.vertices.tolist())
-    cloud = thin_spots(Shape(shape.points, shape.normals), values)
+    cloud = places(Shape(shape.points, shape.normals), values)
     assert cloud[0].vertices.size and np.isnan(cloud[0].area)
     with pytest.raises(dataclasses.FrozenInstanceError):
         spots[0].value = 1.0
@@ -165,17 +171,9 @@ def test_scale_order_and_clouds():
 
 
 def test_bad_input():
-    shape = forms.icosphere(1)
-    values = np.ones(shape.point_count)
-    with pytest.raises(InvalidShapeError, match="values must be"):
-        thin_spots(shape, values[1:])
-    with pytest.raises(InvalidShapeError, match="1 of 42 are"):
-        thin_spots(shape, np.r_[values[1:], -1.0])
-    with pytest.raises(InvalidShapeError, match="that the cloud was computed on"):
-        thin_spots(shape, values, cloud=surface_skeleton(forms.icosphere(2)))
-    with pytest.raises(InvalidOptionError, match="threshold"):
-        thin_spots(shape, values, threshold=0)
-    with pytest.raises(InvalidOptionError, match="count"):
-        thin_spots(shape, values, count=0)
-    with pytest.raises(InvalidOptionError, match="prominence"):
-        thin_spots(shape, values, prominence=-1)
+    cloud = shrink_balls(forms.icosphere(1))
+    with pytest.raises(InvalidShapeError, match="No inner ball"):
+        thin_spots(cloud.subset([]))
+    for bad in ({"threshold": -0.1}, {"spots": 0}, {"prominence": -1}, {"kind": "width"}):
+        with pytest.raises(InvalidOptionError, match=next(iter(bad))):
+            thin_spots(cloud, **bad)

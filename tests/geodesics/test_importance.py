@@ -11,10 +11,10 @@ from scipy.sparse.csgraph import connected_components
 import closed_forms as forms
 import medialis
 from medialis.errors import InvalidOptionError, InvalidShapeError
-from medialis.geodesics.relaxation import relax
+from medialis.geodesics.importance import relax
 
 
-def test_importance_of_a_flat_box_is_the_way_round():
+def test_importance_of_a_flat_box_is_the_path_round_its_rim():
     """In the middle sheet of a plate the importance is the path round the nearest rim.
 
     Both feature points lie above each other, at distance d from the nearest rim of a plate of
@@ -44,16 +44,16 @@ def test_sphere_importance_is_the_arc_between_the_features():
 
 
 def test_threshold_selects_without_recomputation():
-    shape = forms.cube()
+    shape = forms.icosphere(1)
+    importance = medialis.geodesic_importance(medialis.shrink_balls(shape).subset(np.arange(5)))
     values = np.array([0.0, 0.1, 0.5, np.inf, np.nan]) * shape.diagonal
-    assert medialis.important_points(shape, values, 0).tolist() == [True] * 4 + [False]
-    assert medialis.important_points(shape, values, 0.1).tolist() == [False] + [True] * 3 + [False]
-    assert medialis.important_points(shape, values, 1).tolist() == [False] * 3 + [True, False]
+    importance = replace(importance, length=values)
+    for threshold, wanted in ((0, [1, 1, 1, 1, 0]), (0.1, [0, 1, 1, 1, 0]), (1, [0, 0, 0, 1, 0])):
+        mask = medialis.important_points(importance, threshold=threshold)
+        assert mask.tolist() == [bool(one) for one in wanted]
     for bad in (-0.1, math.nan, 11):
         with pytest.raises(InvalidOptionError, match="threshold"):
-            medialis.important_points(shape, values, bad)
-    with pytest.raises(InvalidShapeError, match="importance"):
-        medialis.important_points(shape, values.reshape(1, -1), 0.1)
+            medialis.important_points(importance, threshold=bad)
 
 
 def test_thresholding_removes_noise_and_keeps_the_body():
@@ -68,7 +68,7 @@ def test_thresholding_removes_noise_and_keeps_the_body():
     tree = cKDTree(truth.centers[truth.valid])
     cloud = cloud.subset(cloud.valid)
     paths = medialis.geodesic_importance(cloud)
-    kept = medialis.important_points(noisy, paths.length, 0.3)
+    kept = medialis.important_points(paths, threshold=0.3)
     off = tree.query(cloud.centers)[0] / clean.diagonal
     assert kept.sum() > 100
     assert np.quantile(off[kept], 0.9) < 0.03
@@ -78,7 +78,7 @@ def test_thresholding_removes_noise_and_keeps_the_body():
 def test_local_measures():
     shape = forms.icosphere(3)
     cloud = medialis.shrink_balls(shape, side="both")
-    measures = medialis.local_measures(shape, cloud)
+    measures = medialis.local_measures(cloud)
     valid = cloud.valid
     for values in measures.values():
         assert values.shape == (len(cloud),) and (np.isnan(values) == ~valid).all()
@@ -90,7 +90,7 @@ def test_local_measures():
 def test_clouds_are_told_what_to_use_instead():
     sphere = forms.sphere(200).shape
     with pytest.raises(InvalidShapeError, match="local measures"):
-        medialis.geodesic_importance(sphere, medialis.shrink_balls(sphere))
+        medialis.geodesic_importance(medialis.shrink_balls(sphere))
     with pytest.raises(InvalidShapeError, match="spoke angle"):
         medialis.run("skeleton_importance", sphere)
 
@@ -183,8 +183,8 @@ def pieces(shape, cloud, kept):
 def test_connected_importance_leaves_one_piece_at_every_threshold():
     shape = dumbbell()
     cloud = medialis.shrink_balls(shape)
-    plain = medialis.geodesic_importance(cloud).length
-    lowered = medialis.connected_importance(shape, cloud, plain)
+    importance = medialis.geodesic_importance(cloud)
+    plain, lowered = importance.length, medialis.connected_importance(importance).length
     assert (np.isnan(lowered) == np.isnan(plain)).all()
     torn = 0
     for threshold in np.quantile(plain[cloud.valid], np.linspace(0.05, 0.95, 12)):
@@ -206,8 +206,8 @@ def test_connected_importance_keeps_the_sheets_of_rough_surfaces():
     step = np.random.default_rng(0).normal(size=clean.point_count) * 0.0016 * clean.diagonal
     shape = medialis.make_shape(clean.points + step[:, None] * clean.normals, clean.faces)
     cloud = medialis.shrink_balls(shape)
-    plain = medialis.geodesic_importance(cloud).length
-    connected = medialis.connected_importance(shape, cloud, plain)
+    importance = medialis.geodesic_importance(cloud)
+    plain, connected = importance.length, medialis.connected_importance(importance).length
     good = plain >= 0.05 * shape.diagonal
     assert 0.03 < good.mean() < 0.15  # most balls belong to noise
     assert (connected[good] >= 0.05 * shape.diagonal).mean() > 0.9
@@ -218,8 +218,9 @@ def test_connected_importance_of_two_parts_keeps_both():
     points = np.vstack([one.points, one.points + 3])
     shape = medialis.make_shape(points, np.vstack([one.faces, one.faces + one.point_count]))
     cloud = medialis.shrink_balls(shape)
-    plain = medialis.geodesic_importance(cloud).length
-    lowered = medialis.connected_importance(shape, cloud, plain, link=0.1)
+    importance = medialis.geodesic_importance(cloud)
+    plain = importance.length
+    lowered = medialis.connected_importance(importance, link=0.1).length
     n = one.point_count
     for part in (slice(0, n), slice(n, 2 * n)):
         assert np.nanmax(lowered[part]) == np.nanmax(plain[part])
@@ -228,17 +229,14 @@ def test_connected_importance_of_two_parts_keeps_both():
 def test_connected_importance_refuses_what_it_cannot_link():
     shape = forms.icosphere(1)
     cloud = medialis.shrink_balls(shape)
-    values = np.ones(len(cloud))
+    some = medialis.geodesic_importance(cloud.subset(np.arange(5)))
     with pytest.raises(InvalidShapeError, match="whole inner cloud"):
-        medialis.connected_importance(shape, cloud.subset(np.arange(5)), values)
-    with pytest.raises(InvalidShapeError, match="no faces"):
-        sphere = medialis.Shape(shape.points, shape.normals)
-        medialis.connected_importance(sphere, cloud, values)
+        medialis.connected_importance(some)
     with pytest.raises(InvalidOptionError, match="link"):
-        medialis.connected_importance(shape, cloud, values, link=0)
+        medialis.connected_importance(medialis.geodesic_importance(cloud), link=0)
 
 
-def test_relaxation_is_the_shortest_way_through_neighbours():
+def test_relaxation_is_the_shortest_path_through_neighbours():
     """Oracle: repeat over all links until nothing gets shorter (Bellman-Ford)."""
     shape = dumbbell()
     cloud = medialis.shrink_balls(shape)
@@ -246,7 +244,7 @@ def test_relaxation_is_the_shortest_way_through_neighbours():
     paths = medialis.geodesic_lengths(shape, pairs, directions=2)
     length = np.array(paths.length)
     length[np.flatnonzero(cloud.valid)[::7]] *= 3  # paths that a fold has led astray
-    found = relax(shape, cloud, replace(paths, length=length))
+    found = relax(cloud, replace(paths, length=length))
     edges = {tuple(e) for e in shape.edges.tolist()}
     links = []
     for i, j in shape.edges.tolist():

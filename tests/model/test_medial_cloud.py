@@ -1,16 +1,17 @@
 """MedialCloud: aligned rows, selection, inverse feature transform."""
 
-from dataclasses import fields
-
 import numpy as np
 import pytest
 
 import closed_forms as forms
-from medialis.balls.ball_shrinking import shrink_balls as surface_skeleton
+from medialis.balls.ball_shrinking import shrink_balls
 from medialis.errors import InvalidShapeError
-from medialis.model.medial_cloud import BallStatus, MedialCloud
+from medialis.model.medial_cloud import COLUMNS, BallStatus, MedialCloud
+from medialis.model.shape import Shape
 
-NAMES = [field.name for field in fields(MedialCloud)]
+
+def surface(n):
+    return Shape(np.eye(n, 3), np.eye(n, 3))
 
 
 def small(k=4):
@@ -22,19 +23,20 @@ def small(k=4):
         "status": np.array([0, 0, 1, 0])[:k],
         "spoke_angles": np.ones(k),
         "side": np.ones(k),
+        "surface": surface(5),
     }
 
 
 def test_types_and_read_only_arrays():
     cloud = MedialCloud(**small())
     assert len(cloud) == 4
-    dtypes = [getattr(cloud, name).dtype for name in NAMES]
+    dtypes = [getattr(cloud, name).dtype for name in COLUMNS]
     assert dtypes == ["f8", "f8", "i4", "i4", "i1", "f8", "i1"]
-    assert not any(getattr(cloud, name).flags.writeable for name in [*NAMES, "valid"])
+    assert not any(getattr(cloud, name).flags.writeable for name in [*COLUMNS, "valid"])
     assert cloud.valid.tolist() == [True, True, False, True]
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", COLUMNS)
 def test_rows_that_do_not_match(name):
     arrays = small()
     arrays[name] = arrays[name][:-1]
@@ -52,7 +54,7 @@ def test_subset_keeps_all_arrays_aligned(rows):
     part = cloud.subset(rows)
     expected = np.arange(4)[np.array(rows, int if isinstance(rows, list) else bool)]
     assert len(part) == len(expected)
-    for name in NAMES:
+    for name in COLUMNS:
         assert np.array_equal(getattr(part, name), getattr(cloud, name)[expected])
 
 
@@ -62,12 +64,12 @@ def test_empty_mask():
 
 def test_inverse_features():
     """Sample 1 is touched by the balls 0, 1 and 3; the masked ball 2 counts for nobody."""
-    rows = MedialCloud(**small()).inverse_features(5)
+    rows = MedialCloud(**small()).inverse_features
     assert [row.tolist() for row in rows] == [[0], [0, 1, 3], [1], [3], []]
 
 
 def test_inverse_features_invert_the_features():
-    cloud = surface_skeleton(forms.capsule(500).shape, side="both")
+    cloud = shrink_balls(forms.capsule(500).shape, side="both")
     n = 750
     rows = cloud.inverse_features
     assert rows.lengths.sum() == 2 * cloud.valid.sum()
@@ -75,9 +77,17 @@ def test_inverse_features_invert_the_features():
         assert ((cloud.features[rows[sample]] == sample).sum(axis=1) == 1).all()
 
 
-def test_inverse_features_of_too_few_samples():
-    with pytest.raises(InvalidShapeError):
-        MedialCloud(**small()).inverse_features(2)
+def test_a_surface_without_the_samples_that_are_touched():
+    with pytest.raises(InvalidShapeError, match="touch sample 3, but the surface has 3"):
+        MedialCloud(**{**small(), "surface": surface(3)})
+
+
+def test_only_all_inner_balls_in_their_order_are_whole():
+    shape = forms.icosphere(1)
+    cloud, both = shrink_balls(shape), shrink_balls(shape, side="both")
+    assert cloud.whole and both.subset(both.side > 0).whole
+    assert not both.whole and not both.subset(both.side < 0).whole
+    assert not cloud.subset(np.arange(5)).whole and not cloud.subset(np.arange(42)[::-1]).whole
 
 
 def test_statuses_are_stored_numbers():

@@ -209,7 +209,7 @@ def _regions(
     graph: Ragged,
     count: int,
 ) -> tuple[ThinSpot, ...]:
-    """Collect what lies below its level round each start (sample, value, level) in no region yet."""
+    """Collect what lies below its level round each start: samples, values, levels."""
     from medialis.surface._surface_graph_kernels import flood_below
 
     label, queue = np.full(len(field), -1, np.int32), np.empty(len(field), np.int32)

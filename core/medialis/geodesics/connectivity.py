@@ -30,7 +30,7 @@ class ConnectOptions(Options):
     link: float = length(
         0.02,
         "Longest link",
-        "Neighbours whose centers are further apart than this fraction of the size are linked last.",
+        "Neighbours whose centers are further apart than this fraction of the size come last.",
         low=1e-9,
         advanced=True,
     )

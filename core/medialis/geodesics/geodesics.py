@@ -36,8 +36,8 @@ class GeodesicOptions(Options):
     directions: int = whole(
         20,
         "Directions",
-        "Directions in which each geodesic is tried: half as many planes through its ends, followed "
-        "both ways. More find shorter paths in strongly folded places and take longer.",
+        "Directions in which each geodesic is tried. More find shorter paths in strongly folded "
+        "places and take longer.",
         low=2,
         high=1000,
         advanced=True,

@@ -173,9 +173,7 @@ def local_measures(cloud: MedialCloud) -> dict[str, FloatArray]:
     points = cloud.surface.points
     # A copy: who writes into the dict that is kept would change what others get.
     return dict(
-        kept(
-            measures_of_points, cloud, None, lambda: measures_of_points(points, cloud), Progress()
-        )
+        kept(measures_of_points, cloud, None, lambda: measures_of_points(points, cloud), Progress())
     )
 
 

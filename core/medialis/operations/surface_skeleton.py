@@ -60,8 +60,8 @@ def run(shape: Shape, options: SurfaceSkeletonRun, progress: Progress) -> Outcom
     importance = None
     if options.importance and fine.faces is not None and options.side == "inner":
         with progress.stage("importance", 0.3, 0.95):
-            lengths = geodesic_importance.of(cloud, options, progress).length
-            importance = connected_importance(fine, cloud, lengths)
+            paths = geodesic_importance.of(cloud, options, progress)
+            importance = connected_importance.of(paths, options, progress).length
     with progress.stage("subsample", 0.95, 1.0):
         mask = uniform_subsample(cloud, options.subsample)
     shown = cloud.subset(mask)

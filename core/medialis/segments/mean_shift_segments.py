@@ -71,7 +71,9 @@ def seed_points(
     small = cloud.radii <= np.quantile(cloud.radii[wanted], share)
     chosen = wanted & small & (cloud.spoke_angles >= BUMP_ANGLE)
     rows = np.flatnonzero(chosen if chosen.any() else wanted)
-    return rows[uniform_subsample(cloud.subset(rows), SEED_SPACING * reach / cloud.surface.diagonal)]
+    return rows[
+        uniform_subsample(cloud.subset(rows), SEED_SPACING * reach / cloud.surface.diagonal)
+    ]
 
 
 def mean_shift_segments(
