@@ -232,7 +232,9 @@ def algorithm(
         compute: Callable[[Input, Chosen, Progress], Found],
     ) -> Algorithm[Input, P, Found]:
         def of(data: Input, given: Options, progress: Progress) -> Found:
-            own = given if type(given) is chosen else chosen.taken_from(given)
+            own = cast(Chosen, given)
+            if type(given) is not chosen or given.progress is not None:
+                own = chosen.taken_from(given)  # nothing that is kept holds a host's callback
 
             def work() -> Found:
                 return compute(data, own, progress)
