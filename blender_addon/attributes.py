@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from medialis import InvalidShapeError
+from medialis.hosts import to_linear
 
 VECTORS = {2: ("FLOAT2", "vector"), 3: ("FLOAT_VECTOR", "vector"), 4: ("FLOAT_COLOR", "color")}
 
@@ -97,8 +98,6 @@ def write(data: Any, column: Column, domain: str) -> bpy.types.Attribute:
 
 def color_column(name: str, srgb: NDArray[np.float64]) -> Column:
     """Return an opaque colour attribute; Blender keeps linear light."""
-    from medialis.render.colors import to_linear
-
     rgba = np.ones((len(srgb), 4), np.float32)
     rgba[:, :3] = to_linear(srgb)
     return Column(name, "FLOAT_COLOR", "color", rgba.ravel())

@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from medialis import InvalidShapeError, Layer, Shape
-from medialis.hosts.handover import shown_colors
-from medialis.model.shape import missing_value
+from medialis.hosts import distinct_names, label_name, on_input, shown
 
 from . import attributes, materials
 from .changes import Changes
@@ -54,22 +53,13 @@ def plan_field(
     InvalidShapeError
         When Blender cannot hold a value.
     """
-    on_points = {
-        name: shape.on_input_points(np.asarray(values)) for name, values in layer.attributes.items()
-    }
-    on_faces = {
-        name: _on_polygons(np.asarray(values), shape, source)
-        for name, values in layer.face_attributes.items()
-    }
-    for name in on_points.keys() & on_faces.keys():  # a mesh has each name once
-        on_faces[f"{name}_of_face"] = on_faces.pop(name)
-    shown = layer.color_by
-    by_face = shown is not None and shown not in on_points
+    found = on_input(layer, shape, polygons=source.polygons, polygon_count=source.polygon_count)
+    on_points = dict(found.attributes)
+    on_faces = distinct_names(on_points, found.face_attributes)
+    first = shown(layer, on_points, on_faces)
     colors = None
-    if shown is not None:
-        values = (on_faces if by_face else on_points)[shown]
-        if values.ndim == 1:
-            colors = attributes.color_column(f"{shown}_color", shown_colors(layer, values))
+    if first is not None:
+        colors = attributes.color_column(f"{first.name}_color", first.rgb)
     return FieldPlan(
         layer,
         title,
@@ -77,20 +67,9 @@ def plan_field(
         attributes.columns(on_faces),
         {name: on_points[name] for name in layer.labels if with_groups and name in on_points},
         {name: on_faces[name] for name in layer.labels if with_groups and name in on_faces},
-        by_face,
+        first is not None and first.on_faces,
         colors,
     )
-
-
-def _on_polygons(values: NDArray[Any], shape: Shape, source: Source) -> NDArray[Any]:
-    count = 0 if source.faces is None else len(source.faces)
-    triangles = shape.on_input_faces(values, count)
-    if source.polygons is None:
-        return triangles
-    result = np.full((source.polygon_count, *values.shape[1:]), missing_value(values), values.dtype)
-    first = np.flatnonzero(np.diff(source.polygons, prepend=-1))
-    result[source.polygons[first]] = triangles[first]
-    return result
 
 
 def place_for_fields(
@@ -202,16 +181,16 @@ def write_groups(
     begins = np.searchsorted(sorted_labels, present)
     ends = np.searchsorted(sorted_labels, present, side="right")
     for label, begin, end in zip(present.tolist(), begins, ends, strict=True):
-        group = place.vertex_groups.new(name=f"{name} {label:03d}")
+        group = place.vertex_groups.new(name=label_name(name, label))
         group.add(vertices[order[begin:end]].tolist(), 1.0, "REPLACE")
 
 
 def _write_materials(plan: FieldPlan, mesh: bpy.types.Mesh, changes: Changes) -> None:
     """Give each segment its material, or the whole mesh a ramp; earlier slots stay."""
     by_name = {**plan.groups, **plan.face_groups}
-    shown = plan.layer.color_by
-    name = shown if shown in by_name else next(iter(by_name), None)
-    if name is None or (shown is not None and shown not in by_name):
+    first = plan.layer.color_by
+    name = first if first in by_name else next(iter(by_name), None)
+    if name is None or (first is not None and first not in by_name):
         if plan.colors is not None:
             slot = _slot(mesh, materials.color_material(plan.colors.name, changes))
             _set_slots(mesh, np.full(len(mesh.polygons), slot, np.int32))

@@ -7,9 +7,14 @@ is described here.
 
 from __future__ import annotations
 
+import math
+from dataclasses import dataclass
 from typing import Any
 
 import bpy
+
+from medialis import Layer
+from medialis.hosts import FilterUnit, Kind, title
 
 from .changes import Changes
 
@@ -17,13 +22,64 @@ MODIFIER = "Medialis"
 MEDIAL_RADIUS = "medial_radius"
 """Copy of `radius`: the modifier sets Blender's own radius attribute to the size on the screen."""
 
+WIDGETS = {Kind.LENGTH: ("PERCENTAGE", 100.0), Kind.ANGLE: ("ANGLE", math.radians(1.0))}
+"""Blender's type of a slider, and what it holds where the option is 1: per cent, radians."""
+
+
+@dataclass(frozen=True)
+class Slider:
+    """The threshold of a layer, in the unit of the option that can be typed into the operator.
+
+    Attributes
+    ----------
+    attribute : str
+        Of the points; those below the threshold are hidden.
+    unit : FilterUnit
+    limits : (float, float)
+        Smallest and largest value of the attribute.
+    default : float
+        Of the option.
+    """
+
+    attribute: str
+    unit: FilterUnit
+    limits: tuple[float, float]
+    default: float = 0.0
+
+    @classmethod
+    def of(cls, layer: Layer, limits: tuple[float, float]) -> Slider:
+        """Return the slider of a layer whose attribute has these limits."""
+        return cls(str(layer.filter_by), layer.filter_unit, limits, layer.filter_default)
+
+    @property
+    def subtype(self) -> str:
+        """Blender's type of the number."""
+        return WIDGETS.get(self.unit.kind, ("NONE", 1.0))[0]
+
+    @property
+    def step(self) -> float:
+        """What Blender holds for an option of 1."""
+        return WIDGETS.get(self.unit.kind, ("NONE", 1.0))[1]
+
+    @property
+    def range(self) -> tuple[float, float]:
+        """Smallest and largest number, as Blender holds it."""
+        plain = self.unit == FilterUnit(option=self.unit.option)
+        low = min(0.0, self.limits[0]) if plain else 0.0
+        high = self.step * max(self.unit.of_attribute(self.limits[1]), self.default)
+        return low, high if high > low else low + 1.0
+
+    @property
+    def factor(self) -> float:
+        """The attribute is this times Blender's number to the power of the unit."""
+        return self.unit.scale / self.step**self.unit.power
+
 
 def add_modifier(
     made: bpy.types.Object,
     *,
     shows: str,
-    filter_by: str | None,
-    limits: tuple[float, float],
+    slider: Slider | None,
     size: float,
     material: bpy.types.Material | None,
     changes: Changes,
@@ -33,21 +89,20 @@ def add_modifier(
     Parameters
     ----------
     shows : "points", "tubes" or "faces"
-    filter_by : str or None
-        Attribute of the points; those below the input "Threshold" are hidden.
-    limits : (float, float)
-        Its smallest and largest value: the range of the slider.
+    slider : Slider or None
+        The input "Threshold".
     size : float
         Radius of points and tubes on the screen.
     """
-    group = bpy.data.node_groups.new(f"Medialis: {filter_by or shows}", "GeometryNodeTree")
+    name = shows if slider is None else slider.attribute
+    group = bpy.data.node_groups.new(f"Medialis: {name}", "GeometryNodeTree")
     changes.undo_by(bpy.data.node_groups.remove, group)
     group.is_modifier = True
     builder = _Builder(group)
     geometry = builder.input("Geometry", "NodeSocketGeometry")
     group.interface.new_socket("Geometry", in_out="OUTPUT", socket_type="NodeSocketGeometry")
-    if filter_by is not None:
-        geometry = builder.hide_below(geometry, filter_by, limits)
+    if slider is not None:
+        geometry = builder.hide_below(geometry, slider)
     if shows == "points":
         geometry = builder.points(geometry, size, MEDIAL_RADIUS in made.data.attributes)
     elif shows == "tubes":
@@ -114,22 +169,34 @@ class _Builder:
         node.inputs["Name"].default_value = attribute
         return next(s for s in node.outputs if s.name == "Attribute" and s.enabled)
 
-    def hide_below(
-        self, geometry: bpy.types.NodeSocket, attribute: str, limits: tuple[float, float]
+    def math(
+        self, operation: str, value: bpy.types.NodeSocket, number: float
     ) -> bpy.types.NodeSocket:
-        low, high = min(0.0, limits[0]), max(0.0, limits[1])
-        subtype = "ANGLE" if attribute.endswith("angle") else "NONE"
+        node = self.node("ShaderNodeMath", operation=operation)
+        self.link(value, node.inputs[0])
+        node.inputs[1].default_value = number
+        return node.outputs[0]
+
+    def hide_below(self, geometry: bpy.types.NodeSocket, slider: Slider) -> bpy.types.NodeSocket:
+        low, high = slider.range
+        about = f"Hide what has a smaller {title(slider.attribute)}; nothing is computed anew"
+        if slider.unit.option is not None:
+            about += f". The same number as {title(slider.unit.option)} of the operator"
         threshold = self.input(
             "Threshold",
             "NodeSocketFloat",
-            subtype=subtype,
-            default_value=low,
+            subtype=slider.subtype,
+            default_value=slider.step * slider.default,
             min_value=low,
-            max_value=high if high > low else low + 1.0,
-            description=f"Hide what has a smaller {attribute}; nothing is computed anew",
+            max_value=high,
+            description=about,
         )
+        if slider.unit.power != 1.0:
+            threshold = self.math("POWER", threshold, slider.unit.power)
+        if slider.factor != 1.0:
+            threshold = self.math("MULTIPLY", threshold, slider.factor)
         less = self.node("FunctionNodeCompare", data_type="FLOAT", operation="LESS_THAN")
-        self.link(self.named(attribute), less.inputs["A"])
+        self.link(self.named(slider.attribute), less.inputs["A"])
         self.link(threshold, less.inputs["B"])
         hide = self.node("GeometryNodeDeleteGeometry", domain="POINT")
         self.link(geometry, hide.inputs["Geometry"])

@@ -5,14 +5,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import Any
 
 import bpy
 import numpy as np
 from numpy.typing import NDArray
 
 from medialis import Layer
-from medialis.render.colors import label_colors, value_range
+from medialis.hosts import distinct_names, shown, value_range
 
 from . import attributes, filtering, materials, meshes, point_clouds
 from .changes import Changes
@@ -59,13 +58,11 @@ def plan_layer(layer: Layer, title: str, spacing: float | None) -> Plan:
         proper = (faces != np.roll(faces, 1, axis=1)).all(axis=1)
         faces = faces[proper]
         on_faces = {name: np.asarray(values)[proper] for name, values in on_faces.items()}
-    on_points = dict(layer.attributes)
-    for name in on_points.keys() & on_faces.keys():  # a mesh has each name once
-        on_faces[f"{name}_of_face"] = on_faces.pop(name)
-    plan_points = attributes.columns(on_points)
-    shown = layer.color_by
-    if shown in layer.labels and shown in layer.attributes:
-        plan_points.append(attributes.color_column(f"{shown}_color", _colors(layer, shown)))
+    on_faces = distinct_names(layer.attributes, on_faces)  # a mesh has each name once
+    plan_points = attributes.columns(layer.attributes)
+    first = shown(layer)
+    if first is not None and first.is_label and not first.on_faces:
+        plan_points.append(attributes.color_column(f"{first.name}_color", first.rgb))
     # Points and curves are drawn with another radius, which replaces the attribute of that name.
     if faces is None and "radius" in layer.attributes:
         plan_points += attributes.columns({filtering.MEDIAL_RADIUS: layer.attributes["radius"]})
@@ -84,10 +81,6 @@ def plan_layer(layer: Layer, title: str, spacing: float | None) -> Plan:
         limits,
         spacing / 2 if spacing else share * diagonal,
     )
-
-
-def _colors(layer: Layer, name: str) -> NDArray[np.float64]:
-    return label_colors(np.asarray(layer.attributes[name]).astype(np.int64))
 
 
 def make_object(
@@ -111,13 +104,14 @@ def make_object(
     material = _material(plan.layer, changes)
     if material is not None:
         made.data.materials.append(material)
-    filter_by = plan.layer.filter_by if plan.layer.filter_by in plan.layer.attributes else None
-    if filter_by or plan.shows != "faces":
+    slider = None
+    if plan.layer.filter_by in plan.layer.attributes:
+        slider = filtering.Slider.of(plan.layer, plan.limits)
+    if slider or plan.shows != "faces":
         filtering.add_modifier(
             made,
             shows=plan.shows,
-            filter_by=filter_by,
-            limits=plan.limits,
+            slider=slider,
             size=plan.size,
             material=material,
             changes=changes,
@@ -141,16 +135,11 @@ def _curve_object(plan: Plan, scene: bpy.types.Scene, changes: Changes) -> bpy.t
 
 def _material(layer: Layer, changes: Changes) -> bpy.types.Material | None:
     """Material of the attribute that the layer shows first; None without one."""
-    name = layer.color_by
-    if name is None:
+    first = shown(layer)
+    if first is None:  # a vector has no place in a colour map
         return None
-    on_points = name in layer.attributes
-    values: Any = np.asarray((layer.attributes if on_points else layer.face_attributes)[name])
-    if values.ndim > 1:  # a vector has no place in a colour map
-        return None
-    if name in layer.labels and on_points:
-        return materials.color_material(f"{name}_color", changes)
-    limits = value_range(values, *layer.color_limits)
-    drawn_otherwise = name == "radius" and layer.faces is None
-    shown = filtering.MEDIAL_RADIUS if drawn_otherwise else name
-    return materials.ramp_material(shown, layer.color_map, limits, changes)
+    if first.is_label and not first.on_faces:
+        return materials.color_material(f"{first.name}_color", changes)
+    drawn_otherwise = first.name == "radius" and layer.faces is None
+    name = filtering.MEDIAL_RADIUS if drawn_otherwise else first.name
+    return materials.ramp_material(name, first.color_map, first.limits, changes)

@@ -6,7 +6,7 @@ from __future__ import annotations
 import bpy
 import numpy as np
 
-from medialis.render.colors import MISSING, color_table, palette, to_linear
+from medialis.hosts import MISSING, color_table, label_name, palette, to_linear
 
 from .changes import Changes
 
@@ -52,7 +52,7 @@ def color_material(attribute: str, changes: Changes) -> bpy.types.Material:
 
 def label_material(labels: str, label: int, changes: Changes) -> bpy.types.Material:
     """Return the material of one segment, "<labels> 003"; one of that name is used again."""
-    name = f"{labels} none" if label < 0 else f"{labels} {label:03d}"
+    name = label_name(labels, label)
     found = bpy.data.materials.get((name, None))
     if found is not None:
         return found

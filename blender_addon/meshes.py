@@ -7,7 +7,7 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
-from medialis.model.polylines import polylines
+from medialis.hosts import polylines
 
 from .changes import Changes
 

@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 import bpy
 
 from medialis import OPERATIONS, MedialisError, Progress, Result, Shape
-from medialis.operations.declaration import Operation
+from medialis.hosts import Operation
 
 from . import armatures, jobs, properties, reading, summary, views, writing
 

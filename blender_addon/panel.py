@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 import bpy
 
 from medialis import OPERATIONS
-from medialis.operations.declaration import Operation
+from medialis.hosts import Operation
 
 from . import filtering, jobs, reading, summary, warmup
 from .menus import groups
@@ -105,12 +105,13 @@ class MEDIALIS_PT_result(_Panel, bpy.types.Panel):
             column.prop(active.parent, "display_type", text="Source")
         lines = active[summary.PROPERTY].split("\n")
         draw_text(layout, context, lines[0], icon="CHECKMARK")
-        notes = [line[2:] for line in lines[1:] if line.startswith("! ")]
+        notes = [line for line in lines[1:] if line.startswith("!")]
         settings = context.scene.medialis
         if notes and draw_fold(layout, settings, "unfolded_notes", f"Notes: {len(notes)}"):
             for note in notes:
-                draw_text(layout, context, note, icon="INFO")
-        values = [line for line in lines[1:] if not line.startswith("! ")]
+                mark, _, text = note.partition(" ")
+                draw_text(layout, context, text, icon="ERROR" if mark == "!!" else "INFO")
+        values = [line for line in lines[1:] if not line.startswith("!")]
         if draw_fold(layout, settings, "unfolded_values", "Values"):
             for line in values:
                 name, _, value = line.partition(": ")

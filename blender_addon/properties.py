@@ -3,11 +3,9 @@
 
 from __future__ import annotations
 
-from decimal import Decimal
 from typing import Any
 
 import bpy
-import numpy as np
 from bpy.props import (
     BoolProperty,
     EnumProperty,
@@ -18,7 +16,7 @@ from bpy.props import (
 )
 
 from medialis import OPERATIONS
-from medialis.operations.declaration import Kind, Operation, Parameter
+from medialis.hosts import Kind, Operation, Parameter, as_typed, title
 
 from .writing import Options
 
@@ -83,7 +81,7 @@ def property_of(parameter: Parameter) -> Any:
     if kind is Kind.BOOL:
         return BoolProperty(default=parameter.default, **about)
     if kind is Kind.CHOICE:
-        items = [(value, value.replace("_", " ").capitalize(), "") for value in parameter.choices]
+        items = [(value, title(value).capitalize(), "") for value in parameter.choices]
         return EnumProperty(items=items, default=parameter.default, **about)
     if kind is Kind.FILE:
         if bpy.app.version >= (4, 5, 0):  # "//" is the folder of the .blend file
@@ -111,16 +109,11 @@ def property_of(parameter: Parameter) -> Any:
 
 
 def value_of(parameter: Parameter, value: Any) -> Any:
-    """Return the core's value of a property's value.
-
-    Blender keeps numbers in single precision; the shortest decimal that it stands for is what the
-    user meant: 0.03 % is 0.0003, not 0.000299999993.
-    """
+    """Return the core's value of a property's value; Blender keeps single precision."""
     if parameter.kind is Kind.FILE:
         return bpy.path.abspath(value) if value else ""
     if parameter.kind in (Kind.FLOAT, Kind.ANGLE, Kind.LENGTH):
-        meant = Decimal(str(np.float32(value)))
-        return float(meant / 100 if parameter.kind is Kind.LENGTH else meant)
+        return as_typed(value, percent=parameter.kind is Kind.LENGTH)
     return value
 
 

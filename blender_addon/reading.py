@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from medialis import InvalidShapeError
-from medialis.operations.declaration import Operation
+from medialis.hosts import Operation
 
 TYPES = ("MESH", "CURVE", "SURFACE", "FONT", "META", "POINTCLOUD")
 RESULT = "medialis_result"

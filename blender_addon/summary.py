@@ -3,10 +3,11 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Sequence
 
 from medialis import Layer, Result, operation
-from medialis.operations.result import value_lines
+from medialis.hosts import value_lines
 
 PROPERTY = "medialis_summary"
 """Custom property of objects: the lines of `lines`."""
@@ -20,7 +21,9 @@ def headline(result: Result, layers: Sequence[Layer], name: str) -> str:
 
 
 def lines(result: Result, layers: Sequence[Layer], name: str, earlier: int = 0) -> str:
-    """Return the summary, a line each: the headline, values, and messages marked "! ".
+    """Return the summary, a line each: the headline, values, and messages marked "! " or "!! ".
+
+    Two marks are a warning: the user may want to do something.
 
     `earlier` objects of the same layers are there already; Blender numbers the new ones.
     """
@@ -35,6 +38,10 @@ def lines(result: Result, layers: Sequence[Layer], name: str, earlier: int = 0) 
         [
             headline(result, layers, name),
             *value_lines(result.values),
-            *(f"! {message}" for message in messages),
+            *(f"{_mark(message)} {message}" for message in messages),
         ]
     )
+
+
+def _mark(message: str) -> str:
+    return "!!" if getattr(message, "level", logging.INFO) >= logging.WARNING else "!"

@@ -17,7 +17,7 @@ from pathlib import Path
 
 import bpy
 
-from medialis._kernels.cache_folder import kernels_are_compiled, user_cache
+from medialis.hosts import WARMUP, kernel_folder, kernels_are_compiled
 
 DELAY = 2.0
 """Seconds after the start of Blender."""
@@ -34,12 +34,12 @@ class Warmup:
         How far it is.
     """
 
-    def __init__(self, arguments: Sequence[str] = ("warmup", "--progress", "lines")) -> None:
+    def __init__(self, arguments: Sequence[str] = WARMUP) -> None:
         self.fraction = 0.0
         self.note = "Preparing for the first use (once, about a minute)"
         self._lines: list[str] = []
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "medialis", *arguments],
+            [sys.executable, *arguments],
             env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
@@ -87,7 +87,7 @@ current: Warmup | None = None
 
 def choose_cache() -> None:
     """Use the user's cache folder; where it cannot be written, a folder of Blender's."""
-    folder = user_cache()
+    folder = kernel_folder()
     with suppress(OSError):
         folder.mkdir(parents=True, exist_ok=True)
     if not (folder.is_dir() and os.access(folder, os.W_OK)):

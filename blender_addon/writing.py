@@ -8,14 +8,15 @@ before.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import bpy
 import numpy as np
 from numpy.typing import NDArray
 
-from medialis import InvalidShapeError, Result, Shape, SkinWeights
+from medialis import InvalidShapeError, Result, Shape
+from medialis.hosts import Rig, rig_of, title
 
 from . import armatures, fields, layers, placing, summary
 from .changes import Changes
@@ -55,15 +56,15 @@ def add_result(
     chosen = source.find()
     scene = bpy.data.scenes.get(source.scene) or context.scene
     wanted = [layer for layer in result.layers if options.add_samples or not layer.auxiliary]
-    spacing = result.values.get("spacing")
+    rig, spacing = rig_of(result, shape), result.values.get("spacing")
     plans: list[layers.Plan | fields.FieldPlan] = []
     for layer in wanted:
-        title = f"{chosen.name} {layer.name.replace('_', ' ')}"
+        name = f"{chosen.name} {title(layer.name)}"
         if layer.on_input:
-            with_groups = result.skin is None  # otherwise the weights are the vertex groups
-            plans.append(fields.plan_field(layer, title, shape, source, with_groups=with_groups))
+            with_groups = rig is None or rig.weights is None  # the weights are the vertex groups
+            plans.append(fields.plan_field(layer, name, shape, source, with_groups=with_groups))
         else:
-            plans.append(layers.plan_layer(layer, title, spacing))
+            plans.append(layers.plan_layer(layer, name, spacing))
     active = context.view_layer.objects.active
     for other in (chosen, active):  # meanwhile the user may be editing another object
         if other is not None:
@@ -71,16 +72,17 @@ def add_result(
     names = {plan.layer.name for plan in plans}
     earlier = sum(child.get(RESULT) in names for child in chosen.children)
     with Changes() as changes:
-        made = _make(context, scene, chosen, source, plans, options, result, changes)
-        if result.skin is not None:
-            _add_skin(made, shape, result, options, changes)
+        made = _make(context, scene, chosen, source, plans, options, rig, changes)
+        carriers = list(dict.fromkeys(made.values()))
+        if rig is not None and rig.weights is not None:
+            _add_skin(made, rig, options, changes)
         _add_images(result, chosen.name, changes)
         text = summary.lines(result, wanted, source.name, earlier)
-        for carrier in made:
+        for carrier in carriers:
             _remember(carrier, text, changes)
-        if made and made[0] != chosen:
-            placing.make_active(context, made[0])
-    return made
+        if carriers and carriers[0] != chosen:
+            placing.make_active(context, carriers[0])
+    return carriers
 
 
 def leave_edit_mode(context: bpy.types.Context, chosen: bpy.types.Object) -> None:
@@ -106,12 +108,13 @@ def _make(
     source: Source,
     plans: Sequence[layers.Plan | fields.FieldPlan],
     options: Options,
-    result: Result,
+    rig: Rig | None,
     changes: Changes,
-) -> list[bpy.types.Object]:
+) -> dict[str, bpy.types.Object]:
+    """Add what the plans say; return what carries each layer, by its name."""
     collection = None
     place = None
-    made = []
+    made: dict[str, bpy.types.Object] = {}
     for plan in plans:
         if isinstance(plan, fields.FieldPlan):
             if place is None:  # one mesh for all layers on the input
@@ -119,36 +122,28 @@ def _make(
             carrier = place
             fields.write_field(plan, carrier, changes, with_materials=options.with_materials)
         else:
-            if result.rig is not None and plan.layer is result.layers[0]:
-                carrier = armatures.new_armature(context, plan.title, result.rig, changes)
+            if rig is not None and plan.layer is rig.layer:
+                carrier = armatures.new_armature(context, plan.title, rig.bones, changes)
             else:
                 carrier = layers.make_object(plan, scene, changes, curves=options.curves)
             placing.lay_on(carrier, chosen, source)
             carrier.show_in_front = plan.shows != "faces"
-        if carrier != chosen and carrier not in made:
+        if carrier != chosen and carrier not in made.values():
             carrier.name = plan.title
             carrier.data.name = plan.title
             collection = collection or placing.result_collection(scene, chosen.name, changes)
             placing.link(carrier, collection)
             carrier[RESULT] = plan.layer.name
-        if carrier not in made:
-            made.append(carrier)
+        made[plan.layer.name] = carrier
     return made
 
 
 def _add_skin(
-    made: Sequence[bpy.types.Object],
-    shape: Shape,
-    result: Result,
-    options: Options,
-    changes: Changes,
+    made: Mapping[str, bpy.types.Object], rig: Rig, options: Options, changes: Changes
 ) -> None:
     """Write the weights on what carries the layer of the skin; bind that where it is asked for."""
-    armature = next(carrier for carrier in made if carrier.type == "ARMATURE")
-    place = next(carrier for carrier in made if carrier != armature)
-    bones = shape.on_input_points(result.skin.bones, -1)
-    weights = shape.on_input_points(result.skin.weights, 0.0)
-    armatures.write_weights(place, result.rig.names, SkinWeights(bones, weights))
+    armature, place = made[rig.layer.name], made[rig.skin_layer.name]
+    armatures.write_weights(place, rig.bones.names, rig.weights)
     if options.bind:
         armatures.require_unbound(place)
         armatures.bind(place, armature, changes)
@@ -170,9 +165,9 @@ def _remember(carrier: bpy.types.Object, text: str, changes: Changes) -> None:
 
 def _add_images(result: Result, name: str, changes: Changes) -> None:
     """Add the pictures that are themselves the result; they are packed into the file."""
-    for title, pixels in result.images.items():
+    for picture, pixels in result.images.items():
         height, width = pixels.shape[:2]
-        image = bpy.data.images.new(f"{name} {title.replace('_', ' ')}", width, height)
+        image = bpy.data.images.new(f"{name} {title(picture)}", width, height)
         changes.undo_by(bpy.data.images.remove, image)
         image.pixels.foreach_set(_rgba(pixels))
         image.update()

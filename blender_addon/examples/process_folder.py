@@ -67,7 +67,7 @@ def write_ply(made: bpy.types.Object, path: Path) -> None:
     """Write the points, faces and attributes of an object, without loss, by the core's writer."""
     import numpy as np
 
-    from medialis.files.ply_attributes import write_ply as write
+    from medialis.hosts import write_ply as write
 
     widths = {"FLOAT": 1, "INT": 1, "FLOAT_VECTOR": 3}
     keys = {"FLOAT": "value", "INT": "value", "FLOAT_VECTOR": "vector"}

@@ -168,7 +168,7 @@ QVariant returned(const QJsonValue& value)
 struct NewLayer {
     QString name;
     std::string colorBy;
-    bool onInput;
+    bool onInput, hidden;
     LayerFile content;
 };
 
@@ -180,7 +180,8 @@ std::vector<NewLayer> readLayers(const QJsonObject& manifest, const QDir& folder
     for (const QJsonValue& value : manifest["layers"].toArray()) {
         const QJsonObject about = value.toObject();
         NewLayer layer{about["name"].toString(), about["color_by"].toString().toStdString(),
-                       about["on_input"].toBool(), readLayer(folder.filePath(about["file"].toString()))};
+                       about["on_input"].toBool(), about["role"].toString() == "hidden",
+                       readLayer(folder.filePath(about["file"].toString()))};
         const Rows& faces = layer.content.faces;
         const bool lies = layer.content.points.size() == vertexCount(source.cm) &&
                           (faces.attributes.empty() || faces.count == faceCount(source.cm));
@@ -191,16 +192,20 @@ std::vector<NewLayer> readLayers(const QJsonObject& manifest, const QDir& folder
 }
 
 // The given layer stays the current one: Apply in the dialog can be pressed again. New layers come
-// first, because they can be taken back when memory runs out. Returns what changed on the given one.
+// first, because they can be taken back when memory runs out; those that start invisible (points
+// that the operation hides) before the others, so that the last layer is one of the result's own.
+// Returns what changed on the given one.
 int addLayers(const std::vector<NewLayer>& layers, MeshModel& source, MeshDocument& document)
 {
     std::vector<MeshModel*> added;
     try {
-        for (const NewLayer& layer : layers) {
-            if (layer.onInput) continue;
-            added.push_back(document.addNewMesh("", layer.name, false));
-            fillMesh(*added.back(), layer.content, layer.colorBy);
-        }
+        for (const bool hidden : {true, false})
+            for (const NewLayer& layer : layers) {
+                if (layer.onInput || layer.hidden != hidden) continue;
+                added.push_back(document.addNewMesh("", layer.name, false));
+                fillMesh(*added.back(), layer.content, layer.colorBy);
+                if (hidden) document.setVisible(int(added.back()->id()), false);
+            }
     } catch (...) {
         for (MeshModel* model : added) removeLayer(document, model);
         throw;

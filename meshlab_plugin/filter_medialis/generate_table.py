@@ -12,7 +12,8 @@ from typing import Any
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "core"))
 
-from medialis.operations.registry import OPERATIONS
+from medialis import OPERATIONS
+from medialis.hosts import Operation
 
 LOWER_CASE = ("by", "of", "per", "with", "from", "to", "on", "the")
 
@@ -26,6 +27,11 @@ def title(filter_name: str) -> str:
 def literal(text: str) -> str:
     """Return a C++ string literal: those of JSON are, for all that JSON escapes."""
     return json.dumps(text)
+
+
+def help_of(operation: Operation) -> str:
+    """Return the help with the section of the thesis that it follows, if any."""
+    return operation.help + (f"\n\nSource: {operation.source}." if operation.source else "")
 
 
 def parameter_row(parameter: dict[str, Any]) -> str:
@@ -60,7 +66,7 @@ def table() -> str:
         fields = [
             literal(operation.name.replace("_", "-")),
             literal(title(operation.filter_name)),
-            literal(f"{operation.help}\n\nSource: {operation.source}."),
+            literal(help_of(operation)),
             literal(operation.filter_name.split("_")[0]),
         ]
         lines.append(f"    {{{', '.join(fields)},")

@@ -11,20 +11,20 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from medialis.render.colors import MISSING, color_table, palette, value_range
-from medialis_meshset.attributes import Display, FloatArray
+from medialis.hosts import MISSING, Shown, color_table, palette, value_range
+from medialis_meshset.attributes import FloatArray
 
 TOLERANCE = 0.5
 """How far a straight piece may be from the colour map, in steps of 255."""
 
 
-def quality_expression(shown: Display, name: str) -> str:
-    """Return the quality of `Display.quality` as an expression over the attribute `name`."""
+def quality_expression(shown: Shown, name: str) -> str:
+    """Return the quality of `Shown.finite` as an expression over the attribute `name`."""
     low, high = value_range(shown.values)
     return f"({name}=={name}?min(max({name},{low!r}),{high!r}):{low!r})"
 
 
-def color_expressions(shown: Display, name: str) -> tuple[str, str, str]:
+def color_expressions(shown: Shown, name: str) -> tuple[str, str, str]:
     """Return red, green and blue (0..255) as expressions over the attribute `name`."""
     missing = [f"{round(255 * share)}" for share in MISSING]
     if shown.is_label:

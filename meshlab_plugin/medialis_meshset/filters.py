@@ -12,11 +12,9 @@ import numpy as np
 import pymeshlab
 from pymeshlab import PyMeshLabException
 
-from medialis.errors import MedialisError
-from medialis.operations import registry
-from medialis.operations.declaration import Kind, Operation
-from medialis.operations.result import Layer, Result
-from medialis.progress import Progress
+import medialis
+from medialis import Layer, MedialisError, Progress, Result
+from medialis.hosts import Kind, Operation, hidden_apart
 from medialis_meshset.interrupt import interrupts_held
 from medialis_meshset.layers import NewLayer, add_layer, new_layer
 from medialis_meshset.listing import require_filter
@@ -107,20 +105,24 @@ def _compute(
     """Run the operation and make all that will be added; nothing changes yet."""
     progress = Progress()
     shape = shape_of_mesh(mesh, progress)
-    result = registry.run(
+    result = medialis.run(
         chosen.name, shape, progress=progress, **with_fractions(chosen, values, shape.diagonal)
     )
     on_input = [layer for layer in result.layers if layer.on_input]
     new = [new_layer(layer) for layer in _wanted(result, add_auxiliary)]
-    return result, new, input_data(on_input, shape, mesh)
+    return result, new, input_data(on_input, shape)
 
 
 def _wanted(result: Result, add_auxiliary: bool) -> Sequence[Layer]:
-    """Layers to add: where pictures are the result, layers are only what they show."""
+    """Layers to add: where pictures are the result, layers are only what they show.
+
+    MeshLab has no slider: points that a layer hides become an invisible layer of their own.
+    """
     return [
-        layer
+        part
         for layer in result.layers
         if not layer.on_input and (add_auxiliary or not (layer.auxiliary or result.images))
+        for part in hidden_apart(layer)
     ]
 
 

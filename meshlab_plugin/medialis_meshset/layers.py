@@ -11,14 +11,13 @@ import numpy as np
 import pymeshlab
 from numpy.typing import NDArray
 
-from medialis.operations.result import Layer
+from medialis.hosts import Layer, free_name, shown
 from medialis_meshset.attributes import (
     FloatArray,
     add_face_attribute,
     add_vertex_attribute,
+    colors_of,
     custom_arrays,
-    display_of,
-    free_name,
 )
 from medialis_meshset.own_attributes import note_own
 
@@ -35,6 +34,7 @@ class NewLayer:
     mesh: pymeshlab.Mesh
     vertex_attributes: dict[str, FloatArray]
     face_attributes: dict[str, FloatArray]
+    visible: bool = True
 
 
 def new_layer(layer: Layer) -> NewLayer:
@@ -51,16 +51,16 @@ def new_layer(layer: Layer) -> NewLayer:
     normals = layer.attributes.get("normal")
     if normals is not None and np.shape(normals)[1:] == (3,):
         given["v_normals_matrix"] = np.ascontiguousarray(normals, np.float64)
-    for letter, attributes in (("v", layer.attributes), ("f", layer.face_attributes)):
-        shown = display_of(layer, attributes)
-        if shown is not None and len(shown.values):
-            given[f"{letter}_scalar_array"] = shown.quality
-            given[f"{letter}_color_matrix"] = shown.colors
+    for letter, first in (("v", shown(layer, None, {})), ("f", shown(layer, {}, None))):
+        if first is not None and len(first.values):
+            given[f"{letter}_scalar_array"] = first.finite
+            given[f"{letter}_color_matrix"] = colors_of(first)
     return NewLayer(
         layer.name,
         pymeshlab.Mesh(**given),
         _named(layer.attributes),
         _named(layer.face_attributes),
+        visible=layer.role != "hidden",
     )
 
 
@@ -74,6 +74,8 @@ def add_layer(mesh_set: pymeshlab.MeshSet, layer: NewLayer) -> int:
         add_face_attribute(mesh, name, values)
     note_own(mesh_set, mesh.id(), "v", layer.vertex_attributes)
     note_own(mesh_set, mesh.id(), "f", layer.face_attributes)
+    if not layer.visible:
+        mesh_set.set_current_mesh_visibility(False)
     return int(mesh.id())
 
 

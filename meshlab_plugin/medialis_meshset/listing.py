@@ -9,8 +9,8 @@ from typing import Any
 
 from pymeshlab import PercentageValue, PyMeshLabException
 
-from medialis.operations import registry
-from medialis.operations.declaration import Kind, Operation, Parameter
+import medialis
+from medialis.hosts import Kind, Operation, Parameter
 from medialis_meshset.parameters import parameters_of, percent
 
 TYPES = {
@@ -40,12 +40,12 @@ PyMeshLabException
 
 def filter_list() -> list[str]:
     """Return the names of the filters of medialis, in alphabetical order."""
-    return sorted(chosen.filter_name for chosen in registry.OPERATIONS)
+    return sorted(chosen.filter_name for chosen in medialis.OPERATIONS)
 
 
 def find_filter(name: str) -> Operation | None:
     """Return the operation behind a filter name; None: it is none of medialis."""
-    return next((o for o in registry.OPERATIONS if o.filter_name == name), None)
+    return next((o for o in medialis.OPERATIONS if o.filter_name == name), None)
 
 
 def require_filter(name: str) -> Operation:

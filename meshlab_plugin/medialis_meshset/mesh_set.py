@@ -8,8 +8,8 @@ from typing import Any
 
 import pymeshlab
 
-from medialis.operations import registry
-from medialis.operations.declaration import Operation
+import medialis
+from medialis.hosts import Operation
 from medialis_meshset.filters import filter_values, run_filter
 from medialis_meshset.listing import docstring, find_filter, signature
 from medialis_meshset.own_attributes import forget
@@ -47,7 +47,7 @@ class FilterMethods:
 
 def filter_methods() -> dict[str, Callable[..., dict[str, Any]]]:
     """Return one method for each registered operation by its filter name."""
-    return {chosen.filter_name: _method(chosen) for chosen in registry.OPERATIONS}
+    return {chosen.filter_name: _method(chosen) for chosen in medialis.OPERATIONS}
 
 
 def _method(chosen: Operation) -> Callable[..., dict[str, Any]]:

@@ -24,17 +24,14 @@ import numpy as np
 import pymeshlab
 from numpy.typing import NDArray
 
-from medialis.errors import InvalidShapeError
-from medialis.model.shape import Shape
-from medialis.operations.result import Layer
+from medialis import Layer, Shape
+from medialis.hosts import Shown, free_name, identifier, on_input, shown
 from medialis_meshset.attributes import (
-    Display,
     FloatArray,
     add_face_attribute,
     add_vertex_attribute,
+    colors_of,
     custom_arrays,
-    display_of,
-    free_name,
     taken_names,
 )
 from medialis_meshset.expressions import color_expressions, quality_expression
@@ -57,59 +54,43 @@ class InputData:
 
     vertex_attributes: dict[str, FloatArray]
     face_attributes: dict[str, FloatArray]
-    vertex_display: Display | None = None
-    face_display: Display | None = None
+    vertex_shown: Shown | None = None
+    face_shown: Shown | None = None
 
 
-def input_data(layers: Sequence[Layer], shape: Shape, mesh: pymeshlab.Mesh) -> InputData:
-    """Bring the attributes of `on_input` layers to the vertices and faces of the given mesh.
+def input_data(layers: Sequence[Layer], shape: Shape) -> InputData:
+    """Bring the attributes of `on_input` layers to the vertices and faces that were given.
 
     Vertices and faces that repair dropped get NaN, and -1 for whole numbers. The first layer with
     something to show decides quality and colour.
     """
     data = InputData({}, {})
     for layer in layers:
-        _require_same(layer, shape)
-        points = {
-            name: shape.on_input_points(_signed(values))
-            for name, values in layer.attributes.items()
-        }
-        faces = {
-            name: shape.on_input_faces(_signed(values), mesh.face_number())
-            for name, values in layer.face_attributes.items()
-        }
+        fields = on_input(layer, shape)
+        points, faces = fields.attributes, fields.face_attributes
+        on_points, on_faces = shown(layer, points, {}), shown(layer, {}, faces)
         data = replace(
             data,
-            vertex_display=_collect(layer, points, data.vertex_attributes, data.vertex_display),
-            face_display=_collect(layer, faces, data.face_attributes, data.face_display),
+            vertex_shown=_collect(points, data.vertex_attributes, data.vertex_shown, on_points),
+            face_shown=_collect(faces, data.face_attributes, data.face_shown, on_faces),
         )
     return data
 
 
-def _require_same(layer: Layer, shape: Shape) -> None:
-    faces = 0 if layer.faces is None else len(layer.faces)
-    if len(layer.points) != shape.point_count or (
-        layer.face_attributes and faces != shape.face_count
-    ):
-        raise InvalidShapeError(
-            f"Layer {layer.name} is not on the shape that was given: a fault of the operation."
-        )
-
-
 def _collect(
-    layer: Layer,
     given: Mapping[str, NDArray[Any]],
     collected: dict[str, FloatArray],
-    shown: Display | None,
-) -> Display | None:
+    before: Shown | None,
+    new: Shown | None,
+) -> Shown | None:
     """Add the arrays of a layer to those of the others; return what is shown of all."""
-    display = shown or display_of(layer, given)
+    first = before or (None if new is None else replace(new, name=identifier(new.name)))
     for name, array in custom_arrays(given):
         free = free_name(name, collected)
         collected[free] = array
-        if shown is None and display is not None and display.name == name:
-            display = replace(display, name=free)
-    return display
+        if before is None and first is not None and first.name == name:
+            first = replace(first, name=free)
+    return first
 
 
 def write_on_current(mesh_set: pymeshlab.MeshSet, data: InputData) -> tuple[dict[str, str], str]:
@@ -125,16 +106,16 @@ def write_on_current(mesh_set: pymeshlab.MeshSet, data: InputData) -> tuple[dict
     mesh, message = mesh_set.current_mesh(), ""
     taken = {element: taken_names(mesh_set, element) for element in "vf"}
     safe = {element: all_own(mesh_set, mesh.id(), element, taken[element]) for element in "vf"}
-    shown = data.vertex_display is not None or data.face_display is not None
-    with filter_script_kept(mesh_set) if shown else nullcontext():
+    colored = data.vertex_shown is not None or data.face_shown is not None
+    with filter_script_kept(mesh_set) if colored else nullcontext():
         names = _add_all(mesh, add_vertex_attribute, data.vertex_attributes, taken["v"])
         face_names = _add_all(mesh, add_face_attribute, data.face_attributes, taken["f"])
         note_own(mesh_set, mesh.id(), "v", names.values())
         note_own(mesh_set, mesh.id(), "f", face_names.values())
-        if data.vertex_display is not None:
-            _show_vertices(mesh_set, data.vertex_display, names, safe=safe["v"])
-        if data.face_display is not None:
-            message = _show_faces(mesh_set, data.face_display, face_names, safe=safe["f"])
+        if data.vertex_shown is not None:
+            _show_vertices(mesh_set, data.vertex_shown, names, safe=safe["v"])
+        if data.face_shown is not None:
+            message = _show_faces(mesh_set, data.face_shown, face_names, safe=safe["f"])
     return {**face_names, **names}, message
 
 
@@ -152,48 +133,42 @@ def _add_all(
     return names
 
 
-def _signed(values: NDArray[Any]) -> NDArray[Any]:
-    """Values in a type that can hold NaN or -1 for none."""
-    array = np.asarray(values)
-    return array if array.dtype.kind == "f" else array.astype(np.int64)
-
-
 def _show_vertices(
-    mesh_set: pymeshlab.MeshSet, shown: Display, names: Mapping[str, str], *, safe: bool
+    mesh_set: pymeshlab.MeshSet, first: Shown, names: Mapping[str, str], *, safe: bool
 ) -> None:
     """Set quality and colour of the vertices; `safe`: expressions do not crash."""
     if safe:
-        name = names[shown.name]
-        red, green, blue = color_expressions(shown, name)
+        name = names[first.name]
+        red, green, blue = color_expressions(first, name)
         with suppress(RuntimeError):  # the name is too long for an expression
-            mesh_set.compute_scalar_by_function_per_vertex(q=quality_expression(shown, name))
+            mesh_set.compute_scalar_by_function_per_vertex(q=quality_expression(first, name))
             mesh_set.compute_color_by_function_per_vertex(x=red, y=green, z=blue)
             return
-    _transfer(mesh_set, shown)
+    _transfer(mesh_set, first)
 
 
 def _show_faces(
-    mesh_set: pymeshlab.MeshSet, shown: Display, names: Mapping[str, str], *, safe: bool
+    mesh_set: pymeshlab.MeshSet, first: Shown, names: Mapping[str, str], *, safe: bool
 ) -> str:
     """Set quality and colour of the faces, or return why not."""
-    name = names[shown.name]
+    name = names[first.name]
     if safe:
-        red, green, blue = color_expressions(shown, name)
+        red, green, blue = color_expressions(first, name)
         with suppress(RuntimeError):
-            mesh_set.compute_scalar_by_function_per_face(q=quality_expression(shown, name))
+            mesh_set.compute_scalar_by_function_per_face(q=quality_expression(first, name))
             mesh_set.compute_color_by_function_per_face(r=red, g=green, b=blue)
             return ""
     return NO_FACE_EXPRESSION.format(name=name)
 
 
-def _transfer(mesh_set: pymeshlab.MeshSet, shown: Display) -> None:
+def _transfer(mesh_set: pymeshlab.MeshSet, first: Shown) -> None:
     """Copy quality and colour from a layer of the same points, added for the moment."""
     target = mesh_set.current_mesh_id()
     with _untransformed(mesh_set):
         source = pymeshlab.Mesh(
             vertex_matrix=mesh_set.current_mesh().vertex_matrix(),
-            v_scalar_array=shown.quality,
-            v_color_matrix=shown.colors,
+            v_scalar_array=first.finite,
+            v_color_matrix=colors_of(first),
         )
         mesh_set.add_mesh(source, "medialis")
         try:

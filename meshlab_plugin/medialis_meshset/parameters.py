@@ -12,11 +12,10 @@ import os
 from collections.abc import Mapping
 from typing import Any
 
-import numpy as np
 from pymeshlab import InvalidEnumException, PercentageValue, PureValue, PyMeshLabException
 
-from medialis.errors import InvalidOptionError
-from medialis.operations.declaration import Kind, Operation, Parameter
+from medialis import InvalidOptionError
+from medialis.hosts import Kind, Operation, Parameter, as_typed
 
 ADD_SAMPLES = Parameter(
     "add_samples",
@@ -115,9 +114,12 @@ def _choice(choices: tuple[str, ...], value: Any) -> str:
 def _fraction(parameter: Parameter, value: Any, diagonal: float) -> float:
     """Return the fraction of the diagonal that a length is."""
     relative = isinstance(value, PercentageValue)
-    number = _as_typed(value)
+    # pymeshlab keeps single precision: 0.03 % would be 0.0299999993 %.
+    number = as_typed(value.value())
     unit = 100.0 if relative else diagonal
     fraction = number / unit if unit > 0.0 else number
+    if relative:
+        fraction = as_typed(value.value(), percent=True)
     try:
         return float(parameter.check(fraction))
     except InvalidOptionError:
@@ -128,11 +130,3 @@ def _fraction(parameter: Parameter, value: Any, diagonal: float) -> float:
             f"{percent(parameter.high)} of the bounding box diagonal). "
             f"Value: {number:g}{suffix}"
         ) from None
-
-
-def _as_typed(length: Any) -> float:
-    """Return the number as the user wrote it, up to 7 digits: pymeshlab keeps single precision.
-
-    Without this, 0.03 % would not be the 0.03 % of the core but 0.0299999993 %.
-    """
-    return float(str(np.float32(length.value())))

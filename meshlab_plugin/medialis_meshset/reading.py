@@ -7,10 +7,7 @@ import numpy as np
 import pymeshlab
 from numpy.typing import NDArray
 
-from medialis.errors import InvalidShapeError
-from medialis.model.shape import Shape
-from medialis.progress import Progress
-from medialis.surface.reading import make_shape
+from medialis import InvalidShapeError, Progress, Shape, make_shape
 
 
 def shape_of_mesh(mesh: pymeshlab.Mesh, progress: Progress) -> Shape:

@@ -195,7 +195,7 @@ def test_warmup_runs_the_core_in_a_process_of_its_own(addon):
     """It finds the core through the paths of this process; here it only lists the operations."""
     from blender_addon.warmup import Warmup
 
-    child = Warmup(["list"])
+    child = Warmup(["-m", "medialis", "list"])
     child.wait(60)
     assert not child.running and child.note == "" and child._process.returncode == 0
 

@@ -5,7 +5,9 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from dataclasses import field, make_dataclass
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -13,6 +15,7 @@ import medialis
 from medialis.operations import registry
 from medialis.operations.declaration import Operation
 from medialis.operations.result import Outcome
+from medialis.options import Options
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -47,18 +50,21 @@ def register(monkeypatch):
             progress.note("Made by hand.")
             return Outcome(shape, tuple(made), {"count": len(made)}, images=images or {})
 
+        fields = [
+            (p.name, Any, field(default=p.default, metadata={"parameter": p})) for p in parameters
+        ]
         own = Operation(
-            name.partition("_")[2],
-            name,
-            "Made",
-            "Test",
-            "Make layers by hand.",
-            "thesis 0",
-            tuple(parameters),
-            run or outcome,
-            needs_faces,
+            name=name.partition("_")[2],
+            filter_name=name,
+            label="Made",
+            group="Test",
+            help="Make layers by hand.",
+            options=make_dataclass("MadeRun", fields, bases=(Options,), frozen=True, kw_only=True),
+            run=run or outcome,
+            needs_faces=needs_faces,
         )
         monkeypatch.setattr(registry, "OPERATIONS", (*registry.OPERATIONS, own))
+        monkeypatch.setattr(medialis, "OPERATIONS", registry.OPERATIONS)
         medialis_meshlab.patch()
         return own
 

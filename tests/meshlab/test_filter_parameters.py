@@ -31,7 +31,7 @@ def seen(register):
 
     def run(shape, values, progress):
         got.clear()
-        got.update(values)
+        got.update(values.values())
         return Outcome(shape, (Layer("made", shape.points[:1]),))
 
     register(parameters=ALL_KINDS, run=run)

@@ -218,7 +218,7 @@ def test_nothing_is_added_when_writing_on_the_input_fails(mesh_set, register, mo
 
 def test_a_layer_that_is_not_on_the_input_is_refused(mesh_set, register):
     register(Layer("on", POINTS, attributes={"a": POINTS[:, 0]}, on_input=True))
-    with pytest.raises(pymeshlab.PyMeshLabException, match="not on the shape that was given"):
+    with pytest.raises(pymeshlab.PyMeshLabException, match="it does not lie on it"):
         mesh_set.generate_made()
     assert mesh_set.mesh_number() == 1
 

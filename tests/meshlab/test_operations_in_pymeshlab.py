@@ -4,11 +4,13 @@ import numpy as np
 import pytest
 
 import medialis
+from medialis.hosts import hidden_apart, shown
 from medialis.operations.registry import OPERATIONS
 
 pymeshlab = pytest.importorskip("pymeshlab", reason="needs pymeshlab (the extra meshlab)")
 import medialis_meshlab  # noqa: E402, F401 - adds the filters
 
+ALL = pymeshlab.PercentageValue(0)
 GIVEN = {"geodesic_path": {"start": 5, "end": 4000}}
 
 
@@ -39,12 +41,13 @@ def test_every_operation_gives_the_arrays_of_the_core(chosen, real_shapes):
     assert list(result["images"]) == list(expected.images)
     for name, image in expected.images.items():
         assert (result["images"][name] == image).all()
-    new = [layer for layer in expected.layers if not layer.on_input]
+    layers = [part for layer in expected.layers for part in hidden_apart(layer)]
+    new = [layer for layer in layers if not layer.on_input]
     assert list(result["layers"]) == [layer.name for layer in new]
     assert ms.mesh_number() == 3 + len(new)
     first = result["layers"].get(new[0].name) if new else 1
     assert ms.current_mesh_id() == (first if chosen.filter_name.startswith("generate_") else 1)
-    for layer in expected.layers:
+    for layer in layers:
         made = mesh if layer.on_input else ms.mesh(result["layers"][layer.name])
         for name, values in layer.attributes.items():
             assert (vertex_array(made, name, values) == values).all()
@@ -60,9 +63,9 @@ def test_every_operation_gives_the_arrays_of_the_core(chosen, real_shapes):
 
 
 def test_auxiliary_layers_come_on_request_only(mesh_set, creature):
-    assert list(mesh_set.generate_surface_skeleton()["layers"]) == ["surface_skeleton"]
+    assert list(mesh_set.generate_surface_skeleton(threshold=ALL)["layers"]) == ["surface_skeleton"]
     mesh_set.set_current_mesh(0)
-    result = mesh_set.generate_surface_skeleton(add_samples=True)
+    result = mesh_set.generate_surface_skeleton(threshold=ALL, add_samples=True)
     assert list(result["layers"]) == ["surface_skeleton", "samples"]
     samples = mesh_set.mesh(result["layers"]["samples"])
     expected = medialis.run("surface_skeleton", creature)
@@ -70,6 +73,22 @@ def test_auxiliary_layers_come_on_request_only(mesh_set, creature):
     assert (samples.face_matrix() == expected.layers[1].faces).all()
     normals = samples.vertex_custom_point_attribute_matrix("normal")
     assert (normals == expected.layers[1].attributes["normal"]).all()
+
+
+def test_hidden_points_are_an_invisible_layer(mesh_set, creature):
+    """All points are there, in the colours of the whole; the current mesh is what is shown."""
+    expected = medialis.run("surface_skeleton", creature).layers[0]
+    layers = mesh_set.generate_surface_skeleton()["layers"]
+    assert list(layers) == ["surface_skeleton", "surface_skeleton_hidden"]
+    assert mesh_set.current_mesh_id() == layers["surface_skeleton"]
+    parts = [mesh_set.mesh(number) for number in layers.values()]
+    assert [part.is_visible() for part in parts] == [True, False]
+    colors = shown(expected).rgba_bytes
+    for part, rows in zip(parts, (~expected.hidden, expected.hidden), strict=True):
+        assert (part.vertex_matrix() == expected.points[rows]).all()
+        importance = part.vertex_custom_scalar_attribute_array("importance")
+        assert (importance == expected.attributes["importance"][rows]).all()
+        assert (np.rint(255 * part.vertex_color_matrix()) == colors[rows]).all()
 
 
 def test_pictures_are_returned_and_nothing_is_added(mesh_set):
@@ -130,7 +149,7 @@ def test_layers_are_measured_where_they_are_shown(mesh_set, creature):
     assert (thickness == expected.layers[0].attributes["thickness"]).all()
     assert (mesh.transform_matrix() == matrix).all()
     assert (mesh.vertex_matrix() == creature.points).all()
-    result = mesh_set.generate_surface_skeleton()
+    result = mesh_set.generate_surface_skeleton(threshold=ALL)
     made = mesh_set.mesh(result["layers"]["surface_skeleton"])
     assert (made.transform_matrix() == np.eye(4)).all()
     expected = medialis.run(

@@ -15,6 +15,7 @@ import pytest
 
 import medialis
 from medialis.files.ply_attributes import write_ply
+from medialis.hosts import shown
 from medialis.operations.registry import OPERATIONS
 from real_meshlab import NEW_SOURCE, PROJECT, build_plugin, medialis_program
 
@@ -27,7 +28,8 @@ pymeshlab.load_plugin(plugin)
 found = {"filters": [f for f in pymeshlab.filter_list()]}
 ms = pymeshlab.MeshSet()
 ms.load_new_mesh(shape)
-found["values"] = ms.apply_filter("generate_surface_skeleton", auxiliary_layers=True)
+ALL = pymeshlab.PercentageValue(0)
+found["values"] = ms.apply_filter("generate_surface_skeleton", auxiliary_layers=True, threshold=ALL)
 found["current"] = ms.current_mesh_id()
 found["labels"] = [mesh.label() for mesh in ms]
 skeleton = ms.mesh(1)
@@ -41,7 +43,7 @@ arrays["thickness"] = ms.mesh(0).vertex_custom_scalar_attribute_array("thickness
 arrays["thickness_scalar"] = ms.mesh(0).vertex_scalar_array()
 ms.set_matrix(transformmatrix=np.array([[0., -2, 0, 5], [2, 0, 0, 0], [0, 0, 2, 0], [0, 0, 0, 1]]),
               freeze=False)
-ms.apply_filter("generate_surface_skeleton")
+ms.apply_filter("generate_surface_skeleton", threshold=ALL)
 arrays["moved"] = ms.mesh(ms.mesh_number() - 1).vertex_matrix()
 ms.create_sphere(subdiv=3)  # a layer of no file
 found["unsaved"] = ms.apply_filter("generate_surface_skeleton", refine=pymeshlab.PercentageValue(0))
@@ -98,12 +100,12 @@ def test_every_operation_is_a_filter_under_its_name(run):
 
 def test_layers_hold_bitwise_the_arrays_of_the_core(run):
     shape, found, arrays = run
-    result = medialis.run("surface_skeleton", shape)
+    result = medialis.run("surface_skeleton", shape, threshold=0.0)
     skeleton, samples = result.layers
     assert found["current"] == 0
     assert found["labels"][1:] == ["surface_skeleton", "samples"]
     np.testing.assert_array_equal(arrays["points"], skeleton.points)
-    np.testing.assert_array_equal(arrays["scalar"], skeleton.attributes["radius"])
+    np.testing.assert_array_equal(arrays["scalar"], shown(skeleton).finite)
     np.testing.assert_array_equal(arrays["source"], skeleton.attributes["source"])
     np.testing.assert_array_equal(arrays["normal"], samples.attributes["normal"])
     assert np.ptp(arrays["colors"][:, :3]) > 0.5

@@ -7,7 +7,7 @@ import pytest
 
 import closed_forms as forms
 import medialis
-from medialis.hosts.handover import layer_colors
+from medialis.hosts import shown
 from medialis.model.curve_skeleton import CurveSkeleton
 from medialis.operations.common import summary
 from medialis.operations.result import Outcome
@@ -88,7 +88,7 @@ def test_infinite_importance_stays_and_scales_come_from_the_finite_values():
     importance = every.layers[0].attributes["importance"]
     low, high = value_range(importance)
     assert np.isfinite([low, high]).all() and every.values["importance_max"] == high
-    colors = layer_colors(every.layers[0])
+    colors = shown(every.layers[0]).rgba_bytes
     assert (colors[np.isinf(importance)] == colors[importance == high][0]).all()
     assert any("kept by any threshold" in text for text in every.messages)
 
@@ -96,10 +96,10 @@ def test_infinite_importance_stays_and_scales_come_from_the_finite_values():
 def test_segments_that_a_coarse_input_cannot_show_are_told():
     cube = forms.cube()
     result = medialis.run("mean_shift_segments", cube, refine=0.1)
-    shown = np.unique(result.layers[0].attributes["segment"])
+    present = np.unique(result.layers[0].attributes["segment"])
     count = result.values["segments"]
-    assert len(shown) < count == result.layers[1].attributes["segment"].max() + 1
-    assert any(f"{count - len(shown)} of {count} segments" in text for text in result.messages)
+    assert len(present) < count == result.layers[1].attributes["segment"].max() + 1
+    assert any(f"{count - len(present)} of {count} segments" in text for text in result.messages)
     assert not any("hold no vertex" in text for text in medialis.run("patches", cube).messages)
 
 

@@ -122,6 +122,7 @@ def _bones_layer(rig: Bones) -> Layer:
         },
         color_by="bone",
         labels=("bone",),
+        role="bones",
     )
 
 
@@ -135,6 +136,7 @@ def _skin_layer(shape: Shape, skin: SkinWeights) -> Layer:
         color_by="bone",
         labels=("bone",),
         on_input=True,
+        role="skin",
     )
 
 

@@ -99,6 +99,9 @@ class Layer:
         write the attributes on it (see `Shape.on_input_points`) instead of adding a layer.
     auxiliary : bool
         What the other layers refer to, such as the samples: hosts add it on request only.
+    role : str
+        "bones": hosts with armatures add `Outcome.rig` in its place; "skin": it shows the weights
+        of `Outcome.skin`; "hidden": hosts add it invisible.
     """
 
     name: str
@@ -116,6 +119,7 @@ class Layer:
     filter_default: float = 0.0
     on_input: bool = False
     auxiliary: bool = False
+    role: str = ""
 
     def __post_init__(self) -> None:
         count = len(as_points(self.points, f"points of layer {self.name}"))

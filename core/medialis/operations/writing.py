@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
@@ -18,7 +19,7 @@ from medialis.files.ply_attributes import write_ply
 from medialis.files.results import write_json, write_npz
 from medialis.operations.pictures import draw_result, draw_turntable, require_attribute
 from medialis.operations.result import Result
-from medialis.progress import Progress, ProgressCallback
+from medialis.progress import Message, Progress, ProgressCallback
 from medialis.render.png import reduced, write_png
 from medialis.validation import as_choice
 from medialis.version import package_version
@@ -37,7 +38,8 @@ def describe_result(result: Result, **more: Any) -> dict[str, Any]:
         "parameters": dict(result.parameters),
         "seconds": dict(result.seconds),
         "values": dict(result.values),
-        "messages": list(result.messages),
+        "messages": [str(message) for message in result.messages],
+        "notes": [_note(message) for message in result.messages],
         "layers": [
             {
                 "name": layer.name,
@@ -55,11 +57,20 @@ def describe_result(result: Result, **more: Any) -> dict[str, Any]:
                 "filter_default": layer.filter_default,
                 "on_input": layer.on_input,
                 "auxiliary": layer.auxiliary,
+                "role": layer.role,
             }
             for layer in result.layers
         ],
         **more,
     }
+
+
+def _note(message: str) -> dict[str, Any]:
+    """Return what programs read of a message: its code, counts, and whether it is a warning."""
+    if not isinstance(message, Message):
+        message = Message(message)
+    warning = message.level >= logging.WARNING
+    return {"code": message.code, "warning": warning, "data": dict(message.data)}
 
 
 def write_result(

@@ -6,12 +6,9 @@ the size of a shape makes the default lengths larger than the shape.
 
 from __future__ import annotations
 
-import logging
-
 import numpy as np
 
 from medialis.model.shape import Shape
-from medialis.progress import Message
 from medialis.validation import FloatArray
 
 FAR = 50.0
@@ -22,7 +19,7 @@ TAILS = 0.1, 0.9
 """Quantiles of each coordinate that bound the bulk of the points: fewer than a tenth are strays."""
 
 
-def far_points(shape: Shape) -> Message | None:
+def far_points(shape: Shape) -> str | None:
     """Return a sentence about points, or parts of a mesh, that lie far from the rest, or None.
 
     Parameters
@@ -32,7 +29,7 @@ def far_points(shape: Shape) -> Message | None:
 
     Returns
     -------
-    Message or None
+    str or None
         What lies where, what it does to the lengths, and what to do.
     """
     low, high = np.quantile(shape.points, TAILS, axis=0)
@@ -44,27 +41,17 @@ def far_points(shape: Shape) -> Message | None:
     if 0 < bulk < shape.diagonal / FAR:
         away = ((shape.points < low - bulk) | (shape.points > high + bulk)).any(axis=1)
         first = ", ".join(f"{x:.6g}" for x in shape.points[int(away.argmax())])
-        count = int(away.sum())
-        return Message(
-            f"{count} of {shape.point_count} points lie far from the rest, which is "
+        return (
+            f"{int(away.sum())} of {shape.point_count} points lie far from the rest, which is "
             f"about {bulk:.3g} large (the first at {first}): {harm} rest. Delete the far points if "
-            "they are strays.",
-            "far_points",
-            logging.WARNING,
-            points=count,
-            of=shape.point_count,
-            size=bulk,
+            "they are strays."
         )
     largest = _largest_part(shape)
     if 0 < largest < shape.diagonal / FAR:
-        parts = int(shape.components.max()) + 1
-        return Message(
-            f"The {parts} parts lie far apart, the largest is {largest:.3g} large: {harm} parts. "
-            "Delete parts that are strays, or run the parts one by one.",
-            "far_parts",
-            logging.WARNING,
-            parts=parts,
-            size=largest,
+        return (
+            f"The {int(shape.components.max()) + 1} parts lie far apart, the largest is "
+            f"{largest:.3g} large: {harm} parts. Delete parts that are strays, or run the parts "
+            "one by one."
         )
     return None
 
