@@ -72,3 +72,14 @@ def test_staged_pages_link_to_what_is_there(tmp_path):
             file = link.partition("#")[0]
             if file and not re.match(r"[a-z]+:", file):
                 assert (page.parent / file).is_file(), f"{name} names {link}"
+
+
+@pytest.mark.parametrize("name", ["architecture", "thesis_map"])
+def test_files_that_pages_name_are_there(name):
+    """Paths in backticks: of the core, of the tests, or of the repository."""
+    text = pages.FENCE.sub("", SOURCES[name].read_text(encoding="utf-8"))
+    roots = [pages.ROOT / folder for folder in ("core/medialis", "tests", ".")]
+    named = {path for path in re.findall(r"`([\w./]+/[\w.]*)`", text) if "..." not in path}
+    assert named
+    missing = {path for path in named if not any((root / path).exists() for root in roots)}
+    assert not missing
