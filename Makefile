@@ -48,7 +48,7 @@ test: $(VENV)/installed-dev
 	@$(if $(PYTEST),,$(MAKE) --no-print-directory test-blender)
 
 test-fast: $(VENV)/installed-dev
-	$(RUN) -m pytest $(PARALLEL) --ignore=tests/blender -m 'not slow' tests $(PYTEST)
+	$(RUN) -m pytest $(PARALLEL) --ignore=tests/blender -m 'not slow' $(or $(PYTEST),tests)
 
 HOSTS = $(patsubst %/installed,%,$(wildcard .venv-bpy-*/installed))
 
