@@ -118,6 +118,10 @@ def shrink_balls(shape: Shape, options: ShrinkOptions, progress: Progress) -> Me
     Cancelled
         When `progress` asks for it.
 
+    See Also
+    --------
+    surface_skeleton : prepares the surface and cures thin walls first.
+
     Notes
     -----
     Cost: O(n log n) for the tree, then nearly O(n) except where large parts of the surface are

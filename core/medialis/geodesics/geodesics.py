@@ -98,6 +98,11 @@ def geodesic_lengths(
     Cancelled
         When `progress` asks for it.
 
+    See Also
+    --------
+    geodesics : the polylines, shortened.
+    geodesic_importance : between the feature points of balls.
+
     Notes
     -----
     Cost: directions times the faces that a path crosses, O(sqrt(n)) each. The result does not
@@ -149,6 +154,11 @@ def geodesic(
     InvalidOptionError
         When `directions` is out of its range.
 
+    See Also
+    --------
+    geodesics : many at once.
+    geodesic_lengths : lengths alone, faster.
+
     Notes
     -----
     Cost: a search over all vertices, O(n log n), and some rounds over the faces that the path
@@ -158,6 +168,13 @@ def geodesic(
     detour; so both the best cut and the shortest path along edges, and straight over single edges,
     are shortened until they are straight everywhere, and the shorter one is taken. It is the
     shortest in its neighbourhood; another way round may be shorter by some per cent.
+
+    Examples
+    --------
+    >>> import medialis
+    >>> path = medialis.geodesic(medialis.organic_shape(56), 0, 100)
+    >>> path.points.shape[1], bool(path.length > 0)
+    (3, True)
     """
     if min(start, end) < 0:
         raise InvalidShapeError(f"Vertices must be 0..{shape.point_count - 1}, got {start}, {end}.")
@@ -179,6 +196,18 @@ def geodesics(
     """Compute the polylines of many geodesics; None where there is no path or the pair is masked.
 
     Parameters and errors are those of `geodesic_lengths`, paths and cost those of `geodesic`.
+
+    See Also
+    --------
+    geodesic : one path.
+    geodesic_lengths : lengths alone, faster.
+
+    Examples
+    --------
+    >>> import medialis
+    >>> paths = medialis.geodesics(medialis.organic_shape(56), [[0, 100], [5, 5]])
+    >>> [round(path.length, 1) for path in paths]
+    [..., 0.0]
     """
     options, task = GeodesicOptions(directions=directions), Progress.of(progress)
     ends, walk = _as_pairs(pairs, shape.point_count), surface_walk(shape)

@@ -175,6 +175,10 @@ def reconstruct_image(
     Cancelled
         When the progress callback asks for it.
 
+    See Also
+    --------
+    progressive : with growing shares of the balls.
+
     Notes
     -----
     Source: thesis 3.4, Fig. 3.7. Cost: each ball touches the pixels it covers; 190 000 balls of
@@ -249,9 +253,21 @@ def progressive(
     InvalidOptionError
         When a share is not above 0 and at most 1.
 
+    See Also
+    --------
+    reconstruct_image : with all balls.
+
     Notes
     -----
     Source: thesis 3.4, progressive rendering.
+
+    Examples
+    --------
+    >>> import medialis
+    >>> cloud = medialis.surface_skeleton(medialis.organic_shape(56))
+    >>> pictures = medialis.progressive(cloud, shares=(0.1, 1.0))
+    >>> len(pictures)
+    2
     """
     steps = Progress.of(progress)
     rows = inner_balls(cloud)
