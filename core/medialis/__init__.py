@@ -26,17 +26,17 @@ Sheets and segments:
 Curves and rigging:
     curve_skeleton, CurveSkeleton, CurveEvidence, candidate_measure, CandidateMeasure,
     tangent_field, area_importance, simplify_branches, point_graph, view_curve_skeleton,
-    view_source, View, ViewPoints, ViewSource, OrthographicCamera, rasterizer, silhouette_skeleton,
-    bones, Bones, skin_weights, SkinWeights
+    view_source, View, ViewPoints, ViewSource, OrthographicCamera, rasterizer, Rasterizer,
+    silhouette_skeleton, Crossings, bones, Bones, skin_weights, SkinWeights
 Clouds:
     estimate_normals, surface_of_cloud, manifolds, ManifoldSet, PointClass, manifold_surfaces
 Operations:
-    run, operation, OPERATIONS, Result, Layer, batch
+    run, operation, Operation, OPERATIONS, Result, Outcome, Layer, FilterUnit, batch, Row
 Files and pictures:
-    write_result, draw_result, read_curve_skeleton, write_curve_skeleton, reconstruct_image,
-    progressive
+    write_result, draw_result, Camera, read_curve_skeleton, write_curve_skeleton, reconstruct_image,
+    progressive, Comparison
 Control:
-    Progress, Cancelled, thread_count, thread_limit, memory_limit, kept_bytes, forget,
+    Progress, Message, Cancelled, thread_count, thread_limit, memory_limit, kept_bytes, forget,
     MedialisError, InvalidShapeError, InvalidOptionError, FileError
 """
 
@@ -45,6 +45,7 @@ from medialis.balls.subsampling import uniform_subsample
 from medialis.balls.surface_skeleton import surface_skeleton
 from medialis.batches.batch import batch
 from medialis.batches.huge import huge_surface_skeleton, open_medial_cloud
+from medialis.batches.jobs import Row
 from medialis.clouds.manifolds import manifolds
 from medialis.clouds.surfaces import manifold_surfaces
 from medialis.curves.from_balls.candidates import (
@@ -54,7 +55,7 @@ from medialis.curves.from_balls.candidates import (
     tangent_field,
 )
 from medialis.curves.from_balls.curve_skeleton import curve_skeleton
-from medialis.curves.from_views.silhouettes import silhouette_skeleton
+from medialis.curves.from_views.silhouettes import Crossings, silhouette_skeleton
 from medialis.curves.from_views.views import view_curve_skeleton, view_source
 from medialis.curves.graph.point_graph import point_graph
 from medialis.curves.graph.simplification import simplify_branches
@@ -102,13 +103,15 @@ from medialis.model.skeleton_mesh import SkeletonMesh
 from medialis.model.surface import Surface
 from medialis.model.view import OrthographicCamera, View, ViewSource
 from medialis.model.y_network import YNetwork
+from medialis.operations.declaration import Operation
 from medialis.operations.pictures import draw_result
 from medialis.operations.registry import OPERATIONS, operation, run
-from medialis.operations.result import Layer, Result
+from medialis.operations.result import FilterUnit, Layer, Outcome, Result
 from medialis.operations.writing import write_result
-from medialis.progress import Progress
-from medialis.render.depth_range import rasterizer
-from medialis.render.reconstruction import progressive, reconstruct_image
+from medialis.progress import Message, Progress
+from medialis.render.camera import Camera
+from medialis.render.depth_range import Rasterizer, rasterizer
+from medialis.render.reconstruction import Comparison, progressive, reconstruct_image
 from medialis.rigging.bones import bones
 from medialis.rigging.skinning import skin_weights
 from medialis.segments.mean_shift import MeanShift, mean_shift
@@ -140,13 +143,17 @@ __all__ = [
     "BallStatus",
     "Balls",
     "Bones",
+    "Camera",
     "Cancelled",
     "CandidateMeasure",
+    "Comparison",
+    "Crossings",
     "CurveEvidence",
     "CurveSkeleton",
     "Diagnosis",
     "FeatureSets",
     "FileError",
+    "FilterUnit",
     "Geodesic",
     "GeodesicPaths",
     "Importance",
@@ -159,14 +166,19 @@ __all__ = [
     "MedialScaffold",
     "MedialSheets",
     "MedialisError",
+    "Message",
+    "Operation",
     "OrthographicCamera",
+    "Outcome",
     "PathStatus",
     "PointClass",
     "PointType",
     "Progress",
     "Ragged",
+    "Rasterizer",
     "Repair",
     "Result",
+    "Row",
     "Segmentation",
     "Shape",
     "SheetMeshes",

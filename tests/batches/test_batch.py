@@ -159,7 +159,7 @@ def test_a_cluster_gives_bitwise_the_same(finished, shapes, tmp_path):
         n_workers=2, threads_per_worker=1, dashboard_address="127.0.0.1:0"
     ) as cluster:
         address = cluster.scheduler_address
-        again = medialis.batch(OPERATIONS, shapes, tmp_path, scheduler=address, picture=False)
+        again = medialis.batch(OPERATIONS, shapes, tmp_path, workers=address, picture=False)
     for row, other in zip(again, rows, strict=True):
         assert (row.name, row.status, row.values) == (other.name, other.status, other.values)
     for path in sorted(tmp_path.glob("*/*/*.npz")):

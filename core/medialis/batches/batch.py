@@ -25,8 +25,7 @@ def batch(
     output: str | os.PathLike[str],
     *,
     parameters: Mapping[str, Mapping[str, Any]] | None = None,
-    workers: int | None = None,
-    scheduler: str | None = None,
+    workers: int | str | None = None,
     picture: bool = True,
     report: bool = False,
     progress: Progress | ProgressCallback | None = None,
@@ -47,11 +46,11 @@ def batch(
         Folder of the batch.
     parameters : dict of dict, optional
         Parameters by the name of the operation; the others are at their defaults.
-    workers : int, optional
-        Processes, which share the threads of this machine; as many as processors when missing.
-    scheduler : str, optional
-        Address of an existing Dask scheduler to use instead; its workers compute with one thread
-        for each of theirs and must see the files under the same paths.
+    workers : int or str, optional
+        Number of processes, which share the threads of this machine; as many as processors when
+        missing. Or the address of an existing Dask scheduler, such as "tcp://127.0.0.1:8786": its
+        workers compute with one thread for each of theirs and must see the files under the same
+        paths.
     picture : bool
         Draw a picture of each result.
     report : bool
@@ -94,19 +93,20 @@ def batch(
     """
     progress = Progress.of(progress)
     names = [operations] if isinstance(operations, str) else list(operations)
-    if workers is not None:
-        workers = as_whole_number(workers, "workers", low=1, high=MOST_WORKERS)
+    scheduler = workers if isinstance(workers, str) else None
+    processes = thread_count()
+    if workers is not None and not isinstance(workers, str):
+        processes = as_whole_number(workers, "workers", low=1, high=MOST_WORKERS)
     jobs = plan(names, files, output, parameters=parameters, picture=picture, report=report)
     with locked_folder(output):
         rows = {job.name: found for job in jobs if (found := _finished(job)) is not None}
         waiting = [job for job in jobs if job.name not in rows]
         failed = 0
         progress.update(len(rows) / len(jobs), f"{len(rows)} of {len(jobs)}")
-        processors = thread_count()
-        workers = max(1, min(workers or processors, len(waiting)))
-        threads = 1 if scheduler is not None else max(1, processors // workers)
+        processes = max(1, min(processes, len(waiting)))
+        threads = 1 if scheduler is not None else max(1, thread_count() // processes)
         shared = [replace(job, threads=threads) for job in waiting]
-        for job, made in run_jobs(shared, run_job, workers=workers, scheduler=scheduler):
+        for job, made in run_jobs(shared, run_job, workers=processes, scheduler=scheduler):
             rows[job.name] = made
             failed += any(row.status == FAILED for row in made)
             bad = f", {failed} failed" if failed else ""
