@@ -23,6 +23,8 @@ from __future__ import annotations
 import functools
 import inspect
 import os
+import re
+import textwrap
 from collections.abc import Callable
 from dataclasses import dataclass, field, fields, replace
 from enum import StrEnum
@@ -78,6 +80,23 @@ class Parameter:
     high: float = 1.0
     choices: tuple[str, ...] = ()
     advanced: bool = False
+
+    def type_text(self) -> str:
+        """Return type and default as docstrings tell them."""
+        if self.kind is Kind.CHOICE:
+            return "{" + ", ".join(f'"{word}"' for word in self.choices) + "}"
+        names = {
+            Kind.LENGTH: "float, fraction of the diagonal",
+            Kind.ANGLE: "float, degrees",
+            Kind.FILE: "path",
+        }
+        return f"{names.get(self.kind, self.kind.value)}, default {self.default!r}"
+
+    def sentence(self) -> str:
+        """Return help and range as docstrings tell them."""
+        if self.kind in (Kind.CHOICE, Kind.BOOL, Kind.FILE):
+            return self.help
+        return f"{self.help} {self.low:g} to {self.high:g}."
 
     def check(self, value: Any) -> Any:
         """Return the value in its proper type.
@@ -222,9 +241,10 @@ def algorithm(
 ) -> Callable[[Callable[[Input, Chosen, Progress], Found]], Algorithm[Input, P, Found]]:
     """Make a public function of one that takes (data, options, progress).
 
-    The signature has the fields of the options class as keywords. Results are kept with what they
-    were computed from (see `medialis.kept`) unless `keep` is False, as for results that take no
-    longer to compute than to look up.
+    The signature has the fields of the options class as keywords, and the docstring says what they
+    are: its own Parameters tell of the data alone. Results are kept with what they were computed
+    from (see `medialis.kept`) unless `keep` is False, as for results that take no longer to compute
+    than to look up.
     """
     chosen = cast(type[Chosen], options)
 
@@ -232,7 +252,9 @@ def algorithm(
         compute: Callable[[Input, Chosen, Progress], Found],
     ) -> Algorithm[Input, P, Found]:
         def of(data: Input, given: Options, progress: Progress) -> Found:
-            own = given if type(given) is chosen else chosen.taken_from(given)
+            own = cast(Chosen, given)
+            if type(given) is not chosen or given.progress is not None:
+                own = chosen.taken_from(given)  # nothing that is kept holds a host's callback
 
             def work() -> Found:
                 return compute(data, own, progress)
@@ -250,6 +272,7 @@ def algorithm(
             given = options(*args, **kwargs)
             return of(data, given, Progress.of(given.progress))
 
+        public.__doc__ = _documented(inspect.getdoc(compute) or "", chosen)
         first = next(iter(inspect.signature(compute).parameters.values()))
         first = first.replace(kind=inspect.Parameter.POSITIONAL_ONLY)
         signature = inspect.signature(chosen)
@@ -267,3 +290,41 @@ def _in_order(signature: inspect.Signature, options: type[Options]) -> list[insp
     """Parameters of a signature as hosts show them, `progress` last."""
     names = [p.name for p in options.parameters()]
     return [signature.parameters[name] for name in (*names, "progress")]
+
+
+_INDENTED: Any = {"initial_indent": "    ", "subsequent_indent": "    "}
+
+
+def _documented(text: str, options: type[Options]) -> str:
+    """Return a docstring with the options behind its parameters and what they raise."""
+    told = "\n".join(
+        f"{p.name} : {p.type_text()}\n{textwrap.fill(p.sentence(), 96, **_INDENTED)}"
+        for p in options.parameters()
+    )
+    about = (
+        "progress : callable, optional\n    Called with (fraction, text); returning False cancels."
+    )
+    raised = "Cancelled\n    When `progress` asks for it."
+    if told:
+        raised = f"InvalidOptionError\n    When an option is out of its range.\n{raised}"
+        about = f"{told}\n{about}"
+    for section, more in (("Parameters", about), ("Raises", raised)):
+        text = _extended(text, section, more)
+    return text
+
+
+def _extended(text: str, section: str, more: str) -> str:
+    """Put more into a section of a numpydoc text; a new one comes where numpydoc wants it."""
+    lines = text.split("\n")
+    titles = [i for i in range(len(lines) - 1) if re.fullmatch("-{3,}", lines[i + 1])]
+    names = {lines[i]: i for i in titles}
+    after = [i for i in titles if i > names.get(section, -1)]
+    if section not in names:  # only Raises may be missing
+        later = ("Warns", "See Also", "Notes", "References", "Examples")
+        after = [i for i in titles if lines[i] in later]
+        more = f"{section}\n{'-' * len(section)}\n{more}"
+    end = after[0] if after else len(lines) + 1
+    head = "\n".join(lines[:end]).rstrip()
+    gap = "\n" if section in names else "\n\n"
+    rest = "\n".join(lines[end:])
+    return f"{head}{gap}{more}\n" + (f"\n{rest}" if rest else "")

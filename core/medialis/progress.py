@@ -92,8 +92,13 @@ class Progress:
 
     def note(self, text: str, code: str = "", *, level: int = logging.INFO, **data: Any) -> None:
         """Record a sentence for the user, with its code and its counts, and log it."""
-        self.messages.append(Message(text, code, level, **data))
-        logger.log(level, text)
+        self.record(Message(text, code, level, **data))
+
+    def record(self, *messages: Message) -> None:
+        """Record sentences that are made already, and log them."""
+        self.messages.extend(messages)
+        for message in messages:
+            logger.log(message.level, message)
 
     def update(self, fraction: float, text: str | None = None) -> None:
         """Report a fraction of the current stage.

@@ -15,7 +15,7 @@ from medialis.balls.ball_shrinking import (
     COINCIDENT,
     DEFAULT_TOLERANCE,
     LARGEST_RADIUS,
-    surface_skeleton,
+    shrink_balls,
 )
 from medialis.errors import Cancelled, InvalidOptionError, InvalidShapeError
 from medialis.model.medial_cloud import BallStatus
@@ -43,7 +43,7 @@ def rounding(shape, i, second, r, a=0.0):
 
 def check_against_oracle(shape, tolerance, side="inner", always_traversed=False, clearance=None):
     """Check all that is promised of every ball, with the brute-force minimum as the judge."""
-    cloud = surface_skeleton(shape, tolerance=tolerance, side=side)
+    cloud = shrink_balls(shape, tolerance=tolerance, side=side)
     sign = 1 if side == "inner" else -1
     d = shape.diagonal
     normals, largest = sign * shape.normals, LARGEST_RADIUS * d
@@ -133,7 +133,7 @@ def test_balls_of_any_cloud_are_the_brute_force_minimum(
     scale = 2.0 ** round(exponent * math.log2(10))
     small = Shape(p, n_)
     cloud = check_against_oracle(small, tolerance, side)
-    scaled = surface_skeleton(Shape(p * scale, n_), tolerance=tolerance, side=side)
+    scaled = shrink_balls(Shape(p * scale, n_), tolerance=tolerance, side=side)
     assert np.array_equal(scaled.radii, cloud.radii * scale, equal_nan=True)
     assert np.array_equal(scaled.centers, cloud.centers * scale, equal_nan=True)
     assert np.array_equal(scaled.features, cloud.features)
@@ -169,7 +169,7 @@ def test_balls_are_those_of_the_printed_algorithm(side):
     ):
         sign = 1 if side == "inner" else -1
         tau = 1e-8 * shape.diagonal
-        cloud = surface_skeleton(shape, tolerance=0.0, side=side)
+        cloud = shrink_balls(shape, tolerance=0.0, side=side)
         radii, second = thesis_algorithm_1(
             shape.points, sign * shape.normals, LARGEST_RADIUS * shape.diagonal, tau
         )
@@ -200,7 +200,7 @@ CLOSED = {
 def test_closed_form(name, tolerance):
     """Radius and center are off by at most ClosedForm.excess, whose docstring derives it."""
     form = CLOSED[name]
-    cloud = surface_skeleton(form.shape, tolerance=tolerance)
+    cloud = shrink_balls(form.shape, tolerance=tolerance)
     bound, tiny = form.excess(tolerance), EXACT * form.shape.diagonal
     judged = np.isfinite(bound)
     # A vacuous bound proves nothing. Not judged: samples close to the rim of the axis or, of the
@@ -217,7 +217,7 @@ def test_closed_form(name, tolerance):
 def test_balls_of_a_mirrored_ellipsoid_are_exact():
     """Every second contact is a sample: radius, center and contact are right to rounding."""
     form = forms.ellipsoid(3000)
-    cloud = surface_skeleton(form.shape, tolerance=0.0)
+    cloud = shrink_balls(form.shape, tolerance=0.0)
     n = len(cloud)
     mirror = (np.arange(n) + n // 2) % n
     error = np.abs(cloud.radii - form.radii)
@@ -230,7 +230,7 @@ def test_mirrored_ellipsoid_with_tolerance():
     """No sample is deeper than T: r is at most r_T of the mirror point, and never below r."""
     form = forms.ellipsoid(3000)
     shape, n = form.shape, form.shape.point_count
-    cloud, t = surface_skeleton(shape), DEFAULT_TOLERANCE * shape.diagonal
+    cloud, t = shrink_balls(shape), DEFAULT_TOLERANCE * shape.diagonal
     mirror = (np.arange(n) + n // 2) % n
     bound = [depth_radii(shape.points, shape.normals, i, t, t)[mirror[i]] for i in range(n)]
     assert (cloud.radii <= np.array(bound) + EXACT).all()
@@ -239,7 +239,7 @@ def test_mirrored_ellipsoid_with_tolerance():
 
 def test_sphere_centers_meet_at_the_origin():
     """All samples lie on one ball, so each contact gives r = 1 up to rounding (gap > 1e-3 here)."""
-    cloud = surface_skeleton(forms.sphere(3000, seed=1).shape, tolerance=0.0)
+    cloud = shrink_balls(forms.sphere(3000, seed=1).shape, tolerance=0.0)
     gap = np.linalg.norm(
         cloud.centers + forms.random_directions(3000, 1) * cloud.radii[:, None], axis=1
     )
@@ -250,7 +250,7 @@ def test_sphere_centers_meet_at_the_origin():
 def test_oblate_spheroid_has_a_disc():
     a, c = 1.0, 0.5
     form = forms.oblate_spheroid(4000, a, c)
-    cloud = surface_skeleton(form.shape, tolerance=0.0)
+    cloud = shrink_balls(form.shape, tolerance=0.0)
     bound = form.excess()
     judged = np.isfinite(bound)
     reach = np.linalg.norm(cloud.centers[judged, :2], axis=1)
@@ -267,7 +267,7 @@ def test_box_balls_touch_a_wall_or_the_opposite_face():
     apart: loosely 0.35 for the samples with e < 0.1 r, which have d < 0.01 r.
     """
     form = forms.box_samples(spacing=0.02)
-    cloud = surface_skeleton(form.shape, tolerance=0.0)
+    cloud = shrink_balls(form.shape, tolerance=0.0)
     e = cKDTree(form.shape.points).query(form.contacts)[0]
     a, b = form.shape.points - form.centers, form.contacts - form.centers
     truth = np.arccos(np.clip((a * b).sum(1) / form.radii**2, -1, 1))
@@ -295,7 +295,7 @@ def _box_gaps(form):
 @pytest.mark.parametrize("name", ["bunny", "armadillo", "fandisk"])
 def test_no_sample_lies_deep_in_a_ball_of_a_real_shape(name, tolerance, real_shapes):
     shape = read_shape(real_shapes / f"{name}.ply")
-    cloud = surface_skeleton(shape, tolerance=tolerance)
+    cloud = shrink_balls(shape, tolerance=tolerance)
     rows = np.flatnonzero(cloud.status != BallStatus.NO_NORMAL)[::11]
     distance = cKDTree(shape.points).query(cloud.centers[rows])[0]
     assert (cloud.radii[rows] - distance).max() <= (tolerance + EXACT) * shape.diagonal
@@ -330,9 +330,9 @@ def test_balls_follow_scale_and_translation(factor, shift, noise):
     """The moved samples are rounded to eps x their size, `noise` times that of the originals."""
     shape = generic()
     move = shift * shape.diagonal * np.array([1.0, -0.5, 0.7])
-    cloud = surface_skeleton(shape, tolerance=0.0)
+    cloud = shrink_balls(shape, tolerance=0.0)
     moved = Shape(shape.points * factor + move, shape.normals)
-    other = surface_skeleton(moved, tolerance=0.0)
+    other = shrink_balls(moved, tolerance=0.0)
     back = other.radii / factor
     rows = np.linalg.norm(other.centers - move - cloud.centers * factor, axis=1) / factor
     gap = np.linalg.norm(shape.points - shape.points[cloud.features[:, 1]], axis=1)
@@ -344,10 +344,10 @@ def test_balls_follow_scale_and_translation(factor, shift, noise):
 @pytest.mark.parametrize("tolerance", [0.0, DEFAULT_TOLERANCE])
 def test_scaling_by_a_power_of_two_changes_no_bit(tolerance):
     shape = generic()
-    cloud = surface_skeleton(shape, tolerance=tolerance)
+    cloud = shrink_balls(shape, tolerance=tolerance)
     for power in (-900, -64, 20, 500):
         scale = 2.0**power
-        other = surface_skeleton(Shape(shape.points * scale, shape.normals), tolerance=tolerance)
+        other = shrink_balls(Shape(shape.points * scale, shape.normals), tolerance=tolerance)
         assert (other.radii == cloud.radii * scale).all()
         assert (other.centers == cloud.centers * scale).all()
         assert (other.features == cloud.features).all()
@@ -356,16 +356,16 @@ def test_scaling_by_a_power_of_two_changes_no_bit(tolerance):
 def test_balls_follow_a_rotation():
     shape = generic()
     q, _ = np.linalg.qr(np.random.default_rng(2).normal(size=(3, 3)))
-    cloud = surface_skeleton(shape, tolerance=0.0)
-    other = surface_skeleton(Shape(shape.points @ q.T, shape.normals @ q.T), tolerance=0.0)
+    cloud = shrink_balls(shape, tolerance=0.0)
+    other = shrink_balls(Shape(shape.points @ q.T, shape.normals @ q.T), tolerance=0.0)
     assert_same_balls(cloud, other, shape, noise=4)  # normals are rounded as well
 
 
 def test_balls_do_not_depend_on_the_point_order():
     shape = generic()
     order = np.random.default_rng(1).permutation(shape.point_count)
-    cloud = surface_skeleton(shape, tolerance=0.0)
-    mixed = surface_skeleton(Shape(shape.points[order], shape.normals[order]), tolerance=0.0)
+    cloud = shrink_balls(shape, tolerance=0.0)
+    mixed = shrink_balls(Shape(shape.points[order], shape.normals[order]), tolerance=0.0)
     back = np.argsort(order)
     mixed = mixed.subset(back)
     object.__setattr__(mixed, "features", order[mixed.features].astype(np.int32))
@@ -377,9 +377,9 @@ def test_balls_do_not_depend_on_the_point_order():
 def test_one_and_two_threads_give_the_same_bits(side):
     shape = forms.capsule(9000).shape
     with thread_limit(1):
-        one = surface_skeleton(shape, side=side)
+        one = shrink_balls(shape, side=side)
     with thread_limit(2):
-        two = surface_skeleton(shape, side=side)
+        two = shrink_balls(shape, side=side)
     for name in ("centers", "radii", "features", "status", "spoke_angles", "source", "side"):
         assert getattr(one, name).tobytes() == getattr(two, name).tobytes()
 
@@ -387,20 +387,22 @@ def test_one_and_two_threads_give_the_same_bits(side):
 def test_inputs_stay_unchanged():
     points, normals = np.random.default_rng(0).normal(size=(2, 300, 3))
     before = points.copy(), normals.copy()
-    surface_skeleton(Shape(points, normals), side="both")
+    shrink_balls(Shape(points, normals), side="both")
     assert (points == before[0]).all() and (normals == before[1]).all()
 
 
 def test_outer_balls_of_a_sphere_are_open():
     shape = forms.sphere(400).shape
     progress = Progress()
-    cloud = surface_skeleton(shape, side="outer", largest_radius=0.7, progress=progress)
+    cloud = shrink_balls(shape, side="outer", largest_radius=0.7, progress=progress)
     assert (cloud.status == BallStatus.OPEN).all() and (cloud.side == -1).all()
     assert cloud.radii == pytest.approx(0.7 * shape.diagonal, rel=1e-15)
     assert (cloud.features[:, 1] == -1).all() and np.isnan(cloud.spoke_angles).all()
     expected = shape.points + 0.7 * shape.diagonal * shape.normals
     assert cloud.centers == pytest.approx(expected, abs=1e-14)
-    assert any("400 of 400 outer balls" in message for message in progress.messages)
+    (message,) = progress.messages
+    assert message.code == "open_balls" and message.data["side"] == "outer"
+    assert message.data["balls"] == message.data["of"] == 400
 
 
 def test_outer_balls_lie_between_plates_that_face_each_other():
@@ -409,8 +411,8 @@ def test_outer_balls_lie_between_plates_that_face_each_other():
     low = np.stack([x, y, 0 * x], axis=1)
     up = np.tile([0, 0, 1.0], (len(x), 1))
     shape = Shape(np.concatenate([low, low + up]), np.concatenate([up, -up]))
-    inner = surface_skeleton(shape, tolerance=0.0)
-    outer = surface_skeleton(shape, tolerance=0.0, side="outer")
+    inner = shrink_balls(shape, tolerance=0.0)
+    outer = shrink_balls(shape, tolerance=0.0, side="outer")
     assert (inner.status == BallStatus.OPEN).all()
     assert outer.valid.all()
     assert outer.centers[:, 2] == pytest.approx(0.5, abs=4 * EPS)
@@ -420,8 +422,8 @@ def test_outer_balls_lie_between_plates_that_face_each_other():
 
 def test_both_sides_are_inner_rows_then_outer_rows():
     shape = forms.torus(60, 20).shape
-    parts = [surface_skeleton(shape, side=side) for side in ("inner", "outer")]
-    both = surface_skeleton(shape, side="both")
+    parts = [shrink_balls(shape, side=side) for side in ("inner", "outer")]
+    both = shrink_balls(shape, side="both")
     for name in ("centers", "radii", "features", "status", "spoke_angles", "source", "side"):
         joined = np.concatenate([getattr(part, name) for part in parts])
         assert np.array_equal(getattr(both, name), joined, equal_nan=True)
@@ -432,18 +434,19 @@ def test_samples_without_a_normal_get_no_ball():
     normals = form.shape.normals.copy()
     normals[3], normals[200] = 0, np.nan
     progress = Progress()
-    cloud = surface_skeleton(Shape(form.shape.points, normals), progress=progress)
+    cloud = shrink_balls(Shape(form.shape.points, normals), progress=progress)
     assert np.flatnonzero(cloud.status == BallStatus.NO_NORMAL).tolist() == [3, 200]
     assert np.isnan(cloud.radii[[3, 200]]).all() and np.isfinite(cloud.radii[cloud.valid]).all()
     assert len(cloud.subset(cloud.valid)) == 298
-    assert any("2 of 300 samples have no normal" in message for message in progress.messages)
+    (message,) = progress.messages
+    assert message.code == "no_normal" and message.data == {"samples": 2, "of": 300}
 
 
 @pytest.mark.parametrize("side", ["inner", "both"])
 def test_progress_rises_to_one(side):
     seen = []
     shape = forms.capsule(6000).shape
-    surface_skeleton(shape, side=side, progress=lambda f, text: seen.append((f, text)))
+    shrink_balls(shape, side=side, progress=lambda f, text: seen.append((f, text)))
     fractions = [f for f, _ in seen]
     assert fractions == sorted(fractions) and fractions[0] == 0 and fractions[-1] == 1
     assert {text for _, text in seen} == {"tree", "balls"}
@@ -460,7 +463,7 @@ def test_cancelling(answer, threads):
         return True
 
     with thread_limit(threads), pytest.raises(Cancelled):
-        surface_skeleton(forms.capsule(20000).shape, progress=stop)
+        shrink_balls(forms.capsule(20000).shape, progress=stop)
 
 
 def test_outer_half_of_both_sides_can_be_cancelled():
@@ -472,7 +475,7 @@ def test_outer_half_of_both_sides_can_be_cancelled():
         return fraction < 0.7
 
     with pytest.raises(Cancelled):
-        surface_skeleton(forms.capsule(9000).shape, side="both", progress=stop)
+        shrink_balls(forms.capsule(9000).shape, side="both", progress=stop)
     assert 0.7 <= seen[-1] < 1
 
 
@@ -482,7 +485,7 @@ def test_keyboard_interrupt_in_the_callback_comes_through():
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        surface_skeleton(forms.capsule(9000).shape, progress=stop)
+        shrink_balls(forms.capsule(9000).shape, progress=stop)
 
 
 @pytest.mark.parametrize(
@@ -501,15 +504,15 @@ def test_keyboard_interrupt_in_the_callback_comes_through():
 )
 def test_options_out_of_range(options):
     with pytest.raises(InvalidOptionError, match=next(iter(options))):
-        surface_skeleton(forms.sphere(20).shape, **options)
+        shrink_balls(forms.sphere(20).shape, **options)
 
 
 def test_coinciding_points():
     for n in (1, 5):
         with pytest.raises(InvalidShapeError, match="coincide"):
-            surface_skeleton(Shape(np.ones((n, 3)), np.ones((n, 3))))
+            shrink_balls(Shape(np.ones((n, 3)), np.ones((n, 3))))
 
 
 def test_no_normals_at_all():
     with pytest.raises(InvalidShapeError, match="normal"):
-        surface_skeleton(Shape(np.random.default_rng(0).normal(size=(9, 3)), np.zeros((9, 3))))
+        shrink_balls(Shape(np.random.default_rng(0).normal(size=(9, 3)), np.zeros((9, 3))))

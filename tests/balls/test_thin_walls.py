@@ -7,8 +7,8 @@ import pytest
 
 import closed_forms as forms
 import medialis
-from medialis import MedialCloud, Progress, Shape, make_shape, surface_skeleton
-from medialis.balls.ball_shrinking import DEFAULT_TOLERANCE, shrink
+from medialis import MedialCloud, Progress, Shape, make_shape, shrink_balls
+from medialis.balls.ball_shrinking import DEFAULT_TOLERANCE, ShrinkOptions, shrink
 from medialis.balls.hidden_walls import THINNEST, hidden_walls, touches_from_outside
 from medialis.balls.near_surface import NearSurface
 from medialis.balls.thin_walls import _with_lower_tolerance, maximal_balls
@@ -39,20 +39,24 @@ def shell(wall=0.01, levels=3):
     )
 
 
+def cured(shape, side="inner", progress=None):
+    return maximal_balls(shape, ShrinkOptions(side=side), Progress.of(progress))
+
+
 def changed_rows(before, after):
     return np.flatnonzero((before.radii != after.radii) & after.valid)
 
 
 def with_full_recomputation(shape, side):
     """What `_with_lower_tolerance` must give: all balls at every tolerance."""
-    cloud, finer = surface_skeleton(shape, side=side), DEFAULT_TOLERANCE
-    hidden = hidden_walls(shape, cloud, finer)
-    exact = surface_skeleton(shape, side=side, tolerance=0.0)
-    hidden &= ~hidden_walls(shape, exact, DEFAULT_TOLERANCE)
+    cloud, finer = shrink_balls(shape, side=side), DEFAULT_TOLERANCE
+    hidden = hidden_walls(cloud, finer)
+    exact = shrink_balls(shape, side=side, tolerance=0.0)
+    hidden &= ~hidden_walls(exact, DEFAULT_TOLERANCE)
     while hidden.any():
         finer = finer / 10 if finer > THINNEST else 0.0
-        found = surface_skeleton(shape, side=side, tolerance=finer)
-        seen = hidden & ~hidden_walls(shape, found, DEFAULT_TOLERANCE)
+        found = shrink_balls(shape, side=side, tolerance=finer)
+        seen = hidden & ~hidden_walls(found, DEFAULT_TOLERANCE)
         rows = {name: np.array(getattr(cloud, name)) for name in FIELDS}
         for name in FIELDS:
             rows[name][seen] = getattr(found, name)[seen]
@@ -83,10 +87,11 @@ def test_only_the_chunks_of_hidden_samples_are_computed_again(side, threads):
         ),
     )
     with thread_limit(threads):
-        cloud, tree = shrink(shape, DEFAULT_TOLERANCE, side, 1.0, Progress())
+        options = ShrinkOptions(side=side)
+        cloud, tree = shrink(shape, options, Progress())
         progress = Progress()
-        found = _with_lower_tolerance(shape, cloud, tree, DEFAULT_TOLERANCE, 1.0, progress)
-    assert "hides its other side" in progress.messages[0]
+        found = _with_lower_tolerance(cloud, tree, options, progress)
+    assert progress.messages[0].code == "thin_walls"
     assert len(changed_rows(cloud, found)) > 100
     expected = with_full_recomputation(shape, side)
     for name in FIELDS:
@@ -97,15 +102,15 @@ def test_only_the_chunks_of_hidden_samples_are_computed_again(side, threads):
 def test_balls_do_not_slip_between_the_samples_of_a_plate(wall):
     """Their centers lay outside, up to 400 walls off, and touched samples from the other side."""
     shape, progress = sparse_plate(wall), Progress()
-    before, after = surface_skeleton(shape), maximal_balls(shape, progress=progress)
+    before, after = shrink_balls(shape), cured(shape, progress=progress)
     out = np.abs(before.centers[:, 2]) > wall / 2
     assert out.sum() > 200 and after.valid.all()
     assert (np.abs(after.centers[:, 2]) < wall / 2).all()
     rows = changed_rows(before, after)
     assert np.isin(np.flatnonzero(out), rows).all()
-    assert any(
-        f"At {len(rows)} of {len(after)} samples the samples" in t for t in progress.messages
-    )
+    (message,) = progress.messages
+    assert message.code == "slipped_balls"
+    assert message.data == {"samples": len(rows), "of": len(after)}
     # The nearest place of a plane is straight behind: the ball touches both sides.
     assert after.radii[rows] == pytest.approx(wall / 2, rel=1e-9)
     assert after.spoke_angles[rows] == pytest.approx(np.pi, abs=1e-4)
@@ -139,8 +144,8 @@ def deepest_place(shape, rows, cloud, grid=12):
 
 def test_balls_in_a_shell_hold_no_surface_and_touch_it():
     shape = shell()
-    before, after = surface_skeleton(shape), maximal_balls(shape)
-    assert touches_from_outside(shape, before).sum() > 300
+    before, after = shrink_balls(shape), cured(shape)
+    assert touches_from_outside(before).sum() > 300
     rows = changed_rows(before, after)
     assert len(rows) > 300
     depth = deepest_place(shape, rows[::25], after)
@@ -160,12 +165,12 @@ def test_rotation_and_threads_change_nothing():
     shape = sparse_plate(1e-2)
     turned = Shape(shape.points @ ROTATION.T, shape.normals @ ROTATION.T, shape.faces)
     with thread_limit(1):
-        one = maximal_balls(shape)
+        one = cured(shape)
     with thread_limit(2):
-        two, other = maximal_balls(shape), maximal_balls(turned)
+        two, other = cured(shape), cured(turned)
     for name in FIELDS:
         assert np.array_equal(getattr(one, name), getattr(two, name), equal_nan=True)
-    rows = changed_rows(surface_skeleton(shape), one)
+    rows = changed_rows(shrink_balls(shape), one)
     assert other.radii[rows] == pytest.approx(one.radii[rows], rel=1e-9)
 
 
@@ -173,7 +178,7 @@ def test_clouds_and_outer_balls_stay_as_they_are():
     shape = sparse_plate(1e-2)
     cloud = Shape(shape.points, shape.normals)
     for given, side in ((cloud, "inner"), (shape, "outer")):
-        plain, found = surface_skeleton(given, side=side), maximal_balls(given, side=side)
+        plain, found = shrink_balls(given, side=side), cured(given, side=side)
         for name in FIELDS:
             assert np.array_equal(getattr(plain, name), getattr(found, name), equal_nan=True)
 
@@ -199,8 +204,8 @@ def test_which_side_of_a_blade_is_told_as_by_winding_numbers(seam):
 def test_scapula_has_no_ball_outside(real_shapes):
     """Its blade is thinner than its vertices are apart: 262 balls had their center outside."""
     shape = medialis.read_shape(real_shapes / "scapula.ply")
-    before, after = surface_skeleton(shape), maximal_balls(shape)
-    rows = np.flatnonzero(touches_from_outside(shape, before))
+    before, after = shrink_balls(shape), cured(shape)
+    rows = np.flatnonzero(touches_from_outside(before))
     triangles = shape.points, shape.faces
     assert (winding_numbers(*triangles, before.centers[rows[::10]]) < 0.5).mean() > 0.9
     assert (winding_numbers(*triangles, after.centers[rows]) > 0.5).all()

@@ -136,7 +136,7 @@ def test_the_content_wins_over_the_extension(tmp_path, name, wrong):
     np.testing.assert_array_equal(mesh.points[mesh.faces], POINTS[FACES])
     assert mesh.format == name[-3:]
     if wrong[-3:] != name[-3:]:
-        assert "content" in mesh.messages[0]
+        assert mesh.messages[0].code == "other_format"
 
 
 def test_ply_skips_what_it_does_not_need_and_reads_normals(tmp_path):
@@ -161,7 +161,8 @@ def test_ply_skips_what_it_does_not_need_and_reads_normals(tmp_path):
     np.testing.assert_array_equal(mesh.points, corners)
     np.testing.assert_array_equal(mesh.normals, [[0, 0, 1]] * 4)
     np.testing.assert_array_equal(mesh.faces, [[0, 1, 2], [0, 1, 2], [0, 2, 3]])
-    assert len(mesh.messages) == 2 and "1 quad " in mesh.messages[0]
+    assert mesh.messages[0].code == "quads_split" and mesh.messages[0].data["faces"] == 1
+    assert len(mesh.messages) == 2
 
 
 def test_ascii_ply_with_mixed_faces_and_without_faces(tmp_path):
@@ -224,13 +225,13 @@ def test_point_text_spellings(tmp_path):
     comma = "x, y, z\n" + rows(POINTS).replace(" ", ",")
     mesh = read(tmp_path, "b.csv", "# c\n" + comma)
     np.testing.assert_array_equal(mesh.points, POINTS)
-    assert "heading" in mesh.messages[0]
+    assert mesh.messages[0].code == "heading"
     normals = np.tile([0.6, 0, 0.8], (8, 1))
     mesh = read(tmp_path, "c.txt", rows(np.hstack([POINTS, normals])))
     np.testing.assert_allclose(mesh.normals, normals)
     mesh = read(tmp_path, "d.pts", "8\n" + rows(np.hstack([POINTS, normals * 200])))
     np.testing.assert_array_equal(mesh.points, POINTS)
-    assert mesh.normals is None and "Ignored 3 columns" in mesh.messages[0]
+    assert mesh.normals is None and mesh.messages[0].data == {"columns": 3}
 
 
 def area_vectors(mesh):

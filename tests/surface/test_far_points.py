@@ -27,17 +27,21 @@ def test_a_stray_point_of_a_cloud_and_a_stray_triangle(unit):
     cloud = medialis.Shape(
         unit * np.vstack([ball.points, [1e6, 0, 0]]), np.zeros((ball.point_count + 1, 3))
     )
-    assert f"1 of {ball.point_count + 1} points lie far" in far_points(cloud)
-    assert f"{1e6 * unit:.6g}, 0, 0" in far_points(cloud)
+    told = far_points(cloud)
+    assert told.code == "far_points"
+    assert told.data["points"] == 1 and told.data["of"] == ball.point_count + 1
+    assert f"{1e6 * unit:.6g}, 0, 0" in told
     triangle = medialis.make_shape(np.eye(3) * 0.01, [[0, 1, 2]])
     mesh = joined(moved(ball, 0, unit), moved(triangle, [0, 1e6 * unit, 0], unit))
-    assert far_points(mesh).startswith(f"3 of {mesh.point_count} points")
+    told = far_points(mesh)
+    assert told.data["points"] == 3 and told.data["of"] == mesh.point_count
 
 
 def test_equal_parts_far_apart_and_at_an_ordinary_distance():
     ball = forms.icosphere(1)
     size = ball.diagonal
-    assert "2 parts lie far apart" in far_points(joined(ball, moved(ball, [2 * FAR * size, 0, 0])))
+    told = far_points(joined(ball, moved(ball, [2 * FAR * size, 0, 0])))
+    assert told.code == "far_parts" and told.data["parts"] == 2
     assert far_points(joined(ball, moved(ball, [FAR / 2 * size, 0, 0]))) is None
 
 
@@ -54,4 +58,4 @@ def test_reading_tells_it_and_building_without_repair_does_not():
     for repair in (True, False):
         progress = medialis.Progress()
         medialis.make_shape(points, faces, repair=repair, progress=progress)
-        assert any("far from the rest" in text for text in progress.messages) == repair
+        assert ("far_points" in [told.code for told in progress.messages]) == repair

@@ -200,6 +200,7 @@ def _info(options: argparse.Namespace) -> int:
     from medialis.files.meshes import read_mesh
     from medialis.files.results import json_text
     from medialis.model.shape import Shape
+    from medialis.progress import Message
     from medialis.surface.diagnosis import diagnose
     from medialis.surface.far_points import far_points
     from medialis.surface.repair import repair
@@ -214,7 +215,7 @@ def _info(options: argparse.Namespace) -> int:
         without_normals = np.zeros_like(fixed.points)
         messages += filter(None, [far_points(Shape(fixed.points, without_normals, fixed.faces))])
     except InvalidShapeError as error:  # nothing is left: the diagnosis tells why
-        messages.append(f"Operations will refuse it: {error}")
+        messages.append(Message(f"Operations will refuse it: {error}", "refused"))
     if options.json:
         after = None if repaired is None else repaired.as_dict()
         about = {"file": options.file, "format": mesh.format, "messages": messages}

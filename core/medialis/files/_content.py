@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from medialis.errors import InvalidShapeError
+from medialis.progress import Message
 
 
 @dataclass(eq=False)
@@ -28,7 +29,7 @@ class ParsedMesh:
     """(sum of counts,) vertex indices, not yet checked."""
     normals: NDArray[np.float64] | None = None
     """(n, 3) vertex normals of any length, or None when the file has none."""
-    messages: tuple[str, ...] = ()
+    messages: tuple[Message, ...] = ()
 
 
 def no_polygons() -> tuple[NDArray[np.int64], NDArray[np.int64]]:

@@ -12,12 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from medialis.errors import InvalidShapeError
+from medialis.progress import Message
 from medialis.validation import FloatArray, IntArray
 
 
 def triangulate(
     points: FloatArray, counts: NDArray[np.int64], corners: NDArray[np.int64]
-) -> tuple[IntArray, tuple[str, ...]]:
+) -> tuple[IntArray, tuple[Message, ...]]:
     """Cut polygons into triangles, in the order of the polygons.
 
     Parameters
@@ -31,7 +32,7 @@ def triangulate(
     Returns
     -------
     faces : (m, 3) int32
-    messages : tuple of str
+    messages : tuple of Message
         What was split or left out.
 
     Raises
@@ -66,13 +67,19 @@ def _check_corners(n: int, counts: NDArray[np.int64], corners: NDArray[np.int64]
     )
 
 
-def _split_messages(counts: NDArray[np.int64]) -> tuple[str, ...]:
-    found = (
-        ((counts == 4).sum(), "Split {} quad{} into triangles."),
-        ((counts > 4).sum(), "Split {} polygon{} of five or more corners into triangles."),
-        ((counts < 3).sum(), "Left out {} face{} with fewer than three corners."),
+def _split_messages(counts: NDArray[np.int64]) -> tuple[Message, ...]:
+    polygons = "Split {} polygon{} of five or more corners into triangles."
+    kinds = (
+        (counts == 4, "quads_split", "Split {} quad{} into triangles."),
+        (counts > 4, "polygons_split", polygons),
+        (counts < 3, "corners_missing", "Left out {} face{} with fewer than three corners."),
     )
-    return tuple(text.format(n, "" if n == 1 else "s") for n, text in found if n)
+    numbers = [(int(rows.sum()), code, text) for rows, code, text in kinds]
+    return tuple(
+        Message(text.format(n, "" if n == 1 else "s"), code, faces=n)
+        for n, code, text in numbers
+        if n
+    )
 
 
 def _split(points: FloatArray, polygons: NDArray[np.int64]) -> NDArray[np.int64]:

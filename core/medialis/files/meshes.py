@@ -24,6 +24,7 @@ from medialis.files.off import parse_off
 from medialis.files.ply import parse_ply
 from medialis.files.point_text import parse_point_text
 from medialis.files.stl import parse_stl
+from medialis.progress import Message
 from medialis.validation import FloatArray, IntArray, as_normals, frozen
 
 _EXTENSIONS = {
@@ -51,7 +52,7 @@ class MeshData:
         Unit vertex normals, a zero row where a vertex has none; None when the file has none.
     format : str
         "ply", "obj", "off", "stl", "xyz", or the extension that trimesh read.
-    messages : tuple of str
+    messages : tuple of Message
         What was split, left out or ignored, one sentence each.
     """
 
@@ -59,7 +60,7 @@ class MeshData:
     faces: IntArray | None
     normals: FloatArray | None
     format: str
-    messages: tuple[str, ...] = ()
+    messages: tuple[Message, ...] = ()
 
 
 def read_mesh(path: str | os.PathLike[str]) -> MeshData:
@@ -120,7 +121,7 @@ def _looks_like(kind: str, data: bytes, expected: bool) -> bool:
     return point_text.starts_with_numbers(data) and not stl.is_binary_stl(data)
 
 
-def _format_of(suffix: str, data: bytes) -> tuple[str, tuple[str, ...]]:
+def _format_of(suffix: str, data: bytes) -> tuple[str, tuple[Message, ...]]:
     """Return the format and what to tell when it is not that of the extension."""
     expected = _EXTENSIONS.get(suffix)
     # OBJ and point text have no mark of their own, so the marks of the others are looked at first.
@@ -130,7 +131,8 @@ def _format_of(suffix: str, data: bytes) -> tuple[str, tuple[str, ...]]:
     for kind in _PARSERS:
         if kind in marked or _looks_like(kind, data, False):
             label = "plain text points" if kind == "xyz" else kind.upper()
-            return kind, (f"Read as {label}: the content is not what '{suffix}' says.",)
+            text = f"Read as {label}: the content is not what '{suffix}' says."
+            return kind, (Message(text, "other_format", format=kind),)
     if expected:
         return expected, ()  # its parser tells what is wrong
     raise InvalidShapeError(
@@ -139,7 +141,7 @@ def _format_of(suffix: str, data: bytes) -> tuple[str, tuple[str, ...]]:
     )
 
 
-def _checked(parsed: ParsedMesh, kind: str, told: tuple[str, ...]) -> MeshData:
+def _checked(parsed: ParsedMesh, kind: str, told: tuple[Message, ...]) -> MeshData:
     points = parsed.points
     if len(points) == 0:
         raise InvalidShapeError("the file has no vertices.")

@@ -17,6 +17,7 @@ from medialis.files._content import (
     unix_lines,
     without_comments,
 )
+from medialis.progress import Message
 
 # A normal written with two digits is off by at most 0.01 in length; colours 0..255 are far away.
 _NORMAL_SLACK = 0.02
@@ -36,11 +37,12 @@ def parse_point_text(data: bytes) -> ParsedMesh:
     text = without_comments(without_comments(unix_lines(data)), b"//")
     text = text.translate(bytes.maketrans(b",;", b"  ")).lstrip()
     first, _, rest = text.partition(b"\n")
-    messages = []
+    messages: list[Message] = []
     if first and not _is_numbers(first):
         if not _is_numbers(rest.lstrip().partition(b"\n")[0]):
             raise InvalidShapeError(f"expected lines with the numbers x y z, found {shown(first)}.")
-        messages.append(f"Passed over the heading {shown(first.strip())}.")
+        passed = f"Passed over the heading {shown(first.strip())}."
+        messages.append(Message(passed, "heading"))
         text = rest
     values, counts = numbers_by_line(text, "point list")
     if len(counts) > 1 and counts[0] == 1:
@@ -59,7 +61,9 @@ def parse_point_text(data: bytes) -> ParsedMesh:
     normals = _normals(rows)
     used = 3 if normals is None else 6
     if counts.max() > used:
-        messages.append(f"Ignored {counts.max() - used} columns after the first {used}.")
+        more = int(counts.max()) - used
+        ignored = f"Ignored {more} columns after the first {used}."
+        messages.append(Message(ignored, "columns_ignored", columns=more))
     return ParsedMesh(rows[:, :3], *no_polygons(), normals, tuple(messages))
 
 

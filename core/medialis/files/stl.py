@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from medialis.errors import InvalidShapeError
 from medialis.files._content import ParsedMesh, numbers_by_line, unix_lines
+from medialis.progress import Message
 
 _HEADER = 84
 _FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
@@ -57,7 +58,8 @@ def _parse_binary(data: bytes) -> ParsedMesh:
             f"only {found} were found."
         )
     extra = len(data) - _HEADER - announced * _FACET.itemsize
-    messages = (f"Ignored {extra} bytes after the last STL face.",) if extra else ()
+    text = f"Ignored {extra} bytes after the last STL face."
+    messages = (Message(text, "bytes_ignored", bytes=extra),) if extra else ()
     facets = np.frombuffer(data, _FACET, count=announced, offset=_HEADER)
     with np.errstate(invalid="ignore"):  # signalling NaN in a damaged file
         return _soup(facets["corners"].astype(np.float64).reshape(-1, 3), messages)
@@ -78,7 +80,7 @@ def _ascii_corners(data: bytes) -> NDArray[np.float64]:
     return values.reshape(-1, 3)
 
 
-def _soup(points: NDArray[np.float64], messages: tuple[str, ...]) -> ParsedMesh:
+def _soup(points: NDArray[np.float64], messages: tuple[Message, ...]) -> ParsedMesh:
     if len(points) == 0:
         raise InvalidShapeError("the STL file has no faces.")
     counts = np.full(len(points) // 3, 3, np.int64)

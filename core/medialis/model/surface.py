@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from medialis.kept import Bound
+from medialis.model.edge_table import EdgeTable
 from medialis.model.ragged import Ragged
 from medialis.validation import FloatArray, IntArray, as_faces, as_points, frozen
 
@@ -113,19 +114,10 @@ class Surface(Bound):
     # Edges
 
     @cached_property
-    def _sorted_sides(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Half-edges sorted by the edge they lie on, and low * n + high of that edge."""
-        faces = np.empty((0, 3), np.int32) if self.faces is None else self.faces
-        start, end = faces.ravel(), faces[:, [1, 2, 0]].ravel()
-        n = self.point_count
-        key = np.minimum(start, end).astype(np.int64) * n + np.maximum(start, end)
-        bits = len(key).bit_length()
-        if (n * n) << bits >= 2**63:
-            order = np.argsort(key, kind="stable")
-            return order, key[order]
-        # Sorting (key, half-edge) in one integer is 2 times faster than argsort, and stable.
-        packed = np.sort((key << bits) | np.arange(len(key)))
-        return packed & ((1 << bits) - 1), packed >> bits
+    def edge_table(self) -> EdgeTable:
+        """The half-edges of each edge, sorted once for all that needs them."""
+        none = np.empty((0, 3), np.int32)
+        return EdgeTable.of(none if self.faces is None else self.faces, self.point_count)
 
     @cached_property
     def edges(self) -> IntArray:
@@ -133,8 +125,7 @@ class Surface(Bound):
 
         A face that names a vertex twice has no edge from the vertex to itself.
         """
-        _, key = self._sorted_sides
-        low, high = divmod(key[np.r_[True, key[1:] != key[:-1]][: len(key)]], self.point_count)
+        low, high = self.edge_table.low, self.edge_table.high
         return frozen(np.stack([low, high], axis=1)[low != high], np.int32)
 
     @cached_property
@@ -150,13 +141,10 @@ class Surface(Bound):
         -1 at a border, at a non-manifold edge (three or more faces) and where a face that names a
         vertex twice meets itself.
         """
-        order, key = self._sorted_sides
-        result = np.full(len(key), -1, np.int32)
-        first = np.flatnonzero(np.r_[True, key[1:] != key[:-1]][: len(key)])
-        pairs = first[np.diff(np.r_[first, len(key)]) == 2]
-        a, b = order[pairs], order[pairs + 1]
-        a, b = a[a // 3 != b // 3], b[a // 3 != b // 3]
-        result[a], result[b] = b, a
+        a, b, _ = self.edge_table.pairs
+        apart = a // 3 != b // 3
+        result = np.full(3 * self.face_count, -1, np.int32)
+        result[a[apart]], result[b[apart]] = b[apart], a[apart]
         return frozen(result, np.int32)
 
     @cached_property
@@ -209,10 +197,7 @@ class Surface(Bound):
     @cached_property
     def edge_matrix(self) -> Any:
         """Sparse (n, n) float64 array with 1 for each edge, in both directions."""
-        from scipy.sparse import csr_array
-
-        (a, b), n = self.edges.T, self.point_count
-        return csr_array((np.ones(2 * len(a)), (np.r_[a, b], np.r_[b, a])), shape=(n, n))
+        return link_matrix(self.point_count, self.edges)
 
     @cached_property
     def cotangent_weights(self) -> Any:
@@ -254,6 +239,16 @@ class Surface(Bound):
         return 0 if self.faces is None else len(np.unique(self.components[self.faces[:, 0]]))
 
     @cached_property
+    def face_pieces(self) -> IntArray:
+        """Piece of each face, (m,), numbered by their lowest face.
+
+        Faces are joined across edges of exactly two faces, so pieces may touch at vertices and at
+        non-manifold edges.
+        """
+        a, b, _ = self.edge_table.pairs
+        return piece_labels(self.face_count, np.stack([a // 3, b // 3], axis=1))
+
+    @cached_property
     def closed_components(self) -> NDArray[np.bool_]:
         """True for the components that have faces and no border, one row a component."""
         closed = np.zeros(int(self.components.max(initial=-1)) + 1, np.bool_)
@@ -264,6 +259,14 @@ class Surface(Bound):
         return frozen(closed, np.bool_)
 
 
+def link_matrix(count: int, links: NDArray[Any]) -> Any:
+    """Return a sparse (count, count) float64 array with 1 for each link (e, 2), both ways."""
+    from scipy.sparse import csr_array
+
+    a, b = links.T
+    return csr_array((np.ones(2 * len(a)), (np.r_[a, b], np.r_[b, a])), shape=(count, count))
+
+
 def piece_labels(count: int, links: NDArray[Any]) -> IntArray:
     """Return the connected piece of each of `count` nodes, numbered by their lowest node.
 
@@ -271,7 +274,7 @@ def piece_labels(count: int, links: NDArray[Any]) -> IntArray:
     ----------
     count : int
     links : (e, 2) int
-        Pairs of nodes, each once, in any order.
+        Pairs of nodes in any order.
 
     Examples
     --------

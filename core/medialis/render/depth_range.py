@@ -97,8 +97,6 @@ def rasterizer(shape: Shape) -> Rasterizer:
 
 def _discs(shape: Shape) -> Rasterizer:
     """Hexagons round the samples that have a normal."""
-    from scipy.spatial import cKDTree
-
     has_normal = shape.normals.any(axis=1)
     if has_normal.sum() <= DISC_NEIGHBOUR:
         raise InvalidShapeError(
@@ -106,7 +104,7 @@ def _discs(shape: Shape) -> Rasterizer:
             f"{int(has_normal.sum())}: estimate normals first (medialis.make_shape does)."
         )
     points, normals = shape.points[has_normal], shape.normals[has_normal]
-    reach = cKDTree(shape.points).query(points, k=DISC_NEIGHBOUR + 1)[0][:, -1:]
+    reach = shape.tree.query(points, k=DISC_NEIGHBOUR + 1)[0][:, -1:]
     # An isolated sample must not become a plate: no disc is larger than four usual ones.
     reach = np.minimum(reach, 4 * np.median(reach))
     least = np.eye(3)[np.abs(normals).argmin(axis=1)]

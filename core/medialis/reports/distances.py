@@ -94,13 +94,11 @@ def distance_to_balls(
 
 def distance_to_surface(queries: ArrayLike, shape: Shape) -> FloatArray:
     """Return the distance of points to the triangles of a mesh, or the samples of a cloud, (q,)."""
-    from scipy.spatial import cKDTree
-
     from medialis._kernels.nearest import NearestTree
 
     points = as_points(queries, "queries")
     if shape.faces is None:
-        return np.asarray(cKDTree(shape.points).query(points, workers=thread_count())[0])
+        return np.asarray(shape.tree.query(points, workers=thread_count())[0])
     return NearestTree.of_triangles(shape.points, shape.faces).distances(points)[0]
 
 
@@ -169,10 +167,9 @@ def _between(shape: Shape) -> tuple[FloatArray, FloatArray]:
     edges = len(shape.edges)
     rows = _thinned(edges + shape.face_count, PLACES_BETWEEN)
     on_edges = shape.points[shape.edges[rows[rows < edges]]].mean(axis=1)
-    corners = shape.points[shape.faces[rows[rows >= edges] - edges]]
-    a, b, c = corners.transpose(1, 0, 2)
-    areas = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
-    return np.concatenate([on_edges, corners.mean(axis=1)]), areas
+    faces = rows[rows >= edges] - edges
+    on_faces = shape.points[shape.faces[faces]].mean(axis=1)
+    return np.concatenate([on_edges, on_faces]), shape.face_areas[faces]
 
 
 def _mean_over_surface(shape: Shape, values: FloatArray, areas: FloatArray) -> float:

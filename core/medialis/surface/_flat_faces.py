@@ -10,14 +10,16 @@ from __future__ import annotations
 
 import numpy as np
 
-from medialis.surface._edges import EdgeTable, Index, Mask
-from medialis.surface._volumes import degenerate_faces, face_vectors
+from medialis.model.edge_table import EdgeTable, Index, Mask
+from medialis.model.surface import Surface
+from medialis.surface._volumes import degenerate_faces
 from medialis.validation import FloatArray, IntArray
 
 _ROUNDS = 30
+_APART = np.arange(6).reshape(2, 3)
 
 
-def flip_flat_faces(points: FloatArray, faces: IntArray, flat: Mask) -> tuple[IntArray, Index, int]:
+def flip_flat_faces(surface: Surface, flat: Mask) -> tuple[IntArray, Index, int]:
     """Turn edges of flat faces where that helps.
 
     Returns
@@ -28,22 +30,22 @@ def flip_flat_faces(points: FloatArray, faces: IntArray, flat: Mask) -> tuple[In
     turned : int
         How many flat faces were merged into a neighbour.
     """
-    faces = faces.copy()
+    faces = np.array(surface.faces)
     source = np.arange(len(faces))
     turned = 0
     for _ in range(_ROUNDS):
-        done = _turn_once(points, faces, source, np.flatnonzero(flat))
+        done = _turn_once(surface.points, faces, source, np.flatnonzero(flat))
         turned += done
         if done == 0:
             break
-        flat = degenerate_faces(*face_vectors(points, faces))
+        flat = degenerate_faces(Surface(surface.points, faces))
     return faces, source, turned
 
 
 def _turn_once(points: FloatArray, faces: IntArray, source: Index, flat: Index) -> int:
     """Turn one edge of each flat face where both new faces are fine; change faces in place."""
     table = EdgeTable.of(faces, len(points))
-    a_half, b_half, opposite = table.pairs()
+    a_half, b_half, opposite = table.pairs
     partner = np.full(3 * len(faces), -1, np.int64)
     partner[a_half[opposite]], partner[b_half[opposite]] = b_half[opposite], a_half[opposite]
     edges = set(zip(table.low.tolist(), table.high.tolist(), strict=True)) if len(flat) else set()
@@ -61,7 +63,7 @@ def _turn_once(points: FloatArray, faces: IntArray, source: Index, flat: Index) 
         new = np.array([[c, a, d], [d, b, c]], faces.dtype)
         if c == d or (min(c, d), max(c, d)) in edges:
             continue
-        if degenerate_faces(*face_vectors(points, new)).any():
+        if degenerate_faces(Surface(points[new.ravel()], _APART)).any():
             continue
         faces[[face, other // 3]] = new
         source[face] = source[other // 3]

@@ -11,7 +11,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from medialis.surface._edges import EdgeTable, Mask
+from medialis.model.edge_table import EdgeTable, Mask
+from medialis.model.surface import piece_labels
 from medialis.surface._rows import first_equal_row
 from medialis.validation import IntArray
 
@@ -46,9 +47,6 @@ def faces_to_drop(faces: IntArray, n: int) -> tuple[Mask, Mask]:
 
 def _small_folds(faces: IntArray, n: int, in_pairs: Mask, leaders: Mask) -> Mask:
     """Return the leading faces (m,) of pairs that belong to small folds touching other faces."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
     result = np.zeros(len(faces), bool)
     fold_faces = np.flatnonzero(leaders)
     if len(fold_faces) == 0:
@@ -57,14 +55,10 @@ def _small_folds(faces: IntArray, n: int, in_pairs: Mask, leaders: Mask) -> Mask
     touched[faces[~in_pairs]] = True
     # Folds are pairs joined by edges: a graph of pairs and of the edges they have.
     pairs = faces[fold_faces]
-    table = EdgeTable.of(pairs, n)
-    edge = np.empty(len(table.order), np.int64)
-    edge[table.order] = np.repeat(np.arange(len(table.counts)), table.counts)
-    k = len(fold_faces)
-    rows, size = np.repeat(np.arange(k), 3), k + len(table.counts)
-    graph = coo_array((np.ones(3 * k, np.int8), (rows, k + edge)), shape=(size, size))
-    count, fold = connected_components(graph, directed=False)
-    fold = fold[:k]
+    k, table = len(pairs), EdgeTable.of(pairs, n)
+    links = np.stack([np.repeat(np.arange(k), 3), k + table.edge_of], axis=1)
+    fold = piece_labels(k + len(table.low), links)[:k]
+    count = int(fold.max()) + 1
     hangs = np.bincount(fold, touched[pairs].any(axis=1), count) > 0
     small = np.bincount(fold, minlength=count) <= _SMALL_FOLD
     result[fold_faces] = (hangs & small)[fold]

@@ -10,24 +10,31 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from medialis.surface._edges import EdgeTable, Index, Mask, face_links, symmetric_components
+from medialis.model.edge_table import Index, Mask
+from medialis.model.surface import Surface
 from medialis.surface._signs import propagate_signs
 from medialis.surface._volumes import PieceVolumes
 from medialis.validation import FloatArray, IntArray
 
 
-def agreeing_flips(table: EdgeTable) -> tuple[Mask, Mask]:
+def agreeing_flips(surface: Surface) -> tuple[Mask, Mask]:
     """Return the faces to flip so that neighbours agree (m,), and the one-sided pieces' faces (m,).
 
     Fewer faces of each piece are flipped than are kept. A one-sided piece, such as a Moebius band,
     cannot agree everywhere: its faces are flipped only where that leaves fewer disagreements.
     """
-    across, agree = face_links(table)
-    m = len(across)
+    m = surface.face_count
     flip = np.zeros(m, bool)
-    if not (agree < 0).any():
+    a, b, opposite = surface.edge_table.pairs
+    if opposite.all():
         return flip, flip.copy()
-    count, piece = symmetric_components(m, across)
+    across = np.full((m, 3), -1, np.int32)
+    across.flat[a], across.flat[b] = b // 3, a // 3
+    # +1 where faces run opposite ways along an edge (they agree), -1 where they run the same way.
+    agree = np.zeros((m, 3), np.int8)
+    agree.flat[a] = agree.flat[b] = np.where(opposite, 1, -1)
+    piece = surface.face_pieces
+    count = int(piece.max()) + 1
     parent = _tree(across, piece, count)
     link = across == parent[:, None]
     to_parent = agree[np.arange(m), link.argmax(axis=1)]
@@ -61,13 +68,7 @@ def _tree(across: IntArray, piece: IntArray, count: int) -> Index:
     return result
 
 
-def outward_flips(
-    points: FloatArray,
-    faces: IntArray,
-    piece: IntArray,
-    measured: PieceVolumes,
-    one_sided: Mask,
-) -> tuple[Mask, Mask]:
+def outward_flips(surface: Surface, measured: PieceVolumes, one_sided: Mask) -> tuple[Mask, Mask]:
     """Return which pieces to turn outward (c,), and which inward ones are cavities (c,).
 
     An inward closed piece directly inside an outward one is a cavity and stays; when the piece
@@ -81,7 +82,7 @@ def outward_flips(
         return flip, cavity
     flip |= ~measured.closed & (sign < 0)
     solid = measured.closed & (sign != 0)
-    inside, size = _enclosures(points, faces, piece, sign, solid)
+    inside, size = _enclosures(surface, sign, solid)
     # From large to small: a piece is always smaller than the one around it.
     for c in np.lexsort((np.arange(len(sign)), -size)):
         if not solid[c] or (sign[c] > 0 and len(inside.get(c, ())) == 0):
@@ -98,15 +99,17 @@ def outward_flips(
 
 
 def _enclosures(
-    points: FloatArray, faces: IntArray, piece: IntArray, sign: Index, solid: Mask
+    surface: Surface, sign: Index, solid: Mask
 ) -> tuple[dict[int, list[int]], FloatArray]:
     """Return which closed pieces lie around each piece, and the diagonal of each piece's box.
 
     Only pairs with an inward piece are looked at: among outward ones nothing is ever turned.
     """
+    assert surface.faces is not None
+    piece = surface.face_pieces
     order = np.argsort(piece, kind="stable")
     starts = np.searchsorted(piece[order], np.arange(len(sign)))
-    corners = points[faces[order]]
+    corners = surface.points[surface.faces[order]]
     low = np.minimum.reduceat(corners.min(axis=1), starts)
     high = np.maximum.reduceat(corners.max(axis=1), starts)
     size = np.linalg.norm(high - low, axis=1)

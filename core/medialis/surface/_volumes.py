@@ -11,7 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from medialis.surface._edges import EdgeTable, Index, Mask
+from medialis.model.edge_table import Index, Mask
+from medialis.model.surface import Surface
 from medialis.validation import FloatArray, IntArray
 
 DEGENERATE_HEIGHT = 1e-12
@@ -31,25 +32,21 @@ def power_of_two_scale(points: FloatArray) -> float:
     return float(np.ldexp(1.0, min(max(-exponent, -1020), 1020)))
 
 
-def face_vectors(points: FloatArray, faces: IntArray) -> tuple[FloatArray, FloatArray]:
-    """Return twice the area vector (m, 3) and the longest edge squared (m,) of each face."""
-    a, b, c = (points[faces[:, i]] for i in range(3))
-    u, v = b - a, c - a
-    w = v - u
-    double = np.empty_like(u)
-    for i in range(3):
-        j, k = (i + 1) % 3, (i + 2) % 3
-        double[:, i] = u[:, j] * v[:, k] - u[:, k] * v[:, j]
-    longest = np.einsum("ij,ij->i", u, u)
-    for side in (v, w):
-        np.maximum(longest, np.einsum("ij,ij->i", side, side), out=longest)
-    return double, longest
+def scaled(points: FloatArray, faces: IntArray | None = None) -> Surface:
+    """Return a surface near size 1, so that squares and cubes of its lengths stay in range."""
+    return Surface(points * power_of_two_scale(points), faces)
 
 
-def degenerate_faces(double: FloatArray, longest: FloatArray) -> Mask:
+def degenerate_faces(surface: Surface) -> Mask:
     """Return (m,) where a face has (nearly) no height, see `DEGENERATE_HEIGHT`."""
-    area = np.sqrt(np.einsum("ij,ij->i", double, double))
-    return area <= DEGENERATE_HEIGHT * longest
+    if surface.faces is None:
+        return np.zeros(0, bool)
+    corners = surface.points[surface.faces]
+    longest = np.zeros(len(corners))
+    for j in range(3):
+        side = corners[:, j - 1] - corners[:, j]
+        np.maximum(longest, np.einsum("ij,ij->i", side, side), out=longest)
+    return 2 * surface.face_areas <= DEGENERATE_HEIGHT * longest
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,16 +76,12 @@ class PieceVolumes:
         return np.where(clear, np.sign(self.volume), 0).astype(np.int64)
 
 
-def piece_volumes(
-    points: FloatArray,
-    faces: IntArray,
-    double: FloatArray,
-    table: EdgeTable,
-    pieces: IntArray,
-    count: int,
-) -> PieceVolumes:
-    """Measure `count` pieces; `pieces` (m,) is the piece of each face, `double` its area vector."""
-    half, edge = _unbalanced(table, pieces, count)
+def piece_volumes(surface: Surface) -> PieceVolumes:
+    """Measure the pieces of a surface (`Surface.face_pieces`)."""
+    assert surface.faces is not None
+    points, pieces, table = surface.points, surface.face_pieces, surface.edge_table
+    count = int(pieces.max()) + 1
+    half, edge = _unbalanced(surface, count)
     piece = pieces[half // 3]
     closed = np.ones(count, bool)
     closed[piece] = False
@@ -96,30 +89,23 @@ def piece_volumes(
     rim = np.concatenate([table.low[edge], table.high[edge]])
     apex = _middles(points[rim], np.concatenate([piece, piece]), count)
     inner = closed[pieces]
-    corner = points[faces[:, 0]]
+    corner = points[surface.faces[:, 0]]
     apex[closed] = _middles(corner[inner], pieces[inner], count)[closed]
-    tetra = np.einsum("ij,ij->i", corner - apex[pieces], double) / 6.0
-    area = np.sqrt(np.einsum("ij,ij->i", double, double)) / 2.0
-    return PieceVolumes(
-        _summed(pieces, tetra, count),
-        _summed(pieces, np.abs(tetra), count),
-        _summed(pieces, area, count),
-        closed,
+    tetra = np.einsum("ij,ij->i", corner - apex[pieces], surface.face_vectors) / 6.0
+    volume, absolute, area = (
+        np.bincount(pieces, values, count).astype(np.float64, copy=False)
+        for values in (tetra, np.abs(tetra), surface.face_areas)
     )
+    return PieceVolumes(volume, absolute, area, closed)
 
 
-def _summed(pieces: IntArray, values: FloatArray, count: int) -> FloatArray:
-    return np.bincount(pieces, values, count).astype(np.float64)
-
-
-def _unbalanced(table: EdgeTable, pieces: IntArray, count: int) -> tuple[Index, Index]:
+def _unbalanced(surface: Surface, count: int) -> tuple[Index, Index]:
     """Return half-edges and their edges where the faces of one piece do not cancel."""
-    counts = table.counts
-    two = counts == 2
-    plain = np.zeros(len(counts), bool)
-    a, b, agree = table.pairs()
-    plain[two] = agree & (pieces[a // 3] == pieces[b // 3])
-    edge = np.repeat(np.arange(len(counts)), counts)
+    table, pieces = surface.edge_table, surface.face_pieces
+    plain = np.zeros(len(table.counts), bool)
+    a, b, agree = table.pairs
+    plain[table.counts == 2] = agree & (pieces[a // 3] == pieces[b // 3])
+    edge = np.repeat(np.arange(len(table.counts)), table.counts)
     rest = ~plain[edge]
     half, edge = table.order[rest], edge[rest]
     _, group = np.unique(edge * count + pieces[half // 3], return_inverse=True)

@@ -8,26 +8,38 @@ the neighbour graph, so that they are carried along where the surface is flat fi
 from __future__ import annotations
 
 import logging
+from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from medialis.errors import InvalidShapeError
-from medialis.progress import Progress, ProgressCallback
+from medialis.model.surface import piece_labels
+from medialis.options import Options, algorithm, whole
+from medialis.progress import Progress
 from medialis.surface._signs import propagate_signs
 from medialis.threads import run_chunks
-from medialis.validation import FloatArray, as_points, as_whole_number, frozen
+from medialis.validation import FloatArray, as_points, frozen
 
 BATCH = 1 << 16
 QUERIES_A_CHUNK = 1 << 13
 
 
-def estimate_normals(
-    points: FloatArray,
-    *,
-    neighbours: int = 12,
-    progress: Progress | ProgressCallback | None = None,
-) -> FloatArray:
+@dataclass(frozen=True, kw_only=True)
+class NormalsOptions(Options):
+    """Options of `estimate_normals`."""
+
+    neighbours: int = whole(
+        12,
+        "Neighbours",
+        "Nearest samples that span the tangent plane, all others if there are fewer.",
+        low=3,
+        high=100,
+    )
+
+
+@algorithm(NormalsOptions)
+def estimate_normals(points: ArrayLike, options: NormalsOptions, progress: Progress) -> FloatArray:
     """Estimate unit outward normals of a point cloud.
 
     Parameters
@@ -51,11 +63,13 @@ def estimate_normals(
         With fewer than 4 different points, or all of them on one line.
     InvalidOptionError
         When `neighbours` is out of its range.
+    Cancelled
+        When `progress` asks for it.
 
     See Also
     --------
     surface_of_cloud : triangles through the points.
-    vertex_normals : of meshes.
+    vertex_normals : the normals of a mesh, which need no guess.
 
     Notes
     -----
@@ -64,16 +78,16 @@ def estimate_normals(
 
     Examples
     --------
-    >>> import medialis
-    >>> shape = medialis.organic_shape(56)
-    >>> normals = medialis.estimate_normals(shape.points)
-    >>> bool(((normals * shape.normals).sum(axis=1) > 0.8).mean() > 0.9)
+    >>> import numpy as np, medialis
+    >>> points = np.random.default_rng(0).normal(size=(500, 3))
+    >>> points /= np.linalg.norm(points, axis=1, keepdims=True)
+    >>> normals = medialis.estimate_normals(points)
+    >>> bool((np.einsum("ij,ij->i", normals, points) > 0.9).all())
     True
     """
     from scipy.spatial import cKDTree
 
     points = as_points(points)
-    neighbours = as_whole_number(neighbours, "neighbours", low=3, high=100)
     centered = points - points.mean(axis=0)
     size = float(np.abs(centered).max())
     spread = np.linalg.svd(centered / size, compute_uv=False) if size else np.zeros(3)
@@ -82,10 +96,9 @@ def estimate_normals(
             "Normals need at least 4 different points that do not all lie on one line; "
             f"{len(points)} came. Give normals, or a mesh with faces."
         )
-    progress = Progress.of(progress)
     progress.update(0.0)
     centered /= size  # squared distances of tiny or huge clouds stay in range
-    k = min(neighbours, len(points) - 1) + 1
+    k = min(options.neighbours, len(points) - 1) + 1
     tree, near = cKDTree(centered), np.empty((len(points), k), np.int64)
 
     def search(begin: int, end: int) -> None:
@@ -127,11 +140,7 @@ def _orient(
     progress: Progress,
 ) -> NDArray[np.float64]:
     from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import (
-        breadth_first_order,
-        connected_components,
-        minimum_spanning_tree,
-    )
+    from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree
 
     n = len(points)
     a, b = np.repeat(np.arange(n), near.shape[1]), near.ravel()
@@ -144,7 +153,8 @@ def _orient(
     # scipy before 1.12 builds minimum spanning trees on 32-bit indices only.
     low, high = low[first].astype(np.int32), high[first].astype(np.int32)
     graph = coo_array((weight[first], (low, high)), shape=(n, n)).tocsr()
-    parts, part = connected_components(graph, directed=False)
+    part = piece_labels(n, np.stack([low, high], axis=1))
+    parts = int(part.max()) + 1
 
     # One virtual root above one point of each part turns the forest into a tree.
     tree = minimum_spanning_tree(graph).tocoo()
@@ -162,7 +172,10 @@ def _orient(
         progress.note(
             f"The outside of {doubtful} of {parts} parts of the cloud is uncertain (open or "
             "noisy): their normals are consistent, but may all point inward.",
+            "outside_uncertain",
             level=logging.WARNING,
+            parts=doubtful,
+            of=parts,
         )
     return oriented * outward[part][:, None]
 

@@ -8,15 +8,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from medialis.model.diagnosis import Diagnosis
-from medialis.surface._edges import EdgeTable, corner_fans, face_components, following
+from medialis.model.edge_table import Index
+from medialis.model.surface import Surface, piece_labels
 from medialis.surface._orientation import agreeing_flips
 from medialis.surface._rows import first_equal_row
-from medialis.surface._volumes import (
-    degenerate_faces,
-    face_vectors,
-    piece_volumes,
-    power_of_two_scale,
-)
+from medialis.surface._volumes import degenerate_faces, piece_volumes, power_of_two_scale
 from medialis.validation import FloatArray, IntArray, as_faces, as_points
 
 
@@ -52,12 +48,11 @@ def diagnose(points: ArrayLike, faces: ArrayLike | None = None) -> Diagnosis:
     # Measured at a scale of about 1, which costs no accuracy (a power of two) and keeps squares and
     # cubes of very large or very small lengths in range.
     scale = power_of_two_scale(xyz)
-    xyz = xyz * scale
-    duplicates = int((first_equal_row(xyz) != np.arange(len(xyz))).sum())
-    diagonal = float(np.linalg.norm(xyz.max(axis=0) - xyz.min(axis=0)))
+    surface = Surface(xyz * scale, triangles)
     values: dict[str, Any] = {"vertices": len(xyz), "faces": len(triangles)}
-    values |= {"duplicate_vertices": duplicates, "diagonal": diagonal, "nonfinite_vertices": lost}
-    values |= _diagnose_faces(xyz, triangles) if len(triangles) else _diagnose_cloud(xyz)
+    values |= {"duplicate_vertices": _repeated(surface.points), "diagonal": surface.diagonal}
+    values |= {"nonfinite_vertices": lost}
+    values |= _diagnose_cloud(surface) if surface.faces is None else _diagnose_faces(surface)
     for names, power in ((("diagonal", "spacing", "min_edge", "max_edge"), 1), (("area",), 2)):
         for name in names:
             values[name] = _unscaled(values[name], scale, power)
@@ -90,7 +85,12 @@ def _unscaled(value: float, scale: float, power: int) -> float:
     return float(value)
 
 
-def _diagnose_cloud(points: FloatArray) -> dict[str, Any]:
+def _repeated(rows: NDArray[Any]) -> int:
+    """Count rows that are equal to an earlier one."""
+    return int((first_equal_row(rows) != np.arange(len(rows))).sum())
+
+
+def _diagnose_cloud(surface: Surface) -> dict[str, Any]:
     names = [
         *("edges", "boundary_edges", "boundary_loops", "nonmanifold_edges", "components"),
         *("nonmanifold_vertices", "inconsistent_edges", "duplicate_faces", "degenerate_faces"),
@@ -98,15 +98,10 @@ def _diagnose_cloud(points: FloatArray) -> dict[str, Any]:
     ]
     values: dict[str, Any] = dict.fromkeys(names, 0)
     values |= {"closed": False, "genus": None, "orientation": "none", "area": 0.0, "volume": None}
-    return values | _lengths(_nearest(points))
-
-
-def _nearest(points: FloatArray) -> FloatArray:
-    if len(points) < 2:
-        return np.empty(0)
-    from scipy.spatial import cKDTree
-
-    return np.asarray(cKDTree(points).query(points, k=2)[0][:, 1])
+    nearest = np.empty(0)
+    if surface.point_count > 1:
+        nearest = surface.tree.query(surface.points, k=2)[0][:, 1]
+    return values | _lengths(nearest)
 
 
 def _lengths(lengths: FloatArray) -> dict[str, float]:
@@ -116,146 +111,118 @@ def _lengths(lengths: FloatArray) -> dict[str, float]:
     return {"spacing": float(mean), "min_edge": float(low), "max_edge": float(high)}
 
 
-def _diagnose_faces(points: FloatArray, faces: IntArray) -> dict[str, Any]:
-    double, longest = face_vectors(points, faces)
-    used = np.zeros(len(points), bool)
-    used[faces] = True
-    a, b, c = faces.T
-    proper = (a != b) & (b != c) & (c != a)
+def _diagnose_faces(surface: Surface) -> dict[str, Any]:
+    faces = surface.faces
+    assert faces is not None
     values: dict[str, Any] = {
         "duplicate_faces": _duplicate_faces(faces),
-        "degenerate_faces": int(degenerate_faces(double, longest).sum()),
-        "unused_vertices": int((~used).sum()),
-        "area": float(np.sqrt(np.einsum("ij,ij->i", double, double)).sum() / 2),
+        "degenerate_faces": int(degenerate_faces(surface).sum()),
+        "unused_vertices": int((~surface.used_points).sum()),
+        "area": surface.area,
     }
+    a, b, c = faces.T
+    proper = (a != b) & (b != c) & (c != a)
+    if not proper.any():
+        return _diagnose_cloud(Surface(surface.points)) | values
     if not proper.all():
-        faces, double = faces[proper], double[proper]
-    if len(faces) == 0:
-        return _diagnose_cloud(points) | values
-    table = EdgeTable.of(faces, len(points))
-    pieces, piece = face_components(table)
-    ends = points[table.high] - points[table.low]
-    values |= _lengths(np.sqrt(np.einsum("ij,ij->i", ends, ends)))
-    values |= _topology(faces, table, len(points), pieces, piece)
-    return values | _facing(points, faces, double, table, pieces, piece)
+        surface = Surface(surface.points, faces[proper])
+    return values | _lengths(surface.edge_lengths) | _topology(surface) | _facing(surface)
 
 
 def _duplicate_faces(faces: IntArray) -> int:
     low, high = faces.min(axis=1), faces.max(axis=1)
     middle = faces.sum(axis=1, dtype=np.int64) - low - high
-    rows = np.stack([low.astype(np.int64), middle, high], axis=1)
-    return int((first_equal_row(rows) != np.arange(len(rows))).sum())
+    return _repeated(np.stack([low.astype(np.int64), middle, high], axis=1))
 
 
-def _topology(
-    faces: IntArray, table: EdgeTable, n: int, pieces: int, piece: IntArray
-) -> dict[str, Any]:
-    counts = table.counts
-    single, many = table.single(), counts > 2
-    fans, fan = corner_fans(table)
-    several = _split_vertices(faces, table, n, fans, fan)
-    _, _, agree = table.pairs()
-    inconsistent = int((~agree).sum())
-    components = _vertex_components(faces, n, pieces, piece)
+def _topology(surface: Surface) -> dict[str, Any]:
+    table = surface.edge_table
+    single, many = table.single, table.counts > 2
+    fan = _corner_fans(surface)
+    several = _split_vertices(surface, fan)
+    inconsistent = int((~table.pairs[2]).sum())
     loops = _loops(single, fan)
     genus = None
-    if not many.any() and not several and (not inconsistent or _orientable(table)):
+    orientable = not inconsistent or not agreeing_flips(surface)[1].any()
+    if not many.any() and not several and orientable:
         # Euler characteristic with b boundary loops: V - E + F = 2 C - 2 g - b. Each vertex in use
         # has one fan here.
-        euler = fans - len(counts) + len(faces)
-        genus = (2 * components - loops - euler) // 2
+        euler = int(fan.max()) + 1 - len(table.counts) + surface.face_count
+        genus = (2 * surface.part_count - loops - euler) // 2
     return {
-        "edges": len(counts),
+        "edges": len(table.counts),
         "closed": len(single) == 0,
         "boundary_edges": len(single),
         "boundary_loops": loops,
         "nonmanifold_edges": int(many.sum()),
         "nonmanifold_vertices": several,
-        "components": components,
+        "components": surface.part_count,
         "genus": genus,
         "inconsistent_edges": inconsistent,
     }
 
 
-def _orientable(table: EdgeTable) -> bool:
-    return not agreeing_flips(table)[1].any()
+def _following(h: Index) -> Index:
+    """Return the next half-edge (corner) of the same face."""
+    return h + 1 - 3 * (h % 3 == 2)
 
 
-def _vertex_components(faces: IntArray, n: int, count: int, piece: IntArray) -> int:
-    """Count the sets of faces joined by vertices: pieces joined by edges, then those that touch."""
-    if count == 1:
-        return 1
-    corners, pieces = faces.ravel(), np.repeat(piece, 3)
-    anchor = np.zeros(n, np.int64)
-    anchor[corners] = pieces
-    return _connected(count, pieces, anchor[corners])
+def _corner_fans(surface: Surface) -> IntArray:
+    """Return the fan of each corner, (3m,): corners of one vertex joined across edges of two faces.
+
+    As a corner, half-edge h is the vertex where it starts. That is where the other half-edge of the
+    edge ends when they run opposite ways.
+    """
+    a, b, agree = surface.edge_table.pairs
+    links = np.stack([a, np.where(agree, _following(b), b)], axis=1)
+    ends = np.stack([_following(a), np.where(agree, b, _following(b))], axis=1)
+    return piece_labels(3 * surface.face_count, np.concatenate([links, ends]))
 
 
-def _split_vertices(faces: IntArray, table: EdgeTable, n: int, fans: int, fan: IntArray) -> int:
+def _split_vertices(surface: Surface, fan: IntArray) -> int:
     """Count vertices whose fans stay apart when also joined across non-manifold edges."""
-    corners = faces.ravel()
+    assert surface.faces is not None
+    table, fans = surface.edge_table, int(fan.max()) + 1
     fan_vertex = np.empty(fans, np.int64)
-    fan_vertex[fan] = corners
-    counts = table.counts
-    many = np.flatnonzero(counts > 2)
-    if len(many):
-        edge = np.repeat(np.arange(len(counts)), counts)
-        half = table.order[counts[edge] > 2]
-        edge = edge[counts[edge] > 2]
-        anchor = np.empty((2, len(counts)), np.int64)
+    fan_vertex[fan] = surface.faces.ravel()
+    if (table.counts > 2).any():
+        edge = np.repeat(np.arange(len(table.counts)), table.counts)
+        half = table.order[table.counts[edge] > 2]
+        edge = edge[table.counts[edge] > 2]
+        anchor = np.empty((2, len(table.counts)), np.int64)
         links = []
         for end, at_start in ((0, table.forward[half]), (1, ~table.forward[half])):
-            touching = fan[np.where(at_start, half, following(half))]
+            touching = fan[np.where(at_start, half, _following(half))]
             anchor[end, edge] = touching
-            links.append((touching, anchor[end, edge]))
-        group = _grouped(fans, *np.concatenate(links, axis=1))[1]
-        first = np.unique(group, return_index=True)[1]
-        fan_vertex = fan_vertex[first]
-    return int((np.bincount(fan_vertex, minlength=n) > 1).sum())
+            links.append(np.stack([touching, anchor[end, edge]], axis=1))
+        group = piece_labels(fans, np.concatenate(links))
+        fan_vertex = fan_vertex[np.unique(group, return_index=True)[1]]
+    return int((np.bincount(fan_vertex) > 1).sum())
 
 
-def _loops(single: NDArray[np.int64], fan: IntArray) -> int:
+def _loops(single: Index, fan: IntArray) -> int:
     """Count boundary loops: boundary edges chained through the fans at their ends."""
     if len(single) == 0:
         return 0
-    ends = np.concatenate([fan[single], fan[following(single)]])
-    known, ends = np.unique(ends, return_inverse=True)
-    return _connected(len(known), *ends.reshape(2, -1))
+    ends = np.stack([fan[single], fan[_following(single)]], axis=1)
+    known, links = np.unique(ends, return_inverse=True)
+    return int(piece_labels(len(known), links.reshape(-1, 2)).max()) + 1
 
 
-def _connected(count: int, a: NDArray[Any], b: NDArray[Any]) -> int:
-    return _grouped(count, a, b)[0]
-
-
-def _grouped(count: int, a: NDArray[Any], b: NDArray[Any]) -> tuple[int, IntArray]:
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
-    graph = coo_array((np.ones(len(a), np.int8), (a, b)), shape=(count, count))
-    number, labels = connected_components(graph, directed=False)
-    return int(number), labels
-
-
-def _facing(
-    points: FloatArray,
-    faces: IntArray,
-    double: FloatArray,
-    table: EdgeTable,
-    pieces: int,
-    piece: IntArray,
-) -> dict[str, Any]:
+def _facing(surface: Surface) -> dict[str, Any]:
     """Return orientation and volume."""
-    if not table.pairs()[2].all():
+    assert surface.faces is not None
+    counts = surface.edge_table.counts
+    if not surface.edge_table.pairs[2].all():
         return {"orientation": "mixed", "volume": None}
-    counts = table.counts
     if (counts == 1).any():
-        measured = piece_volumes(points, faces, double, table, piece, pieces)
+        measured = piece_volumes(surface)
         volume = float((measured.volume * np.abs(measured.sign)).sum())
         result: dict[str, Any] = {"orientation": _word(volume), "volume": None}
     else:
         # Pieces that meet at non-manifold edges are closed together, so one apex serves them all.
-        corner = points[faces[:, 0]]
-        tetra = np.einsum("ij,ij->i", corner - corner.mean(axis=0), double) / 6
+        corner = surface.points[surface.faces[:, 0]]
+        tetra = np.einsum("ij,ij->i", corner - corner.mean(axis=0), surface.face_vectors) / 6
         volume = float(tetra.sum())
         clear = abs(volume) > 1e-9 * np.abs(tetra).sum()
         result = {"orientation": _word(volume * clear), "volume": volume}

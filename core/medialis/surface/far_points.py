@@ -6,9 +6,12 @@ the size of a shape makes the default lengths larger than the shape.
 
 from __future__ import annotations
 
+import logging
+
 import numpy as np
 
 from medialis.model.shape import Shape
+from medialis.progress import Message
 from medialis.validation import FloatArray
 
 FAR = 50.0
@@ -19,7 +22,7 @@ TAILS = 0.1, 0.9
 """Quantiles of each coordinate that bound the bulk of the points: fewer than a tenth are strays."""
 
 
-def far_points(shape: Shape) -> str | None:
+def far_points(shape: Shape) -> Message | None:
     """Return a sentence about points, or parts of a mesh, that lie far from the rest, or None.
 
     Parameters
@@ -29,7 +32,7 @@ def far_points(shape: Shape) -> str | None:
 
     Returns
     -------
-    str or None
+    Message or None
         What lies where, what it does to the lengths, and what to do.
     """
     low, high = np.quantile(shape.points, TAILS, axis=0)
@@ -41,17 +44,27 @@ def far_points(shape: Shape) -> str | None:
     if 0 < bulk < shape.diagonal / FAR:
         away = ((shape.points < low - bulk) | (shape.points > high + bulk)).any(axis=1)
         first = ", ".join(f"{x:.6g}" for x in shape.points[int(away.argmax())])
-        return (
-            f"{int(away.sum())} of {shape.point_count} points lie far from the rest, which is "
+        count = int(away.sum())
+        return Message(
+            f"{count} of {shape.point_count} points lie far from the rest, which is "
             f"about {bulk:.3g} large (the first at {first}): {harm} rest. Delete the far points if "
-            "they are strays."
+            "they are strays.",
+            "far_points",
+            logging.WARNING,
+            points=count,
+            of=shape.point_count,
+            size=bulk,
         )
     largest = _largest_part(shape)
     if 0 < largest < shape.diagonal / FAR:
-        return (
-            f"The {int(shape.components.max()) + 1} parts lie far apart, the largest is "
-            f"{largest:.3g} large: {harm} parts. Delete parts that are strays, or run the parts "
-            "one by one."
+        parts = int(shape.components.max()) + 1
+        return Message(
+            f"The {parts} parts lie far apart, the largest is {largest:.3g} large: {harm} parts. "
+            "Delete parts that are strays, or run the parts one by one.",
+            "far_parts",
+            logging.WARNING,
+            parts=parts,
+            size=largest,
         )
     return None
 

@@ -14,12 +14,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from medialis.errors import InvalidShapeError
 from medialis.model.shape import Shape
+from medialis.model.surface import link_matrix
 from medialis.surface.normals import vertex_normals
 from medialis.validation import FloatArray, as_number
 
@@ -86,7 +88,7 @@ def noise_level(shape: Shape) -> float:
     n = shape.point_count
     rows = np.arange(0, n, 1 + n // MOST_MEASURED)
     few = np.bincount(shape.edges.ravel(), minlength=n) <= MOST_EDGES
-    links = _adjacency(shape.edges[few[shape.edges].all(axis=1)], n)
+    links = link_matrix(n, shape.edges[few[shape.edges].all(axis=1)])
     ring, deviation = links[rows], []
     for _ in range(2):  # two rings, three rings
         ring = ring @ links
@@ -102,15 +104,7 @@ def noise_level(shape: Shape) -> float:
     return math.sqrt(max(0.0, square))
 
 
-def _adjacency(edges: NDArray[np.int32], n: int):  # type: ignore[no-untyped-def]
-    """Sparse matrix of ones where an edge joins two vertices."""
-    from scipy.sparse import csr_array
-
-    a, b = edges.T
-    return csr_array((np.ones(2 * len(a)), (np.r_[a, b], np.r_[b, a])), shape=(n, n))
-
-
-def _off_quadrics(points: FloatArray, rows: NDArray[np.int64], ring) -> FloatArray:  # type: ignore[no-untyped-def]
+def _off_quadrics(points: FloatArray, rows: NDArray[np.int64], ring: Any) -> FloatArray:
     """Distance of points from quadrics through their rings, in deviations of equal noise.
 
     A point itself is no part of its ring. The noise of the ring carries over to the quadric; the
@@ -217,7 +211,7 @@ def smooth_noise(shape: Shape, level: float) -> tuple[Shape, float]:
 def _plate(shape: Shape, length: float) -> Shape:
     """Bend a mesh like a thin plate that is tied to its vertices; the length is in spacings."""
     assert shape.faces is not None
-    links = _adjacency(shape.edges, shape.point_count)
+    links = shape.edge_matrix
     degree = np.diff(links.indptr).astype(np.float64)
     bends = degree > 0
     twins = shape.edge_twins

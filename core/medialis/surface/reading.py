@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 import os
 from typing import Any
 
@@ -63,8 +62,7 @@ def read_shape(
     progress = Progress.of(progress)
     with progress.stage("read", 0.0, 0.5):
         mesh = read_mesh(path)
-    for message in mesh.messages:
-        progress.note(message)
+    progress.record(*mesh.messages)
     normals = None if mesh.faces is not None else mesh.normals
     with progress.stage("prepare", 0.5, 1.0):
         try:
@@ -120,8 +118,7 @@ def make_shape(
     if repair:
         diagnosis = diagnose(points, faces)
         fixed = repair_mesh(points, faces, normals)
-        for message in fixed.messages:
-            progress.note(message)
+        progress.record(*fixed.messages)
         extra = {"diagnosis": diagnosis, "vertex_map": fixed.vertex_map}
         points, faces, normals = fixed.points, fixed.faces, fixed.normals
         if fixed.faces is not None and len(fixed.faces):
@@ -135,10 +132,10 @@ def make_shape(
         directions = vertex_normals(vertices, triangles) if directions is None else directions
     elif directions is None or not directions.any():  # programs write zeros for "none"
         lack = "has no normals" if directions is None else "has zero normals only"
+        code = "normals_missing" if directions is None else "normals_zero"
         directions = estimate_normals(vertices, progress=progress)
-        progress.note(f"The point cloud {lack}: they were estimated and oriented.")
+        progress.note(f"The point cloud {lack}: they were estimated and oriented.", code)
     shape = Shape(vertices, directions, triangles, **extra)
-    far = far_points(shape) if repair else None
-    if far:
-        progress.note(far, level=logging.WARNING)
+    if repair and (far := far_points(shape)) is not None:
+        progress.record(far)
     return shape

@@ -8,18 +8,16 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from medialis.errors import InvalidShapeError
-from medialis.surface._edges import EdgeTable, face_components
+from medialis.model.surface import Surface
+from medialis.progress import Message
 from medialis.surface._flat_faces import flip_flat_faces
 from medialis.surface._folds import faces_to_drop
 from medialis.surface._orientation import agreeing_flips, flipped, outward_flips
 from medialis.surface._rows import first_equal_row
-from medialis.surface._volumes import (
-    degenerate_faces,
-    face_vectors,
-    piece_volumes,
-    power_of_two_scale,
-)
+from medialis.surface._volumes import degenerate_faces, piece_volumes, scaled
 from medialis.validation import FloatArray, IntArray, as_faces, as_normals, as_points, frozen
+
+PLURALS = {"vertex": "vertices", "cavity": "cavities"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +36,7 @@ class Repair:
         The point that each input point became, -1 for a dropped one.
     face_map : (m,) int32
         The input face that each face comes from (lies in).
-    messages : tuple of str
+    messages : tuple of Message
         One sentence for each thing done or noticed; empty for a clean input.
     """
 
@@ -47,23 +45,30 @@ class Repair:
     normals: FloatArray | None
     vertex_map: IntArray
     face_map: IntArray
-    messages: tuple[str, ...]
+    messages: tuple[Message, ...]
 
 
 def repair(
-    points: ArrayLike,
-    faces: ArrayLike | None = None,
-    normals: ArrayLike | None = None,
-    *,
-    drop_nonfinite: bool = True,
-    weld: bool = True,
-    drop_degenerate: bool = True,
-    drop_duplicate_faces: bool = True,
-    drop_unused: bool = True,
-    agree: bool = True,
-    outward: bool = True,
+    points: ArrayLike, faces: ArrayLike | None = None, normals: ArrayLike | None = None
 ) -> Repair:
-    """Repair a mesh or cloud without moving a vertex.
+    """Repair a mesh or cloud without moving a vertex, in this order.
+
+    - Drop points with NaN or infinity.
+    - Make points at exactly the same place one; the first stays, with the first normal that is not
+      zero.
+    - Drop faces with a repeated corner. A face of three different corners without height (at most
+      1e-12 of its longest edge) is merged into its neighbour by turning their common edge, which
+      changes no surface; it is dropped where that is impossible.
+    - Keep one of the faces with the same corners. Small folds - faces lying on their own back that
+      hang on a surface - are dropped whole, so that no boundary appears.
+    - Drop vertices that no face uses (never the points of a cloud).
+    - Flip faces so that neighbours across edges of exactly two faces agree on the outside; the side
+      with more faces wins.
+    - Turn pieces (faces joined across such edges) outward: closed ones by their signed volume,
+      except cavities, which are inward pieces directly inside an outward one; open ones when their
+      volume, closed by cones from the middle of the boundary, is more than a fifth of what its
+      parts add up to without signs and more than 0.001 area^(3/2). Normals that then disagree with
+      the faces of a turned piece are turned too.
 
     Parameters
     ----------
@@ -71,29 +76,6 @@ def repair(
         NaN and infinity only in points that no face uses.
     faces : (m, 3) integers, optional
     normals : (n, 3) array of numbers, optional
-    drop_nonfinite : bool
-        Drop points with NaN or infinity.
-    weld : bool
-        Make points at exactly the same place one; the first stays, with the first normal that is
-        not zero.
-    drop_degenerate : bool
-        Drop faces with a repeated corner. A face of three different corners without height (at most
-        1e-12 of its longest edge) is merged into its neighbour by turning their common edge, which
-        changes no surface; it is dropped where that is impossible.
-    drop_duplicate_faces : bool
-        Keep one of the faces with the same corners. Small folds - faces lying on their own back
-        that hang on a surface - are dropped whole, so that no boundary appears.
-    drop_unused : bool
-        Drop vertices that no face uses (never the points of a cloud).
-    agree : bool
-        Flip faces so that neighbours across edges of exactly two faces agree on the outside; the
-        side with more faces wins.
-    outward : bool
-        Turn pieces (faces joined across such edges) outward: closed ones by their signed volume,
-        except cavities, which are inward pieces directly inside an outward one; open ones when
-        their volume, closed by cones from the middle of the boundary, is more than a fifth of what
-        its parts add up to without signs and more than 0.001 area^(3/2). Normals that then
-        disagree with the faces of a turned piece are turned too.
 
     Returns
     -------
@@ -112,25 +94,19 @@ def repair(
     >>> fixed.faces.tolist(), fixed.vertex_map.tolist()
     ([[0, 1, 2]], [0, 1, 2, 1])
     """
-    work = _Work.begin(points, faces, normals, drop_nonfinite)
-    if weld:
-        work.weld()
+    work = _Work.begin(points, faces, normals)
+    work.weld()
     if len(work.faces):
-        if drop_degenerate:
-            work.drop_degenerate()
-        if drop_duplicate_faces:
-            work.drop_duplicate_faces()
+        work.drop_degenerate()
+        work.drop_duplicate_faces()
         if len(work.faces) == 0:
             raise InvalidShapeError(
                 f"none of the {work.given_faces} faces has an area: all are degenerate or lie on "
                 "each other; check the mesh."
             )
-        if drop_unused:
-            work.drop_unused()
-        if agree:
-            work.agree()
-        if outward:
-            work.turn_outward()
+        work.drop_unused()
+        work.agree()
+        work.turn_outward()
     return work.result(faces is not None)
 
 
@@ -144,20 +120,16 @@ class _Work:
     vertex_map: IntArray
     face_map: IntArray
     given_faces: int
-    messages: list[str]
+    messages: list[Message]
+    _measured: Surface | None = None
 
     @classmethod
-    def begin(
-        cls,
-        points: ArrayLike,
-        faces: ArrayLike | None,
-        normals: ArrayLike | None,
-        drop_nonfinite: bool,
-    ) -> _Work:
+    def begin(cls, points: ArrayLike, faces: ArrayLike | None, normals: ArrayLike | None) -> _Work:
+        """Check the arrays, and drop points that are not finite."""
         raw = np.asarray(points)
         triangles: ArrayLike = np.empty((0, 3), np.int32) if faces is None else faces
         keep = np.ones(0, bool)
-        if drop_nonfinite and raw.dtype.kind == "f" and raw.ndim == 2 and raw.shape[1] == 3:
+        if raw.dtype.kind == "f" and raw.ndim == 2 and raw.shape[1] == 3:
             keep = np.asarray(np.isfinite(raw).all(axis=1))
             used = np.zeros(len(raw), bool)
             used[as_faces(triangles, len(raw))] = True
@@ -171,16 +143,22 @@ class _Work:
         identity = np.arange(max(n, len(checked)), dtype=np.int32)
         work = cls(xyz, checked, vectors, identity[:n], identity[: len(checked)], len(checked), [])
         if partial:
-            work.messages.append(f"Dropped {_count(~keep, 'point')} with NaN or infinity.")
+            work._note("Dropped {} with NaN or infinity.", "not_finite_dropped", "point", ~keep)
             work._keep_points(keep)
         return work
+
+    def _note(self, text: str, code: str, noun: str, counted: ArrayLike) -> None:
+        """Record a sentence about what a mask or a number counts; the noun names its data."""
+        number, plural = int(np.sum(counted)), PLURALS.get(noun, f"{noun}s")
+        words = f"{number} {noun if number == 1 else plural}"
+        self.messages.append(Message(text.format(words), code, **{plural.split()[-1]: number}))
 
     def weld(self) -> None:
         first = first_equal_row(self.points)
         keep = first == np.arange(len(first))
         if keep.all():
             return
-        self.messages.append(f"Welded {_count(~keep, 'point')} lying exactly on another one.")
+        self._note("Welded {} lying exactly on another one.", "welded", "point", ~keep)
         if self.normals is not None:
             self.normals = _first_normals(self.normals, first)
         self._keep_points(keep, first)
@@ -189,37 +167,39 @@ class _Work:
         a, b, c = self.faces.T
         keep = (a != b) & (b != c) & (c != a)
         if not keep.all():
-            self.messages.append(f"Dropped {_count(~keep, 'face')} with a repeated corner.")
+            self._note("Dropped {} with a repeated corner.", "repeated_corners", "face", ~keep)
             self._keep_faces(keep)
-        flat = self._flat()
+        if len(self.faces) == 0:
+            return
+        surface = self._surface()
+        flat = degenerate_faces(surface)
         if not flat.any():
             return
-        faces, source, turned = flip_flat_faces(self._scaled(), self.faces, flat)
+        faces, source, turned = flip_flat_faces(surface, flat)
         if turned:
-            self.messages.append(
-                f"Merged {turned} face{'' if turned == 1 else 's'} without area into neighbours by "
-                "turning an edge."
-            )
+            text = "Merged {} without area into neighbours by turning an edge."
+            self._note(text, "flat_faces_merged", "face", turned)
             self.faces, self.face_map = faces, self.face_map[source]
-        keep = ~self._flat()
+        keep = ~degenerate_faces(self._surface())
         if not keep.all():
-            self.messages.append(f"Dropped {_count(~keep, 'face')} without area.")
+            self._note("Dropped {} without area.", "flat_faces_dropped", "face", ~keep)
             self._keep_faces(keep)
 
-    def _scaled(self) -> FloatArray:
-        return self.points * power_of_two_scale(self.points)
-
-    def _flat(self) -> NDArray[np.bool_]:
-        return degenerate_faces(*face_vectors(self._scaled(), self.faces))
+    def _surface(self) -> Surface:
+        """Return the mesh as it is now, at a scale of about 1."""
+        if self._measured is None or self._measured.faces is not self.faces:
+            self._measured = scaled(self.points, frozen(self.faces, np.int32))
+            assert self._measured.faces is not None
+            self.faces = self._measured.faces
+        return self._measured
 
     def drop_duplicate_faces(self) -> None:
         repeated, folds = faces_to_drop(self.faces, len(self.points))
         if repeated.any():
-            self.messages.append(f"Dropped {_count(repeated, 'duplicate face')}.")
+            self._note("Dropped {}.", "duplicates_dropped", "duplicate face", repeated)
         if folds.any():
-            self.messages.append(
-                f"Dropped {_count(folds, 'face')} of small folds that lie on their own back."
-            )
+            text = "Dropped {} of small folds that lie on their own back."
+            self._note(text, "folds_dropped", "face", folds)
         if repeated.any() or folds.any():
             self._keep_faces(~(repeated | folds))
 
@@ -227,50 +207,44 @@ class _Work:
         used = np.zeros(len(self.points), bool)
         used[self.faces] = True
         if not used.all():
-            plural = "vertex" if (~used).sum() == 1 else "vertices"
-            self.messages.append(f"Dropped {int((~used).sum())} {plural} that no face uses.")
+            self._note("Dropped {} that no face uses.", "unused_dropped", "vertex", ~used)
             self._keep_points(used)
 
     def agree(self) -> None:
-        flip, one_sided = agreeing_flips(EdgeTable.of(self.faces, len(self.points)))
+        flip, one_sided = agreeing_flips(self._surface())
         if flip.any():
-            self.messages.append(
-                f"Flipped {_count(flip, 'face')} to agree with the neighbours on the outside."
-            )
+            text = "Flipped {} to agree with the neighbours on the outside."
+            self._note(text, "faces_flipped", "face", flip)
             self.faces = flipped(self.faces, flip)
         if one_sided.any():
-            self.messages.append(
-                f"{_count(one_sided, 'face')} form one-sided pieces, like a Moebius band, "
-                "that have no outside."
-            )
+            text = "{} in one-sided pieces, like a Moebius band, have no outside."
+            self._note(text, "one_sided", "face", one_sided)
 
     def turn_outward(self) -> None:
-        table = EdgeTable.of(self.faces, len(self.points))
-        count, piece = face_components(table)
-        points = self._scaled()
-        double, _ = face_vectors(points, self.faces)
-        measured = piece_volumes(points, self.faces, double, table, piece, count)
-        one_sided = np.zeros(count, bool)
-        a, _, opposite = table.pairs()
+        surface = self._surface()
+        piece, measured = surface.face_pieces, piece_volumes(surface)
+        one_sided = np.zeros(len(measured.closed), bool)
+        a, _, opposite = surface.edge_table.pairs
         one_sided[piece[a[~opposite] // 3]] = True
-        flip, cavity = outward_flips(points, self.faces, piece, measured, one_sided)
-        for closed, word in ((True, "closed"), (False, "open")):
-            turned = flip & (measured.closed == closed)
-            if turned.any():
-                how = "" if closed else ", judging by the volume under the surface"
-                self.messages.append(f"Turned {_count(turned, word + ' piece')} outward{how}.")
+        flip, cavity = outward_flips(surface, measured, one_sided)
+        closed, opened = flip & measured.closed, flip & ~measured.closed
+        if closed.any():
+            self._note("Turned {} outward.", "closed_turned", "closed piece", closed)
+        if opened.any():
+            text = "Turned {} outward, judging by the volume under the surface."
+            self._note(text, "open_turned", "open piece", opened)
         if cavity.any():
-            self.messages.append(f"Kept {_count(cavity, 'cavity')} facing inward.")
+            self._note("Kept {} facing inward.", "cavities_kept", "cavity", cavity)
         if flip.any():
             self.faces = flipped(self.faces, flip[piece])
-            if self.normals is not None:
-                double[flip[piece]] *= -1
-                self._turn_normals(double, piece, flip)
+            self._turn_normals(surface, flip)
 
-    def _turn_normals(self, double: FloatArray, piece: IntArray, flip: NDArray[np.bool_]) -> None:
+    def _turn_normals(self, before: Surface, flip: NDArray[np.bool_]) -> None:
         """Turn the normals of turned pieces where they disagree with the turned faces."""
         if self.normals is None:
             return
+        piece = before.face_pieces
+        double = np.where(flip[piece][:, None], -before.face_vectors, before.face_vectors)
         alike = sum(np.einsum("ij,ij->i", self.normals[self.faces[:, i]], double) for i in range(3))
         wrong = flip & (np.bincount(piece, alike, len(flip)) < 0)
         turn = np.zeros(len(self.points), bool)
@@ -312,10 +286,3 @@ def _first_normals(normals: FloatArray, first: NDArray[np.int64]) -> FloatArray:
     late = known[missing][::-1]
     result[first[late]] = normals[late]
     return result
-
-
-def _count(mask: NDArray[np.bool_], what: str) -> str:
-    number = int(mask.sum())
-    if number == 1:
-        return f"{number} {what}"
-    return f"{number} {what[:-1]}ies" if what.endswith("y") else f"{number} {what}s"
