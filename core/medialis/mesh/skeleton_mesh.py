@@ -7,73 +7,110 @@ until its two sides meet. `_skeleton_mesh_kernels.py` says how the two sides bec
 
 from __future__ import annotations
 
+import math
+from dataclasses import dataclass
+
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from medialis.errors import InvalidShapeError
+from medialis.geodesics.connectivity import connected_importance
+from medialis.geodesics.importance import geodesic_importance, important_points
+from medialis.kept import kept
+from medialis.model.geodesic_paths import Importance
 from medialis.model.medial_cloud import MedialCloud
 from medialis.model.shape import Shape
 from medialis.model.skeleton_mesh import SkeletonMesh
-from medialis.progress import Progress, ProgressCallback
+from medialis.options import Options, algorithm, angle, length, whole
+from medialis.progress import Progress
 from medialis.threads import run_chunks
-from medialis.validation import IntArray, as_number, as_whole_number
+from medialis.validation import IntArray
 
-DEFAULT_SLACK = 1.0
+SLACK = 1.0
 """Sample spacings by which a radius may change against the slope of the sheet. On horse (48k
 samples, spoke angles above 30 degrees) 0.5 rejects 0.75 % of the faces, 1 0.2 %, 2 0.03 %."""
-
-DEFAULT_BRIDGE = 2
-"""Surface edges; on horse, cow, bunny the first closes 1/4 to 1/3 of the length of all borders (the
-holes of single false balls), the second and third another tenth, more only webs between spikes."""
 
 FACES_A_CHUNK = 16384
 """About 2 ms of work."""
 
 
+@dataclass(frozen=True, kw_only=True)
+class SkeletonMeshOptions(Options):
+    """Options of `skeleton_mesh`."""
+
+    min_spoke_angle: float = angle(
+        45.0,
+        "Minimum spoke angle",
+        "Leave out points whose feature points are less than this many degrees apart,"
+        " seen from the center. 0 keeps every sheet, also those of bumps and noise.",
+    )
+    importance: float = length(
+        0.0,
+        "Importance",
+        "Leave out points whose geodesic importance is below this fraction of the "
+        "size: removes what bumps and noise made. 0 measures no geodesics.",
+        high=10.0,
+    )
+    smallest_piece: float = length(
+        0.01,
+        "Smallest piece",
+        "Leave out separate pieces all of whose points lie within this fraction of the "
+        "size from their middle. 0 keeps all.",
+    )
+    bridge: int = whole(
+        2,
+        "Bridge gaps",
+        "Close gaps that left-out points would tear, up to this many edges from each side.",
+        high=100,
+        advanced=True,
+    )
+    """On horse, cow, bunny the first closes 1/4 to 1/3 of the length of all borders (the holes of
+    single false balls), the second and third another tenth, more only webs between spikes."""
+
+
+@algorithm(SkeletonMeshOptions)
 def skeleton_mesh(
-    shape: Shape,
-    cloud: MedialCloud,
-    *,
-    keep: ArrayLike | None = None,
-    slack: float = DEFAULT_SLACK,
-    bridge: int = DEFAULT_BRIDGE,
-    smallest_piece: float = 0.0,
-    progress: Progress | ProgressCallback | None = None,
+    cloud: MedialCloud, options: SkeletonMeshOptions, progress: Progress
 ) -> SkeletonMesh:
     """Connect the points of a surface skeleton to triangles.
 
     Parameters
     ----------
-    shape : Shape
-        The mesh from which the cloud was computed.
     cloud : MedialCloud
-        All k balls, not a thinned cloud: a triangle needs the balls of three neighbouring samples.
-    keep : (k,) bool, optional
-        Points to use (importance, spoke angle, ... above a threshold); all valid ones when missing.
-    slack : float
-        Above 0 to 1000: see Notes, criterion 1. Larger keeps more triangles between distant points.
-    bridge : int
-        0 to 100: gaps in the usable points are closed over this many surface edges, see Notes.
+        k balls of a mesh: a triangle needs the balls of three neighbouring samples. Of a subset of
+        the balls of a surface, the gaps are bridged.
+    min_spoke_angle : float
+        Degrees, 0 to 180: points with a smaller spoke angle are left out.
+    importance : float
+        Fraction of the diagonal, 0 to 10: points with less geodesic importance (connected, see
+        `medialis.connected_importance`, where the cloud is whole) are left out. 0 measures none.
     smallest_piece : float
         Fraction of the diagonal, 0 to 1: pieces all of whose points lie within this distance of
         the mean of their points are left out.
+    bridge : int
+        0 to 100: gaps in the selected points are closed over this many surface edges, see Notes.
     progress : callable, optional
         Called with (fraction, text); returning False cancels.
 
     Returns
     -------
     SkeletonMesh
-        Its points keep the order of the cloud, its triangles that of the surface.
+        Its points keep the order of the cloud, its triangles that of the surface; ``selected``
+        are the balls with angle and importance enough. It has no triangle when no sheet is left.
 
     Raises
     ------
     InvalidShapeError
-        When the shape has no faces, the cloud is not one of this shape or has two balls for one
-        sample and side, or `keep` is not one bool a ball.
+        When the surface has no faces, or the cloud has two balls for one sample and side.
     InvalidOptionError
         When an option is out of its range.
     Cancelled
         When `progress` asks for it.
+
+    See Also
+    --------
+    sheet_meshes : a mesh of each sheet apart.
+    geodesic_importance, connected_importance : the measure behind `importance`.
 
     Notes
     -----
@@ -81,7 +118,7 @@ def skeleton_mesh(
 
     1. the radius changes as it does on a sheet: along a sheet its slope is at most the cosine of
        half the spoke angle, so |r_a - r_b| <= |c_a - c_b| (cos(t_a/2) + cos(t_b/2))/2
-       + slack |a - b|. A triangle that jumps from one sheet to another behind or before it runs
+       + |a - b|. A triangle that jumps from one sheet to another behind or before it runs
        along the spokes, where the slope is 1. The last term, in sample spacings, is what sampling
        and the tolerance can do to a radius. Ligatures pass, however stretched: there the centers
        move apart because the normals turn, at nearly the same radius.
@@ -116,93 +153,100 @@ def skeleton_mesh(
     >>> q = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
     >>> faces = [t for a, b, c, d in q for t in ((a, b, c), (a, c, d))]
     >>> box = medialis.refine(medialis.make_shape(x, faces), 0.2)
-    >>> mesh = medialis.skeleton_mesh(box, medialis.surface_skeleton(box))
+    >>> mesh = medialis.skeleton_mesh(medialis.surface_skeleton(box))
     >>> bool(np.abs(np.median(mesh.points[:, 2]) - 0.5) < 1e-6)
     True
     """
-    slack = as_number(slack, "slack", low=0.0, high=1000.0, open_low=True)
-    bridge = as_whole_number(bridge, "bridge", low=0, high=100)
-    smallest_piece = as_number(smallest_piece, "smallest_piece", low=0.0, high=1.0)
-    if shape.faces is None:
-        raise InvalidShapeError(
-            "A skeleton mesh needs a surface with faces, got a point cloud: reconstruct a surface "
-            "first, or show the skeleton as points."
+    require_faces(cloud.surface)
+    with progress.stage("select", 0.0, 0.6):
+        selected = _selected(cloud, options, progress)
+    # Another smallest piece takes the same triangles.
+    chosen = options.min_spoke_angle, options.importance, options.bridge
+    with progress.stage("lift", 0.6, 1.0):
+        mesh = kept(
+            _lift, cloud, chosen, lambda: _lift(cloud, selected, options.bridge, progress), progress
         )
-    usable, faces = _usable(shape, cloud, keep), shape.faces
-    progress = Progress.of(progress)
-    parts = []
-    sides = [sign for sign in (1, -1) if (cloud.side == sign).any()]
-    with progress.stage("skeleton mesh", 0.0, 1.0):
-        for turn, sign in enumerate(sides):
-            with progress.stage("lift", turn / len(sides), (turn + 1) / len(sides)):
-                parts.append(_lift(shape, faces, cloud, usable, sign, slack, bridge, progress))
-        triangles = np.concatenate([t for t, _ in parts]) if parts else np.empty((0, 3), np.int32)
-        origin = np.concatenate([o for _, o in parts]) if parts else np.empty(0, np.int32)
-        mesh = _compact(cloud, triangles, origin)
-        if smallest_piece > 0.0:
-            mesh = _without_small_pieces(mesh, cloud, smallest_piece * shape.diagonal)
+    if options.smallest_piece > 0.0:
+        return _without_small_pieces(mesh, options.smallest_piece * cloud.surface.diagonal)
     return mesh
 
 
-def _usable(shape: Shape, cloud: MedialCloud, keep: ArrayLike | None) -> NDArray[np.bool_]:
-    last = max(cloud.source.max(initial=-1), cloud.features.max(initial=-1))
-    if last >= shape.point_count:
+def require_faces(shape: Shape) -> None:
+    """Refuse a point cloud.
+
+    Raises
+    ------
+    InvalidShapeError
+    """
+    if shape.faces is None:
         raise InvalidShapeError(
-            f"The cloud refers to sample {last}, the shape has {shape.point_count}: give the shape "
-            "from which the cloud was computed."
+            "A skeleton mesh needs a surface with faces, got a point cloud: reconstruct a surface "
+            "first, or use surface_skeleton, which shows the skeleton as points."
         )
-    if keep is None:
-        return cloud.valid
-    mask = np.asarray(keep)
-    if mask.shape != (len(cloud),) or mask.dtype != np.bool_:
-        raise InvalidShapeError(
-            f"keep must be a ({len(cloud)},) array of bools, one a ball, got {mask.dtype} "
-            f"{mask.shape}."
-        )
-    return cloud.valid & mask
 
 
-def _rows_of_samples(
-    shape: Shape, faces: IntArray, cloud: MedialCloud, usable: NDArray[np.bool_], bridge: int
-) -> IntArray:
+def measured_importance(cloud: MedialCloud, options: Options, progress: Progress) -> Importance:
+    """Return the importance of each ball, connected where the cloud is whole."""
+    importance = geodesic_importance.of(cloud, options, progress)
+    return connected_importance.of(importance, options, progress) if cloud.whole else importance
+
+
+def _selected(
+    cloud: MedialCloud, options: SkeletonMeshOptions, progress: Progress
+) -> NDArray[np.bool_]:
+    """Balls with angle and importance enough, (k,)."""
+    enough = cloud.valid & (cloud.spoke_angles >= math.radians(options.min_spoke_angle))
+    if options.importance > 0:
+        importance = measured_importance(cloud, options, progress)
+        enough &= important_points(importance, threshold=options.importance)
+    return enough
+
+
+def _lift(
+    cloud: MedialCloud, selected: NDArray[np.bool_], bridge: int, progress: Progress
+) -> SkeletonMesh:
+    """Mesh of all pieces, those of each side apart."""
+    parts = [(np.empty((0, 3), np.int32), np.empty(0, np.int32))]
+    sides = [sign for sign in (1, -1) if (cloud.side == sign).any()]
+    for turn, sign in enumerate(sides):
+        with progress.stage("lift", turn / len(sides), (turn + 1) / len(sides)):
+            usable = selected & (cloud.side == sign)
+            parts.append(_lift_side(cloud, usable, bridge, progress))
+    triangles, origin = (np.concatenate(part) for part in zip(*parts, strict=True))
+    return SkeletonMesh.of_rows(cloud, triangles, origin, selected)
+
+
+def _rows_of_samples(cloud: MedialCloud, usable: NDArray[np.bool_], bridge: int) -> IntArray:
     """Row that stands for each sample: of its own ball, else of a near sample's, else -1."""
     from medialis.mesh._skeleton_mesh_kernels import bridge_gaps
 
-    rows = np.flatnonzero(usable).astype(np.int32)
+    shape, rows = cloud.surface, np.flatnonzero(usable).astype(np.int32)
     row_near = np.full(shape.point_count, -1, np.int32)
     row_near[cloud.source[rows]] = rows
     if len(rows) != np.count_nonzero(row_near >= 0):
         raise InvalidShapeError("The cloud has several balls for one sample and side.")
     for _ in range(bridge):
         wider = row_near.copy()
-        bridge_gaps(faces, shape.points, cloud.source, row_near, wider)
+        bridge_gaps(shape.faces, shape.points, cloud.source, row_near, wider)
         row_near = wider
     return row_near
 
 
-def _lift(
-    shape: Shape,
-    faces: IntArray,
-    cloud: MedialCloud,
-    usable: NDArray[np.bool_],
-    sign: int,
-    slack: float,
-    bridge: int,
-    progress: Progress,
+def _lift_side(
+    cloud: MedialCloud, usable: NDArray[np.bool_], bridge: int, progress: Progress
 ) -> tuple[IntArray, IntArray]:
     """Triangles of one side as rows of the cloud, and the face each comes from."""
     # Imported here: compiled code takes half a second to load, and `medialis --help` needs none.
     from medialis.mesh import _skeleton_mesh_kernels as kernels
 
-    k, m = len(cloud), len(faces)
-    usable = usable & (cloud.side == sign)
-    row_near = _rows_of_samples(shape, faces, cloud, usable, bridge)
-    chords, slopes = _chords(shape, cloud)
+    shape, k, m = cloud.surface, len(cloud), cloud.surface.face_count
+    row_near = _rows_of_samples(cloud, usable, bridge)
+    chords, slopes = _chords(cloud)
     rows, ok = np.empty((m, 3), np.int32), np.zeros(m, np.bool_)
     balls = shape.points, cloud.source, cloud.centers, cloud.radii
 
     def work(begin: int, end: int) -> None:
-        kernels.test_faces(begin, end, slack, faces, row_near, *balls, slopes, rows, ok)
+        kernels.test_faces(begin, end, SLACK, shape.faces, row_near, *balls, slopes, rows, ok)
 
     run_chunks(work, m, FACES_A_CHUNK, progress=progress)
     longest = np.zeros(k)
@@ -214,19 +258,20 @@ def _lift(
     kernels.join_sides(
         rows, ok, partner, chords, np.arange(k, dtype=np.int32), np.zeros(k, np.int8), second
     )
-    lifted, kept = np.empty((m, 3), np.int32), np.zeros(m, np.bool_)
-    kernels.lift_faces(rows, ok, partner, second, *balls, chords, lifted, kept)
-    origin = np.flatnonzero(kept).astype(np.int32)
+    lifted, stays = np.empty((m, 3), np.int32), np.zeros(m, np.bool_)
+    kernels.lift_faces(rows, ok, partner, second, *balls, chords, lifted, stays)
+    origin = np.flatnonzero(stays).astype(np.int32)
     return _without_duplicates(lifted[origin], origin)
 
 
-def _chords(shape: Shape, cloud: MedialCloud) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _chords(cloud: MedialCloud) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return unit vectors from the f2 to f1, and cosines of half the spoke angles.
 
     The chord is the normal of the sheet: the sheet bisects the two feature points. Zero and NaN
     rows belong to masked balls, which are never used.
     """
-    chords = shape.points[cloud.features[:, 0]] - shape.points[cloud.features[:, 1]]
+    points = cloud.surface.points
+    chords = points[cloud.features[:, 0]] - points[cloud.features[:, 1]]
     length = np.linalg.norm(chords, axis=1, keepdims=True)
     np.divide(chords, length, out=chords, where=length > 0)
     return chords, np.cos(cloud.spoke_angles / 2)
@@ -241,21 +286,13 @@ def _without_duplicates(triangles: IntArray, origin: IntArray) -> tuple[IntArray
     return triangles[chosen], origin[chosen]
 
 
-def _compact(cloud: MedialCloud, triangles: IntArray, origin: IntArray) -> SkeletonMesh:
-    """Give the rows that triangles use their numbers, in the order of the cloud."""
-    used = np.zeros(len(cloud), np.bool_)
-    used[triangles.ravel()] = True
-    rows = np.flatnonzero(used).astype(np.int32)
-    place = np.full(len(cloud), -1, np.int32)
-    place[rows] = np.arange(len(rows), dtype=np.int32)
-    return SkeletonMesh(cloud.centers[rows], place[triangles], rows, origin)
-
-
-def _without_small_pieces(mesh: SkeletonMesh, cloud: MedialCloud, reach: float) -> SkeletonMesh:
-    piece, count = mesh.pieces, mesh.piece_count
+def _without_small_pieces(mesh: SkeletonMesh, radius: float) -> SkeletonMesh:
+    """Drop the pieces all of whose points lie within the radius of their mean."""
+    piece, count = mesh.components, mesh.part_count
     size = np.bincount(piece, minlength=count)
     mean = np.stack([np.bincount(piece, mesh.points[:, j], count) / size for j in range(3)], axis=1)
-    far = np.linalg.norm(mesh.points - mean[piece], axis=1) > reach
+    far = np.linalg.norm(mesh.points - mean[piece], axis=1) > radius
     large = np.bincount(piece[far], minlength=count) > 0
-    kept = large[piece[mesh.faces[:, 0]]] if len(mesh.faces) else np.zeros(0, np.bool_)
-    return _compact(cloud, mesh.rows[mesh.faces[kept]], mesh.face_origin[kept])
+    chosen = large[piece[mesh.faces[:, 0]]]
+    triangles = mesh.rows[mesh.faces[chosen]]
+    return SkeletonMesh.of_rows(mesh.cloud, triangles, mesh.face_origin[chosen], mesh.selected)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from medialis.errors import InvalidShapeError
+from medialis.kept import Bound
+from medialis.model.medial_cloud import MedialCloud
 from medialis.model.ragged import Ragged
 from medialis.validation import FloatArray, IntArray, frozen
 
@@ -16,9 +18,9 @@ ROUND = 0.4
 of a circle, 0.5 for a half sphere, 0.64 for half a circle."""
 
 
-@dataclass(frozen=True, eq=False)
-class FeatureSets:
-    """Extended feature transform of k balls.
+@dataclass(frozen=True, eq=False, repr=False)
+class FeatureSets(Bound):
+    """All samples that each of the k balls of a cloud touches, in clusters.
 
     Attributes
     ----------
@@ -34,6 +36,8 @@ class FeatureSets:
         Length of the mean of the unit normals of the faces there, 0 to 1: 0 where they go round the
         ball or come from two opposite walls, 0.71 across a right edge, 0.9 for the quarter circle
         of a rounded one, 1 on a plane. NaN for a masked ball.
+    cloud : MedialCloud
+        The balls.
 
     Raises
     ------
@@ -45,9 +49,10 @@ class FeatureSets:
     clusters: NDArray[np.int16]
     counts: IntArray
     agreement: FloatArray
+    cloud: MedialCloud = field(kw_only=True)
 
     def __post_init__(self) -> None:
-        k = len(self.samples)
+        k = len(self.cloud)
         for name, dtype, rows in (
             ("clusters", np.int16, len(self.samples.indices)),
             ("counts", np.int32, k),
@@ -61,7 +66,15 @@ class FeatureSets:
     def __len__(self) -> int:
         return len(self.samples)
 
+    def __repr__(self) -> str:
+        return f"FeatureSets({len(self)} balls, {len(self.samples.indices)} samples)"
+
     @property
     def closed(self) -> NDArray[np.bool_]:
         """True where the only cluster goes round the ball, as in a tube or a sphere, (k,)."""
         return (self.counts == 1) & (self.agreement < ROUND)
+
+    @property
+    def rim(self) -> NDArray[np.bool_]:
+        """True where a ball has one contact that does not go round it: on the rim (A3), (k,)."""
+        return (self.counts == 1) & ~self.closed

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from medialis.errors import InvalidShapeError
+from medialis.kept import Bound
+from medialis.model.medial_cloud import MedialCloud
 from medialis.validation import IntArray, frozen
 
 
-@dataclass(frozen=True, eq=False)
-class MedialSheets:
+@dataclass(frozen=True, eq=False, repr=False)
+class MedialSheets(Bound):
     """Partition of the balls of a cloud into sheets.
 
     Attributes
@@ -26,28 +28,34 @@ class MedialSheets:
     front : (k,) bool
         True on one of the two sides of each sheet: the samples of these balls cover it once (those
         of a tube, which has no two sides, all around).
+    cloud : MedialCloud
+        The k balls.
 
     Raises
     ------
     InvalidShapeError
-        When the arrays are not of equal length.
+        When there is not one value a ball.
     """
 
     labels: IntArray
     linked: NDArray[np.bool_]
     front: NDArray[np.bool_]
+    cloud: MedialCloud = field(kw_only=True)
 
     def __post_init__(self) -> None:
         for name, dtype in (("labels", np.int32), ("linked", np.bool_), ("front", np.bool_)):
             value = np.asarray(getattr(self, name))
-            if value.shape != (len(self.labels),):
+            if value.shape != (len(self.cloud),):
                 raise InvalidShapeError(
-                    f"{name} must have shape ({len(self.labels)},), got {value.shape}."
+                    f"{name} must have shape ({len(self.cloud)},), got {value.shape}."
                 )
             object.__setattr__(self, name, frozen(value, dtype))
 
     def __len__(self) -> int:
         return len(self.labels)
+
+    def __repr__(self) -> str:
+        return f"MedialSheets({self.count} sheets, {len(self)} balls)"
 
     @property
     def count(self) -> int:

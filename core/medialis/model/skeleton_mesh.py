@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 from medialis.errors import InvalidShapeError
+from medialis.model.medial_cloud import MedialCloud
+from medialis.model.surface import Surface
 from medialis.validation import FloatArray, IntArray, as_faces, frozen
 
 
-@dataclass(frozen=True, eq=False)
-class SkeletonMesh:
+@dataclass(frozen=True, eq=False, repr=False)
+class SkeletonMesh(Surface):
     """A surface skeleton as triangles: open sheets that meet along curves, not a manifold.
+
+    It is a `Surface`: areas, edges, components and more are its quantities.
 
     Attributes
     ----------
@@ -25,7 +29,11 @@ class SkeletonMesh:
         Row of the medial cloud that each point is: ``cloud.radii[mesh.rows]`` and likewise for any
         (k,) attribute.
     face_origin : (t,) int32
-        Face of the shape from which each triangle was lifted.
+        Face of the surface from which each triangle was lifted.
+    cloud : MedialCloud
+        The k balls.
+    selected : (k,) bool
+        Balls that the mesh was made of.
 
     Raises
     ------
@@ -37,6 +45,8 @@ class SkeletonMesh:
     faces: IntArray
     rows: IntArray
     face_origin: IntArray
+    cloud: MedialCloud = field(kw_only=True)
+    selected: NDArray[np.bool_] = field(kw_only=True)
 
     def __post_init__(self) -> None:
         p, t = len(self.points), len(self.faces)
@@ -45,6 +55,7 @@ class SkeletonMesh:
             ("faces", np.int32, (t, 3)),
             ("rows", np.int32, (p,)),
             ("face_origin", np.int32, (t,)),
+            ("selected", np.bool_, (len(self.cloud),)),
         ):
             value = np.asarray(getattr(self, name))
             if value.shape != shape:
@@ -52,31 +63,14 @@ class SkeletonMesh:
             object.__setattr__(self, name, frozen(value, dtype))
         as_faces(self.faces, p)
 
-    @cached_property
-    def face_areas(self) -> FloatArray:
-        """Area of each triangle, (t,)."""
-        a, b, c = (self.points[self.faces[:, j]] for j in range(3))
-        return frozen(np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2, np.float64)
+    @classmethod
+    def of_rows(
+        cls, cloud: MedialCloud, triangles: IntArray, origin: IntArray, selected: NDArray[np.bool_]
+    ) -> SkeletonMesh:
+        """Make a mesh of triangles that name rows of the cloud; its points keep their order."""
+        rows, corners = np.unique(triangles, return_inverse=True)
+        faces = frozen(corners.reshape(-1, 3), np.int32)
+        return cls(cloud.centers[rows], faces, rows, origin, cloud=cloud, selected=selected)
 
-    @property
-    def area(self) -> float:
-        """Area of all triangles; each sheet counts once."""
-        return float(self.face_areas.sum())
-
-    @cached_property
-    def pieces(self) -> IntArray:
-        """Connected piece of each point, (p,), numbered by their lowest point."""
-        from scipy.sparse import coo_array
-        from scipy.sparse.csgraph import connected_components
-
-        p = len(self.points)
-        if p == 0:
-            return frozen(np.empty(0), np.int32)
-        a, b = self.faces[:, [0, 1, 1, 2]].reshape(-1, 2).T
-        graph = coo_array((np.ones(len(a), np.int8), (a, b)), shape=(p, p))
-        return frozen(connected_components(graph, directed=False)[1], np.int32)
-
-    @property
-    def piece_count(self) -> int:
-        """Number of connected pieces."""
-        return int(self.pieces.max(initial=-1)) + 1
+    def __repr__(self) -> str:
+        return f"SkeletonMesh({len(self.points)} points, {len(self.faces)} faces)"

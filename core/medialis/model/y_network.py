@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from medialis.errors import InvalidShapeError
+from medialis.kept import Bound
+from medialis.model.medial_sheets import MedialSheets
 from medialis.validation import FloatArray, IntArray, frozen
 
 
-@dataclass(frozen=True, eq=False)
-class YNetwork:
+@dataclass(frozen=True, eq=False, repr=False)
+class YNetwork(Bound):
     """Points near Y-curves, and the curves as a graph.
 
     Attributes
@@ -26,8 +28,10 @@ class YNetwork:
         Between nodes; each belongs to one curve.
     curve : (p,) int32
         Curve of each node.
-    sheets : (c, 3) int32
-        Sheets that meet along each curve, ascending; the last is -1 where only two were found.
+    meeting : (c, 3) int32
+        Sheets that meet along each curve, ascending; the last is -1 where only two are known.
+    sheets : MedialSheets
+        The sheets of the k balls.
 
     Raises
     ------
@@ -39,26 +43,30 @@ class YNetwork:
     points: FloatArray
     edges: IntArray
     curve: IntArray
-    sheets: IntArray
+    meeting: IntArray
+    sheets: MedialSheets = field(kw_only=True)
 
     def __post_init__(self) -> None:
-        p, e, c = len(self.points), len(self.edges), len(self.sheets)
+        p, e, c = len(self.points), len(self.edges), len(self.meeting)
         for name, dtype, shape in (
-            ("near", np.bool_, (len(self.near),)),
+            ("near", np.bool_, (len(self.sheets),)),
             ("points", np.float64, (p, 3)),
             ("edges", np.int32, (e, 2)),
             ("curve", np.int32, (p,)),
-            ("sheets", np.int32, (c, 3)),
+            ("meeting", np.int32, (c, 3)),
         ):
             value = np.asarray(getattr(self, name))
             if value.shape != shape:
                 raise InvalidShapeError(f"{name} must have shape {shape}, got {value.shape}.")
             object.__setattr__(self, name, frozen(value, dtype))
 
+    def __repr__(self) -> str:
+        return f"YNetwork({len(self.meeting)} curves, {int(self.near.sum())} points near them)"
+
     @cached_property
     def lengths(self) -> FloatArray:
         """Length of each curve, (c,)."""
         a, b = self.points[self.edges[:, 0]], self.points[self.edges[:, 1]]
         curve = self.curve[self.edges[:, 0]]
-        total = np.bincount(curve, np.linalg.norm(a - b, axis=1), minlength=len(self.sheets))
+        total = np.bincount(curve, np.linalg.norm(a - b, axis=1), minlength=len(self.meeting))
         return frozen(total, np.float64)

@@ -9,78 +9,48 @@ from typing import Any
 import numpy as np
 
 from medialis.balls.ball_shrinking import ShrinkOptions, Side
-from medialis.balls.surface_skeleton import Preparation
 from medialis.model.medial_cloud import MedialCloud
 from medialis.model.shape import Shape
 from medialis.model.y_network import YNetwork
 from medialis.operations.common import cloud_arrays, cloud_layer, samples_layer
 from medialis.operations.declaration import Operation
 from medialis.operations.result import Layer, Outcome
-from medialis.operations.segments import (
-    computed,
-)
-from medialis.options import changed, number
+from medialis.operations.segments import SheetPreparation, computed
+from medialis.options import changed
 from medialis.progress import Progress
-from medialis.sheets.extended_features import extended_feature_transform
 from medialis.sheets.point_types import PointType, point_types
 from medialis.sheets.scaffold import medial_scaffold
-from medialis.sheets.sheet_meshes import SheetMeshes, sheet_meshes
-from medialis.sheets.sheets import medial_sheets
-from medialis.sheets.y_network import y_network
+from medialis.sheets.sheet_meshes import SheetMeshes
+from medialis.sheets.sheets import MedialSheetOptions, medial_sheets
 
 
 @dataclass(frozen=True, kw_only=True)
-class MedialSheetsRun(Preparation):
-    """Options of the operation `medial_sheets`."""
+class OneSide(SheetPreparation):
+    """The preparation, and the side."""
 
-    smallest: float = number(
-        0.002,
-        "Smallest sheet",
-        "A sheet that covers less than this share of the surface is merged into the "
-        "neighbour with the longest common border. 0 keeps all.",
-    )
-    tau: float = number(
-        4.0,
-        "Sheet threshold",
-        "Two neighbouring points are on one sheet when their feature points are "
-        "closer together than this many sample spacings. Larger values join more.",
-        low=1.5,
-        high=100.0,
-        advanced=True,
-    )
-    tolerance: float = changed(Preparation, "tolerance", advanced=True)
     side: Side = changed(ShrinkOptions, "side")
-    refine: float = changed(
-        Preparation,
-        "refine",
-        default=0.01,
-        help="Split edges longer than this fraction of the size for the computation, so "
-        "that flat faces get samples; the surface stays the same. 0 computes with the"
-        " given vertices only. Sheets and edges need several samples across every "
-        "face.",
-    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class MedialSheetsRun(MedialSheetOptions, OneSide):
+    """Options of the operation `medial_sheets`."""
 
 
 def run(shape: Shape, options: MedialSheetsRun, progress: Progress) -> Outcome:
     """Refine, shrink balls, separate sheets, mesh them, find where they meet."""
     fine, cloud = computed(shape, options, progress)
-    with progress.stage("feature sets", 0.4, 0.7):
-        sets = extended_feature_transform(fine, cloud, progress=progress)
-        types = point_types(fine, cloud, sets=sets)
-    with progress.stage("sheets", 0.7, 0.8):
-        sheets = medial_sheets(fine, cloud, tau=options.tau, smallest=options.smallest, sets=sets)
-    with progress.stage("y-network", 0.8, 0.9):
-        network = y_network(fine, cloud, sheets)
-    meshes = None
-    if fine.faces is None:
+    with progress.stage("sheets", 0.4, 0.8):
+        sheets = medial_sheets.of(cloud, options, progress)
+        types = point_types.of(cloud, options, progress)
+    with progress.stage("scaffold", 0.8, 1.0):
+        scaffold = medial_scaffold.of(sheets, options, progress)
+    network, meshes = scaffold.network, scaffold.meshes
+    if meshes is None:
         progress.note(
             "A point cloud has no connectivity: sheets and the network are given as points, "
-            "without meshes and curves."
+            "without meshes and curves.",
+            "sheets_as_points",
         )
-    else:
-        with progress.stage("sheet meshes", 0.9, 1.0):
-            meshes = sheet_meshes(fine, cloud, sheets)
-    scaffold = medial_scaffold(sheets, network, meshes)
     attributes = {
         "sheet": sheets.labels,
         "type": types,
@@ -89,7 +59,7 @@ def run(shape: Shape, options: MedialSheetsRun, progress: Progress) -> Outcome:
     }
     layers = [_points_layer(cloud, attributes)]
     if meshes is not None and len(meshes.mesh.faces):
-        layers.append(_mesh_layer(cloud, meshes))
+        layers.append(_mesh_layer(meshes))
     if len(network.edges):
         layers.append(_curves_layer(network))
     return Outcome(
@@ -115,7 +85,7 @@ def run(shape: Shape, options: MedialSheetsRun, progress: Progress) -> Outcome:
             "y_points": network.points,
             "y_edges": network.edges,
             "y_curve": network.curve,
-            "y_sheets": network.sheets,
+            "y_sheets": network.meeting,
         },
     )
 
@@ -134,17 +104,13 @@ def _points_layer(cloud: MedialCloud, attributes: Mapping[str, np.ndarray[Any, A
     )
 
 
-def _mesh_layer(cloud: MedialCloud, meshes: SheetMeshes) -> Layer:
-    """Each sheet has its own points, so that hosts can take the sheets apart."""
-    mesh, count = meshes.mesh, len(meshes.mesh.points)
-    corners = np.asarray(meshes.face_sheet, np.int64)[:, None] * count + mesh.faces
-    used, place = np.unique(corners, return_inverse=True)
-    rows = mesh.rows[used % count]
+def _mesh_layer(meshes: SheetMeshes) -> Layer:
+    mesh = meshes.mesh
     return Layer(
         "sheet_meshes",
-        cloud.centers[rows],
-        place.reshape(-1, 3).astype(np.int32),
-        attributes={"sheet": (used // count).astype(np.int32), "radius": cloud.radii[rows]},
+        mesh.points,
+        mesh.faces,
+        attributes={"sheet": meshes.point_sheet, "radius": mesh.cloud.radii[mesh.rows]},
         face_attributes={"face_sheet": meshes.face_sheet},
         color_by="sheet",
         labels=("sheet",),

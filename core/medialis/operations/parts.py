@@ -18,6 +18,7 @@ from medialis.progress import Progress
 from medialis.segments.parts import (
     divide_into_parts,
 )
+from medialis.sheets.sheets import MedialSheetOptions
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,15 +45,7 @@ class PartsRun(Preparation):
         "Rounds in which the borders of the parts are straightened.",
         high=100,
     )
-    tau: float = number(
-        4.0,
-        "Sheet threshold",
-        "Two neighbouring points are on one sheet when their feature points are "
-        "closer together than this many sample spacings. Larger values join more.",
-        low=1.5,
-        high=100.0,
-        advanced=True,
-    )
+    sheet_threshold: float = changed(MedialSheetOptions, "sheet_threshold")
     tolerance: float = changed(Preparation, "tolerance", advanced=True)
     refine: float = changed(
         Preparation,
@@ -73,7 +66,7 @@ def run(shape: Shape, options: PartsRun, progress: Progress) -> Outcome:
             fine,
             cloud,
             method=options.method,
-            tau=options.tau,
+            sheet_threshold=options.sheet_threshold,
             smallest=options.smallest,
             smoothing=options.smoothing,
             progress=progress,

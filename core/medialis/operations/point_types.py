@@ -10,11 +10,7 @@ from medialis.balls.ball_shrinking import ShrinkOptions, Side
 from medialis.balls.surface_skeleton import Preparation
 from medialis.errors import InvalidShapeError
 from medialis.model.shape import Shape
-from medialis.operations.common import (
-    cloud_arrays,
-    cloud_layer,
-    samples_layer,
-)
+from medialis.operations.common import cloud_arrays, cloud_layer, samples_layer
 from medialis.operations.declaration import Operation
 from medialis.operations.result import Outcome
 from medialis.operations.segments import computed
@@ -39,7 +35,7 @@ def run(shape: Shape, options: PointTypesRun, progress: Progress) -> Outcome:
     """Refine, shrink balls, count contacts, drop the rim on request."""
     fine, cloud = computed(shape, options, progress)
     with progress.stage("point types", 0.4, 1.0):
-        types = point_types(fine, cloud, progress=progress)
+        types = point_types.of(cloud, options, progress)
     keep = types > (PointType.A3 if options.filter_rim else PointType.NONE)
     if not keep.any():
         raise InvalidShapeError(

@@ -4,19 +4,36 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from medialis.balls.surface_skeleton import surface_skeleton
+from medialis.balls.surface_skeleton import Preparation, surface_skeleton
 from medialis.model.medial_cloud import MedialCloud
 from medialis.model.segmentation import Segmentation
 from medialis.model.shape import Shape
 from medialis.operations.result import Layer, Outcome
-from medialis.options import Options
+from medialis.options import Options, changed
 from medialis.progress import Progress
 from medialis.validation import IntArray
+
+
+@dataclass(frozen=True, kw_only=True)
+class SheetPreparation(Preparation):
+    """Preparation of what needs several samples across every face."""
+
+    tolerance: float = changed(Preparation, "tolerance", advanced=True)
+    refine: float = changed(
+        Preparation,
+        "refine",
+        default=0.01,
+        help="Split edges longer than this fraction of the size for the computation, so "
+        "that flat faces get samples; the surface stays the same. 0 computes with the"
+        " given vertices only. Sheets and edges need several samples across every "
+        "face.",
+    )
 
 
 def computed(shape: Shape, options: Options, progress: Progress) -> tuple[Shape, MedialCloud]:

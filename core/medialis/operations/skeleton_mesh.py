@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
@@ -12,85 +11,46 @@ from numpy.typing import NDArray
 from medialis.balls.ball_shrinking import ShrinkOptions, Side
 from medialis.balls.surface_skeleton import Preparation, surface_skeleton
 from medialis.errors import InvalidShapeError
-from medialis.geodesics.connectivity import connected_importance
-from medialis.geodesics.importance import geodesic_importance, important_points
-from medialis.mesh.skeleton_mesh import skeleton_mesh
+from medialis.mesh.skeleton_mesh import (
+    SkeletonMeshOptions,
+    measured_importance,
+    require_faces,
+    skeleton_mesh,
+)
 from medialis.model.medial_cloud import MedialCloud
 from medialis.model.shape import Shape
 from medialis.model.skeleton_mesh import SkeletonMesh
-from medialis.operations.common import (
-    cloud_arrays,
-    cloud_layer,
-    samples_layer,
-    summary,
-)
+from medialis.operations.common import cloud_arrays, cloud_layer, samples_layer, summary
 from medialis.operations.declaration import Operation
 from medialis.operations.result import Layer, Outcome
-from medialis.options import angle, changed, length, whole
+from medialis.options import changed
 from medialis.progress import Progress
 
 
 @dataclass(frozen=True, kw_only=True)
-class SkeletonMeshRun(Preparation):
-    """Options of the operation `skeleton_mesh`."""
+class SidePreparation(Preparation):
+    """The preparation, and the side."""
 
     side: Side = changed(ShrinkOptions, "side")
-    min_spoke_angle: float = angle(
-        45.0,
-        "Minimum spoke angle",
-        "Leave out points whose feature points are less than this many degrees apart,"
-        " seen from the center. 0 keeps every sheet, also those of bumps and noise.",
-    )
-    importance: float = length(
-        0.0,
-        "Importance",
-        "Leave out points whose geodesic importance is below this fraction of the "
-        "size: removes what bumps and noise made. 0 measures no geodesics.",
-        high=10.0,
-    )
-    smallest_piece: float = length(
-        0.01,
-        "Smallest piece",
-        "Leave out separate pieces that reach no further than this fraction of the "
-        "size from their middle. 0 keeps all.",
-    )
-    bridge: int = whole(
-        2,
-        "Bridge gaps",
-        "Close gaps that left-out points would tear, up to this many edges from each side.",
-        high=100,
-        advanced=True,
-    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class SkeletonMeshRun(SkeletonMeshOptions, SidePreparation):
+    """Options of the operation `skeleton_mesh`."""
 
 
 def run(shape: Shape, options: SkeletonMeshRun, progress: Progress) -> Outcome:
     """Refine, shrink balls, choose the points to keep, connect them."""
-    if shape.faces is None:
-        raise InvalidShapeError(
-            "A skeleton mesh needs a surface with faces, got a point cloud: reconstruct a surface "
-            "first, or use surface_skeleton, which shows the skeleton as points."
-        )
+    require_faces(shape)
     with progress.stage("skeleton", 0.0, 0.5):
         cloud = surface_skeleton.of(shape, options, progress)
-    fine = cloud.surface
-    keep = cloud.valid & (cloud.spoke_angles >= math.radians(options.min_spoke_angle))
     measured: dict[str, NDArray[np.float64]] = {}
     if options.importance > 0:
         with progress.stage("importance", 0.5, 0.8):
-            importance = geodesic_importance.of(cloud, options, progress)
-            if options.side == "inner":
-                importance = connected_importance.of(importance, options, progress)
-        measured["importance"] = importance.length
-        keep &= important_points(importance, threshold=options.importance)
+            measured["importance"] = measured_importance(cloud, options, progress).length
     with progress.stage("mesh", 0.8, 1.0):
-        mesh = skeleton_mesh(
-            fine,
-            cloud,
-            keep=keep,
-            bridge=options.bridge,
-            smallest_piece=options.smallest_piece,
-            progress=progress,
-        )
+        mesh = skeleton_mesh.of(cloud, options, progress)
+    fine, keep = cloud.surface, mesh.selected
     if len(mesh.faces) == 0:
         wanted = f"a spoke angle of {options.min_spoke_angle:g} degrees or more"
         advice = "Lower min_spoke_angle or smallest_piece"
@@ -111,7 +71,7 @@ def run(shape: Shape, options: SkeletonMeshRun, progress: Progress) -> Outcome:
             "points": len(mesh.points),
             "faces": len(mesh.faces),
             "area": mesh.area,
-            "pieces": mesh.piece_count,
+            "pieces": mesh.part_count,
             "skeleton_points": int(cloud.valid.sum()),
             "kept_points": int(keep.sum()),
             **summary(radii, "radius"),

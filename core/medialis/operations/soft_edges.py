@@ -17,7 +17,6 @@ from medialis.options import changed, choice
 from medialis.progress import Progress
 from medialis.segments.soft_edges import soft_edges
 from medialis.sheets.extended_features import extended_feature_transform
-from medialis.sheets.point_types import is_rim
 
 SIDE_OF_EDGES: dict[str, Side] = {"convex": "inner", "concave": "outer", "both": "both"}
 EDGES = Parameter(
@@ -57,7 +56,7 @@ def run(shape: Shape, options: SoftEdgesRun, progress: Progress) -> Outcome:
     side = SIDE_OF_EDGES[options.edges]
     fine, cloud = computed(shape, SurfaceSkeletonOptions.taken_from(options, side=side), progress)
     with progress.stage("soft edges", 0.4, 1.0):
-        sets = extended_feature_transform(fine, cloud, progress=progress)
+        sets = extended_feature_transform.of(cloud, options, progress)
         edges = soft_edges(fine, cloud, sets=sets)
     found = np.isfinite(edges.radius)
     if not found.any():
@@ -75,7 +74,7 @@ def run(shape: Shape, options: SoftEdgesRun, progress: Progress) -> Outcome:
         shape=fine,
         layers=layers,
         values={
-            "a3_points": int(is_rim(sets).sum()),
+            "a3_points": int(sets.rim.sum()),
             "edge_samples": int(found.sum()),
             "samples": fine.point_count,
             **summary(edges.radius, "edge_radius"),

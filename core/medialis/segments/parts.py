@@ -7,7 +7,6 @@ import numpy as np
 from medialis.curves.from_balls.curve_skeleton import CurveSkeletonOptions, curve_skeleton
 from medialis.errors import InvalidShapeError
 from medialis.model.curve_skeleton import CurveSkeleton
-from medialis.model.feature_sets import FeatureSets
 from medialis.model.medial_cloud import MedialCloud
 from medialis.model.segmentation import Segmentation
 from medialis.model.shape import Shape
@@ -20,7 +19,7 @@ from medialis.segments.limbs import (
     protrusions,
 )
 from medialis.segments.patches import completed
-from medialis.sheets.sheets import DEFAULT_TAU, medial_sheets
+from medialis.sheets.sheets import medial_sheets
 from medialis.surface.labels import (
     connected_labels,
     diffused_labels,
@@ -53,10 +52,9 @@ def parts(
     cloud: MedialCloud,
     *,
     method: str = "auto",
-    tau: float = DEFAULT_TAU,
+    sheet_threshold: float = 4.0,
     smallest: float = DEFAULT_SMALLEST,
     smoothing: int = DEFAULT_SMOOTHING,
-    sets: FeatureSets | None = None,
     skeleton: CurveSkeleton | None = None,
     progress: Progress | ProgressCallback | None = None,
 ) -> Segmentation:
@@ -73,7 +71,7 @@ def parts(
         inner cloud. "sheets": one part for each medial sheet. "auto": limbs if some stick out of
         their base, and those are most or the shape is not flat, else sheets; a message says which,
         and why.
-    tau : float
+    sheet_threshold : float
         As in `medialis.medial_sheets`; only for sheets.
     smallest : float
         Fraction of the surface, 0 to 1: parts that cover less are merged into the neighbour with
@@ -81,8 +79,6 @@ def parts(
     smoothing : int
         0 to 100 rounds. Sheets: every sample takes the most common label round it. Limbs: five
         steps of diffusion of the labels, near the borders.
-    sets : FeatureSets, optional
-        From `medialis.extended_feature_transform`, for sheets; computed when missing.
     skeleton : CurveSkeleton, optional
         From `medialis.curve_skeleton`, for limbs; computed when missing.
     progress : callable, optional
@@ -126,10 +122,9 @@ def parts(
         shape,
         cloud,
         method=method,
-        tau=tau,
+        sheet_threshold=sheet_threshold,
         smallest=smallest,
         smoothing=smoothing,
-        sets=sets,
         skeleton=skeleton,
         progress=progress,
     )[0]
@@ -140,10 +135,9 @@ def divide_into_parts(
     cloud: MedialCloud,
     *,
     method: str = "auto",
-    tau: float = DEFAULT_TAU,
+    sheet_threshold: float = 4.0,
     smallest: float = DEFAULT_SMALLEST,
     smoothing: int = DEFAULT_SMOOTHING,
-    sets: FeatureSets | None = None,
     skeleton: CurveSkeleton | None = None,
     progress: Progress | ProgressCallback | None = None,
 ) -> tuple[Segmentation, str]:
@@ -154,7 +148,7 @@ def divide_into_parts(
     progress = Progress.of(progress)
     inner = np.flatnonzero(cloud.side > 0)
     if len(inner) < len(cloud):
-        cloud, sets = cloud.subset(inner), None
+        cloud = cloud.subset(inner)
     if method == "limbs" or (method == "auto" and _is_whole(shape, cloud)):
         with progress.stage("limbs", 0.0, 0.6):
             if skeleton is None:
@@ -173,7 +167,7 @@ def divide_into_parts(
         )
     with progress.stage("sheets", 0.6, 1.0):
         sheets = medial_sheets(
-            shape, cloud, tau=tau, smallest=smallest, sets=sets, progress=progress
+            cloud, sheet_threshold=sheet_threshold, smallest=smallest, progress=progress
         )
         graph = surface_graph(shape)
         labels = np.full(shape.point_count, -1, np.int32)

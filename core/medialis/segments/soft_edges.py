@@ -12,12 +12,7 @@ from medialis.model.feature_sets import FeatureSets
 from medialis.model.medial_cloud import MedialCloud
 from medialis.model.shape import Shape
 from medialis.progress import Progress, ProgressCallback
-from medialis.sheets.extended_features import (
-    check_cloud,
-    check_sets,
-    extended_feature_transform,
-)
-from medialis.sheets.point_types import is_rim
+from medialis.sheets.extended_features import extended_feature_transform
 from medialis.validation import FloatArray, frozen
 
 
@@ -110,15 +105,13 @@ def soft_edges(
     >>> bool(edges.radius.min() < 0.03)  # the tips of ears and tail
     True
     """
-    check_cloud(shape, cloud)
     if sets is None:
-        sets = extended_feature_transform(shape, cloud, progress=progress)
-    check_sets(cloud, sets)
+        sets = extended_feature_transform(cloud, progress=progress)
     from medialis.sheets._feature_set_kernels import smallest_at_samples
 
     n = shape.point_count
     radius, angle = np.full(n, np.inf), np.zeros(n)
     turns = 2.0 * np.arccos(np.clip(np.nan_to_num(sets.agreement), 0.0, 1.0))
     members = sets.samples.offsets, sets.samples.indices
-    smallest_at_samples(is_rim(sets), cloud.radii, turns, *members, radius, angle)
+    smallest_at_samples(sets.rim, cloud.radii, turns, *members, radius, angle)
     return SoftEdges(radius, angle)

@@ -5,13 +5,11 @@ from __future__ import annotations
 from enum import IntEnum
 
 import numpy as np
-from numpy.typing import NDArray
 
-from medialis.model.feature_sets import FeatureSets
 from medialis.model.medial_cloud import MedialCloud
-from medialis.model.shape import Shape
-from medialis.progress import Progress, ProgressCallback
-from medialis.sheets.extended_features import check_sets, extended_feature_transform
+from medialis.options import Options, algorithm
+from medialis.progress import Progress
+from medialis.sheets.extended_features import extended_feature_transform
 from medialis.validation import IntArray, frozen
 
 
@@ -29,23 +27,14 @@ class PointType(IntEnum):
     """Three contacts (A1^3), near a curve where sheets meet."""
 
 
-def point_types(
-    shape: Shape,
-    cloud: MedialCloud,
-    *,
-    sets: FeatureSets | None = None,
-    progress: Progress | ProgressCallback | None = None,
-) -> IntArray:
+@algorithm(Options, keep=False)
+def point_types(cloud: MedialCloud, options: Options, progress: Progress) -> IntArray:
     """Classify medial points by the number of places where their balls touch the surface.
 
     Parameters
     ----------
-    shape : Shape
-        n samples, as given to `medialis.surface_skeleton`.
     cloud : MedialCloud
-        k balls of them.
-    sets : FeatureSets, optional
-        From `medialis.extended_feature_transform`; computed when missing.
+        k balls.
     progress : callable, optional
         Called with (fraction, text); returning False cancels.
 
@@ -56,10 +45,12 @@ def point_types(
 
     Raises
     ------
-    InvalidShapeError
-        When the cloud belongs to a larger shape.
     Cancelled
         When `progress` asks for it.
+
+    See Also
+    --------
+    extended_feature_transform : the samples that each ball touches.
 
     Notes
     -----
@@ -73,19 +64,11 @@ def point_types(
     Examples
     --------
     >>> import medialis
-    >>> shape = medialis.organic_shape(56)
-    >>> cloud = medialis.surface_skeleton(shape)
-    >>> types = medialis.point_types(shape, cloud)
+    >>> cloud = medialis.surface_skeleton(medialis.organic_shape(56))
+    >>> types = medialis.point_types(cloud)
     >>> regular = cloud.subset(types > medialis.PointType.A3)
     >>> 0 < len(regular) < len(cloud)
     True
     """
-    if sets is None:
-        sets = extended_feature_transform(shape, cloud, progress=progress)
-    check_sets(cloud, sets)
+    sets = extended_feature_transform.of(cloud, options, progress)
     return frozen(np.where(sets.closed, PointType.SHEET, sets.counts), np.int32)
-
-
-def is_rim(sets: FeatureSets) -> NDArray[np.bool_]:
-    """Return where a ball is of type A3, (k,)."""
-    return (sets.counts == 1) & ~sets.closed

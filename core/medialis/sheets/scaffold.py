@@ -9,59 +9,67 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from medialis.errors import InvalidShapeError
+from medialis.kept import Bound
 from medialis.model.medial_sheets import MedialSheets
 from medialis.model.y_network import YNetwork
-from medialis.sheets.sheet_meshes import SheetMeshes
+from medialis.options import Options, algorithm
+from medialis.progress import Progress
+from medialis.sheets.sheet_meshes import SheetMeshes, sheet_meshes
+from medialis.sheets.y_network import y_network
 from medialis.validation import FloatArray, IntArray
 
 GRAPHML = "http://graphml.graphdrawing.org/xmlns"
 
 
-@dataclass(frozen=True, eq=False)
-class MedialScaffold:
+@dataclass(frozen=True, eq=False, repr=False)
+class MedialScaffold(Bound):
     """Graph of sheets and Y-curves; a link joins a curve to each sheet that ends on it.
 
     Attributes
     ----------
-    balls : (s,) int32
-        Number of balls of each sheet.
-    areas, boundaries, mean_radii : (s,) float64
-        Of each sheet; see `SheetMeshes`. NaN without meshes.
-    lengths : (c,) float64
-        Of each curve.
-    links : (l, 2) int32
-        Curve and sheet.
+    sheets : MedialSheets
+        Its nodes, with ``sheets.sizes`` balls each.
+    network : YNetwork
+        Its curves, with ``network.lengths``.
+    meshes : SheetMeshes or None
+        Areas, boundaries and mean radii of the sheets; None for a point cloud.
     """
 
-    balls: IntArray
-    areas: FloatArray
-    boundaries: FloatArray
-    mean_radii: FloatArray
-    lengths: FloatArray
-    links: IntArray
+    sheets: MedialSheets
+    network: YNetwork
+    meshes: SheetMeshes | None
+
+    @property
+    def links(self) -> IntArray:
+        """Curve and sheet of each link, (l, 2)."""
+        curve, place = np.nonzero(self.network.meeting >= 0)
+        return np.column_stack([curve, self.network.meeting[curve, place]]).astype(np.int32)
+
+    def __repr__(self) -> str:
+        curves = len(self.network.meeting)
+        return f"MedialScaffold({self.sheets.count} sheets, {curves} curves)"
 
     def as_dict(self) -> dict[str, Any]:
         """Return plain lists and numbers, for strict JSON: None for what is not defined."""
-        sheets: list[list[int]] = [[] for _ in self.lengths]
+        meeting: list[list[int]] = [[] for _ in self.network.meeting]
         for curve, sheet in self.links.tolist():
-            sheets[curve].append(sheet)
+            meeting[curve].append(sheet)
+        meshes, count = self.meshes, self.sheets.count
+        measures = (
+            [[None] * count] * 3
+            if meshes is None
+            else [_defined(m) for m in (meshes.areas, meshes.boundaries, meshes.mean_radii)]
+        )
         return {
             "sheets": [
                 {"sheet": i, "balls": b, "area": a, "boundary": o, "mean_radius": r}
-                for i, (b, a, o, r) in enumerate(
-                    zip(
-                        self.balls.tolist(),
-                        _defined(self.areas),
-                        _defined(self.boundaries),
-                        _defined(self.mean_radii),
-                        strict=True,
-                    )
+                for i, b, a, o, r in zip(
+                    range(count), self.sheets.sizes.tolist(), *measures, strict=True
                 )
             ],
             "curves": [
-                {"curve": i, "length": length, "sheets": sheets[i]}
-                for i, length in enumerate(_defined(self.lengths))
+                {"curve": i, "length": length, "sheets": meeting[i]}
+                for i, length in enumerate(_defined(self.network.lengths))
             ],
         }
 
@@ -95,28 +103,30 @@ def _defined(values: FloatArray) -> list[float | None]:
     return [value if math.isfinite(value) else None for value in values.tolist()]
 
 
-def medial_scaffold(
-    sheets: MedialSheets, network: YNetwork, meshes: SheetMeshes | None = None
-) -> MedialScaffold:
-    """Collect sheets and curves to a graph.
+@algorithm(Options, keep=False)
+def medial_scaffold(sheets: MedialSheets, options: Options, progress: Progress) -> MedialScaffold:
+    """Collect sheets and the curves along which they meet to a graph.
 
     Parameters
     ----------
     sheets : MedialSheets
         From `medialis.medial_sheets`.
-    network : YNetwork
-        From `medialis.y_network`.
-    meshes : SheetMeshes, optional
-        From `medialis.sheet_meshes`: gives areas, boundaries and radii.
+    progress : callable, optional
+        Called with (fraction, text); returning False cancels.
 
     Returns
     -------
     MedialScaffold
+        With the Y-network and, for a mesh, the sheet meshes that it was made of.
 
     Raises
     ------
-    InvalidShapeError
-        When the three do not belong together.
+    Cancelled
+        When `progress` asks for it.
+
+    See Also
+    --------
+    y_network, sheet_meshes : its two halves.
 
     Notes
     -----
@@ -125,30 +135,16 @@ def medial_scaffold(
     Examples
     --------
     >>> import medialis
-    >>> shape = medialis.organic_shape(56)
-    >>> cloud = medialis.surface_skeleton(shape)
-    >>> sheets = medialis.medial_sheets(shape, cloud)
-    >>> network = medialis.y_network(shape, cloud, sheets)
-    >>> scaffold = medialis.medial_scaffold(sheets, network)
-    >>> len(scaffold.as_dict()["sheets"]) == sheets.count
+    >>> cloud = medialis.surface_skeleton(medialis.organic_shape(56))
+    >>> scaffold = medialis.medial_scaffold(medialis.medial_sheets(cloud))
+    >>> len(scaffold.as_dict()["sheets"]) == scaffold.sheets.count
     True
     """
-    count = sheets.count
-    if int(network.sheets.max(initial=-1)) >= count or (
-        meshes is not None and len(meshes.areas) != count
-    ):
-        raise InvalidShapeError(
-            f"The network or the meshes name other sheets than 0..{count - 1}: give those of these "
-            "sheets."
-        )
-    curve, place = np.nonzero(network.sheets >= 0)
-    links = np.column_stack([curve, network.sheets[curve, place]]).astype(np.int32)
-    unknown = np.full(count, np.nan)
-    return MedialScaffold(
-        sheets.sizes,
-        unknown if meshes is None else meshes.areas,
-        unknown if meshes is None else meshes.boundaries,
-        unknown if meshes is None else meshes.mean_radii,
-        network.lengths,
-        links,
-    )
+    with progress.stage("scaffold", 0.0, 1.0):
+        with progress.stage("y-network", 0.0, 0.5):
+            network = y_network.of(sheets, options, progress)
+        meshes = None
+        if sheets.cloud.surface.faces is not None:
+            with progress.stage("sheet meshes", 0.5, 1.0):
+                meshes = sheet_meshes.of(sheets, options, progress)
+    return MedialScaffold(sheets, network, meshes)

@@ -2,32 +2,32 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from medialis.errors import InvalidShapeError
-from medialis.model.medial_cloud import MedialCloud
+from medialis.kept import Bound
 from medialis.model.medial_sheets import MedialSheets
-from medialis.model.shape import Shape
 from medialis.model.skeleton_mesh import SkeletonMesh
-from medialis.sheets.extended_features import check_cloud
+from medialis.options import Options, algorithm
+from medialis.progress import Progress
 from medialis.sheets.y_network import LONGEST_JUMP, smoothed_curves
 from medialis.surface.surface_graph import local_spacing
 from medialis.validation import FloatArray, IntArray, frozen
 
 
-@dataclass(frozen=True, eq=False)
-class SheetMeshes:
-    """All sheets as one mesh, each triangle in one sheet.
+@dataclass(frozen=True, eq=False, repr=False)
+class SheetMeshes(Bound):
+    """All sheets as one mesh, in which each sheet has its own points and triangles.
 
     Attributes
     ----------
     mesh : SkeletonMesh
-        p points, t triangles; triangles at a border reach into the other sheet.
-    face_sheet : (t,) int32
-        Sheet of each triangle.
+        p points, t triangles, sheet by sheet; triangles at a border end in the other sheet.
+    point_sheet, face_sheet : (p,) and (t,) int32
+        Sheet of each point and of each triangle.
     areas : (count,) float64
         Of each sheet; 0 where a sheet has no triangle.
     boundaries : (count,) float64
@@ -35,6 +35,8 @@ class SheetMeshes:
         smoothed: they zigzag from sample to sample.
     mean_radii : (count,) float64
         Mean radius of the balls of each sheet, by area; NaN without a triangle.
+    sheets : MedialSheets
+        The sheets.
 
     Raises
     ------
@@ -43,15 +45,18 @@ class SheetMeshes:
     """
 
     mesh: SkeletonMesh
+    point_sheet: IntArray
     face_sheet: IntArray
     areas: FloatArray
     boundaries: FloatArray
     mean_radii: FloatArray
+    sheets: MedialSheets = field(kw_only=True)
 
     def __post_init__(self) -> None:
-        count, t = np.size(self.areas), len(self.mesh.faces)
+        count = self.sheets.count
         for name, dtype, rows in (
-            ("face_sheet", np.int32, t),
+            ("point_sheet", np.int32, len(self.mesh.points)),
+            ("face_sheet", np.int32, len(self.mesh.faces)),
             ("areas", np.float64, count),
             ("boundaries", np.float64, count),
             ("mean_radii", np.float64, count),
@@ -69,33 +74,30 @@ class SheetMeshes:
         InvalidShapeError
             When there is no such sheet.
         """
-        if not 0 <= number < len(self.areas):
-            raise InvalidShapeError(f"There are sheets 0..{len(self.areas) - 1}, got {number}.")
-        rows = np.flatnonzero(self.face_sheet == number)
-        used, place = np.unique(self.mesh.faces[rows], return_inverse=True)
-        return SkeletonMesh(
-            self.mesh.points[used],
-            frozen(place.reshape(-1, 3), np.int32),
-            self.mesh.rows[used],
-            self.mesh.face_origin[rows],
+        if not 0 <= number < self.sheets.count:
+            raise InvalidShapeError(f"There are sheets 0..{self.sheets.count - 1}, got {number}.")
+        chosen = self.face_sheet == number
+        return SkeletonMesh.of_rows(
+            self.sheets.cloud,
+            self.mesh.rows[self.mesh.faces[chosen]],
+            self.mesh.face_origin[chosen],
+            self.sheets.labels == number,
         )
 
+    def __repr__(self) -> str:
+        return f"SheetMeshes({self.sheets.count} sheets, {len(self.mesh.faces)} faces)"
 
-def sheet_meshes(
-    shape: Shape,
-    cloud: MedialCloud,
-    sheets: MedialSheets,
-) -> SheetMeshes:
+
+@algorithm(Options)
+def sheet_meshes(sheets: MedialSheets, options: Options, progress: Progress) -> SheetMeshes:
     """Connect the points of each medial sheet to triangles.
 
     Parameters
     ----------
-    shape : Shape
-        The mesh from which the cloud was computed.
-    cloud : MedialCloud
-        All k balls.
     sheets : MedialSheets
-        From `medialis.medial_sheets`.
+        Sheets of all balls of a mesh.
+    progress : callable, optional
+        Called with (fraction, text); returning False cancels.
 
     Returns
     -------
@@ -104,7 +106,13 @@ def sheet_meshes(
     Raises
     ------
     InvalidShapeError
-        When the shape has no faces, or cloud and sheets do not belong together.
+        When the surface has no faces.
+    Cancelled
+        When `progress` asks for it.
+
+    See Also
+    --------
+    skeleton_mesh : one mesh of the whole skeleton, in which sheets are connected.
 
     Notes
     -----
@@ -113,95 +121,78 @@ def sheet_meshes(
     front, so areas are good to half a sample spacing along the border. Triangles longer than four
     spacings between different sheets (jumps at concave edges) are left out.
 
-    `medialis.skeleton_mesh` makes one mesh of the whole skeleton instead, in which sheets are
-    connected.
-
     Source: thesis 6.2.2.3, Eq. 6.6-6.7. Deviates: the sides are told apart by pieces linked along
     the surface and partners across the sheet, not by geodesics to a reference point.
 
     Examples
     --------
     >>> import medialis
-    >>> shape = medialis.organic_shape(56)
-    >>> cloud = medialis.surface_skeleton(shape)
-    >>> sheets = medialis.medial_sheets(shape, cloud)
-    >>> meshes = medialis.sheet_meshes(shape, cloud, sheets)
+    >>> cloud = medialis.surface_skeleton(medialis.organic_shape(56))
+    >>> sheets = medialis.medial_sheets(cloud)
+    >>> meshes = medialis.sheet_meshes(sheets)
     >>> len(meshes.areas) == sheets.count, bool(meshes.areas.sum() > 0)
     (True, True)
     """
-    if len(sheets) != len(cloud):
-        raise InvalidShapeError(
-            f"There are {len(cloud)} balls, but sheets of {len(sheets)}: give the sheets of this "
-            "cloud."
-        )
-    if shape.faces is None:
+    cloud = sheets.cloud
+    if cloud.surface.faces is None:
         raise InvalidShapeError(
             "Sheet meshes need a surface with faces, got a point cloud: reconstruct a surface "
             "first, or show the sheets as points."
         )
-    check_cloud(shape, cloud)
-    parts = []
-    for sign in (1, -1):
-        rows = np.flatnonzero(cloud.valid & (cloud.side == sign))
-        parts.append(_lifted(shape, cloud, rows, sheets))
-    corners = np.concatenate([part[0] for part in parts])
-    face_sheet = np.concatenate([part[1] for part in parts])
-    used, place = np.unique(corners, return_inverse=True)
-    origin = np.concatenate([part[2] for part in parts])
-    mesh = SkeletonMesh(
-        cloud.centers[used],
-        frozen(place.reshape(-1, 3), np.int32),
-        frozen(used, np.int32),
-        frozen(origin, np.int32),
-    )
-    areas = np.bincount(face_sheet, mesh.face_areas, sheets.count).astype(np.float64)
-    radius = cloud.radii[corners].mean(axis=1)
-    mean = np.full(sheets.count, np.nan)
-    total = np.bincount(face_sheet, mesh.face_areas * radius, sheets.count)
-    np.divide(total, areas, out=mean, where=areas > 0)
-    boundaries = _boundaries(mesh, face_sheet, sheets.count)
-    return SheetMeshes(mesh, frozen(face_sheet, np.int32), areas, boundaries, mean)
+    with progress.stage("sheet meshes", 0.0, 1.0):
+        parts = [_lifted(sheets, sign) for sign in (1, -1)]
+        triangles, face_sheet, origin = (np.concatenate(part) for part in zip(*parts, strict=True))
+        # Each sheet has its own points: those of sheet s and row r come in the order of s k + r.
+        own, place = np.unique(face_sheet[:, None] * len(cloud) + triangles, return_inverse=True)
+        point_sheet, rows = np.divmod(own, len(cloud)) if len(own) else (own, own)
+        mesh = SkeletonMesh(
+            cloud.centers[rows],
+            frozen(place.reshape(-1, 3), np.int32),
+            frozen(rows, np.int32),
+            frozen(origin, np.int32),
+            cloud=cloud,
+            selected=sheets.labels >= 0,
+        )
+        areas = np.bincount(face_sheet, mesh.face_areas, sheets.count).astype(np.float64)
+        mean, radius = np.full(sheets.count, np.nan), cloud.radii[triangles].mean(axis=1)
+        total = np.bincount(face_sheet, mesh.face_areas * radius, sheets.count)
+        np.divide(total, areas, out=mean, where=areas > 0)
+        around = _boundaries(mesh, point_sheet, sheets.count)
+    points, faces = frozen(point_sheet, np.int32), frozen(face_sheet, np.int32)
+    return SheetMeshes(mesh, points, faces, areas, around, mean, sheets=sheets)
 
 
 def _lifted(
-    shape: Shape, cloud: MedialCloud, rows: NDArray[np.int64], sheets: MedialSheets
+    sheets: MedialSheets, sign: int
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
     """Rows of the cloud, sheet and origin of each triangle on the front of a sheet."""
+    cloud, shape = sheets.cloud, sheets.cloud.surface
+    rows = np.flatnonzero(cloud.valid & (cloud.side == sign))
     row_of = np.full(shape.point_count, -1, np.int64)
     row_of[cloud.source[rows]] = rows
     faces = np.asarray(shape.faces)
     corners = row_of[faces]
     known = (corners >= 0).all(axis=1)
-    front = sheets.front[corners]
-    key = np.where(front & (corners >= 0), sheets.labels[corners], -1)
+    labels = sheets.labels[corners]
+    key = np.where(sheets.front[corners] & (corners >= 0), labels, -1)
     low, middle, high = np.sort(key, axis=1).T
     chosen = known & (middle >= 0) & ((low == middle) | (middle == high))
     # Between sheets, a triangle may not be longer than a border is wide.
-    reach = LONGEST_JUMP * local_spacing(shape)[faces].max(axis=1)
+    limit = LONGEST_JUMP * local_spacing(shape)[faces].max(axis=1)
     a, b, c = (cloud.centers[corners[:, j]] for j in range(3))
     longest = np.max([np.linalg.norm(v, axis=1) for v in (a - b, b - c, c - a)], axis=0)
-    labels = sheets.labels[corners]
-    inside = (labels[:, :1] == labels).all(axis=1)
-    chosen &= inside | (longest <= reach)
+    chosen &= (labels[:, :1] == labels).all(axis=1) | (longest <= limit)
     corner = corners[chosen]
     spread = (corner != corner[:, [1, 2, 0]]).all(axis=1)
-    return corner[spread], middle[chosen][spread], np.flatnonzero(chosen)[spread]
+    return corner[spread], middle[chosen][spread].astype(np.int64), np.flatnonzero(chosen)[spread]
 
 
 def _boundaries(
-    mesh: SkeletonMesh, face_sheet: NDArray[np.int64], count: int
+    mesh: SkeletonMesh, point_sheet: NDArray[np.int64], count: int
 ) -> NDArray[np.float64]:
     """Length of the edges with one triangle, for each sheet, without their zigzag."""
-    half = np.sort(mesh.faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
-    sheet = np.repeat(face_sheet, 3)
-    order = np.lexsort((half[:, 1], half[:, 0], sheet))
-    rows = np.column_stack([sheet[order], half[order]]).astype(np.int64)
-    new = np.r_[True, (rows[1:] != rows[:-1]).any(axis=1)][: len(rows)]
-    single = rows[new & np.r_[new[1:], True][: len(rows)]]
-    # A point on the boundaries of two sheets is two nodes.
-    keys = single[:, :1] * len(mesh.points) + single[:, 1:]
-    known, place = np.unique(keys, return_inverse=True)
-    links = place.reshape(-1, 2)
-    points = smoothed_curves(mesh.points[known % max(len(mesh.points), 1)], links)
+    faces_there = np.bincount(mesh.face_edges.ravel(), minlength=len(mesh.edges))
+    links = mesh.edges[faces_there == 1].astype(np.int64)
+    points = smoothed_curves(mesh.points, links)
     length = np.linalg.norm(points[links[:, 0]] - points[links[:, 1]], axis=1)
-    return np.bincount(single[:, 0], length, count).astype(np.float64)
+    return np.bincount(point_sheet[links[:, 0]], length, count).astype(np.float64)

@@ -8,22 +8,20 @@ those of the rim, are attached to the nearest sheet along the surface afterwards
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
 from medialis.errors import InvalidShapeError
+from medialis.kept import kept
 from medialis.model.feature_sets import FeatureSets
-from medialis.model.medial_cloud import MedialCloud
 from medialis.model.medial_sheets import MedialSheets
-from medialis.model.ragged import Ragged
-from medialis.model.shape import Shape
-from medialis.progress import Progress, ProgressCallback
-from medialis.sheets.extended_features import (
-    check_cloud,
-    check_sets,
-    extended_feature_transform,
-)
-from medialis.sheets.point_types import is_rim
+from medialis.model.medial_cloud import MedialCloud
+from medialis.options import Options, algorithm, number
+from medialis.progress import Progress
+from medialis.sheets.extended_features import extended_feature_transform
 from medialis.surface.labels import (
     fill_components,
     merge_small,
@@ -32,10 +30,7 @@ from medialis.surface.labels import (
 )
 from medialis.surface.surface_graph import local_spacing, surface_graph
 from medialis.threads import run_chunks
-from medialis.validation import FloatArray, IntArray, as_number
-
-DEFAULT_TAU = 4.0
-"""The thesis's threshold, in sample spacings."""
+from medialis.validation import IntArray
 
 CLEARLY_APART = 2.0
 """Sample spacings between the two feature points from which a ball can be linked. A box of sides 2,
@@ -56,31 +51,43 @@ LEAST_BALLS = 8
 SAMPLES_A_CHUNK = 8192
 
 
+@dataclass(frozen=True, kw_only=True)
+class MedialSheetOptions(Options):
+    """Options of `medial_sheets`."""
+
+    smallest: float = number(
+        0.002,
+        "Smallest sheet",
+        "A sheet that covers less than this share of the surface is merged into the "
+        "neighbour with the longest common border. 0 keeps all.",
+    )
+    sheet_threshold: float = number(
+        4.0,
+        "Sheet threshold",
+        "Two neighbouring points are on one sheet when their feature points are "
+        "closer together than this many sample spacings. Larger values join more.",
+        low=1.5,
+        high=100.0,
+        advanced=True,
+    )
+
+
+@algorithm(MedialSheetOptions)
 def medial_sheets(
-    shape: Shape,
-    cloud: MedialCloud,
-    *,
-    tau: float = DEFAULT_TAU,
-    smallest: float = 0.0,
-    sets: FeatureSets | None = None,
-    progress: Progress | ProgressCallback | None = None,
+    cloud: MedialCloud, options: MedialSheetOptions, progress: Progress
 ) -> MedialSheets:
     """Separate a surface skeleton into its sheets.
 
     Parameters
     ----------
-    shape : Shape
-        n samples, as given to `medialis.surface_skeleton`.
     cloud : MedialCloud
         All k balls; those of the inner and the outer side never share a sheet.
-    tau : float
-        Above 1 to 100, in local sample spacings: two balls of neighbouring samples are linked when
-        the distances between their first and between their second feature points add up to less.
     smallest : float
         Fraction of the surface, 0 to 1: sheets that cover less are merged into the neighbour with
         the longest common border. 0 keeps all of at least 8 balls.
-    sets : FeatureSets, optional
-        From `medialis.extended_feature_transform`; computed when missing.
+    sheet_threshold : float
+        1.5 to 100, in local sample spacings: two balls of neighbouring samples are linked when
+        the distances between their first and between their second feature points add up to less.
     progress : callable, optional
         Called with (fraction, text); returning False cancels.
 
@@ -93,27 +100,32 @@ def medial_sheets(
     Raises
     ------
     InvalidShapeError
-        When the cloud belongs to a larger shape, has two balls for one sample and side, or the
-        sets belong to another cloud.
+        When the cloud has two balls for one sample and side.
     InvalidOptionError
         When an option is out of its range.
     Cancelled
         When `progress` asks for it.
+
+    See Also
+    --------
+    y_network, sheet_meshes, medial_scaffold : what follows from the sheets.
+    parts : the surface divided by its sheets.
 
     Notes
     -----
     1. A ball takes part when it is not of type A3 and its feature points are at least two spacings
        apart, or on the two sides of a wall (normals at least 120 degrees apart).
     2. Balls of neighbouring samples are linked when their second feature points match: they lie
-       closer together than tau allows and less than 44 degrees apart as seen from the center, or
-       in the same cluster of one of the two feature sets with normals less than 45 degrees apart.
-       A ball is also linked to that of its second feature point, where this is the same ball seen
-       from the other side. Balls that touch all round are linked when they nearly coincide.
+       closer together than the threshold allows and less than 44 degrees apart as seen from the
+       center, or in the same cluster of one of the two feature sets with normals less than 45
+       degrees apart. A ball is also linked to that of its second feature point, where this is the
+       same ball seen from the other side. Balls that touch all round are linked when they nearly
+       coincide.
     3. Linked balls are a piece; pieces of at least 8 balls are sheets. All other balls get the
        sheet of the nearest sample along the surface.
 
     Where sheets are only two or three samples wide, in sharp corners, a splinter of some ten balls
-    may come off; `smallest` = 0.002 merges it.
+    may come off; the default of `smallest` merges it.
 
     Cost O(n); about 1.7 s of processor time for 194,000 samples, 1.3 of them for the feature sets.
 
@@ -131,64 +143,65 @@ def medial_sheets(
     >>> q = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
     >>> faces = [t for a, b, c, d in q for t in ((a, b, c), (a, c, d))]
     >>> box = medialis.refine(medialis.make_shape(x, faces), 0.2)
-    >>> medialis.medial_sheets(box, medialis.surface_skeleton(box)).count
+    >>> medialis.medial_sheets(medialis.surface_skeleton(box)).count
     13
     """
-    tau = as_number(tau, "tau", low=1.0, high=100.0, open_low=True)
-    smallest = as_number(smallest, "smallest", low=0.0, high=1.0)
-    check_cloud(shape, cloud)
-    progress = Progress.of(progress)
-    graph, labels = surface_graph(shape), np.full(len(cloud), -1, np.int32)
-    linked, front = np.zeros(len(cloud), np.bool_), np.zeros(len(cloud), np.bool_)
+    k = len(cloud)
+    labels, linked, front = np.full(k, -1, np.int32), np.zeros(k, np.bool_), np.zeros(k, np.bool_)
     with progress.stage("sheets", 0.0, 1.0):
-        if sets is None:
-            with progress.stage("feature sets", 0.0, 0.8):
-                sets = extended_feature_transform(shape, cloud, graph=graph, progress=progress)
-        check_sets(cloud, sets)
-        for sign in (1, -1):
-            rows = np.flatnonzero(cloud.valid & (cloud.side == sign)).astype(np.int32)
-            if len(rows):
-                found, *rest = _sheets_of(shape, cloud, rows, graph, sets, tau, smallest)
-                labels[rows] = np.where(found < 0, -1, found + labels.max() + 1)
-                linked[rows], front[rows] = rest
-    return MedialSheets(labels, linked, front)
+        threshold = options.sheet_threshold
+        sides = kept(
+            _divide, cloud, threshold, lambda: _divide(cloud, threshold, progress), progress
+        )
+        area, graph = cloud.surface.point_areas, surface_graph(cloud.surface)
+        for side in sides:
+            of_samples = side.labels
+            if options.smallest > 0.0:
+                least = options.smallest * float(area.sum())
+                of_samples = merge_small(of_samples, area, graph, least)
+            own = numbered_by_weight(of_samples, area)[cloud.source[side.rows]]
+            labels[side.rows] = np.where(own < 0, -1, own + labels.max() + 1)
+            linked[side.rows], front[side.rows] = side.linked, side.front
+    return MedialSheets(labels, linked, front, cloud=cloud)
 
 
-def _sheets_of(
-    shape: Shape,
-    cloud: MedialCloud,
-    rows: IntArray,
-    graph: Ragged,
-    sets: FeatureSets,
-    tau: float,
-    smallest: float,
-) -> tuple[IntArray, NDArray[np.bool_], NDArray[np.bool_]]:
-    """Sheets of the balls of one side, whether each was linked, and whether it is in front."""
-    n = shape.point_count
-    row_of = np.full(n, -1, np.int32)
+class _Side(NamedTuple):
+    """Inner or outer balls: their rows, the sheet of each sample, and two masks of the rows."""
+
+    rows: IntArray
+    labels: IntArray
+    linked: NDArray[np.bool_]
+    front: NDArray[np.bool_]
+
+
+def _divide(cloud: MedialCloud, threshold: float, progress: Progress) -> list[_Side]:
+    """Link the balls of each side, and spread the pieces over the surface: nothing is merged."""
+    with progress.stage("feature sets", 0.0, 0.8):
+        sets = extended_feature_transform.of(cloud, Options(), progress)
+    sides = [np.flatnonzero(cloud.valid & (cloud.side == sign)) for sign in (1, -1)]
+    return [_side(sets, rows.astype(np.int32), threshold) for rows in sides if len(rows)]
+
+
+def _side(sets: FeatureSets, rows: IntArray, threshold: float) -> _Side:
+    cloud, shape = sets.cloud, sets.cloud.surface
+    row_of = np.full(shape.point_count, -1, np.int32)
     row_of[cloud.source[rows]] = rows
     if len(rows) != np.count_nonzero(row_of >= 0):
         raise InvalidShapeError("The cloud has several balls for one sample and side.")
-    spacing = local_spacing(shape)
-    clear, wall = _clear_balls(shape, cloud, rows, spacing, sets)
-    piece, region, partner = _pieces(shape, cloud, row_of, graph, spacing, clear, wall, sets, tau)
+    clear, wall = _clear_balls(sets, rows)
+    piece, region, partner = _pieces(sets, row_of, clear, wall, threshold)
     size = np.bincount(piece[clear], minlength=len(cloud))
     linked = clear & (size[piece] >= LEAST_BALLS)
     back = _backs(piece, region, partner, linked)
-    labels = np.full(n, -1, np.int32)
-    at = cloud.source[linked]
+    labels, source = np.full(shape.point_count, -1, np.int32), cloud.source
     # Twice the number of the piece, plus 1 on its back: both are spread at once.
-    labels[at] = 2 * np.unique(piece[linked], return_inverse=True)[1].reshape(-1) + back[linked]
-    usable = row_of >= 0
-    both = spread_labels(shape, graph, labels)
+    place = np.unique(piece[linked], return_inverse=True)[1].reshape(-1)
+    labels[source[linked]] = 2 * place + back[linked]
+    both, usable = spread_labels(shape, surface_graph(shape), labels), row_of >= 0
     labels = fill_components(shape, np.where(both < 0, -1, both // 2).astype(np.int32), usable)
     labels[~usable] = -1
-    area = shape.point_areas
-    if smallest > 0.0:
-        labels = merge_small(labels, area, graph, smallest * float(area.sum()))
-    labels = numbered_by_weight(labels, area)
-    sources = cloud.source[rows]
-    return labels[sources], linked[rows], (both[sources] < 0) | (both[sources] % 2 == 0)
+    side = both[source[rows]]
+    return _Side(rows, labels, linked[rows], (side < 0) | (side % 2 == 0))
 
 
 def _backs(
@@ -207,45 +220,41 @@ def _backs(
         region[met].astype(np.int64) * k + region[partner[met]], return_counts=True
     )
     facing: dict[int, list[tuple[int, int]]] = {}
-    for pair, number in zip(pairs.tolist(), links.tolist(), strict=True):
+    for pair, count in zip(pairs.tolist(), links.tolist(), strict=True):
         a, b = divmod(pair, k)
-        facing.setdefault(a, []).append((b, number))
-        facing.setdefault(b, []).append((a, number))
+        facing.setdefault(a, []).append((b, count))
+        facing.setdefault(b, []).append((a, count))
     side = np.zeros(k, np.int8)  # +1 and -1; 0: not yet
     used = np.flatnonzero(size)
     for a in used[np.lexsort((used, -size[used]))].tolist():
-        votes = sum(number * int(side[b]) for b, number in facing.get(a, []) if b != a)
+        votes = sum(count * int(side[b]) for b, count in facing.get(a, []) if b != a)
         side[a] = -1 if votes > 0 else 1
     balance = np.bincount(piece[rows], side[region[rows]], minlength=k)
     return side[region] * np.where(balance < 0, -1, 1)[piece] < 0
 
 
-def _clear_balls(
-    shape: Shape, cloud: MedialCloud, rows: IntArray, spacing: FloatArray, sets: FeatureSets
-) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+def _clear_balls(sets: FeatureSets, rows: IntArray) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """Return which balls can be linked, and which lie in walls; two (k,) arrays.
 
     A ball can be linked when its feature points are clearly apart, or on the two sides of a wall.
     """
+    cloud, shape = sets.cloud, sets.cloud.surface
+    spacing = local_spacing(shape)
     first, second = cloud.features[rows].T
     gap = np.linalg.norm(shape.points[first] - shape.points[second], axis=1)
     cosine = np.einsum("ij,ij->i", shape.normals[first], shape.normals[second])
     clear, wall = np.zeros(len(cloud), np.bool_), np.zeros(len(cloud), np.bool_)
     wall[rows] = cosine < WALL
     clear[rows] = gap >= CLEARLY_APART * np.maximum(spacing[first], spacing[second])
-    return (clear | wall) & ~is_rim(sets), wall
+    return (clear | wall) & ~sets.rim, wall
 
 
 def _pieces(
-    shape: Shape,
-    cloud: MedialCloud,
+    sets: FeatureSets,
     row_of: IntArray,
-    graph: Ragged,
-    spacing: FloatArray,
     clear: NDArray[np.bool_],
     wall: NDArray[np.bool_],
-    sets: FeatureSets,
-    tau: float,
+    threshold: float,
 ) -> tuple[IntArray, IntArray, IntArray]:
     """Return the lowest row that each ball is linked to, directly or through others, (k,).
 
@@ -253,11 +262,12 @@ def _pieces(
     """
     from medialis.sheets._sheet_kernels import join_links, link_across, link_neighbours
 
-    n = shape.point_count
+    cloud, shape = sets.cloud, sets.cloud.surface
+    graph, k = surface_graph(shape), len(cloud)
     balls = shape.points, shape.normals, cloud.features, cloud.centers, cloud.radii
-    rules = spacing, sets.closed, clear, wall, tau - 1.0, LARGEST_TURN
+    rules = local_spacing(shape), sets.closed, clear, wall, threshold - 1.0, LARGEST_TURN
     members = sets.samples.offsets, sets.samples.indices, sets.clusters
-    links, partner = np.zeros(len(graph.indices), np.bool_), np.full(len(cloud), -1, np.int32)
+    links, partner = np.zeros(len(graph.indices), np.bool_), np.full(k, -1, np.int32)
 
     def work(begin: int, end: int) -> None:
         link_neighbours(
@@ -265,8 +275,8 @@ def _pieces(
         )  # fmt: skip
         link_across(begin, end, row_of, *balls, *rules, *members, partner)
 
-    run_chunks(work, n, SAMPLES_A_CHUNK)
-    piece, region = np.arange(len(cloud), dtype=np.int32), np.arange(len(cloud), dtype=np.int32)
+    run_chunks(work, shape.point_count, SAMPLES_A_CHUNK)
+    piece, region = np.arange(k, dtype=np.int32), np.arange(k, dtype=np.int32)
     join_links(row_of, graph.offsets, graph.indices, links, partner, piece)
     join_links(row_of, graph.offsets, graph.indices, links, np.full_like(partner, -1), region)
     return piece, region, partner

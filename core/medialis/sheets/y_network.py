@@ -8,21 +8,20 @@ moved inside, are the Y-curves, each seen from its three contacts. Of the three,
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
-from medialis.errors import InvalidShapeError
-from medialis.model.medial_cloud import MedialCloud
 from medialis.model.medial_sheets import MedialSheets
 from medialis.model.ragged import Ragged
 from medialis.model.shape import Shape
+from medialis.model.surface import piece_labels
 from medialis.model.y_network import YNetwork
-from medialis.sheets.extended_features import check_cloud
+from medialis.options import Options, algorithm, whole
+from medialis.progress import Progress
 from medialis.surface.surface_graph import local_spacing, surface_graph
-from medialis.validation import FloatArray, IntArray, as_whole_number
-
-DEFAULT_NEIGHBOURS = 3
-"""The thesis's k: more make the band of points wider."""
+from medialis.validation import FloatArray, IntArray
 
 LONGEST_JUMP = 4.0
 """Sample spacings between two balls on different sheets that still lie on both sides of a Y-curve.
@@ -36,26 +35,33 @@ SAME_CURVE = 2.0
 """Sample spacings within which borders with the same sheets are the same curve."""
 
 
-def y_network(
-    shape: Shape,
-    cloud: MedialCloud,
-    sheets: MedialSheets,
-    *,
-    neighbours: int = DEFAULT_NEIGHBOURS,
-) -> YNetwork:
+@dataclass(frozen=True, kw_only=True)
+class YNetworkOptions(Options):
+    """Options of `y_network`."""
+
+    neighbours: int = whole(
+        3,
+        "Neighbours",
+        "A ball is near the network when one of this many nearest medial points belongs to another "
+        "sheet. More make the band of points wider.",
+        low=1,
+        high=100,
+    )
+
+
+@algorithm(YNetworkOptions)
+def y_network(sheets: MedialSheets, options: YNetworkOptions, progress: Progress) -> YNetwork:
     """Find the curves along which medial sheets meet.
 
     Parameters
     ----------
-    shape : Shape
-        n samples, as given to `medialis.surface_skeleton`.
-    cloud : MedialCloud
-        k balls.
     sheets : MedialSheets
-        From `medialis.medial_sheets`.
+        Sheets of k balls.
     neighbours : int
-        1 to 100: a ball is near the network when one of this many nearest medial points belongs to
-        another sheet.
+        1 to 100, the thesis's k: a ball is near the network when one of this many nearest medial
+        points belongs to another sheet.
+    progress : callable, optional
+        Called with (fraction, text); returning False cancels.
 
     Returns
     -------
@@ -64,10 +70,14 @@ def y_network(
 
     Raises
     ------
-    InvalidShapeError
-        When cloud, sheets and shape do not belong together.
     InvalidOptionError
         When `neighbours` is out of its range.
+    Cancelled
+        When `progress` asks for it.
+
+    See Also
+    --------
+    medial_scaffold : the network with the sheets as a graph.
 
     Notes
     -----
@@ -76,80 +86,70 @@ def y_network(
     Examples
     --------
     >>> import medialis
-    >>> shape = medialis.organic_shape(56)
-    >>> cloud = medialis.surface_skeleton(shape)
-    >>> network = medialis.y_network(shape, cloud, medialis.medial_sheets(shape, cloud))
+    >>> cloud = medialis.surface_skeleton(medialis.organic_shape(56))
+    >>> network = medialis.y_network(medialis.medial_sheets(cloud))
     >>> bool(network.near.any()), len(network.lengths) > 0
     (True, True)
     """
-    neighbours = as_whole_number(neighbours, "neighbours", low=1, high=100)
-    check_cloud(shape, cloud)
-    if len(sheets) != len(cloud):
-        raise InvalidShapeError(
-            f"There are {len(cloud)} balls, but sheets of {len(sheets)}: give the sheets of this "
-            "cloud."
-        )
-    near = _near_points(cloud, sheets, neighbours)
-    found = []
-    if shape.faces is not None:
-        for sign in (1, -1):
+    cloud, parts = sheets.cloud, []
+    with progress.stage("y-network", 0.0, 1.0):
+        near = _near_points(sheets, options.neighbours)
+        for sign in (1, -1) if cloud.surface.faces is not None else ():
             rows = np.flatnonzero(cloud.valid & (cloud.side == sign))
             if len(rows):
-                found.append(_curves(shape, cloud, rows, sheets))
-    if not found:
-        empty = np.empty((0, 3), np.int32)
-        return YNetwork(near, np.empty((0, 3)), empty[:, :2], empty[:, 0], empty)
-    nodes = np.cumsum([0] + [len(part[0]) for part in found])
-    curves = np.cumsum([0] + [len(part[3]) for part in found])
+                parts.append(_curves(sheets, rows))
+    if not parts:
+        none = np.empty((0, 3), np.int32)
+        return YNetwork(near, np.empty((0, 3)), none[:, :2], none[:, 0], none, sheets=sheets)
+    points, edges, curve, meeting = zip(*parts, strict=True)
+    nodes = np.cumsum([0] + [len(part) for part in points])
+    curves = np.cumsum([0] + [len(part) for part in meeting])
     return YNetwork(
         near,
-        np.concatenate([part[0] for part in found]),
-        _joined([part[1] + shift for part, shift in zip(found, nodes, strict=False)]),
-        _joined([part[2] + shift for part, shift in zip(found, curves, strict=False)]),
-        _joined([part[3] for part in found]),
+        np.concatenate(points),
+        np.concatenate([part + shift for part, shift in zip(edges, nodes, strict=False)]),
+        np.concatenate([part + shift for part, shift in zip(curve, curves, strict=False)]),
+        np.concatenate(meeting),
+        sheets=sheets,
     )
 
 
-def _joined(parts: list[NDArray[np.int64]]) -> IntArray:
-    return np.concatenate(parts).astype(np.int32)
-
-
-def _near_points(cloud: MedialCloud, sheets: MedialSheets, neighbours: int) -> NDArray[np.bool_]:
+def _near_points(sheets: MedialSheets, neighbours: int) -> NDArray[np.bool_]:
     from scipy.spatial import cKDTree
 
-    near = np.zeros(len(cloud), np.bool_)
+    near = np.zeros(len(sheets), np.bool_)
     rows = np.flatnonzero(sheets.labels >= 0)
     k = min(neighbours + 1, len(rows))
     if k > 1:
-        found = cKDTree(cloud.centers[rows]).query(cloud.centers[rows], k=k)[1]
-        labels = sheets.labels[rows]
-        near[rows] = (labels[found] != labels[:, None]).any(axis=1)
+        centers, labels = sheets.cloud.centers[rows], sheets.labels[rows]
+        nearest = cKDTree(centers).query(centers, k=k)[1]
+        near[rows] = (labels[nearest] != labels[:, None]).any(axis=1)
     return near
 
 
 def _curves(
-    shape: Shape, cloud: MedialCloud, rows: NDArray[np.int64], sheets: MedialSheets
+    sheets: MedialSheets, rows: NDArray[np.int64]
 ) -> tuple[FloatArray, NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
     """Nodes, edges, curve of each node and sheets of each curve, of the balls of one side."""
+    cloud, shape = sheets.cloud, sheets.cloud.surface
     row_of = np.full(shape.point_count, -1, np.int64)
     row_of[cloud.source[rows]] = rows
     labels = np.where(row_of >= 0, sheets.labels[row_of], -1)
-    centers = cloud.centers[row_of]
-    graph = surface_graph(shape)
-    spacing = local_spacing(shape)
+    centers, spacing = cloud.centers[row_of], local_spacing(shape)
     ends, links = _borders(shape, labels, centers, spacing)
     points = centers[ends].mean(axis=1)
-    piece, count = _chains(len(points), links)
+    piece = piece_labels(len(points), links)
+    first = np.unique(piece, return_index=True)[1]
+    count = len(first)
     points = smoothed_curves(points, links)
     steps = np.linalg.norm(points[links[:, 0]] - points[links[:, 1]], axis=1)
     length = np.bincount(piece[links[:, 0]], steps, minlength=count).astype(np.float64)
-    first = np.full(count, len(ends), np.int64)
-    np.minimum.at(first, piece, np.arange(len(ends)))
-    pair = np.sort(labels[ends[first]], axis=1) if count else np.empty((0, 2), np.int64)
-    third = _third_sheets(ends, piece, pair, labels, cloud.features[row_of, 1], graph)
+    pair = np.sort(labels[ends[first]], axis=1).astype(np.int64)
+    second = cloud.features[row_of, 1]
+    third = _third_sheets(ends, piece, pair, labels, second, surface_graph(shape))
     triple = np.column_stack([pair, third])
-    reach = SAME_CURVE * spacing[ends].max(axis=1)
-    kept, triple = _without_repeats(points, reach, piece, length, triple)
+    radius = SAME_CURVE * spacing[ends].max(axis=1)
+    kept, triple = _without_repeats(points, radius, piece, length, triple)
     return _compact(points, links, piece, kept, triple)
 
 
@@ -157,35 +157,18 @@ def _borders(
     shape: Shape, labels: IntArray, centers: FloatArray, spacing: FloatArray
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Crossed surface edges (b, 2), and links (l, 2) between those of one pair of sheets."""
-    sides = np.asarray(shape.faces)[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 3, 2).astype(np.int64)
-    sides = np.sort(sides, axis=2)
-    a, b = sides[..., 0], sides[..., 1]
-    gap = np.linalg.norm(centers[a] - centers[b], axis=2)
+    a, b = shape.edges.T
+    gap = np.linalg.norm(centers[a] - centers[b], axis=1)
     crossed = (labels[a] != labels[b]) & (np.minimum(labels[a], labels[b]) >= 0)
     crossed &= gap <= LONGEST_JUMP * np.maximum(spacing[a], spacing[b])
-    keys = a * shape.point_count + b
-    known = np.unique(keys[crossed])
-    ends = np.stack(divmod(known, shape.point_count), axis=1)
-    place = np.searchsorted(known, keys)
-    links = []
-    for j in range(3):
-        i, k = (j + 1) % 3, (j + 2) % 3
-        both = crossed[:, i] & crossed[:, k]
-        pair = np.stack([place[both, i], place[both, k]], axis=1)
-        same = (np.sort(labels[ends[pair[:, 0]]]) == np.sort(labels[ends[pair[:, 1]]])).all(axis=1)
-        links.append(pair[same])
-    return ends, np.concatenate(links)
-
-
-def _chains(count: int, links: NDArray[np.int64]) -> tuple[IntArray, int]:
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
-    if count == 0:
-        return np.empty(0, np.int32), 0
-    matrix = coo_array((np.ones(len(links), np.int8), tuple(links.T)), shape=(count, count))
-    pieces, labels = connected_components(matrix, directed=False)
-    return labels, int(pieces)
+    ends = shape.edges[crossed].astype(np.int64)
+    # The number of each crossed edge at the sides of the faces; -1 at the others.
+    number = np.where(crossed, np.cumsum(crossed) - 1, -1)
+    sides = np.r_[number, -1][shape.face_edges]
+    pairs = np.concatenate([sides[:, [1, 2]], sides[:, [2, 0]], sides[:, [0, 1]]])
+    pairs = pairs[(pairs >= 0).all(axis=1)]
+    of_pairs = np.sort(labels[ends[pairs]], axis=2)
+    return ends, pairs[(of_pairs[:, 0] == of_pairs[:, 1]).all(axis=1)]
 
 
 def smoothed_curves(points: FloatArray, links: NDArray[np.int64]) -> FloatArray:
@@ -212,7 +195,7 @@ def _third_sheets(
     second: IntArray,
     graph: Ragged,
 ) -> NDArray[np.int64]:
-    """Return the sheet found most often at the second feature points along a chain; -1: none."""
+    """Return the sheet seen most often at the second feature points along a chain; -1: none."""
     across = second[ends].ravel()
     chain = np.repeat(piece, 2)
     counts = graph.lengths[across]
@@ -230,7 +213,7 @@ def _third_sheets(
 
 def _without_repeats(
     points: FloatArray,
-    reach: FloatArray,
+    radius: FloatArray,
     piece: IntArray,
     length: FloatArray,
     triple: NDArray[np.int64],
@@ -246,7 +229,7 @@ def _without_repeats(
     members = Ragged.group(piece, len(length))
     kept: list[int] = []
     taken = np.full(len(points), -1, np.int64)
-    near = cKDTree(points).query_ball_point(points, reach) if len(points) else []
+    near = cKDTree(points).query_ball_point(points, radius) if len(points) else []
     for chain in np.lexsort((np.arange(len(length)), -length)).tolist():
         nodes = members[chain].tolist()
         covered = 0
