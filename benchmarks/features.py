@@ -50,9 +50,9 @@ def closed_forms() -> None:
             shape = make(spacing)
             cloud = medialis.surface_skeleton(shape, side="both")
             inner = cloud.subset(cloud.side > 0)
-            found = medialis.medial_sheets(shape, inner, smallest=0.002)
-            network = medialis.y_network(shape, inner, found)
-            meshes = medialis.sheet_meshes(shape, inner, found)
+            found = medialis.medial_sheets(inner)
+            network = medialis.y_network(found)
+            meshes = medialis.sheet_meshes(found)
             print(
                 f"| {name} | {spacing} | {shape.point_count} | {found.count} ({sheets}) "
                 f"| {medialis.patches(shape, cloud).count}{f' ({patches})' if patches else ''} "
@@ -76,23 +76,21 @@ def speed(path: str) -> None:
     """Print one line for a mesh."""
     shape = medialis.read_shape(path)
     cloud = medialis.surface_skeleton(shape)
-    sets = medialis.extended_feature_transform(shape, cloud)
-    sheets = medialis.medial_sheets(shape, cloud, sets=sets)
+    sets = medialis.extended_feature_transform(cloud)
+    sheets = medialis.medial_sheets(cloud, smallest=0.0)
     seconds = [
-        timed(lambda: medialis.extended_feature_transform(shape, cloud)),
-        timed(lambda: medialis.point_types(shape, cloud, sets=sets)),
+        timed(lambda: medialis.extended_feature_transform(cloud)),
+        timed(lambda: medialis.point_types(cloud)),
         timed(lambda: medialis.soft_edges(shape, cloud, sets=sets)),
-        timed(lambda: medialis.medial_sheets(shape, cloud, sets=sets)),
-        timed(lambda: medialis.y_network(shape, cloud, sheets)) if shape.faces is not None else 0,
-        timed(lambda: medialis.sheet_meshes(shape, cloud, sheets))
-        if shape.faces is not None
-        else 0,
+        timed(lambda: medialis.medial_sheets(cloud)),
+        timed(lambda: medialis.y_network(sheets)) if shape.faces is not None else 0,
+        timed(lambda: medialis.sheet_meshes(sheets)) if shape.faces is not None else 0,
         timed(lambda: medialis.patches(shape, cloud, sets=sets)),
-        timed(lambda: medialis.parts(shape, cloud, sets=sets, method="sheets")),
+        timed(lambda: medialis.parts(shape, cloud, method="sheets")),
     ]
     size = sum(x.nbytes for x in (sets.samples.indices, sets.samples.offsets, sets.clusters))
-    types = np.bincount(np.minimum(medialis.point_types(shape, cloud, sets=sets), 3), minlength=4)
-    large = medialis.medial_sheets(shape, cloud, sets=sets, smallest=0.01)
+    types = np.bincount(np.minimum(medialis.point_types(cloud), 3), minlength=4)
+    large = medialis.medial_sheets(cloud, smallest=0.01)
     print(
         f"| {Path(path).stem} | {shape.point_count} | {types[1]} | {types[3]} | {sheets.count} "
         f"| {large.count} | "

@@ -19,9 +19,9 @@ import medialis
 TESTS = Path(__file__).resolve().parent.parent / "tests"
 
 
-def printed_method(shape: medialis.Shape, cloud: medialis.MedialCloud) -> np.ndarray:
+def printed_method(cloud: medialis.MedialCloud) -> np.ndarray:
     """Thesis 3.4.1 with scipy: triangles as rows of the cloud, duplicates removed."""
-    touching, found = cloud.inverse_features(shape.point_count), []
+    shape, touching, triangles = cloud.surface, cloud.inverse_features, []
     for face in shape.faces:
         rows = np.unique(np.concatenate([touching[i] for i in face]))
         a, b, c = shape.points[face]
@@ -34,8 +34,8 @@ def printed_method(shape: medialis.Shape, cloud: medialis.MedialCloud) -> np.nda
             local = Delaunay(cloud.centers[rows] @ plane, qhull_options="QJ Qbb")
         except QhullError:
             continue
-        found.append(rows[local.simplices])
-    return np.unique(np.sort(np.concatenate(found), axis=1), axis=0)
+        triangles.append(rows[local.simplices])
+    return np.unique(np.sort(np.concatenate(triangles), axis=1), axis=0)
 
 
 def report(name: str, points: np.ndarray, faces: np.ndarray, seconds: float) -> None:
@@ -51,7 +51,7 @@ def report(name: str, points: np.ndarray, faces: np.ndarray, seconds: float) -> 
 
 def main(paths: list[str]) -> None:
     """Compare on three closed forms and the given meshes."""
-    sys.path[:0] = [str(TESTS), str(TESTS / "surface_skeletons")]
+    sys.path[:0] = [str(TESTS), str(TESTS / "mesh")]
     from test_skeleton_mesh import elliptic_torus, spheroid
 
     from closed_forms import box_mesh
@@ -63,13 +63,13 @@ def main(paths: list[str]) -> None:
         **{Path(path).stem: medialis.read_shape(path) for path in paths},
     }
     for name, shape in cases.items():
-        cloud = medialis.surface_skeleton(shape)
-        medialis.skeleton_mesh(shape, cloud)
+        cloud = medialis.shrink_balls(shape)
+        medialis.skeleton_mesh(cloud)
         clock = time.perf_counter()
-        mesh = medialis.skeleton_mesh(shape, cloud)
+        mesh = medialis.skeleton_mesh(cloud, min_spoke_angle=0.0, smallest_piece=0.0)
         report(f"{name}, lifted", mesh.points, mesh.faces, time.perf_counter() - clock)
         clock = time.perf_counter()
-        faces = printed_method(shape, cloud)
+        faces = printed_method(cloud)
         report(f"{name}, printed", cloud.centers, faces, time.perf_counter() - clock)
 
 

@@ -205,7 +205,7 @@ EXAMPLES: dict[str, Callable[[], Example]] = {
     "medial_sheets.smallest": lambda: Example((0.0, 0.01, 0.05, 0.2), block),
     "parts.smallest": lambda: Example((0.002, 0.01, 0.02, 0.05)),
     "parts.smoothing": lambda: Example((0, 1, 4, 16), noisy),
-    "parts.tau": lambda: Example((1.5, 4.0, 16.0), others={"method": "sheets"}),
+    "parts.sheet_threshold": lambda: Example((1.5, 4.0, 16.0), others={"method": "sheets"}),
     "patches.min_angle": lambda: Example((10.0, 30.0, 50.0, 80.0)),
     "patches.smallest": lambda: Example((0.002, 0.04, 0.08, 0.15)),
     "skeleton_importance.connected": lambda: Example(shape=flat_dumbbell, others=ISLANDS),

@@ -8,11 +8,12 @@ import medialis
 from medialis.balls.ball_shrinking import shrink_balls as surface_skeleton
 from medialis.errors import Cancelled, InvalidOptionError, InvalidShapeError
 from medialis.mesh._skeleton_mesh_kernels import in_balls
-from medialis.mesh.skeleton_mesh import DEFAULT_SLACK, skeleton_mesh
+from medialis.mesh.skeleton_mesh import SLACK
 from medialis.model.shape import Shape
 from medialis.model.skeleton_mesh import SkeletonMesh
 from medialis.threads import thread_limit
 
+ALL = {"min_spoke_angle": 0.0, "smallest_piece": 0.0}
 GRID = np.linspace(0, 1, 6)
 SAMPLES = [(u, v, 1 - u - v) for u in GRID for v in GRID if u + v <= 1]
 
@@ -39,6 +40,11 @@ def elliptic_torus(around=160, across=48, major=1.0, p=0.3, q=0.12):
     return Shape(points, normals, shape.faces)
 
 
+def skeleton_mesh(cloud, **options):
+    """The mesh of all balls and pieces."""
+    return medialis.skeleton_mesh(cloud, **{**ALL, **options})
+
+
 def longest_edge(shape):
     return np.linalg.norm(np.diff(shape.points[shape.edges], axis=1), axis=2).max()
 
@@ -48,10 +54,10 @@ def inside_points(mesh):
     return np.einsum("sj,tjk->stk", SAMPLES, mesh.points[mesh.faces]).reshape(-1, 3)
 
 
-def check_mesh(shape, cloud, mesh, keep=None):
+def check_mesh(shape, cloud, mesh, thinned=False):
     """Check all that is promised of every mesh."""
-    usable = cloud.valid if keep is None else cloud.valid & keep
-    assert usable[mesh.rows].all() and (np.diff(mesh.rows) > 0).all()
+    assert mesh.selected[mesh.rows].all() and (mesh.selected == cloud.valid).all()
+    assert cloud.valid[mesh.rows].all() and (np.diff(mesh.rows) > 0).all()
     assert np.array_equal(mesh.points, cloud.centers[mesh.rows])
     assert np.array_equal(np.unique(mesh.faces), np.arange(len(mesh.points)))
     corners = np.sort(mesh.faces, axis=1)
@@ -63,7 +69,7 @@ def check_mesh(shape, cloud, mesh, keep=None):
     row = mesh.rows[mesh.faces]
     origin = shape.points[shape.faces[mesh.face_origin]]
     reach = np.linalg.norm(origin - np.roll(origin, 1, axis=1), axis=2).max(axis=1)
-    reach = 5 * longest_edge(shape) + 0 * reach if keep is not None else reach
+    reach = 5 * longest_edge(shape) + 0 * reach if thinned else reach
     at = np.einsum("sj,tjk->stk", SAMPLES, mesh.points[mesh.faces])
     gap = np.linalg.norm(at[:, :, None] - mesh.points[mesh.faces][None], axis=3)
     assert ((gap - cloud.radii[row]).min(axis=2) <= reach + 1e-9 * shape.diagonal).all()
@@ -80,7 +86,7 @@ def test_flat_box():
     shape = forms.box_mesh((4.0, 3.0, 1.0), 0.07)
     h = longest_edge(shape)
     cloud = surface_skeleton(shape, tolerance=0.0)
-    mesh = skeleton_mesh(shape, cloud)
+    mesh = skeleton_mesh(cloud)
     check_mesh(shape, cloud, mesh)
     flat = (np.abs(mesh.points[:, 2]) < 1e-9)[mesh.faces].all(axis=1)
     assert abs(mesh.face_areas[flat].sum() - 6) <= 10 * h
@@ -95,7 +101,7 @@ def test_flat_box():
     whole = 6 + np.sqrt(0.5) * (4 * 3.5 + 4 * 2.5) + 4 * np.sqrt(0.5) / 2
     meets = 10 + 8 * np.sqrt(3) / 2
     assert whole - 32 * np.sqrt(2) * 2 * h <= mesh.area <= whole + meets * h
-    assert mesh.piece_count == 1
+    assert mesh.part_count == 1
 
 
 @pytest.mark.parametrize("tolerance", [0.0, 3e-4])
@@ -109,11 +115,11 @@ def test_oblate_spheroid_is_a_disc(tolerance):
     shape = spheroid()
     h = 0.75 * longest_edge(shape) + 2 * tolerance * shape.diagonal
     cloud = surface_skeleton(shape, tolerance=tolerance)
-    mesh = skeleton_mesh(shape, cloud)
+    mesh = skeleton_mesh(cloud)
     check_mesh(shape, cloud, mesh)
     disc = np.pi * 0.75**2
     assert disc - 2 * np.pi * 0.75 * h <= mesh.area <= disc + (2 * np.pi * 0.75 + 2 * 0.75) * h
-    assert mesh.piece_count == 1
+    assert mesh.part_count == 1
     at = inside_points(mesh)
     assert np.hypot(at[:, 0], at[:, 1]).max() <= 0.75 + h
     assert (at**2 / np.array([1, 1, 0.25])).sum(axis=1).max() < 1
@@ -130,9 +136,9 @@ def test_elliptic_torus_is_a_ring():
     shape = elliptic_torus()
     h, f = longest_edge(shape), (0.3**2 - 0.12**2) / 0.3
     cloud = surface_skeleton(shape)
-    mesh = skeleton_mesh(shape, cloud)
+    mesh = skeleton_mesh(cloud)
     check_mesh(shape, cloud, mesh)
-    assert mesh.piece_count == 1
+    assert mesh.part_count == 1
     assert abs(mesh.area - 4 * np.pi * f) <= 4 * np.pi * h
     at = inside_points(mesh)
     ring = np.hypot(at[:, 0], at[:, 1]) - 1
@@ -149,7 +155,7 @@ def test_round_tube_stays_on_its_circle():
     """
     shape = forms.torus_mesh()
     cloud = surface_skeleton(shape)
-    mesh = skeleton_mesh(shape, cloud)
+    mesh = skeleton_mesh(cloud)
     check_mesh(shape, cloud, mesh)
     t = 2 * 3e-4 * shape.diagonal
     at = inside_points(mesh)
@@ -166,24 +172,24 @@ def test_walls_thinner_than_the_spacing_have_no_holes():
     """
     shape = forms.box_mesh((4.0, 3.0, 0.02), 0.12)
     h = longest_edge(shape)
-    mesh = skeleton_mesh(shape, surface_skeleton(shape))
+    mesh = skeleton_mesh(surface_skeleton(shape))
     assert abs(mesh.area - 12) <= 14 * 2 * h
 
 
 def test_sphere_has_no_sheet():
     """All centers are the center: what remains is a speck within the tolerance."""
     shape = forms.icosphere(3)
-    mesh = skeleton_mesh(shape, surface_skeleton(shape))
+    mesh = skeleton_mesh(surface_skeleton(shape))
     assert mesh.area <= 4 * np.pi * (2 * 3e-4 * shape.diagonal) ** 2 * 20
-    assert len(skeleton_mesh(shape, surface_skeleton(shape), smallest_piece=0.01).faces) == 0
+    assert len(skeleton_mesh(surface_skeleton(shape), smallest_piece=0.01).faces) == 0
 
 
-def test_radius_rises_no_steeper_than_on_a_sheet():
+def test_radius_rises_no_steeper_than_on_a_sheet(monkeypatch):
     """Criterion 1, by plain numpy, of the triangles that stand for themselves; every face is
     either kept, replaced, or breaks a criterion."""
     shape = medialis.organic_shape(64)
     cloud = surface_skeleton(shape)
-    mesh = skeleton_mesh(shape, cloud, bridge=0)
+    mesh = skeleton_mesh(cloud, bridge=0)
     check_mesh(shape, cloud, mesh)
     row = mesh.rows[mesh.faces]
     own = (row == shape.faces[mesh.face_origin]).all(axis=1)
@@ -194,8 +200,9 @@ def test_radius_rises_no_steeper_than_on_a_sheet():
         step = np.linalg.norm(shape.points[a] - shape.points[b], axis=1)
         slope = (np.cos(cloud.spoke_angles[a] / 2) + np.cos(cloud.spoke_angles[b] / 2)) / 2
         rise = np.abs(cloud.radii[a] - cloud.radii[b])
-        assert (rise <= slope * run + DEFAULT_SLACK * step + 1e-12).all()
-    more = skeleton_mesh(shape, cloud, bridge=0, slack=1000.0)
+        assert (rise <= slope * run + SLACK * step + 1e-12).all()
+    monkeypatch.setattr("medialis.mesh.skeleton_mesh.SLACK", 1000.0)
+    more = skeleton_mesh(cloud, bridge=0)
     assert len(more.faces) >= len(mesh.faces)
 
 
@@ -209,10 +216,11 @@ def test_a_ball_out_of_line_is_cut_out():
     radii[odd] = 0.2
     centers[odd] = shape.points[odd] - 0.2 * shape.normals[odd]
     bad = medialis.MedialCloud(
-        centers, radii, cloud.features, cloud.source, cloud.status, cloud.spoke_angles, cloud.side
-    )
-    assert odd not in skeleton_mesh(shape, bad).rows
-    assert skeleton_mesh(shape, bad).area > 0.97 * skeleton_mesh(shape, cloud).area
+        centers, radii, cloud.features, cloud.source, cloud.status, cloud.spoke_angles, cloud.side,
+        surface=shape,
+    )  # fmt: skip
+    assert odd not in skeleton_mesh(bad).rows
+    assert skeleton_mesh(bad).area > 0.97 * skeleton_mesh(cloud).area
 
 
 def test_three_balls_cover_a_triangle():
@@ -238,22 +246,46 @@ def test_three_balls_cover_a_triangle():
     assert in_balls(0.0, 0.0, 0.0, 1.0, 1.0, 1.0) and in_balls(1.0, 1.0, 0.0, 0.5, 0.5, 0.5)
 
 
-def test_keep_drops_points_and_bridges_their_gaps():
+def test_gaps_of_left_out_points_are_bridged():
     """Every third point is dropped: without bridges the disc is in tatters, with them whole."""
     shape = spheroid()
     cloud = surface_skeleton(shape)
-    keep = np.random.default_rng(0).random(len(cloud)) < 0.67
-    whole = skeleton_mesh(shape, cloud)
-    torn = skeleton_mesh(shape, cloud, keep=keep, bridge=0)
-    mended = skeleton_mesh(shape, cloud, keep=keep, bridge=2)
-    check_mesh(shape, cloud, torn, keep)
-    check_mesh(shape, cloud, mended, keep)
+    thin = cloud.subset(np.random.default_rng(0).random(len(cloud)) < 0.67)
+    whole = skeleton_mesh(cloud)
+    torn = skeleton_mesh(thin, bridge=0)
+    mended = skeleton_mesh(thin, bridge=2)
+    check_mesh(shape, thin, torn, thinned=True)
+    check_mesh(shape, thin, mended, thinned=True)
     # A face has all its corners with probability 0.3 from either side of the sheet.
     assert torn.area < 0.8 * whole.area
     h = 0.75 * 3 * longest_edge(shape)  # two edges from either side and one between
     assert abs(mended.area - whole.area) <= 2 * np.pi * 0.75 * h
-    assert skeleton_mesh(shape, cloud, keep=np.zeros(len(cloud), bool)).faces.shape == (0, 3)
-    assert np.array_equal(skeleton_mesh(shape, cloud, keep=cloud.valid).faces, whole.faces)
+    assert skeleton_mesh(cloud.subset([])).faces.shape == (0, 3)
+    assert np.array_equal(skeleton_mesh(cloud.subset(cloud.valid)).faces, whole.faces)
+
+
+def test_points_are_chosen_by_angle_and_importance():
+    """The points left out are as if the cloud had none of them; what is kept is the same mesh."""
+    cloud = surface_skeleton(medialis.organic_shape(64))
+    mesh = medialis.skeleton_mesh(cloud, min_spoke_angle=60.0, importance=0.05, smallest_piece=0.0)
+    length = medialis.geodesic_importance(cloud).length
+    connected = medialis.connected_importance(cloud.surface, cloud, length)
+    enough = cloud.valid & (np.degrees(cloud.spoke_angles) >= 60.0)
+    enough &= connected >= 0.05 * cloud.surface.diagonal
+    assert 0 < enough.sum() < cloud.valid.sum() and np.array_equal(mesh.selected, enough)
+    by_hand = skeleton_mesh(cloud.subset(enough))
+    assert np.array_equal(mesh.faces, by_hand.faces)
+    assert np.array_equal(mesh.rows, np.flatnonzero(enough)[by_hand.rows])
+
+
+def test_another_smallest_piece_takes_the_same_triangles(monkeypatch):
+    cloud = surface_skeleton(spheroid(3))
+    fresh = skeleton_mesh(cloud, smallest_piece=0.01)
+    with medialis.memory_limit(1 << 30):
+        skeleton_mesh(cloud)
+        monkeypatch.setattr("medialis.mesh.skeleton_mesh._lift_side", None)  # not called again
+        again = skeleton_mesh(cloud, smallest_piece=0.01)
+    assert np.array_equal(again.faces, fresh.faces) and np.array_equal(again.rows, fresh.rows)
 
 
 def test_small_pieces_are_left_out():
@@ -262,20 +294,20 @@ def test_small_pieces_are_left_out():
     faces = np.concatenate([big.faces, small.faces + len(big.points)])
     shape = Shape(points, np.concatenate([big.normals, small.normals]), faces)
     cloud = surface_skeleton(shape)
-    assert skeleton_mesh(shape, cloud).piece_count == 2
-    mesh = skeleton_mesh(shape, cloud, smallest_piece=0.08 / shape.diagonal)
+    assert skeleton_mesh(cloud).part_count == 2
+    mesh = skeleton_mesh(cloud, smallest_piece=0.08 / shape.diagonal)
     check_mesh(shape, cloud, mesh)
-    assert mesh.piece_count == 1 and mesh.points[:, 0].max() < 1
-    pieces = skeleton_mesh(shape, cloud, smallest_piece=0.05 / shape.diagonal)
-    assert pieces.piece_count == 2
+    assert mesh.part_count == 1 and mesh.points[:, 0].max() < 1
+    pieces = skeleton_mesh(cloud, smallest_piece=0.05 / shape.diagonal)
+    assert pieces.part_count == 2
 
 
 def test_both_sides_are_meshed_apart():
     shape = elliptic_torus(80, 24)
     both = surface_skeleton(shape, side="both")
-    mesh = skeleton_mesh(shape, both)
-    inner = skeleton_mesh(shape, surface_skeleton(shape))
-    outer = skeleton_mesh(shape, surface_skeleton(shape, side="outer"))
+    mesh = skeleton_mesh(both)
+    inner = skeleton_mesh(surface_skeleton(shape))
+    outer = skeleton_mesh(surface_skeleton(shape, side="outer"))
     assert len(mesh.faces) == len(inner.faces) + len(outer.faces)
     assert np.array_equal(mesh.points[: len(inner.points)], inner.points)
     side = both.side[mesh.rows[mesh.faces]]
@@ -285,15 +317,15 @@ def test_both_sides_are_meshed_apart():
 def test_scale_rotation_order_and_threads():
     shape = medialis.organic_shape(64)
     cloud = surface_skeleton(shape)
-    mesh = skeleton_mesh(shape, cloud)
+    mesh = skeleton_mesh(cloud)
     with thread_limit(1):
-        single = skeleton_mesh(shape, cloud)
+        single = skeleton_mesh(cloud)
     for name in ("points", "faces", "rows", "face_origin"):
         assert np.array_equal(getattr(mesh, name), getattr(single, name))
     # A power of two changes no digit, at any size.
     for scale in (2.0**-60, 2.0**60):
         moved = Shape(shape.points * scale, shape.normals, shape.faces)
-        scaled = skeleton_mesh(moved, surface_skeleton(moved))
+        scaled = skeleton_mesh(surface_skeleton(moved))
         assert np.array_equal(scaled.faces, mesh.faces)
         assert np.array_equal(scaled.points, mesh.points * scale)
     # Rounding flips only comparisons that are ties to 1e-12: on a shape without symmetry none.
@@ -302,41 +334,36 @@ def test_scale_rotation_order_and_threads():
     turned = Shape(shape.points @ q.T, shape.normals @ q.T, shape.faces)
     turned_cloud = medialis.MedialCloud(
         cloud.centers @ q.T, cloud.radii, cloud.features, cloud.source, cloud.status,
-        cloud.spoke_angles, cloud.side,
+        cloud.spoke_angles, cloud.side, surface=turned,
     )  # fmt: skip
-    rotated = skeleton_mesh(turned, turned_cloud)
+    rotated = skeleton_mesh(turned_cloud)
     assert rotated.area == pytest.approx(mesh.area, rel=1e-3)
     # Another order of the samples may choose the other side of a sheet and put seams elsewhere.
     order = np.random.default_rng(2).permutation(shape.point_count)
     place = np.argsort(order)
     shuffled = Shape(shape.points[order], shape.normals[order], place[shape.faces])
-    other = skeleton_mesh(shuffled, surface_skeleton(shuffled))
+    other = skeleton_mesh(surface_skeleton(shuffled))
     assert other.area == pytest.approx(mesh.area, rel=0.05)
 
 
-def test_inputs_stay_and_bad_ones_are_refused():
+def test_bad_input_is_refused():
     shape = spheroid(2)
     cloud = surface_skeleton(shape)
-    keep = np.ones(len(cloud), bool)
-    skeleton_mesh(shape, cloud, keep=keep)
-    assert keep.all()
+    bare = surface_skeleton(Shape(shape.points, shape.normals))
     with pytest.raises(InvalidShapeError, match="needs a surface with faces"):
-        skeleton_mesh(Shape(shape.points, shape.normals), cloud)
-    with pytest.raises(InvalidShapeError, match="give the shape from which"):
-        skeleton_mesh(forms.cube(), cloud)
-    for bad in (keep[:-1], keep.astype(int)):
-        with pytest.raises(InvalidShapeError, match="keep must be"):
-            skeleton_mesh(shape, cloud, keep=bad)
+        skeleton_mesh(bare)
     with pytest.raises(InvalidShapeError, match="several balls"):
-        skeleton_mesh(shape, cloud.subset(np.r_[0, np.arange(len(cloud))]))
-    for options in ({"slack": 0}, {"bridge": -1}, {"bridge": 1.5}, {"smallest_piece": 2}):
+        skeleton_mesh(cloud.subset(np.r_[0, np.arange(len(cloud))]))
+    for options in (
+        {"min_spoke_angle": 181}, {"importance": -1}, {"bridge": -1}, {"bridge": 1.5},
+        {"smallest_piece": 2},
+    ):  # fmt: skip
         with pytest.raises(InvalidOptionError, match=next(iter(options))):
-            skeleton_mesh(shape, cloud, **options)
+            skeleton_mesh(cloud, **options)
     with pytest.raises(Cancelled):
-        skeleton_mesh(shape, cloud, progress=lambda fraction, text: False)
-    assert len(skeleton_mesh(shape, cloud.subset([])).faces) == 0
+        skeleton_mesh(cloud, progress=lambda fraction, text: False)
     with pytest.raises(InvalidShapeError, match="rows must have shape"):
-        SkeletonMesh(np.zeros((3, 3)), [[0, 1, 2]], [0], [0])
+        SkeletonMesh(np.zeros((3, 3)), [[0, 1, 2]], [0], [0], cloud=cloud, selected=cloud.valid)
 
 
 def test_operation_tells_when_nothing_is_left():

@@ -243,9 +243,6 @@ def test_command_line(plain_box, tmp_path, capsys):
 def test_bad_input():
     shape = forms.box_mesh(SIDES, 0.3)
     cloud = skeleton(shape)
-    for function in (medialis.soft_edges, medialis.patches, medialis.parts):
-        with pytest.raises(medialis.InvalidShapeError, match="give the shape"):
-            function(forms.cube(), cloud)
     for function in (medialis.patches, medialis.parts):
         with pytest.raises(medialis.InvalidOptionError, match="smallest"):
             function(shape, cloud, smallest=-1)

@@ -13,7 +13,7 @@ from medialis.threads import thread_limit
 
 def typed(shape):
     cloud = medialis.shrink_balls(shape)
-    return cloud, medialis.point_types(shape, cloud)
+    return cloud, medialis.point_types(cloud)
 
 
 def clusters(sets, row):
@@ -26,7 +26,7 @@ def clusters(sets, row):
 @pytest.mark.parametrize("shape", [forms.box_mesh((2.0, 1.5, 1.0), 0.3), forms.torus_mesh(40, 20)])
 def test_sets_are_those_of_the_oracle(shape):
     cloud = medialis.shrink_balls(shape)
-    sets = medialis.extended_feature_transform(shape, cloud)
+    sets = medialis.extended_feature_transform(cloud)
     expected = oracles.feature_sets(shape, cloud, 0.1)
     for row in range(len(cloud)):
         assert clusters(sets, row) == expected[row]
@@ -37,13 +37,13 @@ def test_sets_are_those_of_the_oracle(shape):
 def test_threads_scale_and_order_change_nothing():
     shape = medialis.organic_shape(56)
     cloud = medialis.shrink_balls(shape)
-    sets = medialis.extended_feature_transform(shape, cloud)
+    sets = medialis.extended_feature_transform(cloud)
     with thread_limit(1):
-        single = medialis.extended_feature_transform(shape, cloud)
+        single = medialis.extended_feature_transform(cloud)
     assert (single.samples.indices == sets.samples.indices).all()
     assert (single.clusters == sets.clusters).all()
     big = medialis.Shape(1024 * shape.points, shape.normals, shape.faces)  # a power of 2: exact
-    types = medialis.point_types(shape, cloud)
+    types = medialis.point_types(cloud)
     assert (typed(big)[1] == types).all()
     order = np.random.default_rng(0).permutation(shape.point_count)
     place = np.argsort(order)
@@ -52,8 +52,9 @@ def test_threads_scale_and_order_change_nothing():
     moved = medialis.MedialCloud(
         cloud.centers[order], cloud.radii[order], place[cloud.features[order]],
         np.arange(len(order)), cloud.status[order], cloud.spoke_angles[order], cloud.side[order],
+        surface=mixed,
     )  # fmt: skip
-    assert (medialis.point_types(mixed, moved) == types[order]).mean() > 0.999  # sums of lengths
+    assert (medialis.point_types(moved) == types[order]).mean() > 0.999  # sums of lengths
 
 
 def test_rotation_keeps_types():
@@ -65,9 +66,9 @@ def test_rotation_keeps_types():
     turned = medialis.Shape(shape.points @ turn.T, shape.normals @ turn.T, shape.faces)
     moved = medialis.MedialCloud(
         cloud.centers @ turn.T, cloud.radii, cloud.features, cloud.source, cloud.status,
-        cloud.spoke_angles, cloud.side,
+        cloud.spoke_angles, cloud.side, surface=turned,
     )  # fmt: skip
-    same = medialis.point_types(turned, moved) == medialis.point_types(shape, cloud)
+    same = medialis.point_types(moved) == medialis.point_types(cloud)
     assert same.mean() > 0.999
 
 
@@ -123,7 +124,7 @@ def test_rim_of_the_focal_ellipse():
     points = shape.points * axes
     shape = medialis.Shape(points, forms.unit(points / axes**2), shape.faces)
     cloud = medialis.shrink_balls(shape, tolerance=0)
-    types = medialis.point_types(shape, cloud)
+    types = medialis.point_types(cloud)
     rim = (1 - axes[2] ** 2 / axes**2)[:2] * axes[:2]
     angle = np.linspace(0, 2 * np.pi, 4000)
     ellipse = np.stack([rim[0] * np.cos(angle), rim[1] * np.sin(angle)], axis=1)
@@ -163,11 +164,10 @@ def test_clouds_and_masked_balls():
 
 
 def test_bad_input():
-    shape, small = medialis.organic_shape(56), forms.cube()
-    cloud = medialis.shrink_balls(shape)
-    with pytest.raises(medialis.InvalidShapeError, match="give the shape"):
-        medialis.extended_feature_transform(small, cloud)
-    with pytest.raises(medialis.InvalidOptionError, match="reach"):
-        medialis.extended_feature_transform(shape, cloud, reach=0)
-    with pytest.raises(medialis.Cancelled):
-        medialis.extended_feature_transform(shape, cloud, progress=lambda *_: False)
+    cloud = medialis.shrink_balls(medialis.organic_shape(56))
+    for gap in (0, 11):
+        with pytest.raises(medialis.InvalidOptionError, match="contact_gap"):
+            medialis.extended_feature_transform(cloud, contact_gap=gap)
+    for function in (medialis.extended_feature_transform, medialis.point_types):
+        with pytest.raises(medialis.Cancelled):
+            function(cloud, progress=lambda *_: False)

@@ -18,7 +18,7 @@ SIDES = (2.0, 1.5, 1.0)
 
 def separated(shape, **options):
     cloud = medialis.shrink_balls(shape)
-    return cloud, medialis.medial_sheets(shape, cloud, **options)
+    return cloud, medialis.medial_sheets(cloud, **{"smallest": 0.0, **options})
 
 
 def box_sheet(cloud, sides):
@@ -113,7 +113,7 @@ def test_threads_order_rotation_and_scale():
     shape = forms.box_mesh(SIDES, 0.1)
     cloud, sheets = separated(shape)
     with thread_limit(1):
-        single = medialis.medial_sheets(shape, cloud)
+        single = medialis.medial_sheets(cloud, smallest=0.0)
     assert (single.labels == sheets.labels).all() and (single.front == sheets.front).all()
     off = sheets.linked & (box_sheet(cloud, SIDES)[1] > 0.1)
     rng = np.random.default_rng(3)
@@ -179,11 +179,11 @@ def test_y_network_of_a_box(longest):
     a, b, c = SIDES
     shape = forms.box_mesh(SIDES, longest)
     cloud, sheets = separated(shape)
-    network = medialis.y_network(shape, cloud, sheets)
+    network = medialis.y_network(sheets)
     exact = 8 * math.sqrt(3) / 2 * c + 2 * (a - c) + 2 * (b - c)
     assert len(network.lengths) == 12
     assert abs(network.lengths.sum() - exact) < 12 * longest * 1.5
-    assert (network.sheets >= 0).all()  # three sheets meet along each
+    assert (network.meeting >= 0).all()  # three sheets meet along each
     half = np.array(SIDES) / 2
     gaps = np.sort(half - np.abs(network.points), axis=1)
     # Nodes are the middles of two balls that lie beside the curve.
@@ -207,10 +207,10 @@ def test_y_networks_of_wedge_and_cylinder():
     angles = [math.pi / 2, math.atan2(2.4, 3.0), math.atan2(3.0, 2.4)]
     exact = inner + 2 * sum(math.hypot(0.4 / math.sin(t / 2), 0.4) for t in angles)
     shape = flat_wedge(0.08)
-    network = medialis.y_network(shape, *separated(shape))
+    network = medialis.y_network(separated(shape)[1])
     assert len(network.lengths) == 9 and abs(network.lengths.sum() / exact - 1) < 0.05
     shape = forms.rounded_cylinder(1.0, 1.0, 0, 0.05)
-    network = medialis.y_network(shape, *separated(shape))
+    network = medialis.y_network(separated(shape)[1])
     # The nodes lie beside the circle by less than a spacing: 2 pi 0.05 at most.
     assert len(network.lengths) == 1
     assert abs(network.lengths[0] - math.pi) < 2 * math.pi * 0.05
@@ -225,7 +225,7 @@ def test_sheet_meshes_of_a_box(longest):
     a, b, c = SIDES
     shape = forms.box_mesh(SIDES, longest)
     cloud, sheets = separated(shape)
-    meshes = medialis.sheet_meshes(shape, cloud, sheets)
+    meshes = medialis.sheet_meshes(sheets)
     truth = box_sheet(cloud, SIDES)[0]
     slope = c / math.sqrt(2)
     rim = 2 * math.sqrt(3) / 2 * c
@@ -241,7 +241,7 @@ def test_sheet_meshes_of_a_box(longest):
         assert abs(meshes.areas[number] - area) < around * longest
         assert abs(meshes.boundaries[number] - around) < 12 * longest
         single = meshes.sheet(number)
-        assert single.area == pytest.approx(meshes.areas[number]) and single.piece_count == 1
+        assert single.area == pytest.approx(meshes.areas[number]) and single.part_count == 1
         edges = np.sort(single.faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
         assert np.unique(edges, axis=0, return_counts=True)[1].max() <= 2  # each covered once
     assert abs(meshes.mean_radii.max() - c / 2) < longest
@@ -249,10 +249,8 @@ def test_sheet_meshes_of_a_box(longest):
 
 def test_scaffold_tells_which_sheets_meet():
     shape = forms.box_mesh(SIDES, 0.08)
-    cloud, sheets = separated(shape)
-    network = medialis.y_network(shape, cloud, sheets)
-    meshes = medialis.sheet_meshes(shape, cloud, sheets)
-    scaffold = medialis.medial_scaffold(sheets, network, meshes)
+    _, sheets = separated(shape)
+    scaffold = medialis.medial_scaffold(sheets)
     plain = json.loads(json.dumps(scaffold.as_dict(), allow_nan=False))
     assert len(plain["sheets"]) == 13 and len(plain["curves"]) == 12
     # The middle sheet ends on 4 curves; one behind an edge on 2 at its ends, and on one there.
@@ -261,11 +259,6 @@ def test_scaffold_tells_which_sheets_meet():
     graph = networkx.parse_graphml(scaffold.graphml())
     assert graph.number_of_nodes() == 25 and graph.number_of_edges() == 36
     assert graph.nodes["s0"]["kind"] == "sheet" and graph.nodes["c0"]["length"] > 0
-    bare = medialis.medial_scaffold(sheets, network)
-    assert np.isnan(bare.areas).all()
-    assert "area" not in {
-        data.get("key") for data in ElementTree.fromstring(bare.graphml()).iter() if data.text
-    }
 
 
 def test_small_sheets_are_merged_into_neighbours():
@@ -278,10 +271,10 @@ def test_small_sheets_are_merged_into_neighbours():
 def test_both_sides_share_no_sheet():
     shape = forms.torus_mesh()
     cloud = medialis.shrink_balls(shape, side="both")
-    sheets = medialis.medial_sheets(shape, cloud)
+    sheets = medialis.medial_sheets(cloud, smallest=0.0)
     inner, outer = (set(sheets.labels[cloud.valid & (cloud.side == s)]) for s in (1, -1))
     assert inner and outer and not inner & outer
-    network = medialis.y_network(shape, cloud, sheets)
+    network = medialis.y_network(sheets)
     assert len(network.near) == len(cloud)
 
 
@@ -289,22 +282,27 @@ def test_clouds_have_sheets_and_points_but_no_curves():
     form = forms.box_samples(SIDES, 0.05)
     cloud, sheets = separated(form.shape)
     assert sheets.count >= 13 and sheets.sizes[:13].sum() > 0.95 * cloud.valid.sum()
-    network = medialis.y_network(form.shape, cloud, sheets)
+    network = medialis.y_network(sheets)
     assert network.near.any() and len(network.points) == len(network.lengths) == 0
+    bare = medialis.medial_scaffold(sheets)
+    assert bare.meshes is None and bare.as_dict()["sheets"][0]["area"] is None
+    assert "area" not in {
+        data.get("key") for data in ElementTree.fromstring(bare.graphml()).iter() if data.text
+    }
     with pytest.raises(medialis.InvalidShapeError, match="point cloud"):
-        medialis.sheet_meshes(form.shape, cloud, sheets)
+        medialis.sheet_meshes(sheets)
 
 
 def test_masked_balls_have_no_sheet():
     square = medialis.make_shape(
         [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 1, 2], [0, 2, 3]]
     )
-    cloud, sheets = separated(square)
+    _, sheets = separated(square)
     assert (sheets.labels == -1).all() and sheets.count == 0
-    network = medialis.y_network(square, cloud, sheets)
-    meshes = medialis.sheet_meshes(square, cloud, sheets)
+    network = medialis.y_network(sheets)
+    meshes = medialis.sheet_meshes(sheets)
     assert not network.near.any() and len(meshes.mesh.faces) == 0
-    assert medialis.medial_scaffold(sheets, network, meshes).as_dict() == {
+    assert medialis.medial_scaffold(sheets).as_dict() == {
         "sheets": [], "curves": [],
     }  # fmt: skip
 
@@ -320,25 +318,35 @@ def test_bad_input():
     cloud, sheets = separated(shape)
     twice = cloud.subset(np.r_[0 : len(cloud), 0 : len(cloud)])
     with pytest.raises(medialis.InvalidShapeError, match="several balls"):
-        medialis.medial_sheets(shape, twice)
-    with pytest.raises(medialis.InvalidOptionError, match="tau"):
-        medialis.medial_sheets(shape, cloud, tau=1)
-    with pytest.raises(medialis.InvalidShapeError, match="give the shape"):
-        medialis.medial_sheets(forms.cube(), cloud)
-    part = cloud.subset(np.arange(9))
-    sets = medialis.extended_feature_transform(shape, part)
-    for function in (medialis.point_types, medialis.medial_sheets, medialis.soft_edges):
-        with pytest.raises(medialis.InvalidShapeError, match="feature sets of this cloud"):
-            function(shape, cloud, sets=sets)
-    for function in (medialis.y_network, medialis.sheet_meshes):
-        with pytest.raises(medialis.InvalidShapeError, match="give the sheets"):
-            function(shape, part, sheets)
-    network = medialis.y_network(shape, cloud, sheets)
-    none = medialis.MedialSheets(np.full(9, -1), np.zeros(9, bool), np.zeros(9, bool))
-    if len(network.sheets):
-        with pytest.raises(medialis.InvalidShapeError, match="other sheets"):
-            medialis.medial_scaffold(none, network)
+        medialis.medial_sheets(twice)
+    with pytest.raises(medialis.InvalidOptionError, match="sheet_threshold"):
+        medialis.medial_sheets(cloud, sheet_threshold=1)
+    with pytest.raises(medialis.InvalidOptionError, match="smallest"):
+        medialis.medial_sheets(cloud, smallest=1.1)
+    with pytest.raises(medialis.InvalidOptionError, match="neighbours"):
+        medialis.y_network(sheets, neighbours=0)
+    nine = np.zeros(9, bool)
+    with pytest.raises(medialis.InvalidShapeError, match="labels must have shape"):
+        medialis.MedialSheets(np.full(9, -1), nine, nine, cloud=cloud)
     with pytest.raises(medialis.InvalidShapeError, match="There are sheets"):
-        medialis.sheet_meshes(shape, cloud, sheets).sheet(999)
-    with pytest.raises(medialis.Cancelled):
-        medialis.medial_sheets(shape, cloud, progress=lambda *_: False)
+        medialis.sheet_meshes(sheets).sheet(999)
+    for function, data in (
+        (medialis.medial_sheets, cloud), (medialis.y_network, sheets),
+        (medialis.sheet_meshes, sheets), (medialis.medial_scaffold, sheets),
+    ):  # fmt: skip
+        with pytest.raises(medialis.Cancelled):
+            function(data, progress=lambda *_: False)
+
+
+def test_other_small_sheets_are_merged_without_linking_again():
+    """The feature sets and the links are kept; results are those of a computation from scratch."""
+    cloud = medialis.shrink_balls(forms.box_mesh(SIDES, 0.08))
+    fresh = [medialis.medial_sheets(cloud, smallest=s) for s in (0.0, 0.06)]
+    with medialis.memory_limit(1 << 30):
+        medialis.medial_sheets(cloud, smallest=0.02)
+        stages = medialis.progress.Progress()
+        again = [medialis.medial_sheets(cloud, smallest=s, progress=stages) for s in (0.0, 0.06)]
+    assert "feature sets" not in stages.seconds
+    for one, other in zip(fresh, again, strict=True):
+        for name in ("labels", "linked", "front"):
+            assert np.array_equal(getattr(one, name), getattr(other, name))

@@ -46,7 +46,7 @@ class Surface(Bound):
     """
 
     points: FloatArray
-    faces: IntArray | None = None
+    faces: IntArray | None
 
     def __init__(self, points: ArrayLike, faces: ArrayLike | None = None) -> None:
         self.points = as_points(points)

@@ -109,7 +109,7 @@ def soft_edges(
         sets = extended_feature_transform(cloud, progress=progress)
     from medialis.sheets._feature_set_kernels import smallest_at_samples
 
-    n = shape.point_count
+    n = cloud.surface.point_count
     radius, angle = np.full(n, np.inf), np.zeros(n)
     turns = 2.0 * np.arccos(np.clip(np.nan_to_num(sets.agreement), 0.0, 1.0))
     members = sets.samples.offsets, sets.samples.indices

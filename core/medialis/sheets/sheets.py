@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from medialis.errors import InvalidShapeError
 from medialis.kept import kept
 from medialis.model.feature_sets import FeatureSets
-from medialis.model.medial_sheets import MedialSheets
 from medialis.model.medial_cloud import MedialCloud
+from medialis.model.medial_sheets import MedialSheets
 from medialis.options import Options, algorithm, number
 from medialis.progress import Progress
 from medialis.sheets.extended_features import extended_feature_transform
