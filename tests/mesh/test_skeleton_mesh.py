@@ -268,8 +268,7 @@ def test_points_are_chosen_by_angle_and_importance():
     """The points left out are as if the cloud had none of them; what is kept is the same mesh."""
     cloud = surface_skeleton(medialis.organic_shape(64))
     mesh = medialis.skeleton_mesh(cloud, min_spoke_angle=60.0, importance=0.05, smallest_piece=0.0)
-    length = medialis.geodesic_importance(cloud).length
-    connected = medialis.connected_importance(cloud.surface, cloud, length)
+    connected = medialis.connected_importance(medialis.geodesic_importance(cloud)).length
     enough = cloud.valid & (np.degrees(cloud.spoke_angles) >= 60.0)
     enough &= connected >= 0.05 * cloud.surface.diagonal
     assert 0 < enough.sum() < cloud.valid.sum() and np.array_equal(mesh.selected, enough)
