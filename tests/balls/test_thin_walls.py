@@ -10,8 +10,8 @@ import medialis
 from medialis import MedialCloud, Progress, Shape, make_shape, shrink_balls
 from medialis.balls.ball_shrinking import DEFAULT_TOLERANCE, ShrinkOptions, shrink
 from medialis.balls.hidden_walls import THINNEST, hidden_walls, touches_from_outside
-from medialis.balls.near_surface import NearSurface
 from medialis.balls.thin_walls import _with_lower_tolerance, maximal_balls
+from medialis.balls.triangle_contacts import NearSurface
 from medialis.threads import thread_limit
 from oracles import winding_numbers
 

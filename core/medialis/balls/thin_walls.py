@@ -7,7 +7,6 @@ side looks like relief, or the ball slips between the samples there (deviations 
 from __future__ import annotations
 
 import logging
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -23,7 +22,7 @@ from medialis.balls.ball_shrinking import (
 )
 from medialis.balls.hidden_walls import THINNEST, hidden_walls
 from medialis.balls.triangle_contacts import shrink_to_triangles
-from medialis.model.medial_cloud import MedialCloud
+from medialis.model.medial_cloud import COLUMNS, MedialCloud
 from medialis.model.shape import Shape
 from medialis.progress import Progress
 from medialis.threads import run_chunks
@@ -64,11 +63,12 @@ def _with_lower_tolerance(
     count = len(hidden)
     while len(hidden):
         finer = finer / 10 if finer > THINNEST else 0.0
-        found = exact
+        balls = exact
         if finer > 0:
-            found = _shrink_again(cloud.surface, tree, hidden, finer, largest, progress)
-        seen = ~hidden_walls(found, tolerance)
-        cloud = _with_balls(cloud, hidden[seen], found.subset(seen))
+            balls = _shrink_again(cloud.surface, tree, hidden, finer, largest, progress)
+        seen = ~hidden_walls(balls, tolerance)
+        new = balls.subset(seen)
+        cloud = cloud.with_rows(hidden[seen], **{name: getattr(new, name) for name in COLUMNS})
         hidden, exact = hidden[~seen], exact.subset(~seen)
     if count:
         of = cloud.surface.point_count
@@ -110,12 +110,3 @@ def _shrink_again(
     run_chunks(work, len(chunks), 1, progress=silent)
     mine: tuple[NDArray[Any], ...] = tuple(values[rows] for values in arrays)
     return options.to_cloud(shape, tree, mine, rows.astype(np.int32), np.ones(len(rows), np.int8))
-
-
-def _with_balls(cloud: MedialCloud, rows: NDArray[np.int64], balls: MedialCloud) -> MedialCloud:
-    """Return a cloud with some of its rows replaced."""
-    taken: dict[str, Any] = {}
-    for name in ("centers", "radii", "features", "status", "spoke_angles"):
-        taken[name] = np.array(getattr(cloud, name))
-        taken[name][rows] = getattr(balls, name)
-    return replace(cloud, **taken)

@@ -7,23 +7,24 @@ touch a sample from the other side. There the triangles count, by the iteration 
 
 from __future__ import annotations
 
-from dataclasses import replace
-from typing import Any
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from medialis.balls.hidden_walls import (
-    THINNEST,
-    endless,
-    in_closed_part,
-    touches_from_outside,
-)
-from medialis.balls.near_surface import NearSurface
+from medialis.balls.hidden_walls import THINNEST, endless, in_closed_part, touches_from_outside
 from medialis.model.medial_cloud import BallStatus, MedialCloud
 from medialis.model.shape import Shape
 from medialis.progress import Progress
-from medialis.validation import FloatArray
+from medialis.validation import FloatArray, IntArray
+
+if TYPE_CHECKING:
+    from medialis._kernels.nearest import NearestTree
+
+BOUNDS = 1e-6
+"""Fraction of the diagonal: the float32 bounds of a tree are good to less."""
 
 ROUNDING = 1e-10
 """Fraction of the diagonal: a place less deep than this in a ball is on it."""
@@ -89,11 +90,6 @@ def _replaced(cloud: MedialCloud, balls: _Balls, progress: Progress) -> MedialCl
     rows = balls.rows[changed]
     if len(rows) == 0:
         return cloud
-    names = ("centers", "radii", "features", "status", "spoke_angles")
-    new: dict[str, Any] = {name: np.array(getattr(cloud, name)) for name in names}
-    new["centers"][rows], new["radii"][rows] = balls.centers()[changed], balls.radii[changed]
-    new["features"][rows, 1], new["status"][rows] = balls.nearest[changed], BallStatus.OK
-    new["spoke_angles"][rows] = balls.spoke_angles()[changed]
     progress.note(
         f"At {len(rows)} of {balls.shape.point_count} samples the samples of a wall are further "
         "apart than it is thick: their balls were shrunk until its triangles touch them.",
@@ -101,7 +97,14 @@ def _replaced(cloud: MedialCloud, balls: _Balls, progress: Progress) -> MedialCl
         samples=len(rows),
         of=balls.shape.point_count,
     )
-    return replace(cloud, **new)
+    return cloud.with_rows(
+        rows,
+        centers=balls.centers()[changed],
+        radii=balls.radii[changed],
+        features=np.stack([cloud.source[rows], balls.nearest[changed]], axis=1),
+        status=np.full(len(rows), BallStatus.OK),
+        spoke_angles=balls.spoke_angles()[changed],
+    )
 
 
 class _Balls:
@@ -132,10 +135,10 @@ class _Balls:
         least = max(tolerance, ROUNDING * self.shape.diagonal)
         while len(which):
             centers = self.centers()[which]
-            distance, face, weights = self.surface.places(centers, without=self.rows[which])
+            distance, face, weights = self.surface.nearest(centers, without=self.rows[which])
             deep = distance < self.radii[which] - least
             which, face = which[deep], face[deep]
-            place = self.surface.at(face, weights[deep])
+            place = self.surface.positions(face, weights[deep])
             p, normal = self.shape.points[self.rows[which]], self.shape.normals[self.rows[which]]
             across = p - place
             # |q - c| < r, so the denominator is above 0.
@@ -162,3 +165,118 @@ class _Balls:
 
     def set_state(self, which: NDArray[np.int64], state: tuple[NDArray[Any], ...]) -> None:
         self.radii[which], self.touched[which], self.nearest[which] = state
+
+
+@dataclass(frozen=True, eq=False)
+class NearSurface:
+    """The triangles that may reach into some balls.
+
+    Attributes
+    ----------
+    shape : Shape
+        The mesh.
+    near : (m,) int
+        Those of its triangles that are near.
+    welded : (m, 3) int32
+        Their corners, with one vertex for each place, the lowest, so that seams are no borders.
+    vertex : (n,) int32
+        That vertex of each vertex.
+    tree : NearestTree
+    """
+
+    shape: Shape
+    near: NDArray[np.int64]
+    welded: IntArray
+    vertex: IntArray
+    tree: NearestTree
+
+    @classmethod
+    def of(cls, shape: Shape, centers: FloatArray, radii: FloatArray) -> NearSurface:
+        """Choose the triangles near balls of a mesh; all of them where none is.
+
+        A triangle that reaches into a ball has a corner within its longest side of it.
+        """
+        from medialis._kernels.nearest import NearestTree
+
+        points, faces = shape.points, np.asarray(shape.faces)
+        enough = float(shape.edge_lengths.max(initial=0.0)) + BOUNDS * shape.diagonal
+        distance, _ = NearestTree.of_balls(centers, radii).distances(points, enough=enough)
+        near = np.flatnonzero((distance < enough)[faces].any(axis=1))
+        near = near if len(near) else np.arange(len(faces))
+        faces = faces[near]
+        used = np.unique(faces)
+        _, first, again = np.unique(points[used], axis=0, return_index=True, return_inverse=True)
+        vertex = np.arange(shape.point_count, dtype=np.int32)
+        vertex[used] = used[first[again.ravel()]]
+        welded = vertex[faces]
+        return cls(shape, near, welded, vertex, NearestTree.of_triangles(points, welded))
+
+    @cached_property
+    def faces(self) -> IntArray:
+        """Corners of the triangles, (m, 3)."""
+        return np.asarray(self.shape.faces)[self.near]
+
+    def nearest(
+        self, queries: FloatArray, *, without: NDArray[np.int64] | None = None
+    ) -> tuple[FloatArray, IntArray, FloatArray]:
+        """Find the nearest place of each point.
+
+        Parameters
+        ----------
+        queries : (q, 3) float64
+        without : (q,) int, optional
+            A vertex for each point: triangles that meet there do not count.
+
+        Returns
+        -------
+        distance : (q,) float64
+            inf where no triangle counts.
+        face : (q,) int32
+            Row of `faces`.
+        weights : (q, 3) float64
+            Barycentric coordinates of the place.
+        """
+        from medialis._kernels.nearest import nearest_on_triangles
+
+        left_out = None if without is None else self.vertex[without]
+        distance, face = self.tree.distances(queries, without=left_out)
+        corners = self.shape.points[self.faces[face]]
+        return distance, face, nearest_on_triangles(queries, corners)
+
+    def positions(self, face: IntArray, weights: FloatArray) -> FloatArray:
+        """Return the points with these barycentric coordinates on some faces, (q, 3)."""
+        return np.asarray(np.einsum("ij,ijk->ik", weights, self.shape.points[self.faces[face]]))
+
+    def in_front(self, queries: FloatArray) -> tuple[NDArray[np.bool_], IntArray]:
+        """Tell the points on the outer side of the place nearest to them, (q,), and its face.
+
+        The normal there is that of the face, the sum of those of the two faces at an edge, or that
+        of the vertex, which tell the sides of a closed surface (Baerentzen and Aanaes, Signed
+        distance computation using the angle weighted pseudonormal, 2005). Where the place is at a
+        border or has no normal, the answer is no.
+        """
+        if len(queries) == 0:
+            return np.zeros(0, np.bool_), np.zeros(0, np.int32)
+        _, face, weights = self.nearest(queries)
+        normals = self.shape.face_normals[self.near[face]]
+        corners = (weights > 0).sum(axis=1)
+        at_edge, at_vertex = np.flatnonzero(corners == 2), np.flatnonzero(corners == 1)
+        edge, edge_normals = self._edges
+        normals[at_edge] = edge_normals[edge[face[at_edge], weights[at_edge].argmin(axis=1)]]
+        named = self.welded[face[at_vertex], weights[at_vertex].argmax(axis=1)]
+        normals[at_vertex] = self.shape.normals[named]
+        spoke = queries - self.positions(face, weights)
+        return np.asarray(np.einsum("ij,ij->i", spoke, normals) > 0), face
+
+    @cached_property
+    def _edges(self) -> tuple[IntArray, FloatArray]:
+        """Edge opposite of each corner, (m, 3), and sums of the normals of its faces; borders 0."""
+        ends = np.sort(self.welded[:, [[1, 2], [2, 0], [0, 1]]], axis=2).astype(np.int64)
+        keys = ends[..., 0] * self.shape.point_count + ends[..., 1]
+        _, edge, uses = np.unique(keys, return_inverse=True, return_counts=True)
+        edge = edge.reshape(keys.shape)
+        normals = np.zeros((len(uses), 3))
+        for corner in range(3):
+            np.add.at(normals, edge[:, corner], self.shape.face_normals[self.near])
+        normals[uses < 2] = 0.0
+        return edge, normals

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, fields, replace
 from enum import IntEnum
 from functools import cached_property
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -101,6 +101,13 @@ class Balls(Bound):
         if selection.size == 0:  # an empty list is an array of floats, which cannot index
             selection = selection.astype(selection.dtype if selection.dtype == bool else np.int64)
         return replace(self, **{name: getattr(self, name)[selection] for name in COLUMNS})
+
+    def with_rows(self, rows: NDArray[Any], **columns: NDArray[Any]) -> Self:
+        """Return these balls with other values of some columns in some rows."""
+        changed = {name: np.array(getattr(self, name)) for name in columns}
+        for name, values in columns.items():
+            changed[name][rows] = values
+        return replace(self, **changed)
 
 
 COLUMNS = tuple(f.name for f in fields(Balls))
