@@ -31,7 +31,8 @@ Curves and rigging:
 Clouds:
     estimate_normals, surface_of_cloud, manifolds, ManifoldSet, PointClass, manifold_surfaces
 Operations:
-    run, operation, Operation, OPERATIONS, Result, Outcome, Layer, FilterUnit, batch, Row
+    run, operation, Operation, OPERATIONS, Options, Parameter, Kind, Result, Outcome, Layer,
+    FilterUnit, batch, Row
 Files and pictures:
     write_result, draw_result, Camera, read_curve_skeleton, write_curve_skeleton, reconstruct_image,
     progressive, Comparison
@@ -108,6 +109,7 @@ from medialis.operations.pictures import draw_result
 from medialis.operations.registry import OPERATIONS, operation, run
 from medialis.operations.result import FilterUnit, Layer, Outcome, Result
 from medialis.operations.writing import write_result
+from medialis.options import Kind, Options, Parameter
 from medialis.progress import Message, Progress
 from medialis.render.camera import Camera
 from medialis.render.depth_range import Rasterizer, rasterizer
@@ -159,6 +161,7 @@ __all__ = [
     "Importance",
     "InvalidOptionError",
     "InvalidShapeError",
+    "Kind",
     "Layer",
     "ManifoldSet",
     "MeanShift",
@@ -168,8 +171,10 @@ __all__ = [
     "MedialisError",
     "Message",
     "Operation",
+    "Options",
     "OrthographicCamera",
     "Outcome",
+    "Parameter",
     "PathStatus",
     "PointClass",
     "PointType",

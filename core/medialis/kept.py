@@ -61,7 +61,7 @@ def _described(name: str, value: Any) -> str:
         return f"{name}: {', '.join(map(str, value))}" if value else ""
     if isinstance(value, tuple | list) and any(isinstance(v, Described) for v in value):
         return f"{len(value)} {name}"
-    return f"{name} {value!r}"
+    return f"{name} {value:.6g}" if isinstance(value, float) else f"{name} {value!r}"
 
 
 class Bound(Described):

@@ -11,6 +11,7 @@ from typing import Any
 
 from medialis.batches.files import READABLE, find_files, unique_names
 from medialis.errors import FileError, InvalidOptionError
+from medialis.kept import Described
 from medialis.operations.registry import operation
 from medialis.operations.writing import THUMBNAIL
 from medialis.version import package_version
@@ -20,8 +21,8 @@ REPORT = "report.html"
 """The page of `medialis.reports.report.report_texts`."""
 
 
-@dataclass(frozen=True)
-class Row:
+@dataclass(frozen=True, repr=False)
+class Row(Described):
     """One line of the table: what became of one operation on one shape.
 
     Attributes

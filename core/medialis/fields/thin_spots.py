@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from medialis.fields.thickness import WALL_ANGLE, ThicknessOptions, thickness, wall_angles
+from medialis.kept import Described
 from medialis.model.medial_cloud import MedialCloud
 from medialis.model.ragged import Ragged
 from medialis.model.shape import Shape
@@ -31,8 +32,8 @@ PROMINENCE = 0.25
 0.25, 0.5 and 1: hand 5, 5, 5, 4 (its five fingers), bunny 7, 6, 4, 3, scapula 23, 12, 11, 6."""
 
 
-@dataclass(frozen=True, eq=False)
-class ThinSpot:
+@dataclass(frozen=True, eq=False, repr=False)
+class ThinSpot(Described):
     """A place where the shape is thin.
 
     Attributes

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from medialis.errors import InvalidShapeError
+from medialis.kept import Described
 from medialis.model.geodesic_paths import GeodesicPaths, PathStatus
 from medialis.model.shape import Shape
 from medialis.options import Options, whole
@@ -44,8 +45,8 @@ class GeodesicOptions(Options):
     )
 
 
-@dataclass(frozen=True, eq=False)
-class Geodesic:
+@dataclass(frozen=True, eq=False, repr=False)
+class Geodesic(Described):
     """One path over the surface.
 
     Attributes

@@ -7,14 +7,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from medialis.errors import InvalidShapeError
+from medialis.kept import Described
 from medialis.validation import FloatArray, IntArray, frozen
 
 MOST_BONES = 4
 """Bones that move one vertex: what game engines and exchange formats hold."""
 
 
-@dataclass(frozen=True, eq=False)
-class Bones:
+@dataclass(frozen=True, eq=False, repr=False)
+class Bones(Described):
     """A tree of straight bones along the limbs of a curve skeleton; parents come first.
 
     A limb is a chain of bones from one fork of the tree to the next, or to an end.
@@ -88,8 +89,8 @@ class Bones:
         return int((self.edge_limbs < 0).sum())
 
 
-@dataclass(frozen=True, eq=False)
-class SkinWeights:
+@dataclass(frozen=True, eq=False, repr=False)
+class SkinWeights(Described):
     """Which bones move each vertex of a surface, and how much.
 
     Attributes

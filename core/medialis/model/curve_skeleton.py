@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from medialis.errors import InvalidShapeError
-from medialis.kept import Bound
+from medialis.kept import Bound, Described
 from medialis.model.medial_cloud import MedialCloud
 from medialis.model.shape import Shape
 from medialis.model.surface import piece_labels
@@ -22,8 +22,8 @@ if TYPE_CHECKING:
     from medialis.curves.from_balls.candidates import CandidateMeasure
 
 
-@dataclass(frozen=True, eq=False)
-class CurveEvidence:
+@dataclass(frozen=True, eq=False, repr=False)
+class CurveEvidence(Described):
     """What a curve skeleton from balls was made of.
 
     Attributes
@@ -51,8 +51,8 @@ class CurveEvidence:
     closed_loops: dict[int, int]
 
 
-@dataclass(frozen=True, eq=False)
-class ViewPoints:
+@dataclass(frozen=True, eq=False, repr=False)
+class ViewPoints(Described):
     """The points that a curve skeleton from views was linked from.
 
     Attributes

@@ -9,11 +9,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from medialis.errors import InvalidShapeError
+from medialis.kept import Described
 from medialis.validation import IntArray, frozen
 
 
-@dataclass(frozen=True, eq=False)
-class Ragged:
+@dataclass(frozen=True, eq=False, repr=False)
+class Ragged(Described):
     """Rows of indices; row i is ``indices[offsets[i]:offsets[i + 1]]``.
 
     Attributes

@@ -10,13 +10,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from medialis.errors import InvalidOptionError, InvalidShapeError
+from medialis.kept import Described
 from medialis.validation import FloatArray, as_number, as_whole_number, frozen
 
 MAX_SIZE = 8192
 
 
-@dataclass(frozen=True, eq=False)
-class OrthographicCamera:
+@dataclass(frozen=True, eq=False, repr=False)
+class OrthographicCamera(Described):
     """A camera with parallel rays and a square picture.
 
     Pixel (row r, column c) has its center at (c + 0.5, r + 0.5); row 0 is the top.
@@ -74,8 +75,8 @@ class OrthographicCamera:
         return seen
 
 
-@dataclass(frozen=True, eq=False)
-class View:
+@dataclass(frozen=True, eq=False, repr=False)
+class View(Described):
     """Silhouette and depth range of a shape, seen by one camera.
 
     Attributes

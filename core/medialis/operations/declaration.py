@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from medialis.errors import InvalidOptionError
+from medialis.kept import Described
 from medialis.model.shape import Shape
 from medialis.operations.result import Outcome
 from medialis.options import Kind, Options, Parameter
@@ -15,8 +16,8 @@ from medialis.progress import Progress
 __all__ = ["Kind", "Operation", "Parameter"]
 
 
-@dataclass(frozen=True)
-class Operation:
+@dataclass(frozen=True, repr=False)
+class Operation(Described):
     """One algorithm as hosts see it.
 
     Attributes

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from medialis.errors import InvalidShapeError
+from medialis.kept import Described
 from medialis.model.armature import Bones, SkinWeights
 from medialis.model.curve_skeleton import CurveSkeleton
 from medialis.model.shape import Shape
@@ -63,8 +64,8 @@ class FilterUnit:
         return float(max(share, 0.0) ** (1.0 / self.power))
 
 
-@dataclass(frozen=True, eq=False)
-class Layer:
+@dataclass(frozen=True, eq=False, repr=False)
+class Layer(Described):
     """Points, triangles or curves with named attributes, one row a point.
 
     Attributes
@@ -148,8 +149,8 @@ class Layer:
         return np.asarray(values) < self.filter_unit.attribute(self.filter_default)
 
 
-@dataclass(frozen=True, eq=False)
-class Outcome:
+@dataclass(frozen=True, eq=False, repr=False)
+class Outcome(Described):
     """What the function of an operation returns.
 
     Attributes
@@ -201,8 +202,8 @@ def _defined(value: Any) -> Any:
     return value
 
 
-@dataclass(frozen=True, eq=False)
-class Result(Outcome):
+@dataclass(frozen=True, eq=False, repr=False)
+class Result(Outcome, Described):
     """An outcome with the record of the run.
 
     Attributes

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from medialis.errors import InvalidOptionError
+from medialis.kept import Described
 from medialis.render.framing import (
     default_view,
     orthographic_fit,
@@ -31,8 +32,8 @@ from medialis.validation import (
 MAX_PIXELS = 16384
 
 
-@dataclass(frozen=True, eq=False)
-class Camera:
+@dataclass(frozen=True, eq=False, repr=False)
+class Camera(Described):
     """A camera: where it is, where it looks, and how much it sees.
 
     Pixel (row r, column c) has its center at (c + 0.5, r + 0.5); row 0 is the top.

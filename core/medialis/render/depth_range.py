@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from medialis.errors import InvalidShapeError
+from medialis.kept import Described
 from medialis.model.shape import Shape
 from medialis.model.view import OrthographicCamera, View
 from medialis.threads import run_chunks
@@ -18,8 +19,8 @@ DISC_NEIGHBOUR = 12
 samples are irregular (checked on random samples of a sphere and a torus)."""
 
 
-@dataclass(frozen=True, eq=False)
-class Rasterizer:
+@dataclass(frozen=True, eq=False, repr=False)
+class Rasterizer(Described):
     """Renders the views of triangles, in parallel over views.
 
     Attributes

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from medialis.errors import InvalidShapeError
+from medialis.kept import Described
 from medialis.model.surface import Surface
 from medialis.progress import Message
 from medialis.surface._flat_faces import flip_flat_faces
@@ -20,8 +21,8 @@ from medialis.validation import FloatArray, IntArray, as_faces, as_normals, as_p
 PLURALS = {"vertex": "vertices", "cavity": "cavities"}
 
 
-@dataclass(frozen=True, eq=False)
-class Repair:
+@dataclass(frozen=True, eq=False, repr=False)
+class Repair(Described):
     """A repaired mesh or cloud and where its parts come from.
 
     Attributes

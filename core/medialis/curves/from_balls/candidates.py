@@ -36,7 +36,7 @@ LONGEST = 2.0
 POINTS_A_CHUNK, CANDIDATES_A_CHUNK = 2048, 64
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class CandidateMeasure(Bound):
     """How likely each of k skeleton points lies on the curve skeleton.
 

@@ -8,13 +8,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from medialis.errors import InvalidShapeError
+from medialis.kept import Described
 from medialis.validation import FloatArray, IntArray, as_number
 
 DEFAULT_SALIENCY = 1.0
 
 
-@dataclass(frozen=True, eq=False)
-class Crossings:
+@dataclass(frozen=True, eq=False, repr=False)
+class Crossings(Described):
     """Where the rows of a picture cross the skeleton of the silhouette in it.
 
     Attributes
