@@ -125,6 +125,21 @@ def write_result(
         When the first layer has no attribute `color_by`, or a format is unknown.
     FileError
         When the folder cannot be written.
+
+    See Also
+    --------
+    run : makes results.
+    draw_result : the picture alone.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import medialis
+    >>> result = medialis.run("thickness", medialis.organic_shape(56))
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     manifest = medialis.write_result(result, f"{folder}/out", picture=False)
+    >>> manifest["operation"]
+    'thickness'
     """
     progress = Progress.of(progress)
     if color_by is not None:

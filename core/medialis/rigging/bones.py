@@ -72,6 +72,11 @@ def bones(
     InvalidOptionError
         When an option is out of its range.
 
+    See Also
+    --------
+    curve_skeleton : what the bones lie along.
+    skin_weights : how they move the surface.
+
     Notes
     -----
     Cost: shortest ways from one node of each component. Source: none; the thesis has no rigging.

@@ -53,6 +53,10 @@ def skin_weights(
     InvalidOptionError
         When the smoothing is out of its range.
 
+    See Also
+    --------
+    bones : what moves the surface.
+
     Notes
     -----
     The smoothing solves one diffusion equation on the surface, as the heat weights of Baran and

@@ -35,6 +35,11 @@ def diagnose(points: ArrayLike, faces: ArrayLike | None = None) -> Diagnosis:
         When points or faces have a wrong shape or are out of range, or a face uses a point that
         is not finite.
 
+    See Also
+    --------
+    repair : mends what it finds.
+    read_shape : does both.
+
     Examples
     --------
     >>> tetrahedron = diagnose(

@@ -89,6 +89,11 @@ def repair(
         When an array has a wrong shape or is out of range, a face uses a point that is not finite,
         or no point or face is left.
 
+    See Also
+    --------
+    diagnose : says what is wrong.
+    read_shape : does both.
+
     Examples
     --------
     >>> fixed = repair([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 0, 0]], [[0, 1, 2], [0, 3, 1]])

@@ -136,6 +136,10 @@ def silhouette_skeleton(mask: ArrayLike, *, saliency: float = DEFAULT_SALIENCY) 
     InvalidOptionError
         When the saliency is not a number in its range.
 
+    See Also
+    --------
+    view_curve_skeleton : what they are matched to.
+
     Notes
     -----
     Feature points are exact: the nearest pixels outside. The skeleton passes between two neighbours

@@ -61,6 +61,20 @@ def view_source(factory: Callable[[Shape], ViewSource]) -> Iterator[None]:
     ----------
     factory : callable
         Called with the shape; returns its `ViewSource`.
+
+    See Also
+    --------
+    view_curve_skeleton : what asks for views.
+    rasterizer : the one that is used by itself.
+
+    Examples
+    --------
+    >>> import medialis
+    >>> shape = medialis.organic_shape(56)
+    >>> with medialis.view_source(medialis.rasterizer):
+    ...     result = medialis.run("view_curve_skeleton", shape, pairs=2, size=64)
+    >>> result.graph is not None
+    True
     """
     token = _factory.set(factory)
     try:
@@ -224,6 +238,11 @@ def view_curve_skeleton(
         When an option is out of its range.
     Cancelled
         When `progress` asks for it.
+
+    See Also
+    --------
+    curve_skeleton : of a closed mesh, from its surface skeleton.
+    view_source : sets who renders.
 
     Notes
     -----
