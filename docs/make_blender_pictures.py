@@ -83,7 +83,7 @@ def skeleton() -> None:
     made = bpy.context.active_object
     from blender_addon import filtering
 
-    filtering.set_input(made, "Threshold", 0.08)
+    filtering.set_input(made, "Threshold", 2.6)
     creature.hide_render = True
     render(PICTURES / "blender_skeleton.png")
 

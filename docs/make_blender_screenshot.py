@@ -56,7 +56,12 @@ def points_as_mesh(plan, scene, changes, curves=False):
     group = bpy.data.node_groups.new("Medialis", "GeometryNodeTree")
     group.inputs.new("NodeSocketGeometry", "Geometry")
     group.outputs.new("NodeSocketGeometry", "Geometry")
-    for text, value, limit in (("Threshold", 0.0, plan.limits[1]), ("Size", plan.size, 1.0)):
+    slider = filtering.Slider.of(plan.layer, plan.limits)
+    first = slider.step * slider.default
+    for text, value, limit in (
+        ("Threshold", first, slider.range[1]),
+        ("Size", plan.size, 1.0),
+    ):
         socket = group.inputs.new("NodeSocketFloatFactor", text)
         socket.default_value, socket.min_value, socket.max_value = value, 0.0, limit
     start, end = group.nodes.new("NodeGroupInput"), group.nodes.new("NodeGroupOutput")
@@ -65,6 +70,9 @@ def points_as_mesh(plan, scene, changes, curves=False):
     value = next(o for o in read.outputs if o.name == "Attribute" and o.enabled)
     less = group.nodes.new("FunctionNodeCompare")
     less.operation = "LESS_THAN"
+    scaled = group.nodes.new("ShaderNodeMath")
+    scaled.operation = "MULTIPLY"
+    scaled.inputs[1].default_value = slider.factor
     hide = group.nodes.new("GeometryNodeDeleteGeometry")
     ball = group.nodes.new("GeometryNodeMeshIcoSphere")
     draw = group.nodes.new("GeometryNodeInstanceOnPoints")
@@ -73,7 +81,8 @@ def points_as_mesh(plan, scene, changes, curves=False):
     color.inputs["Material"].default_value = layers._material(plan.layer, changes)
     for output, into in (
         (value, less.inputs["A"]),
-        (start.outputs["Threshold"], less.inputs["B"]),
+        (start.outputs["Threshold"], scaled.inputs[0]),
+        (scaled.outputs["Value"], less.inputs["B"]),
         (start.outputs["Geometry"], hide.inputs["Geometry"]),
         (less.outputs["Result"], hide.inputs["Selection"]),
         (hide.outputs["Geometry"], draw.inputs["Points"]),
@@ -169,7 +178,7 @@ def steps() -> Iterator[float]:
     set_input(made, "Size", 0.015)
     yield 20
     shot("blender_tutorial_skeleton")
-    set_input(made, "Threshold", 0.2)
+    set_input(made, "Threshold", 6.4)
     yield 8
     shot("blender_tutorial_threshold")
     creature = made.parent

@@ -26,7 +26,7 @@ def run_operator() -> dict[str, object]:
 
     bpy.ops.mesh.primitive_torus_add(major_segments=64, minor_segments=32)
     before = len(bpy.data.objects)
-    outcome = bpy.ops.medialis.shrink_balls()
+    outcome = bpy.ops.medialis.surface_skeleton()
     import medialis
 
     return {

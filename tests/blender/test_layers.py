@@ -7,6 +7,7 @@ bpy = pytest.importorskip("bpy", reason="bpy is not installed: make hosts")
 import medialis
 from blender_scenes import add_mesh, counts, evaluated, groups_of, read_back, world
 from medialis import Layer, Result
+from medialis.hosts import FilterUnit
 from medialis.render.colors import label_colors, to_linear
 
 RNG = np.random.default_rng(7)
@@ -113,6 +114,37 @@ def test_the_threshold_filters_live(add):
     assert evaluated(made).data.materials[0].name == made.data.materials[0].name
     owner, path = filtering.modifier_inputs(made)["Threshold"]
     assert owner.path_resolve(path) == 0.5
+
+
+@pytest.mark.parametrize(
+    ("unit", "typed", "subtype"),
+    [
+        (FilterUnit.length(4.0, "threshold"), 5.0, "PERCENTAGE"),
+        (FilterUnit.length(4.0, "threshold", power=2.0), 5.0, "PERCENTAGE"),
+        (FilterUnit.degrees(), np.radians(0.05), "ANGLE"),
+        (FilterUnit(), 0.05, "NONE"),
+    ],
+    ids=["length", "area", "angle", "number"],
+)
+def test_the_threshold_has_the_unit_of_the_option(add, unit, typed, subtype):
+    """It starts at the default of the layer, and what it shows can be typed into the operator."""
+    from blender_addon import filtering
+
+    value = np.linspace(0, 2 * unit.attribute(0.05), 12)  # none is the threshold itself
+    layer = Layer(
+        "dots", POINTS, attributes={"value": value}, filter_by="value", filter_unit=unit,
+        filter_default=0.05,
+    )  # fmt: skip
+    (made,) = add(layer)
+    owner, path = filtering.modifier_inputs(made)["Threshold"]
+    assert owner.path_resolve(path) == pytest.approx(typed, rel=1e-6)
+    assert len(evaluated(made).data.points) == 6 == (~layer.hidden).sum()
+    tree = made.modifiers["Medialis"].node_group.interface.items_tree
+    (socket,) = [item for item in tree if item.name == "Threshold"]
+    assert socket.subtype == subtype
+    assert socket.max_value == pytest.approx(2 ** (1 / unit.power) * typed, rel=1e-6)
+    filtering.set_input(made, "Threshold", 0.0)
+    assert len(evaluated(made).data.points) == 12
 
 
 def test_faces(add):

@@ -156,7 +156,7 @@ def test_undo_takes_the_result_back_and_redo_brings_it(scene):
     bpy.ops.ed.undo_push(message="before")
     before, names = counts(), sorted(bpy.data.objects["cube"].data.attributes.keys())
     bpy.ops.medialis.thickness("EXEC_DEFAULT", True)
-    bpy.ops.medialis.shrink_balls("EXEC_DEFAULT", True)
+    bpy.ops.medialis.surface_skeleton("EXEC_DEFAULT", True)
     after = counts()
     bpy.ops.ed.undo()
     bpy.ops.ed.undo()

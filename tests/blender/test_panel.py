@@ -134,7 +134,7 @@ def test_every_operation_has_its_button_and_options(draw):
 def test_the_result_has_sliders_and_a_summary(draw):
     add_mesh("cube", CUBE, QUADS)
     assert "medialis.show_colors" not in draw()
-    bpy.ops.medialis.shrink_balls()
+    bpy.ops.medialis.surface_skeleton()
     drawn = draw()
     assert {"Threshold", "Size", "Balls", "Source", "medialis.show_colors"} <= set(drawn)
     assert any(text.startswith("Surface skeleton of cube:") for text in drawn)
@@ -237,10 +237,10 @@ def test_the_cache_goes_where_it_can_be_written(addon, monkeypatch, tmp_path):
     monkeypatch.setenv("BLENDER_USER_DATAFILES", str(tmp_path / "data"))
     monkeypatch.setenv("MEDIALIS_CACHE_DIR", str(tmp_path / "good"))
     warmup.choose_cache()
-    assert warmup.user_cache() == tmp_path / "good"
+    assert warmup.kernel_folder() == tmp_path / "good"
     monkeypatch.setenv("MEDIALIS_CACHE_DIR", str(tmp_path / "file"))
     warmup.choose_cache()
-    assert warmup.user_cache() != tmp_path / "file" and warmup.user_cache().is_dir()
+    assert warmup.kernel_folder() != tmp_path / "file" and warmup.user_cache().is_dir()
 
 
 def test_showing_colors_sets_the_view(scene):
@@ -255,7 +255,7 @@ def test_showing_colors_sets_the_view(scene):
         active = bpy.context.view_layer.objects.active
         return SimpleNamespace(active_object=active, space_data=space)
 
-    bpy.ops.medialis.shrink_balls()
+    bpy.ops.medialis.surface_skeleton()
     assert show.poll(context()) and show.execute(None, context()) == {"FINISHED"}
     assert shading.type == "MATERIAL" and bpy.data.objects["cube"].display_type == "WIRE"
     bpy.context.view_layer.objects.active = bpy.data.objects["cube"]
