@@ -240,7 +240,7 @@ def test_the_cache_goes_where_it_can_be_written(addon, monkeypatch, tmp_path):
     assert warmup.kernel_folder() == tmp_path / "good"
     monkeypatch.setenv("MEDIALIS_CACHE_DIR", str(tmp_path / "file"))
     warmup.choose_cache()
-    assert warmup.kernel_folder() != tmp_path / "file" and warmup.user_cache().is_dir()
+    assert warmup.kernel_folder() != tmp_path / "file" and warmup.kernel_folder().is_dir()
 
 
 def test_showing_colors_sets_the_view(scene):
