@@ -150,6 +150,11 @@ class MedialCloud(Balls):
         return own and bool((self.source == np.arange(n)).all())
 
     @cached_property
+    def inner(self) -> MedialCloud:
+        """The inner balls alone; the cloud itself when it has no others."""
+        return self.subset(self.side > 0) if (self.side < 0).any() else self
+
+    @cached_property
     def inverse_features(self) -> Ragged:
         """For each sample the valid skeleton points that touch it (thesis 3.5.1)."""
         features = np.where(self.valid[:, None], self.features, -1)

@@ -1,18 +1,20 @@
-"""Segmentation: one label for every sample and face of a surface (thesis 6.3)."""
+"""Segmentation: one label for every sample and face of a surface (thesis 5.3, 6.3)."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
 from medialis.errors import InvalidShapeError
+from medialis.kept import Bound
 from medialis.model.shape import Shape
 from medialis.validation import FloatArray, IntArray, frozen
 
 
-@dataclass(frozen=True, eq=False)
-class Segmentation:
+@dataclass(frozen=True, eq=False, repr=False)
+class Segmentation(Bound):
     """Partition of the samples of a surface.
 
     Attributes
@@ -20,42 +22,80 @@ class Segmentation:
     labels : (n,) int32
         Segment of each sample: 0, 1, ... from the largest area to the smallest; -1: none, because
         nothing tells (see the function that made it).
-    areas : (count,) float64
-        Surface of each segment; number of samples in a cloud.
+    surface : Shape
+        The n samples: the surface as computed on, refined where that was needed.
+    method : str
+        How it was divided, where a function has several methods: "limbs" or "sheets".
 
     Raises
     ------
     InvalidShapeError
-        When there is not one area a segment.
+        When there is not one label a sample.
+
+    Examples
+    --------
+    >>> import medialis
+    >>> shape = medialis.make_shape([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]],
+    ...                             [[0, 1, 2], [0, 2, 3]])
+    >>> halves = medialis.Segmentation([0, 0, 0, 1], surface=shape)
+    >>> halves, halves.of_faces().tolist()
+    (Segmentation(2 segments of 4 samples), [0, 0])
     """
 
     labels: IntArray
-    areas: FloatArray
+    surface: Shape = field(kw_only=True)
+    method: str = field(default="", kw_only=True)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "labels", frozen(np.asarray(self.labels), np.int32))
-        object.__setattr__(self, "areas", frozen(np.asarray(self.areas), np.float64))
-        if self.areas.shape != (self.labels.max(initial=-1) + 1,):
+        labels = np.asarray(self.labels)
+        if labels.shape != (self.surface.point_count,):
             raise InvalidShapeError(
-                f"{self.labels.max(initial=-1) + 1} segments need as many areas, got "
-                f"{self.areas.shape}."
+                f"labels must be one number for each of the {self.surface.point_count} samples, "
+                f"got {labels.shape}."
             )
+        object.__setattr__(self, "labels", frozen(labels, np.int32))
+
+    def __repr__(self) -> str:
+        return f"Segmentation({self.count} segments of {len(self.labels)} samples)"
+
+    @cached_property
+    def areas(self) -> FloatArray:
+        """Area of each segment, (count,); number of samples in a cloud."""
+        rows = self.labels >= 0
+        areas = np.bincount(self.labels[rows], self.surface.point_areas[rows])
+        return frozen(areas, np.float64)
 
     @property
     def count(self) -> int:
         """Number of segments."""
         return len(self.areas)
 
-    def of_faces(self, shape: Shape) -> IntArray:
-        """Return the segment of each face of the shape, (m,): that of most of its corners.
+    def of_faces(self) -> IntArray:
+        """Return the segment of each face of the surface, (m,): that of most of its corners.
 
         Three different corners: the lowest segment, which is the largest. -1 where two corners or
         more have none.
         """
-        if shape.faces is None:
+        if self.surface.faces is None:
             return frozen(np.empty(0), np.int32)
-        corners = np.sort(self.labels[shape.faces], axis=1)
-        low, middle, high = corners.T
+        low, middle, high = np.sort(self.labels[self.surface.faces], axis=1).T
         three = (low != middle) & (middle != high)
         # Sorted: the middle one is the majority, if there is one. -1 comes first.
         return frozen(np.where(three, np.where(low < 0, middle, low), middle), np.int32)
+
+    def of_input_faces(self) -> IntArray:
+        """Return the segment of each face before `medialis.refine`, (m_in,).
+
+        A face that was split has the segment that covers most of it (ties: the lowest).
+        """
+        labels, origin = self.of_faces(), self.surface.face_origin
+        if origin is None:
+            return labels
+        width = self.count + 1
+        keys = np.asarray(origin, np.int64) * width + labels + 1
+        used, place = np.unique(keys, return_inverse=True)
+        total = np.bincount(place.reshape(-1), self.surface.face_areas)
+        order = np.lexsort((-used, total))  # the last one of each face stays
+        result = np.full(int(origin.max(initial=-1)) + 1, -1, np.int32)
+        result[used[order] // width] = used[order] % width - 1
+        return frozen(result, np.int32)

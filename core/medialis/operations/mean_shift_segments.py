@@ -8,108 +8,67 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from medialis.balls.surface_skeleton import Preparation, surface_skeleton
+from medialis.balls.surface_skeleton import Preparation
 from medialis.errors import FileError, InvalidOptionError, InvalidShapeError
-from medialis.model.segmentation import Segmentation
 from medialis.model.shape import Shape
 from medialis.operations.common import cloud_arrays
 from medialis.operations.declaration import Operation
-from medialis.operations.result import Layer, Outcome
-from medialis.operations.segments import note_unseen
-from medialis.options import choice, file, flag, length, whole
+from medialis.operations.result import Outcome
+from medialis.operations.segments import computed, note_unseen, surface_layers
+from medialis.options import Options, file
 from medialis.progress import Progress
-from medialis.segments.mean_shift_segments import Seeds, mean_shift_segments
+from medialis.segments.mean_shift_segments import MeanShiftSegmentsOptions, mean_shift_segments
+
+_LINES = "Text file with a vertex number, or x y z of a point near a vertex, a line: "
 
 
 @dataclass(frozen=True, kw_only=True)
-class MeanShiftSegmentsRun(Preparation):
-    """Options of the operation `mean_shift_segments`."""
+class SeedFiles(Options):
+    """Files of points that a user picked."""
 
-    reach: float = length(
-        0.05,
-        "Reach",
-        "Radius of the kernel: about the half width of a bump.",
-        low=0.001,
-    )
-    seeds: Seeds = choice(
-        "spread",
-        "Seeds",
-        "Which balls are shifted: some all over, some of the smallest 30 % (bumps, "
-        "such as teeth), all (slow), or none but those added.",
-        ("spread", "bumps", "all", "none"),
-    )
-    last_steps: int = whole(
-        0,
-        "Last steps",
-        "Only so many last steps of each path count, so that what is far from the "
-        "dense places gets no segment; 20 for dental casts. 0 counts the whole path.",
-        high=300,
-    )
-    fill: bool = flag(
-        True,
-        "Whole surface",
-        "What got no segment takes the nearest one along the surface. Off for dental casts.",
-    )
-    add_seeds: str = file(
-        "Add seeds",
-        "Text file with a vertex number, or x y z of a point near a vertex, a line: "
-        "each is a seed.",
-    )
+    add_seeds: str = file("Add seeds", _LINES + "each is a seed.")
     remove_seeds: str = file(
-        "Remove seeds",
-        "Text file with a vertex number, or x y z of a point near a vertex, a line: "
-        "seeds within reach of it are none.",
+        "Remove seeds", _LINES + "seeds within the search radius of it are none."
     )
+
+
+@dataclass(frozen=True, kw_only=True)
+class MeanShiftSegmentsRun(MeanShiftSegmentsOptions, SeedFiles, Preparation):
+    """Options of the operation `mean_shift_segments`."""
 
 
 def run(shape: Shape, options: MeanShiftSegmentsRun, progress: Progress) -> Outcome:
     """Refine, shrink balls, shift seeds, carry the clusters to the surface."""
     add, remove = (_read_picks(path, shape) for path in (options.add_seeds, options.remove_seeds))
-    with progress.stage("skeleton", 0.0, 0.5):
-        cloud = surface_skeleton.of(shape, options, progress)
-    fine = cloud.surface
-    with progress.stage("segments", 0.5, 1.0):
-        found = mean_shift_segments(
-            fine,
-            cloud,
-            reach=options.reach,
-            seeds=options.seeds,
-            add=add,
-            remove=remove,
-            last_steps=options.last_steps or None,
-            fill=options.fill,
-            progress=progress,
+    picked = MeanShiftSegmentsOptions.taken_from(options, add=add, remove=remove)
+    cloud = computed(shape, options, progress)
+    with progress.stage("segments", 0.4, 1.0):
+        segments = mean_shift_segments.of(cloud, picked, progress)
+    if segments.count == 0:
+        raise InvalidShapeError(
+            "No sample got a segment: try a larger search radius or more last steps."
         )
-    if found.count == 0:
-        raise InvalidShapeError("No sample got a segment: try a larger reach or more last steps.")
-    surface = _layer("mean_shift_segments", shape, found)
-    note_unseen(surface, found.count, progress)
-    samples = () if fine is shape else (_layer("samples", fine, found),)
-    return Outcome(
-        shape=fine,
-        layers=(surface, *samples),
-        values={
-            "samples": fine.point_count,
-            "segments": found.count,
-            "unassigned_samples": int((found.labels < 0).sum()),
-            "areas": found.areas.tolist(),
-        },
-        arrays={**cloud_arrays(fine, cloud), "segment": found.labels},
-        shown=samples or (surface,),
-    )
-
-
-def _layer(name: str, shape: Shape, found: Segmentation) -> Layer:
-    """Layer of the first points of the refined shape: all of them, or the vertices of the input."""
-    return Layer(
-        name,
-        shape.points,
-        shape.faces,
-        attributes={"segment": found.labels[: shape.point_count]},
+    fine, labels = cloud.surface, segments.labels
+    layers = surface_layers(
+        "mean_shift_segments",
+        shape,
+        fine,
+        {"segment": labels},
         color_by="segment",
         labels=("segment",),
-        on_input=name != "samples",
-        auxiliary=name == "samples",
+    )
+    note_unseen(layers[0], segments.count, progress)
+    return Outcome(
+        shape=fine,
+        layers=layers,
+        values={
+            "samples": fine.point_count,
+            "segments": segments.count,
+            "unassigned_samples": int((labels < 0).sum()),
+            "areas": segments.areas.tolist(),
+        },
+        arrays={**cloud_arrays(fine, cloud), "segment": labels},
+        shown=layers[-1:],
     )
 
 
@@ -160,14 +119,10 @@ def _in_shape(numbers: list[int], shape: Shape) -> NDArray[np.int64]:
 def _nearest(places: list[list[float]], shape: Shape) -> NDArray[np.int64]:
     if not places:
         return np.empty(0, np.int64)
-    from scipy.spatial import cKDTree
-
     if not np.isfinite(places).all():
         raise InvalidOptionError("Points of seeds must be finite numbers.")
-    return cKDTree(shape.points).query(np.array(places))[1].astype(np.int64)
+    return shape.tree.query(np.array(places))[1].astype(np.int64)
 
-
-_FILE_HELP = "Text file with a vertex number, or x y z of a point near a vertex, a line"
 
 OPERATION = Operation(
     name="mean_shift_segments",

@@ -38,7 +38,8 @@ class MedialSheetsRun(MedialSheetOptions, OneSide):
 
 def run(shape: Shape, options: MedialSheetsRun, progress: Progress) -> Outcome:
     """Refine, shrink balls, separate sheets, mesh them, find where they meet."""
-    fine, cloud = computed(shape, options, progress)
+    cloud = computed(shape, options, progress)
+    fine = cloud.surface
     with progress.stage("sheets", 0.4, 0.8):
         sheets = medial_sheets.of(cloud, options, progress)
         types = point_types.of(cloud, options, progress)

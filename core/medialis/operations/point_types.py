@@ -33,7 +33,8 @@ class PointTypesRun(Preparation):
 
 def run(shape: Shape, options: PointTypesRun, progress: Progress) -> Outcome:
     """Refine, shrink balls, count contacts, drop the rim on request."""
-    fine, cloud = computed(shape, options, progress)
+    cloud = computed(shape, options, progress)
+    fine = cloud.surface
     with progress.stage("point types", 0.4, 1.0):
         types = point_types.of(cloud, options, progress)
     keep = types > (PointType.A3 if options.filter_rim else PointType.NONE)

@@ -1,4 +1,4 @@
-"""What the operations on sheets and segments share: parameters, layers, notes."""
+"""What the operations on sheets and segments share: options, layers, notes."""
 
 from __future__ import annotations
 
@@ -10,14 +10,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from medialis.balls.surface_skeleton import Preparation, surface_skeleton
+from medialis.balls.ball_shrinking import Side
+from medialis.balls.surface_skeleton import (
+    Preparation,
+    SurfaceSkeletonOptions,
+    surface_skeleton,
+)
 from medialis.model.medial_cloud import MedialCloud
 from medialis.model.segmentation import Segmentation
 from medialis.model.shape import Shape
+from medialis.operations.common import cloud_arrays
 from medialis.operations.result import Layer, Outcome
-from medialis.options import Options, changed
+from medialis.options import Options, changed, choice
 from medialis.progress import Progress
-from medialis.validation import IntArray
+
+SIDE_OF_EDGES: dict[str, Side] = {"convex": "inner", "concave": "outer", "both": "both"}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,31 +43,27 @@ class SheetPreparation(Preparation):
     )
 
 
-def computed(shape: Shape, options: Options, progress: Progress) -> tuple[Shape, MedialCloud]:
+@dataclass(frozen=True, kw_only=True)
+class EdgePreparation(SheetPreparation):
+    """Preparation of what finds edges: balls inside of convex, outside of concave ones."""
+
+    edges: str = choice(
+        "both",
+        "Edges",
+        "Convex edges, concave ones, or both (takes twice as long as one).",
+        tuple(SIDE_OF_EDGES),
+    )
+
+    @property
+    def on_side(self) -> SurfaceSkeletonOptions:
+        """Options of the balls that lie behind these edges."""
+        return SurfaceSkeletonOptions.taken_from(self, side=SIDE_OF_EDGES[self.edges])
+
+
+def computed(shape: Shape, options: Options, progress: Progress) -> MedialCloud:
     """Refine and shrink balls, the first part of all these operations."""
     with progress.stage("skeleton", 0.0, 0.4):
-        cloud = surface_skeleton.of(shape, options, progress)
-    return cloud.surface, cloud
-
-
-def input_face_labels(shape: Shape, fine: Shape, segmentation: Segmentation) -> IntArray:
-    """Return the segment of each face of the shape that was given, (m,).
-
-    A face that was split has the segment that covers most of it (ties: the lowest).
-    """
-    labels = segmentation.of_faces(fine)
-    if fine is shape or fine.face_origin is None or fine.faces is None:
-        return labels
-    a, b, c = fine.points[fine.faces.T]
-    area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
-    width = segmentation.count + 1
-    keys = np.asarray(fine.face_origin, np.int64) * width + labels + 1
-    used, place = np.unique(keys, return_inverse=True)
-    total = np.bincount(place.reshape(-1), area)
-    order = np.lexsort((-used, total))  # the last one of each face stays
-    result = np.full(shape.face_count, -1, np.int32)
-    result[used[order] // width] = used[order] % width - 1
-    return result
+        return surface_skeleton.of(shape, options, progress)
 
 
 def surface_layers(
@@ -73,29 +76,37 @@ def surface_layers(
 ) -> tuple[Layer, ...]:
     """Layers of fields on the surface: on the input, and on the samples if there are more."""
     layers = []
-    for target, label in ((shape, name), (fine, "samples")):
+    for target in (shape,) if fine is shape else (shape, fine):
+        on_input = target is shape
         faces: dict[str, NDArray[Any]] = {}
         if segmentation is not None and target.faces is not None:
-            own = target is fine and fine is not shape
             # Hosts keep vertex and face attributes in one list, where names are unique.
             faces[f"face_{name}"] = (
-                segmentation.of_faces(fine) if own else input_face_labels(shape, fine, segmentation)
+                _input_face_labels(shape, segmentation) if on_input else segmentation.of_faces()
             )
         layers.append(
             Layer(
-                label,
+                name if on_input else "samples",
                 target.points,
                 target.faces,
                 attributes={k: v[: target.point_count] for k, v in attributes.items()},
                 face_attributes=faces,
-                on_input=target is shape,
-                auxiliary=label == "samples",
+                on_input=on_input,
+                auxiliary=not on_input,
                 **options,
             )
         )
-        if fine is shape:
-            break
     return tuple(layers)
+
+
+def _input_face_labels(shape: Shape, segmentation: Segmentation) -> NDArray[np.int32]:
+    """Return the segment of each face of the shape that was given, (m,)."""
+    if segmentation.surface.face_count == shape.face_count:
+        return segmentation.of_faces()
+    if shape.face_origin is None:
+        return segmentation.of_input_faces()
+    # Refined by the caller and again: the origin of its faces is that of the first refinement.
+    return Segmentation(segmentation.labels[: shape.point_count], surface=shape).of_faces()
 
 
 def note_unseen(layer: Layer, count: int, progress: Progress) -> None:
@@ -106,35 +117,35 @@ def note_unseen(layer: Layer, count: int, progress: Progress) -> None:
     if unseen:
         progress.note(
             f"{unseen} of {count} segments hold no vertex of the input and no whole face, since it "
-            "is coarse: the layer samples shows them."
+            "is coarse: the layer samples shows them.",
+            "segments_unseen",
+            unseen=unseen,
+            segments=count,
         )
 
 
 def segmentation_outcome(
     name: str,
     shape: Shape,
-    fine: Shape,
+    cloud: MedialCloud,
     segmentation: Segmentation,
     progress: Progress,
-    arrays: Mapping[str, NDArray[Any]],
-    values: Mapping[str, Any],
+    **values: Any,
 ) -> Outcome:
     """Return the outcome of an operation whose result is a segmentation."""
-    missing = int((segmentation.labels < 0).sum())
+    fine, labels = segmentation.surface, segmentation.labels
+    missing = int((labels < 0).sum())
     if missing:
         progress.note(
             f"{missing} of {fine.point_count} samples have no label (-1): they lie in components "
             "of the surface without any inner ball (open or flat pieces).",
+            "samples_unlabelled",
             level=logging.WARNING,
+            unlabelled=missing,
+            samples=fine.point_count,
         )
     layers = surface_layers(
-        name,
-        shape,
-        fine,
-        {name: segmentation.labels},
-        segmentation,
-        color_by=name,
-        labels=(name,),
+        name, shape, fine, {name: labels}, segmentation, color_by=name, labels=(name,)
     )
     note_unseen(layers[0], segmentation.count, progress)
     return Outcome(
@@ -150,9 +161,9 @@ def segmentation_outcome(
             "spacing": fine.spacing,
         },
         arrays={
-            **arrays,
-            name: segmentation.labels,
-            f"face_{name}": segmentation.of_faces(fine),
+            **cloud_arrays(fine, cloud),
+            name: labels,
+            f"face_{name}": segmentation.of_faces(),
         },
         shown=layers[-1:],
     )

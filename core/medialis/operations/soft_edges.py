@@ -6,67 +6,37 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from medialis.balls.ball_shrinking import Side
-from medialis.balls.surface_skeleton import Preparation, SurfaceSkeletonOptions
 from medialis.model.shape import Shape
 from medialis.operations.common import cloud_arrays, summary
-from medialis.operations.declaration import Kind, Operation, Parameter
+from medialis.operations.declaration import Operation
 from medialis.operations.result import Outcome
-from medialis.operations.segments import computed, surface_layers
-from medialis.options import changed, choice
+from medialis.operations.segments import EdgePreparation, computed, surface_layers
 from medialis.progress import Progress
-from medialis.segments.soft_edges import soft_edges
-from medialis.sheets.extended_features import extended_feature_transform
-
-SIDE_OF_EDGES: dict[str, Side] = {"convex": "inner", "concave": "outer", "both": "both"}
-EDGES = Parameter(
-    "edges",
-    Kind.CHOICE,
-    "both",
-    "Edges",
-    "Convex edges, concave ones, or both (takes twice as long as one).",
-    choices=tuple(SIDE_OF_EDGES),
-)
+from medialis.segments.soft_edges import SoftEdgeOptions, soft_edges
 
 
 @dataclass(frozen=True, kw_only=True)
-class SoftEdgesRun(Preparation):
+class SoftEdgesRun(SoftEdgeOptions, EdgePreparation):
     """Options of the operation `soft_edges`."""
-
-    edges: str = choice(
-        "both",
-        "Edges",
-        "Convex edges, concave ones, or both (takes twice as long as one).",
-        ("convex", "concave", "both"),
-    )
-    tolerance: float = changed(Preparation, "tolerance", advanced=True)
-    refine: float = changed(
-        Preparation,
-        "refine",
-        default=0.01,
-        help="Split edges longer than this fraction of the size for the computation, so "
-        "that flat faces get samples; the surface stays the same. 0 computes with the"
-        " given vertices only. Sheets and edges need several samples across every "
-        "face.",
-    )
 
 
 def run(shape: Shape, options: SoftEdgesRun, progress: Progress) -> Outcome:
     """Refine, shrink balls, find the rim of the skeleton, bring it back to the surface."""
-    side = SIDE_OF_EDGES[options.edges]
-    fine, cloud = computed(shape, SurfaceSkeletonOptions.taken_from(options, side=side), progress)
+    cloud = computed(shape, options.on_side, progress)
     with progress.stage("soft edges", 0.4, 1.0):
-        sets = extended_feature_transform.of(cloud, options, progress)
-        edges = soft_edges(fine, cloud, sets=sets)
-    found = np.isfinite(edges.radius)
-    if not found.any():
-        progress.note("No edge was found: the surface is smooth at the scale of its samples.")
+        edges = soft_edges.of(cloud, options, progress)
+    on_edge = np.isfinite(edges.radius)
+    if not on_edge.any():
+        progress.note(
+            "No edge was found: the surface is smooth at the scale of its samples.", "no_edges"
+        )
     fields = {
         "sharpness": edges.sharpness,
         "edge_angle": edges.angle,
         # The largest radius stands for "no edge": hosts cannot show infinity.
-        "edge_radius": np.where(found, edges.radius, edges.radius[found].max(initial=0.0)),
+        "edge_radius": np.where(on_edge, edges.radius, edges.radius[on_edge].max(initial=0.0)),
     }
+    fine = cloud.surface
     layers = surface_layers(
         "soft_edges", shape, fine, fields, color_by="sharpness", color_limits=(0.0, 1.0)
     )
@@ -74,8 +44,8 @@ def run(shape: Shape, options: SoftEdgesRun, progress: Progress) -> Outcome:
         shape=fine,
         layers=layers,
         values={
-            "a3_points": int(sets.rim.sum()),
-            "edge_samples": int(found.sum()),
+            "a3_points": int(edges.rim.sum()),
+            "edge_samples": int(on_edge.sum()),
             "samples": fine.point_count,
             **summary(edges.radius, "edge_radius"),
             "diagonal": fine.diagonal,

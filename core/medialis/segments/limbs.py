@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 
 from medialis.model.curve_skeleton import CurveSkeleton
 from medialis.model.segmentation import Segmentation
-from medialis.model.shape import Shape
+from medialis.model.surface import piece_labels
 from medialis.validation import FloatArray, IntArray
 
-REACH = 0.92
+CORE = 0.92
 """Share of the width of a body up to which its core goes: there a limb 0.4 times as wide comes out
 of its ball."""
 
@@ -37,14 +37,7 @@ PROTRUDES = 2 * LONG + 1
 long. A half ball has 2."""
 
 
-def sample_reach(shape: Shape, graph: CurveSkeleton) -> FloatArray:
-    """Return the distance of each sample to its node, (n,); NaN without a node."""
-    assert graph.vertex_node is not None
-    away = np.linalg.norm(shape.points - graph.nodes[graph.vertex_node], axis=1)
-    return np.where(graph.vertex_node >= 0, away, np.nan)
-
-
-def flatness(shape: Shape, graph: CurveSkeleton) -> float:
+def flatness(skeleton: CurveSkeleton) -> float:
     """Return how wide cross-sections are for their thickness.
 
     Returns
@@ -53,17 +46,13 @@ def flatness(shape: Shape, graph: CurveSkeleton) -> float:
         Distance of the samples to their node over its radius, the mean over the surface: 1 for
         tubes, 1.7 for a rectangle twice as wide as thick; 1 without any node.
     """
-    assert graph.vertex_node is not None
-    rows = np.flatnonzero(graph.vertex_node >= 0)
-    area = shape.point_areas[rows]
-    radii = graph.radii[graph.vertex_node[rows]]
-    rows, area, radii = rows[radii > 0], area[radii > 0], radii[radii > 0]
-    if not area.sum() > 0:
-        return 1.0
-    return float((sample_reach(shape, graph)[rows] / radii) @ area / area.sum())
+    node, area, distance = _samples_with_node(skeleton)
+    radii = skeleton.radii[node]
+    area, distance, radii = area[radii > 0], distance[radii > 0], radii[radii > 0]
+    return float((distance / radii) @ area / area.sum()) if area.sum() > 0 else 1.0
 
 
-def node_widths(shape: Shape, graph: CurveSkeleton) -> FloatArray:
+def node_widths(skeleton: CurveSkeleton) -> FloatArray:
     """Return how far the surface is from each node, (v,): the mean over the samples round it.
 
     The samples are those of all nodes in its ball. At least the radius; much larger in flat places
@@ -71,21 +60,28 @@ def node_widths(shape: Shape, graph: CurveSkeleton) -> FloatArray:
     """
     from scipy.spatial import cKDTree
 
-    v = len(graph.nodes)
-    assert graph.vertex_node is not None
-    rows = np.flatnonzero(graph.vertex_node >= 0)
-    node, area = graph.vertex_node[rows], shape.point_areas[rows]
+    v, nodes, radii = len(skeleton.nodes), skeleton.nodes, skeleton.radii
+    node, area, distance = _samples_with_node(skeleton)
     weight = np.bincount(node, area, minlength=v)
-    total = np.bincount(node, area * sample_reach(shape, graph)[rows], minlength=v)
-    near = cKDTree(graph.nodes).query_ball_point(graph.nodes, graph.radii, return_sorted=True)
-    at = np.repeat(np.arange(v), [len(one) for one in near])
-    every = np.concatenate([np.asarray(one, np.int64) for one in near])
-    same = graph.components[at] == graph.components[every]
-    at, every = at[same], every[same]
-    around = np.bincount(at, weight[every], minlength=v)
-    width = graph.radii.copy()
-    np.divide(np.bincount(at, total[every], minlength=v), around, out=width, where=around > 0)
-    return np.maximum(width, graph.radii)
+    total = np.bincount(node, area * distance, minlength=v)
+    inside = cKDTree(nodes).query_ball_point(nodes, radii, return_sorted=True)
+    ball = np.repeat(np.arange(v), [len(one) for one in inside])
+    member = np.concatenate([np.asarray(one, np.int64) for one in inside])
+    same = skeleton.components[ball] == skeleton.components[member]
+    ball, member = ball[same], member[same]
+    around = np.bincount(ball, weight[member], minlength=v)
+    width = radii.copy()
+    np.divide(np.bincount(ball, total[member], minlength=v), around, out=width, where=around > 0)
+    return np.maximum(width, radii)
+
+
+def _samples_with_node(skeleton: CurveSkeleton) -> tuple[IntArray, FloatArray, FloatArray]:
+    """Return the node of each sample that has one, the sample's area and its distance to it."""
+    surface, node = skeleton.surface, skeleton.vertex_node
+    assert surface is not None and node is not None
+    rows = np.flatnonzero(node >= 0)
+    distance = np.linalg.norm(surface.points[rows] - skeleton.nodes[node[rows]], axis=1)
+    return node[rows], surface.point_areas[rows], distance
 
 
 def find_limbs(graph: CurveSkeleton, width: FloatArray) -> IntArray:
@@ -134,7 +130,7 @@ def find_limbs(graph: CurveSkeleton, width: FloatArray) -> IntArray:
     return np.where(shared[piece], -1, into[piece]).astype(np.int32)
 
 
-def protrusions(shape: Shape, parts: Segmentation) -> FloatArray:
+def protrusions(parts: Segmentation) -> FloatArray:
     """Return how far each part sticks out of its neighbours, (p,).
 
     Returns
@@ -148,12 +144,12 @@ def protrusions(shape: Shape, parts: Segmentation) -> FloatArray:
     The protrusion of Hoffman and Singh, Salience of visual parts (Cognition 63, 1997). In a face a
     border runs through the middles of two sides.
     """
-    assert shape.faces is not None
-    points, p = shape.points, parts.count
+    assert parts.surface.faces is not None
+    points, p = parts.surface.points, parts.count
     base = np.zeros(p)
     keys, lengths = [], []
     for corner in range(3):
-        alone, a, b = np.roll(shape.faces, -corner, axis=1).T
+        alone, a, b = np.roll(parts.surface.faces, -corner, axis=1).T
         one, two = parts.labels[alone], parts.labels[a]
         cut = (one != two) & (two == parts.labels[b]) & (one >= 0) & (two >= 0)
         one, two = one[cut].astype(np.int64), two[cut]
@@ -170,19 +166,19 @@ def _cores(graph: CurveSkeleton, width: FloatArray) -> IntArray:
     """Core of each node, -1 for arms: those that overlap are one."""
     near = _neighbours(graph)
     core = np.full(len(graph.nodes), -1, np.int32)
-    for at in np.lexsort((np.arange(len(width)), -width)).tolist():
-        junction = graph.degrees[at] >= 3
-        if core[at] >= 0 and not junction:
+    for node in np.lexsort((np.arange(len(width)), -width)).tolist():
+        junction = graph.degrees[node] >= 3
+        if core[node] >= 0 and not junction:
             continue
-        reach = float(width[at])
+        radius = float(width[node])
         if not junction:
-            rim = _within(graph, near, at, reach)[1]
-            if not any(core[b] < 0 and width[b] < NECK * reach for b in rim):
+            rim = _stretch(graph, near, node, radius)[1]
+            if not any(core[b] < 0 and width[b] < NECK * radius for b in rim):
                 continue
-        inside = _within(graph, near, at, REACH * reach)[0]
+        inside = _stretch(graph, near, node, CORE * radius)[0]
         old = np.unique(core[inside])
-        core[np.isin(core, old[old >= 0])] = at
-        core[inside] = at
+        core[np.isin(core, old[old >= 0])] = node
+        core[inside] = node
     return core
 
 
@@ -194,34 +190,29 @@ def _neighbours(graph: CurveSkeleton) -> list[list[int]]:
     return near
 
 
-def _within(
-    graph: CurveSkeleton, near: list[list[int]], start: int, reach: float
+def _stretch(
+    graph: CurveSkeleton, near: list[list[int]], start: int, radius: float
 ) -> tuple[list[int], list[int]]:
-    """Nodes of the stretch round a node that lies in its ball, and the first ones outside."""
-    inside = np.linalg.norm(graph.nodes - graph.nodes[start], axis=1) <= reach
-    found, rim, waiting = {start}, set(), [start]
+    """Nodes of the stretch round a node that lies in a ball, and the first ones outside."""
+    inside = np.linalg.norm(graph.nodes - graph.nodes[start], axis=1) <= radius
+    stretch, rim, waiting = {start}, set(), [start]
     while waiting:
         for b in near[waiting.pop()]:
             if not inside[b]:
                 rim.add(b)
-            elif b not in found:
-                found.add(b)
+            elif b not in stretch:
+                stretch.add(b)
                 waiting.append(b)
-    return sorted(found), sorted(rim)
+    return sorted(stretch), sorted(rim)
 
 
 def _pieces(graph: CurveSkeleton, core: IntArray) -> tuple[IntArray, NDArray[np.bool_]]:
     """Cut the graph round its cores: piece of each node, and which pieces are cores."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
-    v = len(graph.nodes)
-    a, b = graph.edges[core[graph.edges[:, 0]] == core[graph.edges[:, 1]]].T
-    kept = coo_array((np.ones(len(a), np.int8), (a, b)), shape=(v, v))
-    count, piece = connected_components(kept, directed=False)
-    is_core = np.zeros(count, bool)
+    uncut = core[graph.edges[:, 0]] == core[graph.edges[:, 1]]
+    piece = piece_labels(len(graph.nodes), graph.edges[uncut])
+    is_core = np.zeros(int(piece.max(initial=-1)) + 1, bool)
     is_core[piece[core >= 0]] = True
-    return piece.astype(np.int32), is_core
+    return piece, is_core
 
 
 def _links(graph: CurveSkeleton, piece: IntArray, width: FloatArray) -> list[dict[int, float]]:

@@ -3,39 +3,31 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from medialis.progress import Progress, ProgressCallback
+from medialis.options import Options, algorithm, choice, length, whole
+from medialis.progress import Progress
 from medialis.threads import run_chunks
-from medialis.validation import (
-    FloatArray,
-    IntArray,
-    as_choice,
-    as_number,
-    as_points,
-    as_whole_number,
-    frozen,
-)
+from medialis.validation import FloatArray, IntArray, as_points, frozen
 
 Kernel = Literal["gaussian", "flat"]
-KERNELS = ("gaussian", "flat")
 
 SIGMA = 0.5
-"""Width of the Gaussian as a share of the reach: its weight has fallen to 0.14 where it is cut."""
+"""Width of the Gaussian in search radii: its weight has fallen to 0.14 where it is cut."""
 
 STILL = 1e-3
-"""Share of the reach: a seed that moves less in a step has arrived. The thesis stops below 1e-4, of
-a size that it does not state; with a reach of 5 % of the diagonal, this is 5e-5 of it."""
+"""Search radii: a seed that moves less in a step has arrived. The thesis stops below 1e-4, of a
+size that it does not state; with a search radius of 5 % of the diagonal, this is 5e-5 of it."""
 
 MOST_STEPS = 300
 SEEDS_A_CHUNK = 16
 POINTS_A_CHUNK = 256
 CELL = 0.5
-"""Width of the cells of the grid in units of the reach: 1 reads 1.7 times as many points."""
+"""Width of the cells of the grid in search radii: 1 reads 1.7 times as many points."""
 
 MOST_CELLS = 128
 """Cells of the grid along the longest side."""
@@ -63,32 +55,66 @@ class MeanShift:
     shares: FloatArray
 
 
-def mean_shift(
-    points: ArrayLike,
-    seeds: ArrayLike | None = None,
-    *,
-    reach: float,
-    kernel: Kernel = "gaussian",
-    last_steps: int | None = None,
-    merge: float | None = None,
-    progress: Progress | ProgressCallback | None = None,
-) -> MeanShift:
+@dataclass(frozen=True, kw_only=True)
+class SeedShiftOptions(Options):
+    """How seeds are shifted, and what they vote for."""
+
+    search_radius: float = length(
+        0.05,
+        "Search radius",
+        "Points up to this distance shift a seed: about the half width of a bump (thesis: about "
+        "5 %).",
+        low=0.001,
+    )
+    kernel: Kernel = choice(
+        "gaussian",
+        "Kernel",
+        "Weights of points by their distance: falling to 0.14 at the search radius, or all equal.",
+        ("gaussian", "flat"),
+        advanced=True,
+    )
+    last_steps: int = whole(
+        0,
+        "Last steps",
+        "Only so many last steps of each path count, so that what is far from the "
+        "dense places gets no segment; 20 for dental casts. 0 counts the whole path.",
+        high=MOST_STEPS,
+    )
+    merge: float = length(
+        0.0,
+        "Merge",
+        "Dense places closer together than this are one segment. 0: closer than the search radius.",
+        advanced=True,
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class MeanShiftOptions(SeedShiftOptions):
+    """Options of `mean_shift`; `seeds` (s, 3) are the places where to start."""
+
+    seeds: ArrayLike | None = field(default=None, compare=False, repr=False)
+
+
+@algorithm(MeanShiftOptions, keep=False)
+def mean_shift(points: ArrayLike, options: MeanShiftOptions, progress: Progress) -> MeanShift:
     """Cluster a cloud by shifting seeds to the densest places (Eq. 5.1, 5.2).
 
     Parameters
     ----------
     points : (n, 3) float
+    search_radius : float
+        Epsilon, as a fraction of the bounding-box diagonal of the points, 0.001 to 1: points up to
+        this distance shift a seed.
+    kernel : {"gaussian", "flat"}
+        Weights exp(-d^2 / (2 sigma^2)) with sigma half the search radius, or all equal.
+    last_steps : int
+        Only the last steps of each path vote: points far from the centers stay without a cluster.
+        0: the whole path.
+    merge : float
+        Fraction of the diagonal: seeds that converge closer together are one cluster. 0: closer
+        than the search radius.
     seeds : (s, 3) float, optional
         Where to start; all points when missing.
-    reach : float
-        Epsilon, absolute: points up to this distance shift a seed.
-    kernel : {"gaussian", "flat"}
-        Weights exp(-d^2 / (2 sigma^2)) with sigma = reach / 2, or all equal.
-    last_steps : int, optional
-        Only the last steps of each path vote, 1 or more: points far from the centers stay without
-        a cluster. Missing: the whole path.
-    merge : float, optional
-        Seeds that converge closer together than this are one cluster; the reach when missing.
     progress : callable, optional
         Called with (fraction, text); returning False cancels.
 
@@ -96,7 +122,7 @@ def mean_shift(
     -------
     MeanShift
         Each point has the cluster that got most votes: every step m of a path gives its cluster
-        K(|y - m|) at the points y within reach.
+        K(|y - m|) at the points y within the search radius.
 
     Raises
     ------
@@ -105,9 +131,13 @@ def mean_shift(
     InvalidOptionError
         When an option is out of its range.
 
+    See Also
+    --------
+    mean_shift_segments : the same for the balls of a shape, brought to its surface.
+
     Notes
     -----
-    Cost: for each step of each seed, the points within reach. At most 300 steps.
+    Cost: for each step of each seed, the points within the search radius. At most 300 steps.
 
     Source: thesis 5.3.2, Eq. 5.1, 5.2. Deviates: the densest centers absorb those within `merge`,
     whatever the order of the seeds; the thesis merges as they come, so chains could grow. The
@@ -115,33 +145,42 @@ def mean_shift(
 
     Examples
     --------
+    >>> import medialis
     >>> import numpy as np
     >>> blobs = np.random.default_rng(0).normal(size=(2, 500, 3)) + [[[0, 0, 0]], [[9, 0, 0]]]
-    >>> found = mean_shift(blobs.reshape(-1, 3), reach=3.0)
+    >>> found = medialis.mean_shift(blobs.reshape(-1, 3), search_radius=0.15)
     >>> len(found.centers), np.bincount(found.labels).tolist()
     (2, [500, 500])
     """
     cloud = as_points(points)
-    starts = cloud if seeds is None else as_points(seeds, "seeds")
-    reach = as_number(reach, "reach", low=0.0, open_low=True)
-    sigma = SIGMA * reach if as_choice(kernel, "kernel", KERNELS) == "gaussian" else 0.0
-    merge = reach if merge is None else as_number(merge, "merge", low=0.0)
-    if last_steps is not None:
-        last_steps = as_whole_number(last_steps, "last_steps", low=1, high=MOST_STEPS)
-    progress = Progress.of(progress)
-    # Lengths in units of the reach, so that squares of tiny and huge ones stay in range.
-    origin = 0.5 * cloud.min(axis=0) + 0.5 * cloud.max(axis=0)
-    places, starts = (cloud - origin) / reach, (starts - origin) / reach
-    scaled = sigma / reach
+    seeds = cloud if options.seeds is None else as_points(options.seeds, "seeds")
+    low, high = cloud.min(axis=0), cloud.max(axis=0)
+    # Where all points coincide any radius does.
+    return shift_seeds(cloud, seeds, math.hypot(*(high - low)) or 1.0, options, progress)
+
+
+def shift_seeds(
+    points: FloatArray,
+    seeds: FloatArray,
+    diagonal: float,
+    options: SeedShiftOptions,
+    progress: Progress,
+) -> MeanShift:
+    """Cluster points by shifting seeds; lengths are fractions of the diagonal that is given."""
+    radius, merge = options.search_radius * diagonal, options.merge * diagonal
+    # Lengths in search radii, so that squares of tiny and huge ones stay in range.
+    origin = 0.5 * points.min(axis=0) + 0.5 * points.max(axis=0)
+    places, starts = (points - origin) / radius, (seeds - origin) / radius
+    scaled = SIGMA if options.kernel == "gaussian" else 0.0
     with progress.stage("shift", 0.0, 0.5):
-        steps, first = _paths(_Grid.of(places), starts, scaled, last_steps, progress)
+        steps, first = _paths(_Grid.of(places), starts, scaled, options.last_steps, progress)
     ends = steps[np.append(first[1:], len(steps)) - 1]
-    centers, cluster = _merged(_Grid.of(places), ends, scaled, merge / reach)
+    centers, cluster = _merged(_Grid.of(places), ends, scaled, (merge or radius) / radius)
     with progress.stage("votes", 0.5, 1.0):
         owner = np.repeat(cluster, np.diff(np.append(first, len(steps))))
         labels, shares = _votes(_Grid.of(steps), owner, len(centers), places, scaled, progress)
     return MeanShift(
-        frozen(centers * reach + origin, np.float64),
+        frozen(centers * radius + origin, np.float64),
         frozen(labels, np.int32),
         frozen(cluster, np.int32),
         frozen(shares, np.float64),
@@ -150,7 +189,10 @@ def mean_shift(
 
 @dataclass(frozen=True, eq=False)
 class _Grid:
-    """Points sorted by cell; `order` are their numbers, `starts` the first place of each cell."""
+    """Points sorted by cell; `order` are their numbers, `starts` the first place of each cell.
+
+    Lengths are in search radii.
+    """
 
     points: FloatArray
     order: NDArray[np.int64]
@@ -171,30 +213,30 @@ class _Grid:
         return cls(np.ascontiguousarray(points[order]), order, starts, low, width, shape)
 
     def arguments(self, sigma: float) -> tuple[Any, ...]:
-        """Grid, reach (1) and sigma, as kernels take them."""
+        """Grid, search radius (1) and sigma, as kernels take them."""
         return self.starts, self.low, self.width, self.shape, 1.0, sigma
 
 
 def _paths(
-    grid: _Grid, seeds: FloatArray, sigma: float, last: int | None, progress: Progress
+    grid: _Grid, seeds: FloatArray, sigma: float, last: int, progress: Progress
 ) -> tuple[FloatArray, NDArray[np.int64]]:
     """Return the steps of all seeds, one path after the other, and where each path begins."""
     from medialis.segments._mean_shift_kernels import follow_seeds
 
-    found: list[tuple[FloatArray, NDArray[np.int64]]] = [
+    chunks: list[tuple[FloatArray, NDArray[np.int64]]] = [
         (np.empty(0), np.empty(0, np.int64))
     ] * math.ceil(len(seeds) / SEEDS_A_CHUNK)
 
     def work(begin: int, end: int) -> None:
         paths, counts = np.empty((end - begin, MOST_STEPS, 3)), np.zeros(end - begin, np.int64)
         follow_seeds(grid.points, *grid.arguments(sigma), STILL, seeds, begin, end, paths, counts)
-        kept = [path[:n][-last if last else 0 :] for path, n in zip(paths, counts, strict=True)]
+        kept = [path[:n][-last:] for path, n in zip(paths, counts, strict=True)]
         lengths = np.array([len(path) for path in kept])
-        found[begin // SEEDS_A_CHUNK] = np.concatenate(kept), lengths
+        chunks[begin // SEEDS_A_CHUNK] = np.concatenate(kept), lengths
 
     run_chunks(work, len(seeds), SEEDS_A_CHUNK, progress=progress)
-    lengths = np.concatenate([n for _, n in found])
-    return np.concatenate([steps for steps, _ in found]), np.cumsum(lengths) - lengths
+    lengths = np.concatenate([n for _, n in chunks])
+    return np.concatenate([steps for steps, _ in chunks]), np.cumsum(lengths) - lengths
 
 
 def _merged(
@@ -236,13 +278,11 @@ def _votes(
 
     owner = owner[grid.order]
     labels, shares = np.empty(len(points), np.int64), np.empty(len(points))
-    start, low, width, shape, reach, sigma = grid.arguments(sigma)
 
     def work(begin: int, end: int) -> None:
         count_votes(
-            grid.points, owner, start, low, width, shape, reach, sigma, clusters, points, begin,
-            end, labels, shares,
-        )  # fmt: skip
+            grid.points, owner, *grid.arguments(sigma), clusters, points, begin, end, labels, shares
+        )
 
     run_chunks(work, len(points), POINTS_A_CHUNK, progress=progress)
     return labels, shares

@@ -7,27 +7,26 @@ the medial cloud; the two feature points of each ball bring its segment to the s
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from medialis.balls.subsampling import uniform_subsample
 from medialis.errors import InvalidOptionError, InvalidShapeError
+from medialis.kept import kept
 from medialis.model.medial_cloud import MedialCloud
 from medialis.model.segmentation import Segmentation
 from medialis.model.shape import Shape
-from medialis.progress import Progress, ProgressCallback
-from medialis.segments.mean_shift import MeanShift, mean_shift
-from medialis.surface.labels import spread_labels
+from medialis.options import algorithm, changed, choice, flag
+from medialis.progress import Progress
+from medialis.segments.mean_shift import MeanShift, SeedShiftOptions, shift_seeds
+from medialis.surface.labels import numbered_by_weight, spread_labels
 from medialis.surface.surface_graph import surface_graph
-from medialis.validation import as_choice, as_number
 
 Seeds = Literal["spread", "bumps", "all", "none"]
-SEEDS = ("spread", "bumps", "all", "none")
-
-REACH = 0.05
-"""Fraction of the diagonal (thesis: about 5 %)."""
 
 BUMP_RADIUS = 0.3
 """Share of the balls, smallest first, that may be seeds ("low distance to the surface")."""
@@ -36,85 +35,67 @@ BUMP_ANGLE = math.radians(90.0)
 """Least spoke angle of a seed ("large spoke angle"): smaller ones are balls of noise and edges."""
 
 SEED_SPACING = 0.15
-"""Distance of seeds in units of the reach: several in each segment."""
+"""Distance of seeds in search radii: several in each segment."""
 
 
-def seed_points(
-    cloud: MedialCloud,
-    reach: float,
-    *,
-    share: float = BUMP_RADIUS,
-    usable: NDArray[np.bool_] | None = None,
-) -> NDArray[np.int64]:
-    """Choose balls of low radius and large spoke angle, spread over the cloud (thesis 5.3.3).
+@dataclass(frozen=True, kw_only=True)
+class MeanShiftSegmentsOptions(SeedShiftOptions):
+    """Options of `mean_shift_segments`; `add` and `remove` are samples that a user picked."""
 
-    Parameters
-    ----------
-    cloud : MedialCloud
-        k balls.
-    reach : float
-        Of the mean shift, absolute; seeds are 0.15 of it apart.
-    share : float
-        Share of the balls, smallest first, that may be seeds; 1: any radius.
-    usable : (k,) bool, optional
-        Balls to choose from.
+    search_radius: float = changed(SeedShiftOptions, "search_radius")
+    seeds: Seeds = choice(
+        "spread",
+        "Seeds",
+        "Which balls are shifted: some all over, some of the smallest 30 % (bumps, "
+        "such as teeth), all (slow), or none but those added.",
+        ("spread", "bumps", "all", "none"),
+    )
+    fill: bool = flag(
+        True,
+        "Whole surface",
+        "What got no segment takes the nearest one along the surface. Off for dental casts.",
+    )
+    add: Sequence[int] | NDArray[np.integer] = ()
+    remove: Sequence[int] | NDArray[np.integer] = ()
 
-    Returns
-    -------
-    (s,) int64
-        Rows of the cloud, ascending: small balls with a spoke angle of at least 90 degrees; all
-        where there is none.
-    """
-    wanted = cloud.valid if usable is None else usable & cloud.valid
-    if not wanted.any():
-        return np.empty(0, np.int64)
-    small = cloud.radii <= np.quantile(cloud.radii[wanted], share)
-    chosen = wanted & small & (cloud.spoke_angles >= BUMP_ANGLE)
-    rows = np.flatnonzero(chosen if chosen.any() else wanted)
-    return rows[
-        uniform_subsample(cloud.subset(rows), SEED_SPACING * reach / cloud.surface.diagonal)
-    ]
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for name in ("add", "remove"):
+            picks = np.asarray(getattr(self, name)).reshape(-1)
+            if picks.size and (picks.dtype.kind not in "iu" or picks.min() < 0):
+                raise InvalidOptionError(
+                    f"Picked samples must be whole numbers of 0 or more, got {picks.min()}."
+                )
+            object.__setattr__(self, name, tuple(picks.tolist()))
 
 
+@algorithm(MeanShiftSegmentsOptions)
 def mean_shift_segments(
-    shape: Shape,
-    cloud: MedialCloud,
-    *,
-    reach: float = REACH,
-    seeds: Seeds = "spread",
-    add: ArrayLike = (),
-    remove: ArrayLike = (),
-    last_steps: int | None = None,
-    merge: float | None = None,
-    fill: bool = True,
-    usable: ArrayLike | None = None,
-    progress: Progress | ProgressCallback | None = None,
+    cloud: MedialCloud, options: MeanShiftSegmentsOptions, progress: Progress
 ) -> Segmentation:
     """Segment a surface by the density of its medial cloud.
 
     Parameters
     ----------
-    shape : Shape
-        n samples.
     cloud : MedialCloud
-        Of the same shape; inner balls are used.
-    reach : float
-        Radius of the kernel as a fraction of the diagonal, above 0 to 1.
+        k balls; inner ones are used. A `subset` of important ones will do.
+    search_radius : float
+        Radius of the kernel as a fraction of the diagonal, 0.001 to 1.
     seeds : {"spread", "bumps", "all", "none"}
         Balls that are shifted: those with a large spoke angle; of these, the smallest 30 %; every
         one; only those added.
-    add, remove : (a,), (r,) int
-        Samples that a user picked: the ball of one added is a seed as well; seeds within reach of
-        the ball of one removed are none.
-    last_steps : int, optional
-        Only so many last steps of each path vote: what is far from every dense place, such as the
-        gum of a dental cast, gets no vote. Missing: all.
-    merge : float, optional
-        Centers closer than this fraction of the diagonal are one; the reach when missing.
     fill : bool
         Samples without a vote take the nearest segment along the surface, else none.
-    usable : (k,) bool, optional
-        Balls that take part, such as those above an importance; all valid ones when missing.
+    kernel : {"gaussian", "flat"}
+        As in `mean_shift`.
+    last_steps : int
+        Only so many last steps of each path vote: what is far from every dense place, such as the
+        gum of a dental cast, gets no vote. 0: all.
+    merge : float
+        Centers closer than this fraction of the diagonal are one. 0: closer than the search radius.
+    add, remove : (a,), (r,) int
+        Samples that a user picked: the ball of one added is a seed as well; seeds within the search
+        radius of the ball of one removed are none.
     progress : callable, optional
         Called with (fraction, text); returning False cancels.
 
@@ -126,9 +107,16 @@ def mean_shift_segments(
     Raises
     ------
     InvalidShapeError
-        When the cloud is of another shape or has no valid inner ball.
+        When the cloud has no valid inner ball.
     InvalidOptionError
         When an option is out of its range, a picked sample has no ball, or no seed is left.
+    Cancelled
+        When `progress` asks for it.
+
+    See Also
+    --------
+    mean_shift : clusters of any points.
+    parts, patches : segments by limbs, sheets and edges.
 
     Notes
     -----
@@ -141,85 +129,74 @@ def mean_shift_segments(
     >>> import medialis
     >>> shape, teeth = medialis.dental_arch(resolution=100)
     >>> cloud = medialis.surface_skeleton(shape)
-    >>> found = medialis.mean_shift_segments(
-    ...     shape, cloud, seeds="bumps", last_steps=20, fill=False
-    ... )
+    >>> found = medialis.mean_shift_segments(cloud, seeds="bumps", last_steps=20, fill=False)
     >>> 14 <= found.count <= 28
     True
     """
-    reach = as_number(reach, "reach", low=0.0, high=1.0, open_low=True) * shape.diagonal
-    if merge is not None:
-        merge = as_number(merge, "merge", low=0.0, high=1.0) * shape.diagonal
-    as_choice(seeds, "seeds", SEEDS)
-    if int(cloud.features.max(initial=-1)) >= shape.point_count:
-        raise InvalidShapeError(
-            f"The balls touch sample {cloud.features.max()}, but there are only "
-            f"{shape.point_count} samples: give the shape that the cloud was computed on."
-        )
-    inner = cloud.valid & (cloud.side > 0)
-    if usable is not None:
-        inner &= _as_mask(usable, len(cloud))
-    if not inner.any() or reach == 0.0:
+    surface, usable = cloud.surface, cloud.valid & (cloud.side > 0)
+    if not usable.any() or surface.diagonal == 0.0:
         raise InvalidShapeError(
             "No valid inner ball to segment by: the shape has to enclose a volume, partly at least."
         )
-    rows = _seed_rows(cloud, inner, reach, seeds, _as_picks(add, shape), _as_picks(remove, shape))
-    progress = Progress.of(progress)
+
+    def work() -> MeanShift:
+        seeds = cloud.centers[_seed_rows(cloud, usable, options)]
+        points = cloud.centers[usable]
+        return shift_seeds(points, seeds, surface.diagonal, options, progress)
+
     with progress.stage("mean shift", 0.0, 0.9):
-        found = mean_shift(
-            cloud.centers[inner],
-            cloud.centers[rows],
-            reach=reach,
-            last_steps=last_steps,
-            merge=merge,
-            progress=progress,
-        )
+        clusters = kept(shift_seeds, cloud, replace(options, fill=True), work, progress)
     with progress.stage("transfer", 0.9, 1.0):
-        return _on_surface(shape, cloud.subset(inner), found, fill)
+        labels = _on_surface(cloud.subset(usable), clusters, options.fill)
+        return Segmentation(numbered_by_weight(labels, surface.point_areas), surface=surface)
 
 
-def _as_mask(values: ArrayLike, count: int) -> NDArray[np.bool_]:
-    mask = np.asarray(values)
-    if mask.shape != (count,) or mask.dtype != bool:
-        raise InvalidShapeError(
-            f"usable must be a ({count},) array of bool, got {mask.dtype} of shape {mask.shape}."
-        )
-    return mask
+def seed_points(
+    cloud: MedialCloud, search_radius: float, share: float = BUMP_RADIUS
+) -> NDArray[np.int64]:
+    """Choose balls of low radius and large spoke angle, spread over the cloud (thesis 5.3.3).
 
+    Parameters
+    ----------
+    cloud : MedialCloud
+        k balls.
+    search_radius : float
+        Of the mean shift, a fraction of the diagonal; seeds are 0.15 of it apart.
+    share : float
+        Share of the balls, smallest first, that may be seeds; 1: any radius.
 
-def _as_picks(values: ArrayLike, shape: Shape) -> NDArray[np.int64]:
-    picks = np.asarray(values).reshape(-1)
-    if picks.size == 0:
+    Returns
+    -------
+    (s,) int64
+        Rows of the cloud, ascending: small balls with a spoke angle of at least 90 degrees; all
+        where there is none.
+    """
+    wanted = cloud.valid
+    if not wanted.any():
         return np.empty(0, np.int64)
-    if picks.dtype.kind not in "iu" or picks.min() < 0 or picks.max() >= shape.point_count:
-        raise InvalidOptionError(
-            f"Picked samples must be whole numbers 0..{shape.point_count - 1}, got "
-            f"{picks.min()}..{picks.max()}."
-        )
-    return picks.astype(np.int64)
+    small = cloud.radii <= np.quantile(cloud.radii[wanted], share)
+    chosen = wanted & small & (cloud.spoke_angles >= BUMP_ANGLE)
+    rows = np.flatnonzero(chosen if chosen.any() else wanted)
+    return rows[uniform_subsample(cloud.subset(rows), SEED_SPACING * search_radius)]
 
 
 def _seed_rows(
-    cloud: MedialCloud,
-    inner: NDArray[np.bool_],
-    reach: float,
-    seeds: str,
-    add: NDArray[np.int64],
-    remove: NDArray[np.int64],
+    cloud: MedialCloud, usable: NDArray[np.bool_], options: MeanShiftSegmentsOptions
 ) -> NDArray[np.int64]:
     """Rows of the seeds: the automatic ones, those added, without those removed."""
     rows = np.empty(0, np.int64)
-    if seeds == "all":
-        rows = np.flatnonzero(inner)
-    elif seeds != "none":
-        share = BUMP_RADIUS if seeds == "bumps" else 1.0
-        rows = seed_points(cloud, reach, share=share, usable=inner)
-    rows = np.union1d(rows, _balls_of(cloud, inner, add))
-    if len(remove) and len(rows):
+    if options.seeds == "all":
+        rows = np.flatnonzero(usable)
+    elif options.seeds != "none":
+        share = BUMP_RADIUS if options.seeds == "bumps" else 1.0
+        rows = np.flatnonzero(usable)[seed_points(cloud.subset(usable), options.search_radius, share)]
+    rows = np.union1d(rows, _balls_of(cloud, usable, options.add))
+    if len(options.remove) and len(rows):
         from scipy.spatial import cKDTree
 
-        gone = cloud.centers[_balls_of(cloud, inner, remove)]
-        rows = rows[cKDTree(gone).query(cloud.centers[rows])[0] > reach]
+        gone = cloud.centers[_balls_of(cloud, usable, options.remove)]
+        away = cKDTree(gone).query(cloud.centers[rows])[0]
+        rows = rows[away > options.search_radius * cloud.surface.diagonal]
     if len(rows) == 0:
         raise InvalidOptionError(
             "No seed is left: add samples, remove fewer, or choose seeds other than none."
@@ -228,45 +205,38 @@ def _seed_rows(
 
 
 def _balls_of(
-    cloud: MedialCloud, inner: NDArray[np.bool_], picks: NDArray[np.int64]
+    cloud: MedialCloud, usable: NDArray[np.bool_], picked: Sequence[int] | NDArray[np.integer]
 ) -> NDArray[np.int64]:
     """Rows of the balls of picked samples; the smallest that touches one without a ball of its own.
 
     Later writes win: touching balls from the largest to the smallest, then the own ones.
     """
-    if len(picks) == 0:
-        return picks
-    usable = np.flatnonzero(inner)
-    falling = usable[np.argsort(-cloud.radii[usable], kind="stable")]
-    row = np.full(1 + max(int(cloud.features.max()), int(picks.max())), -1, np.int64)
-    row[cloud.features[falling].reshape(-1)] = np.repeat(falling, 2)
-    row[cloud.source[usable]] = usable
-    if (row[picks] < 0).any():
+    picks, n = np.asarray(picked, np.int64), cloud.surface.point_count
+    if picks.max(initial=-1) >= n:
+        raise InvalidOptionError(f"Picked samples must be below {n}, got {picks.max()}.")
+    rows = np.flatnonzero(usable)
+    falling = rows[np.argsort(-cloud.radii[rows], kind="stable")]
+    ball = np.full(n, -1, np.int64)
+    ball[cloud.features[falling].reshape(-1)] = np.repeat(falling, 2)
+    ball[cloud.source[rows]] = rows
+    if (ball[picks] < 0).any():
         raise InvalidOptionError(
-            f"No ball touches sample {picks[row[picks] < 0][0]}: pick another one."
+            f"No ball touches sample {picks[ball[picks] < 0][0]}: pick another one."
         )
-    return row[picks]
+    return ball[picks]
 
 
-def _on_surface(shape: Shape, cloud: MedialCloud, found: MeanShift, fill: bool) -> Segmentation:
+def _on_surface(cloud: MedialCloud, clusters: MeanShift, fill: bool) -> NDArray[np.int32]:
     """Bring the clusters of balls to the samples they touch, and on along the surface."""
+    surface: Shape = cloud.surface
     sample = cloud.features.reshape(-1)
-    cluster, share = np.repeat(found.labels, 2), np.repeat(found.shares, 2)
+    cluster, share = np.repeat(clusters.labels, 2), np.repeat(clusters.shares, 2)
     # The clearest vote comes last and stays; ties: the lowest cluster.
     order = np.lexsort((-cluster, share))
-    label = np.full(shape.point_count, -2, np.int64)
+    label = np.full(surface.point_count, -2, np.int64)
     label[sample[order]] = cluster[order]
     if fill:
         label[label == -1] = -2
     # Noise (-1) is passed on as well; only -2 takes the label of the nearest other sample.
-    known = spread_labels(shape, surface_graph(shape), (label + 1).astype(np.int32))
-    label = np.maximum(known - 1, -1)
-    area = shape.point_areas
-    used, place = np.unique(label[label >= 0], return_inverse=True)
-    areas = np.bincount(place.reshape(-1), area[label >= 0], minlength=len(used))
-    rank = np.full(len(found.centers), -1, np.int64)
-    falling = np.argsort(-areas, kind="stable")
-    rank[used[falling]] = np.arange(len(used))
-    return Segmentation(
-        np.where(label < 0, -1, rank[label]).astype(np.int32), areas[falling].astype(np.float64)
-    )
+    known = spread_labels(surface, surface_graph(surface), (label + 1).astype(np.int32))
+    return np.maximum(known - 1, -1).astype(np.int32)

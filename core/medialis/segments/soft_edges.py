@@ -2,23 +2,24 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from medialis.errors import InvalidShapeError
-from medialis.model.feature_sets import FeatureSets
+from medialis.kept import Bound
 from medialis.model.medial_cloud import MedialCloud
-from medialis.model.shape import Shape
-from medialis.progress import Progress, ProgressCallback
+from medialis.options import Options, algorithm
+from medialis.progress import Progress
 from medialis.sheets.extended_features import extended_feature_transform
 from medialis.validation import FloatArray, frozen
 
 
-@dataclass(frozen=True, eq=False)
-class SoftEdges:
-    """Convex edges as fields on the surface.
+@dataclass(frozen=True, eq=False, repr=False)
+class SoftEdges(Bound):
+    """Edges as fields on the n samples of a surface.
 
     Attributes
     ----------
@@ -28,24 +29,37 @@ class SoftEdges:
     angle : (n,) float64
         Radians: by how much the surface turns across the edge, at most, over these balls; 0 where
         there is no edge.
+    rim : (k,) bool
+        True for the A3 balls.
+    cloud : MedialCloud
+        The k balls: inner ones lie behind convex edges, outer ones behind concave edges.
 
     Raises
     ------
     InvalidShapeError
-        When the arrays are not of equal length.
+        When the arrays do not have one value a sample or ball.
     """
 
     radius: FloatArray
     angle: FloatArray
+    rim: NDArray[np.bool_]
+    cloud: MedialCloud = field(kw_only=True)
 
     def __post_init__(self) -> None:
-        radius, angle = np.asarray(self.radius), np.asarray(self.angle)
-        if radius.ndim != 1 or angle.shape != radius.shape:
-            raise InvalidShapeError(
-                f"radius and angle must be two (n,) arrays, got {radius.shape}, {angle.shape}."
-            )
-        object.__setattr__(self, "radius", frozen(radius, np.float64))
-        object.__setattr__(self, "angle", frozen(angle, np.float64))
+        n, k = self.cloud.surface.point_count, len(self.cloud)
+        for name, dtype, rows in (
+            ("radius", np.float64, n),
+            ("angle", np.float64, n),
+            ("rim", np.bool_, k),
+        ):
+            value = np.asarray(getattr(self, name))
+            if value.shape != (rows,):
+                raise InvalidShapeError(f"{name} must have shape ({rows},), got {value.shape}.")
+            object.__setattr__(self, name, frozen(value, dtype))
+
+    def __repr__(self) -> str:
+        count = int(np.isfinite(self.radius).sum())
+        return f"SoftEdges({count} of {len(self.radius)} samples on edges)"
 
     @property
     def sharpness(self) -> FloatArray:
@@ -53,27 +67,23 @@ class SoftEdges:
         return np.minimum(self.angle / (np.pi / 2), 1.0)
 
     def on_edge(self, min_angle: float) -> NDArray[np.bool_]:
-        """Return the samples on edges that turn by at least this many radians, (n,)."""
-        return self.angle >= max(min_angle, np.finfo(np.float64).tiny)
+        """Return the samples on edges that turn by at least this many degrees, (n,)."""
+        return self.angle >= max(math.radians(min_angle), np.finfo(np.float64).tiny)
 
 
-def soft_edges(
-    shape: Shape,
-    cloud: MedialCloud,
-    *,
-    sets: FeatureSets | None = None,
-    progress: Progress | ProgressCallback | None = None,
-) -> SoftEdges:
-    """Find the convex edges of a surface, with how blunt they are and how far they turn.
+@dataclass(frozen=True, kw_only=True)
+class SoftEdgeOptions(Options):
+    """Options of `soft_edges`: none, it has no scale to choose."""
+
+
+@algorithm(SoftEdgeOptions)
+def soft_edges(cloud: MedialCloud, options: SoftEdgeOptions, progress: Progress) -> SoftEdges:
+    """Find the edges of a surface, with how blunt they are and how far they turn.
 
     Parameters
     ----------
-    shape : Shape
-        n samples, as given to `medialis.surface_skeleton`.
     cloud : MedialCloud
         k balls. Inner balls find convex edges, outer ones concave edges.
-    sets : FeatureSets, optional
-        From `medialis.extended_feature_transform`; computed when missing.
     progress : callable, optional
         Called with (fraction, text); returning False cancels.
 
@@ -83,10 +93,13 @@ def soft_edges(
 
     Raises
     ------
-    InvalidShapeError
-        When the cloud belongs to a larger shape.
     Cancelled
         When `progress` asks for it.
+
+    See Also
+    --------
+    patches : the surface divided along its edges.
+    extended_feature_transform : the samples that each ball touches.
 
     Notes
     -----
@@ -100,18 +113,16 @@ def soft_edges(
     Examples
     --------
     >>> import medialis
-    >>> shape = medialis.organic_shape(56)
-    >>> edges = medialis.soft_edges(shape, medialis.surface_skeleton(shape))
+    >>> edges = medialis.soft_edges(medialis.surface_skeleton(medialis.organic_shape(56)))
     >>> bool(edges.radius.min() < 0.03)  # the tips of ears and tail
     True
     """
-    if sets is None:
-        sets = extended_feature_transform(cloud, progress=progress)
     from medialis.sheets._feature_set_kernels import smallest_at_samples
 
+    sets = extended_feature_transform.of(cloud, options, progress)
     n = cloud.surface.point_count
     radius, angle = np.full(n, np.inf), np.zeros(n)
     turns = 2.0 * np.arccos(np.clip(np.nan_to_num(sets.agreement), 0.0, 1.0))
     members = sets.samples.offsets, sets.samples.indices
     smallest_at_samples(sets.rim, cloud.radii, turns, *members, radius, angle)
-    return SoftEdges(radius, angle)
+    return SoftEdges(radius, angle, sets.rim, cloud=cloud)

@@ -9,7 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from medialis.model.ragged import Ragged
+from medialis.model.segmentation import Segmentation
 from medialis.model.shape import Shape
+from medialis.model.surface import piece_labels
+from medialis.surface.surface_graph import surface_graph
 from medialis.threads import run_chunks
 from medialis.validation import FloatArray, IntArray
 
@@ -105,6 +108,38 @@ def _borders(labels: IntArray, graph: Ragged, count: int) -> list[dict[int, int]
     return borders
 
 
+def completed(
+    shape: Shape,
+    labels: IntArray,
+    smallest: float,
+    *,
+    fill: bool = False,
+    method: str = "",
+) -> Segmentation:
+    """Spread labels over the samples without one, merge small segments, number them by area.
+
+    Parameters
+    ----------
+    shape : Shape
+        n samples.
+    labels : (n,) int32
+        -1: none yet.
+    smallest : float
+        Share of the surface below which a segment is merged; 0 merges none.
+    fill : bool
+        A component of the surface without any label is a segment of its own.
+    method : str
+        As in `Segmentation`.
+    """
+    graph, area = surface_graph(shape), shape.point_areas
+    labels = spread_labels(shape, graph, labels)
+    if fill:
+        labels = fill_components(shape, labels, np.ones(len(labels), np.bool_))
+    if smallest > 0.0:
+        labels = merge_small(labels, area, graph, smallest * float(area.sum()))
+    return Segmentation(numbered_by_weight(labels, area), surface=shape, method=method)
+
+
 def numbered_by_weight(labels: IntArray, weight: FloatArray) -> IntArray:
     """Return labels numbered 0, 1, ... from the heaviest to the lightest; -1 stays.
 
@@ -161,9 +196,9 @@ def diffused_labels(labels: IntArray, graph: Ragged, steps: int) -> IntArray:
     if steps == 0 or count < 2:
         return labels
     near = csr_array((np.ones(len(graph.indices)), graph.indices, graph.offsets), shape=(n, n))
-    at = np.repeat(np.arange(n), graph.lengths)
+    sample = np.repeat(np.arange(n), graph.lengths)
     moving = np.zeros(n, np.bool_)
-    moving[at[labels[at] != labels[graph.indices]]] = True
+    moving[sample[labels[sample] != labels[graph.indices]]] = True
     for _ in range(2 * math.isqrt(steps)):
         moving |= near @ moving.astype(np.float64) > 0
     moving &= labels >= 0
@@ -186,14 +221,7 @@ def diffused_labels(labels: IntArray, graph: Ragged, steps: int) -> IntArray:
 
 def connected_labels(labels: IntArray, graph: Ragged) -> IntArray:
     """Give each connected piece of each label a label of its own; -1 stays."""
-    from scipy.sparse import csr_array
-    from scipy.sparse.csgraph import connected_components
-
-    n = len(labels)
-    at = np.repeat(np.arange(n), graph.lengths)
-    same = labels[at] == labels[graph.indices]
-    links = csr_array(
-        (np.ones(int(same.sum()), np.int8), (at[same], graph.indices[same])), shape=(n, n)
-    )
-    pieces = connected_components(links, directed=False)[1]
-    return np.where(labels < 0, -1, pieces).astype(np.int32)
+    sample = np.repeat(np.arange(len(labels)), graph.lengths)
+    same = labels[sample] == labels[graph.indices]
+    links = np.stack([sample[same], graph.indices[same]], axis=1)
+    return np.where(labels < 0, -1, piece_labels(len(labels), links)).astype(np.int32)
