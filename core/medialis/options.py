@@ -252,9 +252,9 @@ def algorithm(
         compute: Callable[[Input, Chosen, Progress], Found],
     ) -> Algorithm[Input, P, Found]:
         def of(data: Input, given: Options, progress: Progress) -> Found:
-            own = cast(Chosen, given)
-            if type(given) is not chosen or given.progress is not None:
-                own = chosen.taken_from(given)  # nothing that is kept holds a host's callback
+            own = cast(Chosen, given) if type(given) is chosen else chosen.taken_from(given)
+            if own.progress is not None:
+                own = replace(own, progress=None)  # nothing that is kept holds a host's callback
 
             def work() -> Found:
                 return compute(data, own, progress)
@@ -287,9 +287,10 @@ def algorithm(
 
 
 def _in_order(signature: inspect.Signature, options: type[Options]) -> list[inspect.Parameter]:
-    """Parameters of a signature as hosts show them, `progress` last."""
+    """Parameters of a signature: more data, options as hosts show them, `progress` last."""
     names = [p.name for p in options.parameters()]
-    return [signature.parameters[name] for name in (*names, "progress")]
+    data = [name for name in signature.parameters if name not in (*names, "progress")]
+    return [signature.parameters[name] for name in (*data, *names, "progress")]
 
 
 _INDENTED: Any = {"initial_indent": "    ", "subsequent_indent": "    "}

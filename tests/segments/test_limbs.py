@@ -19,7 +19,7 @@ from tubes import AXES, FORK, hub
 
 
 def limbs(shape, **options):
-    return medialis.parts(shape, medialis.shrink_balls(shape), method="limbs", **options)
+    return medialis.parts(medialis.shrink_balls(shape), method="limbs", **options)
 
 
 def across(shape, labels, other):
@@ -89,16 +89,17 @@ def test_dumbbell_at_three_densities():
 
 def test_auto_takes_limbs_or_sheets():
     creature = medialis.organic_shape(80)
-    for shape, method, word in (
-        (creature, "limbs", "limbs leave"),
-        (forms.box_mesh((2.0, 1.5, 1.0), 0.1), "sheets", "no limbs"),
-        (forms.box_mesh((1.0, 1.0, 1.0), 0.08), "sheets", "no limbs"),
+    for shape, method, reason in (
+        (creature, "limbs", None),
+        (forms.box_mesh((2.0, 1.5, 1.0), 0.1), "sheets", "no_limbs"),
+        (forms.box_mesh((1.0, 1.0, 1.0), 0.08), "sheets", "no_limbs"),
         (forms.box_mesh((4.0, 3.0, 0.3), 0.12), "sheets", "flat"),
-        (forms.box_samples((1.0, 0.8, 0.6), 0.05).shape, "sheets", "needs a mesh"),
+        (forms.box_samples((1.0, 0.8, 0.6), 0.05).shape, "sheets", "no_mesh"),
     ):
         result = medialis.run("parts", shape)
         assert result.values["method"] == method
-        assert any(word in text for text in result.messages)
+        told = {m.code: m.data for m in result.messages}[f"divided_by_{method}"]
+        assert told.get("reason") == reason
     legs = medialis.run("parts", creature)
     ground = creature.points[:, 2] < creature.points[:, 2].min() + 0.03 * creature.diagonal
     feet = legs.layers[0].attributes["parts"][: creature.point_count][ground]
@@ -135,7 +136,8 @@ def test_auto_takes_limbs_where_they_stick_out():
     for shape, method in ((table(), "limbs"), (gear(), "sheets")):
         result = medialis.run("parts", shape, refine=0)
         assert result.values["method"] == method
-        assert any("stick out" in text for text in result.messages)
+        told = {m.code: m.data for m in result.messages}[f"divided_by_{method}"]
+        assert (told["sticking_out"] > 0) == (method == "limbs")
 
 
 def test_protrusions_of_a_dumbbell():
@@ -145,12 +147,11 @@ def test_protrusions_of_a_dumbbell():
     shape = forms.dumbbell(ball=1.0, bar=r, half=2.0, step=step)
     labels = np.array([1, 0, 2], np.int32)[np.digitize(shape.points[:, 2], [-inner, inner])]
     bar, ball = 2 * inner * 2 * np.pi * r, 2 * np.pi * (1 + np.sqrt(1 - r**2))
-    parts = Segmentation(labels, np.array([bar, ball, ball]))
-    found = protrusions(shape, parts)
+    found = protrusions(Segmentation(labels, surface=shape))
     exact = np.array([bar / 2, ball, ball]) / (np.pi * r**2)
     assert (found < 1.01 * exact).all() and (found > exact * (r / (r + step)) ** 2).all()
-    whole = Segmentation(np.zeros(shape.point_count, np.int32), np.array([bar + 2 * ball]))
-    assert np.isinf(protrusions(shape, whole)).all()
+    whole = Segmentation(np.zeros(shape.point_count, np.int32), surface=shape)
+    assert np.isinf(protrusions(whole)).all()
 
 
 def test_extent_does_not_change_when_a_shape_is_turned():
@@ -180,25 +181,20 @@ def test_same_parts_turned_scaled_reordered_and_on_one_thread(jack):
         assert (limbs(shape).labels == plain).all()
 
 
-def test_given_skeleton_and_wrong_input(jack):
+def test_outer_balls_and_wrong_input(jack):
     shape, _ = jack
-    cloud = medialis.shrink_balls(shape)
-    graph = medialis.curve_skeleton(cloud)
-    given = medialis.parts(shape, cloud, method="limbs", skeleton=graph)
-    assert (given.labels == limbs(shape).labels).all()
-    both = medialis.shrink_balls(shape, side="both")
-    assert (medialis.parts(shape, both, method="limbs").labels == given.labels).all()
+    cloud, both = medialis.shrink_balls(shape), medialis.shrink_balls(shape, side="both")
+    found = medialis.parts(both, method="limbs")
+    assert (found.labels == limbs(shape).labels).all() and found.method == "limbs"
     with pytest.raises(medialis.InvalidOptionError, match="method"):
-        medialis.parts(shape, cloud, method="arms")
-    with pytest.raises(medialis.InvalidShapeError, match="give the skeleton of this shape"):
-        medialis.parts(forms.cube(), cloud, method="limbs", skeleton=graph)
+        medialis.parts(cloud, method="arms")
     with pytest.raises(medialis.InvalidShapeError, match="whole inner cloud"):
-        medialis.parts(shape, cloud.subset(np.arange(100)), method="limbs")
+        medialis.parts(cloud.subset(np.arange(100)), method="limbs")
     form = forms.box_samples()
     with pytest.raises(medialis.InvalidShapeError, match="needs a mesh"):
         medialis.run("parts", form.shape, method="limbs")
     with pytest.raises(medialis.Cancelled):
-        medialis.parts(shape, cloud, method="limbs", progress=lambda *_: False)
+        medialis.parts(cloud, method="limbs", progress=lambda *_: False)
 
 
 def test_open_non_manifold_and_separate_shapes(jack):
@@ -222,7 +218,8 @@ def test_open_non_manifold_and_separate_shapes(jack):
     assert len(set(labels[: 2 * n])) == 14
     assert result.values["unlabelled"] == (labels < 0).sum()
     if (labels < 0).any():
-        assert any("no label" in text for text in result.messages)
+        told = {m.code: m.data for m in result.messages}["samples_unlabelled"]
+        assert told["unlabelled"] == result.values["unlabelled"]
 
 
 def test_limbs_of_a_graph_by_hand():
@@ -267,8 +264,8 @@ def test_flatness_of_round_and_flat_rods():
         shape = forms.box_mesh(size, 0.2)
         cloud = medialis.shrink_balls(shape)
         graph = medialis.curve_skeleton(cloud)
-        assert flatness(shape, graph) == pytest.approx(expected, rel=0.06)
-        assert (node_widths(shape, graph) >= graph.radii).all()
+        assert flatness(graph) == pytest.approx(expected, rel=0.06)
+        assert (node_widths(graph) >= graph.radii).all()
 
 
 def grid_graph(side):

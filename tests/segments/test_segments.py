@@ -1,7 +1,9 @@
 """Soft edges, patches and parts (thesis 6.3), as functions and as operations."""
 
+import importlib
 import json
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -37,14 +39,14 @@ def test_soft_edges_of_a_box(longest):
     the mean normal (1, 1)/2; with others on one wall only, (1, 0), at least (3, 1)/4, 0.79 long:
     they turn by 75 degrees or more."""
     shape = forms.box_mesh(SIDES, longest)
-    edges = medialis.soft_edges(shape, skeleton(shape))
+    edges = medialis.soft_edges(skeleton(shape))
     distance = box_face(shape)[1]
     assert (edges.radius[distance < 1e-9] < longest).all()
     assert np.isinf(edges.radius[distance > 1.45 * longest]).all()
     assert (edges.angle[np.isinf(edges.radius)] == 0).all()
     on = distance < 1e-9
     assert edges.angle[on].min() > math.radians(70) and edges.sharpness[on].min() > 0.77
-    assert edges.on_edge(math.radians(70))[on].all() and not edges.on_edge(0.0).all()
+    assert edges.on_edge(70)[on].all() and not edges.on_edge(0.0).all()
 
 
 def test_blunt_edges_have_their_radius():
@@ -52,7 +54,7 @@ def test_blunt_edges_have_their_radius():
     quarter circle, whose normals have a mean of 0.9 (2 acos 0.9 = 52 degrees), and what is flat
     beside its ends, where they turn by 90: between the two."""
     shape = forms.rounded_cylinder(1.0, 1.6, 0.25, 0.04)
-    edges = medialis.soft_edges(shape, skeleton(shape))
+    edges = medialis.soft_edges(skeleton(shape))
     reach = np.hypot(shape.points[:, 0], shape.points[:, 1])
     fillet = (reach > 0.8) & (np.abs(shape.points[:, 2]) > 0.6)
     # Samples of a polygon of step h on a circle of radius r: the ball is off by h^2 / (2 r) or so.
@@ -65,7 +67,7 @@ def test_blunt_edges_have_their_radius():
 @pytest.mark.parametrize("longest", [0.2, 0.1, 0.05])
 def test_patches_of_a_box_are_its_faces(longest):
     shape = forms.box_mesh(SIDES, longest)
-    found = medialis.patches(shape, skeleton(shape, "both"))
+    found = medialis.patches(skeleton(shape, "both"))
     face, distance = box_face(shape)
     assert found.count == 6
     inside = distance > 1e-9  # a sample on an edge belongs to either face
@@ -82,33 +84,33 @@ def test_patches_of_other_shapes(longest):
     for outline, sides, inner in ((forms.L_OUTLINE, 6, 5), (forms.T_OUTLINE, 8, 6)):
         shape = forms.prism(outline, 0.8, longest)
         cloud = skeleton(shape, "both")
-        assert medialis.patches(shape, cloud).count == 2 + sides
-        assert medialis.patches(shape, cloud.subset(cloud.side > 0)).count == 2 + inner
+        assert medialis.patches(cloud).count == 2 + sides
+        assert medialis.patches(cloud.subset(cloud.side > 0)).count == 2 + inner
     for fillet in (0.0, 0.25):
         shape = forms.rounded_cylinder(1.0, 1.6, fillet, longest)
-        assert medialis.patches(shape, skeleton(shape, "both")).count == 3
+        assert medialis.patches(skeleton(shape, "both")).count == 3
 
 
 def test_sheet_parts_of_a_dumbbell():
     """Two balls and the bar; within two spacings of the necks, where the sides blend, is free."""
     shape = forms.dumbbell(ball=1.0, bar=0.3, half=2.0, step=0.06)
-    found = medialis.parts(shape, skeleton(shape), method="sheets")
+    found = medialis.parts(skeleton(shape), method="sheets")
     z = shape.points[:, 2]
     neck = 2.0 - math.cos(math.asin(0.3))
     assert found.count == 3
     for rows in (z < -neck - 0.12, np.abs(z) < neck - 0.12, z > neck + 0.12):
         assert len(np.unique(found.labels[rows])) == 1
-    assert len(np.unique(found.of_faces(shape))) == 3
+    assert len(np.unique(found.of_faces())) == 3
 
 
 def test_parts_ignore_outer_balls_and_threads():
     shape = forms.box_mesh(SIDES, 0.1)
-    found = medialis.parts(shape, skeleton(shape))
-    both = medialis.parts(shape, skeleton(shape, "both"))
+    found = medialis.parts(skeleton(shape))
+    both = medialis.parts(skeleton(shape, "both"))
     assert (found.labels == both.labels).all() and found.count == 13
     with thread_limit(1):
-        assert (medialis.parts(shape, skeleton(shape)).labels == found.labels).all()
-    rough = medialis.parts(shape, skeleton(shape), smoothing=0)
+        assert (medialis.parts(skeleton(shape)).labels == found.labels).all()
+    rough = medialis.parts(skeleton(shape), smoothing=0)
     assert (rough.labels != found.labels).mean() < 0.1
 
 
@@ -126,8 +128,9 @@ def test_open_surfaces_have_labels_or_say_why():
     assert (labels[:n] >= 0).all()
     assert result.values["unlabelled"] == (labels < 0).sum()
     if (labels[n:] < 0).any():
-        assert any("no label" in text for text in result.messages)
-    assert (medialis.patches(shape, skeleton(shape)).labels >= 0).all()
+        told = {m.code: m.data for m in result.messages}["samples_unlabelled"]
+        assert told["unlabelled"] == result.values["unlabelled"]
+    assert (medialis.patches(skeleton(shape)).labels >= 0).all()
 
 
 def test_noise_and_non_manifold_edges_do_not_stop_anything():
@@ -140,12 +143,12 @@ def test_noise_and_non_manifold_edges_do_not_stop_anything():
         for name in OPERATIONS:
             result = medialis.run(name, bad)
             assert len(result.layers[0].points) > 0
-        assert (medialis.parts(bad, skeleton(bad)).labels >= 0).all()
+        assert (medialis.parts(skeleton(bad)).labels >= 0).all()
 
 
 def test_clouds_have_segments():
     form = forms.box_samples(SIDES, 0.05)
-    assert medialis.patches(form.shape, skeleton(form.shape)).labels.min() >= 0
+    assert medialis.patches(skeleton(form.shape)).labels.min() >= 0
     result = medialis.run("parts", form.shape)
     assert result.values["parts"] >= 13 and result.layers[0].face_attributes == {}
 
@@ -155,10 +158,54 @@ def test_labels_of_faces_are_the_majority_of_their_corners():
     for labels, expected in (
         ([1, 1, 0], 1), ([0, 1, 1], 1), ([2, 1, 0], 0), ([-1, -1, 0], -1), ([-1, 1, 2], 1),
     ):  # fmt: skip
-        areas = np.ones(max(labels) + 1)
-        assert medialis.Segmentation(labels, areas).of_faces(shape).tolist() == [expected] * 2
-    with pytest.raises(medialis.InvalidShapeError, match="areas"):
-        medialis.Segmentation([0, 1], [1.0])
+        found = medialis.Segmentation(labels, surface=shape)
+        assert found.of_faces().tolist() == [expected] * 2 == found.of_input_faces().tolist()
+    with pytest.raises(medialis.InvalidShapeError, match="one number for each"):
+        medialis.Segmentation([0, 1], surface=shape)
+
+
+def test_faces_of_the_input_have_the_segment_that_covers_most_of_them():
+    """Two triangles, split; (2 / 3)^2, less than half, of the upper one is a segment, or 0.69."""
+    corners = [[0, 0, 0], [3, 0, 0], [3, 3, 0], [0, 3, 0]]
+    fine = medialis.refine(medialis.make_shape(corners, [[0, 1, 2], [0, 2, 3]]), 0.1)
+    x, y, _ = fine.points.T
+    for above, expected in ((1.0, [0, 0]), (0.5, [0, 1])):
+        found = medialis.Segmentation(np.where(y > x + above, 1, 0), surface=fine)
+        assert len(found.of_faces()) == fine.face_count > 1000
+        assert found.of_input_faces().tolist() == expected
+        assert found.areas[1] == pytest.approx((3 - above) ** 2 / 2, abs=3 * 0.1)
+
+
+def test_late_options_compute_nothing_early_again(monkeypatch):
+    """Neither a ball nor a geodesic nor a feature set, by another object of the same shape."""
+    box, creature = forms.box_mesh(SIDES, 0.1), medialis.organic_shape(56)
+    late = (
+        ("parts", creature, ({"smallest": 0.1}, {"smoothing": 0}, {"method": "limbs"})),
+        ("parts", box, ({"smallest": 0.1}, {"smoothing": 0}, {"method": "sheets"})),
+        ("patches", box, ({"smallest": 0.0}, {"min_angle": 80.0})),
+        ("mean_shift_segments", creature, ({"fill": False},)),
+    )
+    with medialis.memory_limit(1 << 30):
+        for name, shape, _ in late:
+            medialis.run(name, shape)
+
+        def never(*_, **__):
+            raise AssertionError
+
+        for module, early in (
+            ("balls.surface_skeleton", "maximal_balls"),
+            ("geodesics.importance", "geodesic_lengths"),
+            ("sheets.extended_features", "_find"),
+            ("segments.parts", "find_limbs"),
+            ("segments.mean_shift", "_paths"),
+        ):
+            monkeypatch.setattr(importlib.import_module(f"medialis.{module}"), early, never)
+        with pytest.raises(AssertionError):
+            medialis.run("parts", forms.box_mesh(SIDES, 0.3))
+        for name, shape, changes in late:
+            same = replace(shape, points=shape.points.copy())
+            for change in changes:
+                assert medialis.run(name, same, **change).layers[0].on_input
 
 
 def chain(n):
@@ -245,13 +292,14 @@ def test_bad_input():
     cloud = skeleton(shape)
     for function in (medialis.patches, medialis.parts):
         with pytest.raises(medialis.InvalidOptionError, match="smallest"):
-            function(shape, cloud, smallest=-1)
+            function(cloud, smallest=-1)
     with pytest.raises(medialis.InvalidOptionError, match="smoothing"):
-        medialis.parts(shape, cloud, smoothing=0.5)
+        medialis.parts(cloud, smoothing=0.5)
     with pytest.raises(medialis.InvalidOptionError, match="min_angle"):
-        medialis.patches(shape, cloud, min_angle=4)
-    with pytest.raises(medialis.InvalidShapeError, match="radius and angle"):
-        medialis.SoftEdges(np.zeros(3), np.zeros(2))
+        medialis.patches(cloud, min_angle=181)
+    with pytest.raises(medialis.InvalidShapeError, match="angle must have"):
+        rim = np.zeros(len(cloud), bool)
+        medialis.SoftEdges(np.zeros(shape.point_count), np.zeros(2), rim, cloud=cloud)
     for function in (medialis.soft_edges, medialis.patches, medialis.parts):
         with pytest.raises(medialis.Cancelled):
-            function(shape, cloud, progress=lambda *_: False)
+            function(cloud, progress=lambda *_: False)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -206,7 +206,7 @@ def _describe_better(found: Segmentation, flat: float, progress: Progress) -> bo
     limbs = np.setdiff1d(np.arange(found.count), bodies)
     out = limbs[protrusions(found)[limbs] >= PROTRUDES]
     most = found.areas[out].sum() >= found.areas[limbs].sum() / 2
-    counts = {"limbs": len(limbs), "sticking_out": len(out), "flatness": flat}
+    counts: dict[str, Any] = {"limbs": len(limbs), "sticking_out": len(out), "flatness": flat}
     if len(out) and (most or flat < FLAT):
         progress.note(
             f"Divided where limbs leave their bodies, {len(limbs)} in all (method limbs): "
