@@ -176,7 +176,7 @@ def test_a_dumbbell_has_two_ends():
 
 def test_seeds_are_small_and_wide(arch):
     shape, _, cloud = arch
-    rows = seed_points(cloud, 0.05 * shape.diagonal)
+    rows = seed_points(cloud, 0.05)
     assert len(rows) > 100
     assert (cloud.spoke_angles[rows] >= math.radians(90) - 1e-12).all()
     assert cloud.radii[rows].max() <= np.quantile(cloud.radii[cloud.valid], 0.3)
