@@ -530,9 +530,9 @@ def mean_shift_segments() -> Image:
     cloud = medialis.surface_skeleton(shape)
     rows = [np.flatnonzero(teeth == t) for t in range(teeth.max() + 1)]
     tips = [int(r[shape.points[r, 2].argmax()]) for r in rows]
-    automatic = medialis.mean_shift_segments(shape, cloud, seeds="bumps", last_steps=20, fill=False)
+    automatic = medialis.mean_shift_segments(cloud, seeds="bumps", last_steps=20, fill=False)
     picked = medialis.mean_shift_segments(
-        shape, cloud, reach=0.04, seeds="none", add=tips, fill=False
+        cloud, search_radius=0.04, seeds="none", add=tips, fill=False
     )
     found = [teeth, automatic.labels, picked.labels]
     camera = Camera.framing(

@@ -252,7 +252,7 @@ def algorithm(
         compute: Callable[[Input, Chosen, Progress], Found],
     ) -> Algorithm[Input, P, Found]:
         def of(data: Input, given: Options, progress: Progress) -> Found:
-            own = cast(Chosen, given) if type(given) is chosen else chosen.taken_from(given)
+            own = given if type(given) is chosen else chosen.taken_from(given)
             if own.progress is not None:
                 own = replace(own, progress=None)  # nothing that is kept holds a host's callback
 

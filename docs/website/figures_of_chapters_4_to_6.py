@@ -148,7 +148,7 @@ def figure_5_3() -> Image:
     cloud = medialis.surface_skeleton(shape)
     good = cloud.subset(cloud.valid)
     kept = medialis.run("skeleton_importance", shape, threshold=0.02).layers[0]
-    found = medialis.mean_shift_segments(shape, cloud, seeds="bumps", last_steps=20, fill=False)
+    found = medialis.mean_shift_segments(cloud, seeds="bumps", last_steps=20, fill=False)
     items = [
         Surface(shape.points, shape.faces),
         Points(good.centers, size=2, values=good.radii),
@@ -166,7 +166,7 @@ def figure_5_4() -> Image:
     cloud = medialis.surface_skeleton(shape)
     balls = cloud.centers[cloud.valid & (cloud.spoke_angles > 1.0)]
     seeds = balls[:: max(1, len(balls) // 400)]
-    found = medialis.mean_shift(balls, seeds, reach=0.05 * shape.diagonal)
+    found = medialis.mean_shift(balls, seeds=seeds, search_radius=0.05)
     pale = Points(balls, size=1.5, color=(0.8, 0.82, 0.86))
     pictures = [
         draw([pale, Points(seeds, size=5, color=(0.05, 0.05, 0.05))], camera),

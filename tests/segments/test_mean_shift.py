@@ -175,7 +175,7 @@ def test_a_dumbbell_has_two_ends():
 
 
 def test_seeds_are_small_and_wide(arch):
-    shape, _, cloud = arch
+    _, _, cloud = arch
     rows = seed_points(cloud, 0.05)
     assert len(rows) > 100
     assert (cloud.spoke_angles[rows] >= math.radians(90) - 1e-12).all()

@@ -102,21 +102,8 @@ def mean_shift(points: ArrayLike, options: MeanShiftOptions, progress: Progress)
     Parameters
     ----------
     points : (n, 3) float
-    search_radius : float
-        Epsilon, as a fraction of the bounding-box diagonal of the points, 0.001 to 1: points up to
-        this distance shift a seed.
-    kernel : {"gaussian", "flat"}
-        Weights exp(-d^2 / (2 sigma^2)) with sigma half the search radius, or all equal.
-    last_steps : int
-        Only the last steps of each path vote: points far from the centers stay without a cluster.
-        0: the whole path.
-    merge : float
-        Fraction of the diagonal: seeds that converge closer together are one cluster. 0: closer
-        than the search radius.
     seeds : (s, 3) float, optional
         Where to start; all points when missing.
-    progress : callable, optional
-        Called with (fraction, text); returning False cancels.
 
     Returns
     -------
@@ -128,8 +115,6 @@ def mean_shift(points: ArrayLike, options: MeanShiftOptions, progress: Progress)
     ------
     InvalidShapeError
         When points or seeds are not (., 3) finite numbers.
-    InvalidOptionError
-        When an option is out of its range.
 
     See Also
     --------
@@ -137,7 +122,9 @@ def mean_shift(points: ArrayLike, options: MeanShiftOptions, progress: Progress)
 
     Notes
     -----
-    Cost: for each step of each seed, the points within the search radius. At most 300 steps.
+    Cost: for each step of each seed, the points within the search radius, epsilon. At most 300
+    steps. The Gaussian weights are exp(-d^2 / (2 sigma^2)) with sigma half the search radius. The
+    diagonal is that of the points.
 
     Source: thesis 5.3.2, Eq. 5.1, 5.2. Deviates: the densest centers absorb those within `merge`,
     whatever the order of the seeds; the thesis merges as they come, so chains could grow. The

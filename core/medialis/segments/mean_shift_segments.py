@@ -79,25 +79,9 @@ def mean_shift_segments(
     ----------
     cloud : MedialCloud
         k balls; inner ones are used. A `subset` of important ones will do.
-    search_radius : float
-        Radius of the kernel as a fraction of the diagonal, 0.001 to 1.
-    seeds : {"spread", "bumps", "all", "none"}
-        Balls that are shifted: those with a large spoke angle; of these, the smallest 30 %; every
-        one; only those added.
-    fill : bool
-        Samples without a vote take the nearest segment along the surface, else none.
-    kernel : {"gaussian", "flat"}
-        As in `mean_shift`.
-    last_steps : int
-        Only so many last steps of each path vote: what is far from every dense place, such as the
-        gum of a dental cast, gets no vote. 0: all.
-    merge : float
-        Centers closer than this fraction of the diagonal are one. 0: closer than the search radius.
     add, remove : (a,), (r,) int
         Samples that a user picked: the ball of one added is a seed as well; seeds within the search
-        radius of the ball of one removed are none.
-    progress : callable, optional
-        Called with (fraction, text); returning False cancels.
+        radius of the ball of one removed are none. A ball must touch each.
 
     Returns
     -------
@@ -108,10 +92,6 @@ def mean_shift_segments(
     ------
     InvalidShapeError
         When the cloud has no valid inner ball.
-    InvalidOptionError
-        When an option is out of its range, a picked sample has no ball, or no seed is left.
-    Cancelled
-        When `progress` asks for it.
 
     See Also
     --------
@@ -120,7 +100,8 @@ def mean_shift_segments(
 
     Notes
     -----
-    Cost: that of `mean_shift`, and a Dijkstra search. Source: thesis 5.3. Deviates: where balls of
+    Seeds have a spoke angle of 90 degrees or more. Cost: that of `mean_shift`, and a Dijkstra
+    search. Source: thesis 5.3. Deviates: where balls of
     several segments touch a sample, the one with the clearest vote counts, not the last one.
     Without `fill`, samples whose balls got no vote stay without a segment.
 
@@ -189,7 +170,9 @@ def _seed_rows(
         rows = np.flatnonzero(usable)
     elif options.seeds != "none":
         share = BUMP_RADIUS if options.seeds == "bumps" else 1.0
-        rows = np.flatnonzero(usable)[seed_points(cloud.subset(usable), options.search_radius, share)]
+        rows = np.flatnonzero(usable)[
+            seed_points(cloud.subset(usable), options.search_radius, share)
+        ]
     rows = np.union1d(rows, _balls_of(cloud, usable, options.add))
     if len(options.remove) and len(rows):
         from scipy.spatial import cKDTree

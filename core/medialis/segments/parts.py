@@ -75,21 +75,6 @@ def parts(cloud: MedialCloud, options: PartsOptions, progress: Progress) -> Segm
     ----------
     cloud : MedialCloud
         All k balls; outer ones take no part.
-    method : {"auto", "limbs", "sheets"}
-        "limbs": cut where limbs leave a body, by the curve skeleton; needs a mesh and its whole
-        inner cloud. "sheets": one part for each medial sheet. "auto": limbs if some stick out of
-        their base, and those are most or the shape is not flat, else sheets; a message says which,
-        and why.
-    smallest : float
-        Fraction of the surface, 0 to 1: parts that cover less are merged into the neighbour with
-        the longest common border.
-    smoothing : int
-        0 to 100 rounds. Sheets: every sample takes the most common label round it. Limbs: five
-        steps of diffusion of the labels, near the borders.
-    sheet_threshold : float
-        As in `medialis.medial_sheets`; only for sheets.
-    progress : callable, optional
-        Called with (fraction, text); returning False cancels.
 
     Returns
     -------
@@ -102,10 +87,6 @@ def parts(cloud: MedialCloud, options: PartsOptions, progress: Progress) -> Segm
     ------
     InvalidShapeError
         When limbs are wanted of a point cloud or of a thinned medial cloud.
-    InvalidOptionError
-        When an option is out of its range.
-    Cancelled
-        When `progress` asks for it.
 
     See Also
     --------
@@ -118,7 +99,12 @@ def parts(cloud: MedialCloud, options: PartsOptions, progress: Progress) -> Segm
     Y-curves. A limb that goes over into a body without a Y-curve, as fingers do into a flat hand,
     is one part with it, and large bodies have several sheets.
 
-    Limbs: see `segments/limbs.py`. Each sample belongs to the part of its node.
+    Limbs need a mesh and its whole inner cloud; each sample belongs to the part of its node. See
+    `segments/limbs.py`. The method "auto" takes them if some stick out of their base, and those are
+    most or the shape is not flat; a message says what was taken, and why.
+
+    A round of smoothing gives every sample the most common label round it; for limbs it is five
+    steps of diffusion of the labels, near the borders.
 
     Source: thesis 6.3.3. Deviates: small parts are merged and borders smoothed; the thesis knows
     sheets only, and names cuts round the junctions of curve skeletons as what others do.

@@ -47,25 +47,11 @@ def patches(cloud: MedialCloud, options: PatchesOptions, progress: Progress) -> 
     ----------
     cloud : MedialCloud
         k balls: inner ones for convex edges, outer ones for concave edges, or both.
-    min_angle : float
-        Degrees, 0 to 180: edges across which the surface turns by less do not separate.
-    smallest : float
-        Fraction of the surface, 0 to 1: patches that cover less are merged into the neighbour with
-        the longest common border.
-    progress : callable, optional
-        Called with (fraction, text); returning False cancels.
 
     Returns
     -------
     Segmentation
         Every sample has a patch; components of the surface are never joined.
-
-    Raises
-    ------
-    InvalidOptionError
-        When an option is out of its range.
-    Cancelled
-        When `progress` asks for it.
 
     See Also
     --------

@@ -84,17 +84,10 @@ def soft_edges(cloud: MedialCloud, options: SoftEdgeOptions, progress: Progress)
     ----------
     cloud : MedialCloud
         k balls. Inner balls find convex edges, outer ones concave edges.
-    progress : callable, optional
-        Called with (fraction, text); returning False cancels.
 
     Returns
     -------
     SoftEdges
-
-    Raises
-    ------
-    Cancelled
-        When `progress` asks for it.
 
     See Also
     --------
