@@ -28,6 +28,8 @@ from pathlib import Path
 
 PACKAGING = Path(__file__).resolve().parent
 ADDON = PACKAGING.parent
+SOURCES = ("*.py", "py.typed", "*.css", "*.js", "*.npz", "*.txt")
+"""Files of the core that its wheel has."""
 ROOT = ADDON.parent
 MANIFEST = "blender_manifest.toml"
 WHEELS = ROOT / "build" / "wheels"
@@ -147,7 +149,8 @@ def build_core(folder: Path) -> Path:
     Blender does not unpack a wheel whose name and version it has unpacked before. So the version
     carries a hash of the sources: another build of the same release is not mistaken for this one.
     """
-    sources = sorted((ROOT / "core" / "medialis").rglob("*.py"))
+    folder = ROOT / "core" / "medialis"
+    sources = sorted(file for kind in SOURCES for file in folder.rglob(kind))
     digest = hashlib.sha256()
     for source in sources:
         digest.update(source.relative_to(ROOT).as_posix().encode() + source.read_bytes())
@@ -156,7 +159,7 @@ def build_core(folder: Path) -> Path:
         copy = Path(temporary)
         for name in ("pyproject.toml", "README.md", "LICENSE"):
             shutil.copyfile(ROOT / name, copy / name)
-        for source in [*sources, ROOT / "core" / "medialis" / "py.typed"]:
+        for source in sources:
             target = copy / source.relative_to(ROOT)
             target.parent.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(source, target)

@@ -2,8 +2,10 @@
 
 import struct
 
+import make_color_maps
 import numpy as np
 import pytest
+from make_color_maps import lab_of_rgb, rgb_of_lab
 
 from medialis.errors import FileError, InvalidOptionError, InvalidShapeError
 from medialis.render.annotation import contact_sheet, number_text
@@ -11,11 +13,9 @@ from medialis.render.camera import Camera
 from medialis.render.colors import (
     MISSING,
     color_table,
-    lab_of_rgb,
     label_colors,
     map_colors,
     palette,
-    rgb_of_lab,
     to_linear,
     to_srgb,
 )
@@ -62,6 +62,14 @@ def test_color_spaces_round_trip_and_known_colors():
     np.testing.assert_allclose(lab_of_rgb([1.0, 1, 1]), [100, 0, 0], atol=0.02)
     # Published CIELAB of pure sRGB red under D65.
     np.testing.assert_allclose(lab_of_rgb([1.0, 0, 0]), [53.24, 80.09, 67.20], atol=0.02)
+
+
+def test_the_tables_are_those_that_the_script_derives():
+    """Sines and roots may differ in the last digits from machine to machine."""
+    for name in ("sequential", "diverging"):
+        derived = getattr(make_color_maps, name)()
+        np.testing.assert_allclose(color_table(name), derived, atol=1e-9)
+    np.testing.assert_allclose(palette(), make_color_maps.palette(), atol=1e-9)
 
 
 def test_labels_differ_clearly():

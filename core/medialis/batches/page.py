@@ -9,8 +9,8 @@ from collections.abc import Sequence
 from typing import Any
 from urllib.parse import quote
 
-from medialis.batches._page_parts import SCRIPT, STYLE
 from medialis.batches.jobs import DONE, FAILED, Row
+from medialis.reports.page import data_text, page
 
 OPEN_ROWS = 2000
 """Longer pages start with their tables closed, so that they open at once."""
@@ -40,14 +40,14 @@ def html_text(rows: Sequence[Row]) -> str:
         links = f'<a class="bad" href="#failed">failed <small>{len(bad)}</small></a>' + links
     is_open = " open" if len(rows) <= OPEN_ROWS else ""
     tables = "\n".join(_operation(name, group, is_open) for name, group in groups.items())
-    return (
-        '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">\n'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        f"<title>medialis batch: {summary}</title><style>{STYLE}</style></head><body>\n"
-        f"<header><h1>medialis batch</h1><p>{summary}.</p></header>\n"
-        f'<nav>{links}<input type="search" placeholder="find a shape" '
-        'aria-label="find a shape"></nav>\n'
-        f"{_failed(bad, len(groups))}{tables}\n<script>{SCRIPT}</script></body></html>\n"
+    find = '<input type="search" placeholder="find a shape" aria-label="find a shape">'
+    return page(
+        f"medialis batch: {summary}",
+        data_text("medialis.batches", "batch.css"),
+        f"<header><h1>medialis batch</h1><p>{summary}.</p></header>",
+        f"<nav>{links}{find}</nav>",
+        _failed(bad, len(groups)) + tables,
+        f"<script>\n{data_text('medialis.batches', 'batch.js')}</script>",
     )
 
 

@@ -1,9 +1,11 @@
-"""Colour maps derived in CIELAB, and label colours that differ as much as possible."""
+"""Colour maps with even lightness, and label colours that differ as much as possible."""
 
 from __future__ import annotations
 
+import io
 import math
 from functools import lru_cache
+from importlib import resources
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,14 +19,6 @@ MISSING = (0.62, 0.62, 0.62)
 
 TABLE_SIZE = 1024
 PALETTE_SIZE = 48
-_WHITE = np.array([0.95047, 1.0, 1.08883])  # D65
-_XYZ_OF_RGB = np.array(
-    [
-        [0.4124564, 0.3575761, 0.1804375],
-        [0.2126729, 0.7151522, 0.0721750],
-        [0.0193339, 0.1191920, 0.9503041],
-    ]
-)
 
 
 def to_linear(rgb: ArrayLike) -> FloatArray:
@@ -40,44 +34,6 @@ def to_srgb(linear: ArrayLike) -> FloatArray:
     value = np.asarray(linear, np.float64)
     bright = 1.055 * np.maximum(value, 0.0031308) ** (1 / 2.4) - 0.055
     return np.where(value <= 0.0031308, 12.92 * value, bright)
-
-
-def lab_of_rgb(rgb: ArrayLike) -> FloatArray:
-    """Return CIELAB (L*, a*, b*) under D65 of sRGB values 0..1, same shape."""
-    xyz = to_linear(rgb) @ _XYZ_OF_RGB.T / _WHITE
-    f = np.where(xyz > 216 / 24389, np.cbrt(xyz), (24389 / 27 * xyz + 16) / 116)
-    return np.stack(
-        [116 * f[..., 1] - 16, 500 * (f[..., 0] - f[..., 1]), 200 * (f[..., 1] - f[..., 2])],
-        axis=-1,
-    )
-
-
-def rgb_of_lab(lab: ArrayLike) -> FloatArray:
-    """Return sRGB values of CIELAB colours; those that no screen shows lie outside 0..1."""
-    values = np.asarray(lab, np.float64)
-    fy = (values[..., 0] + 16) / 116
-    f = np.stack([fy + values[..., 1] / 500, fy, fy - values[..., 2] / 200], axis=-1)
-    xyz = np.where(f**3 > 216 / 24389, f**3, (116 * f - 16) * 27 / 24389) * _WHITE
-    return to_srgb(xyz @ np.linalg.inv(_XYZ_OF_RGB).T)
-
-
-def _rgb_of_lch(lightness: ArrayLike, chroma: ArrayLike, hue: ArrayLike) -> FloatArray:
-    """Return sRGB of lightness, chroma, hue in degrees; chroma shrinks until a screen shows it."""
-    lightness, chroma, hue = np.broadcast_arrays(
-        np.asarray(lightness, float), np.asarray(chroma, float), np.deg2rad(hue)
-    )
-
-    def rgb(share: FloatArray) -> FloatArray:
-        c = chroma * share
-        return rgb_of_lab(np.stack([lightness, c * np.cos(hue), c * np.sin(hue)], axis=-1))
-
-    low, high = np.zeros(lightness.shape), np.ones(lightness.shape)
-    for _ in range(30):
-        middle = (low + high) / 2
-        color = rgb(middle)
-        fits = ((color >= 0) & (color <= 1)).all(axis=-1)
-        low, high = np.where(fits, middle, low), np.where(fits, high, middle)
-    return np.clip(rgb(low), 0, 1)
 
 
 @lru_cache(maxsize=8)
@@ -96,30 +52,21 @@ def color_table(name: str) -> FloatArray:
     Examples
     --------
     >>> table = color_table("sequential")
-    >>> bool((np.diff(lab_of_rgb(table)[:, 0]) > 0).all())
-    True
+    >>> table.shape, table[0].round(2).tolist()
+    ((1024, 3), [0.26, 0.11, 0.41])
     """
     as_choice(name, "cmap", COLOR_MAPS)
     if name.endswith("_reversed"):
         return frozen(color_table(name.removesuffix("_reversed"))[::-1], np.float64)
-    x = np.linspace(0, 1, TABLE_SIZE)
-    if name == "sequential":
-        stops = [0.0, 0.25, 0.5, 0.75, 1.0]
-        hue = _smooth(np.interp(x, stops, [312.0, 280.0, 210.0, 142.0, 92.0]))
-        chroma = _smooth(np.interp(x, stops, [50.0, 44.0, 32.0, 50.0, 80.0]))
-        return frozen(_rgb_of_lch(20 + 66 * x, chroma, hue), np.float64)
-    away = np.abs(2 * x - 1)
-    # Below the chroma at which a screen runs out of blue or red, so that the ramps have no kink.
-    chroma = np.where(x < 0.5, 46.0, 60.0) * np.sin(away * math.pi / 2)
-    hue = np.where(x < 0.5, 268.0, 32.0)
-    return frozen(_rgb_of_lch(90 - 52 * away**1.2, chroma, hue), np.float64)
+    return frozen(_stored()[name], np.float64)
 
 
-def _smooth(curve: FloatArray) -> FloatArray:
-    """Round the corners of a piecewise linear curve (moving average over a fifth of it)."""
-    reach = TABLE_SIZE // 10
-    padded = np.pad(curve, reach, mode="reflect", reflect_type="odd")
-    return np.convolve(padded, np.full(2 * reach + 1, 1 / (2 * reach + 1)), mode="valid")
+@lru_cache(maxsize=1)
+def _stored() -> dict[str, FloatArray]:
+    """Return the tables of ``colors.npz``, which ``docs/make_color_maps.py`` derives in CIELAB."""
+    data = (resources.files("medialis.render") / "colors.npz").read_bytes()
+    with np.load(io.BytesIO(data)) as tables:
+        return dict(tables)
 
 
 @lru_cache(maxsize=1)
@@ -129,18 +76,7 @@ def palette() -> FloatArray:
     Distances are Euclidean in CIELAB, from a fixed grid of lightness, chroma and hue; near white
     and near grey colours are not used.
     """
-    lightness, chroma, hue = np.meshgrid(
-        [40.0, 53.0, 66.0, 78.0], [38.0, 62.0], np.arange(0, 360, 12.0), indexing="ij"
-    )
-    rgb = _rgb_of_lch(lightness.ravel(), chroma.ravel(), hue.ravel())
-    lab = lab_of_rgb(rgb)
-    avoid = np.array([[100.0, 0, 0], [62.0, 0, 0]])
-    distance = np.linalg.norm(lab[:, None] - avoid, axis=2).min(axis=1)
-    chosen = [int(np.abs(lab - [53.0, -2.0, -45.0]).sum(axis=1).argmin())]  # start with a blue
-    for _ in range(PALETTE_SIZE - 1):
-        distance = np.minimum(distance, np.linalg.norm(lab - lab[chosen[-1]], axis=1))
-        chosen.append(int(distance.argmax()))
-    return frozen(rgb[chosen], np.float64)
+    return frozen(_stored()["palette"], np.float64)
 
 
 def label_colors(labels: ArrayLike) -> FloatArray:

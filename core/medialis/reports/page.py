@@ -4,47 +4,29 @@ from __future__ import annotations
 
 import html
 from collections.abc import Iterable, Mapping, Sequence
+from importlib import resources
 from typing import Any
 
 from medialis.reports.wording import named, number
 
-STYLE = """
-:root { color-scheme: light dark; --back: #f5f6f8; --card: #fff; --ink: #1d2126; --soft: #5d6670;
-  --line: #e3e6ea; --bar: #3b6fb6; --good: #1a7f4b; --look: #b04a00; --info: #5d6670; }
-@media (prefers-color-scheme: dark) { :root { --back: #14161a; --card: #1e2126; --ink: #e4e6e9;
-  --soft: #a0a8b2; --line: #33383f; --bar: #6d9fe0; --good: #5bc88d; --look: #f0a060;
-  --info: #a0a8b2; } }
-* { box-sizing: border-box; }
-body { font: 15px/1.5 system-ui, sans-serif; margin: 0 auto; max-width: 76rem; padding: 1.5rem 1rem;
-  background: var(--back); color: var(--ink); }
-h1 { margin: 0; font-size: 1.7rem; line-height: 1.2; overflow-wrap: anywhere; }
-h2 { font-size: 1.15rem; margin: 0 0 .6rem; } h3 { font-size: 1rem; margin: 1rem 0 .2rem; }
-p { margin: .2rem 0 .8rem; } .soft, figcaption, th { color: var(--soft); }
-section { background: var(--card); border: 1px solid var(--line); border-radius: 10px;
-  padding: 1rem 1.2rem; margin-top: 1rem; }
-img { max-width: 100%; height: auto; display: block; border-radius: 6px; background: #fff; }
-.side { display: grid; gap: 1rem; margin-top: 1rem;
-  grid-template-columns: repeat(auto-fit, minmax(min(23rem, 100%), 1fr)); }
-.side > section { margin: 0; min-width: 0; } .side > section > img { margin: auto; }
-.row { display: grid; gap: 1rem 2rem;
-  grid-template-columns: repeat(auto-fill, minmax(min(17rem, 100%), 1fr)); }
-.views { display: grid; gap: .6rem; grid-template-columns: repeat(4, 1fr); margin-top: 1rem; }
-@media (max-width: 40rem) { .views { grid-template-columns: 1fr 1fr; } }
-dl { margin: 0; } dt { font-weight: 600; margin-top: .7rem; } dt:first-child { margin-top: 0; }
-dd { margin: 0; } .good { color: var(--good); } .look { color: var(--look); }
-.info { color: var(--info); } ul { margin: 0; padding-left: 1.2rem; }
-.wide { overflow-x: auto; } table { border-collapse: collapse; }
-td, th { text-align: left; padding: .12rem 1.4rem .12rem 0; vertical-align: top; }
-th { font-weight: normal; } td + td { font-variant-numeric: tabular-nums; }
-tr + tr > td { border-top: 1px solid var(--line); }
-figure { margin: 0; min-width: 0; } svg { width: 100%; height: auto; display: block; }
-rect { fill: var(--bar); } text { font-size: 11px; fill: var(--soft); }
-line { stroke: var(--line); }
-@media print { body { background: none; } section { break-inside: avoid; } }
-"""
-
 MARKS = {"good": "✓", "look": "!", "info": "·"}
 WORDS = {"good": "right", "look": "look at this", "info": "for your information"}
+
+
+def page(title: str, style: str, *body: str) -> str:
+    """Return a page that loads nothing from elsewhere; `style` is the text of a style sheet."""
+    return (
+        '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">\n'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
+        f"<title>{html.escape(title)}</title><style>\n{style}</style></head><body>\n"
+        + "\n".join(filter(None, body))
+        + "\n</body></html>\n"
+    )
+
+
+def data_text(package: str, name: str) -> str:
+    """Return the text of a data file of a package, such as a style sheet."""
+    return (resources.files(package) / name).read_text("utf-8")
 
 
 def section(title: str, *body: str) -> str:

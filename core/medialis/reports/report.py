@@ -19,7 +19,17 @@ from medialis.operations.registry import OPERATIONS
 from medialis.operations.result import Result
 from medialis.render.png import encode_png
 from medialis.reports.measures import measure
-from medialis.reports.page import STYLE, bullets, cell, chart, records, section, table, verdict_list
+from medialis.reports.page import (
+    bullets,
+    cell,
+    chart,
+    data_text,
+    page,
+    records,
+    section,
+    table,
+    verdict_list,
+)
 from medialis.reports.wording import counted, named, number, place
 
 STILLS, STILL_SIZE = 4, 360
@@ -112,13 +122,7 @@ def report_page(measures: Mapping[str, Any], pictures: Sequence[NDArray[np.uint8
         section("Versions", table(measures["versions"].items())),
         "</div>",
     )
-    return (
-        '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">\n'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        f"<title>{html.escape(title)}</title><style>{STYLE}</style></head><body>\n"
-        + "\n".join(filter(None, body))
-        + "\n</body></html>\n"
-    )
+    return page(title, data_text("medialis.reports", "report.css"), *body)
 
 
 def _subtitle(measures: Mapping[str, Any]) -> str:
