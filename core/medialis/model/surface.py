@@ -129,16 +129,6 @@ class Surface(Bound):
         return frozen(np.stack([low, high], axis=1)[low != high], np.int32)
 
     @cached_property
-    def face_edges(self) -> IntArray:
-        """Edge on each side of each face, (m, 3); -1 from a vertex to itself."""
-        order, key = self._sorted_sides
-        low, high = divmod(key, self.point_count)
-        new = np.r_[True, key[1:] != key[:-1]][: len(key)] & (low != high)
-        result = np.empty(len(key), np.int32)
-        result[order] = np.where(low != high, np.cumsum(new) - 1, -1)
-        return frozen(result.reshape(-1, 3), np.int32)
-
-    @cached_property
     def edge_lengths(self) -> FloatArray:
         """Length of each edge, (e,)."""
         ends = self.points[self.edges]

@@ -191,8 +191,8 @@ def _boundaries(
     mesh: SkeletonMesh, point_sheet: NDArray[np.int64], count: int
 ) -> NDArray[np.float64]:
     """Length of the edges with one triangle, for each sheet, without their zigzag."""
-    faces_there = np.bincount(mesh.face_edges.ravel(), minlength=len(mesh.edges))
-    links = mesh.edges[faces_there == 1].astype(np.int64)
+    table = mesh.edge_table
+    links = np.stack([table.low, table.high], axis=1)[table.counts == 1]
     points = smoothed_curves(mesh.points, links)
     length = np.linalg.norm(points[links[:, 0]] - points[links[:, 1]], axis=1)
     return np.bincount(point_sheet[links[:, 0]], length, count).astype(np.float64)

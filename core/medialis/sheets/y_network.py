@@ -157,14 +157,14 @@ def _borders(
     shape: Shape, labels: IntArray, centers: FloatArray, spacing: FloatArray
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Crossed surface edges (b, 2), and links (l, 2) between those of one pair of sheets."""
-    a, b = shape.edges.T
+    table = shape.edge_table
+    a, b = table.low, table.high
     gap = np.linalg.norm(centers[a] - centers[b], axis=1)
     crossed = (labels[a] != labels[b]) & (np.minimum(labels[a], labels[b]) >= 0)
     crossed &= gap <= LONGEST_JUMP * np.maximum(spacing[a], spacing[b])
-    ends = shape.edges[crossed].astype(np.int64)
+    ends = np.stack([a[crossed], b[crossed]], axis=1)
     # The number of each crossed edge at the sides of the faces; -1 at the others.
-    number = np.where(crossed, np.cumsum(crossed) - 1, -1)
-    sides = np.r_[number, -1][shape.face_edges]
+    sides = np.where(crossed, np.cumsum(crossed) - 1, -1)[table.edge_of].reshape(-1, 3)
     pairs = np.concatenate([sides[:, [1, 2]], sides[:, [2, 0]], sides[:, [0, 1]]])
     pairs = pairs[(pairs >= 0).all(axis=1)]
     of_pairs = np.sort(labels[ends[pairs]], axis=2)
