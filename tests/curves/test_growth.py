@@ -6,6 +6,7 @@ from medialis.curves.graph.growth import Growth, grow_graph
 from medialis.curves.graph.handles import find_handles
 from medialis.curves.graph.links import link_balls
 from medialis.model.curve_skeleton import CurveSkeleton
+from medialis.model.polylines import follow
 from tubes import circle, segment, tube
 
 NONE = np.empty((0, 2), np.int64)
@@ -65,15 +66,16 @@ def test_the_search_agrees_with_scipy_also_when_sources_are_added():
     from scipy.sparse.csgraph import dijkstra
 
     links = random_links()
-    grown = Growth(links, 0.05)
+    grown, nodes = Growth(links), []
     for sources in ([3], [50, 60], [7]):
         grown.add(sources)
-        slow = dijkstra(matrix(links), indices=grown.nodes, min_only=True)
-        assert np.allclose(grown.reach, slow, rtol=1e-12)
+        nodes += sources
+        slow = dijkstra(matrix(links), indices=nodes, min_only=True)
+        assert np.allclose(grown.spent, slow, rtol=1e-12)
     for ball in (10, 100, 200):
-        way = grown.way_of(ball)
+        way = follow(grown.parent, ball)
         steps = np.linalg.norm(np.diff(links.centers[way], axis=0), axis=1)
-        assert way[-1] == grown.base[ball] and steps.sum() == pytest.approx(grown.way[ball])
+        assert way[-1] == grown.base[ball] and steps.sum() == pytest.approx(grown.path[ball])
 
 
 def test_the_solid_angle_of_a_circle():
@@ -143,9 +145,7 @@ def test_a_grown_graph_reaches_what_sticks_out_and_is_a_tree():
     pairs = np.argwhere(distance < 0.05)
     links = link_balls(centers, np.full(k, 0.2), np.ones(k), pairs, NONE, spacing=0.01)
     components = np.r_[np.zeros(k - 1, np.int32), np.int32(1)]
-    edges, loops = grow_graph(
-        links, components, np.arange(k, 0, -1.0), np.ones(k, bool), spacing=0.01
-    )
+    edges, loops = grow_graph(links, components, np.arange(k, 0, -1.0), np.ones(k, bool))
     assert loops == {} and [k - 1, k - 1] in edges.tolist()
     names, inner = np.unique(edges[edges[:, 0] != edges[:, 1]], return_inverse=True)
     graph = CurveSkeleton.of(centers[names], inner.reshape(-1, 2), np.full(len(names), 0.2))

@@ -1,4 +1,4 @@
-"""Polylines of a graph: its edges, joined where exactly two of them meet."""
+"""Walks along graphs: from node to node, and polylines between the places where edges meet."""
 
 from __future__ import annotations
 
@@ -6,6 +6,26 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from medialis.errors import InvalidShapeError
+
+
+def follow(onward: NDArray[np.integer], start: int) -> list[int]:
+    """Walk from a node to where the next one is negative, both ends included.
+
+    Parameters
+    ----------
+    onward : (v,) int
+        The node that comes after each one, negative: none.
+    start : int
+
+    Examples
+    --------
+    >>> follow(np.array([-1, 0, 1, 1]), 3)
+    [3, 1, 0]
+    """
+    walk = [start]
+    while (after := int(onward[walk[-1]])) >= 0:
+        walk.append(after)
+    return walk
 
 
 def polylines(edges: ArrayLike, count: int) -> list[NDArray[np.int32]]:
@@ -47,7 +67,7 @@ def polylines(edges: ArrayLike, count: int) -> list[NDArray[np.int32]]:
     used = np.zeros(len(pairs), bool)
     vertex, halves, starts = ends.tolist(), order.tolist(), first.tolist()
 
-    def follow(half: int) -> NDArray[np.int32]:
+    def line_from(half: int) -> NDArray[np.int32]:
         line = [vertex[half]]
         while True:
             used[half // 2] = True
@@ -63,7 +83,7 @@ def polylines(edges: ArrayLike, count: int) -> list[NDArray[np.int32]]:
     knots = np.flatnonzero((degree > 0) & (degree != 2)).tolist()
     rest = np.flatnonzero(degree == 2).tolist()
     return [
-        follow(half)
+        line_from(half)
         for knot in (*knots, *rest)
         for half in halves[starts[knot] : starts[knot + 1]]
         if not used[half // 2]

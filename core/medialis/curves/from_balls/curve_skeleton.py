@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -144,16 +146,18 @@ def curve_skeleton(
         enough = ground.importance >= (options.threshold * surface.diagonal) ** 2
         wanted = np.zeros(len(cloud), bool)
         wanted[ground.candidates[enough]] = True
+
+        def keep(stages: tuple[int, ...], compute: Callable[[], Any]) -> Any:
+            return kept(grow_graph, ground, stages, compute, progress)
+
         edges, loops = grow_graph(
-            ground.links, ground.components, ground.strength, wanted,
-            spacing=surface.spacing, handles=ground.handles,
-        )  # fmt: skip
+            ground.links, ground.components, ground.strength, wanted, ground.handles, keep
+        )
         progress.update(0.5)
         graph, node_of_sample = finish_graph(
-            ground.links, edges, ground.strength, spacing=surface.spacing,
-            smoothing=options.smoothing,
-        )  # fmt: skip
-        graph = _put_in_surface(cloud, graph, node_of_sample)
+            ground.links, edges, ground.strength, options.smoothing
+        )
+        graph = _put_in_surface(ground, graph, node_of_sample, progress)
         if options.simplify > 0:
             graph = simplify_branches.of(graph, options, progress)
     evidence = CurveEvidence(
@@ -245,26 +249,33 @@ def _near_pairs(cloud: MedialCloud, rows: NDArray[np.int64]) -> NDArray[np.int64
 
 
 def _put_in_surface(
-    cloud: MedialCloud, graph: CurveSkeleton, node_of_sample: NDArray[np.int64]
+    ground: _Ground, graph: CurveSkeleton, node_of_sample: NDArray[np.int64], progress: Progress
 ) -> CurveSkeleton:
     """Give nodes their distance to the nearest sample, and each sample its node and branch."""
+    cloud = ground.measured.cloud
     radii = cloud.surface.tree.query(graph.nodes)[0]
-    _fill(node_of_sample, cloud.surface)
+    missing = node_of_sample < 0
+    if missing.any():
+        key = missing.tobytes()
+        nearest = kept(_nearest, ground, key, lambda: _nearest(cloud.surface, missing), progress)
+        node_of_sample[missing] = np.where(nearest < 0, -1, node_of_sample[nearest])
     return CurveSkeleton.of(
         graph.nodes, graph.edges, radii, vertex_node=node_of_sample, cloud=cloud
     )
 
 
-def _fill(values: NDArray[np.int64], surface: Shape) -> None:
-    """Give samples without a value that of the nearest sample of their component that has one."""
+def _nearest(surface: Shape, missing: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """Return the nearest sample of the same component that is not missing for those that are."""
     from scipy.spatial import cKDTree
 
-    for part in np.unique(surface.components[values < 0]).tolist():
+    result = np.full(surface.point_count, -1)
+    for part in np.unique(surface.components[missing]).tolist():
         rows = np.flatnonzero(surface.components == part)
-        known, missing = rows[values[rows] >= 0], rows[values[rows] < 0]
+        known, lost = rows[~missing[rows]], rows[missing[rows]]
         if len(known):
-            nearest = cKDTree(surface.points[known]).query(surface.points[missing])[1]
-            values[missing] = values[known[nearest]]
+            near = cKDTree(surface.points[known]).query(surface.points[lost])[1]
+            result[lost] = known[near]
+    return result[missing]
 
 
 def _node_importance(graph: CurveSkeleton, ground: _Ground) -> FloatArray:

@@ -12,36 +12,36 @@ from medialis._kernels.jit import kernel
 
 @kernel
 def spread_from_tree(
-    sources, offsets, neighbours, length, cost, keys, names, reach, parent, way, base
+    sources, offsets, neighbours, length, cost, keys, names, spent, parent, path, base
 ):  # fmt: skip
-    """Dijkstra's search from new sources: the cheapest way of each ball to the tree so far.
+    """Dijkstra's search from new sources: the cheapest path of each ball to the tree so far.
 
-    `reach` is the cost of that way, `parent` the next ball on it, `way` its length, `base` where it
-    ends. They come with the answer for the sources before (inf and -1 at first), so that only balls
-    that the new sources serve better are visited. A ball enters the heap at most once for each of
-    its links in one search: `keys` and `names` have room for all links and sources.
+    `spent` is the cost of that path, `parent` the next ball on it, `path` its length, `base` where
+    it ends. They come with the answer for the sources before (inf and -1 at first), so that only
+    balls that the new sources serve better are visited. A ball enters the heap at most once
+    for each of its links in one search: `keys` and `names` have room for all links and sources.
     """
     size = 0
     for v in sources:
-        reach[v], way[v], parent[v], base[v] = 0.0, 0.0, -1, v
+        spent[v], path[v], parent[v], base[v] = 0.0, 0.0, -1, v
         size = push(keys, names, size, 0.0, v)
     while size > 0:
         size = pop(keys, names, size)
         here, v = keys[size], names[size]
-        if here > reach[v]:
+        if here > spent[v]:
             continue
-        for at in range(offsets[v], offsets[v + 1]):
-            w = neighbours[at]
-            there = here + cost[at]
-            if there < reach[w]:
-                reach[w], way[w] = there, way[v] + length[at]
+        for link in range(offsets[v], offsets[v + 1]):
+            w = neighbours[link]
+            there = here + cost[link]
+            if there < spent[w]:
+                spent[w], path[w] = there, path[v] + length[link]
                 parent[w], base[w] = v, base[v]
                 size = push(keys, names, size, there, w)
 
 
 @kernel
 def count_turns(order, parent, theta, turns):
-    """Whole turns round each handle on the way from each ball to the root, in rising cost.
+    """Whole turns round each handle on the path from each ball to the root, in rising cost.
 
     `theta` (k, c) are angles in turns, known up to whole ones; along a link they change by less
     than half a turn. Balls of the tree (no parent) keep their turns.
@@ -55,9 +55,9 @@ def count_turns(order, parent, theta, turns):
 
 @kernel
 def find_closing_links(
-    rows, radii, offsets, neighbours, length, reach, theta, turns, out_links
+    rows, radii, offsets, neighbours, length, spent, theta, turns, out_links
 ):  # fmt: skip
-    """Links that close a way round a handle: the turns of both ends do not match.
+    """Links that close a path round a handle: the turns of both ends do not match.
 
     Only links whose ends lie in each other's ball count: along a longer one the angle may change by
     more than half a turn. Returns how many; only the first len(out_links) are listed.
@@ -66,7 +66,7 @@ def find_closing_links(
     for v in rows:
         for at in range(offsets[v], offsets[v + 1]):
             w = neighbours[at]
-            if w <= v or reach[v] == np.inf or reach[w] == np.inf:
+            if w <= v or spent[v] == np.inf or spent[w] == np.inf:
                 continue
             if length[at] >= min(radii[v], radii[w]):
                 continue

@@ -1,4 +1,4 @@
-"""From ways along balls to smooth branches of the same topology (thesis 3.6.3).
+"""From paths along balls to smooth branches of the same topology (thesis 3.6.3).
 
 The nodes of a grown graph are balls, so it zigzags from sample to sample. Here close junctions
 become one, branches are sampled evenly (by their radius) and smoothed. A node moves within the ball
@@ -55,8 +55,6 @@ def finish_graph(
     links: BallLinks,
     edges: NDArray[np.int64],
     strength: FloatArray,
-    *,
-    spacing: float,
     smoothing: float,
 ) -> tuple[CurveSkeleton, NDArray[np.int64]]:
     """Prune spurs, merge close junctions, sample and smooth the branches of a grown graph.
@@ -69,8 +67,6 @@ def finish_graph(
         Of `grow_graph`.
     strength : (k,) float64
         Of the balls that become one junction the strongest gives its place.
-    spacing : float
-        Typical distance of neighbouring balls.
     smoothing : float
         As in `medialis.curve_skeleton`.
 
@@ -90,10 +86,10 @@ def finish_graph(
     ends = number[ends[stays[ends].all(axis=1)]]
     raw = CurveSkeleton.of(links.centers[balls], ends, links.radii[balls])
     merged, into = merge_junctions(raw, strength[balls])
-    sampled = sample_branches(merged, spacing)
+    sampled = sample_branches(merged, links.spacing)
     nodes = smooth_nodes(sampled.nodes, sampled.edges, sampled.room, smoothing)
-    # The ways of all balls to the graph, by their length alone.
-    nearest = Growth(replace(links, cost=links.length), spacing)
+    # The paths of all balls to the graph, by their length alone.
+    nearest = Growth(replace(links, cost=links.length))
     nearest.add(balls.tolist())
     node_of_ball = np.full(len(links) + 1, -1, np.int64)  # one more row: no ball
     node_of_ball[balls] = sampled.node_of[into]

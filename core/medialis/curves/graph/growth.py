@@ -1,6 +1,6 @@
 """Growing a graph along linked balls: loops first, then branch after branch (thesis 3.6.3).
 
-Every branch is the cheapest way from a candidate to the graph so far, so it runs along the curve
+Every branch is the cheapest path from a candidate to the graph so far, so it runs along the curve
 skeleton where there is one, crosses gaps along the surface skeleton, and joins the graph where it
 comes near it. One loop is closed for each handle, by the cheapest link that goes round it. So the
 graph has one component, and as many independent loops as were asked for, by construction.
@@ -8,14 +8,17 @@ graph has one component, and as many independent loops as were asked for, by con
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Mapping
+import functools
+from collections.abc import Callable, Mapping
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from medialis.curves.graph.handles import Handles
 from medialis.curves.graph.links import BallLinks
+from medialis.model.polylines import follow
+from medialis.model.ragged import Ragged
 from medialis.validation import FloatArray
 
 STICKS_OUT = 0.5
@@ -27,68 +30,67 @@ APART = 0.85
 SHORTEST = 3.0
 """Spacings: shorter branches are steps between neighbouring balls."""
 
+LARGE, KEPT_BRANCHES = 0.25, 4
+"""Share of all balls from which on a component counts as large, and branches of it that are kept:
+the first ones, whose search visits nearly all its balls."""
+
 MOST_CLOSING = 1 << 20
 PRIME = 1_000_003
 """Turns are compared modulo this prime; they are far smaller."""
 
 
 class Growth:
-    """A graph on linked balls that grows by cheapest ways.
+    """A graph on linked balls that grows by cheapest paths.
 
     Parameters
     ----------
     links : BallLinks
         k balls.
-    spacing : float
-        Typical distance of neighbouring balls.
 
     Attributes
     ----------
-    edges : list of (int, int)
-        Of the graph so far, between balls.
-    nodes : list of int
-        Balls of the graph so far.
-    way : (k,) float64
-        Length of the cheapest way of each ball to the graph; inf where there is none.
+    edges : list of (e, 2) int64
+        Of the graph so far, between balls: those of each branch.
+    spent : (k,) float64
+        Cost of the cheapest path of each ball to the graph; inf where there is none.
+    path : (k,) float64
+        Its length.
+    parent : (k,) int32
+        The next ball on it; -1 for balls of the graph, and where there is none.
     base : (k,) int32
-        Ball of the graph in which that way ends; -1 where there is none.
+        Ball of the graph in which it ends; -1 where there is none.
     """
 
-    def __init__(self, links: BallLinks, spacing: float) -> None:
-        k = len(links)
-        self.links, self.spacing = links, spacing
-        self.edges: list[tuple[int, int]] = []
-        self.nodes: list[int] = []
-        self.reach, self.way = np.full(k, np.inf), np.full(k, np.inf)
+    def __init__(self, links: BallLinks) -> None:
+        k, self.links = len(links), links
+        self.edges: list[NDArray[np.int64]] = []
+        self.spent, self.path = np.full(k, np.inf), np.full(k, np.inf)
         self.parent, self.base = np.full(k, -1, np.int32), np.full(k, -1, np.int32)
-        self._heap = (
-            np.empty(len(links.neighbours) + k),
-            np.empty(len(links.neighbours) + k, np.int32),
-        )
+
+    def copy(self) -> Growth:
+        """Return the same graph, to grow on by itself."""
+        other = Growth(self.links)
+        other.edges = list(self.edges)
+        for name in ("spent", "path", "parent", "base"):
+            getattr(other, name)[:] = getattr(self, name)
+        return other
 
     def add(self, balls: list[int]) -> None:
-        """Make balls nodes of the graph, and find the ways of all others to it anew."""
+        """Make balls nodes of the graph, and find the paths of the others to it anew."""
         from medialis.curves.graph._growth_kernels import spread_from_tree
 
-        self.nodes += balls
+        room = len(self.links.neighbours) + len(balls)
         spread_from_tree(
             np.array(balls, np.int32), self.links.offsets, self.links.neighbours,
-            self.links.length, self.links.cost, *self._heap, self.reach, self.parent, self.way,
-            self.base,
+            self.links.length, self.links.cost, np.empty(room), np.empty(room, np.int32),
+            self.spent, self.parent, self.path, self.base,
         )  # fmt: skip
 
-    def way_of(self, ball: int) -> list[int]:
-        """Balls from one to the graph along the cheapest way, both ends included."""
-        way = [ball]
-        while self.parent[way[-1]] >= 0:
-            way.append(int(self.parent[way[-1]]))
-        return way
-
     def join(self, ball: int) -> list[int]:
-        """Take the cheapest way of a ball into the list of edges; return its new balls."""
-        way = self.way_of(ball)
-        self.edges += list(itertools.pairwise(way))
-        return way[:-1]
+        """Take the cheapest path of a ball into the list of edges; return its new balls."""
+        path = follow(self.parent, ball)
+        self.edges.append(_pairs(path[:-1], path[1:]))
+        return path[:-1]
 
     def close_loops(self, theta: FloatArray, rows: NDArray[np.int64], most: int) -> int:
         """Close up to `most` loops round handles, cheapest first; return how many there are.
@@ -106,50 +108,46 @@ class Growth:
         turns = np.zeros(theta.shape, np.int32)
         starts = np.repeat(np.arange(len(self.links)), np.diff(self.links.offsets))
         known = np.zeros((0, theta.shape[1]), np.int64)
-        found = np.empty(MOST_CLOSING, np.int64)
+        closing = np.empty(MOST_CLOSING, np.int64)
         for closed in range(most):
-            order = rows[np.argsort(self.reach[rows], kind="stable")]
+            order = rows[np.argsort(self.spent[rows], kind="stable")]
             count_turns(order, self.parent, theta, turns)
             count = find_closing_links(
                 rows, self.links.radii, self.links.offsets, self.links.neighbours,
-                self.links.length, self.reach, theta, turns, found,
+                self.links.length, self.spent, theta, turns, closing,
             )  # fmt: skip
-            at = found[: min(count, len(found))]
-            a, b = starts[at], self.links.neighbours[at]
+            link = closing[: min(count, len(closing))]
+            a, b = starts[link], self.links.neighbours[link]
             turn = (turns[a] - turns[b] + np.rint(theta[b] - theta[a]).astype(np.int64)) % PRIME
             new = _reduce(turn, known).any(axis=1)
             if not new.any():
                 return closed
-            at, a, b, turn = at[new], a[new], b[new], turn[new]
-            best = int((self.reach[a] + self.links.cost[at] + self.reach[b]).argmin())
+            link, a, b, turn = link[new], a[new], b[new], turn[new]
+            best = int((self.spent[a] + self.links.cost[link] + self.spent[b]).argmin())
             known = _extend(known, turn[best])
-            # Both ways may end in a common stretch, which is taken once.
+            # Both paths may end in a common stretch, which is taken once.
             first = self.join(int(a[best]))
             taken = set(first)
-            second = [ball for ball in self.way_of(int(b[best]))[:-1] if ball not in taken]
-            self.edges += [(ball, int(self.parent[ball])) for ball in second]
-            self.edges.append((int(a[best]), int(b[best])))
+            second = [b for b in follow(self.parent, int(b[best]))[:-1] if b not in taken]
+            self.edges += [_pairs(second, self.parent[second]), _pairs(a[[best]], b[[best]])]
             self.add([*first, *second])
         return most
 
-    def grow_branches(self, candidates: NDArray[np.int64]) -> None:
-        """Join candidates that stick out of the graph, the one that sticks out most first."""
-        if len(candidates) == 0:
-            return
+    def next_tip(self, candidates: NDArray[np.int64]) -> int | None:
+        """Return the candidate that sticks out of the graph most; None when there is none."""
         radii = self.links.radii
-        while True:
-            reached = candidates[self.base[candidates] >= 0]
-            base = self.base[reached]
-            gap = np.linalg.norm(self.links.centers[reached] - self.links.centers[base], axis=1)
-            out = sticks_out(np.maximum(gap, self.way[reached] / 2), radii[reached], radii[base])
-            out &= self.way[reached] >= SHORTEST * self.spacing
-            if not out.any():
-                return
-            beyond = np.where(out, self.way[reached] + radii[reached] - radii[base], -np.inf)
-            self.add(self.join(int(reached[beyond.argmax()])))
+        reached = candidates[self.base[candidates] >= 0]
+        base = self.base[reached]
+        gap = np.linalg.norm(self.links.centers[reached] - self.links.centers[base], axis=1)
+        out = sticks_out(np.maximum(gap, self.path[reached] / 2), radii[reached], radii[base])
+        out &= self.path[reached] >= SHORTEST * self.links.spacing
+        if not out.any():
+            return None
+        beyond = np.where(out, self.path[reached] + radii[reached] - radii[base], -np.inf)
+        return int(reached[beyond.argmax()])
 
 
-def sticks_out(reach: FloatArray, tip: FloatArray, base: FloatArray) -> NDArray[np.bool_]:
+def sticks_out(distance: FloatArray, tip: FloatArray, base: FloatArray) -> NDArray[np.bool_]:
     """Tell branches from spurs.
 
     The ball at the end of a branch reaches out of the ball where it starts by half a radius, and
@@ -157,13 +155,17 @@ def sticks_out(reach: FloatArray, tip: FloatArray, base: FloatArray) -> NDArray[
 
     Parameters
     ----------
-    reach : (b,) float64
-        Distance of the ends.
+    distance : (b,) float64
+        Of the ends.
     tip, base : (b,) float64
         Radius at the free end and at the other one.
     """
-    out = reach + tip > (1 + STICKS_OUT) * base
-    return np.asarray(out & (reach > APART * np.maximum(tip, base)))
+    out = distance + tip > (1 + STICKS_OUT) * base
+    return np.asarray(out & (distance > APART * np.maximum(tip, base)))
+
+
+Keep = Callable[[tuple[int, ...], Callable[[], Any]], Any]
+"""Returns what a function computes, or what it returned before for the same numbers."""
 
 
 def grow_graph(
@@ -171,9 +173,8 @@ def grow_graph(
     components: NDArray[np.int32],
     strength: FloatArray,
     candidates: NDArray[np.bool_],
-    *,
-    spacing: float,
     handles: Mapping[int, Handles] | None = None,
+    keep: Keep = lambda _, compute: compute(),
 ) -> tuple[NDArray[np.int64], dict[int, int]]:
     """Grow a graph in each component of a set of balls.
 
@@ -188,10 +189,10 @@ def grow_graph(
         starts at the largest ball.
     candidates : (k,) bool
         Balls that the graph must reach where they stick out of it.
-    spacing : float
-        Typical distance of neighbouring balls.
     handles : dict, optional
         Loops to close, by component.
+    keep : callable, optional
+        Keeps the first stages, so that other candidates which lead to them go on from there.
 
     Returns
     -------
@@ -200,25 +201,59 @@ def grow_graph(
     dict
         Loops closed, by the number of the component, where handles were given.
     """
-    graph = Growth(links, spacing)
-    alone, loops = [], {}
-    for number in np.unique(components[components >= 0]).tolist():
-        rows = np.flatnonzero(components == number)
-        wanted = rows[candidates[rows]]
+    groups = Ragged.group(components, int(components.max(initial=-1)) + 1)
+    balls = {number: rows.astype(np.int64) for number, rows in enumerate(groups) if len(rows)}
+    wanted = {number: rows[candidates[rows]] for number, rows in balls.items()}
+    roots = {}
+    for number, pool in wanted.items():
         # Where no candidate is kept the measure is noise: the middle of the thickest place stays.
-        pool, worth = (wanted, strength) if len(wanted) else (rows, links.radii)
-        root = int(pool[np.nan_to_num(worth[pool], nan=-np.inf).argmax()])
-        before = len(graph.edges)
-        graph.add([root])
-        found = (handles or {}).get(number)
-        if found is not None:
-            theta = found.angles(links.centers, rows if found.genus else rows[:0])
-            loops[number] = graph.close_loops(theta, rows, found.genus)
-        graph.grow_branches(wanted)
-        if len(graph.edges) == before:
-            alone.append((root, root))
-    edges = np.sort(np.array([*graph.edges, *alone], np.int64).reshape(-1, 2), axis=1)
+        pool, worth = (pool, strength) if len(pool) else (balls[number], links.radii)
+        roots[number] = int(pool[np.nan_to_num(worth[pool], nan=-np.inf).argmax()])
+    stages = tuple(roots.values())
+    graph, loops = keep(stages, lambda: _rooted(links, balls, roots, handles or {}))
+    mine = False
+    for number in sorted(balls, key=lambda number: len(balls[number]), reverse=True):
+        large, turn = len(balls[number]) >= LARGE * len(links), 0
+        while (tip := graph.next_tip(wanted[number])) is not None:
+            stages = (*stages, tip)
+            if large and turn < KEPT_BRANCHES:
+                graph, mine = keep(stages, functools.partial(_branched, graph, tip)), False
+            else:
+                graph, mine = graph if mine else graph.copy(), True
+                graph.add(graph.join(tip))
+            turn += 1
+    joined = np.concatenate([np.empty((0, 2), np.int64), *graph.edges])
+    alone = np.setdiff1d(stages[: len(roots)], joined)
+    edges = np.sort(np.concatenate([joined, _pairs(alone, alone)]), axis=1)
     return np.unique(edges, axis=0), loops
+
+
+def _rooted(
+    links: BallLinks,
+    balls: Mapping[int, NDArray[np.int64]],
+    roots: Mapping[int, int],
+    handles: Mapping[int, Handles],
+) -> tuple[Growth, dict[int, int]]:
+    """Start a graph in each component: its root, and the loops round its handles."""
+    graph, loops = Growth(links), {}
+    graph.add(list(roots.values()))
+    for number in handles.keys() & roots.keys():
+        one, loops[number] = handles[number], 0
+        if one.genus:
+            theta = one.angles(links.centers, balls[number])
+            loops[number] = graph.close_loops(theta, balls[number], one.genus)
+    return graph, loops
+
+
+def _branched(graph: Growth, tip: int) -> Growth:
+    """Return a copy of a graph with one more branch."""
+    copy = graph.copy()
+    copy.add(copy.join(tip))
+    return copy
+
+
+def _pairs(a: ArrayLike, b: ArrayLike) -> NDArray[np.int64]:
+    return np.stack([np.asarray(a, np.int64), np.asarray(b, np.int64)], axis=1)
 
 
 def _reduce(rows: NDArray[np.int64], known: NDArray[np.int64]) -> NDArray[np.int64]:

@@ -26,7 +26,7 @@ OFF_CURVE = 20.0
 
 SHORT = 0.3
 """Share of the smaller radius up to which a link counts as short: the distance of the nodes in the
-end. In a thick body centers are many spacings apart; a way through it must not cost more than one
+end. In a thick body centers are many spacings apart; a path through it must not cost more than one
 along thin balls below its surface."""
 
 OVERLAP_ONLY, APART = 10.0, 1000.0
@@ -67,7 +67,9 @@ class BallLinks:
     length : (l,) float64
         Distance of the centers.
     cost : (l,) float64
-        What a way along the link costs: low near the curve skeleton.
+        What a path along the link costs: low near the curve skeleton.
+    spacing : float
+        Typical distance of neighbouring balls.
     """
 
     centers: FloatArray
@@ -76,6 +78,7 @@ class BallLinks:
     neighbours: NDArray[np.int32]
     length: FloatArray
     cost: FloatArray
+    spacing: float
 
     def __len__(self) -> int:
         return len(self.radii)
@@ -114,17 +117,17 @@ def link_balls(
     pairs = np.sort(np.concatenate([near, needed]).astype(np.int64), axis=1)
     wanted = np.arange(len(pairs)) >= len(near)
     key = pairs[:, 0] * k + pairs[:, 1]
-    reach, smaller, both = _measure(centers, radii, pairs)
-    use = (pairs[:, 0] != pairs[:, 1]) & (wanted | (reach < smaller))
+    distance, smaller, both = _measure(centers, radii, pairs)
+    use = (pairs[:, 0] != pairs[:, 1]) & (wanted | (distance < smaller))
     key = np.sort(key[use])
     key = key[np.r_[True, key[1:] != key[:-1]][: len(key)]]
     low, high = np.divmod(key, k)
-    reach, smaller, both = _measure(centers, radii, np.stack([low, high], axis=1))
+    distance, smaller, both = _measure(centers, radii, np.stack([low, high], axis=1))
     density = 1 / (1 / OFF_CURVE + closeness)
-    long = 1 + reach / np.maximum(SHORT * smaller, spacing)
-    cost = reach * long * (density[low] + density[high]) / 2
-    cost *= np.where(reach < smaller, 1.0, np.where(reach < both, OVERLAP_ONLY, APART))
-    cost += 1e-9 * spacing  # coincident centers: the way with fewer links
+    long = 1 + distance / np.maximum(SHORT * smaller, spacing)
+    cost = distance * long * (density[low] + density[high]) / 2
+    cost *= np.where(distance < smaller, 1.0, np.where(distance < both, OVERLAP_ONLY, APART))
+    cost += 1e-9 * spacing  # coincident centers: the path with fewer links
     start = np.concatenate([low, high])
     order = np.argsort(start, kind="stable")
     offsets = np.concatenate([[0], np.cumsum(np.bincount(start, minlength=k))])
@@ -133,8 +136,9 @@ def link_balls(
         radii,
         offsets,
         np.concatenate([high, low])[order].astype(np.int32),
-        frozen(np.concatenate([reach, reach])[order], np.float64),
+        frozen(np.concatenate([distance, distance])[order], np.float64),
         frozen(np.concatenate([cost, cost])[order], np.float64),
+        spacing,
     )
 
 
@@ -143,5 +147,5 @@ def _measure(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Distance of each pair, its smaller radius, the sum of its radii."""
     a, b = pairs.T
-    reach = np.linalg.norm(centers[a] - centers[b], axis=1)
-    return reach, np.minimum(radii[a], radii[b]), radii[a] + radii[b]
+    distance = np.linalg.norm(centers[a] - centers[b], axis=1)
+    return distance, np.minimum(radii[a], radii[b]), radii[a] + radii[b]

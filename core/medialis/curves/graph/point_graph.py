@@ -85,15 +85,9 @@ def point_graph(
     links = link_balls(centers, radius, closeness, pairs, nothing, spacing=spacing)
     # Of equally sure points the thickest one comes first.
     first = sure + 1e-9 * radius / max(float(radius.max()), 1e-300) * max(float(sure.max()), 1e-300)
-    edges, _ = grow_graph(
-        links,
-        _pieces(links.offsets, links.neighbours),
-        first,
-        np.ones(len(centers), bool),
-        spacing=spacing,
-        handles=handles,
-    )
-    return finish_graph(links, edges, first, spacing=spacing, smoothing=smoothing)[0]
+    pieces = _pieces(links.offsets, links.neighbours)
+    edges, _ = grow_graph(links, pieces, first, np.ones(len(centers), bool), handles)
+    return finish_graph(links, edges, first, smoothing)[0]
 
 
 def _pieces(offsets: NDArray[np.int64], neighbours: NDArray[np.int32]) -> NDArray[np.int32]:
