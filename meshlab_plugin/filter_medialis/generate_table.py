@@ -31,7 +31,7 @@ def literal(text: str) -> str:
 
 def help_of(operation: Operation) -> str:
     """Return the help with the section of the thesis that it follows, if any."""
-    return operation.help + (f"\n\nSource: {operation.source}." if operation.source else "")
+    return operation.full_help
 
 
 def parameter_row(parameter: dict[str, Any]) -> str:

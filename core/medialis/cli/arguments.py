@@ -103,7 +103,7 @@ def _add_operation(group: Any, chosen: Operation, run: Command) -> None:
     sub = group.add_parser(
         chosen.name.replace("_", "-"),
         help=first,
-        description=f"{chosen.help}\n\nSource: {chosen.source}.",
+        description=chosen.full_help,
         epilog=_EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )

@@ -242,7 +242,8 @@ def _describe(options: argparse.Namespace) -> int:
         print(json.dumps([entry.describe() for entry in chosen], indent=2, allow_nan=False))
         return EXIT_OK
     for entry in chosen:
-        print(f"{entry.name} ({entry.label}; MeshLab: {entry.filter_name}; {entry.source})")
+        names = [entry.label, f"MeshLab: {entry.filter_name}", *filter(None, [entry.source])]
+        print(f"{entry.name} ({'; '.join(names)})")
         print(entry.help)
         for parameter in entry.parameters:
             kind = parameter.kind.value

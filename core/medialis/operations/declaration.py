@@ -59,6 +59,11 @@ class Operation(Described):
         """What is known of each option, in the order in which hosts show them."""
         return self.options.parameters()
 
+    @property
+    def full_help(self) -> str:
+        """The help, and where in the thesis it is from."""
+        return f"{self.help}\n\nSource: {self.source}." if self.source else self.help
+
     def resolve(self, given: Mapping[str, Any]) -> Options:
         """Return all options: the given ones checked, the others at their defaults.
 

@@ -76,8 +76,6 @@ def tangent_field(cloud: MedialCloud, options: Options, progress: Progress) -> F
     ----------
     cloud : MedialCloud
         k skeleton points of a mesh.
-    progress : callable, optional
-        Called with (fraction, text); returning False cancels.
 
     Returns
     -------
@@ -89,8 +87,6 @@ def tangent_field(cloud: MedialCloud, options: Options, progress: Progress) -> F
     ------
     InvalidShapeError
         When the surface is a point cloud.
-    Cancelled
-        When `progress` asks for it.
 
     See Also
     --------
@@ -121,8 +117,6 @@ def candidate_measure(cloud: MedialCloud, options: Options, progress: Progress) 
     ----------
     cloud : MedialCloud
         k skeleton points of a mesh.
-    progress : callable, optional
-        Called with (fraction, text); returning False cancels.
 
     Returns
     -------
@@ -132,8 +126,6 @@ def candidate_measure(cloud: MedialCloud, options: Options, progress: Progress) 
     ------
     InvalidShapeError
         When the surface is a point cloud.
-    Cancelled
-        When `progress` asks for it.
 
     See Also
     --------

@@ -90,18 +90,6 @@ def curve_skeleton(
     ----------
     cloud : MedialCloud
         ``surface_skeleton(shape)`` of a mesh: all n inner balls, row i of sample i.
-    threshold : float
-        Branches end where less surface hangs on them than the square of this fraction of the
-        diagonal, 0 to 1.
-    smoothing : float
-        0 to 10: bends as short as this times the radius are smoothed; 0 leaves the zigzag of the
-        samples.
-    simplify : float
-        Fraction of the diagonal, 0 to 1: nodes go where the branch changes by less; 0 keeps all.
-    candidates : float
-        Fraction of the diagonal, 0.0001 to 1: points whose measure I is larger are candidates.
-    progress : callable, optional
-        Called with (fraction, text); returning False cancels.
 
     Returns
     -------
@@ -113,10 +101,6 @@ def curve_skeleton(
     ------
     InvalidShapeError
         When the surface has no faces, or the cloud is not its whole inner cloud.
-    InvalidOptionError
-        When an option is out of its range.
-    Cancelled
-        When `progress` asks for it.
 
     See Also
     --------

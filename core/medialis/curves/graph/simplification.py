@@ -35,26 +35,19 @@ def simplify_branches(
 ) -> CurveSkeleton:
     """Leave out nodes of degree 2 while the branches stay where they are, up to a tolerance.
 
+    No node that goes is farther than that from the new branch, nor than 0.9 of its radius, so that
+    the branch stays inside the shape.
+
     Parameters
     ----------
     graph : CurveSkeleton
         v nodes.
-    simplify : float
-        Fraction of the diagonal, 0 to 1: no node that goes is farther than this from the new
-        branch, nor than 0.9 of its radius, so that the branch stays inside the shape.
-    progress : callable, optional
-        Called with (fraction, text); returning False cancels.
 
     Returns
     -------
     CurveSkeleton
         With the same ends, junctions, components and loops. Vertices of the surface keep their
         branch; their node is the nearest one along it.
-
-    Raises
-    ------
-    InvalidOptionError
-        When `simplify` is out of its range.
 
     See Also
     --------
