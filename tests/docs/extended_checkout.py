@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import re
 import shutil
 import subprocess
 import sys
@@ -18,22 +17,13 @@ COPIED = ("core/medialis", "meshlab_plugin", "blender_addon")
 
 
 def extended_checkout(folder: Path) -> Path:
-    """Copy the core and the adapters, add the module of the page, and change the registry."""
+    """Copy the core and the adapters, and add the module of the page."""
     for name in COPIED:
         shutil.copytree(ROOT / name, folder / name, ignore=shutil.ignore_patterns("__pycache__"))
     operations = folder / "core" / "medialis" / "operations"
     module, test = (code for language, code in blocks(PAGE) if language == "python")
     (operations / f"{NAME}.py").write_text(module)
     (folder / f"test_{NAME}.py").write_text(test)
-    registry = operations / "registry.py"
-    text, first = re.subn(
-        r"(from medialis\.operations import \()", rf"\1\n    {NAME},", registry.read_text()
-    )
-    text, second = re.subn(
-        r"(OPERATIONS: tuple\[Operation, \.\.\.\] = \()", rf"\1\n    {NAME}.OPERATION,", text
-    )
-    assert (first, second) == (1, 1)
-    registry.write_text(text)
     return folder
 
 
