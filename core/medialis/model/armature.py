@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from medialis.errors import InvalidShapeError
-from medialis.kept import Described
+from medialis.kept import Bound
+from medialis.model.curve_skeleton import CurveSkeleton
 from medialis.validation import FloatArray, IntArray, frozen
 
 MOST_BONES = 4
@@ -15,7 +16,7 @@ MOST_BONES = 4
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Bones(Described):
+class Bones(Bound):
     """A tree of straight bones along the limbs of a curve skeleton; parents come first.
 
     A limb is a chain of bones from one fork of the tree to the next, or to an end.
@@ -41,6 +42,8 @@ class Bones(Described):
         Positions of both ends of an edge along the limb; equal on twigs too short for a bone.
     node_limbs, node_places : (v,) int32, (v,) float64
         The same for nodes.
+    curve : CurveSkeleton
+        The curve skeleton that they lie along, with v nodes and e edges.
     """
 
     heads: FloatArray
@@ -57,11 +60,13 @@ class Bones(Described):
     edge_spans: FloatArray
     node_limbs: IntArray
     node_places: FloatArray
+    curve: CurveSkeleton = field(kw_only=True)
 
     def __post_init__(self) -> None:
-        for name, value in vars(self).items():
-            whole = name in ("parents", "limbs", "edge_limbs", "node_limbs")
-            object.__setattr__(self, name, frozen(value, np.int32 if whole else np.float64))
+        for name, value in list(vars(self).items()):
+            if name != "curve":
+                whole = name in ("parents", "limbs", "edge_limbs", "node_limbs")
+                object.__setattr__(self, name, frozen(value, np.int32 if whole else np.float64))
 
     @property
     def count(self) -> int:
@@ -90,7 +95,7 @@ class Bones(Described):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class SkinWeights(Described):
+class SkinWeights(Bound):
     """Which bones move each vertex of a surface, and how much.
 
     Attributes
@@ -99,6 +104,8 @@ class SkinWeights(Described):
         By falling weight; -1: none.
     weights : (n, 4) float64
         They sum to 1; 0 where there is no bone.
+    rig : Bones or None
+        The bones; the vertices are the first n points of ``rig.curve.surface``.
 
     Raises
     ------
@@ -108,6 +115,7 @@ class SkinWeights(Described):
 
     bones: IntArray
     weights: FloatArray
+    rig: Bones | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
         wanted = (len(self.bones), MOST_BONES)

@@ -28,6 +28,18 @@ def follow(onward: NDArray[np.integer], start: int) -> list[int]:
     return walk
 
 
+def places_along(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the length of a polyline up to each of its points, (k,).
+
+    Examples
+    --------
+    >>> places_along(np.array([[0.0, 0.0], [3.0, 4.0], [3.0, 5.0]])).tolist()
+    [0.0, 5.0, 6.0]
+    """
+    steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    return np.concatenate([[0.0], np.cumsum(steps)])
+
+
 def polylines(edges: ArrayLike, count: int) -> list[NDArray[np.int32]]:
     """Cut a graph into polylines at its ends and branch points.
 

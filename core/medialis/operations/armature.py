@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -14,12 +14,10 @@ from medialis.model.shape import Shape
 from medialis.operations.curve_skeleton import described
 from medialis.operations.declaration import Operation
 from medialis.operations.result import Layer, Outcome
-from medialis.options import changed, length, number
+from medialis.options import changed
 from medialis.progress import Progress
-from medialis.rigging.bones import (
-    bones,
-)
-from medialis.rigging.skinning import skin_weights
+from medialis.rigging.bones import BonesOptions, bones
+from medialis.rigging.skinning import SkinOptions, skin_weights
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -27,33 +25,10 @@ class ArmatureRun(Preparation):
     """Options of the operation `armature`."""
 
     threshold: float = changed(CurveSkeletonOptions, "threshold")
-    bone_length: float = length(
-        0.12,
-        "Bone length",
-        "Longer branches are split into equal bones, none longer than this fraction of the size.",
-        low=0.001,
-    )
-    blend: float = number(
-        1.0,
-        "Blend",
-        "How far from a joint the weights pass over from one bone to the next, times "
-        "the radius there. 0 is stiff.",
-        high=10.0,
-    )
-    shortest: float = number(
-        1.0,
-        "Shortest limb",
-        "Branches shorter than this times the radius where they begin get no bone.",
-        high=10.0,
-        advanced=True,
-    )
-    skin_smoothing: float = number(
-        0.3,
-        "Skin smoothing",
-        "Weights are smoothed along the surface over this times the radius.",
-        high=10.0,
-        advanced=True,
-    )
+    bone_length: float = changed(BonesOptions, "bone_length")
+    blend: float = changed(BonesOptions, "blend")
+    shortest: float = changed(BonesOptions, "shortest")
+    skin_smoothing: float = changed(SkinOptions, "skin_smoothing")
     smoothing: float = changed(CurveSkeletonOptions, "smoothing")
     candidates: float = changed(CurveSkeletonOptions, "candidates")
 
@@ -62,26 +37,26 @@ def run(shape: Shape, options: ArmatureRun, progress: Progress) -> Outcome:
     """Find the curve skeleton, lay bones along it, compute the weights."""
     with progress.stage("curve", 0.0, 0.9):
         curve, _ = described(shape, options, progress)
-    fine = curve.surface or shape
     with progress.stage("weights", 0.9, 1.0):
-        rig = bones(
-            curve,
-            length=options.bone_length * fine.diagonal,
-            shortest=options.shortest,
-            blend=options.blend,
-        )
-        whole = skin_weights(fine, curve, rig, smoothing=options.skin_smoothing)
+        rig = bones.of(curve, options, progress)
+        whole = skin_weights.of(rig, options, progress)
     n = shape.point_count  # a refined shape has the given points first
-    skin = SkinWeights(whole.bones[:n], whole.weights[:n])
+    skin = replace(whole, bones=whole.bones[:n], weights=whole.weights[:n])
     if rig.cut:
         progress.note(
             f"An armature has no loops: {rig.cut} of the curve skeleton were cut, each where both "
-            "ways round from the root are equally long."
+            "paths round it from the root are equally long.",
+            "loops_cut",
+            loops=rig.cut,
         )
     if len(rig.roots) > 1:
-        progress.note(f"The shape has {len(rig.roots)} separate parts: each has a root bone.")
+        progress.note(
+            f"The shape has {len(rig.roots)} separate parts: each has a root bone.",
+            "root_bones",
+            roots=len(rig.roots),
+        )
     return Outcome(
-        shape=fine,
+        shape=curve.surface or shape,
         layers=(_bones_layer(rig), _skin_layer(shape, skin)),
         values={
             "bones": rig.count,

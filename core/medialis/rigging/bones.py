@@ -12,12 +12,36 @@ import numpy as np
 from medialis.errors import InvalidShapeError
 from medialis.model.armature import Bones
 from medialis.model.curve_skeleton import CurveSkeleton
-from medialis.validation import FloatArray, IntArray, as_number
+from medialis.model.polylines import follow, places_along
+from medialis.options import Options, algorithm, length, number
+from medialis.progress import Progress
+from medialis.validation import FloatArray, IntArray
 
-DEFAULT_BONE_LENGTH = 0.12
-"""Longest bone as a fraction of the diagonal: a finger of a hand gets two or three."""
-DEFAULT_SHORTEST = 1.0
-DEFAULT_BLEND = 1.0
+
+@dataclass(frozen=True, kw_only=True)
+class BonesOptions(Options):
+    """Options of `bones`."""
+
+    bone_length: float = length(
+        0.12,
+        "Bone length",
+        "Longer branches are split into equal bones, none longer than this fraction of the size.",
+        low=0.001,
+    )
+    blend: float = number(
+        1.0,
+        "Blend",
+        "How far from a joint the weights pass over from one bone to the next, times the radius "
+        "there. 0 is stiff.",
+        high=10.0,
+    )
+    shortest: float = number(
+        1.0,
+        "Shortest limb",
+        "Branches shorter than this times the radius where they begin get no bone.",
+        high=10.0,
+        advanced=True,
+    )
 
 
 @dataclass(eq=False)
@@ -36,70 +60,57 @@ class _Limb:
     bones: range = range(0)
 
 
-def bones(
-    curve: CurveSkeleton,
-    *,
-    length: float | None = None,
-    shortest: float = DEFAULT_SHORTEST,
-    blend: float = DEFAULT_BLEND,
-) -> Bones:
+@algorithm(BonesOptions)
+def bones(curve: CurveSkeleton, options: BonesOptions, progress: Progress) -> Bones:
     """Lay bones along the branches of a curve skeleton.
 
     Each component has its root at the thickest junction (without one, at the thickest end) and
-    becomes a tree of shortest ways from there; edges that close loops are cut, where both ways
+    becomes a tree of shortest paths from there; edges that close loops are cut, where both ways
     round are equally long. The first bone of the thickest limb at the root is the root bone. The
     other limbs there are its children, but begin at its head.
+
+    Limbs that are too short for a bone lie inside the ball where they begin; what hangs on them
+    hangs on the limb before. Where two bones meet, the weight passes over on both sides of the
+    joint, at most to the middle of a bone; at forks on the child alone, so that no limb moves its
+    neighbours.
 
     Parameters
     ----------
     curve : CurveSkeleton
-        With at least one node.
-    length : float, optional
-        Longest bone, in the units of the shape: longer limbs are split into equal bones. When
-        missing, 0.12 of the diagonal of the nodes' bounding box.
-    shortest : float
-        Limbs shorter than this times the radius at their beginning get no bone: they lie inside the
-        ball there. What hangs on them hangs on the limb before. 0 to 100.
-    blend : float
-        Where two bones meet, the weight passes over within this times the radius on both sides of
-        the joint, at most to the middle of a bone. At forks it passes over on the child, so that no
-        limb moves its neighbours. 0 (stiff) to 100.
+        With at least one node; its `diagonal` is the unit of the bone length.
+
+    Returns
+    -------
+    Bones
 
     Raises
     ------
     InvalidShapeError
         When the curve skeleton has no node.
-    InvalidOptionError
-        When an option is out of its range.
 
     See Also
     --------
-    curve_skeleton : what the bones lie along.
-    skin_weights : how they move the surface.
+    curve_skeleton : where curve skeletons come from.
+    skin_weights : what the bones move.
 
     Notes
     -----
-    Cost: shortest ways from one node of each component. Source: none; the thesis has no rigging.
+    Cost: shortest paths from one node of each component. Source: none; the thesis has no rigging.
 
     Examples
     --------
     >>> import medialis
     >>> line = medialis.CurveSkeleton.of([[0, 0, 0], [4, 0, 0]], [[0, 1]], [1, 1])
-    >>> rig = medialis.bones(line, length=2)
+    >>> rig = medialis.bones(line, bone_length=0.5)
     >>> rig.heads[:, 0].tolist(), rig.parents.tolist()
     ([0.0, 2.0], [-1, 0])
     """
     if len(curve.nodes) == 0:
         raise InvalidShapeError("Bones need a curve skeleton with at least one node, got none.")
-    as_number(shortest, "shortest", low=0, high=100)
-    as_number(blend, "blend", low=0, high=100)
-    if length is None:
-        size = math.dist(curve.nodes.min(axis=0), curve.nodes.max(axis=0))
-        length = DEFAULT_BONE_LENGTH * size or 1.0
-    longest = as_number(length, "length", low=0, open_low=True)
     limbs = _limbs(curve, *_tree(curve))
-    _drop_twigs(curve, limbs, shortest)
-    return _lay_bones(curve, limbs, _hang(curve, limbs), longest, blend)
+    _drop_twigs(curve, limbs, options.shortest)
+    longest = options.bone_length * curve.diagonal or 1.0
+    return _lay_bones(curve, limbs, _hang(curve, limbs), longest, options.blend)
 
 
 def _roots(curve: CurveSkeleton) -> list[int]:
@@ -111,7 +122,7 @@ def _roots(curve: CurveSkeleton) -> list[int]:
 
 
 def _tree(curve: CurveSkeleton) -> tuple[IntArray, list[int]]:
-    """Return the node before each one on its shortest way from the root, -1 at roots."""
+    """Return the node before each one on its shortest path from the root, -1 at roots."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import dijkstra
 
@@ -132,35 +143,24 @@ def _limbs(curve: CurveSkeleton, above: IntArray, roots: list[int]) -> list[_Lim
     for node, before in enumerate(above.tolist()):
         if before >= 0:
             below[before].append(node)
+    onward = np.array([nodes[0] if len(nodes) == 1 else -1 for nodes in below])
     limbs: list[_Limb] = []
     for root in roots:
         if not below[root]:
             limbs.append(_Limb([root], -1))
             continue
-        waiting = [(root, node, -1) for node in _thickest_first(curve, below, root)[::-1]]
+        # That of the limb with the largest mean radius comes first.
+        thick = [float(curve.radii[follow(onward, node)].mean()) for node in below[root]]
+        order = np.argsort(np.negative(thick), kind="stable")[::-1]
+        waiting = [(root, below[root][place], -1) for place in order]
         while waiting:
             start, node, hangs_on = waiting.pop()
-            row = [start, node]
-            while len(below[row[-1]]) == 1:
-                row.append(below[row[-1]][0])
-            points = curve.nodes[row]
-            reach = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
-            limbs.append(_Limb(row, hangs_on, reach))
+            row = [start, *follow(onward, node)]
+            steps = np.linalg.norm(np.diff(curve.nodes[row], axis=0), axis=1)
+            limbs.append(_Limb(row, hangs_on, float(steps.sum())))
             number, end = len(limbs) - 1, row[-1]
             waiting += [(end, node, number) for node in below[end][::-1]]
     return limbs
-
-
-def _thickest_first(curve: CurveSkeleton, below: list[list[int]], root: int) -> list[int]:
-    """Return the nodes after the root, that of the limb with the largest mean radius first."""
-
-    def thickness(node: int) -> float:
-        row = [node]
-        while len(below[row[-1]]) == 1:
-            row.append(below[row[-1]][0])
-        return -float(curve.radii[row].mean())
-
-    return sorted(below[root], key=thickness)
 
 
 def _drop_twigs(curve: CurveSkeleton, limbs: list[_Limb], shortest: float) -> None:
@@ -179,17 +179,17 @@ def _hang(curve: CurveSkeleton, limbs: list[_Limb]) -> list[int]:
 
     The root bone of a component is on the first limb at the root, unless all there are twigs.
     """
-    kept = [number for number, limb in enumerate(limbs) if limb.kept]
+    kept = [one for one, limb in enumerate(limbs) if limb.kept]
     root_of: dict[int, int] = {}
-    for number in sorted(kept, key=lambda number: limbs[number].above >= 0):
-        root_of.setdefault(int(curve.components[limbs[number].nodes[0]]), number)
-    for number, limb in enumerate(limbs):
+    for one in sorted(kept, key=lambda one: limbs[one].above >= 0):
+        root_of.setdefault(int(curve.components[limbs[one].nodes[0]]), one)
+    for one, limb in enumerate(limbs):
         root = root_of[int(curve.components[limb.nodes[0]])]
-        on_root = limb.above < 0 or number == root
+        on_root = limb.above < 0 or one == root
         limb.start = (root, 0.0) if on_root else limbs[limb.above].end
-        limb.end = (number, limb.length) if limb.kept else limb.start
+        limb.end = (one, limb.length) if limb.kept else limb.start
     first = set(root_of.values())
-    return [*sorted(first), *(number for number in kept if number not in first)]
+    return [*sorted(first), *(one for one in kept if one not in first)]
 
 
 def _lay_bones(
@@ -199,14 +199,14 @@ def _lay_bones(
     table: dict[str, Any] = {}
     parents: list[int] = []
     of_limb: list[int] = []
-    for rank, number in enumerate(kept):
-        limb = limbs[number]
+    for rank, here in enumerate(kept):
+        limb = limbs[here]
         row, along = _joints(curve, limb, longest)
         count, first = len(along) - 1, len(parents)
         limb.bones = range(first, first + count)
         above, place = limb.start
         above_bones = limbs[above].bones
-        parent = -1 if above == number else above_bones[-1 if place > 0 else 0]
+        parent = -1 if above == here else above_bones[-1 if place > 0 else 0]
         parents += [parent, *range(first, first + count - 1)]
         of_limb += [rank] * count
         before, after = _windows(limb, row[:-1, 3], along, blend)
@@ -217,6 +217,7 @@ def _lay_bones(
         ):  # fmt: skip
             table.setdefault(name, []).append(values)
     return Bones(
+        curve=curve,
         parents=np.array(parents),
         limbs=np.array(of_limb),
         **{name: np.concatenate(parts) for name, parts in table.items()},
@@ -230,16 +231,11 @@ def _joints(curve: CurveSkeleton, limb: _Limb, longest: float) -> tuple[FloatArr
     if len(rows) == 1:  # a round part has no direction: its bone points up
         size = rows[0, 3] or 1.0
         return np.vstack([rows, rows[0] + [0, 0, size, 0]]), np.array([0.0, size])
-    at = _along(curve, limb)
+    places = places_along(curve.nodes[limb.nodes])
     # The margin lets a limb of exactly two lengths have two bones.
-    along = np.linspace(0.0, at[-1], max(1, math.ceil(at[-1] / longest * (1 - 1e-9))) + 1)
-    return np.stack([np.interp(along, at, column) for column in rows.T], axis=1), along
-
-
-def _along(curve: CurveSkeleton, limb: _Limb) -> FloatArray:
-    """Return the length of the limb up to each of its nodes."""
-    steps = np.linalg.norm(np.diff(curve.nodes[limb.nodes], axis=0), axis=1)
-    return np.concatenate([[0.0], np.cumsum(steps)])
+    count = max(1, math.ceil(places[-1] / longest * (1 - 1e-9)))
+    along = np.linspace(0.0, places[-1], count + 1)
+    return np.stack([np.interp(along, places, column) for column in rows.T], axis=1), along
 
 
 def _windows(
@@ -249,8 +245,8 @@ def _windows(
 
     Windows of one bone never overlap: each keeps to its half.
     """
-    reach = np.minimum(blend * radii, np.diff(along).min() / 2)
-    before, after = reach.copy(), reach.copy()
+    width = np.minimum(blend * radii, np.diff(along).min() / 2)
+    before, after = width.copy(), width.copy()
     before[0], after[0] = 0.0, min(2 * blend * float(radii[0]), float(along[1]) / 2)
     return before, after
 
@@ -263,7 +259,9 @@ def _places(curve: CurveSkeleton, limbs: list[_Limb], rank: dict[int, int]) -> d
     edge_limbs, edge_spans = np.full(e, -1, np.int32), np.zeros((e, 2))
     for limb in limbs:
         on, place = limb.end
-        along = _along(curve, limb) if limb.kept else np.full(len(limb.nodes), place)
+        along = np.full(len(limb.nodes), place)
+        if limb.kept:
+            along = places_along(curve.nodes[limb.nodes])
         if limb.above < 0:
             node_limbs[limb.nodes[0]] = rank[limb.start[0]]
         # All other first nodes are the last ones of the limb above.

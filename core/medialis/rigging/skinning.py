@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -9,53 +10,58 @@ import numpy as np
 from medialis.errors import InvalidShapeError
 from medialis.model.armature import MOST_BONES, Bones, SkinWeights
 from medialis.model.curve_skeleton import CurveSkeleton
-from medialis.model.shape import Shape
-from medialis.validation import FloatArray, IntArray, as_number
+from medialis.model.surface import Surface
+from medialis.options import Options, algorithm, number
+from medialis.progress import Progress
+from medialis.validation import FloatArray, IntArray
 
-DEFAULT_SMOOTHING = 0.3
 LEAST = 0.01
 """Weights below this are left out: the tails of the smoothing would reach over the whole shape."""
 
 
-def skin_weights(
-    shape: Shape, curve: CurveSkeleton, rig: Bones, *, smoothing: float = DEFAULT_SMOOTHING
-) -> SkinWeights:
+@dataclass(frozen=True, kw_only=True)
+class SkinOptions(Options):
+    """Options of `skin_weights`."""
+
+    skin_smoothing: float = number(
+        0.3,
+        "Skin smoothing",
+        "Weights are smoothed along the surface over this times the radius.",
+        high=10.0,
+        advanced=True,
+    )
+
+
+@algorithm(SkinOptions)
+def skin_weights(rig: Bones, options: SkinOptions, progress: Progress) -> SkinWeights:
     """Compute the weights with which bones move the vertices of a surface.
 
     Each vertex is projected on the edges of the curve skeleton at its own node, so that what lies
     near in space but on another branch has no say. The weights are a function of that place: 1 on
     a bone, and passing over to the next one linearly near a joint (`bones`, option `blend`). Where
     neighbours on the surface belong to different branches the weights would jump: they are smoothed
-    along the surface.
+    along the surface, if it has faces.
 
     Parameters
     ----------
-    shape : Shape
-        n points.
-    curve : CurveSkeleton
-        With `vertex_node` for these points, as `curve_skeleton` returns it.
     rig : Bones
-        From `bones` of this curve skeleton.
-    smoothing : float
-        Width of the smoothing, times the radius of the curve skeleton, 0 to 10. Needs faces.
+        ``bones(curve_skeleton(cloud))``.
 
     Returns
     -------
     SkinWeights
-        Every vertex has at most four bones, and weights that sum to 1. One without a node (no
-        ball, or a part without a skeleton) takes those of the nearest vertex that has one.
+        Every point of the surface has at most four bones, and weights that sum to 1. One without a
+        node (no ball, or a part without a skeleton) takes those of the nearest one that has one.
 
     Raises
     ------
     InvalidShapeError
-        When the curve skeleton does not know the points of the shape, or the bones are those of
-        another one.
-    InvalidOptionError
-        When the smoothing is out of its range.
+        When the curve skeleton of the bones does not know which point of a surface belongs to
+        which node.
 
     See Also
     --------
-    bones : what moves the surface.
+    bones : the bones along a curve skeleton.
 
     Notes
     -----
@@ -66,32 +72,23 @@ def skin_weights(
     Examples
     --------
     >>> import medialis
-    >>> found = medialis.run("curve_skeleton", medialis.organic_shape(56))
-    >>> rig = medialis.bones(found.graph)
-    >>> skin = medialis.skin_weights(found.shape, found.graph, rig)
+    >>> cloud = medialis.surface_skeleton(medialis.organic_shape(56))
+    >>> skin = medialis.skin_weights(medialis.bones(medialis.curve_skeleton(cloud)))
     >>> round(float(skin.weights.sum(axis=1).min()), 12)
     1.0
     """
-    width = as_number(smoothing, "smoothing", low=0, high=10)
-    n = shape.point_count
-    if curve.vertex_node is None or len(curve.vertex_node) != n:
-        known = "none" if curve.vertex_node is None else str(len(curve.vertex_node))
+    curve = rig.curve
+    if curve.surface is None or curve.vertex_node is None:
         raise InvalidShapeError(
-            f"Skin weights need a curve skeleton with the node of each of the {n} points, this one "
-            f"knows {known}: compute it with curve_skeleton from the same shape."
+            "Skin weights need bones along a curve skeleton that knows the points of its surface, "
+            "as curve_skeleton computes it."
         )
-    if (len(rig.node_limbs), len(rig.edge_limbs)) != (len(curve.nodes), len(curve.edges)):
-        raise InvalidShapeError(
-            f"The bones are of a curve skeleton with {len(rig.node_limbs)} nodes and "
-            f"{len(rig.edge_limbs)} edges, this one has {len(curve.nodes)} and {len(curve.edges)}: "
-            "call bones again."
-        )
-    node = _nodes_everywhere(shape.points, curve)
-    limb, place = _project(shape.points, node, curve, rig)
+    node = _nodes_everywhere(curve.surface.points, curve)
+    limb, place = _project(curve.surface.points, node, rig)
     skin = _weights(limb, place, rig)
-    if width == 0 or shape.faces is None or rig.count == 1:
+    if options.skin_smoothing == 0 or curve.surface.faces is None or rig.count == 1:
         return skin
-    return _smoothed(skin, shape, width * curve.radii[node])
+    return _smoothed(skin, curve.surface, options.skin_smoothing * curve.radii[node])
 
 
 def _nodes_everywhere(points: FloatArray, curve: CurveSkeleton) -> IntArray:
@@ -107,10 +104,9 @@ def _nodes_everywhere(points: FloatArray, curve: CurveSkeleton) -> IntArray:
     return node
 
 
-def _project(
-    points: FloatArray, node: IntArray, curve: CurveSkeleton, rig: Bones
-) -> tuple[IntArray, FloatArray]:
+def _project(points: FloatArray, node: IntArray, rig: Bones) -> tuple[IntArray, FloatArray]:
     """Return limb and place of the nearest point on the edges at each vertex's node."""
+    curve = rig.curve
     limb, place = rig.node_limbs[node], rig.node_places[node]
     best = ((points - curve.nodes[node]) ** 2).sum(axis=1)
     kept = np.flatnonzero(rig.edge_limbs >= 0)
@@ -121,18 +117,18 @@ def _project(
     first = np.cumsum(count) - count
     for turn in range(int(count.max(initial=0))):  # the edges of each node, one after the other
         rows = np.flatnonzero(count[node] > turn)
-        at = edge[first[node[rows]] + turn]
-        a, b = curve.nodes[curve.edges[at, 0]], curve.nodes[curve.edges[at, 1]]
-        way, off = b - a, points[rows] - a
-        squared = (way**2).sum(axis=1)
-        share = np.divide((way * off).sum(axis=1), squared, out=0 * squared, where=squared > 0)
+        near = edge[first[node[rows]] + turn]
+        a, b = curve.nodes[curve.edges[near, 0]], curve.nodes[curve.edges[near, 1]]
+        chord, off = b - a, points[rows] - a
+        squared = (chord**2).sum(axis=1)
+        share = np.divide((chord * off).sum(axis=1), squared, out=0 * squared, where=squared > 0)
         share = np.clip(share, 0.0, 1.0)
-        distance = ((off - share[:, None] * way) ** 2).sum(axis=1)
+        distance = ((off - share[:, None] * chord) ** 2).sum(axis=1)
         nearer = distance < best[rows]
-        rows, at, share = rows[nearer], at[nearer], share[nearer]
+        rows, near, share = rows[nearer], near[nearer], share[nearer]
         best[rows] = distance[nearer]
-        limb[rows] = rig.edge_limbs[at]
-        low, high = rig.edge_spans[at].T
+        limb[rows] = rig.edge_limbs[near]
+        low, high = rig.edge_spans[near].T
         place[rows] = low + share * (high - low)
     return limb, place
 
@@ -159,7 +155,7 @@ def _weights(limb: IntArray, place: FloatArray, rig: Bones) -> SkinWeights:
     two = (share > 0) & (share < 1)
     bones[:, 1] = np.where(two, np.where(swap, bone, other), -1)
     weights[:, 1] = np.where(two, 1 - weights[:, 0], 0.0)
-    return SkinWeights(bones, weights)
+    return SkinWeights(bones, weights, rig=rig)
 
 
 def _passed(distance: FloatArray, there: FloatArray, here: FloatArray) -> FloatArray:
@@ -169,7 +165,7 @@ def _passed(distance: FloatArray, there: FloatArray, here: FloatArray) -> FloatA
     return np.clip(ramp, 0.0, 1.0)
 
 
-def _smoothed(skin: SkinWeights, shape: Shape, width: FloatArray) -> SkinWeights:
+def _smoothed(skin: SkinWeights, surface: Surface, width: FloatArray) -> SkinWeights:
     """Diffuse the weights over the surface, each vertex over its own width.
 
     Solves (M / width^2 + L) W = M / width^2 W0. L has no positive entry beside its diagonal and
@@ -178,12 +174,12 @@ def _smoothed(skin: SkinWeights, shape: Shape, width: FloatArray) -> SkinWeights
     from scipy.sparse import csc_array, diags_array
     from scipy.sparse.linalg import splu
 
-    stiff, mass = _laplacian(shape)
-    pull = mass / np.maximum(width, 1e-6 * shape.diagonal) ** 2
+    stiff, mass = _laplacian(surface)
+    pull = mass / np.maximum(width, 1e-6 * surface.diagonal) ** 2
     # Sorted by component the matrix has a block for each: a bone of one moves nothing of another.
-    order = np.argsort(shape.components, kind="stable")
+    order = np.argsort(surface.components, kind="stable")
     matrix = (stiff + diags_array(pull)).tocsr()[order][:, order]
-    ends = np.cumsum(np.bincount(shape.components))
+    ends = np.cumsum(np.bincount(surface.components))
     bones = np.full((len(width), MOST_BONES), -1, np.int32)
     weights = np.zeros((len(width), MOST_BONES))
     for begin, end in zip([0, *ends[:-1]], ends, strict=True):
@@ -198,7 +194,7 @@ def _smoothed(skin: SkinWeights, shape: Shape, width: FloatArray) -> SkinWeights
             found = solver.solve(pull[rows] * given)
             _insert(own_bones, own_weights, bone, np.where(found < LEAST, 0.0, found))
         bones[rows], weights[rows] = own_bones, own_weights
-    return SkinWeights(bones, weights / weights.sum(axis=1, keepdims=True))
+    return replace(skin, bones=bones, weights=weights / weights.sum(axis=1, keepdims=True))
 
 
 def _insert(bones: IntArray, weights: FloatArray, bone: int, values: FloatArray) -> None:
@@ -210,27 +206,11 @@ def _insert(bones: IntArray, weights: FloatArray, bone: int, values: FloatArray)
     weights[rows] = np.take_along_axis(weights[rows], order, axis=1)
 
 
-def _laplacian(shape: Shape) -> tuple[Any, FloatArray]:
+def _laplacian(surface: Surface) -> tuple[Any, FloatArray]:
     """Return the cotangent Laplacian, its negative weights set to zero, and the vertex areas."""
-    from scipy.sparse import coo_array, diags_array
+    from scipy.sparse import diags_array
 
-    n, faces = shape.point_count, np.asarray(shape.faces)
-    corners = shape.points[faces]
-    rows, columns, values = [], [], []
-    area = np.linalg.norm(
-        np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
-    )
-    safe = np.maximum(area, 1e-12 * max(float(area.max(initial=0)), 1e-300))
-    for k in range(3):
-        u, v = corners[:, (k + 1) % 3] - corners[:, k], corners[:, (k + 2) % 3] - corners[:, k]
-        rows.append(faces[:, (k + 1) % 3])
-        columns.append(faces[:, (k + 2) % 3])
-        values.append(0.5 * (u * v).sum(axis=1) / safe)
-    i, j, w = (np.concatenate(part) for part in (rows, columns, values))
-    one_way = coo_array((w, (i, j)), shape=(n, n)).tocsr()
-    both = (one_way + one_way.T).tocsr()
-    both.data = np.maximum(both.data, 0.0)
-    mass = np.bincount(faces.ravel(), np.repeat(area / 6, 3), minlength=n)
-    mass = np.where(mass > 0, mass, 1.0)
-    stiff = diags_array(np.asarray(both.sum(axis=1)).ravel()) - both
-    return stiff, np.asarray(mass, np.float64)
+    weights = surface.cotangent_weights.copy()
+    weights.data = np.maximum(weights.data, 0.0)
+    stiff = diags_array(np.asarray(weights.sum(axis=1)).ravel()) - weights
+    return stiff, np.where(surface.point_areas > 0, surface.point_areas, 1.0)
