@@ -13,7 +13,6 @@ from typing import Any
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "core"))
 
 from medialis import OPERATIONS
-from medialis.hosts import Operation
 
 LOWER_CASE = ("by", "of", "per", "with", "from", "to", "on", "the")
 
@@ -27,11 +26,6 @@ def title(filter_name: str) -> str:
 def literal(text: str) -> str:
     """Return a C++ string literal: those of JSON are, for all that JSON escapes."""
     return json.dumps(text)
-
-
-def help_of(operation: Operation) -> str:
-    """Return the help with the section of the thesis that it follows, if any."""
-    return operation.full_help
 
 
 def parameter_row(parameter: dict[str, Any]) -> str:
@@ -66,7 +60,7 @@ def table() -> str:
         fields = [
             literal(operation.name.replace("_", "-")),
             literal(title(operation.filter_name)),
-            literal(help_of(operation)),
+            literal(operation.full_help),
             literal(operation.filter_name.split("_")[0]),
         ]
         lines.append(f"    {{{', '.join(fields)},")

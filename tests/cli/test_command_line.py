@@ -390,3 +390,15 @@ def test_warmup_comes_to_its_end_and_is_remembered(capsys):
 
     assert main(["warmup"]) == 0
     assert "Kernels ready in" in capsys.readouterr().out and kernels_are_compiled()
+
+
+def test_warnings_are_told_as_such(creature, tmp_path, capsys):
+    """The manifest says which messages are warnings, with their codes and counts."""
+    assert run("surface-skeleton", creature, "-o", tmp_path / "out", "--no-picture") == 0
+    printed = capsys.readouterr().out.splitlines()
+    manifest = json.loads((tmp_path / "out" / "manifest.json").read_text())
+    assert {note["warning"] for note in manifest["notes"]} == {True, False}
+    for message, note in zip(manifest["messages"], manifest["notes"], strict=True):
+        assert f"{'warning' if note['warning'] else 'note'}: {message}" in printed
+    (hidden,) = [note for note in manifest["notes"] if note["code"] == "hidden_points"]
+    assert hidden["data"]["hidden"] == manifest["values"]["hidden_points"]

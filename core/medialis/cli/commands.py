@@ -186,8 +186,8 @@ def _report(manifest: dict[str, Any], options: argparse.Namespace) -> None:
     print(f"{manifest['operation'].replace('_', ' ')} of {manifest['input']}")
     for line in value_lines(manifest["values"]):
         print(line)
-    for message in manifest["messages"]:
-        print(f"note: {message}")
+    for message, about in zip(manifest["messages"], manifest["notes"], strict=True):
+        print(f"{'warning' if about['warning'] else 'note'}: {message}")
     print(f"{manifest['seconds']['total']:.2f} seconds")
     for file in manifest["files"]:
         if file != manifest["picture"]:
