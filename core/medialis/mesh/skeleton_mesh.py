@@ -77,8 +77,8 @@ def skeleton_mesh(
     Parameters
     ----------
     cloud : MedialCloud
-        k balls of a mesh: a triangle needs the balls of three neighbouring samples. Of a subset of
-        the balls of a surface, the gaps are bridged.
+        k balls of a mesh. A triangle needs the balls of three neighbouring samples: a cloud that
+        was thinned by more than `bridge` can close has few.
     min_spoke_angle : float
         Degrees, 0 to 180: points with a smaller spoke angle are left out.
     importance : float
@@ -118,10 +118,10 @@ def skeleton_mesh(
 
     1. the radius changes as it does on a sheet: along a sheet its slope is at most the cosine of
        half the spoke angle, so |r_a - r_b| <= |c_a - c_b| (cos(t_a/2) + cos(t_b/2))/2
-       + |a - b|. A triangle that jumps from one sheet to another behind or before it runs
-       along the spokes, where the slope is 1. The last term, in sample spacings, is what sampling
-       and the tolerance can do to a radius. Ligatures pass, however stretched: there the centers
-       move apart because the normals turn, at nearly the same radius.
+       + |a - b|. A triangle that jumps from one sheet to another behind or before it runs along
+       the spokes, where the slope is 1. The last term is what sampling and the tolerance can do to
+       a radius. Ligatures pass, however stretched: there the centers move apart because the
+       normals turn, at nearly the same radius.
     2. the three balls, larger by the longest side of a, b, c, cover the lifted triangle: it lies
        inside the shape, or outside by less than a sample spacing, which matters only where a wall
        is thinner than that.
@@ -162,7 +162,7 @@ def skeleton_mesh(
         selected = _selected(cloud, options, progress)
     # Another smallest piece takes the same triangles.
     chosen = options.min_spoke_angle, options.importance, options.bridge
-    with progress.stage("lift", 0.6, 1.0):
+    with progress.stage("skeleton mesh", 0.6, 1.0):
         mesh = kept(
             _lift, cloud, chosen, lambda: _lift(cloud, selected, options.bridge, progress), progress
         )

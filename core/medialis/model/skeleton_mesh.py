@@ -68,8 +68,11 @@ class SkeletonMesh(Surface):
         cls, cloud: MedialCloud, triangles: IntArray, origin: IntArray, selected: NDArray[np.bool_]
     ) -> SkeletonMesh:
         """Make a mesh of triangles that name rows of the cloud; its points keep their order."""
-        rows, corners = np.unique(triangles, return_inverse=True)
-        faces = frozen(corners.reshape(-1, 3), np.int32)
+        used = np.zeros(len(cloud), np.bool_)
+        used[triangles] = True
+        rows = np.flatnonzero(used).astype(np.int32)
+        place = np.cumsum(used, dtype=np.int32) - 1
+        faces = frozen(place[triangles], np.int32)
         return cls(cloud.centers[rows], faces, rows, origin, cloud=cloud, selected=selected)
 
     def __repr__(self) -> str:

@@ -25,15 +25,10 @@ from medialis.sheets.sheets import MedialSheetOptions, medial_sheets
 
 
 @dataclass(frozen=True, kw_only=True)
-class OneSide(SheetPreparation):
-    """The preparation, and the side."""
+class MedialSheetsRun(MedialSheetOptions, SheetPreparation):
+    """Options of the operation `medial_sheets`."""
 
     side: Side = changed(ShrinkOptions, "side")
-
-
-@dataclass(frozen=True, kw_only=True)
-class MedialSheetsRun(MedialSheetOptions, OneSide):
-    """Options of the operation `medial_sheets`."""
 
 
 def run(shape: Shape, options: MedialSheetsRun, progress: Progress) -> Outcome:

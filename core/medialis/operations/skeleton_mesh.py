@@ -28,15 +28,10 @@ from medialis.progress import Progress
 
 
 @dataclass(frozen=True, kw_only=True)
-class SidePreparation(Preparation):
-    """The preparation, and the side."""
+class SkeletonMeshRun(SkeletonMeshOptions, Preparation):
+    """Options of the operation `skeleton_mesh`."""
 
     side: Side = changed(ShrinkOptions, "side")
-
-
-@dataclass(frozen=True, kw_only=True)
-class SkeletonMeshRun(SkeletonMeshOptions, SidePreparation):
-    """Options of the operation `skeleton_mesh`."""
 
 
 def run(shape: Shape, options: SkeletonMeshRun, progress: Progress) -> Outcome:

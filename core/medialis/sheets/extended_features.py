@@ -153,7 +153,7 @@ def _find(
         run_chunks(work, len(rows), BALLS_A_CHUNK, progress=progress)
     offsets = np.concatenate([[0], np.cumsum(size)])
     samples, clusters = np.empty(offsets[-1], np.int32), np.empty(offsets[-1], np.int16)
-    for begin, (found, labels) in chunks.items():
+    for begin, (touched, labels) in chunks.items():
         part = rows[begin : begin + BALLS_A_CHUNK]
-        place_sets(part, offsets, found, labels, samples, clusters)
+        place_sets(part, offsets, touched, labels, samples, clusters)
     return FeatureSets(Ragged(offsets, samples), clusters, counts, agreement, cloud=cloud)
