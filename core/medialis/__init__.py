@@ -34,8 +34,8 @@ Operations:
     run, operation, Operation, OPERATIONS, Options, Parameter, Kind, Result, Outcome, Layer,
     FilterUnit, batch, Row
 Files and pictures:
-    write_result, draw_result, Camera, read_curve_skeleton, write_curve_skeleton, reconstruct_image,
-    progressive, Comparison
+    write_result, Pictures, draw_result, Camera, read_curve_skeleton, write_curve_skeleton,
+    reconstruct_image, progressive, Comparison
 Control:
     Progress, Message, Cancelled, thread_count, thread_limit, memory_limit, kept_bytes, forget,
     MedialisError, InvalidShapeError, InvalidOptionError, FileError
@@ -108,7 +108,7 @@ from medialis.operations.declaration import Operation
 from medialis.operations.pictures import draw_result
 from medialis.operations.registry import OPERATIONS, operation, run
 from medialis.operations.result import FilterUnit, Layer, Outcome, Result
-from medialis.operations.writing import write_result
+from medialis.operations.writing import Pictures, write_result
 from medialis.options import Kind, Options, Parameter
 from medialis.progress import Message, Progress
 from medialis.render.camera import Camera
@@ -176,6 +176,7 @@ __all__ = [
     "Outcome",
     "Parameter",
     "PathStatus",
+    "Pictures",
     "PointClass",
     "PointType",
     "Progress",

@@ -1,6 +1,7 @@
 """Batches: every good shape finished, every bad one listed, resumed runs give the same table."""
 
 import csv
+import functools
 import json
 import os
 import re
@@ -117,6 +118,28 @@ def test_another_input_or_parameter_is_computed_anew(finished, shapes, tmp_path)
     path.write_bytes(shapes[2].read_bytes())
     (row,) = medialis.batch("surface-skeleton", [path], tmp_path / "o", picture=False)
     assert row.values["diagonal"] > calls["same"].values["diagonal"]
+
+
+def test_operations_share_what_is_kept_and_the_next_shape_starts_without(
+    shapes, tmp_path, monkeypatch
+):
+    """One worker runs the operations of a shape one after the other: balls are shrunk once."""
+    from medialis.balls import surface_skeleton
+
+    shrunk, shrink = [], surface_skeleton.maximal_balls
+
+    @functools.wraps(shrink)
+    def counted(*given):
+        shrunk.append(given)
+        return shrink(*given)
+
+    monkeypatch.setattr(surface_skeleton, "maximal_balls", counted)
+    operations = ("surface_skeleton", "thickness", "manifolds")
+    job = plan(operations, shapes[:1], tmp_path, picture=False)[0]
+    with medialis.memory_limit(1 << 30):
+        rows = run_job(job)
+        assert medialis.kept_bytes() == 0
+    assert [row.status for row in rows] == [DONE] * 3 and len(shrunk) == 1
 
 
 def test_a_killed_batch_goes_on_and_gives_the_same_table(finished, shapes, tmp_path):

@@ -45,13 +45,13 @@ def test_framing_is_tight_and_clips_nothing(perspective, size):
 
 
 @pytest.mark.parametrize("perspective", [False, True])
-def test_framing_shows_whole_balls(perspective):
-    rng = np.random.default_rng(1)
-    centers, radii = rng.normal(size=(20, 3)), rng.uniform(0.1, 1.5, 20)
+def test_framing_shows_the_whole_ball_round_the_box(perspective):
+    corners = np.array([[-1.0, -2.0, -3.0], [2.0, 1.0, 0.5]])
     camera = Camera.framing(
-        centers, radii=radii, width=160, height=120, margin=0.03, perspective=perspective
+        corners, fit="sphere", width=160, height=120, margin=0.03, perspective=perspective
     )
-    mask = rasterize(camera, centers=centers, radii=radii).mask
+    radius = np.linalg.norm(np.diff(corners, axis=0)) / 2
+    mask = rasterize(camera, centers=[corners.mean(axis=0)], radii=[radius]).mask
     assert not (mask[0].any() or mask[-1].any() or mask[:, 0].any() or mask[:, -1].any())
     assert mask[6:-6].any(axis=1).all() or mask[:, 8:-8].any(axis=0).all()
 

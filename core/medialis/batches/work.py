@@ -12,9 +12,10 @@ from pathlib import Path
 from medialis.batches.jobs import Job, Row, stamp
 from medialis.errors import Cancelled, MedialisError
 from medialis.files.results import json_text
+from medialis.kept import forget
 from medialis.model.shape import Shape
 from medialis.operations.registry import run
-from medialis.operations.writing import write_result
+from medialis.operations.writing import Pictures, write_result
 from medialis.progress import Message, Progress
 from medialis.surface.reading import read_shape
 from medialis.threads import thread_limit
@@ -37,8 +38,16 @@ class Source:
 def run_job(job: Job) -> list[Row]:
     """Run what is not finished of a job; an error becomes a row, and never leaves here.
 
-    The shape is read once. Returns one row for each operation.
+    The shape is read once, and what one operation computed on it is found by the next one; nothing
+    is kept for the next shape. Returns one row for each operation.
     """
+    try:
+        return _rows(job)
+    finally:
+        forget()
+
+
+def _rows(job: Job) -> list[Row]:
     rows: list[Row] = []
     source: Source | None = None
     unreadable: str | None = None
@@ -81,8 +90,7 @@ def _run_operation(job: Job, name: str, source: Source) -> Row:
         result,
         job.folder(name),
         source=job.file,
-        picture=job.picture,
-        thumbnail=job.picture,
+        pictures=Pictures(main=job.picture, thumbnail=job.picture),
         texts=texts,
         progress=progress,
         record={"input_stamp": source.stamp},

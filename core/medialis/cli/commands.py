@@ -138,7 +138,7 @@ def _compute(
     name: str, file: str | None, output: str, given: dict[str, Any], options: argparse.Namespace
 ) -> dict[str, Any]:
     from medialis.hosts.handover import write_for_host
-    from medialis.operations.writing import write_result
+    from medialis.operations.writing import Pictures, write_result
     from medialis.surface.generate import organic_shape
     from medialis.surface.reading import read_shape
 
@@ -166,9 +166,11 @@ def _compute(
             result,
             output,
             source=source,
-            picture=not getattr(options, "no_picture", False),
-            color_by=getattr(options, "color_by", None),
-            turntable=getattr(options, "turntable", 0),
+            pictures=Pictures(
+                main=not getattr(options, "no_picture", False),
+                color_by=getattr(options, "color_by", None),
+                turntable=getattr(options, "turntable", 0),
+            ),
             texts=texts,
             formats=_formats(options),
             progress=progress,

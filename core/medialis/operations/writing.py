@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import os
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -73,18 +73,37 @@ def _note(message: str) -> dict[str, Any]:
     return {"code": message.code, "warning": warning, "data": dict(message.data)}
 
 
+@dataclass(frozen=True)
+class Pictures:
+    """Which pictures of a result are written.
+
+    Attributes
+    ----------
+    main : bool
+        Draw ``<operation>.png`` (the result's own images are written in any case).
+    color_by : str or None
+        Attribute to colour by; the layer's own choice when None.
+    turntable : int
+        Number of turntable views.
+    thumbnail : bool
+        Write the main picture also small, as ``thumbnail.png``.
+    """
+
+    main: bool = True
+    color_by: str | None = None
+    turntable: int = 0
+    thumbnail: bool = False
+
+
 def write_result(
     result: Result,
     folder: str | os.PathLike[str],
     *,
     source: str | None = None,
-    picture: bool = True,
-    color_by: str | None = None,
-    turntable: int = 0,
-    thumbnail: bool = False,
-    record: Mapping[str, Any] | None = None,
-    texts: Mapping[str, str] | None = None,
+    pictures: Pictures = Pictures(),
     formats: Sequence[str] = GRAPH_FORMATS,
+    texts: Mapping[str, str] | None = None,
+    record: Mapping[str, Any] | None = None,
     progress: Progress | ProgressCallback | None = None,
 ) -> dict[str, Any]:
     """Write a result into a folder; when anything fails nothing is left behind.
@@ -97,20 +116,14 @@ def write_result(
         Created when missing; files of the same name are replaced.
     source : str, optional
         Name of the input, for titles and the manifest.
-    picture : bool
-        Draw ``<operation>.png`` (and the result's own images in any case).
-    color_by : str, optional
-        Attribute to colour by; the layer's own choice when missing.
-    turntable : int
-        Number of turntable views to draw as well.
-    thumbnail : bool
-        Write the main picture also small, as ``thumbnail.png``.
-    record : dict, optional
-        More entries for the manifest.
-    texts : dict, optional
-        More files: their text by name.
+    pictures : Pictures
+        Which pictures to draw.
     formats : sequence of str
         Formats of the result's graph, if it has one: swc, graphml, json, obj.
+    texts : dict, optional
+        More files: their text by name.
+    record : dict, optional
+        More entries for the manifest.
     progress : callable, optional
         Called with (fraction, text); returning False cancels.
 
@@ -122,7 +135,7 @@ def write_result(
     Raises
     ------
     InvalidOptionError
-        When the first layer has no attribute `color_by`, or a format is unknown.
+        When the first layer has no attribute ``pictures.color_by``, or a format is unknown.
     FileError
         When the folder cannot be written.
 
@@ -137,17 +150,17 @@ def write_result(
     >>> import medialis
     >>> result = medialis.run("thickness", medialis.organic_shape(56))
     >>> with tempfile.TemporaryDirectory() as folder:
-    ...     manifest = medialis.write_result(result, f"{folder}/out", picture=False)
-    >>> manifest["operation"]
-    'thickness'
+    ...     manifest = medialis.write_result(result, f"{folder}/out")
+    >>> manifest["operation"], manifest["picture"].endswith("thickness.png")
+    ('thickness', True)
     """
     progress = Progress.of(progress)
-    if color_by is not None:
-        require_attribute(result.layers, color_by)
+    if pictures.color_by is not None:
+        require_attribute(result.layers, pictures.color_by)
     for ending in formats:
         as_choice(ending, "formats", GRAPH_FORMATS)
     title = result.operation.replace("_", " ") + (f" of {Path(source).name}" if source else "")
-    pictures: list[str] = []
+    drawn: list[str] = []
     with OutputFolder(folder) as out:
         names: list[str] = []
 
@@ -171,15 +184,16 @@ def write_result(
                     write_curve_skeleton(new(f"{result.operation}.{ending}"), result.graph)
             write_npz(new(f"{result.operation}.npz"), result.arrays)
         with progress.stage("picture", 0.5, 1.0):
-            for name, image in _main_pictures(result, picture, color_by, title):
-                pictures.append(name)
+            for name, image in _main_pictures(result, pictures, title):
+                drawn.append(name)
                 write_png(new(name), image)
-                if thumbnail and pictures == [name]:
+                if pictures.thumbnail and drawn == [name]:
                     write_png(new(THUMBNAIL), reduced(image, THUMBNAIL_WIDTH))
-            views = draw_turntable(result, turntable, color_by=color_by) if turntable else ()
+            count, color_by = pictures.turntable, pictures.color_by
+            views = draw_turntable(result, count, color_by=color_by) if count else ()
             for number, image in enumerate(views):
                 write_png(new(f"turntable_{number:03d}.png"), image)
-                progress.update((number + 1) / turntable)
+                progress.update((number + 1) / count)
         for name, text in (texts or {}).items():
             with complete_file(new(name)) as stream:
                 stream.write(text.encode("utf-8", "backslashreplace"))  # as in write_json
@@ -189,7 +203,7 @@ def write_result(
             result,
             input=source,
             files=[str(base / name) for name in names],
-            picture=str(base / pictures[0]) if pictures else None,
+            picture=str(base / drawn[0]) if drawn else None,
             **(record or {}),
         )
         write_json(out.file("manifest.json"), manifest)
@@ -197,10 +211,11 @@ def write_result(
 
 
 def _main_pictures(
-    result: Result, picture: bool, color_by: str | None, title: str
+    result: Result, pictures: Pictures, title: str
 ) -> Iterator[tuple[str, NDArray[np.uint8]]]:
     """Give file names and images: the result's own ones, or one of its first layer if wanted."""
     for name, image in result.images.items():
         yield f"{name}.png", image
-    if picture and result.layers and not result.images:
-        yield f"{result.operation}.png", draw_result(result, color_by=color_by, title=title)
+    if pictures.main and result.layers and not result.images:
+        image = draw_result(result, color_by=pictures.color_by, title=title)
+        yield f"{result.operation}.png", image

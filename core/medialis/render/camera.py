@@ -22,7 +22,6 @@ from medialis.render.framing import (
 from medialis.validation import (
     FloatArray,
     as_choice,
-    as_field,
     as_number,
     as_points,
     as_whole_number,
@@ -140,7 +139,6 @@ class Camera(Described):
         cls,
         points: ArrayLike,
         *,
-        radii: ArrayLike | None = None,
         direction: ArrayLike | None = None,
         up: ArrayLike | None = None,
         width: int = 1000,
@@ -155,8 +153,6 @@ class Camera(Described):
         ----------
         points : (n, 3) float
             What must be visible, for instance the points of a shape or its two bounding corners.
-        radii : (n,) float, optional
-            Show whole balls around the points.
         direction : (3,) float, optional
             From the shape to the camera; `default_view` when missing.
         up : (3,) float, optional
@@ -178,7 +174,7 @@ class Camera(Described):
             When the points or an option cannot be used.
         """
         data = as_points(points)
-        size = np.zeros(len(data)) if radii is None else as_field(radii, len(data), "radii")
+        size = np.zeros(len(data))
         margin = as_number(margin, "margin", low=0, high=0.45)
         as_choice(fit, "fit", ("tight", "turntable", "sphere"))
         width = as_whole_number(width, "width", low=1, high=MAX_PIXELS)
@@ -190,7 +186,7 @@ class Camera(Described):
         toward, upward = unit_direction(direction, "direction"), unit_direction(up, "up")
         if np.linalg.norm(np.cross(toward, upward)) < 1e-6:  # looking straight along up
             upward = np.roll(upward, 1)
-        low, high = (data - size[:, None]).min(axis=0), (data + size[:, None]).max(axis=0)
+        low, high = data.min(axis=0), data.max(axis=0)
         middle = (low + high) / 2
         reach = float(np.linalg.norm(high - low)) / 2
         if not reach > 0:

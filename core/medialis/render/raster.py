@@ -9,11 +9,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from medialis.errors import InvalidShapeError
+from medialis.model.surface import Surface
 from medialis.progress import Progress, ProgressCallback
 from medialis.render.camera import Camera
 from medialis.render.projection import BallSet, TriangleSet, lens, see_balls, see_triangles
 from medialis.threads import run_chunks
-from medialis.validation import FloatArray, IntArray, as_faces, as_field, as_number, as_points
+from medialis.validation import FloatArray, IntArray, as_faces, as_field, as_points
 
 BAND = 32
 """Rows drawn by one kernel call: a constant, so that results do not depend on the threads."""
@@ -133,14 +134,6 @@ def empty_mesh() -> Mesh:
     return none, np.zeros((0, 3), np.int32), corner, corner, np.zeros(0, np.float32)
 
 
-def face_normals(points: FloatArray, faces: IntArray) -> FloatArray:
-    """Return unit face normals (m, 3); zero for a face without area."""
-    a, b, c = points[faces[:, 0]], points[faces[:, 1]], points[faces[:, 2]]
-    normals = np.cross(b - a, c - a)
-    length = np.sqrt(np.einsum("ij,ij->i", normals, normals))[:, None]
-    return np.divide(normals, length, out=np.zeros_like(normals), where=length > 0)
-
-
 def as_radii(radii: ArrayLike, count: int) -> FloatArray:
     """Return radii (k,), or one number for all balls, as finite non-negative float64.
 
@@ -165,7 +158,6 @@ def rasterize(
     faces: ArrayLike | None = None,
     furthest: bool = False,
     normals: bool = False,
-    min_radius_px: float = 0.0,
     progress: Progress | ProgressCallback | None = None,
 ) -> Buffers:
     """Return what a camera sees of balls and triangles: depth, index and, if asked, normals.
@@ -185,13 +177,11 @@ def rasterize(
         Keep the furthest instead of the nearest surface.
     normals : bool
         Also return unit normals.
-    min_radius_px : float
-        Balls smaller than this on screen are drawn with this radius, 0..1000 pixels.
 
     Raises
     ------
-    InvalidShapeError, InvalidOptionError
-        When an array or an option cannot be used.
+    InvalidShapeError
+        When an array cannot be used.
     Cancelled
         When the progress callback asks for it.
 
@@ -210,7 +200,6 @@ def rasterize(
     from medialis.render._splat_kernels import surface_normals
 
     steps = Progress.of(progress)
-    smallest = as_number(min_radius_px, "min_radius_px", low=0, high=1000)
     sign = -1.0 if furthest else 1.0
     numbers = lens(camera, sign)
     depth = np.full((camera.height, camera.width), np.inf)
@@ -219,9 +208,7 @@ def rasterize(
     mesh = empty_mesh()
     if centers is not None:
         data = as_points(centers, "centers")
-        balls = see_balls(
-            camera, data, as_radii(0.0 if radii is None else radii, len(data)), smallest
-        )
+        balls = see_balls(camera, data, as_radii(0.0 if radii is None else radii, len(data)))
         with steps.stage("balls", 0.0, 0.5):
             draw_balls(balls, numbers, depth, index, steps)
     if points is not None:
@@ -231,7 +218,9 @@ def rasterize(
         with steps.stage("triangles", 0.5, 0.9):
             seen = see_triangles(camera, view, triangles, len(balls.radii))
             draw_mesh(seen, numbers, depth, index, progress=steps)
-        flat = np.repeat(face_normals(view, triangles)[:, None], 3, axis=1).astype(np.float32)
+        flat = np.repeat(Surface(view, triangles).face_normals[:, None], 3, axis=1).astype(
+            np.float32
+        )
         mesh = view, triangles, flat, flat, np.zeros(len(triangles), np.float32)
     if furthest:
         depth = np.where(index >= 0, -depth, np.inf)

@@ -10,11 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from medialis.errors import InvalidOptionError
+from medialis.model.surface import Surface
 from medialis.progress import Progress
 from medialis.render.camera import MAX_PIXELS, Camera
 from medialis.render.colors import to_linear, to_srgb
 from medialis.render.projection import lens, see_balls, see_triangles
-from medialis.render.raster import BAND, Mesh, draw_balls, draw_mesh, empty_mesh, face_normals
+from medialis.render.raster import BAND, Mesh, draw_balls, draw_mesh, empty_mesh
 from medialis.threads import run_chunks
 from medialis.validation import FloatArray, IntArray, as_number, as_whole_number, frozen
 
@@ -94,7 +95,7 @@ def corner_normals(points: FloatArray, faces: IntArray, smooth: bool = True) -> 
     matter how a flat side is cut into triangles), unless that is more than 41 degrees off the face:
     curved surfaces look smooth and sharp edges stay sharp.
     """
-    flat = face_normals(points, faces)
+    flat = Surface(points, faces).face_normals
     if not smooth:
         return np.repeat(flat[:, None], 3, axis=1).astype(np.float32)
     angles = _corner_angles(points, faces)
