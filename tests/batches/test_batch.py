@@ -134,7 +134,7 @@ def test_operations_share_what_is_kept_and_the_next_shape_starts_without(
         return shrink(*given)
 
     monkeypatch.setattr(surface_skeleton, "maximal_balls", counted)
-    operations = ("surface_skeleton", "thickness", "manifolds")
+    operations = ("surface_skeleton", "skeleton_importance", "manifolds")
     job = plan(operations, shapes[:1], tmp_path, picture=False)[0]
     with medialis.memory_limit(1 << 30):
         rows = run_job(job)
