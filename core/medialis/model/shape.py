@@ -105,10 +105,6 @@ class Shape(Surface):
             self.__dict__["_identity"] = known
         return known
 
-    def __repr__(self) -> str:
-        faces = "a cloud" if self.faces is None else f"{self.face_count} faces"
-        return f"Shape({self.point_count} points, {faces}, diagonal {self.diagonal:.6g})"
-
     def on_input_points(self, values: NDArray[Any], missing: Any = None) -> NDArray[Any]:
         """Bring values of the points back to the vertices of the input before repair.
 

@@ -53,6 +53,11 @@ class Surface(Bound):
         given = None if faces is None else as_faces(faces, len(self.points))
         self.faces = None if given is None or len(given) == 0 else given
 
+    def __repr__(self) -> str:
+        faces = "a cloud" if self.faces is None else f"{self.face_count} faces"
+        counts = f"{self.point_count} points, {faces}, diagonal {self.diagonal:.6g}"
+        return f"{type(self).__name__}({counts})"
+
     @property
     def point_count(self) -> int:
         """Number of points n."""
@@ -203,7 +208,8 @@ class Surface(Bound):
     def cotangent_weights(self) -> Any:
         """Sparse (n, n) float64 array: half the cotangents of the angles across each edge.
 
-        Faces with nearly no area count as a little larger, so that weights stay in range.
+        Faces with nearly no area count as a little larger, so that weights stay in range: at least
+        1e-12 of the largest face, and of the square of the diagonal where no face has an area.
         """
         from scipy.sparse import coo_array
 
@@ -212,7 +218,8 @@ class Surface(Bound):
             return coo_array((n, n)).tocsr()
         corners, rows, columns, values = self.points[self.faces], [], [], []
         twice = 2 * self.face_areas
-        safe = np.maximum(twice, 1e-12 * max(float(twice.max(initial=0)), 1e-300))
+        largest = float(twice.max(initial=0)) or self.diagonal**2 or 1.0
+        safe = np.maximum(twice, 1e-12 * largest)
         for corner in range(3):
             left, right = (corner + 1) % 3, (corner + 2) % 3
             u, v = corners[:, left] - corners[:, corner], corners[:, right] - corners[:, corner]
