@@ -208,6 +208,12 @@ class CurveSkeleton(Bound):
             f"{self.loops} loops)"
         )
 
+    def subset(self, stays: NDArray[np.bool_]) -> CurveSkeleton:
+        """Return the chosen nodes (v,), their radii, and the edges between them."""
+        number = np.cumsum(stays) - 1
+        edges = number[self.edges[stays[self.edges].all(axis=1)]]
+        return CurveSkeleton.of(self.nodes[stays], edges, self.radii[stays])
+
     @property
     def surface(self) -> Shape | None:
         """The surface whose points `vertex_node` and `vertex_branch` refer to, if known."""

@@ -1,27 +1,25 @@
-"""Operation: curve skeleton from silhouettes and depths of many views (thesis 3.7)."""
+"""Operation: curve skeleton from silhouettes and depths of many views (thesis 3.7).
+
+Its defaults take a tenth of the time of the 500 pairs of 1024 pixels that the thesis (3.7.6.2) and
+the plain function take. On hand, horse and fertility both find the same loops.
+"""
 
 from __future__ import annotations
 
 import logging
-import math
 from dataclasses import dataclass
 
-from medialis.curves.from_views.views import (
-    ViewSkeleton,
-    skeleton_of_shape,
-)
+import numpy as np
+
+from medialis.curves.from_views.views import ViewCurveSkeletonOptions, view_curve_skeleton
 from medialis.files.curve_graphs import node_attributes
-from medialis.model.curve_skeleton import CurveSkeleton
+from medialis.model.curve_skeleton import CurveSkeleton, ViewPoints
 from medialis.model.shape import Shape
 from medialis.operations.common import summary
 from medialis.operations.declaration import Operation
 from medialis.operations.result import Layer, Outcome
-from medialis.options import Options, angle, number, whole
+from medialis.options import changed
 from medialis.progress import Progress
-
-FAST_PAIRS, FAST_SIZE = 100, 512
-"""Defaults of the operation, a tenth of the time of the 500 pairs of 1024 pixels that the thesis
-(3.7.6.2) and the plain function take. On hand, horse and fertility both find the same loops."""
 
 FAR_RADII = 2.5
 """A place of the surface further than this many radii from the skeleton lies on a sheet."""
@@ -30,56 +28,23 @@ SHEET_SHARE = 0.2
 
 
 @dataclass(frozen=True, kw_only=True)
-class ViewCurveSkeletonRun(Options):
+class ViewCurveSkeletonRun(ViewCurveSkeletonOptions):
     """Options of the operation `view_curve_skeleton`."""
 
-    pairs: int = whole(
-        100,
-        "Pairs of views",
-        "Number of directions that the shape is seen from, two views each. 500 with a"
-        " view size of 1024 is finer, and ten times slower.",
-        low=1,
-        high=100000,
+    pairs: int = changed(
+        ViewCurveSkeletonOptions,
+        "pairs",
+        default=100,
+        help="Number of directions that the shape is seen from, two views each. 500 with a view "
+        "size of 1024 is finer, and ten times slower.",
     )
-    size: int = whole(
-        512,
-        "View size",
-        "Width and height of a view in pixels. Parts thinner than two pixels are lost.",
-        low=32,
-        high=8192,
-    )
-    saliency: float = number(
-        1.0,
-        "Saliency",
-        "Silhouette skeletons keep places where the contour between the two nearest "
-        "contour points is longer than this many times their distance. Higher values "
-        "keep less.",
-        high=1000.0,
-        advanced=True,
-    )
-    angle: float = angle(
-        20.0,
-        "Angle of a pair",
-        "Angle between the two cameras of a pair: small ones place points less "
-        "exactly, large ones match wrong points.",
-        low=1.0,
-        high=90.0,
-        advanced=True,
-    )
+    size: int = changed(ViewCurveSkeletonOptions, "size", default=512)
 
 
 def run(shape: Shape, options: ViewCurveSkeletonRun, progress: Progress) -> Outcome:
     """Render, match, sharpen, link, and say where a curve is a poor description."""
-    found = skeleton_of_shape(
-        shape,
-        pairs=options.pairs,
-        size=options.size,
-        angle=math.radians(options.angle),
-        saliency=options.saliency,
-        source=None,
-        progress=progress,
-    )
-    curve = found.curve
+    curve = view_curve_skeleton.of(shape, options, progress)
+    points = curve.view_points or ViewPoints(np.empty((0, 3)), np.empty(0))
     _note_doubts(shape, curve, progress)
     return Outcome(
         shape=shape,
@@ -92,7 +57,7 @@ def run(shape: Shape, options: ViewCurveSkeletonRun, progress: Progress) -> Outc
                 color_by="radius",
                 labels=("branch",),
             ),
-            _points_layer(found),
+            _points_layer(points),
         ),
         values={
             "nodes": len(curve.nodes),
@@ -103,7 +68,7 @@ def run(shape: Shape, options: ViewCurveSkeletonRun, progress: Progress) -> Outc
             "components": curve.component_count,
             "length": curve.length,
             **summary(curve.radii, "radius"),
-            "points": len(found.points),
+            "points": len(points.points),
             "diagonal": shape.diagonal,
         },
         arrays={
@@ -111,8 +76,8 @@ def run(shape: Shape, options: ViewCurveSkeletonRun, progress: Progress) -> Outc
             "edges": curve.edges,
             "node_radius": curve.radii,
             "edge_branch": curve.branch,
-            "view_points": found.points,
-            "view_weights": found.weights,
+            "view_points": points.points,
+            "view_weights": points.weights,
         },
         graph=curve,
     )
@@ -129,6 +94,8 @@ def _note_doubts(shape: Shape, curve: CurveSkeleton, progress: Progress) -> None
             f"{100 * share:.0f} % of the surface lies further than {FAR_RADII:g} radii from the "
             "curve skeleton: the shape is flat or sheet-like there, or the views do not show it. "
             "surface_skeleton describes sheets better.",
+            "thin_sheets",
+            share=share,
             level=logging.WARNING,
         )
     parts = int(shape.components.max()) + 1
@@ -136,16 +103,19 @@ def _note_doubts(shape: Shape, curve: CurveSkeleton, progress: Progress) -> None
         progress.note(
             f"The shape has {parts} connected part{'s' * (parts > 1)}, the curve skeleton "
             f"{curve.component_count}: parts that touch or overlap are joined, parts thinner than "
-            "two pixels are left out, and thin places can be cut (raise size)."
+            "two pixels are left out, and thin places can be cut (raise size).",
+            "parts_differ",
+            parts=parts,
+            components=curve.component_count,
         )
 
 
-def _points_layer(found: ViewSkeleton) -> Layer:
+def _points_layer(points: ViewPoints) -> Layer:
     """Points near the curve skeleton that the views agree on."""
     return Layer(
         "view_points",
-        found.points,
-        attributes={"pairs": found.weights},
+        points.points,
+        attributes={"pairs": points.weights},
         color_by="pairs",
         filter_by="pairs",
         auxiliary=True,

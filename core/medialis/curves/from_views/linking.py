@@ -23,15 +23,15 @@ from medialis.curves.from_views.cloud_nodes import (
     thin_points,
     without_crumbs,
 )
+from medialis.curves.graph.finishing import prune_spurs, smooth_nodes
 from medialis.model.curve_skeleton import CurveSkeleton
+from medialis.model.polylines import follow
 from medialis.validation import FloatArray, IntArray
 
 COVER = 1.0
 """A path accounts for what lies within this many radii of it, plus `LINK` cells."""
-SPUR = 0.5
-"""A branch end goes when it reaches less than this many radii out of the ball of its junction."""
-SMOOTHING = 4
-"""Rounds of averaging along the branches."""
+SMOOTHING = 0.7
+"""Bends as short as this times the radius are smoothed, as by `medialis.curve_skeleton`."""
 
 
 def link_points(
@@ -67,7 +67,6 @@ def link_points(
         return CurveSkeleton.of(np.empty((0, 3)), np.empty((0, 2)), np.empty(0))
     edges = _tree(nodes, cell)
     edges = _close_loops(nodes, edges, cell, measure)
-    edges = _prune(nodes, edges)
     return _as_skeleton(nodes, edges, measure)
 
 
@@ -86,12 +85,12 @@ def _piece_paths(nodes: Nodes, rows: IntArray, cell: float) -> list[tuple[int, i
 
     lengths, costs = nodes.graph(nodes.lengths), nodes.graph(nodes.costs)
     tree = cKDTree(nodes.points[rows])
-    reach = COVER * nodes.radii + LINK * cell
+    covered = COVER * nodes.radii + LINK * cell
     open_ = np.zeros(len(nodes.points), bool)
     open_[rows] = True
 
     def cover(path: list[int]) -> None:
-        for near in tree.query_ball_point(nodes.points[path], reach[path]):
+        for near in tree.query_ball_point(nodes.points[path], covered[path]):
             open_[rows[near]] = False
 
     start = int(rows[nodes.density[rows].argmax()])
@@ -113,9 +112,7 @@ def _piece_paths(nodes: Nodes, rows: IntArray, cell: float) -> list[tuple[int, i
             costs, directed=False, indices=np.flatnonzero(on_tree), min_only=True,
             return_predecessors=True,
         )  # fmt: skip
-        path = [tip]
-        while not on_tree[path[-1]]:
-            path.append(int(before[path[-1]]))
+        path = follow(before, tip)
         edges += list(itertools.pairwise(path))
         on_tree[path] = True
         cover(path)
@@ -125,7 +122,7 @@ def _piece_paths(nodes: Nodes, rows: IntArray, cell: float) -> list[tuple[int, i
 def _close_loops(
     nodes: Nodes, edges: list[tuple[int, int]], cell: float, measure: Measure
 ) -> list[tuple[int, int]]:
-    """Add the ways that close a loop round a hole, the shortest way first."""
+    """Add the paths that close a loop round a hole, the shortest path first."""
     from scipy.sparse import csr_array
     from scipy.sparse.csgraph import dijkstra
 
@@ -143,33 +140,26 @@ def _close_loops(
         )  # fmt: skip
         a, b = nodes.links.T
         use = (foot[a] != foot[b]) & np.isfinite(away[a]) & np.isfinite(away[b])
-        a, b, way = a[use], b[use], (away[a] + away[b] + nodes.lengths)[use]
-        feet, at = np.unique(foot[a], return_inverse=True)
+        a, b, direct = a[use], b[use], (away[a] + away[b] + nodes.lengths)[use]
+        feet, start = np.unique(foot[a], return_inverse=True)
         closing = None
         if len(feet) == 0:
             break
         along, trace = dijkstra(skeleton, directed=False, indices=feet, return_predecessors=True)
-        detour = along[at, foot[b]]
+        detour = along[start, foot[b]]
         widest = np.maximum(nodes.radii[foot[a]], nodes.radii[foot[b]])
-        long = np.flatnonzero(detour > np.maximum(2 * way, 2 * widest + 4 * cell))
-        for row in long[np.argsort(way[long], kind="stable")]:
+        long = np.flatnonzero(detour > np.maximum(2 * direct, 2 * widest + 4 * cell))
+        for row in long[np.argsort(direct[long], kind="stable")]:
             ends = int(foot[a[row]]), int(foot[b[row]])
             if ends in refused:
                 continue
-            there = _way_back(before, int(a[row]))[::-1] + _way_back(before, int(b[row]))
-            home = _way_back(trace[at[row]], ends[1])
+            there = follow(before, int(a[row]))[::-1] + follow(before, int(b[row]))
+            home = follow(trace[start[row]], ends[1])
             if not _spanned(nodes.points[there + home[1:]], measure):
                 closing = there
                 break
             refused |= {ends, ends[::-1]}
     return edges
-
-
-def _way_back(before: IntArray, node: int) -> list[int]:
-    path = [node]
-    while before[path[-1]] >= 0:
-        path.append(int(before[path[-1]]))
-    return path
 
 
 def _spanned(cycle: FloatArray, measure: Measure) -> bool:
@@ -181,52 +171,18 @@ def _spanned(cycle: FloatArray, measure: Measure) -> bool:
     return True
 
 
-def _prune(nodes: Nodes, edges: list[tuple[int, int]]) -> list[tuple[int, int]]:
-    """Drop branch ends that hardly leave the ball of their junction, the shortest first."""
-    near: dict[int, set[int]] = {}
-    for a, b in edges:
-        near.setdefault(a, set()).add(b)
-        near.setdefault(b, set()).add(a)
-    while True:
-        spurs = []
-        for tip in sorted(node for node, others in near.items() if len(others) == 1):
-            path = [tip, *near[tip]]
-            while len(near[path[-1]]) == 2:
-                path += near[path[-1]] - {path[-2]}
-            foot = path[-1]
-            if len(near[foot]) < 3:
-                continue  # the only branch of its piece
-            length = float(np.linalg.norm(np.diff(nodes.points[path], axis=0), axis=1).sum())
-            if length + nodes.radii[tip] < (1 + SPUR) * nodes.radii[foot]:
-                spurs.append((length, path))
-        if not spurs:
-            return sorted({(min(a, b), max(a, b)) for a, others in near.items() for b in others})
-        for a, b in itertools.pairwise(min(spurs)[1]):
-            near[a].discard(b)
-            near[b].discard(a)
-            if not near[a]:
-                del near[a]
-
-
 def _as_skeleton(nodes: Nodes, edges: list[tuple[int, int]], measure: Measure) -> CurveSkeleton:
-    """Smooth the branches and measure their radii; pieces without edges are their densest node."""
+    """Prune and smooth the branches, measure radii; pieces without edges are their densest node."""
     piece = pieces_of(nodes)
     pairs = np.unique(np.sort(np.array(edges, np.int64).reshape(-1, 2), axis=1), axis=0)
     bare = np.setdiff1d(piece, piece[pairs.ravel()])
     lone = [np.flatnonzero(piece == p)[nodes.density[piece == p].argmax()] for p in bare]
     used = np.unique(np.r_[pairs.ravel(), lone].astype(np.int64))
-    links = np.searchsorted(used, pairs).astype(np.int32)
-    degree = np.bincount(links.ravel(), minlength=len(used))
-    points = nodes.points[used]
-    for _ in range(SMOOTHING):
-        total = np.zeros_like(points)
-        np.add.at(total, links[:, 0], points[links[:, 1]])
-        np.add.at(total, links[:, 1], points[links[:, 0]])
-        inner = degree == 2
-        points[inner] = 0.5 * points[inner] + 0.25 * total[inner]
+    raw = CurveSkeleton.of(nodes.points[used], np.searchsorted(used, pairs), nodes.radii[used])
+    raw = raw.subset(prune_spurs(raw))
+    points = smooth_nodes(raw.nodes, raw.edges, raw.radii, SMOOTHING)
     radii = measure(points)
     # Smoothing must not leave the shape.
     out = radii <= 0
-    points[out] = nodes.points[used][out]
-    radii[out] = nodes.radii[used][out]
-    return CurveSkeleton.of(points, links, radii)
+    points[out], radii[out] = raw.nodes[out], raw.radii[out]
+    return CurveSkeleton.of(points, raw.edges, radii)

@@ -9,9 +9,23 @@ from numpy.typing import ArrayLike, NDArray
 
 from medialis.errors import InvalidShapeError
 from medialis.kept import Described
-from medialis.validation import FloatArray, IntArray, as_number
+from medialis.options import Options, algorithm, number
+from medialis.progress import Progress
+from medialis.validation import FloatArray, IntArray
 
-DEFAULT_SALIENCY = 1.0
+
+@dataclass(frozen=True, kw_only=True)
+class SilhouetteOptions(Options):
+    """Options of `silhouette_skeleton`."""
+
+    saliency: float = number(
+        1.0,
+        "Saliency",
+        "Silhouette skeletons keep places where the contour between the two nearest contour points "
+        "is longer than this many times their distance. Higher values keep less.",
+        high=1000.0,
+        advanced=True,
+    )
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -114,15 +128,16 @@ def skeletonize(
     return Crossings(begin, column, importance, distance)
 
 
-def silhouette_skeleton(mask: ArrayLike, *, saliency: float = DEFAULT_SALIENCY) -> Crossings:
+@algorithm(SilhouetteOptions, keep=False)
+def silhouette_skeleton(
+    mask: ArrayLike, options: SilhouetteOptions, progress: Progress
+) -> Crossings:
     """Return the saliency skeleton of a binary picture where its rows cross it.
 
     Parameters
     ----------
     mask : (h, w) bool
         True inside.
-    saliency : float
-        Smallest importance over distance to the contour (sigma_0), from 0 to 1000.
 
     Returns
     -------
@@ -133,29 +148,28 @@ def silhouette_skeleton(mask: ArrayLike, *, saliency: float = DEFAULT_SALIENCY) 
     ------
     InvalidShapeError
         When the mask is not a picture.
-    InvalidOptionError
-        When the saliency is not a number in its range.
 
     See Also
     --------
-    view_curve_skeleton : what they are matched to.
+    view_curve_skeleton : matches the silhouettes of many views.
 
     Notes
     -----
     Feature points are exact: the nearest pixels outside. The skeleton passes between two neighbours
     in a row whose feature points are far apart along the contour, where the row is as far from the
     one as from the other. Different contours count as the longest. Source: thesis 3.7.3, Eq. 3.6 to
-    3.8. Deviates: importance is compared along rows only, since the pairing of views needs no more.
+    3.8; `saliency` is sigma_0. Deviates: importance is compared along rows only, since the pairing
+    of views needs no more.
 
     Examples
     --------
+    >>> import medialis
     >>> bar = np.zeros((40, 20))
     >>> bar[5:35, 6:13] = 1
-    >>> middle = silhouette_skeleton(bar)
+    >>> middle = medialis.silhouette_skeleton(bar)
     >>> set(middle.column[(middle.row > 12) & (middle.row < 27)].tolist())
     {9.5}
     """
-    sigma = as_number(saliency, "saliency", low=0, high=1000)
     array = np.asarray(mask)
     if array.ndim != 2 or array.dtype.kind not in "biuf" or array.size == 0:
         raise InvalidShapeError(
@@ -165,7 +179,7 @@ def silhouette_skeleton(mask: ArrayLike, *, saliency: float = DEFAULT_SALIENCY) 
     edge = max(height, width) + 2
     near = np.full((edge, edge), np.nan, np.float32)
     near[1 : height + 1, 1 : width + 1][array != 0] = 0.0
-    framed = skeletonize(near, sigma, Scratch(edge))
+    framed = skeletonize(near, options.saliency, Scratch(edge))
     return Crossings(
         framed.begin[1 : height + 2], framed.column - 1, framed.importance, framed.distance
     )

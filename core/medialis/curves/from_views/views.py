@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -15,9 +15,9 @@ from medialis.curves.from_views.cloud_nodes import merge_cells
 from medialis.curves.from_views.linking import link_points
 from medialis.curves.from_views.pairing import pair_points
 from medialis.curves.from_views.silhouettes import (
-    DEFAULT_SALIENCY,
     Crossings,
     Scratch,
+    SilhouetteOptions,
     skeletonize,
 )
 from medialis.curves.from_views.view_batches import (
@@ -29,17 +29,15 @@ from medialis.curves.from_views.view_batches import (
     render_views,
 )
 from medialis.errors import InvalidShapeError
-from medialis.model.curve_skeleton import CurveSkeleton
+from medialis.model.curve_skeleton import CurveSkeleton, ViewPoints
 from medialis.model.shape import Shape
 from medialis.model.view import OrthographicCamera, View, ViewSource
-from medialis.progress import Progress, ProgressCallback
+from medialis.options import Options, algorithm, angle, changed, whole
+from medialis.progress import Progress
 from medialis.render.depth_range import Rasterizer, rasterizer
 from medialis.threads import run_chunks
-from medialis.validation import FloatArray, as_number, as_whole_number
+from medialis.validation import FloatArray
 
-DEFAULT_PAIRS = 500
-DEFAULT_SIZE = 1024
-DEFAULT_ANGLE = math.radians(20)
 PROBES = 32
 """Views that measure radii and tell inside from outside while the points are linked."""
 CELL = 2.0
@@ -83,29 +81,48 @@ def view_source(factory: Callable[[Shape], ViewSource]) -> Iterator[None]:
         _factory.reset(token)
 
 
-@dataclass(frozen=True, eq=False)
-class ViewSkeleton:
-    """A curve skeleton from views, and the cloud of points that it was linked from.
+@dataclass(frozen=True, kw_only=True)
+class ViewCurveSkeletonOptions(Options):
+    """Options of `view_curve_skeleton`.
 
     Attributes
     ----------
-    curve : CurveSkeleton
-    points : (k, 3) float64
-        Sharpened points, those in one pixel merged.
-    weights : (k,) float64
-        Number of matched pairs that each point stands for.
+    source : ViewSource, optional
+        Who renders the views of a shape; the core's rasterizer when missing (see `view_source`).
     """
 
-    curve: CurveSkeleton
-    points: FloatArray
-    weights: FloatArray
+    pairs: int = whole(
+        500,
+        "Pairs of views",
+        "Number of directions that the shape is seen from, two views each.",
+        low=1,
+        high=100_000,
+    )
+    size: int = whole(
+        1024,
+        "View size",
+        "Width and height of a view in pixels. Parts thinner than two pixels are lost.",
+        low=32,
+        high=8192,
+    )
+    saliency: float = changed(SilhouetteOptions, "saliency")
+    angle: float = angle(
+        20.0,
+        "Angle of a pair",
+        "Angle between the two cameras of a pair: small ones place points less exactly, large ones "
+        "match wrong points.",
+        low=1.0,
+        high=90.0,
+        advanced=True,
+    )
+    source: ViewSource | None = None
 
 
 def _match(
     source: ViewSource, pairs: Sequence[CameraPair], saliency: float, progress: Progress
 ) -> tuple[FloatArray, FloatArray]:
     """Return the points of all pairs of views, those in one pixel merged, and their weights."""
-    found: list[FloatArray] = []
+    places: list[FloatArray] = []
     for begin in range(0, len(pairs), BATCH // 2):
         progress.update(begin / len(pairs))
         batch = pairs[begin : begin + BATCH // 2]
@@ -120,11 +137,11 @@ def _match(
                 out[at] = skeletonize(views[at].near, saliency, scratch)
 
         run_chunks(skeletons, len(views), 1)
-        found += [
+        places += [
             pair_points(views[at], views[at + 1], crossings[at], crossings[at + 1])
             for at in range(0, len(views), 2)
         ]
-    points = np.concatenate(found)
+    points = np.concatenate(places)
     return merge_cells(points, np.ones(len(points)), max(first.pixel for first, _ in pairs))
 
 
@@ -164,17 +181,56 @@ def _sharpen(
     return points, weights
 
 
-def skeleton_of_views(
-    source: ViewSource, pairs: Sequence[CameraPair], saliency: float, progress: Progress
-) -> ViewSkeleton:
-    """Run the stages of thesis 3.7 on checked input: match, cull and sharpen, link.
+@algorithm(ViewCurveSkeletonOptions, keep=False)
+def view_curve_skeleton(
+    shape_or_views: Shape | Sequence[tuple[View, View]],
+    options: ViewCurveSkeletonOptions,
+    progress: Progress,
+) -> CurveSkeleton:
+    """Compute a curve skeleton from silhouettes and depths of a shape.
+
+    Parameters
+    ----------
+    shape_or_views : Shape, or sequence of (View, View)
+        A mesh, open or closed, or a point cloud with normals. Or pairs of views: the cameras of a
+        pair have the same center, extent and up-axis; `pairs`, `size` and `angle` are then theirs.
+    source : ViewSource, optional
+        Who renders the views of a shape; the core's rasterizer when missing (see `view_source`).
+
+    Returns
+    -------
+    CurveSkeleton
+        With its ``view_points``. Radii come from the views: distance to the nearest contour or
+        depth that any of 32 shows.
 
     Raises
     ------
     InvalidShapeError
-        When no point is left.
+        When the shape has no size, views do not fit together, or no point is left.
+
+    See Also
+    --------
+    curve_skeleton : from the surface skeleton; with the node of each sample of the surface.
+    silhouette_skeleton : the skeleton of one silhouette.
+
+    Notes
+    -----
+    Cost: three renderings of each pair and two silhouette skeletons; memory for 16 views at a time.
+    Parts that no view shows, such as handles inside a cavity, are not found. Source: thesis 3.7,
+    with N pairs of P x P pixels, alpha apart. Deviates: saliency is a plain ratio of lengths, the
+    steps of the sharpening shrink, and only views that see a point in the middle of their depth
+    range move it (docs/view_curve_skeleton.md).
+
+    Examples
+    --------
+    >>> import medialis
+    >>> shape = medialis.organic_shape(56)
+    >>> curve = medialis.view_curve_skeleton(shape, pairs=40, size=128)
+    >>> curve.component_count, len(curve.end_points) >= 3
+    (1, True)
     """
-    firsts = [first for first, _ in pairs]
+    source, pairs = _source_and_cameras(shape_or_views, options)
+    saliency, firsts = options.saliency, [first for first, _ in pairs]
     with progress.stage("pairs", 0.0, 0.5):
         points, weights = _match(source, pairs, saliency, progress)
     matched = len(points)
@@ -191,109 +247,27 @@ def skeleton_of_views(
             f"No curve skeleton is left: {why}. A solid shape at least two pixels thick is needed: "
             "check that it is closed, raise size, or use surface_skeleton, which finds thin sheets."
         )
-    return ViewSkeleton(curve, points, weights)
+    return replace(curve, view_points=ViewPoints(points, weights))
 
 
-def view_curve_skeleton(
-    shape_or_views: Shape | Sequence[tuple[View, View]],
-    *,
-    pairs: int = DEFAULT_PAIRS,
-    size: int = DEFAULT_SIZE,
-    angle: float = DEFAULT_ANGLE,
-    saliency: float = DEFAULT_SALIENCY,
-    source: ViewSource | None = None,
-    progress: Progress | ProgressCallback | None = None,
-) -> CurveSkeleton:
-    """Compute a curve skeleton from silhouettes and depths of a shape.
-
-    Parameters
-    ----------
-    shape_or_views : Shape, or sequence of (View, View)
-        A mesh, open or closed, or a point cloud with normals. Or pairs of views: the cameras of a
-        pair have the same center, extent and up-axis; `pairs`, `size` and `angle` are then theirs.
-    pairs : int
-        Number of pairs of views (N of the thesis), 1 to 100,000.
-    size : int
-        Width and height of a view in pixels (P of the thesis), 32 to 8192.
-    angle : float
-        Between the two cameras of a pair (alpha), in radians, from 1 to 90 degrees.
-    saliency : float
-        Smallest importance over distance to the contour (sigma_0) of silhouette skeletons, 0 to
-        1000. Higher values give fewer branches.
-    source : ViewSource, optional
-        Who renders the views of a shape; the core's rasterizer when missing (see `view_source`).
-    progress : callable, optional
-        Called with (fraction, text); returning False cancels.
-
-    Returns
-    -------
-    CurveSkeleton
-        Radii come from the views: distance to the nearest contour or depth that any of 32 shows.
-
-    Raises
-    ------
-    InvalidShapeError
-        When the shape has no size, views do not fit together, or no point is left.
-    InvalidOptionError
-        When an option is out of its range.
-    Cancelled
-        When `progress` asks for it.
-
-    See Also
-    --------
-    curve_skeleton : of a closed mesh, from its surface skeleton.
-    view_source : sets who renders.
-
-    Notes
-    -----
-    Cost: three renderings of each pair and two silhouette skeletons; memory for 16 views at a time.
-    Parts that no view shows, such as handles inside a cavity, are not found. Source: thesis 3.7.
-    Deviates: saliency is a plain ratio of lengths, the steps of the sharpening shrink, and only
-    views that see a point in the middle of their depth range move it (docs/view_curve_skeleton.md).
-
-    Examples
-    --------
-    >>> import medialis
-    >>> shape = medialis.organic_shape(56)
-    >>> curve = medialis.view_curve_skeleton(shape, pairs=40, size=128)
-    >>> curve.component_count, len(curve.end_points) >= 3
-    (1, True)
-    """
-    sigma = as_number(saliency, "saliency", low=0, high=1000)
-    steps = Progress.of(progress)
-    if isinstance(shape_or_views, Shape):
-        found = skeleton_of_shape(
-            shape_or_views, pairs=pairs, size=size, angle=angle, saliency=sigma, source=source,
-            progress=steps,
-        )  # fmt: skip
-        return found.curve
-    given = check_views(shape_or_views)
-    cameras = [(first.camera, second.camera) for first, second in given]
-    return skeleton_of_views(GivenViews(given), cameras, sigma, steps).curve
-
-
-def skeleton_of_shape(
-    shape: Shape,
-    *,
-    pairs: int,
-    size: int,
-    angle: float,
-    saliency: float,
-    source: ViewSource | None,
-    progress: Progress,
-) -> ViewSkeleton:
-    """As `view_curve_skeleton` for a shape; returns the cloud of points as well."""
-    count = as_whole_number(pairs, "pairs", low=1, high=100_000)
-    pixels = as_whole_number(size, "size", low=32, high=8192)
-    alpha = as_number(angle, "angle", low=math.radians(1), high=math.radians(90))
+def _source_and_cameras(
+    shape_or_views: Shape | Sequence[tuple[View, View]], options: ViewCurveSkeletonOptions
+) -> tuple[ViewSource, list[CameraPair]]:
+    """Return who draws the views, and the cameras in pairs."""
+    if not isinstance(shape_or_views, Shape):
+        given = check_views(shape_or_views)
+        return GivenViews(given), [(first.camera, second.camera) for first, second in given]
+    shape = shape_or_views
     center, radius = sphere_of(shape.points)
     if not radius > 0:
         raise InvalidShapeError(
             f"All {shape.point_count} points of the shape are the same: views need a solid."
         )
-    renderer = _factory.get()(shape) if source is None else source
+    renderer = _factory.get()(shape) if options.source is None else options.source
     if shape.faces is None:  # whoever draws them, the discs of a cloud reach beyond its samples
         discs = renderer if isinstance(renderer, Rasterizer) else rasterizer(shape)
         center, radius = sphere_of(discs.points)
-    cameras = camera_pairs(center, radius, pairs=count, angle=alpha, size=pixels)
-    return skeleton_of_views(renderer, cameras, saliency, progress)
+    between = math.radians(options.angle)
+    return renderer, camera_pairs(
+        center, radius, pairs=options.pairs, angle=between, size=options.size
+    )
