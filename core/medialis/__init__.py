@@ -76,17 +76,13 @@ from medialis.fields.thickness import thickness
 from medialis.fields.thin_spots import ThinSpot, thin_spots
 from medialis.files.curve_graphs import read_curve_skeleton, write_curve_skeleton
 from medialis.geodesics.connectivity import connected_importance
-from medialis.geodesics.geodesics import (
-    Geodesic,
-    geodesic,
-    geodesic_lengths,
-    geodesics,
-)
+from medialis.geodesics.geodesics import geodesic_lengths
 from medialis.geodesics.importance import (
     geodesic_importance,
     important_points,
     local_measures,
 )
+from medialis.geodesics.paths import Geodesic, geodesic, geodesics
 from medialis.kept import forget, kept_bytes, memory_limit
 from medialis.mesh.skeleton_mesh import skeleton_mesh
 from medialis.model.armature import Bones, SkinWeights

@@ -102,7 +102,7 @@ def run(shape: Shape, options: BallReconstructionRun, progress: Progress) -> Out
         shape=fine,
         layers=(cloud_layer("balls", cloud.subset(cloud.valid)),),
         values=values,
-        arrays=cloud_arrays(fine, cloud),
+        arrays=cloud_arrays(cloud),
         images=images,
     )
 

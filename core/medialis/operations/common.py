@@ -1,4 +1,4 @@
-"""What operations share: the refinement parameter and the checks before and after computing."""
+"""What operations share: arrays, layers and summaries of balls and their surface."""
 
 from __future__ import annotations
 
@@ -8,20 +8,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from medialis.model.medial_cloud import MedialCloud
+from medialis.model.medial_cloud import COLUMNS, MedialCloud
 from medialis.model.shape import Shape
 from medialis.operations.result import FilterUnit, Layer
 
+SURFACE = ("points", "normals", "faces", "origin", "face_origin", "vertex_map", "face_map")
 
-def cloud_arrays(shape: Shape, cloud: MedialCloud) -> dict[str, NDArray[Any]]:
-    """Full arrays of a shape and its medial cloud, masked rows included, for the NPZ file."""
-    arrays: dict[str, NDArray[Any]] = {"points": shape.points, "normals": shape.normals}
-    for name in ("faces", "origin", "face_origin", "vertex_map", "face_map"):
-        if getattr(shape, name) is not None:
-            arrays[name] = getattr(shape, name)
-    for name in ("centers", "radii", "features", "source", "status", "spoke_angles", "side"):
-        arrays[name] = getattr(cloud, name)
-    return arrays
+
+def cloud_arrays(cloud: MedialCloud) -> dict[str, NDArray[Any]]:
+    """All arrays of a medial cloud and its surface, masked rows included, for the NPZ file."""
+    arrays = {name: getattr(cloud.surface, name) for name in SURFACE}
+    arrays |= {name: getattr(cloud, name) for name in COLUMNS}
+    return {name: values for name, values in arrays.items() if values is not None}
 
 
 def cloud_layer(

@@ -84,7 +84,7 @@ def run(shape: Shape, options: CurveSkeletonRun, progress: Progress) -> Outcome:
         ),
         values=_values(cloud.surface, graph, evidence, sheet),
         arrays={
-            **cloud_arrays(cloud.surface, cloud),
+            **cloud_arrays(cloud),
             "tangent": evidence.measured.tangents,
             "candidate_measure": evidence.measured.measure,
             "candidates": evidence.candidates,

@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from medialis.errors import FileError, InvalidOptionError, InvalidShapeError
-from medialis.geodesics.geodesics import Geodesic, GeodesicOptions, geodesics
+from medialis.geodesics.geodesics import GeodesicOptions
+from medialis.geodesics.paths import Geodesic, geodesics
 from medialis.model.shape import Shape
 from medialis.operations.common import summary
 from medialis.operations.declaration import Operation

@@ -67,7 +67,7 @@ def run(shape: Shape, options: MeanShiftSegmentsRun, progress: Progress) -> Outc
             "unassigned_samples": int((labels < 0).sum()),
             "areas": segments.areas.tolist(),
         },
-        arrays={**cloud_arrays(fine, cloud), "segment": labels},
+        arrays={**cloud_arrays(cloud), "segment": labels},
         shown=layers[-1:],
     )
 

@@ -75,7 +75,7 @@ def run(shape: Shape, options: MedialSheetsRun, progress: Progress) -> Outcome:
             "spacing": fine.spacing,
         },
         arrays={
-            **cloud_arrays(fine, cloud),
+            **cloud_arrays(cloud),
             **attributes,
             "scaffold_links": scaffold.links,
             "y_points": network.points,

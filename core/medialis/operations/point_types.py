@@ -58,7 +58,7 @@ def run(shape: Shape, options: PointTypesRun, progress: Progress) -> Outcome:
             "diagonal": fine.diagonal,
             "spacing": fine.spacing,
         },
-        arrays={**cloud_arrays(fine, cloud), "type": types, "selected": keep},
+        arrays={**cloud_arrays(cloud), "type": types, "selected": keep},
     )
 
 

@@ -161,7 +161,7 @@ def segmentation_outcome(
             "spacing": fine.spacing,
         },
         arrays={
-            **cloud_arrays(fine, cloud),
+            **cloud_arrays(cloud),
             name: labels,
             f"face_{name}": segmentation.of_faces(),
         },

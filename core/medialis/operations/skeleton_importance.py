@@ -123,7 +123,7 @@ def run(shape: Shape, options: SkeletonImportanceRun, progress: Progress) -> Out
             "diagonal": fine.diagonal,
         },
         arrays={
-            **cloud_arrays(fine, cloud),
+            **cloud_arrays(cloud),
             **measures,
             "importance": importance,
             "geodesic_length": paths.length,

@@ -74,7 +74,7 @@ def run(shape: Shape, options: SkeletonMeshRun, progress: Progress) -> Outcome:
             "spacing": fine.spacing,
         },
         arrays={
-            **cloud_arrays(fine, cloud),
+            **cloud_arrays(cloud),
             **measured,
             "selected": keep,
             "mesh_faces": mesh.faces,

@@ -52,7 +52,7 @@ def run(shape: Shape, options: SoftEdgesRun, progress: Progress) -> Outcome:
             "spacing": fine.spacing,
         },
         arrays={
-            **cloud_arrays(fine, cloud),
+            **cloud_arrays(cloud),
             "edge_radius": edges.radius,
             "edge_angle": edges.angle,
         },

@@ -75,7 +75,7 @@ def run(shape: Shape, options: SurfaceSkeletonRun, progress: Progress) -> Outcom
         "diagonal": fine.diagonal,
         "spacing": fine.spacing,
     }
-    arrays = {**cloud_arrays(fine, cloud), "selected": mask}
+    arrays = {**cloud_arrays(cloud), "selected": mask}
     layer = cloud_layer("surface_skeleton", shown)
     if importance is not None:
         layer = _measured(shown, importance[mask], options, progress)

@@ -70,7 +70,7 @@ def run(shape: Shape, options: ThicknessRun, progress: Progress) -> Outcome:
             "diagonal": fine.diagonal,
             "spacing": fine.spacing,
         },
-        arrays={**cloud_arrays(fine, cloud), "thickness": values, "thin_spot": labels},
+        arrays={**cloud_arrays(cloud), "thickness": values, "thin_spot": labels},
         shown=(samples or (surface,)) + marks,
     )
 
