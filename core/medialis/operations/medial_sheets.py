@@ -35,10 +35,10 @@ def run(shape: Shape, options: MedialSheetsRun, progress: Progress) -> Outcome:
     """Refine, shrink balls, separate sheets, mesh them, find where they meet."""
     cloud = computed(shape, options, progress)
     fine = cloud.surface
-    with progress.stage("sheets", 0.4, 0.8):
+    with progress.stage("medial sheets", 0.4, 0.8):
         sheets = medial_sheets.of(cloud, options, progress)
         types = point_types.of(cloud, options, progress)
-    with progress.stage("scaffold", 0.8, 1.0):
+    with progress.stage("network and meshes", 0.8, 1.0):
         scaffold = medial_scaffold.of(sheets, options, progress)
     network, meshes = scaffold.network, scaffold.meshes
     if meshes is None:

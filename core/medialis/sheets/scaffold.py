@@ -141,10 +141,10 @@ def medial_scaffold(sheets: MedialSheets, options: Options, progress: Progress) 
     True
     """
     with progress.stage("scaffold", 0.0, 1.0):
-        with progress.stage("y-network", 0.0, 0.5):
+        with progress.stage("network", 0.0, 0.5):
             network = y_network.of(sheets, options, progress)
         meshes = None
         if sheets.cloud.surface.faces is not None:
-            with progress.stage("sheet meshes", 0.5, 1.0):
+            with progress.stage("meshes", 0.5, 1.0):
                 meshes = sheet_meshes.of(sheets, options, progress)
     return MedialScaffold(sheets, network, meshes)

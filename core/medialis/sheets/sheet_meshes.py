@@ -25,7 +25,8 @@ class SheetMeshes(Bound):
     Attributes
     ----------
     mesh : SkeletonMesh
-        p points, t triangles, sheet by sheet; triangles at a border end in the other sheet.
+        p points, sheet by sheet; t triangles in the order of the surface, of which those at a
+        border end in the other sheet.
     point_sheet, face_sheet : (p,) and (t,) int32
         Sheet of each point and of each triangle.
     areas : (count,) float64

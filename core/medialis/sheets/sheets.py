@@ -176,7 +176,7 @@ class _Side(NamedTuple):
 
 def _divide(cloud: MedialCloud, threshold: float, progress: Progress) -> list[_Side]:
     """Link the balls of each side, and spread the pieces over the surface: nothing is merged."""
-    with progress.stage("feature sets", 0.0, 0.8):
+    with progress.stage("contacts", 0.0, 0.8):
         sets = extended_feature_transform.of(cloud, Options(), progress)
     sides = [np.flatnonzero(cloud.valid & (cloud.side == sign)) for sign in (1, -1)]
     return [_side(sets, rows.astype(np.int32), threshold) for rows in sides if len(rows)]
