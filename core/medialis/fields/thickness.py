@@ -23,7 +23,7 @@ from medialis.model.ragged import Ragged
 from medialis.model.shape import Shape
 from medialis.options import Options, algorithm, angle, choice
 from medialis.progress import Progress
-from medialis.surface.surface_graph import mesh_graph
+from medialis.surface.surface_graph import mesh_graph, nearest_seeds
 from medialis.validation import FloatArray, frozen
 
 ThicknessKind = Literal["diameter", "radius"]
@@ -185,28 +185,15 @@ def _complete(shape: Shape, diameters: FloatArray, values: NDArray[np.float64]) 
         return
     missing = np.isnan(values)
     graph = mesh_graph(shape, missing)
-    seed = _nearest_seeds(shape, values, graph)
+    seed = nearest_seeds(shape, graph, ~np.isnan(values))
     if (seed < 0).any():
         _seed_other_components(shape, diameters, values, seed)
-        seed = _nearest_seeds(shape, values, graph)
+        seed = nearest_seeds(shape, graph, ~np.isnan(values))
     reached = seed >= 0
     values[reached] = values[seed[reached]]
     _smooth(np.flatnonzero(missing & reached), values, graph)
     if not reached.all():
         _nearest_in_space(shape, values)
-
-
-def _nearest_seeds(shape: Shape, values: FloatArray, graph: Ragged) -> NDArray[np.int32]:
-    """Return the nearest sample with a value along the surface, (n,); -1 where none is reached."""
-    from medialis.surface._surface_graph_kernels import spread_from_seeds
-
-    n = shape.point_count
-    seed = np.where(np.isnan(values), -1, np.arange(n)).astype(np.int32)
-    distance = np.where(seed < 0, np.inf, 0.0)
-    room = n + len(graph.indices)
-    keys, names = np.empty(room), np.empty(room, np.int32)
-    spread_from_seeds(shape.points, graph.offsets, graph.indices, keys, names, distance, seed)
-    return seed
 
 
 def _seed_other_components(

@@ -12,7 +12,7 @@ from medialis.model.ragged import Ragged
 from medialis.model.segmentation import Segmentation
 from medialis.model.shape import Shape
 from medialis.model.surface import piece_labels
-from medialis.surface.surface_graph import surface_graph
+from medialis.surface.surface_graph import nearest_seeds, surface_graph
 from medialis.threads import run_chunks
 from medialis.validation import FloatArray, IntArray
 
@@ -27,14 +27,7 @@ def spread_labels(shape: Shape, graph: Ragged, labels: IntArray) -> IntArray:
     (n,) int32
         -1 where no labelled sample can be reached.
     """
-    from medialis.surface._surface_graph_kernels import spread_from_seeds
-
-    n = shape.point_count
-    seed = np.where(labels < 0, -1, np.arange(n)).astype(np.int32)
-    distance = np.where(seed < 0, np.inf, 0.0)
-    room = n + len(graph.indices)
-    keys, names = np.empty(room), np.empty(room, np.int32)
-    spread_from_seeds(shape.points, graph.offsets, graph.indices, keys, names, distance, seed)
+    seed = nearest_seeds(shape, graph, labels >= 0)
     return np.where(seed < 0, -1, labels[seed]).astype(np.int32)
 
 

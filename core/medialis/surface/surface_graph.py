@@ -9,7 +9,7 @@ from medialis.kept import kept
 from medialis.model.ragged import Ragged
 from medialis.model.shape import Shape
 from medialis.progress import Progress
-from medialis.validation import FloatArray, frozen
+from medialis.validation import FloatArray, IntArray, frozen
 
 CLOUD_NEIGHBOURS = 8
 """Nearest samples that are neighbours in a cloud; about as many as a vertex of a mesh has."""
@@ -69,6 +69,22 @@ def _cloud_graph(shape: Shape) -> Ragged:
     ends = np.concatenate([a, b]), np.concatenate([b, a])
     graph = coo_array((np.ones(len(ends[0]), np.int8), ends), shape=(n, n)).tocsr()
     return Ragged(graph.indptr, graph.indices)
+
+
+def nearest_seeds(shape: Shape, graph: Ragged, seeds: NDArray[np.bool_]) -> IntArray:
+    """Return the nearest of the samples that are seeds, along the graph, (n,).
+
+    Ties go to the lowest index; -1 where no seed can be reached.
+    """
+    from medialis.surface._surface_graph_kernels import spread_from_seeds
+
+    n = shape.point_count
+    seed = np.where(seeds, np.arange(n), -1).astype(np.int32)
+    distance = np.where(seeds, 0.0, np.inf)
+    room = n + len(graph.indices)
+    keys, names = np.empty(room), np.empty(room, np.int32)
+    spread_from_seeds(shape.points, graph.offsets, graph.indices, keys, names, distance, seed)
+    return seed
 
 
 def local_spacing(shape: Shape) -> FloatArray:
