@@ -60,6 +60,24 @@ def _message(text: str, code: str, level: int, data: dict[str, Any]) -> Message:
     return Message(text, code, level, **data)
 
 
+def counted(
+    count: int, noun: str, *, of: int | None = None, verbs: tuple[str, str] = ("", "")
+) -> str:
+    """Return a count with its noun, and with the verb that agrees with it, for messages.
+
+    Examples
+    --------
+    >>> counted(1, "handle"), counted(0, "handle"), counted(12000, "patch")
+    ('1 handle', '0 handles', '12,000 patches')
+    >>> counted(1, "ball", of=34834, verbs=("lies", "lie"))
+    '1 of 34,834 balls lies'
+    """
+    whole = count if of is None else of
+    plural = "vertices" if noun == "vertex" else f"{noun}{'es' if noun.endswith('ch') else 's'}"
+    words = f"{count:,}", "" if of is None else f"of {of:,}", noun if whole == 1 else plural
+    return " ".join(word for word in (*words, verbs[count != 1]) if word)
+
+
 class Progress:
     """A span of a longer computation, and the record of what happened in it.
 

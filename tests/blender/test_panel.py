@@ -138,7 +138,7 @@ def test_the_result_has_sliders_and_a_summary(draw):
     drawn = draw()
     assert {"Threshold", "Size", "Balls", "Source", "medialis.show_colors"} <= set(drawn)
     assert any(text.startswith("Surface skeleton of cube:") for text in drawn)
-    assert any(text.startswith("Refined for the") for text in drawn)  # wrapped
+    assert any(text.startswith("The mesh was") for text in drawn)  # wrapped
     assert "skeleton points" not in drawn
     bpy.context.scene.medialis.unfolded_values = True
     assert "skeleton points" in draw()

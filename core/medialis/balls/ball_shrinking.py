@@ -19,7 +19,7 @@ from medialis.errors import InvalidShapeError
 from medialis.model.medial_cloud import BallStatus, MedialCloud
 from medialis.model.shape import Shape
 from medialis.options import Options, algorithm, choice, length
-from medialis.progress import Progress
+from medialis.progress import Progress, counted
 from medialis.threads import run_chunks
 from medialis.validation import FloatArray
 
@@ -267,15 +267,15 @@ def note_outcome(cloud: MedialCloud, tolerance: float, progress: Progress) -> No
     """Say how many samples have no ball, and why."""
     shape = cloud.surface
     counts = np.bincount(cloud.status, minlength=3)
-    if counts[BallStatus.NO_NORMAL]:
+    if bare := int(counts[BallStatus.NO_NORMAL]):
         reason = "folded or degenerate faces meet there"
         if shape.faces is None:
             reason = "the one given is zero or no number"
         progress.note(
-            f"{counts[BallStatus.NO_NORMAL]} of {len(cloud)} samples have no normal ({reason}): no "
-            "ball.",
+            f"{counted(bare, 'sample', of=len(cloud), verbs=('has', 'have'))} no normal and so no "
+            f"ball: {reason}.",
             "no_normal",
-            samples=int(counts[BallStatus.NO_NORMAL]),
+            samples=bare,
             of=len(cloud),
             level=logging.WARNING,
         )
@@ -287,8 +287,8 @@ def note_outcome(cloud: MedialCloud, tolerance: float, progress: Progress) -> No
             if sign > 0 and hidden_walls(cloud, tolerance).any():
                 reason = "walls are thinner than the tolerance there, or normals point inward"
             progress.note(
-                f"{count} of {mine.sum()} {name} balls meet no second sample within the largest "
-                f"radius ({reason}): masked.",
+                f"{counted(count, f'{name} ball', of=int(mine.sum()), verbs=('meets', 'meet'))} no "
+                f"second sample within the largest radius ({reason}); no skeleton point follows.",
                 "open_balls",
                 balls=count,
                 of=int(mine.sum()),

@@ -153,8 +153,8 @@ def _denoised(shape: Shape, options: Preparation, progress: Progress) -> tuple[S
     text = f", with a tolerance of {100 * raised:.3f} %" if raised > tolerance else ""
     progress.note(
         f"The surface is noisy: its vertices lie {100 * level / shape.diagonal:.2g} % of the "
-        f"diagonal off a smooth surface ({level / shape.spacing:.2g} of the spacing). Computed on "
-        f"a smoothed copy{text} (denoise = off turns this off).",
+        f"diagonal off a smooth surface ({level / shape.spacing:.2g} of the spacing). A smoothed "
+        f"copy was used{text} (denoise = off turns this off).",
         "denoised",
         noise=level / shape.diagonal,
         tolerance=raised,
@@ -181,9 +181,9 @@ def _refined(shape: Shape, fraction: float, progress: Progress) -> Shape:
         )
     if fine is not shape:
         progress.note(
-            f"Refined for the computation: {shape.point_count} vertices became "
-            f"{fine.point_count} samples (edges above {100 * fraction:g} % of the diagonal were "
-            "split, the surface is unchanged; refine = 0 turns this off).",
+            f"The mesh was refined for the computation: {shape.point_count:,} vertices became "
+            f"{fine.point_count:,} samples. Edges longer than {100 * fraction:g} % of the diagonal "
+            "were split; the surface is unchanged (refine = 0 turns this off).",
             "refined",
             vertices=shape.point_count,
             samples=fine.point_count,

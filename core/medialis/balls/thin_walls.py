@@ -24,7 +24,7 @@ from medialis.balls.hidden_walls import THINNEST, hidden_walls
 from medialis.balls.triangle_contacts import shrink_to_triangles
 from medialis.model.medial_cloud import COLUMNS, MedialCloud
 from medialis.model.shape import Shape
-from medialis.progress import Progress
+from medialis.progress import Progress, counted
 from medialis.threads import run_chunks
 
 if TYPE_CHECKING:
@@ -73,9 +73,9 @@ def _with_lower_tolerance(
     if count:
         of = cloud.surface.point_count
         progress.note(
-            f"At {count} of {of} samples the wall is thinner than the tolerance of "
-            f"{100 * tolerance:.3g} % of the diagonal, which hides its other side: their balls "
-            f"were computed with down to {100 * finer:.3g} %.",
+            f"{counted(count, 'sample', of=of, verbs=('lies', 'lie'))} on a wall thinner than the "
+            f"tolerance of {100 * tolerance:.3g} % of the diagonal. The balls there were computed "
+            f"with a tolerance of down to {100 * finer:.3g} %.",
             "thin_walls",
             level=logging.WARNING,
             samples=count,

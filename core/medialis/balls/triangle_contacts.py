@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from medialis.balls.hidden_walls import THINNEST, endless, in_closed_part, touches_from_outside
 from medialis.model.medial_cloud import BallStatus, MedialCloud
 from medialis.model.shape import Shape
-from medialis.progress import Progress
+from medialis.progress import Progress, counted
 from medialis.validation import FloatArray, IntArray
 
 if TYPE_CHECKING:
@@ -91,8 +91,8 @@ def _replaced(cloud: MedialCloud, balls: _Balls, progress: Progress) -> MedialCl
     if len(rows) == 0:
         return cloud
     progress.note(
-        f"At {len(rows)} of {balls.shape.point_count} samples the samples of a wall are further "
-        "apart than it is thick: their balls were shrunk until its triangles touch them.",
+        f"{counted(len(rows), 'ball', of=balls.shape.point_count, verbs=('was', 'were'))} shrunk "
+        "to fit into walls thinner than the spacing of their samples.",
         "slipped_balls",
         samples=len(rows),
         of=balls.shape.point_count,

@@ -175,8 +175,8 @@ def _places(
     if scatter == 0.0:
         return places, place
     progress.note(
-        f"The points scatter by {100 * scatter:.2g} % of the size about their surfaces: they were "
-        "classified by smoothed positions (smooth off prevents this).",
+        f"The points scatter by {100 * scatter:.2g} % of the size about their surfaces. They were "
+        "classified by smoothed positions (smooth = off turns this off).",
         "scattered",
         scatter=scatter,
     )

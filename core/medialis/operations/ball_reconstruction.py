@@ -63,8 +63,8 @@ def run(shape: Shape, options: BallReconstructionRun, progress: Progress) -> Out
         found = reconstruct_image(cloud, camera, progress=progress)
     if math.isnan(found.median_difference):
         progress.note(
-            "No pixel shows both the balls and the surface, so their depths cannot be compared: "
-            f"the shape is thinner than a pixel in a picture of {size} pixels. Raise size.",
+            "No pixel shows both the balls and the surface, so their depths cannot be compared. "
+            f"The shape is thinner than a pixel of a picture of {size} pixels: raise size.",
             "thinner_than_a_pixel",
             level=logging.WARNING,
             size=size,

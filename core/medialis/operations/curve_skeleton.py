@@ -20,7 +20,7 @@ from medialis.operations.common import cloud_arrays, samples_layer
 from medialis.operations.declaration import Operation
 from medialis.operations.result import FilterUnit, Layer, Outcome
 from medialis.options import Options
-from medialis.progress import Progress
+from medialis.progress import Progress, counted
 
 FEW_SAMPLES = 100
 
@@ -192,8 +192,8 @@ def _note_shape(surface: Shape, evidence: CurveEvidence, progress: Progress) -> 
     """Say what about the surface makes the result less certain."""
     if surface.point_count < FEW_SAMPLES:
         progress.note(
-            f"The shape has {surface.point_count} samples only: a curve skeleton needs about "
-            f"{FEW_SAMPLES} at least. Refine the mesh.",
+            f"The shape has only {counted(surface.point_count, 'sample')}; a curve skeleton needs "
+            f"at least about {FEW_SAMPLES}. Refine the mesh.",
             "few_samples",
             level=logging.WARNING,
             samples=surface.point_count,
@@ -201,15 +201,16 @@ def _note_shape(surface: Shape, evidence: CurveEvidence, progress: Progress) -> 
     parts = surface.part_count
     if parts > 1:
         progress.note(
-            f"The shape has {parts} separate parts: each gets a graph of its own.",
+            f"The shape has {parts} separate parts; each has a graph of its own.",
             "separate_parts",
             parts=parts,
         )
     unclear = parts - len(evidence.genus)
     if unclear:
         progress.note(
-            f"{unclear} of {parts} parts have edges with three or more faces, or touch themselves "
-            "in a vertex: their number of handles is not defined, so their graphs have no loops.",
+            f"{counted(unclear, 'part', of=parts, verbs=('has', 'have'))} edges with three or more "
+            "faces, or vertices where the surface touches itself. Handles are not defined there, "
+            "so the graph has no loops.",
             "handles_undefined",
             level=logging.WARNING,
             parts=unclear,
@@ -217,8 +218,9 @@ def _note_shape(surface: Shape, evidence: CurveEvidence, progress: Progress) -> 
         )
     elif surface.border_edges > 0:
         progress.note(
-            f"The shape is open, with {surface.border_edges} edges at holes: loops are counted as "
-            "if each hole were closed by a disc, and the skeleton near large holes is a guess.",
+            f"The shape is open: {counted(surface.border_edges, 'edge', verbs=('lies', 'lie'))} at "
+            "holes. Loops are counted as if a disc closed each hole, and the skeleton near large "
+            "holes is uncertain.",
             "open_shape",
             border_edges=surface.border_edges,
         )
@@ -226,8 +228,9 @@ def _note_shape(surface: Shape, evidence: CurveEvidence, progress: Progress) -> 
         closed = evidence.closed_loops.get(number, 0)
         if closed < genus:
             progress.note(
-                f"Part {number} has {genus} handles, but {closed} loops were closed: its handles "
-                "are thinner than the sampling, or parts of the surface cross each other.",
+                f"Part {number} has {counted(genus, 'handle')}, but its graph has "
+                f"{counted(closed, 'loop')}: handles are thinner than the sampling, or the surface "
+                "crosses itself.",
                 "loops_missing",
                 level=logging.WARNING,
                 part=number,
@@ -241,8 +244,9 @@ def _note_result(graph: CurveSkeleton, sheet: float, progress: Progress) -> None
     alone = int((graph.degrees == 0).sum())
     if alone:
         progress.note(
-            f"{alone} of {graph.component_count} parts are a single node: round shapes have no "
-            "direction, small parts fall below the threshold, and thin ones need lower candidates.",
+            f"{counted(alone, 'part', of=graph.component_count, verbs=('is', 'are'))} a single "
+            "node. Round shapes have no direction, small parts lie below the threshold, and thin "
+            "ones need smaller candidates.",
             "single_nodes",
             parts=alone,
             of=graph.component_count,
@@ -250,8 +254,8 @@ def _note_result(graph: CurveSkeleton, sheet: float, progress: Progress) -> None
     if sheet > SHEET_SHARE:
         progress.note(
             f"{100 * sheet:.0f} % of the surface lies more than {FAR:g} radii off the curve "
-            "skeleton: thin sheets have no meaningful one (surface_skeleton describes them), and "
-            "thin limbs need lower candidates.",
+            "skeleton. Thin sheets have no meaningful curve skeleton (use surface_skeleton), and "
+            "thin limbs need smaller candidates.",
             "thin_sheets",
             level=logging.WARNING,
             share=sheet,

@@ -18,7 +18,7 @@ from medialis.operations.manifolds import (
 )
 from medialis.operations.result import Layer, Outcome
 from medialis.options import changed
-from medialis.progress import Progress
+from medialis.progress import Progress, counted
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,7 +45,7 @@ def run(shape: Shape, options: DenoiseRun, progress: Progress) -> Outcome:
         )
     noise_count = int((~kept).sum())
     progress.note(
-        f"{noise_count} of {len(kept)} points are noise.",
+        f"{counted(noise_count, 'point', of=len(kept), verbs=('is', 'are'))} noise.",
         "noise_removed",
         points=noise_count,
         of=len(kept),

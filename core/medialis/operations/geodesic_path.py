@@ -18,7 +18,7 @@ from medialis.operations.common import summary
 from medialis.operations.declaration import Operation
 from medialis.operations.result import Layer, Outcome
 from medialis.options import file, whole
-from medialis.progress import Progress
+from medialis.progress import Progress, counted
 
 LARGEST_INDEX = 2_147_483_647
 """Of a vertex: indices are int32."""
@@ -53,7 +53,8 @@ def run(shape: Shape, options: GeodesicPathRun, progress: Progress) -> Outcome:
         )
     if len(drawn) < len(paths):
         progress.note(
-            f"{len(paths) - len(drawn)} of {len(paths)} pairs are joined by no path.",
+            f"No path joins the vertices of {len(paths) - len(drawn)} of "
+            f"{counted(len(paths), 'pair')}: they lie in different components.",
             "unjoined_pairs",
             pairs=len(paths) - len(drawn),
             of=len(paths),

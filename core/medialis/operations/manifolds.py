@@ -76,8 +76,8 @@ def note_mostly_noise(found: ManifoldSet, progress: Progress) -> None:
     share = float((found.point_class == PointClass.NOISE).mean())
     if share > MOSTLY:
         progress.note(
-            f"{100 * share:.0f} % of the points are noise: they lie too far apart for the bends of "
-            "the surface, or on no surface. Refine a coarse mesh first, or try larger angles.",
+            f"{100 * share:.0f} % of the points are noise: they lie on no surface, or too far "
+            "apart for its curvature. Refine a coarse mesh first, or try larger angles.",
             "mostly_noise",
             level=logging.WARNING,
             share=share,

@@ -43,8 +43,8 @@ def run(shape: Shape, options: MedialSheetsRun, progress: Progress) -> Outcome:
     network, meshes = scaffold.network, scaffold.meshes
     if meshes is None:
         progress.note(
-            "A point cloud has no connectivity: sheets and the network are given as points, "
-            "without meshes and curves.",
+            "A point cloud has no triangles: sheets and the Y-network come as points, without "
+            "meshes and curves.",
             "sheets_as_points",
         )
     attributes = {

@@ -27,7 +27,7 @@ from medialis.operations.common import (
 from medialis.operations.declaration import Operation
 from medialis.operations.result import FilterUnit, Outcome
 from medialis.options import changed, flag
-from medialis.progress import Progress
+from medialis.progress import Progress, counted
 from medialis.surface.cloud_surface import surface_of_cloud
 
 SHARES = (0.005, 0.01, 0.02, 0.05)
@@ -62,7 +62,7 @@ def run(shape: Shape, options: SkeletonImportanceRun, progress: Progress) -> Out
         with progress.stage("surface", 0.0, 0.05):
             shape = surface_of_cloud(shape)
         progress.note(
-            "A surface was built through the points of the cloud: look at samples.ply.",
+            "A surface was built through the points of the cloud. Check it in the layer samples.",
             "surface_built",
         )
     with progress.stage("skeleton", 0.0, 0.2):
@@ -83,9 +83,10 @@ def run(shape: Shape, options: SkeletonImportanceRun, progress: Progress) -> Out
     if unreached:
         infinite = int(np.isinf(importance).sum())  # connecting pieces changes some
         progress.note(
-            f"{unreached} skeleton points lie between different parts of the shape: no geodesic "
-            f"joins their feature points. {infinite} points have an infinite importance and are "
-            "kept by any threshold.",
+            f"{counted(unreached, 'skeleton point', verbs=('lies', 'lie'))} between separate parts "
+            "of the shape, so that no path joins the two feature points. "
+            f"{counted(infinite, 'point', verbs=('has', 'have'))} infinite importance; every "
+            "threshold keeps them.",
             "between_parts",
             points=unreached,
             infinite=infinite,
@@ -93,8 +94,8 @@ def run(shape: Shape, options: SkeletonImportanceRun, progress: Progress) -> Out
     around = int((paths.status == PathStatus.EDGES).sum())
     if around:
         progress.note(
-            f"{around} geodesics were measured along the edges, slightly too long: holes or "
-            "non-manifold edges stop every plane cut.",
+            f"{counted(around, 'path', verbs=('was', 'were'))} measured along the edges, which is "
+            "slightly too long: holes or non-manifold edges stop every plane cut.",
             "along_edges",
             paths=around,
         )

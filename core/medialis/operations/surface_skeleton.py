@@ -16,7 +16,7 @@ from medialis.operations.common import cloud_arrays, cloud_layer, samples_layer,
 from medialis.operations.declaration import Operation
 from medialis.operations.result import FilterUnit, Layer, Outcome
 from medialis.options import changed, flag, length
-from medialis.progress import Progress
+from medialis.progress import Progress, counted
 from medialis.validation import FloatArray
 
 HIDDEN_BELOW = 0.03
@@ -104,9 +104,9 @@ def _measured(
         layer, hidden = replace(layer, filter_default=0.0), 0
     if hidden:
         progress.note(
-            f"{hidden:,} of {len(cloud):,} skeleton points are hidden: their importance is below "
-            f"{100 * options.threshold:g} % of the size, as that of bumps and noise "
-            "(threshold = 0 shows all).",
+            f"{counted(hidden, 'skeleton point', of=len(cloud), verbs=('is', 'are'))} hidden: the "
+            f"importance is below {100 * options.threshold:g} % of the size, as it is for bumps "
+            "and noise (threshold = 0 shows all).",
             "hidden_points",
             hidden=hidden,
             points=len(cloud),

@@ -17,7 +17,7 @@ from medialis.operations.common import cloud_arrays, summary
 from medialis.operations.declaration import Operation
 from medialis.operations.result import Layer, Outcome
 from medialis.options import changed
-from medialis.progress import Progress
+from medialis.progress import Progress, counted
 from medialis.validation import FloatArray, IntArray
 
 SHOWN_SHARE = 98.0
@@ -124,8 +124,8 @@ def _note_thinnest(
     place = ", ".join(f"{x:.6g}" for x in spots[0].position)
     more = f" below {below:.6g}" if below else ""
     progress.note(
-        f"{len(spots)} thin {'spot' if len(spots) == 1 else 'spots'}{more}; the thinnest: "
-        f"{spots[0].value:.6g} ({options.kind}) at ({place}).",
+        f"{counted(len(spots), 'thin spot', verbs=('was', 'were'))} found{more}. The thinnest has "
+        f"a {options.kind} of {spots[0].value:.6g} at ({place}).",
         "thin_spots",
         spots=len(spots),
         thinnest=spots[0].value,
@@ -136,8 +136,9 @@ def _note_resolution(cloud: MedialCloud, progress: Progress) -> None:
     count, of = int(unresolved_walls(cloud).sum()), cloud.surface.point_count
     if count > UNRESOLVED_SHARE * of:
         progress.note(
-            f"At {count} of {of} samples the wall may be thinner than the samples are apart, so "
-            "that its thickness is not seen: try a smaller refine.",
+            f"{counted(count, 'sample', of=of, verbs=('lies', 'lie'))} on a wall that may be "
+            "thinner than the spacing of its samples; its thickness is uncertain. Try a smaller "
+            "refine.",
             "unresolved_walls",
             level=logging.WARNING,
             samples=count,

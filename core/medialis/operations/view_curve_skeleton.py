@@ -19,7 +19,7 @@ from medialis.operations.common import summary
 from medialis.operations.declaration import Operation
 from medialis.operations.result import Layer, Outcome
 from medialis.options import changed
-from medialis.progress import Progress
+from medialis.progress import Progress, counted
 
 FAR_RADII = 2.5
 """A place of the surface further than this many radii from the skeleton lies on a sheet."""
@@ -92,8 +92,8 @@ def _note_doubts(shape: Shape, curve: CurveSkeleton, progress: Progress) -> None
     if share > SHEET_SHARE:
         progress.note(
             f"{100 * share:.0f} % of the surface lies further than {FAR_RADII:g} radii from the "
-            "curve skeleton: the shape is flat or sheet-like there, or the views do not show it. "
-            "surface_skeleton describes sheets better.",
+            "curve skeleton: the shape is a sheet there, or no view shows it. Use surface_skeleton "
+            "for sheets.",
             "thin_sheets",
             share=share,
             level=logging.WARNING,
@@ -101,9 +101,9 @@ def _note_doubts(shape: Shape, curve: CurveSkeleton, progress: Progress) -> None
     parts = int(shape.components.max()) + 1
     if curve.component_count != parts and shape.faces is not None:
         progress.note(
-            f"The shape has {parts} connected part{'s' * (parts > 1)}, the curve skeleton "
-            f"{curve.component_count}: parts that touch or overlap are joined, parts thinner than "
-            "two pixels are left out, and thin places can be cut (raise size).",
+            f"The shape has {counted(parts, 'connected part')}, the curve skeleton "
+            f"{curve.component_count}. Parts that touch or overlap are joined, parts thinner than "
+            "two pixels are left out, and thin places may be cut (raise size).",
             "parts_differ",
             parts=parts,
             components=curve.component_count,

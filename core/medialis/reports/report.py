@@ -17,6 +17,7 @@ from medialis.operations.declaration import Kind, Parameter
 from medialis.operations.pictures import draw_result, draw_turntable
 from medialis.operations.registry import OPERATIONS
 from medialis.operations.result import Result
+from medialis.progress import counted
 from medialis.render.png import encode_png
 from medialis.reports.measures import measure
 from medialis.reports.page import (
@@ -30,7 +31,7 @@ from medialis.reports.page import (
     table,
     verdict_list,
 )
-from medialis.reports.wording import counted, named, number, place
+from medialis.reports.wording import named, number, place
 
 STILLS, STILL_SIZE = 4, 360
 ROWS = 30

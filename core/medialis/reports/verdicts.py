@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from medialis.reports.wording import counted, number, place
+from medialis.progress import counted
+from medialis.reports.wording import number, place
 
 GOOD, LOOK, INFO = "good", "look", "info"
 NOUNS = {

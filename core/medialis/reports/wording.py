@@ -59,19 +59,6 @@ def place(position: Sequence[float], size: float) -> str:
     return f"({', '.join(f'{x:,.{decimals}f}' for x in position)})"
 
 
-def counted(count: int, what: str) -> str:
-    """Return a count with its noun.
-
-    Examples
-    --------
-    >>> counted(1, "handle"), counted(0, "handle"), counted(12000, "patch")
-    ('1 handle', '0 handles', '12,000 patches')
-    """
-    if count == 1:
-        return f"1 {what}"
-    return f"{count:,} {what}{'es' if what.endswith('ch') else 's'}"
-
-
 def named(name: str) -> str:
     """Return the name of a value in words.
 

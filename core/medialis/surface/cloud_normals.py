@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from medialis.errors import InvalidShapeError
 from medialis.model.surface import piece_labels
 from medialis.options import Options, algorithm, whole
-from medialis.progress import Progress
+from medialis.progress import Progress, counted
 from medialis.surface._signs import propagate_signs
 from medialis.threads import run_chunks
 from medialis.validation import FloatArray, as_points, frozen
@@ -170,8 +170,8 @@ def _orient(
     outward, doubtful = _outward(points, oriented, part, parts)
     if doubtful:
         progress.note(
-            f"The outside of {doubtful} of {parts} parts of the cloud is uncertain (open or "
-            "noisy): their normals are consistent, but may all point inward.",
+            f"The outside of {doubtful} of {counted(parts, 'part')} of the cloud is uncertain "
+            "(open or noisy): the normals agree with each other, but may all point inward.",
             "outside_uncertain",
             level=logging.WARNING,
             parts=doubtful,

@@ -134,7 +134,7 @@ def make_shape(
         lack = "has no normals" if directions is None else "has zero normals only"
         code = "normals_missing" if directions is None else "normals_zero"
         directions = estimate_normals(vertices, progress=progress)
-        progress.note(f"The point cloud {lack}: they were estimated and oriented.", code)
+        progress.note(f"The point cloud {lack}; they were estimated and oriented.", code)
     shape = Shape(vertices, directions, triangles, **extra)
     if repair and (far := far_points(shape)) is not None:
         progress.record(far)
