@@ -130,7 +130,7 @@ def test_command_line_tells_where(plate, tmp_path, capsys):
         path.name for path in out.iterdir()
     }
     assert main([*arguments, "--no-picture"]) == 0
-    assert "thinnest: 0.3 (diameter)" in capsys.readouterr().out
+    assert "diameter of 0.3 at" in capsys.readouterr().out
 
 
 def test_angles_and_reversed_maps():

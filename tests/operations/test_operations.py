@@ -55,8 +55,8 @@ def test_real_shapes_give_a_skeleton_with_empty_balls(name, real_shapes):
     reach = np.linalg.norm(ends - layer.points, axis=2)
     off = np.abs(reach - radius) > 1e-12 * shape.diagonal
     # Balls that touch a triangle name its corner nearest to there, at most an edge away.
-    told = [text.split()[1] for text in result.messages if "further apart than it is thick" in text]
-    assert not off[0].any() and off[1].sum() <= sum(map(int, told))
+    told = [m.data["samples"] for m in result.messages if m.code == "slipped_balls"]
+    assert not off[0].any() and off[1].sum() <= sum(told)
     if off[1].any():
         ends = shape.points[shape.edges]
         longest = np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1).max()
@@ -206,4 +206,5 @@ def test_note_on_infinite_importance_counts_what_the_result_holds():
     result = medialis.run("skeleton_importance", shape, progress=progress)
     infinite = int(np.isinf(result.arrays["importance"]).sum())
     assert result.values["between_parts"] > 0
-    assert any(f" {infinite} points have an infinite" in text for text in progress.messages)
+    (told,) = (m for m in progress.messages if m.code == "between_parts")
+    assert told.data["infinite"] == infinite
