@@ -7,6 +7,7 @@ from scipy.spatial import cKDTree
 import closed_forms as forms
 import medialis
 import oracles
+from medialis.progress import Progress
 from medialis.surface.surface_graph import local_spacing
 from medialis.threads import thread_limit
 
@@ -171,3 +172,12 @@ def test_bad_input():
     for function in (medialis.extended_feature_transform, medialis.point_types):
         with pytest.raises(medialis.Cancelled):
             function(cloud, progress=lambda *_: False)
+
+
+def test_types_take_the_feature_sets_of_the_sheets():
+    cloud = medialis.shrink_balls(forms.box_mesh((2.0, 1.5, 1.0), 0.2))
+    fresh, stages = medialis.point_types(cloud), Progress()
+    with medialis.memory_limit(1 << 30):
+        medialis.medial_sheets(cloud)
+        types = medialis.point_types(cloud, progress=stages)
+    assert "feature sets" not in stages.seconds and (types == fresh).all()

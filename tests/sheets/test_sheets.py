@@ -11,6 +11,7 @@ from scipy.spatial import cKDTree
 
 import closed_forms as forms
 import medialis
+from medialis.progress import Progress
 from medialis.threads import thread_limit
 
 SIDES = (2.0, 1.5, 1.0)
@@ -344,7 +345,7 @@ def test_other_small_sheets_are_merged_without_linking_again():
     fresh = [medialis.medial_sheets(cloud, smallest=s) for s in (0.0, 0.06)]
     with medialis.memory_limit(1 << 30):
         medialis.medial_sheets(cloud, smallest=0.02)
-        stages = medialis.progress.Progress()
+        stages = Progress()
         again = [medialis.medial_sheets(cloud, smallest=s, progress=stages) for s in (0.0, 0.06)]
     assert "feature sets" not in stages.seconds
     for one, other in zip(fresh, again, strict=True):
