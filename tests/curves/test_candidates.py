@@ -3,7 +3,7 @@ import pytest
 
 import medialis
 from closed_forms import fibonacci
-from medialis.curves.graph.links import nearest_neighbours
+from medialis.curves.graph.ground import nearest_neighbours
 from tubes import segment, tube
 
 

@@ -259,3 +259,18 @@ def test_real_shapes_have_the_right_topology(name, genus, real_shapes):
     )
     check_sound(graph, shape, cloud, genus)
     assert result.values["expected_loops"] == result.values["loops"] == genus
+
+
+def test_what_is_kept_gives_the_same_bits(fork):
+    """Another threshold, smoothing or simplification starts from kept stages, or from nothing."""
+    wheel = tube([circle([0, 0, 0], 1.3), segment([-1.3, 0, 0], [1.3, 0, 0])], 0.2, 0.08)
+    options = ({}, {"threshold": 0.3}, {"threshold": 0.02, "smoothing": 0.2}, {"simplify": 0.01})
+    for shape in (fork, wheel):
+        cloud = medialis.shrink_balls(shape)
+        with medialis.memory_limit(1 << 30):
+            kept = [medialis.curve_skeleton(cloud, **option) for option in options]
+            assert medialis.curve_skeleton(cloud, **options[1]) is kept[1]
+        for option, graph in zip(options, kept, strict=True):
+            anew = medialis.curve_skeleton(cloud, **option)
+            for name in ("nodes", "edges", "radii", "importance", "vertex_node", "vertex_branch"):
+                assert getattr(anew, name).tobytes() == getattr(graph, name).tobytes(), name

@@ -2,9 +2,8 @@ import numpy as np
 import pytest
 
 import medialis
+from medialis.curves.graph.ground import find_handles, link_balls
 from medialis.curves.graph.growth import Growth, grow_graph
-from medialis.curves.graph.handles import find_handles
-from medialis.curves.graph.links import link_balls
 from medialis.model.curve_skeleton import CurveSkeleton
 from medialis.model.polylines import follow
 from tubes import circle, segment, tube

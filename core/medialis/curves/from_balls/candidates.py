@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from medialis.curves.graph.links import nearest_neighbours
+from medialis.curves.graph.ground import nearest_neighbours
 from medialis.geodesics.geodesics import surface_walk
 from medialis.geodesics.importance import geodesic_importance
 from medialis.kept import Bound

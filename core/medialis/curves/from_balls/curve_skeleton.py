@@ -15,9 +15,14 @@ from medialis.curves.from_balls.candidates import (
     candidate_measure,
 )
 from medialis.curves.graph.finishing import finish_graph
+from medialis.curves.graph.ground import (
+    BallLinks,
+    Handles,
+    find_handles,
+    link_balls,
+    nearest_neighbours,
+)
 from medialis.curves.graph.growth import grow_graph
-from medialis.curves.graph.handles import Handles, find_handles
-from medialis.curves.graph.links import BallLinks, link_balls, nearest_neighbours
 from medialis.curves.graph.simplification import SimplifyOptions, simplify_branches
 from medialis.errors import InvalidShapeError
 from medialis.kept import Bound, kept
@@ -114,7 +119,7 @@ def curve_skeleton(
     Cost O(n log n): 4 s for 194,000 vertices after the geodesics. Another threshold, smoothing or
     simplification of the same cloud only grows the graph anew. Source: thesis 3.6. Deviates: the
     linking. The thesis connects candidates within a radius, which leaves gaps and does not know the
-    genus. See `growth.py` for branches and `handles.py` for loops.
+    genus. See `growth.py` for branches and `ground.py` for loops.
 
     Examples
     --------

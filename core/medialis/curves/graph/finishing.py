@@ -7,14 +7,15 @@ that it comes from, so it stays inside the shape; edges are shorter than the rad
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from medialis.curves.graph.ground import BallLinks
 from medialis.curves.graph.growth import Growth, sticks_out
-from medialis.curves.graph.links import BallLinks
 from medialis.model.curve_skeleton import CurveSkeleton
+from medialis.model.polylines import places_along
 from medialis.validation import FloatArray
 
 MERGE = 0.5
@@ -29,26 +30,6 @@ PINNED = 1e6
 
 ROOM = 0.7
 """Share of the room inside its ball that smoothing may use."""
-
-
-@dataclass(frozen=True, eq=False)
-class Sampled:
-    """A graph whose branches are sampled evenly.
-
-    Attributes
-    ----------
-    nodes : (v, 3) float64
-    edges : (e, 2) int32
-    room : (v,) float64
-        How far each node may move and stay in the balls that it comes from.
-    node_of : (g,) int32
-        Nearest node, along its branch, of each node of the graph that was sampled.
-    """
-
-    nodes: FloatArray
-    edges: NDArray[np.int32]
-    room: FloatArray
-    node_of: NDArray[np.int32]
 
 
 def finish_graph(
@@ -82,19 +63,17 @@ def finish_graph(
     ends = ends[ends[:, 0] != ends[:, 1]]
     raw = CurveSkeleton.of(links.centers[balls], ends, links.radii[balls])
     stays = prune_spurs(raw)
-    balls, number = balls[stays], np.cumsum(stays) - 1
-    ends = number[ends[stays[ends].all(axis=1)]]
-    raw = CurveSkeleton.of(links.centers[balls], ends, links.radii[balls])
-    merged, into = merge_junctions(raw, strength[balls])
-    sampled = sample_branches(merged, links.spacing)
-    nodes = smooth_nodes(sampled.nodes, sampled.edges, sampled.room, smoothing)
+    balls = balls[stays]
+    merged, into = merge_junctions(raw.subset(stays), strength[balls])
+    sampled, node_of = sample_branches(merged, links.spacing)
+    nodes = smooth_nodes(sampled.nodes, sampled.edges, sampled.radii, smoothing)
     # The paths of all balls to the graph, by their length alone.
     nearest = Growth(replace(links, cost=links.length))
     nearest.add(balls.tolist())
     node_of_ball = np.full(len(links) + 1, -1, np.int64)  # one more row: no ball
-    node_of_ball[balls] = sampled.node_of[into]
+    node_of_ball[balls] = node_of[into]
     moved = np.linalg.norm(nodes - sampled.nodes, axis=1)
-    radii = np.maximum(sampled.room - moved, 0.0)
+    radii = np.maximum(sampled.radii - moved, 0.0)
     return CurveSkeleton.of(nodes, sampled.edges, radii), node_of_ball[nearest.base]
 
 
@@ -110,25 +89,21 @@ def prune_spurs(graph: CurveSkeleton) -> NDArray[np.bool_]:
     """
     stays = np.ones(len(graph.nodes), bool)
     while True:
-        rows = np.flatnonzero(stays)
-        number = np.cumsum(stays) - 1
-        edges = number[graph.edges[stays[graph.edges].all(axis=1)]]
-        left = CurveSkeleton.of(graph.nodes[rows], edges, graph.radii[rows])
-        found = []
+        left, spurs = graph.subset(stays), []
         for branch, row in enumerate(left.branches):
             free = left.degrees[row[[0, -1]]] == 1
             if free.sum() != 1:
                 continue
             base, tip = (row[-1], row[0]) if free[0] else (row[0], row[-1])
             gap = np.linalg.norm(left.nodes[tip] - left.nodes[base])
-            reach = np.maximum(gap, left.branch_lengths[branch] / 2)
-            if not sticks_out(reach, left.radii[tip], left.radii[base]):
-                found.append((float(left.branch_lengths[branch]), branch, int(base)))
-        if not found:
+            distance = np.maximum(gap, left.branch_lengths[branch] / 2)
+            if not sticks_out(distance, left.radii[tip], left.radii[base]):
+                spurs.append((float(left.branch_lengths[branch]), branch, int(base)))
+        if not spurs:
             return stays
-        _, branch, base = min(found)
+        _, branch, base = min(spurs)
         gone = left.branches[branch]
-        stays[rows[gone[gone != base]]] = False
+        stays[np.flatnonzero(stays)[gone[gone != base]]] = False
 
 
 def merge_junctions(
@@ -175,13 +150,15 @@ def _short_bridges(graph: CurveSkeleton) -> list[int]:
     """Branches that join two junctions within one ball, shortest first."""
     ends = np.array([(row[0], row[-1]) for row in graph.branches], np.int64).reshape(-1, 2)
     between = (graph.degrees[ends] >= 3).all(axis=1) & (ends[:, 0] != ends[:, 1])
-    reach = MERGE * graph.radii[ends].min(axis=1)
-    usable = np.flatnonzero(between & (graph.branch_lengths < reach))
+    longest = MERGE * graph.radii[ends].min(axis=1)
+    usable = np.flatnonzero(between & (graph.branch_lengths < longest))
     order = np.argsort(graph.branch_lengths[usable], kind="stable")
     return usable[order].tolist()
 
 
-def sample_branches(graph: CurveSkeleton, spacing: float) -> Sampled:
+def sample_branches(
+    graph: CurveSkeleton, spacing: float
+) -> tuple[CurveSkeleton, NDArray[np.int64]]:
     """Place nodes evenly along each branch; junctions, ends and single nodes stay.
 
     Parameters
@@ -193,7 +170,10 @@ def sample_branches(graph: CurveSkeleton, spacing: float) -> Sampled:
 
     Returns
     -------
-    Sampled
+    CurveSkeleton
+        Its radii tell how far each node may move and stay in the balls that it comes from.
+    (v,) int64
+        Nearest new node, along its branch, of each node of the graph.
     """
     fixed = np.flatnonzero(graph.degrees != 2)
     node_of = np.full(len(graph.nodes), -1, np.int64)
@@ -221,12 +201,7 @@ def sample_branches(graph: CurveSkeleton, spacing: float) -> Sampled:
         edges.append(np.stack([names[:-1], names[1:]], axis=1))
         count += len(inner)
     joined = np.concatenate(edges) if edges else np.empty((0, 2))
-    return Sampled(
-        np.concatenate(nodes),
-        joined.astype(np.int32),
-        np.concatenate(room),
-        node_of.astype(np.int32),
-    )
+    return CurveSkeleton.of(np.concatenate(nodes), joined, np.concatenate(room)), node_of
 
 
 def _sample(
@@ -234,20 +209,19 @@ def _sample(
 ) -> tuple[FloatArray, FloatArray, FloatArray, NDArray[np.int64]]:
     """Even places along one branch: arc length, position, room; nearest place of each node."""
     points, radii = graph.nodes[row], graph.radii[row]
-    reach = np.linalg.norm(np.diff(points, axis=0), axis=1)
-    along = np.concatenate([[0], np.cumsum(reach)])
+    along, length = places_along(points), np.linalg.norm(np.diff(points, axis=0), axis=1)
     # Even in the measure ds / step, with the step of the thinner end of each piece.
     step = np.maximum(STEP * np.minimum(radii[:-1], radii[1:]), SHORTEST_STEP * spacing)
-    measure = np.concatenate([[0], np.cumsum(reach / step)])
+    measure = np.concatenate([[0], np.cumsum(length / step)])
     count = max(least, int(np.ceil(measure[-1])))
     rising = measure + 1e-12 * (1 + measure[-1]) * np.arange(len(measure))  # pieces of no length
     wanted = np.linspace(0, rising[-1], count + 1)
     place = np.interp(wanted, rising, along)
-    piece = np.clip(np.searchsorted(rising, wanted, side="right") - 1, 0, len(reach) - 1)
+    piece = np.clip(np.searchsorted(rising, wanted, side="right") - 1, 0, len(length) - 1)
     share = (wanted - rising[piece]) / (rising[piece + 1] - rising[piece])
     sampled = points[piece] + share[:, None] * (points[piece + 1] - points[piece])
     # In one of the balls at the ends of its piece: the larger distance to their surfaces.
-    before, behind = share * reach[piece], (1 - share) * reach[piece]
+    before, behind = share * length[piece], (1 - share) * length[piece]
     free = np.maximum(radii[piece] - before, radii[piece + 1] - behind)
     middle = (place[1:] + place[:-1]) / 2
     return place, sampled, np.maximum(free, 0), np.searchsorted(middle, along)
@@ -281,18 +255,18 @@ def smooth_nodes(
     v = len(nodes)
     if strength == 0 or len(edges) == 0:
         return np.array(nodes)
-    reach = np.linalg.norm(nodes[edges[:, 0]] - nodes[edges[:, 1]], axis=1)
-    tiny = 1e-9 * max(float(room.max()), float(reach.max()), 1e-300)
-    reach = np.maximum(reach, tiny)
-    mass = np.bincount(edges.ravel(), np.repeat(reach, 2), minlength=v) / 2
+    length = np.linalg.norm(nodes[edges[:, 0]] - nodes[edges[:, 1]], axis=1)
+    tiny = 1e-9 * max(float(room.max()), float(length.max()), 1e-300)
+    length = np.maximum(length, tiny)
+    mass = np.bincount(edges.ravel(), np.repeat(length, 2), minlength=v) / 2
     ends = np.concatenate([edges, edges[:, ::-1]])
     order = np.argsort(ends[:, 0], kind="stable")
     degree = np.bincount(ends[:, 0], minlength=v)
     inner = np.flatnonzero(degree == 2)
-    at = (np.cumsum(degree) - degree)[inner]
-    a, b = ends[order[at], 1], ends[order[at + 1], 1]
+    first = (np.cumsum(degree) - degree)[inner]
+    a, b = ends[order[first], 1], ends[order[first + 1], 1]
     e = len(edges)
-    ha, hb = reach[order[at] % e], reach[order[at + 1] % e]
+    ha, hb = length[order[first] % e], length[order[first + 1] % e]
     # x'' = 2 (x_a / ha + x_b / hb) / (ha + hb) - 2 x / (ha hb)
     scale = np.sqrt(mass[inner]) * (strength * room[inner]) ** 2
     line = np.arange(len(inner))

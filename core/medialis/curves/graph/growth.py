@@ -15,8 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from medialis.curves.graph.handles import Handles
-from medialis.curves.graph.links import BallLinks
+from medialis.curves.graph.ground import BallLinks, Handles
 from medialis.model.polylines import follow
 from medialis.model.ragged import Ragged
 from medialis.validation import FloatArray

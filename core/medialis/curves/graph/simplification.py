@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from medialis.model.curve_skeleton import CurveSkeleton
+from medialis.model.polylines import places_along
 from medialis.options import Options, algorithm, length
 from medialis.progress import Progress
 from medialis.validation import FloatArray
@@ -84,9 +85,7 @@ def simplify_branches(
     for row, kept in zip(graph.branches, kept_of, strict=True):
         names = number[row[kept]]
         edges.append(np.stack([names[:-1], names[1:]], axis=1))
-        along = np.concatenate(
-            [[0], np.cumsum(np.linalg.norm(np.diff(graph.nodes[row], axis=0), axis=1))]
-        )
+        along = places_along(graph.nodes[row])
         middle = (along[kept][1:] + along[kept][:-1]) / 2
         near[row[1:-1]] = names[np.searchsorted(middle, along)][1:-1]
     joined = np.concatenate(edges) if edges else np.empty((0, 2))
