@@ -21,7 +21,8 @@ else:
 result = ms.generate_surface_skeleton(tolerance=pymeshlab.PercentageValue(0.05))
 print(result["skeleton_points"], "points, radii up to", result["radius_max"])
 
-# The new layer is the current one. It is coloured by radius, which is its quality as well.
+# The new layer is the current one. It is coloured by importance, which is its quality as well;
+# what bumps make is in an invisible layer of its own (threshold=0 % leaves all in one).
 skeleton = ms.current_mesh()
 radius = skeleton.vertex_custom_scalar_attribute_array("radius")
 angle = skeleton.vertex_custom_scalar_attribute_array("spoke_angle")
