@@ -104,6 +104,15 @@ def test_threads_order_of_seeds_and_scale():
     assert (scaled.labels == one.labels).all()  # powers of 2: not even rounding differs
 
 
+def test_a_callback_changes_nothing():
+    """Options that are data got lost with it."""
+    points, _ = blobs(4)
+    calls = []
+    seen = shift(points, 2.0, seeds=points[::5], progress=lambda *call: calls.append(call))
+    assert calls and len(seen.seed_labels) == len(points[::5])
+    assert (seen.labels == shift(points, 2.0, seeds=points[::5]).labels).all()
+
+
 @pytest.fixture(scope="module")
 def arch():
     shape, teeth = medialis.dental_arch(resolution=120)
