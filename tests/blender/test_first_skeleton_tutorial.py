@@ -122,7 +122,9 @@ def test_thickness_in_colours(creature):
     assert thin[0] > 2 * thin[2] and thick[2] > 2 * thick[0]
     spots = bpy.data.objects["creature thin spots"]
     assert 0 < len(read_back(spots.data, "position")) <= 10
-    assert "! " in creature["medialis_summary"] and "the thinnest: " in creature["medialis_summary"]
+    assert (
+        "! " in creature["medialis_summary"] and "The thinnest has" in creature["medialis_summary"]
+    )
 
 
 def test_a_result_goes_by_undo_with_all_of_it(creature):

@@ -22,7 +22,7 @@ from medialis.validation import FloatArray
 HIDDEN_BELOW = 0.03
 """Fraction of the diagonal, chosen by looking at bunny, cow, horse, hand, fandisk and armadillo:
 0.02 leaves fuzz in the bunny's back and the armadillo's head, 0.05 takes the cow's horns and the
-horse's feet."""
+horse's feet. Half the girth of a limb is its importance: the spider's legs are too thin for 0.03."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,8 +39,8 @@ class SurfaceSkeletonRun(Preparation):
     threshold: float = length(
         HIDDEN_BELOW,
         "Hide below",
-        "Hide the points whose importance is below this fraction of the size: bumps and noise make "
-        "them. They stay in the data; 0 shows all.",
+        "Hide the points whose importance is below this fraction of the size: those of bumps and "
+        "noise, and of limbs thinner than two thirds of it. They stay in the data; 0 shows all.",
         high=10.0,
     )
     subsample: float = length(
@@ -105,8 +105,8 @@ def _measured(
     if hidden:
         progress.note(
             f"{counted(hidden, 'skeleton point', of=len(cloud), verbs=('is', 'are'))} hidden: the "
-            f"importance is below {100 * options.threshold:g} % of the size, as it is for bumps "
-            "and noise (threshold = 0 shows all).",
+            f"importance is below {100 * options.threshold:g} % of the size, as it is for bumps, "
+            "noise and thin limbs (threshold = 0 shows all).",
             "hidden_points",
             hidden=hidden,
             points=len(cloud),
