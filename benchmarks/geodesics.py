@@ -201,7 +201,7 @@ def _clean(name: str) -> medialis.Shape:
         corners = np.array([[x, y, z] for x in (0, 3) for y in (0, 2) for z in (0, 1)], float)
         quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
         faces = [t for a, b, c, d in quads for t in ((a, b, c), (a, c, d))]
-        return medialis.refine(medialis.make_shape(corners, faces), 0.06)
+        return medialis.refine(medialis.make_shape(corners, faces), longest_edge=0.016)
     if name == "sphere":
         cube = _clean("box")
         points = cube.points - cube.points.mean(axis=0)

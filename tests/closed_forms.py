@@ -190,6 +190,11 @@ def mesh(points, faces):
     return Shape(points, vertex_normals(points, faces), faces)
 
 
+def refined(shape, longest_edge):
+    """A mesh without longer edges: an absolute length."""
+    return refine(shape, longest_edge=min(longest_edge / shape.diagonal, 1.0))
+
+
 def cube():
     """The cube -1..1: 8 vertices, 12 outward triangles."""
     points = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
@@ -199,7 +204,7 @@ def cube():
 
 def box_mesh(size=(1.0, 0.8, 0.6), longest_edge=0.1):
     """A box of 12 triangles, refined."""
-    return refine(mesh(cube().points * np.array(size) / 2, cube().faces), longest_edge)
+    return refined(mesh(cube().points * np.array(size) / 2, cube().faces), longest_edge)
 
 
 def icosphere(levels=3):
@@ -264,7 +269,7 @@ def prism(outline, height=1.0, longest_edge=0.1):
     faces = np.concatenate([cells[:, ::-1], cells + n, *walls])
     low, high = np.full((n, 1), -height / 2), np.full((n, 1), height / 2)
     points = np.concatenate([np.hstack([outline, low]), np.hstack([outline, high])])
-    return refine(mesh(points, faces), longest_edge)
+    return refined(mesh(points, faces), longest_edge)
 
 
 def _inside(outline, points):

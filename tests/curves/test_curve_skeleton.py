@@ -5,6 +5,7 @@ import pytest
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
+import closed_forms as forms
 import medialis
 from medialis.errors import InvalidOptionError, InvalidShapeError
 from tubes import arc, circle, dense_curve, distance_to, segment, tube
@@ -178,7 +179,7 @@ def test_noise_keeps_branches_and_loops(name, noise):
 def test_resampling_and_scale_keep_the_branches(fork):
     """4 times the samples, and 1024 times the size."""
     graph, _ = skeleton_of(fork)
-    fine = medialis.refine(fork, 0.6 * fork.spacing)
+    fine = forms.refined(fork, 0.6 * fork.spacing)
     assert fine.point_count > 3.5 * fork.point_count
     again, _ = skeleton_of(fine)
     assert again.branch_count == graph.branch_count == 3

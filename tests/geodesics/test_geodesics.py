@@ -99,7 +99,7 @@ def test_rings_and_lines_of_a_prism_are_exact():
 
 def test_opposite_face_centers_of_a_cube():
     """Half an edge, one edge, half an edge: 2, cut by a plane at most ANGLE off."""
-    fine = medialis.refine(forms.cube(), 0.3)
+    fine = forms.refined(forms.cube(), 0.3)
     low, high = fine.bounds
     size = (high - low)[0]
     middle = 0.5 * (low + high)

@@ -164,7 +164,7 @@ def dumbbell():
     last = len(points) - 4
     faces += [(0, 2, 1), (0, 3, 2), (last, last + 1, last + 2), (last, last + 2, last + 3)]
     shape = medialis.make_shape(points, faces, repair=True)
-    return medialis.refine(shape, 0.05)
+    return forms.refined(shape, 0.05)
 
 
 def pieces(shape, cloud, kept):

@@ -167,7 +167,9 @@ def test_labels_of_faces_are_the_majority_of_their_corners():
 def test_faces_of_the_input_have_the_segment_that_covers_most_of_them():
     """Two triangles, split; (2 / 3)^2, less than half, of the upper one is a segment, or 0.69."""
     corners = [[0, 0, 0], [3, 0, 0], [3, 3, 0], [0, 3, 0]]
-    fine = medialis.refine(medialis.make_shape(corners, [[0, 1, 2], [0, 2, 3]]), 0.1)
+    fine = medialis.refine(
+        medialis.make_shape(corners, [[0, 1, 2], [0, 2, 3]]), longest_edge=0.0235
+    )
     x, y, _ = fine.points.T
     for above, expected in ((1.0, [0, 0]), (0.5, [0, 1])):
         found = medialis.Segmentation(np.where(y > x + above, 1, 0), surface=fine)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+import closed_forms as forms
 import medialis
 from medialis.balls.surface_skeleton import NOISY
 from medialis.errors import InvalidOptionError, InvalidShapeError
@@ -47,7 +48,7 @@ def _clean_shapes():
     corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], float)
     quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
     faces = np.array([t for a, b, c, d in quads for t in ((a, b, c), (a, c, d))])
-    yield "box", medialis.refine(medialis.make_shape(corners, faces), 0.1)
+    yield "box", forms.refined(medialis.make_shape(corners, faces), 0.1)
     # A gear: a star of 40 teeth, extruded; every vertex of the given mesh lies on a sharp edge.
     turn = np.linspace(0, 2 * np.pi, 80, endpoint=False)
     ring = (
@@ -67,7 +68,7 @@ def _clean_shapes():
     )
     gear = medialis.make_shape(points, faces)
     yield "gear", gear
-    yield "fine gear", medialis.refine(gear, 0.1)
+    yield "fine gear", forms.refined(gear, 0.1)
     yield "creature", medialis.organic_shape(56)
     yield "torus", tube([circle([0, 0, 0], 1)], 0.3, 0.1)
 

@@ -8,7 +8,6 @@ import pytest
 import closed_forms as forms
 from medialis.errors import InvalidShapeError
 from medialis.surface.normals import vertex_normals
-from medialis.surface.refinement import refine
 
 EPS = np.finfo(float).eps
 
@@ -24,7 +23,7 @@ def test_splitting_faces_does_not_change_normals():
     """The angles of the pieces add up; each is rounded by a few eps, at up to 12 faces a vertex."""
     for shape in (forms.cube(), forms.torus_mesh(9, 7)):
         before = vertex_normals(shape.points, shape.faces)
-        fine = refine(shape, 0.2)
+        fine = forms.refined(shape, 0.2)
         after = vertex_normals(fine.points, fine.faces)[: shape.point_count]
         assert after == pytest.approx(before, abs=200 * EPS)
 

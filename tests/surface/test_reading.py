@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+import closed_forms as forms
 import medialis
 from medialis.files.ply_attributes import write_ply
 
@@ -69,7 +70,7 @@ def test_mesh_of_zero_area_is_refused():
 
 def test_refinement_keeps_the_map_to_the_input():
     shape = medialis.make_shape(np.vstack([CUBE[:1], CUBE]), FACES + 1, repair=True)
-    fine = medialis.refine(shape, 0.3)
+    fine = forms.refined(shape, 0.3)
     assert np.array_equal(fine.points[fine.vertex_map], np.vstack([CUBE[:1], CUBE]))
     assert fine.face_map.max() == 11 and len(fine.face_map) == fine.face_count
 

@@ -16,10 +16,10 @@ from medialis.errors import InvalidShapeError
 from medialis.kept import kept
 from medialis.model.medial_cloud import MedialCloud
 from medialis.model.shape import Shape
-from medialis.options import Options, algorithm, changed, choice, length
+from medialis.options import Options, algorithm, changed, choice
 from medialis.progress import Progress
 from medialis.surface.noise import noise_level, smooth_noise
-from medialis.surface.refinement import refine
+from medialis.surface.refinement import RefineOptions, refine
 
 DENOISE = ("auto", "off")
 
@@ -45,12 +45,7 @@ class Preparation(Options):
         DENOISE,
     )
     tolerance: float = changed(ShrinkOptions, "tolerance")
-    refine: float = length(
-        0.02,
-        "Refine edges above",
-        "Split edges longer than this fraction of the size for the computation, so that flat faces "
-        "get samples; the surface stays the same. 0 computes with the given vertices only.",
-    )
+    refine: float = changed(RefineOptions, "longest_edge")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -176,9 +171,7 @@ def _refined(shape: Shape, fraction: float, progress: Progress) -> Shape:
     if fraction == 0.0 or shape.faces is None or _dense(shape, fraction * shape.diagonal):
         return shape
     with progress.stage("refine", 0.0, 0.1):
-        fine = kept(
-            refine, shape, fraction, lambda: refine(shape, fraction * shape.diagonal), progress
-        )
+        fine = refine.of(shape, RefineOptions(longest_edge=fraction), progress)
     if fine is not shape:
         progress.note(
             f"The mesh was refined for the computation: {shape.point_count:,} vertices became "

@@ -85,18 +85,6 @@ def manifolds(
     cloud : (n, 3) float, or Shape or Surface
         Any points; no normals are needed and no faces are used. Repeated points count once.
         Results are kept with a shape or surface, not with an array.
-    neighbours : int
-        Nearest points that make the patches of a point, 4 to 20 (thesis: 7 to 10).
-    max_bend : float
-        Degrees, 0.1 to 90: largest angle between the normals of one patch (d_max).
-    max_turn : float
-        Degrees, 0.1 to 90: largest angle between joined patches of neighbouring points (delta_max).
-    min_points : int
-        Flat points that a manifold needs, 1 or more; smaller ones are noise.
-    smooth : bool
-        Whether points that scatter about their surfaces are classified by smoothed positions.
-    progress : callable, optional
-        Called with (fraction, text); returning False cancels.
 
     Returns
     -------
@@ -108,10 +96,6 @@ def manifolds(
     ------
     InvalidShapeError
         When the points are not (n, 3) finite numbers.
-    InvalidOptionError
-        When an option is out of its range.
-    Cancelled
-        When `progress` asks for it.
 
     See Also
     --------
@@ -122,7 +106,7 @@ def manifolds(
     Cost O(n (log n + neighbours^4)); 2 s of processor time for 194,000 points. The result does not
     depend on the order of the points.
 
-    Source: thesis 4.2.3, Eq. 4.1, 4.2.
+    Source: thesis 4.2.3, Eq. 4.1, 4.2: `max_bend` is d_max, `max_turn` delta_max there.
 
     Deviates: patches need four neighbours, or every neighbourhood with an outlier would be an
     intersection. Patches are compared by their mean normals: the closest of all normals (Eq. 4.2)

@@ -37,8 +37,6 @@ def manifold_surfaces(
     ----------
     found : ManifoldSet
         The manifolds of n points.
-    progress : callable, optional
-        Called with (fraction, text); returning False cancels.
 
     Returns
     -------
@@ -47,11 +45,6 @@ def manifold_surfaces(
         Neighbouring triangles may face opposite sides: a manifold need not have sides.
     owner : (m,) int32
         Manifold of each face.
-
-    Raises
-    ------
-    Cancelled
-        When `progress` asks for it.
 
     See Also
     --------

@@ -152,7 +152,7 @@ def skeleton_mesh(
     >>> x = [[x, y, z] for x in (0, 4) for y in (0, 4) for z in (0, 1)]
     >>> q = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
     >>> faces = [t for a, b, c, d in q for t in ((a, b, c), (a, c, d))]
-    >>> box = medialis.refine(medialis.make_shape(x, faces), 0.2)
+    >>> box = medialis.refine(medialis.make_shape(x, faces), longest_edge=0.05)
     >>> mesh = medialis.skeleton_mesh(medialis.surface_skeleton(box))
     >>> bool(np.abs(np.median(mesh.points[:, 2]) - 0.5) < 1e-6)
     True

@@ -142,7 +142,7 @@ def medial_sheets(
     >>> x = [[x, y, z] for x in (0, 4) for y in (0, 3) for z in (0, 2)]
     >>> q = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
     >>> faces = [t for a, b, c, d in q for t in ((a, b, c), (a, c, d))]
-    >>> box = medialis.refine(medialis.make_shape(x, faces), 0.2)
+    >>> box = medialis.refine(medialis.make_shape(x, faces), longest_edge=0.05)
     >>> medialis.medial_sheets(medialis.surface_skeleton(box)).count
     13
     """

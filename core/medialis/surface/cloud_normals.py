@@ -46,10 +46,6 @@ def estimate_normals(points: ArrayLike, options: NormalsOptions, progress: Progr
     ----------
     points : (n, 3) float
         Samples of one or more surfaces.
-    neighbours : int
-        How many nearest samples span the tangent plane, 3 to 100 (at most n - 1 are used).
-    progress : callable, optional
-        Called with (fraction, text); returning False cancels.
 
     Returns
     -------
@@ -61,10 +57,6 @@ def estimate_normals(points: ArrayLike, options: NormalsOptions, progress: Progr
     ------
     InvalidShapeError
         With fewer than 4 different points, or all of them on one line.
-    InvalidOptionError
-        When `neighbours` is out of its range.
-    Cancelled
-        When `progress` asks for it.
 
     See Also
     --------

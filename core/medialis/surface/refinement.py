@@ -8,7 +8,7 @@ faces always agree and no vertex moves.
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import NoReturn
 
 import numpy as np
@@ -16,9 +16,11 @@ from numpy.typing import NDArray
 
 from medialis.errors import InvalidShapeError
 from medialis.model.shape import Shape
+from medialis.model.surface import Surface
+from medialis.options import Options, algorithm, length
+from medialis.progress import Progress
 from medialis.surface._volumes import power_of_two_scale
 from medialis.surface.normals import vertex_normals
-from medialis.validation import FloatArray, IntArray, as_number
 
 MOST_POINTS = 10_000_000
 """Refinement stops with a sentence before it fills the memory."""
@@ -32,15 +34,26 @@ _THREE = ((0, 3, 5), (3, 1, 4), (5, 4, 2), (3, 4, 5))
 _TWO = {3: (1, 4, 3, 0, 2), 6: (2, 5, 4, 1, 0), 5: (0, 3, 5, 2, 1)}
 
 
-def refine(shape: Shape, longest_edge: float) -> Shape:
+@dataclass(frozen=True, kw_only=True)
+class RefineOptions(Options):
+    """Options of `refine`."""
+
+    longest_edge: float = length(
+        0.02,
+        "Refine edges above",
+        "Split edges longer than this fraction of the size for the computation, so that flat faces "
+        "get samples; the surface stays the same. 0 computes with the given vertices only.",
+    )
+
+
+@algorithm(RefineOptions)
+def refine(shape: Shape, options: RefineOptions, progress: Progress) -> Shape:
     """Split edges until none is longer than `longest_edge`; the surface stays exactly the same.
 
     Parameters
     ----------
     shape : Shape
         A mesh. A point cloud is returned unchanged (it has no edges).
-    longest_edge : float
-        Absolute length, above 0, in the units of the shape.
 
     Returns
     -------
@@ -51,8 +64,6 @@ def refine(shape: Shape, longest_edge: float) -> Shape:
 
     Raises
     ------
-    InvalidOptionError
-        When `longest_edge` is not above 0.
     InvalidShapeError
         When more than 10 million points would be needed, or `longest_edge` is so small that the
         coordinates cannot tell the points apart.
@@ -70,26 +81,27 @@ def refine(shape: Shape, longest_edge: float) -> Shape:
     --------
     >>> from medialis import make_shape, refine
     >>> square = make_shape([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 1, 2], [0, 2, 3]])
-    >>> fine = refine(square, 0.5)
+    >>> fine = refine(square, longest_edge=0.4)
     >>> fine.point_count, int((fine.origin >= 0).sum()), fine.face_origin.tolist()
     (13, 4, [0, 0, 0, 0, 0, 0, 0, 0, 1, 1, 1, 1, 1, 1, 1, 1])
     """
-    longest_edge = as_number(longest_edge, "longest_edge", low=0.0, open_low=True)
-    if shape.faces is None:
+    if shape.faces is None or options.longest_edge == 0.0 or shape.diagonal == 0.0:
         return shape
     # A power of two changes no digit, and keeps squares of tiny or huge lengths in range.
     scale = power_of_two_scale(shape.points)
-    points, faces = shape.points * scale, np.array(shape.faces)
-    h = max(longest_edge * scale, float(np.finfo(np.float64).tiny))
+    points = shape.points * scale
+    h = max(options.longest_edge * shape.diagonal * scale, float(np.finfo(np.float64).tiny))
     ends = points[shape.edges]
-    length = np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1)
-    if not (length > h).any():
+    if not (np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1) > h).any():
         return shape
-    _check_affordable(points, faces, length, h, scale)
-    face_origin = np.arange(len(faces), dtype=np.int32)
-    while (split := _split_once(points, faces, h, scale)) is not None:
-        points, faces, parents = split
+    surface = Surface(points, shape.faces)
+    _check_affordable(surface, h, scale)
+    face_origin = np.arange(shape.face_count, dtype=np.int32)
+    while (split := _split_once(surface, h, scale)) is not None:
+        surface, parents = split
         face_origin = face_origin[parents]
+    points, faces = np.array(surface.points), surface.faces
+    assert faces is not None
     n = shape.point_count
     points /= scale
     points[:n] = shape.points
@@ -111,9 +123,7 @@ def refine(shape: Shape, longest_edge: float) -> Shape:
     )
 
 
-def _check_affordable(
-    points: FloatArray, faces: IntArray, length: FloatArray, longest_edge: float, scale: float
-) -> None:
+def _check_affordable(surface: Surface, longest_edge: float, scale: float) -> None:
     """Refuse a length that needs too many points, before any of them is made.
 
     `scale` is what lengths were multiplied with; sentences tell them in the caller's units.
@@ -123,16 +133,16 @@ def _check_affordable(
     with edges up to h is larger than the equilateral one; a triangulation with B vertices on its
     rim and I inside has 2 I + B - 2 triangles, so I >= (F - B) / 2 + 1.
     """
-    sides = np.roll(points[faces], -1, axis=1) - points[faces]
-    area = 0.5 * np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
     with np.errstate(over="ignore"):  # infinitely many are too many as well
-        triangles = area / longest_edge / longest_edge / (math.sqrt(3.0) / 4.0)
-    rim = _pieces(np.linalg.norm(sides, axis=2), longest_edge).sum(axis=1)
+        triangles = surface.face_areas / longest_edge / longest_edge / (math.sqrt(3.0) / 4.0)
+    pieces = _pieces(surface.edge_lengths, longest_edge)
+    # A face that names a vertex twice has a side without length: its edge is the row -1.
+    rim = np.append(pieces, 1.0)[_edges_of_sides(surface)].sum(axis=1)
     inside = np.maximum(0.5 * (triangles - rim) + 1.0, 0.0).sum()
-    needed = len(points) + (_pieces(length, longest_edge) - 1.0).sum() + inside
+    needed = surface.point_count + (pieces - 1.0).sum() + inside
     if needed > MOST_POINTS:
-        _refuse(longest_edge / scale, f"the longest edge is {length.max() / scale:g}")
-    rounding = np.finfo(np.float64).eps * float(np.abs(points).max())
+        _refuse(longest_edge / scale, f"the longest edge is {surface.edge_lengths.max() / scale:g}")
+    rounding = np.finfo(np.float64).eps * float(np.abs(surface.points).max())
     if longest_edge < 16.0 * rounding:
         raise InvalidShapeError(
             f"Edges of {longest_edge / scale:g} drown in the rounding of the coordinates "
@@ -154,28 +164,32 @@ def _refuse(longest_edge: float, measure: str) -> NoReturn:
     )
 
 
+def _edges_of_sides(surface: Surface) -> NDArray[np.int64]:
+    """Return the row in ``surface.edges`` of each side of each face, (m, 3); -1 for none."""
+    table = surface.edge_table
+    proper = table.low != table.high
+    row = np.where(proper, np.cumsum(proper) - 1, -1)
+    return row[table.edge_of].reshape(-1, 3)
+
+
 def _split_once(
-    points: NDArray[np.float64], faces: IntArray, longest_edge: float, scale: float
-) -> tuple[NDArray[np.float64], IntArray, NDArray[np.int64]] | None:
+    surface: Surface, longest_edge: float, scale: float
+) -> tuple[Surface, NDArray[np.int64]] | None:
     """Halve every edge that is too long once; None when there is none."""
-    n = len(points)
-    half = np.sort(faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1).astype(np.int64)
-    keys = half[:, 0] * n + half[:, 1]
-    ends = points[half]
-    is_long = np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1) > longest_edge
-    if not is_long.any():
+    points, faces, n = surface.points, surface.faces, surface.point_count
+    long_edges = surface.edges[surface.edge_lengths > longest_edge]
+    if len(long_edges) == 0:
         return None
-    long_keys = np.unique(keys[is_long])
-    if n + len(long_keys) > MOST_POINTS:
-        _refuse(longest_edge / scale, f"{n} were made and {len(long_keys)} edges are still longer")
-    a, b = divmod(long_keys, n)
-    new_points = np.concatenate([points, 0.5 * (points[a] + points[b])])
+    if n + len(long_edges) > MOST_POINTS:
+        _refuse(longest_edge / scale, f"{n} were made and {len(long_edges)} edges are still longer")
+    new_points = np.concatenate([points, 0.5 * points[long_edges].sum(axis=1)])
 
     # Corners and midpoints of each face side by side: columns 0-2 and 3-5.
-    middle = np.full(len(keys), -1, np.int64)
-    middle[is_long] = n + np.searchsorted(long_keys, keys[is_long])
-    six = np.concatenate([faces, middle.reshape(-1, 3)], axis=1)
-    pattern = (is_long.reshape(-1, 3) * np.array([1, 2, 4])).sum(axis=1)
+    middle = np.full(len(surface.edges) + 1, -1, np.int64)
+    middle[:-1][surface.edge_lengths > longest_edge] = n + np.arange(len(long_edges))
+    six = np.concatenate([np.asarray(faces), middle[_edges_of_sides(surface)]], axis=1)
+    is_long = six[:, 3:] >= 0
+    pattern = (is_long * np.array([1, 2, 4])).sum(axis=1)
 
     triangles, parents = [], []
 
@@ -201,4 +215,4 @@ def _split_once(
     parent = np.concatenate(parents)
     order = np.argsort(parent, kind="stable")
     new_faces = np.concatenate(triangles)[order].astype(np.int32)
-    return new_points, new_faces, parent[order]
+    return Surface(new_points, new_faces), parent[order]
