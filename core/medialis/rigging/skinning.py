@@ -16,7 +16,7 @@ from medialis.progress import Progress
 from medialis.validation import FloatArray, IntArray
 
 LEAST = 0.01
-"""Weights below this are left out: the tails of the smoothing would reach over the whole shape."""
+"""Weights below this are left out: the tails of the smoothing would run over the whole shape."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -191,8 +191,8 @@ def _smoothed(skin: SkinWeights, surface: Surface, width: FloatArray) -> SkinWei
         own_bones, own_weights = bones[rows], weights[rows]
         for bone in np.unique(skin.bones[rows][skin.weights[rows] > 0]).tolist():
             given = (skin.weights[rows] * (skin.bones[rows] == bone)).sum(axis=1)
-            found = solver.solve(pull[rows] * given)
-            _insert(own_bones, own_weights, bone, np.where(found < LEAST, 0.0, found))
+            spread = solver.solve(pull[rows] * given)
+            _insert(own_bones, own_weights, bone, np.where(spread < LEAST, 0.0, spread))
         bones[rows], weights[rows] = own_bones, own_weights
     return replace(skin, bones=bones, weights=weights / weights.sum(axis=1, keepdims=True))
 

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from medialis.curves.graph.ground import nearest_neighbours
 from medialis.geodesics.geodesics import surface_walk
 from medialis.geodesics.importance import geodesic_importance
-from medialis.kept import Bound
+from medialis.kept import Bound, kept
 from medialis.model.geodesic_paths import Importance
 from medialis.model.medial_cloud import MedialCloud
 from medialis.options import Options, algorithm
@@ -159,7 +159,7 @@ def candidate_measure(cloud: MedialCloud, options: Options, progress: Progress) 
     if r:
         length, tangent = paths.length[rows], turning[rows]
         alike = _find_ties(cloud, rows, tangent, length)
-        near, distance = nearest_neighbours(cloud.centers[rows], shape.diagonal)
+        near, distance = near_balls(cloud, rows, progress)
         sure, ring, opposite = np.empty(r), np.empty(r, bool), np.empty(r, np.int32)
         turned = turning[rows]
         smallest = 1e-12 * shape.diagonal
@@ -233,6 +233,16 @@ def _field(paths: Importance) -> tuple[NDArray[np.int64], FloatArray, FloatArray
     return rows, frozen(tangents, np.float64), feature
 
 
+def near_balls(
+    cloud: MedialCloud, rows: NDArray[np.int64], progress: Progress
+) -> tuple[IntArray, FloatArray]:
+    """Find the nearest others of some balls among themselves (`nearest_neighbours`); kept."""
+    return kept(
+        nearest_neighbours, cloud, rows.tobytes(),
+        lambda: nearest_neighbours(cloud.centers[rows], cloud.surface.diagonal), progress,
+    )  # fmt: skip
+
+
 def area_importance(
     measured: CandidateMeasure,
     rows: ArrayLike,
@@ -291,7 +301,8 @@ def area_importance(
     shape, chosen = measured.cloud.surface, np.asarray(rows, np.int64)
     if len(chosen) < 2:
         return frozen(np.zeros(len(chosen)), np.float64)
-    near, distance = nearest_neighbours(measured.cloud.centers[chosen], shape.diagonal)
+    progress = Progress.of(progress)
+    near, distance = near_balls(measured.cloud, chosen, progress)
     tangent, measure = np.ascontiguousarray(measured.tangents[chosen]), measured.measure[chosen]
     opposite = np.empty(len(chosen), np.int64)
     smallest = 1e-12 * shape.diagonal
@@ -303,7 +314,7 @@ def area_importance(
     def trace(begin: int, end: int) -> None:
         trace_all_round(begin, end, *walk, ends, tangent, longest, length)
 
-    run_chunks(trace, len(chosen), CANDIDATES_A_CHUNK, progress=Progress.of(progress))
+    run_chunks(trace, len(chosen), CANDIDATES_A_CHUNK, progress=progress)
     feature = shape.points[ends[:, 1]] - shape.points[ends[:, 0]]
     half = np.linalg.norm(feature, axis=1) / 2
     axis = feature / np.maximum(2 * half, 1e-300)[:, None]

@@ -13,6 +13,7 @@ from medialis.curves.from_balls.candidates import (
     CandidateMeasure,
     area_importance,
     candidate_measure,
+    near_balls,
 )
 from medialis.curves.graph.finishing import finish_graph
 from medialis.curves.graph.ground import (
@@ -20,7 +21,6 @@ from medialis.curves.graph.ground import (
     Handles,
     find_handles,
     link_balls,
-    nearest_neighbours,
 )
 from medialis.curves.graph.growth import grow_graph
 from medialis.curves.graph.simplification import SimplifyOptions, simplify_branches
@@ -65,7 +65,7 @@ class CurveSkeletonOptions(Options):
     )
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class _Ground(Bound):
     """What a graph grows on: the same for every threshold, smoothing and simplification.
 
@@ -184,7 +184,7 @@ def _ground(cloud: MedialCloud, share: float, progress: Progress) -> _Ground:
         candidates = np.flatnonzero(measured.measure > level)
     with progress.stage("regularize", 0.6, 0.8):
         importance = _smooth_importance(measured, candidates, progress)
-    links = _link_balls(measured, candidates, level)
+    links = _link_balls(measured, candidates, level, progress)
     strength = np.where(cloud.valid, np.nan_to_num(measured.measure), -np.inf)
     strength += 1e-9 * links.radii  # without any measure: the largest ball
     components = np.where(cloud.valid & surface.used_points, surface.components, -1)
@@ -205,7 +205,7 @@ def _smooth_importance(
     centers = measured.cloud.centers
     some = candidates[:: 1 + len(candidates) // MOST_MEASURED]
     area = area_importance(measured, some, progress=progress)
-    near, _ = nearest_neighbours(centers[some], measured.cloud.surface.diagonal)
+    near, _ = near_balls(measured.cloud, some, progress)
     median = np.median(np.column_stack([area, area[near]]), axis=1)
     if len(some) < len(candidates):
         median = median[cKDTree(centers[some]).query(centers[candidates])[1]]
@@ -213,13 +213,15 @@ def _smooth_importance(
 
 
 def _link_balls(
-    measured: CandidateMeasure, candidates: NDArray[np.int64], level: float
+    measured: CandidateMeasure, candidates: NDArray[np.int64], level: float, progress: Progress
 ) -> BallLinks:
     """Link balls that are close to each other, and those of neighbouring samples."""
     cloud, surface = measured.cloud, measured.cloud.surface
-    pairs = np.concatenate(
-        [_near_pairs(cloud, rows) for rows in (np.flatnonzero(cloud.valid), candidates)]
-    )
+    near_pairs = []
+    for rows in (np.flatnonzero(cloud.valid), candidates):
+        near, _ = near_balls(cloud, rows, progress)
+        near_pairs.append(np.stack([np.repeat(rows, near.shape[1]), rows[near.ravel()]], axis=1))
+    pairs = np.concatenate(near_pairs)
     needed = np.concatenate([surface.edges, cloud.features[cloud.valid]])
     needed = needed[cloud.valid[needed].all(axis=1)]
     pairs, needed = (
@@ -230,11 +232,6 @@ def _link_balls(
     closeness *= np.minimum(1.0, np.nan_to_num(measured.measure) / level)
     centers, radii = np.nan_to_num(cloud.centers), np.nan_to_num(cloud.radii)
     return link_balls(centers, radii, closeness, pairs, needed, spacing=surface.spacing)
-
-
-def _near_pairs(cloud: MedialCloud, rows: NDArray[np.int64]) -> NDArray[np.int64]:
-    near, _ = nearest_neighbours(cloud.centers[rows], cloud.surface.diagonal)
-    return np.stack([np.repeat(rows, near.shape[1]), rows[near.ravel()]], axis=1)
 
 
 def _put_in_surface(

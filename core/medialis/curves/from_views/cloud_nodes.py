@@ -1,7 +1,7 @@
 """Nodes of a cloud of points near a curve skeleton, and the links between them (thesis 3.7.6).
 
 The cloud is thinned to one node a cell; near nodes whose balls overlap are linked. Strays are left
-out, and pieces joined where the way between them lies inside the shape.
+out, and pieces joined where the segment between them lies inside the shape.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from medialis.model.surface import piece_labels
 from medialis.validation import FloatArray, IntArray
 
 Measure = Callable[[FloatArray], FloatArray]
@@ -106,9 +107,7 @@ def thin_points(points: FloatArray, weights: FloatArray, cell: float, measure: M
 
 def pieces_of(nodes: Nodes) -> IntArray:
     """Return the number of the piece of each node: what links hold together."""
-    from scipy.sparse.csgraph import connected_components
-
-    return np.asarray(connected_components(nodes.graph(nodes.lengths), directed=False)[1])
+    return piece_labels(len(nodes.points), nodes.links)
 
 
 def without_crumbs(nodes: Nodes) -> Nodes:
@@ -138,14 +137,14 @@ def join_pieces(nodes: Nodes, cell: float, measure: Measure) -> Nodes:
         count = int(piece.max()) + 1
         if count == 1:
             return nodes
-        # From every piece the nearest node of another piece; of equal ways the lowest one.
-        found = []
+        # From every piece the nearest node of another piece; of equal distances the lowest one.
+        nearest = []
         for number in range(count):
             own, other = np.flatnonzero(piece == number), np.flatnonzero(piece != number)
-            away, at = cKDTree(nodes.points[other]).query(nodes.points[own])
+            away, near = cKDTree(nodes.points[other]).query(nodes.points[own])
             few = np.argsort(away, kind="stable")[:16]
-            found.append(np.stack([own[few], other[at[few]]], axis=1))
-        pairs = np.concatenate(found)
+            nearest.append(np.stack([own[few], other[near[few]]], axis=1))
+        pairs = np.concatenate(nearest)
         a, b = nodes.points[pairs[:, 0]], nodes.points[pairs[:, 1]]
         pairs = pairs[_segments_inside(a, b, cell / 2, measure)]
         if len(pairs) == 0:

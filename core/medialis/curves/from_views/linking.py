@@ -4,8 +4,8 @@ Strategy. The cloud is thinned to one node a cell; near nodes whose balls overla
 of least cost through dense parts, from the furthest node that no path has come near to the paths so
 far, make a tree (the idea of TEASAR, Sato et al. 2000): limbs get one path each, and what lies
 within the balls of a path gets none, so there are few spurs to prune. A tree has no loops: where
-two near nodes hang on places that are far apart along the tree, the way through them closes a loop,
-and it stays unless a disc inside the shape spans it.
+two near nodes hang on places that are far apart along the tree, the path through them closes a
+loop, and it stays unless a disc inside the shape spans it.
 """
 
 from __future__ import annotations

@@ -111,7 +111,7 @@ def skeletonize(
     longest = float(length[:contours].sum()) / 2
     begin = np.empty(len(near) + 1, np.int32)
     out = np.empty((3, pixels))  # at most one crossing a pixel
-    found = saliency_skeleton(
+    count = saliency_skeleton(
         scratch.offset,
         first,
         last,
@@ -124,7 +124,7 @@ def skeletonize(
         out[2],
         field,
     )
-    column, importance, distance = (values[:found].copy() for values in out)
+    column, importance, distance = (values[:count].copy() for values in out)
     return Crossings(begin, column, importance, distance)
 
 
