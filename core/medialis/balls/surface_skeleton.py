@@ -78,7 +78,9 @@ def surface_skeleton(
     denoise : {"auto", "off"}
         Whether a noisy mesh is smoothed.
     refine : float
-        Fraction of the diagonal: longer edges are split for the computation; 0 splits none.
+        Fraction of the diagonal: longer edges are split for the computation; 0 splits none. A
+        dense mesh is left as it is where such edges are few (2 % of the area) and none is twice as
+        long.
     progress : callable, optional
         Called with (fraction, text); returning False cancels.
 

@@ -16,6 +16,7 @@ from medialis.geodesics.importance import (
     important_points,
     local_measures,
 )
+from medialis.kept import kept
 from medialis.model.geodesic_paths import PathStatus
 from medialis.model.shape import Shape
 from medialis.operations.common import (
@@ -60,7 +61,8 @@ def run(shape: Shape, options: SkeletonImportanceRun, progress: Progress) -> Out
                 "surface_skeleton, which gives spoke angle and radius, or reconstruct = True."
             )
         with progress.stage("surface", 0.0, 0.05):
-            shape = surface_of_cloud(shape)
+            given = shape
+            shape = kept(surface_of_cloud, given, None, lambda: surface_of_cloud(given), progress)
         progress.note(
             "A surface was built through the points of the cloud. Check it in the layer samples.",
             "surface_built",
