@@ -22,7 +22,7 @@ from medialis.validation import FloatArray
 HIDDEN_BELOW = 0.03
 """Fraction of the diagonal, chosen by looking at bunny, cow, horse, hand, fandisk and armadillo:
 0.02 leaves fuzz in the bunny's back and the armadillo's head, 0.05 takes the cow's horns and the
-horse's feet. The importance of a limb is half its girth: the spider's legs are too thin for 0.03."""
+horse's feet. A limb's importance is half its girth: the spider's legs are too thin for 0.03."""
 
 
 @dataclass(frozen=True, kw_only=True)
