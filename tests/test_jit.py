@@ -188,6 +188,7 @@ def compute(folder):
     return done.stdout.strip()
 
 
+@pytest.mark.slow
 def test_damaged_cache_is_compiled_anew(tmp_path):
     """A truncated file in the cache made every later computation fail (fixed)."""
     expected = "0"
@@ -202,6 +203,7 @@ def test_damaged_cache_is_compiled_anew(tmp_path):
     assert repaired
 
 
+@pytest.mark.slow
 def test_unwritable_cache_still_computes(tmp_path):
     (tmp_path / "file").write_text("a file where the folder should be")
     assert compute(tmp_path / "file") == "0"

@@ -40,6 +40,7 @@ def as_one_expects(cloud, distance, priority):
     return mask
 
 
+@pytest.mark.slow
 @settings(max_examples=150, deadline=None, derandomize=True)
 @given(
     k=st.integers(1, 120),

@@ -60,6 +60,7 @@ def without_seconds(text: str) -> list[list[str]]:
     return [row[:place] + row[place + 1 :] for row in rows]
 
 
+@pytest.mark.slow
 def test_good_shapes_are_done_and_bad_ones_say_why(finished, shapes):
     out, rows = finished
     assert [(r.file, r.operation) for r in rows] == [
@@ -80,6 +81,7 @@ def test_good_shapes_are_done_and_bad_ones_say_why(finished, shapes):
         assert read_png(out / unquote(link)).shape == (187, 250, 3)
 
 
+@pytest.mark.slow
 def test_results_are_bitwise_those_of_single_runs(finished, shapes, tmp_path):
     out, _ = finished
     for path in shapes[:3]:
@@ -89,6 +91,7 @@ def test_results_are_bitwise_those_of_single_runs(finished, shapes, tmp_path):
             assert (out / path.stem / "surface_skeleton" / name).read_bytes() == one
 
 
+@pytest.mark.slow
 def test_a_second_call_computes_only_what_is_missing(finished, shapes):
     out, rows = finished
     kept = out / "good 0 ü" / "thickness" / "thickness.npz"
@@ -103,6 +106,7 @@ def test_a_second_call_computes_only_what_is_missing(finished, shapes):
     assert not left.exists()
 
 
+@pytest.mark.slow
 def test_another_input_or_parameter_is_computed_anew(finished, shapes, tmp_path):
     path = tmp_path / "a.ply"
     path.write_bytes(shapes[0].read_bytes())
@@ -142,6 +146,7 @@ def test_operations_share_what_is_kept_and_the_next_shape_starts_without(
     assert [row.status for row in rows] == [DONE] * 3 and len(shrunk) == 1
 
 
+@pytest.mark.slow
 def test_a_killed_batch_goes_on_and_gives_the_same_table(finished, shapes, tmp_path):
     _, rows = finished
     command = [sys.executable, "-m", "medialis", "batch", ",".join(OPERATIONS)]
@@ -160,6 +165,7 @@ def test_a_killed_batch_goes_on_and_gives_the_same_table(finished, shapes, tmp_p
     assert not list(tmp_path.glob("out/*/.*"))
 
 
+@pytest.mark.slow
 def test_a_dying_worker_is_one_failed_row(tmp_path):
     """An innocent job whose process died by chance is tried again and done; so are the other
     operations of a deadly one: all of them were failed rows (fixed)."""
@@ -174,6 +180,7 @@ def test_a_dying_worker_is_one_failed_row(tmp_path):
     assert "process that computed it died" in found["deadly"][1].sentence
 
 
+@pytest.mark.slow
 def test_a_cluster_gives_bitwise_the_same(finished, shapes, tmp_path):
     from distributed import LocalCluster
 
@@ -208,6 +215,7 @@ def test_a_cluster_whose_workers_are_gone_is_one_sentence(monkeypatch):
             list(hand_out(client, ["a", "b"], str, slots))
 
 
+@pytest.mark.slow
 def test_cancelling_keeps_what_is_finished(shapes, tmp_path):
     def stop(fraction: float, text: str) -> bool:
         return fraction == 0
@@ -232,6 +240,7 @@ def test_names_say_what_tells_files_apart(tmp_path):
     assert jobs[0].folder("thickness") == tmp_path / "out/a_ply/thickness"
 
 
+@pytest.mark.slow
 def test_results_and_hidden_files_are_no_input(tmp_path):
     """The second batch into a folder inside the input took the first one's results (fixed)."""
     shape = medialis.organic_shape(56)
@@ -271,6 +280,7 @@ def test_another_file_of_the_same_size_and_time_is_another_input(shapes, tmp_pat
     assert other.name == job.name and other.finished("thickness") is None
 
 
+@pytest.mark.slow
 def test_reports_are_made_where_they_are_missing(finished, shapes, tmp_path):
     """The same files as of a single run; a result without one is computed again, once."""
     out = tmp_path / "out"
@@ -322,6 +332,7 @@ def test_an_output_that_cannot_be_written_is_told_first(shapes, tmp_path):
     assert called == []
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform in ("win32", "darwin"), reason="file names are text there")
 def test_a_file_name_that_is_no_text(shapes, tmp_path):
     """Neither the table nor a report could be written (fixed)."""

@@ -44,6 +44,7 @@ def test_the_same_bits_as_the_single_run(sampled, tmp_path, monkeypatch, toleran
     assert {path.name for path in (tmp_path / "out").iterdir()} == expected
 
 
+@pytest.mark.slow
 def test_files_as_input_and_a_cluster_of_two_workers(sampled, tmp_path, monkeypatch):
     from distributed import LocalCluster
 

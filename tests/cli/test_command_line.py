@@ -94,6 +94,7 @@ def test_parameters_reach_the_operation(creature, tmp_path, capsys):
     assert (tmp_path / "out" / "turntable_001.png").exists()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("chosen", OPERATIONS, ids=lambda o: o.name)
 def test_every_operation_has_help_and_runs(chosen, creature, tmp_path, capsys):
     with pytest.raises(SystemExit) as stop:
@@ -178,6 +179,7 @@ def test_info_tells_what_repair_makes_of_it(tmp_path, capsys):
     assert told["repaired"] is None and "refuse" in told["messages"][-1]
 
 
+@pytest.mark.slow
 def test_demo_makes_the_built_in_shape_and_yours(creature, tmp_path, capsys):
     assert run("demo", creature, "-o", tmp_path / "demo") == 0
     last = capsys.readouterr().out.splitlines()[-1]
@@ -306,6 +308,7 @@ def test_help_and_list_load_no_compiled_code():
     subprocess.run([sys.executable, "-c", code], check=True, capture_output=True)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.name == "nt", reason="sends the interrupt signal of Unix")
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_interrupt_leaves_nothing_behind(creature, tmp_path, number):
@@ -384,6 +387,7 @@ def test_an_unknown_attribute_is_refused_with_and_without_a_picture(creature, tm
         assert "taste" in capsys.readouterr().err and not out.exists()
 
 
+@pytest.mark.slow
 def test_warmup_comes_to_its_end_and_is_remembered(capsys):
     """It drew pictures too narrow for their legend, and failed after the first operation."""
     from medialis._kernels.cache_folder import kernels_are_compiled

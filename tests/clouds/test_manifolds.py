@@ -19,6 +19,7 @@ from medialis.model.manifold_set import PointClass
 GOOD = 0.95
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("share", [0.0, 0.1, 0.4])
 @pytest.mark.parametrize(
     "made",
@@ -45,6 +46,7 @@ def test_known_manifolds_with_outliers(made, share):
         assert recall >= 0.9 and precision >= 0.9
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("angle", [90, 45])
 def test_jitter_is_measured_and_smoothed(angle):
     """A jitter of 0.25 % of the size, 0.3 of the spacing: triangles of 10 neighbours see no plane.

@@ -114,6 +114,7 @@ def test_a_sphere_is_halved():
     assert np.median(area) == pytest.approx(2 * np.pi, rel=0.02)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("half_length", [1.3, 1.7, 2.2])
 def test_half_a_spheroid_has_the_area_of_the_formula_and_nearly_the_true_one(half_length):
     """An oracle for Eq. 3.4 and 3.5 that knows the geodesics and cuts no mesh.

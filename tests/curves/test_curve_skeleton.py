@@ -76,6 +76,7 @@ ARMS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "degree"), [("y", 3), ("x", 4), ("jack", 6)])
 def test_tubes_meet_in_one_junction(name, degree):
     shape = tube(ARMS[name], 0.25, 0.06)
@@ -133,6 +134,7 @@ def fork():
     return stretched(tube(ARMS["y"], 0.25, 0.06), 1e-5)
 
 
+@pytest.mark.slow
 def test_rotations_change_nothing_but_the_place(fork):
     """Ten random rotations: the same graph up to the spacing."""
     graph, _ = skeleton_of(fork)
@@ -152,6 +154,7 @@ def noisy(shape, noise, seed):
     return medialis.Shape(points, medialis.vertex_normals(points, shape.faces), shape.faces)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("noise", [0.001, 0.002, 0.005])
 @pytest.mark.parametrize("name", ["capsule", "half ring", "torus", "y"])
 def test_noise_keeps_branches_and_loops(name, noise):
@@ -176,6 +179,7 @@ def test_noise_keeps_branches_and_loops(name, noise):
         assert inner.any() and away[inner].max() < shape.spacing
 
 
+@pytest.mark.slow
 def test_resampling_and_scale_keep_the_branches(fork):
     """4 times the samples, and 1024 times the size."""
     graph, _ = skeleton_of(fork)
@@ -235,6 +239,7 @@ def test_bad_input_gives_a_sentence(fork):
             medialis.curve_skeleton(cloud, **option)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "genus"),
     [

@@ -18,6 +18,7 @@ def result(creature):
     return medialis.run("curve_skeleton", creature)
 
 
+@pytest.mark.slow
 def test_layers_and_values(result, creature):
     graph, parts, candidates, samples = result.layers
     assert [layer.auxiliary for layer in result.layers] == [False, False, True, True]
@@ -54,6 +55,7 @@ def box(size):
     return medialis.make_shape(corners, faces)
 
 
+@pytest.mark.slow
 def test_what_makes_the_result_uncertain_is_said(creature):
     assert "thin_sheets" in notes(box([1, 1, 0.06]))
     assert "few_samples" in notes(box([1, 0.4, 0.4]), refine=0)
@@ -76,6 +78,7 @@ def test_what_makes_the_result_uncertain_is_said(creature):
     assert "separate_parts" in notes(two)
 
 
+@pytest.mark.slow
 def test_sheets_are_parts_more_than_four_times_as_wide_as_thick():
     """Of a plate L x w x t the balls of its inner (w - 4 t) x (L - 4 t) can lie that far."""
     assert "thin_sheets" in notes(box([1, 0.8, 0.06]))
@@ -83,6 +86,7 @@ def test_sheets_are_parts_more_than_four_times_as_wide_as_thick():
     assert "thin_sheets" not in notes(box([1, 0.4, 0.4]))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "flat"), [("scapula", True), ("rockerarm", False), ("screwdriver", False)]
 )
@@ -96,6 +100,7 @@ def test_clouds_and_flat_shapes_are_refused(creature):
         medialis.run("curve_skeleton", medialis.Shape(creature.points, creature.normals))
 
 
+@pytest.mark.slow
 def test_files_of_the_command_line(tmp_path, capsys):
     shape = tube([circle([0, 0, 0], 1)], 0.3, 0.1)
     medialis.files.write_ply(tmp_path / "torus.ply", shape.points, faces=shape.faces)

@@ -109,6 +109,7 @@ def test_two_parts_give_two_components():
     assert medialis.view_curve_skeleton(shape, **QUICK).component_count == 2
 
 
+@pytest.mark.slow
 def test_point_cloud_of_a_capsule():
     """6000 + 3000 samples; discs leave the tube by (their reach 0.1)^2 / (2 radius) = 0.013."""
     shape = closed_forms.capsule(6000).shape
@@ -120,6 +121,7 @@ def test_point_cloud_of_a_capsule():
     assert np.allclose(ends, [-1, 1], rtol=0, atol=6 * pixel)
 
 
+@pytest.mark.slow
 def test_discs_of_a_cloud_fit_into_the_pictures():
     """Cameras saw the samples whole, but not the discs round them: clouds with corners, and many
     scans, were refused because "a silhouette touches the border of its picture"."""
@@ -206,6 +208,7 @@ def winding_number(points, shape):
     return total
 
 
+@pytest.mark.slow
 def test_all_points_are_inside_and_in_the_middle():
     """After culling no point is outside; nodes are as far from the surface as balls allow.
 

@@ -5,12 +5,14 @@ import shlex
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from medialis.cli.commands import main
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "tutorials" / "rigging.md"
 
 
+@pytest.mark.slow
 def test_every_code_block_runs(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     names = {}

@@ -38,6 +38,7 @@ def run_page(tmp_path, monkeypatch):
     return run
 
 
+@pytest.mark.slow
 def test_thickness_check(run_page, tmp_path):
     names, _ = run_page(DOCS / "tutorials" / "thickness_check.md")
     spots = names["result"].values["spots"]
@@ -47,6 +48,7 @@ def test_thickness_check(run_page, tmp_path):
     assert (tmp_path / "thickness" / "thickness.ply").is_file()
 
 
+@pytest.mark.slow
 def test_batch_over_a_folder(run_page, tmp_path):
     names, output = run_page(DOCS / "tutorials" / "batch_over_a_folder.md")
     assert "4 results, 2 failed" in output
@@ -55,6 +57,7 @@ def test_batch_over_a_folder(run_page, tmp_path):
     assert (tmp_path / "results" / "results.html").is_file()
 
 
+@pytest.mark.slow
 def test_noisy_scan(run_page):
     """What is left is nearer to the true skeleton than everything: the page says so."""
     names, _ = run_page(DOCS / "tutorials" / "noisy_scan.md")
@@ -69,6 +72,7 @@ def test_no_tutorial_is_left_out():
     assert {page.stem for page in TUTORIALS} == tested
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("script", "host", "said", "made"),
     [
@@ -93,6 +97,7 @@ def test_batch_scripts(script, host, said, made, tmp_path):
     assert (tmp_path / "out" / made).is_file()
 
 
+@pytest.mark.slow
 def test_denoising_a_scan(run_page, tmp_path):
     """The page of denoise promises: few good points go, about 5 % of the outliers stay.
 
@@ -103,6 +108,7 @@ def test_denoising_a_scan(run_page, tmp_path):
     assert (tmp_path / "skeleton" / "surface_skeleton.ply").is_file()
 
 
+@pytest.mark.slow
 def test_teeth(run_page):
     """One segment for each pick, and nearly all of the teeth in the segment of their pick."""
     names, _ = run_page(DOCS / "tutorials" / "teeth.md")

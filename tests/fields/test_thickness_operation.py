@@ -117,6 +117,7 @@ def test_a_small_largest_radius_is_no_hidden_wall():
     assert "thin_walls" not in [message.code for message in result.messages]
 
 
+@pytest.mark.slow
 def test_command_line_tells_where(plate, tmp_path, capsys):
     file, out = tmp_path / "plate.ply", tmp_path / "out"
     write_ply(file, plate.points, faces=plate.faces)

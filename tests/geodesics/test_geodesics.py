@@ -161,6 +161,7 @@ def cut_by_planes(shape, start, end, angles):
     return best
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("make", [lambda: forms.torus_mesh(16, 10), lambda: forms.box_mesh()])
 def test_oracle_that_cuts_every_face(make):
     """Never longer than the best of the same evenly spread planes, nor than a straight line is.
@@ -234,6 +235,7 @@ def test_more_directions_are_never_longer_when_they_contain_the_fewer():
     assert (more <= few / math.cos(ANGLE) ** 2 * (1 + 1e-3)).all()
 
 
+@pytest.mark.slow
 def test_the_polyline_has_the_length_and_lies_on_the_surface():
     shape = forms.icosphere(3)
     for a, b in pairs_of(shape.point_count, 20, seed=6).tolist():
@@ -312,6 +314,7 @@ def test_non_manifold_edges_end_a_path_and_the_edges_carry_on():
     assert found.status[0] == PathStatus.EDGES and found.length[0] == pytest.approx(1.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["spider", "dragon", "ogre", "bunny", "face", "counter"])
 def test_real_shapes_give_finite_or_infinite_importance(name, real_shapes):
     """Open, non-manifold, multi-part: NaN only where the ball is masked, +inf between parts."""

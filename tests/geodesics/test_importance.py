@@ -116,6 +116,7 @@ def test_geodesic_operation_names_input_vertices():
         medialis.run("geodesic_path", shape, start=1, end=9)
 
 
+@pytest.mark.slow
 def test_skeleton_mesh_is_simplified_by_importance():
     shape = medialis.organic_shape(100)
     plain = medialis.run("skeleton_mesh", shape, min_spoke_angle=0)
@@ -180,6 +181,7 @@ def pieces(shape, cloud, kept):
     return connected_components(graph, directed=False)[0] - np.count_nonzero(~kept)
 
 
+@pytest.mark.slow
 def test_connected_importance_leaves_one_piece_at_every_threshold():
     shape = dumbbell()
     cloud = medialis.shrink_balls(shape)
@@ -269,6 +271,7 @@ def test_relaxation_is_the_shortest_path_through_neighbours():
     assert all(row.tobytes() in tangents for row in found.start_tangent[changed])
 
 
+@pytest.mark.slow
 def test_importance_changes_no_faster_than_the_feature_points():
     shape = medialis.organic_shape(100)
     cloud = medialis.shrink_balls(shape, side="both")

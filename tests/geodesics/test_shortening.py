@@ -161,6 +161,7 @@ def test_a_path_meets_a_non_manifold_edge_at_its_vertices():
         assert_on_surface(shape, path)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("make", [lambda: medialis.organic_shape(56), bumpy_torus, forms.box_mesh])
 def test_against_points_on_all_edges(make):
     """Nine in ten paths are no longer than the best through four points of every edge.
@@ -188,6 +189,7 @@ def test_never_longer_than_a_plane_cut_or_the_edges(make):
         assert_on_surface(shape, path)
 
 
+@pytest.mark.slow
 def test_paths_on_a_folded_shape_are_shorter_than_the_edges():
     """From the nose to a hind foot every plane cut is a detour, to the tail none arrives."""
     shape = medialis.organic_shape(100)
@@ -252,6 +254,7 @@ def test_cancelling():
         medialis.geodesics(shape, pairs, progress=lambda f, t: f < 0.5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["horse", "spider", "bunny"])
 def test_real_shapes(name, real_shapes):
     """Closed, non-manifold and of many parts, with holes: end to end along the axes."""

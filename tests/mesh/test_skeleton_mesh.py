@@ -223,6 +223,7 @@ def test_a_ball_out_of_line_is_cut_out():
     assert skeleton_mesh(bad).area > 0.97 * skeleton_mesh(cloud).area
 
 
+@pytest.mark.slow
 def test_three_balls_cover_a_triangle():
     """`in_balls` against 20000 points of each of 400 random triangles.
 
@@ -378,6 +379,7 @@ def test_operation_tells_when_nothing_is_left():
     assert np.array_equal(layer.attributes["radius"], radii)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["scapula", "spider", "gears", "counter", "face", "cow"])
 def test_real_shapes(name, real_shapes):
     """Open, non-manifold and coarse meshes: finite, valid, no stray triangle.

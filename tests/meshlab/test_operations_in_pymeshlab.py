@@ -20,6 +20,7 @@ def vertex_array(mesh, name, like):
     return mesh.vertex_custom_point_attribute_matrix(name)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("chosen", OPERATIONS, ids=lambda o: o.name)
 def test_every_operation_gives_the_arrays_of_the_core(chosen, real_shapes):
     """The second of three layers is the input; the others, and the mesh itself, do not change."""

@@ -20,6 +20,7 @@ print("done")
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "imports",
     [
@@ -53,6 +54,7 @@ def test_licences_are_kept_apart():
         assert first == "# SPDX-License-Identifier: GPL-3.0-or-later", path
 
 
+@pytest.mark.slow
 def test_the_subclass_patches_nothing(fresh):
     code = """
 import pymeshlab
@@ -87,6 +89,7 @@ def test_without_pymeshlab_one_sentence_says_what_to_install(fresh, package):
     assert done.stderr.strip().endswith("not installed: pip install 'medialis[meshlab]'")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("script", EXAMPLES, ids=lambda path: path.stem)
 def test_tutorial_scripts_run(fresh, script, tmp_path):
     printed = fresh(script.read_text(encoding="utf-8"), cwd=tmp_path)

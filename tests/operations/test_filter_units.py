@@ -29,6 +29,7 @@ def test_units_are_those_of_the_options():
     assert FilterUnit.length(20.0, power=2.0).attribute(0.05) == pytest.approx(1.0, rel=1e-15)
 
 
+@pytest.mark.slow
 def test_a_slider_hides_what_the_option_removes():
     shape = medialis.organic_shape(100)
     layer = medialis.run("skeleton_importance", shape, threshold=0.05).layers[0]
@@ -38,6 +39,7 @@ def test_a_slider_hides_what_the_option_removes():
     assert (every >= unit.attribute(0.05)).sum() == len(values) < len(every)
 
 
+@pytest.mark.slow
 def test_an_importance_that_is_an_area_has_the_option_as_its_side():
     layer = medialis.run("curve_skeleton", medialis.organic_shape(100)).layers[0]
     values = layer.attributes[layer.filter_by]

@@ -37,6 +37,7 @@ def test_declarations_are_complete(chosen):
     json.dumps(chosen.describe(), allow_nan=False)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 def test_real_shapes_give_a_skeleton_with_empty_balls(name, real_shapes):
     """Every real mesh and cloud; no sample lies deeper in a ball than the tolerance."""
@@ -63,6 +64,7 @@ def test_real_shapes_give_a_skeleton_with_empty_balls(name, real_shapes):
         assert (reach[1] < radius + longest).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("chosen", OPERATIONS, ids=lambda o: o.name)
 def test_every_operation_runs_on_a_real_shape(chosen, real_shapes):
     shape = medialis.read_shape(real_shapes / "hand.ply")
@@ -80,6 +82,7 @@ def test_a_layer_has_the_attributes_it_names(given):
         medialis.Layer("a", np.zeros((2, 3)), **given)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("chosen", OPERATIONS, ids=lambda o: o.name)
 def test_layers_on_the_input_have_its_points(chosen, creature):
     for layer in medialis.run(chosen.name, creature, **QUICK.get(chosen.name, {})).layers:
@@ -147,6 +150,7 @@ def test_outer_side_of_a_sphere_has_nothing_to_show(creature):
         medialis.run("surface_skeleton", sphere, side="outer")
 
 
+@pytest.mark.slow
 def test_ball_reconstruction_agrees_with_the_surface():
     """The union of the balls is the shape, up to the sagitta h^2 / (8 R) between samples.
 

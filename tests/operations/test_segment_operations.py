@@ -63,6 +63,7 @@ def test_manifolds_of_a_skeleton_of_a_box():
     assert result.values["noise_percent"] < 5
 
 
+@pytest.mark.slow
 def test_seeds_from_files(arch, tmp_path):
     shape, teeth = arch
     tips = [

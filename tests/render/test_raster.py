@@ -140,6 +140,7 @@ def test_triangles_agree_with_ray_casting(perspective, far):
     np.testing.assert_allclose(seen.depth[both], expected[both], rtol=1e-7)
 
 
+@pytest.mark.slow
 def test_triangle_normals_face_the_viewer():
     camera = Camera([0, 0, 5], [0, 0, 0], [0, 1, 0], 3.0, 30, 30)
     corners = [[-1, -1, 0], [1, -1, 0], [0, 1, 0]]

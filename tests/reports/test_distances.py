@@ -46,6 +46,7 @@ def test_one_and_two_threads_give_the_same_bits():
     assert all((a == b).all() for a, b in zip(one, two, strict=True))
 
 
+@pytest.mark.slow
 def test_distance_to_a_triangle_in_all_its_regions():
     """Against the nearest of a dense set of its points: never above, below by the grid's step."""
     corners = np.array([[0, 0, 0], [2, 0, 0], [0.3, 1, 0.0]])
@@ -103,6 +104,7 @@ def test_the_mean_is_over_the_area_not_over_the_samples():
     assert error.surface_to_balls_mean == pytest.approx(0.5, abs=1e-4)
 
 
+@pytest.mark.slow
 def test_leaving_balls_out_is_seen_on_the_surface_side_only():
     """Half of the balls of a real skeleton: samples of the other half are far from the union."""
     shape = medialis.organic_shape(56)

@@ -58,6 +58,7 @@ def creature():
     return medialis.make_shape(shape.points, shape.faces, repair=True)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("chosen", OPERATIONS, ids=lambda o: o.name)
 def test_every_operation_has_a_report(chosen, creature):
     texts = report_texts(medialis.run(chosen.name, creature), source="a <b>.ply")
@@ -96,6 +97,7 @@ def test_a_ball_deeper_than_the_tolerance_is_seen(creature):
     assert line["state"] == "look" and "more than the tolerance of 0.03 %" in line["text"]
 
 
+@pytest.mark.slow
 def test_outer_balls_are_empty_but_give_back_no_surface(creature):
     found = measure(medialis.run("surface_skeleton", creature, side="outer"))
     assert found["reconstruction"] is None
@@ -159,6 +161,7 @@ def test_infinite_importance_is_told(creature):
     assert "1 infinite, not shown; 1 missing, not shown" in text
 
 
+@pytest.mark.slow
 def test_values_that_are_not_numbers_have_a_place(creature):
     result = medialis.run("surface_skeleton", creature, subsample=0.05)
     values = {
@@ -198,6 +201,7 @@ def test_clouds_and_equal_values_of_any_size_have_a_report(scale):
     assert chart["edges"] == sorted(chart["edges"])
 
 
+@pytest.mark.slow
 def test_the_command_line_writes_it(creature, tmp_path, capsys):
     write_ply(tmp_path / "a.ply", creature.points, creature.faces)
     out = tmp_path / "out"

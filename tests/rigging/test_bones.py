@@ -157,6 +157,7 @@ def result(creature):
     return medialis.run("armature", creature)
 
 
+@pytest.mark.slow
 def test_turned_and_scaled_shapes_have_the_same_bones_and_weights(result):
     """The curve skeleton is turned with the shape, so only rounding differs."""
     curve, shape = result.graph, result.shape
@@ -216,6 +217,7 @@ def test_limbs_of_a_fork_do_not_move_each_other():
         assert far.sum() > 50 and weights[far][:, others].max() == 0
 
 
+@pytest.mark.slow
 def test_smoothing_solves_the_diffusion_equation():
     """Against the dense solution, with a Laplacian summed face by face."""
     shape = medialis.organic_shape(56)

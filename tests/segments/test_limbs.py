@@ -32,6 +32,7 @@ def jack():
     return hub(AXES, 0.042, ball=0.6)
 
 
+@pytest.mark.slow
 def test_jack_has_its_ball_and_its_arms(jack):
     """At half, once and twice the density. One sample (0.06) round each arm, 1.6 long, is 0.6 of an
     area of 15.6: with the samples on both sides of it the index is 0.9 or more."""
@@ -47,6 +48,7 @@ def test_jack_has_its_ball_and_its_arms(jack):
             assert len(np.unique(found.labels[beyond & (body == number)])) == 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("cell", [0.08, 0.05, 0.035])
 def test_equal_arms_meet_in_the_middle(cell):
     """No ball: no arm is the trunk, so the joint is divided among the three."""
@@ -75,6 +77,7 @@ def test_a_thin_arm_leaves_a_thick_one():
     assert adjusted_rand(found.labels, points[:, 2] > 0.5) > 0.9
 
 
+@pytest.mark.slow
 def test_dumbbell_at_three_densities():
     """True borders: where the bar enters the balls. A sample spacing either side is free: with
     0.06 in 3.1 of bar and 2 balls, the index stays above 0.95."""
@@ -87,6 +90,7 @@ def test_dumbbell_at_three_densities():
         assert adjusted_rand(across(shape, labels, shapes[1]), found[1]) > 0.95
 
 
+@pytest.mark.slow
 def test_auto_takes_limbs_or_sheets():
     creature = medialis.organic_shape(80)
     for shape, method, reason in (
@@ -131,6 +135,7 @@ def gear(teeth=8, height=0.6):
     return forms.prism(corners, height, 0.08)
 
 
+@pytest.mark.slow
 def test_auto_takes_limbs_where_they_stick_out():
     """Gears were taken for limbs, and a table with legs was not, since its plate is flat."""
     for shape, method in ((table(), "limbs"), (gear(), "sheets")):
@@ -162,6 +167,7 @@ def test_extent_does_not_change_when_a_shape_is_turned():
     assert _extent(shape) == pytest.approx(shape.diagonal, rel=0.2)
 
 
+@pytest.mark.slow
 def test_same_parts_turned_scaled_reordered_and_on_one_thread(jack):
     """Cuts depend on distances alone; the order decides ties of ways along the skeleton, rounding
     too: a row of samples round each arm, 6 * 37 of 13,000, may change sides, 0.97."""
@@ -197,6 +203,7 @@ def test_outer_balls_and_wrong_input(jack):
         medialis.parts(cloud, method="limbs", progress=lambda *_: False)
 
 
+@pytest.mark.slow
 def test_open_non_manifold_and_separate_shapes(jack):
     """Each piece of the surface has labels of its own; a square, which has no ball, has none."""
     shape, _ = jack
@@ -257,6 +264,7 @@ def test_bodies_that_touch_are_one_without_a_neck(passage, parts):
     assert (part[4] == part[7]) == (parts == 3)
 
 
+@pytest.mark.slow
 def test_flatness_of_round_and_flat_rods():
     """Round: 1. A cross-section of 2 x 1: the mean distance from its centre, 0.840, over 0.5; the
     two ends of a rod 12 times as long as thick change it by a few per cent."""

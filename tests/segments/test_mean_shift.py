@@ -119,6 +119,7 @@ def arch():
     return shape, teeth, medialis.shrink_balls(shape)
 
 
+@pytest.mark.slow
 def test_the_arch_has_its_teeth(arch):
     shape, teeth, _ = arch
     found = medialis.diagnose(shape.points, shape.faces)

@@ -78,6 +78,7 @@ def test_patches_of_a_box_are_its_faces(longest):
     assert found.areas.sum() == pytest.approx(2 * (a * b + a * c + b * c))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("longest", [0.12, 0.08, 0.05])
 def test_patches_of_other_shapes(longest):
     """Prisms: two ends and a wall each side (concave edges need outer balls); cylinders: 3."""
@@ -103,6 +104,7 @@ def test_sheet_parts_of_a_dumbbell():
     assert len(np.unique(found.of_faces())) == 3
 
 
+@pytest.mark.slow
 def test_parts_ignore_outer_balls_and_threads():
     shape = forms.box_mesh(SIDES, 0.1)
     found = medialis.parts(skeleton(shape))
@@ -133,6 +135,7 @@ def test_open_surfaces_have_labels_or_say_why():
     assert (medialis.patches(skeleton(shape)).labels >= 0).all()
 
 
+@pytest.mark.slow
 def test_noise_and_non_manifold_edges_do_not_stop_anything():
     shape = forms.box_mesh(SIDES, 0.1)
     rng = np.random.default_rng(0)
@@ -279,6 +282,7 @@ def test_sheet_layers_fit_together(plain_box):
     assert len(result.values["scaffold"]["sheets"]) == 13
 
 
+@pytest.mark.slow
 def test_command_line(plain_box, tmp_path, capsys):
     file = tmp_path / "box.ply"
     write_ply(file, plain_box.points, faces=plain_box.faces)

@@ -60,6 +60,7 @@ each edge, where those that meet at a concave corner are one. Cylinders: two con
 disc or a segment. Dumbbell: the middles of the balls and the axis."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("longest", [0.12, 0.08, 0.05])
 @pytest.mark.parametrize("name", list(CASES))
 def test_closed_forms_have_the_right_number_of_sheets(name, longest):
@@ -70,6 +71,7 @@ def test_closed_forms_have_the_right_number_of_sheets(name, longest):
     assert (sheets.labels[cloud.valid] >= 0).all() and sheets.sizes.sum() == cloud.valid.sum()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("level", [3, 4, 5])
 def test_smooth_closed_forms_have_one_sheet(level):
     ball = forms.icosphere(level)
@@ -95,6 +97,7 @@ def test_every_ball_of_a_box_is_on_its_true_sheet(longest):
     assert rand_index(truth[inside], sheets.labels[inside]) > 0.95
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["box", "slab", "L", "T", "flat cylinder"])
 def test_labels_are_stable_from_half_to_double_density(name):
     """Compared at the samples of the coarser one of two meshes, which has at least four of them

@@ -33,6 +33,7 @@ def test_sphere_and_torus_get_closed_outward_surfaces(make, genus):
     assert told.orientation == "out" and told.nonmanifold_edges == 0
 
 
+@pytest.mark.slow
 def test_area_and_volume_of_a_sphere():
     """Chords lie below the sphere by at most h^2 / 8: the volume misses no more than that shell."""
     shape = forms.sphere(3000).shape

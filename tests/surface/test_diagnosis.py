@@ -202,6 +202,7 @@ def table_rows():
     return rows
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("row", table_rows() or [None], ids=lambda row: row[0] if row else "none")
 def test_agrees_with_the_table_of_the_test_shapes(row):
     if row is None:

@@ -9,6 +9,7 @@ from medialis.threads import thread_limit
 from oracles import edge_uses, euler_number
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("resolution", [56, 64, 77, 101])
 def test_creature_is_a_closed_manifold_of_genus_0(resolution):
     shape = organic_shape(resolution)
@@ -32,6 +33,7 @@ def test_creature_is_a_closed_manifold_of_genus_0(resolution):
         assert reached == fan
 
 
+@pytest.mark.slow
 def test_faces_and_normals_look_outward():
     """From 100 on: on coarser grids a few faces of the tail, one cell wide, fold over."""
     shape = organic_shape(100)
@@ -48,6 +50,7 @@ def test_creature_is_of_the_stated_size():
     assert abs(low[1] + high[1]) < 1e-2  # the two sides mirror each other
 
 
+@pytest.mark.slow
 def test_vertices_grow_with_the_square_of_the_resolution():
     few, many = organic_shape(60).point_count, organic_shape(120).point_count
     assert 3 < many / few < 5

@@ -5,9 +5,11 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from medialis.kept import Described
 
-@dataclass(frozen=True)
-class Diagnosis:
+
+@dataclass(frozen=True, repr=False)
+class Diagnosis(Described):
     """Counts and measures of a mesh or cloud; lengths, areas, volumes in the caller's units.
 
     Edges and everything derived from them leave faces with a repeated corner out.

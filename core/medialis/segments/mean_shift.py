@@ -9,6 +9,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from medialis.kept import Described
 from medialis.options import Options, algorithm, choice, length, whole
 from medialis.progress import Progress
 from medialis.threads import run_chunks
@@ -33,8 +34,8 @@ MOST_CELLS = 128
 """Cells of the grid along the longest side."""
 
 
-@dataclass(frozen=True, eq=False)
-class MeanShift:
+@dataclass(frozen=True, eq=False, repr=False)
+class MeanShift(Described):
     """Clusters of a cloud.
 
     Attributes
