@@ -108,6 +108,7 @@ def make_normals(kind, points, rng):
     return normals
 
 
+@pytest.mark.slow
 @settings(max_examples=120, deadline=None, derandomize=True)
 @given(
     n=st.integers(2, 120),

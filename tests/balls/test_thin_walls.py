@@ -201,6 +201,7 @@ def test_which_side_of_a_blade_is_told_as_by_winding_numbers(seam):
     assert front.sum() > 1000 and (~front).sum() > 100
 
 
+@pytest.mark.slow
 def test_scapula_has_no_ball_outside(real_shapes):
     """Its blade is thinner than its vertices are apart: 262 balls had their center outside."""
     shape = medialis.read_shape(real_shapes / "scapula.ply")

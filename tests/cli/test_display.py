@@ -2,7 +2,7 @@
 
 import pytest
 
-from medialis import display
+from medialis.cli import display
 
 
 @pytest.fixture

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from medialis import doctor
+from medialis.cli import doctor
 from medialis.cli.commands import main
 from medialis.cli.machine import EXTENSION, Machine
 from medialis.cli.meshlab_install import PROGRAM_NOTE

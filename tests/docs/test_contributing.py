@@ -23,6 +23,7 @@ def checkout(tmp_path_factory):
     return folder
 
 
+@pytest.mark.slow
 def test_the_command_line_has_it(checkout):
     (commands,) = (code for language, code in blocks(PAGE) if language == "bash")
     output = run_bash(commands, checkout, python_path(checkout))
@@ -34,17 +35,20 @@ def test_the_command_line_has_it(checkout):
     assert list(radius) == sorted(radius, reverse=True) and values["radius_max"] == radius[0]
 
 
+@pytest.mark.slow
 def test_its_test_passes(checkout):
     printed = run_in(checkout, "-m", "pytest", "-q", "-p", "no:cacheprovider", f"test_{NAME}.py")
     assert "1 passed" in printed
 
 
+@pytest.mark.slow
 def test_the_report_has_it(checkout):
     run_in(checkout, "-m", "medialis", "widest-places", "creature.ply", "-o", "r", "--report")
     report = json.loads((checkout / "r" / "report.json").read_text())
     assert report["operation"] == NAME and (checkout / "r" / "report.html").is_file()
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(find_spec("distributed") is None, reason="needs the extra dask")
 def test_batches_have_it(checkout):
     chosen = ["--set", f"{NAME}.places=2", "--workers", "1", "--no-picture"]
@@ -59,6 +63,7 @@ def test_the_table_of_the_meshlab_plugin_has_it(checkout):
     assert '"Generate Widest Places"' in table and '{"places", Kind::Int, 5' in table
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(find_spec("pymeshlab") is None, reason="needs the extra meshlab")
 def test_pymeshlab_has_it(checkout):
     code = (

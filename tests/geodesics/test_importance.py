@@ -238,6 +238,7 @@ def test_connected_importance_refuses_what_it_cannot_link():
         medialis.connected_importance(medialis.geodesic_importance(cloud), link=0)
 
 
+@pytest.mark.slow
 def test_relaxation_is_the_shortest_path_through_neighbours():
     """Oracle: repeat over all links until nothing gets shorter (Bellman-Ford)."""
     shape = dumbbell()

@@ -43,6 +43,7 @@ def test_hidden_points_are_a_layer_of_their_own(tmp_path):
     assert [len(file.points) for file in files] == [(~hidden).sum(), hidden.sum()]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("entry", OPERATIONS, ids=lambda entry: entry.name)
 def test_every_operation_is_handed_over_whole(entry, tmp_path):
     """Layers and attributes equal those of the Python call; fields lie on the file's vertices."""

@@ -287,6 +287,7 @@ def test_selection_and_colours_stay(mesh_set, register):
         assert (mesh.vertex_scalar_array() == mesh.vertex_matrix()[:, 2]).all()
 
 
+@pytest.mark.slow
 def test_a_far_point_does_not_slow_the_first_run(register):
     """Trap: MeshLab's search for the nearest vertex takes quadratic time then (minutes here)."""
     points = np.random.default_rng(0).random((200_000, 3))

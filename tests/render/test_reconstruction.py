@@ -62,6 +62,7 @@ def look(**options):
     return Camera.framing([[-2, -1, -1], [2, 1, 1]], width=240, height=160, **options)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("perspective", [False, True])
 def test_balls_of_a_capsule_reproduce_it(perspective):
     cloud = capsule()

@@ -73,6 +73,7 @@ def _clean_shapes():
     yield "torus", tube([circle([0, 0, 0], 1)], 0.3, 0.1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["box", "gear", "fine gear", "creature", "torus"])
 def test_clean_shapes_have_no_noise_and_are_not_touched(name, clean_shapes):
     """Sharp edges, teeth and curvature are no noise: far below the level that is acted on."""
