@@ -1,9 +1,9 @@
 """Jobs on Dask: worker processes of this machine, or an existing cluster by its address.
 
 Strategy: no more jobs are handed out than the workers have threads, so that none waits in the queue
-of a worker that dies. A job whose worker died is a suspect, not yet guilty (on a cluster of many
-threads others die with it): suspects run again at the end, one operation at a time and alone, and
-only what kills its worker then is reported. Rows come back as they are made; nothing else is held.
+of a worker that dies. On a cluster of many threads a job dies with others in the same worker, so
+jobs whose worker died run again at the end, one operation at a time and alone, and only what kills
+its worker then is reported. Rows come back as they are made; nothing else is held.
 """
 
 from __future__ import annotations
@@ -60,13 +60,13 @@ def run_jobs(
     if not jobs:
         return
     with cluster(workers, scheduler) as (client, slots):
-        suspects: list[Job] = []
+        died: list[Job] = []
         for job, rows in hand_out(client, jobs, work, slots):
             if rows is None:
-                suspects.append(job)
+                died.append(job)
             else:
                 yield job, rows
-        for job in suspects:
+        for job in died:
             tried = []
             for name, given in job.operations.items():
                 alone = replace(job, operations={name: given})

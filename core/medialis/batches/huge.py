@@ -19,9 +19,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from medialis.balls.ball_shrinking import (
-    DEFAULT_TOLERANCE,
-    LARGEST_RADIUS,
     Shrinking,
+    ShrinkOptions,
     shrink_options,
 )
 from medialis.batches.mapped_files import MEASURES, RESULTS, Files, blocks
@@ -31,7 +30,7 @@ from medialis.files.output_folder import OutputFolder
 from medialis.geodesics.importance import measures_of_points
 from medialis.model.medial_cloud import Balls
 from medialis.progress import Progress, ProgressCallback
-from medialis.validation import as_normals, as_number, as_points
+from medialis.validation import as_normals, as_points
 
 if TYPE_CHECKING:
     from medialis._kernels.box_tree import BoxTree
@@ -42,8 +41,8 @@ def huge_surface_skeleton(
     normals: ArrayLike | str | os.PathLike[str],
     folder: str | os.PathLike[str],
     *,
-    tolerance: float = DEFAULT_TOLERANCE,
-    largest_radius: float = LARGEST_RADIUS,
+    tolerance: float = ShrinkOptions.tolerance,
+    largest_radius: float = ShrinkOptions.largest_radius,
     scheduler: str | None = None,
     progress: Progress | ProgressCallback | None = None,
 ) -> Balls:
@@ -106,8 +105,7 @@ def huge_surface_skeleton(
     # Imported here: compiled code takes half a second to load, and `medialis --help` needs none.
     from medialis._kernels.box_tree import build_box_tree
 
-    tolerance = as_number(tolerance, "tolerance", low=0.0, high=0.1)
-    largest_radius = as_number(largest_radius, "largest_radius", low=0.0, high=10.0, open_low=True)
+    chosen = ShrinkOptions(tolerance=tolerance, largest_radius=largest_radius)
     samples, directions = _mapped(points, "points"), _mapped(normals, "normals")
     progress = Progress.of(progress)
     with OutputFolder(folder) as out:
@@ -116,7 +114,7 @@ def huge_surface_skeleton(
         with progress.stage("check", 0.0, 0.05):
             diagonal = _check(samples, directions, unit_normals, progress)
             unit_normals.flags.writeable = False  # as in a Shape: kernels are compiled for that
-        options = shrink_options(diagonal, tolerance, largest_radius)
+        options = shrink_options(diagonal, chosen.tolerance, chosen.largest_radius)
         with progress.stage("tree", 0.05, 0.25):
             tree = build_box_tree(samples, unit_normals, unit=options.unit, allocate=files.new)
         with progress.stage("balls", 0.25, 0.9):

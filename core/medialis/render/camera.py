@@ -188,17 +188,17 @@ class Camera(Described):
             upward = np.roll(upward, 1)
         low, high = data.min(axis=0), data.max(axis=0)
         middle = (low + high) / 2
-        reach = float(np.linalg.norm(high - low)) / 2
-        if not reach > 0:
-            reach = max(1e-3 * float(np.abs(middle).max()), 0.5)
-            data, size = middle[None], np.array([reach])
+        half_diagonal = float(np.linalg.norm(high - low)) / 2
+        if not half_diagonal > 0:
+            half_diagonal = max(1e-3 * float(np.abs(middle).max()), 0.5)
+            data, size = middle[None], np.array([half_diagonal])
         if fit == "sphere":
-            data, size = middle[None], np.array([reach])
+            data, size = middle[None], np.array([half_diagonal])
         elif fit == "turntable":
             data, size = swept(data, size, middle, upward)
         view = np.einsum("ij,kj->ik", data - middle, view_axes(toward, upward))
         place = perspective_fit if perspective else orthographic_fit
-        shift, distance, extent = place(view, size, width / height, 1 - 2 * margin, reach)
+        shift, distance, extent = place(view, size, width / height, 1 - 2 * margin, half_diagonal)
         target = middle + shift @ view_axes(toward, upward)
         eye = target + distance * toward
         level = toward - upward * float(toward @ upward)

@@ -15,8 +15,8 @@ from medialis.threads import run_chunks
 from medialis.validation import FloatArray, IntArray
 
 DISC_NEIGHBOUR = 12
-"""The disc of a sample reaches as far as its neighbour of this rank: discs overlap, also where
-samples are irregular (checked on random samples of a sphere and a torus)."""
+"""The radius of the disc of a sample is the distance to its neighbour of this rank: discs overlap,
+also where samples are irregular (checked on random samples of a sphere and a torus)."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -105,12 +105,12 @@ def _discs(shape: Shape) -> Rasterizer:
             f"{int(has_normal.sum())}: estimate normals first (medialis.make_shape does)."
         )
     points, normals = shape.points[has_normal], shape.normals[has_normal]
-    reach = shape.tree.query(points, k=DISC_NEIGHBOUR + 1)[0][:, -1:]
+    radius = shape.tree.query(points, k=DISC_NEIGHBOUR + 1)[0][:, -1:]
     # An isolated sample must not become a plate: no disc is larger than four usual ones.
-    reach = np.minimum(reach, 4 * np.median(reach))
+    radius = np.minimum(radius, 4 * np.median(radius))
     least = np.eye(3)[np.abs(normals).argmin(axis=1)]
     across = np.cross(normals, least)
-    across *= reach / np.linalg.norm(across, axis=1, keepdims=True)
+    across *= radius / np.linalg.norm(across, axis=1, keepdims=True)
     along = np.cross(normals, across)
     turns = np.pi / 3 * np.arange(6)
     corners = (

@@ -40,26 +40,24 @@ def view_axes(backward: FloatArray, up: FloatArray) -> FloatArray:
 
 
 def orthographic_fit(
-    view: FloatArray, radii: FloatArray, aspect: float, share: float, reach: float
+    view: FloatArray, radii: FloatArray, aspect: float, share: float, half_diagonal: float
 ) -> tuple[FloatArray, float, float]:
     """Return shift (right, up, depth), distance and extent that show all balls.
 
-    `view` (n, 3) is relative to the middle; `share` is the part of the picture to fill, `reach` the
-    half diagonal.
+    `view` (n, 3) is relative to the middle; `share` is the part of the picture to fill.
     """
     low, high = (view - radii[:, None]).min(axis=0), (view + radii[:, None]).max(axis=0)
     span = high - low
-    extent = max(span[1], span[0] / aspect, 1e-6 * reach) / share
-    return (low + high) / 2, 4.0 * reach, float(extent)
+    extent = max(span[1], span[0] / aspect, 1e-6 * half_diagonal) / share
+    return (low + high) / 2, 4.0 * half_diagonal, float(extent)
 
 
 def perspective_fit(
-    view: FloatArray, radii: FloatArray, aspect: float, share: float, reach: float
+    view: FloatArray, radii: FloatArray, aspect: float, share: float, half_diagonal: float
 ) -> tuple[FloatArray, float, float]:
     """Return shift (right, up, depth), distance and extent that show all balls.
 
-    `view` (n, 3) is relative to the middle; `share` is the part of the picture to fill, `reach` the
-    half diagonal.
+    `view` (n, 3) is relative to the middle; `share` is the part of the picture to fill.
     """
     # A ball (x, z, r) lies under the upper frustum plane of slope k, from an eye at (e, -D), when
     # x - e + r sqrt(1 + k^2) <= k (z + D), and above the lower one when the mirrored inequality
@@ -73,7 +71,7 @@ def perspective_fit(
         shift[axis] = (upper + lower) / 2
         distance = max(distance, (upper - lower) / (2 * slope))
     front = float((view[:, 2] - radii).min())
-    distance = max(distance, -front + 0.01 * reach)
+    distance = max(distance, -front + 0.01 * half_diagonal)
     return shift, distance, 2 * half * distance
 
 

@@ -38,11 +38,11 @@ def lens(camera: Camera, sign: float = 1.0) -> FloatArray:
 
 def _span(center: FloatArray, depth: FloatArray, radii: FloatArray) -> tuple[FloatArray, ...]:
     """Return the range of slopes x / z at which rays in the plane (x, z) meet each disc."""
-    reach = np.hypot(center, depth)
+    away = np.hypot(center, depth)
     around = np.arctan2(center, depth)
-    half = np.arcsin(np.minimum(radii / np.maximum(reach, 1e-300), 1.0))
+    half = np.arcsin(np.minimum(radii / np.maximum(away, 1e-300), 1.0))
     low, high = around - half, around + half
-    wide = reach <= radii
+    wide = away <= radii
     with np.errstate(over="ignore"):
         first = np.where(wide | (low <= -math.pi / 2), -np.inf, np.tan(low))
         last = np.where(wide | (high >= math.pi / 2), np.inf, np.tan(high))

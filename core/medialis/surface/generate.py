@@ -91,8 +91,8 @@ def _creature(points: NDArray[np.float64]) -> NDArray[np.float64]:
     for a, b, ra, rb in parts:
         start, along = np.array(a), np.array(b) - np.array(a)
         share = np.clip((points - start) @ along / (along @ along), 0.0, 1.0)
-        reach = np.linalg.norm(points - start - share[:, None] * along, axis=1)
-        total += np.exp(np.clip(-(reach - ra - share * (rb - ra)) / _BLEND, -60.0, 60.0))
+        away = np.linalg.norm(points - start - share[:, None] * along, axis=1)
+        total += np.exp(np.clip(-(away - ra - share * (rb - ra)) / _BLEND, -60.0, 60.0))
     return -_BLEND * np.log(total)
 
 
@@ -135,8 +135,7 @@ def make_unambiguous(values: NDArray[np.float64]) -> None:
 
 def _corners(grid: NDArray[np.bool_], offsets: NDArray[np.int64]) -> list[NDArray[np.bool_]]:
     """Return views of a grid shifted by each offset (0 or 1 an axis), all of the same shape."""
-    reach = offsets.max(axis=0)
-    ends = np.array(grid.shape) - reach
+    ends = np.array(grid.shape) - offsets.max(axis=0)
     return [
         grid[tuple(slice(o, o + e) for o, e in zip(offset, ends, strict=True))]
         for offset in offsets
