@@ -25,7 +25,7 @@ Sheets and segments:
     SoftEdges, patches, parts, mean_shift, MeanShift, mean_shift_segments, Segmentation
 Curves and rigging:
     curve_skeleton, CurveSkeleton, CurveEvidence, candidate_measure, CandidateMeasure,
-    tangent_field, area_importance, simplify_branches, point_graph, view_curve_skeleton,
+    tangent_field, area_importance, simplify_branches, point_graph, Handles, view_curve_skeleton,
     view_source, View, ViewPoints, ViewSource, OrthographicCamera, rasterizer, Rasterizer,
     silhouette_skeleton, Crossings, bones, Bones, skin_weights, SkinWeights
 Clouds:
@@ -58,6 +58,7 @@ from medialis.curves.from_balls.candidates import (
 from medialis.curves.from_balls.curve_skeleton import curve_skeleton
 from medialis.curves.from_views.silhouettes import Crossings, silhouette_skeleton
 from medialis.curves.from_views.views import view_curve_skeleton, view_source
+from medialis.curves.graph.ground import Handles
 from medialis.curves.graph.point_graph import point_graph
 from medialis.curves.graph.simplification import simplify_branches
 from medialis.errors import (
@@ -154,6 +155,7 @@ __all__ = [
     "FilterUnit",
     "Geodesic",
     "GeodesicPaths",
+    "Handles",
     "Importance",
     "InvalidOptionError",
     "InvalidShapeError",

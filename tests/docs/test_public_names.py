@@ -17,8 +17,6 @@ CLASSES = [name for name in NAMES if inspect.isclass(getattr(medialis, name))]
 SHORT = 200
 """Characters."""
 
-NOT_YET = {"point_graph"}
-
 
 def test_every_public_name_is_in_one_group():
     named = [name for names in groups().values() for name in names]
@@ -64,16 +62,12 @@ def imported_for_checks(thing: type) -> dict[str, type]:
 
 @pytest.mark.parametrize("name", NAMES)
 def test_types_of_signatures_are_public(name):
-    if name in NOT_YET:
-        pytest.skip("its types change")
     public = {getattr(medialis, known) for known in CLASSES}
     assert mentioned(name) <= public
 
 
 @pytest.mark.parametrize("name", FUNCTIONS)
 def test_functions_have_an_example_and_say_what_to_see(name):
-    if name in NOT_YET:
-        pytest.skip("its text changes")
     text = inspect.getdoc(getattr(medialis, name)) or ""
     assert ">>> " in text, "no example"
     assert "See Also\n--------" in text

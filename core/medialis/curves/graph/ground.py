@@ -18,6 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from medialis.kept import Described
 from medialis.model.polylines import follow
 from medialis.model.ragged import Ragged
 from medialis.model.shape import Shape
@@ -164,8 +165,8 @@ def _measure(
     return distance, np.minimum(radii[a], radii[b]), radii[a] + radii[b]
 
 
-@dataclass(frozen=True, eq=False)
-class Handles:
+@dataclass(frozen=True, eq=False, repr=False)
+class Handles(Described):
     """Loops over one component of a surface.
 
     Attributes

@@ -54,6 +54,11 @@ def point_graph(
     InvalidOptionError
         When an option is out of its range.
 
+    See Also
+    --------
+    curve_skeleton : of a mesh.
+    view_curve_skeleton : from pictures.
+
     Notes
     -----
     Source: thesis 3.6.3 for the aim; see `growth.py` for the method.
