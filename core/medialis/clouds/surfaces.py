@@ -29,13 +29,13 @@ CHUNK = 1024
 
 @algorithm(Options)
 def manifold_surfaces(
-    found: ManifoldSet, options: Options, progress: Progress
+    manifold_set: ManifoldSet, options: Options, progress: Progress
 ) -> tuple[IntArray, IntArray]:
     """Triangulate each manifold of a cloud.
 
     Parameters
     ----------
-    found : ManifoldSet
+    manifold_set : ManifoldSet
         The manifolds of n points.
 
     Returns
@@ -65,11 +65,11 @@ def manifold_surfaces(
     >>> bool(3.7 < medialis.Surface(flat, faces).area < 4.0)
     True
     """
-    cloud = found.points
+    cloud = manifold_set.points
     meshes = []
-    for manifold in range(found.count):
-        progress.update(manifold / found.count)
-        rows = found.points_of(manifold)
+    for manifold in range(manifold_set.count):
+        progress.update(manifold / manifold_set.count)
+        rows = manifold_set.points_of(manifold)
         # Equal points: the first one stands for all.
         places, first = np.unique(cloud[rows], axis=0, return_index=True)
         if len(places) > 3:
@@ -78,7 +78,7 @@ def manifold_surfaces(
             meshes.append(np.empty((0, 3), np.int64))
     if not meshes:
         return frozen(np.empty((0, 3)), np.int32), frozen(np.empty(0), np.int32)
-    owner = np.repeat(np.arange(found.count), [len(mesh) for mesh in meshes])
+    owner = np.repeat(np.arange(manifold_set.count), [len(mesh) for mesh in meshes])
     return frozen(np.concatenate(meshes), np.int32), frozen(owner, np.int32)
 
 
