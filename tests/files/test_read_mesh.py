@@ -314,7 +314,7 @@ def test_empty_and_garbage(tmp_path, name):
 @pytest.mark.parametrize(
     ("data", "words"),
     [
-        (gzip.compress(b"ply\n"), "gzip"),
+        (gzip.compress(b"ply\n", mtime=0), "gzip"),  # the time would be in the name of the test
         (b"PK\3\4" + bytes(50), "zip archive"),
         ("ply\nformat ascii 1.0\n".encode("utf-16"), "UTF-16"),
         (b"version https://git-lfs.github.com/spec/v1\n", "git lfs pull"),
