@@ -63,7 +63,11 @@ class ManifoldsOptions(Options):
         high=90.0,
     )
     min_points: int = whole(
-        20, "Smallest manifold", "What has fewer flat points is noise.", low=1, high=1_000_000
+        20,
+        "Smallest manifold",
+        "Manifolds with fewer flat points than this are noise.",
+        low=1,
+        high=1_000_000,
     )
     smooth: bool = flag(
         True,

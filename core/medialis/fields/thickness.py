@@ -95,7 +95,7 @@ def thickness(cloud: MedialCloud, options: ThicknessOptions, progress: Progress)
 
     See Also
     --------
-    thin_spots : the thinnest places, one entry a place.
+    thin_spots : the thinnest places, one entry for each place.
 
     Notes
     -----

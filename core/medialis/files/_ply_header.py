@@ -63,7 +63,9 @@ def read_ply_header(data: bytes) -> PlyHeader:
         try:
             _header_line(header, line.decode("latin-1"))
         except (ValueError, KeyError, IndexError):
-            raise InvalidShapeError(f"the PLY header line {shown(line)} makes no sense.") from None
+            raise InvalidShapeError(
+                f"the PLY header line {shown(line)} cannot be understood."
+            ) from None
     if header.encoding not in ("ascii", "binary_little_endian", "binary_big_endian"):
         raise InvalidShapeError(
             f"the PLY format is {header.encoding!r}; ascii, binary_little_endian and "

@@ -281,6 +281,6 @@ def _attributes(tag: str, header: PlyHeader, table: PlyTable, n: int) -> dict[st
             with np.errstate(invalid="ignore"):  # NaN where whole numbers are announced
                 result[name] = stacked.astype(dtype).reshape(n, *shape)
         except (TypeError, ValueError, KeyError):
-            raise InvalidShapeError(f"the PLY comment {comment!r} makes no sense.") from None
+            raise InvalidShapeError(f"the PLY comment {comment!r} cannot be understood.") from None
         used.update(parts)
     return result | {name: c for name, c in scalars.items() if name not in used}

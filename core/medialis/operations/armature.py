@@ -137,8 +137,8 @@ OPERATION = Operation(
     group="Skeleton",
     help="Lay bones along the curve skeleton of a mesh, and compute skin weights.\n\n"
     "The root is at the thickest junction. Long branches are split into bones, loops are cut. Each "
-    "point of the surface has at most four bones, with weights that sum to 1 and do not reach over "
-    "to other limbs. Needs a mesh.",
+    "point of the surface has at most four bones, with weights that sum to 1 and stay on their "
+    "own limb. Needs a mesh.",
     source=None,
     options=ArmatureRun,
     run=run,

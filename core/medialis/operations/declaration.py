@@ -76,7 +76,7 @@ class Operation(Described):
         unknown = sorted(set(given) - set(names))
         if unknown:
             raise InvalidOptionError(
-                f"{self.name} has no parameter {', '.join(unknown)}; it has {', '.join(names)}."
+                f"{self.name} has no option {', '.join(unknown)}; it has {', '.join(names)}."
             )
         return self.options(**given)
 

@@ -32,7 +32,8 @@ class GeodesicPathRun(GeodesicOptions):
     end: int = whole(1, "End vertex", "Number of the vertex, from 0.", high=LARGEST_INDEX)
     pairs: str = file(
         "File of pairs",
-        "Text file with two vertex numbers a line: measures all of them, instead of start and end.",
+        "Text file with two vertex numbers in each line; these pairs are measured instead of "
+        "start and end.",
     )
 
 

@@ -19,7 +19,7 @@ from medialis.options import Options, file
 from medialis.progress import Progress
 from medialis.segments.mean_shift_segments import MeanShiftSegmentsOptions, mean_shift_segments
 
-_LINES = "Text file with a vertex number, or x y z of a point near a vertex, a line: "
+_LINES = "Text file with a vertex number, or the x y z of a point near a vertex, in each line: "
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -131,7 +131,7 @@ OPERATION = Operation(
     group="Segment",
     help="Segment a surface into its convex bumps, such as the teeth of a dental cast.\n\n"
     "Bumps are where the medial cloud is dense: seeds are shifted to the densest places, and "
-    "what they pass on the way is their segment.",
+    "the samples along their path are their segment.",
     source="thesis 5.3",
     options=MeanShiftSegmentsRun,
     run=run,

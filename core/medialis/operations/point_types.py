@@ -70,7 +70,7 @@ OPERATION = Operation(
     help="Classify the points of the surface skeleton: rim, sheet, or Y-curve.\n\n"
     "The type is the number of places where the ball of a point touches the surface: 1 on the rim "
     "of the skeleton (behind edges), 2 inside a sheet, 3 or more where sheets meet. Leaving out "
-    "the rim is a quick way to clean a skeleton without tearing it.",
+    "the rim cleans a skeleton quickly without tearing it.",
     source="thesis 6.2.1",
     options=PointTypesRun,
     run=run,

@@ -156,7 +156,7 @@ OPERATION = Operation(
     "The thickness is the diameter of the largest ball that fits into the wall behind the point. "
     "Convex edges, bumps and noise do not count as thin: there, the thickness of the wall around "
     "is taken, so that every vertex has a value. Thin spots are listed with position, value, area "
-    "and vertices, one entry a place.",
+    "and vertices, one entry for each place.",
     source="thesis 3.5.1",
     options=ThicknessRun,
     run=run,

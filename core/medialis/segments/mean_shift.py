@@ -77,8 +77,8 @@ class SeedShiftOptions(Options):
     last_steps: int = whole(
         0,
         "Last steps",
-        "Only so many last steps of each path count, so that what is far from the "
-        "dense places gets no segment; 20 for dental casts. 0 counts the whole path.",
+        "Only this many last steps of each path count, so that samples far from the dense "
+        "places get no segment; use 20 for dental casts. 0 counts the whole path.",
         high=MOST_STEPS,
     )
     merge: float = length(

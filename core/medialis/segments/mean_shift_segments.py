@@ -53,7 +53,7 @@ class MeanShiftSegmentsOptions(SeedShiftOptions):
     fill: bool = flag(
         True,
         "Whole surface",
-        "What got no segment takes the nearest one along the surface. Off for dental casts.",
+        "Samples without a segment take the nearest one along the surface. Off for dental casts.",
     )
     add: Sequence[int] | NDArray[np.integer] = ()
     remove: Sequence[int] | NDArray[np.integer] = ()

@@ -145,7 +145,7 @@ def _check_affordable(surface: Surface, longest_edge: float, scale: float) -> No
     rounding = np.finfo(np.float64).eps * float(np.abs(surface.points).max())
     if longest_edge < 16.0 * rounding:
         raise InvalidShapeError(
-            f"Edges of {longest_edge / scale:g} drown in the rounding of the coordinates "
+            f"Edges of {longest_edge / scale:g} are lost in the rounding of the coordinates "
             f"({rounding / scale:.1g}). Ask for longer edges, or move the shape to the origin."
         )
 
