@@ -55,6 +55,7 @@ def by_name(findings):
     return {finding.name.strip(): finding for finding in findings}
 
 
+@pytest.mark.slow
 def test_a_sound_installation_has_nothing_broken(machine, monkeypatch, capsys):
     monkeypatch.setattr(doctor, "Machine", lambda: machine)
     assert main(["doctor", "--json"]) == 0
@@ -97,6 +98,7 @@ def test_a_package_that_cannot_be_loaded_is_found_out(tmp_path, monkeypatch, mac
     assert "-> pip install --force-reinstall numba" in printed and "kernel cache" not in printed
 
 
+@pytest.mark.slow
 def test_a_computation_without_its_packages_points_to_the_doctor(tmp_path):
     (tmp_path / "numba.py").write_text("raise ImportError('Numba needs NumPy 1.0 or less')")
     path = os.pathsep.join([str(tmp_path), *filter(None, sys.path)])

@@ -267,6 +267,7 @@ def test_real_shapes_have_the_right_topology(name, genus, real_shapes):
     assert result.values["expected_loops"] == result.values["loops"] == genus
 
 
+@pytest.mark.slow
 def test_what_is_kept_gives_the_same_bits(fork):
     """Another threshold, smoothing or simplification starts from kept stages, or from nothing."""
     wheel = tube([circle([0, 0, 0], 1.3), segment([-1.3, 0, 0], [1.3, 0, 0])], 0.2, 0.08)

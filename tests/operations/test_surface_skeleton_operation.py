@@ -11,6 +11,7 @@ def result():
     return medialis.run("surface_skeleton", medialis.organic_shape(100))
 
 
+@pytest.mark.slow
 def test_it_has_the_importance_of_its_detailed_sister(result):
     sister = medialis.run("skeleton_importance", medialis.organic_shape(100))
     np.testing.assert_array_equal(result.arrays["importance"], sister.arrays["importance"])

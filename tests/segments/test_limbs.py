@@ -187,6 +187,7 @@ def test_same_parts_turned_scaled_reordered_and_on_one_thread(jack):
         assert (limbs(shape).labels == plain).all()
 
 
+@pytest.mark.slow
 def test_outer_balls_and_wrong_input(jack):
     shape, _ = jack
     cloud, both = medialis.shrink_balls(shape), medialis.shrink_balls(shape, side="both")

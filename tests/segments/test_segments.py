@@ -181,6 +181,7 @@ def test_faces_of_the_input_have_the_segment_that_covers_most_of_them():
         assert found.areas[1] == pytest.approx((3 - above) ** 2 / 2, abs=3 * 0.1)
 
 
+@pytest.mark.slow
 def test_late_options_compute_nothing_early_again(monkeypatch):
     """Neither a ball nor a geodesic nor a feature set, by another object of the same shape."""
     box, creature = forms.box_mesh(SIDES, 0.1), medialis.organic_shape(56)
