@@ -121,7 +121,7 @@ def test_names_and_parameters_are_checked(creature):
         assert medialis.operation(name).name == "surface_skeleton"
     with pytest.raises(medialis.InvalidOptionError, match=r"surface_skeleton, .*ball_recon"):
         medialis.run("skeletonize", creature)
-    with pytest.raises(medialis.InvalidOptionError, match="no parameter depth; it has side"):
+    with pytest.raises(medialis.InvalidOptionError, match="no option depth; it has side"):
         medialis.run("surface_skeleton", creature, depth=3)
     with pytest.raises(medialis.InvalidOptionError, match="side must be one of inner"):
         medialis.run("surface_skeleton", creature, side="left")
