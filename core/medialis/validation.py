@@ -48,6 +48,21 @@ def owned(array: NDArray[Any]) -> NDArray[Any]:
     return array
 
 
+def hold(owner: Any, **columns: tuple[Any, ...]) -> None:
+    """Make arrays of a frozen dataclass what it promises: (type, rows, columns) by their names.
+
+    Raises
+    ------
+    InvalidShapeError
+        When one has another shape.
+    """
+    for name, (dtype, *shape) in columns.items():
+        value = np.asarray(getattr(owner, name))
+        if value.shape != tuple(shape):
+            raise InvalidShapeError(f"{name} must have shape {tuple(shape)}, got {value.shape}.")
+        object.__setattr__(owner, name, frozen(value, dtype))
+
+
 def _numeric(values: ArrayLike, name: str, wanted: str) -> NDArray[Any]:
     try:
         array = np.asarray(values)

@@ -21,7 +21,8 @@ from medialis.render.colors import (
 )
 from medialis.render.font import text_ink
 from medialis.render.picture import Balls, Curves, Points, Surface, draw
-from medialis.render.png import encode_png, read_png, reduced, write_png
+from medialis.render.png import encode_png, reduced, write_png
+from png_files import read_png
 from medialis.render.shading import Style, corner_normals
 from medialis.threads import thread_limit
 
@@ -142,16 +143,6 @@ def test_png_errors(tmp_path):
         write_png(tmp_path / "missing" / "a.png", good)
     with pytest.raises(FileError, match="folder"):
         write_png(tmp_path, good)
-    with pytest.raises(FileError, match="Cannot read"):
-        read_png(tmp_path / "missing.png")
-    (tmp_path / "text.png").write_text("hello")
-    with pytest.raises(FileError, match="not a PNG"):
-        read_png(tmp_path / "text.png")
-    data = encode_png(good)
-    for damaged in (data[:40], data[:50] + b"xx" + data[52:]):
-        (tmp_path / "broken.png").write_bytes(damaged)
-        with pytest.raises(FileError, match="damaged"):
-            read_png(tmp_path / "broken.png")
     assert not [path for path in tmp_path.iterdir() if path.name.startswith(".")]
 
 

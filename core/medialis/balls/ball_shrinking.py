@@ -92,17 +92,6 @@ def shrink_balls(shape: Shape, options: ShrinkOptions, progress: Progress) -> Me
     ----------
     shape : Shape
         n samples with unit outward normals. Samples without a normal get no ball.
-    tolerance : float
-        Fraction of the bounding-box diagonal, 0 to 0.1: no sample lies deeper than this inside a
-        ball, and relief of the surface lower than this (noise, rounding, the facets of a fine mesh)
-        does not shrink a ball. 0 is exact: the maximal empty balls (to 1e-9 of the diagonal).
-    side : {"inner", "outer", "both"}
-        Balls inside the shape, outside, or first all inner and then all outer ones.
-    largest_radius : float
-        Fraction of the diagonal, above 0 to 10: a ball that meets no second sample within this
-        radius gets status OPEN.
-    progress : callable, optional
-        Called with (fraction, text); returning False cancels.
 
     Returns
     -------
@@ -113,10 +102,6 @@ def shrink_balls(shape: Shape, options: ShrinkOptions, progress: Progress) -> Me
     ------
     InvalidShapeError
         When all points coincide or no sample has a normal.
-    InvalidOptionError
-        When an option is out of its range.
-    Cancelled
-        When `progress` asks for it.
 
     See Also
     --------

@@ -67,22 +67,6 @@ def surface_skeleton(
     ----------
     shape : Shape
         n samples with unit outward normals; samples without a normal get no ball.
-    tolerance : float
-        Fraction of the bounding-box diagonal, 0 to 0.1: relief of the surface lower than this
-        (noise, rounding, the facets of a fine mesh) does not shrink a ball. 0 is exact.
-    side : {"inner", "outer", "both"}
-        Balls inside the shape, outside, or first all inner and then all outer ones.
-    largest_radius : float
-        Fraction of the diagonal, up to 10: a ball that meets no second sample within this radius
-        gets status OPEN.
-    denoise : {"auto", "off"}
-        Whether a noisy mesh is smoothed.
-    refine : float
-        Fraction of the diagonal: longer edges are split for the computation; 0 splits none. A
-        dense mesh is left as it is where such edges are few (2 % of the area) and none is twice as
-        long.
-    progress : callable, optional
-        Called with (fraction, text); returning False cancels.
 
     Returns
     -------
@@ -95,10 +79,6 @@ def surface_skeleton(
     InvalidShapeError
         When all points coincide, no sample has a normal, or no ball meets a second sample; the
         sentence says why.
-    InvalidOptionError
-        When an option is out of its range.
-    Cancelled
-        When `progress` asks for it.
 
     See Also
     --------

@@ -72,13 +72,6 @@ def thickness(cloud: MedialCloud, options: ThicknessOptions, progress: Progress)
     ----------
     cloud : MedialCloud
         Balls on n samples; outer ones (side -1) take no part.
-    kind : {"diameter", "radius"}
-        Of the ball. The diameter is what a caliper measures across the wall.
-    min_spoke_angle : float
-        Degrees, 0 to 180. Balls with a smaller angle belong to convex edges, bumps and noise, not
-        to walls: they are left out. 0 gives the ball of every sample as it is.
-    progress : callable, optional
-        Called with (fraction, text); returning False cancels.
 
     Returns
     -------
@@ -90,8 +83,6 @@ def thickness(cloud: MedialCloud, options: ThicknessOptions, progress: Progress)
     ------
     InvalidShapeError
         When no inner ball is valid.
-    InvalidOptionError
-        For an unknown kind or an angle out of range.
 
     See Also
     --------

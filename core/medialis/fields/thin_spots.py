@@ -95,17 +95,6 @@ def thin_spots(
     ----------
     cloud : MedialCloud
         Balls on n samples. Those between two walls join their sides into one place.
-    threshold : float
-        Fraction of the bounding-box diagonal: every connected region below it is a place. 0: every
-        prominent minimum is one (see the top of this module).
-    spots : int
-        At most this many places, 1 to 100,000.
-    prominence : float
-        Without a threshold: how far one must climb from a minimum, as a share of its value.
-    kind, min_spoke_angle
-        As in `thickness`.
-    progress : callable, optional
-        Called with (fraction, text); returning False cancels.
 
     Returns
     -------
@@ -116,8 +105,6 @@ def thin_spots(
     ------
     InvalidShapeError
         When no inner ball is valid.
-    InvalidOptionError
-        When an option is out of its range.
 
     See Also
     --------

@@ -52,8 +52,6 @@ def connected_importance(
     ----------
     importance : Importance
         `geodesic_importance` of the whole inner cloud of a mesh: row i belongs to vertex i.
-    link : float
-        Fraction of the bounding-box diagonal, above 0 to 1.
 
     Returns
     -------
@@ -65,8 +63,6 @@ def connected_importance(
     ------
     InvalidShapeError
         When the cloud is not the whole inner cloud of its surface.
-    InvalidOptionError
-        When `link` is out of its range.
 
     See Also
     --------

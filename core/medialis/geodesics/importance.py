@@ -41,10 +41,6 @@ def geodesic_importance(
     ----------
     cloud : MedialCloud
         k skeleton points of a mesh.
-    directions : int
-        As in `medialis.geodesic_lengths`.
-    progress : callable, optional
-        Called with (fraction, text); returning False cancels.
 
     Returns
     -------
@@ -57,10 +53,6 @@ def geodesic_importance(
     ------
     InvalidShapeError
         When the shape is a point cloud: use `local_measures`, which need no surface.
-    InvalidOptionError
-        When `directions` is out of its range.
-    Cancelled
-        When `progress` asks for it.
 
     See Also
     --------
@@ -110,18 +102,11 @@ def important_points(
     ----------
     importance : Importance
         From `geodesic_importance` or `connected_importance`; k points.
-    threshold : float
-        Fraction of the bounding-box diagonal, 0 to 10.
 
     Returns
     -------
     (k,) bool
         For ``cloud.subset(mask)``. NaN is dropped, +inf kept.
-
-    Raises
-    ------
-    InvalidOptionError
-        When the threshold is out of its range.
 
     See Also
     --------

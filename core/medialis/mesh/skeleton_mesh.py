@@ -79,18 +79,6 @@ def skeleton_mesh(
     cloud : MedialCloud
         k balls of a mesh. A triangle needs the balls of three neighbouring samples: a cloud that
         was thinned by more than `bridge` can close has few.
-    min_spoke_angle : float
-        Degrees, 0 to 180: points with a smaller spoke angle are left out.
-    importance : float
-        Fraction of the diagonal, 0 to 10: points with less geodesic importance (connected, see
-        `medialis.connected_importance`, where the cloud is whole) are left out. 0 measures none.
-    smallest_piece : float
-        Fraction of the diagonal, 0 to 1: pieces all of whose points lie within this distance of
-        the mean of their points are left out.
-    bridge : int
-        0 to 100: gaps in the selected points are closed over this many surface edges, see Notes.
-    progress : callable, optional
-        Called with (fraction, text); returning False cancels.
 
     Returns
     -------
@@ -102,10 +90,6 @@ def skeleton_mesh(
     ------
     InvalidShapeError
         When the surface has no faces, or the cloud has two balls for one sample and side.
-    InvalidOptionError
-        When an option is out of its range.
-    Cancelled
-        When `progress` asks for it.
 
     See Also
     --------

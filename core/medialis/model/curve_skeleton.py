@@ -16,7 +16,7 @@ from medialis.kept import Bound, Described
 from medialis.model.medial_cloud import MedialCloud
 from medialis.model.shape import Shape
 from medialis.model.surface import piece_labels
-from medialis.validation import FloatArray, IntArray, frozen
+from medialis.validation import FloatArray, IntArray, frozen, hold
 
 if TYPE_CHECKING:
     from medialis.curves.from_balls.candidates import CandidateMeasure
@@ -125,17 +125,14 @@ class CurveSkeleton(Bound):
 
     def __post_init__(self) -> None:
         v, e = len(self.nodes), len(self.edges)
-        for name, dtype, shape in (
-            ("nodes", np.float64, (v, 3)),
-            ("edges", np.int32, (e, 2)),
-            ("radii", np.float64, (v,)),
-            ("importance", np.float64, (v,)),
-            ("branch", np.int32, (e,)),
-        ):
-            value = np.asarray(getattr(self, name))
-            if value.shape != shape:
-                raise InvalidShapeError(f"{name} must have shape {shape}, got {value.shape}.")
-            object.__setattr__(self, name, frozen(value, dtype))
+        hold(
+            self,
+            nodes=(np.float64, v, 3),
+            edges=(np.int32, e, 2),
+            radii=(np.float64, v),
+            importance=(np.float64, v),
+            branch=(np.int32, e),
+        )
         _check_edges(self.edges, v)
         branches = int(self.branch.max(initial=-1)) + 1
         rows = None if self.surface is None else self.surface.point_count

@@ -7,11 +7,10 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from medialis.errors import InvalidShapeError
 from medialis.kept import Bound
 from medialis.model.medial_cloud import MedialCloud
 from medialis.model.ragged import Ragged
-from medialis.validation import FloatArray, IntArray, frozen
+from medialis.validation import FloatArray, IntArray, hold
 
 ROUND = 0.4
 """Agreement below which one cluster goes round its ball: 0 for a circle or a sphere, 0.30 for 3/4
@@ -53,15 +52,12 @@ class FeatureSets(Bound):
 
     def __post_init__(self) -> None:
         k = len(self.cloud)
-        for name, dtype, rows in (
-            ("clusters", np.int16, len(self.samples.indices)),
-            ("counts", np.int32, k),
-            ("agreement", np.float64, k),
-        ):
-            value = np.asarray(getattr(self, name))
-            if value.shape != (rows,):
-                raise InvalidShapeError(f"{name} must have shape ({rows},), got {value.shape}.")
-            object.__setattr__(self, name, frozen(value, dtype))
+        hold(
+            self,
+            clusters=(np.int16, len(self.samples.indices)),
+            counts=(np.int32, k),
+            agreement=(np.float64, k),
+        )
 
     def __len__(self) -> int:
         return len(self.samples)

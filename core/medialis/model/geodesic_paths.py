@@ -8,10 +8,9 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from medialis.errors import InvalidShapeError
 from medialis.kept import Bound
 from medialis.model.medial_cloud import MedialCloud
-from medialis.validation import FloatArray, frozen
+from medialis.validation import FloatArray, hold
 
 
 class PathStatus(IntEnum):
@@ -57,16 +56,13 @@ class GeodesicPaths(Bound):
 
     def __post_init__(self) -> None:
         k = len(self.length)
-        for name, dtype, shape in (
-            ("length", np.float64, (k,)),
-            ("start_tangent", np.float64, (k, 3)),
-            ("end_tangent", np.float64, (k, 3)),
-            ("status", np.int8, (k,)),
-        ):
-            value = np.asarray(getattr(self, name))
-            if value.shape != shape:
-                raise InvalidShapeError(f"{name} must have shape {shape}, got {value.shape}.")
-            object.__setattr__(self, name, frozen(value, dtype))
+        hold(
+            self,
+            length=(np.float64, k),
+            start_tangent=(np.float64, k, 3),
+            end_tangent=(np.float64, k, 3),
+            status=(np.int8, k),
+        )
 
     def __len__(self) -> int:
         return len(self.length)

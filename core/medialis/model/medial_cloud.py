@@ -14,7 +14,7 @@ from medialis.errors import InvalidShapeError
 from medialis.kept import Bound
 from medialis.model.ragged import Ragged
 from medialis.model.shape import Shape
-from medialis.validation import FloatArray, IntArray, frozen
+from medialis.validation import FloatArray, IntArray, frozen, hold
 
 
 class BallStatus(IntEnum):
@@ -70,19 +70,16 @@ class Balls(Bound):
 
     def __post_init__(self) -> None:
         k = len(self.centers)
-        for name, dtype, shape in (
-            ("centers", np.float64, (k, 3)),
-            ("radii", np.float64, (k,)),
-            ("features", np.int32, (k, 2)),
-            ("source", np.int32, (k,)),
-            ("status", np.int8, (k,)),
-            ("spoke_angles", np.float64, (k,)),
-            ("side", np.int8, (k,)),
-        ):
-            value = np.asarray(getattr(self, name))
-            if value.shape != shape:
-                raise InvalidShapeError(f"{name} must have shape {shape}, got {value.shape}.")
-            object.__setattr__(self, name, frozen(value, dtype))
+        hold(
+            self,
+            centers=(np.float64, k, 3),
+            radii=(np.float64, k),
+            features=(np.int32, k, 2),
+            source=(np.int32, k),
+            status=(np.int8, k),
+            spoke_angles=(np.float64, k),
+            side=(np.int8, k),
+        )
 
     def __len__(self) -> int:
         return len(self.radii)

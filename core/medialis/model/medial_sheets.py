@@ -7,10 +7,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from medialis.errors import InvalidShapeError
 from medialis.kept import Bound
 from medialis.model.medial_cloud import MedialCloud
-from medialis.validation import IntArray, frozen
+from medialis.validation import IntArray, hold
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -43,13 +42,8 @@ class MedialSheets(Bound):
     cloud: MedialCloud = field(kw_only=True)
 
     def __post_init__(self) -> None:
-        for name, dtype in (("labels", np.int32), ("linked", np.bool_), ("front", np.bool_)):
-            value = np.asarray(getattr(self, name))
-            if value.shape != (len(self.cloud),):
-                raise InvalidShapeError(
-                    f"{name} must have shape ({len(self.cloud)},), got {value.shape}."
-                )
-            object.__setattr__(self, name, frozen(value, dtype))
+        k = len(self.cloud)
+        hold(self, labels=(np.int32, k), linked=(np.bool_, k), front=(np.bool_, k))
 
     def __len__(self) -> int:
         return len(self.labels)

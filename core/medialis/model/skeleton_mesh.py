@@ -7,10 +7,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from medialis.errors import InvalidShapeError
 from medialis.model.medial_cloud import MedialCloud
 from medialis.model.surface import Surface
-from medialis.validation import FloatArray, IntArray, as_faces, frozen
+from medialis.validation import FloatArray, IntArray, as_faces, frozen, hold
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -50,17 +49,14 @@ class SkeletonMesh(Surface):
 
     def __post_init__(self) -> None:
         p, t = len(self.points), len(self.faces)
-        for name, dtype, shape in (
-            ("points", np.float64, (p, 3)),
-            ("faces", np.int32, (t, 3)),
-            ("rows", np.int32, (p,)),
-            ("face_origin", np.int32, (t,)),
-            ("selected", np.bool_, (len(self.cloud),)),
-        ):
-            value = np.asarray(getattr(self, name))
-            if value.shape != shape:
-                raise InvalidShapeError(f"{name} must have shape {shape}, got {value.shape}.")
-            object.__setattr__(self, name, frozen(value, dtype))
+        hold(
+            self,
+            points=(np.float64, p, 3),
+            faces=(np.int32, t, 3),
+            rows=(np.int32, p),
+            face_origin=(np.int32, t),
+            selected=(np.bool_, len(self.cloud)),
+        )
         as_faces(self.faces, p)
 
     @classmethod

@@ -8,10 +8,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from medialis.errors import InvalidShapeError
 from medialis.kept import Bound
 from medialis.model.medial_sheets import MedialSheets
-from medialis.validation import FloatArray, IntArray, frozen
+from medialis.validation import FloatArray, IntArray, frozen, hold
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -48,17 +47,14 @@ class YNetwork(Bound):
 
     def __post_init__(self) -> None:
         p, e, c = len(self.points), len(self.edges), len(self.meeting)
-        for name, dtype, shape in (
-            ("near", np.bool_, (len(self.sheets),)),
-            ("points", np.float64, (p, 3)),
-            ("edges", np.int32, (e, 2)),
-            ("curve", np.int32, (p,)),
-            ("meeting", np.int32, (c, 3)),
-        ):
-            value = np.asarray(getattr(self, name))
-            if value.shape != shape:
-                raise InvalidShapeError(f"{name} must have shape {shape}, got {value.shape}.")
-            object.__setattr__(self, name, frozen(value, dtype))
+        hold(
+            self,
+            near=(np.bool_, len(self.sheets)),
+            points=(np.float64, p, 3),
+            edges=(np.int32, e, 2),
+            curve=(np.int32, p),
+            meeting=(np.int32, c, 3),
+        )
 
     def __repr__(self) -> str:
         return f"YNetwork({len(self.meeting)} curves, {int(self.near.sum())} points near them)"

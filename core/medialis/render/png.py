@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import os
 import struct
-import tempfile
 import zlib
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from medialis.errors import FileError, InvalidShapeError
+from medialis.errors import InvalidShapeError
+from medialis.files._files import complete_file
 
 SIGNATURE = b"\x89PNG\r\n\x1a\n"
 COMPRESSION = 1
@@ -77,67 +76,5 @@ def write_png(path: str | os.PathLike[str], image: ArrayLike) -> None:
     FileError
         When the file cannot be written.
     """
-    data = encode_png(image)
-    target = Path(path)
-    temporary: str | None = None
-    try:
-        if target.is_dir():
-            raise IsADirectoryError(f"{target} is a folder")
-        handle, temporary = tempfile.mkstemp(prefix=f".{target.name}.", dir=target.parent)
-        with os.fdopen(handle, "wb") as stream:
-            stream.write(data)
-        mask = os.umask(0)  # mkstemp makes private files; give the usual permissions
-        os.umask(mask)
-        Path(temporary).chmod(0o666 & ~mask)
-        Path(temporary).replace(target)
-    except OSError as error:
-        if temporary is not None:
-            Path(temporary).unlink(missing_ok=True)
-        reason = error.strerror or str(error)
-        raise FileError(f"Cannot write the picture {target}: {reason}.") from error
-
-
-def read_png(path: str | os.PathLike[str]) -> NDArray[np.uint8]:
-    """Return the image (h, w, 3) of a PNG file that `write_png` wrote.
-
-    Raises
-    ------
-    FileError
-        When the file cannot be read, is damaged, or is another kind of PNG.
-    """
-    try:
-        data = Path(path).read_bytes()
-    except OSError as error:
-        raise FileError(f"Cannot read the picture {path}: {error.strerror}.") from error
-    if not data.startswith(SIGNATURE):
-        raise FileError(f"{path} is not a PNG file.")
-    try:
-        header, packed = _read_chunks(data)
-        width, height, *kind = struct.unpack(">IIBBBBB", header)
-        rows = np.frombuffer(zlib.decompress(packed), np.uint8).reshape(height, 1 + 3 * width)
-    except (struct.error, zlib.error, ValueError) as error:
-        raise FileError(f"{path} is damaged or not an 8-bit RGB picture.") from error
-    if kind != [8, 2, 0, 0, 0] or not np.isin(rows[:, 0], (0, 1, 2)).all():
-        raise FileError(f"{path} is not an 8-bit RGB picture written by medialis.")
-    image = rows[:, 1:].reshape(height, width, 3).copy()
-    left = rows[:, 0] == 1
-    image[left] = np.cumsum(image[left], axis=1, dtype=np.uint8)
-    for row in np.flatnonzero(rows[1:, 0] == 2) + 1:
-        image[row] += image[row - 1]
-    return image
-
-
-def _read_chunks(data: bytes) -> tuple[bytes, bytes]:
-    header, packed, place = b"", [], len(SIGNATURE)
-    while place < len(data):
-        (size,) = struct.unpack_from(">I", data, place)
-        kind, body = data[place + 4 : place + 8], data[place + 8 : place + 8 + size]
-        (checksum,) = struct.unpack_from(">I", data, place + 8 + size)
-        if checksum != zlib.crc32(body, zlib.crc32(kind)):
-            raise ValueError("checksum")
-        if kind == b"IHDR":
-            header = body
-        elif kind == b"IDAT":
-            packed.append(body)
-        place += 12 + size
-    return header, b"".join(packed)
+    with complete_file(path) as stream:
+        stream.write(encode_png(image))

@@ -8,13 +8,12 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from medialis.errors import InvalidShapeError
 from medialis.kept import Bound
 from medialis.model.medial_cloud import MedialCloud
 from medialis.options import Options, algorithm
 from medialis.progress import Progress
 from medialis.sheets.extended_features import extended_feature_transform
-from medialis.validation import FloatArray, frozen
+from medialis.validation import FloatArray, hold
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -47,15 +46,12 @@ class SoftEdges(Bound):
 
     def __post_init__(self) -> None:
         n, k = self.cloud.surface.point_count, len(self.cloud)
-        for name, dtype, rows in (
-            ("radius", np.float64, n),
-            ("angle", np.float64, n),
-            ("rim", np.bool_, k),
-        ):
-            value = np.asarray(getattr(self, name))
-            if value.shape != (rows,):
-                raise InvalidShapeError(f"{name} must have shape ({rows},), got {value.shape}.")
-            object.__setattr__(self, name, frozen(value, dtype))
+        hold(
+            self,
+            radius=(np.float64, n),
+            angle=(np.float64, n),
+            rim=(np.bool_, k),
+        )
 
     def __repr__(self) -> str:
         count = int(np.isfinite(self.radius).sum())

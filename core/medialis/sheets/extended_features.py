@@ -49,25 +49,12 @@ def extended_feature_transform(
     ----------
     cloud : MedialCloud
         k balls.
-    contact_gap : float
-        1e-9 to 10, in local sample spacings: a sample belongs to a ball when its distance from the
-        center is at most the radius and this. The local spacing is the mean of those at the two
-        feature points.
-    progress : callable, optional
-        Called with (fraction, text); returning False cancels.
 
     Returns
     -------
     FeatureSets
         Samples that are neighbours along the surface or share a neighbour, directly or through
         others of the same set, are one cluster.
-
-    Raises
-    ------
-    InvalidOptionError
-        When `contact_gap` is out of its range.
-    Cancelled
-        When `progress` asks for it.
 
     See Also
     --------

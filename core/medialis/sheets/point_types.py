@@ -35,18 +35,11 @@ def point_types(cloud: MedialCloud, options: Options, progress: Progress) -> Int
     ----------
     cloud : MedialCloud
         k balls.
-    progress : callable, optional
-        Called with (fraction, text); returning False cancels.
 
     Returns
     -------
     (k,) int32
         A `PointType`: 0 for masked balls, 1 for A3, 2 for A1^2, m for A1^m.
-
-    Raises
-    ------
-    Cancelled
-        When `progress` asks for it.
 
     See Also
     --------

@@ -111,18 +111,11 @@ def medial_scaffold(sheets: MedialSheets, options: Options, progress: Progress) 
     ----------
     sheets : MedialSheets
         From `medialis.medial_sheets`.
-    progress : callable, optional
-        Called with (fraction, text); returning False cancels.
 
     Returns
     -------
     MedialScaffold
         With the Y-network and, for a mesh, the sheet meshes that it was made of.
-
-    Raises
-    ------
-    Cancelled
-        When `progress` asks for it.
 
     See Also
     --------

@@ -15,7 +15,7 @@ from medialis.options import Options, algorithm
 from medialis.progress import Progress
 from medialis.sheets.y_network import LONGEST_JUMP, smoothed_curves
 from medialis.surface.surface_graph import local_spacing
-from medialis.validation import FloatArray, IntArray, frozen
+from medialis.validation import FloatArray, IntArray, frozen, hold
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -55,17 +55,14 @@ class SheetMeshes(Bound):
 
     def __post_init__(self) -> None:
         count = self.sheets.count
-        for name, dtype, rows in (
-            ("point_sheet", np.int32, len(self.mesh.points)),
-            ("face_sheet", np.int32, len(self.mesh.faces)),
-            ("areas", np.float64, count),
-            ("boundaries", np.float64, count),
-            ("mean_radii", np.float64, count),
-        ):
-            value = np.asarray(getattr(self, name))
-            if value.shape != (rows,):
-                raise InvalidShapeError(f"{name} must have shape ({rows},), got {value.shape}.")
-            object.__setattr__(self, name, frozen(value, dtype))
+        hold(
+            self,
+            point_sheet=(np.int32, len(self.mesh.points)),
+            face_sheet=(np.int32, len(self.mesh.faces)),
+            areas=(np.float64, count),
+            boundaries=(np.float64, count),
+            mean_radii=(np.float64, count),
+        )
 
     def sheet(self, number: int) -> SkeletonMesh:
         """Return one sheet as a mesh of its own.
@@ -97,8 +94,6 @@ def sheet_meshes(sheets: MedialSheets, options: Options, progress: Progress) -> 
     ----------
     sheets : MedialSheets
         Sheets of all balls of a mesh.
-    progress : callable, optional
-        Called with (fraction, text); returning False cancels.
 
     Returns
     -------
@@ -108,8 +103,6 @@ def sheet_meshes(sheets: MedialSheets, options: Options, progress: Progress) -> 
     ------
     InvalidShapeError
         When the surface has no faces.
-    Cancelled
-        When `progress` asks for it.
 
     See Also
     --------

@@ -82,14 +82,6 @@ def medial_sheets(
     ----------
     cloud : MedialCloud
         All k balls; those of the inner and the outer side never share a sheet.
-    smallest : float
-        Fraction of the surface, 0 to 1: sheets that cover less are merged into the neighbour with
-        the longest common border. 0 keeps all of at least 8 balls.
-    sheet_threshold : float
-        1.5 to 100, in local sample spacings: two balls of neighbouring samples are linked when
-        the distances between their first and between their second feature points add up to less.
-    progress : callable, optional
-        Called with (fraction, text); returning False cancels.
 
     Returns
     -------
@@ -101,10 +93,6 @@ def medial_sheets(
     ------
     InvalidShapeError
         When the cloud has two balls for one sample and side.
-    InvalidOptionError
-        When an option is out of its range.
-    Cancelled
-        When `progress` asks for it.
 
     See Also
     --------

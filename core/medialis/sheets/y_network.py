@@ -57,23 +57,11 @@ def y_network(sheets: MedialSheets, options: YNetworkOptions, progress: Progress
     ----------
     sheets : MedialSheets
         Sheets of k balls.
-    neighbours : int
-        1 to 100, the thesis's k: a ball is near the network when one of this many nearest medial
-        points belongs to another sheet.
-    progress : callable, optional
-        Called with (fraction, text); returning False cancels.
 
     Returns
     -------
     YNetwork
         Curves need faces: a point cloud has points only. Curves are numbered by falling length.
-
-    Raises
-    ------
-    InvalidOptionError
-        When `neighbours` is out of its range.
-    Cancelled
-        When `progress` asks for it.
 
     See Also
     --------
