@@ -5,6 +5,7 @@ import zlib
 from pathlib import Path
 
 import numpy as np
+
 from medialis.render.png import SIGNATURE
 
 

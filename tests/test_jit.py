@@ -17,7 +17,7 @@ LAYERS = [
     {"files"},
     {"surface"},
     {"balls"},
-    {"geodesics"},
+    {"paths"},
     {"mesh"},
     {"fields"},
     {"sheets"},

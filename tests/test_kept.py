@@ -12,8 +12,8 @@ import closed_forms as forms
 import medialis
 from medialis.balls import surface_skeleton as preparation
 from medialis.errors import Cancelled, InvalidOptionError
-from medialis.geodesics import connectivity, importance
 from medialis.kept import DEFAULT_LIMIT, LIMIT_VARIABLE, Bound, _first_limit, kept
+from medialis.paths import connectivity, importance
 from medialis.progress import Progress
 
 ROOM = 1 << 30

@@ -26,8 +26,8 @@ from medialis.batches.table import csv_text, write_table
 from medialis.batches.work import run_job
 from medialis.cli.commands import main
 from medialis.files.ply_attributes import write_ply
-from png_files import read_png
 from mortal_work import mortal_work
+from png_files import read_png
 
 pytest.importorskip("distributed", reason="needs the extra dask")
 

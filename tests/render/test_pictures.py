@@ -22,9 +22,9 @@ from medialis.render.colors import (
 from medialis.render.font import text_ink
 from medialis.render.picture import Balls, Curves, Points, Surface, draw
 from medialis.render.png import encode_png, reduced, write_png
-from png_files import read_png
 from medialis.render.shading import Style, corner_normals
 from medialis.threads import thread_limit
+from png_files import read_png
 
 CUBE = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
 CUBE_FACES = np.array(

@@ -27,8 +27,8 @@ from medialis.batches.mapped_files import MEASURES, RESULTS, Files, blocks
 from medialis.batches.ranges import shrink_chunks, shrink_there
 from medialis.errors import FileError, InvalidShapeError
 from medialis.files.output_folder import OutputFolder
-from medialis.geodesics.importance import measures_of_points
 from medialis.model.medial_cloud import Balls
+from medialis.paths.importance import measures_of_points
 from medialis.progress import Progress, ProgressCallback
 from medialis.validation import as_normals, as_points
 

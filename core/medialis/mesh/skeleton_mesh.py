@@ -14,14 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from medialis.errors import InvalidShapeError
-from medialis.geodesics.connectivity import connected_importance
-from medialis.geodesics.importance import geodesic_importance, important_points
 from medialis.kept import kept
 from medialis.model.geodesic_paths import Importance
 from medialis.model.medial_cloud import MedialCloud
 from medialis.model.shape import Shape
 from medialis.model.skeleton_mesh import SkeletonMesh
 from medialis.options import Options, algorithm, angle, length, whole
+from medialis.paths.connectivity import connected_importance
+from medialis.paths.importance import geodesic_importance, important_points
 from medialis.progress import Progress
 from medialis.threads import run_chunks
 from medialis.validation import IntArray

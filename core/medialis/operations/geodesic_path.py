@@ -11,13 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from medialis.errors import FileError, InvalidOptionError, InvalidShapeError
-from medialis.geodesics.geodesics import GeodesicOptions
-from medialis.geodesics.paths import Geodesic, geodesics
 from medialis.model.shape import Shape
 from medialis.operations.common import summary
 from medialis.operations.declaration import Operation
 from medialis.operations.result import Layer, Outcome
 from medialis.options import file, whole
+from medialis.paths.geodesics import GeodesicOptions
+from medialis.paths.polylines import Geodesic, geodesics
 from medialis.progress import Progress, counted
 
 LARGEST_INDEX = 2_147_483_647

@@ -8,14 +8,6 @@ import numpy as np
 
 from medialis.balls.surface_skeleton import Preparation, surface_skeleton
 from medialis.errors import InvalidShapeError
-from medialis.geodesics.connectivity import connected_importance
-from medialis.geodesics.importance import (
-    ImportanceOptions,
-    ThresholdOptions,
-    geodesic_importance,
-    important_points,
-    local_measures,
-)
 from medialis.kept import kept
 from medialis.model.geodesic_paths import PathStatus
 from medialis.model.shape import Shape
@@ -28,6 +20,14 @@ from medialis.operations.common import (
 from medialis.operations.declaration import Operation
 from medialis.operations.result import FilterUnit, Outcome
 from medialis.options import changed, flag
+from medialis.paths.connectivity import connected_importance
+from medialis.paths.importance import (
+    ImportanceOptions,
+    ThresholdOptions,
+    geodesic_importance,
+    important_points,
+    local_measures,
+)
 from medialis.progress import Progress, counted
 from medialis.surface.cloud_surface import surface_of_cloud
 

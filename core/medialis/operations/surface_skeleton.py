@@ -8,14 +8,14 @@ from typing import Any
 from medialis.balls.ball_shrinking import ShrinkOptions, Side
 from medialis.balls.subsampling import uniform_subsample
 from medialis.balls.surface_skeleton import Preparation, surface_skeleton
-from medialis.geodesics.connectivity import connected_importance
-from medialis.geodesics.importance import geodesic_importance
 from medialis.model.medial_cloud import BallStatus, MedialCloud
 from medialis.model.shape import Shape
 from medialis.operations.common import cloud_arrays, cloud_layer, samples_layer, summary
 from medialis.operations.declaration import Operation
 from medialis.operations.result import FilterUnit, Layer, Outcome
 from medialis.options import changed, flag, length
+from medialis.paths.connectivity import connected_importance
+from medialis.paths.importance import geodesic_importance
 from medialis.progress import Progress, counted
 from medialis.validation import FloatArray
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from medialis._kernels.jit import kernel
 from medialis.curves.from_balls._candidate_kernels import median_of
-from medialis.geodesics._geodesic_kernels import trace_plane, way_out
+from medialis.paths._geodesic_kernels import trace_plane, way_out
 
 
 @kernel

@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from medialis.curves.graph.ground import nearest_neighbours
-from medialis.geodesics.geodesics import surface_walk
-from medialis.geodesics.importance import geodesic_importance
 from medialis.kept import Bound, kept
 from medialis.model.geodesic_paths import Importance
 from medialis.model.medial_cloud import MedialCloud
 from medialis.options import Options, algorithm
+from medialis.paths.geodesics import surface_walk
+from medialis.paths.importance import geodesic_importance
 from medialis.progress import Progress, ProgressCallback
 from medialis.threads import run_chunks
 from medialis.validation import FloatArray, IntArray, frozen

@@ -14,11 +14,11 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from medialis.geodesics.geodesics import GeodesicOptions, geodesic_lengths
 from medialis.kept import kept
 from medialis.model.geodesic_paths import GeodesicPaths, Importance, PathStatus
 from medialis.model.medial_cloud import Balls, MedialCloud
 from medialis.options import Options, algorithm, length
+from medialis.paths.geodesics import GeodesicOptions, geodesic_lengths
 from medialis.progress import Progress
 from medialis.validation import FloatArray
 

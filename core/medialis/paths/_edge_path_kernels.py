@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 from medialis._kernels.jit import kernel
-from medialis.geodesics._geodesic_kernels import EDGES, direction
+from medialis.paths._geodesic_kernels import EDGES, direction
 
 
 @kernel

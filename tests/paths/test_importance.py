@@ -11,7 +11,7 @@ from scipy.sparse.csgraph import connected_components
 import closed_forms as forms
 import medialis
 from medialis.errors import InvalidOptionError, InvalidShapeError
-from medialis.geodesics.importance import relax
+from medialis.paths.importance import relax
 
 
 def test_importance_of_a_flat_box_is_the_path_round_its_rim():

@@ -21,7 +21,7 @@ import math
 import numpy as np
 
 from medialis._kernels.jit import kernel
-from medialis.geodesics._funnel_kernels import (
+from medialis.paths._funnel_kernels import (
     angle_at,
     copy,
     distance,

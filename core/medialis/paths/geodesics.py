@@ -130,7 +130,7 @@ def _trace(
     shape: Shape, ends: NDArray[np.int32], directions: int, progress: Progress
 ) -> dict[str, NDArray[Any]]:
     """Cut all pairs by planes; follow the edges where no plane cut arrives."""
-    from medialis.geodesics._edge_path_kernels import edge_paths
+    from medialis.paths._edge_path_kernels import edge_paths
 
     with progress.stage("geodesics", 0.0, 0.9):
         out = cut_by_planes(shape, ends, directions, progress)
@@ -156,7 +156,7 @@ def cut_by_planes(
     shape: Shape, ends: NDArray[np.int32], directions: int, progress: Progress
 ) -> dict[str, NDArray[Any]]:
     """Shortest plane cut of each pair, with the plane's normal (NaN: an edge, or one place)."""
-    from medialis.geodesics._geodesic_kernels import trace_geodesics
+    from medialis.paths._geodesic_kernels import trace_geodesics
 
     k = len(ends)
     out: dict[str, NDArray[Any]] = {

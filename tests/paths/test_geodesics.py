@@ -10,8 +10,8 @@ from scipy.sparse.csgraph import dijkstra
 import closed_forms as forms
 import medialis
 from medialis.errors import InvalidOptionError, InvalidShapeError
-from medialis.geodesics.geodesics import HALVINGS
 from medialis.model.geodesic_paths import PathStatus
+from medialis.paths.geodesics import HALVINGS
 
 # The best of the planes is at most this far from the best of all planes (see _best_plane).
 ANGLE = math.pi / 10 / 2**HALVINGS

@@ -83,7 +83,7 @@ def connected_importance(
     >>> bool(np.isclose(connected.length, plain.length).mean() > 0.9)
     True
     """
-    from medialis.geodesics._connectivity_kernels import join_pieces
+    from medialis.paths._connectivity_kernels import join_pieces
 
     cloud = importance.cloud
     shape, n = cloud.surface, len(cloud)

@@ -9,16 +9,16 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from medialis.errors import InvalidShapeError
-from medialis.geodesics.geodesics import (
+from medialis.kept import Described
+from medialis.model.geodesic_paths import PathStatus
+from medialis.model.shape import Shape
+from medialis.paths.geodesics import (
     GeodesicOptions,
     Walk,
     as_pairs,
     cut_by_planes,
     surface_walk,
 )
-from medialis.kept import Described
-from medialis.model.geodesic_paths import PathStatus
-from medialis.model.shape import Shape
 from medialis.progress import Progress, ProgressCallback
 from medialis.threads import run_chunks
 from medialis.validation import FloatArray, frozen
@@ -146,9 +146,9 @@ def _shortest(
     shape: Shape, walk: Walk, ends: NDArray[np.int32], row: int, out: dict[str, NDArray[Any]]
 ) -> Geodesic | None:
     """Shorten the plane cut and the path along the edges; the lower vertex first, for symmetry."""
-    from medialis.geodesics._edge_path_kernels import short_path
-    from medialis.geodesics._geodesic_kernels import record_cut
-    from medialis.geodesics._shortening_kernels import shorten
+    from medialis.paths._edge_path_kernels import short_path
+    from medialis.paths._geodesic_kernels import record_cut
+    from medialis.paths._shortening_kernels import shorten
 
     low, high = np.sort(ends)
     if low < 0 or shape.components[low] != shape.components[high]:
