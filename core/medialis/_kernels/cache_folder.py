@@ -1,20 +1,27 @@
 """Where compiled kernels are kept, and whether they all are; nothing here loads numba.
 
-One folder for each numba version and hash of all kernel sources, in the user's cache folder
-(`MEDIALIS_CACHE_DIR` or `NUMBA_CACHE_DIR` override it); `jit.py` says why.
+One folder for each numba version, hash of all kernel sources and settings of numba, in the user's
+cache folder (`MEDIALIS_CACHE_DIR` or `NUMBA_CACHE_DIR` override it); `jit.py` says why. It holds
+machine code that is run as it is, so a folder that others can write to is not used.
 """
 
 from __future__ import annotations
 
 import hashlib
 import os
+import stat
 import sys
+import tempfile
 from contextlib import suppress
 from functools import lru_cache
 from importlib.metadata import version
 from pathlib import Path
 
 PACKAGE = Path(__file__).resolve().parent.parent
+
+
+SAME_CODE = ("NUMBA_CACHE_DIR", "NUMBA_NUM_THREADS", "NUMBA_DEBUG_CACHE")
+"""Settings of numba that change no compiled code."""
 
 
 def kernel_sources() -> list[Path]:
@@ -27,13 +34,15 @@ def user_cache() -> Path:
     for variable in ("MEDIALIS_CACHE_DIR", "NUMBA_CACHE_DIR"):
         if os.environ.get(variable):
             return Path(os.environ[variable])
-    if sys.platform == "win32":
-        base = Path(os.environ.get("LOCALAPPDATA") or Path.home() / "AppData" / "Local")
-    elif sys.platform == "darwin":
-        base = Path.home() / "Library" / "Caches"
-    else:
-        base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-    return base / "medialis"
+    given = {"win32": "LOCALAPPDATA", "darwin": ""}.get(sys.platform, "XDG_CACHE_HOME")
+    if given and os.environ.get(given):
+        return Path(os.environ[given]) / "medialis"
+    try:
+        home = Path.home()
+    except RuntimeError:  # no HOME and no entry of the user, as in a container
+        return Path(tempfile.gettempdir()) / f"medialis-{getattr(os, 'getuid', int)()}"
+    usual = {"win32": "AppData/Local", "darwin": "Library/Caches"}.get(sys.platform, ".cache")
+    return home / usual / "medialis"
 
 
 @lru_cache(maxsize=1)
@@ -43,7 +52,40 @@ def kernel_cache() -> Path:
     for source in kernel_sources():
         digest.update(source.relative_to(PACKAGE).as_posix().encode())
         digest.update(source.read_bytes())
+    # Code that checks bounds, or is made for another processor, must not be taken for the usual.
+    for name in sorted(os.environ):
+        if name.startswith("NUMBA_") and name not in SAME_CODE:
+            digest.update(f"{name}={os.environ[name]}".encode())
     return user_cache() / f"kernels-{digest.hexdigest()[:12]}-numba{version('numba')}"
+
+
+def make_kernel_cache() -> None:
+    """Make the folder of the compiled kernels, for this user alone.
+
+    Raises
+    ------
+    OSError
+        When it cannot be made or written, or somebody else could write to it.
+    """
+    folder = kernel_cache()
+    for place in (folder.parent, folder):
+        place.mkdir(mode=0o700, parents=True, exist_ok=True)
+        if reason := written_by_others(place):
+            raise OSError(reason)
+    if not os.access(folder, os.W_OK):
+        raise OSError(f"{folder} is not writable")
+
+
+def written_by_others(folder: Path) -> str | None:
+    """Say why machine code in a folder cannot be trusted; None when it can."""
+    if not hasattr(os, "geteuid"):  # Windows: the user's own folders are closed to others
+        return None
+    about = folder.stat()
+    if about.st_uid != os.geteuid():
+        return f"{folder} belongs to another user"
+    if about.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
+        return f"other users can write to {folder}"
+    return None
 
 
 def _marker() -> Path:

@@ -9,7 +9,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import BinaryIO
 
-from medialis.errors import FileError, InvalidShapeError
+from medialis.errors import Cancelled, FileError, InvalidShapeError, MedialisError
 
 
 def file_bytes(name: str) -> bytes:
@@ -42,6 +42,51 @@ def file_bytes(name: str) -> bytes:
     if not data:
         raise InvalidShapeError(f"Cannot read {name}: the file is empty.")
     return data
+
+
+@contextmanager
+def reading(name: str | os.PathLike[str]) -> Iterator[None]:
+    """Turn whatever a damaged file makes a parser raise into one sentence about the file.
+
+    Raises
+    ------
+    FileError
+        As it was raised.
+    InvalidShapeError
+        For everything else, with the name of the file.
+    """
+    try:
+        yield
+    except (FileError, Cancelled):
+        raise
+    except MedialisError as error:
+        raise InvalidShapeError(f"Cannot read {os.fspath(name)}: {error}") from None
+    except (MemoryError, RecursionError) as error:
+        what = "does not fit into memory" if isinstance(error, MemoryError) else "nests too deeply"
+        raise InvalidShapeError(f"Cannot read {os.fspath(name)}: it {what}.") from None
+    except Exception as error:  # noqa: BLE001 - a parser of a library may raise anything
+        text = " ".join(str(error).split())[:200] or type(error).__name__
+        raise InvalidShapeError(f"Cannot read {os.fspath(name)}: it is damaged ({text}).") from None
+
+
+def number_lines(name: str) -> Iterator[tuple[int, str, list[str]]]:
+    """Yield number, text and words of each line of a text file that has words; # is a comment.
+
+    Raises
+    ------
+    FileError
+        When the file cannot be read or is no text.
+    InvalidShapeError
+        When it is empty.
+    """
+    try:
+        text = file_bytes(name).decode("utf-8")
+    except UnicodeDecodeError:
+        raise FileError(f"Cannot read {name}: it is no text.") from None
+    for place, line in enumerate(text.splitlines(), 1):
+        words = line.split("#")[0].replace(",", " ").split()
+        if words:
+            yield place, line.strip()[:40], words
 
 
 def reason(error: Exception) -> str:

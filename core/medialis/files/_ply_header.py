@@ -34,7 +34,12 @@ class PlyElement:
 
     name: str
     rows: int
-    properties: list[PlyProperty] = field(default_factory=list)
+    by_name: dict[str, PlyProperty] = field(default_factory=dict)
+
+    @property
+    def properties(self) -> list[PlyProperty]:
+        """Its properties in their order."""
+        return list(self.by_name.values())
 
 
 @dataclass
@@ -43,8 +48,13 @@ class PlyHeader:
 
     encoding: str
     comments: list[str]
-    elements: list[PlyElement]
     body: int
+    by_name: dict[str, PlyElement] = field(default_factory=dict)
+
+    @property
+    def elements(self) -> list[PlyElement]:
+        """Its elements in their order."""
+        return list(self.by_name.values())
 
 
 def read_ply_header(data: bytes) -> PlyHeader:
@@ -58,10 +68,11 @@ def read_ply_header(data: bytes) -> PlyHeader:
     end = re.search(rb"[\r\n][ \t]*end_header[ \t]*(\r\n|\n|\r)", data)
     if not end:
         raise InvalidShapeError("the PLY header does not end with a line 'end_header'.")
-    header = PlyHeader("", [], [], end.end())
+    header = PlyHeader("", [], end.end())
+    element: PlyElement | None = None
     for line in re.split(rb"[\r\n]+", data[: end.start()])[1:]:
         try:
-            _header_line(header, line.decode("latin-1"))
+            element = _header_line(header, element, line.decode("latin-1"))
         except (ValueError, KeyError, IndexError):
             raise InvalidShapeError(
                 f"the PLY header line {shown(line)} cannot be understood."
@@ -74,19 +85,20 @@ def read_ply_header(data: bytes) -> PlyHeader:
     return header
 
 
-def _header_line(header: PlyHeader, line: str) -> None:
+def _header_line(header: PlyHeader, element: PlyElement | None, line: str) -> PlyElement | None:
+    """Take in a line; return the element that the properties after it belong to."""
     words = line.split()
     if not words or words[0] == "obj_info":
-        return
+        return element
     if words[0] == "comment":
         header.comments.append(line.strip()[len("comment") :].strip())
     elif words[0] == "format":
         header.encoding = words[1]
     elif words[0] == "element":
         rows = int(words[2])
-        if rows < 0 or words[1] in (e.name for e in header.elements):
+        if rows < 0 or words[1] in header.by_name:
             raise ValueError
-        header.elements.append(PlyElement(words[1], rows))
+        element = header.by_name[words[1]] = PlyElement(words[1], rows)
     elif words[0] == "property":
         new = PlyProperty(words[-1], np.dtype(_TYPES[words[-2]]))
         if words[1] == "list":
@@ -95,8 +107,9 @@ def _header_line(header: PlyHeader, line: str) -> None:
                 raise ValueError
         elif len(words) != 3:
             raise ValueError
-        if new.name in (p.name for p in header.elements[-1].properties):
+        if element is None or new.name in element.by_name:
             raise ValueError
-        header.elements[-1].properties.append(new)
+        element.by_name[new.name] = new
     else:
         raise ValueError
+    return element

@@ -123,42 +123,14 @@ def _split_quads(
 
 
 def _clip_ears(local: FloatArray, normal: FloatArray) -> NDArray[np.int64]:
-    """Cut one polygon ear by ear; always ends, also for polygons that cross themselves.
+    """Cut one polygon ear by ear, the fattest ear without another corner in it first."""
+    from medialis.files._polygon_kernels import clip_ears
 
-    Cost: O(corners) for each test, O(corners^2) tests at worst.
-    """
     drop = int(np.abs(normal).argmax())
     flat = np.delete(local, drop, axis=1)
     # Dropping y swaps the handedness of the remaining two axes.
     if (normal[drop] < 0) != (drop == 1):
         flat = flat * [-1.0, 1.0]
-    ring = list(range(len(flat)))
-    triangles = []
-    while len(ring) > 3:
-        at = _find_ear(flat[ring])
-        triangles.append((ring[at - 1], ring[at], ring[(at + 1) % len(ring)]))
-        del ring[at]
-    triangles.append((ring[0], ring[1], ring[2]))
-    return np.array(triangles)
-
-
-def _find_ear(ring: FloatArray) -> int:
-    """Return the corner whose cut-off triangle is the fattest one without another corner inside."""
-    before, after = np.roll(ring, 1, axis=0), np.roll(ring, -1, axis=0)
-    area = _turn(before, ring, after)
-    longest = np.maximum(((after - before) ** 2).sum(axis=1), 1e-300)
-    for at in np.argsort(-area / longest, kind="stable"):
-        if area[at] <= 0:
-            break
-        a, b, c = before[at], ring[at], after[at]
-        inside = (_turn(a, b, ring) >= 0) & (_turn(b, c, ring) >= 0) & (_turn(c, a, ring) >= 0)
-        corner = (ring == a).all(axis=1) | (ring == b).all(axis=1) | (ring == c).all(axis=1)
-        if not (inside & ~corner).any():
-            return int(at)
-    return int(np.argmax(area))
-
-
-def _turn(a: FloatArray, b: FloatArray, c: FloatArray) -> FloatArray:
-    """Return twice the signed area of the triangle a, b, c in the plane."""
-    u, v = b - a, c - a
-    return u[..., 0] * v[..., 1] - u[..., 1] * v[..., 0]
+    triangles = np.empty((len(flat) - 2, 3), np.int64)
+    clip_ears(np.ascontiguousarray(flat), triangles)
+    return triangles

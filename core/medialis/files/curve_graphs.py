@@ -15,10 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from medialis.errors import InvalidOptionError, InvalidShapeError
-from medialis.files._files import complete_file, file_bytes
+from medialis.files._files import complete_file, file_bytes, reading
 from medialis.files.ply_attributes import write_ply
 from medialis.files.swc import parse_swc, swc_text
 from medialis.model.curve_skeleton import CurveSkeleton
+from medialis.validation import as_points
 
 FORMATS = ("swc", "graphml", "json", "obj", "ply")
 NAME = "medialis curve skeleton"
@@ -118,10 +119,8 @@ def read_curve_skeleton(path: str | os.PathLike[str]) -> CurveSkeleton:
     if ending not in ("json", "swc"):
         raise InvalidOptionError(f"A curve skeleton is read from .json or .swc; got {name!r}.")
     data = file_bytes(name)
-    try:
+    with reading(name):
         return _parse_json(data) if ending == "json" else parse_swc(data)
-    except InvalidShapeError as error:
-        raise InvalidShapeError(f"Cannot read {name}: {error}") from None
 
 
 def node_attributes(graph: CurveSkeleton) -> dict[str, NDArray[Any]]:
@@ -153,28 +152,30 @@ def _json_text(graph: CurveSkeleton) -> str:
 def _parse_json(data: bytes) -> CurveSkeleton:
     try:
         content = json.loads(data)
-    except (ValueError, RecursionError) as error:
+    except ValueError as error:
         raise InvalidShapeError(f"it is no JSON ({error}).") from None
     if not isinstance(content, dict) or content.get("format") != NAME:
         raise InvalidShapeError(f"it is no {NAME}.")
-    try:
-        radii, importance = (
-            np.array([np.nan if v is None else v for v in content[name]], np.float64)
-            for name in ("radii", "importance")
+    radii, importance = (
+        np.array([np.nan if v is None else v for v in content[name]], np.float64)
+        for name in ("radii", "importance")
+    )
+    nodes = as_points(content["nodes"], "nodes")
+    edges = np.array(content["edges"], np.int32).reshape(-1, 2)
+    branch = np.array(content["branch"], np.int32)
+    if len(branch) and not 0 <= branch.min() <= branch.max() < len(branch):
+        raise InvalidShapeError(
+            f"its branches must be numbered 0..{len(branch) - 1} at most, got {branch.min()} to "
+            f"{branch.max()}."
         )
-        maps = [content.get(name) for name in ("vertex_node", "vertex_branch")]
-        return CurveSkeleton(
-            np.array(content["nodes"], np.float64).reshape(-1, 3),
-            np.array(content["edges"], np.int32).reshape(-1, 2),
-            radii,
-            importance,
-            np.array(content["branch"], np.int32),
-            *(None if row is None else np.array(row, np.int32) for row in maps),
-        )
-    except InvalidShapeError:
-        raise
-    except (KeyError, TypeError, ValueError, OverflowError) as error:
-        raise InvalidShapeError(f"its arrays are damaged ({error!r}).") from None
+    maps = []
+    for name, count in (("vertex_node", len(nodes)), ("vertex_branch", len(branch))):
+        row = content.get(name)
+        values = None if row is None else np.array(row, np.int32)
+        if values is not None and values.size and not -1 <= values.min() <= values.max() < count:
+            raise InvalidShapeError(f"its {name} must lie within -1..{count - 1}.")
+        maps.append(values)
+    return CurveSkeleton(nodes, edges, radii, importance, branch, *maps)
 
 
 def _obj_text(graph: CurveSkeleton) -> str:

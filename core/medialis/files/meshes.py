@@ -16,7 +16,7 @@ import numpy as np
 from medialis.errors import InvalidShapeError
 from medialis.files import off, point_text, stl
 from medialis.files._content import ParsedMesh
-from medialis.files._files import file_bytes
+from medialis.files._files import file_bytes, reading
 from medialis.files._foreign import foreign
 from medialis.files._polygons import triangulate
 from medialis.files.obj import parse_obj
@@ -36,6 +36,10 @@ _PARSERS: dict[str, Callable[[bytes], ParsedMesh]] = {
     "xyz": parse_point_text,
 }
 _THROUGH_TRIMESH = {".glb", ".gltf", ".3mf", ".dae", ".3dxml", ".zae", ".xaml", ".ctm"}
+
+
+MOST_UNPACKED = 4_000_000_000
+"""Bytes in an archive: ten times the largest meshes that people hand round."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,7 +94,7 @@ def read_mesh(path: str | os.PathLike[str]) -> MeshData:
     name = os.fspath(path)
     data = file_bytes(name)
     suffix = Path(name).suffix.lower()
-    try:
+    with reading(name):
         if suffix in _THROUGH_TRIMESH or data.startswith(b"glTF"):
             binary_gltf = data.startswith(b"glTF")
             return _read_with_trimesh(name, "glb" if binary_gltf else suffix.lstrip("."))
@@ -101,10 +105,6 @@ def read_mesh(path: str | os.PathLike[str]) -> MeshData:
         kind, told = _format_of(suffix, data)
         parsed = _PARSERS[kind](data)
         return _checked(parsed, kind, told)
-    except InvalidShapeError as error:
-        raise InvalidShapeError(f"Cannot read {name}: {error}") from None
-    except MemoryError:
-        raise InvalidShapeError(f"Cannot read {name}: it does not fit into memory.") from None
 
 
 def _looks_like(kind: str, data: bytes, expected: bool) -> bool:
@@ -171,6 +171,21 @@ def _checked(parsed: ParsedMesh, kind: str, told: tuple[Message, ...]) -> MeshDa
     )
 
 
+def _check_unpacked(name: str) -> None:
+    """Refuse an archive that unpacks to more than memory should be given for it."""
+    import zipfile
+
+    if not zipfile.is_zipfile(name):
+        return
+    with zipfile.ZipFile(name) as archive:
+        size = sum(entry.file_size for entry in archive.infolist())
+    if size > MOST_UNPACKED:
+        raise InvalidShapeError(
+            f"the archive unpacks to {size / 1e9:.3g} GB; at most {MOST_UNPACKED / 1e9:g} GB are "
+            "read. Unpack it and name the mesh inside."
+        )
+
+
 def _read_with_trimesh(name: str, kind: str) -> MeshData:
     """Read through the optional trimesh; a scene becomes one mesh with its transforms applied."""
     if importlib.util.find_spec("trimesh") is None:
@@ -180,6 +195,7 @@ def _read_with_trimesh(name: str, kind: str) -> MeshData:
         )
     import trimesh
 
+    _check_unpacked(name)
     try:
         loaded: Any = trimesh.load(name, file_type=kind, process=False)
         if isinstance(loaded, trimesh.Scene):

@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from medialis.errors import InvalidOptionError, InvalidShapeError
 from medialis.files._content import whole
-from medialis.files._files import complete_file, file_bytes
+from medialis.files._files import complete_file, file_bytes, reading
 from medialis.files._polygons import triangulate
 from medialis.files.ply import PlyHeader, PlyList, PlyTable, ply_columns, read_ply_elements
 from medialis.validation import FloatArray, IntArray, as_faces, frozen
@@ -237,7 +237,7 @@ def read_ply_attributes(path: str | os.PathLike[str]) -> PlyData:
     """
     name = os.fspath(path)
     data = file_bytes(name)
-    try:
+    with reading(name):
         if not data.startswith(b"ply"):
             raise InvalidShapeError("it is not a PLY file.")
         header, tables = read_ply_elements(data)
@@ -255,8 +255,6 @@ def read_ply_attributes(path: str | os.PathLike[str]) -> PlyData:
         ends = ply_columns(tables.get("edge", {}), ("vertex1", "vertex2"))
         edges = None if ends is None else _as_edges(whole(ends, "PLY edges"), len(points))
         attributes = _attributes(_TAG, header, vertices, len(points))
-    except InvalidShapeError as error:
-        raise InvalidShapeError(f"Cannot read {name}: {error}") from None
     return PlyData(frozen(points, np.float64), triangles, edges, attributes, face_attributes)
 
 
@@ -271,6 +269,8 @@ def _attributes(tag: str, header: PlyHeader, table: PlyTable, n: int) -> dict[st
         _, name, kind, shape_text = words
         try:
             shape = () if shape_text == "scalar" else tuple(map(int, shape_text.split("x")))
+            if min(shape, default=0) < 0 or math.prod(shape) > len(scalars):
+                raise ValueError
             parts = [name] if not shape_text[0].isdigit() else None
             parts = parts or [f"{name}_{i}" for i in range(math.prod(shape))]
             columns = [scalars[part] for part in parts]

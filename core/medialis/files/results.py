@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from medialis.errors import InvalidOptionError, InvalidShapeError
-from medialis.files._files import complete_file, file_bytes
+from medialis.files._files import complete_file, file_bytes, reading
 from medialis.files.output_folder import OutputFolder
 from medialis.files.ply_attributes import PlyData, read_ply_attributes, write_ply
 
@@ -31,6 +31,10 @@ __all__ = [
     "write_npz",
     "write_ply",
 ]
+
+
+MOST_PACKED, LEAST_UNPACKED = 200, 1_000_000_000
+"""Times its own size that an archive may unpack to, from so many bytes on. Masks pack by 100."""
 
 
 def write_npz(path: str | os.PathLike[str], arrays: Mapping[str, ArrayLike]) -> None:
@@ -72,22 +76,38 @@ def read_npz(path: str | os.PathLike[str]) -> dict[str, NDArray[Any]]:
     """
     import io
     import zipfile
-    import zlib
 
     name = os.fspath(path)
     data = file_bytes(name)
-    try:
+    with reading(name):
         if not data.startswith(b"PK"):
-            raise InvalidShapeError(f"Cannot read {name}: it is not an NPZ file.")
-        with np.load(io.BytesIO(data), allow_pickle=False) as archive:
-            return {key: np.asarray(archive[key]) for key in archive.files}
-    except InvalidShapeError:
-        raise
-    except (
-        *(ValueError, OSError, EOFError, LookupError, NotImplementedError, RuntimeError),
-        *(MemoryError, SyntaxError, TypeError, zipfile.BadZipFile, zlib.error),
-    ) as error:
-        raise InvalidShapeError(f"Cannot read {name}: damaged NPZ file ({error}).") from None
+            raise InvalidShapeError("it is not an NPZ file.")
+        with zipfile.ZipFile(io.BytesIO(data)) as archive:
+            sizes = {entry.filename: entry.file_size for entry in archive.infolist()}
+            if sum(sizes.values()) > max(MOST_PACKED * len(data), LEAST_UNPACKED):
+                raise InvalidShapeError(
+                    f"it unpacks to {sum(sizes.values()) / 1e9:.3g} GB, more than {MOST_PACKED} "
+                    "times its size."
+                )
+            return {
+                member.removesuffix(".npy"): _member(archive, member, size)
+                for member, size in sizes.items()
+            }
+
+
+def _member(archive: Any, member: str, size: int) -> NDArray[Any]:
+    """Read one array; its header is held against the size of the member first."""
+    npy = np.lib.format
+    with archive.open(member) as stream:
+        version = npy.read_magic(stream)
+        header = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}[version]
+        shape, _, dtype = header(stream)
+        if dtype.hasobject:
+            raise InvalidShapeError(f"its array {member} holds Python objects.")
+        if math.prod(shape) * dtype.itemsize > size or min(shape, default=0) < 0:
+            raise InvalidShapeError(f"its array {member} is cut short.")
+    with archive.open(member) as stream:
+        return np.asarray(npy.read_array(stream, allow_pickle=False))
 
 
 def json_text(value: Any) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 
 import numpy as np
 
@@ -70,7 +71,7 @@ def parse_swc(data: bytes) -> CurveSkeleton:
         text = line.strip()
         if text.startswith(LOOP):
             words = text[len(LOOP) :].split()
-            if len(words) == 2 and all(word.isdigit() for word in words):
+            if len(words) == 2 and all(re.fullmatch("[0-9]{1,18}", word) for word in words):
                 loops.append((int(words[0]), int(words[1])))
         if not text or text.startswith("#"):
             continue
