@@ -12,7 +12,7 @@ from medialis.errors import FileError, InvalidOptionError
 from medialis.files._files import reason
 
 LAST = "manifest.json"
-"""Moved after all others: where it is, the results it lists are there, even after a kill."""
+"""Moved after all others, and an old one away before: where it is, all it lists belongs to it."""
 
 
 class OutputFolder:
@@ -129,6 +129,9 @@ class OutputFolder:
         backup = hidden / ".replaced"
         done: list[tuple[Path, Path | None]] = []
         try:
+            if (target / LAST).exists():  # a kill between two moves must leave none that is whole
+                backup.mkdir(exist_ok=True)
+                (target / LAST).replace(backup / LAST)
             for number, source in enumerate(files):
                 place = target / source.relative_to(hidden)
                 self._make(place.parent)
@@ -145,6 +148,8 @@ class OutputFolder:
                 place.unlink(missing_ok=True)
                 if old is not None:
                     old.replace(place)
+            if (backup / LAST).exists():
+                (backup / LAST).replace(target / LAST)
             raise
 
     def _clean(self) -> None:
