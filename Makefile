@@ -9,6 +9,8 @@
 #   make blender           the extension's zips for all platforms, in dist/blender
 # For the filters in MeshLab's menu (docs/meshlab.md says what it needs):
 #   make meshlab-plugin    the plugin for the MeshLab of this machine
+# For hostile inputs and faults, made at random (a run goes on where the last one ended):
+#   make fuzz MINUTES=10   findings in build/fuzz; FUZZ="--seed 7 --kinds files" for others
 # For a release:
 #   make site              gallery and docs in build/site, checked in Chromium where there is one
 #   make dist              wheel and sdist in dist; make test-dist looks into each, installs and runs it
@@ -24,7 +26,7 @@ CHECK_PYTHON = $(PYTHON) -c 'import sys; v = sys.version_info[:2]; \
 MAKE_VENV = $(RUN) -m pip --version >/dev/null 2>&1 \
 	|| { $(CHECK_PYTHON) && $(PYTHON) -m venv $(VENV); }
 
-.PHONY: demo test test-fast test-blender check hosts blender meshlab-plugin bench pictures site dist test-dist clean
+.PHONY: demo test test-fast test-blender fuzz check hosts blender meshlab-plugin bench pictures site dist test-dist clean
 
 # The stamps are older than pyproject.toml exactly when its dependencies may have changed.
 $(VENV)/installed: pyproject.toml
@@ -57,6 +59,11 @@ test-blender:
 	@failed=; for host in $(HOSTS); do echo "tests/blender in $$host"; \
 		$$host/bin/python -m pytest tests/blender $(PYTEST) || failed="$$failed $$host"; done; \
 		[ -z "$$failed" ] || { echo "failed in:$$failed"; exit 1; }
+
+MINUTES ?= 10
+
+fuzz: $(VENV)/installed-dev
+	PYTHONPATH=tests $(RUN) -m fuzz --minutes $(MINUTES) $(FUZZ)
 
 hosts:
 	tests/blender/make_hosts.sh

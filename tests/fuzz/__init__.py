@@ -1,0 +1,6 @@
+"""Hostile inputs and faults, made at random from a seed: `make fuzz MINUTES=10`.
+
+Kinds of cases: mutated files for every reader, nasty shapes for every operation, signals and kills
+at random moments, damaged caches of kernels, and disks that are full. A case is known by seed, kind
+and number; `--case kind:number` runs one again.
+"""

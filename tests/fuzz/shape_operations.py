@@ -1,0 +1,223 @@
+"""Cases of the kind `shapes`: a nasty shape, an operation and random options that are all valid."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import random
+import resource
+import time
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import medialis
+from fuzz.kinds import GIGABYTE, Case, Fault, Kind
+from fuzz.nasty_shapes import nasty_mesh, nasty_normals
+from medialis.files import write_ply
+from medialis.files.results import json_text
+from medialis.operations.declaration import Operation
+from medialis.operations.result import Result
+from medialis.options import Kind as Option
+from medialis.options import Parameter
+
+SECONDS = 10.0
+"""Processor time of an operation on fewer than 1,000 vertices with options no dearer than usual."""
+
+LONG_SECONDS = 60.0
+"""The same where options ask for more samples, directions or views."""
+
+MOST_MEMORY = 3 * GIGABYTE
+
+WORK = {
+    "refine": (0.01, 1.0),
+    "candidates": (0.005, 1.0),
+    "directions": (2, 200),
+    "size": (32, 512),
+    "pairs": (1, 100),
+    "neighbours": (4, 20),
+    "bone_length": (0.01, 1.0),
+}
+"""Ranges of options that ask for more work than the shape brings; 0 is drawn for `refine` too."""
+
+
+def run(case: Case) -> None:
+    """Make shape and options, run the operation, look at all that it returns."""
+    rng = case.rng
+    operations = medialis.OPERATIONS
+    chosen = operations[case.number % len(operations)]
+    points, faces, made = nasty_mesh(rng)
+    cloud = not chosen.needs_faces and rng.random() < 0.2
+    normals = nasty_normals(rng, points) if cloud else None
+    repair = rng.random() < 0.8
+    options = random_options(rng, chosen, len(points), case.folder)
+    about = {"operation": chosen.name, "options": options, "repair": repair, "made": made}
+    (case.folder / "about.json").write_text(json.dumps({**about, "cloud": cloud}, indent=1))
+    arrays = {"points": points} | ({} if cloud else {"faces": faces})
+    arrays |= {} if normals is None else {"normals": normals}
+    np.savez(case.folder / "shape.npz", **arrays)  # type: ignore[arg-type]
+    write_ply(case.folder / "shape.ply", points, None if cloud else faces)
+    extras = rng.random(), rng.random()
+    try:
+        shape = medialis.make_shape(points, None if cloud else faces, normals, repair=repair)
+        begin, before = time.process_time(), _peak_memory()
+        result = _computed(chosen, shape, options, threads=1)
+        limit = LONG_SECONDS if _dear(chosen, options) else SECONDS
+        _check_cost(chosen, time.process_time() - begin, _peak_memory() - before, limit)
+        check_result(result)
+        if extras[0] < 0.15:
+            _check_threads(result, _computed(chosen, shape, options, threads=2))
+        if extras[1] < 0.15:
+            _check_written(result, case.folder / "written")
+    except medialis.MedialisError as error:
+        if not str(error).strip():
+            raise Fault("an error without a sentence") from error
+
+
+def random_options(
+    rng: random.Random, chosen: Operation, points: int, folder: Path
+) -> dict[str, Any]:
+    """Draw options from their declared ranges, each at its default half of the time."""
+    options = {}
+    for parameter in chosen.parameters:
+        if rng.random() < 0.5:
+            value = _drawn(rng, parameter, points, folder)
+            if value is not None:
+                options[parameter.name] = value
+    if chosen.name == "geodesic_path" and "start" not in options:
+        options["start"] = rng.randrange(points)
+    return options
+
+
+def _drawn(rng: random.Random, parameter: Parameter, points: int, folder: Path) -> Any:
+    if parameter.kind is Option.BOOL:
+        return rng.random() < 0.5
+    if parameter.kind is Option.CHOICE:
+        return rng.choice(parameter.choices)
+    if parameter.kind is Option.FILE:
+        path = folder / f"{parameter.name}.txt"
+        rows = [rng.randrange(points) for _ in range(2 * rng.choice((1, 5, 50)))]
+        pairs = zip(rows[::2], rows[1::2], strict=True)
+        whole = "".join(f"{a} {b}\n" for a, b in pairs)
+        path.write_text(whole if parameter.name == "pairs" else whole.replace(" ", "\n"))
+        return os.fspath(path)
+    if parameter.name in ("start", "end"):
+        return rng.randrange(points)
+    low, high = WORK.get(parameter.name, (parameter.low, parameter.high))
+    low, high = max(low, parameter.low), min(high, parameter.high)
+    if parameter.name == "refine" and rng.random() < 0.4:
+        return 0.0
+    small = max(low, 1e-6 * high)
+    draws = (
+        low,
+        high,
+        rng.uniform(low, high),
+        small * (high / small) ** rng.random(),
+        min(high, max(low, parameter.default * rng.uniform(0.5, 2))),
+    )
+    value = rng.choice(draws)
+    return round(value) if parameter.kind is Option.INT else float(value)
+
+
+def _dear(chosen: Operation, options: Mapping[str, Any]) -> bool:
+    """Whether an option asks for more work than its default."""
+    for parameter in chosen.parameters:
+        value = options.get(parameter.name, parameter.default)
+        if parameter.name in ("refine", "candidates", "bone_length"):
+            if 0 < value < parameter.default:
+                return True
+        elif parameter.name in WORK and parameter.kind is Option.INT and value > parameter.default:
+            return True
+    return options.get("seeds") == "all" or bool(options.get("pairs"))
+
+
+def _computed(
+    chosen: Operation, shape: medialis.Shape, options: Mapping[str, Any], *, threads: int
+) -> Result:
+    with medialis.memory_limit(0):
+        return medialis.run(chosen.name, shape, threads=threads, **options)
+
+
+def _check_cost(chosen: Operation, seconds: float, memory: int, limit: float) -> None:
+    if seconds > limit:
+        text = f"{seconds:.1f} s of processor time, at most {limit:g}"
+        raise Fault(f"slow: {chosen.name}", text, again=True)
+    if memory > MOST_MEMORY:
+        raise Fault(f"memory of {chosen.name}", f"{memory / GIGABYTE:.1f} GiB")
+
+
+def check_result(result: Result) -> None:
+    """Look for NaN and for indices that name nothing."""
+    for place, number in _numbers(result.values, "values"):
+        if not math.isfinite(number):
+            raise Fault(f"{number} in {result.operation}: {place}")
+    for layer in result.layers:
+        if not np.isfinite(layer.points).all():
+            raise Fault(f"layer {layer.name} of {result.operation} has points that are NaN")
+        for ends in (layer.faces, layer.edges):
+            if (
+                ends is not None
+                and ends.size
+                and not 0 <= ends.min() <= ends.max() < len(layer.points)
+            ):
+                raise Fault(
+                    f"layer {layer.name} of {result.operation} names points that are not there"
+                )
+        for name, values in layer.attributes.items():
+            if values.dtype.kind == "f" and np.isinf(values).any():
+                raise Fault(f"infinity in {result.operation}: layer {layer.name}, {name}")
+    json_text(result.values)
+
+
+def _numbers(value: Any, place: str) -> Iterator[tuple[str, float]]:
+    if isinstance(value, float):
+        yield place, value
+    elif isinstance(value, Mapping):
+        for key, item in value.items():
+            yield from _numbers(item, f"{place}.{key}")
+    elif isinstance(value, list | tuple):
+        for item in value:
+            yield from _numbers(item, f"{place}[]")
+
+
+def _check_threads(one: Result, two: Result) -> None:
+    """One and two threads give the same bits."""
+    differ = [name for name in one.arrays if not _same(one.arrays[name], two.arrays[name])]
+    for first, second in zip(one.layers, two.layers, strict=True):
+        if not _same(first.points, second.points):
+            differ.append(f"layer {first.name}")
+        for name, values in first.attributes.items():
+            if not _same(values, second.attributes[name]):
+                differ.append(f"layer {first.name}, {name}")
+    if json_text(one.values) != json_text(two.values):
+        differ.append("values")
+    if differ:
+        raise Fault(f"threads change {one.operation}", ", ".join(differ))
+
+
+def _same(a: np.ndarray[Any, Any], b: np.ndarray[Any, Any]) -> bool:
+    return a.dtype == b.dtype and a.shape == b.shape and a.tobytes() == b.tobytes()
+
+
+def _check_written(result: Result, folder: Path) -> None:
+    """Results can be drawn, written and read back."""
+    manifest = medialis.write_result(result, folder, thumbnail=True)
+    missing = [name for name in manifest["files"] if not Path(name).is_file()]
+    if missing:
+        raise Fault("files of a manifest are missing", f"{missing}")
+    for layer in result.layers:
+        medialis.files.read_ply_attributes(folder / f"{layer.name}.ply")
+    arrays = medialis.files.read_npz(folder / f"{result.operation}.npz")
+    if any(not _same(np.asarray(result.arrays[name]), arrays[name]) for name in result.arrays):
+        raise Fault("arrays are others after writing and reading")
+
+
+def _peak_memory() -> int:
+    """Bytes that the process had at most."""
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
+
+
+KIND = Kind(run, processor_seconds=75.0, wall_seconds=400.0, memory=12 * GIGABYTE, share=3.0)
