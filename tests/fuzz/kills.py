@@ -131,6 +131,8 @@ def _check_cancelled(ended: Ended, number: signal.Signals, about: str) -> None:
         return
     if ended.code == CANCELLED and one_line(ended.err):
         return
+    if ended.code == -number and ended.out and not ended.err:
+        raise Fault(f"{number.name} after the last line of a run gives exit {ended.code}", told)
     own = "medialis/" in ended.err
     if not ended.started:
         stage = "in the imports" if own else "before the imports"

@@ -204,7 +204,7 @@ def _same(a: np.ndarray[Any, Any], b: np.ndarray[Any, Any]) -> bool:
 
 def _check_written(result: Result, folder: Path) -> None:
     """Results can be drawn, written and read back."""
-    manifest = medialis.write_result(result, folder, thumbnail=True)
+    manifest = medialis.write_result(result, folder)
     missing = [name for name in manifest["files"] if not Path(name).is_file()]
     if missing:
         raise Fault("files of a manifest are missing", f"{missing}")

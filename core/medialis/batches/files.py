@@ -21,9 +21,17 @@ def find_files(entries: Sequence[str | os.PathLike[str]], output: Path) -> list[
     """
     found: dict[Path, Path] = {}
     for entry in map(Path, entries):
-        for path in sorted(_meshes(entry, output)) if entry.is_dir() else [entry]:
+        for path in sorted(_meshes(entry, output)) if is_folder(entry) else [entry]:
             found.setdefault(path.absolute(), path)
     return list(found.values())
+
+
+def is_folder(path: Path) -> bool:
+    """Whether there is a folder of this name; one that no system takes names none."""
+    try:
+        return path.is_dir()
+    except (OSError, ValueError):
+        return False
 
 
 def _meshes(entry: Path, output: Path) -> Iterator[Path]:
@@ -46,7 +54,7 @@ def _results(folder: Path) -> set[str]:
     try:
         manifest = json.loads((folder / "manifest.json").read_bytes())
         return {Path(file).name for file in manifest["files"]} if "medialis" in manifest else set()
-    except (OSError, ValueError, TypeError, KeyError):
+    except (OSError, ValueError, TypeError, KeyError, RecursionError):
         return set()
 
 
@@ -64,6 +72,8 @@ def unique_names(paths: Sequence[Path]) -> list[str]:
     for members in groups.values():
         bases = _told_apart([paths[place] for place in members])
         for place, base in zip(members, bases, strict=True):
+            # `...ply` has the stem `..`, which is the folder above.
+            base = base if base.strip(".") else paths[place].name.replace(".", "_")
             name, number = base, 1
             while name.casefold() in taken:
                 number += 1

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from medialis.batches.files import READABLE, find_files, unique_names
+from medialis.batches.files import READABLE, find_files, is_folder, unique_names
 from medialis.errors import FileError, InvalidOptionError
 from medialis.kept import Described
 from medialis.operations.registry import operation
@@ -96,11 +96,11 @@ class Job:
         """Return the row of a result that is there already, complete and of the same input.
 
         Same means: the same file by path, size and time of change, the same parameters, and the
-        same version of medialis.
+        same version of medialis. A manifest that is damaged is none.
         """
         folder = self.folder(operation_name)
         try:
-            manifest = json.loads((folder / "manifest.json").read_text(encoding="utf-8"))
+            manifest = json.loads((folder / "manifest.json").read_bytes())
             files = {Path(name).name for name in manifest["files"]}
             same = (
                 manifest["medialis"] == package_version()
@@ -108,11 +108,13 @@ class Job:
                 and manifest["input_stamp"] == stamp(self.file)
                 and (THUMBNAIL in files or not self.picture)
                 and (REPORT in files or not self.report)
-                and all((folder / name).is_file() for name in files)
+                and f"{operation_name}.npz" in files
+                and all(_is_written(folder / name) for name in files)
+                and _is_complete(manifest)
             )
-        except (OSError, ValueError, KeyError, TypeError):
+            return self.row(manifest) if same else None
+        except (OSError, ValueError, KeyError, TypeError, RecursionError):
             return None
-        return self.row(manifest) if same else None
 
     def row(self, manifest: Mapping[str, Any]) -> Row:
         """Return the row of a result from its manifest, as it is read back from its file."""
@@ -138,6 +140,20 @@ class Job:
     def failed(self, operation_name: str, sentence: str) -> Row:
         """Return the row of an operation that gave no result."""
         return Row(self.name, self.file, operation_name, FAILED, " ".join(sentence.split()))
+
+
+def _is_written(path: Path) -> bool:
+    """Whether a file is there and holds something: a machine that lost power leaves empty ones."""
+    return path.is_file() and path.stat().st_size > 0
+
+
+def _is_complete(manifest: Mapping[str, Any]) -> bool:
+    """Whether a manifest has what a row needs, in the types that a row has."""
+    return (
+        isinstance(manifest["values"], dict)
+        and isinstance(manifest["messages"], list)
+        and isinstance(manifest["seconds"]["total"], int | float)
+    )
 
 
 def stamp(file: str) -> list[str | int]:
@@ -181,7 +197,7 @@ def plan(
         raise InvalidOptionError(
             f"There are parameters for {', '.join(given)}, which this batch does not run."
         )
-    if Path(output).exists() and not Path(output).is_dir():
+    if os.path.lexists(output) and not is_folder(Path(output)):
         raise FileError(
             f"Cannot write results to {os.fspath(output)}: it is a file; name a folder."
         )

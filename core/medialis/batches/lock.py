@@ -27,8 +27,8 @@ def locked_folder(folder: str | os.PathLike[str]) -> Iterator[None]:
         When another batch holds the folder, or it cannot be made or written.
     """
     path = Path(folder) / LOCK
-    made = [p for p in (path.parent, *path.parent.parents) if not p.exists()]
     try:
+        made = [p for p in (path.parent, *path.parent.parents) if not p.exists()]
         path.parent.mkdir(parents=True, exist_ok=True)
         handle = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
     except (OSError, ValueError) as error:

@@ -7,12 +7,14 @@ import io
 import os
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from medialis.batches.files import TABLES
 from medialis.batches.jobs import Row
 from medialis.batches.page import html_text
 from medialis.files._files import complete_file
 
+FORMULA = ("=", "+", "-", "@", "\t", "\r")
 FIRST = ("shape", "operation", "status", "seconds", "file", "sentence")
 
 
@@ -46,5 +48,11 @@ def csv_text(rows: Sequence[Row]) -> str:
     for row, values in zip(rows, numbers, strict=True):
         seconds = "" if row.seconds is None else f"{row.seconds:.3f}"
         first = [row.name, row.operation, row.status, seconds, row.file, row.sentence]
-        writer.writerow([*first, *(values.get(name, "") for name in names)])
+        cells = [*first, *(values.get(name, "") for name in names)]
+        writer.writerow([_plain(cell) for cell in cells])
     return text.getvalue()
+
+
+def _plain(cell: Any) -> Any:
+    """Mark a text that spreadsheets would take for a formula, such as a file called `=1+1.ply`."""
+    return f"'{cell}" if isinstance(cell, str) and cell.startswith(FORMULA) else cell

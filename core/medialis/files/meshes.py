@@ -203,7 +203,7 @@ def _read_with_trimesh(name: str, kind: str) -> MeshData:
         points = np.array(loaded.vertices, np.float64).reshape(-1, 3)
         faces = np.array(getattr(loaded, "faces", np.empty((0, 3))), np.int64).reshape(-1, 3)
     except Exception as error:  # noqa: BLE001 - a third-party parser may raise anything
-        reason = " ".join(str(error).split()) or type(error).__name__
+        reason = " ".join(str(error).split())[:200] or type(error).__name__
         raise InvalidShapeError(f"trimesh could not read it ({reason}).") from None
     counts = np.full(len(faces), 3, np.int64)
     return _checked(ParsedMesh(points, counts, faces.ravel()), kind, ())

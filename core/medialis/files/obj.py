@@ -119,7 +119,8 @@ def _vertex_normals(
     """Return the sum of the normals that a vertex has at its corners (several at a sharp edge)."""
     if len(corners) == 0:
         return vectors if len(vectors) == n else None
-    words = re.findall(rb"\S+/\S*/([-+]?\d+)(?=\s)", block)
+    # From the start of a word, and no part takes a slash: a word of many slashes costs no more.
+    words = re.findall(rb"(?<!\S)[^\s/]+/[^\s/]*/([-+]?\d+)(?=\s)", block)
     if len(words) != len(corners):
         return None
     index = _from_obj_index(numbers(b" ".join(words), "OBJ normal indices"), seen, "OBJ normals")
