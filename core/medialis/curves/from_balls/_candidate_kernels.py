@@ -47,8 +47,10 @@ def project_tangents(
 
 @kernel
 def median_of(values):
-    """Median of a few values, which are sorted in place."""
+    """Median of a few values, which are sorted in place; 0 of none."""
     k = len(values)
+    if k == 0:
+        return 0.0
     for i in range(1, k):
         value = values[i]
         j = i - 1
