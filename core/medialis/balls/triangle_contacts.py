@@ -130,9 +130,10 @@ class _Balls:
         """Shrink some balls until no triangle lies deeper inside than the tolerance (a length).
 
         A ball that a place q lies in shrinks to the ball through q, so radii only fall, by half the
-        tolerance at least.
+        tolerance at least. A ball that shrinks no more, as rounding decides where q is, is left.
         """
-        least = max(tolerance, ROUNDING * self.shape.diagonal)
+        rounding = 4 * np.finfo(np.float64).eps * float(np.abs(self.shape.points).max())
+        least = max(tolerance, ROUNDING * self.shape.diagonal, rounding)
         while len(which):
             centers = self.centers()[which]
             distance, face, weights = self.surface.nearest(centers, without=self.rows[which])
@@ -141,10 +142,13 @@ class _Balls:
             place = self.surface.positions(face, weights[deep])
             p, normal = self.shape.points[self.rows[which]], self.shape.normals[self.rows[which]]
             across = p - place
-            # |q - c| < r, so the denominator is above 0.
-            self.radii[which] = np.einsum("ij,ij->i", across, across) / (
-                2.0 * np.einsum("ij,ij->i", across, normal)
-            )
+            # |q - c| < r, so the denominator is above 0, but for rounding.
+            along = np.maximum(np.einsum("ij,ij->i", across, normal), 0.0)
+            with np.errstate(divide="ignore", invalid="ignore"):
+                radii = np.einsum("ij,ij->i", across, across) / (2.0 * along)
+            less = radii < self.radii[which]
+            which, face, place = which[less], face[less], place[less]
+            self.radii[which] = radii[less]
             self.touched[which] = place
             corners = self.surface.faces[face]
             apart = np.linalg.norm(self.shape.points[corners] - place[:, None], axis=2)

@@ -13,6 +13,7 @@ from medialis.errors import InvalidOptionError, InvalidShapeError
 from medialis.kept import kept
 from medialis.model.shape import Shape
 from medialis.operations.declaration import Operation
+from medialis.operations.far import moved, offset_of
 from medialis.operations.result import Outcome, Result
 from medialis.progress import Progress, ProgressCallback
 from medialis.threads import thread_limit
@@ -115,8 +116,12 @@ def run(
     # A host makes a new shape for each run: what is kept was computed from the first of its kind.
     shape = kept(run, shape, None, lambda: shape, progress)
     clock = time.perf_counter()
+    offset = offset_of(shape)
+    far = bool(offset.any())
+    near = kept(moved, shape, None, lambda: moved(shape, -offset), progress) if far else shape
     with thread_limit(threads):
-        outcome = chosen.run(shape, options, progress)
+        outcome = chosen.run(near, options, progress)
+    outcome = moved(outcome, offset) if far else outcome
     progress.seconds["total"] = time.perf_counter() - clock
     return Result(
         **{f.name: getattr(outcome, f.name) for f in fields(Outcome)},

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Any
 
+import numpy as np
+
 from medialis.balls.ball_shrinking import ShrinkOptions, Side
 from medialis.balls.subsampling import uniform_subsample
 from medialis.balls.surface_skeleton import Preparation, surface_skeleton
@@ -23,6 +25,9 @@ HIDDEN_BELOW = 0.03
 """Fraction of the diagonal, chosen by looking at bunny, cow, horse, hand, fandisk and armadillo:
 0.02 leaves fuzz in the bunny's back and the armadillo's head, 0.05 takes the cow's horns and the
 horse's feet. A limb's importance is half its girth: the spider's legs are too thin for 0.03."""
+
+SHOWN_SHARE = 99.0
+"""Per cent of the points that the colours span, from the least important up."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -99,6 +104,10 @@ def _measured(
         unit=FilterUnit.length(diagonal, "threshold"),
         hidden_below=options.threshold,
     )
+    # A few points are far more important than the rest, which would all have one colour.
+    finite = importance[np.isfinite(importance)]
+    if len(finite):
+        layer = replace(layer, color_limits=(None, float(np.percentile(finite, SHOWN_SHARE))))
     hidden = int(layer.hidden.sum())
     if hidden == len(cloud):
         layer, hidden = replace(layer, filter_default=0.0), 0

@@ -121,11 +121,10 @@ def _note_thinnest(
     if not spots:
         progress.note(f"No place is thinner than {below:.6g}.", "no_thin_spot", threshold=below)
         return
-    place = ", ".join(f"{x:.6g}" for x in spots[0].position)
     more = f" below {below:.6g}" if below else ""
     progress.note(
         f"{counted(len(spots), 'thin spot', verbs=('was', 'were'))} found{more}. The thinnest has "
-        f"a {options.kind} of {spots[0].value:.6g} at ({place}).",
+        f"a {options.kind} of {spots[0].value:.6g}.",
         "thin_spots",
         spots=len(spots),
         thinnest=spots[0].value,
