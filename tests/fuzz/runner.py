@@ -7,6 +7,7 @@ import os
 import select
 import shutil
 import signal
+import stat
 import subprocess
 import sys
 import time
@@ -216,7 +217,9 @@ class Runner:
         shutil.rmtree(place, ignore_errors=True)
         place.parent.mkdir(parents=True, exist_ok=True)
         for path in folder.rglob("*"):
-            if path.is_file() and not path.is_symlink() and path.stat().st_size > LARGEST_KEPT:
+            about = path.lstat()
+            # A pipe would stop everybody who looks through the findings.
+            if stat.S_ISFIFO(about.st_mode) or about.st_size > LARGEST_KEPT:
                 path.unlink()
         shutil.move(folder, place)
         again = f"python -m fuzz --seed {self.seed} --case {name}:{number}"
