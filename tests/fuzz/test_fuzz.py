@@ -26,6 +26,7 @@ def importable(monkeypatch):
     monkeypatch.setenv("PYTHONPATH", ":".join(map(str, places)))
 
 
+@pytest.mark.slow
 def test_the_runner_finds_every_fault_and_goes_on(tmp_path, capsys):
     """Exceptions, crashes, hangs and lack of memory are findings; what was slow once is none."""
     given = ["--kinds", "faults", "--seed", "3", "--output", str(tmp_path), "--count"]
@@ -90,6 +91,7 @@ def test_the_plain_shapes_are_closed(mesh):
     assert np.linalg.det(points[faces]).sum() > 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "count"), [("files", 80), ("shapes", 17), ("disk", 3)])
 def test_some_cases_of_each_kind(name, count, tmp_path, capsys):
     code = main(["--kinds", name, "--count", str(count), "--output", str(tmp_path)])
