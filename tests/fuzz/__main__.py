@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import signal
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -38,6 +39,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     minutes = options.minutes
     if minutes is None and options.count is None:
         minutes = DEFAULT_MINUTES
+    # Also where it was started in the background, which ignores Ctrl-C; workers must not stay.
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.default_int_handler)
     try:
         runner.run(minutes=minutes, count=options.count)
     except KeyboardInterrupt:
