@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from medialis.cli.arguments import EXIT_CANCELLED, EXIT_OK, EXIT_SOME_FAILED, NUMBERS, number
-from medialis.cli.display import clear_bar, shown_progress
+from medialis.cli.display import clear_bar, say, shown_progress
 from medialis.errors import Cancelled, InvalidOptionError
 from medialis.operations.declaration import Kind, Operation
 from medialis.operations.registry import operation
@@ -36,23 +36,23 @@ def run_batch(options: argparse.Namespace) -> int:
         )
     except (KeyboardInterrupt, Cancelled):
         clear_bar()
-        print(
+        say(
             "medialis: cancelled; what is finished stays, the same command goes on from there.",
             file=sys.stderr,
         )
         return EXIT_CANCELLED
     bad = [row for row in rows if row.status == FAILED]
     if options.json:
-        print(json_text([asdict(row) for row in rows]))
+        say(json_text([asdict(row) for row in rows]))
     else:
         groups: dict[tuple[str, str], list[str]] = {}
         for row in bad:
             groups.setdefault((row.file, row.sentence), []).append(row.operation)
         for (file, sentence), names in groups.items():
-            print(f"failed: {', '.join(names)} of {file}: {sentence}")
-        print(f"{len(rows) - len(bad)} results, {len(bad)} failed")
+            say(f"failed: {', '.join(names)} of {file}: {sentence}")
+        say(f"{len(rows) - len(bad)} results, {len(bad)} failed")
         for name in TABLES:
-            print(Path(options.output) / name)
+            say(Path(options.output) / name)
     return EXIT_SOME_FAILED if bad else EXIT_OK
 
 

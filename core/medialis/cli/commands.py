@@ -29,7 +29,7 @@ from medialis.cli.arguments import (
     with_dashes,
 )
 from medialis.cli.batch_command import run_batch
-from medialis.cli.display import clear_bar, shown_progress
+from medialis.cli.display import clear_bar, say, shown_progress
 from medialis.errors import Cancelled, InvalidShapeError, MedialisError
 from medialis.operations.declaration import Operation
 from medialis.operations.registry import OPERATIONS, operation, run
@@ -42,37 +42,42 @@ from medialis.validation import as_choice, as_whole_number
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit code."""
     _print_any_name()
+    interrupts: list[int] = []
     try:
-        with _ending_as_interrupt():
+        with _ending_as_interrupt(interrupts):
             given = with_dashes(sys.argv[1:] if arguments is None else arguments)
             options = build_parser(_run_operation, COMMANDS).parse_args(given)
             _configure_log(options)
             code: int = options.command(options)
             sys.stdout.flush()
             return code
-    except (KeyboardInterrupt, Cancelled):
-        clear_bar()
-        print("medialis: cancelled, nothing was written.", file=sys.stderr)
-        return EXIT_CANCELLED
-    except BrokenPipeError:  # the reader of our output went away, as in `medialis list | head -1`
+    except (Exception, KeyboardInterrupt) as error:  # noqa: BLE001 - raised again if unknown
+        # An import that is interrupted may raise anything.
+        return _ended_by(Cancelled() if interrupts else error)
+
+
+def _ended_by(error: BaseException) -> int:
+    """Say in one line why the program ends; return its exit code."""
+    clear_bar()
+    code, line = EXIT_BAD_INPUT, ""
+    if isinstance(error, KeyboardInterrupt | Cancelled):
+        code, line = EXIT_CANCELLED, "cancelled, nothing was written."
+    elif isinstance(error, BrokenPipeError):  # the reader went away: `medialis list | head -1`
         _drop_output()
         return EXIT_OK
-    except MedialisError as error:
-        clear_bar()
-        print(f"medialis: {' '.join(str(error).split())}", file=sys.stderr)
-        return EXIT_BAD_INPUT
-    except ImportError as error:  # numba is loaded by the first computation
-        print(
-            f"medialis: a package cannot be loaded: {error}; see medialis doctor.", file=sys.stderr
-        )
-        return EXIT_BAD_INPUT
-    except MemoryError:
-        print("medialis: not enough memory for this shape and these options.", file=sys.stderr)
-        return EXIT_BAD_INPUT
-    except OSError as error:  # all other files are FileErrors: this is our own output
-        print(f"medialis: cannot print the output: {error.strerror or error}.", file=sys.stderr)
+    elif isinstance(error, MedialisError):
+        line = " ".join(str(error).split())
+    elif isinstance(error, ImportError):  # numba is loaded by the first computation
+        line = f"a package cannot be loaded: {error}; see medialis doctor."
+    elif isinstance(error, MemoryError):
+        line = "not enough memory for this shape and these options."
+    elif isinstance(error, OSError):  # all other files are FileErrors: this is our own output
+        line = f"cannot print the output: {error.strerror or error}."
         _drop_output()
-        return EXIT_BAD_INPUT
+    else:
+        raise error
+    say(f"medialis: {line}", file=sys.stderr)
+    return code
 
 
 def _print_any_name() -> None:
@@ -83,21 +88,27 @@ def _print_any_name() -> None:
 
 
 @contextmanager
-def _ending_as_interrupt() -> Iterator[None]:
-    """Let a request to end (`kill`, a host that cancels) clean up as Ctrl-C does."""
+def _ending_as_interrupt(interrupts: list[int]) -> Iterator[None]:
+    """Let a request to end (`kill`, a host that cancels) clean up as Ctrl-C does, and note both."""
 
     def stop(number: int, frame: FrameType | None) -> None:
-        signal.signal(signal.SIGTERM, signal.SIG_IGN)  # a second one must not disturb the cleaning
+        interrupts.append(number)
+        signal.signal(number, signal.SIG_IGN)  # a second one must not disturb the cleaning
         raise KeyboardInterrupt
 
     if threading.current_thread() is not threading.main_thread():  # others may set no handler
         yield
         return
-    before = signal.signal(signal.SIGTERM, stop)
+    before = {
+        number: signal.signal(number, stop)
+        for number in (signal.SIGINT, signal.SIGTERM)
+        if signal.getsignal(number) is not signal.SIG_IGN  # as in the background of a shell
+    }
     try:
         yield
     finally:
-        signal.signal(signal.SIGTERM, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def _drop_output() -> None:
@@ -183,19 +194,19 @@ def _report(manifest: dict[str, Any], options: argparse.Namespace) -> None:
     from medialis.files.results import json_text
 
     if getattr(options, "json", False):
-        print(json_text(manifest))
+        say(json_text(manifest))
         return
-    print(f"{manifest['operation'].replace('_', ' ')} of {manifest['input']}")
+    say(f"{manifest['operation'].replace('_', ' ')} of {manifest['input']}")
     for line in value_lines(manifest["values"]):
-        print(line)
+        say(line)
     for message, about in zip(manifest["messages"], manifest["notes"], strict=True):
-        print(f"{'warning' if about['warning'] else 'note'}: {message}")
-    print(f"{manifest['seconds']['total']:.2f} seconds")
+        say(f"{'warning' if about['warning'] else 'note'}: {message}")
+    say(f"{manifest['seconds']['total']:.2f} seconds")
     for file in manifest["files"]:
         if file != manifest["picture"]:
-            print(file)
+            say(file)
     if manifest["picture"]:
-        print(manifest["picture"])
+        say(manifest["picture"])
 
 
 def _info(options: argparse.Namespace) -> int:
@@ -221,37 +232,37 @@ def _info(options: argparse.Namespace) -> int:
     if options.json:
         after = None if repaired is None else repaired.as_dict()
         about = {"file": options.file, "format": mesh.format, "messages": messages}
-        print(json_text({**about, **found.as_dict(), "repaired": after}))
+        say(json_text({**about, **found.as_dict(), "repaired": after}))
         return EXIT_OK
-    print(f"{options.file} ({mesh.format})")
-    print(found.summary())
+    say(f"{options.file} ({mesh.format})")
+    say(found.summary())
     for message in messages:
-        print(f"note: {message}")
+        say(f"note: {message}")
     if repaired is not None and repaired != found:
-        print(f"as operations see it:\n{repaired.summary()}")
+        say(f"as operations see it:\n{repaired.summary()}")
     return EXIT_OK
 
 
 def _list(options: argparse.Namespace) -> int:
     for chosen in OPERATIONS:
-        print(f"{chosen.name.replace('_', '-'):24} {chosen.help.splitlines()[0]}")
+        say(f"{chosen.name.replace('_', '-'):24} {chosen.help.splitlines()[0]}")
     return EXIT_OK
 
 
 def _describe(options: argparse.Namespace) -> int:
     chosen = [operation(options.operation)] if options.operation else list(OPERATIONS)
     if options.json:
-        print(json.dumps([entry.describe() for entry in chosen], indent=2, allow_nan=False))
+        say(json.dumps([entry.describe() for entry in chosen], indent=2, allow_nan=False))
         return EXIT_OK
     for entry in chosen:
         names = [entry.label, f"MeshLab: {entry.filter_name}", *filter(None, [entry.source])]
-        print(f"{entry.name} ({'; '.join(names)})")
-        print(entry.help)
+        say(f"{entry.name} ({'; '.join(names)})")
+        say(entry.help)
         for parameter in entry.parameters:
             kind = parameter.kind.value
             if parameter.choices:
                 kind = " | ".join(parameter.choices)
-            print(f"  {parameter.name} [{kind}, default {parameter.default}]: {parameter.help}")
+            say(f"  {parameter.name} [{kind}, default {parameter.default}]: {parameter.help}")
     return EXIT_OK
 
 
@@ -270,7 +281,7 @@ def _warmup(options: argparse.Namespace) -> int:
     from medialis._kernels.cache_folder import kernel_cache, mark_compiled
 
     mark_compiled()
-    print(f"Kernels ready in {time.perf_counter() - clock:.1f} s; cache: {kernel_cache()}")
+    say(f"Kernels ready in {time.perf_counter() - clock:.1f} s; cache: {kernel_cache()}")
     return EXIT_OK
 
 
@@ -278,7 +289,7 @@ def _doctor(options: argparse.Namespace) -> int:
     from medialis.cli.doctor import as_data, as_text, examine
 
     findings = examine()
-    print(json.dumps(as_data(findings), indent=2) if options.json else as_text(findings))
+    say(json.dumps(as_data(findings), indent=2) if options.json else as_text(findings))
     return EXIT_BAD_INPUT if any(f.state == "broken" for f in findings) else EXIT_OK
 
 
@@ -286,8 +297,8 @@ def _meshlab_install(options: argparse.Namespace) -> int:
     from medialis.cli.meshlab_install import find_built, install
 
     for path in install(options.plugin or find_built(), folder=options.meshlab):
-        print(path)
-    print("Start MeshLab again: its menu Filters has the filters of medialis.")
+        say(path)
+    say("Start MeshLab again: its menu Filters has the filters of medialis.")
     return EXIT_OK
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import sys
 import time
+from typing import TextIO
 
 from medialis.progress import Progress, ProgressCallback
 
@@ -129,3 +130,9 @@ def _columns() -> int:
         return max(20, os.get_terminal_size(sys.stderr.fileno()).columns)
     except (OSError, ValueError):  # no terminal
         return 80
+
+
+def say(text: object = "", *, file: TextIO | None = None) -> None:
+    """Print text; control characters, as in the name of a file, are shown and do nothing."""
+    safe = (c if c.isprintable() or c in "\n\t" else repr(c)[1:-1] for c in str(text))
+    print("".join(safe), file=file)

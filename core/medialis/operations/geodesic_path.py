@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from medialis.errors import FileError, InvalidOptionError, InvalidShapeError
+from medialis.errors import InvalidOptionError, InvalidShapeError
+from medialis.files._files import number_lines
 from medialis.model.shape import Shape
 from medialis.operations.common import summary
 from medialis.operations.declaration import Operation
@@ -102,19 +103,11 @@ def _layer(drawn: list[tuple[int, Geodesic]]) -> Layer:
 
 def _read_pairs(path: str) -> NDArray[np.int64]:
     """Two vertex numbers a line, separated by blanks or a comma; # begins a comment."""
-    try:
-        text = Path(path).read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        reason = getattr(error, "strerror", None) or "it is no text"
-        raise FileError(f"Cannot read the pairs in {path}: {reason}.") from None
     rows = []
-    for number, line in enumerate(text.splitlines(), 1):
-        words = line.split("#")[0].replace(",", " ").split()
-        if not words:
-            continue
-        if len(words) != 2 or not all(word.isascii() and word.isdigit() for word in words):
+    for number, line, words in number_lines(path):
+        if len(words) != 2 or not all(re.fullmatch("[0-9]{1,18}", word) for word in words):
             raise InvalidOptionError(
-                f"Line {number} of {path} must hold two vertex numbers, got {line.strip()[:40]!r}."
+                f"Line {number} of {path} must hold two vertex numbers, got {line!r}."
             )
         rows.append([int(word) for word in words])
     if not rows:

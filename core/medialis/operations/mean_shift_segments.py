@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from medialis.balls.surface_skeleton import Preparation
-from medialis.errors import FileError, InvalidOptionError, InvalidShapeError
+from medialis.errors import InvalidOptionError, InvalidShapeError
+from medialis.files._files import number_lines
 from medialis.model.shape import Shape
 from medialis.operations.common import cloud_arrays
 from medialis.operations.declaration import Operation
@@ -76,26 +77,17 @@ def _read_picks(path: str, shape: Shape) -> NDArray[np.int64]:
     """Vertices in a file: a number of the input, or three coordinates, a line; # is a comment."""
     if not path:
         return np.empty(0, np.int64)
-    try:
-        text = Path(path).read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        reason = getattr(error, "strerror", None) or "it is no text"
-        raise FileError(f"Cannot read the points in {path}: {reason}.") from None
     numbers: list[int] = []
     places: list[list[float]] = []
-    for line_number, line in enumerate(text.splitlines(), 1):
-        words = line.split("#")[0].replace(",", " ").split()
-        if not words:
-            continue
+    for line_number, line, words in number_lines(path):
         try:
-            if len(words) == 1:
+            if len(words) == 1 and re.fullmatch("-?[0-9]{1,18}", words[0]):
                 numbers.append(int(words[0]))
                 continue
             x, y, z = (float(word) for word in words)
         except ValueError:
             raise InvalidOptionError(
-                f"Line {line_number} of {path} must hold a vertex number or x y z, got "
-                f"{line.strip()[:40]!r}."
+                f"Line {line_number} of {path} must hold a vertex number or x y z, got {line!r}."
             ) from None
         places.append([x, y, z])
     if not numbers and not places:
