@@ -162,6 +162,6 @@ def _shown_from(layer: Layer, color_by: str) -> str:
     """Say in few words from which value on a picture shows points; the note has the sentence."""
     value, kind = layer.filter_default, layer.filter_unit.kind
     unit = {Kind.LENGTH: " %", Kind.ANGLE: " degrees"}.get(kind, "")
-    limit = f"{100 * value if kind is Kind.LENGTH else value:g}{unit}"
+    limit = f"{100 * value if kind is Kind.LENGTH else value:.3g}{unit}"
     of = "" if color_by == layer.filter_by else f" {str(layer.filter_by).replace('_', ' ')}"
     return f"shown from {limit}{of} on"

@@ -24,7 +24,11 @@ from medialis.validation import FloatArray
 HIDDEN_BELOW = 0.03
 """Fraction of the diagonal, chosen by looking at bunny, cow, horse, hand, fandisk and armadillo:
 0.02 leaves fuzz in the bunny's back and the armadillo's head, 0.05 takes the cow's horns and the
-horse's feet. A limb's importance is half its girth: the spider's legs are too thin for 0.03."""
+horse's feet. A limb's importance is half its girth, so thin limbs need less: see `_shown_from`."""
+
+ROUND, LIMBS_SHOWN = 2.8, 0.9
+"""A path of this many radii runs nearly half round its ball (pi), as in limbs and behind walls and
+not on bumps. Of the surface behind such balls this share stays shown by default."""
 
 SHOWN_SHARE = 99.0
 """Per cent of the points that the colours span, from the least important up."""
@@ -45,7 +49,8 @@ class SurfaceSkeletonRun(Preparation):
         HIDDEN_BELOW,
         "Hide below",
         "Hide the points whose importance is below this fraction of the size: those of bumps and "
-        "noise, and of limbs thinner than two thirds of it. They stay in the data; 0 shows all.",
+        "noise. They stay in the data; 0 shows all. The default is lower on shapes with thin "
+        "limbs.",
         high=10.0,
     )
     subsample: float = length(
@@ -96,13 +101,15 @@ def _measured(
     cloud: MedialCloud, importance: FloatArray, options: SurfaceSkeletonRun, progress: Progress
 ) -> Layer:
     """Layer of a cloud with importance, its unimportant points hidden; not if that were all."""
-    diagonal = cloud.surface.diagonal
+    diagonal, threshold = cloud.surface.diagonal, options.threshold
+    if threshold == HIDDEN_BELOW:  # a value of the user's own stays
+        threshold = _shown_from(cloud, importance)
     layer = cloud_layer(
         "surface_skeleton",
         cloud,
         {"importance": importance},
         unit=FilterUnit.length(diagonal, "threshold"),
-        hidden_below=options.threshold,
+        hidden_below=threshold,
     )
     # A few points are far more important than the rest, which would all have one colour.
     finite = importance[np.isfinite(importance)]
@@ -114,14 +121,25 @@ def _measured(
     if hidden:
         progress.note(
             f"{counted(hidden, 'skeleton point', of=len(cloud), verbs=('is', 'are'))} hidden: the "
-            f"importance is below {100 * options.threshold:g} % of the size, as it is for bumps, "
-            "noise and thin limbs (threshold = 0 shows all).",
+            f"importance is below {100 * threshold:.3g} % of the size, as it is for bumps and "
+            "noise (threshold = 0 shows all).",
             "hidden_points",
             hidden=hidden,
             points=len(cloud),
-            threshold=options.threshold,
+            threshold=threshold,
         )
     return layer
+
+
+def _shown_from(cloud: MedialCloud, importance: FloatArray) -> float:
+    """Return the default threshold, less where it would hide limbs: a fraction of the diagonal."""
+    limbs = np.isfinite(importance) & (importance >= ROUND * cloud.radii)
+    if not limbs.any():
+        return HIDDEN_BELOW
+    rising = np.flatnonzero(limbs)[np.argsort(importance[limbs], kind="stable")]
+    area = np.cumsum(cloud.surface.point_areas[cloud.source[rising]])
+    first = rising[np.searchsorted(area, (1.0 - LIMBS_SHOWN) * area[-1])]
+    return min(HIDDEN_BELOW, float(importance[first]) / cloud.surface.diagonal)
 
 
 OPERATION = Operation(
