@@ -135,22 +135,30 @@ def test_the_kernel_cache_is_looked_at_and_not_made(tmp_path, monkeypatch, machi
     assert not (tmp_path / "a").exists()
 
 
-@pytest.mark.parametrize("folder", ["no folder", "no rights", "no home"])
+@pytest.mark.parametrize("folder", ["no folder", "no rights"])
 def test_a_cache_that_cannot_be_written_says_what_to_do(
     tmp_path, monkeypatch, machine, quick, folder
 ):
     (tmp_path / "no folder").write_text("a file")
-
-    def place():
-        if folder == "no home":
-            raise RuntimeError("Could not determine home directory.")
-        return tmp_path / folder / "kernels"
-
-    monkeypatch.setattr(doctor, "kernel_cache", place)
+    monkeypatch.setattr(doctor, "kernel_cache", lambda: tmp_path / folder / "kernels")
     if folder == "no rights":
         monkeypatch.setattr(doctor.os, "access", lambda path, mode: mode == os.F_OK)
     found = by_name(doctor.examine(machine))["kernel cache"]
     assert found.state == "missing" and "every start compiles anew" in found.text
+    assert "MEDIALIS_CACHE_DIR" in found.advice
+
+
+@posix
+@pytest.mark.parametrize("place", [".", "kernels"])
+def test_a_cache_that_others_can_write_to_says_what_to_do(
+    tmp_path, monkeypatch, machine, quick, place
+):
+    """The doctor called a folder fine that no computation uses (fixed)."""
+    (tmp_path / "cache" / "kernels").mkdir(parents=True)
+    (tmp_path / "cache" / place).chmod(0o770)
+    monkeypatch.setattr(doctor, "kernel_cache", lambda: tmp_path / "cache" / "kernels")
+    found = by_name(doctor.examine(machine))["kernel cache"]
+    assert found.state == "missing" and "other users can write to" in found.text
     assert "MEDIALIS_CACHE_DIR" in found.advice
 
 

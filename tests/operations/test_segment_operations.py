@@ -102,7 +102,7 @@ def test_bad_files_of_seeds_are_refused(arch, tmp_path, text, words):
 
 
 def test_missing_files_of_seeds_are_refused(arch, tmp_path):
-    with pytest.raises(medialis.FileError, match="Cannot read the points"):
+    with pytest.raises(medialis.FileError, match="there is no such file"):
         medialis.run("mean_shift_segments", arch[0], add_seeds=str(tmp_path / "none.txt"))
 
 

@@ -17,7 +17,11 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-from medialis._kernels.cache_folder import kernel_cache, kernels_are_compiled
+from medialis._kernels.cache_folder import (
+    kernel_cache,
+    kernels_are_compiled,
+    written_by_others,
+)
 from medialis.cli.machine import Machine
 from medialis.cli.meshlab_install import HOW_TO_BUILD, PROGRAM_NOTE
 from medialis.errors import FileError
@@ -154,11 +158,11 @@ def _threads() -> Finding:
 
 def _cache() -> Finding:
     """Say where compiled kernels are kept, whether they can be, and how many are there."""
-    advice = "name a folder that can be written in the variable MEDIALIS_CACHE_DIR"
-    try:
-        folder = kernel_cache()
-    except RuntimeError:
-        text = "this user has no home folder to keep kernels in: every start compiles anew"
+    advice = "name a folder that you alone can write to in the variable MEDIALIS_CACHE_DIR"
+    folder = kernel_cache()
+    places = [place for place in (folder.parent, folder) if place.is_dir()]
+    if why := next(filter(None, map(written_by_others, places)), None):
+        text = f"{why}, so its machine code is not run: every start compiles anew"
         return Finding("kernel cache", "missing", text, advice)
     nearest = next(path for path in [folder, *folder.parents] if os.access(path, os.F_OK))
     if not (nearest.is_dir() and os.access(nearest, os.W_OK | os.X_OK)):
