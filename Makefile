@@ -11,6 +11,7 @@
 #   make meshlab-plugin    the plugin for the MeshLab of this machine
 # For hostile inputs and faults, made at random (a run goes on where the last one ended):
 #   make fuzz MINUTES=10   findings in build/fuzz; FUZZ="--seed 7 --kinds files" for others
+#   make bounds            operations on nasty shapes, with kernels that check bounds; some minutes
 # For a release:
 #   make site              gallery and docs in build/site, checked in Chromium where there is one
 #   make dist              wheel and sdist in dist; make test-dist looks into each, installs and runs it
@@ -26,7 +27,7 @@ CHECK_PYTHON = $(PYTHON) -c 'import sys; v = sys.version_info[:2]; \
 MAKE_VENV = $(RUN) -m pip --version >/dev/null 2>&1 \
 	|| { $(CHECK_PYTHON) && $(PYTHON) -m venv $(VENV); }
 
-.PHONY: demo test test-fast test-blender fuzz check hosts blender meshlab-plugin bench pictures site dist test-dist clean
+.PHONY: demo test test-fast test-blender fuzz bounds check hosts blender meshlab-plugin bench pictures site dist test-dist clean
 
 # The stamps are older than pyproject.toml exactly when its dependencies may have changed.
 $(VENV)/installed: pyproject.toml
@@ -64,6 +65,14 @@ MINUTES ?= 10
 
 fuzz: $(VENV)/installed-dev
 	PYTHONPATH=tests $(RUN) -m fuzz --minutes $(MINUTES) $(FUZZ)
+
+# Anew each time, with kernels of its own: code that checks bounds is slow.
+BOUNDS = build/bounds
+
+bounds: $(VENV)/installed-dev
+	rm -rf $(BOUNDS)
+	NUMBA_BOUNDSCHECK=1 MEDIALIS_CACHE_DIR="$(CURDIR)/$(BOUNDS)/kernels" PYTHONPATH=tests \
+		$(RUN) -m fuzz --kinds shapes --count 200 --seed 1 --output $(BOUNDS)/cases
 
 hosts:
 	tests/blender/make_hosts.sh

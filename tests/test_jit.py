@@ -305,7 +305,7 @@ def test_a_folder_of_another_user_is_not_used(own_cache, monkeypatch, caplog):
 
 @posix
 def test_folders_are_made_for_their_user_alone(own_cache):
-    """What others can write to must not be where machine code is kept, so we make no such folder."""
+    """Machine code is kept where others cannot write, so folders that we make are like that."""
     before = os.umask(0)
     try:
         cache_folder.make_kernel_cache()

@@ -24,7 +24,7 @@ SECTIONS = {
     "Many and large shapes": ("batch*", "report*", "huge*"),
     "Thesis": ("thesis_*",),
     "Python": ("api", "glossary", "versions"),
-    "Project": ("architecture*", "benchmarks*", "contributing", "changelog"),
+    "Project": ("promises", "architecture*", "benchmarks*", "contributing", "changelog"),
 }
 """Patterns of pages, without `.md`; the sections of the operations come before them."""
 

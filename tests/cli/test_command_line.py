@@ -335,6 +335,55 @@ def test_interrupt_leaves_nothing_behind(creature, tmp_path, number):
     assert list(tmp_path.iterdir()) == []
 
 
+def test_control_characters_of_a_name_do_nothing(tmp_path, capsys):
+    """A file whose name held escape sequences changed colours and title of the terminal (fixed)."""
+    name = tmp_path / "a\x1b[31m\x07\r.xyz"
+    assert main(["info", str(name)]) == 2
+    name.write_text("0 0 0\n1 0 0\n0 1 0\n0 0 1\n") if os.name != "nt" else None
+    main(["info", str(name)])
+    said = capsys.readouterr()
+    assert not set("\x1b\x07\r") & set(said.out + said.err)
+    assert "a\\x1b[31m\\x07" in said.err and "a\\x1b[31m\\x07" in said.out
+
+
+STALLING = """\
+import importlib.abc, sys, time
+
+class Stall(importlib.abc.MetaPathFinder):
+    def find_spec(self, name, path=None, target=None):
+        if name == "numpy":
+            print("stalled", file=sys.stderr, flush=True)
+            time.sleep(60)
+
+sys.meta_path.insert(0, Stall())
+"""
+
+
+@pytest.mark.skipif(os.name == "nt", reason="sends the interrupt signal of Unix")
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupt_while_packages_are_loaded_is_one_line(creature, tmp_path, number):
+    """Ctrl-C within the first second gave a traceback of an import and exit code 1 (fixed)."""
+    (tmp_path / "hook").mkdir()
+    (tmp_path / "hook" / "sitecustomize.py").write_text(STALLING)
+    (tmp_path / "work").mkdir()
+    places = [str(tmp_path / "hook"), *filter(None, sys.path)]
+    child = subprocess.Popen(
+        [sys.executable, "-m", "medialis", "surface-skeleton", str(creature), "-o", "out"],
+        cwd=tmp_path / "work",
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(places)},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+    )
+    assert child.stderr.readline() == "stalled\n"
+    child.send_signal(number)
+    said, told = child.communicate(timeout=30)
+    assert (child.returncode, said) == (130, "")
+    assert told == "medialis: cancelled, nothing was written.\n"
+    assert list((tmp_path / "work").iterdir()) == []
+
+
 @pytest.mark.skipif(os.name == "nt", reason="needs pipes as Unix has them")
 def test_a_child_whose_host_died_ends_and_leaves_nothing(creature, tmp_path):
     """Nobody reads its progress any more: it stops at the next line, and writes no result."""

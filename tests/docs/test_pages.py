@@ -74,7 +74,7 @@ def test_staged_pages_link_to_what_is_there(tmp_path):
                 assert (page.parent / file).is_file(), f"{name} names {link}"
 
 
-@pytest.mark.parametrize("name", ["architecture", "thesis_map"])
+@pytest.mark.parametrize("name", ["architecture", "promises", "thesis_map"])
 def test_files_that_pages_name_are_there(name):
     """Paths in backticks: of the core, of the tests, or of the repository."""
     text = pages.FENCE.sub("", SOURCES[name].read_text(encoding="utf-8"))
