@@ -30,6 +30,9 @@ SECONDS = 10.0
 LONG_SECONDS = 60.0
 """The same where options ask for more samples, directions or views."""
 
+BOUNDS_CHECKS = os.environ.get("NUMBA_BOUNDSCHECK") == "1"
+"""Kernels that check bounds are compiled anew and slow: what they cost tells nothing."""
+
 MOST_MEMORY = 3 * GIGABYTE
 
 MAY_BE_INFINITE = {"importance"}
@@ -68,7 +71,7 @@ def run(case: Case) -> None:
         shape = medialis.make_shape(points, None if cloud else faces, normals, repair=repair)
         begin, before = time.process_time(), _peak_memory()
         result = _computed(chosen, shape, options, threads=1)
-        limit = LONG_SECONDS if _dear(chosen, options) else SECONDS
+        limit = LONG_SECONDS if _dear(chosen, options) or BOUNDS_CHECKS else SECONDS
         _check_cost(chosen, time.process_time() - begin, _peak_memory() - before, limit)
         check_result(result)
         if extras[0] < 0.15:
