@@ -97,7 +97,7 @@ def test_a_second_call_computes_only_what_is_missing(finished, shapes):
     kept = out / "good 0 ü" / "thickness" / "thickness.npz"
     lost = out / "good 1 ü" / "surface_skeleton"
     (lost / "surface_skeleton.npz").unlink()
-    left = lost.with_name(".surface_skeleton-left")
+    left = lost.with_name(".surface_skeleton-0123abcd")
     left.mkdir()
     stamp = kept.stat().st_mtime_ns
     again = medialis.batch(OPERATIONS, shapes, out, workers=1)

@@ -1,18 +1,24 @@
 """Batches among damaged files and strange names."""
 
 import csv
+import hashlib
 import json
+import logging
 import os
+import subprocess
+import sys
 
 import pytest
 
 import medialis
+from medialis.batches.engine import warn_if_open
 from medialis.batches.files import find_files, unique_names
 from medialis.batches.jobs import DONE, plan
 from medialis.batches.lock import locked_folder
 from medialis.batches.table import csv_text
 from medialis.batches.work import run_job
 from medialis.files.ply_attributes import write_ply
+from medialis.progress import Progress
 
 
 @pytest.fixture
@@ -50,6 +56,7 @@ def test_a_damaged_manifest_is_none(job, text):
         *[("seconds", value) for value in ({}, [], {"total": "x"}, None)],
         *[("files", value) for value in ([], [7], None, ["../a.ply"], [["a"]])],
         *[("operation", 7), ("picture", 7)],
+        *[("contents", value) for value in ({}, [], None, {"thickness.npz": 7})],
     ],
 )
 def test_a_manifest_with_other_types_is_none(job, key, value):
@@ -66,6 +73,130 @@ def test_an_empty_file_is_not_done(job):
     """A machine that lost power leaves files of 0 bytes under a complete manifest (fixed)."""
     (job.folder("thickness") / "thickness.npz").write_bytes(b"")
     assert job.finished("thickness") is None
+
+
+def test_a_file_with_other_contents_is_not_done(job):
+    """A byte of another generation under a complete manifest was taken for the result (fixed)."""
+    folder = job.folder("thickness")
+    contents = json.loads((folder / "manifest.json").read_bytes())["contents"]
+    assert set(contents) == {path.name for path in folder.iterdir()} - {"manifest.json"}
+    for name, told in contents.items():
+        path = folder / name
+        data = path.read_bytes()
+        assert told == {"bytes": len(data), "sha256": hashlib.sha256(data).hexdigest()}
+        for other in (data[:-1], data + b"\0", data[:-1] + bytes([data[-1] ^ 1])):
+            path.write_bytes(other)
+            assert job.finished("thickness") is None
+        path.unlink()
+        assert job.finished("thickness") is None
+        path.write_bytes(data)
+        assert job.finished("thickness") is not None
+
+
+KILLED = """
+import os, pathlib, sys
+import medialis
+from medialis.batches.jobs import plan
+from medialis.files.output_folder import OutputFolder
+from medialis.operations.writing import write_result
+
+file, output, fatal = sys.argv[1:]
+left, move, replace = int(fatal), OutputFolder._move, pathlib.Path.replace
+
+def counted(self, target):
+    global left
+    if left == 0:
+        os._exit(9)
+    left -= 1
+    return replace(self, target)
+
+def moving(self):
+    pathlib.Path.replace = counted
+    move(self)
+    print("moved", flush=True)
+    if left == 0:
+        os._exit(9)
+
+OutputFolder._move = moving
+from medialis.batches.work import run_job
+given = {"thickness": {"refine": 0.0, "threshold": 0.3}}
+(job,) = plan(["thickness"], [file], output, parameters=given, picture=False)
+run_job(job)
+print("unharmed")
+"""
+
+
+@pytest.mark.slow
+def test_a_replaced_result_that_was_killed_between_moves_is_not_done(job, tmp_path):
+    """The old manifest stayed beside new files: a resumed batch took them for the old ones (fixed).
+
+    Killed after every number of moves, then resumed with the old and with the new parameters.
+    """
+    given = {"thickness": {"refine": 0.0, "threshold": 0.3}}
+    files = [tmp_path / "a.ply"]
+    (other,) = plan(["thickness"], files, tmp_path / "o", parameters=given, picture=False)
+    (whole,) = plan(["thickness"], files, tmp_path / "new", parameters=given, picture=False)
+    run_job(whole)
+
+    def data(one):
+        paths = one.folder("thickness").iterdir()
+        return {path.name: path.read_bytes() for path in paths if path.name != "manifest.json"}
+
+    before, after = data(job), data(whole)
+    assert before.keys() == after.keys() and before != after
+    for count in range(100):
+        words = [sys.executable, "-c", KILLED, files[0], tmp_path / "o", str(count)]
+        ended = subprocess.run(words, capture_output=True, text=True)
+        assert ended.returncode in (0, 9), ended.stderr
+        if ended.returncode == 0:
+            break
+        complete = "moved" in ended.stdout
+        assert list(job.folder("thickness").parent.glob(".*")) != []
+        assert job.finished("thickness") is None or (count == 0 and data(job) == before)
+        assert (other.finished("thickness") is not None) == complete
+        (row,) = run_job(job)
+        assert row.status == DONE and data(job) == before
+        assert job.finished("thickness") == row and other.finished("thickness") is None
+    assert count > 2 * len(before) and data(other) == after
+    assert list(job.folder("thickness").parent.glob(".*")) == []
+
+
+def test_a_batch_removes_what_a_killed_one_left(tmp_path):
+    """Hidden files of a batch that was killed while it wrote its table stayed (fixed)."""
+    pytest.importorskip("distributed", reason="needs the extra dask")
+    shape = medialis.organic_shape(56)
+    write_ply(tmp_path / "a.ply", shape.points, shape.faces)
+    given = {"thickness": {"refine": 0.0}}
+    out = tmp_path / "o"
+    (job,) = plan(["thickness"], [tmp_path / "a.ply"], out, parameters=given)
+    run_job(job)
+    names = [out / ".results.csv-01234567", out / ".results.html-89abcdef"]
+    for path in names:
+        path.write_text("half")
+    left = out / "a" / ".thickness-01234567"
+    left.mkdir()
+    (left / ".medialis-lock").write_bytes(b"")
+    (left / "half.ply").write_bytes(b"ply")
+    medialis.batch("thickness", [tmp_path / "a.ply"], out, parameters=given)
+    assert not left.exists() and not any(path.exists() for path in names)
+
+
+@pytest.mark.parametrize(
+    ("address", "warned"),
+    [
+        *[(f"{kind}127.0.0.1:8786", False) for kind in ("", "tcp://", "tls://", "ucx://")],
+        *[(f"tcp://{host}:8786", False) for host in ("localhost", "127.8.9.1", "[::1]")],
+        *[("inproc://10.0.0.1/77/1", False), ("tls://10.0.0.1:8786", False)],
+        *[(f"tcp://{host}:8786", True) for host in ("10.0.0.1", "[fe80::1]", "host", "0.0.0.0")],
+        *[("10.0.0.1:8786", True), ("ws://10.0.0.1", True), ("wss://10.0.0.1", False)],
+    ],
+)
+def test_a_scheduler_on_the_network_without_tls_gives_a_warning(address, warned):
+    """Who reaches a worker of Dask runs code there, and nothing said so (fixed)."""
+    progress = Progress()
+    warn_if_open(address, progress)
+    assert [m.code for m in progress.messages] == ["open_scheduler"] * warned
+    assert all(m.level == logging.WARNING for m in progress.messages)
 
 
 def test_a_file_called_only_by_its_ending_stays_in_the_output(tmp_path):

@@ -408,13 +408,33 @@ def test_a_closed_pipe_is_not_an_error():
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a device that is always full")
-def test_output_that_cannot_be_printed_is_one_sentence():
-    """A full disk behind `medialis list > file` was a traceback."""
+@pytest.mark.parametrize("words", ["list", "--help", "--version", "thickness --help"])
+def test_output_that_cannot_be_printed_is_one_sentence(words):
+    """A full disk behind `medialis list > file` was a traceback; behind --help nothing (fixed)."""
     with Path("/dev/full").open("w") as full:
         done = subprocess.run(
-            [sys.executable, "-m", "medialis", "list"], stdout=full, stderr=subprocess.PIPE
+            [sys.executable, "-m", "medialis", *words.split()], stdout=full, stderr=subprocess.PIPE
         )
     assert done.returncode == 2 and len(done.stderr.splitlines()) == 1, done.stderr
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows keeps a working folder")
+@pytest.mark.parametrize(
+    "words", ["thickness a.ply", "thickness {} -o out", "thickness {}", "batch thickness {} -o out",
+              "batch thickness . -o out", "batch thickness a.ply -o {}.out", "demo -o out"]
+)  # fmt: skip
+def test_a_removed_working_folder_is_one_sentence(creature, tmp_path, words, capsys, monkeypatch):
+    """It was a failure to print the output, or a traceback (fixed)."""
+    if words.startswith("batch"):
+        pytest.importorskip("distributed", reason="needs the extra dask")
+    folder = tmp_path / "gone"
+    folder.mkdir()
+    monkeypatch.chdir(folder)
+    folder.rmdir()
+    assert main([word.replace("{}", str(creature)) for word in words.split()]) == 2
+    error = capsys.readouterr().err
+    assert len(error.splitlines()) == 1 and error.startswith("medialis: Cannot "), error
+    assert "print" not in error
 
 
 def test_names_in_any_script_are_printed(creature, tmp_path):

@@ -306,3 +306,45 @@ def test_polygons_of_many_corners_are_cut_as_before_and_fast(tmp_path, corners):
         path = tmp_path / f"{name}.obj"
         path.write_text(text + "f " + " ".join(map(str, range(1, len(polygon) + 1))) + "\n")
         assert len(read_mesh(path).faces) == len(polygon) - 2
+
+
+@pytest.mark.parametrize("ending", ["glb", "3mf", "dae"])
+def test_the_lowest_trimesh_reads_what_is_promised(tmp_path, ending):
+    """trimesh 4.4.0, which the bound allowed, failed on all three (fixed)."""
+    trimesh = pytest.importorskip("trimesh")
+    for package in {"3mf": ("lxml", "networkx"), "dae": ("collada",)}.get(ending, ()):
+        pytest.importorskip(package)
+    shape = medialis.organic_shape(56)
+    path = tmp_path / f"a.{ending}"
+    solid = trimesh.Trimesh(shape.points, shape.faces, process=False)
+    path.write_bytes(solid.export(file_type=ending))
+    mesh = read_mesh(path)
+    assert len(mesh.faces) == len(shape.faces)
+    size = np.ptp(shape.points, axis=0).max()
+    assert np.allclose(np.ptp(mesh.points, axis=0), np.ptp(shape.points, axis=0), atol=1e-4 * size)
+
+
+def test_a_scene_reads_nothing_outside_of_its_folder(tmp_path):
+    """A glTF file could name any file of the machine as its buffer (fixed)."""
+    trimesh = pytest.importorskip("trimesh")
+    shape = medialis.organic_shape(56)
+    scene = trimesh.Scene(trimesh.Trimesh(shape.points, shape.faces, process=False))
+    files = scene.export(file_type="gltf")
+    folder = tmp_path / "inner"
+    folder.mkdir()
+    for name, data in files.items():
+        (folder / name).write_bytes(data)
+    assert len(read_mesh(folder / "model.gltf").faces) == len(shape.faces)
+    text = files["model.gltf"].decode()
+    for name in (name for name in files if name != "model.gltf"):
+        (folder / name).rename(tmp_path / name)
+        for place in (f"../{name}", f"./../{name}", (tmp_path / name).as_posix()):
+            (folder / "model.gltf").write_text(text.replace(f'"{name}"', f'"{place}"'))
+            with pytest.raises(medialis.InvalidShapeError):
+                read_mesh(folder / "model.gltf")
+        (folder / name).symlink_to(tmp_path / name)
+        (folder / "model.gltf").write_text(text)
+        with pytest.raises(medialis.InvalidShapeError):
+            read_mesh(folder / "model.gltf")
+        (folder / name).unlink()
+        (tmp_path / name).rename(folder / name)

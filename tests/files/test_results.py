@@ -2,6 +2,8 @@
 
 import json
 import os
+import subprocess
+import sys
 from dataclasses import dataclass
 from enum import Enum
 
@@ -288,6 +290,80 @@ def test_output_folder_puts_everything_back_when_moving_fails(tmp_path, monkeypa
             folder.file(name).write_text("new")
         monkeypatch.setattr(type(tmp_path), "replace", fail_late)
     assert names_in(tmp_path) == ["a"] and (tmp_path / "a").read_text() == "old"
+
+
+KILLED = """
+import os, sys
+from medialis.files.output_folder import OutputFolder
+with OutputFolder(sys.argv[1]) as folder:
+    folder.file("half.txt").write_text("half")
+    print("here", flush=True)
+    sys.stdin.read()
+"""
+
+
+def test_output_folder_removes_what_a_killed_run_left_and_nothing_else(tmp_path):
+    """Hidden folders of killed runs stayed; a batch removed any `.name-*` (fixed)."""
+    out = tmp_path / "ou[t]"
+    tails = ("notes", "0123456", "012345678", "ABCDEF01")
+    own = [tmp_path / f".ou[t]-{tail}" for tail in tails]
+    own += [tmp_path / ".out-01234567", tmp_path / ".ou[t]-01234567"]
+    for folder in own:
+        folder.mkdir(exist_ok=True)
+        (folder / "mine.txt").write_text("mine")
+    children = []
+    for _ in range(2):
+        words = [sys.executable, "-c", KILLED, out]
+        pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
+        children.append(subprocess.Popen(words, **pipes))
+        assert children[-1].stdout.readline() == b"here\n"
+    left = [p for p in tmp_path.glob(".ou*") if p not in own]
+    assert len(left) == 2
+    children[0].kill()
+    children[0].communicate()
+    (empty := tmp_path / ".ou[t]-deadbeef").mkdir()  # killed before it made its lock
+    with OutputFolder(out) as folder:
+        folder.file("a.txt").write_text("a")
+        (alive,) = [p for p in left if p.exists()]
+    assert (alive / "half.txt").exists() and not empty.exists()
+    children[1].communicate(b"")
+    assert children[1].returncode == 0
+    assert names_in(out) == ["a.txt", "half.txt"]
+    assert all((folder / "mine.txt").exists() for folder in own)
+    assert sorted(tmp_path.glob(".ou*")) == sorted(own)
+
+
+def test_output_folder_loses_no_old_file_when_it_is_interrupted(tmp_path, monkeypatch):
+    """Ctrl-C just after an old file was moved away lost it (fixed)."""
+    original = type(tmp_path).replace
+    for count in range(20):
+        (tmp_path / "a").write_text("old")
+        (tmp_path / "manifest.json").write_text("old")
+        left = count
+
+        def interrupted(self, target):
+            nonlocal left
+            original(self, target)
+            left -= 1
+            if left == -1:
+                raise KeyboardInterrupt
+
+        def write():
+            with OutputFolder(tmp_path) as folder:
+                for name in ("a", "b", "manifest.json"):
+                    folder.file(name).write_text("new")
+                monkeypatch.setattr(type(tmp_path), "replace", interrupted)
+
+        try:
+            write()
+        except KeyboardInterrupt:
+            assert names_in(tmp_path) == ["a", "manifest.json"]
+            assert (tmp_path / "a").read_text() == (tmp_path / "manifest.json").read_text() == "old"
+        else:
+            break
+        finally:
+            monkeypatch.setattr(type(tmp_path), "replace", original)
+    assert count == 5
 
 
 def test_output_folder_refuses_bad_targets(tmp_path):

@@ -7,11 +7,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from medialis.batches.engine import run_jobs
+from medialis.batches.engine import run_jobs, warn_if_open
 from medialis.batches.jobs import FAILED, Job, Row, plan
 from medialis.batches.lock import locked_folder
 from medialis.batches.table import write_table
 from medialis.batches.work import run_job
+from medialis.files.output_folder import remove_left
 from medialis.progress import Progress, ProgressCallback
 from medialis.threads import thread_count
 from medialis.validation import as_whole_number
@@ -50,7 +51,7 @@ def batch(
         Number of processes, which share the threads of this machine; as many as processors when
         missing. Or the address of an existing Dask scheduler, such as "tcp://127.0.0.1:8786": its
         workers compute with one thread for each of theirs and must see the files under the same
-        paths.
+        paths. An address beyond this machine that is not tls:// gets a warning (open_scheduler).
     picture : bool
         Draw a picture of each result.
     report : bool
@@ -98,7 +99,12 @@ def batch(
     if workers is not None and not isinstance(workers, str):
         processes = as_whole_number(workers, "workers", low=1, high=MOST_WORKERS)
     jobs = plan(names, files, output, parameters=parameters, picture=picture, report=report)
+    if scheduler is not None:
+        warn_if_open(scheduler, progress)
     with locked_folder(output):
+        for job in jobs:
+            for name in job.operations:
+                remove_left(job.folder(name))
         rows = {job.name: found for job in jobs if (found := _finished(job)) is not None}
         waiting = [job for job in jobs if job.name not in rows]
         failed = 0

@@ -8,15 +8,17 @@ its worker then is reported. Rows come back as they are made; nothing else is he
 
 from __future__ import annotations
 
+import ipaddress
 import logging
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from typing import Any, TypeVar
 
 from medialis.batches.jobs import Job, Row
 from medialis.errors import FileError, InvalidOptionError
+from medialis.progress import Progress
 
 Work = Callable[[Job], list[Row]]
 
@@ -156,6 +158,23 @@ def cluster(workers: int, scheduler: str | None) -> Iterator[tuple[Any, int]]:
             Client(local, set_as_default=False) as client,
         ):
             yield client, workers
+
+
+def warn_if_open(scheduler: str, progress: Progress) -> None:
+    """Warn of a scheduler beyond this machine without TLS: who reaches it can run any code."""
+    protocol, _, rest = scheduler.rpartition("://")
+    host = rest.rpartition(":")[0].strip("[]") or rest
+    local = host == "localhost" or protocol in ("inproc", "unix")
+    with suppress(ValueError):  # a name
+        local = local or ipaddress.ip_address(host).is_loopback
+    if not local and protocol not in ("tls", "wss"):
+        progress.note(
+            f"The Dask scheduler at {scheduler} is on the network and not encrypted: who reaches "
+            "it runs code on its workers; use tls:// or a network that you trust.",
+            "open_scheduler",
+            level=logging.WARNING,
+            scheduler=scheduler,
+        )
 
 
 @contextmanager

@@ -7,6 +7,8 @@ import os
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+from medialis.files._files import absolute
+
 READABLE = (".ply", ".obj", ".off", ".stl", ".xyz", ".pts", ".glb", ".gltf", ".3mf", ".dae")
 """Files that are taken from a folder; a file that is named itself may have any ending."""
 
@@ -22,7 +24,7 @@ def find_files(entries: Sequence[str | os.PathLike[str]], output: Path) -> list[
     found: dict[Path, Path] = {}
     for entry in map(Path, entries):
         for path in sorted(_meshes(entry, output)) if is_folder(entry) else [entry]:
-            found.setdefault(path.absolute(), path)
+            found.setdefault(absolute(path), path)
     return list(found.values())
 
 
@@ -35,7 +37,7 @@ def is_folder(path: Path) -> bool:
 
 
 def _meshes(entry: Path, output: Path) -> Iterator[Path]:
-    top, out = entry.resolve(), output.resolve()
+    top, out = absolute(entry).resolve(), absolute(output).resolve()
     for name, inner, files in os.walk(entry):
         folder = Path(name)
         inside = top / folder.relative_to(entry)

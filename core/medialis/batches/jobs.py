@@ -11,9 +11,12 @@ from typing import Any
 
 from medialis.batches.files import READABLE, find_files, is_folder, unique_names
 from medialis.errors import FileError, InvalidOptionError
+from medialis.files._files import absolute
+from medialis.files.output_folder import MANIFEST
 from medialis.kept import Described
 from medialis.operations.registry import operation
-from medialis.operations.writing import THUMBNAIL
+from medialis.operations.writing import THUMBNAIL, content
+from medialis.progress import Progress
 from medialis.version import package_version
 
 DONE, FAILED = "done", "failed"
@@ -96,11 +99,12 @@ class Job:
         """Return the row of a result that is there already, complete and of the same input.
 
         Same means: the same file by path, size and time of change, the same parameters, and the
-        same version of medialis. A manifest that is damaged is none.
+        same version of medialis. A manifest that is damaged is none; so is one whose files have
+        other contents than it lists.
         """
         folder = self.folder(operation_name)
         try:
-            manifest = json.loads((folder / "manifest.json").read_bytes())
+            manifest = json.loads((folder / MANIFEST).read_bytes())
             files = {Path(name).name for name in manifest["files"]}
             same = (
                 manifest["medialis"] == package_version()
@@ -109,8 +113,9 @@ class Job:
                 and (THUMBNAIL in files or not self.picture)
                 and (REPORT in files or not self.report)
                 and f"{operation_name}.npz" in files
-                and all(_is_written(folder / name) for name in files)
+                and files == {*manifest["contents"], MANIFEST}
                 and _is_complete(manifest)
+                and all(_is_written(folder / n, told) for n, told in manifest["contents"].items())
             )
             return self.row(manifest) if same else None
         except (OSError, ValueError, KeyError, TypeError, RecursionError):
@@ -142,9 +147,10 @@ class Job:
         return Row(self.name, self.file, operation_name, FAILED, " ".join(sentence.split()))
 
 
-def _is_written(path: Path) -> bool:
-    """Whether a file is there and holds something: a machine that lost power leaves empty ones."""
-    return path.is_file() and path.stat().st_size > 0
+def _is_written(path: Path, told: Mapping[str, Any]) -> bool:
+    """Whether a file holds what its manifest tells: a machine that lost power leaves empty ones."""
+    same_size = path.is_file() and 0 < path.stat().st_size == told["bytes"]
+    return same_size and content(path, Progress()) == told
 
 
 def _is_complete(manifest: Mapping[str, Any]) -> bool:
@@ -165,7 +171,7 @@ def stamp(file: str) -> list[str | int]:
         When there is no such file.
     """
     found = Path(file).stat()
-    return [str(Path(file).absolute()), found.st_size, found.st_mtime_ns]
+    return [str(absolute(file)), found.st_size, found.st_mtime_ns]
 
 
 def plan(

@@ -9,7 +9,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from medialis.errors import FileError
-from medialis.files._files import reason
+from medialis.files._files import reason, take_lock
 
 LOCK = ".medialis-batch"
 
@@ -56,20 +56,7 @@ def locked_folder(folder: str | os.PathLike[str]) -> Iterator[None]:
 
 def _take(handle: int, path: Path) -> bool:
     """Lock an open file without waiting; False when another process has it."""
-    try:
-        if sys.platform == "win32":
-            import msvcrt
-
-            msvcrt.locking(handle, msvcrt.LK_NBLCK, 1)
-        else:
-            import fcntl
-
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except PermissionError:  # Windows
+    if take_lock(handle) is False:
         return False
-    except BlockingIOError:
-        return False
-    except OSError:  # a file system without locks
-        return True
     # The one who had it may have removed it between our opening and locking.
     return path.exists() and os.path.samestat(os.fstat(handle), path.stat())

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from medialis.balls.ball_shrinking import SAMPLES_A_CHUNK, Shrinking
-from medialis.batches.engine import cluster, hand_out
+from medialis.batches.engine import cluster, hand_out, warn_if_open
 from medialis.batches.mapped_files import Files, as_plain
 from medialis.errors import FileError
 from medialis.progress import Progress
@@ -93,6 +93,7 @@ def shrink_there(
         for begin in range(0, n, step)
     ]  # fmt: skip
     done = 0
+    warn_if_open(scheduler, progress)
     with cluster(1, scheduler) as (client, slots):
         for job, count in hand_out(client, jobs, shrink_range, slots, AGAIN):
             if count is None:

@@ -33,6 +33,8 @@ def write_table(rows: Sequence[Row], folder: str | os.PathLike[str]) -> tuple[st
     """
     csv_path, page_path = (Path(folder) / name for name in TABLES)
     for path, text in ((csv_path, csv_text(rows)), (page_path, html_text(rows))):
+        for left in path.parent.glob(f".{path.name}-????????"):  # of a batch that was killed
+            left.unlink(missing_ok=True)
         with complete_file(path) as stream:
             stream.write(text.encode("utf-8", "backslashreplace"))  # names that are no text
     return str(csv_path), str(page_path)

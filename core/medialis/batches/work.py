@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import json
 import logging
-import shutil
 import time
 from dataclasses import dataclass
-from pathlib import Path
 
 from medialis.batches.jobs import Job, Row, stamp
 from medialis.errors import Cancelled, MedialisError
@@ -77,7 +75,6 @@ def _read(job: Job) -> Source:
 
 def _run_operation(job: Job, name: str, source: Source) -> Row:
     clock, progress = time.perf_counter(), Progress()
-    _remove_unfinished(job.folder(name))
     progress.messages.extend(source.messages)
     result = run(name, source.shape, threads=job.threads, progress=progress, **job.operations[name])
     texts = None
@@ -97,12 +94,6 @@ def _run_operation(job: Job, name: str, source: Source) -> Row:
     )
     # As it is read back: a resumed batch must give the same table.
     return job.row(json.loads(json_text(manifest)))
-
-
-def _remove_unfinished(folder: Path) -> None:
-    """Remove what a killed run has left: hidden folders of unfinished results."""
-    for left in folder.parent.glob(f".{folder.name}-*"):
-        shutil.rmtree(left, ignore_errors=True)
 
 
 def _sentence(error: Exception) -> str:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from medialis.cli.display import STYLES
+from medialis.cli.display import STYLES, say
 from medialis.errors import InvalidOptionError
 from medialis.operations.declaration import Kind, Operation, Parameter
 from medialis.operations.registry import OPERATIONS
@@ -33,6 +34,11 @@ def number(text: str) -> float | str:
 
 class _Parser(argparse.ArgumentParser):
     """argparse that reports errors as one line, like every other error of the program."""
+
+    def _print_message(self, message: str, file: Any = None) -> None:
+        if message:  # argparse itself prints to a full disk without a word
+            say(message.removesuffix("\n"), file=file)
+            sys.stdout.flush()
 
     def error(self, message: str) -> Any:
         raise InvalidOptionError(f"{message} (see {self.prog} --help)")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import logging
 import sys
 from collections.abc import Sequence
 from dataclasses import asdict
@@ -23,6 +24,7 @@ def run_batch(options: argparse.Namespace) -> int:
     from medialis.batches.jobs import FAILED
     from medialis.files.results import json_text
 
+    progress = shown_progress(options.progress, batch=True)
     try:
         rows = batch(
             [name.strip() for name in options.operations.split(",")],
@@ -32,7 +34,7 @@ def run_batch(options: argparse.Namespace) -> int:
             workers=options.scheduler or options.workers,
             picture=not options.no_picture,
             report=options.report,
-            progress=shown_progress(options.progress, batch=True),
+            progress=progress,
         )
     except (KeyboardInterrupt, Cancelled):
         clear_bar()
@@ -41,6 +43,9 @@ def run_batch(options: argparse.Namespace) -> int:
             file=sys.stderr,
         )
         return EXIT_CANCELLED
+    for message in progress.messages:
+        if message.level >= logging.WARNING:
+            say(f"warning: {message}", file=sys.stderr)
     bad = [row for row in rows if row.status == FAILED]
     if options.json:
         say(json_text([asdict(row) for row in rows]))

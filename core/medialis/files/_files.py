@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import secrets
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -87,6 +88,44 @@ def number_lines(name: str) -> Iterator[tuple[int, str, list[str]]]:
         words = line.split("#")[0].replace(",", " ").split()
         if words:
             yield place, line.strip()[:40], words
+
+
+def absolute(path: str | os.PathLike[str]) -> Path:
+    """Return the whole path of a file or folder.
+
+    Raises
+    ------
+    FileError
+        When it is relative to a working folder that was removed.
+    """
+    try:
+        return Path(path).absolute()
+    except FileNotFoundError:
+        raise FileError(
+            f"Cannot tell where {os.fspath(path)!r} is: the working folder was removed; go to one "
+            "that is there."
+        ) from None
+
+
+def take_lock(handle: int) -> bool | None:
+    """Lock an open file without waiting; False when another has it, None where there are no locks.
+
+    The system gives it back when the process ends in whatever way.
+    """
+    try:
+        if sys.platform == "win32":
+            import msvcrt
+
+            msvcrt.locking(handle, msvcrt.LK_NBLCK, 1)
+        else:
+            import fcntl
+
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except (PermissionError, BlockingIOError):  # the first is Windows
+        return False
+    except OSError:
+        return None
+    return True
 
 
 def reason(error: Exception) -> str:

@@ -3,16 +3,61 @@
 from __future__ import annotations
 
 import os
+import re
+import secrets
 import shutil
-import tempfile
+from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 
 from medialis.errors import FileError, InvalidOptionError
-from medialis.files._files import reason
+from medialis.files._files import absolute, reason, take_lock
 
-LAST = "manifest.json"
+MANIFEST = "manifest.json"
 """Moved after all others, and an old one away before: where it is, all it lists belongs to it."""
+LOCK = ".medialis-lock"
+"""In each hidden folder, held as long as its process lives: what nobody holds was left behind."""
+
+
+def remove_left(path: str | os.PathLike[str]) -> None:
+    """Remove the hidden folders of killed runs that wrote to `path`; never one in use."""
+    target = absolute(path)
+    ours = re.compile(re.escape(f".{target.name}-") + "[0-9a-f]{8}")
+    for place in (target.parent, target):
+        try:
+            left = [entry for entry in place.iterdir() if ours.fullmatch(entry.name)]
+        except (OSError, ValueError):  # not there, or not to be read
+            continue
+        for folder in left:
+            _remove_unless_held(folder)
+
+
+def _remove_unless_held(folder: Path) -> None:
+    try:
+        handle = os.open(folder / LOCK, os.O_RDWR)
+    except OSError:
+        with suppress(OSError):  # its process was killed before it made the lock, or it is not ours
+            folder.rmdir()
+        return
+    try:
+        taken = take_lock(handle)
+        if taken:
+            _remove(folder)
+    finally:
+        os.close(handle)
+    if taken:  # Windows removes no open file
+        _remove(folder)
+
+
+def _remove(folder: Path) -> None:
+    """Remove a hidden folder, the mark that it is ours last: who is killed leaves no other one."""
+    with suppress(OSError):
+        for entry in folder.iterdir():
+            if entry.is_dir() and not entry.is_symlink():
+                shutil.rmtree(entry, ignore_errors=True)
+            elif entry.name != LOCK:
+                entry.unlink(missing_ok=True)
+    shutil.rmtree(folder, ignore_errors=True)
 
 
 class OutputFolder:
@@ -20,7 +65,8 @@ class OutputFolder:
 
     The hidden folder lies beside `path` (inside it where only that is possible: another disk is
     mounted there, or the folder around it may not be written), so moving is renaming. When the
-    block ends with any exception, or moving fails, everything is as it was before.
+    block ends with any exception, or moving fails, everything is as it was before. What a killed
+    run has left is removed by the next one.
 
     Parameters
     ----------
@@ -45,11 +91,12 @@ class OutputFolder:
     def __init__(self, path: str | os.PathLike[str]) -> None:
         self.path = Path(path)
         self._hidden: Path | None = None
+        self._lock: int | None = None
         self._made: list[Path] = []
 
     def __enter__(self) -> OutputFolder:
         self._hidden, self._made = None, []
-        target = self.path.absolute()
+        target = absolute(self.path)
         try:
             if target.exists() and not target.is_dir():
                 raise FileError(
@@ -62,13 +109,37 @@ class OutputFolder:
                     raise PermissionError(13, "permission denied")
                 apart = target.stat().st_dev != place.stat().st_dev or not target.name
                 place = target if apart or not os.access(place, os.W_OK | os.X_OK) else place
-            self._hidden = Path(tempfile.mkdtemp(prefix=f".{target.name}-", dir=place))
+            remove_left(target)
+            while not self._hide(place, target.name):
+                pass
         except BaseException as error:
             self._clean()
             if isinstance(error, FileError) or not isinstance(error, OSError | ValueError):
                 raise
             raise FileError(f"Cannot write results to {self.path}: {reason(error)}.") from None
         return self
+
+    def _hide(self, place: Path, name: str) -> bool:
+        """Make the hidden folder and hold its lock; False when another run removed it meanwhile."""
+        hidden = place / f".{name}-{secrets.token_hex(4)}"
+        try:
+            hidden.mkdir(mode=0o700)
+        except FileExistsError:
+            return False
+        self._hidden = hidden
+        try:
+            self._lock = os.open(hidden / LOCK, os.O_RDWR | os.O_CREAT, 0o600)
+        except FileNotFoundError:
+            return False
+        if take_lock(self._lock) is not False and (hidden / LOCK).exists():
+            return True
+        self._unlock()
+        return False
+
+    def _unlock(self) -> None:
+        if self._lock is not None:
+            os.close(self._lock)
+            self._lock = None
 
     def file(self, name: str) -> Path:
         """Return where to write the file `name` (such as "skeleton.ply" or "sheets/3.ply").
@@ -118,9 +189,9 @@ class OutputFolder:
         """Rename all files into place; put everything back when one cannot be moved."""
         if self._hidden is None:
             return
-        hidden, target = self._hidden, self.path.absolute()
-        files = sorted(p for p in hidden.rglob("*") if not p.is_dir())
-        files.sort(key=lambda p: p.name == LAST)
+        hidden, target = self._hidden, absolute(self.path)
+        files = sorted(p for p in hidden.rglob("*") if not p.is_dir() and p != hidden / LOCK)
+        files.sort(key=lambda p: p.name == MANIFEST)
         blocked = [p for p in files if (target / p.relative_to(hidden)).is_dir()]
         if blocked:
             raise FileError(
@@ -129,32 +200,33 @@ class OutputFolder:
         backup = hidden / ".replaced"
         done: list[tuple[Path, Path | None]] = []
         try:
-            if (target / LAST).exists():  # a kill between two moves must leave none that is whole
+            if (target / MANIFEST).exists():  # a kill between moves leaves none
                 backup.mkdir(exist_ok=True)
-                (target / LAST).replace(backup / LAST)
+                (target / MANIFEST).replace(backup / MANIFEST)
             for number, source in enumerate(files):
                 place = target / source.relative_to(hidden)
                 self._make(place.parent)
-                old = None
-                if place.exists():
-                    backup.mkdir(exist_ok=True)
-                    old = backup / str(number)
-                    place.replace(old)
+                old = backup / str(number) if place.exists() else None
                 done.append((place, old))
+                if old is not None:
+                    backup.mkdir(exist_ok=True)
+                    place.replace(old)
                 source.replace(place)
             self._make(target)
         except BaseException:
             for place, old in reversed(done):
-                place.unlink(missing_ok=True)
-                if old is not None:
+                if old is None:
+                    place.unlink(missing_ok=True)
+                elif old.exists():
                     old.replace(place)
-            if (backup / LAST).exists():
-                (backup / LAST).replace(target / LAST)
+            if (backup / MANIFEST).exists():
+                (backup / MANIFEST).replace(target / MANIFEST)
             raise
 
     def _clean(self) -> None:
         if self._hidden is not None:
-            shutil.rmtree(self._hidden, ignore_errors=True)
+            self._unlock()  # Windows removes no open file
+            _remove(self._hidden)
             self._hidden = None
         for folder in reversed(self._made):
             try:

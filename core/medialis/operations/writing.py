@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import logging
 import os
 from collections.abc import Iterator, Mapping, Sequence
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 
 from medialis.files._files import complete_file
 from medialis.files.curve_graphs import write_curve_skeleton
-from medialis.files.output_folder import OutputFolder
+from medialis.files.output_folder import MANIFEST, OutputFolder
 from medialis.files.ply_attributes import write_ply
 from medialis.files.results import write_json, write_npz
 from medialis.operations.pictures import draw_result, draw_turntable, require_attribute
@@ -130,7 +131,8 @@ def write_result(
     Returns
     -------
     dict
-        The manifest, with "files": the paths written, and "picture": the main one or None.
+        The manifest, with "files": the paths written, "contents": bytes and sha256 of each file by
+        its name, and "picture": the main one or None.
 
     Raises
     ------
@@ -183,7 +185,7 @@ def write_result(
                 for ending in formats:
                     write_curve_skeleton(new(f"{result.operation}.{ending}"), result.graph)
             write_npz(new(f"{result.operation}.npz"), result.arrays)
-        with progress.stage("picture", 0.5, 1.0):
+        with progress.stage("picture", 0.5, 0.95):
             for name, image in _main_pictures(result, pictures, title):
                 drawn.append(name)
                 write_png(new(name), image)
@@ -197,17 +199,37 @@ def write_result(
         for name, text in (texts or {}).items():
             with complete_file(new(name)) as stream:
                 stream.write(text.encode("utf-8", "backslashreplace"))  # as in write_json
-        names.append("manifest.json")
+        with progress.stage("check", 0.95, 1.0):
+            contents = {name: content(out.file(name), progress) for name in names}
+        names.append(MANIFEST)
         base = Path(folder)
         manifest = describe_result(
             result,
             input=source,
             files=[str(base / name) for name in names],
+            contents=contents,
             picture=str(base / drawn[0]) if drawn else None,
             **(record or {}),
         )
-        write_json(out.file("manifest.json"), manifest)
+        write_json(out.file(MANIFEST), manifest)
     return manifest
+
+
+def content(file: Path, progress: Progress) -> dict[str, Any]:
+    """Return the size and the checksum of a file, by which a manifest knows its own.
+
+    Raises
+    ------
+    OSError
+        When it cannot be read.
+    """
+    checksum, size = hashlib.sha256(), 0
+    with file.open("rb") as stream:
+        while part := stream.read(1 << 24):
+            checksum.update(part)
+            size += len(part)
+            progress.update(0.0)
+    return {"bytes": size, "sha256": checksum.hexdigest()}
 
 
 def _main_pictures(
