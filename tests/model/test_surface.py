@@ -1,6 +1,7 @@
 """Surface: closed forms of each quantity, awkward meshes, clouds, and any order of the elements."""
 
 import math
+import time
 
 import numpy as np
 import pytest
@@ -241,3 +242,22 @@ def test_graphs_by_their_links():
 def test_bad_arrays_are_refused(points, faces):
     with pytest.raises(InvalidShapeError):
         Surface(points, faces)
+
+
+def test_nearest_distances_are_those_of_a_search_and_zero_where_points_coincide():
+    rng = np.random.default_rng(3)
+    points = rng.normal(size=(200, 3))
+    apart = np.linalg.norm(points[:, None] - points, axis=2) + np.diag(np.full(200, np.inf))
+    np.testing.assert_allclose(Surface(points).nearest_distances, apart.min(axis=1), rtol=1e-12)
+    again = Surface(np.concatenate([points, points[:50]])).nearest_distances
+    np.testing.assert_allclose(again[50:200], apart.min(axis=1)[50:], rtol=1e-12)
+    assert not again[:50].any() and not again[200:].any()
+    assert Surface(np.zeros((3, 3))).nearest_distances.tolist() == [0.0, 0.0, 0.0]
+
+
+def test_many_coincident_points_take_no_longer():
+    """100,000 times the same point in a cloud took a search of all of them for each."""
+    points = np.concatenate([np.eye(3), np.ones((100_000, 3))])
+    begin = time.process_time()
+    assert Surface(points).spacing < 1e-3
+    assert time.process_time() - begin < 5.0

@@ -11,6 +11,7 @@ import closed_forms as forms
 import medialis
 from medialis.errors import InvalidOptionError, InvalidShapeError
 from medialis.model.geodesic_paths import PathStatus
+from medialis.paths import geodesics
 from medialis.paths.geodesics import HALVINGS
 
 # The best of the planes is at most this far from the best of all planes (see _best_plane).
@@ -389,3 +390,22 @@ def test_paths_on_a_cone_lie_between_the_unrolled_line_and_the_ring():
     assert (found <= ring / math.cos(ANGLE) + 1e-12).all()
     # A plane through both points that dips towards the apex follows the geodesic closely.
     assert (found - shortest < 0.25 * (ring - shortest) + 1e-3 * shortest).all()
+
+
+def test_long_searches_along_edges_are_replaced_by_paths_through_landmarks(monkeypatch):
+    """30,000 samples of a plate turned inside out took a minute of searches over all of it."""
+    shape = ring()
+    pairs = pairs_of(shape.point_count, 300)
+    exact = medialis.geodesic_lengths(shape, pairs)
+    monkeypatch.setattr(geodesics, "MOST_SETTLED", 300)
+    bounded = medialis.geodesic_lengths(shape, pairs)
+    changed = bounded.length != exact.length
+    assert changed.any()
+    assert (exact.status[changed] == PathStatus.EDGES).all()
+    np.testing.assert_array_equal(bounded.status, exact.status)
+    assert (bounded.length >= exact.length * (1 - 1e-12)).all()
+    for name in ("start_tangent", "end_tangent"):
+        sizes = np.linalg.norm(getattr(bounded, name)[changed], axis=1)
+        np.testing.assert_allclose(sizes, 1.0, rtol=1e-12)
+    monkeypatch.setattr(geodesics, "LANDMARKS", shape.point_count)
+    np.testing.assert_allclose(medialis.geodesic_lengths(shape, pairs).length, exact.length)

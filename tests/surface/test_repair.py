@@ -7,8 +7,8 @@ import pytest
 
 from medialis.errors import InvalidShapeError
 from medialis.files import read_mesh
+from medialis.model.equal_rows import first_equal_row
 from medialis.surface._orientation import winding_numbers
-from medialis.surface._rows import first_equal_row
 from medialis.surface._signs import propagate_signs
 from medialis.surface.diagnosis import diagnose
 from medialis.surface.repair import repair

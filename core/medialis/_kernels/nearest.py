@@ -25,7 +25,7 @@ class NearestTree:
     radii : (k,) float64
         In tree order.
     largest : (nodes, 8) float64
-        Largest radius below each child.
+        Largest radius below each child of a tree of balls; boxes of triangles hold them whole: 0.
     corners : (k, 3, 3) or (0, 3, 3) float64
         Corners of triangles in tree order, relative to the tree's center.
     faces : (k, 3) or (0, 3) int32
@@ -72,6 +72,9 @@ class NearestTree:
         largest = np.zeros((len(tree.child), tree.bounds.shape[2]))
         for nodes, child_depth, fan in _levels(len(tree.child), tree.depth):
             count = nodes.stop - nodes.start
+            if len(corners):
+                _bound_corners(tree, corners, nodes, child_depth, fan)
+                continue
             largest_radii(ordered, child_depth, fan, 0, count, largest[nodes])
         placed = corners[tree.order] - tree.center if len(corners) else corners
         named = faces[tree.order] if len(faces) else faces
@@ -146,6 +149,25 @@ def nearest_on_triangles(queries: FloatArray, corners: FloatArray) -> FloatArray
     nearest_places(queries, corners, places)
     first = np.where(places.sum(axis=1) >= 1.0, 0.0, 1.0 - places.sum(axis=1))
     return np.column_stack([first, places])
+
+
+def _bound_corners(
+    tree: BoxTree, corners: FloatArray, nodes: slice, child_depth: int, fan: int
+) -> None:
+    """Let the boxes of some nodes hold whole triangles, in place of their middles.
+
+    Far from a flat surface, boxes of middles that are widened by the size of triangles leave
+    thousands of triangles that may be the nearest.
+    """
+    n, count = len(corners), nodes.stop - nodes.start
+    first = (n * np.arange(count * fan)) >> child_depth
+    placed = corners[tree.order] - tree.center
+    for rows, ufunc, ends in (
+        (slice(0, 3), np.minimum, placed.min(axis=1)),
+        (slice(3, 6), np.maximum, placed.max(axis=1)),
+    ):
+        boxes = ufunc.reduceat(ends, first, axis=0).reshape(count, fan, 3)
+        tree.bounds[nodes, rows, :fan] = boxes.transpose(0, 2, 1)
 
 
 def _levels(nodes: int, depth: int) -> list[tuple[slice, int, int]]:

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from medialis.kept import Bound
 from medialis.model.edge_table import EdgeTable
+from medialis.model.equal_rows import first_equal_row
 from medialis.model.ragged import Ragged
 from medialis.validation import FloatArray, IntArray, as_faces, as_points, frozen
 
@@ -188,9 +189,26 @@ class Surface(Bound):
         """
         if len(self.edges):
             return float(self.edge_lengths.mean())
-        if self.point_count < 2:
-            return 0.0
-        return float(self.tree.query(self.points, k=2)[0][:, 1].mean())
+        return float(self.nearest_distances.mean()) if self.point_count > 1 else 0.0
+
+    @cached_property
+    def nearest_distances(self) -> FloatArray:
+        """Distance of each point to the nearest other one, (n,): 0 where points coincide.
+
+        inf where there is no other point. A search costs as much as points coincide with the one
+        that it starts from, so each place is looked at once.
+        """
+        first = first_equal_row(self.points)
+        if (first == np.arange(self.point_count)).all():
+            return frozen(_nearest_others(self.tree, self.points), np.float64)
+        from scipy.spatial import cKDTree
+
+        count = np.bincount(first, minlength=self.point_count)
+        places, alone = self.points[count > 0], count == 1
+        result = np.zeros(self.point_count)
+        if alone.any():
+            result[alone] = _nearest_others(cKDTree(places), self.points[alone])
+        return frozen(result, np.float64)
 
     @cached_property
     def tree(self) -> cKDTree:
@@ -264,6 +282,11 @@ class Surface(Bound):
             closed[part] = True
             closed[part[self.edge_twins < 0]] = False
         return frozen(closed, np.bool_)
+
+
+def _nearest_others(tree: cKDTree, points: FloatArray) -> FloatArray:
+    """Return how far the second nearest point of a tree is, the nearest being the point itself."""
+    return np.asarray(tree.query(points, k=2)[0][:, 1])
 
 
 def link_matrix(count: int, links: NDArray[Any]) -> Any:

@@ -74,13 +74,27 @@ def _over(points, v, a, b, w):
 
 @kernel
 def _search(
-    points, corners, twins, fan_offsets, fan, start, end, r, length, parent, reached, settled, heap
+    points,
+    corners,
+    twins,
+    fan_offsets,
+    fan,
+    start,
+    end,
+    r,
+    most,
+    length,
+    parent,
+    reached,
+    settled,
+    heap,
 ):
     """Search number r: fills the lengths and parents of the vertices reached, returns the queue.
 
     With `twins` (else empty) also straight over half-edges h to the vertex across, whose parent is
     then -2 - h. The queue holds at most one entry for each improvement of a vertex; it grows by
-    doubling. A vertex is settled once, so a search ends after at most n of them.
+    doubling. A vertex is settled once, so a search ends after at most n of them; it is given up
+    after `most`, and then the end is not settled.
     """
     key, item = heap
     length[start] = 0.0
@@ -96,7 +110,8 @@ def _search(
         if settled[v] == r:
             continue
         settled[v] = r
-        if v == end:
+        most -= 1
+        if v == end or most < 0:
             break
         for i in range(fan_offsets[v], fan_offsets[v + 1]):
             h = fan[i]
@@ -135,10 +150,13 @@ def _search(
 
 @kernel
 def edge_paths(
-    begin, end_row, rows, points, corners, fan_offsets, fan, starts, ends,
+    begin, end_row, rows, most, points, corners, fan_offsets, fan, starts, ends,
     out_length, out_start_tangent, out_end_tangent, out_status,
 ):  # fmt: skip
-    """Shortest paths along the edges (A*), an upper bound, for the pairs rows[begin..end_row]."""
+    """Shortest paths along the edges (A*), an upper bound, for the pairs rows[begin..end_row].
+
+    A search that settles more than `most` vertices is given up: its pair stays as it is.
+    """
     n = len(points)
     length, parent = np.empty(n), np.empty(n, np.int64)
     # Search in which a vertex was reached, or settled; saves clearing n entries for each search.
@@ -148,10 +166,10 @@ def edge_paths(
         row = rows[r]
         start, end = starts[row], ends[row]
         heap = _search(
-            points, corners, no_twins, fan_offsets, fan, start, end, r,
+            points, corners, no_twins, fan_offsets, fan, start, end, r, most,
             length, parent, reached, settled, heap,
         )  # fmt: skip
-        if reached[end] != r:
+        if settled[end] != r:
             continue
         out_length[row] = length[end]
         out_status[row] = EDGES
@@ -174,7 +192,7 @@ def short_path(points, corners, twins, fan_offsets, fan, start, end):
     reached, settled = np.full(n, -1, np.int64), np.full(n, -1, np.int64)
     heap = np.empty(1024), np.empty(1024, np.int64)
     _search(
-        points, corners, twins, fan_offsets, fan, start, end, 0,
+        points, corners, twins, fan_offsets, fan, start, end, 0, n,
         length, parent, reached, settled, heap,
     )  # fmt: skip
     path = np.empty(2 * n, np.int64)

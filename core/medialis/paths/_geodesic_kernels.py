@@ -35,8 +35,9 @@ def trace_plane(
 ):  # fmt: skip
     """Walk along a plane from half-edge h, which the path leaves through at (x, y, z).
 
-    Returns the length up to vertex `end`, or inf when it is dropped, ends at a border or comes
-    back, and the number of crossings (-1: dropped). `out` receives the last point before the end;
+    Returns the length up to vertex `end`, or inf when it ends at a border or comes back, and the
+    number of crossings. A path that is dropped has -1 crossings and a length that it would have
+    had at least, not below `best`. `out` receives the last point before the end;
     `out_sides`, when it has room, the half-edges that the path leaves faces through.
     """
     ex, ey, ez = points[end, 0], points[end, 1], points[end, 2]
@@ -52,7 +53,7 @@ def trace_plane(
         count += 1
         rest = math.sqrt((x - ex) ** 2 + (y - ey) ** 2 + (z - ez) ** 2)
         if length + rest >= best:
-            return math.inf, -1
+            return length + rest, -1
         t = twins[h]
         if t < 0:
             return math.inf, count
@@ -110,13 +111,13 @@ def _shortest_on_plane(
     """Shortest path from start to end on one plane, over all ways out of the start vertex.
 
     Returns its length, or `best` when none is shorter (then the points next to the ends are kept),
-    and whether a path was dropped.
+    and the least length that a dropped path would have had (inf: none was dropped).
     """
     sx, sy, sz = points[start, 0], points[start, 1], points[start, 2]
     offset = normal[0] * sx + normal[1] * sy + normal[2] * sz
     nothing = np.empty(0, np.int64)
     last = np.empty(3)
-    dropped = False
+    least = math.inf
     for i in range(fan_offsets[start], fan_offsets[start + 1]):
         across, x, y, z = way_out(points, corners, fan[i], normal, offset)
         if across < 0:
@@ -126,12 +127,13 @@ def _shortest_on_plane(
             points, corners, twins, across, x, y, z, first, normal, offset, start, end, best,
             nothing, last,
         )  # fmt: skip
-        dropped |= count < 0
-        if length < best:
+        if count < 0:
+            least = min(least, length)
+        elif length < best:
             best = length
             out_first[0], out_first[1], out_first[2] = x, y, z
             out_last[0], out_last[1], out_last[2] = last[0], last[1], last[2]
-    return best, dropped
+    return best, least
 
 
 @kernel
@@ -207,7 +209,7 @@ def _best_plane(
         limit += (points[end, a] - points[start, a]) ** 2
     limit = FIRST_LIMIT * math.sqrt(limit)
     while True:
-        best, angle, again = limit, 0.0, False
+        best, angle, least = limit, 0.0, math.inf
         for turn in range(planes):
             k = (turn + 1) // 2 if turn % 2 else -(turn // 2)  # 0, +1, -1, +2, -2, ...
             alpha = ((likely + k) % planes) * step
@@ -216,14 +218,15 @@ def _best_plane(
                 points, corners, twins, fan_offsets, fan, start, end, normal, best,
                 out_first, out_last,
             )  # fmt: skip
-            again |= dropped
+            least = min(least, dropped)
             if found < best:
                 best, angle = found, alpha
         if best < limit:
             break
-        if not again:
+        if least == math.inf:
             return math.inf, angle
-        limit *= 2.0
+        while limit <= least:  # no path arrives before
+            limit *= 2.0
     for _ in range(halvings):
         step *= 0.5
         middle = angle

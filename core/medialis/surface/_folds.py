@@ -12,8 +12,8 @@ from __future__ import annotations
 import numpy as np
 
 from medialis.model.edge_table import EdgeTable, Mask
+from medialis.model.equal_rows import first_equal_row
 from medialis.model.surface import piece_labels
-from medialis.surface._rows import first_equal_row
 from medialis.validation import IntArray
 
 _SMALL_FOLD = 16

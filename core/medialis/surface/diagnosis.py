@@ -9,9 +9,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from medialis.model.diagnosis import Diagnosis
 from medialis.model.edge_table import Index
+from medialis.model.equal_rows import first_equal_row
 from medialis.model.surface import Surface, piece_labels
 from medialis.surface._orientation import agreeing_flips
-from medialis.surface._rows import first_equal_row
 from medialis.surface._volumes import degenerate_faces, piece_volumes, power_of_two_scale
 from medialis.validation import FloatArray, IntArray, as_faces, as_points
 
@@ -105,7 +105,7 @@ def _diagnose_cloud(surface: Surface) -> dict[str, Any]:
     values |= {"closed": False, "genus": None, "orientation": "none", "area": 0.0, "volume": None}
     nearest = np.empty(0)
     if surface.point_count > 1:
-        nearest = surface.tree.query(surface.points, k=2)[0][:, 1]
+        nearest = surface.nearest_distances
     return values | _lengths(nearest)
 
 

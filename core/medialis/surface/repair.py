@@ -9,12 +9,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from medialis.errors import InvalidShapeError
 from medialis.kept import Described
+from medialis.model.equal_rows import first_equal_row
 from medialis.model.surface import Surface
 from medialis.progress import Message
 from medialis.surface._flat_faces import flip_flat_faces
 from medialis.surface._folds import faces_to_drop
 from medialis.surface._orientation import agreeing_flips, flipped, outward_flips
-from medialis.surface._rows import first_equal_row
 from medialis.surface._volumes import degenerate_faces, piece_volumes, scaled
 from medialis.validation import FloatArray, IntArray, as_faces, as_normals, as_points, frozen
 

@@ -85,12 +85,12 @@ def trace_all_round(
                 ux, uy, uz = x - points[start, 0], y - points[start, 1], z - points[start, 2]
                 ahead = ux * dx + uy * dy + uz * dz >= 0.0
                 column = turn if ahead else turn + half
-                length, _ = trace_plane(
+                length, count = trace_plane(
                     points, corners, twins, across, x, y, z,
                     math.sqrt(ux * ux + uy * uy + uz * uz), normal, offset, start, end,
                     min(longest, out_length[i, column]), nothing, last,
                 )  # fmt: skip
-                if length < out_length[i, column]:
+                if count >= 0 and length < out_length[i, column]:
                     out_length[i, column] = length
 
 
