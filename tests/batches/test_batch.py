@@ -166,6 +166,20 @@ def test_a_killed_batch_goes_on_and_gives_the_same_table(finished, shapes, tmp_p
 
 
 @pytest.mark.slow
+def test_ctrl_c_on_a_terminal_ends_a_batch_with_one_line(shapes, tmp_path):
+    """It goes to the workers too, which printed their tracebacks (fixed)."""
+    words = [sys.executable, "-m", "medialis", "batch", ",".join(OPERATIONS), *map(str, shapes)]
+    words += ["-o", str(tmp_path / "out"), "--workers", "1", "--progress", "none"]
+    child = subprocess.Popen(words, stderr=subprocess.PIPE, start_new_session=True)
+    limit = time.monotonic() + 60
+    while not list(tmp_path.glob("out/*/*/manifest.json")) and time.monotonic() < limit:
+        time.sleep(0.01)
+    os.killpg(child.pid, signal.SIGINT)
+    error = child.communicate(timeout=60)[1].decode()
+    assert child.returncode == 130 and len(error.splitlines()) == 1, error
+
+
+@pytest.mark.slow
 def test_a_dying_worker_is_one_failed_row(tmp_path):
     """An innocent job whose process died by chance is tried again and done; so are the other
     operations of a deadly one: all of them were failed rows (fixed)."""

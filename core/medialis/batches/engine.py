@@ -10,9 +10,11 @@ from __future__ import annotations
 
 import ipaddress
 import logging
+import signal
+import sys
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import replace
 from typing import Any, TypeVar
 
@@ -146,18 +148,34 @@ def cluster(workers: int, scheduler: str | None) -> Iterator[tuple[Any, int]]:
                     raise FileError(f"The scheduler at {scheduler} has no worker: start one first.")
                 yield client, slots
             return
-        with (
-            LocalCluster(
-                n_workers=workers,
-                threads_per_worker=1,
-                processes=True,
-                memory_limit=0,
-                dashboard_address="127.0.0.1:0",
-                silence_logs=logging.CRITICAL,
-            ) as local,
-            Client(local, set_as_default=False) as client,
-        ):
-            yield client, workers
+        with ExitStack() as stack:
+            with _deaf():
+                local = LocalCluster(
+                    n_workers=workers,
+                    threads_per_worker=1,
+                    processes=True,
+                    memory_limit=0,
+                    dashboard_address="127.0.0.1:0",
+                    silence_logs=logging.CRITICAL,
+                )
+                stack.enter_context(local)
+            yield stack.enter_context(Client(local, set_as_default=False)), workers
+
+
+@contextmanager
+def _deaf() -> Iterator[None]:
+    """Let threads and processes that begin here get no Ctrl-C: this process ends them by itself."""
+    if sys.platform == "win32":
+        yield
+        return
+    from multiprocessing import resource_tracker
+
+    resource_tracker.ensure_running()  # when it begins it makes the process after it hear again
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def warn_if_open(scheduler: str, progress: Progress) -> None:
