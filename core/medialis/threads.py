@@ -11,12 +11,18 @@ import os
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from contextvars import ContextVar
+from contextvars import ContextVar, copy_context
+from typing import TypeVar
 
 from medialis.progress import Progress
 from medialis.validation import as_whole_number
 
+T = TypeVar("T")
+
 MOST_THREADS = 1024
+
+PATIENCE = 0.05
+"""Seconds between the reports of `run_patiently`."""
 
 _limit: ContextVar[int | None] = ContextVar("medialis_thread_limit", default=None)
 
@@ -70,6 +76,33 @@ def thread_limit(count: int | None) -> Iterator[None]:
         yield
     finally:
         _limit.reset(token)
+
+
+def run_patiently(work: Callable[[], T], progress: Progress) -> T:
+    """Return `work()`, one long call that reports nothing, and let it be cancelled meanwhile.
+
+    It runs in a thread of its own while the calling thread reports progress every 50 ms. When that
+    cancels, or Ctrl-C comes, the thread ends by itself later and what it computed is dropped; so
+    `work` may write to nothing that others see, and must not report progress itself.
+    """
+    results: list[T] = []
+    failures: list[BaseException] = []
+    context = copy_context()
+
+    def call() -> None:
+        try:
+            results.append(context.run(work))
+        except BaseException as error:  # noqa: BLE001 - handed to the calling thread below
+            failures.append(error)
+
+    thread = threading.Thread(target=call, daemon=True)
+    thread.start()
+    while thread.is_alive():
+        thread.join(PATIENCE)
+        progress.update(0.0)
+    if failures:
+        raise failures[0]
+    return results[0]
 
 
 def run_chunks(

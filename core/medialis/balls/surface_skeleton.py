@@ -20,6 +20,7 @@ from medialis.options import Options, algorithm, changed, choice
 from medialis.progress import Progress
 from medialis.surface.noise import noise_level, smooth_noise
 from medialis.surface.refinement import RefineOptions, refine
+from medialis.threads import run_patiently
 
 DENOISE = ("auto", "off")
 
@@ -122,7 +123,13 @@ def _denoised(shape: Shape, options: Preparation, progress: Progress) -> tuple[S
     tolerance = options.tolerance
     if options.denoise == "off" or shape.faces is None or shape.diagonal == 0.0:
         return shape, tolerance
-    smooth, level, left = kept(_without_noise, shape, None, lambda: _without_noise(shape), progress)
+    smooth, level, left = kept(
+        _without_noise,
+        shape,
+        None,
+        lambda: run_patiently(lambda: _without_noise(shape), progress),
+        progress,
+    )
     if smooth is shape:
         return shape, tolerance
     highest = next(p.high for p in Preparation.parameters() if p.name == "tolerance")

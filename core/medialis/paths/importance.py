@@ -20,6 +20,7 @@ from medialis.model.medial_cloud import Balls, MedialCloud
 from medialis.options import Options, algorithm, length
 from medialis.paths.geodesics import GeodesicOptions, geodesic_lengths
 from medialis.progress import Progress
+from medialis.threads import run_patiently
 from medialis.validation import FloatArray
 
 
@@ -75,7 +76,7 @@ def geodesic_importance(
     """
     pairs = np.where(cloud.valid[:, None], cloud.features, -1)
     paths = geodesic_lengths(cloud.surface, pairs, directions=options.directions, progress=progress)
-    known = vars(relax(cloud, paths))
+    known = vars(run_patiently(lambda: relax(cloud, paths), progress))
     return Importance(**{f.name: known[f.name] for f in fields(GeodesicPaths)}, cloud=cloud)
 
 

@@ -13,6 +13,7 @@ from medialis.model.curve_skeleton import CurveSkeleton
 from medialis.model.surface import Surface
 from medialis.options import Options, algorithm, number
 from medialis.progress import Progress
+from medialis.threads import run_patiently
 from medialis.validation import FloatArray, IntArray
 
 LEAST = 0.01
@@ -88,7 +89,8 @@ def skin_weights(rig: Bones, options: SkinOptions, progress: Progress) -> SkinWe
     skin = _weights(limb, place, rig)
     if options.skin_smoothing == 0 or curve.surface.faces is None or rig.count == 1:
         return skin
-    return _smoothed(skin, curve.surface, options.skin_smoothing * curve.radii[node])
+    surface, width = curve.surface, options.skin_smoothing * curve.radii[node]
+    return run_patiently(lambda: _smoothed(skin, surface, width), progress)
 
 
 def _nodes_everywhere(points: FloatArray, curve: CurveSkeleton) -> IntArray:

@@ -31,6 +31,7 @@ from medialis.model.medial_cloud import MedialCloud
 from medialis.model.shape import Shape
 from medialis.options import Options, algorithm, changed, length, number
 from medialis.progress import Progress
+from medialis.threads import run_patiently
 from medialis.validation import FloatArray, IntArray, frozen
 
 MOST_MEASURED = 2000
@@ -143,8 +144,9 @@ def curve_skeleton(
             ground.links, ground.components, ground.strength, wanted, ground.handles, keep
         )
         progress.update(0.5)
-        graph, node_of_sample = finish_graph(
-            ground.links, edges, ground.strength, options.smoothing
+        graph, node_of_sample = run_patiently(
+            lambda: finish_graph(ground.links, edges, ground.strength, options.smoothing),
+            progress,
         )
         graph = _put_in_surface(ground, graph, node_of_sample, progress)
         if options.simplify > 0:
@@ -188,9 +190,8 @@ def _ground(cloud: MedialCloud, share: float, progress: Progress) -> _Ground:
     strength = np.where(cloud.valid, np.nan_to_num(measured.measure), -np.inf)
     strength += 1e-9 * links.radii  # without any measure: the largest ball
     components = np.where(cloud.valid & surface.used_points, surface.components, -1)
-    return _Ground(
-        measured, candidates, importance, links, strength, components, find_handles(surface)
-    )
+    handles = run_patiently(lambda: find_handles(surface), progress)
+    return _Ground(measured, candidates, importance, links, strength, components, handles)
 
 
 def _smooth_importance(
@@ -231,7 +232,10 @@ def _link_balls(
     closeness = np.nan_to_num(measured.spread)
     closeness *= np.minimum(1.0, np.nan_to_num(measured.measure) / level)
     centers, radii = np.nan_to_num(cloud.centers), np.nan_to_num(cloud.radii)
-    return link_balls(centers, radii, closeness, pairs, needed, spacing=surface.spacing)
+    return run_patiently(
+        lambda: link_balls(centers, radii, closeness, pairs, needed, spacing=surface.spacing),
+        progress,
+    )
 
 
 def _put_in_surface(
