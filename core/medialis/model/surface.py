@@ -81,6 +81,11 @@ class Surface(Bound):
         low, high = self.bounds
         return math.hypot(*(high - low))  # the square of 1e-200 would be 0
 
+    @cached_property
+    def offset(self) -> FloatArray:
+        """What was taken from all points so that they lie near the origin, (3,); mostly zero."""
+        return frozen(np.zeros(3), np.float64)
+
     # Faces
 
     @cached_property

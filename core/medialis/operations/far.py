@@ -36,6 +36,13 @@ def offset_of(shape: Shape) -> FloatArray:
     return np.where(far, shape.points[0], 0.0)
 
 
+def near_origin(shape: Shape) -> Shape:
+    """Return a shape moved by its `offset_of`, which sentences about places add again."""
+    near: Shape = moved(shape, -offset_of(shape))
+    near.__dict__["offset"] = offset_of(shape)
+    return near
+
+
 def moved(value: Any, offset: FloatArray) -> Any:
     """Return a result, or anything that it holds, with all its positions moved."""
     return _moved(value, "", offset, {})

@@ -13,7 +13,7 @@ from medialis.errors import InvalidOptionError, InvalidShapeError
 from medialis.kept import kept
 from medialis.model.shape import Shape
 from medialis.operations.declaration import Operation
-from medialis.operations.far import moved, offset_of
+from medialis.operations.far import moved, near_origin, offset_of
 from medialis.operations.result import Outcome, Result
 from medialis.progress import Progress, ProgressCallback
 from medialis.threads import thread_limit
@@ -118,7 +118,7 @@ def run(
     clock = time.perf_counter()
     offset = offset_of(shape)
     far = bool(offset.any())
-    near = kept(moved, shape, None, lambda: moved(shape, -offset), progress) if far else shape
+    near = kept(near_origin, shape, None, lambda: near_origin(shape), progress) if far else shape
     with thread_limit(threads):
         outcome = chosen.run(near, options, progress)
     outcome = moved(outcome, offset) if far else outcome

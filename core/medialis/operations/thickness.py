@@ -52,7 +52,7 @@ def run(shape: Shape, options: ThicknessRun, progress: Progress) -> Outcome:
     with progress.stage("thin spots", 0.85, 1.0):
         spots = thin_spots.of(cloud, options, progress)
     _note_resolution(cloud, progress)
-    _note_thinnest(spots, options, fine.diagonal, progress)
+    _note_thinnest(spots, options, shape, progress)
     labels = np.full(fine.point_count, -1, np.int32)
     for number, spot in enumerate(spots):
         labels[spot.vertices] = number
@@ -115,16 +115,17 @@ def _spot_values(spot: ThinSpot) -> dict[str, Any]:
 
 
 def _note_thinnest(
-    spots: tuple[ThinSpot, ...], options: ThicknessRun, diagonal: float, progress: Progress
+    spots: tuple[ThinSpot, ...], options: ThicknessRun, shape: Shape, progress: Progress
 ) -> None:
-    below = options.threshold * diagonal
+    below = options.threshold * shape.diagonal
     if not spots:
         progress.note(f"No place is thinner than {below:.6g}.", "no_thin_spot", threshold=below)
         return
     more = f" below {below:.6g}" if below else ""
+    place = ", ".join(f"{x:.6g}" for x in spots[0].position + shape.offset)
     progress.note(
         f"{counted(len(spots), 'thin spot', verbs=('was', 'were'))} found{more}. The thinnest has "
-        f"a {options.kind} of {spots[0].value:.6g}.",
+        f"a {options.kind} of {spots[0].value:.6g} at ({place}).",
         "thin_spots",
         spots=len(spots),
         thinnest=spots[0].value,
