@@ -23,7 +23,7 @@ VERSION = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
 OF_THE_REPOSITORY = re.compile(r"\.git\w+|\.ci/.*")
 OF_THE_BUILD = re.compile(r"PKG-INFO|setup\.cfg|medialis\.egg-info/.*")
 IN_THE_WHEEL = re.compile(
-    r"medialis(_meshlab|_meshset)?/.*\.py|medialis/py\.typed"
+    r"medialis(_meshlab|_meshset)?/.*\.pyi?|medialis/py\.typed"
     r"|medialis/(batches|render|reports)/\w+\.(css|js|npz|txt)"
     rf"|medialis-{re.escape(VERSION)}\.dist-info/[\w./]+"
 )
@@ -43,7 +43,7 @@ def look_into(package: Path) -> None:
         wanted = {
             file.relative_to(folder.parent).as_posix()
             for folder in packages
-            for kind in ("*.py", "py.typed", "*.css", "*.js", "*.npz", "*.txt")
+            for kind in ("*.py", "*.pyi", "py.typed", "*.css", "*.js", "*.npz", "*.txt")
             for file in folder.rglob(kind)
         }
         licences = f"medialis-{VERSION}.dist-info/licenses"

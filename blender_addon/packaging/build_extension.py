@@ -28,7 +28,7 @@ from pathlib import Path
 
 PACKAGING = Path(__file__).resolve().parent
 ADDON = PACKAGING.parent
-SOURCES = ("*.py", "py.typed", "*.css", "*.js", "*.npz", "*.txt")
+SOURCES = ("*.py", "*.pyi", "py.typed", "*.css", "*.js", "*.npz", "*.txt")
 """Files of the core that its wheel has."""
 ROOT = ADDON.parent
 MANIFEST = "blender_manifest.toml"
