@@ -149,8 +149,8 @@ def build_core(folder: Path) -> Path:
     Blender does not unpack a wheel whose name and version it has unpacked before. So the version
     carries a hash of the sources: another build of the same release is not mistaken for this one.
     """
-    folder = ROOT / "core" / "medialis"
-    sources = sorted(file for kind in SOURCES for file in folder.rglob(kind))
+    package = ROOT / "core" / "medialis"
+    sources = sorted(file for kind in SOURCES for file in package.rglob(kind))
     digest = hashlib.sha256()
     for source in sources:
         digest.update(source.relative_to(ROOT).as_posix().encode() + source.read_bytes())
