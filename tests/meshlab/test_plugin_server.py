@@ -15,6 +15,8 @@ from medialis.hosts import hidden_apart, shown
 from medialis.operations.registry import OPERATIONS, operation
 from real_meshlab import MeshLab, make_meshlab, x_server
 
+pytestmark = pytest.mark.slow
+
 FLOAT = 2e-7  # MeshLab 2020.09 holds single precision
 
 

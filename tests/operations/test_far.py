@@ -17,6 +17,7 @@ def on_a_grid(shape):
     return medialis.make_shape(points, shape.faces)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("operation", medialis.OPERATIONS, ids=lambda one: one.name)
 def test_a_shape_far_away_has_the_same_result_there(operation):
     """Six digits were left of a part in metres of a map: balls lost half of them (mended)."""
