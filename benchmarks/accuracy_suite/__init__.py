@@ -1,0 +1,1 @@
+"""How accurate the results are: shapes with a known answer, measures, and the table of both."""
