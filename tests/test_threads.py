@@ -110,3 +110,67 @@ def test_one_long_call_can_be_cancelled_and_hands_on_what_it_returns_and_raises(
     with pytest.raises(Cancelled):
         run_patiently(lambda: time.sleep(2), Progress(lambda fraction, text: False))
     assert time.perf_counter() - begin < 1.0
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_a_chunk_of_steps_is_stopped_between_them(threads):
+    """A band of large balls took nine seconds, in which nothing could be cancelled."""
+    done, before = [], threading.active_count()
+
+    def work(begin, end):
+        for step in range(100_000):
+            done.append((begin, step))
+            yield
+
+    progress = Progress(lambda fraction, text: len(done) < 50)
+    with thread_limit(threads), pytest.raises(Cancelled):
+        run_chunks(work, threads, 1, progress=progress)
+    assert len(done) < 100_000 * threads
+    assert threading.active_count() <= before
+
+
+def test_steps_are_all_done_and_reported():
+    done, told = [], []
+
+    def work(begin, end):
+        for step in range(10):
+            done.append((begin, step))
+            yield
+
+    with thread_limit(1):
+        run_chunks(work, 3, 1, progress=Progress(lambda fraction, text: told.append(fraction)))
+    assert done == [(chunk, step) for chunk in range(3) for step in range(10)]
+    assert len(told) >= len(done)
+
+
+def test_waiting_for_the_other_threads_can_be_cancelled():
+    """The calling thread, done with its own chunks, was silent until the last one ended."""
+    stopped, first = threading.Event(), []
+
+    def work(begin, end):
+        first.append(threading.get_ident())
+        if threading.current_thread() is not threading.main_thread():
+            assert stopped.wait(timeout=20)  # ends when the calling thread has reported anew
+        else:
+            while len(first) < 2:
+                time.sleep(0.001)
+
+    def tell(fraction, text):
+        if len(first) == 2:
+            stopped.set()
+
+    with thread_limit(2):
+        run_chunks(work, 2, 1, progress=Progress(tell))
+    assert stopped.is_set()
+
+
+def test_what_is_still_moves_no_bar_and_cancels():
+    seen = []
+    progress = Progress(lambda fraction, text: seen.append((fraction, text)))
+    with progress.stage("views", 0.5, 1.0):
+        with progress.still.stage("of others", 0.0, 1.0) as still:
+            still.update(0.7)
+        progress.update(0.2)
+    assert seen == [(0.5, "views")] * 4 + [(0.6, "views"), (1.0, "views")]
+    with pytest.raises(Cancelled):
+        Progress(lambda fraction, text: False).still.update(0.0)

@@ -3,6 +3,7 @@
 import os
 import signal
 import sys
+from contextlib import suppress
 from types import FrameType
 
 LINE = b"medialis: cancelled, nothing was written.\n"
@@ -28,6 +29,12 @@ def run() -> int:
 
     code = main()
     _handle(signal.SIG_IGN)  # what is left is the end of the interpreter
+    if code == EXIT_CANCELLED:
+        # A thread may still be in a library's code, which must not see the interpreter end.
+        for stream in (sys.stdout, sys.stderr):
+            with suppress(OSError, ValueError):
+                stream.flush()
+        os._exit(code)
     return code
 
 

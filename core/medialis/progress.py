@@ -135,6 +135,16 @@ class Progress:
         if self._callback(self._reached, label) is False:
             raise Cancelled("Cancelled: nothing was written or changed.")
 
+    @property
+    def unnamed(self) -> Progress:
+        """What a part of this span reports to whose stages are neither named nor timed here."""
+        return Progress(lambda fraction, text: self.update(fraction))
+
+    @property
+    def still(self) -> Progress:
+        """What a part of this span reports to that may be cancelled but moves no bar."""
+        return Progress(lambda fraction, text: self.update(0.0))
+
     @contextmanager
     def stage(self, name: str, begin: float, end: float) -> Iterator[Progress]:
         """Run a named stage that spans `begin`..`end` of the current span, and time it."""

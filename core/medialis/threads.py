@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import os
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar, copy_context
 from typing import TypeVar
@@ -22,7 +22,7 @@ T = TypeVar("T")
 MOST_THREADS = 1024
 
 PATIENCE = 0.05
-"""Seconds between the reports of `run_patiently`."""
+"""Seconds between the reports of a thread that waits for others."""
 
 _limit: ContextVar[int | None] = ContextVar("medialis_thread_limit", default=None)
 
@@ -105,6 +105,11 @@ def run_patiently(work: Callable[[], T], progress: Progress) -> T:
     return results[0]
 
 
+def _steps(result: object) -> Iterator[None]:
+    """Give the steps of a chunk that has any."""
+    return result if isinstance(result, Generator) else iter(())
+
+
 def run_chunks(
     work: Callable[[int, int], object],
     count: int,
@@ -116,7 +121,8 @@ def run_chunks(
 
     The calling thread works too and reports progress between its own chunks. The first exception
     (of a kernel, a cancelling progress callback, or Ctrl-C) stops all threads after the chunk they
-    are in and is raised here.
+    are in and is raised here. Where a chunk may take long, `work` is a generator: it is stopped
+    between its steps as well.
     """
     starts = iter(range(0, count, chunk))
     lock = threading.Lock()
@@ -137,9 +143,15 @@ def run_chunks(
     def drain() -> None:
         try:
             while (span := next_range()) is not None:
-                work(*span)
+                for _ in _steps(work(*span)):
+                    if failures:
+                        return
         except BaseException as error:  # noqa: BLE001 - handed to the calling thread below
             failures.append(error)
+
+    def report() -> None:
+        if progress is not None:
+            progress.update(done / count)
 
     helpers = min(thread_count(), -(-count // chunk)) - 1
     threads: list[threading.Thread] = []
@@ -149,11 +161,13 @@ def run_chunks(
             thread.start()
             threads.append(thread)
         while (span := next_range()) is not None:
-            if progress is not None:
-                progress.update(done / count)
-            work(*span)
+            report()
+            for _ in _steps(work(*span)):
+                report()
         for thread in threads:
-            thread.join()
+            while thread.is_alive():
+                thread.join(PATIENCE)
+                report()
     except BaseException as error:  # noqa: BLE001 - raised again below, after the threads stopped
         failures.append(error)
         for thread in threads:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from medialis.errors import Cancelled, InvalidShapeError
+from medialis.render import raster
 from medialis.render.camera import Camera
 from medialis.render.raster import rasterize
 from medialis.threads import thread_limit
@@ -240,6 +241,27 @@ def test_one_thread_equals_two_and_inputs_stay(perspective):
     np.testing.assert_array_equal(one.normals, two.normals)
     for before, now in zip(kept, (centers, radii, points, faces), strict=True):
         np.testing.assert_array_equal(before, now)
+
+
+@pytest.mark.parametrize("perspective", [False, True])
+def test_bands_drawn_in_parts_are_the_same(perspective, monkeypatch):
+    """Bands of many large balls are drawn in parts, so that they can be cancelled between."""
+    rng = np.random.default_rng(5)
+    centers, radii = rng.normal(0, 0.5, (300, 3)), rng.uniform(0.001, 1.0, 300)
+    corners = rng.normal(0, 1, (200, 3))
+    corners[100:] = corners[:100]  # equal depths: the lowest index stays
+    faces = np.arange(198).reshape(-1, 3)
+    given = {"centers": centers, "radii": radii, "points": corners, "faces": faces}
+    whole, told = rasterize(view(perspective), **given), []
+    for name in ("BALLS_A_STEP", "PIXELS_A_STEP", "TRIANGLES_A_STEP"):
+        monkeypatch.setattr(raster, name, 7)
+    with thread_limit(1):
+        parts = rasterize(
+            view(perspective), **given, progress=lambda fraction, text: told.append(text)
+        )
+    np.testing.assert_array_equal(parts.index, whole.index)
+    np.testing.assert_array_equal(parts.depth, whole.depth)
+    assert told.count("balls") > 300 / 7 and told.count("triangles") > 66 / 7
 
 
 def test_union_of_the_balls_of_a_sphere_is_the_sphere():

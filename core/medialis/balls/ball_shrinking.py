@@ -20,7 +20,7 @@ from medialis.model.medial_cloud import BallStatus, MedialCloud
 from medialis.model.shape import Shape
 from medialis.options import Options, algorithm, choice, length
 from medialis.progress import Progress, counted
-from medialis.threads import run_chunks
+from medialis.threads import run_chunks, run_patiently
 from medialis.validation import FloatArray
 
 if TYPE_CHECKING:
@@ -225,7 +225,8 @@ def _shrink(
     n = shape.point_count
     arrays = blank_balls(n * len(signs))
     with progress.stage("tree", 0.0, 0.15):
-        tree = build_box_tree(shape.points, shape.normals, unit=options.unit)
+        points, normals, unit = shape.points, shape.normals, options.unit
+        tree = run_patiently(lambda: build_box_tree(points, normals, unit=unit), progress)
     for turn, sign in enumerate(signs):
         share = 0.85 / len(signs)
         with progress.stage("balls", 0.15 + share * turn, 0.15 + share * (turn + 1)):
@@ -269,7 +270,7 @@ def note_outcome(cloud: MedialCloud, tolerance: float, progress: Progress) -> No
         count = int(((cloud.status == BallStatus.OPEN) & mine).sum())
         if count:
             reason = "the surface is open there" if sign > 0 else "nothing faces them"
-            if sign > 0 and hidden_walls(cloud, tolerance).any():
+            if sign > 0 and run_patiently(lambda: hidden_walls(cloud, tolerance), progress).any():
                 reason = "walls are thinner than the tolerance there, or normals point inward"
             progress.note(
                 f"{counted(count, f'{name} ball', of=int(mine.sum()), verbs=('meets', 'meet'))} no "

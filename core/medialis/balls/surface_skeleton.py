@@ -157,7 +157,9 @@ def _without_noise(shape: Shape) -> tuple[Shape, float, float]:
 
 def _refined(shape: Shape, fraction: float, progress: Progress) -> Shape:
     """Refine a coarse mesh and say so."""
-    if fraction == 0.0 or shape.faces is None or _dense(shape, fraction * shape.diagonal):
+    if fraction == 0.0 or shape.faces is None:
+        return shape
+    if run_patiently(lambda: _dense(shape, fraction * shape.diagonal), progress):
         return shape
     with progress.stage("refine", 0.0, 0.1):
         fine = refine.of(shape, RefineOptions(longest_edge=fraction), progress)

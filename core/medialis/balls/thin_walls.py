@@ -6,6 +6,7 @@ side looks like relief, or the ball slips between the samples there (deviations 
 
 from __future__ import annotations
 
+import functools
 import logging
 from typing import TYPE_CHECKING, Any
 
@@ -25,7 +26,7 @@ from medialis.balls.triangle_contacts import shrink_to_triangles
 from medialis.model.medial_cloud import COLUMNS, MedialCloud
 from medialis.model.shape import Shape
 from medialis.progress import Progress, counted
-from medialis.threads import run_chunks
+from medialis.threads import run_chunks, run_patiently
 
 if TYPE_CHECKING:
     from medialis._kernels.box_tree import BoxTree
@@ -54,11 +55,13 @@ def _with_lower_tolerance(
 ) -> MedialCloud:
     """Give the balls that the tolerance lets through a wall a lower one."""
     tolerance, largest = options.tolerance, options.largest_radius
-    hidden = np.flatnonzero(hidden_walls(cloud, tolerance))
+    found = run_patiently(lambda: hidden_walls(cloud, tolerance), progress)
+    hidden = np.flatnonzero(found)
     if len(hidden) == 0:
         return cloud
     exact = _shrink_again(cloud.surface, tree, hidden, 0.0, largest, progress)
-    curable = ~hidden_walls(exact, tolerance)  # others have another reason
+    # Others have another reason.
+    curable = ~run_patiently(lambda: hidden_walls(exact, tolerance), progress)
     hidden, exact, finer = hidden[curable], exact.subset(curable), tolerance
     count = len(hidden)
     while len(hidden):
@@ -66,7 +69,7 @@ def _with_lower_tolerance(
         balls = exact
         if finer > 0:
             balls = _shrink_again(cloud.surface, tree, hidden, finer, largest, progress)
-        seen = ~hidden_walls(balls, tolerance)
+        seen = ~run_patiently(functools.partial(hidden_walls, balls, tolerance), progress)
         new = balls.subset(seen)
         cloud = cloud.with_rows(hidden[seen], **{name: getattr(new, name) for name in COLUMNS})
         hidden, exact = hidden[~seen], exact.subset(~seen)
@@ -106,7 +109,6 @@ def _shrink_again(
             first = int(chunk) * SAMPLES_A_CHUNK
             options.run(tree, first, min(first + SAMPLES_A_CHUNK, n), 1, arrays)
 
-    silent = Progress(lambda fraction, text: progress.update(1.0))
-    run_chunks(work, len(chunks), 1, progress=silent)
+    run_chunks(work, len(chunks), 1, progress=progress.still)
     mine: tuple[NDArray[Any], ...] = tuple(values[rows] for values in arrays)
     return options.to_cloud(shape, tree, mine, rows.astype(np.int32), np.ones(len(rows), np.int8))

@@ -35,7 +35,7 @@ from medialis.operations.declaration import Operation
 from medialis.operations.registry import OPERATIONS, operation, run
 from medialis.operations.result import value_lines
 from medialis.operations.writing import GRAPH_FORMATS
-from medialis.threads import thread_limit
+from medialis.threads import run_patiently, thread_limit
 from medialis.validation import as_choice, as_whole_number
 
 
@@ -171,7 +171,7 @@ def _compute(
         from medialis.reports.report import report_texts
 
         with progress.stage("report", 0.7, 0.85), thread_limit(threads):
-            texts = report_texts(result, source=file)
+            texts = report_texts(result, source=file, progress=progress)
     with progress.stage("output", 0.85, 1.0), thread_limit(threads):
         manifest = write_result(
             result,
@@ -213,18 +213,21 @@ def _info(options: argparse.Namespace) -> int:
     from medialis.files.meshes import read_mesh
     from medialis.files.results import json_text
     from medialis.model.shape import Shape
-    from medialis.progress import Message
+    from medialis.progress import Message, Progress
     from medialis.surface.diagnosis import diagnose
     from medialis.surface.far_points import far_points
     from medialis.surface.repair import repair
 
-    mesh = read_mesh(options.file)
-    found, repaired = diagnose(mesh.points, mesh.faces), None
+    progress, repaired = Progress(), None
+    mesh = run_patiently(lambda: read_mesh(options.file), progress)
+    found = run_patiently(lambda: diagnose(mesh.points, mesh.faces), progress)
     messages = list(mesh.messages)
     try:
-        fixed = repair(mesh.points, mesh.faces)
+        fixed = run_patiently(lambda: repair(mesh.points, mesh.faces), progress)
         messages += fixed.messages
-        repaired = diagnose(fixed.points, fixed.faces) if fixed.messages else found
+        repaired = found
+        if fixed.messages:
+            repaired = run_patiently(lambda: diagnose(fixed.points, fixed.faces), progress)
         without_normals = np.zeros_like(fixed.points)
         messages += filter(None, [far_points(Shape(fixed.points, without_normals, fixed.faces))])
     except InvalidShapeError as error:  # nothing is left: the diagnosis tells why

@@ -23,7 +23,7 @@ from medialis.model.ragged import Ragged
 from medialis.model.surface import Surface
 from medialis.options import Options, algorithm, angle, flag, whole
 from medialis.progress import Progress
-from medialis.threads import run_chunks
+from medialis.threads import run_chunks, run_patiently
 from medialis.validation import FloatArray, IntArray, as_points
 
 LEAST_TRIANGLES, LEAST_NEIGHBOURS = 6, 4
@@ -140,7 +140,8 @@ def manifolds(
         patches = kept(
             Patches, cloud, key, lambda: _find_patches(places, options, progress), progress
         )
-        return replace(_segment(places, patches, options).at(place), points=points)
+        found = run_patiently(lambda: _segment(places, patches, options).at(place), progress)
+        return replace(found, points=points)
 
 
 def _places(
@@ -155,11 +156,11 @@ def _places(
     size = math.hypot(*(high - low))
     if size == 0.0:
         return np.empty((0, 3)), np.zeros(len(points), np.int64)
-    places, place = np.unique(points, axis=0, return_inverse=True)
-    places, place = (places - 0.5 * (low + high)) / size, place.reshape(-1)
+    places, place = run_patiently(lambda: _different(points), progress)
+    places = (places - 0.5 * (low + high)) / size
     if len(places) <= LEAST_NEIGHBOURS or not options.smooth:
         return places, place
-    scatter = jitter(places)
+    scatter = run_patiently(lambda: jitter(places), progress)
     if scatter == 0.0:
         return places, place
     progress.note(
@@ -169,6 +170,20 @@ def _places(
         scatter=scatter,
     )
     return without_jitter(places, scatter, progress), place
+
+
+def _different(points: FloatArray) -> tuple[FloatArray, NDArray[np.int64]]:
+    """Return the different rows, sorted, and which of them each point is.
+
+    As `numpy.unique`, which lets no other thread run while it sorts rows.
+    """
+    order = np.lexsort(points.T[::-1])
+    rising = points[order]
+    fresh = np.ones(len(points), bool)
+    fresh[1:] = (rising[1:] != rising[:-1]).any(axis=1)
+    place = np.empty(len(points), np.int64)
+    place[order] = np.cumsum(fresh) - 1
+    return rising[fresh], place
 
 
 @dataclass(frozen=True, eq=False)

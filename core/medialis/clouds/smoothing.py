@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from medialis.progress import Progress
-from medialis.threads import run_chunks
+from medialis.threads import run_chunks, run_patiently
 from medialis.validation import FloatArray
 
 NEIGHBOURS = 54
@@ -105,7 +105,8 @@ def _nearest(
 ) -> NDArray[np.int32]:
     from scipy.spatial import cKDTree
 
-    tree, near = cKDTree(points), np.empty((len(queries), count), np.int32)
+    tree = run_patiently(lambda: cKDTree(points), progress)
+    near = np.empty((len(queries), count), np.int32)
 
     def search(begin: int, end: int) -> None:
         near[begin:end] = tree.query(queries[begin:end], k=count + 1)[1][:, 1:]

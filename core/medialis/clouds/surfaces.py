@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -9,7 +11,7 @@ from medialis.clouds.smoothing import nearest_points
 from medialis.model.manifold_set import ManifoldSet
 from medialis.options import Options, algorithm
 from medialis.progress import Progress
-from medialis.threads import run_chunks
+from medialis.threads import run_chunks, run_patiently
 from medialis.validation import FloatArray, IntArray, frozen
 
 NEIGHBOURS = 32
@@ -70,16 +72,18 @@ def manifold_surfaces(
     for manifold in range(manifold_set.count):
         progress.update(manifold / manifold_set.count)
         rows = manifold_set.points_of(manifold)
-        # Equal points: the first one stands for all.
-        places, first = np.unique(cloud[rows], axis=0, return_index=True)
-        if len(places) > 3:
-            meshes.append(rows[first][_triangulate(places)])
-        else:
-            meshes.append(np.empty((0, 3), np.int64))
+        mesh = run_patiently(functools.partial(_surface, cloud[rows]), progress)
+        meshes.append(rows[mesh])
     if not meshes:
         return frozen(np.empty((0, 3)), np.int32), frozen(np.empty(0), np.int32)
     owner = np.repeat(np.arange(manifold_set.count), [len(mesh) for mesh in meshes])
     return frozen(np.concatenate(meshes), np.int32), frozen(owner, np.int32)
+
+
+def _surface(points: FloatArray) -> NDArray[np.int64]:
+    """Triangles of one manifold, (m, 3); of equal points the first one stands for all."""
+    places, first = np.unique(points, axis=0, return_index=True)
+    return first[_triangulate(places)] if len(places) > 3 else np.empty((0, 3), np.int64)
 
 
 def _triangulate(points: FloatArray) -> NDArray[np.int64]:

@@ -24,6 +24,7 @@ from medialis.model.shape import Shape
 from medialis.options import Options, algorithm, angle, choice
 from medialis.progress import Progress
 from medialis.surface.surface_graph import mesh_graph, nearest_seeds
+from medialis.threads import run_patiently
 from medialis.validation import FloatArray, frozen
 
 ThicknessKind = Literal["diameter", "radius"]
@@ -121,14 +122,21 @@ def thickness(cloud: MedialCloud, options: ThicknessOptions, progress: Progress)
             "No inner ball meets a second sample: thickness needs a surface that encloses a "
             'volume, at least partly, and a cloud with side "inner" or "both".'
         )
+    angle = math.radians(options.min_spoke_angle)
+    values = run_patiently(lambda: _diameters(cloud, rows, angle), progress)
+    return frozen(values if options.kind == "diameter" else 0.5 * values, np.float64)
+
+
+def _diameters(cloud: MedialCloud, rows: NDArray[np.int64], angle: float) -> NDArray[np.float64]:
+    """Return the diameter at each sample; balls with walls at least `angle` apart are reliable."""
     own = np.full(cloud.surface.point_count, np.nan)
     own[cloud.source[rows]] = 2.0 * cloud.radii[rows]
-    walls = cloud.subset(rows[wall_angles(cloud)[rows] >= math.radians(options.min_spoke_angle)])
+    walls = cloud.subset(rows[wall_angles(cloud)[rows] >= angle])
     values = field_on_surface(walls, 2.0 * walls.radii, reduce="max")
     values[walls.source] = 2.0 * walls.radii
     if np.isnan(values).any():
         _complete(cloud.surface, own, values)
-    return frozen(values if options.kind == "diameter" else 0.5 * values, np.float64)
+    return values
 
 
 def wall_angles(cloud: MedialCloud) -> FloatArray:

@@ -25,6 +25,7 @@ from medialis.model.shape import Shape
 from medialis.options import algorithm, length, number, whole
 from medialis.progress import Progress
 from medialis.surface.surface_graph import CLOUD_NEIGHBOURS
+from medialis.threads import run_patiently
 from medialis.validation import FloatArray, IntArray, as_points, frozen
 
 PROMINENCE = 0.25
@@ -124,8 +125,12 @@ def thin_spots(
     True
     """
     values = thickness.of(cloud, options, progress)
-    walls = (cloud.side > 0) & (wall_angles(cloud) >= math.radians(WALL_ANGLE))
-    return places_of_field(cloud.surface, values, cloud.features[walls], options)
+
+    def find() -> tuple[ThinSpot, ...]:
+        walls = (cloud.side > 0) & (wall_angles(cloud) >= math.radians(WALL_ANGLE))
+        return places_of_field(cloud.surface, values, cloud.features[walls], options)
+
+    return run_patiently(find, progress)
 
 
 def places_of_field(

@@ -22,6 +22,7 @@ from medialis.model.shape import Shape
 from medialis.operations.result import Layer, Result
 from medialis.operations.writing import describe_result
 from medialis.progress import Progress, ProgressCallback
+from medialis.threads import run_patiently
 
 COLOR_NAMES = ("red", "green", "blue", "alpha")
 
@@ -79,13 +80,22 @@ def write_for_host(
     manifest["layers"] = [{**about, "file": f"{about['name']}.ply"} for about in manifest["layers"]]
     with OutputFolder(folder) as out, progress.stage("write", 0.0, 1.0):
         for number, layer in enumerate(chosen):
-            _write_layer(out, layer, shape)
+            _write_layer(out, layer, shape, progress)
             progress.update((number + 1) / len(chosen))
         write_json(out.file("manifest.json"), manifest)
     return manifest
 
 
-def _write_layer(out: OutputFolder, layer: Layer, shape: Shape) -> None:
+def _write_layer(out: OutputFolder, layer: Layer, shape: Shape, progress: Progress) -> None:
+    points, faces, attributes, face_attributes = run_patiently(
+        lambda: _columns(layer, shape), progress
+    )
+    file = out.file(f"{layer.name}.ply")
+    write_ply(file, points, faces, layer.edges, attributes, face_attributes)
+
+
+def _columns(layer: Layer, shape: Shape) -> tuple[Any, Any, dict[str, Any], dict[str, Any]]:
+    """Return points, faces and the attributes of both, colours with them, of a layer's file."""
     points, faces = layer.points, layer.faces
     attributes, face_attributes = dict(layer.attributes), dict(layer.face_attributes)
     if layer.on_input:
@@ -100,6 +110,4 @@ def _write_layer(out: OutputFolder, layer: Layer, shape: Shape) -> None:
     if first is not None:
         columns = zip(COLOR_NAMES, first.rgba_bytes.T, strict=True)
         (face_attributes if first.on_faces else attributes).update(columns)
-    write_ply(
-        out.file(f"{layer.name}.ply"), points, faces, layer.edges, attributes, face_attributes
-    )
+    return points, faces, attributes, face_attributes

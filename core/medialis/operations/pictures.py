@@ -14,6 +14,7 @@ from medialis.options import Kind
 from medialis.progress import Progress, ProgressCallback
 from medialis.render.camera import Camera, turntable
 from medialis.render.picture import Curves, Item, Points, Surface, draw
+from medialis.threads import run_patiently
 
 NEARBY = 0.1
 """Fraction of the diagonal: what lies further from the bounding box may leave the picture, so that
@@ -77,8 +78,11 @@ def draw_result(
     (180, 240, 3)
     """
     layer, *others = result.shown or result.layers[:1]
+    progress = Progress.of(progress)
     if camera is None:
-        camera = Camera.framing(_in_view(result), width=width, height=height)
+        camera = run_patiently(
+            lambda: Camera.framing(_in_view(result), width=width, height=height), progress
+        )
     item, label = _paint(layer, color_by or layer.color_by, camera.width)
     label = label if legend else None
     if result.shown:
@@ -93,12 +97,20 @@ def draw_result(
 
 
 def draw_turntable(
-    result: Outcome, count: int, *, color_by: str | None = None, size: int = 600
+    result: Outcome,
+    count: int,
+    *,
+    color_by: str | None = None,
+    size: int = 600,
+    progress: Progress | ProgressCallback | None = None,
 ) -> Iterator[NDArray[np.uint8]]:
     """Draw `count` views round the up-axis one after the other, (size, size, 3) uint8 each."""
+    steps = Progress.of(progress)
     camera = Camera.framing(_in_view(result), width=size, height=size, fit="turntable")
-    for view in turntable(camera, count):
-        yield draw_result(result, color_by=color_by, camera=view)
+    for number, view in enumerate(turntable(camera, count)):
+        with steps.stage("turntable", number / count, (number + 1) / count):
+            image = draw_result(result, color_by=color_by, camera=view, progress=steps)
+        yield image
 
 
 def require_attribute(layers: Sequence[Layer], name: str) -> None:

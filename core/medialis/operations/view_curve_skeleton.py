@@ -20,6 +20,7 @@ from medialis.operations.declaration import Operation
 from medialis.operations.result import Layer, Outcome
 from medialis.options import changed
 from medialis.progress import Progress, counted
+from medialis.threads import run_patiently
 
 FAR_RADII = 2.5
 """A place of the surface further than this many radii from the skeleton lies on a sheet."""
@@ -87,7 +88,7 @@ def _note_doubts(shape: Shape, curve: CurveSkeleton, progress: Progress) -> None
     """Warn of sheets, and of parts that no branch was found for."""
     from scipy.spatial import cKDTree
 
-    away, node = cKDTree(curve.nodes).query(shape.points)
+    away, node = run_patiently(lambda: cKDTree(curve.nodes).query(shape.points), progress)
     share = float((away > FAR_RADII * curve.radii[node]).mean())
     if share > SHEET_SHARE:
         progress.note(

@@ -186,16 +186,15 @@ def write_result(
                     write_curve_skeleton(new(f"{result.operation}.{ending}"), result.graph)
             write_npz(new(f"{result.operation}.npz"), result.arrays)
         with progress.stage("picture", 0.5, 0.95):
-            for name, image in _main_pictures(result, pictures, title):
+            for name, image in _main_pictures(result, pictures, title, progress.unnamed):
                 drawn.append(name)
                 write_png(new(name), image)
                 if pictures.thumbnail and drawn == [name]:
                     write_png(new(THUMBNAIL), reduced(image, THUMBNAIL_WIDTH))
             count, color_by = pictures.turntable, pictures.color_by
-            views = draw_turntable(result, count, color_by=color_by) if count else ()
-            for number, image in enumerate(views):
+            views = draw_turntable(result, count, color_by=color_by, progress=progress.unnamed)
+            for number, image in enumerate(views if count else ()):
                 write_png(new(f"turntable_{number:03d}.png"), image)
-                progress.update((number + 1) / count)
         for name, text in (texts or {}).items():
             with complete_file(new(name)) as stream:
                 stream.write(text.encode("utf-8", "backslashreplace"))  # as in write_json
@@ -233,11 +232,11 @@ def content(file: Path, progress: Progress) -> dict[str, Any]:
 
 
 def _main_pictures(
-    result: Result, pictures: Pictures, title: str
+    result: Result, pictures: Pictures, title: str, progress: Progress
 ) -> Iterator[tuple[str, NDArray[np.uint8]]]:
     """Give file names and images: the result's own ones, or one of its first layer if wanted."""
     for name, image in result.images.items():
         yield f"{name}.png", image
     if pictures.main and result.layers and not result.images:
-        image = draw_result(result, color_by=pictures.color_by, title=title)
+        image = draw_result(result, color_by=pictures.color_by, title=title, progress=progress)
         yield f"{result.operation}.png", image

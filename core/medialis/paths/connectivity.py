@@ -17,7 +17,8 @@ from medialis.errors import InvalidShapeError
 from medialis.model.geodesic_paths import Importance
 from medialis.options import Options, algorithm, length
 from medialis.progress import Progress
-from medialis.validation import frozen
+from medialis.threads import run_patiently
+from medialis.validation import FloatArray, frozen
 
 LARGE = 0.002
 """Share of the skeleton points from which an island is worth a bridge: at most 500 bridges."""
@@ -83,8 +84,6 @@ def connected_importance(
     >>> bool(np.isclose(connected.length, plain.length).mean() > 0.9)
     True
     """
-    from medialis.paths._connectivity_kernels import join_pieces
-
     cloud = importance.cloud
     shape, n = cloud.surface, len(cloud)
     if not cloud.whole:
@@ -92,6 +91,16 @@ def connected_importance(
             "Connected importance needs the whole inner cloud of the shape, "
             f"{shape.point_count} rows in their order; got {n} rows."
         )
+    values = run_patiently(lambda: _connected(importance, options.link * shape.diagonal), progress)
+    return replace(importance, length=values)
+
+
+def _connected(importance: Importance, longest: float) -> FloatArray:
+    """Return the changed lengths, (n,); links longer than `longest` come last."""
+    from medialis.paths._connectivity_kernels import join_pieces
+
+    cloud = importance.cloud
+    shape, n = cloud.surface, len(cloud)
     values = np.array(importance.length)
     links = np.concatenate([shape.edges, cloud.features[cloud.valid]])
     usable = (links[:, 0] != links[:, 1]) & (cloud.valid & ~np.isnan(values))[links].all(axis=1)
@@ -101,7 +110,7 @@ def connected_importance(
     apart = np.linalg.norm(cloud.centers[links[:, 0]] - cloud.centers[links[:, 1]], axis=1)
     strength = np.minimum(values[links[:, 0]], values[links[:, 1]])
     # Neighbours that are too far apart join last, as if the link had no importance.
-    strength[apart > options.link * shape.diagonal] = 0.0
+    strength[apart > longest] = 0.0
     falling = np.argsort(-strength, kind="stable")
     tree, bridges = np.empty((n, 2), np.int64), np.empty((n, 2), np.int64)
     large = max(2.0, LARGE * np.count_nonzero(cloud.valid))
@@ -109,7 +118,7 @@ def connected_importance(
         np.ascontiguousarray(links[falling]), strength[falling], large, values, tree, bridges
     )
     _raise_bridges(values, tree[:joined].astype(np.int32), bridges[:count])
-    return replace(importance, length=frozen(values, np.float64))
+    return frozen(values, np.float64)
 
 
 def _across_noise(edges: NDArray[np.int64], values: NDArray[np.float64]) -> NDArray[np.int64]:

@@ -11,6 +11,7 @@ from medialis.errors import InvalidShapeError
 from medialis.kept import Described
 from medialis.model.shape import Shape
 from medialis.model.view import OrthographicCamera, View
+from medialis.progress import Progress
 from medialis.threads import run_chunks
 from medialis.validation import FloatArray, IntArray
 
@@ -37,7 +38,9 @@ class Rasterizer(Described):
     points: FloatArray
     faces: IntArray
 
-    def __call__(self, cameras: Sequence[OrthographicCamera]) -> list[View]:
+    def __call__(
+        self, cameras: Sequence[OrthographicCamera], progress: Progress | None = None
+    ) -> list[View]:
         """Return the view of each camera."""
         from medialis.render._depth_range_kernels import (
             draw_depth_range,
@@ -60,7 +63,7 @@ class Rasterizer(Described):
                 mark_outside(near, far)
                 views[at] = View(camera, near, far)
 
-        run_chunks(draw, len(cameras), 1)
+        run_chunks(draw, len(cameras), 1, progress=progress)
         return views
 
 

@@ -22,6 +22,7 @@ from medialis.render.camera import Camera
 from medialis.render.colors import label_colors, map_colors, value_range
 from medialis.render.raster import as_radii
 from medialis.render.shading import BallLayer, MeshLayer, Style, render_layers
+from medialis.threads import run_patiently
 from medialis.validation import FloatArray, as_faces, as_field, as_number, as_points
 
 Color = tuple[float, float, float]
@@ -177,17 +178,13 @@ def draw(
     ((60, 80, 3), [255, 255, 255], True)
     """
     steps = Progress.of(progress)
-    key = None if legend is None else _legend_of(items, legend, label_names)
+    key = None
+    if legend is not None:
+        key = run_patiently(lambda: _legend_of(items, legend, label_names), steps)
     top = title_height(camera.height) if title else 0
     right = 0 if key is None else legend_width(key, camera.width, camera.height)
     frame = _view_frame(camera, camera.width - right, camera.height - top)
-    balls: list[BallLayer] = []
-    meshes: list[MeshLayer] = []
-    for item in items:
-        if isinstance(item, Surface):
-            meshes.append(_mesh_layer(item))
-        else:
-            balls.append(_ball_layer(item, frame))
+    balls, meshes = run_patiently(lambda: _layers_of(items, frame), steps)
     image = np.full((camera.height, camera.width, 3), 255, np.uint8)
     chosen = Style() if style is None else style
     image[...] = round(255 * chosen.background)
@@ -197,6 +194,18 @@ def draw(
     if key is not None:
         draw_legend(image, key, left=frame.width, top=top)
     return image
+
+
+def _layers_of(items: Sequence[Item], frame: Camera) -> tuple[list[BallLayer], list[MeshLayer]]:
+    """Return what is drawn as balls, and what as triangles."""
+    balls: list[BallLayer] = []
+    meshes: list[MeshLayer] = []
+    for item in items:
+        if isinstance(item, Surface):
+            meshes.append(_mesh_layer(item))
+        else:
+            balls.append(_ball_layer(item, frame))
+    return balls, meshes
 
 
 def _view_frame(camera: Camera, width: int, height: int) -> Camera:

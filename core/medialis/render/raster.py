@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,11 +14,14 @@ from medialis.model.surface import Surface
 from medialis.progress import Progress, ProgressCallback
 from medialis.render.camera import Camera
 from medialis.render.projection import BallSet, TriangleSet, lens, see_balls, see_triangles
-from medialis.threads import run_chunks
+from medialis.threads import run_chunks, run_patiently
 from medialis.validation import FloatArray, IntArray, as_faces, as_field, as_points
 
 BAND = 32
 """Rows drawn by one kernel call: a constant, so that results do not depend on the threads."""
+
+BALLS_A_STEP, PIXELS_A_STEP, TRIANGLES_A_STEP = 1 << 16, 1 << 23, 1 << 14
+"""Drawn by one kernel call at most: some 30 ms."""
 
 Mesh = tuple[NDArray[Any], NDArray[Any], NDArray[Any], NDArray[Any], NDArray[Any]]
 
@@ -78,11 +82,26 @@ def draw_balls(
     height = len(depth)
     offsets, items = _bands(balls.boxes[:, 0], balls.boxes[:, 1], height)
 
-    def band(begin: int, end: int) -> None:
+    def band(begin: int, end: int) -> Iterator[None]:
         listed = items[offsets[begin // BAND] : offsets[begin // BAND + 1]]
-        splat_balls(listed, balls.view, balls.radii, balls.boxes, numbers, begin, end, depth, index)
+        for part in _steps(listed, balls.boxes, begin, end):
+            splat_balls(
+                part, balls.view, balls.radii, balls.boxes, numbers, begin, end, depth, index
+            )
+            yield
 
     run_chunks(band, height, BAND, progress=progress)
+
+
+def _steps(listed: IntArray, boxes: IntArray, begin: int, end: int) -> Iterator[IntArray]:
+    """Give the balls of a band in parts that take about as long to draw, however large they are."""
+    for first in range(0, len(listed), BALLS_A_STEP):
+        balls = listed[first : first + BALLS_A_STEP]
+        row0, row1, column0, column1 = boxes[balls].T.astype(np.int64)
+        rows = np.minimum(row1 + 1, end) - np.maximum(row0, begin)
+        pixels = np.cumsum(rows * (column1 + 1 - column0))
+        cuts = np.flatnonzero(np.diff(pixels // PIXELS_A_STEP)) + 1
+        yield from np.split(balls, cuts)
 
 
 def draw_mesh(
@@ -108,21 +127,24 @@ def draw_mesh(
     layers = np.zeros((0, 0, 4), np.float32) if glass is None else glass
     known = empty_mesh() if mesh is None else mesh
 
-    def band(begin: int, end: int) -> None:
-        draw_triangles(
-            items[offsets[begin // BAND] : offsets[begin // BAND + 1]],
-            triangles.screen,
-            triangles.corners,
-            triangles.names,
-            numbers,
-            begin,
-            end,
-            glass is not None,
-            known,
-            depth,
-            index,
-            layers,
-        )
+    def band(begin: int, end: int) -> Iterator[None]:
+        listed = items[offsets[begin // BAND] : offsets[begin // BAND + 1]]
+        for place in range(0, len(listed), TRIANGLES_A_STEP):
+            draw_triangles(
+                listed[place : place + TRIANGLES_A_STEP],
+                triangles.screen,
+                triangles.corners,
+                triangles.names,
+                numbers,
+                begin,
+                end,
+                glass is not None,
+                known,
+                depth,
+                index,
+                layers,
+            )
+            yield
 
     run_chunks(band, height, BAND, progress=progress)
 
@@ -208,19 +230,19 @@ def rasterize(
     mesh = empty_mesh()
     if centers is not None:
         data = as_points(centers, "centers")
-        balls = see_balls(camera, data, as_radii(0.0 if radii is None else radii, len(data)))
+        sizes = as_radii(0.0 if radii is None else radii, len(data))
         with steps.stage("balls", 0.0, 0.5):
+            balls = run_patiently(lambda: see_balls(camera, data, sizes), steps)
             draw_balls(balls, numbers, depth, index, steps)
     if points is not None:
         corners = as_points(points)
         triangles = as_faces(np.zeros((0, 3)) if faces is None else faces, len(corners))
-        view = camera.to_view(corners)
+        view, count = camera.to_view(corners), len(balls.radii)
         with steps.stage("triangles", 0.5, 0.9):
-            seen = see_triangles(camera, view, triangles, len(balls.radii))
+            seen = run_patiently(lambda: see_triangles(camera, view, triangles, count), steps)
             draw_mesh(seen, numbers, depth, index, progress=steps)
-        flat = np.repeat(Surface(view, triangles).face_normals[:, None], 3, axis=1).astype(
-            np.float32
-        )
+            normals_of = run_patiently(lambda: Surface(view, triangles).face_normals, steps)
+        flat = np.repeat(normals_of[:, None], 3, axis=1).astype(np.float32)
         mesh = view, triangles, flat, flat, np.zeros(len(triangles), np.float32)
     if furthest:
         depth = np.where(index >= 0, -depth, np.inf)

@@ -17,6 +17,7 @@ from medialis.render.camera import Camera
 from medialis.render.colors import map_colors
 from medialis.render.picture import Balls, Surface, draw
 from medialis.render.raster import Buffers, rasterize
+from medialis.threads import run_patiently
 from medialis.validation import FloatArray, IntArray, as_field
 
 Image = NDArray[np.uint8]
@@ -80,11 +81,11 @@ def _cameras(shape: Shape, camera: Camera | Sequence[Camera] | None) -> list[Cam
     return cameras
 
 
-def _surface_buffers(shape: Shape, camera: Camera) -> Buffers:
+def _surface_buffers(shape: Shape, camera: Camera, progress: Progress) -> Buffers:
     if shape.faces is not None:
-        return rasterize(camera, points=shape.points, faces=shape.faces)
-    points, faces = sample_discs(shape)
-    return rasterize(camera, points=points, faces=faces)
+        return rasterize(camera, points=shape.points, faces=shape.faces, progress=progress)
+    points, faces = run_patiently(lambda: sample_discs(shape), progress)
+    return rasterize(camera, points=points, faces=faces, progress=progress)
 
 
 def sample_discs(shape: Shape) -> tuple[FloatArray, IntArray]:
@@ -113,11 +114,13 @@ def sample_discs(shape: Shape) -> tuple[FloatArray, IntArray]:
     return points, np.concatenate(faces).astype(np.int32)
 
 
-def _shaded_surface(shape: Shape, camera: Camera) -> Image:
+def _shaded_surface(shape: Shape, camera: Camera, progress: Progress) -> Image:
     if shape.faces is not None:
-        return draw([Surface(shape.points, shape.faces, color=_SURFACE)], camera)
-    points, faces = sample_discs(shape)
-    return draw([Surface(points, faces, color=_SURFACE, smooth=False)], camera)
+        item = Surface(shape.points, shape.faces, color=_SURFACE)
+        return draw([item], camera, progress=progress)
+    points, faces = run_patiently(lambda: sample_discs(shape), progress)
+    item = Surface(points, faces, color=_SURFACE, smooth=False)
+    return draw([item], camera, progress=progress)
 
 
 def _difference(balls: Buffers, surface: Buffers, diagonal: float) -> tuple[Image, FloatArray]:
@@ -205,9 +208,11 @@ def reconstruct_image(
                 union = rasterize(view, centers=centers, radii=radii, progress=steps)
             with steps.stage("light", 0.3, 0.9):
                 shaded = draw([Balls(centers, radii, color=_SURFACE)], view, progress=steps)
-            pair = union, _surface_buffers(shape, view)
+            with steps.stage("surface", 0.9, 1.0):
+                pair = union, _surface_buffers(shape, view, steps)
+                surface = _shaded_surface(shape, view, steps)
             image, percent = _difference(*pair, shape.diagonal)
-            images.append((shaded, _shaded_surface(shape, view), image))
+            images.append((shaded, surface, image))
             pairs.append(pair)
             differences.append(percent)
     ball_images, surface_images, difference_images = zip(*images, strict=True)

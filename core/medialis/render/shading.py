@@ -14,9 +14,9 @@ from medialis.model.surface import Surface
 from medialis.progress import Progress
 from medialis.render.camera import MAX_PIXELS, Camera
 from medialis.render.colors import to_linear, to_srgb
-from medialis.render.projection import lens, see_balls, see_triangles
+from medialis.render.projection import BallSet, TriangleSet, lens, see_balls, see_triangles
 from medialis.render.raster import BAND, Mesh, draw_balls, draw_mesh, empty_mesh
-from medialis.threads import run_chunks
+from medialis.threads import run_chunks, run_patiently
 from medialis.validation import FloatArray, IntArray, as_number, as_whole_number, frozen
 
 SMOOTH_COSINE = 0.75
@@ -132,8 +132,28 @@ def _encoding() -> NDArray[np.uint8]:
     return frozen(np.rint(255 * to_srgb(np.linspace(0, 1, 8192))), np.uint8)
 
 
-def _mesh_of(layers: list[MeshLayer], camera: Camera) -> Mesh:
-    """Join mesh layers into the tuple that the kernels read, in view space."""
+def _balls_of(
+    layers: list[BallLayer], camera: Camera, supersampling: int
+) -> tuple[BallSet, NDArray[np.float32]]:
+    """Join ball layers into what the camera sees, and the colors in linear light."""
+    centers = np.concatenate([np.zeros((0, 3)), *(layer.centers for layer in layers)])
+    radii = np.concatenate([np.zeros(0), *(layer.radii for layer in layers)])
+    colors = np.concatenate([np.zeros((0, 3)), *(to_linear(layer.colors) for layer in layers)])
+    smallest = np.repeat(
+        [supersampling * layer.smallest for layer in layers],
+        [len(layer.radii) for layer in layers],
+    )
+    return see_balls(camera, centers, radii, smallest), colors.astype(np.float32)
+
+
+def _mesh_of(layers: list[MeshLayer], camera: Camera, base: int) -> tuple[Mesh, TriangleSet]:
+    """Join mesh layers into the tuple that the kernels read, and what the camera sees of it."""
+    mesh = _joined(layers, camera)
+    return mesh, see_triangles(camera, mesh[0], mesh[1], base)
+
+
+def _joined(layers: list[MeshLayer], camera: Camera) -> Mesh:
+    """Join mesh layers in view space."""
     if not layers:
         return empty_mesh()
     counts = np.cumsum([0, *(len(layer.points) for layer in layers[:-1])])
@@ -206,26 +226,20 @@ def render_layers(
     numbers = lens(fine)
     depth = np.full((fine.height, fine.width), np.inf)
     index = np.full(depth.shape, -1, np.int32)
-    centers = np.concatenate([np.zeros((0, 3)), *(layer.centers for layer in balls)])
-    radii = np.concatenate([np.zeros(0), *(layer.radii for layer in balls)])
-    colors = np.concatenate([np.zeros((0, 3)), *(to_linear(layer.colors) for layer in balls)])
-    smallest = np.repeat(
-        [n * layer.smallest for layer in balls], [len(layer.radii) for layer in balls]
-    )
-    seen = see_balls(fine, centers, radii, smallest)
-    solid = _mesh_of([layer for layer in meshes if layer.opacity >= 1], fine)
-    veil = _mesh_of([layer for layer in meshes if 0 < layer.opacity < 1], fine)
+    opaques = [layer for layer in meshes if layer.opacity >= 1]
+    veils = [layer for layer in meshes if 0 < layer.opacity < 1]
     steps = Progress.of(progress)
     with steps.stage("balls", 0.0, 0.5):
+        seen, tints = run_patiently(lambda: _balls_of(balls, fine, n), steps)
         draw_balls(seen, numbers, depth, index, steps)
     with steps.stage("triangles", 0.5, 0.7):
-        opaque = see_triangles(fine, solid[0], solid[1], len(radii))
+        solid, opaque = run_patiently(lambda: _mesh_of(opaques, fine, len(seen.radii)), steps)
         draw_mesh(opaque, numbers, depth, index, progress=steps)
     glass = np.zeros((0, 0, 4), np.float32)
-    if len(veil[1]):
+    if any(len(layer.faces) for layer in veils):
         glass = np.zeros((*depth.shape, 4), np.float32)
-        clear = see_triangles(fine, veil[0], veil[1])
         with steps.stage("see-through", 0.7, 0.9):
+            veil, clear = run_patiently(lambda: _mesh_of(veils, fine, 0), steps)
             draw_mesh(clear, numbers, depth, index, glass=glass, mesh=veil, progress=steps)
     lamps = _LAMPS.copy()
     lamps[:, :3] /= np.linalg.norm(lamps[:, :3], axis=1, keepdims=True)
@@ -240,7 +254,6 @@ def render_layers(
         ]
     )
     picture = np.empty((camera.height, camera.width, 3), np.uint8)
-    tints = colors.astype(np.float32)
 
     def band(begin: int, end: int) -> None:
         shade(

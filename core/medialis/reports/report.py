@@ -17,7 +17,7 @@ from medialis.operations.declaration import Kind, Parameter
 from medialis.operations.pictures import draw_result, draw_turntable
 from medialis.operations.registry import OPERATIONS
 from medialis.operations.result import Result
-from medialis.progress import counted
+from medialis.progress import Progress, ProgressCallback, counted
 from medialis.render.png import encode_png
 from medialis.reports.measures import measure
 from medialis.reports.page import (
@@ -32,6 +32,7 @@ from medialis.reports.page import (
     verdict_list,
 )
 from medialis.reports.wording import named, number, place
+from medialis.threads import run_patiently
 
 STILLS, STILL_SIZE = 4, 360
 ROWS = 30
@@ -71,18 +72,31 @@ LABELS = {
 }
 
 
-def report_texts(result: Result, *, source: str | None = None) -> dict[str, str]:
+def report_texts(
+    result: Result,
+    *,
+    source: str | None = None,
+    progress: Progress | ProgressCallback | None = None,
+) -> dict[str, str]:
     """Return the files of a report, ``report.html`` and ``report.json``, as text by name."""
-    found = measure(result, source=None if source is None else Path(source).name)
-    return {"report.html": report_page(found, stills(result)), "report.json": json_text(found)}
+    progress = Progress.of(progress).unnamed
+    name = None if source is None else Path(source).name
+    with progress.stage("measures", 0.0, 0.5):
+        found = run_patiently(lambda: measure(result, source=name), progress)
+    with progress.stage("stills", 0.5, 1.0):
+        pictures = stills(result, progress)
+    return {"report.html": report_page(found, pictures), "report.json": json_text(found)}
 
 
-def stills(result: Result) -> list[NDArray[np.uint8]]:
+def stills(result: Result, progress: Progress) -> list[NDArray[np.uint8]]:
     """Return the pictures of a report: the result and views all round it."""
     if not result.layers:
         return list(result.images.values())
-    views = draw_turntable(result, STILLS, size=STILL_SIZE)
-    return [*result.images.values(), draw_result(result), *views]
+    with progress.stage("main", 0.0, 0.4):
+        main = draw_result(result, progress=progress)
+    with progress.stage("round", 0.4, 1.0):
+        views = list(draw_turntable(result, STILLS, size=STILL_SIZE, progress=progress))
+    return [*result.images.values(), main, *views]
 
 
 def report_page(measures: Mapping[str, Any], pictures: Sequence[NDArray[np.uint8]]) -> str:

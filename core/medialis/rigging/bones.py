@@ -15,6 +15,7 @@ from medialis.model.curve_skeleton import CurveSkeleton
 from medialis.model.polylines import follow, places_along
 from medialis.options import Options, algorithm, length, number
 from medialis.progress import Progress
+from medialis.threads import run_patiently
 from medialis.validation import FloatArray, IntArray
 
 
@@ -107,6 +108,10 @@ def bones(curve: CurveSkeleton, options: BonesOptions, progress: Progress) -> Bo
     """
     if len(curve.nodes) == 0:
         raise InvalidShapeError("Bones need a curve skeleton with at least one node, got none.")
+    return run_patiently(lambda: _bones(curve, options), progress)
+
+
+def _bones(curve: CurveSkeleton, options: BonesOptions) -> Bones:
     limbs = _limbs(curve, *_tree(curve))
     _drop_twigs(curve, limbs, options.shortest)
     longest = options.bone_length * curve.diagonal or 1.0

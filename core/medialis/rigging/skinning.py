@@ -84,13 +84,17 @@ def skin_weights(rig: Bones, options: SkinOptions, progress: Progress) -> SkinWe
             "Skin weights need bones along a curve skeleton that knows the points of its surface, "
             "as curve_skeleton computes it."
         )
-    node = _nodes_everywhere(curve.surface.points, curve)
-    limb, place = _project(curve.surface.points, node, rig)
-    skin = _weights(limb, place, rig)
-    if options.skin_smoothing == 0 or curve.surface.faces is None or rig.count == 1:
+    surface = curve.surface
+    return run_patiently(lambda: _skin(rig, surface, options.skin_smoothing), progress)
+
+
+def _skin(rig: Bones, surface: Surface, smoothing: float) -> SkinWeights:
+    """Weigh the bones at each point by the nearest place on their curve, and smooth."""
+    node = _nodes_everywhere(surface.points, rig.curve)
+    skin = _weights(*_project(surface.points, node, rig), rig)
+    if smoothing == 0 or surface.faces is None or rig.count == 1:
         return skin
-    surface, width = curve.surface, options.skin_smoothing * curve.radii[node]
-    return run_patiently(lambda: _smoothed(skin, surface, width), progress)
+    return _smoothed(skin, surface, smoothing * rig.curve.radii[node])
 
 
 def _nodes_everywhere(points: FloatArray, curve: CurveSkeleton) -> IntArray:

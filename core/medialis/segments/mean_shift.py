@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from medialis.kept import Described
 from medialis.options import Options, algorithm, choice, length, whole
 from medialis.progress import Progress
-from medialis.threads import run_chunks
+from medialis.threads import run_chunks, run_patiently
 from medialis.validation import FloatArray, IntArray, as_points, frozen
 
 Kernel = Literal["gaussian", "flat"]
@@ -162,8 +162,10 @@ def shift_seeds(
     scaled = SIGMA if options.kernel == "gaussian" else 0.0
     with progress.stage("shift", 0.0, 0.5):
         steps, first = _paths(_Grid.of(places), starts, scaled, options.last_steps, progress)
-    ends = steps[np.append(first[1:], len(steps)) - 1]
-    centers, cluster = _merged(_Grid.of(places), ends, scaled, (merge or radius) / radius)
+        ends = steps[np.append(first[1:], len(steps)) - 1]
+        centers, cluster = run_patiently(
+            lambda: _merged(_Grid.of(places), ends, scaled, (merge or radius) / radius), progress
+        )
     with progress.stage("votes", 0.5, 1.0):
         owner = np.repeat(cluster, np.diff(np.append(first, len(steps))))
         labels, shares = _votes(_Grid.of(steps), owner, len(centers), places, scaled, progress)

@@ -25,6 +25,7 @@ from medialis.progress import Progress
 from medialis.segments.mean_shift import MeanShift, SeedShiftOptions, shift_seeds
 from medialis.surface.labels import numbered_by_weight, spread_labels
 from medialis.surface.surface_graph import surface_graph
+from medialis.threads import run_patiently
 
 Seeds = Literal["spread", "bumps", "all", "none"]
 
@@ -121,14 +122,17 @@ def mean_shift_segments(
         )
 
     def work() -> MeanShift:
-        seeds = cloud.centers[_seed_rows(cloud, usable, options)]
+        rows = run_patiently(lambda: _seed_rows(cloud, usable, options), progress)
+        seeds = cloud.centers[rows]
         points = cloud.centers[usable]
         return shift_seeds(points, seeds, surface.diagonal, options, progress)
 
     with progress.stage("mean shift", 0.0, 0.9):
         clusters = kept(shift_seeds, cloud, replace(options, fill=True), work, progress)
     with progress.stage("transfer", 0.9, 1.0):
-        labels = _on_surface(cloud.subset(usable), clusters, options.fill)
+        labels = run_patiently(
+            lambda: _on_surface(cloud.subset(usable), clusters, options.fill), progress
+        )
         return Segmentation(numbered_by_weight(labels, surface.point_areas), surface=surface)
 
 

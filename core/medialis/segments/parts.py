@@ -25,6 +25,7 @@ from medialis.surface.labels import (
     spread_labels,
 )
 from medialis.surface.surface_graph import surface_graph
+from medialis.threads import run_patiently
 from medialis.validation import IntArray
 
 DIFFUSION = 5
@@ -121,7 +122,9 @@ def parts(cloud: MedialCloud, options: PartsOptions, progress: Progress) -> Segm
     if method == "limbs" or (method == "auto" and _has_curves(inner)):
         with progress.stage("limbs", 0.0, 0.6):
             limbs = kept(_limbs, inner, None, lambda: _limbs(inner, progress), progress)
-            found = _limb_parts(inner.surface, limbs.labels, options)
+            found = run_patiently(
+                lambda: _limb_parts(inner.surface, limbs.labels, options), progress
+            )
         if method == "limbs" or _describe_better(found, limbs.flatness, progress):
             return found
     elif method == "auto":
@@ -138,10 +141,14 @@ def parts(cloud: MedialCloud, options: PartsOptions, progress: Progress) -> Segm
 def _sheet_parts(cloud: MedialCloud, options: PartsOptions, progress: Progress) -> Segmentation:
     """Give each sample the sheet of its ball."""
     sheets = medial_sheets.of(cloud, options, progress)
-    labels = np.full(cloud.surface.point_count, -1, np.int32)
-    labels[cloud.source] = sheets.labels
-    labels = smoothed_labels(labels, surface_graph(cloud.surface), options.smoothing)
-    return completed(cloud.surface, labels, options.smallest, method="sheets")
+
+    def divide() -> Segmentation:
+        labels = np.full(cloud.surface.point_count, -1, np.int32)
+        labels[cloud.source] = sheets.labels
+        labels = smoothed_labels(labels, surface_graph(cloud.surface), options.smoothing)
+        return completed(cloud.surface, labels, options.smallest, method="sheets")
+
+    return run_patiently(divide, progress)
 
 
 class _Limbs(NamedTuple):
@@ -167,12 +174,16 @@ def _limbs(cloud: MedialCloud, progress: Progress) -> _Limbs:
     skeleton = curve_skeleton.of(cloud, of_extent, progress)
     node = skeleton.vertex_node
     assert node is not None
-    of_node = find_limbs(skeleton, node_widths(skeleton))
-    labels: IntArray = np.where(node < 0, -1, of_node[node]).astype(np.int32)
-    return _Limbs(
-        spread_labels(surface, surface_graph(surface), labels),
-        flatness(skeleton),
-    )
+
+    def divide() -> _Limbs:
+        of_node = find_limbs(skeleton, node_widths(skeleton))
+        labels: IntArray = np.where(node < 0, -1, of_node[node]).astype(np.int32)
+        return _Limbs(
+            spread_labels(surface, surface_graph(surface), labels),
+            flatness(skeleton),
+        )
+
+    return run_patiently(divide, progress)
 
 
 def _limb_parts(surface: Shape, labels: IntArray, options: PartsOptions) -> Segmentation:
@@ -190,7 +201,7 @@ def _describe_better(found: Segmentation, flat: float, progress: Progress) -> bo
     order = labelled[np.argsort(found.labels[labelled], kind="stable")]
     bodies = found.labels[order[np.unique(components[order], return_index=True)[1]]]
     limbs = np.setdiff1d(np.arange(found.count), bodies)
-    out = limbs[protrusions(found)[limbs] >= PROTRUDES]
+    out = limbs[run_patiently(lambda: protrusions(found), progress)[limbs] >= PROTRUDES]
     most = found.areas[out].sum() >= found.areas[limbs].sum() / 2
     counts: dict[str, Any] = {"limbs": len(limbs), "sticking_out": len(out), "flatness": flat}
     if len(out) and (most or flat < FLAT):

@@ -13,6 +13,7 @@ from medialis.progress import Progress
 from medialis.segments.soft_edges import soft_edges
 from medialis.surface.labels import completed, connected_labels
 from medialis.surface.surface_graph import surface_graph
+from medialis.threads import run_patiently
 
 LEAST_SAMPLES = 8
 """A piece between edges of fewer samples is no patch: it joins the nearest one."""
@@ -77,8 +78,12 @@ def patches(cloud: MedialCloud, options: PatchesOptions, progress: Progress) -> 
     6
     """
     edges, surface = soft_edges.of(cloud, options, progress), cloud.surface
-    off_edges = np.where(edges.on_edge(options.min_angle), -1, 0).astype(np.int32)
-    labels = connected_labels(off_edges, surface_graph(surface))
-    size = np.bincount(labels[labels >= 0], minlength=1)
-    labels[size[labels] < LEAST_SAMPLES] = -1
-    return completed(surface, labels, options.smallest, fill=True)
+
+    def divide() -> Segmentation:
+        off_edges = np.where(edges.on_edge(options.min_angle), -1, 0).astype(np.int32)
+        labels = connected_labels(off_edges, surface_graph(surface))
+        size = np.bincount(labels[labels >= 0], minlength=1)
+        labels[size[labels] < LEAST_SAMPLES] = -1
+        return completed(surface, labels, options.smallest, fill=True)
+
+    return run_patiently(divide, progress)

@@ -15,7 +15,7 @@ from medialis.model.shape import Shape
 from medialis.options import Options, algorithm, number
 from medialis.progress import Progress
 from medialis.surface.surface_graph import local_spacing, surface_graph
-from medialis.threads import run_chunks
+from medialis.threads import run_chunks, run_patiently
 
 FLOAT32_MARGIN = 2e-6
 """Fraction of the diagonal: what the float32 bounds of the tree may be off, with room."""
@@ -81,7 +81,7 @@ def extended_feature_transform(
     (True, True)
     """
     rows = np.flatnonzero(cloud.valid).astype(np.int32)
-    spacing = local_spacing(cloud.surface)
+    spacing = run_patiently(lambda: local_spacing(cloud.surface), progress)
     gaps = np.zeros(len(cloud))
     gaps[rows] = options.contact_gap * spacing[cloud.features[rows]].mean(axis=1)
     with progress.stage("feature sets", 0.0, 1.0):
@@ -121,15 +121,16 @@ def _find(
     if len(rows):
         # Dividing by a power of two changes no digit and keeps float32 bounds in range.
         unit = math.ldexp(1.0, math.frexp(shape.diagonal)[1] - 1)
-        tree = build_box_tree(shape.points / unit, shape.normals)
+        tree = run_patiently(lambda: build_box_tree(shape.points / unit, shape.normals), progress)
         place = np.empty(shape.point_count, np.int64)
         place[tree.order] = np.arange(shape.point_count)
         rows = rows[np.argsort(place[cloud.source[rows]], kind="stable")]
         centers = cloud.centers / unit - tree.center
-        balls = _mean_face_normals(shape), centers, cloud.radii / unit, cloud.features, gaps / unit
+        normals = run_patiently(lambda: _mean_face_normals(shape), progress)
+        balls = normals, centers, cloud.radii / unit, cloud.features, gaps / unit
         nodes = tree.order, tree.blocks, tree.bounds, tree.child, tree.depth
         margin = FLOAT32_MARGIN * shape.diagonal / unit
-        graph = surface_graph(shape)
+        graph = run_patiently(lambda: surface_graph(shape), progress)
         links = graph.offsets, graph.indices
 
         def work(begin: int, end: int) -> None:
@@ -141,6 +142,7 @@ def _find(
     offsets = np.concatenate([[0], np.cumsum(size)])
     samples, clusters = np.empty(offsets[-1], np.int32), np.empty(offsets[-1], np.int16)
     for begin, (touched, labels) in chunks.items():
+        progress.update(1.0)
         part = rows[begin : begin + BALLS_A_CHUNK]
         place_sets(part, offsets, touched, labels, samples, clusters)
     return FeatureSets(Ragged(offsets, samples), clusters, counts, agreement, cloud=cloud)

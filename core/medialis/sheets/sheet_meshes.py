@@ -15,6 +15,7 @@ from medialis.options import Options, algorithm
 from medialis.progress import Progress
 from medialis.sheets.y_network import LONGEST_JUMP, smoothed_curves
 from medialis.surface.surface_graph import local_spacing
+from medialis.threads import run_patiently
 from medialis.validation import FloatArray, IntArray, frozen, hold
 
 
@@ -134,24 +135,30 @@ def sheet_meshes(sheets: MedialSheets, options: Options, progress: Progress) -> 
             "first, or show the sheets as points."
         )
     with progress.stage("sheet meshes", 0.0, 1.0):
-        parts = [_lifted(sheets, sign) for sign in (1, -1)]
-        triangles, face_sheet, origin = (np.concatenate(part) for part in zip(*parts, strict=True))
-        # Each sheet has its own points: those of sheet s and row r come in the order of s k + r.
-        own, place = np.unique(face_sheet[:, None] * len(cloud) + triangles, return_inverse=True)
-        point_sheet, rows = np.divmod(own, len(cloud)) if len(own) else (own, own)
-        mesh = SkeletonMesh(
-            cloud.centers[rows],
-            frozen(place.reshape(-1, 3), np.int32),
-            frozen(rows, np.int32),
-            frozen(origin, np.int32),
-            cloud=cloud,
-            selected=sheets.labels >= 0,
-        )
-        areas = np.bincount(face_sheet, mesh.face_areas, sheets.count).astype(np.float64)
-        mean, radius = np.full(sheets.count, np.nan), cloud.radii[triangles].mean(axis=1)
-        total = np.bincount(face_sheet, mesh.face_areas * radius, sheets.count)
-        np.divide(total, areas, out=mean, where=areas > 0)
-        around = _boundaries(mesh, point_sheet, sheets.count)
+        return run_patiently(lambda: _meshed(sheets), progress)
+
+
+def _meshed(sheets: MedialSheets) -> SheetMeshes:
+    """Lift the triangles of both sides, and measure each sheet."""
+    cloud = sheets.cloud
+    parts = [_lifted(sheets, sign) for sign in (1, -1)]
+    triangles, face_sheet, origin = (np.concatenate(part) for part in zip(*parts, strict=True))
+    # Each sheet has its own points: those of sheet s and row r come in the order of s k + r.
+    own, place = np.unique(face_sheet[:, None] * len(cloud) + triangles, return_inverse=True)
+    point_sheet, rows = np.divmod(own, len(cloud)) if len(own) else (own, own)
+    mesh = SkeletonMesh(
+        cloud.centers[rows],
+        frozen(place.reshape(-1, 3), np.int32),
+        frozen(rows, np.int32),
+        frozen(origin, np.int32),
+        cloud=cloud,
+        selected=sheets.labels >= 0,
+    )
+    areas = np.bincount(face_sheet, mesh.face_areas, sheets.count).astype(np.float64)
+    mean, radius = np.full(sheets.count, np.nan), cloud.radii[triangles].mean(axis=1)
+    total = np.bincount(face_sheet, mesh.face_areas * radius, sheets.count)
+    np.divide(total, areas, out=mean, where=areas > 0)
+    around = _boundaries(mesh, point_sheet, sheets.count)
     points, faces = frozen(point_sheet, np.int32), frozen(face_sheet, np.int32)
     return SheetMeshes(mesh, points, faces, areas, around, mean, sheets=sheets)
 

@@ -8,6 +8,7 @@ those of the rim, are attached to the nearest sheet along the surface afterwards
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -19,6 +20,7 @@ from medialis.kept import kept
 from medialis.model.feature_sets import FeatureSets
 from medialis.model.medial_cloud import MedialCloud
 from medialis.model.medial_sheets import MedialSheets
+from medialis.model.shape import Shape
 from medialis.options import Options, algorithm, number
 from medialis.progress import Progress
 from medialis.sheets.extended_features import extended_feature_transform
@@ -29,7 +31,7 @@ from medialis.surface.labels import (
     spread_labels,
 )
 from medialis.surface.surface_graph import local_spacing, surface_graph
-from medialis.threads import run_chunks
+from medialis.threads import run_chunks, run_patiently
 from medialis.validation import IntArray
 
 CLEARLY_APART = 2.0
@@ -141,16 +143,23 @@ def medial_sheets(
         sides = kept(
             _divide, cloud, threshold, lambda: _divide(cloud, threshold, progress), progress
         )
-        area, graph = cloud.surface.point_areas, surface_graph(cloud.surface)
         for side in sides:
-            of_samples = side.labels
-            if options.smallest > 0.0:
-                least = options.smallest * float(area.sum())
-                of_samples = merge_small(of_samples, area, graph, least)
-            own = numbered_by_weight(of_samples, area)[cloud.source[side.rows]]
+            of_samples = run_patiently(
+                functools.partial(_numbered, cloud.surface, side.labels, options.smallest), progress
+            )
+            own = of_samples[cloud.source[side.rows]]
             labels[side.rows] = np.where(own < 0, -1, own + labels.max() + 1)
             linked[side.rows], front[side.rows] = side.linked, side.front
     return MedialSheets(labels, linked, front, cloud=cloud)
+
+
+def _numbered(surface: Shape, labels: IntArray, smallest: float) -> IntArray:
+    """Merge small sheets into their neighbours, and number them by falling area."""
+    area = surface.point_areas
+    if smallest > 0.0:
+        least = smallest * float(area.sum())
+        labels = merge_small(labels, area, surface_graph(surface), least)
+    return numbered_by_weight(labels, area)
 
 
 class _Side(NamedTuple):
@@ -167,7 +176,11 @@ def _divide(cloud: MedialCloud, threshold: float, progress: Progress) -> list[_S
     with progress.stage("contacts", 0.0, 0.8):
         sets = extended_feature_transform.of(cloud, Options(), progress)
     sides = [np.flatnonzero(cloud.valid & (cloud.side == sign)) for sign in (1, -1)]
-    return [_side(sets, rows.astype(np.int32), threshold) for rows in sides if len(rows)]
+    return [
+        run_patiently(functools.partial(_side, sets, rows.astype(np.int32), threshold), progress)
+        for rows in sides
+        if len(rows)
+    ]
 
 
 def _side(sets: FeatureSets, rows: IntArray, threshold: float) -> _Side:

@@ -8,6 +8,7 @@ moved inside, are the Y-curves, each seen from its three contacts. Of the three,
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,6 +22,7 @@ from medialis.model.y_network import YNetwork
 from medialis.options import Options, algorithm, whole
 from medialis.progress import Progress
 from medialis.surface.surface_graph import local_spacing, surface_graph
+from medialis.threads import run_patiently
 from medialis.validation import FloatArray, IntArray
 
 LONGEST_JUMP = 4.0
@@ -81,11 +83,11 @@ def y_network(sheets: MedialSheets, options: YNetworkOptions, progress: Progress
     """
     cloud, parts = sheets.cloud, []
     with progress.stage("y-network", 0.0, 1.0):
-        near = _near_points(sheets, options.neighbours)
+        near = run_patiently(lambda: _near_points(sheets, options.neighbours), progress)
         for sign in (1, -1) if cloud.surface.faces is not None else ():
             rows = np.flatnonzero(cloud.valid & (cloud.side == sign))
             if len(rows):
-                parts.append(_curves(sheets, rows))
+                parts.append(run_patiently(functools.partial(_curves, sheets, rows), progress))
     if not parts:
         none = np.empty((0, 3), np.int32)
         return YNetwork(near, np.empty((0, 3)), none[:, :2], none[:, 0], none, sheets=sheets)

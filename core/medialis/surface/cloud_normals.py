@@ -18,7 +18,7 @@ from medialis.model.surface import piece_labels
 from medialis.options import Options, algorithm, whole
 from medialis.progress import Progress, counted
 from medialis.surface._signs import propagate_signs
-from medialis.threads import run_chunks
+from medialis.threads import run_chunks, run_patiently
 from medialis.validation import FloatArray, as_points, frozen
 
 BATCH = 1 << 16
@@ -91,7 +91,8 @@ def estimate_normals(points: ArrayLike, options: NormalsOptions, progress: Progr
     progress.update(0.0)
     centered /= size  # squared distances of tiny or huge clouds stay in range
     k = min(options.neighbours, len(points) - 1) + 1
-    tree, near = cKDTree(centered), np.empty((len(points), k), np.int64)
+    tree = run_patiently(lambda: cKDTree(centered), progress)
+    near = np.empty((len(points), k), np.int64)
 
     def search(begin: int, end: int) -> None:
         near[begin:end] = tree.query(centered[begin:end], k=k)[1]
@@ -99,9 +100,19 @@ def estimate_normals(points: ArrayLike, options: NormalsOptions, progress: Progr
     # Not the query's own threads: Ctrl-C leaves them running in a tree that is freed.
     with progress.stage("neighbours", 0.0, 0.4):
         run_chunks(search, len(points), QUERIES_A_CHUNK, progress=progress)
-    normals = _plane_normals(centered, near)
+    normals = run_patiently(lambda: _plane_normals(centered, near), progress)
     progress.update(0.7)
-    return frozen(_orient(centered, normals, near, progress), np.float64)
+    oriented, doubtful, parts = run_patiently(lambda: _orient(centered, normals, near), progress)
+    if doubtful:
+        progress.note(
+            f"The outside of {doubtful} of {counted(parts, 'part')} of the cloud is uncertain "
+            "(open or noisy): the normals agree with each other, but may all point inward.",
+            "outside_uncertain",
+            level=logging.WARNING,
+            parts=doubtful,
+            of=parts,
+        )
+    return frozen(oriented, np.float64)
 
 
 def _at_most_three(points: FloatArray) -> bool:
@@ -126,11 +137,9 @@ def _plane_normals(points: FloatArray, near: NDArray[np.int64]) -> NDArray[np.fl
 
 
 def _orient(
-    points: FloatArray,
-    normals: NDArray[np.float64],
-    near: NDArray[np.int64],
-    progress: Progress,
-) -> NDArray[np.float64]:
+    points: FloatArray, normals: NDArray[np.float64], near: NDArray[np.int64]
+) -> tuple[NDArray[np.float64], int, int]:
+    """Return normals that agree and look outward, how many parts are unsure, and of how many."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree
 
@@ -160,16 +169,7 @@ def _orient(
     sign = propagate_signs(np.append(parent[:n], -1), np.append(agree, 1))[:n]
     oriented = normals * sign[:, None]
     outward, doubtful = _outward(points, oriented, part, parts)
-    if doubtful:
-        progress.note(
-            f"The outside of {doubtful} of {counted(parts, 'part')} of the cloud is uncertain "
-            "(open or noisy): the normals agree with each other, but may all point inward.",
-            "outside_uncertain",
-            level=logging.WARNING,
-            parts=doubtful,
-            of=parts,
-        )
-    return oriented * outward[part][:, None]
+    return oriented * outward[part][:, None], doubtful, parts
 
 
 def _outward(

@@ -16,6 +16,7 @@ from medialis.surface.diagnosis import diagnose
 from medialis.surface.far_points import far_points
 from medialis.surface.normals import vertex_normals
 from medialis.surface.repair import repair as repair_mesh
+from medialis.threads import run_patiently
 from medialis.validation import as_faces, as_normals, as_points
 
 
@@ -61,7 +62,7 @@ def read_shape(
     """
     progress = Progress.of(progress)
     with progress.stage("read", 0.0, 0.5):
-        mesh = read_mesh(path)
+        mesh = run_patiently(lambda: read_mesh(path), progress)
     progress.record(*mesh.messages)
     normals = None if mesh.faces is not None else mesh.normals
     with progress.stage("prepare", 0.5, 1.0):
@@ -116,8 +117,9 @@ def make_shape(
     progress = Progress.of(progress)
     extra: dict[str, Any] = {}
     if repair:
-        diagnosis = diagnose(points, faces)
-        fixed = repair_mesh(points, faces, normals)
+        given = points, faces, normals
+        diagnosis = run_patiently(lambda: diagnose(*given[:2]), progress)
+        fixed = run_patiently(lambda: repair_mesh(*given), progress)
         progress.record(*fixed.messages)
         extra = {"diagnosis": diagnosis, "vertex_map": fixed.vertex_map}
         points, faces, normals = fixed.points, fixed.faces, fixed.normals
@@ -129,13 +131,14 @@ def make_shape(
         triangles = None
     directions = None if normals is None else as_normals(normals, len(vertices))
     if triangles is not None:
-        directions = vertex_normals(vertices, triangles) if directions is None else directions
+        if directions is None:
+            directions = run_patiently(lambda: vertex_normals(vertices, triangles), progress)
     elif directions is None or not directions.any():  # programs write zeros for "none"
         lack = "has no normals" if directions is None else "has zero normals only"
         code = "normals_missing" if directions is None else "normals_zero"
         directions = estimate_normals(vertices, progress=progress)
         progress.note(f"The point cloud {lack}; they were estimated and oriented.", code)
-    shape = Shape(vertices, directions, triangles, **extra)
-    if repair and (far := far_points(shape)) is not None:
+    shape = run_patiently(lambda: Shape(vertices, directions, triangles, **extra), progress)
+    if repair and (far := run_patiently(lambda: far_points(shape), progress)) is not None:
         progress.record(far)
     return shape

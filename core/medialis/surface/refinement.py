@@ -21,6 +21,7 @@ from medialis.options import Options, algorithm, length
 from medialis.progress import Progress
 from medialis.surface._volumes import power_of_two_scale
 from medialis.surface.normals import vertex_normals
+from medialis.threads import run_patiently
 
 MOST_POINTS = 10_000_000
 """Refinement stops with a sentence before it fills the memory."""
@@ -87,10 +88,14 @@ def refine(shape: Shape, options: RefineOptions, progress: Progress) -> Shape:
     """
     if shape.faces is None or options.longest_edge == 0.0 or shape.diagonal == 0.0:
         return shape
+    return run_patiently(lambda: _refined(shape, options.longest_edge), progress)
+
+
+def _refined(shape: Shape, longest_edge: float) -> Shape:
     # A power of two changes no digit, and keeps squares of tiny or huge lengths in range.
     scale = power_of_two_scale(shape.points)
     points = shape.points * scale
-    h = max(options.longest_edge * shape.diagonal * scale, float(np.finfo(np.float64).tiny))
+    h = max(longest_edge * shape.diagonal * scale, float(np.finfo(np.float64).tiny))
     ends = points[shape.edges]
     if not (np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1) > h).any():
         return shape

@@ -16,7 +16,7 @@ from medialis.options import Options, algorithm
 from medialis.paths.geodesics import surface_walk
 from medialis.paths.importance import geodesic_importance
 from medialis.progress import Progress, ProgressCallback
-from medialis.threads import run_chunks
+from medialis.threads import run_chunks, run_patiently
 from medialis.validation import FloatArray, IntArray, frozen
 
 TIE = 0.01
@@ -33,7 +33,7 @@ DIRECTIONS = 50
 LONGEST = 2.0
 """Diagonals: a plane cut that is longer does not lead to the other feature point."""
 
-POINTS_A_CHUNK, CANDIDATES_A_CHUNK = 2048, 64
+POINTS_A_CHUNK, CANDIDATES_A_CHUNK = 2048, 16
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -151,14 +151,14 @@ def candidate_measure(cloud: MedialCloud, options: Options, progress: Progress) 
 
     with progress.stage("importance", 0.0, 0.8):
         paths = geodesic_importance.of(cloud, options, progress)
-    rows, tangents, feature = _field(paths)
+    rows, tangents, feature = run_patiently(lambda: _field(paths), progress)
     k, r, shape = len(cloud), len(rows), cloud.surface
     measure, spread = np.full(k, np.nan), np.full(k, np.nan)
     tied, ends = np.zeros(k, bool), np.array(cloud.features)
     turning = np.array(tangents)
     if r:
         length, tangent = paths.length[rows], turning[rows]
-        alike = _find_ties(cloud, rows, tangent, length)
+        alike = _find_ties(cloud, rows, tangent, length, progress)
         near, distance = near_balls(cloud, rows, progress)
         sure, ring, opposite = np.empty(r), np.empty(r, bool), np.empty(r, np.int32)
         turned = turning[rows]
@@ -170,7 +170,7 @@ def candidate_measure(cloud: MedialCloud, options: Options, progress: Progress) 
                 cloud.features, ring, opposite, turned,
             )  # fmt: skip
 
-        run_chunks(look_round, r, POINTS_A_CHUNK)
+        run_chunks(look_round, r, POINTS_A_CHUNK, progress=progress.still)
         # Which of two equal geodesics was found is chance, and in a round tube with regular samples
         # always the one on the same side: such a point takes no side.
         tangent = np.where((alike | ring)[:, None], 0.0, tangent)
@@ -178,7 +178,7 @@ def candidate_measure(cloud: MedialCloud, options: Options, progress: Progress) 
         def average(begin: int, end: int) -> None:
             measure_spread(begin, end, near, distance, length, tangent, feature, smallest, sure)
 
-        run_chunks(average, r, POINTS_A_CHUNK)
+        run_chunks(average, r, POINTS_A_CHUNK, progress=progress.still)
         # The second contact of a ball in a round tube is any of its ring; half round it is pi r.
         length = np.where(ring, np.maximum(length, np.pi * cloud.radii[rows]), length)
         sure[ring] = 1.0
@@ -196,18 +196,23 @@ def candidate_measure(cloud: MedialCloud, options: Options, progress: Progress) 
 
 
 def _find_ties(
-    cloud: MedialCloud, rows: NDArray[np.int64], tangent: FloatArray, length: FloatArray
+    cloud: MedialCloud,
+    rows: NDArray[np.int64],
+    tangent: FloatArray,
+    length: FloatArray,
+    progress: Progress,
 ) -> NDArray[np.bool_]:
     """Tell where a second geodesic, as long, runs on the other side."""
     from medialis.curves.from_balls._area_kernels import find_ties
 
-    walk, ends = surface_walk(cloud.surface), np.ascontiguousarray(cloud.features[rows])
+    walk = run_patiently(lambda: surface_walk(cloud.surface), progress)
+    ends = np.ascontiguousarray(cloud.features[rows])
     tied, longest = np.empty(len(rows), bool), LONGER * length
 
     def work(begin: int, end: int) -> None:
         find_ties(begin, end, *walk, ends, tangent, longest, TIE, tied)
 
-    run_chunks(work, len(rows), POINTS_A_CHUNK)
+    run_chunks(work, len(rows), POINTS_A_CHUNK, progress=progress.still)
     return tied
 
 
@@ -239,7 +244,10 @@ def near_balls(
     """Find the nearest others of some balls among themselves (`nearest_neighbours`); kept."""
     return kept(
         nearest_neighbours, cloud, rows.tobytes(),
-        lambda: nearest_neighbours(cloud.centers[rows], cloud.surface.diagonal), progress,
+        lambda: run_patiently(
+            lambda: nearest_neighbours(cloud.centers[rows], cloud.surface.diagonal), progress
+        ),
+        progress,
     )  # fmt: skip
 
 
@@ -306,10 +314,15 @@ def area_importance(
     tangent, measure = np.ascontiguousarray(measured.tangents[chosen]), measured.measure[chosen]
     opposite = np.empty(len(chosen), np.int64)
     smallest = 1e-12 * shape.diagonal
-    find_opposite(0, len(chosen), near, distance, measure, tangent, smallest, opposite)
+
+    def look(begin: int, end: int) -> None:
+        find_opposite(begin, end, near, distance, measure, tangent, smallest, opposite)
+
+    run_chunks(look, len(chosen), POINTS_A_CHUNK, progress=progress.still)
     ends = np.ascontiguousarray(measured.ends[chosen])
     length = np.empty((len(chosen), DIRECTIONS))
-    walk, longest = surface_walk(shape), LONGEST * shape.diagonal
+    walk = run_patiently(lambda: surface_walk(shape), progress)
+    longest = LONGEST * shape.diagonal
 
     def trace(begin: int, end: int) -> None:
         trace_all_round(begin, end, *walk, ends, tangent, longest, length)

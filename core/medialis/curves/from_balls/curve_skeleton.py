@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -138,10 +139,11 @@ def curve_skeleton(
         wanted[ground.candidates[enough]] = True
 
         def keep(stages: tuple[int, ...], compute: Callable[[], Any]) -> Any:
-            return kept(grow_graph, ground, stages, compute, progress)
+            work = functools.partial(run_patiently, compute, progress)
+            return kept(grow_graph, ground, stages, work, progress)
 
         edges, loops = grow_graph(
-            ground.links, ground.components, ground.strength, wanted, ground.handles, keep
+            ground.links, ground.components, ground.strength, wanted, ground.handles, keep, progress
         )
         progress.update(0.5)
         graph, node_of_sample = run_patiently(
@@ -159,7 +161,8 @@ def curve_skeleton(
         {number: one.genus for number, one in ground.handles.items()},
         loops,
     )
-    return replace(graph, importance=_node_importance(graph, ground), evidence=evidence)
+    importance = run_patiently(lambda: _node_importance(graph, ground), progress)
+    return replace(graph, importance=importance, evidence=evidence)
 
 
 def _require_whole_cloud(cloud: MedialCloud) -> None:
@@ -209,7 +212,10 @@ def _smooth_importance(
     near, _ = near_balls(measured.cloud, some, progress)
     median = np.median(np.column_stack([area, area[near]]), axis=1)
     if len(some) < len(candidates):
-        median = median[cKDTree(centers[some]).query(centers[candidates])[1]]
+        nearest = run_patiently(
+            lambda: cKDTree(centers[some]).query(centers[candidates])[1], progress
+        )
+        median = median[nearest]
     return frozen(median, np.float64)
 
 
@@ -217,12 +223,16 @@ def _link_balls(
     measured: CandidateMeasure, candidates: NDArray[np.int64], level: float, progress: Progress
 ) -> BallLinks:
     """Link balls that are close to each other, and those of neighbouring samples."""
-    cloud, surface = measured.cloud, measured.cloud.surface
-    near_pairs = []
+    cloud, near_pairs = measured.cloud, []
     for rows in (np.flatnonzero(cloud.valid), candidates):
         near, _ = near_balls(cloud, rows, progress)
         near_pairs.append(np.stack([np.repeat(rows, near.shape[1]), rows[near.ravel()]], axis=1))
-    pairs = np.concatenate(near_pairs)
+    return run_patiently(lambda: _linked(measured, np.concatenate(near_pairs), level), progress)
+
+
+def _linked(measured: CandidateMeasure, pairs: NDArray[np.int64], level: float) -> BallLinks:
+    """Link the pairs of near balls, and those of neighbouring samples, within each component."""
+    cloud, surface = measured.cloud, measured.cloud.surface
     needed = np.concatenate([surface.edges, cloud.features[cloud.valid]])
     needed = needed[cloud.valid[needed].all(axis=1)]
     pairs, needed = (
@@ -232,10 +242,7 @@ def _link_balls(
     closeness = np.nan_to_num(measured.spread)
     closeness *= np.minimum(1.0, np.nan_to_num(measured.measure) / level)
     centers, radii = np.nan_to_num(cloud.centers), np.nan_to_num(cloud.radii)
-    return run_patiently(
-        lambda: link_balls(centers, radii, closeness, pairs, needed, spacing=surface.spacing),
-        progress,
-    )
+    return link_balls(centers, radii, closeness, pairs, needed, spacing=surface.spacing)
 
 
 def _put_in_surface(
@@ -243,11 +250,17 @@ def _put_in_surface(
 ) -> CurveSkeleton:
     """Give nodes their distance to the nearest sample, and each sample its node and branch."""
     cloud = ground.measured.cloud
-    radii = cloud.surface.tree.query(graph.nodes)[0]
+    radii = run_patiently(lambda: cloud.surface.tree.query(graph.nodes)[0], progress)
     missing = node_of_sample < 0
     if missing.any():
         key = missing.tobytes()
-        nearest = kept(_nearest, ground, key, lambda: _nearest(cloud.surface, missing), progress)
+        nearest = kept(
+            _nearest,
+            ground,
+            key,
+            lambda: run_patiently(lambda: _nearest(cloud.surface, missing), progress),
+            progress,
+        )
         node_of_sample[missing] = np.where(nearest < 0, -1, node_of_sample[nearest])
     return CurveSkeleton.of(
         graph.nodes, graph.edges, radii, vertex_node=node_of_sample, cloud=cloud

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Sequence
 
@@ -10,6 +11,8 @@ import numpy as np
 from medialis.curves.from_views.silhouettes import Scratch, check_border, skeletonize
 from medialis.errors import InvalidOptionError, InvalidShapeError
 from medialis.model.view import OrthographicCamera, View, ViewSource
+from medialis.progress import Progress
+from medialis.render.depth_range import Rasterizer
 from medialis.threads import run_chunks
 from medialis.validation import FloatArray
 
@@ -33,7 +36,11 @@ class ViewBatch:
     """Depths and distance fields of a few views side by side, as the kernels read them."""
 
     def __init__(
-        self, source: ViewSource, cameras: Sequence[OrthographicCamera], saliency: float
+        self,
+        source: ViewSource,
+        cameras: Sequence[OrthographicCamera],
+        saliency: float,
+        progress: Progress,
     ) -> None:
         size, count = cameras[0].size, len(cameras)
         self.cameras = np.stack(
@@ -43,7 +50,8 @@ class ViewBatch:
         self.far = np.empty_like(self.near)
         self.field = np.zeros_like(self.near)
         for begin in range(0, count, BATCH):
-            for at, view in enumerate(render_views(source, cameras[begin : begin + BATCH]), begin):
+            views = render_views(source, cameras[begin : begin + BATCH], progress)
+            for at, view in enumerate(views, begin):
                 self.near[at], self.far[at] = view.near, view.far
 
         def skeletons(begin: int, end: int) -> None:
@@ -51,7 +59,7 @@ class ViewBatch:
             for at in range(begin, end):
                 skeletonize(self.near[at], saliency, scratch, self.field[at])
 
-        run_chunks(skeletons, count, 1)
+        run_chunks(skeletons, count, 1, progress=progress.still)
 
     def measure(self, points: FloatArray) -> FloatArray:
         """Return the radius of the ball round each point, 0 where a view sees it outside."""
@@ -69,8 +77,12 @@ class ViewBatch:
         return radii
 
 
-def render_views(source: ViewSource, cameras: Sequence[OrthographicCamera]) -> Sequence[View]:
+def render_views(
+    source: ViewSource, cameras: Sequence[OrthographicCamera], progress: Progress
+) -> Sequence[View]:
     """Return the views of a source, checked: the kernels rely on them."""
+    if isinstance(source, Rasterizer):
+        source = functools.partial(source, progress=progress.still)
     views = source(cameras)
     if len(views) != len(cameras):
         raise InvalidShapeError(

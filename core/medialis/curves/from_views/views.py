@@ -35,7 +35,7 @@ from medialis.model.view import OrthographicCamera, View, ViewSource
 from medialis.options import Options, algorithm, angle, changed, whole
 from medialis.progress import Progress
 from medialis.render.depth_range import Rasterizer, rasterizer
-from medialis.threads import run_chunks
+from medialis.threads import run_chunks, run_patiently
 from medialis.validation import FloatArray
 
 PROBES = 32
@@ -126,7 +126,7 @@ def _match(
     for begin in range(0, len(pairs), BATCH // 2):
         progress.update(begin / len(pairs))
         batch = pairs[begin : begin + BATCH // 2]
-        views = render_views(source, [camera for pair in batch for camera in pair])
+        views = render_views(source, [camera for pair in batch for camera in pair], progress)
         crossings: list[Crossings] = [None] * len(views)  # type: ignore[list-item]
 
         def skeletons(
@@ -136,13 +136,14 @@ def _match(
             for at in range(first, last):
                 out[at] = skeletonize(views[at].near, saliency, scratch)
 
-        run_chunks(skeletons, len(views), 1)
+        run_chunks(skeletons, len(views), 1, progress=progress.still)
         places += [
             pair_points(views[at], views[at + 1], crossings[at], crossings[at + 1])
             for at in range(0, len(views), 2)
         ]
     points = np.concatenate(places)
-    return merge_cells(points, np.ones(len(points)), max(first.pixel for first, _ in pairs))
+    pixel = max(first.pixel for first, _ in pairs)
+    return run_patiently(lambda: merge_cells(points, np.ones(len(points)), pixel), progress)
 
 
 def _sharpen(
@@ -163,7 +164,7 @@ def _sharpen(
         if len(points) == 0:
             break
         progress.update(begin / len(cameras))
-        batch = ViewBatch(source, cameras[begin : begin + BATCH], saliency)
+        batch = ViewBatch(source, cameras[begin : begin + BATCH], saliency, progress)
         alive = np.ones(len(points), bool)
 
         def work(
@@ -176,7 +177,7 @@ def _sharpen(
                 points, alive,
             )  # fmt: skip
 
-        run_chunks(work, len(points), POINTS_A_CHUNK)
+        run_chunks(work, len(points), POINTS_A_CHUNK, progress=progress.still)
         points, weights = points[alive], weights[alive]
     return points, weights
 
@@ -237,8 +238,9 @@ def view_curve_skeleton(
     with progress.stage("sharpen", 0.5, 0.9):
         points, weights = _sharpen(source, firsts, points, weights, saliency, progress)
     with progress.stage("link", 0.9, 1.0):
-        probes = ViewBatch(source, firsts[:PROBES], saliency)
-        curve = link_points(points, weights, CELL * firsts[0].pixel, probes.measure)
+        probes = ViewBatch(source, firsts[:PROBES], saliency, progress)
+        cell = CELL * firsts[0].pixel
+        curve = run_patiently(lambda: link_points(points, weights, cell, probes.measure), progress)
     if len(curve.nodes) == 0:
         why = "no place was found in any pair of views"
         if matched:

@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from medialis.curves.graph.ground import BallLinks, Handles
 from medialis.model.polylines import follow
 from medialis.model.ragged import Ragged
+from medialis.progress import Progress
 from medialis.validation import FloatArray
 
 STICKS_OUT = 0.5
@@ -174,6 +175,7 @@ def grow_graph(
     candidates: NDArray[np.bool_],
     handles: Mapping[int, Handles] | None = None,
     keep: Keep = lambda _, compute: compute(),
+    progress: Progress | None = None,
 ) -> tuple[NDArray[np.int64], dict[int, int]]:
     """Grow a graph in each component of a set of balls.
 
@@ -192,6 +194,7 @@ def grow_graph(
         Loops to close, by component.
     keep : callable, optional
         Keeps the first stages, so that other candidates which lead to them go on from there.
+    progress : Progress, optional
 
     Returns
     -------
@@ -214,6 +217,8 @@ def grow_graph(
     for number in sorted(balls, key=lambda number: len(balls[number]), reverse=True):
         large, turn = len(balls[number]) >= LARGE * len(links), 0
         while (tip := graph.next_tip(wanted[number])) is not None:
+            if progress is not None:
+                progress.update(0.0)
             stages = (*stages, tip)
             if large and turn < KEPT_BRANCHES:
                 graph, mine = keep(stages, functools.partial(_branched, graph, tip)), False
