@@ -95,6 +95,7 @@ def run_patiently(work: Callable[[], T], progress: Progress) -> T:
         except BaseException as error:  # noqa: BLE001 - handed to the calling thread below
             failures.append(error)
 
+    progress.update(0.0)
     thread = threading.Thread(target=call, daemon=True)
     thread.start()
     while thread.is_alive():
