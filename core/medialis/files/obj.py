@@ -14,8 +14,11 @@ from numpy.typing import NDArray
 from medialis.errors import InvalidShapeError
 from medialis.files._content import (
     ParsedMesh,
+    blocks,
     numbers,
     numbers_by_line,
+    places_of,
+    replaced,
     rows_of,
     unix_lines,
     whole,
@@ -38,7 +41,7 @@ def parse_obj(data: bytes) -> ParsedMesh:
         raise InvalidShapeError("the OBJ file has no vertices (no line 'v x y z').")
     vectors = _triples(lines.block(lines.normal), "OBJ normals (vn)")
     block = lines.block(lines.face)
-    corners_only = re.sub(rb"/[^\s]*", b"", block) if b"/" in block else block
+    corners_only = replaced(rb"/[^\s]*", b"", block) if b"/" in block else block
     values, counts = numbers_by_line(corners_only, "OBJ faces (f)", keep_empty=True)
     counts = counts[:-1]  # the block ends with a line end
     defined = np.cumsum(lines.vertex)[lines.face]
@@ -54,8 +57,8 @@ def _plain_lines(data: bytes) -> bytes:
     text = without_comments(unix_lines(data))
     if b"\\" in text:
         text = re.sub(rb"\\[ \t]*\n", b" ", text)
-    if re.search(rb"(?m)^[ \t]+\S", text):
-        text = re.sub(rb"(?m)^[ \t]+", b"", text)
+    if any(re.search(rb"(?m)^[ \t]+\S", block) for block in blocks(text)):
+        text = replaced(rb"(?m)^[ \t]+", b"", text)
     return text.replace(b"\t", b" ") + b"\n   "
 
 
@@ -120,7 +123,7 @@ def _vertex_normals(
     if len(corners) == 0:
         return vectors if len(vectors) == n else None
     # From the start of a word, and no part takes a slash: a word of many slashes costs no more.
-    words = re.findall(rb"(?<!\S)[^\s/]+/[^\s/]*/([-+]?\d+)(?=\s)", block)
+    words = places_of(rb"(?<!\S)[^\s/]+/[^\s/]*/([-+]?\d+)(?=\s)", block)
     if len(words) != len(corners):
         return None
     index = _from_obj_index(numbers(b" ".join(words), "OBJ normal indices"), seen, "OBJ normals")

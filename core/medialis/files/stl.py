@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from medialis.errors import InvalidShapeError
-from medialis.files._content import ParsedMesh, numbers_by_line, unix_lines
+from medialis.files._content import ParsedMesh, numbers_by_line, places_of, unix_lines
 from medialis.progress import Message
 
 _HEADER = 84
@@ -67,8 +67,8 @@ def _parse_binary(data: bytes) -> ParsedMesh:
 
 def _ascii_corners(data: bytes) -> NDArray[np.float64]:
     text = unix_lines(data)
-    lines = re.findall(rb"(?im)^[ \t]*vertex[ \t]([^\n]*)", text)
-    facets = len(re.findall(rb"(?im)^[ \t]*facet\b", text))
+    lines = places_of(rb"(?im)^[ \t]*vertex[ \t]([^\n]*)", text)
+    facets = len(places_of(rb"(?im)^[ \t]*facet\b", text))
     values, counts = numbers_by_line(b"\n".join(lines), "STL vertices")
     if len(counts) != len(lines) or (counts != 3).any():
         raise InvalidShapeError("expected three numbers for each STL vertex.")

@@ -20,7 +20,7 @@ from medialis.threads import run_chunks, run_patiently
 FLOAT32_MARGIN = 2e-6
 """Fraction of the diagonal: what the float32 bounds of the tree may be off, with room."""
 
-BALLS_A_CHUNK = 4096
+BALLS_A_CHUNK = 1024
 
 
 @dataclass(frozen=True, kw_only=True)
