@@ -11,7 +11,7 @@ import closed_forms as forms
 from medialis.errors import InvalidOptionError, InvalidShapeError
 from medialis.model.shape import Shape
 from medialis.surface import refinement
-from medialis.surface.refinement import refine
+from medialis.surface.refinement import affordable_edge, refine
 from oracles import edge_uses, euler_number
 
 EPS = np.finfo(float).eps
@@ -35,6 +35,24 @@ def needle():
     return forms.mesh(points, [[0, 2, 1], [0, 1, 3], [0, 0, 3]])
 
 
+def thin_tube(count=12, height=6.0):
+    """A closed tube of long thin faces, turned so that some of them have a blunt corner."""
+    angle = np.arange(count) * 2 * np.pi / count
+    rings = [[0.3 * np.cos(angle + t), 0.3 * np.sin(angle + t), 0 * angle + h]
+             for t, h in ((0.0, 0.0), (2.0, height))]  # fmt: skip
+    points = [*np.hstack(rings).T, [0, 0, 0], [0, 0, height]]
+    a = np.arange(count)
+    b, low, top = (a + 1) % count, 2 * count + 0 * a, 2 * count + 1 + 0 * a
+    sides = [(a, b, b + count), (a, b + count, a + count), (b, a, low), (a + count, b + count, top)]
+    return forms.mesh(points, np.concatenate([np.stack(side, axis=1) for side in sides]))
+
+
+def blunt():
+    """A flat triangle with a blunt corner, beside two faces that have room inside."""
+    points = [[0, 0, 0], [8, 0, 0], [4.3, 0.1, 0], [3, 5, 1], [4, -5, 2]]
+    return forms.mesh(points, [[0, 1, 2], [0, 2, 3], [1, 0, 4]])
+
+
 MESHES = {
     "cube": forms.cube(),
     "long box": forms.mesh(forms.cube().points * [5.0, 0.3, 0.1], forms.cube().faces),
@@ -43,6 +61,8 @@ MESHES = {
     "strip": open_strip(),
     "fan": fan(),
     "needle": needle(),
+    "thin tube": thin_tube(),
+    "blunt": blunt(),
     "far away": forms.mesh(forms.cube().points + 1e6, forms.cube().faces),
 }
 
@@ -100,7 +120,7 @@ def test_refined_surface_is_the_same_surface(name, share):
             assert (fine_normals @ normal > 0).all()
 
 
-@pytest.mark.parametrize("name", ["cube", "long box", "icosphere", "torus"])
+@pytest.mark.parametrize("name", ["cube", "long box", "icosphere", "torus", "thin tube"])
 def test_closed_manifold_stays_one(name):
     old = MESHES[name]
     new = forms.refined(old, 0.2 * lengths(old).max())
@@ -177,6 +197,38 @@ def test_two_long_edges_leave_a_quadrangle_with_its_shorter_diagonal(order):
     fine = forms.refined(forms.mesh(points, [[0, 1, 2]]), 5.5)
     assert fine.face_count == 3 and fine.point_count == 5
     assert lengths(fine).min() == pytest.approx(2.5)
+
+
+@pytest.mark.parametrize("corner", [[1.0, 1e-3], [0.5, 1e-3], [0.9, 1e-9], [0.3, 0.0]])
+@pytest.mark.parametrize("pieces", [16, 64, 256])
+def test_long_thin_faces_get_samples_along_their_sides_only(corner, pieces):
+    """Halving made pieces ^ 1.6 faces of a needle, pieces ^ 2 of a blunt one (fixed).
+
+    320 faces of a tube became 130,000 samples. The sides have up to 4 x pieces parts together.
+    """
+    triangle = forms.mesh([[0, 0, 0], [1, 0, 0], [*corner, 0]], [[0, 1, 2]])
+    fine = forms.refined(triangle, 1 / pieces)
+    assert lengths(fine).max() <= 1 / pieces
+    border = sum(use == 1 for use in edge_uses(fine.faces).values())
+    assert border == fine.point_count == fine.face_count + 2  # no sample inside
+    assert fine.point_count <= 4 * pieces + 3
+
+
+def test_samples_are_bounded_by_the_mesh_unless_asked_for():
+    """Thirty plates of 8 triangles side by side became 276,000 samples (fixed)."""
+    plate = forms.mesh(forms.cube().points * [0.004, 0.5, 0.5], forms.cube().faces)
+    assert affordable_edge(plate, 0.02) == 0.02
+    assert affordable_edge(forms.cube(), 0.001) == 0.001
+    moved = [plate.points + np.array([0.02 * i, 0, 0]) for i in range(30)]
+    comb = forms.mesh(
+        np.concatenate(moved), np.concatenate([plate.faces + 8 * i for i in range(30)])
+    )
+    assert refine(comb, longest_edge=0.02).point_count > 200_000
+    edge = affordable_edge(comb, 0.02)
+    most = refinement.USUAL + refinement.USUAL_A_VERTEX * comb.point_count
+    # What is estimated is good to a factor of 1.7, and a step is at most one halving.
+    assert 0.2 * most < refine(comb, longest_edge=edge).point_count < 1.7 * most
+    assert affordable_edge(comb, 0.005) < edge  # a smaller value than the default makes more
 
 
 def test_nothing_to_do_gives_the_same_object():

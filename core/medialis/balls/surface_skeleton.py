@@ -19,7 +19,7 @@ from medialis.model.shape import Shape
 from medialis.options import Options, algorithm, changed, choice
 from medialis.progress import Progress
 from medialis.surface.noise import noise_level, smooth_noise
-from medialis.surface.refinement import RefineOptions, refine
+from medialis.surface.refinement import RefineOptions, affordable_edge, refine
 from medialis.threads import run_patiently
 
 DENOISE = ("auto", "off")
@@ -161,16 +161,26 @@ def _refined(shape: Shape, fraction: float, progress: Progress) -> Shape:
         return shape
     if run_patiently(lambda: _dense(shape, fraction * shape.diagonal), progress):
         return shape
+    asked, fraction = fraction, affordable_edge(shape, fraction)
     with progress.stage("refine", 0.0, 0.1):
         fine = refine.of(shape, RefineOptions(longest_edge=fraction), progress)
     if fine is not shape:
+        instead = (
+            ""
+            if fraction == asked
+            else (
+                f", not {100 * asked:g} %, which would make many more samples than so small a mesh "
+                f"needs (refine below {100 * RefineOptions().longest_edge:g} % makes more)"
+            )
+        )
         progress.note(
             f"The mesh was refined for the computation: {shape.point_count:,} vertices became "
-            f"{fine.point_count:,} samples. Edges longer than {100 * fraction:g} % of the diagonal "
-            "were split; the surface is unchanged (refine = 0 turns this off).",
+            f"{fine.point_count:,} samples. Edges longer than {100 * fraction:.3g} % of the "
+            f"diagonal were split{instead}; the surface is unchanged (refine = 0 turns this off).",
             "refined",
             vertices=shape.point_count,
             samples=fine.point_count,
+            longest_edge=fraction,
         )
     return fine
 

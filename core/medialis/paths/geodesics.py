@@ -23,9 +23,10 @@ bring the median error of the default from 0.01 % down to 0.001 % (docs/benchmar
 PAIRS_A_CHUNK = 256
 SEARCHES_A_CHUNK = 16
 
-MOST_SETTLED = 10_000_000
-"""Vertices that all searches along edges may look at, some seconds; of 21 real shapes the one with
-most pairs that no plane cut joins (115 on 62,251 vertices) needs three quarters of it at most."""
+SETTLED, SETTLED_A_VERTEX, MOST_SETTLED = 1_000_000, 110, 10_000_000
+"""Vertices that all searches along edges may look at: so many, so many for each vertex of the shape
+besides, and in all, some seconds. Of 21 real shapes the one with most pairs that no plane cut joins
+(115 on 62,251 vertices) needs seven million at most."""
 
 LANDMARKS = 64
 """Vertices that paths lead through where the searches along edges are too long."""
@@ -98,8 +99,9 @@ def geodesic_lengths(
     vertex normals, and halved round the best one; a path is dropped when its length plus the
     straight line that remains exceeds the best length (the thesis compares the length so far);
     where no plane cut arrives, the shortest path along the edges is taken. All these searches
-    together look at 10 million vertices at most; a pair with a longer one gets the shortest path
-    along the edges through one of 64 vertices spread over the starts of such pairs.
+    together look at a million vertices, and 110 for each of the shape, 10 million at most; a pair
+    with a longer one gets the shortest path along the edges through one of 64 vertices spread over
+    the starts of such pairs.
 
     Examples
     --------
@@ -147,7 +149,8 @@ def _trace(
         lost = out["status"] == PathStatus.NONE
         lost &= (ends >= 0).all(axis=1) & (components[starts] == components[goals])
         rows = np.flatnonzero(lost)
-        most = MOST_SETTLED // max(len(rows), 1)
+        most = min(MOST_SETTLED, SETTLED + SETTLED_A_VERTEX * shape.point_count)
+        most //= max(len(rows), 1)
         with progress.stage("edge paths", 0.0, 0.6):
             _follow_edges(shape, ends, rows, most, out, progress)
         rows = rows[out["status"][rows] == PathStatus.NONE]

@@ -8,6 +8,8 @@ limbs.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -164,7 +166,7 @@ def protrusions(parts: Segmentation) -> FloatArray:
 
 def _cores(graph: CurveSkeleton, width: FloatArray) -> IntArray:
     """Core of each node, -1 for arms: those that overlap are one."""
-    near = _neighbours(graph)
+    near, places = _neighbours(graph), graph.nodes.tolist()
     core = np.full(len(graph.nodes), -1, np.int32)
     for node in np.lexsort((np.arange(len(width)), -width)).tolist():
         junction = graph.degrees[node] >= 3
@@ -172,10 +174,10 @@ def _cores(graph: CurveSkeleton, width: FloatArray) -> IntArray:
             continue
         radius = float(width[node])
         if not junction:
-            rim = _stretch(graph, near, node, radius)[1]
+            rim = _stretch(places, near, node, radius)[1]
             if not any(core[b] < 0 and width[b] < NECK * radius for b in rim):
                 continue
-        inside = _stretch(graph, near, node, CORE * radius)[0]
+        inside = _stretch(places, near, node, CORE * radius)[0]
         old = np.unique(core[inside])
         core[np.isin(core, old[old >= 0])] = node
         core[inside] = node
@@ -191,16 +193,17 @@ def _neighbours(graph: CurveSkeleton) -> list[list[int]]:
 
 
 def _stretch(
-    graph: CurveSkeleton, near: list[list[int]], start: int, radius: float
+    places: list[list[float]], near: list[list[int]], start: int, radius: float
 ) -> tuple[list[int], list[int]]:
     """Nodes of the stretch round a node that lies in a ball, and the first ones outside."""
-    inside = np.linalg.norm(graph.nodes - graph.nodes[start], axis=1) <= radius
     stretch, rim, waiting = {start}, set(), [start]
     while waiting:
         for b in near[waiting.pop()]:
-            if not inside[b]:
+            if b in stretch or b in rim:
+                continue
+            if math.dist(places[b], places[start]) > radius:
                 rim.add(b)
-            elif b not in stretch:
+            else:
                 stretch.add(b)
                 waiting.append(b)
     return sorted(stretch), sorted(rim)

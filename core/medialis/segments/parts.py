@@ -21,6 +21,7 @@ from medialis.surface.labels import (
     completed,
     connected_labels,
     diffused_labels,
+    merge_small,
     smoothed_labels,
     spread_labels,
 )
@@ -35,6 +36,11 @@ FLAT = 1.7
 """A shape is flat where samples lie this many radii from the curve skeleton, in the mean: cross-
 sections are then twice as wide as thick. hand, armadillo, fertility, elephant and bunny have 1.2 to
 1.6; table, fandisk, rockerarm, spider and scapula 1.9 to 5.9."""
+
+
+MOST_LIMBS = 64
+"""Before borders are smoothed. Where noise has more limbs, those of less than this part of the
+surface are merged first: every sample would have a share of hundreds."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -122,9 +128,8 @@ def parts(cloud: MedialCloud, options: PartsOptions, progress: Progress) -> Segm
     if method == "limbs" or (method == "auto" and _has_curves(inner)):
         with progress.stage("limbs", 0.0, 0.6):
             limbs = kept(_limbs, inner, None, lambda: _limbs(inner, progress), progress)
-            found = run_patiently(
-                lambda: _limb_parts(inner.surface, limbs.labels, options), progress
-            )
+            labels = _main_limbs(inner.surface, limbs.labels, progress)
+            found = run_patiently(lambda: _limb_parts(inner.surface, labels, options), progress)
         if method == "limbs" or _describe_better(found, limbs.flatness, progress):
             return found
     elif method == "auto":
@@ -184,6 +189,21 @@ def _limbs(cloud: MedialCloud, progress: Progress) -> _Limbs:
         )
 
     return run_patiently(divide, progress)
+
+
+def _main_limbs(surface: Shape, labels: IntArray, progress: Progress) -> IntArray:
+    """Merge the smallest limbs where there are very many, and say so."""
+    count = len(np.unique(labels[labels >= 0]))
+    if count <= MOST_LIMBS:
+        return labels
+    progress.note(
+        f"The curve skeleton has {count} limbs, as noise and crossing faces make them; those of "
+        f"less than {100 / MOST_LIMBS:.2g} % of the surface were merged.",
+        "limbs_merged",
+        limbs=count,
+    )
+    smallest = surface.area / MOST_LIMBS
+    return merge_small(labels, surface.point_areas, surface_graph(surface), smallest)
 
 
 def _limb_parts(surface: Shape, labels: IntArray, options: PartsOptions) -> Segmentation:

@@ -185,9 +185,11 @@ def diffused_labels(labels: IntArray, graph: Ragged, steps: int) -> IntArray:
     """
     from scipy.sparse import csr_array, eye_array
 
-    n, count = len(labels), int(labels.max(initial=-1)) + 1
+    used = np.unique(labels[labels >= 0])  # of thousands of numbers few may be in use
+    n, count = len(labels), len(used)
     if steps == 0 or count < 2:
         return labels
+    column = np.searchsorted(used, labels)
     near = csr_array((np.ones(len(graph.indices)), graph.indices, graph.offsets), shape=(n, n))
     sample = np.repeat(np.arange(n), graph.lengths)
     moving = np.zeros(n, np.bool_)
@@ -198,17 +200,17 @@ def diffused_labels(labels: IntArray, graph: Ragged, steps: int) -> IntArray:
     rows, still = np.flatnonzero(moving), np.flatnonzero(~moving & (labels >= 0))
     around = near[rows]
     inner = around[:, rows] + eye_array(len(rows))
-    fixed = csr_array((np.ones(len(still)), (np.arange(len(still)), labels[still])),
+    fixed = csr_array((np.ones(len(still)), (np.arange(len(still)), column[still])),
                       shape=(len(still), count))  # fmt: skip
     held = (around[:, still] @ fixed).toarray()
     share = np.zeros((len(rows), count))
-    share[np.arange(len(rows)), labels[rows]] = 1.0
+    share[np.arange(len(rows)), column[rows]] = 1.0
     weight = (inner.sum(axis=1) + held.sum(axis=1))[:, None]
     inner = csr_array(inner)
     for _ in range(steps):
         share = (inner @ share + held) / weight
     result = labels.copy()
-    result[rows] = share.argmax(axis=1)
+    result[rows] = used[share.argmax(axis=1)]
     return result
 
 

@@ -1,8 +1,8 @@
 """Refinement: a denser sampling of exactly the same surface (thesis 3.2.1, re-sampling).
 
 A flat face given by its corners has no samples inside, so no balls. Edges longer than h are halved
-again and again; every face is cut along the new vertices by one of three patterns, so neighbouring
-faces always agree and no vertex moves.
+again and again; every face is cut along the new vertices, so neighbouring faces always agree and no
+vertex moves.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from medialis.model.shape import Shape
 from medialis.model.surface import Surface
 from medialis.options import Options, algorithm, length
 from medialis.progress import Progress
+from medialis.surface._halving import LONG, Cut, TooManyPointsError, edges_of_sides
 from medialis.surface._volumes import power_of_two_scale
 from medialis.surface.normals import vertex_normals
 from medialis.threads import run_patiently
@@ -26,13 +27,11 @@ from medialis.threads import run_patiently
 MOST_POINTS = 10_000_000
 """Refinement stops with a sentence before it fills the memory."""
 
-# For each pattern of split edges (bit j: edge j, from corner j to corner j + 1), the new triangles
-# in terms of corners 0, 1, 2 and midpoints 3, 4, 5 of edges 0, 1, 2. Two split edges leave a
-# quadrangle, which is cut along its shorter diagonal.
-_ONE = {1: ((0, 3, 2), (3, 1, 2)), 2: ((1, 4, 0), (4, 2, 0)), 4: ((2, 5, 1), (5, 0, 1))}
-_THREE = ((0, 3, 5), (3, 1, 4), (5, 4, 2), (3, 4, 5))
-# Two split edges: the corner where they meet and its two midpoints, then the far two corners.
-_TWO = {3: (1, 4, 3, 0, 2), 6: (2, 5, 4, 1, 0), 5: (0, 3, 5, 2, 1)}
+
+USUAL, USUAL_A_VERTEX = 40_000, 4
+"""Samples that a mesh is refined to at most where no one asks for more: so many, and so many for
+each vertex that it has. A box has 12,000, a thin cup 25,000; a heap of large triangles that cross
+each other would have hundreds of thousands, and no use for them."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -76,7 +75,8 @@ def refine(shape: Shape, options: RefineOptions, progress: Progress) -> Shape:
 
     Notes
     -----
-    Cost O(n log(longest / h)). Source: thesis 3.2.1 (re-sampling before ball shrinking).
+    Cost O(n log(longest / h)). Faces longer than four edges and no higher than one get new vertices
+    on their sides only. Source: thesis 3.2.1 (re-sampling before ball shrinking).
 
     Examples
     --------
@@ -101,12 +101,9 @@ def _refined(shape: Shape, longest_edge: float) -> Shape:
         return shape
     surface = Surface(points, shape.faces)
     _check_affordable(surface, h, scale)
-    face_origin = np.arange(shape.face_count, dtype=np.int32)
-    while (split := _split_once(surface, h, scale)) is not None:
-        surface, parents = split
-        face_origin = face_origin[parents]
-    points, faces = np.array(surface.points), surface.faces
-    assert faces is not None
+    cut = _cut(surface, h, scale)
+    points, faces = np.array(cut.points), cut.faces.astype(np.int32)
+    face_origin = cut.origin.astype(np.int32)
     n = shape.point_count
     points /= scale
     points[:n] = shape.points
@@ -128,6 +125,64 @@ def _refined(shape: Shape, longest_edge: float) -> Shape:
     )
 
 
+def affordable_edge(shape: Shape, fraction: float) -> float:
+    """Return how long edges must be for a number of samples in proportion to the mesh.
+
+    Parameters
+    ----------
+    shape : Shape
+        A mesh.
+    fraction : float
+        The `longest_edge` that is asked for. Half the default, which some operations have,
+        allows twice the samples; what is below that is meant, and allows four times as many for
+        each halving.
+
+    Returns
+    -------
+    float
+        `fraction`, or the first of its multiples by powers of 2^(1/4) that does.
+    """
+    asked = max(1.0, RefineOptions().longest_edge / fraction)
+    most = max(asked, asked**2 / 2) * USUAL + asked**2 * USUAL_A_VERTEX * shape.point_count
+    surface = Surface(shape.points * power_of_two_scale(shape.points), shape.faces)
+    while fraction < 1.0 and _about_points(surface, fraction * surface.diagonal) > most:
+        fraction = min(1.0, 2.0**0.25 * fraction)
+    return fraction
+
+
+def _about_points(surface: Surface, longest_edge: float) -> float:
+    """Estimate how many points `refine` makes: on real shapes 0.6 to 1.5 times as many.
+
+    A face with l pieces on its longest side and s on its shortest one becomes s^2 faces with an
+    undivided side, and each of these a row of 2 l / s - 1; a strip takes no more than its rim.
+    """
+    rows = edges_of_sides(surface)
+    pieces = np.append(_pieces(surface.edge_lengths, longest_edge), 1.0)
+    of_side, rim = pieces[rows], pieces[rows].sum(axis=1)
+    short, most = of_side.min(axis=1), of_side.max(axis=1)
+    longest = np.append(surface.edge_lengths, 0.0)[rows].max(axis=1)
+    thin = (longest > LONG * longest_edge) & (2 * surface.face_areas <= longest_edge * longest)
+    faces = np.where(thin, rim - 2.0, short * (2.0 * most - short))
+    inside = np.maximum((faces - rim) / 2 + 1.0, 0.0).sum()
+    return float(surface.point_count + (pieces - 1.0).sum() + inside)
+
+
+def _cut(surface: Surface, longest_edge: float, scale: float) -> Cut:
+    """Halve long edges until there are none; the surface has one at least."""
+    cut = Cut.of(surface)
+    try:
+        while (more := cut.with_strips(longest_edge).halved(longest_edge, MOST_POINTS)) is not None:
+            cut = more
+        cut = cut.without_strips()
+        # The ways across a strip may be a little too long.
+        while (more := cut.halved(longest_edge, MOST_POINTS)) is not None:
+            cut = more
+    except TooManyPointsError as error:
+        made, wanted = error.args
+        _refuse(longest_edge / scale, f"{made} were made and {wanted} edges are still longer")
+    return cut
+
+
 def _check_affordable(surface: Surface, longest_edge: float, scale: float) -> None:
     """Refuse a length that needs too many points, before any of them is made.
 
@@ -142,7 +197,7 @@ def _check_affordable(surface: Surface, longest_edge: float, scale: float) -> No
         triangles = surface.face_areas / longest_edge / longest_edge / (math.sqrt(3.0) / 4.0)
     pieces = _pieces(surface.edge_lengths, longest_edge)
     # A face that names a vertex twice has a side without length: its edge is the row -1.
-    rim = np.append(pieces, 1.0)[_edges_of_sides(surface)].sum(axis=1)
+    rim = np.append(pieces, 1.0)[edges_of_sides(surface)].sum(axis=1)
     inside = np.maximum(0.5 * (triangles - rim) + 1.0, 0.0).sum()
     needed = surface.point_count + (pieces - 1.0).sum() + inside
     if needed > MOST_POINTS:
@@ -167,57 +222,3 @@ def _refuse(longest_edge: float, measure: str) -> NoReturn:
         f"Refining to edges of at most {longest_edge:g} needs more than {MOST_POINTS} points; "
         f"{measure}. Ask for longer edges."
     )
-
-
-def _edges_of_sides(surface: Surface) -> NDArray[np.int64]:
-    """Return the row in ``surface.edges`` of each side of each face, (m, 3); -1 for none."""
-    table = surface.edge_table
-    proper = table.low != table.high
-    row = np.where(proper, np.cumsum(proper) - 1, -1)
-    return row[table.edge_of].reshape(-1, 3)
-
-
-def _split_once(
-    surface: Surface, longest_edge: float, scale: float
-) -> tuple[Surface, NDArray[np.int64]] | None:
-    """Halve every edge that is too long once; None when there is none."""
-    points, faces, n = surface.points, surface.faces, surface.point_count
-    long_edges = surface.edges[surface.edge_lengths > longest_edge]
-    if len(long_edges) == 0:
-        return None
-    if n + len(long_edges) > MOST_POINTS:
-        _refuse(longest_edge / scale, f"{n} were made and {len(long_edges)} edges are still longer")
-    new_points = np.concatenate([points, 0.5 * points[long_edges].sum(axis=1)])
-
-    # Corners and midpoints of each face side by side: columns 0-2 and 3-5.
-    middle = np.full(len(surface.edges) + 1, -1, np.int64)
-    middle[:-1][surface.edge_lengths > longest_edge] = n + np.arange(len(long_edges))
-    six = np.concatenate([np.asarray(faces), middle[_edges_of_sides(surface)]], axis=1)
-    is_long = six[:, 3:] >= 0
-    pattern = (is_long * np.array([1, 2, 4])).sum(axis=1)
-
-    triangles, parents = [], []
-
-    def cut(rows: NDArray[np.int64], pieces: tuple[tuple[int, int, int], ...]) -> None:
-        for piece in pieces:
-            triangles.append(six[rows][:, piece])
-            parents.append(rows)
-
-    cut(np.flatnonzero(pattern == 0), ((0, 1, 2),))
-    for code, pieces in _ONE.items():
-        cut(np.flatnonzero(pattern == code), pieces)
-    for code, (tip, first, second, left, right) in _TWO.items():
-        # The tip triangle goes off; the quadrangle (first, right, left, second) stays.
-        rows = np.flatnonzero(pattern == code)
-        p = new_points[six[rows]]
-        one = np.linalg.norm(p[:, first] - p[:, left], axis=1)
-        other = np.linalg.norm(p[:, second] - p[:, right], axis=1)
-        tip_piece = (tip, first, second)
-        cut(rows[one <= other], (tip_piece, (first, right, left), (first, left, second)))
-        cut(rows[one > other], (tip_piece, (first, right, second), (second, right, left)))
-    cut(np.flatnonzero(pattern == 7), _THREE)
-
-    parent = np.concatenate(parents)
-    order = np.argsort(parent, kind="stable")
-    new_faces = np.concatenate(triangles)[order].astype(np.int32)
-    return Surface(new_points, new_faces), parent[order]

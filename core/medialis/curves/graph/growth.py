@@ -136,11 +136,12 @@ class Growth:
     def next_tip(self, candidates: NDArray[np.int64]) -> int | None:
         """Return the candidate that sticks out of the graph most; None when there is none."""
         radii = self.links.radii
-        reached = candidates[self.base[candidates] >= 0]
+        # Short ways go first: in the end nearly all are, and a noisy shape takes a thousand turns.
+        far = self.path[candidates] >= SHORTEST * self.links.spacing
+        reached = candidates[far & (self.base[candidates] >= 0)]
         base = self.base[reached]
         gap = np.linalg.norm(self.links.centers[reached] - self.links.centers[base], axis=1)
         out = sticks_out(np.maximum(gap, self.path[reached] / 2), radii[reached], radii[base])
-        out &= self.path[reached] >= SHORTEST * self.links.spacing
         if not out.any():
             return None
         beyond = np.where(out, self.path[reached] + radii[reached] - radii[base], -np.inf)
