@@ -196,14 +196,18 @@ def _main_limbs(surface: Shape, labels: IntArray, progress: Progress) -> IntArra
     count = len(np.unique(labels[labels >= 0]))
     if count <= MOST_LIMBS:
         return labels
-    progress.note(
-        f"The curve skeleton has {count} limbs, as noise and crossing faces make them; those of "
-        f"less than {100 / MOST_LIMBS:.2g} % of the surface were merged.",
-        "limbs_merged",
-        limbs=count,
-    )
-    smallest = surface.area / MOST_LIMBS
-    return merge_small(labels, surface.point_areas, surface_graph(surface), smallest)
+    graph, smallest = surface_graph(surface), surface.area / MOST_LIMBS
+    merged = merge_small(labels, surface.point_areas, graph, smallest)
+    left = len(np.unique(merged[merged >= 0]))
+    if left < count:  # else each is a component of the surface
+        progress.note(
+            f"The curve skeleton has {count} limbs, as noise and crossing faces make them; those "
+            f"of less than {100 / MOST_LIMBS:.2g} % of the surface were merged: {left} are left.",
+            "limbs_merged",
+            limbs=count,
+            left=left,
+        )
+    return merged
 
 
 def _limb_parts(surface: Shape, labels: IntArray, options: PartsOptions) -> Segmentation:
