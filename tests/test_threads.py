@@ -1,6 +1,7 @@
 """The thread pool: every range once, errors and cancelling stop all threads."""
 
 import math
+import signal
 import threading
 import time
 
@@ -9,7 +10,13 @@ import pytest
 
 from medialis.errors import Cancelled, InvalidOptionError
 from medialis.progress import Progress
-from medialis.threads import run_chunks, run_patiently, thread_count, thread_limit
+from medialis.threads import (
+    interrupts_held,
+    run_chunks,
+    run_patiently,
+    thread_count,
+    thread_limit,
+)
 
 
 def test_limit_holds_inside_the_block_only():
@@ -174,3 +181,52 @@ def test_what_is_still_moves_no_bar_and_cancels():
     assert seen == [(0.5, "views")] * 4 + [(0.6, "views"), (1.0, "views")]
     with pytest.raises(Cancelled):
         Progress(lambda fraction, text: False).still.update(0.0)
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_an_interrupt_ends_no_chunk_in_its_middle(threads):
+    """Ctrl-C within numba, which takes locks in Python when it loads a kernel, left them taken: the
+    other threads waited for ever, and so did a cancelled run (fixed)."""
+    lock, taken = threading.Lock(), []
+
+    def work(begin, end):
+        taken.append(lock.acquire(timeout=10))
+        if threading.current_thread() is threading.main_thread():
+            signal.raise_signal(signal.SIGINT)
+        time.sleep(0.001)
+        lock.release()
+
+    before = signal.getsignal(signal.SIGINT)
+    with thread_limit(threads), pytest.raises(KeyboardInterrupt):
+        run_chunks(work, 100, 1)
+    assert all(taken) and len(taken) < 100 and not lock.locked()
+    assert signal.getsignal(signal.SIGINT) is before
+
+
+def test_a_handler_of_signals_that_raises_nothing_ends_nothing():
+    told = []
+    before = signal.signal(signal.SIGINT, lambda number, frame: told.append(number))
+    try:
+        with thread_limit(2):
+            run_chunks(lambda a, b: a == 3 and signal.raise_signal(signal.SIGINT), 10, 1)
+        assert told == [signal.SIGINT]
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+def test_a_handler_that_chooses_another_keeps_it():
+    """So does that of the command line: a second Ctrl-C must not disturb the cleaning."""
+
+    def once(number, frame):
+        signal.signal(number, signal.SIG_IGN)
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGINT, once)
+    try:
+        with pytest.raises(KeyboardInterrupt), interrupts_held() as failures:
+            signal.raise_signal(signal.SIGINT)
+            signal.raise_signal(signal.SIGINT)
+            assert len(failures) == 1
+        assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN
+    finally:
+        signal.signal(signal.SIGINT, before)

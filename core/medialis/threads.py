@@ -8,10 +8,12 @@ between chunks, on the calling thread.
 from __future__ import annotations
 
 import os
+import signal
 import threading
 from collections.abc import Callable, Generator, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar, copy_context
+from types import FrameType
 from typing import TypeVar
 
 from medialis.progress import Progress
@@ -78,6 +80,39 @@ def thread_limit(count: int | None) -> Iterator[None]:
         _limit.reset(token)
 
 
+@contextmanager
+def interrupts_held() -> Iterator[list[BaseException]]:
+    """Raise what Ctrl-C and `kill` raise at the end of the block only; it gets a list of them.
+
+    The first of the list is raised; the block may add to it. numba and Dask take locks and begin
+    processes in Python: an exception in between leaves a lock taken for which other threads then
+    wait for ever, or half a cluster. Signals without a handler in Python, and threads that get no
+    signals, are as they were.
+    """
+    failures: list[BaseException] = []
+    handlers = {}
+    if threading.current_thread() is threading.main_thread():
+        known = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+        handlers = {number: handler for number, handler in known.items() if callable(handler)}
+
+    def note(number: int, frame: FrameType | None) -> None:
+        try:
+            handlers[signal.Signals(number)](number, frame)
+        except BaseException as error:  # noqa: BLE001 - raised again below
+            failures.append(error)
+
+    for number in handlers:
+        signal.signal(number, note)
+    try:
+        yield failures
+    finally:
+        for number, handler in handlers.items():
+            if signal.getsignal(number) is note:  # else its handler chose another
+                signal.signal(number, handler)
+        if failures:
+            raise failures[0]
+
+
 def run_patiently(work: Callable[[], T], progress: Progress) -> T:
     """Return `work()`, one long call that reports nothing, and let it be cancelled meanwhile.
 
@@ -125,9 +160,20 @@ def run_chunks(
     are in and is raised here. Where a chunk may take long, `work` is a generator: it is stopped
     between its steps as well.
     """
+    with interrupts_held() as failures:
+        _run_chunks(work, count, chunk, progress, failures)
+
+
+def _run_chunks(
+    work: Callable[[int, int], object],
+    count: int,
+    chunk: int,
+    progress: Progress | None,
+    failures: list[BaseException],
+) -> None:
+    """Run the chunks until there is a failure; add what is raised here."""
     starts = iter(range(0, count, chunk))
     lock = threading.Lock()
-    failures: list[BaseException] = []
     done = 0
 
     def next_range() -> tuple[int, int] | None:
@@ -151,6 +197,8 @@ def run_chunks(
             failures.append(error)
 
     def report() -> None:
+        if failures:
+            raise failures[0]
         if progress is not None:
             progress.update(done / count)
 
@@ -169,9 +217,7 @@ def run_chunks(
             while thread.is_alive():
                 thread.join(PATIENCE)
                 report()
-    except BaseException as error:  # noqa: BLE001 - raised again below, after the threads stopped
+    except BaseException as error:  # noqa: BLE001 - raised again, after the threads stopped
         failures.append(error)
         for thread in threads:
             thread.join()
-    if failures:
-        raise failures[0]

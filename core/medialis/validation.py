@@ -96,13 +96,24 @@ def as_points(values: ArrayLike, name: str = "points") -> FloatArray:
             f"{name} must be finite: {int(bad.sum())} of {len(result)} rows hold NaN or infinity "
             f"(first at row {int(bad.argmax())}). Remove these points or repair the file."
         )
-    largest = float(np.abs(result).max())
+    check_range(result, name)
+    return result
+
+
+def check_range(values: FloatArray, name: str) -> None:
+    """Refuse coordinates and lengths whose squares are no numbers; NaN passes.
+
+    Raises
+    ------
+    InvalidShapeError
+        When one lies beyond 1e151.
+    """
+    largest = float(np.fmax.reduce(np.abs(values), axis=None, initial=0.0))
     if largest > LARGEST_COORDINATE:
         raise InvalidShapeError(
             f"{name} must lie within {LARGEST_COORDINATE:g} of the origin, got {largest:g}: "
             "squared distances would leave the range of numbers. Scale the shape down."
         )
-    return result
 
 
 def as_normals(values: ArrayLike, count: int, name: str = "normals") -> FloatArray:

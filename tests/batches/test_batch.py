@@ -179,6 +179,37 @@ def test_ctrl_c_on_a_terminal_ends_a_batch_with_one_line(shapes, tmp_path):
     assert child.returncode == 130 and len(error.splitlines()) == 1, error
 
 
+def test_a_request_to_end_waits_until_the_cluster_is_whole(monkeypatch):
+    """A SIGTERM while workers began, or were closed, left half a cluster, whose closing at the end
+    of Python printed a traceback (fixed)."""
+    steps = []
+
+    class Fake:
+        def __init__(self, *given, **options):
+            signal.raise_signal(signal.SIGTERM)
+            steps.append("begun")
+
+        def __enter__(self):
+            return self
+
+        def __exit__(self, *error):
+            steps.append("closed")
+
+    def stop(number, frame):
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGTERM, stop)
+    try:
+        monkeypatch.setattr("distributed.LocalCluster", Fake)
+        monkeypatch.setattr("distributed.Client", Fake)
+        with pytest.raises(KeyboardInterrupt), cluster(1, None):
+            steps.append("used")
+        assert steps == ["begun", "begun", "closed", "closed"]
+        assert signal.getsignal(signal.SIGTERM) is stop
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
 @pytest.mark.slow
 def test_a_dying_worker_is_one_failed_row(tmp_path):
     """An innocent job whose process died by chance is tried again and done; so are the other

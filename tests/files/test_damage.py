@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import medialis
-from medialis.files import meshes, read_mesh, read_npz, read_ply_attributes, results
+from medialis.files import meshes, read_mesh, read_npz, read_ply_attributes, results, write_ply
 
 unix = pytest.mark.skipif(os.name == "nt", reason="needs pipes and devices of Unix")
 
@@ -37,6 +37,29 @@ def test_a_sentence_about_a_foreign_file_is_short(tmp_path):
     assert len(str(error.value)) < 1000
 
 
+@pytest.mark.parametrize(
+    "damage",
+    [
+        (b"binary_little", b"binary_" + b"x" * 9000),
+        (b"comment medialis kept bool scalar", b"comment medialis kept bool " + b"9" * 5000),
+        (b"property uchar kept", b"property uchar " + b"x " * 9000),
+        (b"element vertex 3", b"element vertex 3" + b"9" * 4000),
+        (b"element vertex 3", b"element " + b"x" * 9000 + b" 4"),
+    ],
+    ids=["format", "comment", "line", "count", "name"],
+)
+def test_a_sentence_about_a_ply_header_is_short(tmp_path, damage):
+    """A format or a comment of a million letters came back in its sentence (fixed)."""
+    path = tmp_path / "a.ply"
+    write_ply(path, np.eye(3), attributes={"kept": np.array([True, False, True])})
+    good = path.read_bytes()
+    assert damage[0] in good
+    path.write_bytes(good.replace(*damage))
+    with pytest.raises(medialis.InvalidShapeError) as error:
+        read_ply_attributes(path)
+    assert len(str(error.value)) < 1000
+
+
 def test_numbers_of_a_swc_file_that_are_none_give_a_sentence_or_are_a_comment(tmp_path):
     """A comment `# loop ² ²` and numbers of 5,000 digits raised ValueError (fixed)."""
     path = tmp_path / "a.swc"
@@ -53,6 +76,10 @@ def test_numbers_of_a_swc_file_that_are_none_give_a_sentence_or_are_a_comment(tm
         with pytest.raises(medialis.InvalidShapeError) as error:
             medialis.read_curve_skeleton(path)
         assert len(str(error.value)) < 1000
+    for line in ("1 0 -1e308 0 0 1 -1", "1 0 0 0 0 1.7e308 -1"):  # squares beyond all numbers
+        path.write_text(f"{line}\n2 0 1 0 0 1 1\n")
+        with pytest.raises(medialis.InvalidShapeError, match="1e"):
+            medialis.read_curve_skeleton(path)
     path.write_text(f"# loop 1 9\n{nodes}")
     with pytest.raises(medialis.InvalidShapeError, match="node 9"):
         medialis.read_curve_skeleton(path)
@@ -70,6 +97,11 @@ def test_numbers_of_a_swc_file_that_are_none_give_a_sentence_or_are_a_comment(tm
         {"branch": [0, 7]},
         {"branch": [0, 10**30]},
         {"branch": [0]},
+        {"branch": [0, 1]},
+        {"branch": [1, 1]},
+        {"nodes": [[0, 0, 0], [1e200, 0, 0], [2, 0, 0]]},
+        {"radii": [1.0, 1.7e308, 1.0]},
+        {"radii": [1.0, float("inf"), 1.0]},
         {"branch": [[0, 0]]},
         {"edges": [[0, 1], [1, 99]]},
         {"edges": [[0, 1], [1, -1]]},
@@ -84,7 +116,10 @@ def test_numbers_of_a_swc_file_that_are_none_give_a_sentence_or_are_a_comment(tm
     ids=str,
 )
 def test_curve_graphs_that_name_what_is_not_there_give_a_sentence(tmp_path, changes):
-    """Nodes that are NaN and a branch -7 raised IndexError, or gave a graph that broke (fixed)."""
+    """Nodes that are NaN and a branch -7 raised IndexError, or gave a graph that broke (fixed).
+
+    So did a branch number that no edge has, and numbers whose squares are none.
+    """
     path = tmp_path / "a.json"
     medialis.write_curve_skeleton(
         path,

@@ -38,7 +38,7 @@ class Ended:
         Negative: the signal that killed it.
     out, err : str
     started : bool
-        Whether it had numpy loaded when the signal came: medialis is imported, not only Python.
+        Whether it had a handler when the signal came: medialis ran, not only the start of Python.
     """
 
     code: int
@@ -69,6 +69,7 @@ def start(
     return subprocess.Popen(
         words,
         cwd=folder,
+        env={**os.environ, "PYTHONFAULTHANDLER": "1"},
         stdin=subprocess.DEVNULL,
         stdout=stdout,
         stderr=subprocess.PIPE,
@@ -82,11 +83,19 @@ def finish(child: subprocess.Popen[bytes], *, started: bool = True) -> Ended:
     try:
         out, err = child.communicate(timeout=PATIENCE)
     except subprocess.TimeoutExpired:
-        raise Fault("hang of a run", str(child.args)) from None
+        raise Fault("hang of a run", f"{child.args}\n{_stacks(child)}") from None
     finally:
         kill_group(child)
     said, told = ((text or b"").decode("utf-8", "replace") for text in (out, err))
     return Ended(child.returncode, said, told, started)
+
+
+def _stacks(child: subprocess.Popen[bytes]) -> str:
+    """End a run that hangs, and return what all of its threads were doing."""
+    child.send_signal(signal.SIGABRT)
+    with suppress(subprocess.TimeoutExpired):
+        return child.communicate(timeout=5.0)[1].decode("utf-8", "replace")
+    return "it does not answer"
 
 
 def kill_group(child: subprocess.Popen[bytes]) -> None:
@@ -109,10 +118,12 @@ def one_line(text: str) -> bool:
     return text.startswith("medialis: ") and text.count("\n") == 1 and text.endswith("\n")
 
 
-def has_numpy(process: int) -> bool:
-    """Whether numpy's compiled modules are loaded: imports of medialis are under way."""
+def has_handler(process: int) -> bool:
+    """Whether a process handles SIGTERM: Python alone does not, medialis does before it imports."""
     with suppress(OSError):
-        return "numpy" in Path(f"/proc/{process}/maps").read_text()
+        lines = Path(f"/proc/{process}/status").read_text().splitlines()
+        (caught,) = (line.split()[1] for line in lines if line.startswith("SigCgt:"))
+        return bool(int(caught, 16) >> (signal.SIGTERM - 1) & 1)
     return True
 
 

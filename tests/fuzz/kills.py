@@ -7,10 +7,11 @@ from __future__ import annotations
 
 import functools
 import os
+import re
 import shutil
 import signal
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from fuzz.commands import (
@@ -21,7 +22,7 @@ from fuzz.commands import (
     command,
     content,
     finish,
-    has_numpy,
+    has_handler,
     hidden,
     kill_group,
     one_line,
@@ -35,6 +36,9 @@ from fuzz.commands import (
 from fuzz.kinds import Case, Fault, Kind
 
 CANCELLED = 130
+LEFT_OPEN = re.compile(
+    r"Exception ignored in: <_io.*\n(Traceback .*\n(  .*\n)*)?ResourceWarning: .*\n"
+)
 SINGLE = ("thickness", "curve-skeleton", "surface-skeleton", "patches")
 OLD = {
     "thickness": ("--threshold", "0.01"),
@@ -84,7 +88,7 @@ def run(case: Case) -> None:
     child = start(words, case.folder)
     try:
         wait(child, moment)
-        started = has_numpy(child.pid)
+        started = has_handler(child.pid)
         _send(child.pid, number, everyone)
         ended = finish(child, started=started) if number != signal.SIGKILL else None
         child.wait()  # killed alone, its workers may still write
@@ -100,6 +104,7 @@ def run(case: Case) -> None:
             _check_cancelled(ended, number, about)
             if not batch:
                 _check_nothing_left(case.folder, plan, replaced, ended.code == 0, what)
+                return  # all is as it was, or done: the next run can find nothing else
         again = run_command(words, case.folder)
     finally:
         kill_group(child)
@@ -127,6 +132,8 @@ def _send(process: int, number: signal.Signals, everyone: bool) -> None:
 def _check_cancelled(ended: Ended, number: signal.Signals, about: str) -> None:
     """Done, or cancelled with one line."""
     told = f"{about}\nexit {ended.code}\n{ended.err}"
+    # An import that is cut off leaves a file to the garbage: told only as warnings are errors here.
+    ended = replace(ended, err=LEFT_OPEN.sub("", ended.err))
     if ended.code == 0 and not ended.err:
         return
     if ended.code == CANCELLED and one_line(ended.err):
@@ -135,8 +142,9 @@ def _check_cancelled(ended: Ended, number: signal.Signals, about: str) -> None:
         raise Fault(f"{number.name} after the last line of a run gives exit {ended.code}", told)
     own = "medialis/" in ended.err
     if not ended.started:
-        stage = "in the imports" if own else "before the imports"
-        raise Fault(f"{number.name} {stage} gives no line and exit 130", told)
+        if own:
+            raise Fault(f"{number.name} in the imports gives no line and exit 130", told)
+        return  # while Python itself starts
     kind = "a traceback" if "Traceback" in ended.err else f"exit {ended.code}"
     if ended.code == CANCELLED:
         kind = "more lines than one" if ended.err else "no line"

@@ -157,7 +157,7 @@ def _read_seeds(path: Path, case: Case) -> None:
 
 def _read_manifest(path: Path, case: Case) -> None:
     """A resumed batch takes the manifest as done, or computes anew; it never fails."""
-    if path.is_symlink() or len(path.name) > 255 or not path.is_file():
+    if len(path.name) > 255 or path.is_symlink() or not path.is_file():
         return
     job = _manifest_job(case.home)
     target = job.folder("thickness") / "manifest.json"

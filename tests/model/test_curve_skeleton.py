@@ -95,3 +95,14 @@ def test_arrays_must_fit():
         CurveSkeleton.of(np.zeros((3, 3)), [[0, 1]], np.ones(2))
     with pytest.raises(InvalidShapeError, match="vertex_node"):
         CurveSkeleton(np.zeros((1, 3)), np.empty((0, 2)), [1], [1], [], vertex_node=[1])
+    with pytest.raises(InvalidShapeError, match="radii"):
+        CurveSkeleton.of(np.zeros((2, 3)), [[0, 1]], [1, 1e200])
+
+
+@pytest.mark.parametrize("branch", [[0, 0, 0], [0, 1, 3], [1, 2, 3], [0, 1, -1], [0, 1, 1]])
+def test_branches_must_be_the_chains_of_the_edges(branch):
+    """A number that no edge had broke `branches` with ValueError, joined chains with KeyError."""
+    fork = np.zeros((4, 3)), [[0, 1], [1, 2], [1, 3]], np.ones(4), np.ones(4)
+    assert [len(row) for row in CurveSkeleton(*fork, [2, 0, 1]).branches] == [2, 2, 2]
+    with pytest.raises(InvalidShapeError, match="branch"):
+        CurveSkeleton(*fork, branch)

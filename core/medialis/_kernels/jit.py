@@ -25,6 +25,7 @@ import numba
 from numba.core import caching
 
 from medialis._kernels.cache_folder import kernel_cache, make_kernel_cache
+from medialis.threads import interrupts_held
 
 logger = logging.getLogger("medialis")
 
@@ -126,7 +127,8 @@ class _Cache(caching.FunctionCache):
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         try:
-            return super().load_overload(sig, target_context)
+            with interrupts_held():  # half a library, or its lock taken, would stay
+                return super().load_overload(sig, target_context)
         except Exception:  # noqa: BLE001 - written by another version of a library
             with suppress(OSError):
                 self.flush()  # an empty index: the next save repairs it

@@ -21,6 +21,7 @@ from typing import Any, TypeVar
 from medialis.batches.jobs import Job, Row
 from medialis.errors import FileError, InvalidOptionError
 from medialis.progress import Progress
+from medialis.threads import interrupts_held
 
 Work = Callable[[Job], list[Row]]
 
@@ -159,23 +160,32 @@ def cluster(workers: int, scheduler: str | None) -> Iterator[tuple[Any, int]]:
                     silence_logs=logging.CRITICAL,
                 )
                 stack.enter_context(local)
-            yield stack.enter_context(Client(local, set_as_default=False)), workers
+                client = stack.enter_context(Client(local, set_as_default=False))
+            try:
+                yield client, workers
+            finally:
+                with _deaf():
+                    stack.close()
 
 
 @contextmanager
 def _deaf() -> Iterator[None]:
-    """Let threads and processes that begin here get no Ctrl-C: this process ends them by itself."""
+    """Put requests to end off to the end of the block, in which a cluster begins or is closed.
+
+    Threads and processes that begin in it get no Ctrl-C at all: this process ends them by itself.
+    """
     if sys.platform == "win32":
         yield
         return
     from multiprocessing import resource_tracker
 
     resource_tracker.ensure_running()  # when it begins it makes the process after it hear again
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+    with interrupts_held():
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        try:
+            yield
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def warn_if_open(scheduler: str, progress: Progress) -> None:

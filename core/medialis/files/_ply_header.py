@@ -79,8 +79,8 @@ def read_ply_header(data: bytes) -> PlyHeader:
             ) from None
     if header.encoding not in ("ascii", "binary_little_endian", "binary_big_endian"):
         raise InvalidShapeError(
-            f"the PLY format is {header.encoding!r}; ascii, binary_little_endian and "
-            "binary_big_endian are supported."
+            f"the PLY format is {shown(header.encoding.encode('latin-1'))}; ascii, "
+            "binary_little_endian and binary_big_endian are supported."
         )
     return header
 
@@ -96,7 +96,7 @@ def _header_line(header: PlyHeader, element: PlyElement | None, line: str) -> Pl
         header.encoding = words[1]
     elif words[0] == "element":
         rows = int(words[2])
-        if rows < 0 or words[1] in header.by_name:
+        if not 0 <= rows < 2**63 or words[1] in header.by_name:
             raise ValueError
         element = header.by_name[words[1]] = PlyElement(words[1], rows)
     elif words[0] == "property":

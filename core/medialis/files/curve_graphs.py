@@ -163,18 +163,8 @@ def _parse_json(data: bytes) -> CurveSkeleton:
     nodes = as_points(content["nodes"], "nodes")
     edges = np.array(content["edges"], np.int32).reshape(-1, 2)
     branch = np.array(content["branch"], np.int32)
-    if len(branch) and not 0 <= branch.min() <= branch.max() < len(branch):
-        raise InvalidShapeError(
-            f"its branches must be numbered 0..{len(branch) - 1} at most, got {branch.min()} to "
-            f"{branch.max()}."
-        )
-    maps = []
-    for name, count in (("vertex_node", len(nodes)), ("vertex_branch", len(branch))):
-        row = content.get(name)
-        values = None if row is None else np.array(row, np.int32)
-        if values is not None and values.size and not -1 <= values.min() <= values.max() < count:
-            raise InvalidShapeError(f"its {name} must lie within -1..{count - 1}.")
-        maps.append(values)
+    given = (content.get(name) for name in ("vertex_node", "vertex_branch"))
+    maps = [None if row is None else np.array(row, np.int32) for row in given]
     return CurveSkeleton(nodes, edges, radii, importance, branch, *maps)
 
 

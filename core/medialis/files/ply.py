@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from medialis.errors import InvalidShapeError
-from medialis.files._content import ParsedMesh, no_polygons, numbers, ragged_rows, whole
+from medialis.files._content import ParsedMesh, no_polygons, numbers, ragged_rows, shown, whole
 from medialis.files._ply_header import PlyElement, PlyHeader, read_ply_header
 
 
@@ -145,7 +145,8 @@ def _read_element(
 
 
 def _cut_short(element: PlyElement, found: int) -> InvalidShapeError:
-    plural = {"vertex": "vertices", "face": "faces"}.get(element.name, f"rows of {element.name}")
+    other = f"rows of {shown(element.name.encode('latin-1'))}"
+    plural = {"vertex": "vertices", "face": "faces"}.get(element.name, other)
     return InvalidShapeError(
         f"the file is cut short: the PLY header announces {element.rows} {plural}, "
         f"only {found} were found."

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from medialis.errors import InvalidOptionError, InvalidShapeError
-from medialis.files._content import whole
+from medialis.files._content import shown, whole
 from medialis.files._files import complete_file, file_bytes, reading
 from medialis.files._polygons import triangulate
 from medialis.files.ply import PlyHeader, PlyList, PlyTable, ply_columns, read_ply_elements
@@ -281,6 +281,8 @@ def _attributes(tag: str, header: PlyHeader, table: PlyTable, n: int) -> dict[st
             with np.errstate(invalid="ignore"):  # NaN where whole numbers are announced
                 result[name] = stacked.astype(dtype).reshape(n, *shape)
         except (TypeError, ValueError, KeyError):
-            raise InvalidShapeError(f"the PLY comment {comment!r} cannot be understood.") from None
+            raise InvalidShapeError(
+                f"the PLY comment {shown(comment.encode('latin-1'))} cannot be understood."
+            ) from None
         used.update(parts)
     return result | {name: c for name, c in scalars.items() if name not in used}

@@ -16,7 +16,7 @@ from medialis.kept import Bound, Described
 from medialis.model.medial_cloud import MedialCloud
 from medialis.model.shape import Shape
 from medialis.model.surface import piece_labels
-from medialis.validation import FloatArray, IntArray, frozen, hold
+from medialis.validation import FloatArray, IntArray, check_range, frozen, hold
 
 if TYPE_CHECKING:
     from medialis.curves.from_balls.candidates import CandidateMeasure
@@ -101,7 +101,8 @@ class CurveSkeleton(Bound):
     Raises
     ------
     InvalidShapeError
-        When the arrays do not fit together, or an edge is no pair of two nodes or comes twice.
+        When the arrays do not fit together, an edge is no pair of two nodes or comes twice, a
+        branch is no chain of edges, or nodes or radii lie beyond 1e151.
 
     Examples
     --------
@@ -133,7 +134,10 @@ class CurveSkeleton(Bound):
             importance=(np.float64, v),
             branch=(np.int32, e),
         )
+        check_range(self.nodes, "nodes")
+        check_range(self.radii, "radii")
         _check_edges(self.edges, v)
+        _check_branches(self.branch, _branch_of_edges(self.edges, v))
         branches = int(self.branch.max(initial=-1)) + 1
         rows = None if self.surface is None else self.surface.point_count
         for name, count in (("vertex_node", v), ("vertex_branch", branches)):
@@ -334,6 +338,16 @@ def _check_edges(edges: IntArray, count: int) -> None:
     low, high = edges.min(axis=1).astype(np.int64), edges.max(axis=1)
     if len(np.unique(low * count + high)) < len(edges):
         raise InvalidShapeError("An edge must not come twice: merge equal edges first.")
+
+
+def _check_branches(branch: IntArray, chain: IntArray) -> None:
+    """Hold given branches (e,) against the chains of the edges: any numbers, none left out."""
+    pairs = np.unique(np.stack([branch, chain], axis=1), axis=0)
+    if not all(np.array_equal(np.sort(row), np.arange(len(pairs))) for row in pairs.T):
+        raise InvalidShapeError(
+            f"branch must number the {int(chain.max(initial=-1)) + 1} chains of edges between "
+            "nodes that have not two edges, from 0, one number each."
+        )
 
 
 def _branch_of_edges(edges: IntArray, count: int) -> IntArray:
