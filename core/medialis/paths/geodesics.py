@@ -14,13 +14,13 @@ from medialis.model.geodesic_paths import GeodesicPaths, PathStatus
 from medialis.model.shape import Shape
 from medialis.options import Options, whole
 from medialis.progress import Progress, ProgressCallback
-from medialis.threads import run_chunks
+from medialis.threads import run_chunks, run_patiently
 
 HALVINGS = 4
 """Of the angle between planes, round the best one: 18 degrees become about 1. Eight extra paths
 bring the median error of the default from 0.01 % down to 0.001 % (docs/benchmarks.md)."""
 
-PAIRS_A_CHUNK = 256
+PAIRS_A_CHUNK = 128
 SEARCHES_A_CHUNK = 16
 
 SETTLED, SETTLED_A_VERTEX, MOST_SETTLED = 1_000_000, 110, 10_000_000
@@ -247,8 +247,8 @@ def cut_by_planes(
         "status": np.zeros(k, np.int8),
     }
     starts, goals = np.ascontiguousarray(ends[:, 0]), np.ascontiguousarray(ends[:, 1])
-    points, *connectivity = surface_walk(shape)
-    components = shape.components
+    points, *connectivity = run_patiently(lambda: surface_walk(shape), progress)
+    components = run_patiently(lambda: shape.components, progress)
 
     def trace(begin: int, end: int) -> None:
         trace_geodesics(

@@ -172,7 +172,8 @@ def _limbs(cloud: MedialCloud, progress: Progress) -> _Limbs:
             f"{surface.face_count} faces and {len(cloud)} balls for {surface.point_count} samples. "
             "Use method = sheets."
         )
-    share, usual = _extent(surface) / surface.diagonal, CurveSkeletonOptions()
+    extent, usual = run_patiently(lambda: _extent(surface), progress), CurveSkeletonOptions()
+    share = extent / surface.diagonal
     of_extent = CurveSkeletonOptions(
         threshold=share * usual.threshold, candidates=share * usual.candidates
     )

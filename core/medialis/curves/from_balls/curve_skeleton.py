@@ -226,13 +226,21 @@ def _link_balls(
     cloud, near_pairs = measured.cloud, []
     for rows in (np.flatnonzero(cloud.valid), candidates):
         near, _ = near_balls(cloud, rows, progress)
-        near_pairs.append(np.stack([np.repeat(rows, near.shape[1]), rows[near.ravel()]], axis=1))
-    return run_patiently(lambda: _linked(measured, np.concatenate(near_pairs), level), progress)
+        near_pairs.append((rows, near))
+    return run_patiently(lambda: _linked(measured, near_pairs, level), progress)
 
 
-def _linked(measured: CandidateMeasure, pairs: NDArray[np.int64], level: float) -> BallLinks:
+def _linked(
+    measured: CandidateMeasure, near_pairs: list[tuple[NDArray[np.int64], IntArray]], level: float
+) -> BallLinks:
     """Link the pairs of near balls, and those of neighbouring samples, within each component."""
     cloud, surface = measured.cloud, measured.cloud.surface
+    pairs = np.concatenate(
+        [
+            np.stack([np.repeat(rows, near.shape[1]), rows[near.ravel()]], axis=1)
+            for rows, near in near_pairs
+        ]
+    )
     needed = np.concatenate([surface.edges, cloud.features[cloud.valid]])
     needed = needed[cloud.valid[needed].all(axis=1)]
     pairs, needed = (
