@@ -23,6 +23,8 @@ def small(k=4):
         "status": np.array([0, 0, 1, 0])[:k],
         "spoke_angles": np.ones(k),
         "side": np.ones(k),
+        "contact_faces": np.full(k, -1),
+        "contact_weights": np.zeros((k, 3)),
         "surface": surface(5),
     }
 
@@ -31,7 +33,7 @@ def test_types_and_read_only_arrays():
     cloud = MedialCloud(**small())
     assert len(cloud) == 4
     dtypes = [getattr(cloud, name).dtype for name in COLUMNS]
-    assert dtypes == ["f8", "f8", "i4", "i4", "i1", "f8", "i1"]
+    assert dtypes == ["f8", "f8", "i4", "i4", "i1", "f8", "i1", "i4", "f8"]
     assert not any(getattr(cloud, name).flags.writeable for name in [*COLUMNS, "valid"])
     assert cloud.valid.tolist() == [True, True, False, True]
 

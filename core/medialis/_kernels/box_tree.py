@@ -138,3 +138,14 @@ def build_box_tree(
             NODES_A_CHUNK,
         )
     return BoxTree(center, tree_points, tree_normals, order, blocks, bounds, child, depth)
+
+
+def wide_levels(nodes: int, depth: int) -> list[tuple[slice, int, int]]:
+    """Return nodes of each wide level, the binary level of their children, and children each."""
+    bits = depth % 3 if depth % 3 or depth == 0 else 3
+    result, first, count, child_depth, fan = [], 0, 1, bits, 1 << bits
+    while first < nodes:
+        result.append((slice(first, first + count), child_depth, fan))
+        first, count = first + count, 1 << child_depth
+        child_depth, fan = child_depth + 3, 8
+    return result

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from medialis._kernels.box_tree import BoxTree, build_box_tree
+from medialis._kernels.box_tree import BoxTree, build_box_tree, wide_levels
 from medialis.errors import InvalidShapeError
 from medialis.threads import run_chunks
 from medialis.validation import FloatArray, IntArray, as_field, as_points
@@ -28,15 +28,12 @@ class NearestTree:
         Largest radius below each child of a tree of balls; boxes of triangles hold them whole: 0.
     corners : (k, 3, 3) or (0, 3, 3) float64
         Corners of triangles in tree order, relative to the tree's center.
-    faces : (k, 3) or (0, 3) int32
-        Vertices of triangles in tree order.
     """
 
     tree: BoxTree
     radii: FloatArray
     largest: FloatArray
     corners: FloatArray
-    faces: IntArray
 
     @classmethod
     def of_balls(cls, centers: ArrayLike, radii: ArrayLike) -> NearestTree:
@@ -51,7 +48,7 @@ class NearestTree:
         sizes = as_field(radii, len(middles), "radii")
         if not np.isfinite(sizes).all() or (sizes < 0).any():
             raise InvalidShapeError("radii must be finite and not negative.")
-        return cls._of(middles, sizes, np.empty((0, 3, 3)), np.empty((0, 3), np.int32))
+        return cls._of(middles, sizes, np.empty((0, 3, 3)))
 
     @classmethod
     def of_triangles(cls, points: FloatArray, faces: IntArray) -> NearestTree:
@@ -59,33 +56,29 @@ class NearestTree:
         corners = points[faces]
         middles = corners.mean(axis=1)
         sizes = np.linalg.norm(corners - middles[:, None], axis=2).max(axis=1)
-        return cls._of(middles, sizes, corners, faces)
+        return cls._of(middles, sizes, corners)
 
     @classmethod
-    def _of(
-        cls, middles: FloatArray, sizes: FloatArray, corners: FloatArray, faces: IntArray
-    ) -> NearestTree:
+    def _of(cls, middles: FloatArray, sizes: FloatArray, corners: FloatArray) -> NearestTree:
         from medialis._kernels.nearest_kernels import largest_radii
 
         tree = build_box_tree(middles, np.zeros_like(middles))
         ordered = sizes[tree.order]
         largest = np.zeros((len(tree.child), tree.bounds.shape[2]))
-        for nodes, child_depth, fan in _levels(len(tree.child), tree.depth):
+        for nodes, child_depth, fan in wide_levels(len(tree.child), tree.depth):
             count = nodes.stop - nodes.start
             if len(corners):
                 _bound_corners(tree, corners, nodes, child_depth, fan)
                 continue
             largest_radii(ordered, child_depth, fan, 0, count, largest[nodes])
         placed = corners[tree.order] - tree.center if len(corners) else corners
-        named = faces[tree.order] if len(faces) else faces
-        return cls(tree, ordered, largest, placed, named)
+        return cls(tree, ordered, largest, placed)
 
     def distances(
         self,
         queries: FloatArray,
         *,
         enough: float = -np.inf,
-        without: IntArray | None = None,
     ) -> tuple[FloatArray, IntArray]:
         """Return the distance of points to the nearest item, and its row.
 
@@ -94,8 +87,6 @@ class NearestTree:
         queries : (q, 3) float
         enough : float
             The search of a point ends at the first item that is nearer than this.
-        without : (q,) int32, optional
-            A vertex for each point: triangles that have it do not count.
 
         Returns
         -------
@@ -117,11 +108,10 @@ class NearestTree:
         shifted = points - tree.center
         reach = float(np.abs(tree.points).max(initial=0.0) + np.abs(shifted).max())
         distance, row = np.empty(len(points)), np.empty(len(points), np.int64)
-        left_out = np.full(len(points), -1, np.int32) if without is None else without
 
         def work(begin: int, end: int) -> None:
             nearest_item(
-                begin, end, shifted, tree.points, self.radii, self.corners, self.faces, left_out,
+                begin, end, shifted, tree.points, self.radii, self.corners,
                 tree.bounds, tree.child, self.largest, tree.depth, 4e-7 * reach, enough, distance,
                 row,
             )  # fmt: skip
@@ -168,14 +158,3 @@ def _bound_corners(
     ):
         boxes = ufunc.reduceat(ends, first, axis=0).reshape(count, fan, 3)
         tree.bounds[nodes, rows, :fan] = boxes.transpose(0, 2, 1)
-
-
-def _levels(nodes: int, depth: int) -> list[tuple[slice, int, int]]:
-    """Nodes of each wide level of a box tree, the binary level of their children, children each."""
-    bits = depth % 3 if depth % 3 or depth == 0 else 3
-    result, first, count, child_depth, fan = [], 0, 1, bits, 1 << bits
-    while first < nodes:
-        result.append((slice(first, first + count), child_depth, fan))
-        first, count = first + count, 1 << child_depth
-        child_depth, fan = child_depth + 3, 8
-    return result

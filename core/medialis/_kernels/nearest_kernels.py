@@ -38,7 +38,7 @@ def _dot(ax, ay, az, bx, by, bz):
 
 
 @kernel
-def _nearest_place(px, py, pz, a, b, c):
+def nearest_place(px, py, pz, a, b, c):
     """Nearest place a + s (b - a) + t (c - a) of a triangle: the regions of its plane, in turn.
 
     Returns (s, t, squared distance).
@@ -74,13 +74,12 @@ def _nearest_place(px, py, pz, a, b, c):
 
 @kernel
 def nearest_item(
-    begin, end, queries, centers, radii, corners, faces, without, bounds, child, largest, depth,
+    begin, end, queries, centers, radii, corners, bounds, child, largest, depth,
     margin, enough, out_distance, out_item,
 ):  # fmt: skip
     """Smallest distance to balls, |x - c| - r, or to the triangles within them; all in tree order.
 
-    `corners` and `faces` have no row for balls. Triangles with the vertex `without` of a query do
-    not count. A node is skipped when even its largest ball at the nearest
+    `corners` has no row for balls. A node is skipped when even its largest ball at the nearest
     place of its box is no nearer. The child that promises most is visited first: it is pushed
     last. A distance below `enough` ends the search.
     """
@@ -117,11 +116,8 @@ def nearest_item(
                         dx, dy, dz = x - centers[k, 0], y - centers[k, 1], z - centers[k, 2]
                         value = math.sqrt(dx * dx + dy * dy + dz * dz) - radii[k]
                         if len(corners) > 0 and value - margin <= best:
-                            own = without[i]
-                            if faces[k, 0] == own or faces[k, 1] == own or faces[k, 2] == own:
-                                continue
                             a, b, c = corners[k, 0], corners[k, 1], corners[k, 2]
-                            value = math.sqrt(_nearest_place(x, y, z, a, b, c)[2])
+                            value = math.sqrt(nearest_place(x, y, z, a, b, c)[2])
                         if value < best or (value == best and k < winner):
                             best, winner = value, k
         out_distance[i] = best
@@ -130,8 +126,8 @@ def nearest_item(
 
 @kernel
 def nearest_places(queries, corners, out_places):
-    """Nearest place of one triangle for each query, as s and t of `_nearest_place`."""
+    """Nearest place of one triangle for each query, as s and t of `nearest_place`."""
     for i in range(len(queries)):
         x, y, z = queries[i, 0], queries[i, 1], queries[i, 2]
-        s, t, _ = _nearest_place(x, y, z, corners[i, 0], corners[i, 1], corners[i, 2])
+        s, t, _ = nearest_place(x, y, z, corners[i, 0], corners[i, 1], corners[i, 2])
         out_places[i, 0], out_places[i, 1] = s, t

@@ -47,7 +47,9 @@ def hidden_walls(cloud: MedialCloud, tolerance: float) -> NDArray[np.bool_]:
     """
     hidden = endless(cloud)
     without = (cloud.side > 0) & (cloud.status == BallStatus.OPEN)
-    odd = np.flatnonzero((without | touches_from_outside(cloud)) & ~hidden)
+    outside = touches_from_outside(cloud)
+    hidden |= outside & (cloud.contact_faces >= 0) & in_closed_part(cloud.surface, cloud.source)
+    odd = np.flatnonzero((without | outside) & ~hidden)
     hidden[odd] = _close_behind(cloud.surface, cloud.source[odd], tolerance)
     return hidden
 
@@ -61,10 +63,8 @@ def endless(cloud: MedialCloud) -> NDArray[np.bool_]:
 
 
 def touches_from_outside(cloud: MedialCloud) -> NDArray[np.bool_]:
-    """Tell the inner balls whose center lies in front of the wall at their second sample, (k,)."""
-    shape = cloud.surface
-    second = np.maximum(cloud.features[:, 1], 0)
-    outward = np.einsum("ij,ij->i", shape.points[second] - cloud.centers, shape.normals[second])
+    """Tell the inner balls whose center lies in front of the wall at their second contact, (k,)."""
+    outward = np.einsum("ij,ij->i", cloud.contacts - cloud.centers, cloud.contact_normals)
     return (cloud.side > 0) & cloud.valid & (outward < 0)
 
 

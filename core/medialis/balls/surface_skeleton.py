@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from medialis.balls.ball_shrinking import ShrinkOptions
-from medialis.balls.thin_walls import maximal_balls
+from medialis.balls.thin_walls import BallOptions, maximal_balls
 from medialis.errors import InvalidShapeError
 from medialis.kept import kept
 from medialis.model.medial_cloud import MedialCloud
@@ -47,11 +47,14 @@ class Preparation(Options):
     )
     tolerance: float = changed(ShrinkOptions, "tolerance")
     refine: float = changed(RefineOptions, "longest_edge")
+    creases: float = changed(BallOptions, "creases")
 
 
 @dataclass(frozen=True, kw_only=True)
 class SurfaceSkeletonOptions(ShrinkOptions, Preparation):
     """Options of `surface_skeleton`."""
+
+    fans: bool = changed(BallOptions, "fans")
 
 
 @algorithm(SurfaceSkeletonOptions)
@@ -61,8 +64,9 @@ def surface_skeleton(
     """Compute the surface skeleton (medial axis) of a shape as a cloud of maximal balls.
 
     Every sample of the surface gets the largest ball that touches the surface there and lies inside
-    the shape. A noisy mesh is smoothed first, a coarse one refined; walls thinner than the
-    tolerance, or than the samples are apart, stop the balls as well.
+    the shape, constrained by the triangles of a mesh as well as by its samples. A noisy mesh is
+    smoothed first, a coarse one refined. Creases, where the mesh bends by more than `creases`, are
+    sharp edges; what bends less stands for a smooth surface through the vertices.
 
     Parameters
     ----------
@@ -73,7 +77,8 @@ def surface_skeleton(
     -------
     MedialCloud
         One row for each sample of ``cloud.surface``, the surface as computed on, whose first n
-        points are those of the shape; for both sides, twice as many rows.
+        points are those of the shape; for both sides, twice as many rows. With `fans`, their rows
+        come last.
 
     Raises
     ------
@@ -89,8 +94,9 @@ def surface_skeleton(
 
     Notes
     -----
-    Cost: O(n log n), about 200 bytes a sample. Source: thesis 3.2.1-3.2.2, Algorithm 1; see
-    `shrink_balls` and `medialis.balls.thin_walls` for where it deviates.
+    Cost: O(n log n), about 400 bytes a sample. Source: thesis 3.2.1-3.2.2, Algorithm 1; see
+    `shrink_balls`, `medialis.balls.triangle_balls` and `medialis.balls.thin_walls` for where it
+    deviates.
 
     Examples
     --------
@@ -100,7 +106,7 @@ def surface_skeleton(
     (True, True)
     """
     fine, tolerance = prepared(shape, options, progress)
-    shrinking = ShrinkOptions.taken_from(options, tolerance=tolerance)
+    shrinking = BallOptions.taken_from(options, tolerance=tolerance)
 
     def shrink() -> MedialCloud:
         cloud = maximal_balls(fine, shrinking, progress)

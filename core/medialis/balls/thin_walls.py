@@ -6,8 +6,8 @@ side looks like relief, or the ball slips between the samples there (deviations 
 
 from __future__ import annotations
 
-import functools
 import logging
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -21,55 +21,100 @@ from medialis.balls.ball_shrinking import (
     shrink,
     shrink_options,
 )
+from medialis.balls.fans import with_fans
 from medialis.balls.hidden_walls import THINNEST, hidden_walls
-from medialis.balls.triangle_contacts import shrink_to_triangles
+from medialis.balls.triangle_balls import Walls, with_edge_balls
 from medialis.model.medial_cloud import COLUMNS, MedialCloud
 from medialis.model.shape import Shape
+from medialis.options import angle, flag
 from medialis.progress import Progress, counted
+from medialis.surface.creases import Creases, find_creases
 from medialis.threads import run_chunks, run_patiently
 
 if TYPE_CHECKING:
     from medialis._kernels.box_tree import BoxTree
 
 
-def maximal_balls(shape: Shape, options: ShrinkOptions, progress: Progress) -> MedialCloud:
-    """Shrink balls, and again where balls went through a thin wall.
+@dataclass(frozen=True, kw_only=True)
+class BallOptions(ShrinkOptions):
+    """Options of `maximal_balls`."""
 
-    Inner balls that the tolerance lets through a wall (`hidden_walls`) get the largest of tolerance
-    / 10, tolerance / 100, ... that does not. Inner balls of a mesh that touch a sample from
-    outside, as they slipped between those of a wall, are shrunk until its triangles touch them
-    (`shrink_to_triangles`). All others stay the same bits, also those at sharp edges of a coarsely
-    sampled plate that touch a sample from inside. Messages say how many balls changed.
+    creases: float = angle(
+        30.0,
+        "Creases",
+        "Edges that bend by more than this are sharp, and what bends less is a smooth surface "
+        "through the vertices. 0: every edge is sharp, the mesh is an exact polyhedron; 180: none "
+        "is.",
+        advanced=True,
+    )
+    fans: bool = flag(
+        False,
+        "Fans",
+        "Add balls at sharp concave edges, with normals between those of the two faces, so that "
+        "the skeleton has no gap there.",
+        advanced=True,
+    )
 
-    Only the chunks of the samples concerned are computed again, on the same tree.
+
+def maximal_balls(shape: Shape, options: BallOptions, progress: Progress) -> MedialCloud:
+    """Shrink balls to what samples, triangles and thin walls leave room for.
+
+    Triangles constrain the balls of a mesh as well as its samples (`Walls`). Inner balls that the
+    tolerance lets through a wall get the largest of tolerance / 10, tolerance / 100, ... that does
+    not; only the chunks of the samples concerned are computed again, on the same tree. A sample on
+    a convex crease gets the ball that fits into the crease just beside it.
     """
-    cloud, tree = shrink(shape, options, progress)
-    cloud = _with_lower_tolerance(cloud, tree, options, progress)
-    cloud = shrink_to_triangles(cloud, options.tolerance, progress)
+    with progress.stage("samples", 0.0, 0.45):
+        cloud, tree = shrink(shape, options, progress)
+    if shape.faces is None:
+        cloud = _with_lower_tolerance(cloud, tree, None, options, progress)
+    else:
+        with progress.stage("triangles", 0.45, 1.0):
+            creases, walls = run_patiently(lambda: _walls(shape, options.creases, tree), progress)
+            cloud = walls.constrain(cloud, options.tolerance, progress)
+        cloud = _with_lower_tolerance(cloud, tree, walls, options, progress)
+        cloud = with_edge_balls(cloud, creases, options.tolerance)
+        if options.fans:
+            cloud = with_fans(cloud, walls, options, progress)
     note_outcome(cloud, options.tolerance, progress)
     return cloud
 
 
+def _walls(shape: Shape, angle: float, tree: BoxTree) -> tuple[Creases, Walls]:
+    creases = find_creases(shape, angle)
+    return creases, Walls.of(shape, creases, tree)
+
+
 def _with_lower_tolerance(
-    cloud: MedialCloud, tree: BoxTree, options: ShrinkOptions, progress: Progress
+    cloud: MedialCloud,
+    tree: BoxTree,
+    walls: Walls | None,
+    options: BallOptions,
+    progress: Progress,
 ) -> MedialCloud:
     """Give the balls that the tolerance lets through a wall a lower one."""
-    tolerance, largest = options.tolerance, options.largest_radius
-    found = run_patiently(lambda: hidden_walls(cloud, tolerance), progress)
-    hidden = np.flatnonzero(found)
+    tolerance = options.tolerance
+
+    def went_through(balls: MedialCloud) -> NDArray[np.bool_]:
+        return run_patiently(lambda: hidden_walls(balls, tolerance), progress)
+
+    def shrink_again(rows: NDArray[np.int64], finer: float) -> MedialCloud:
+        balls = _shrink_again(cloud.surface, tree, rows, finer, options.largest_radius, progress)
+        return balls if walls is None else walls.constrain(balls, finer, progress)
+
+    hidden = np.flatnonzero(went_through(cloud))
     if len(hidden) == 0:
         return cloud
-    exact = _shrink_again(cloud.surface, tree, hidden, 0.0, largest, progress)
-    # Others have another reason.
-    curable = ~run_patiently(lambda: hidden_walls(exact, tolerance), progress)
+    exact = shrink_again(hidden, 0.0)
+    curable = ~went_through(exact)  # others have another reason
     hidden, exact, finer = hidden[curable], exact.subset(curable), tolerance
     count = len(hidden)
     while len(hidden):
         finer = finer / 10 if finer > THINNEST else 0.0
         balls = exact
         if finer > 0:
-            balls = _shrink_again(cloud.surface, tree, hidden, finer, largest, progress)
-        seen = ~run_patiently(functools.partial(hidden_walls, balls, tolerance), progress)
+            balls = shrink_again(hidden, finer)
+        seen = ~went_through(balls)
         new = balls.subset(seen)
         cloud = cloud.with_rows(hidden[seen], **{name: getattr(new, name) for name in COLUMNS})
         hidden, exact = hidden[~seen], exact.subset(~seen)

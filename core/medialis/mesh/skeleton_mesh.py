@@ -89,7 +89,8 @@ def skeleton_mesh(
     Raises
     ------
     InvalidShapeError
-        When the surface has no faces, or the cloud has two balls for one sample and side.
+        When the surface has no faces, or the cloud has two balls for one sample and side
+        besides those of fans.
 
     See Also
     --------
@@ -141,6 +142,7 @@ def skeleton_mesh(
     >>> bool(np.abs(np.median(mesh.points[:, 2]) - 0.5) < 1e-6)
     True
     """
+    cloud = cloud.own
     require_faces(cloud.surface)
     with progress.stage("select", 0.0, 0.6):
         selected = _selected(cloud, options, progress)

@@ -41,9 +41,8 @@ class Balls(Bound):
     radii : (k,) float64
         Ball radii, same units.
     features : (k, 2) int32
-        Feature points f1, f2: samples, by their index; f2 is -1 where the status is not OK. Behind
-        walls of a mesh that are thinner than the samples are apart, f2 is the corner nearest to the
-        place of the triangle that the ball touches.
+        Feature points f1, f2: samples, by their index; f2 is -1 where the status is not OK. Of a
+        triangle that the ball touches between its corners, f2 is the corner nearest to that place.
     source : (k,) int32
         The sample whose ball this is (equal to f1).
     status : (k,) int8
@@ -53,6 +52,11 @@ class Balls(Bound):
         place that the ball touches counts, also where it is no sample.
     side : (k,) int8
         +1 for an inner ball, -1 for an outer one.
+    contact_faces : (k,) int32
+        The face of the surface that the ball touches between its corners; -1 where it touches the
+        sample f2 itself.
+    contact_weights : (k, 3) float64
+        Barycentric coordinates of that place in the face; zero where there is none.
 
     Raises
     ------
@@ -67,9 +71,14 @@ class Balls(Bound):
     status: NDArray[np.int8]
     spoke_angles: FloatArray
     side: NDArray[np.int8]
+    contact_faces: IntArray = None  # type: ignore[assignment]
+    contact_weights: FloatArray = None  # type: ignore[assignment]
 
     def __post_init__(self) -> None:
         k = len(self.centers)
+        if self.contact_faces is None or self.contact_weights is None:
+            object.__setattr__(self, "contact_faces", np.full(k, -1, np.int32))
+            object.__setattr__(self, "contact_weights", np.zeros((k, 3)))
         hold(
             self,
             centers=(np.float64, k, 3),
@@ -79,6 +88,8 @@ class Balls(Bound):
             status=(np.int8, k),
             spoke_angles=(np.float64, k),
             side=(np.int8, k),
+            contact_faces=(np.int32, k),
+            contact_weights=(np.float64, k, 3),
         )
 
     def __len__(self) -> int:
@@ -141,15 +152,45 @@ class MedialCloud(Balls):
 
     @cached_property
     def whole(self) -> bool:
-        """True when row i is the inner ball of sample i, for all n samples."""
+        """True when row i is the inner ball of sample i, for all n samples.
+
+        Inner balls of fans may follow.
+        """
         n = self.surface.point_count
-        own = len(self) == n and not (self.side < 0).any()
-        return own and bool((self.source == np.arange(n)).all())
+        own = len(self) >= n and not (self.side < 0).any()
+        return own and bool((self.source[:n] == np.arange(n)).all())
+
+    @cached_property
+    def own(self) -> MedialCloud:
+        """The balls of the samples without those of fans; the cloud itself when it has none."""
+        count = self.surface.point_count * len(np.unique(self.side))
+        return self.subset(np.arange(count)) if len(self) > count else self
 
     @cached_property
     def inner(self) -> MedialCloud:
         """The inner balls alone; the cloud itself when it has no others."""
         return self.subset(self.side > 0) if (self.side < 0).any() else self
+
+    @cached_property
+    def contacts(self) -> FloatArray:
+        """Where each ball touches the surface again, (k, 3); NaN where the status is not OK."""
+        points, on_face = self.surface.points, self.contact_faces >= 0
+        result = np.where(self.valid[:, None], points[self.features[:, 1]], np.nan)
+        if self.surface.faces is not None and on_face.any():
+            corners = points[self.surface.faces[self.contact_faces[on_face]]]
+            result[on_face] = np.einsum("ij,ija->ia", self.contact_weights[on_face], corners)
+        return frozen(result, np.float64)
+
+    @cached_property
+    def contact_normals(self) -> FloatArray:
+        """Normal of the surface at the second contact, (k, 3): of the sample, or of the face there.
+
+        Zero where there is none.
+        """
+        result = self.surface.normals[self.features[:, 1]] * self.valid[:, None]
+        on_face = self.contact_faces >= 0
+        result[on_face] = self.surface.face_normals[self.contact_faces[on_face]]
+        return frozen(result, np.float64)
 
     @cached_property
     def inverse_features(self) -> Ragged:

@@ -10,6 +10,7 @@ import numpy as np
 from medialis.balls.ball_shrinking import ShrinkOptions, Side
 from medialis.balls.subsampling import uniform_subsample
 from medialis.balls.surface_skeleton import Preparation, surface_skeleton
+from medialis.balls.thin_walls import BallOptions
 from medialis.model.medial_cloud import BallStatus, MedialCloud
 from medialis.model.shape import Shape
 from medialis.operations.common import cloud_arrays, cloud_layer, samples_layer, summary
@@ -60,6 +61,7 @@ class SurfaceSkeletonRun(Preparation):
         "apart. 0 keeps all.",
     )
     largest_radius: float = changed(ShrinkOptions, "largest_radius")
+    fans: bool = changed(BallOptions, "fans", default=True)
 
 
 def run(shape: Shape, options: SurfaceSkeletonRun, progress: Progress) -> Outcome:

@@ -52,7 +52,8 @@ def connected_importance(
     Parameters
     ----------
     importance : Importance
-        `geodesic_importance` of the whole inner cloud of a mesh: row i belongs to vertex i.
+        `geodesic_importance` of the whole inner cloud of a mesh: row i belongs to vertex i. Rows
+        of fans may follow; they are linked to their vertices.
 
     Returns
     -------
@@ -102,7 +103,14 @@ def _connected(importance: Importance, longest: float) -> FloatArray:
     cloud = importance.cloud
     shape, n = cloud.surface, len(cloud)
     values = np.array(importance.length)
-    links = np.concatenate([shape.edges, cloud.features[cloud.valid]])
+    fans = np.arange(shape.point_count, n)
+    links = np.concatenate(
+        [
+            shape.edges,
+            np.stack([cloud.source[fans], fans], axis=1),
+            cloud.features[: shape.point_count][cloud.valid[: shape.point_count]],
+        ]
+    )
     usable = (links[:, 0] != links[:, 1]) & (cloud.valid & ~np.isnan(values))[links].all(axis=1)
     links = links[usable].astype(np.int64)
     edges = links[: np.count_nonzero(usable[: len(shape.edges)])]

@@ -124,7 +124,7 @@ def parts(cloud: MedialCloud, options: PartsOptions, progress: Progress) -> Segm
     >>> found.count > 4, found.method
     (True, 'limbs')
     """
-    inner, method = cloud.inner, options.method
+    inner, method = cloud.inner.own, options.method
     if method == "limbs" or (method == "auto" and _has_curves(inner)):
         with progress.stage("limbs", 0.0, 0.6):
             limbs = kept(_limbs, inner, None, lambda: _limbs(inner, progress), progress)

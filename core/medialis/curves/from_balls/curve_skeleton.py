@@ -131,6 +131,7 @@ def curve_skeleton(
     CurveSkeleton(309 nodes, 11 branches, 0 loops)
     """
     _require_whole_cloud(cloud)
+    cloud = cloud.own
     surface, share = cloud.surface, options.candidates
     ground = kept(_ground, cloud, share, lambda: _ground(cloud, share, progress), progress)
     with progress.stage("reconstruct", 0.8, 1.0):

@@ -1,0 +1,306 @@
+"""Kernels of balls that triangles constrain (thesis 3.2; see triangle_balls.py).
+
+Strategy. A mesh stands for a smooth surface, so a facet T may lie as deep in a ball of radius r as
+that surface bulges over it: the sagitta r (1 - k), where k is the cosine of the angle between T and
+the normals at its corners, and a tolerance a besides. Between the corners k is interpolated; where
+the ball is tangent at a corner of T, the largest angle counts everywhere, or T would be a wall to a
+ball that leaves it at that corner. T constrains the ball (c, r) where
+
+    |c - T| < k r - a,
+
+for k = 1 the ball of samples. The ball tangent at p with normal n has its center at p - r n. With a
+place q of T, num = |q - p|^2 and den = 2 n.(p - q), T lies just at its depth where
+
+    (1 - k^2) r^2 - (den - 2 k a) r + num - a^2 = 0,
+
+whose lower root is the radius that q allows. The ball shrinks to that of the nearest place, which
+is looked for again, until T constrains it no more: each step is a root below the last one, and the
+places converge as quickly as in Newton's method. In the end the ball is the one for a = 0.
+
+Triangles hang on the leaves of the tree of samples, at the leaf of their first corner. Bounds of
+their own (box and slab, float32, good to `margin`) hold them whole. Within a leaf, the disc round
+each triangle is tested first, side by side.
+
+Certificate. After a traversal |c0 - T| >= k r0 - a for all T. By the triangle inequality a ball
+(c, r) has |c - T| >= k r - tolerance where |c - c0| + max(r - r0, 0) <= tolerance - a.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from medialis._kernels.box_tree_kernels import FAN, test_children
+from medialis._kernels.jit import kernel
+from medialis._kernels.nearest_kernels import nearest_place
+
+KNOWN = 16  # certificates kept, as for samples
+STEPS = 60  # of the iteration; each shrinks the ball, and it ends where rounding decides
+SPHERE, PLANE = 0, 4  # rows of `hulls`: middle and radius of the disc round a face, its normal;
+COSINE, LARGEST, SMALLEST = 7, 10, 11  # cosines at the corners, the largest and the smallest one
+ROWS = 12
+
+
+@kernel
+def hang_faces(faces, place, n, depth, out_first, out_order):
+    """Sort faces by the leaf of their first corner in tree order: a counting sort, so stable."""
+    leaf = np.empty(len(faces), np.int32)
+    for f in range(len(faces)):
+        first = min(place[faces[f, 0]], place[faces[f, 1]], place[faces[f, 2]])
+        leaf[f] = (((first + 1) << depth) + n - 1) // n - 1
+        out_first[leaf[f] + 1] += 1
+    for i in range(1, len(out_first)):
+        out_first[i] += out_first[i - 1]
+    slot = out_first.copy()
+    for f in range(len(faces)):
+        out_order[slot[leaf[f]]] = f
+        slot[leaf[f]] += 1
+
+
+@kernel
+def hull_of(hulls, low, high):
+    """Rows of the hulls of the faces low..high of one leaf, (ROWS, high - low): side by side."""
+    return hulls[ROWS * low : ROWS * high].reshape(ROWS, high - low)
+
+
+@kernel
+def fill_hulls(begin, end, first, order, faces, place, points, cosines, out_corners, out_hulls):
+    """Corners (in tree order of samples), discs and cosines of the faces of leaves begin..end."""
+    for leaf in range(begin, end):
+        low, high = first[leaf], first[leaf + 1]
+        hull = hull_of(out_hulls, low, high)
+        for i in range(low, high):
+            f = order[i]
+            a, b, c = place[faces[f, 0]], place[faces[f, 1]], place[faces[f, 2]]
+            out_corners[i, 0], out_corners[i, 1], out_corners[i, 2] = a, b, c
+            _fill_hull(points, a, b, c, cosines[f], hull[:, i - low])
+
+
+@kernel
+def _fill_hull(points, a, b, c, cosines, out):
+    for axis in range(3):
+        out[SPHERE + axis] = (points[a, axis] + points[b, axis] + points[c, axis]) / 3.0
+    radius2 = 0.0
+    for corner in (a, b, c):
+        d2 = 0.0
+        for axis in range(3):
+            d = points[corner, axis] - np.float64(out[SPHERE + axis])
+            d2 += d * d
+        radius2 = max(radius2, d2)
+    out[SPHERE + 3] = math.sqrt(radius2)
+    ax, ay, az = points[a, 0], points[a, 1], points[a, 2]
+    ux, uy, uz = points[b, 0] - ax, points[b, 1] - ay, points[b, 2] - az
+    vx, vy, vz = points[c, 0] - ax, points[c, 1] - ay, points[c, 2] - az
+    nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+    length = math.sqrt(nx * nx + ny * ny + nz * nz)
+    if length > 0.0:
+        nx, ny, nz = nx / length, ny / length, nz / length
+    out[PLANE], out[PLANE + 1], out[PLANE + 2] = nx, ny, nz
+    low, high = np.float32(1.0), np.float32(0.0)
+    for corner in range(3):
+        k = np.float32(max(cosines[corner], 0.0))
+        if k > cosines[corner]:  # rounded down: rounding makes no wall
+            k = np.float32(k * np.float32(0.9999999))
+        out[COSINE + corner] = k
+        low, high = min(low, k), max(high, k)
+    out[LARGEST], out[SMALLEST] = high, low
+
+
+@kernel
+def bound_faces(points, corners, first, child_depth, depth, fan, begin, end, out_bounds):
+    """Bounds of the faces below the children of wide nodes begin..end of one level.
+
+    The slab is that of the sum of their normals, each as long as its face is large.
+    """
+    for node in range(begin, end):
+        for slot in range(fan):
+            child = node * fan + slot
+            low = first[child << (depth - child_depth)]
+            high = first[(child + 1) << (depth - child_depth)]
+            out = out_bounds[node]
+            mx, my, mz = 0.0, 0.0, 0.0
+            for i in range(low, high):
+                a, b, c = corners[i, 0], corners[i, 1], corners[i, 2]
+                ax, ay, az = points[a, 0], points[a, 1], points[a, 2]
+                ux, uy, uz = points[b, 0] - ax, points[b, 1] - ay, points[b, 2] - az
+                vx, vy, vz = points[c, 0] - ax, points[c, 1] - ay, points[c, 2] - az
+                mx += uy * vz - uz * vy
+                my += uz * vx - ux * vz
+                mz += ux * vy - uy * vx
+            length = math.sqrt(mx * mx + my * my + mz * mz)
+            if length > 0.0:
+                mx = np.float64(np.float32(mx / length))
+                my = np.float64(np.float32(my / length))
+                mz = np.float64(np.float32(mz / length))
+            lx, ly, lz, ls = math.inf, math.inf, math.inf, math.inf
+            hx, hy, hz, hs = -math.inf, -math.inf, -math.inf, -math.inf
+            for i in range(low, high):
+                for j in range(3):
+                    v = corners[i, j]
+                    x, y, z = points[v, 0], points[v, 1], points[v, 2]
+                    s = mx * x + my * y + mz * z
+                    lx, ly, lz, ls = min(lx, x), min(ly, y), min(lz, z), min(ls, s)
+                    hx, hy, hz, hs = max(hx, x), max(hy, y), max(hz, z), max(hs, s)
+            out[0, slot], out[1, slot], out[2, slot] = lx, ly, lz
+            out[3, slot], out[4, slot], out[5, slot] = hx, hy, hz
+            out[6, slot], out[7, slot], out[8, slot] = mx, my, mz
+            out[9, slot], out[10, slot] = ls, hs
+
+
+@kernel
+def _shrink_to(i, n, r, relief, least, points, own, hull, face):
+    """Shrink the ball tangent at sample i until a triangle lies no deeper in it than it may.
+
+    `own` has the corners of the triangle, column `face` of `hull` its cosines.
+
+    Returns (radius, s, t): the same radius when it lies no deeper already; else s and t tell the
+    place corner0 + s (corner1 - corner0) + t (corner2 - corner0) that it touches.
+    """
+    p = points[i]
+    corner0, corner1, corner2 = points[own[0]], points[own[1]], points[own[2]]
+    low, high = np.float64(hull[SMALLEST, face]), np.float64(hull[LARGEST, face])
+    k0, k1, k2 = low, low, low
+    if low < high and own[0] != i and own[1] != i and own[2] != i:
+        k0, k1 = np.float64(hull[COSINE, face]), np.float64(hull[COSINE + 1, face])
+        k2 = np.float64(hull[COSINE + 2, face])
+    best_s, best_t = -1.0, -1.0
+    for _ in range(STEPS):
+        cx, cy, cz = p[0] - r * n[0], p[1] - r * n[1], p[2] - r * n[2]
+        s, t, d2 = nearest_place(cx, cy, cz, corner0, corner1, corner2)
+        k = k0 + s * (k1 - k0) + t * (k2 - k0)
+        if d2 >= (k * r - least) * (k * r - least) or k * r <= least:
+            break
+        num, den = 0.0, 0.0
+        for axis in range(3):
+            q = corner0[axis] + s * (corner1[axis] - corner0[axis])
+            q += t * (corner2[axis] - corner0[axis])
+            d = p[axis] - q
+            num += d * d
+            den += 2.0 * n[axis] * d
+        a = least if num >= 2.0 * r * r else relief
+        may = k * r - a
+        if may <= 0.0 or d2 >= may * may:
+            break
+        square, linear, rest = 1.0 - k * k, den - 2.0 * k * a, num - a * a
+        if rest <= 0.0 or linear <= 0.0:
+            break
+        root = math.sqrt(max(linear * linear - 4.0 * square * rest, 0.0))
+        less = 2.0 * rest / (linear + root)
+        if less >= r:
+            break
+        r, best_s, best_t = less, s, t
+    return r, best_s, best_t
+
+
+@kernel
+def _gap2(hull, f, x, y, z):
+    """Squared distance of a center to the disc round face f in its plane: no more than to the face.
+
+    float32, good to `margin`: the distance within the plane is that of the foot, without squares
+    that cancel out.
+    """
+    dx, dy, dz = x - hull[SPHERE, f], y - hull[SPHERE + 1, f], z - hull[SPHERE + 2, f]
+    nx, ny, nz = hull[PLANE, f], hull[PLANE + 1, f], hull[PLANE + 2, f]
+    off = nx * dx + ny * dy + nz * dz
+    dx, dy, dz = dx - off * nx, dy - off * ny, dz - off * nz
+    beside = math.sqrt(dx * dx + dy * dy + dz * dz) - hull[SPHERE + 3, f]
+    beside = beside if beside > 0 else np.float32(0.0)
+    return off * off + beside * beside
+
+
+@kernel
+def _mark_near(hull, p, n, r, relief, least, out_near):
+    """Mark the faces of a leaf that may constrain the ball tangent at p; count them.
+
+    `relief` and `least` are those of `_shrink_to`, less the margin of float32.
+    """
+    px, py, pz = np.float32(p[0]), np.float32(p[1]), np.float32(p[2])
+    x, y, z = np.float32(p[0] - r * n[0]), np.float32(p[1] - r * n[1]), np.float32(p[2] - r * n[2])
+    radius, low, high = np.float32(r), np.float32(least), np.float32(relief)
+    beside2 = np.float32(2.0 * r * r)
+    count = 0
+    for f in range(hull.shape[1]):
+        dx, dy, dz = px - hull[SPHERE, f], py - hull[SPHERE + 1, f], pz - hull[SPHERE + 2, f]
+        size = hull[SPHERE + 3, f]
+        apart2 = dx * dx + dy * dy + dz * dz
+        may = radius * hull[LARGEST, f]
+        # Faces wholly nearer to p than sqrt(2) r are relief; |d| + size < sqrt(2) r by squares.
+        may -= high if apart2 + size * (radius + radius + radius + size) < beside2 else low
+        near = (_gap2(hull, f, x, y, z) < may * may) & (may > 0)
+        out_near[f] = near
+        count += near
+    return count
+
+
+@kernel
+def shrink_to_triangles(
+    begin, end, samples, directions, tolerance, a, margin, least, most,
+    points, bounds, child, first, corners, hulls,
+    radii, out_face, out_places,
+):  # fmt: skip
+    """Shrink the balls begin..end, tangent at samples (tree order), to fit between triangles.
+
+    `most` is the largest number of faces of a leaf. `radii` is changed in place. `out_face` is the
+    face (in tree order) that a ball touches, -1 where none constrains it, and `out_places` the
+    weights of the place at its corners.
+    """
+    stack = np.empty(8 * 12 + 8, np.int64)
+    hits = np.empty(FAN, np.int32)
+    near = np.empty(most, np.int32)
+    known = np.full((4, KNOWN), np.inf)  # certificates: centers and radii
+    turn = 0
+    for i in range(begin, end):
+        r = radii[i]
+        if not r > 0.0:
+            continue
+        i0 = samples[i]
+        p, n = points[i0], directions[i]
+        cx, cy, cz = p[0] - r * n[0], p[1] - r * n[1], p[2] - r * n[2]
+        certain = 0
+        for j in range(KNOWN):
+            dx, dy, dz = cx - known[0, j], cy - known[1, j], cz - known[2, j]
+            room = tolerance - a - max(r - known[3, j], 0.0)
+            certain += (room >= 0.0) & (dx * dx + dy * dy + dz * dz <= room * room)
+        if certain > 0:
+            continue
+        face, winner, best_s, best_t = -1, 0, 0.0, 0.0
+        stack[0] = 0
+        top = 1
+        while top > 0:
+            top -= 1
+            node = stack[top]
+            test_children(bounds[node], cx, cy, cz, r - least + margin, hits)
+            base = child[node]
+            for j in range(FAN):
+                if not hits[j]:
+                    continue
+                if base >= 0:
+                    stack[top] = base + j
+                    top += 1
+                    continue
+                leaf = ~base + j
+                low, high = first[leaf], first[leaf + 1]
+                hull = hull_of(hulls, low, high)
+                if _mark_near(hull, p, n, r, a - margin, least - margin, near) == 0:
+                    continue
+                for f in range(high - low):
+                    if near[f]:
+                        own = corners[low + f]
+                        less, s, t = _shrink_to(i0, n, r, a, least, points, own, hull, f)
+                        if s >= 0.0:
+                            r, best_s, best_t = less, s, t
+                            face, winner = low + f, leaf
+                            cx, cy, cz = p[0] - r * n[0], p[1] - r * n[1], p[2] - r * n[2]
+        known[0, turn], known[1, turn], known[2, turn], known[3, turn] = cx, cy, cz, r
+        turn = (turn + 1) % KNOWN
+        if face >= 0:
+            low, high = first[winner], first[winner + 1]
+            hull, own = hull_of(hulls, low, high), corners[face]
+            less, s, t = _shrink_to(i0, n, r, 0.0, 0.0, points, own, hull, face - low)
+            if s >= 0.0:
+                r, best_s, best_t = less, s, t
+            radii[i] = r
+            out_face[i] = face
+            out_places[i, 0] = 1.0 - best_s - best_t
+            out_places[i, 1], out_places[i, 2] = best_s, best_t

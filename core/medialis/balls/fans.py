@@ -1,0 +1,126 @@
+"""Fans of balls at concave creases: all balls that touch the surface there (thesis 3.2).
+
+At a sharp concave edge balls with any normal between those of the two faces are tangent. The balls
+of the samples have one each; the sheet that belongs to the edge lies between.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from medialis.balls.ball_shrinking import (
+    SAMPLES_A_CHUNK,
+    ShrinkOptions,
+    blank_balls,
+    shrink_options,
+)
+from medialis.balls.triangle_balls import Walls
+from medialis.model.medial_cloud import COLUMNS, MedialCloud
+from medialis.progress import Progress
+from medialis.threads import run_chunks
+from medialis.validation import FloatArray
+
+MOST_BALLS = 32
+"""Balls of a fan at a sample, at most."""
+
+
+def with_fans(
+    cloud: MedialCloud, walls: Walls, options: ShrinkOptions, progress: Progress
+) -> MedialCloud:
+    """Append balls at creases that are concave on their side, as close as the samples are apart.
+
+    Parameters
+    ----------
+    cloud : MedialCloud
+        The balls of all samples.
+    walls : Walls
+    options : ShrinkOptions
+    progress : Progress
+
+    Returns
+    -------
+    MedialCloud
+        The rows given, then those of fans: `source` tells the sample at the crease.
+    """
+    parts = [cloud]
+    for sign in np.unique(cloud.side).tolist():
+        sources, directions = _directions(cloud, walls, sign)
+        turn = _occurrences(sources)
+        for level in range(int(turn.max(initial=-1)) + 1):
+            rows = turn == level
+            parts.append(_balls(walls, sources[rows], directions[rows], sign, options, progress))
+    columns: dict[str, Any] = {
+        name: np.concatenate([getattr(part, name) for part in parts]) for name in COLUMNS
+    }
+    return replace(cloud, **columns)
+
+
+def _directions(
+    cloud: MedialCloud, walls: Walls, sign: int
+) -> tuple[NDArray[np.int32], FloatArray]:
+    """Return samples at creases concave on a side, and outward directions between the faces."""
+    creases, surface = walls.creases, cloud.surface
+    pairs = creases.pairs[creases.concave == (sign > 0)]
+    vertex = creases.vertices[pairs[:, 0]]
+    first, second = creases.normals[pairs[:, 0]], creases.normals[pairs[:, 1]]
+    bend = np.arccos(np.clip(np.einsum("ij,ij->i", first, second), -1.0, 1.0))
+    radius = np.zeros(surface.point_count)
+    own = cloud.valid & (cloud.side == sign)
+    radius[cloud.source[own]] = cloud.radii[own]
+    usable = first.any(axis=1) & second.any(axis=1) & (radius[vertex] > 0) & (bend < 3.0)
+    vertex, first, second, bend = vertex[usable], first[usable], second[usable], bend[usable]
+    with np.errstate(over="ignore"):
+        steps = np.ceil(bend * radius[vertex] / max(surface.spacing, 1e-300))
+    steps = np.clip(steps, 1, MOST_BALLS).astype(np.int64)
+    pair = np.repeat(np.arange(len(vertex)), steps + 1)
+    turn = np.arange(len(pair)) - np.repeat(np.cumsum(steps + 1) - steps - 1, steps + 1)
+    part, angle = turn / steps[pair], bend[pair]
+    weights = np.sin((1.0 - part) * angle)[:, None], np.sin(part * angle)[:, None]
+    directions = (weights[0] * first[pair] + weights[1] * second[pair]) / np.sin(angle)[:, None]
+    return vertex[pair], directions / np.linalg.norm(directions, axis=1, keepdims=True)
+
+
+def _occurrences(values: NDArray[np.int32]) -> NDArray[np.int64]:
+    """Return how often each value came before."""
+    order = np.argsort(values, kind="stable")
+    ordered = values[order]
+    first = np.flatnonzero(np.diff(ordered, prepend=-1))
+    count = np.diff(np.append(first, len(values)))
+    result = np.empty(len(values), np.int64)
+    result[order] = np.arange(len(values)) - np.repeat(first, count)
+    return result
+
+
+def _balls(
+    walls: Walls,
+    sources: NDArray[np.int32],
+    directions: FloatArray,
+    sign: int,
+    options: ShrinkOptions,
+    progress: Progress,
+) -> MedialCloud:
+    """Return the balls of some samples, each once, with outward normals of their own."""
+    shape, n = walls.shape, walls.shape.point_count
+    normals = np.zeros((n, 3))
+    normals[sources] = directions
+    tree = replace(walls.tree, normals=normals[walls.tree.order])
+    run = shrink_options(shape.diagonal, options.tolerance, options.largest_radius)
+    chunks = np.unique(np.flatnonzero(tree.normals.any(axis=1)) // SAMPLES_A_CHUNK)
+    arrays = blank_balls(n)
+
+    def work(begin: int, end: int) -> None:
+        for chunk in chunks[begin:end]:
+            first = int(chunk) * SAMPLES_A_CHUNK
+            run.run(tree, first, min(first + SAMPLES_A_CHUNK, n), sign, arrays)
+
+    run_chunks(work, len(chunks), 1, progress=progress)
+    mine = tuple(values[sources] for values in arrays)
+    side = np.full(len(sources), sign, np.int8)
+    balls = run.to_cloud(shape, tree, mine, sources, side)
+    balls = walls.constrain(balls, options.tolerance, progress, directions=sign * directions)
+    at_own = balls.radii <= options.tolerance * shape.diagonal
+    return balls.subset(balls.valid & ~at_own)

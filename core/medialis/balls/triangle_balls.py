@@ -1,0 +1,223 @@
+"""Balls of a mesh that its triangles constrain, not its samples alone (thesis 3.2).
+
+Between samples, balls that only samples constrain poke out of the surface. What counts as surface
+is said in `surface/creases.py`; how a triangle constrains a ball, in `_triangle_kernels.py`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from medialis.balls.ball_shrinking import SAMPLES_A_CHUNK, shrink_options
+from medialis.model.medial_cloud import BallStatus, MedialCloud
+from medialis.model.shape import Shape
+from medialis.model.surface import Surface
+from medialis.progress import Progress
+from medialis.surface.creases import Creases
+from medialis.threads import run_chunks
+from medialis.validation import FloatArray, IntArray
+
+if TYPE_CHECKING:
+    from medialis._kernels.box_tree import BoxTree
+
+LEAVES_A_CHUNK, NODES_A_CHUNK = 1024, 64
+
+ROUNDING = 1e-10
+"""Fraction of the diagonal: a place less deep than this in a ball is on it."""
+
+EDGE = 1e-6
+"""Fraction of the diagonal: how far the ball at a crease lies from it, at least."""
+
+
+@dataclass(frozen=True, eq=False)
+class Walls:
+    """The triangles of a mesh as what constrains balls, hung on the tree of its samples.
+
+    Attributes
+    ----------
+    shape : Shape
+    creases : Creases
+    tree : BoxTree
+        Of the samples.
+    faces : (m,) int32
+        Faces in the order of the leaves.
+    first : (leaves + 1,) int64
+        Where the faces of each leaf start.
+    corners : (m, 3) int32
+        Their corners as samples in tree order.
+    hulls : (12 m,) float32
+        Leaf after leaf: disc round each face, and the cosines that tell how far it is relief.
+    bounds : (nodes, 11, 8) float32
+        As those of the tree, round faces.
+    """
+
+    shape: Shape
+    creases: Creases
+    tree: BoxTree
+    faces: IntArray
+    first: NDArray[np.int64]
+    corners: IntArray
+    hulls: NDArray[np.float32]
+    bounds: NDArray[np.float32]
+
+    @classmethod
+    def of(cls, shape: Shape, creases: Creases, tree: BoxTree) -> Walls:
+        """Hang the triangles of a mesh on the tree of its samples. Cost O(m), parallel."""
+        from medialis._kernels.box_tree import wide_levels
+        from medialis.balls._triangle_kernels import ROWS, bound_faces, fill_hulls, hang_faces
+
+        n, m, depth = shape.point_count, shape.face_count, tree.depth
+        faces = np.asarray(shape.faces)
+        place = np.empty(n, np.int32)
+        place[tree.order] = np.arange(n, dtype=np.int32)
+        first, order = np.zeros((1 << depth) + 1, np.int64), np.empty(m, np.int32)
+        hang_faces(faces, place, n, depth, first, order)
+        corners, hulls = np.empty((m, 3), np.int32), np.empty(ROWS * m, np.float32)
+        cosines = creases.corner_cosines
+
+        def fill(begin: int, end: int) -> None:
+            fill_hulls(begin, end, first, order, faces, place, tree.points, cosines, corners, hulls)
+
+        run_chunks(fill, 1 << depth, LEAVES_A_CHUNK)
+        bounds = np.empty_like(tree.bounds)
+        bounds[:, :3], bounds[:, 3:6], bounds[:, 6:9], bounds[:, 9:] = np.inf, -np.inf, 0.0, np.inf
+        for nodes, child_depth, fan in wide_levels(len(tree.child), depth):
+
+            def bound(
+                begin: int, end: int, at: slice = nodes, d: int = child_depth, f: int = fan
+            ) -> None:
+                bound_faces(tree.points, corners, first, d, depth, f, begin, end, bounds[at])
+
+            run_chunks(bound, nodes.stop - nodes.start, NODES_A_CHUNK)
+        return cls(shape, creases, tree, order, first, corners, hulls, bounds)
+
+    def constrain(
+        self,
+        cloud: MedialCloud,
+        tolerance: float,
+        progress: Progress,
+        *,
+        directions: FloatArray | None = None,
+    ) -> MedialCloud:
+        """Shrink balls until no triangle lies deeper in them than it may.
+
+        Parameters
+        ----------
+        cloud : MedialCloud
+            k balls of this shape.
+        tolerance : float
+            Fraction of the diagonal.
+        progress : Progress
+        directions : (k, 3) float64, optional
+            From the center to the sample; else the outward normal there, turned for outer balls.
+
+        Returns
+        -------
+        MedialCloud
+            A ball that changed touches a face between its corners, or at one of them.
+        """
+        from medialis.balls._triangle_kernels import shrink_to_triangles
+
+        tree, shape = self.tree, self.shape
+        if directions is None:
+            directions = shape.normals[cloud.source] * cloud.side[:, None]
+        place = np.empty(shape.point_count, np.int32)
+        place[tree.order] = np.arange(shape.point_count, dtype=np.int32)
+        samples = place[cloud.source]
+        order = np.argsort(samples, kind="stable")  # neighbours share certificates
+        samples, direction = samples[order], np.ascontiguousarray(directions[order])
+        largest = float(np.nanmax(cloud.radii, initial=0.0)) / shape.diagonal
+        lengths = shrink_options(shape.diagonal, tolerance, largest)
+        radii = cloud.radii[order] / lengths.unit
+        face, places = np.full(len(order), -1, np.int64), np.zeros((len(order), 3))
+        most = int(np.diff(self.first).max(initial=1))
+        least = max(ROUNDING * shape.diagonal / lengths.unit, lengths.tolerance / 16)
+
+        def work(begin: int, end: int) -> None:
+            shrink_to_triangles(
+                begin, end, samples, direction, lengths.tolerance, lengths.clearance,
+                lengths.margin, least, most, tree.points, self.bounds, tree.child, self.first,
+                self.corners, self.hulls, radii, face, places,
+            )  # fmt: skip
+
+        run_chunks(work, len(order), SAMPLES_A_CHUNK, progress=progress)
+        touching = np.flatnonzero(face >= 0)
+        rows = order[touching]
+        radii = radii[touching] * lengths.unit
+        faces, weights = self.faces[face[touching]], places[touching]
+        return _touching_faces(cloud, rows, direction[touching], radii, faces, weights)
+
+
+def with_edge_balls(cloud: MedialCloud, creases: Creases, tolerance: float) -> MedialCloud:
+    """Give samples on convex creases the ball that fits into the crease beside them.
+
+    A ball tangent at such a sample cuts a face whatever its normal: its radius is 0. The ball whose
+    center lies the tolerance deep, on the line of the mean normal, touches the faces next to the
+    sample instead: the end of the sheet that comes out of the crease. Both of its feature points
+    are the sample; its spoke angle is that of the crease.
+    """
+    surface = cloud.surface
+    depth = max(tolerance, EDGE) * surface.diagonal
+    cut = np.zeros((surface.point_count, 2), np.bool_)
+    for column, sign in enumerate((1, -1)):
+        cut[creases.cut_vertices(sign), column] = True
+    rows = np.flatnonzero(cut[cloud.source, (cloud.side < 0).astype(np.int64)])
+    lowest = np.ones(surface.point_count)
+    cosines = np.einsum("ij,ij->i", creases.normals, surface.normals[creases.vertices])
+    np.minimum.at(lowest, creases.vertices, cosines)
+    source = cloud.source[rows]
+    rows = rows[(lowest[source] > 0) & (lowest[source] < 1)]
+    source = cloud.source[rows]
+    inward = -surface.normals[source] * cloud.side[rows, None]
+    return cloud.with_rows(
+        rows,
+        centers=surface.points[source] + depth * inward,
+        radii=depth * lowest[source],
+        features=np.stack([source, source], axis=1),
+        status=np.full(len(rows), BallStatus.OK),
+        spoke_angles=2.0 * np.arccos(lowest[source]),
+        contact_faces=np.full(len(rows), -1),
+        contact_weights=np.zeros((len(rows), 3)),
+    )
+
+
+def _touching_faces(
+    cloud: MedialCloud,
+    rows: NDArray[np.int64],
+    directions: FloatArray,
+    radii: FloatArray,
+    faces: IntArray,
+    weights: FloatArray,
+) -> MedialCloud:
+    """Return a cloud whose balls in some rows are tangent to their sample and touch a face."""
+    surface = cloud.surface
+    corners = np.asarray(surface.faces)[faces]
+    own = surface.points[cloud.source[rows]]
+    contact = np.einsum("ij,ija->ia", weights, surface.points[corners])
+    second = corners[np.arange(len(rows)), _nearest_corner(surface, corners, contact)]
+    centers = own - radii[:, None] * directions
+    return cloud.with_rows(
+        rows,
+        centers=centers,
+        radii=radii,
+        features=np.stack([cloud.source[rows], second], axis=1),
+        status=np.full(len(rows), BallStatus.OK),
+        spoke_angles=_angles(directions, contact - centers),
+        contact_faces=faces,
+        contact_weights=weights,
+    )
+
+
+def _nearest_corner(surface: Surface, corners: IntArray, places: FloatArray) -> NDArray[np.int64]:
+    apart = np.linalg.norm(surface.points[corners] - places[:, None], axis=2)
+    return np.asarray(apart.argmin(axis=1))
+
+
+def _angles(one: FloatArray, other: FloatArray) -> FloatArray:
+    """Return the angle between vectors, row by row, in radians."""
+    across = np.linalg.norm(np.cross(one, other), axis=1)
+    return np.arctan2(across, np.einsum("ij,ij->i", one, other))

@@ -1,0 +1,218 @@
+"""Creases: where a mesh is meant to bend, as against facets of a smooth surface (for thesis 3.2).
+
+A mesh stands for a smooth surface through its vertices that is broken along creases, the edges
+where it bends by more than an angle. Round a vertex, creases part the faces into sectors. The
+normal of the smooth surface at a corner of a face is that of the sector that the corner is in.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from medialis.model.shape import Shape
+from medialis.model.surface import Surface, piece_labels
+from medialis.validation import FloatArray, IntArray, frozen
+
+STEEPER = 1e-4
+"""Cosine: more than rounding makes of one angle."""
+
+LEAST_BEND = 1e-4
+"""Radians: what rounding bends a plane that is cut into triangles, at most."""
+
+
+@dataclass(frozen=True, eq=False)
+class Creases:
+    """The creases of a mesh and the normals beside them.
+
+    Attributes
+    ----------
+    shape : Shape
+    corners : (c,) int64
+        The corners 3 f + j of faces at vertices with creases, ascending.
+    sector : (c,) int32
+        The sector of each of them, numbered through.
+    normals : (s, 3) float64
+        Unit normal of each sector, weighted by angle; zero where its faces have no area.
+    vertices : (s,) int32
+        Vertex of each sector.
+    pairs : (p, 2) int32
+        Sectors of the same vertex on both sides of a crease, each pair once.
+    concave : (p,) bool
+        Whether the surface bends inward there.
+    """
+
+    shape: Shape
+    corners: NDArray[np.int64]
+    sector: IntArray
+    normals: FloatArray
+    vertices: IntArray
+    pairs: IntArray
+    concave: NDArray[np.bool_]
+
+    @cached_property
+    def corner_cosines(self) -> FloatArray:
+        """Cosine of the angle between each face and the normals at its corners, (m, 3).
+
+        The smooth surface over a face bulges by what these angles tell. 1 at a corner without a
+        normal; 0 where a face has no area.
+        """
+        shape = self.shape
+        assert shape.faces is not None
+        result = np.empty((shape.face_count, 3))
+        for corner in range(3):
+            normals = shape.normals[shape.faces[:, corner]]
+            result[:, corner] = np.einsum("fa,fa->f", normals, shape.face_normals)
+            result[~normals.any(axis=1), corner] = 1.0
+        face = self.corners // 3
+        cosine = np.einsum("fa,fa->f", self.normals[self.sector], shape.face_normals[face])
+        result.ravel()[self.corners] = cosine
+        result[shape.face_areas == 0.0] = 0.0
+        return frozen(np.minimum(result, 1.0), np.float64)
+
+    def cut_vertices(self, sign: int) -> IntArray:
+        """Return the vertices at creases whose tangent balls cut a face, however small they are.
+
+        Seen from a center on the line of the mean normal, the nearest place of the corner of a face
+        is not the vertex: it is further along a side or inside, and more inclined than the smooth
+        surface over the face explains. `sign` is +1 for balls inside, -1 for those outside.
+        """
+        shape = self.shape
+        face, corner = np.divmod(self.corners, 3)
+        vertices = np.asarray(shape.faces)[face]
+        rows = np.arange(len(face))
+        tip, left, right = (shape.points[vertices[rows, (corner + step) % 3]] for step in range(3))
+        inward, normal = -sign * shape.normals[vertices[rows, corner]], shape.face_normals[face]
+        cosine = np.ones(len(face))
+        for side in (left - tip, right - tip):
+            length = np.linalg.norm(side, axis=1)
+            along = np.einsum("ij,ij->i", side, inward) / np.where(length > 0, length, 1.0)
+            further = np.sqrt(np.maximum(1.0 - along * along, 0.0))
+            cosine = np.where(along > 0, np.minimum(cosine, further), cosine)
+        off = np.einsum("ij,ij->i", inward, normal)
+        foot = inward - off[:, None] * normal
+        # The foot lies between the two sides of the corner: as seen along the normal of the face.
+        first = np.einsum("ij,ij->i", np.cross(left - tip, foot), normal)
+        second = np.einsum("ij,ij->i", np.cross(foot, right - tip), normal)
+        cosine = np.where((first > 0) & (second > 0), np.abs(off), cosine)
+        cut = (cosine < self.corner_cosines[face].min(axis=1) - STEEPER) & inward.any(axis=1)
+        return frozen(np.unique(vertices[rows, corner][cut]), np.int32)
+
+
+def find_creases(shape: Shape, angle: float) -> Creases:
+    """Find the edges where a mesh bends by more than an angle, and the sectors beside them.
+
+    Parameters
+    ----------
+    shape : Shape
+        A mesh.
+    angle : float
+        Degrees. 0: every edge that bends is a crease; 180: none is.
+
+    Notes
+    -----
+    Borders, and edges of more than two faces, are no creases. Cost O(m), and what lies at creases.
+    """
+    first, second, bent = crease_edges(shape, angle)
+    smooth = first[~bent], second[~bent]
+    first, second = first[bent], second[bent]
+    faces = np.asarray(shape.faces if shape.faces is not None else np.empty((0, 3), np.int32))
+    touched = np.zeros(shape.point_count, np.bool_)
+    flat = faces.ravel()
+    touched[flat[first]] = True
+    touched[flat[_next(first)]] = True
+    corners = np.flatnonzero(touched[flat])
+    row = np.full(len(flat), -1, np.int64)
+    row[corners] = np.arange(len(corners))
+    sector = piece_labels(len(corners), _links_within_sectors(*smooth, row))
+    count = int(sector.max(initial=-1)) + 1
+    normals = _sector_normals(shape, corners, sector, count)
+    vertices = np.zeros(count, np.int32)
+    vertices[sector] = flat[corners]
+    # Side h of one face runs from u to v, its twin from v to u: the corners that lie together.
+    left = np.concatenate([row[first], row[_next(first)]])
+    right = np.concatenate([row[_next(second)], row[second]])
+    pairs = np.sort(np.stack([sector[left], sector[right]], axis=1), axis=1).reshape(-1, 2)
+    inward = np.tile(_bends_inward(shape, first, second), 2)
+    apart = pairs[:, 0] != pairs[:, 1]
+    pairs, which = np.unique(pairs[apart], axis=0, return_inverse=True)
+    concave = np.zeros(len(pairs), np.bool_)
+    concave[which.ravel()[inward[apart]]] = True
+    return Creases(
+        shape,
+        corners,
+        frozen(sector, np.int32),
+        frozen(normals, np.float64),
+        frozen(vertices, np.int32),
+        frozen(pairs.reshape(-1, 2), np.int32),
+        concave,
+    )
+
+
+def crease_edges(
+    surface: Surface, angle: float
+) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.bool_]]:
+    """Return the two half-edges of each edge between two faces, and whether it is a crease."""
+    first, second, opposite = surface.edge_table.pairs
+    first, second = first[opposite].astype(np.int64), second[opposite].astype(np.int64)
+    normals = surface.face_normals
+    one, other = normals[first // 3], normals[second // 3]
+    cosine = np.einsum("ij,ij->i", one, other)
+    bent = cosine < math.cos(max(math.radians(angle), LEAST_BEND))
+    known = one.any(axis=1) & other.any(axis=1) & (first // 3 != second // 3)
+    return first, second, bent & known
+
+
+def _next(half_edges: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return the corner at the end of each half-edge."""
+    return half_edges - half_edges % 3 + (half_edges + 1) % 3
+
+
+def _links_within_sectors(
+    first: NDArray[np.int64], second: NDArray[np.int64], row: NDArray[np.int64]
+) -> NDArray[np.int64]:
+    """Return pairs of corners (rows) at the same vertex on both sides of smooth edges."""
+    some = (row[first] >= 0) | (row[second] >= 0)
+    first, second = first[some], second[some]
+    links = np.concatenate(
+        [
+            np.stack([row[first], row[_next(second)]], axis=1),
+            np.stack([row[_next(first)], row[second]], axis=1),
+        ]
+    )
+    return links[(links >= 0).all(axis=1)]
+
+
+def _sector_normals(
+    shape: Shape, corners: NDArray[np.int64], sector: IntArray, count: int
+) -> NDArray[np.float64]:
+    """Return the mean of the face normals of each sector, weighted by the angle of its corners."""
+    if count == 0:
+        return np.empty((0, 3))
+    assert shape.faces is not None
+    face, corner = np.divmod(corners, 3)
+    points = shape.points[shape.faces[face]] / (shape.diagonal or 1.0)
+    rows = np.arange(len(face))
+    tip, left, right = (points[rows, (corner + step) % 3] for step in range(3))
+    cross = np.linalg.norm(np.cross(left - tip, right - tip), axis=1)
+    weight = np.arctan2(cross, np.einsum("ij,ij->i", left - tip, right - tip))
+    total = np.zeros((count, 3))
+    for axis in range(3):
+        values = weight * shape.face_normals[face, axis]
+        total[:, axis] = np.bincount(sector, values, count)
+    length = np.linalg.norm(total, axis=1, keepdims=True)
+    return np.divide(total, length, out=np.zeros_like(total), where=length > 1e-12)
+
+
+def _bends_inward(
+    shape: Shape, first: NDArray[np.int64], second: NDArray[np.int64]
+) -> NDArray[np.bool_]:
+    """Tell the edges whose second face lies in front of the first one."""
+    flat = np.asarray(shape.faces).ravel()
+    tip = shape.points[flat[_next(_next(second))]]
+    ahead = np.einsum("ij,ij->i", tip - shape.points[flat[first]], shape.face_normals[first // 3])
+    return np.asarray(ahead > 0)

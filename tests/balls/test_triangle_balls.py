@@ -1,0 +1,194 @@
+"""Balls that triangles constrain, edge balls and fans."""
+
+import numpy as np
+import pytest
+
+import closed_forms as forms
+import medialis
+from medialis import make_shape
+from medialis.balls.ball_shrinking import DEFAULT_TOLERANCE
+from medialis.surface.creases import find_creases
+from medialis.threads import thread_limit
+from oracles import winding_numbers
+
+ROTATION = np.linalg.qr(np.random.default_rng(5).normal(size=(3, 3)))[0]
+
+
+def l_prism(height=3.0):
+    """Walls of width 1 in the form of an L: one concave edge, through (1, 1)."""
+    outline = np.array([(0, 0), (2, 0), (2, 1), (1, 1), (1, 2), (0, 2)], float)
+    points = np.concatenate([np.c_[outline, np.zeros(6)], np.c_[outline, np.full(6, height)]])
+    below = [(0, 3, 1), (1, 3, 2), (0, 5, 3), (3, 5, 4)]
+    faces = below + [(a + 6, c + 6, b + 6) for a, b, c in below]
+    for i in range(6):
+        j = (i + 1) % 6
+        faces += [(i, j, j + 6), (i, j + 6, i + 6)]
+    return make_shape(points, faces)
+
+
+def bumpy(levels=3):
+    """A closed smooth surface with bulges and dents, nowhere symmetric."""
+    ball = forms.icosphere(levels)
+    x, y, z = ball.points.T
+    radius = 1 + 0.25 * np.sin(3 * x + 1) * np.cos(2 * y) + 0.2 * np.sin(4 * z + x)
+    return make_shape(ball.points * radius[:, None] * (1.0, 0.7, 0.5), ball.faces)
+
+
+def places_on_faces(shape, grid=10):
+    """A dense set of places of each triangle, (m, g, 3), and their weights, (g, 3)."""
+    u, v = np.meshgrid(np.linspace(0, 1, grid + 1), np.linspace(0, 1, grid + 1))
+    keep = u + v <= 1 + 1e-9
+    weights = np.stack([1 - u[keep] - v[keep], u[keep], v[keep]], axis=1)
+    return np.einsum("gc,fcx->fgx", weights, shape.points[shape.faces]), weights
+
+
+def excess(cloud, rows):
+    """How much deeper than it may any of a dense set of places lies in each ball."""
+    shape = cloud.surface
+    places, weights = places_on_faces(shape)
+    cosines = find_creases(shape, 30.0).corner_cosines
+    result = []
+    for row in rows:
+        tangent = (shape.faces == cloud.source[row]).any(axis=1)
+        corner = np.where(tangent[:, None], cosines.min(axis=1, keepdims=True), cosines)
+        distance = np.linalg.norm(places - cloud.centers[row], axis=2)
+        result.append((cloud.radii[row] * (corner @ weights.T) - distance).max())
+    return np.array(result)
+
+
+def test_balls_of_a_cube_are_exact():
+    """With samples alone balls at edges poked out by up to 0.4, and were of averaged normals."""
+    shape = forms.cube()
+    cloud = medialis.surface_skeleton(shape, refine=0.05)
+    low, high = shape.bounds
+    room = np.sort(np.concatenate([cloud.centers - low, high - cloud.centers], axis=1), axis=1)
+    assert cloud.valid.all()
+    assert cloud.radii == pytest.approx(room[:, 0], abs=1e-14)
+    assert room[:, 1] == pytest.approx(room[:, 0], abs=1e-14)  # each touches two faces
+    planes = ((cloud.surface.points == low) | (cloud.surface.points == high)).sum(axis=1)
+    assert np.array_equal(cloud.features[:, 0] == cloud.features[:, 1], planes > 1)
+    middle = planes == 2
+    assert cloud.spoke_angles[middle] == pytest.approx(np.pi / 2)
+    depth = DEFAULT_TOLERANCE * shape.diagonal
+    assert cloud.radii[middle] == pytest.approx(depth / np.sqrt(2))
+
+
+def test_no_place_lies_deeper_than_the_smooth_surface_bulges():
+    shape = bumpy()
+    before = medialis.shrink_balls(shape)
+    after = medialis.surface_skeleton(shape, refine=0)
+    rows = np.flatnonzero(after.valid)[::7]
+    tolerance = DEFAULT_TOLERANCE * shape.diagonal
+    assert (excess(after, rows) <= tolerance).all()
+    assert (excess(before, rows) > tolerance).sum() > 5
+    assert (after.radii[rows] <= before.radii[rows]).all()
+    inside = winding_numbers(shape.points, shape.faces, after.centers[rows]) > 0.5
+    assert inside.all()
+
+
+def test_balls_that_shrank_touch_the_face_that_they_name():
+    cloud = medialis.surface_skeleton(bumpy(), refine=0)
+    rows = np.flatnonzero(cloud.contact_faces >= 0)
+    assert len(rows) > 50
+    apart = np.linalg.norm(cloud.contacts[rows] - cloud.centers[rows], axis=1)
+    # A ball touches the smooth surface, which bulges over the face by at most r (1 - cos a).
+    cosine = find_creases(cloud.surface, 30.0).corner_cosines[cloud.contact_faces[rows]].min(axis=1)
+    assert (apart <= cloud.radii[rows] * (1 + 1e-9)).all()
+    assert (apart >= cloud.radii[rows] * (cosine - 1e-6)).all()
+    corners = cloud.surface.faces[cloud.contact_faces[rows]]
+    assert (corners == cloud.features[rows, 1:]).any(axis=1).all()
+    assert cloud.contact_weights[rows].sum(axis=1) == pytest.approx(1.0)
+
+
+def test_threads_turning_moving_and_scaling_change_nothing():
+    shape = bumpy()
+    with thread_limit(1):
+        one = medialis.surface_skeleton(shape, refine=0)
+    with thread_limit(3):
+        three = medialis.surface_skeleton(shape, refine=0)
+    for name in ("centers", "radii", "features", "contact_faces", "contact_weights"):
+        assert np.array_equal(getattr(one, name), getattr(three, name), equal_nan=True)
+    size = shape.diagonal
+    for scale in (1e-6, 1e6):
+        other = make_shape(scale * shape.points + 5 * scale, shape.faces)
+        found = medialis.surface_skeleton(other, refine=0)
+        assert found.radii / scale == pytest.approx(one.radii, abs=1e-9 * size)
+    turned = make_shape(shape.points @ ROTATION.T, shape.faces)
+    found = medialis.surface_skeleton(turned, refine=0)
+    # The tree of a turned shape is another one, and certificates serve other balls.
+    apart = np.abs(found.radii - one.radii)
+    assert np.quantile(apart, 0.98) < DEFAULT_TOLERANCE * size
+
+
+def test_exact_polyhedron_and_no_creases():
+    """A prism of 16 sides: its axis when it is smooth; sheets to every edge when it is not."""
+    shape = forms.prism(forms.disc_outline(corners=16), height=4.0, longest_edge=0.15)
+    inside = np.abs(shape.points[:, 2] - shape.points[:, 2].mean()) < 0.8
+    smooth = medialis.surface_skeleton(shape, refine=0)
+    sharp = medialis.surface_skeleton(shape, refine=0, creases=0)
+    none = medialis.surface_skeleton(shape, refine=0, creases=180)
+    assert (smooth.radii[inside] > 0.3).mean() >= (sharp.radii[inside] > 0.3).mean()
+    at_own = sharp.features[:, 0] == sharp.features[:, 1]
+    radial = np.linalg.norm(shape.points[:, :2], axis=1)
+    assert at_own[inside & (radial > 1 - 1e-9)].all()  # all 16 edges are sharp
+    at_own = smooth.features[:, 0] == smooth.features[:, 1]
+    assert not at_own[inside].any()
+    assert not (none.features[:, 0] == none.features[:, 1]).any()
+
+
+def test_fan_at_a_concave_edge_has_no_gap():
+    """The sheet between a concave edge and the walls opposite is a parabolic cylinder; there were
+    balls on its rims and in its middle only."""
+    shape = l_prism()
+    plain = medialis.surface_skeleton(shape, refine=0.04)
+    cloud = medialis.surface_skeleton(shape, refine=0.04, fans=True)
+    n = cloud.surface.point_count
+    assert np.array_equal(cloud.centers[:n], plain.centers, equal_nan=True)
+    fan = cloud.subset(np.arange(n, len(cloud)))
+    at_edge = cloud.surface.points[fan.source]
+    assert len(fan) > 200 and (at_edge[:, :2] == 1.0).all()
+    far = np.abs(fan.centers[:, 2] - 1.5) < 0.9  # not stopped by the ends
+    x, y = fan.centers[far, 0], fan.centers[far, 1]
+    assert fan.radii[far] == pytest.approx(np.hypot(1 - x, 1 - y), abs=1e-12)
+    assert fan.radii[far] == pytest.approx(np.minimum(x, y), abs=1e-9)
+    here = far & (np.abs(at_edge[:, 2] - at_edge[far][0, 2]) < 1e-9)
+    ordered = fan.centers[here][np.argsort(np.arctan2(*(1 - fan.centers[here, :2]).T))]
+    steps = np.linalg.norm(np.diff(ordered, axis=0), axis=1)
+    assert steps.max() < 2 * cloud.surface.spacing
+
+
+def test_fans_of_the_outer_side_stand_at_convex_edges():
+    cloud = medialis.surface_skeleton(
+        l_prism(), refine=0.1, fans=True, side="outer", largest_radius=2.0
+    )
+    n = cloud.surface.point_count
+    fan = cloud.subset(np.arange(n, len(cloud)))
+    assert (fan.side == -1).all()
+    assert not (cloud.surface.points[fan.source][:, :2] == 1.0).all(axis=1).any()
+
+
+@pytest.mark.parametrize("angle, edges", [(30.0, 12), (91.0, 0), (0.0, 12)])
+def test_creases_of_a_cube(angle, edges):
+    creases = find_creases(forms.cube(), angle)
+    assert len(creases.vertices) == (24 if edges else 0)
+    assert len(creases.pairs) == (24 if edges else 0) and not creases.concave.any()
+    if edges:
+        assert np.abs(creases.normals).max(axis=1) == pytest.approx(1.0)
+        assert creases.corner_cosines == pytest.approx(1.0)
+    else:
+        # Weighted by angle: the two corners at a face's diagonal have 1/2 the angle each.
+        assert creases.corner_cosines == pytest.approx(1 / np.sqrt(3))
+
+
+def test_concave_creases():
+    creases = find_creases(l_prism(), 30.0)
+    place = creases.shape.points[creases.vertices[creases.pairs[:, 0]]]
+    at_edge = (place[:, :2] == 1.0).all(axis=1)
+    assert creases.concave.sum() == 2 and at_edge[creases.concave].all()
+
+
+def test_clouds_have_no_creases():
+    cloud = forms.sphere(300).shape
+    result = medialis.surface_skeleton(cloud)
+    assert (result.contact_faces == -1).all()
+    assert result.contacts == pytest.approx(cloud.points[result.features[:, 1]])
