@@ -400,7 +400,7 @@ def test_real_shapes(name, real_shapes):
 def test_operation_does_not_advise_to_lower_what_removed_nothing():
     """Where all balls were kept and samples were too few, the angle was blamed."""
     box = forms.cube()
-    parts = [box.points * 0.01 + [x, 0, 0] for x in np.linspace(0, 1, 9)]
+    parts = [box.points * 0.005 + [x, 0, 0] for x in np.linspace(0, 1, 9)]
     faces = np.concatenate([box.faces + 8 * at for at in range(9)])
     with pytest.raises(InvalidShapeError, match="Lower smallest_piece, or refine"):
         medialis.run("skeleton_mesh", medialis.make_shape(np.concatenate(parts), faces))
