@@ -42,7 +42,7 @@ def test_candidates_report_often(creature):
     measured = medialis.candidate_measure(cloud)
     rows = np.flatnonzero(measured.measure > 0.015 * creature.diagonal)
     calls = calls_of(lambda told: medialis.area_importance(measured, rows, progress=told))
-    assert sum(calls.values()) >= len(rows) / 16
+    assert sum(calls.values()) >= len(rows) / 8
 
 
 def test_pictures_and_files_report(creature, tmp_path):

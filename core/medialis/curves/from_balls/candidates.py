@@ -33,7 +33,7 @@ DIRECTIONS = 50
 LONGEST = 2.0
 """Diagonals: a plane cut that is longer does not lead to the other feature point."""
 
-POINTS_A_CHUNK, CANDIDATES_A_CHUNK = 2048, 16
+POINTS_A_CHUNK, CANDIDATES_A_CHUNK = 2048, 8
 
 
 @dataclass(frozen=True, eq=False, repr=False)
