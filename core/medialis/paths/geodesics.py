@@ -28,6 +28,9 @@ SETTLED, SETTLED_A_VERTEX, MOST_SETTLED = 1_000_000, 110, 10_000_000
 besides, and in all, some seconds. Of 21 real shapes the one with most pairs that no plane cut joins
 (115 on 62,251 vertices) needs seven million at most."""
 
+USUAL_FACES = 12.0
+"""Faces at a vertex, twice as many as usual, from which on fewer vertices are looked at."""
+
 LANDMARKS = 64
 """Vertices that paths lead through where the searches along edges are too long."""
 
@@ -149,8 +152,7 @@ def _trace(
         lost = out["status"] == PathStatus.NONE
         lost &= (ends >= 0).all(axis=1) & (components[starts] == components[goals])
         rows = np.flatnonzero(lost)
-        most = min(MOST_SETTLED, SETTLED + SETTLED_A_VERTEX * shape.point_count)
-        most //= max(len(rows), 1)
+        most = _most_settled(shape) // max(len(rows), 1)
         with progress.stage("edge paths", 0.0, 0.6):
             _follow_edges(shape, ends, rows, most, out, progress)
         rows = rows[out["status"][rows] == PathStatus.NONE]
@@ -160,6 +162,18 @@ def _trace(
         with progress.stage("edge paths", 0.9, 1.0):
             _follow_edges(shape, ends, rows, shape.point_count, out, progress)
     return out
+
+
+def _most_settled(shape: Shape) -> int:
+    """Return how many vertices all searches along edges may look at.
+
+    A vertex with hundreds of faces costs as many times what another one does, and searches pass
+    through it: the fewer vertices, the more faces there are at the vertices of a face, in the mean.
+    """
+    faces = shape.fans.lengths.astype(np.float64)
+    busy = float(faces @ faces) / max(float(faces.sum()), 1.0) / USUAL_FACES
+    most = min(MOST_SETTLED, SETTLED + SETTLED_A_VERTEX * shape.point_count)
+    return int(most / max(1.0, busy))
 
 
 def _follow_edges(
