@@ -5,16 +5,18 @@ from __future__ import annotations
 import functools
 import os
 import random
+import select
 import shutil
+import signal
 import subprocess
 import sys
+from dataclasses import dataclass
 from pathlib import Path
 
 from fuzz.kinds import Case, Fault, Kind
 
 CODE = """
-import hashlib, sys, warnings
-warnings.simplefilter("error")
+import hashlib
 import medialis
 from fuzz.nasty_shapes import sphere
 shape = medialis.make_shape(*sphere(6), repair=True)
@@ -23,6 +25,24 @@ content = cloud.centers.tobytes() + cloud.features.tobytes() + cloud.radii.tobyt
 print(hashlib.sha256(content).hexdigest())
 """
 """A few kernels that call each other; damaged ones are compiled anew within seconds."""
+
+WARM = """
+import os, sys, warnings
+warnings.simplefilter("error")
+import numba.core.caching, scipy.sparse.csgraph, scipy.spatial
+for line in sys.stdin:
+    folder, said, told = line.rstrip("\\n").split("\\t")
+    process = os.fork()
+    if process == 0:
+        os.environ["MEDIALIS_CACHE_DIR"] = folder
+        for number, path in ((1, said), (2, told)):
+            os.dup2(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC), number)
+        break
+    print(os.waitstatus_to_exitcode(os.waitpid(process, 0)[1]), flush=True)
+else:
+    sys.exit()
+"""
+"""A process that has libraries and no kernel: the code runs in a copy of it, which may crash."""
 
 SECONDS = 200.0
 
@@ -83,6 +103,15 @@ def _damage(rng: random.Random, path: Path, files: list[Path]) -> str:
     return kind
 
 
+@dataclass(frozen=True)
+class Ended:
+    """How a computation ended; negative: the signal that killed it."""
+
+    returncode: int
+    stdout: str
+    stderr: str
+
+
 @functools.cache
 def _warm(home: Path) -> tuple[Path, str]:
     """Compile the kernels into a cache of our own, and return what they compute."""
@@ -93,18 +122,29 @@ def _warm(home: Path) -> tuple[Path, str]:
     return base, ended.stdout
 
 
-def _compute(folder: Path) -> subprocess.CompletedProcess[str]:
-    settings = {**os.environ, "MEDIALIS_CACHE_DIR": str(folder)}
-    try:
-        return subprocess.run(
-            [sys.executable, "-c", CODE],
-            env=settings,
-            capture_output=True,
-            text=True,
-            timeout=SECONDS,
-        )
-    except subprocess.TimeoutExpired:
-        raise Fault("a damaged cache: hang") from None
+def _compute(folder: Path) -> Ended:
+    """Compute with the kernels in a folder, in a new copy of the warm process."""
+    said, told = folder.with_name("stdout.txt"), folder.with_name("stderr.txt")
+    process = _warm_process()
+    assert process.stdin is not None and process.stdout is not None
+    process.stdin.write(f"{folder}\t{said}\t{told}\n")
+    process.stdin.flush()
+    if not select.select([process.stdout], [], [], SECONDS)[0]:
+        os.killpg(process.pid, signal.SIGKILL)
+        _warm_process.cache_clear()
+        raise Fault("a damaged cache: hang")
+    return Ended(int(process.stdout.readline()), said.read_text(), told.read_text())
+
+
+@functools.cache
+def _warm_process() -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        [sys.executable, "-c", WARM + CODE],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+        process_group=0,
+    )
 
 
 KIND = Kind(run, processor_seconds=100.0, wall_seconds=500.0)
