@@ -35,8 +35,17 @@ SLOWER = 10.0 if os.environ.get("NUMBA_BOUNDSCHECK") == "1" else 1.0
 
 MOST_MEMORY = 3 * GIGABYTE
 
-MAY_BE_INFINITE = {"importance"}
-"""+inf where the feature points of a ball lie on different parts: no path joins them."""
+MAY_BE_INFINITE = {"importance", "geodesic_length", "edge_radius"}
+"""+inf where the feature points of a ball lie on different parts: no path joins them; edges that
+are not there are infinitely blunt."""
+
+MAY_BE_NAN = {
+    *("centers", "radii", "spoke_angles", "spoke_angle", "radius", "feature_radius"),
+    *("radius_ratio", "importance", "geodesic_length", "start_tangent", "end_tangent"),
+    *("tangent", "candidate_measure"),
+}
+"""Arrays and attributes of balls that are not there, or that have no second feature point, as the
+classes that they come from say."""
 
 WORK = {
     "refine": (0.01, 1.0),
@@ -173,10 +182,20 @@ def check_result(result: Result) -> None:
                     f"layer {layer.name} of {result.operation} names points that are not there"
                 )
         for name, values in layer.attributes.items():
-            endless = values == -np.inf if name in MAY_BE_INFINITE else np.isinf(values)
-            if values.dtype.kind == "f" and endless.any():
-                raise Fault(f"infinity in {result.operation}: layer {layer.name}, {name}")
+            _check_numbers(values, name, f"{result.operation}: layer {layer.name}")
+    for name, values in result.arrays.items():
+        _check_numbers(np.asarray(values), name, f"{result.operation}: arrays")
     json_text(result.values)
+
+
+def _check_numbers(values: np.ndarray[Any, Any], name: str, place: str) -> None:
+    if values.dtype.kind != "f":
+        return
+    endless = values == -np.inf if name in MAY_BE_INFINITE else np.isinf(values)
+    if endless.any():
+        raise Fault(f"infinity in {place}, {name}")
+    if name not in MAY_BE_NAN and np.isnan(values).any():
+        raise Fault(f"NaN in {place}, {name}")
 
 
 def _numbers(value: Any, place: str) -> Iterator[tuple[str, float]]:
