@@ -27,7 +27,7 @@ CHECK_PYTHON = $(PYTHON) -c 'import sys; v = sys.version_info[:2]; \
 MAKE_VENV = $(RUN) -m pip --version >/dev/null 2>&1 \
 	|| { $(CHECK_PYTHON) && $(PYTHON) -m venv $(VENV); }
 
-.PHONY: demo test test-fast test-blender fuzz bounds check hosts blender meshlab-plugin bench pictures site dist test-dist clean
+.PHONY: demo test test-fast test-blender fuzz bounds check hosts blender meshlab-plugin bench accuracy pictures site dist test-dist clean
 
 # The stamps are older than pyproject.toml exactly when its dependencies may have changed.
 $(VENV)/installed: pyproject.toml
@@ -90,6 +90,9 @@ check: $(VENV)/installed-dev
 
 bench: $(VENV)/installed-dev
 	$(RUN) benchmarks/surface_skeleton.py
+
+accuracy: $(VENV)/installed-dev
+	$(RUN) benchmarks/accuracy.py --write
 
 pictures: $(VENV)/installed
 	$(RUN) docs/make_pictures.py

@@ -24,7 +24,14 @@ SECTIONS = {
     "Many and large shapes": ("batch*", "report*", "huge*"),
     "Thesis": ("thesis_*",),
     "Python": ("api", "glossary", "versions"),
-    "Project": ("promises", "architecture*", "benchmarks*", "contributing", "changelog"),
+    "Project": (
+        "promises",
+        "architecture*",
+        "accuracy",
+        "benchmarks*",
+        "contributing",
+        "changelog",
+    ),
 }
 """Patterns of pages, without `.md`; the sections of the operations come before them."""
 
