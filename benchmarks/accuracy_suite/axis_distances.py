@@ -36,7 +36,7 @@ def axis_distances(cloud: medialis.MedialCloud, truth: Truth) -> dict[str, float
 
 def skeleton_row(shape: medialis.Shape, truth: Truth, refine: float) -> dict[str, float]:
     """Measure the skeleton of a mesh: samples, their spacing, the axis, and what pokes out."""
-    cloud = medialis.surface_skeleton(shape, refine=refine)
+    cloud = medialis.surface_skeleton(shape, refine=refine, fans=True)
     surface = cloud.surface
     found = poke_out(cloud)
     return {
@@ -55,7 +55,7 @@ def union_row(shape: medialis.Shape, refine: float = 0.005) -> dict[str, float]:
     the union from the surface; maxima, and means by area. See
     `medialis.reports.distances.reconstruction_error`.
     """
-    cloud = medialis.surface_skeleton(shape, refine=refine)
+    cloud = medialis.surface_skeleton(shape, refine=refine, fans=True)
     inner = cloud.subset(cloud.valid & (cloud.side > 0))
     error = reconstruction_error(cloud.surface, inner.centers, inner.radii)
     per_cent = 100 / cloud.surface.diagonal

@@ -65,7 +65,7 @@ def axis_rows() -> Iterator[tuple[str, Callable[[], Row]]]:
                 f"{name}, as drawn",
                 lambda known=known: skeleton_row(known.make(np.inf, None), known.truth(), 0.02),
             )
-        for across, irregular in ((4, False), (4, True), (8, False)):
+        for across, irregular in ((4, False), (4, True), (8, False), (8, True)):
             title = f"{name}, {across} across" + irregular * ", irregular"
 
             def row(name: str = name, across: int = across, irregular: bool = irregular) -> Row:
@@ -127,7 +127,13 @@ def truth_rows() -> Iterator[tuple[str, Callable[[], Row]]]:
     """Thickness against the true balls of organic shapes, on the samples of the mesh alone."""
     for name, known in shapes().items():
         if known.kind == "organic":
-            yield name, lambda name=name, known=known: truth_row(mesh(name, 4, False), known)
+            for irregular in (False, True):
+                title = f"{name}, 6 across" + irregular * ", irregular"
+                yield title, partial(_truth_row, name, irregular)
+
+
+def _truth_row(name: str, irregular: bool) -> Row:
+    return truth_row(mesh(name, 6, irregular), shapes()[name])
 
 
 def thin_rows() -> Iterator[tuple[str, Callable[[], Row]]]:

@@ -33,10 +33,11 @@ as few triangles as the shape needs.
 TITLES = {
     "axis": (
         "Skeleton and true medial axis",
-        "All inner balls, with `refine = 0` but for shapes as drawn, which are refined as at the "
-        "defaults. Lengths in per cent of the diagonal. `to_axis`: from the centers to the true "
-        "axis; `from_axis`: from the axis to the nearest center, so half the spacing of the "
-        "samples at least. `poke_out`: per cent of the balls that leave the triangles by more than "
+        "All inner balls, those of fans at concave creases as well, with `refine = 0` but for "
+        "shapes as drawn, which are refined as at the defaults. Lengths in per cent of the "
+        "diagonal. `to_axis`: from the centers to the true axis; `from_axis`: from the axis to the "
+        "nearest center, so half the spacing of the samples at least. `poke_out`: per cent of the "
+        "balls that leave the triangles by more than "
         "1.1 tolerances and the sagitta r (1 - cos a) at their contacts; `poke_out_creases`: the "
         "same with creases of more than 30 degrees as walls.",
     ),
@@ -59,7 +60,7 @@ TITLES = {
     ),
     "thickness": (
         "Thickness of organic shapes against their true balls",
-        "4 samples across, `refine = 0`; columns as above, all samples are judged.",
+        "`refine = 0`; columns as above, all samples are judged.",
     ),
     "thin": (
         "The thinnest place",

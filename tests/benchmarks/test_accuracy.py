@@ -18,7 +18,7 @@ from medialis.surface.diagnosis import diagnose
 QUICK = {
     "axis": ("sphere, 4 across", "box, as drawn", "hourglass, 4 across", "leaf, 4 across"),
     "rays": ("slab, 12 along a wall", "bracket, 12 along a wall, irregular"),
-    "thickness": ("hourglass",),
+    "thickness": ("hourglass, 6 across",),
     "thin": ("hourglass", "bracket"),
     "sheets": ("box, 8 across", "L, 8 across"),
     "curves": ("capsule", "bead ring"),
