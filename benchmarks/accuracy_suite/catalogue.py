@@ -10,11 +10,11 @@ import numpy as np
 from scipy.spatial import ConvexHull
 
 import medialis
+from accuracy_suite.cells import Cells
 from accuracy_suite.envelopes import Canal, Function, Sheet, unit
 from accuracy_suite.flat_prisms import flat_prism
 from accuracy_suite.known import KnownShape, Truth, grid_mesh, made, mesh_of, sunflower
 from accuracy_suite.sections import (
-    Cells,
     Section,
     extruded_truth,
     lathe,

@@ -7,8 +7,9 @@ from functools import partial
 import numpy as np
 
 import medialis
+from accuracy_suite.cells import divided
 from accuracy_suite.known import KnownShape, made, mesh_of
-from accuracy_suite.sections import Section, divided, extruded_truth
+from accuracy_suite.sections import Section, extruded_truth
 
 
 def flat_prism(name: str, outline: object, height: float) -> KnownShape:

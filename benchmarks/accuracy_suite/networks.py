@@ -6,8 +6,8 @@ import numpy as np
 
 import medialis
 from accuracy_suite.catalogue import forms  # noqa: F401  (makes tests/ importable)
+from accuracy_suite.cells import Cells
 from accuracy_suite.known import KnownShape, Truth
-from accuracy_suite.sections import Cells
 
 import tubes  # isort: skip
 

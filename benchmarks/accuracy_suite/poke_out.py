@@ -73,8 +73,9 @@ def poke_out(cloud: medialis.MedialCloud, tolerance: float = DEFAULT_TOLERANCE) 
     r cos a away from the plane of a face at an angle a to that normal, so it pokes through that
     face by r (1 - cos a), however good it is. Both contacts (feature points) count, and at each
     those of the faces round the vertex that the ball pokes through; the largest of these sagittas
-    is what the ball is allowed. Where a contact is a place of a triangle, the feature point is the
-    corner nearest to it.
+    is what the ball is allowed. Where a contact is a place between the corners of a face, that
+    face counts with the normal there, interpolated from its corners, and so do the faces round the
+    corner nearest to it, which is the feature point.
     """
     balls = cloud.subset(cloud.valid & (cloud.side > 0))
     surface, radii = balls.surface, balls.radii
@@ -142,10 +143,21 @@ def _corners_at_contacts(balls: medialis.MedialCloud) -> tuple[np.ndarray, np.nd
 def _sagitta(
     balls: medialis.MedialCloud, corner: np.ndarray, ball: np.ndarray, normals: np.ndarray
 ) -> np.ndarray:
-    """Largest r (1 - cos a) over the corners of each ball, a to the normals given for corners."""
-    cosine = np.clip((normals[corner] * balls.surface.face_normals[corner // 3]).sum(axis=1), -1, 1)
+    """Largest r (1 - cos a) at the contacts of each ball.
+
+    `corner` and `ball` are the corners of faces that are poked through, `normals` (3m, 3) those of
+    the smooth surface at all corners.
+    """
+    faces = balls.surface.face_normals
+    cosine = np.clip((normals[corner] * faces[corner // 3]).sum(axis=1), -1, 1)
     largest = np.zeros(len(balls))
     np.maximum.at(largest, ball, balls.radii[ball] * (1 - cosine))
+    between = np.flatnonzero(balls.contact_faces >= 0)
+    face = balls.contact_faces[between]
+    there = np.einsum("ij,ijk->ik", balls.contact_weights[between], normals.reshape(-1, 3, 3)[face])
+    length = np.maximum(np.linalg.norm(there, axis=1), 1e-300)
+    cosine = np.clip((there * faces[face]).sum(axis=1) / length, -1, 1)
+    largest[between] = np.maximum(largest[between], balls.radii[between] * (1 - cosine))
     return largest
 
 

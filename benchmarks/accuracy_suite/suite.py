@@ -172,7 +172,7 @@ def curve_rows() -> Iterator[tuple[str, Callable[[], Row]]]:
 def segment_rows() -> Iterator[tuple[str, Callable[[], Row]]]:
     """Patches of polyhedra, and parts of bodies with arms."""
     for name in PLANE:
-        yield f"patches of {name}", lambda name=name: patch_row(mesh(name, 4, False))
+        yield f"patches of {name}", lambda name=name: patch_row(mesh(name, 8, False))
     for name in ("jack", "fork"):
         yield f"parts of {name}", lambda name=name: part_row(*bodies()[name])
 

@@ -83,7 +83,7 @@ TITLES = {
     "segments": (
         "Segments",
         "`rand`: adjusted Rand index by area, 1 for the true division. Patches against the faces "
-        "of polyhedra (samples on edges do not count), parts against a ball with six arms and "
+        "of polyhedra at 8 samples across (those on edges do not count), parts against a ball with six arms and "
         "three arms alone.",
     ),
 }

@@ -5,9 +5,10 @@ import math
 import numpy as np
 import pytest
 from accuracy_suite.catalogue import shapes
+from accuracy_suite.cells import Cells
 from accuracy_suite.known import Truth
 from accuracy_suite.networks import networks
-from accuracy_suite.sections import Cells, Section, extruded_truth
+from accuracy_suite.sections import Section, extruded_truth
 from accuracy_suite.suite import SECTIONS, mesh
 from accuracy_suite.table import PAGE, page, read_table
 from accuracy_suite.walls import ray_thickness
