@@ -83,8 +83,8 @@ TITLES = {
     "segments": (
         "Segments",
         "`rand`: adjusted Rand index by area, 1 for the true division. Patches against the faces "
-        "of polyhedra at 8 samples across (those on edges do not count), parts against a ball with six arms and "
-        "three arms alone.",
+        "of polyhedra at 8 samples across (those on edges do not count), parts against a ball with "
+        "six arms and three arms alone.",
     ),
 }
 
