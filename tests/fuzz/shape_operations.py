@@ -35,14 +35,14 @@ SLOWER = 10.0 if os.environ.get("NUMBA_BOUNDSCHECK") == "1" else 1.0
 
 MOST_MEMORY = 3 * GIGABYTE
 
-MAY_BE_INFINITE = {"importance", "geodesic_length", "edge_radius"}
+MAY_BE_INFINITE = {"importance", "length", "geodesic_length", "edge_radius"}
 """+inf where the feature points of a ball lie on different parts: no path joins them; edges that
 are not there are infinitely blunt."""
 
 MAY_BE_NAN = {
     *("centers", "radii", "spoke_angles", "spoke_angle", "radius", "feature_radius"),
     *("radius_ratio", "importance", "geodesic_length", "start_tangent", "end_tangent"),
-    *("tangent", "candidate_measure"),
+    *("length", "tangent", "candidate_measure"),
 }
 """Arrays and attributes of balls that are not there, or that have no second feature point, as the
 classes that they come from say."""
