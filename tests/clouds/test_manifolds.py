@@ -122,7 +122,8 @@ def test_patches_are_those_of_scipy():
     n = len(points)
     axes, size = np.zeros((PATCHES * n, 3)), np.zeros(PATCHES * n, np.int32)
     bits = np.zeros(PATCHES * n, np.uint64)
-    find_patches(points, near, 0, n, math.cos(0.15), 0.25, 6, 4, axes, size, bits)
+    bent = np.zeros((n, 3)), np.zeros((n, 3, 3)), np.zeros(n, np.uint64)
+    find_patches(points, near, 10, 0, n, math.cos(0.15), 0.25, 6, 4, axes, size, bits, *bent)
     expected = patches_by_scipy(points, near, 0.15)
     for i in range(n):
         slots = range(PATCHES * i, PATCHES * i + PATCHES)

@@ -13,20 +13,27 @@ import numpy as np
 
 from medialis._kernels.jit import kernel
 from medialis._kernels.union_find_kernels import find_root
+from medialis.clouds._curved_patch_kernels import bend_patch, flat_misfit
 
 PATCHES = 4
 """Most patches of a point. Five planes through one point leave a neighbourhood of 10 with two
 neighbours on each, which makes one triangle a plane: no patch."""
 
+PLANES = 2
+"""Flat patches that a bent one must fit better than: a crossing or a crease. They have no more
+coefficients than a quadric."""
+
+FAR = 5
+"""One in so many neighbours may lie elsewhere before a patch is no longer all there is."""
+
 
 @kernel
-def _triangle_normals(points, near, i, slimmest, out_normals, out_corners):
-    """List unit normals of the triangles of point i with two neighbours; return their number.
+def _triangle_normals(points, near, i, k, slimmest, out_normals, out_corners):
+    """List unit normals of the triangles of point i with two of k neighbours; return their number.
 
     Triangles whose corner at i has a sine below `slimmest` say nothing about the plane.
     """
     count = 0
-    k = near.shape[1]
     for a in range(k):
         ax = points[near[i, a], 0] - points[i, 0]
         ay = points[near[i, a], 1] - points[i, 1]
@@ -133,32 +140,73 @@ def _mean_axis(normals, cluster, name, count, out_axis):
 
 
 @kernel
+def _largest_cluster(cluster, sizes, count, least):
+    """Largest cluster with at least so many triangles, -1 if none; ties: the nearest point."""
+    largest = -1
+    for t in range(count):
+        if sizes[t] >= least and (largest < 0 or sizes[t] > sizes[largest]):
+            largest = t
+    return largest
+
+
+@kernel
+def _covers(bits, k, least):
+    """Whether a patch has at least so many of the first k neighbours."""
+    members = 0
+    for m in range(k):
+        members += (bits >> np.uint64(m)) & np.uint64(1) != 0
+    return members >= least
+
+
+@kernel
+def _is_all(bits, size, k):
+    """Whether a flat patch is all there is about a point: most neighbours, half the triangles."""
+    return 4 * size >= k * (k - 1) and _covers(bits, k, k - k // FAR)
+
+
+@kernel
 def find_patches(
-    points, near, begin, end, least, slimmest, triangles, neighbours, out_axes, out_size, out_bits
+    points,
+    near,
+    k,
+    begin,
+    end,
+    least,
+    slimmest,
+    triangles,
+    neighbours,
+    out_axes,
+    out_size,
+    out_bits,
+    out_bent_axes,
+    out_bends,
+    out_bent_bits,
 ):
     """Patches of the points begin..end: clusters with enough triangles and enough neighbours.
 
     `least` is the cosine of d_max. The largest come first; ties: the one with the nearest point.
+    They are made of k neighbours. Where none covers most of them, a patch of all neighbours that is
+    bent along a quadric stands beside them if it fits better and leaves no more than d_max: flat
+    patches fit planes that cross as well as can be, but not a coarsely sampled curved surface.
     """
-    k = near.shape[1]
     most = k * (k - 1) // 2
     normals = np.empty((most, 3))
     corners = np.empty((most, 2), np.int64)
     similar = np.empty((most, most))
     cluster, chain = np.empty(most, np.int64), np.empty(most + 1, np.int64)
     sizes = np.empty(most, np.int64)
+    sides = np.empty((near.shape[1], 3))
+    steepest = math.tan(0.5 * math.acos(least))
     for i in range(begin, end):
-        count = _triangle_normals(points, near, i, slimmest, normals, corners)
+        count = _triangle_normals(points, near, i, k, slimmest, normals, corners)
         _complete_linkage(normals, count, least, similar, cluster, chain)
         sizes[:count] = 0
         for t in range(count):
             sizes[cluster[t]] += 1
+        start = _largest_cluster(cluster, sizes, count, 1)
         found = 0
         while found < PATCHES:
-            largest = -1
-            for t in range(count):
-                if sizes[t] >= triangles and (largest < 0 or sizes[t] > sizes[largest]):
-                    largest = t
+            largest = _largest_cluster(cluster, sizes, count, triangles)
             if largest < 0:
                 break
             bits = np.uint64(0)
@@ -166,25 +214,83 @@ def find_patches(
                 if cluster[t] == largest:
                     bits |= np.uint64(1) << np.uint64(corners[t, 0])
                     bits |= np.uint64(1) << np.uint64(corners[t, 1])
-            members = 0
-            for m in range(k):
-                members += (bits >> np.uint64(m)) & np.uint64(1) != 0
-            if members >= neighbours:
+            if _covers(bits, k, neighbours):
                 slot = PATCHES * i + found
                 _mean_axis(normals, cluster, largest, count, out_axes[slot])
                 out_size[slot] = sizes[largest]
                 out_bits[slot] = bits
                 found += 1
             sizes[largest] = 0
+        if start < 0 or _is_all(out_bits[PATCHES * i], out_size[PATCHES * i], k):
+            continue
+        for m in range(len(sides)):
+            for c in range(3):
+                sides[m, c] = points[near[i, m], c] - points[i, c]
+        flattest, slot, drops = steepest, PATCHES * i, len(sides) // FAR
+        if found > 0:
+            flat = flat_misfit(sides, out_axes[slot : slot + PLANES], min(found, PLANES), drops)
+            flattest = min(steepest, flat)
+        axis = out_bent_axes[i]
+        _mean_axis(normals, cluster, start, count, axis)
+        out_bent_bits[i] = bend_patch(sides, flattest, drops, axis, out_bends[i])
 
 
 @kernel
-def join_patches(near, axes, size, bits, least, parent):
+def _turned(points, axis, bend, i, j, out_axis):
+    """Fill the normal at point j of a patch of point i."""
+    square = 0.0
+    for c in range(3):
+        value = axis[c]
+        for b in range(3):
+            value -= bend[c, b] * (points[j, b] - points[i, b])
+        out_axis[c] = value
+        square += value * value
+    length = math.sqrt(square)
+    for c in range(3):
+        out_axis[c] /= length
+
+
+@kernel
+def _cosine(a, b):
+    return abs(a[0] * b[0] + a[1] * b[1] + a[2] * b[2])
+
+
+@kernel
+def choose_bent(
+    points, near, k, axes, size, bits, bent_axes, bends, bent_bits, least, out_chosen
+):
+    """Choose the bent patches that their neighbours confirm by the normals the quadric has there.
+
+    Half of all neighbours must, which tells a surface from a crossing, and most of those where a
+    flat patch is all there is, which tells it from the rounding of a crease between planes.
+    """
+    axis = np.empty(3)
+    for i in range(len(near)):
+        members, agree, flat, flat_agree = 0, 0, 0, 0
+        for m in range(near.shape[1]):
+            if (bent_bits[i] >> np.uint64(m)) & np.uint64(1) == 0:
+                continue
+            j = near[i, m]
+            members += 1
+            _turned(points, bent_axes[i], bends[i], i, j, axis)
+            if bent_bits[j] != 0:
+                agree += _cosine(axis, bent_axes[j]) >= least
+            elif _is_all(bits[PATCHES * j], size[PATCHES * j], k):
+                flat += 1
+                flat_agree += _cosine(axis, axes[PATCHES * j]) >= least
+        most = flat_agree * FAR >= flat * (FAR - 1)
+        out_chosen[i] = most and members > 0 and 2 * (agree + flat_agree) >= members
+
+
+@kernel
+def join_patches(points, near, axes, bends, size, bits, least, parent):
     """Join patches of neighbouring points whose axes have |cosine| >= `least` (union-find).
 
-    Point j is compared with point i where it is a corner of the patch of i (thesis 4.2.3.5). On
-    return `parent` holds the root of each slot, its lowest slot.
+    Point j is compared with point i where it is a corner of the patch of i (thesis 4.2.3.5), by the
+    normal that a bent patch has there; `bends` (n, 3, 3) are those of first patches. On return
+    `parent` holds the root of each slot, its lowest slot.
     """
+    axis = np.empty(3)
     for slot in range(len(size)):
         if size[slot] == 0:
             continue
@@ -192,15 +298,13 @@ def join_patches(near, axes, size, bits, least, parent):
         for m in range(near.shape[1]):
             if (bits[slot] >> np.uint64(m)) & np.uint64(1) == 0:
                 continue
+            axis[:] = axes[slot]
+            if slot % PATCHES == 0:
+                _turned(points, axes[slot], bends[i], i, near[i, m], axis)
             for other in range(PATCHES * near[i, m], PATCHES * near[i, m] + PATCHES):
                 if size[other] == 0:
                     break
-                cosine = abs(
-                    axes[slot, 0] * axes[other, 0]
-                    + axes[slot, 1] * axes[other, 1]
-                    + axes[slot, 2] * axes[other, 2]
-                )
-                if cosine >= least:
+                if _cosine(axis, axes[other]) >= least:
                     a, b = find_root(parent, slot), find_root(parent, other)
                     parent[max(a, b)] = min(a, b)
     for slot in range(len(parent)):

@@ -30,6 +30,9 @@ LEAST_TRIANGLES, LEAST_NEIGHBOURS = 6, 4
 """A patch has at least four neighbours, which make six triangles with the point: three points are
 in a plane with any fourth by chance far more often than two more are."""
 
+BENT = 1.5
+"""Neighbours of a bent patch for each of a flat one: a quadric has 6 coefficients, a plane 3."""
+
 SLIMMEST = 0.25
 """Sine of the angle of a triangle at the point, below which its normal is mostly noise."""
 
@@ -188,39 +191,68 @@ def _different(points: FloatArray) -> tuple[FloatArray, NDArray[np.int64]]:
 
 @dataclass(frozen=True, eq=False)
 class Patches:
-    """Flat patches of each neighbourhood; see `_patch_kernels` for their slots."""
+    """Patches of each neighbourhood; see `_patch_kernels` for their slots. No corners: none."""
 
+    neighbours: int
     near: NDArray[np.int32]
     axes: FloatArray
     sizes: IntArray
     corners: NDArray[np.uint64]
+    bent_axes: FloatArray
+    bends: FloatArray
+    bent_corners: NDArray[np.uint64]
 
 
 def _find_patches(places: FloatArray, options: ManifoldsOptions, progress: Progress) -> Patches:
     from medialis.clouds._patch_kernels import PATCHES, find_patches
 
     n = len(places)
-    near = nearest_points(places, min(options.neighbours, n - 1), progress)
-    axes, sizes = np.zeros((PATCHES * n, 3)), np.zeros(PATCHES * n, np.int32)
-    corners = np.zeros(PATCHES * n, np.uint64)
-    bend = math.cos(math.radians(options.max_bend))
-    limits = bend, SLIMMEST, LEAST_TRIANGLES, LEAST_NEIGHBOURS
+    k = min(options.neighbours, n - 1)
+    near = nearest_points(places, min(round(BENT * k), n - 1), progress)
+    slots, rows = PATCHES * n, n
+    flat = np.zeros((slots, 3)), np.zeros(slots, np.int32), np.zeros(slots, np.uint64)
+    bent = np.zeros((rows, 3)), np.zeros((rows, 3, 3)), np.zeros(rows, np.uint64)
+    limits = (
+        math.cos(math.radians(options.max_bend)),
+        SLIMMEST,
+        LEAST_TRIANGLES,
+        LEAST_NEIGHBOURS,
+    )
 
     def work(begin: int, end: int) -> None:
-        find_patches(places, near, begin, end, *limits, axes, sizes, corners)
+        find_patches(places, near, k, begin, end, *limits, *flat, *bent)
 
     run_chunks(work, n, CHUNK, progress=progress)
-    return Patches(near, axes, sizes, corners)
+    return Patches(k, near, *flat, *bent)
+
+
+def _with_bent(places: FloatArray, patches: Patches, least: float) -> Patches:
+    """Put the bent patches that their neighbours confirm in the place of the flat ones."""
+    from medialis.clouds._patch_kernels import PATCHES, choose_bent
+
+    chosen = np.zeros(len(places), bool)
+    flat = patches.axes, patches.sizes, patches.corners
+    bent = patches.bent_axes, patches.bends, patches.bent_corners
+    choose_bent(places, patches.near, patches.neighbours, *flat, *bent, least, chosen)
+    first = PATCHES * np.flatnonzero(chosen)
+    axes, sizes, corners = patches.axes.copy(), patches.sizes.copy(), patches.corners.copy()
+    sizes.reshape(-1, PATCHES)[chosen] = 0
+    axes[first], corners[first] = patches.bent_axes[chosen], patches.bent_corners[chosen]
+    sizes[first] = LEAST_TRIANGLES
+    bends = np.where(chosen[:, None, None], patches.bends, 0.0)
+    return replace(patches, axes=axes, sizes=sizes, corners=corners, bends=bends)
 
 
 def _segment(places: FloatArray, patches: Patches, options: ManifoldsOptions) -> ManifoldSet:
     """Components of the graph of patches that have enough flat points."""
     from medialis.clouds._patch_kernels import PATCHES, claim_corners, join_patches
 
+    turn = math.cos(math.radians(options.max_turn))
+    patches = _with_bent(places, patches, turn)
     n, sizes = len(places), patches.sizes
     root = np.arange(PATCHES * n)
-    turn = math.cos(math.radians(options.max_turn))
-    join_patches(patches.near, patches.axes, sizes, patches.corners, turn, root)
+    linked = patches.axes, patches.bends, sizes, patches.corners
+    join_patches(places, patches.near, *linked, turn, root)
     counts = (sizes.reshape(n, PATCHES) > 0).sum(axis=1)
     seeds = np.bincount(root[PATCHES * np.flatnonzero(counts == 1)], minlength=PATCHES * n)
     number = np.full(PATCHES * n, -1, np.int32)
