@@ -110,7 +110,7 @@ def _misfit(sides, used, axis, frame, radius, row, right):
 
 @kernel
 def flat_misfit(sides, axes, count, drops):
-    """What the planes of `count` flat patches leave of the neighbours, in units of `bend_patch`.
+    """Return what the planes of flat patches leave of the neighbours, in units of `bend_patch`.
 
     Each neighbour counts with the plane that is nearest to it; the `drops` farthest do not.
     """

@@ -256,9 +256,7 @@ def _cosine(a, b):
 
 
 @kernel
-def choose_bent(
-    points, near, k, axes, size, bits, bent_axes, bends, bent_bits, least, out_chosen
-):
+def choose_bent(points, near, k, axes, size, bits, bent_axes, bends, bent_bits, least, out_chosen):
     """Choose the bent patches that their neighbours confirm by the normals the quadric has there.
 
     Half of all neighbours must, which tells a surface from a crossing, and most of those where a

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from medialis.clouds.smoothing import jitter, nearest_points, without_jitter
+from medialis.clouds.smoothing import jitter, nearest_points, neighbours_of, without_jitter
 from medialis.kept import kept
 from medialis.model.manifold_set import ManifoldSet
 from medialis.model.ragged import Ragged
@@ -32,6 +32,10 @@ in a plane with any fourth by chance far more often than two more are."""
 
 BENT = 1.5
 """Neighbours of a bent patch for each of a flat one: a quadric has 6 coefficients, a plane 3."""
+
+WIDE, APART = 10, 0.28
+"""Near a scanner the next line is many points away. Of so many times the neighbours those are
+chosen that are this share of the largest distance apart: 15 to 25 of them lie in a disc."""
 
 SLIMMEST = 0.25
 """Sine of the angle of a triangle at the point, below which its normal is mostly noise."""
@@ -209,6 +213,7 @@ def _find_patches(places: FloatArray, options: ManifoldsOptions, progress: Progr
     n = len(places)
     k = min(options.neighbours, n - 1)
     near = nearest_points(places, min(round(BENT * k), n - 1), progress)
+    _leave_lines(places, near, k)
     slots, rows = PATCHES * n, n
     flat = np.zeros((slots, 3)), np.zeros(slots, np.int32), np.zeros(slots, np.uint64)
     bent = np.zeros((rows, 3)), np.zeros((rows, 3, 3)), np.zeros(rows, np.uint64)
@@ -224,6 +229,21 @@ def _find_patches(places: FloatArray, options: ManifoldsOptions, progress: Progr
 
     run_chunks(work, n, CHUNK, progress=progress)
     return Patches(k, near, *flat, *bent)
+
+
+def _leave_lines(places: FloatArray, near: NDArray[np.int32], k: int) -> None:
+    """Give points whose neighbours lie on one line of a scan some on the next lines."""
+    from medialis.clouds._neighbour_kernels import find_lines, spread_neighbours
+
+    line = np.zeros(len(places), bool)
+    find_lines(places, near, k, SLIMMEST, line)
+    wide = WIDE * near.shape[1]
+    rows = np.flatnonzero(line)
+    if wide >= len(places) or len(rows) == 0:
+        return
+    spread = near[rows]
+    spread_neighbours(places, rows, neighbours_of(places, places[rows], wide), APART, spread)
+    near[rows] = spread
 
 
 def _with_bent(places: FloatArray, patches: Patches, least: float) -> Patches:

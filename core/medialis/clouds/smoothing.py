@@ -38,7 +38,7 @@ def nearest_points(points: FloatArray, count: int, progress: Progress) -> NDArra
 
     The points must differ.
     """
-    return _nearest(points, points, count, progress)
+    return neighbours_of(points, points, count, progress)
 
 
 def jitter(points: FloatArray) -> float:
@@ -67,7 +67,7 @@ def jitter(points: FloatArray) -> float:
     # Chosen by the distance to the center: the same samples however the cloud is turned.
     order = np.argsort(np.linalg.norm(points - points.mean(axis=0), axis=1), kind="stable")
     rows = order[np.linspace(0, len(points) - 1, min(SAMPLES, len(points))).astype(np.int64)]
-    near = _nearest(points, points[rows], LARGE, Progress())
+    near = neighbours_of(points, points[rows], LARGE)
     scatter, share = {}, {}
     for size in (SMALL, LARGE):
         found, radius = np.empty(len(rows)), np.empty(len(rows))
@@ -100,9 +100,10 @@ def without_jitter(points: FloatArray, scatter: float, progress: Progress) -> Fl
     return points
 
 
-def _nearest(
-    points: FloatArray, queries: FloatArray, count: int, progress: Progress
+def neighbours_of(
+    points: FloatArray, queries: FloatArray, count: int, progress: Progress | None = None
 ) -> NDArray[np.int32]:
+    """Return the `count` nearest points of each query but itself, (q, count), by distance."""
     from scipy.spatial import cKDTree
 
     tree = run_patiently(lambda: cKDTree(points), progress)
