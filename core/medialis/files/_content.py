@@ -34,6 +34,8 @@ class ParsedMesh:
     normals: NDArray[np.float64] | None = None
     """(n, 3) vertex normals of any length, or None when the file has none."""
     messages: tuple[Message, ...] = ()
+    viewpoints: NDArray[np.float64] | None = None
+    """(n, 3) where each vertex was seen from, NaN where unknown; None when the file has none."""
 
 
 def no_polygons() -> tuple[NDArray[np.int64], NDArray[np.int64]]:

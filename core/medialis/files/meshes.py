@@ -58,6 +58,8 @@ class MeshData:
         "ply", "obj", "off", "stl", "xyz", or the extension that trimesh read.
     messages : tuple of Message
         What was split, left out or ignored, one sentence each.
+    viewpoints : (n, 3) float64 or None
+        Where each vertex was seen from, NaN where unknown; None when the file does not say.
     """
 
     points: FloatArray
@@ -65,6 +67,7 @@ class MeshData:
     normals: FloatArray | None
     format: str
     messages: tuple[Message, ...] = ()
+    viewpoints: FloatArray | None = None
 
 
 def read_mesh(path: str | os.PathLike[str]) -> MeshData:
@@ -168,6 +171,7 @@ def _checked(parsed: ParsedMesh, kind: str, told: tuple[Message, ...]) -> MeshDa
         normals,
         kind,
         told + parsed.messages + split,
+        None if parsed.viewpoints is None else frozen(parsed.viewpoints, np.float64),
     )
 
 

@@ -18,6 +18,8 @@ from numpy.typing import NDArray
 from medialis.errors import InvalidShapeError
 from medialis.files._content import ParsedMesh, no_polygons, numbers, ragged_rows, shown, whole
 from medialis.files._ply_header import PlyElement, PlyHeader, read_ply_header
+from medialis.files._viewpoints import for_each_point, said_viewpoints
+from medialis.progress import Message
 
 
 @dataclass(eq=False)
@@ -32,14 +34,17 @@ PlyTable = dict[str, "NDArray[Any] | PlyList"]
 
 
 def parse_ply(data: bytes) -> ParsedMesh:
-    """Parse a PLY file's vertices, normals and polygons; everything else is passed over.
+    """Parse a PLY file's vertices, normals, polygons and viewpoints; the rest is passed over.
+
+    Viewpoints are the vertex properties vp_x, vp_y, vp_z, comments such as `VIEWPOINT x y z`, or
+    the element `camera`, which the Point Cloud Library writes with zeros when it has none.
 
     Raises
     ------
     InvalidShapeError
         When the file is damaged, cut short, or has no vertices.
     """
-    _, tables = read_ply_elements(data)
+    header, tables = read_ply_elements(data)
     vertices = tables.get("vertex")
     if vertices is None:
         raise InvalidShapeError("the PLY header has no element 'vertex'.")
@@ -51,7 +56,16 @@ def parse_ply(data: bytes) -> ParsedMesh:
             "the PLY file stores triangle strips, which are not supported; save it with faces."
         )
     counts, corners = _polygons(tables.get("face", {}))
-    return ParsedMesh(points, counts, corners, ply_columns(vertices, ("nx", "ny", "nz")))
+    told: tuple[Message, ...] = ()
+    viewpoints = ply_columns(vertices, ("vp_x", "vp_y", "vp_z"))
+    if viewpoints is None:
+        places = said_viewpoints(header.comments)
+        camera = ply_columns(tables.get("camera", {}), ("view_px", "view_py", "view_pz"))
+        if len(places) == 0 and camera is not None:
+            places = camera[camera.any(axis=1) & np.isfinite(camera).all(axis=1)]
+        viewpoints, told = for_each_point(points, places)
+    normals = ply_columns(vertices, ("nx", "ny", "nz"))
+    return ParsedMesh(points, counts, corners, normals, told, viewpoints)
 
 
 def ply_columns(table: PlyTable, names: tuple[str, ...]) -> NDArray[np.float64] | None:

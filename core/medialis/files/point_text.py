@@ -17,6 +17,7 @@ from medialis.files._content import (
     unix_lines,
     without_comments,
 )
+from medialis.files._viewpoints import for_each_point, said_viewpoints
 from medialis.progress import Message
 
 # A normal written with two digits is off by at most 0.01 in length; colours 0..255 are far away.
@@ -28,13 +29,16 @@ def parse_point_text(data: bytes) -> ParsedMesh:
 
     Columns are separated by blanks, commas or semicolons; one heading line and the point count of
     a .pts file are passed over; further columns (colour, intensity) are ignored with a message.
+    Comments such as `# VIEWPOINT x y z` say where the points were seen from.
 
     Raises
     ------
     InvalidShapeError
         When a line is no point or there are no points.
     """
-    text = without_comments(without_comments(unix_lines(data)), b"//")
+    lines = unix_lines(data)
+    comments = [line.decode("latin-1") for line in re.findall(rb"(?:#|//)([^\n]*)", lines)]
+    text = without_comments(without_comments(lines), b"//")
     text = text.translate(bytes.maketrans(b",;", b"  ")).lstrip()
     first, _, rest = text.partition(b"\n")
     messages: list[Message] = []
@@ -64,7 +68,9 @@ def parse_point_text(data: bytes) -> ParsedMesh:
         more = int(counts.max()) - used
         ignored = f"Ignored {more} columns after the first {used}."
         messages.append(Message(ignored, "columns_ignored", columns=more))
-    return ParsedMesh(rows[:, :3], *no_polygons(), normals, tuple(messages))
+    viewpoints, told = for_each_point(rows[:, :3], said_viewpoints(comments))
+    messages.extend(told)
+    return ParsedMesh(rows[:, :3], *no_polygons(), normals, tuple(messages), viewpoints)
 
 
 def starts_with_numbers(data: bytes) -> bool:

@@ -5,10 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
+from medialis.clouds.dense_points import dense_points
 from medialis.clouds.manifolds import ManifoldsOptions, manifolds
 from medialis.errors import InvalidShapeError
-from medialis.model.manifold_set import PointClass
+from medialis.model.manifold_set import ManifoldSet, PointClass
 from medialis.model.shape import Shape
 from medialis.operations.declaration import Operation
 from medialis.operations.manifolds import (
@@ -33,7 +35,9 @@ def run(shape: Shape, options: DenoiseRun, progress: Progress) -> Outcome:
     """Keep the points that belong to a manifold."""
     with progress.stage("manifolds", 0.0, 1.0):
         found = manifolds.of(shape, options, progress)
-    kept = found.point_class != PointClass.NOISE
+    noise = found.point_class == PointClass.NOISE
+    dense = dense_points(shape.points, noise, options.min_points, progress)
+    kept = ~noise | dense
     if not kept.any():
         least = options.min_points
         advice = "Try larger angles or more neighbours."
@@ -43,13 +47,7 @@ def run(shape: Shape, options: DenoiseRun, progress: Progress) -> Outcome:
             f"None of the {shape.point_count} points lies on a smooth surface: nothing is left. "
             + advice
         )
-    noise_count = int((~kept).sum())
-    progress.note(
-        f"{counted(noise_count, 'point', of=len(kept), verbs=('is', 'are'))} noise.",
-        "noise_removed",
-        points=noise_count,
-        of=len(kept),
-    )
+    _note_removed(found, kept, dense, progress)
     note_mostly_noise(found, progress)
     clean = Layer(
         "denoised",
@@ -79,13 +77,35 @@ def run(shape: Shape, options: DenoiseRun, progress: Progress) -> Outcome:
     )
 
 
+def _note_removed(
+    found: ManifoldSet, kept: NDArray[np.bool_], dense: NDArray[np.bool_], progress: Progress
+) -> None:
+    """Say how many points go, and why, and how many stay although they lie on no smooth patch."""
+    removed = int((~kept).sum())
+    rough = int((~kept & (found.patch_counts == 0)).sum())
+    small = removed - rough
+    text = f"{counted(removed, 'point', of=len(kept), verbs=('is', 'are'))} noise"
+    if removed:
+        text += f": {rough} on no smooth patch, {small} on pieces smaller than min_points"
+    counts = {"points": removed, "of": len(kept), "no_patch": rough, "small_pieces": small}
+    progress.note(f"{text}.", "noise_removed", **counts)
+    if stay := int(dense.sum()):
+        progress.note(
+            f"{counted(stay, 'point', verbs=('lies', 'lie'))} on no smooth surface, but as close "
+            "together as the surface beside them: kept, as thin or sharp parts of it.",
+            "dense_kept",
+            points=stay,
+        )
+
+
 OPERATION = Operation(
     name="denoise",
     filter_name="generate_denoised_point_cloud_by_manifolds",
     label="Denoise",
     group="Segment",
     help="Remove the points of a cloud that lie on no smooth surface.\n\n"
-    "Keeps what belongs to a manifold, also where surfaces cross. No point is moved.",
+    "Keeps what belongs to a manifold, also where surfaces cross, and thin or sharp parts that are "
+    "as dense as the surface beside them. No point is moved.",
     source="thesis 4.2.4.2",
     options=DenoiseRun,
     run=run,

@@ -2,13 +2,14 @@
 
 Directions by principal components of the nearest neighbours; signs by a minimum spanning tree over
 the neighbour graph, so that they are carried along where the surface is flat first (Hoppe et al.,
-"Surface reconstruction from unorganized points", 1992); outside by a vote of extreme points.
+"Surface reconstruction from unorganized points", 1992); outside by a vote of extreme points, or by
+the places that the points were seen from.
 """
 
 from __future__ import annotations
 
 import logging
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -24,6 +25,9 @@ from medialis.validation import FloatArray, as_points, frozen
 BATCH = 1 << 16
 QUERIES_A_CHUNK = 1 << 13
 
+GRAZING = 0.17
+"""Cosine of normal and beam below which the error of the normal, some 10 degrees, could turn it."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class NormalsOptions(Options):
@@ -36,6 +40,8 @@ class NormalsOptions(Options):
         low=3,
         high=100,
     )
+    viewpoints: ArrayLike | None = field(default=None, compare=False, repr=False)
+    """Where the points were seen from, (3,) or (n, 3); NaN where unknown."""
 
 
 @algorithm(NormalsOptions)
@@ -46,17 +52,21 @@ def estimate_normals(points: ArrayLike, options: NormalsOptions, progress: Progr
     ----------
     points : (n, 3) float
         Samples of one or more surfaces.
+    viewpoints : (3,) or (n, 3) float, optional
+        Where the points, or each of them, were seen from (scanner, camera), NaN where unknown.
 
     Returns
     -------
     (n, 3) float64
         Unit normals, consistent within each part of the neighbour graph and outward for a closed
         surface. Which side of an open one is outside is a guess; a message says when it is unsure.
+        With viewpoints they face these.
 
     Raises
     ------
     InvalidShapeError
-        With fewer than 4 different points, or all of them on one line.
+        With fewer than 4 different points, or all of them on one line; or when the viewpoints are
+        neither one nor one for each point.
 
     See Also
     --------
@@ -80,6 +90,7 @@ def estimate_normals(points: ArrayLike, options: NormalsOptions, progress: Progr
     from scipy.spatial import cKDTree
 
     points = as_points(points)
+    views = None if options.viewpoints is None else as_viewpoints(options.viewpoints, len(points))
     centered = points - points.mean(axis=0)
     size = float(np.abs(centered).max())
     spread = np.linalg.svd(centered / size, compute_uv=False) if size else np.zeros(3)
@@ -102,7 +113,10 @@ def estimate_normals(points: ArrayLike, options: NormalsOptions, progress: Progr
         run_chunks(search, len(points), QUERIES_A_CHUNK, progress=progress)
     normals = run_patiently(lambda: _plane_normals(centered, near), progress)
     progress.update(0.7)
-    oriented, doubtful, parts = run_patiently(lambda: _orient(centered, normals, near), progress)
+    beams = None if views is None else _unit(views - points)
+    oriented, doubtful, parts = run_patiently(
+        lambda: _orient(centered, normals, near, beams), progress
+    )
     if doubtful:
         progress.note(
             f"The outside of {doubtful} of {counted(parts, 'part')} of the cloud is uncertain "
@@ -112,7 +126,48 @@ def estimate_normals(points: ArrayLike, options: NormalsOptions, progress: Progr
             parts=doubtful,
             of=parts,
         )
+    if beams is not None:
+        oriented = _facing(oriented, beams, progress)
     return frozen(oriented, np.float64)
+
+
+def as_viewpoints(viewpoints: ArrayLike, count: int) -> FloatArray:
+    """Return a viewpoint for each of `count` points, (count, 3); NaN is allowed."""
+    try:
+        views = np.asarray(viewpoints, np.float64)
+    except (TypeError, ValueError):
+        views = np.empty(0)
+    if views.shape not in ((3,), (count, 3)):
+        raise InvalidShapeError(
+            f"viewpoints must have shape (3,) or ({count}, 3), got {views.shape}."
+        )
+    return np.broadcast_to(views, (count, 3))
+
+
+def _unit(vectors: FloatArray) -> FloatArray:
+    """Return unit vectors; zero where one is zero, or not finite."""
+    size = np.abs(vectors).max(axis=1)
+    good = np.isfinite(size) & (size > 0)
+    scaled = np.where(good[:, None], vectors, 0.0) / np.where(good, size, 1.0)[:, None]
+    return scaled / np.where(good, np.linalg.norm(scaled, axis=1), 1.0)[:, None]
+
+
+def _facing(
+    normals: NDArray[np.float64], beams: FloatArray, progress: Progress
+) -> NDArray[np.float64]:
+    """Turn normals to the viewpoints; grazing ones keep the sign of what they hang together with.
+
+    A surface is not seen from behind, so the beam tells the sign wherever the normal is accurate.
+    """
+    cosine = np.einsum("ij,ij->i", normals, beams)
+    seen = int(beams.any(axis=1).sum())
+    progress.note(
+        f"The normals of {counted(seen, 'point', of=len(normals))} face the viewpoint.",
+        "normals_face_viewpoints",
+        points=seen,
+        of=len(normals),
+    )
+    return np.where((cosine < -GRAZING)[:, None], -normals, normals)
 
 
 def _at_most_three(points: FloatArray) -> bool:
@@ -137,7 +192,10 @@ def _plane_normals(points: FloatArray, near: NDArray[np.int64]) -> NDArray[np.fl
 
 
 def _orient(
-    points: FloatArray, normals: NDArray[np.float64], near: NDArray[np.int64]
+    points: FloatArray,
+    normals: NDArray[np.float64],
+    near: NDArray[np.int64],
+    beams: FloatArray | None,
 ) -> tuple[NDArray[np.float64], int, int]:
     """Return normals that agree and look outward, how many parts are unsure, and of how many."""
     from scipy.sparse import coo_array
@@ -168,14 +226,18 @@ def _orient(
     agree = np.where(np.einsum("ij,ij->i", normals, normals[above]) < 0, -1, 1)
     sign = propagate_signs(np.append(parent[:n], -1), np.append(agree, 1))[:n]
     oriented = normals * sign[:, None]
-    outward, doubtful = _outward(points, oriented, part, parts)
-    return oriented * outward[part][:, None], doubtful, parts
+    outward, unsure = _outward(points, oriented, part, parts)
+    if beams is not None:
+        seen = np.bincount(part, np.einsum("ij,ij->i", oriented, beams), minlength=parts)
+        outward = np.where(seen == 0, outward, np.where(seen < 0, -1.0, 1.0))
+        unsure &= seen == 0
+    return oriented * outward[part][:, None], int(unsure.sum()), parts
 
 
 def _outward(
     points: FloatArray, normals: NDArray[np.float64], part: NDArray[np.int32], parts: int
-) -> tuple[NDArray[np.float64], int]:
-    """Return +1 or -1 for each part (do its extreme points look outward?) and how many are unsure.
+) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """Return +1 or -1 for each part (do its extreme points look outward?) and whether it is unsure.
 
     At the sample that lies farthest in a direction, the normal of a closed surface has a positive
     component along it. 26 directions vote, weighted by that component.
@@ -191,4 +253,4 @@ def _outward(
         component = normals[top[ends]] @ direction
         votes += component
         sure += np.abs(component)
-    return np.where(votes < 0, -1.0, 1.0), int((np.abs(votes) < 0.5 * sure).sum())
+    return np.where(votes < 0, -1.0, 1.0), np.abs(votes) < 0.5 * sure

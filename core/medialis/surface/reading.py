@@ -5,13 +5,14 @@ from __future__ import annotations
 import os
 from typing import Any
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from medialis.errors import InvalidShapeError
 from medialis.files.meshes import read_mesh
 from medialis.model.shape import Shape
 from medialis.progress import Progress, ProgressCallback
-from medialis.surface.cloud_normals import estimate_normals
+from medialis.surface.cloud_normals import as_viewpoints, estimate_normals
 from medialis.surface.diagnosis import diagnose
 from medialis.surface.far_points import far_points
 from medialis.surface.normals import vertex_normals
@@ -36,7 +37,8 @@ def read_shape(
     -------
     Shape
         With ``.diagnosis`` of the file as it was, and ``.vertex_map``/``.face_map`` to it. Mesh
-        normals come from the faces; normals in the file are used for point clouds only.
+        normals come from the faces; normals in the file are used for point clouds only. Where it
+        has none, the places that the points were seen from orient them, if it has those.
 
     Raises
     ------
@@ -67,7 +69,14 @@ def read_shape(
     normals = None if mesh.faces is not None else mesh.normals
     with progress.stage("prepare", 0.5, 1.0):
         try:
-            return make_shape(mesh.points, mesh.faces, normals, repair=True, progress=progress)
+            return make_shape(
+                mesh.points,
+                mesh.faces,
+                normals,
+                repair=True,
+                viewpoints=None if normals is not None else mesh.viewpoints,
+                progress=progress,
+            )
         except InvalidShapeError as error:
             raise InvalidShapeError(f"Cannot use {os.fspath(path)}: {error}") from None
 
@@ -78,6 +87,7 @@ def make_shape(
     normals: ArrayLike | None = None,
     *,
     repair: bool = False,
+    viewpoints: ArrayLike | None = None,
     progress: Progress | ProgressCallback | None = None,
 ) -> Shape:
     """Build a Shape from arrays, with the normals it lacks.
@@ -94,6 +104,8 @@ def make_shape(
     repair : bool
         Diagnose and repair first, as `read_shape` does (weld, drop what is degenerate or unused,
         orient). Without it the shape has exactly these points and faces.
+    viewpoints : (3,) or (n, 3) float, optional
+        Where the points of a cloud were seen from: `estimate_normals` orients by them.
     progress : callable, optional
         Called with (fraction, text); returning False cancels.
 
@@ -116,6 +128,7 @@ def make_shape(
     """
     progress = Progress.of(progress)
     extra: dict[str, Any] = {}
+    views = None if viewpoints is None else as_viewpoints(viewpoints, len(np.asarray(points)))
     if repair:
         given = points, faces, normals
         diagnosis = run_patiently(lambda: diagnose(*given[:2]), progress)
@@ -123,6 +136,9 @@ def make_shape(
         progress.record(*fixed.messages)
         extra = {"diagnosis": diagnosis, "vertex_map": fixed.vertex_map}
         points, faces, normals = fixed.points, fixed.faces, fixed.normals
+        if views is not None:
+            first = np.unique(fixed.vertex_map, return_index=True)
+            views = views[first[1][first[0] >= 0]]
         if fixed.faces is not None and len(fixed.faces):
             extra["face_map"] = fixed.face_map
     vertices = as_points(points)
@@ -136,7 +152,7 @@ def make_shape(
     elif directions is None or not directions.any():  # programs write zeros for "none"
         lack = "has no normals" if directions is None else "has zero normals only"
         code = "normals_missing" if directions is None else "normals_zero"
-        directions = estimate_normals(vertices, progress=progress)
+        directions = estimate_normals(vertices, viewpoints=views, progress=progress)
         progress.note(f"The point cloud {lack}; they were estimated and oriented.", code)
     shape = run_patiently(lambda: Shape(vertices, directions, triangles, **extra), progress)
     if repair and (far := run_patiently(lambda: far_points(shape), progress)) is not None:
