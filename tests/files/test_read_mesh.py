@@ -448,3 +448,52 @@ def test_the_test_shapes_are_read(tmp_path):
         pytest.skip("the folder of test shapes (../shared/shapes) is not here")
     mesh = read_mesh(folder / "bunny.ply")
     assert mesh.points.shape == (34834, 3) and mesh.faces.shape == (69451, 3)
+
+
+PLY_VIEWS = (
+    "ply\nformat ascii 1.0\n{comment}element vertex 2\nproperty float x\nproperty float y\n"
+    "property float z\n{more}end_header\n{rows}"
+)
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "expected"),
+    [
+        ("a.xyz", "# VIEWPOINT 1 2 3\n0 0 0\n1 0 0\n", [[1, 2, 3], [1, 2, 3]]),
+        (
+            "a.xyz",
+            "// scanner position: -1 0 0\n// scanner position: 9 0 0\n0 0 0\n8 0 0\n",
+            [[-1, 0, 0], [9, 0, 0]],
+        ),
+        (
+            "a.ply",
+            PLY_VIEWS.format(comment="comment viewpoint 1 2 3\n", more="", rows="0 0 0\n1 0 0\n"),
+            [[1, 2, 3], [1, 2, 3]],
+        ),
+        (
+            "a.ply",
+            PLY_VIEWS.format(
+                comment="",
+                more="".join(f"property float vp_{c}\n" for c in "xyz"),
+                rows="0 0 0 4 5 6\n1 0 0 7 8 9\n",
+            ),
+            [[4, 5, 6], [7, 8, 9]],
+        ),
+        (
+            "a.ply",
+            PLY_VIEWS.format(
+                comment="",
+                more="element camera 1\n" + "".join(f"property float view_p{c}\n" for c in "xyz"),
+                rows="0 0 0\n1 0 0\n0 0 0\n",
+            ),
+            None,
+        ),
+        ("a.xyz", "# viewpoint unknown\n0 0 0\n1 0 0\n", None),
+    ],
+    ids=["text", "two scanners", "ply comment", "ply columns", "camera not set", "no numbers"],
+)
+def test_viewpoints_are_read(tmp_path, name, text, expected):
+    path = tmp_path / name
+    path.write_text(text)
+    found = read_mesh(path).viewpoints
+    assert found is None if expected is None else (found == expected).all()

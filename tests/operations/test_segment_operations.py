@@ -36,6 +36,22 @@ def test_denoise_keeps_points_where_they_are(noisy):
     assert recall >= 0.9 and precision >= 0.9
 
 
+def test_a_clean_cloud_keeps_its_tips_and_says_what_goes():
+    """Two cones of 1500 points: tips and rim lie on no smooth patch, but are no outliers."""
+    rng = np.random.default_rng(0)
+    share, turn = np.sqrt(rng.uniform(0, 1, 3000)), rng.uniform(0, 2 * np.pi, 3000)
+    up = np.where(np.arange(3000) < 1500, 1.0, -1.0) * (1 - share)
+    cones = np.stack([0.3 * share * np.cos(turn), 0.3 * share * np.sin(turn), up], axis=1)
+    clean = medialis.run("denoise", medialis.Shape(cones, np.zeros_like(cones)))
+    assert clean.arrays["kept"].mean() >= 0.97
+    far = np.concatenate([cones, [[0, 0, 9.0]]])
+    result = medialis.run("denoise", medialis.Shape(far, np.zeros_like(far)))
+    assert not result.arrays["kept"][-1]
+    (told,) = [m for m in result.messages if m.code == "noise_removed"]
+    assert told.data["points"] == (~result.arrays["kept"]).sum()
+    assert told.data["points"] == told.data["no_patch"] + told.data["small_pieces"]
+
+
 def test_nothing_left_is_a_sentence():
     points = np.random.default_rng(0).uniform(size=(500, 3))
     with pytest.raises(medialis.InvalidShapeError, match="None of the 500 points"):

@@ -168,3 +168,35 @@ def test_cancel_while_neighbours_are_searched(monkeypatch):
         estimate_normals(forms.sphere(2000).shape.points, progress=cancel)
     assert seen[-1][1] == "neighbours" and 0 < seen[-1][0] < 0.4
     assert threading.active_count() == before
+
+
+def test_normals_face_their_viewpoints():
+    """A room is seen from inside: its normals point inward, where the extreme points say outward.
+
+    Both sides of a wall between two scanners are seen, each by its own.
+    """
+    box = forms.box_samples(spacing=0.05).shape
+    progress = Progress()
+    normals = estimate_normals(box.points, viewpoints=[0.05, 0.02, 0.01], progress=progress)
+    gap = np.sort(box.points.max(axis=0) - np.abs(box.points), axis=1)[:, 1]
+    assert (np.einsum("ij,ij->i", normals, box.normals)[gap > 0.1] < -0.99).all()
+    assert [m.code for m in progress.messages] == ["normals_face_viewpoints"]
+    sphere = forms.sphere(2000).shape
+    two = np.concatenate([sphere.points, sphere.points + np.array([5.0, 0, 0])])
+    seen = np.repeat([[0.0, 0, 0], [9e9, 0, 0]], 2000, axis=0)
+    seen[2000:] = two[2000:] + 7 * sphere.normals
+    normals = estimate_normals(two, viewpoints=seen)
+    signs = np.einsum("ij,ij->i", normals, np.tile(sphere.normals, (2, 1)))
+    assert (signs[:2000] < -0.9).all() and (signs[2000:] > 0.9).all()
+
+
+def test_unknown_viewpoints_change_nothing():
+    points = forms.sphere(500).shape.points
+    unknown = np.full_like(points, np.nan)
+    assert (estimate_normals(points, viewpoints=unknown) == estimate_normals(points)).all()
+
+
+@pytest.mark.parametrize("views", [[1, 2], np.zeros((7, 3)), "here"])
+def test_bad_viewpoints(views):
+    with pytest.raises(InvalidShapeError, match="viewpoints must have shape"):
+        estimate_normals(forms.sphere(50).shape.points, viewpoints=views)

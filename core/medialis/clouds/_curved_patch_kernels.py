@@ -15,6 +15,16 @@ from medialis._kernels.jit import kernel
 
 TERMS = 6
 
+CHANCE = 2.0
+"""Deviation of a corner from its quadric, in units of the largest mean deviation."""
+
+OFF = 3.0
+"""Deviation of the point itself, in units of the mean deviation: beyond that it is an outlier."""
+
+STEEPEST = 0.7
+"""Slope of the quadric at the mean distance of the neighbours, 35 degrees: a sphere of 50 samples.
+What bends more is no surface of these samples, but some places of a volume."""
+
 ROUNDS = 3
 """The plane is turned into the tangent plane of the quadric; its second turn is small."""
 
@@ -109,6 +119,20 @@ def _misfit(sides, used, axis, frame, radius, row, right):
 
 
 @kernel
+def _corners(sides, used, axis, bend, offset, flattest, radius):
+    """Return the used neighbours as bits, but those farther off than chance explains."""
+    bits = np.uint64(0)
+    for m in range(len(used)):
+        left = _height(sides, m, axis, 1.0)
+        for c in range(3):
+            for b in range(3):
+                left -= 0.5 * sides[m, c] * bend[c, b] * sides[m, b]
+        if used[m] and abs(left / radius - offset) <= CHANCE * flattest:
+            bits |= np.uint64(1) << np.uint64(m)
+    return bits
+
+
+@kernel
 def flat_misfit(sides, axes, count, drops):
     """Return what the planes of flat patches leave of the neighbours, in units of `bend_patch`.
 
@@ -168,10 +192,10 @@ def bend_patch(sides, flattest, drops, axis, out_bend):
         if drop == drops:
             return np.uint64(0)
         used[worst] = False
-    if abs(offset) > flattest:
+    turn = 0.0
+    for c in range(3):
+        for b in range(3):
+            turn += (radius * out_bend[c, b]) ** 2
+    if turn > STEEPEST * STEEPEST or abs(offset) > min(flattest, OFF * misfit + 1e-9):
         return np.uint64(0)
-    bits = np.uint64(0)
-    for m in range(k):
-        if used[m]:
-            bits |= np.uint64(1) << np.uint64(m)
-    return bits
+    return _corners(sides, used, axis, out_bend, offset, flattest, radius)

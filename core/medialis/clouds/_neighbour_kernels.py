@@ -11,10 +11,11 @@ from medialis._kernels.jit import kernel
 def find_lines(points, near, k, slimmest, out_line):
     """Find points most of whose triangles with two of k neighbours are slim: all lie on a line.
 
-    Slim: the sine of the angle at the point is below `slimmest`.
+    Slim: the sine of the angle at the point is below `slimmest`. Of points on a line about half the
+    pairs lie on both sides; an outlier sees all of a surface on one side.
     """
     for i in range(len(near)):
-        slim = 0
+        slim, opposite = 0, 0
         for a in range(k):
             ax = points[near[i, a], 0] - points[i, 0]
             ay = points[near[i, a], 1] - points[i, 1]
@@ -25,8 +26,10 @@ def find_lines(points, near, k, slimmest, out_line):
                 bz = points[near[i, b], 2] - points[i, 2]
                 x, y, z = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
                 sides = (ax * ax + ay * ay + az * az) * (bx * bx + by * by + bz * bz)
-                slim += x * x + y * y + z * z <= slimmest * slimmest * sides
-        out_line[i] = 4 * slim > k * (k - 1)
+                if x * x + y * y + z * z <= slimmest * slimmest * sides:
+                    slim += 1
+                    opposite += ax * bx + ay * by + az * bz < 0.0
+        out_line[i] = 4 * slim > k * (k - 1) and 4 * opposite > slim
 
 
 @kernel

@@ -20,6 +20,9 @@ NEIGHBOURS = 6
 AROUND = 12
 """Points whose median tells what a place is like."""
 
+MOST = 0.8
+"""Share of the candidates around that must be dense too; of outliers near a surface fewer are."""
+
 FARTHER = 1.5
 """Distance of the last neighbour, for that of surface points, from which a point is isolated. On a
 surface sampled at random the distance to the sixth neighbour varies by a fifth."""
@@ -59,7 +62,7 @@ def dense_points(
     dense = last[candidates] <= FARTHER * np.median(last[surface][beside], axis=1)
     if len(candidates) > AROUND:
         around = nearest_points(places[candidates], AROUND, progress)
-        dense &= 2 * dense[around].sum(axis=1) > AROUND
+        dense &= dense[around].mean(axis=1) >= MOST
     good = ~rest
     good[candidates[dense]] = True
     a, b = np.repeat(np.arange(len(places)), NEIGHBOURS), near.reshape(-1)
