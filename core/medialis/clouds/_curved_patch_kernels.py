@@ -18,8 +18,9 @@ TERMS = 6
 CHANCE = 2.0
 """Deviation of a corner from its quadric, in units of the largest mean deviation."""
 
-OFF = 3.0
-"""Deviation of the point itself, in units of the mean deviation: beyond that it is an outlier."""
+OFF, CLOSE = 3.0, 0.02
+"""Deviation of the point itself, in units of the mean deviation and of the mean distance, beyond
+which it is an outlier. What a smooth surface has beyond its quadric is below the second."""
 
 STEEPEST = 0.7
 """Slope of the quadric at the mean distance of the neighbours, 35 degrees: a sphere of 50 samples.
@@ -196,6 +197,6 @@ def bend_patch(sides, flattest, drops, axis, out_bend):
     for c in range(3):
         for b in range(3):
             turn += (radius * out_bend[c, b]) ** 2
-    if turn > STEEPEST * STEEPEST or abs(offset) > min(flattest, OFF * misfit + 1e-9):
+    if turn > STEEPEST * STEEPEST or abs(offset) > min(flattest, OFF * misfit + CLOSE):
         return np.uint64(0)
     return _corners(sides, used, axis, out_bend, offset, flattest, radius)

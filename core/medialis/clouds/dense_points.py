@@ -58,7 +58,7 @@ def dense_points(
         return np.zeros(len(points), bool)
     near = nearest_points(places, NEIGHBOURS, progress)
     last = np.linalg.norm(places[near[:, -1]] - places, axis=1)
-    beside = neighbours_of(places[surface], places[candidates], AROUND)
+    beside = neighbours_of(places[surface], places[candidates], AROUND, progress)
     dense = last[candidates] <= FARTHER * np.median(last[surface][beside], axis=1)
     if len(candidates) > AROUND:
         around = nearest_points(places[candidates], AROUND, progress)

@@ -213,7 +213,7 @@ def _find_patches(places: FloatArray, options: ManifoldsOptions, progress: Progr
     n = len(places)
     k = min(options.neighbours, n - 1)
     near = nearest_points(places, min(round(BENT * k), n - 1), progress)
-    _leave_lines(places, near, k)
+    _leave_lines(places, near, k, progress)
     slots, rows = PATCHES * n, n
     flat = np.zeros((slots, 3)), np.zeros(slots, np.int32), np.zeros(slots, np.uint64)
     bent = np.zeros((rows, 3)), np.zeros((rows, 3, 3)), np.zeros(rows, np.uint64)
@@ -231,7 +231,7 @@ def _find_patches(places: FloatArray, options: ManifoldsOptions, progress: Progr
     return Patches(k, near, *flat, *bent)
 
 
-def _leave_lines(places: FloatArray, near: NDArray[np.int32], k: int) -> None:
+def _leave_lines(places: FloatArray, near: NDArray[np.int32], k: int, progress: Progress) -> None:
     """Give points whose neighbours lie on one line of a scan some on the next lines."""
     from medialis.clouds._neighbour_kernels import find_lines, spread_neighbours
 
@@ -242,7 +242,9 @@ def _leave_lines(places: FloatArray, near: NDArray[np.int32], k: int) -> None:
     if wide >= len(places) or len(rows) == 0:
         return
     spread = near[rows]
-    spread_neighbours(places, rows, neighbours_of(places, places[rows], wide), APART, spread)
+    spread_neighbours(
+        places, rows, neighbours_of(places, places[rows], wide, progress), APART, spread
+    )
     near[rows] = spread
 
 

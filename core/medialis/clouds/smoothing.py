@@ -67,7 +67,7 @@ def jitter(points: FloatArray) -> float:
     # Chosen by the distance to the center: the same samples however the cloud is turned.
     order = np.argsort(np.linalg.norm(points - points.mean(axis=0), axis=1), kind="stable")
     rows = order[np.linspace(0, len(points) - 1, min(SAMPLES, len(points))).astype(np.int64)]
-    near = neighbours_of(points, points[rows], LARGE)
+    near = neighbours_of(points, points[rows], LARGE, Progress())
     scatter, share = {}, {}
     for size in (SMALL, LARGE):
         found, radius = np.empty(len(rows)), np.empty(len(rows))
@@ -101,7 +101,7 @@ def without_jitter(points: FloatArray, scatter: float, progress: Progress) -> Fl
 
 
 def neighbours_of(
-    points: FloatArray, queries: FloatArray, count: int, progress: Progress | None = None
+    points: FloatArray, queries: FloatArray, count: int, progress: Progress
 ) -> NDArray[np.int32]:
     """Return the `count` nearest points of each query but itself, (q, count), by distance."""
     from scipy.spatial import cKDTree
