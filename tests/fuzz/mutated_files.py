@@ -157,12 +157,16 @@ def _read_seeds(path: Path, case: Case) -> None:
 
 def _read_manifest(path: Path, case: Case) -> None:
     """A resumed batch takes the manifest as done, or computes anew; it never fails."""
-    if len(path.name) > 255 or path.is_symlink() or not path.is_file():
+    try:
+        if path.is_symlink() or not path.is_file():
+            return
+        content = path.read_bytes()
+    except OSError:  # a name that is too long, memory that is not there
         return
     job = _manifest_job(case.home)
     target = job.folder("thickness") / "manifest.json"
     own = os.fsencode(case.home)
-    target.write_bytes(path.read_bytes().replace(b"@HOME@", own))
+    target.write_bytes(content.replace(b"@HOME@", own))
     row = job.finished("thickness")
     if row is not None:
         write_table([row], case.folder)
