@@ -172,3 +172,11 @@ def test_wedges_of_a_spheroid_add_up_to_its_area():
     assert spheroid_wedge(1.0, 2.0, 2 * np.pi) == pytest.approx(true)
     assert spheroid_wedge(1.0, 1.0, 2 * np.pi) == pytest.approx(4 * np.pi)
     assert spheroid_wedge(0.0, 0.0, 1.0) == 0.0
+
+
+def test_a_spheroid_thinner_than_rounding_has_the_area_of_its_disc():
+    """On a tube 1e13 long, 1e-4 wide, the eccentricity rounds to 1: importance was NaN (fixed)."""
+    from medialis.curves.from_balls._area_kernels import spheroid_wedge
+
+    for width in (0.0, 1e-16, 0.99e-8, 1.01e-8, 1e-6):
+        assert abs(spheroid_wedge(width, 1.0, 0.5) - 0.5) < 1e-10

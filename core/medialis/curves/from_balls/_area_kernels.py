@@ -141,8 +141,8 @@ def _cross(a, b, out):
 def spheroid_wedge(half_width, long_axis, angle):
     """Area of the wedge of an oblate spheroid with radii a and c >= a (Eq. 3.4)."""
     a, c = half_width, max(long_axis, half_width)
-    if c == 0.0:
-        return 0.0
+    if a < 1e-8 * c or c == 0.0:  # e is 1, its atanh infinite, and a a times it below rounding
+        return angle * c * c
     e = math.sqrt(max(0.0, 1.0 - (a / c) ** 2))
     # ln((1 + e) / (1 - e)) / (2 e) = 1 + e^2/3 + ...: 1 for a sphere.
     stretch = math.atanh(e) / e if e > 1e-4 else 1.0 + e * e / 3.0
