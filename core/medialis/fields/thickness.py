@@ -95,8 +95,8 @@ def thickness(cloud: MedialCloud, options: ThicknessOptions, progress: Progress)
        of that ball; else one that reliable balls of other samples touch has the size of the largest
        of them (the inverse feature transform).
     2. Every other sample of a mesh starts with the value of the nearest one along the edges. Then
-       all of them become the mean of their neighbours, as far as a fixed number of steps carries:
-       a smooth transition, never below the smallest or above the largest reliable value.
+       all of them become the geometric mean of their neighbours, as far as a fixed number of steps
+       carries: a smooth transition, never below the smallest or above the largest reliable value.
     3. A component without a reliable ball has the size of its largest ball everywhere (a cube: its
        inscribed ball); one without any ball has the values nearest in space.
 
@@ -116,14 +116,25 @@ def thickness(cloud: MedialCloud, options: ThicknessOptions, progress: Progress)
     >>> bool((raw == 2 * cloud.radii)[cloud.valid].all()), bool(values.mean() > raw.mean())
     (True, True)
     """
-    rows = np.flatnonzero(cloud.valid & (cloud.side > 0))
-    if len(rows) == 0:
+    none = np.zeros(cloud.surface.point_count, np.bool_)
+    values = run_patiently(lambda: thickness_without(cloud, none, options), progress)
+    if values is None:
         raise InvalidShapeError(
             "No inner ball meets a second sample: thickness needs a surface that encloses a "
             'volume, at least partly, and a cloud with side "inner" or "both".'
         )
-    angle = math.radians(options.min_spoke_angle)
-    values = run_patiently(lambda: _diameters(cloud, rows, angle), progress)
+    return values
+
+
+def thickness_without(
+    cloud: MedialCloud, samples: NDArray[np.bool_], options: ThicknessOptions
+) -> FloatArray | None:
+    """Return the thickness as if some samples had no ball; None where no ball is left."""
+    rows = np.flatnonzero(cloud.valid & (cloud.side > 0))
+    rows = rows[~samples[cloud.source[rows]]]
+    if len(rows) == 0:
+        return None
+    values = _diameters(cloud, rows, math.radians(options.min_spoke_angle))
     return frozen(values if options.kind == "diameter" else 0.5 * values, np.float64)
 
 
@@ -140,24 +151,29 @@ def _diameters(cloud: MedialCloud, rows: NDArray[np.int64], angle: float) -> NDA
 
 
 def wall_angles(cloud: MedialCloud) -> FloatArray:
-    """Return how far apart the two feature points of each ball are, as seen from the center.
+    """Return how far apart the two contacts of each ball are, as seen from the center.
 
     Returns
     -------
     (k,) float64
-        The smaller one of the spoke angle and the angle between the normals at the two feature
-        points, in radians; NaN for a masked ball. For a ball that touches a smooth surface they are
-        the same; next to an edge, where samples are no closer together than the ball is large, the
-        spoke angle alone says nothing (see `WALL_ANGLE`). Samples without a normal do not
-        take part: their spoke angle counts.
+        The smaller one of the spoke angle and the angle between the normals at the two contacts, in
+        radians; NaN for a masked ball, 0 for one that touches a sample without a normal: nothing
+        tells what it lies between. For a ball that touches a smooth surface the two are the same;
+        next to an edge, where samples are no closer together than the ball is large, the spoke
+        angle alone says nothing (see `WALL_ANGLE`).
     """
     angles = np.array(cloud.spoke_angles)
     rows = np.flatnonzero(cloud.valid)
-    first, second = (cloud.surface.normals[cloud.features[rows, j]] for j in (0, 1))
+    first, second = cloud.surface.normals[cloud.source[rows]], cloud.contact_normals[rows]
     cosine = np.clip(np.einsum("ij,ij->i", first, second), -1.0, 1.0)
     known = first.any(axis=1) & second.any(axis=1)
-    angles[rows] = np.where(known, np.minimum(angles[rows], np.arccos(cosine)), angles[rows])
+    angles[rows] = np.where(known, np.minimum(angles[rows], np.arccos(cosine)), 0.0)
     return angles
+
+
+def wall_balls(cloud: MedialCloud) -> NDArray[np.int64]:
+    """Return the rows of the inner balls between two walls (`WALL_ANGLE`)."""
+    return np.flatnonzero((cloud.side > 0) & (wall_angles(cloud) >= math.radians(WALL_ANGLE)))
 
 
 def unresolved_walls(cloud: MedialCloud) -> NDArray[np.bool_]:
@@ -170,7 +186,7 @@ def unresolved_walls(cloud: MedialCloud) -> NDArray[np.bool_]:
     least = math.radians(WALL_ANGLE)
     result = np.zeros(len(cloud), np.bool_)
     rows = np.flatnonzero(cloud.valid & (cloud.side > 0) & (cloud.spoke_angles < least))
-    first, second = (cloud.surface.normals[cloud.features[rows, j]] for j in (0, 1))
+    first, second = cloud.surface.normals[cloud.source[rows]], cloud.contact_normals[rows]
     result[rows] = np.einsum("ij,ij->i", first, second) <= math.cos(least)
     return result
 
@@ -207,13 +223,19 @@ def _seed_other_components(
 
 
 def _smooth(rows: NDArray[np.int64], values: NDArray[np.float64], graph: Ragged) -> None:
-    """Replace the steps between nearest values by a smooth transition, in place."""
+    """Replace the steps between nearest values by a smooth transition, in place.
+
+    Of logarithms: what few steps leave undone is a share of the value then, also in a thin fin on a
+    thick base.
+    """
     from medialis.surface._surface_graph_kernels import make_harmonic
 
     low, high = values[~np.isnan(values)].min(), values[~np.isnan(values)].max()
     steps, accuracy = SMOOTHING_STEPS, SMOOTHING_ACCURACY
-    make_harmonic(rows, graph.offsets, graph.indices, steps, accuracy, values)
-    values[rows] = np.clip(values[rows], low, high)  # what few steps may overshoot
+    logarithms = np.log(values / high)
+    make_harmonic(rows, graph.offsets, graph.indices, steps, accuracy, logarithms)
+    # What few steps may overshoot.
+    values[rows] = np.clip(high * np.exp(logarithms[rows]), low, high)
 
 
 def _nearest_in_space(shape: Shape, values: NDArray[np.float64]) -> None:

@@ -1,36 +1,40 @@
 """Thin spots: where a shape is thinnest, one entry a place (thesis 3.5.1).
 
-With a threshold, a place is a connected region below it: what fails a wall check. Without one, a
-place is a prominent minimum: from it one must climb to 1.25 times its value before reaching
-anywhere thinner. Its region is all that is connected to it below 1.25 times its value. Such
-regions never overlap: if those of two minima m1 < m2 met, both would be connected below 1.25 m2,
-and m2 would reach the lower m1 without climbing that high. One or two samples that are far too low
-(a fold, a bad normal) make no place there: minima are those of the third lowest value round each
-sample.
+What a place is, `fields/low_places.py` says. A few samples that are far too low (a fold, a bad
+normal) make none.
+
+The samples only tell where a place is. Its value is the least distance between its two sides, which
+lies between samples as a rule (`fields/calipers.py`). Where parts of a mesh overlap, that distance
+is how deep they do, and no wall: such places are told apart (`fields/enclosure.py`).
 """
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
+from functools import partial
+from itertools import islice
+from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-from medialis.fields.thickness import WALL_ANGLE, ThicknessOptions, thickness, wall_angles
+from medialis.fields.low_places import LowPlace
+from medialis.fields.thickness import ThicknessOptions, thickness, thickness_without
+from medialis.fields.wall_places import PROMINENCE, WallBalls
 from medialis.kept import Described
 from medialis.model.medial_cloud import MedialCloud
-from medialis.model.ragged import Ragged
-from medialis.model.shape import Shape
 from medialis.options import algorithm, length, number, whole
-from medialis.progress import Progress
-from medialis.surface.surface_graph import CLOUD_NEIGHBOURS
+from medialis.progress import Progress, counted
 from medialis.threads import run_patiently
 from medialis.validation import FloatArray, IntArray, as_points, frozen
 
-PROMINENCE = 0.25
-"""Share of its value that one climbs from a minimum before it is a place of its own. Places at 0.1,
-0.25, 0.5 and 1: hand 5, 5, 5, 4 (its five fingers), bunny 7, 6, 4, 3, scapula 23, 12, 11, 6."""
+LOOKED_AT = 10
+"""Places are looked at, thinnest first, until enough are walls, but no more than so many times the
+number that was asked for."""
+
+ROUNDS = 8
+"""Times that places are looked for again, at most, because some were specks or overlaps."""
+
+SpotKind = Literal["wall", "overlap"]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -40,10 +44,17 @@ class ThinSpot(Described):
     Attributes
     ----------
     position : (3,) float64
-        The thinnest sample.
+        The thinnest place, on the surface; in a cloud the thinnest sample.
+    opposite : (3,) float64
+        The place that it faces on the other side of the wall; NaN where no ball between two walls
+        is near, as in a cube.
     value : float
-        The field there; without a threshold, the third lowest value round it where that is a
-        prominence higher.
+        The thickness there: the distance of the two places, or the ball of the thinnest sample
+        where that distance has no minimum (at the end of a finger, along a sharp edge). Without a
+        threshold, no less than what the third lowest sample there is a prominence above.
+    kind : {"wall", "overlap"}
+        "overlap" where two parts of a mesh, or a part with itself, overlap: the value tells how
+        deep, not how thick a wall is.
     vertex : int
         Index of the thinnest sample.
     vertices : (v,) int32
@@ -53,13 +64,16 @@ class ThinSpot(Described):
     """
 
     position: FloatArray
+    opposite: FloatArray
     value: float
+    kind: SpotKind
     vertex: int
     vertices: IntArray
     area: float
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "position", as_points([self.position], "position")[0])
+        object.__setattr__(self, "opposite", frozen(np.asarray(self.opposite), np.float64))
         object.__setattr__(self, "vertices", frozen(np.asarray(self.vertices), np.int32))
 
 
@@ -74,7 +88,11 @@ class ThinSpotOptions(ThicknessOptions):
         "places that are thinner than all around them.",
     )
     spots: int = whole(
-        10, "Thin spots", "List at most this many places, the thinnest first.", low=1, high=100_000
+        10,
+        "Thin spots",
+        "List at most this many places of each kind, the thinnest first.",
+        low=1,
+        high=100_000,
     )
     prominence: float = number(
         PROMINENCE,
@@ -100,7 +118,8 @@ def thin_spots(
     Returns
     -------
     tuple of ThinSpot
-        By rising value, ties by the lowest sample. Their vertices never overlap.
+        Walls, then overlaps of parts (`kind`), each by rising value. No two walls have the same
+        vertices, nor two overlaps.
 
     Raises
     ------
@@ -113,109 +132,70 @@ def thin_spots(
 
     Notes
     -----
-    Cost: sorting n values and the edges; 0.2 s for 194,000 vertices. Source: thesis 3.5.1 (locally
-    thin parts).
+    Cost: sorting n values and the edges, 0.2 s for 194,000 vertices, and some 20 ms a place.
+    Source: thesis 3.5.1 (locally thin parts).
 
     Examples
     --------
     >>> import medialis
     >>> cloud = medialis.surface_skeleton(medialis.organic_shape(56))
     >>> spots = medialis.thin_spots(cloud)
-    >>> bool(spots[0].position[0] < -1.2)  # the end of the tail
-    True
+    >>> spots[0].kind, bool(spots[0].value < spots[1].value)
+    ('wall', True)
     """
     values = thickness.of(cloud, options, progress)
-
-    def find() -> tuple[ThinSpot, ...]:
-        walls = (cloud.side > 0) & (wall_angles(cloud) >= math.radians(WALL_ANGLE))
-        return places_of_field(cloud.surface, values, cloud.features[walls], options)
-
-    return run_patiently(find, progress)
-
-
-def places_of_field(
-    shape: Shape, field: FloatArray, walls: IntArray, options: ThinSpotOptions
-) -> tuple[ThinSpot, ...]:
-    """List the lowest places of a field (n,), 0 or more; `walls` (w, 2) joins their two sides."""
-    graph = _neighbours(shape, walls)
-    order = np.argsort(field, kind="stable").astype(np.int32)
-    if options.threshold > 0:
-        level = options.threshold * shape.diagonal
-        starts = order[field[order] < level]
-        levels = np.full(len(starts), level)
-        return _regions(shape, field, (starts, field[starts], levels), graph, options.spots)
-    ratio = 1.0 + options.prominence
-    calm, order = _without_specks(field, order, graph)
-    starts = order[_prominent(calm, order, graph, ratio)[order]]
-    # A sample so much lower than those round it that it could be a place of its own is a speck.
-    depth = np.where(calm[starts] < ratio * field[starts], field[starts], calm[starts])
-    turn = np.argsort(depth, kind="stable")
-    starts, depth = starts[turn], depth[turn]
-    return _regions(shape, calm, (starts, depth, ratio * calm[starts]), graph, options.spots)
+    spots, specks = run_patiently(lambda: _find(cloud, values, options), progress)
+    if specks:
+        progress.note(
+            f"{counted(specks, 'place', verbs=('was', 'were'))} left out that only a few samples "
+            "make far thinner than all around: flaws of the mesh, such as folds.",
+            "specks",
+            places=specks,
+        )
+    return spots
 
 
-def _neighbours(shape: Shape, walls: IntArray) -> Ragged:
-    """Return the graph on which places are connected: edges, and balls across a wall."""
-    from scipy.sparse import coo_array
+def _find(
+    cloud: MedialCloud, values: FloatArray, options: ThinSpotOptions
+) -> tuple[tuple[ThinSpot, ...], int]:
+    """Return thin spots, walls before overlaps, and how many specks were as thin as they.
 
-    n = shape.point_count
-    edges = shape.edges if shape.faces is not None else _cloud_links(shape)
-    a, b = np.concatenate([edges, walls]).T
-    ends = np.concatenate([a, b]), np.concatenate([b, a])
-    graph = coo_array((np.ones(len(ends[0]), np.int8), ends), shape=(n, n)).tocsr()
-    return Ragged(graph.indptr, graph.indices)
-
-
-def _cloud_links(shape: Shape) -> IntArray:
-    n, k = shape.point_count, min(CLOUD_NEIGHBOURS + 1, shape.point_count)
-    near = shape.tree.query(shape.points, k=k)[1].reshape(n, k)
-    links = np.stack([np.repeat(np.arange(n), k), near.ravel()], axis=1)
-    return frozen(links[links[:, 0] != links[:, 1]], np.int32)
-
-
-def _without_specks(
-    field: FloatArray, order: IntArray, graph: Ragged
-) -> tuple[FloatArray, IntArray]:
-    """Return the third lowest value round each sample, and its order (ties: the lower sample)."""
-    from medialis.surface._surface_graph_kernels import third_lowest
-
-    calm = np.empty_like(field)
-    third_lowest(field, graph.offsets, graph.indices, calm)
-    return calm, order[np.argsort(calm[order], kind="stable")]
-
-
-def _prominent(
-    field: FloatArray, order: IntArray, graph: Ragged, ratio: float
-) -> NDArray[np.bool_]:
-    from medialis.surface._surface_graph_kernels import prominent_minima
-
-    found = np.zeros(len(field), np.bool_)
-    parent = np.full(len(field), -1, np.int32)
-    prominent_minima(order, field, graph.offsets, graph.indices, ratio, parent, found)
-    return found
-
-
-def _regions(
-    shape: Shape,
-    field: FloatArray,
-    starts: tuple[IntArray, FloatArray, FloatArray],
-    graph: Ragged,
-    count: int,
-) -> tuple[ThinSpot, ...]:
-    """Collect what lies below its level round each start: samples, values, levels."""
-    from medialis.surface._surface_graph_kernels import flood_below
-
-    label, queue = np.full(len(field), -1, np.int32), np.empty(len(field), np.int32)
-    area = shape.point_areas if shape.faces is not None else np.full(len(field), np.nan)
-    places: list[ThinSpot] = []
-    for start, depth, level in zip(*(column.tolist() for column in starts), strict=True):
-        if len(places) == count:
+    Balls of specks and of overlaps are left out, the thickness completed and its places looked for
+    again: the wall round them is a place when nothing in it is thinner.
+    """
+    share, level = 1.0 if options.kind == "diameter" else 0.5, options.threshold
+    every = partial(WallBalls, cloud, share=share, with_threshold=level > 0)
+    balls, level = every(), level * cloud.surface.diagonal
+    flawed = np.zeros(cloud.surface.point_count, np.bool_)
+    found: dict[str, list[LowPlace]] = {"wall": [], "overlap": [], "speck": []}
+    for _ in range(ROUNDS):
+        found["wall"], before = [], int(flawed.sum())
+        low = balls.low_places(values, prominence=options.prominence)
+        for place in islice(low, LOOKED_AT * options.spots):
+            if len(found["wall"]) == options.spots or place.value >= (level or np.inf):
+                break
+            what = balls.kind(place)
+            if what == "wall" or not balls.touches(place, flawed):
+                found[what].append(place)
+            if what != "wall":
+                flawed[place.vertices] = True
+        if int(flawed.sum()) == before:
             break
-        if label[start] >= 0:
-            continue
-        number = len(places)
-        size = flood_below(start, level, field, graph.offsets, graph.indices, number, label, queue)
-        vertices = np.sort(queue[:size])
-        total = float(area[vertices].sum())
-        places.append(ThinSpot(shape.points[start], depth, start, vertices, total))
-    return tuple(places)
+        kept = thickness_without(cloud, flawed, options)
+        values = np.full_like(values, np.inf) if kept is None else kept
+        balls.leave_out(flawed)
+    if level > 0:
+        found["wall"] = list(islice(balls.low_places(values, level=level), options.spots))
+    spots: list[ThinSpot] = []
+    kinds: tuple[tuple[SpotKind, WallBalls], ...] = ("wall", balls), ("overlap", every())
+    for kind, by in kinds:
+        places = found[kind][: options.spots]
+        spots += sorted((_spot(kind, by, place) for place in places), key=lambda spot: spot.value)
+    return tuple(spots), len(found["speck"])
+
+
+def _spot(kind: SpotKind, balls: WallBalls, place: LowPlace) -> ThinSpot:
+    surface = balls.surface
+    position, opposite, value = balls.thinnest(place)
+    area = np.nan if surface.faces is None else float(surface.point_areas[place.vertices].sum())
+    return ThinSpot(position, opposite, value, kind, place.vertex, place.vertices, area)

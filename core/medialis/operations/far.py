@@ -24,7 +24,7 @@ so is the way back."""
 POSITIONS = frozenset({"points", "centers", "nodes", "heads", "tails", "y_points", "view_points"})
 """Names of all arrays of positions, in results and in what they hold."""
 
-PLACES = frozenset({"position", "head", "tail"})
+PLACES = frozenset({"position", "opposite", "head", "tail"})
 """Names of single positions in the values of results."""
 
 

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from medialis.balls.surface_skeleton import Preparation, surface_skeleton
-from medialis.fields.thickness import thickness, unresolved_walls
+from medialis.fields.enclosure import ENCLOSED, Enclosure
+from medialis.fields.thickness import thickness, unresolved_walls, wall_balls
 from medialis.fields.thin_spots import ThinSpot, ThinSpotOptions, thin_spots
 from medialis.model.medial_cloud import MedialCloud
 from medialis.model.shape import Shape
@@ -23,6 +24,9 @@ from medialis.validation import FloatArray, IntArray
 SHOWN_SHARE = 98.0
 """Per cent of the vertices that the colours span, from the thinnest up: a few very thick places do
 not make everything else look thin."""
+
+PLACES = 15
+"""Balls that are looked at to tell whether a cloud or an open mesh encloses anything."""
 
 UNRESOLVED_SHARE = 0.02
 """Share of the samples from which on walls thinner than the sampling are worth a warning."""
@@ -52,6 +56,7 @@ def run(shape: Shape, options: ThicknessRun, progress: Progress) -> Outcome:
     with progress.stage("thin spots", 0.85, 1.0):
         spots = thin_spots.of(cloud, options, progress)
     _note_resolution(cloud, progress)
+    _note_enclosure(cloud, progress)
     _note_thinnest(spots, options, shape, progress)
     labels = np.full(fine.point_count, -1, np.int32)
     for number, spot in enumerate(spots):
@@ -66,6 +71,7 @@ def run(shape: Shape, options: ThicknessRun, progress: Progress) -> Outcome:
             "samples": fine.point_count,
             **summary(values, "thickness"),
             "thin_spots": len(spots),
+            "overlaps": sum(spot.kind == "overlap" for spot in spots),
             "spots": [_spot_values(spot) for spot in spots],
             "diagonal": fine.diagonal,
             "spacing": fine.spacing,
@@ -101,13 +107,16 @@ def _spots_layer(spots: tuple[ThinSpot, ...]) -> Layer:
             "value": np.array([spot.value for spot in spots]),
             **({} if np.isnan(area).all() else {"area": area}),  # a cloud has no areas
             "vertices": np.array([len(spot.vertices) for spot in spots], np.int32),
+            "overlap": np.array([spot.kind == "overlap" for spot in spots], np.int32),
         },
     )
 
 
 def _spot_values(spot: ThinSpot) -> dict[str, Any]:
     return {
+        "kind": spot.kind,
         "position": spot.position.tolist(),
+        "opposite": None if np.isnan(spot.opposite).any() else spot.opposite.tolist(),
         "value": spot.value,
         "area": spot.area,
         "vertices": len(spot.vertices),
@@ -119,17 +128,52 @@ def _note_thinnest(
 ) -> None:
     below = options.threshold * shape.diagonal
     if not spots:
-        progress.note(f"No place is thinner than {below:.6g}.", "no_thin_spot", threshold=below)
+        text = f"No place is thinner than {below:.6g}." if below else "No thin spot was found."
+        progress.note(text, "no_thin_spot", threshold=below)
         return
+    walls = [spot for spot in spots if spot.kind == "wall"]
     more = f" below {below:.6g}" if below else ""
-    place = ", ".join(f"{x:.6g}" for x in spots[0].position + shape.offset)
-    progress.note(
-        f"{counted(len(spots), 'thin spot', verbs=('was', 'were'))} found{more}. The thinnest has "
-        f"a {options.kind} of {spots[0].value:.6g} at ({place}).",
-        "thin_spots",
-        spots=len(spots),
-        thinnest=spots[0].value,
-    )
+    if walls:
+        place = ", ".join(f"{x:.6g}" for x in walls[0].position + shape.offset)
+        progress.note(
+            f"{counted(len(walls), 'thin spot', verbs=('was', 'were'))} found{more}. The thinnest "
+            f"has a {options.kind} of {walls[0].value:.6g} at ({place}).",
+            "thin_spots",
+            spots=len(walls),
+            thinnest=walls[0].value,
+        )
+    if len(walls) < len(spots):
+        count = len(spots) - len(walls)
+        progress.note(
+            f"{counted(count, 'place', verbs=('is', 'are'))} thin{more} because parts of the mesh "
+            "overlap there, or one part crosses itself: the values tell how deep, not how thick a "
+            "wall is. They come last and have the kind overlap.",
+            "overlaps",
+            level=logging.WARNING,
+            spots=count,
+        )
+
+
+def _note_enclosure(cloud: MedialCloud, progress: Progress) -> None:
+    """Say so where the balls of a cloud or an open mesh lie inside nothing."""
+    shape = cloud.surface
+    if shape.faces is not None and shape.closed_components.all():
+        return
+    rows = wall_balls(cloud)
+    if len(rows) == 0:
+        rows = np.flatnonzero(cloud.valid & (cloud.side > 0))
+    rows = rows[np.linspace(0, len(rows) - 1, min(PLACES, len(rows))).astype(np.int64)]
+    outside = int((Enclosure(shape).times(cloud.centers[rows]) < ENCLOSED).sum())
+    if 2 * outside > len(rows):
+        progress.note(
+            f"The {'cloud' if shape.faces is None else 'surface'} encloses nothing at "
+            f"{counted(outside, 'place', of=len(rows))} that were looked at. Thickness there is "
+            "the distance to whatever lies behind the surface, not that of a wall.",
+            "encloses_nothing",
+            level=logging.WARNING,
+            places=outside,
+            of=len(rows),
+        )
 
 
 def _note_resolution(cloud: MedialCloud, progress: Progress) -> None:
@@ -155,8 +199,8 @@ OPERATION = Operation(
     "places.\n\n"
     "The thickness is the diameter of the largest ball that fits into the wall behind the point. "
     "Convex edges, bumps and noise do not count as thin: there, the thickness of the wall around "
-    "is taken, so that every vertex has a value. Thin spots are listed with position, value, area "
-    "and vertices, one entry for each place.",
+    "is taken, so that every vertex has a value. Thin spots are listed with both ends, value, area "
+    "and vertices, one entry for each place; overlaps of parts are told from walls.",
     source="thesis 3.5.1",
     options=ThicknessRun,
     run=run,

@@ -1,0 +1,289 @@
+"""The thinnest place of a wall near a ball, as a caliper finds it (for thesis 3.5.1).
+
+The ball of a sample tells how thick a wall is at that sample. The wall is thinnest between samples
+as a rule, or at one whose normal leans. So both contacts of the ball move over the faces of their
+sides, from patch to patch, while the ball between them gets smaller.
+
+The ball that is tangent at a place a with the normal n and goes through b has the diameter
+|a - b| / cos(angle of n and a - b). No ball that touches the surface at a is larger, nor at b, so
+the larger of the two diameters is never below the thickness. They are |a - b| where the distance is
+the least in all directions: only there, and at the sharp end of a wall, is it said to be the
+thickness. Along a rounded rim, where |a - b| falls to 0, the diameters stay what they are, and
+normals of facets are too rough to tell more than the balls of the samples do.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from medialis.model.shape import Shape
+from medialis.validation import FloatArray
+
+RINGS = 2
+"""Rings of faces round a contact that make a patch."""
+
+STEPS = 24
+"""Patches on the way down, at most: the lowest sample lies a few rings from the lowest place."""
+
+CONVEX = math.cos(math.radians(30.0))
+"""A side of a wall ends where it bends outward by more than 30 degrees: at a sharp edge."""
+
+LEANING = math.cos(math.radians(60.0))
+"""Faces that lean more than 60 degrees from across the wall are no side of it."""
+
+ACROSS = math.cos(math.radians(30.0))
+"""Normals at the two places lean no more from the line between them than in a wall that tapers by
+60 degrees."""
+
+STEEP = math.cos(math.radians(15.0))
+"""A vertex with a face that leans more than this from its normal is at a crease: the normal is a
+mean over faces of two sides, and leans itself."""
+
+EQUAL = 1e-9
+"""Relative: lengths that differ by less are the same one."""
+
+
+@dataclass(frozen=True)
+class Caliper:
+    """Two places on opposite sides of a wall.
+
+    Attributes
+    ----------
+    ends : (2, 3) float64
+    faces : two (f,) int arrays
+        The faces that each of them lies on, those of its side of the wall.
+    thickness : float
+        Diameter of the ball between them.
+    """
+
+    ends: FloatArray
+    faces: tuple[NDArray[np.int64], NDArray[np.int64]]
+    thickness: float
+
+    @property
+    def length(self) -> float:
+        """Distance of the two places."""
+        return math.dist(*self.ends.tolist())
+
+
+def close_caliper(shape: Shape, start: Caliper) -> Caliper | None:
+    """Move both ends over their sides of a wall until it gets no thinner.
+
+    Parameters
+    ----------
+    shape : Shape
+        A mesh.
+    start : Caliper
+        Contacts of a ball between two walls, and faces there.
+
+    Returns
+    -------
+    Caliper or None
+        None where the distance of the ends is the least neither in all directions nor up to sharp
+        edges where a wall ends: along a rounded rim, at a fingertip, or where the sides meet in an
+        edge. The ball says what is known there.
+
+    Notes
+    -----
+    Cost: some milliseconds; a step measures all pairs of vertices, edges and faces of two patches.
+    """
+    here = start
+    across = (start.ends[0] - start.ends[1]) / max(start.length, 1e-300)
+    for _ in range(STEPS):
+        one, other = _side(shape, here.faces[0], across), _side(shape, here.faces[1], -across)
+        if not len(one) or not len(other):
+            break
+        ends, thickness = _thinnest_places(shape, one, other, here.ends)
+        if math.dist(*ends.tolist()) <= EQUAL * shape.diagonal:
+            return None
+        if thickness >= here.thickness * (1.0 - EQUAL):
+            break
+        here = Caliper(
+            ends, (_faces_at(shape, one, ends[0]), _faces_at(shape, other, ends[1])), thickness
+        )
+    return here if _is_least(shape, here) or _ends_wall(shape, here) else None
+
+
+def _side(shape: Shape, seeds: NDArray[np.int64], outward: FloatArray) -> NDArray[np.int64]:
+    """Return the faces round some seeds that are of the same side of a wall, ascending."""
+    near = seeds
+    for _ in range(RINGS):
+        near = _faces_around(shape, near)
+    near = near[shape.face_normals[near] @ outward >= LEANING]
+    if len(near) == 0:
+        return near
+    across = shape.face_adjacency[near]
+    place = np.minimum(np.searchsorted(near, across), len(near) - 1)
+    link = (near[place] == across) & ~_sharp(shape, near, across)
+    reached = np.isin(near, seeds)
+    while True:
+        more = reached.copy()
+        more[place[link & reached[:, None]]] = True
+        if (more == reached).all():
+            return near[reached]
+        reached = more
+
+
+def _faces_around(shape: Shape, faces: NDArray[np.int64]) -> NDArray[np.int64]:
+    assert shape.faces is not None
+    fans = shape.fans
+    return np.unique(np.concatenate([fans[v] for v in np.unique(shape.faces[faces])]) // 3)
+
+
+def _sharp(shape: Shape, faces: NDArray[np.int64], across: NDArray[np.int32]) -> NDArray[np.bool_]:
+    """Tell the sides (f, 3) of faces that are convex creases."""
+    assert shape.faces is not None
+    normals, points = shape.face_normals, shape.points
+    bent = np.einsum("fa,fja->fj", normals[faces], normals[across]) < CONVEX
+    ahead = points[shape.faces[across]].mean(axis=2) - points[shape.faces[faces, 0]][:, None]
+    return np.asarray(bent & (np.einsum("fa,fja->fj", normals[faces], ahead) < 0))
+
+
+def _faces_at(shape: Shape, patch: NDArray[np.int64], place: FloatArray) -> NDArray[np.int64]:
+    """Return the faces of a patch that a place lies on."""
+    assert shape.faces is not None
+    corners = shape.points[shape.faces[patch]]
+    weights = _nearest_weights(np.repeat(place[None], len(patch), axis=0), corners)
+    apart = np.linalg.norm(np.einsum("fj,fja->fa", weights, corners) - place, axis=1)
+    return patch[apart <= apart.min() + EQUAL * shape.diagonal]
+
+
+def _is_least(shape: Shape, caliper: Caliper) -> bool:
+    """Tell whether no face round one end is nearer to the other end."""
+    assert shape.faces is not None
+    for j in (0, 1):
+        corners = shape.points[shape.faces[_faces_around(shape, caliper.faces[j])]]
+        other = np.repeat(caliper.ends[1 - j][None], len(corners), axis=0)
+        feet = np.einsum("fj,fja->fa", _nearest_weights(other, corners), corners)
+        if np.linalg.norm(feet - other, axis=1).min() < caliper.length * (1.0 - 1e-6):
+            return False
+    return True
+
+
+def _ends_wall(shape: Shape, caliper: Caliper) -> bool:
+    """Tell whether both ends lie on convex creases."""
+    assert shape.faces is not None
+    for place, faces in zip(caliper.ends, caliper.faces, strict=True):
+        side, crease = np.nonzero(_sharp(shape, faces, shape.face_adjacency[faces]))
+        corners = np.asarray(shape.faces)[faces[side]]
+        rows = np.arange(len(side))
+        first, last = (shape.points[corners[rows, (crease + step) % 3]] for step in (0, 1))
+        off = np.linalg.norm(np.cross(last - first, place - first), axis=1)
+        long = np.linalg.norm(last - first, axis=1)
+        if not (off <= 1e-6 * long * shape.diagonal).any():
+            return False
+    return True
+
+
+def _thinnest_places(
+    shape: Shape, one: NDArray[np.int64], other: NDArray[np.int64], before: FloatArray
+) -> tuple[FloatArray, float]:
+    """Return places of two patches with the smallest ball between them, (2, 3), and its diameter.
+
+    Two triangles are closest at a corner of one of them, or on an edge of each. Of equal balls the
+    one nearest to the places before is taken.
+    """
+    sides = _Side.of(shape, one), _Side.of(shape, other)
+    second, first = _corner_feet(*sides)
+    third, fourth = _corner_feet(*sides[::-1])
+    fifth, sixth = _edge_feet(*sides)
+    a = np.concatenate([first, third, fifth])
+    b = np.concatenate([second, fourth, sixth])
+    away = a[:, 0] - b[:, 0]
+    length = np.linalg.norm(away, axis=1)
+    along = np.einsum("pa,pa->p", _unit(a[:, 1]), away)
+    back = -np.einsum("pa,pa->p", _unit(b[:, 1]), away)
+    lean = np.minimum(along, back)  # lengths times cosines
+    touching = lean >= ACROSS * length
+    diameter = np.full(len(length), np.inf)
+    np.divide(length * length, lean, out=diameter, where=touching & (lean > 0))
+    diameter[length <= EQUAL * shape.diagonal] = 0.0
+    equal = np.flatnonzero(diameter <= diameter.min() * (1.0 + EQUAL))
+    moved = np.linalg.norm(a[equal, 0] - before[0], axis=1)
+    moved += np.linalg.norm(b[equal, 0] - before[1], axis=1)
+    best = equal[np.argmin(moved)]
+    return np.stack([a[best, 0], b[best, 0]]), float(diameter[best])
+
+
+@dataclass(frozen=True)
+class _Side:
+    """A patch of faces with vertices of its own.
+
+    Attributes
+    ----------
+    vertices : (v, 2, 3) float64
+        Place and normal: of the smooth surface, but at a crease of the faces of the patch alone.
+    faces : (f, 3) int
+    edges : (e, 2) int
+    """
+
+    vertices: FloatArray
+    faces: NDArray[np.int64]
+    edges: NDArray[np.int64]
+
+    @classmethod
+    def of(cls, shape: Shape, patch: NDArray[np.int64]) -> _Side:
+        assert shape.faces is not None
+        vertices, corners = np.unique(shape.faces[patch], return_inverse=True)
+        faces = corners.reshape(-1, 3)
+        flat, normals = shape.face_normals[patch], shape.normals[vertices]
+        steep = np.ones(len(vertices))
+        total = np.zeros((len(vertices), 3))
+        for j in range(3):
+            v = faces[:, j]
+            np.minimum.at(steep, v, np.einsum("fa,fa->f", flat, normals[v]))
+            np.add.at(total, v, flat)
+        normals = np.where((steep < STEEP)[:, None], _unit(total), normals)
+        edges = np.unique(np.sort(faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1), axis=0)
+        return cls(np.stack([shape.points[vertices], normals], axis=1), faces, edges)
+
+
+def _corner_feet(one: _Side, other: _Side) -> tuple[FloatArray, FloatArray]:
+    """Return the vertices of the other side, and the place of each face of one nearest to each.
+
+    Both are (p, 2, 3): places and normals, of any length.
+    """
+    v, f = (index.ravel() for index in np.indices((len(other.vertices), len(one.faces))))
+    corners = one.vertices[one.faces[f]]
+    weights = _nearest_weights(other.vertices[v, 0], np.ascontiguousarray(corners[:, :, 0]))
+    return other.vertices[v], np.einsum("pj,pjka->pka", weights, corners)
+
+
+def _edge_feet(one: _Side, other: _Side) -> tuple[FloatArray, FloatArray]:
+    """Return where the lines of edges of two sides are closest, within both edges."""
+    i, j = (index.ravel() for index in np.indices((len(one.edges), len(other.edges))))
+    p, q = one.vertices[one.edges], other.vertices[other.edges]
+    s, t = _closest_parameters(p[i, :, 0], q[j, :, 0])
+    within = np.flatnonzero((s >= 0) & (s <= 1) & (t >= 0) & (t <= 1))
+    p, q, s, t = p[i[within]], q[j[within]], s[within], t[within]
+    return _between(p, s), _between(q, t)
+
+
+def _between(ends: FloatArray, share: FloatArray) -> FloatArray:
+    part = share[:, None, None]
+    return np.asarray((1.0 - part) * ends[:, 0] + part * ends[:, 1])
+
+
+def _closest_parameters(p: FloatArray, q: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return where along edges (e, 2, 3) their lines are closest, 0..1; NaN where parallel."""
+    u, v, w = p[:, 1] - p[:, 0], q[:, 1] - q[:, 0], p[:, 0] - q[:, 0]
+    uu, uv, vv = (np.einsum("ij,ij->i", *pair) for pair in ((u, u), (u, v), (v, v)))
+    uw, vw = np.einsum("ij,ij->i", u, w), np.einsum("ij,ij->i", v, w)
+    bottom = uu * vv - uv * uv
+    bottom = np.where(bottom > 1e-12 * uu * vv, bottom, np.nan)
+    return (uv * vw - vv * uw) / bottom, (uu * vw - uv * uw) / bottom
+
+
+def _unit(vectors: FloatArray) -> FloatArray:
+    length = np.linalg.norm(vectors, axis=1, keepdims=True)
+    return np.asarray(vectors / np.maximum(length, 1e-300))
+
+
+def _nearest_weights(places: FloatArray, corners: FloatArray) -> FloatArray:
+    from medialis._kernels.nearest import nearest_on_triangles
+
+    return nearest_on_triangles(places, corners)

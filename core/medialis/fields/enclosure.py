@@ -1,0 +1,93 @@
+"""How often a surface is wound round a place: twice where parts overlap (for thesis 3.5.1)."""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+
+from medialis.model.shape import Shape
+from medialis.surface.surface_graph import CLOUD_NEIGHBOURS
+from medialis.validation import FloatArray
+
+VIEW = np.linalg.qr(np.array([[0.31, 0.83, 0.46], [0.72, -0.15, 0.67], [0.59, 0.53, -0.61]]))[0]
+"""Three directions at right angles, off the axes that shapes are drawn along: rays meet no edge."""
+
+ENCLOSED, TWICE = 0.5, 1.5
+"""Times a surface is wound round a place from which on it is inside, and inside of two parts."""
+
+
+class Enclosure:
+    """What tells how often a surface is wound round a place.
+
+    Parameters
+    ----------
+    shape : Shape
+        n samples and m faces, outward.
+    """
+
+    def __init__(self, shape: Shape) -> None:
+        self.shape = shape
+
+    @cached_property
+    def _boxes(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Corners of the faces as seen along `VIEW`, (m, 3, 3), and their bounds, (3, m) each."""
+        corners = ((self.shape.points - self.shape.bounds[0]) @ VIEW)[self.shape.faces]
+        low, high = (np.ascontiguousarray(f(corners, axis=1).T) for f in (np.min, np.max))
+        return corners, low, high
+
+    def times(self, places: FloatArray) -> FloatArray:
+        """Return how often the surface is wound round each of some places (q, 3) off it, (q,).
+
+        Of a closed mesh a whole number: 0 outside, 1 inside, 2 where two parts of it overlap. Of an
+        open mesh the median of six rays. Of a cloud its solid angle, good where places are several
+        spacings off the samples.
+
+        Cost O(q (m + n)), some milliseconds for a place in a mesh of 400,000 faces.
+        """
+        if self.shape.faces is None:
+            return _times_by_samples(self.shape, places)
+        corners, low, high = self._boxes
+        counts = np.zeros((len(places), 6))
+        for i, place in enumerate((places - self.shape.bounds[0]) @ VIEW):
+            for axis in range(3):
+                u, v = (axis + 1) % 3, (axis + 2) % 3
+                met = np.flatnonzero((low[u] <= place[u]) & (high[u] >= place[u]))
+                met = met[(low[v, met] <= place[v]) & (high[v, met] >= place[v])]
+                counts[i, 2 * axis : 2 * axis + 2] = _crossings(corners[met] - place, axis, u, v)
+        return np.asarray(np.median(counts, axis=1))
+
+
+def _crossings(corners: FloatArray, axis: int, u: int, v: int) -> tuple[float, float]:
+    """Count the faces (f, 3, 3) that the two rays from the origin along an axis leave through.
+
+    Those that they enter through count -1.
+    """
+    a, b, c = (corners[:, j] for j in range(3))
+
+    def side(p: FloatArray, q: FloatArray) -> FloatArray:
+        return np.asarray(p[:, u] * q[:, v] - p[:, v] * q[:, u])
+
+    weights = np.stack([side(b, c), side(c, a), side(a, b)], axis=1)
+    through = (weights > 0).all(axis=1) | (weights < 0).all(axis=1)
+    weights, height = weights[through], corners[through, :, axis]
+    total = weights.sum(axis=1)
+    up = np.einsum("fj,fj->f", weights, height) / total > 0
+    facing = np.sign(total)
+    return float(facing[up].sum()), float(-facing[~up].sum())
+
+
+def _times_by_samples(shape: Shape, places: FloatArray) -> FloatArray:
+    """Sum the solid angles of samples, each as large as the disc of its nearest neighbours."""
+    k = min(CLOUD_NEIGHBOURS, shape.point_count - 1)
+    if k < 1:
+        return np.zeros(len(places))
+    area = np.pi * shape.tree.query(shape.points, k=[k + 1])[0][:, 0] ** 2 / k
+    result = np.empty(len(places))
+    for i, place in enumerate(places):
+        away = shape.points - place
+        distance = np.linalg.norm(away, axis=1)
+        facing = np.einsum("ij,ij->i", away, shape.normals)
+        seen = distance > 0
+        result[i] = (area[seen] * facing[seen] / distance[seen] ** 3).sum() / (4 * np.pi)
+    return result
