@@ -9,6 +9,7 @@ all threads together, nothing kept).
 
 from __future__ import annotations
 
+import functools
 import math
 import sys
 import time
@@ -16,6 +17,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+from accuracy_suite.flat_prisms import flat_prism
 
 import medialis
 
@@ -23,20 +25,27 @@ TESTS = Path(__file__).resolve().parent.parent / "tests"
 SIDES = (2.0, 1.5, 1.0)
 
 
+def box_outline(a: float, b: float) -> list[list[float]]:
+    """Return the corners of a rectangle."""
+    return [[0, 0], [a, 0], [a, b], [0, b]]
+
+
 def closed_forms() -> None:
     """Print counts, Y-length and areas of shapes whose sheets are known."""
     sys.path[:0] = [str(TESTS)]
     import closed_forms as forms
 
-    a, b, c = SIDES
-    box_length = 8 * math.sqrt(3) / 2 * c + 2 * (a - c) + 2 * (b - c)
-    box_area = (a - c) * (b - c) + 4 * sum((2 * s - c) / 2 * c / math.sqrt(2) for s in SIDES)
-    cases: dict[str, tuple[Callable[[float], medialis.Shape], int, int, float, float]] = {
-        "box": (lambda h: forms.box_mesh(SIDES, h), 13, 6, box_length, box_area),
-        "slab": (lambda h: forms.box_mesh((2, 2, 0.5), h), 13, 6, 4 * math.sqrt(0.75) + 6, 7.553),
-        "L": (lambda h: forms.prism(forms.L_OUTLINE, 0.8, h), 16, 8, 0.0, 0.0),
-        "T": (lambda h: forms.prism(forms.T_OUTLINE, 0.8, h), 19, 10, 0.0, 0.0),
-        "wedge": (lambda h: forms.prism(forms.TRIANGLE, 0.8, h), 10, 5, 0.0, 0.0),
+    cases: dict[str, tuple[Callable[[float], medialis.Shape], int, int, float, float]] = {}
+    prisms = {
+        "box": (box_outline(*SIDES[:2]), SIDES[2], 6), "slab": (box_outline(2, 2), 0.5, 6),
+        "L": (forms.L_OUTLINE, 0.8, 8), "T": (forms.T_OUTLINE, 0.8, 10),
+        "wedge": (forms.TRIANGLE, 0.8, 5),
+    }  # fmt: skip
+    for name, (outline, height, patches) in prisms.items():
+        known = flat_prism(name, outline, height)
+        make = functools.partial(forms.prism, outline, height)
+        cases[name] = make, known.sheets, patches, known.y_length, float(known.areas.sum())
+    cases |= {
         "flat cylinder": (
             lambda h: forms.rounded_cylinder(1, 1, 0, h), 3, 3, math.pi,
             math.pi / 4 + 3 * math.pi * math.sqrt(0.5),
@@ -49,8 +58,8 @@ def closed_forms() -> None:
     for name, (make, sheets, patches, length, area) in cases.items():
         for spacing in (0.12, 0.06, 0.03):
             shape = make(spacing)
-            cloud = medialis.shrink_balls(shape, side="both")
-            inner = cloud.subset(cloud.side > 0)
+            cloud = medialis.surface_skeleton(shape, refine=0, side="both")
+            inner = medialis.surface_skeleton(shape, refine=0, fans=True)
             found = medialis.medial_sheets(inner)
             network = medialis.y_network(found)
             meshes = medialis.sheet_meshes(found)

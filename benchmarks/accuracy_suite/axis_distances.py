@@ -75,8 +75,8 @@ def sheet_row(shape: medialis.Shape, known: dict[str, object]) -> dict[str, floa
     together), ``worst_sheet`` (the largest error of one sheet, sorted by area; None where the
     number is wrong) and ``y_error`` (None where there is no Y-curve).
     """
-    cloud = medialis.surface_skeleton(shape, refine=0)
-    sheets = medialis.medial_sheets(cloud)
+    cloud = medialis.surface_skeleton(shape, refine=0, fans=True)
+    sheets = medialis.medial_sheets(cloud, smallest=0.0)
     areas = np.sort(medialis.sheet_meshes(sheets).areas)
     length = float(medialis.y_network(sheets).lengths.sum())
     true, true_length = np.asarray(known["areas"]), float(known["y_length"])

@@ -21,8 +21,8 @@ Measures:
     thin_spots, ThinSpot, feature_transform, field_on_skeleton, field_on_surface
 Sheets and segments:
     extended_feature_transform, FeatureSets, point_types, PointType, medial_sheets, MedialSheets,
-    y_network, YNetwork, sheet_meshes, SheetMeshes, medial_scaffold, MedialScaffold, soft_edges,
-    SoftEdges, patches, parts, mean_shift, MeanShift, mean_shift_segments, Segmentation
+    Unfolded, y_network, YNetwork, sheet_meshes, SheetMeshes, medial_scaffold, MedialScaffold,
+    soft_edges, SoftEdges, patches, parts, mean_shift, MeanShift, mean_shift_segments, Segmentation
 Curves and rigging:
     curve_skeleton, CurveSkeleton, CurveEvidence, candidate_measure, CandidateMeasure,
     tangent_field, area_importance, simplify_branches, point_graph, Handles, view_curve_skeleton,

@@ -61,6 +61,7 @@ from medialis.model.surface import Surface as Surface
 from medialis.model.view import OrthographicCamera as OrthographicCamera
 from medialis.model.view import View as View
 from medialis.model.view import ViewSource as ViewSource
+from medialis.model.unfolded import Unfolded as Unfolded
 from medialis.model.y_network import YNetwork as YNetwork
 from medialis.operations.declaration import Operation as Operation
 from medialis.operations.pictures import draw_result as draw_result

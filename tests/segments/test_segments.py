@@ -113,7 +113,9 @@ def test_parts_ignore_outer_balls_and_threads():
     with thread_limit(1):
         assert (medialis.parts(skeleton(shape)).labels == found.labels).all()
     rough = medialis.parts(skeleton(shape), smoothing=0)
-    assert (rough.labels != found.labels).mean() < 0.1
+    # Parts behind edges of one length are as large as each other: their order may change.
+    pairs = np.unique(np.stack([rough.labels, found.labels]), axis=1, return_counts=True)[1]
+    assert np.sort(pairs)[-13:].sum() > 0.9 * len(found.labels)
 
 
 def test_open_surfaces_have_labels_or_say_why():

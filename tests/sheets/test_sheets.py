@@ -331,7 +331,10 @@ def test_bad_input():
         medialis.y_network(sheets, neighbours=0)
     nine = np.zeros(9, bool)
     with pytest.raises(medialis.InvalidShapeError, match="labels must have shape"):
-        medialis.MedialSheets(np.full(9, -1), nine, nine, cloud=cloud)
+        medialis.MedialSheets(
+            np.full(9, -1), nine, nine, sheets.node_labels, sheets.node_front,
+            unfolded=sheets.unfolded,
+        )  # fmt: skip
     with pytest.raises(medialis.InvalidShapeError, match="There are sheets"):
         medialis.sheet_meshes(sheets).sheet(999)
     for function, data in (

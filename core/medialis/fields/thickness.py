@@ -199,11 +199,11 @@ def _complete(shape: Shape, diameters: FloatArray, values: NDArray[np.float64]) 
         _nearest_in_space(shape, values)
         return
     missing = np.isnan(values)
-    graph = mesh_graph(shape, missing)
-    seed = nearest_seeds(shape, graph, ~np.isnan(values))
+    graph = mesh_graph(shape.faces, missing)
+    seed = nearest_seeds(shape.points, graph, ~np.isnan(values))
     if (seed < 0).any():
         _seed_other_components(shape, diameters, values, seed)
-        seed = nearest_seeds(shape, graph, ~np.isnan(values))
+        seed = nearest_seeds(shape.points, graph, ~np.isnan(values))
     reached = seed >= 0
     values[reached] = values[seed[reached]]
     _smooth(np.flatnonzero(missing & reached), values, graph)

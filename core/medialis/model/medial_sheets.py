@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from medialis.kept import Bound
 from medialis.model.medial_cloud import MedialCloud
+from medialis.model.unfolded import Unfolded
 from medialis.validation import IntArray, hold
 
 
@@ -27,23 +28,34 @@ class MedialSheets(Bound):
     front : (k,) bool
         True on one of the two sides of each sheet: the samples of these balls cover it once (those
         of a tube, which has no two sides, all around).
-    cloud : MedialCloud
-        The k balls.
+    node_labels, node_front : (u,) int32 and bool
+        The same for the nodes of the unfolded surface: at a crease, those on its two sides are on
+        the two sides of a sheet.
+    unfolded : Unfolded
+        The surface of the k balls, with u nodes.
 
     Raises
     ------
     InvalidShapeError
-        When there is not one value a ball.
+        When there is not one value a ball, or a node.
     """
 
     labels: IntArray
     linked: NDArray[np.bool_]
     front: NDArray[np.bool_]
-    cloud: MedialCloud = field(kw_only=True)
+    node_labels: IntArray
+    node_front: NDArray[np.bool_]
+    unfolded: Unfolded = field(kw_only=True)
 
     def __post_init__(self) -> None:
-        k = len(self.cloud)
+        k, u = len(self.cloud), len(self.unfolded)
         hold(self, labels=(np.int32, k), linked=(np.bool_, k), front=(np.bool_, k))
+        hold(self, node_labels=(np.int32, u), node_front=(np.bool_, u))
+
+    @property
+    def cloud(self) -> MedialCloud:
+        """The k balls."""
+        return self.unfolded.cloud
 
     def __len__(self) -> int:
         return len(self.labels)

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from medialis.balls.ball_shrinking import ShrinkOptions, Side
+from medialis.balls.surface_skeleton import SurfaceSkeletonOptions
 from medialis.model.medial_cloud import MedialCloud
 from medialis.model.shape import Shape
 from medialis.model.y_network import YNetwork
@@ -30,10 +31,15 @@ class MedialSheetsRun(MedialSheetOptions, SheetPreparation):
 
     side: Side = changed(ShrinkOptions, "side")
 
+    @property
+    def with_fans(self) -> SurfaceSkeletonOptions:
+        """Options of the balls: sheets have no gap at concave edges."""
+        return SurfaceSkeletonOptions.taken_from(self, fans=True)
+
 
 def run(shape: Shape, options: MedialSheetsRun, progress: Progress) -> Outcome:
     """Refine, shrink balls, separate sheets, mesh them, find where they meet."""
-    cloud = computed(shape, options, progress)
+    cloud = computed(shape, options.with_fans, progress)
     fine = cloud.surface
     with progress.stage("medial sheets", 0.4, 0.8):
         sheets = medial_sheets.of(cloud, options, progress)
@@ -106,7 +112,7 @@ def _mesh_layer(meshes: SheetMeshes) -> Layer:
         "sheet_meshes",
         mesh.points,
         mesh.faces,
-        attributes={"sheet": meshes.point_sheet, "radius": mesh.cloud.radii[mesh.rows]},
+        attributes={"sheet": meshes.point_sheet, "radius": meshes.radii},
         face_attributes={"face_sheet": meshes.face_sheet},
         color_by="sheet",
         labels=("sheet",),

@@ -225,5 +225,5 @@ def _on_surface(cloud: MedialCloud, clusters: MeanShift, fill: bool) -> NDArray[
     if fill:
         label[label == -1] = -2
     # Noise (-1) is passed on as well; only -2 takes the label of the nearest other sample.
-    known = spread_labels(surface, surface_graph(surface), (label + 1).astype(np.int32))
+    known = spread_labels(surface.points, surface_graph(surface), (label + 1).astype(np.int32))
     return np.maximum(known - 1, -1).astype(np.int32)

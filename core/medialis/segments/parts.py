@@ -72,6 +72,7 @@ class PartsOptions(Options):
         high=100,
     )
     sheet_threshold: float = changed(MedialSheetOptions, "sheet_threshold", advanced=True)
+    creases: float = changed(MedialSheetOptions, "creases")
 
 
 @algorithm(PartsOptions)
@@ -185,7 +186,7 @@ def _limbs(cloud: MedialCloud, progress: Progress) -> _Limbs:
         of_node = find_limbs(skeleton, node_widths(skeleton))
         labels: IntArray = np.where(node < 0, -1, of_node[node]).astype(np.int32)
         return _Limbs(
-            spread_labels(surface, surface_graph(surface), labels),
+            spread_labels(surface.points, surface_graph(surface), labels),
             flatness(skeleton),
         )
 

@@ -38,90 +38,86 @@ def _agree(normals, a, b):
 
 @kernel
 def _matches(
-    i, j, a, b, points, normals, centers, radii, spacing, closed, wall, tau, turn,
-    offsets, samples, clusters,
+    i, j, a, b, places, normals, touched, regions, spacing, rows, centers, radii, closed, wall,
+    tau, turn, offsets, samples, clusters,
 ):  # fmt: skip
-    """Tell whether sample b (a contact of ball j) is what sample a is for ball i.
+    """Tell whether contact b (of the ball of node j) is what contact a is for node i.
 
-    They are when b is close to a, nearer than tau spacings, and seen from the center under a small
-    angle (the chord is `turn` radii at most). In walls thinner than the samples are apart, that
-    angle says nothing: there the normals must agree. They are also when the normals agree and b
-    lies in the cluster of a. Of balls that touch all round, contacts are arbitrary: two are the
-    same when they nearly coincide.
+    Never, where a crease lies between them. They are when b is close to a, nearer than tau
+    spacings, and seen from the center under a small angle (the chord is `turn` radii at most). In
+    walls thinner than the samples are apart, and at creases, that angle says nothing: there the
+    normals must agree. They are also when the normals agree and b lies in the cluster of a. Of
+    balls that touch all round, contacts are arbitrary: two are the same when they nearly coincide.
     """
     reach = tau * max(spacing[a], spacing[b])
     if closed[i] and closed[j]:
         return _distance(centers, i, j) + abs(radii[i] - radii[j]) <= reach
-    gap = _distance(points, a, b)
+    if regions[a] != regions[b]:
+        return False
+    gap = _distance(places, a, b)
     if gap <= reach and gap <= turn * min(radii[i], radii[j]):
         return True
     if not _agree(normals, a, b):
         return False
     if gap <= reach and wall[i] and wall[j]:
         return True
-    mine = _cluster_of(a, i, offsets, samples, clusters)
-    return mine >= 0 and mine == _cluster_of(b, i, offsets, samples, clusters)
+    mine = _cluster_of(touched[a], rows[i], offsets, samples, clusters)
+    return mine >= 0 and mine == _cluster_of(touched[b], rows[i], offsets, samples, clusters)
 
 
 @kernel
 def link_neighbours(
-    begin, end, row_of, graph_offsets, graph, points, normals, features, centers, radii, spacing,
-    closed, clear, wall, tau, turn, offsets, samples, clusters, out_links,
+    begin, end, graph_offsets, graph, clear, places, normals, touched, regions, spacing, rows,
+    centers, radii, closed, wall, tau, turn, offsets, samples, clusters, out_links,
 ):  # fmt: skip
-    """Set out_links where the balls of two neighbouring samples lie on one sheet.
+    """Set out_links where the balls of two neighbouring nodes lie on one sheet.
 
-    The first feature points are neighbours already; the second ones must match, seen from one ball
-    at least (single linkage).
+    Contacts 0..u - 1 are the first ones of the nodes, u..2 u - 1 the second ones. The first ones
+    are neighbours already; the second ones must match, seen from one ball at least (single
+    linkage).
     """
-    for s in range(begin, end):
-        i = row_of[s]
-        if i < 0 or not clear[i]:
+    u = len(rows)
+    for i in range(begin, end):
+        if not clear[i]:
             continue
-        for at in range(graph_offsets[s], graph_offsets[s + 1]):
-            j = row_of[graph[at]]
-            if j < 0 or not clear[j]:
-                continue
-            a, b = features[i, 1], features[j, 1]
-            out_links[at] = _matches(
-                i, j, a, b, points, normals, centers, radii, spacing, closed, wall,
-                tau, turn, offsets, samples, clusters,
-            ) or _matches(
-                j, i, b, a, points, normals, centers, radii, spacing, closed, wall,
-                tau, turn, offsets, samples, clusters,
-            )  # fmt: skip
+        for at in range(graph_offsets[i], graph_offsets[i + 1]):
+            j = graph[at]
+            if clear[j]:
+                out_links[at] = _matches(
+                    i, j, u + i, u + j, places, normals, touched, regions, spacing, rows, centers,
+                    radii, closed, wall, tau, turn, offsets, samples, clusters,
+                ) or _matches(
+                    j, i, u + j, u + i, places, normals, touched, regions, spacing, rows, centers,
+                    radii, closed, wall, tau, turn, offsets, samples, clusters,
+                )  # fmt: skip
 
 
 @kernel
 def link_across(
-    begin, end, row_of, points, normals, features, centers, radii, spacing, closed, clear, wall,
-    tau, turn, offsets, samples, clusters, out_partner,
+    begin, end, across, clear, places, normals, touched, regions, spacing, rows,
+    centers, radii, closed, wall, tau, turn, offsets, samples, clusters, out_partner,
 ):  # fmt: skip
-    """Row of the ball of the second feature point, where it is the same ball seen from there; -1.
+    """Node at the second contact, where its ball is the same ball seen from there; -1.
 
-    Its second feature point must match the first one of this ball.
+    Its second contact must match the first one of this ball.
     """
-    for s in range(begin, end):
-        i = row_of[s]
-        if i < 0 or not clear[i]:
-            continue
-        j = row_of[features[i, 1]]
-        if j >= 0 and clear[j] and _matches(
-            i, j, s, features[j, 1], points, normals, centers, radii, spacing, closed, wall,
-            tau, turn, offsets, samples, clusters,
+    u = len(rows)
+    for i in range(begin, end):
+        j = across[i]
+        if clear[i] and j >= 0 and clear[j] and _matches(
+            i, j, i, u + j, places, normals, touched, regions, spacing, rows, centers, radii,
+            closed, wall, tau, turn, offsets, samples, clusters,
         ):  # fmt: skip
             out_partner[i] = j
 
 
 @kernel
-def join_links(row_of, graph_offsets, graph, links, partner, parent):
-    """Union-find over the links; the root of a piece is its lowest row."""
-    for s in range(len(row_of)):
-        i = row_of[s]
-        if i < 0:
-            continue
-        for at in range(graph_offsets[s], graph_offsets[s + 1]):
+def join_links(graph_offsets, graph, links, partner, parent):
+    """Union-find over the links; the root of a piece is its lowest node."""
+    for i in range(len(parent)):
+        for at in range(graph_offsets[i], graph_offsets[i + 1]):
             if links[at]:
-                a, b = find_root(parent, i), find_root(parent, row_of[graph[at]])
+                a, b = find_root(parent, i), find_root(parent, graph[at])
                 if a != b:
                     parent[max(a, b)] = min(a, b)
         if partner[i] >= 0:

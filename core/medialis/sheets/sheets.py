@@ -1,29 +1,31 @@
 """Medial sheets: the smooth pieces of a surface skeleton (thesis 6.2.2.1).
 
-Two balls lie on one sheet when both feature points of one are close to those of the other. Where
-sheets run into a convex corner this holds across sheets as well, because there all feature points
-are close together. So only balls whose feature points are clearly apart are linked; the others,
-those of the rim, are attached to the nearest sheet along the surface afterwards.
+Two balls lie on one sheet when both contacts of one are close to those of the other. Where sheets
+run into a convex edge or corner this holds across sheets as well, because there all contacts are
+close together. At a crease it is known which side each contact is on. At soft edges only balls
+whose contacts are clearly apart are linked; the others, those of the rim, are attached to the
+nearest sheet along the surface afterwards.
 """
 
 from __future__ import annotations
 
-import functools
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from medialis.errors import InvalidShapeError
+from medialis.balls.thin_walls import BallOptions
 from medialis.kept import kept
 from medialis.model.feature_sets import FeatureSets
 from medialis.model.medial_cloud import MedialCloud
 from medialis.model.medial_sheets import MedialSheets
-from medialis.model.shape import Shape
-from medialis.options import Options, algorithm, number
+from medialis.model.unfolded import Unfolded
+from medialis.options import Options, algorithm, changed, number
 from medialis.progress import Progress
+from medialis.sheets.borders import parts_to_border
 from medialis.sheets.extended_features import extended_feature_transform
+from medialis.sheets.unfolding import unfold
 from medialis.surface.labels import (
     fill_components,
     merge_small,
@@ -47,10 +49,11 @@ degrees apart as seen from the center."""
 WALL = -0.5
 """Cosine between the normals at the two feature points of a ball in a wall: 120 degrees or more."""
 
-LEAST_BALLS = 8
-"""A piece of fewer linked balls is no sheet; it is attached to its surroundings."""
+LEAST_BALLS, ON_BORDER = 8, 0.1
+"""A piece of fewer linked balls is no sheet, not counting those that lie on its border: nearer than
+this share of the way to the next sample. It is attached to its surroundings."""
 
-SAMPLES_A_CHUNK = 8192
+NODES_A_CHUNK = 8192
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,6 +75,7 @@ class MedialSheetOptions(Options):
         high=100.0,
         advanced=True,
     )
+    creases: float = changed(BallOptions, "creases")
 
 
 @algorithm(MedialSheetOptions)
@@ -94,7 +98,7 @@ def medial_sheets(
     Raises
     ------
     InvalidShapeError
-        When the cloud has two balls for one sample and side.
+        When the cloud has two balls for one sample and side, other than those of fans.
 
     See Also
     --------
@@ -103,26 +107,30 @@ def medial_sheets(
 
     Notes
     -----
-    1. A ball takes part when it is not of type A3 and its feature points are at least two spacings
-       apart, or on the two sides of a wall (normals at least 120 degrees apart).
-    2. Balls of neighbouring samples are linked when their second feature points match: they lie
-       closer together than the threshold allows and less than 44 degrees apart as seen from the
-       center, or in the same cluster of one of the two feature sets with normals less than 45
-       degrees apart. A ball is also linked to that of its second feature point, where this is the
-       same ball seen from the other side. Balls that touch all round are linked when they nearly
-       coincide.
-    3. Linked balls are a piece; pieces of at least 8 balls are sheets. All other balls get the
-       sheet of the nearest sample along the surface.
+    1. The surface is unfolded (`Unfolded`): cut along the creases that sheets end on (convex ones,
+       for inner balls), with strips between the balls of fans along the others.
+    2. A ball takes part when such a crease parts its two contacts; or it is not of type A3 and they
+       are at least two spacings apart, or on the two sides of a wall (normals at least 120 degrees
+       apart).
+    3. Balls of neighbouring nodes are linked when their second contacts match: no such crease
+       parts them, and they lie closer together than the threshold allows and less than 44 degrees
+       apart as seen from the center, or have normals less than 45 degrees apart in walls, at
+       creases and in one cluster of a feature set. A ball is also linked to that of its second
+       contact, where this is the same ball seen from the other side. Balls that touch all round are
+       linked when they nearly coincide.
+    4. Linked balls are a piece; pieces of at least 8 balls are sheets, not counting balls that
+       touch the wall of a neighbouring sheet as well. Those that are in none take the sheet whose
+       wall they touch, all others that of the nearest sample along the surface.
 
-    Where sheets are only two or three samples wide, in sharp corners, a splinter of some ten balls
-    may come off; the default of `smallest` merges it.
+    Rims at soft edges are attached, not linked. Where sheets are only two or three samples wide
+    there, a splinter of some ten balls may come off; the default of `smallest` merges it.
 
     Cost O(n); about 1.7 s of processor time for 194,000 samples, 1.3 of them for the feature sets.
 
     Source: thesis 6.2.2.1, Eq. 6.4-6.5. Deviates: neighbours along the surface and across the sheet
     instead of nearest medial points: the first feature points are then close for certain. Straight
     lines instead of geodesics: at less than four spacings they differ only round the tip of a slit,
-    where the spokes differ as well. Rims are attached, not linked.
+    where the spokes differ as well. Creases part contacts, however close they are.
 
     Examples
     --------
@@ -136,73 +144,110 @@ def medial_sheets(
     >>> medialis.medial_sheets(medialis.surface_skeleton(box)).count
     13
     """
-    k = len(cloud)
-    labels, linked, front = np.full(k, -1, np.int32), np.zeros(k, np.bool_), np.zeros(k, np.bool_)
     with progress.stage("sheets", 0.0, 1.0):
-        threshold = options.sheet_threshold
-        sides = kept(
-            _divide, cloud, threshold, lambda: _divide(cloud, threshold, progress), progress
-        )
-        for side in sides:
-            of_samples = run_patiently(
-                functools.partial(_numbered, cloud.surface, side.labels, options.smallest), progress
-            )
-            own = of_samples[cloud.source[side.rows]]
-            labels[side.rows] = np.where(own < 0, -1, own + labels.max() + 1)
-            linked[side.rows], front[side.rows] = side.linked, side.front
-    return MedialSheets(labels, linked, front, cloud=cloud)
+        own = options.sheet_threshold, options.creases
+        divided = kept(_divide, cloud, own, lambda: _divide(cloud, options, progress), progress)
+        return run_patiently(lambda: _numbered(divided, options.smallest), progress)
 
 
-def _numbered(surface: Shape, labels: IntArray, smallest: float) -> IntArray:
-    """Merge small sheets into their neighbours, and number them by falling area."""
-    area = surface.point_areas
-    if smallest > 0.0:
-        least = smallest * float(area.sum())
-        labels = merge_small(labels, area, surface_graph(surface), least)
-    return numbered_by_weight(labels, area)
+class _Divided(NamedTuple):
+    """Sheet of each node before small ones are merged, and two masks of the nodes."""
 
-
-class _Side(NamedTuple):
-    """Inner or outer balls: their rows, the sheet of each sample, and two masks of the rows."""
-
-    rows: IntArray
+    unfolded: Unfolded
     labels: IntArray
     linked: NDArray[np.bool_]
     front: NDArray[np.bool_]
 
 
-def _divide(cloud: MedialCloud, threshold: float, progress: Progress) -> list[_Side]:
-    """Link the balls of each side, and spread the pieces over the surface: nothing is merged."""
-    with progress.stage("contacts", 0.0, 0.8):
+def _numbered(divided: _Divided, smallest: float) -> MedialSheets:
+    """Merge small sheets into their neighbours, and number them by falling area, inner first."""
+    unfolded, side = divided.unfolded, divided.unfolded.cloud.side[divided.unfolded.rows]
+    area, labels, count = unfolded.areas, np.array(divided.labels), 0
+    for mine in filter(np.any, (side == 1, side == -1)):
+        own = np.where(mine, labels, -1)
+        if smallest > 0.0:
+            own = merge_small(own, area, unfolded.graph, smallest * float(area[mine].sum()))
+        labels[mine] = numbered_by_weight(own, area)[mine] + count
+        count = labels[mine].max(initial=-1) + 1
+    return _of_nodes(divided, labels)
+
+
+def _of_nodes(divided: _Divided, labels: IntArray) -> MedialSheets:
+    """Give each ball what its node has; of several nodes at a crease, the first one's sheet."""
+    unfolded, cloud = divided.unfolded, divided.unfolded.cloud
+    k, rows = len(cloud), unfolded.rows
+    of_row = np.full(k, -1, np.int32)
+    of_row[rows[::-1]] = labels[::-1]
+    linked, front = np.zeros(k, np.bool_), np.zeros(k, np.bool_)
+    linked[rows[divided.linked]] = True
+    front[rows[divided.front]] = True
+    # The ball of the mean normal at a fan has no node: it lies amid those of its sample.
+    of_sample = np.full((2, cloud.surface.point_count), -1, np.int32)
+    outer = (cloud.side < 0).astype(np.int64)
+    of_sample[outer[rows], unfolded.samples] = labels
+    without = cloud.valid & (of_row < 0)
+    of_row[without] = of_sample[outer[without], cloud.source[without]]
+    return MedialSheets(of_row, linked, front, labels, divided.front, unfolded=unfolded)
+
+
+def _divide(cloud: MedialCloud, options: MedialSheetOptions, progress: Progress) -> _Divided:
+    """Link balls, and spread the pieces over the surface: nothing is merged."""
+    with progress.stage("contacts", 0.0, 0.7):
         sets = extended_feature_transform.of(cloud, Options(), progress)
-    sides = [np.flatnonzero(cloud.valid & (cloud.side == sign)) for sign in (1, -1)]
-    return [
-        run_patiently(functools.partial(_side, sets, rows.astype(np.int32), threshold), progress)
-        for rows in sides
-        if len(rows)
-    ]
+    with progress.stage("unfolding", 0.7, 0.8):
+        unfolded = run_patiently(lambda: unfold(cloud, options.creases), progress)
+    return run_patiently(lambda: _spread(sets, unfolded, options.sheet_threshold), progress)
 
 
-def _side(sets: FeatureSets, rows: IntArray, threshold: float) -> _Side:
-    cloud, shape = sets.cloud, sets.cloud.surface
-    row_of = np.full(shape.point_count, -1, np.int32)
-    row_of[cloud.source[rows]] = rows
-    if len(rows) != np.count_nonzero(row_of >= 0):
-        raise InvalidShapeError("The cloud has several balls for one sample and side.")
-    clear, wall = _clear_balls(sets, rows)
-    piece, region, partner = _pieces(sets, row_of, clear, wall, threshold)
-    size = np.bincount(piece[clear], minlength=len(cloud))
+def _spread(sets: FeatureSets, unfolded: Unfolded, threshold: float) -> _Divided:
+    u = len(unfolded)
+    clear, wall = _clear_balls(sets, unfolded)
+    piece, region, partner = _pieces(sets, unfolded, clear, wall, threshold)
+    shared = _shared_walls(unfolded, piece)
+    own = clear.copy()
+    own[shared[:, 0]] = False
+    size = np.bincount(piece[own], minlength=u)
     linked = clear & (size[piece] >= LEAST_BALLS)
     back = _backs(piece, region, partner, linked)
-    labels, source = np.full(shape.point_count, -1, np.int32), cloud.source
+    labels = np.full(u, -1, np.int32)
     # Twice the number of the piece, plus 1 on its back: both are spread at once.
     place = np.unique(piece[linked], return_inverse=True)[1].reshape(-1)
-    labels[source[linked]] = 2 * place + back[linked]
-    both, usable = spread_labels(shape, surface_graph(shape), labels), row_of >= 0
-    labels = fill_components(shape, np.where(both < 0, -1, both // 2).astype(np.int32), usable)
-    labels[~usable] = -1
-    side = both[source[rows]]
-    return _Side(rows, labels, linked[rows], (side < 0) | (side % 2 == 0))
+    labels[linked] = 2 * place + back[linked]
+    node, near = shared[~linked[shared[:, 0]] & linked[shared[:, 1]]].T
+    labels[node] = labels[near]
+    both = spread_labels(unfolded.points, unfolded.graph, labels)
+    for sign in (1, -1):
+        mine = unfolded.cloud.side[unfolded.rows] == sign
+        if (both[mine] < 0).any():
+            both[mine] = _everywhere(unfolded, mine, both)
+    return _Divided(unfolded, both // 2, linked, both % 2 == 0)
+
+
+def _shared_walls(unfolded: Unfolded, piece: IntArray) -> NDArray[np.int64]:
+    """Return nodes whose ball touches the wall of a neighbour in another piece too, and these.
+
+    Where many sheets meet along a line, as on the axis of a prism, its balls touch all their walls,
+    and may choose others than the sheets do. Such a line is no sheet. The clearest pairs come last.
+    """
+    graph = unfolded.graph
+    node = np.repeat(np.arange(len(graph)), graph.lengths)
+    apart = piece[node] != piece[graph.indices]
+    ends = np.stack([node[apart], graph.indices[apart].astype(np.int64)], axis=1)
+    part = parts_to_border(unfolded, ends)
+    shared = part < ON_BORDER
+    return ends[shared][np.argsort(-part[shared], kind="stable")]
+
+
+def _everywhere(unfolded: Unfolded, mine: NDArray[np.bool_], both: IntArray) -> IntArray:
+    """Spread labels over creases too; a component in which nothing is linked is one sheet."""
+    surface, samples = unfolded.cloud.surface, unfolded.samples[mine]
+    known, usable = np.full((2, surface.point_count), -1, np.int32)
+    np.maximum.at(known, samples, both[mine])
+    usable[samples] = 1
+    known = spread_labels(surface.points, surface_graph(surface), known)
+    pieces = fill_components(surface, known // 2, usable > 0)
+    pieces = 2 * pieces + np.where(known < 0, 0, known % 2)
+    return np.where(both[mine] < 0, pieces[samples], both[mine])
 
 
 def _backs(
@@ -234,50 +279,57 @@ def _backs(
     return side[region] * np.where(balance < 0, -1, 1)[piece] < 0
 
 
-def _clear_balls(sets: FeatureSets, rows: IntArray) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Return which balls can be linked, and which lie in walls; two (k,) arrays.
+def _clear_balls(
+    sets: FeatureSets, unfolded: Unfolded
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Return which balls can be linked, and which lie in walls or at creases; two (u,) arrays.
 
-    A ball can be linked when its feature points are clearly apart, or on the two sides of a wall.
+    A ball can be linked when its contacts are clearly apart, or on the two sides of a wall or of a
+    crease.
     """
-    cloud, shape = sets.cloud, sets.cloud.surface
-    spacing = local_spacing(shape)
-    first, second = cloud.features[rows].T
-    gap = np.linalg.norm(shape.points[first] - shape.points[second], axis=1)
-    cosine = np.einsum("ij,ij->i", shape.normals[first], shape.normals[second])
-    clear, wall = np.zeros(len(cloud), np.bool_), np.zeros(len(cloud), np.bool_)
-    wall[rows] = cosine < WALL
-    clear[rows] = gap >= CLEARLY_APART * np.maximum(spacing[first], spacing[second])
-    return (clear | wall) & ~sets.rim, wall
+    rows, parted = unfolded.rows, unfolded.parted
+    spacing = local_spacing(unfolded.cloud.surface)[unfolded.cloud.features[rows]].max(axis=1)
+    gap = np.linalg.norm(unfolded.points - unfolded.contacts, axis=1)
+    cosine = np.einsum("ij,ij->i", unfolded.normals, unfolded.contact_normals)
+    wall = cosine < WALL
+    clear = ((gap >= CLEARLY_APART * spacing) | wall) & ~sets.rim[rows]
+    return clear | parted, wall | parted
 
 
 def _pieces(
     sets: FeatureSets,
-    row_of: IntArray,
+    unfolded: Unfolded,
     clear: NDArray[np.bool_],
     wall: NDArray[np.bool_],
     threshold: float,
 ) -> tuple[IntArray, IntArray, IntArray]:
-    """Return the lowest row that each ball is linked to, directly or through others, (k,).
+    """Return the lowest node that each node is linked to, directly or through others, (u,).
 
     Also the same for links along the surface alone, and the partner of each ball across its sheet.
     """
     from medialis.sheets._sheet_kernels import join_links, link_across, link_neighbours
 
-    cloud, shape = sets.cloud, sets.cloud.surface
-    graph, k = surface_graph(shape), len(cloud)
-    balls = shape.points, shape.normals, cloud.features, cloud.centers, cloud.radii
-    rules = local_spacing(shape), sets.closed, clear, wall, threshold - 1.0, LARGEST_TURN
+    graph, u, rows = unfolded.graph, len(unfolded), unfolded.rows
+    touched = unfolded.cloud.features[rows].T.ravel()
+    contacts = (
+        np.concatenate([unfolded.points, unfolded.contacts]),
+        np.concatenate([unfolded.normals, unfolded.contact_normals]),
+        touched,
+        unfolded.regions.T.ravel(),
+        local_spacing(unfolded.cloud.surface)[touched],
+    )
+    closed = sets.closed[rows] & ~unfolded.parted
+    balls = rows, unfolded.centers, unfolded.radii, closed, wall
     members = sets.samples.offsets, sets.samples.indices, sets.clusters
-    links, partner = np.zeros(len(graph.indices), np.bool_), np.full(k, -1, np.int32)
+    rules = *contacts, *balls, threshold - 1.0, LARGEST_TURN, *members
+    links, partner = np.zeros(len(graph.indices), np.bool_), np.full(u, -1, np.int32)
 
     def work(begin: int, end: int) -> None:
-        link_neighbours(
-            begin, end, row_of, graph.offsets, graph.indices, *balls, *rules, *members, links,
-        )  # fmt: skip
-        link_across(begin, end, row_of, *balls, *rules, *members, partner)
+        link_neighbours(begin, end, graph.offsets, graph.indices, clear, *rules, links)
+        link_across(begin, end, unfolded.across, clear, *rules, partner)
 
-    run_chunks(work, shape.point_count, SAMPLES_A_CHUNK)
-    piece, region = np.arange(k, dtype=np.int32), np.arange(k, dtype=np.int32)
-    join_links(row_of, graph.offsets, graph.indices, links, partner, piece)
-    join_links(row_of, graph.offsets, graph.indices, links, np.full_like(partner, -1), region)
+    run_chunks(work, u, NODES_A_CHUNK)
+    piece, region = np.arange(u, dtype=np.int32), np.arange(u, dtype=np.int32)
+    join_links(graph.offsets, graph.indices, links, partner, piece)
+    join_links(graph.offsets, graph.indices, links, np.full_like(partner, -1), region)
     return piece, region, partner

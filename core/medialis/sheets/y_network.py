@@ -1,14 +1,13 @@
 """Y-network: where medial sheets meet, as points and as curves (thesis 6.2.2.2).
 
-Strategy. On the surface, the borders between the labels of the sheets are clean lines: they cross
-the edges whose ends have different labels. The middle between the two balls of such an edge lies on
-the Y-curve, or across a jump (at a concave edge) far from both: these are left out. So the borders,
-moved inside, are the Y-curves, each seen from its three contacts. Of the three, one is kept.
+Strategy. On the unfolded surface, the borders between the labels of the sheets are clean lines:
+they cross the edges whose ends have different labels, and meet in triangles between three.
+`borders.py` moves them inside, where they are the Y-curves, each seen from its three contacts. Of
+the three, one is kept.
 """
 
 from __future__ import annotations
 
-import functools
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,25 +15,33 @@ from numpy.typing import NDArray
 
 from medialis.model.medial_sheets import MedialSheets
 from medialis.model.ragged import Ragged
-from medialis.model.shape import Shape
 from medialis.model.surface import piece_labels
 from medialis.model.y_network import YNetwork
 from medialis.options import Options, algorithm, whole
 from medialis.progress import Progress
-from medialis.surface.surface_graph import local_spacing, surface_graph
+from medialis.sheets.borders import Borders, find_borders
+from medialis.surface.surface_graph import local_spacing
 from medialis.threads import run_patiently
-from medialis.validation import FloatArray, IntArray
+from medialis.validation import FloatArray, IntArray, frozen
 
-LONGEST_JUMP = 4.0
-"""Sample spacings between two balls on different sheets that still lie on both sides of a Y-curve.
-Behind a right edge, balls are 1.4 spacings apart; ligatures and jumps stretch them further."""
+SMOOTHING_ROUNDS, INWARD, OUTWARD = 48, 0.5, -0.505
+"""Nodes move to the middle of their neighbours by these shares in turn (Taubin 1995): takes the
+zigzag between samples out of curves, and changes circles of 24 nodes or more by less than 1 %."""
 
-SMOOTHING_ROUNDS = 8
-"""Each node moves half-way to the middle of its neighbours: takes the zigzag between samples out of
-the curves, and shortens a circle of 40 nodes by 5 %."""
+SHORTEST = 0.02
+"""Mean distances between two nodes below which they are one place."""
 
-SAME_CURVE = 2.0
+SAME_CURVE = 1.0
 """Sample spacings within which borders with the same sheets are the same curve."""
+
+MOST, NEARLY_ALL = 0.5, 0.9
+"""Shares of the length of a border."""
+
+OTHERS = 4
+"""Sheets that may meet along a curve besides two: six behind the edges of a hexagonal prism."""
+
+UNKNOWN = np.iinfo(np.int64).max
+"""A sheet that is not known, behind all others."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -81,27 +88,11 @@ def y_network(sheets: MedialSheets, options: YNetworkOptions, progress: Progress
     >>> bool(network.near.any()), len(network.lengths) > 0
     (True, True)
     """
-    cloud, parts = sheets.cloud, []
     with progress.stage("y-network", 0.0, 1.0):
         near = run_patiently(lambda: _near_points(sheets, options.neighbours), progress)
-        for sign in (1, -1) if cloud.surface.faces is not None else ():
-            rows = np.flatnonzero(cloud.valid & (cloud.side == sign))
-            if len(rows):
-                parts.append(run_patiently(functools.partial(_curves, sheets, rows), progress))
-    if not parts:
-        none = np.empty((0, 3), np.int32)
-        return YNetwork(near, np.empty((0, 3)), none[:, :2], none[:, 0], none, sheets=sheets)
-    points, edges, curve, meeting = zip(*parts, strict=True)
-    nodes = np.cumsum([0] + [len(part) for part in points])
-    curves = np.cumsum([0] + [len(part) for part in meeting])
-    return YNetwork(
-        near,
-        np.concatenate(points),
-        np.concatenate([part + shift for part, shift in zip(edges, nodes, strict=False)]),
-        np.concatenate([part + shift for part, shift in zip(curve, curves, strict=False)]),
-        np.concatenate(meeting),
-        sheets=sheets,
-    )
+        points, edges, curve, meeting = run_patiently(lambda: _curves(sheets), progress)
+    whole = (frozen(values, np.int32) for values in (edges, curve, meeting))
+    return YNetwork(near, points, *whole, sheets=sheets)
 
 
 def _near_points(sheets: MedialSheets, neighbours: int) -> NDArray[np.bool_]:
@@ -118,66 +109,62 @@ def _near_points(sheets: MedialSheets, neighbours: int) -> NDArray[np.bool_]:
 
 
 def _curves(
-    sheets: MedialSheets, rows: NDArray[np.int64]
+    sheets: MedialSheets,
 ) -> tuple[FloatArray, NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
-    """Nodes, edges, curve of each node and sheets of each curve, of the balls of one side."""
-    cloud, shape = sheets.cloud, sheets.cloud.surface
-    row_of = np.full(shape.point_count, -1, np.int64)
-    row_of[cloud.source[rows]] = rows
-    labels = np.where(row_of >= 0, sheets.labels[row_of], -1)
-    centers, spacing = cloud.centers[row_of], local_spacing(shape)
-    ends, links = _borders(shape, labels, centers, spacing)
-    points = centers[ends].mean(axis=1)
+    """Nodes, edges, curve of each node and sheets of each curve."""
+    unfolded, labels = sheets.unfolded, sheets.node_labels
+    borders = find_borders(sheets)
+    points, links, ends = _chains(borders)
     piece = piece_labels(len(points), links)
     first = np.unique(piece, return_index=True)[1]
-    count = len(first)
     points = smoothed_curves(points, links)
     steps = np.linalg.norm(points[links[:, 0]] - points[links[:, 1]], axis=1)
-    length = np.bincount(piece[links[:, 0]], steps, minlength=count).astype(np.float64)
+    weight = np.bincount(links.ravel(), np.repeat(steps / 2, 2), len(points)).astype(float)
     pair = np.sort(labels[ends[first]], axis=1).astype(np.int64)
-    second = cloud.features[row_of, 1]
-    third = _third_sheets(ends, piece, pair, labels, second, surface_graph(shape))
-    triple = np.column_stack([pair, third])
-    radius = SAME_CURVE * spacing[ends].max(axis=1)
-    kept, triple = _without_repeats(points, radius, piece, length, triple)
-    return _compact(points, links, piece, kept, triple)
+    others = _other_sheets(ends, piece, pair, labels, unfolded.across, unfolded.graph)
+    meeting = np.column_stack([pair, others])
+    spacing = local_spacing(unfolded.cloud.surface)[unfolded.samples[ends]].max(axis=1)
+    kept = _without_repeats(points, weight, spacing, piece, meeting)
+    triple = np.sort(np.where(meeting < 0, UNKNOWN, meeting)[kept, :3], axis=1)
+    return _compact(points, links, piece, kept, np.where(triple == UNKNOWN, -1, triple))
 
 
-def _borders(
-    shape: Shape, labels: IntArray, centers: FloatArray, spacing: FloatArray
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Crossed surface edges (b, 2), and links (l, 2) between those of one pair of sheets."""
-    table = shape.edge_table
-    a, b = table.low, table.high
-    gap = np.linalg.norm(centers[a] - centers[b], axis=1)
-    crossed = (labels[a] != labels[b]) & (np.minimum(labels[a], labels[b]) >= 0)
-    crossed &= gap <= LONGEST_JUMP * np.maximum(spacing[a], spacing[b])
-    ends = np.stack([a[crossed], b[crossed]], axis=1)
-    # The number of each crossed edge at the sides of the faces; -1 at the others.
-    sides = np.where(crossed, np.cumsum(crossed) - 1, -1)[table.edge_of].reshape(-1, 3)
-    pairs = np.concatenate([sides[:, [1, 2]], sides[:, [2, 0]], sides[:, [0, 1]]])
-    pairs = pairs[(pairs >= 0).all(axis=1)]
-    of_pairs = np.sort(labels[ends[pairs]], axis=2)
-    return ends, pairs[(of_pairs[:, 0] == of_pairs[:, 1]).all(axis=1)]
+def _chains(borders: Borders) -> tuple[FloatArray, NDArray[np.int64], NDArray[np.int64]]:
+    """Places of nodes, links (l, 2) between those of one pair of sheets, and ends.
+
+    Where three sheets meet in a triangle, each of the three chains has a node of its own.
+    """
+    sides, ends = borders.sides, borders.ends
+    crossed = sides >= 0
+    double = np.flatnonzero((crossed.sum(axis=1) == 2) & (sides != -2).all(axis=1))
+    pairs = sides[double][crossed[double]].reshape(-1, 2)
+    middle, mine = np.repeat(borders.middles, 3, axis=0), sides[borders.triple].ravel()
+    tips = np.stack([mine, len(ends) + np.arange(len(mine))], axis=1)
+    return (
+        np.concatenate([borders.points, middle]),
+        np.concatenate([pairs, tips]),
+        np.concatenate([ends, ends[mine]]),
+    )
 
 
 def smoothed_curves(points: FloatArray, links: NDArray[np.int64]) -> FloatArray:
-    """Move nodes with two neighbours or more towards the middle of these; ends stay."""
-    n = len(points)
+    """Smooth curves without shrinking them; only nodes with two neighbours move."""
+    from scipy.sparse import coo_array
+
+    n, length = len(points), np.linalg.norm(points[links[:, 0]] - points[links[:, 1]], axis=1)
     degree = np.bincount(links.ravel(), minlength=n)
-    inner = degree >= 2
-    ends = np.concatenate([links, links[:, ::-1]])
-    for _ in range(SMOOTHING_ROUNDS):
-        total = np.stack(
-            [np.bincount(ends[:, 0], points[ends[:, 1], j], minlength=n) for j in range(3)], axis=1
-        )
-        middle = total[inner] / degree[inner, None]
-        points = points.copy()
-        points[inner] = 0.5 * (points[inner] + middle)
+    # By the inverse of the length, nodes on a line do not move.
+    weight = np.tile(1.0 / np.maximum(length, SHORTEST * length.mean()), 2) if n else length
+    ends = np.concatenate([links, links[:, ::-1]]).T
+    total = np.bincount(ends[0], weight, minlength=n)
+    near = coo_array((weight / total[ends[0]], tuple(ends)), shape=(n, n)).tocsr()
+    inner = (degree == 2)[:, None]
+    for share in (INWARD, OUTWARD) * SMOOTHING_ROUNDS:
+        points = points + share * np.where(inner, near @ points - points, 0.0)
     return points
 
 
-def _third_sheets(
+def _other_sheets(
     ends: NDArray[np.int64],
     piece: IntArray,
     pair: NDArray[np.int64],
@@ -185,9 +172,12 @@ def _third_sheets(
     second: IntArray,
     graph: Ragged,
 ) -> NDArray[np.int64]:
-    """Return the sheet seen most often at the second feature points along a chain; -1: none."""
-    across = second[ends].ravel()
-    chain = np.repeat(piece, 2)
+    """Return the sheets seen most often at the second contacts along each chain, (c, OTHERS).
+
+    -1 behind the last one; a sheet seen a quarter as often as the first of them does not count.
+    """
+    across, chain = second[ends].ravel(), np.repeat(piece, 2)
+    across, chain = across[across >= 0], chain[across >= 0]
     counts = graph.lengths[across]
     start = np.repeat(graph.offsets[across] - np.cumsum(counts) + counts, counts)
     seen = labels[graph.indices[start + np.arange(counts.sum())]].astype(np.int64)
@@ -195,51 +185,57 @@ def _third_sheets(
     new = (seen >= 0) & (seen != pair[chain, 0]) & (seen != pair[chain, 1])
     width = int(labels.max(initial=0)) + 1
     keys, votes = np.unique(chain[new] * width + seen[new], return_counts=True)
-    third = np.full(len(pair), -1, np.int64)
-    order = np.lexsort((-keys, votes))  # the last one stays: most votes, then the lowest sheet
-    third[keys[order] // width] = keys[order] % width
-    return third
+    chain, sheet = np.divmod(keys, width)
+    order = np.lexsort((sheet, -votes, chain))
+    chain, sheet, votes = chain[order], sheet[order], votes[order]
+    first = np.searchsorted(chain, chain)
+    rank = np.arange(len(chain)) - first
+    often = (rank < OTHERS) & (4 * votes > votes[first])
+    result = np.full((len(pair), OTHERS), -1, np.int64)
+    result[chain[often], rank[often]] = sheet[often]
+    return result
 
 
 def _without_repeats(
     points: FloatArray,
-    radius: FloatArray,
+    weight: FloatArray,
+    spacing: FloatArray,
     piece: IntArray,
-    length: FloatArray,
-    triple: NDArray[np.int64],
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Chains to keep, longest first, and their sheets; the same curve seen from two contacts once.
+    meeting: NDArray[np.int64],
+) -> NDArray[np.int64]:
+    """Chains to keep, longest first; the same curve seen from two contacts once.
 
-    A chain repeats an earlier one when most of its nodes lie close to chains with the same three
-    sheets, or with two of them where one has only two.
+    A chain repeats earlier ones when most of it lies close to some with two of its sheets, or
+    nearly all of it close to some with one; the weight of a node is the length of chain round it.
+    What is no wider than half a spacing is a point, where many sheets meet or one ends on a line.
     """
     from scipy.spatial import cKDTree
 
-    triple = np.sort(np.where(triple < 0, np.iinfo(np.int64).max, triple), axis=1)
+    length = np.bincount(piece, weight, minlength=len(meeting))
     members = Ragged.group(piece, len(length))
     kept: list[int] = []
     taken = np.full(len(points), -1, np.int64)
-    near = cKDTree(points).query_ball_point(points, radius) if len(points) else []
+    near = cKDTree(points).query_ball_point(points, SAME_CURVE * spacing) if len(points) else []
     for chain in np.lexsort((np.arange(len(length)), -length)).tolist():
         nodes = members[chain].tolist()
-        covered = 0
-        for node in nodes:
+        shared = np.zeros(len(nodes), np.int64)
+        for place, node in enumerate(nodes):
             others = taken[near[node]]
-            others = others[others >= 0]
-            covered += len(others) > 0 and bool(_alike(triple[others], triple[chain]).any())
-        if 2 * covered <= len(nodes) and len(nodes) > 1:
+            shared[place] = _shared(meeting[others[others >= 0]], meeting[chain])
+        two, one = (float(weight[nodes] @ (shared >= least)) for least in (2, 1))
+        if two <= MOST * length[chain] and one <= NEARLY_ALL * length[chain]:
+            away = points[nodes] - points[nodes].mean(axis=0)
+            if 4 * np.linalg.norm(away, axis=1).max() < spacing[nodes].max():
+                continue
             kept.append(chain)
-            taken[nodes] = chain
-    sheets = triple[kept] if kept else np.empty((0, 3), np.int64)
-    return np.array(kept, np.int64), np.where(sheets == np.iinfo(np.int64).max, -1, sheets)
+        taken[nodes] = chain  # where many sheets meet, repeats lead from one pair to the next
+    return np.array(kept, np.int64)
 
 
-def _alike(triples: NDArray[np.int64], one: NDArray[np.int64]) -> NDArray[np.bool_]:
-    unknown = np.iinfo(np.int64).max
-    common = (triples[:, :, None] == one[None, None, :]) & (triples[:, :, None] != unknown)
-    shared = common.any(axis=2).sum(axis=1)
-    complete = (triples[:, 2] != unknown) & (one[2] != unknown)
-    return np.where(complete, shared == 3, shared >= 1)
+def _shared(meeting: NDArray[np.int64], one: NDArray[np.int64]) -> int:
+    """Return how many sheets one curve has in common with another one, at most."""
+    common = (meeting[:, :, None] == one) & (one >= 0)
+    return int(common.any(axis=2).sum(axis=1).max(initial=0))
 
 
 def _compact(

@@ -44,6 +44,10 @@ class Creases:
         Sectors of the same vertex on both sides of a crease, each pair once.
     concave : (p,) bool
         Whether the surface bends inward there.
+    half_edges : (e, 2) int64
+        The two half-edges 3 f + j of each crease.
+    inward : (e,) bool
+        Whether the surface bends inward there.
     """
 
     shape: Shape
@@ -53,6 +57,21 @@ class Creases:
     vertices: IntArray
     pairs: IntArray
     concave: NDArray[np.bool_]
+    half_edges: NDArray[np.int64]
+    inward: NDArray[np.bool_]
+
+    def regions(self, sign: int) -> IntArray:
+        """Return the region of each face, (m,): regions end at the creases that part sheets.
+
+        Those are convex as seen from the side of the balls: `sign` is +1 for balls inside, -1 for
+        those outside. Over the others a contact moves smoothly from face to face.
+        """
+        first, second, _ = self.shape.edge_table.pairs
+        parting = np.zeros(3 * self.shape.face_count, np.bool_)
+        parting[self.half_edges[self.inward == (sign < 0)]] = True
+        joined = ~parting[first]
+        links = np.stack([first[joined], second[joined]], axis=1) // 3
+        return piece_labels(self.shape.face_count, links)
 
     @cached_property
     def corner_cosines(self) -> FloatArray:
@@ -137,7 +156,8 @@ def find_creases(shape: Shape, angle: float) -> Creases:
     left = np.concatenate([row[first], row[_next(first)]])
     right = np.concatenate([row[_next(second)], row[second]])
     pairs = np.sort(np.stack([sector[left], sector[right]], axis=1), axis=1).reshape(-1, 2)
-    inward = np.tile(_bends_inward(shape, first, second), 2)
+    bends_inward = _bends_inward(shape, first, second)
+    inward = np.tile(bends_inward, 2)
     apart = pairs[:, 0] != pairs[:, 1]
     pairs, which = np.unique(pairs[apart], axis=0, return_inverse=True)
     concave = np.zeros(len(pairs), np.bool_)
@@ -150,6 +170,8 @@ def find_creases(shape: Shape, angle: float) -> Creases:
         frozen(vertices, np.int32),
         frozen(pairs.reshape(-1, 2), np.int32),
         concave,
+        frozen(np.stack([first, second], axis=1), np.int64),
+        frozen(bends_inward, np.bool_),
     )
 
 

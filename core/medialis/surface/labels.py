@@ -19,15 +19,16 @@ from medialis.validation import FloatArray, IntArray
 SAMPLES_A_CHUNK = 16384
 
 
-def spread_labels(shape: Shape, graph: Ragged, labels: IntArray) -> IntArray:
-    """Give samples with label -1 the label of the nearest labelled one along the graph.
+def spread_labels(points: FloatArray, graph: Ragged, labels: IntArray) -> IntArray:
+    """Give points with label -1 the label of the nearest labelled one along the graph.
 
     Returns
     -------
     (n,) int32
-        -1 where no labelled sample can be reached.
+        -1 where no labelled point can be reached.
     """
-    seed = nearest_seeds(shape, graph, labels >= 0)
+    seed = nearest_seeds(points, graph, labels >= 0)
+    seed[labels >= 0] = np.flatnonzero(labels >= 0)  # in one place with another one, perhaps
     return np.where(seed < 0, -1, labels[seed]).astype(np.int32)
 
 
@@ -125,7 +126,7 @@ def completed(
         As in `Segmentation`.
     """
     graph, area = surface_graph(shape), shape.point_areas
-    labels = spread_labels(shape, graph, labels)
+    labels = spread_labels(shape.points, graph, labels)
     if fill:
         labels = fill_components(shape, labels, np.ones(len(labels), np.bool_))
     if smallest > 0.0:

@@ -37,23 +37,23 @@ def surface_graph(shape: Shape) -> Ragged:
     def work() -> Ragged:
         if shape.faces is None:
             return _cloud_graph(shape)
-        return mesh_graph(shape, np.ones(shape.point_count, np.bool_))
+        return mesh_graph(shape.faces, np.ones(shape.point_count, np.bool_))
 
     return kept(surface_graph, shape, None, work, Progress())
 
 
-def mesh_graph(shape: Shape, wanted: NDArray[np.bool_]) -> Ragged:
-    """Return the neighbours along the faces with a wanted corner, n rows."""
+def mesh_graph(faces: IntArray, wanted: NDArray[np.bool_]) -> Ragged:
+    """Return the neighbours of n vertices along the faces with a wanted corner, n rows."""
     from medialis.surface._surface_graph_kernels import (
         count_corners,
         drop_repeats,
         list_neighbours,
     )
 
-    offsets = np.zeros(shape.point_count + 1, np.int64)
-    count_corners(shape.faces, wanted, offsets)
+    offsets = np.zeros(len(wanted) + 1, np.int64)
+    count_corners(faces, wanted, offsets)
     neighbours = np.empty(offsets[-1], np.int32)
-    list_neighbours(shape.faces, wanted, offsets.copy(), neighbours)
+    list_neighbours(faces, wanted, offsets.copy(), neighbours)
     return Ragged(offsets, neighbours[: drop_repeats(offsets, neighbours)])
 
 
@@ -71,19 +71,19 @@ def _cloud_graph(shape: Shape) -> Ragged:
     return Ragged(graph.indptr, graph.indices)
 
 
-def nearest_seeds(shape: Shape, graph: Ragged, seeds: NDArray[np.bool_]) -> IntArray:
-    """Return the nearest of the samples that are seeds, along the graph, (n,).
+def nearest_seeds(points: FloatArray, graph: Ragged, seeds: NDArray[np.bool_]) -> IntArray:
+    """Return the nearest of the points that are seeds, along the graph, (n,).
 
     Ties go to the lowest index; -1 where no seed can be reached.
     """
     from medialis.surface._surface_graph_kernels import spread_from_seeds
 
-    n = shape.point_count
+    n = len(points)
     seed = np.where(seeds, np.arange(n), -1).astype(np.int32)
     distance = np.where(seeds, 0.0, np.inf)
     room = n + len(graph.indices)
     keys, names = np.empty(room), np.empty(room, np.int32)
-    spread_from_seeds(shape.points, graph.offsets, graph.indices, keys, names, distance, seed)
+    spread_from_seeds(points, graph.offsets, graph.indices, keys, names, distance, seed)
     return seed
 
 
