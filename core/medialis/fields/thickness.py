@@ -151,20 +151,20 @@ def _diameters(cloud: MedialCloud, rows: NDArray[np.int64], angle: float) -> NDA
 
 
 def wall_angles(cloud: MedialCloud) -> FloatArray:
-    """Return how far apart the two contacts of each ball are, as seen from the center.
+    """Return how far apart the two feature points of each ball are, as seen from the center.
 
     Returns
     -------
     (k,) float64
-        The smaller one of the spoke angle and the angle between the normals at the two contacts, in
-        radians; NaN for a masked ball, 0 for one that touches a sample without a normal: nothing
-        tells what it lies between. For a ball that touches a smooth surface the two are the same;
-        next to an edge, where samples are no closer together than the ball is large, the spoke
-        angle alone says nothing (see `WALL_ANGLE`).
+        The smaller one of the spoke angle and the angle between the normals at the two feature
+        points, in radians; NaN for a masked ball, 0 for one that touches a sample without a normal:
+        nothing tells what it lies between. For a ball that touches a smooth surface the two are the
+        same; next to an edge, where samples are no closer together than the ball is large, the
+        spoke angle alone says nothing (see `WALL_ANGLE`).
     """
     angles = np.array(cloud.spoke_angles)
     rows = np.flatnonzero(cloud.valid)
-    first, second = cloud.surface.normals[cloud.source[rows]], cloud.contact_normals[rows]
+    first, second = (cloud.surface.normals[cloud.features[rows, j]] for j in (0, 1))
     cosine = np.clip(np.einsum("ij,ij->i", first, second), -1.0, 1.0)
     known = first.any(axis=1) & second.any(axis=1)
     angles[rows] = np.where(known, np.minimum(angles[rows], np.arccos(cosine)), 0.0)
@@ -186,7 +186,7 @@ def unresolved_walls(cloud: MedialCloud) -> NDArray[np.bool_]:
     least = math.radians(WALL_ANGLE)
     result = np.zeros(len(cloud), np.bool_)
     rows = np.flatnonzero(cloud.valid & (cloud.side > 0) & (cloud.spoke_angles < least))
-    first, second = cloud.surface.normals[cloud.source[rows]], cloud.contact_normals[rows]
+    first, second = (cloud.surface.normals[cloud.features[rows, j]] for j in (0, 1))
     result[rows] = np.einsum("ij,ij->i", first, second) <= math.cos(least)
     return result
 

@@ -25,6 +25,10 @@ the samples are apart, more than a sample and its six neighbours on each side. F
 below all around them are a flaw of the mesh (folds on horse2 and spider have 1 to 11), unless they
 are all of a component."""
 
+FEWEST_BALLS = 3
+"""Balls between two walls of a place without a threshold: one alone, among samples whose values are
+those of others, is a flaw."""
+
 STARTS, APART = 6, 4.0
 """Balls of a place that its thinnest place is looked for from, and how many spacings they are
 apart, at least: a long wall has several low places."""
@@ -57,7 +61,7 @@ class WallBalls:
         return low_places(self.surface, values, self.balls.features, **how)
 
     def kind(self, place: LowPlace) -> Literal["wall", "overlap", "speck"]:
-        """Tell what a place is: a speck has too few samples, and is not all of its component.
+        """Tell what a place is: a speck has too few samples or balls, and is no whole component.
 
         The smallest ball of an overlap lies inside of two parts of a mesh.
         """
@@ -65,13 +69,15 @@ class WallBalls:
         if surface.faces is None:
             return "wall"
         thin = place.value < self.share * surface.spacing
+        rows = self._rows_in(vertices)
         few = len(vertices) < (FEWEST_BELOW_SPACING if thin else FEWEST)
+        few |= len(rows) < FEWEST_BALLS
         if few and not self.with_threshold:
             mine = np.isin(surface.components, surface.components[vertices])
             if len(vertices) < int(mine.sum()):
                 return "speck"
-        rows = self._rows_in(vertices)[:1]
-        twice = len(rows) and self.enclosure.times(self.balls.centers[rows])[0] >= TWICE
+        smallest = self.balls.centers[rows[:1]]
+        twice = len(rows) and self.enclosure.times(smallest)[0] >= TWICE
         return "overlap" if twice else "wall"
 
     def touches(self, place: LowPlace, samples: NDArray[np.bool_]) -> bool:
