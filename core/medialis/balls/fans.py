@@ -27,6 +27,10 @@ from medialis.validation import FloatArray
 MOST_BALLS = 32
 """Balls of a fan at a sample, at most."""
 
+SMOOTH = 0.94
+"""Cosine: where faces lean from the normals of their sectors by 20 degrees, as in folds and rough
+surfaces, normals between those of the sides mean nothing."""
+
 
 def with_fans(
     cloud: MedialCloud, walls: Walls, options: ShrinkOptions, progress: Progress
@@ -72,6 +76,7 @@ def _directions(
     own = cloud.valid & (cloud.side == sign)
     radius[cloud.source[own]] = cloud.radii[own]
     usable = first.any(axis=1) & second.any(axis=1) & (radius[vertex] > 0) & (bend < 3.0)
+    usable &= creases.smoothness[vertex] > SMOOTH
     vertex, first, second, bend = vertex[usable], first[usable], second[usable], bend[usable]
     with np.errstate(over="ignore"):
         steps = np.ceil(bend * radius[vertex] / max(surface.spacing, 1e-300))

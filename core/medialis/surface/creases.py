@@ -77,7 +77,9 @@ class Creases:
     def corner_cosines(self) -> FloatArray:
         """Cosine of the angle between each face and the normals at its corners, (m, 3).
 
-        The smooth surface over a face bulges by what these angles tell. 1 at a corner without a
+        The smooth surface over a face bulges by what these angles tell. At a crease the largest
+        angle at the vertex counts for all of its corners: where one side is round, the crease is a
+        curve and bulges over its edges, also over those of a flat side. 1 at a corner without a
         normal; 0 where a face has no area.
         """
         shape = self.shape
@@ -87,11 +89,19 @@ class Creases:
             normals = shape.normals[shape.faces[:, corner]]
             result[:, corner] = np.einsum("fa,fa->f", normals, shape.face_normals)
             result[~normals.any(axis=1), corner] = 1.0
-        face = self.corners // 3
-        cosine = np.einsum("fa,fa->f", self.normals[self.sector], shape.face_normals[face])
-        result.ravel()[self.corners] = cosine
+        result.ravel()[self.corners] = self.smoothness[shape.faces.ravel()[self.corners]]
         result[shape.face_areas == 0.0] = 0.0
         return frozen(np.minimum(result, 1.0), np.float64)
+
+    @cached_property
+    def smoothness(self) -> FloatArray:
+        """Cosine of the largest angle between faces and sectors at each vertex, (n,); 1 elsewhere."""
+        shape, face = self.shape, self.corners // 3
+        cosine = np.einsum("fa,fa->f", self.normals[self.sector], shape.face_normals[face])
+        vertex = np.asarray(shape.faces).ravel()[self.corners]
+        result = np.ones(shape.point_count)
+        np.minimum.at(result, vertex, np.where(shape.face_areas[face] > 0, cosine, 1.0))
+        return frozen(result, np.float64)
 
     def cut_vertices(self, sign: int) -> IntArray:
         """Return the vertices at creases whose tangent balls cut a face, however small they are.
