@@ -58,10 +58,10 @@ from medialis.model.segmentation import Segmentation as Segmentation
 from medialis.model.shape import Shape as Shape
 from medialis.model.skeleton_mesh import SkeletonMesh as SkeletonMesh
 from medialis.model.surface import Surface as Surface
+from medialis.model.unfolded import Unfolded as Unfolded
 from medialis.model.view import OrthographicCamera as OrthographicCamera
 from medialis.model.view import View as View
 from medialis.model.view import ViewSource as ViewSource
-from medialis.model.unfolded import Unfolded as Unfolded
 from medialis.model.y_network import YNetwork as YNetwork
 from medialis.operations.declaration import Operation as Operation
 from medialis.operations.pictures import draw_result as draw_result

@@ -203,7 +203,7 @@ def _spread(sets: FeatureSets, unfolded: Unfolded, threshold: float) -> _Divided
     u = len(unfolded)
     clear, wall = _clear_balls(sets, unfolded)
     piece, region, partner = _pieces(sets, unfolded, clear, wall, threshold)
-    shared = _shared_walls(unfolded, piece)
+    shared = _shared_walls(unfolded, piece, clear)
     own = clear.copy()
     own[shared[:, 0]] = False
     size = np.bincount(piece[own], minlength=u)
@@ -223,7 +223,9 @@ def _spread(sets: FeatureSets, unfolded: Unfolded, threshold: float) -> _Divided
     return _Divided(unfolded, both // 2, linked, both % 2 == 0)
 
 
-def _shared_walls(unfolded: Unfolded, piece: IntArray) -> NDArray[np.int64]:
+def _shared_walls(
+    unfolded: Unfolded, piece: IntArray, clear: NDArray[np.bool_]
+) -> NDArray[np.int64]:
     """Return nodes whose ball touches the wall of a neighbour in another piece too, and these.
 
     Where many sheets meet along a line, as on the axis of a prism, its balls touch all their walls,
@@ -231,7 +233,7 @@ def _shared_walls(unfolded: Unfolded, piece: IntArray) -> NDArray[np.int64]:
     """
     graph = unfolded.graph
     node = np.repeat(np.arange(len(graph)), graph.lengths)
-    apart = piece[node] != piece[graph.indices]
+    apart = clear[node] & clear[graph.indices] & (piece[node] != piece[graph.indices])
     ends = np.stack([node[apart], graph.indices[apart].astype(np.int64)], axis=1)
     part = parts_to_border(unfolded, ends)
     shared = part < ON_BORDER
