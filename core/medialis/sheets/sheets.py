@@ -25,6 +25,7 @@ from medialis.options import Options, algorithm, changed, number
 from medialis.progress import Progress
 from medialis.sheets.borders import parts_to_border
 from medialis.sheets.extended_features import extended_feature_transform
+from medialis.sheets.linking import clear_balls, pieces
 from medialis.sheets.unfolding import unfold
 from medialis.surface.labels import (
     fill_components,
@@ -32,28 +33,13 @@ from medialis.surface.labels import (
     numbered_by_weight,
     spread_labels,
 )
-from medialis.surface.surface_graph import local_spacing, surface_graph
-from medialis.threads import run_chunks, run_patiently
+from medialis.surface.surface_graph import surface_graph
+from medialis.threads import run_patiently
 from medialis.validation import IntArray
-
-CLEARLY_APART = 2.0
-"""Sample spacings between the two feature points from which a ball can be linked. A box of sides 2,
-1.5 and 1 has 13 sheets at spacings from 0.03 to 0.17 (six samples across its smallest side) with
-2, and fewer at 0.17 with 3, because too few balls are left."""
-
-LARGEST_TURN = 0.75
-"""Radii: the chord by which a feature point may move from ball to ball, an angle of 44 degrees.
-Near the corner of a box the feature points of two sheets come as close as one likes, but stay 90
-degrees apart as seen from the center."""
-
-WALL = -0.5
-"""Cosine between the normals at the two feature points of a ball in a wall: 120 degrees or more."""
 
 LEAST_BALLS, ON_BORDER = 8, 0.1
 """A piece of fewer linked balls is no sheet, not counting those that lie on its border: nearer than
 this share of the way to the next sample. It is attached to its surroundings."""
-
-NODES_A_CHUNK = 8192
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -201,8 +187,8 @@ def _divide(cloud: MedialCloud, options: MedialSheetOptions, progress: Progress)
 
 def _spread(sets: FeatureSets, unfolded: Unfolded, threshold: float) -> _Divided:
     u = len(unfolded)
-    clear, wall = _clear_balls(sets, unfolded)
-    piece, region, partner = _pieces(sets, unfolded, clear, wall, threshold)
+    clear, wall = clear_balls(sets, unfolded)
+    piece, region, partner = pieces(sets, unfolded, clear, wall, threshold)
     shared = _shared_walls(unfolded, piece, clear)
     own = clear.copy()
     own[shared[:, 0]] = False
@@ -247,9 +233,9 @@ def _everywhere(unfolded: Unfolded, mine: NDArray[np.bool_], both: IntArray) -> 
     np.maximum.at(known, samples, both[mine])
     usable[samples] = 1
     known = spread_labels(surface.points, surface_graph(surface), known)
-    pieces = fill_components(surface, known // 2, usable > 0)
-    pieces = 2 * pieces + np.where(known < 0, 0, known % 2)
-    return np.where(both[mine] < 0, pieces[samples], both[mine])
+    number = fill_components(surface, known // 2, usable > 0)
+    number = 2 * number + np.where(known < 0, 0, known % 2)
+    return np.where(both[mine] < 0, number[samples], both[mine])
 
 
 def _backs(
@@ -279,59 +265,3 @@ def _backs(
         side[a] = -1 if votes > 0 else 1
     balance = np.bincount(piece[rows], side[region[rows]], minlength=k)
     return side[region] * np.where(balance < 0, -1, 1)[piece] < 0
-
-
-def _clear_balls(
-    sets: FeatureSets, unfolded: Unfolded
-) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Return which balls can be linked, and which lie in walls or at creases; two (u,) arrays.
-
-    A ball can be linked when its contacts are clearly apart, or on the two sides of a wall or of a
-    crease.
-    """
-    rows, parted = unfolded.rows, unfolded.parted
-    spacing = local_spacing(unfolded.cloud.surface)[unfolded.cloud.features[rows]].max(axis=1)
-    gap = np.linalg.norm(unfolded.points - unfolded.contacts, axis=1)
-    cosine = np.einsum("ij,ij->i", unfolded.normals, unfolded.contact_normals)
-    wall = cosine < WALL
-    clear = ((gap >= CLEARLY_APART * spacing) | wall) & ~sets.rim[rows]
-    return clear | parted, wall | parted
-
-
-def _pieces(
-    sets: FeatureSets,
-    unfolded: Unfolded,
-    clear: NDArray[np.bool_],
-    wall: NDArray[np.bool_],
-    threshold: float,
-) -> tuple[IntArray, IntArray, IntArray]:
-    """Return the lowest node that each node is linked to, directly or through others, (u,).
-
-    Also the same for links along the surface alone, and the partner of each ball across its sheet.
-    """
-    from medialis.sheets._sheet_kernels import join_links, link_across, link_neighbours
-
-    graph, u, rows = unfolded.graph, len(unfolded), unfolded.rows
-    touched = unfolded.cloud.features[rows].T.ravel()
-    contacts = (
-        np.concatenate([unfolded.points, unfolded.contacts]),
-        np.concatenate([unfolded.normals, unfolded.contact_normals]),
-        touched,
-        unfolded.regions.T.ravel(),
-        local_spacing(unfolded.cloud.surface)[touched],
-    )
-    closed = sets.closed[rows] & ~unfolded.parted
-    balls = rows, unfolded.centers, unfolded.radii, closed, wall
-    members = sets.samples.offsets, sets.samples.indices, sets.clusters
-    rules = *contacts, *balls, threshold - 1.0, LARGEST_TURN, *members
-    links, partner = np.zeros(len(graph.indices), np.bool_), np.full(u, -1, np.int32)
-
-    def work(begin: int, end: int) -> None:
-        link_neighbours(begin, end, graph.offsets, graph.indices, clear, *rules, links)
-        link_across(begin, end, unfolded.across, clear, *rules, partner)
-
-    run_chunks(work, u, NODES_A_CHUNK)
-    piece, region = np.arange(u, dtype=np.int32), np.arange(u, dtype=np.int32)
-    join_links(graph.offsets, graph.indices, links, partner, piece)
-    join_links(graph.offsets, graph.indices, links, np.full_like(partner, -1), region)
-    return piece, region, partner
