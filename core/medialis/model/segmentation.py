@@ -10,7 +10,7 @@ import numpy as np
 from medialis.errors import InvalidShapeError
 from medialis.kept import Bound
 from medialis.model.shape import Shape
-from medialis.validation import FloatArray, IntArray, frozen
+from medialis.validation import FloatArray, IntArray, frozen, hold
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -26,11 +26,13 @@ class Segmentation(Bound):
         The n samples: the surface as computed on, refined where that was needed.
     method : str
         How it was divided, where a function has several methods: "limbs" or "sheets".
+    face_labels : (m,) int32 or None
+        Segment of each face of the surface, where borders follow edges of the mesh.
 
     Raises
     ------
     InvalidShapeError
-        When there is not one label a sample.
+        When there is not one label a sample, or a face.
 
     Examples
     --------
@@ -45,6 +47,7 @@ class Segmentation(Bound):
     labels: IntArray
     surface: Shape = field(kw_only=True)
     method: str = field(default="", kw_only=True)
+    face_labels: IntArray | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
         labels = np.asarray(self.labels)
@@ -54,6 +57,8 @@ class Segmentation(Bound):
                 f"got {labels.shape}."
             )
         object.__setattr__(self, "labels", frozen(labels, np.int32))
+        if self.face_labels is not None:
+            hold(self, face_labels=(np.int32, self.surface.face_count))
 
     def __repr__(self) -> str:
         return f"Segmentation({self.count} segments of {len(self.labels)} samples)"
@@ -61,8 +66,10 @@ class Segmentation(Bound):
     @cached_property
     def areas(self) -> FloatArray:
         """Area of each segment, (count,); number of samples in a cloud."""
-        rows = self.labels >= 0
-        areas = np.bincount(self.labels[rows], self.surface.point_areas[rows])
+        labels, weight = self.labels, self.surface.point_areas
+        if self.face_labels is not None:
+            labels, weight = self.face_labels, self.surface.face_areas
+        areas = np.bincount(labels[labels >= 0], weight[labels >= 0])
         return frozen(areas, np.float64)
 
     @property
@@ -71,11 +78,13 @@ class Segmentation(Bound):
         return len(self.areas)
 
     def of_faces(self) -> IntArray:
-        """Return the segment of each face of the surface, (m,): that of most of its corners.
+        """Return the segment of each face of the surface, (m,).
 
-        Three different corners: the lowest segment, which is the largest. -1 where two corners or
-        more have none.
+        Its own where faces were divided, else that of most of its corners. Three different corners:
+        the lowest segment, which is the largest. -1 where two corners or more have none.
         """
+        if self.face_labels is not None:
+            return self.face_labels
         if self.surface.faces is None:
             return frozen(np.empty(0), np.int32)
         low, middle, high = np.sort(self.labels[self.surface.faces], axis=1).T

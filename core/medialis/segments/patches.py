@@ -10,6 +10,7 @@ from medialis.model.medial_cloud import MedialCloud
 from medialis.model.segmentation import Segmentation
 from medialis.options import Options, algorithm, angle, number
 from medialis.progress import Progress
+from medialis.segments.face_patches import face_patches
 from medialis.segments.soft_edges import soft_edges
 from medialis.surface.labels import completed, connected_labels
 from medialis.surface.surface_graph import surface_graph
@@ -61,11 +62,15 @@ def patches(cloud: MedialCloud, options: PatchesOptions, progress: Progress) -> 
 
     Notes
     -----
-    All samples on edges (`medialis.soft_edges`) are taken out; what stays connected is a patch. The
-    samples of the edges then join the nearest patch along the surface.
+    A mesh is divided by its faces: they hang together across all edges of the mesh but creases,
+    and those at samples on soft edges (`medialis.soft_edges`) are taken out. What stays connected
+    is a patch, and the faces of the soft edges join the nearest one. Patches are one where the
+    surface turns by less than `min_angle` across their border, or no more sharply than beside it,
+    as in a bore. So patches are connected, and borders follow creases exactly. A sample at a border
+    has the largest patch that it touches. A cloud is divided by its samples, without creases.
 
-    Source: thesis 6.3.2. Deviates: weak edges do not count, small pieces are merged, and with outer
-    balls concave edges separate as well.
+    Source: thesis 6.3.2. Deviates: creases of a mesh are borders, weak edges do not count, small
+    pieces are merged, and with outer balls concave edges separate as well.
 
     Examples
     --------
@@ -79,9 +84,13 @@ def patches(cloud: MedialCloud, options: PatchesOptions, progress: Progress) -> 
     """
     edges, surface = soft_edges.of(cloud, options, progress), cloud.surface
 
+    kinds = bool((cloud.side > 0).any()), bool((cloud.side < 0).any())
+
     def divide() -> Segmentation:
-        off_edges = np.where(edges.on_edge(options.min_angle), -1, 0).astype(np.int32)
-        labels = connected_labels(off_edges, surface_graph(surface))
+        soft = edges.on_edge(options.min_angle)
+        if surface.faces is not None:
+            return face_patches(surface, soft, options.min_angle, kinds, options.smallest)
+        labels = connected_labels(np.where(soft, -1, 0).astype(np.int32), surface_graph(surface))
         size = np.bincount(labels[labels >= 0], minlength=1)
         labels[size[labels] < LEAST_SAMPLES] = -1
         return completed(surface, labels, options.smallest, fill=True)

@@ -233,7 +233,7 @@ def _everywhere(unfolded: Unfolded, mine: NDArray[np.bool_], both: IntArray) -> 
     np.maximum.at(known, samples, both[mine])
     usable[samples] = 1
     known = spread_labels(surface.points, surface_graph(surface), known)
-    number = fill_components(surface, known // 2, usable > 0)
+    number = fill_components(surface.components, known // 2, usable > 0)
     number = 2 * number + np.where(known < 0, 0, known % 2)
     return np.where(both[mine] < 0, number[samples], both[mine])
 

@@ -166,8 +166,8 @@ def find_creases(shape: Shape, angle: float) -> Creases:
     left = np.concatenate([row[first], row[_next(first)]])
     right = np.concatenate([row[_next(second)], row[second]])
     pairs = np.sort(np.stack([sector[left], sector[right]], axis=1), axis=1).reshape(-1, 2)
-    bends_inward = _bends_inward(shape, first, second)
-    inward = np.tile(bends_inward, 2)
+    bent_inward = bends_inward(shape, first, second)
+    inward = np.tile(bent_inward, 2)
     apart = pairs[:, 0] != pairs[:, 1]
     pairs, which = np.unique(pairs[apart], axis=0, return_inverse=True)
     concave = np.zeros(len(pairs), np.bool_)
@@ -181,7 +181,7 @@ def find_creases(shape: Shape, angle: float) -> Creases:
         frozen(pairs.reshape(-1, 2), np.int32),
         concave,
         frozen(np.stack([first, second], axis=1), np.int64),
-        frozen(bends_inward, np.bool_),
+        frozen(bent_inward, np.bool_),
     )
 
 
@@ -240,7 +240,7 @@ def _sector_normals(
     return np.divide(total, length, out=np.zeros_like(total), where=length > 1e-12)
 
 
-def _bends_inward(
+def bends_inward(
     shape: Shape, first: NDArray[np.int64], second: NDArray[np.int64]
 ) -> NDArray[np.bool_]:
     """Tell the edges whose second face lies in front of the first one."""

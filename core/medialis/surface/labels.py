@@ -32,13 +32,13 @@ def spread_labels(points: FloatArray, graph: Ragged, labels: IntArray) -> IntArr
     return np.where(seed < 0, -1, labels[seed]).astype(np.int32)
 
 
-def fill_components(shape: Shape, labels: IntArray, usable: NDArray[np.bool_]) -> IntArray:
-    """Give each component of the surface in which nothing is labelled a label of its own."""
-    count = int(shape.components.max(initial=-1)) + 1
-    empty = np.bincount(shape.components[labels >= 0], minlength=count) == 0
+def fill_components(components: IntArray, labels: IntArray, usable: NDArray[np.bool_]) -> IntArray:
+    """Give each component (n,) in which nothing is labelled a label of its own."""
+    count = int(components.max(initial=-1)) + 1
+    empty = np.bincount(components[labels >= 0], minlength=count) == 0
     new = np.cumsum(empty) - 1 + labels.max(initial=-1) + 1
-    rows = empty[shape.components] & usable
-    return np.where(rows, new[shape.components], labels).astype(np.int32)
+    rows = empty[components] & usable
+    return np.where(rows, new[components], labels).astype(np.int32)
 
 
 def merge_small(labels: IntArray, weight: FloatArray, graph: Ragged, smallest: float) -> IntArray:
@@ -128,7 +128,7 @@ def completed(
     graph, area = surface_graph(shape), shape.point_areas
     labels = spread_labels(shape.points, graph, labels)
     if fill:
-        labels = fill_components(shape, labels, np.ones(len(labels), np.bool_))
+        labels = fill_components(shape.components, labels, np.ones(len(labels), np.bool_))
     if smallest > 0.0:
         labels = merge_small(labels, area, graph, smallest * float(area.sum()))
     return Segmentation(numbered_by_weight(labels, area), surface=shape, method=method)
