@@ -17,7 +17,7 @@ from medialis.curves.from_views.silhouettes import Crossings as Crossings
 from medialis.curves.from_views.silhouettes import silhouette_skeleton as silhouette_skeleton
 from medialis.curves.from_views.views import view_curve_skeleton as view_curve_skeleton
 from medialis.curves.from_views.views import view_source as view_source
-from medialis.curves.graph.ground import Handles as Handles
+from medialis.curves.graph.handles import Handles as Handles
 from medialis.curves.graph.point_graph import point_graph as point_graph
 from medialis.curves.graph.simplification import simplify_branches as simplify_branches
 from medialis.errors import Cancelled as Cancelled

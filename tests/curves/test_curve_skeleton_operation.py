@@ -3,6 +3,7 @@ import json
 import numpy as np
 import pytest
 
+import closed_forms as forms
 import medialis
 from medialis.cli.commands import main
 from tubes import circle, segment, tube
@@ -69,7 +70,7 @@ def test_what_makes_the_result_uncertain_is_said(creature):
     torn = np.concatenate([torus.faces, [[*torus.faces[0, :2], 7]]])
     run = medialis.run("curve_skeleton", medialis.Shape(torus.points, torus.normals, torn))
     assert "handles_undefined" in codes(run)
-    assert run.graph.loops == 0 and "expected_loops" not in run.values
+    assert run.graph.loops == 0 and run.values["expected_loops"] is None
     two = medialis.Shape(
         np.concatenate([torus.points, ball.points + np.array([5, 0, 0])]),
         np.concatenate([torus.normals, ball.normals]),
@@ -79,6 +80,25 @@ def test_what_makes_the_result_uncertain_is_said(creature):
 
 
 @pytest.mark.slow
+@pytest.mark.slow
+def test_handles_thinner_than_the_samples_are_refined(real_shapes):
+    """The cow has a tunnel no wider than its samples are apart, which had no loop."""
+    cow = medialis.read_shape(real_shapes / "cow.ply")
+    run = medialis.run("curve_skeleton", cow)
+    assert "handles_refined" in codes(run) and "loops_missing" not in codes(run)
+    assert run.values["loops"] == run.values["expected_loops"] == 1
+    assert (run.shape.points[: cow.point_count] == cow.points).all()
+
+
+def test_no_loop_is_claimed_where_all_samples_lie_on_creases():
+    """Centers that coincide on the sides of triangles saw angles of chance, and a loop of none."""
+    ring = forms.torus_mesh(around=24, across=6, major=1.0, minor=0.012)
+    run = medialis.run("curve_skeleton", ring)
+    around = len(run.graph.nodes) > 1 and run.graph.length > 2 * np.pi * (1 - 0.012)
+    assert run.graph.loops == (1 if around else 0)
+    assert ("loops_missing" in codes(run)) == (run.graph.loops == 0)
+
+
 def test_sheets_are_parts_more_than_four_times_as_wide_as_thick():
     """Of a plate L x w x t the balls of its inner (w - 4 t) x (L - 4 t) can lie that far."""
     assert "thin_sheets" in notes(box([1, 0.8, 0.06]))

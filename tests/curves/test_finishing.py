@@ -42,6 +42,14 @@ def test_a_merge_that_would_lose_a_loop_is_not_done():
     assert merged.loops == 1 and len(merged.nodes) == 6
 
 
+def test_a_second_way_between_junctions_is_not_merged_away():
+    """It was an edge between the same ends, and vanished with the branch that was contracted."""
+    nodes = [[0, 0, 0], [0.1, 0, 0], [0.05, 0.05, 0], [-2, 0, 0], [2, 0, 0]]
+    graph = CurveSkeleton.of(nodes, [[0, 1], [0, 2], [2, 1], [0, 3], [1, 4]], np.ones(5))
+    merged, _ = merge_junctions(graph, np.arange(5.0))
+    assert graph.loops == merged.loops == 1
+
+
 def test_spurs_go_and_branches_stay():
     nodes = [[-2, 0, 0], [0, 0, 0], [2, 0, 0], [0, 0.2, 0], [0, 0, 1.5]]
     edges = [[0, 1], [1, 2], [1, 3], [1, 4]]

@@ -2,8 +2,9 @@ import numpy as np
 import pytest
 
 import medialis
-from medialis.curves.graph.ground import find_handles, link_balls
+from medialis.curves.graph.ground import link_balls
 from medialis.curves.graph.growth import Growth, grow_graph
+from medialis.curves.graph.handles import extra_turns, find_handles
 from medialis.model.curve_skeleton import CurveSkeleton
 from medialis.model.polylines import follow
 from tubes import circle, segment, tube
@@ -116,6 +117,30 @@ def test_handles_and_how_often_ways_go_round_them(curves, genus):
         change = np.diff(theta, axis=0, append=theta[:1])
         turns = (change - np.rint(change)).sum(axis=0)
         assert np.allclose(turns, np.rint(turns), atol=1e-9) and np.rint(turns).any()
+
+
+def test_angles_are_followed_along_links_that_leave_a_ball():
+    """Against the angle in 400 steps, along chords of a ring whose balls overlap."""
+    shape = tube([circle([0, 0, 0], 1)], 0.25, 0.08)
+    (found,) = find_handles(shape).values()
+    centers = circle([0, 0, 0], 1)[:-1:25]  # 0.39 apart, radius 0.25
+    k = len(centers)
+    ring = np.stack([np.arange(k), (np.arange(k) + 1) % k], axis=1)
+    links = link_balls(centers, np.full(k, 0.25), np.ones(k), ring, ring, spacing=0.08)
+    rows = np.arange(k)
+    theta = found.angles(centers, rows)
+    row, extra = extra_turns(links, found, theta, rows)
+    starts = np.repeat(rows, np.diff(links.offsets))
+    total = np.zeros(2)
+    for link, (a, b) in enumerate(zip(starts, links.neighbours, strict=True)):
+        way = np.linspace(centers[a], centers[b], 400)
+        change = np.diff(found.angles(way, np.arange(400)), axis=0)
+        true = (change - np.rint(change)).sum(axis=0)
+        counted = theta[b] - theta[a] - np.rint(theta[b] - theta[a])
+        more = extra[row[link]] if row[link] >= 0 else np.zeros(2)
+        assert np.allclose(true, counted - more, atol=1e-9)
+        total += true * ((b - a) % k == 1)
+    assert np.allclose(total, np.rint(total), atol=1e-9) and np.rint(total).any()
 
 
 def test_holes_are_closed_and_torn_parts_left_out():

@@ -41,6 +41,9 @@ class CurveEvidence(Described):
         edges are missing.
     closed_loops : dict
         Loops that were closed, by the same components.
+    missing : tuple of (l, 3) float64
+        Where loops are missing: closed lines over the surface, round the handles that no loop of
+        the graph goes round.
     """
 
     measured: CandidateMeasure
@@ -49,6 +52,7 @@ class CurveEvidence(Described):
     kept: NDArray[np.bool_]
     genus: dict[int, int]
     closed_loops: dict[int, int]
+    missing: tuple[FloatArray, ...] = ()
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from medialis.balls.surface_skeleton import Preparation, surface_skeleton
-from medialis.curves.from_balls.curve_skeleton import CurveSkeletonOptions, curve_skeleton
+from medialis.balls.surface_skeleton import Preparation
+from medialis.curves.from_balls.curve_skeleton import CurveSkeletonOptions
+from medialis.curves.from_balls.thin_handles import curve_skeleton_of
 from medialis.errors import InvalidShapeError
 from medialis.files.curve_graphs import node_attributes
 from medialis.model.curve_skeleton import CurveEvidence, CurveSkeleton
@@ -49,10 +50,9 @@ def described(shape: Shape, options: Options, progress: Progress) -> tuple[Curve
             "A curve skeleton needs a surface with faces, got a point cloud: reconstruct a surface "
             "first, or use view_curve_skeleton, which takes point clouds."
         )
-    with progress.stage("skeleton", 0.0, 0.25):
-        cloud = surface_skeleton.of(shape, options, progress)
-    with progress.stage("curve skeleton", 0.25, 1.0):
-        graph = curve_skeleton.of(cloud, options, progress)
+    graph = curve_skeleton_of(shape, options, progress)
+    cloud = graph.cloud
+    assert cloud is not None
     sheet = sheet_share(cloud, graph)
     if graph.evidence is not None:
         _note_shape(cloud.surface, graph.evidence, progress)
@@ -153,8 +153,8 @@ def _values(
         "components": graph.component_count,
         "loops": graph.loops,
     }
-    if len(evidence.genus) == surface.part_count:
-        values["expected_loops"] = sum(evidence.genus.values())
+    known = len(evidence.genus) == surface.part_count
+    values["expected_loops"] = sum(evidence.genus.values()) if known else None
     samples = np.bincount(_present(graph.vertex_branch) + 1, minlength=graph.branch_count + 1)[1:]
     return values | {
         "length": graph.length,
@@ -229,8 +229,8 @@ def _note_shape(surface: Shape, evidence: CurveEvidence, progress: Progress) -> 
         if closed < genus:
             progress.note(
                 f"Part {number} has {counted(genus, 'handle')}, but its graph has "
-                f"{counted(closed, 'loop')}: handles are thinner than the sampling, or the surface "
-                "crosses itself.",
+                f"{counted(closed, 'loop')}: handles are thinner than the tolerance, the surface "
+                "crosses itself, or there are more than 2,048 of them.",
                 "loops_missing",
                 level=logging.WARNING,
                 part=number,

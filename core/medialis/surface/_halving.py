@@ -7,6 +7,7 @@ sides of such a face are halved, with its neighbours; in the end triangles are p
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,6 +17,7 @@ from medialis.model.surface import Surface
 from medialis.validation import FloatArray
 
 Rows = NDArray[np.int64]
+Allowed = Callable[[FloatArray], FloatArray]
 
 LONG = 4.0
 """Longest edges: a face no higher than one and longer than this many is a strip. Shorter ones are
@@ -113,8 +115,10 @@ class Cut:
             none,
         )
 
-    def halved(self, longest_edge: float, most_points: int) -> Cut | None:
+    def halved(self, longest_edge: float | Allowed, most_points: int) -> Cut | None:
         """Halve every edge that is too long once; None when there is none.
+
+        `longest_edge` may be a function of the middles (e, 3) of the edges.
 
         Raises
         ------
@@ -124,7 +128,12 @@ class Cut:
         m = len(self.faces)
         # A side of a strip is a face that names a vertex twice: it has one edge.
         surface = Surface(self.points, np.concatenate([self.faces, self.sides[:, [0, 1, 1]]]))
-        n, long = surface.point_count, surface.edge_lengths > longest_edge
+        bound: float | FloatArray
+        if callable(longest_edge):
+            bound = longest_edge(surface.points[surface.edges].mean(axis=1))
+        else:
+            bound = longest_edge
+        n, long = surface.point_count, surface.edge_lengths > bound
         if not long.any():
             return None
         ends = surface.edges[long]

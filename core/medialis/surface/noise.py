@@ -40,6 +40,13 @@ BENDING = 2.0
 """Ratio of what bending adds in three rings and in two, at least: 2.0 to 3.0 on real meshes without
 noise, more on mechanical parts."""
 
+FLAT, SHARP, LONG = 1e-3, math.radians(30), 2.0
+"""Bends of edges in radians that are flat, and sharp; medians of a long edge."""
+
+FLAT_SHARE, SHARP_SHARE = 0.25, 0.1
+"""Of the edges of a mesh from a CAD program, at least: washers, pipes and perforated plates of few
+vertices have 50 to 60 % and 33 to 37 %; scans and sculptures below 1 % flat ones."""
+
 SLOPE = 0.05
 """Slope that is left of the noise after smoothing, 3 degrees. With 0.2 false branches stay; with
 0.03 no branch more is right, and thin parts shrink more."""
@@ -85,6 +92,8 @@ def noise_level(shape: Shape) -> float:
     """
     if shape.faces is None or len(shape.edges) == 0:
         return 0.0
+    if _constructed(shape):
+        return 0.0
     n = shape.point_count
     rows = np.arange(0, n, 1 + n // MOST_MEASURED)
     few = np.bincount(shape.edges.ravel(), minlength=n) <= MOST_EDGES
@@ -102,6 +111,21 @@ def noise_level(shape: Shape) -> float:
     near, far = deviation
     square = (BENDING**2 * near**2 - far**2) / (BENDING**2 - 1)
     return math.sqrt(max(0.0, square))
+
+
+def _constructed(shape: Shape) -> bool:
+    """Tell meshes of flat faces and sharp edges: all their vertices lie on edges, none is noise.
+
+    Noise bends every edge, so that few are flat; steps of voxels have edges of equal lengths.
+    """
+    normals, twins = shape.face_normals, shape.edge_twins
+    side = np.flatnonzero(twins > np.arange(len(twins)))
+    if len(side) == 0 or shape.edge_lengths.max() < LONG * np.median(shape.edge_lengths):
+        return False
+    a, b = normals[side // 3], normals[twins[side] // 3]
+    flat = np.linalg.norm(np.cross(a, b), axis=1) < FLAT
+    sharp = np.einsum("ij,ij->i", a, b) < math.cos(SHARP)
+    return bool(flat.mean() > FLAT_SHARE and sharp.mean() > SHARP_SHARE)
 
 
 def _off_quadrics(points: FloatArray, rows: NDArray[np.int64], ring: Any) -> FloatArray:

@@ -23,10 +23,12 @@ from medialis.surface._halving import LONG, Cut, TooManyPointsError, edges_of_si
 from medialis.surface._volumes import power_of_two_scale
 from medialis.surface.normals import vertex_normals
 from medialis.threads import run_patiently
+from medialis.validation import FloatArray
 
 MOST_POINTS = 10_000_000
 """Refinement stops with a sentence before it fills the memory."""
 
+MOST_HALVINGS = 6
 
 USUAL, USUAL_A_VERTEX = 40_000, 4
 """Samples that a mesh is refined to at most where no one asks for more: so many, and so many for
@@ -101,7 +103,50 @@ def _refined(shape: Shape, longest_edge: float) -> Shape:
         return shape
     surface = Surface(points, shape.faces)
     _check_affordable(surface, h, scale)
-    cut = _cut(surface, h, scale)
+    return _with_faces_of(shape, _cut(surface, h, scale), scale)
+
+
+def refine_where(shape: Shape, allowed: FloatArray, most_points: int = MOST_POINTS) -> Shape:
+    """Split edges that are longer than what the vertex nearest to their middle allows.
+
+    Edges are halved six times at most: where long faces lie beside short edges, each cut makes
+    another long edge.
+
+    Parameters
+    ----------
+    shape : Shape
+        A mesh of n vertices.
+    allowed : (n,) float64
+        Longest edge at each vertex; inf: any.
+    most_points : int
+        Of as many points refinement stops.
+
+    Returns
+    -------
+    Shape
+        As `refine` returns it; the same object when nothing is to do.
+    """
+    from scipy.spatial import cKDTree
+
+    near = np.flatnonzero(np.isfinite(allowed))
+    if len(near) == 0:
+        return shape
+    scale = power_of_two_scale(shape.points)
+    tree, bound = cKDTree(shape.points * scale), allowed * scale
+    cut = begun = Cut.of(Surface(shape.points * scale, np.asarray(shape.faces)))
+    try:
+        for _ in range(MOST_HALVINGS):
+            more = cut.halved(lambda middles: bound[tree.query(middles)[1]], most_points)
+            if more is None:
+                break
+            cut = more
+    except TooManyPointsError:
+        pass  # as fine as it may be
+    return shape if cut is begun else _with_faces_of(shape, cut, scale)
+
+
+def _with_faces_of(shape: Shape, cut: Cut, scale: float) -> Shape:
+    """Return a shape with the points and faces that it was cut into, as lengths times `scale`."""
     points, faces = np.array(cut.points), cut.faces.astype(np.int32)
     face_origin = cut.origin.astype(np.int32)
     n = shape.point_count

@@ -17,13 +17,9 @@ from medialis.curves.from_balls.candidates import (
     near_balls,
 )
 from medialis.curves.graph.finishing import finish_graph
-from medialis.curves.graph.ground import (
-    BallLinks,
-    Handles,
-    find_handles,
-    link_balls,
-)
-from medialis.curves.graph.growth import grow_graph
+from medialis.curves.graph.ground import BallLinks, link_balls
+from medialis.curves.graph.growth import Turns, grow_graph
+from medialis.curves.graph.handles import Handles, find_handles
 from medialis.curves.graph.simplification import SimplifyOptions, simplify_branches
 from medialis.errors import InvalidShapeError
 from medialis.kept import Bound, kept
@@ -160,10 +156,23 @@ def curve_skeleton(
         ground.importance,
         frozen(enough, np.bool_),
         {number: one.genus for number, one in ground.handles.items()},
-        loops,
+        {number: len(turns) for number, turns in loops.items()},
+        _missing(ground.handles, loops),
     )
     importance = run_patiently(lambda: _node_importance(graph, ground), progress)
     return replace(graph, importance=importance, evidence=evidence)
+
+
+def _missing(handles: dict[int, Handles], loops: Turns) -> tuple[FloatArray, ...]:
+    """Return closed lines round the handles that no loop goes round; all where sums hide which."""
+    lines: list[FloatArray] = []
+    for part, one in handles.items():
+        turns = loops.get(part, np.zeros((0, len(one.loops)), np.int64))
+        if len(turns) < one.genus:
+            alone = np.flatnonzero(~turns.any(axis=0))
+            chosen = alone if len(alone) else np.arange(len(one.loops))
+            lines += [frozen(one.points[one.loops[place]], np.float64) for place in chosen]
+    return tuple(lines)
 
 
 def _require_whole_cloud(cloud: MedialCloud) -> None:

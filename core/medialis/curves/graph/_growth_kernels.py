@@ -8,6 +8,7 @@ import numpy as np
 
 from medialis._kernels.heap_kernels import pop, push
 from medialis._kernels.jit import kernel
+from medialis._kernels.union_find_kernels import find_root
 
 
 @kernel
@@ -40,27 +41,42 @@ def spread_from_tree(
 
 
 @kernel
-def count_turns(order, parent, theta, turns):
+def count_turns(
+    order, parent, radii, offsets, neighbours, length, theta, row, extra, turns, anchor
+):  # fmt: skip
     """Whole turns round each handle on the path from each ball to the root, in rising cost.
 
     `theta` (k, c) are angles in turns, known up to whole ones; along a link they change by less
-    than half a turn. Balls of the tree (no parent) keep their turns.
+    than half a turn, and by the whole turns ``extra[row]`` besides where its row is not negative.
+    Balls of the tree (no parent) keep their turns. `anchor` becomes the last ball on the path that
+    does not overlap the one after it, else that of the root: links between balls that are apart may
+    leave the shape, so that turns are certain between balls of the same anchor only.
     """
     for v in order:
         p = parent[v]
-        if p >= 0:
-            for c in range(theta.shape[1]):
-                turns[v, c] = turns[p, c] + round(theta[v, c] - theta[p, c])
+        if p < 0:
+            continue
+        anchor[v] = anchor[p]
+        for c in range(theta.shape[1]):
+            turns[v, c] = turns[p, c] + round(theta[v, c] - theta[p, c])
+        for at in range(offsets[p], offsets[p + 1]):
+            if neighbours[at] != v:
+                continue
+            if length[at] >= radii[v] + radii[p]:
+                anchor[v] = v
+            if row[at] >= 0:
+                for c in range(theta.shape[1]):
+                    turns[v, c] += extra[row[at], c]
 
 
 @kernel
 def find_closing_links(
-    rows, radii, offsets, neighbours, length, spent, theta, turns, out_links
+    rows, radii, offsets, neighbours, length, spent, theta, row, extra, turns, anchor, out_links
 ):  # fmt: skip
     """Links that close a path round a handle: the turns of both ends do not match.
 
-    Only links whose ends lie in each other's ball count: along a longer one the angle may change by
-    more than half a turn. Returns how many; only the first len(out_links) are listed.
+    Only links between balls that overlap count, and whose turns are certain (`count_turns`).
+    Returns how many; only the first len(out_links) are listed.
     """
     count = 0
     for v in rows:
@@ -68,10 +84,13 @@ def find_closing_links(
             w = neighbours[at]
             if w <= v or spent[v] == np.inf or spent[w] == np.inf:
                 continue
-            if length[at] >= min(radii[v], radii[w]):
+            if length[at] >= radii[v] + radii[w] or anchor[v] != anchor[w]:
                 continue
             for c in range(theta.shape[1]):
-                if turns[v, c] + round(theta[w, c] - theta[v, c]) != turns[w, c]:
+                change = round(theta[w, c] - theta[v, c])
+                if row[at] >= 0:
+                    change += extra[row[at], c]
+                if turns[v, c] + change != turns[w, c]:
                     if count < len(out_links):
                         out_links[count] = at
                     count += 1
@@ -113,52 +132,34 @@ def solid_angles(begin, stop, rows, centers, loop_offsets, loops, points, out_th
 
 
 @kernel
-def cut_open(corners, twins, offsets, neighbours, start, face, seen, used, parent, out_sides):
-    """Sides of a closed surface that are in no spanning tree of vertices nor of faces.
+def steps_from(starts, offsets, neighbours, queue, steps, parent):
+    """Breadth-first trees from vertices: steps to the root, and the next vertex on the way there.
 
-    A tree of vertices from `start` (in `parent`, -1 at its root), then a tree of faces from `face`
-    that crosses no side of the first tree. On a closed surface of genus g, 2 g sides are left; each
-    closes a loop with the tree of vertices (tree-cotree, Eppstein 2003). Returns how many; `seen`
-    (vertices) and `used` (faces) come with False.
+    `steps` and `parent` come with -1, and keep it at the roots' `parent` and where no way leads.
     """
-    queue = np.empty(max(len(seen), len(used)), np.int64)
-    queue[0], seen[start], parent[start] = start, True, -1
-    count, done = 1, 0
+    count, done = len(starts), 0
+    for i in range(count):
+        queue[i] = starts[i]
+        steps[starts[i]] = 0
     while done < count:
         v = queue[done]
         done += 1
         for at in range(offsets[v], offsets[v + 1]):
             w = neighbours[at]
-            if not seen[w]:
-                seen[w], parent[w] = True, v
+            if steps[w] < 0:
+                steps[w], parent[w] = steps[v] + 1, v
                 queue[count] = w
                 count += 1
-    crossed = np.zeros(len(corners), np.bool_)
-    queue[0], used[face] = face, True
-    faces, done = 1, 0
-    while done < faces:
-        f = queue[done]
-        done += 1
-        for h in range(3 * f, 3 * f + 3):
-            t = twins[h]
-            if t < 0 or used[t // 3] or _in_tree(corners, h, parent):
-                continue
-            used[t // 3], crossed[h], crossed[t] = True, True, True
-            queue[faces] = t // 3
-            faces += 1
-    found = 0
-    for at in range(faces):
-        for h in range(3 * queue[at], 3 * queue[at] + 3):
-            t = twins[h]
-            if t > h and not crossed[h] and not _in_tree(corners, h, parent):
-                if found < len(out_sides):
-                    out_sides[found] = h
-                found += 1
-    return found
 
 
 @kernel
-def _in_tree(corners, h, parent):
-    a = corners[h]
-    b = corners[h - 2 if h % 3 == 2 else h + 1]
-    return parent[a] == b or parent[b] == a
+def join_faces(sides, twins, group, out_left):
+    """Join the faces on both sides of each side in turn; marks the sides that joined nothing.
+
+    With the sides of no tree of vertices (tree-cotree, Eppstein 2003) 2 g are left on a closed
+    surface of genus g. `group` comes with the number of each face.
+    """
+    for at in range(len(sides)):
+        a, b = find_root(group, sides[at] // 3), find_root(group, twins[sides[at]] // 3)
+        out_left[at] = a == b
+        group[max(a, b)] = min(a, b)

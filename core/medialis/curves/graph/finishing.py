@@ -134,7 +134,9 @@ def merge_junctions(
             name[members] = kept
             edges = np.sort(name[graph.edges], axis=1)
             edges = edges[edges[:, 0] != edges[:, 1]]
-            if len(np.unique(edges, axis=0)) == len(edges):  # else two edges, a loop, become one
+            # Else two edges, a loop, become one, or a second way between the ends is lost.
+            lost = len(graph.edges) - len(edges) - (len(members) - 1)
+            if lost == 0 and len(np.unique(edges, axis=0)) == len(edges):
                 break
         else:
             return graph, into

@@ -15,7 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from medialis.curves.graph.ground import BallLinks, Handles
+from medialis.curves.graph.ground import BallLinks
+from medialis.curves.graph.handles import Handles, extra_turns
 from medialis.model.polylines import follow
 from medialis.model.ragged import Ragged
 from medialis.progress import Progress
@@ -34,7 +35,7 @@ LARGE, KEPT_BRANCHES = 0.25, 4
 """Share of all balls from which on a component counts as large, and branches of it that are kept:
 the first ones, whose search visits nearly all its balls."""
 
-MOST_CLOSING = 1 << 20
+MOST_CLOSING, LINKS_AT_ONCE = 1 << 20, 256
 PRIME = 1_000_003
 """Turns are compared modulo this prime; they are far smaller."""
 
@@ -92,38 +93,62 @@ class Growth:
         self.edges.append(_pairs(path[:-1], path[1:]))
         return path[:-1]
 
-    def close_loops(self, theta: FloatArray, rows: NDArray[np.int64], most: int) -> int:
-        """Close up to `most` loops round handles, cheapest first; return how many there are.
+    def close_loops(
+        self,
+        theta: FloatArray,
+        extra: tuple[NDArray[np.int64], NDArray[np.int64]],
+        rows: NDArray[np.int64],
+        most: int,
+    ) -> NDArray[np.int64]:
+        """Close up to `most` loops round handles, cheapest first.
 
         Parameters
         ----------
         theta : (k, c) float64
             Angles of `Handles.angles`.
+        extra : (l,) int64, (q, c) int64
+            Turns of links, `extra_turns`.
         rows : (r,) int
             Balls of the component.
         most : int
+
+        Returns
+        -------
+        (l, c) int64
+            How often each loop goes round each handle, up to sums of loops: independent rows.
         """
         from medialis.curves.graph._growth_kernels import count_turns, find_closing_links
 
-        turns = np.zeros(theta.shape, np.int32)
+        turns, anchor = np.zeros(theta.shape, np.int64), np.full(len(theta), -1, np.int64)
         starts = np.repeat(np.arange(len(self.links)), np.diff(self.links.offsets))
         known = np.zeros((0, theta.shape[1]), np.int64)
         closing = np.empty(MOST_CLOSING, np.int64)
-        for closed in range(most):
+        for _ in range(most):
             order = rows[np.argsort(self.spent[rows], kind="stable")]
-            count_turns(order, self.parent, theta, turns)
+            count_turns(
+                order, self.parent, self.links.radii, self.links.offsets, self.links.neighbours,
+                self.links.length, theta, *extra, turns, anchor,
+            )  # fmt: skip
             count = find_closing_links(
                 rows, self.links.radii, self.links.offsets, self.links.neighbours,
-                self.links.length, self.spent, theta, turns, closing,
+                self.links.length, self.spent, theta, *extra, turns, anchor, closing,
             )  # fmt: skip
             link = closing[: min(count, len(closing))]
             a, b = starts[link], self.links.neighbours[link]
-            turn = (turns[a] - turns[b] + np.rint(theta[b] - theta[a]).astype(np.int64)) % PRIME
-            new = _reduce(turn, known).any(axis=1)
-            if not new.any():
-                return closed
-            link, a, b, turn = link[new], a[new], b[new], turn[new]
-            best = int((self.spent[a] + self.links.cost[link] + self.spent[b]).argmin())
+            spent = self.spent[a] + self.links.cost[link] + self.spent[b]
+            cheapest = link[np.argsort(spent, kind="stable")]
+            for few in np.split(cheapest, np.arange(LINKS_AT_ONCE, len(link), LINKS_AT_ONCE)):
+                a, b = starts[few], self.links.neighbours[few]
+                turn = turns[a] - turns[b] + np.rint(theta[b] - theta[a]).astype(np.int64)
+                more = extra[0][few] >= 0
+                turn[more] += extra[1][extra[0][few[more]]]
+                turn %= PRIME
+                new = np.flatnonzero(_reduce(turn, known).any(axis=1))
+                if len(new):
+                    break
+            else:
+                break
+            best = int(new[0])
             known = _extend(known, turn[best])
             # Both paths may end in a common stretch, which is taken once.
             first = self.join(int(a[best]))
@@ -131,7 +156,7 @@ class Growth:
             second = [b for b in follow(self.parent, int(b[best]))[:-1] if b not in taken]
             self.edges += [_pairs(second, self.parent[second]), _pairs(a[[best]], b[[best]])]
             self.add([*first, *second])
-        return most
+        return known
 
     def next_tip(self, candidates: NDArray[np.int64]) -> int | None:
         """Return the candidate that sticks out of the graph most; None when there is none."""
@@ -165,6 +190,8 @@ def sticks_out(distance: FloatArray, tip: FloatArray, base: FloatArray) -> NDArr
     return np.asarray(out & (distance > APART * np.maximum(tip, base)))
 
 
+Turns = dict[int, NDArray[np.int64]]
+
 Keep = Callable[[tuple[int, ...], Callable[[], Any]], Any]
 """Returns what a function computes, or what it returned before for the same numbers."""
 
@@ -177,7 +204,7 @@ def grow_graph(
     handles: Mapping[int, Handles] | None = None,
     keep: Keep = lambda _, compute: compute(),
     progress: Progress | None = None,
-) -> tuple[NDArray[np.int64], dict[int, int]]:
+) -> tuple[NDArray[np.int64], Turns]:
     """Grow a graph in each component of a set of balls.
 
     Parameters
@@ -202,7 +229,8 @@ def grow_graph(
     (e, 2) int64
         Edges between balls, each once; a row (i, i) is a graph of ball i alone.
     dict
-        Loops closed, by the number of the component, where handles were given.
+        Turns of the loops that were closed (`Growth.close_loops`), by the number of the component,
+        where handles were given.
     """
     groups = Ragged.group(components, int(components.max(initial=-1)) + 1)
     balls = {number: rows.astype(np.int64) for number, rows in enumerate(groups) if len(rows)}
@@ -238,15 +266,17 @@ def _rooted(
     balls: Mapping[int, NDArray[np.int64]],
     roots: Mapping[int, int],
     handles: Mapping[int, Handles],
-) -> tuple[Growth, dict[int, int]]:
+) -> tuple[Growth, Turns]:
     """Start a graph in each component: its root, and the loops round its handles."""
     graph, loops = Growth(links), {}
     graph.add(list(roots.values()))
     for number in handles.keys() & roots.keys():
-        one, loops[number] = handles[number], 0
-        if one.genus:
+        one = handles[number]
+        loops[number] = np.zeros((0, len(one.loops)), np.int64)
+        if one.loops:
             theta = one.angles(links.centers, balls[number])
-            loops[number] = graph.close_loops(theta, balls[number], one.genus)
+            extra = extra_turns(links, one, theta, balls[number])
+            loops[number] = graph.close_loops(theta, extra, balls[number], one.genus)
     return graph, loops
 
 

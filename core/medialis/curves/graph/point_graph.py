@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from medialis.curves.graph.finishing import finish_graph
-from medialis.curves.graph.ground import Handles, link_balls, nearest_neighbours
+from medialis.curves.graph.ground import link_balls, nearest_neighbours
 from medialis.curves.graph.growth import grow_graph
+from medialis.curves.graph.handles import Handles
 from medialis.model.curve_skeleton import CurveSkeleton
 from medialis.validation import as_field, as_number, as_points
 
