@@ -80,16 +80,6 @@ def test_what_makes_the_result_uncertain_is_said(creature):
 
 
 @pytest.mark.slow
-@pytest.mark.slow
-def test_handles_thinner_than_the_samples_are_refined(real_shapes):
-    """The cow has a tunnel no wider than its samples are apart, which had no loop."""
-    cow = medialis.read_shape(real_shapes / "cow.ply")
-    run = medialis.run("curve_skeleton", cow)
-    assert "handles_refined" in codes(run) and "loops_missing" not in codes(run)
-    assert run.values["loops"] == run.values["expected_loops"] == 1
-    assert (run.shape.points[: cow.point_count] == cow.points).all()
-
-
 def test_no_loop_is_claimed_where_all_samples_lie_on_creases():
     """Centers that coincide on the sides of triangles saw angles of chance, and a loop of none."""
     ring = forms.torus_mesh(around=24, across=6, major=1.0, minor=0.012)

@@ -6,12 +6,13 @@ from itertools import permutations
 
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 
 import closed_forms as forms
 from medialis.errors import InvalidOptionError, InvalidShapeError
 from medialis.model.shape import Shape
 from medialis.surface import refinement
-from medialis.surface.refinement import affordable_edge, refine
+from medialis.surface.refinement import affordable_edge, refine, refine_where
 from oracles import edge_uses, euler_number
 
 EPS = np.finfo(float).eps
@@ -291,3 +292,18 @@ def test_inputs_stay_unchanged_and_result_is_deterministic():
     assert (cube.points == points).all() and (cube.faces == faces).all()
     assert one.points.tobytes() == two.points.tobytes()
     assert one.faces.tobytes() == two.faces.tobytes()
+
+
+def test_edges_are_split_where_they_are_too_long_and_nowhere_else():
+    """The surface and the vertices stay; edges near one corner of a cube become short."""
+    cube = forms.box_mesh((1.0, 1.0, 1.0), 0.25)
+    near = np.linalg.norm(cube.points - 0.5, axis=1) < 0.3
+    fine = refine_where(cube, np.where(near, 0.1, np.inf))
+    assert (fine.points[: cube.point_count] == cube.points).all()
+    assert fine.area == pytest.approx(cube.area) and fine.border_edges == 0
+    middles = fine.points[fine.edges].mean(axis=1)
+    owner = cKDTree(cube.points).query(middles)[1]
+    assert fine.edge_lengths[near[owner]].max() <= 0.1
+    far = np.linalg.norm(fine.points - 0.5, axis=1) > 0.8
+    assert far.sum() == (np.linalg.norm(cube.points - 0.5, axis=1) > 0.8).sum()
+    assert refine_where(cube, np.full(cube.point_count, np.inf)) is cube
