@@ -124,7 +124,7 @@ def curve_skeleton(
     >>> import medialis
     >>> cloud = medialis.surface_skeleton(medialis.organic_shape(100))
     >>> medialis.curve_skeleton(cloud)
-    CurveSkeleton(309 nodes, 11 branches, 0 loops)
+    CurveSkeleton(317 nodes, 11 branches, 0 loops)
     """
     _require_whole_cloud(cloud)
     cloud = cloud.own

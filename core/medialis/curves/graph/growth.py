@@ -3,7 +3,7 @@
 Every branch is the cheapest path from a candidate to the graph so far, so it runs along the curve
 skeleton where there is one, crosses gaps along the surface skeleton, and joins the graph where it
 comes near it. One loop is closed for each handle, by the cheapest link that goes round it. So the
-graph has one component, and as many independent loops as were asked for, by construction.
+graph has one component by construction, and no loop more than were asked for.
 """
 
 from __future__ import annotations
