@@ -269,7 +269,8 @@ def test_a_folder_that_others_can_write_to_is_not_used(tmp_path):
     folder = tmp_path / "shared"
     folder.mkdir()
     folder.chmod(0o777)
-    done = run_code(COMPUTE, MEDIALIS_CACHE_DIR=str(folder))
+    with_log = "import logging\nlogging.basicConfig()\n" + COMPUTE
+    done = run_code(with_log, MEDIALIS_CACHE_DIR=str(folder))
     assert done.stdout.strip() == RESULT and list(folder.iterdir()) == []
     (line,) = done.stderr.splitlines()
     assert f"other users can write to {folder}" in line and "set MEDIALIS_CACHE_DIR" in line

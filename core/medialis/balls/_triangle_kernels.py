@@ -40,41 +40,45 @@ STEPS = 60  # of the iteration; each shrinks the ball, and it ends where roundin
 SPHERE, PLANE = 0, 4  # rows of `hulls`: middle and radius of the disc round a face, its normal;
 COSINE, LARGEST, SMALLEST = 7, 10, 11  # cosines at the corners, the largest and the smallest one
 ROWS = 12
+BLOCK = 16  # faces side by side; the last block of a leaf is filled up with faces that are nowhere
 
 
 @kernel
-def hang_faces(faces, place, n, depth, out_first, out_order):
-    """Sort faces by the leaf of their first corner in tree order: a counting sort, so stable."""
-    leaf = np.empty(len(faces), np.int32)
+def count_blocks(faces, place, n, depth, out_leaf, out_first):
+    """Leaf of the first corner of each face in tree order, and where the blocks of leaves start."""
+    count = np.zeros(len(out_first) - 1, np.int64)
     for f in range(len(faces)):
         first = min(place[faces[f, 0]], place[faces[f, 1]], place[faces[f, 2]])
-        leaf[f] = (((first + 1) << depth) + n - 1) // n - 1
-        out_first[leaf[f] + 1] += 1
-    for i in range(1, len(out_first)):
-        out_first[i] += out_first[i - 1]
-    slot = out_first.copy()
-    for f in range(len(faces)):
+        out_leaf[f] = (((first + 1) << depth) + n - 1) // n - 1
+        count[out_leaf[f]] += 1
+    for leaf in range(len(count)):
+        out_first[leaf + 1] = out_first[leaf] + (count[leaf] + BLOCK - 1) // BLOCK
+
+
+@kernel
+def fill_blocks(leaf, first, out_order):
+    """Sort faces into the blocks of their leaves, in their order; -1 in slots left over."""
+    slot = first[:-1] * BLOCK
+    for f in range(len(leaf)):
         out_order[slot[leaf[f]]] = f
         slot[leaf[f]] += 1
 
 
 @kernel
-def hull_of(hulls, low, high):
-    """Rows of the hulls of the faces low..high of one leaf, (ROWS, high - low): side by side."""
-    return hulls[ROWS * low : ROWS * high].reshape(ROWS, high - low)
-
-
-@kernel
-def fill_hulls(begin, end, first, order, faces, place, points, cosines, out_corners, out_hulls):
-    """Corners (in tree order of samples), discs and cosines of the faces of leaves begin..end."""
-    for leaf in range(begin, end):
-        low, high = first[leaf], first[leaf + 1]
-        hull = hull_of(out_hulls, low, high)
-        for i in range(low, high):
+def fill_hulls(begin, end, order, faces, place, points, cosines, out_corners, out_hulls):
+    """Corners (in tree order of samples), discs and cosines of the blocks begin..end."""
+    for block in range(begin, end):
+        for slot in range(BLOCK):
+            i = block * BLOCK + slot
             f = order[i]
+            if f < 0:
+                out_corners[i, 0] = -1
+                for row in range(ROWS):
+                    out_hulls[block, row, slot] = 0.0  # a cosine of 0: relief altogether
+                continue
             a, b, c = place[faces[f, 0]], place[faces[f, 1]], place[faces[f, 2]]
             out_corners[i, 0], out_corners[i, 1], out_corners[i, 2] = a, b, c
-            _fill_hull(points, a, b, c, cosines[f], hull[:, i - low])
+            _fill_hull(points, a, b, c, cosines[f], out_hulls[block, :, slot])
 
 
 @kernel
@@ -116,12 +120,14 @@ def bound_faces(points, corners, first, child_depth, depth, fan, begin, end, out
     for node in range(begin, end):
         for slot in range(fan):
             child = node * fan + slot
-            low = first[child << (depth - child_depth)]
-            high = first[(child + 1) << (depth - child_depth)]
+            low = BLOCK * first[child << (depth - child_depth)]
+            high = BLOCK * first[(child + 1) << (depth - child_depth)]
             out = out_bounds[node]
             mx, my, mz = 0.0, 0.0, 0.0
             for i in range(low, high):
                 a, b, c = corners[i, 0], corners[i, 1], corners[i, 2]
+                if a < 0:
+                    continue
                 ax, ay, az = points[a, 0], points[a, 1], points[a, 2]
                 ux, uy, uz = points[b, 0] - ax, points[b, 1] - ay, points[b, 2] - az
                 vx, vy, vz = points[c, 0] - ax, points[c, 1] - ay, points[c, 2] - az
@@ -136,7 +142,7 @@ def bound_faces(points, corners, first, child_depth, depth, fan, begin, end, out
             lx, ly, lz, ls = math.inf, math.inf, math.inf, math.inf
             hx, hy, hz, hs = -math.inf, -math.inf, -math.inf, -math.inf
             for i in range(low, high):
-                for j in range(3):
+                for j in range(3 if corners[i, 0] >= 0 else 0):
                     v = corners[i, j]
                     x, y, z = points[v, 0], points[v, 1], points[v, 2]
                     s = mx * x + my * y + mz * z
@@ -194,60 +200,52 @@ def _shrink_to(i, n, r, relief, least, points, own, hull, face):
 
 
 @kernel
-def _gap2(hull, f, x, y, z):
-    """Squared distance of a center to the disc round face f in its plane: no more than to the face.
+def _is_near(hull, f, px, py, pz, x, y, z, r, relief, least):
+    """Tell whether face f of a block may constrain the ball with center x, y, z, tangent at px, ...
 
-    float32, good to `margin`: the distance within the plane is that of the foot, without squares
-    that cancel out.
+    The disc round a face is no farther than the face. All is float32, good to `margin`: `relief`
+    and `least` are those of `_shrink_to` less the margin. The distance within the plane is that of
+    the foot, without squares that cancel out.
     """
-    dx, dy, dz = x - hull[SPHERE, f], y - hull[SPHERE + 1, f], z - hull[SPHERE + 2, f]
+    mx, my, mz, size = hull[SPHERE, f], hull[SPHERE + 1, f], hull[SPHERE + 2, f], hull[3, f]
     nx, ny, nz = hull[PLANE, f], hull[PLANE + 1, f], hull[PLANE + 2, f]
+    dx, dy, dz = px - mx, py - my, pz - mz
+    # Faces wholly nearer to p than sqrt(2) r are relief; |d| + size < sqrt(2) r by squares.
+    wide2 = dx * dx + dy * dy + dz * dz + size * (r + r + r + size)
+    may = r * hull[LARGEST, f] - (relief if wide2 < r * (r + r) else least)
+    dx, dy, dz = x - mx, y - my, z - mz
     off = nx * dx + ny * dy + nz * dz
     dx, dy, dz = dx - off * nx, dy - off * ny, dz - off * nz
-    beside = math.sqrt(dx * dx + dy * dy + dz * dz) - hull[SPHERE + 3, f]
+    beside = math.sqrt(dx * dx + dy * dy + dz * dz) - size
     beside = beside if beside > 0 else np.float32(0.0)
-    return off * off + beside * beside
+    return (off * off + beside * beside < may * may) & (may > 0)
 
 
 @kernel
-def _mark_near(hull, p, n, r, relief, least, out_near):
-    """Mark the faces of a leaf that may constrain the ball tangent at p; count them.
-
-    `relief` and `least` are those of `_shrink_to`, less the margin of float32.
-    """
-    px, py, pz = np.float32(p[0]), np.float32(p[1]), np.float32(p[2])
-    x, y, z = np.float32(p[0] - r * n[0]), np.float32(p[1] - r * n[1]), np.float32(p[2] - r * n[2])
-    radius, low, high = np.float32(r), np.float32(least), np.float32(relief)
-    beside2 = np.float32(2.0 * r * r)
+def _count_near(hull, px, py, pz, x, y, z, r, relief, least):
+    """Count the faces of a block that may constrain a ball; storing which would be slow."""
     count = 0
-    for f in range(hull.shape[1]):
-        dx, dy, dz = px - hull[SPHERE, f], py - hull[SPHERE + 1, f], pz - hull[SPHERE + 2, f]
-        size = hull[SPHERE + 3, f]
-        apart2 = dx * dx + dy * dy + dz * dz
-        may = radius * hull[LARGEST, f]
-        # Faces wholly nearer to p than sqrt(2) r are relief; |d| + size < sqrt(2) r by squares.
-        may -= high if apart2 + size * (radius + radius + radius + size) < beside2 else low
-        near = (_gap2(hull, f, x, y, z) < may * may) & (may > 0)
-        out_near[f] = near
-        count += near
+    for f in range(BLOCK):
+        count += _is_near(hull, f, px, py, pz, x, y, z, r, relief, least)
     return count
 
 
 @kernel
 def shrink_to_triangles(
-    begin, end, samples, directions, tolerance, a, margin, least, most,
+    begin, end, samples, directions, at_own, tolerance, a, margin, least,
     points, bounds, child, first, corners, hulls,
     radii, out_face, out_places,
 ):  # fmt: skip
     """Shrink the balls begin..end, tangent at samples (tree order), to fit between triangles.
 
-    `most` is the largest number of faces of a leaf. `radii` is changed in place. `out_face` is the
-    face (in tree order) that a ball touches, -1 where none constrains it, and `out_places` the
-    weights of the place at its corners.
+    Faces that meet at the sample itself take part where `at_own` says so: with a normal of its
+    sector none of them constrains a ball. `radii` is changed in place. `out_face` is the slot of
+    the face that a ball touches, -1 where none constrains it, and `out_places` the weights of the
+    place at its corners.
     """
     stack = np.empty(8 * 12 + 8, np.int64)
     hits = np.empty(FAN, np.int32)
-    near = np.empty(most, np.int32)
+    most, fewest = np.float32(a - margin), np.float32(least - margin)
     known = np.full((4, KNOWN), np.inf)  # certificates: centers and radii
     turn = 0
     for i in range(begin, end):
@@ -256,6 +254,7 @@ def shrink_to_triangles(
             continue
         i0 = samples[i]
         p, n = points[i0], directions[i]
+        px, py, pz = np.float32(p[0]), np.float32(p[1]), np.float32(p[2])
         cx, cy, cz = p[0] - r * n[0], p[1] - r * n[1], p[2] - r * n[2]
         certain = 0
         for j in range(KNOWN):
@@ -264,7 +263,7 @@ def shrink_to_triangles(
             certain += (room >= 0.0) & (dx * dx + dy * dy + dz * dz <= room * room)
         if certain > 0:
             continue
-        face, winner, best_s, best_t = -1, 0, 0.0, 0.0
+        face, best_s, best_t = -1, 0.0, 0.0
         stack[0] = 0
         top = 1
         while top > 0:
@@ -280,24 +279,28 @@ def shrink_to_triangles(
                     top += 1
                     continue
                 leaf = ~base + j
-                low, high = first[leaf], first[leaf + 1]
-                hull = hull_of(hulls, low, high)
-                if _mark_near(hull, p, n, r, a - margin, least - margin, near) == 0:
-                    continue
-                for f in range(high - low):
-                    if near[f]:
-                        own = corners[low + f]
-                        less, s, t = _shrink_to(i0, n, r, a, least, points, own, hull, f)
-                        if s >= 0.0:
-                            r, best_s, best_t = less, s, t
-                            face, winner = low + f, leaf
-                            cx, cy, cz = p[0] - r * n[0], p[1] - r * n[1], p[2] - r * n[2]
+                for block in range(first[leaf], first[leaf + 1]):
+                    fx, fy, fz, fr = np.float32(cx), np.float32(cy), np.float32(cz), np.float32(r)
+                    hull = hulls[block]
+                    if _count_near(hull, px, py, pz, fx, fy, fz, fr, most, fewest) == 0:
+                        continue
+                    for f in range(BLOCK):
+                        if _is_near(hull, f, px, py, pz, fx, fy, fz, fr, most, fewest):
+                            own = corners[block * BLOCK + f]
+                            if not at_own and (own[0] == i0 or own[1] == i0 or own[2] == i0):
+                                continue
+                            less, s, t = _shrink_to(i0, n, r, a, least, points, own, hull, f)
+                            if s >= 0.0:
+                                r, best_s, best_t = less, s, t
+                                face = block * BLOCK + f
+                                cx, cy, cz = p[0] - r * n[0], p[1] - r * n[1], p[2] - r * n[2]
+                                fx, fy, fz = np.float32(cx), np.float32(cy), np.float32(cz)
+                                fr = np.float32(r)
         known[0, turn], known[1, turn], known[2, turn], known[3, turn] = cx, cy, cz, r
         turn = (turn + 1) % KNOWN
         if face >= 0:
-            low, high = first[winner], first[winner + 1]
-            hull, own = hull_of(hulls, low, high), corners[face]
-            less, s, t = _shrink_to(i0, n, r, 0.0, 0.0, points, own, hull, face - low)
+            own, hull = corners[face], hulls[face // BLOCK]
+            less, s, t = _shrink_to(i0, n, r, 0.0, 0.0, points, own, hull, face % BLOCK)
             if s >= 0.0:
                 r, best_s, best_t = less, s, t
             radii[i] = r

@@ -24,7 +24,7 @@ from medialis.validation import FloatArray, IntArray
 if TYPE_CHECKING:
     from medialis._kernels.box_tree import BoxTree
 
-LEAVES_A_CHUNK, NODES_A_CHUNK = 1024, 64
+BLOCKS_A_CHUNK, NODES_A_CHUNK = 1024, 64
 
 ROUNDING = 1e-10
 """Fraction of the diagonal: a place less deep than this in a ball is on it."""
@@ -43,14 +43,14 @@ class Walls:
     creases : Creases
     tree : BoxTree
         Of the samples.
-    faces : (m,) int32
-        Faces in the order of the leaves.
+    faces : (16 b,) int32
+        Faces in blocks of 16, those of each leaf in blocks of their own; -1 where a slot is left.
     first : (leaves + 1,) int64
-        Where the faces of each leaf start.
-    corners : (m, 3) int32
+        Where the blocks of each leaf start.
+    corners : (16 b, 3) int32
         Their corners as samples in tree order.
-    hulls : (12 m,) float32
-        Leaf after leaf: disc round each face, and the cosines that tell how far it is relief.
+    hulls : (b, 12, 16) float32
+        Disc round each face, and the cosines that tell how far it is relief.
     bounds : (nodes, 11, 8) float32
         As those of the tree, round faces.
     """
@@ -68,21 +68,32 @@ class Walls:
     def of(cls, shape: Shape, creases: Creases, tree: BoxTree) -> Walls:
         """Hang the triangles of a mesh on the tree of its samples. Cost O(m), parallel."""
         from medialis._kernels.box_tree import wide_levels
-        from medialis.balls._triangle_kernels import ROWS, bound_faces, fill_hulls, hang_faces
+        from medialis.balls._triangle_kernels import (
+            BLOCK,
+            ROWS,
+            bound_faces,
+            count_blocks,
+            fill_blocks,
+            fill_hulls,
+        )
 
         n, m, depth = shape.point_count, shape.face_count, tree.depth
         faces = np.asarray(shape.faces)
         place = np.empty(n, np.int32)
         place[tree.order] = np.arange(n, dtype=np.int32)
-        first, order = np.zeros((1 << depth) + 1, np.int64), np.empty(m, np.int32)
-        hang_faces(faces, place, n, depth, first, order)
-        corners, hulls = np.empty((m, 3), np.int32), np.empty(ROWS * m, np.float32)
+        leaf, first = np.empty(m, np.int32), np.zeros((1 << depth) + 1, np.int64)
+        count_blocks(faces, place, n, depth, leaf, first)
+        blocks = int(first[-1])
+        order = np.full(BLOCK * blocks, -1, np.int32)
+        fill_blocks(leaf, first, order)
+        corners = np.empty((len(order), 3), np.int32)
+        hulls = np.empty((blocks, ROWS, BLOCK), np.float32)
         cosines = creases.corner_cosines
 
         def fill(begin: int, end: int) -> None:
-            fill_hulls(begin, end, first, order, faces, place, tree.points, cosines, corners, hulls)
+            fill_hulls(begin, end, order, faces, place, tree.points, cosines, corners, hulls)
 
-        run_chunks(fill, 1 << depth, LEAVES_A_CHUNK)
+        run_chunks(fill, blocks, BLOCKS_A_CHUNK)
         bounds = np.empty_like(tree.bounds)
         bounds[:, :3], bounds[:, 3:6], bounds[:, 6:9], bounds[:, 9:] = np.inf, -np.inf, 0.0, np.inf
         for nodes, child_depth, fan in wide_levels(len(tree.child), depth):
@@ -123,6 +134,7 @@ class Walls:
         from medialis.balls._triangle_kernels import shrink_to_triangles
 
         tree, shape = self.tree, self.shape
+        at_own = directions is not None
         if directions is None:
             directions = shape.normals[cloud.source] * cloud.side[:, None]
         place = np.empty(shape.point_count, np.int32)
@@ -134,13 +146,12 @@ class Walls:
         lengths = shrink_options(shape.diagonal, tolerance, largest)
         radii = cloud.radii[order] / lengths.unit
         face, places = np.full(len(order), -1, np.int64), np.zeros((len(order), 3))
-        most = int(np.diff(self.first).max(initial=1))
         least = max(ROUNDING * shape.diagonal / lengths.unit, lengths.tolerance / 16)
 
         def work(begin: int, end: int) -> None:
             shrink_to_triangles(
-                begin, end, samples, direction, lengths.tolerance, lengths.clearance,
-                lengths.margin, least, most, tree.points, self.bounds, tree.child, self.first,
+                begin, end, samples, direction, at_own, lengths.tolerance, lengths.clearance,
+                lengths.margin, least, tree.points, self.bounds, tree.child, self.first,
                 self.corners, self.hulls, radii, face, places,
             )  # fmt: skip
 

@@ -95,7 +95,7 @@ class Creases:
 
     @cached_property
     def smoothness(self) -> FloatArray:
-        """Cosine of the largest angle between faces and sectors at each vertex, (n,); 1 elsewhere."""
+        """Cosine of the largest angle between faces and sectors at a vertex, (n,); 1 elsewhere."""
         shape, face = self.shape, self.corners // 3
         cosine = np.einsum("fa,fa->f", self.normals[self.sector], shape.face_normals[face])
         vertex = np.asarray(shape.faces).ravel()[self.corners]
