@@ -17,7 +17,7 @@ from medialis import Bones, InvalidShapeError, SkinWeights
 from . import attributes
 from .changes import Changes
 
-NAME = re.compile(r"bone \d{3,}")
+NAME = re.compile(r"bone \d{3,}(\.[LR])?")
 MODIFIER = "Medialis armature"
 
 

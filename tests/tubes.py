@@ -81,3 +81,22 @@ def hub(directions, cell, *, ball, arm=0.25, length=2.0):
     points, faces = surface_nets(field, np.full(3, side[0]), cell)
     shape = Shape(points, vertex_normals(points, faces), faces)
     return shape, distances(points).argmin(axis=0)
+
+
+def capsules(curves, radii, cell):
+    """Surface of the union of tubes, each with its own radius; creases where they meet."""
+    dense = [
+        dense_curve(np.asarray(c, float), 0.05 * r) for c, r in zip(curves, radii, strict=True)
+    ]
+    trees = [cKDTree(rows) for rows in dense]
+    low = np.min([d.min(axis=0) - r for d, r in zip(dense, radii, strict=True)], axis=0)
+    high = np.max([d.max(axis=0) + r for d, r in zip(dense, radii, strict=True)], axis=0)
+    low = low - 2.31 * cell
+    count = np.ceil((high - low + 2.4 * cell) / cell).astype(int)
+    axes = [low[k] + cell * np.arange(count[k] + 1) for k in range(3)]
+    grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    each = [t.query(grid)[0] - r for t, r in zip(trees, radii, strict=True)]
+    distance = np.min(each, axis=0).reshape([len(axis) for axis in axes])
+    make_unambiguous(distance)
+    points, faces = surface_nets(distance, low, cell)
+    return Shape(points, vertex_normals(points, faces), faces)

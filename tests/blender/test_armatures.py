@@ -34,11 +34,12 @@ def seen(chosen):
 
 def weights_of(chosen, count):
     found = np.zeros((len(chosen.data.vertices), count))
+    names = [group.name for group in chosen.vertex_groups if group.name.startswith("bone ")]
     for vertex in chosen.data.vertices:
         for entry in vertex.groups:
             name = chosen.vertex_groups[entry.group].name
             if name.startswith("bone "):
-                found[vertex.index, int(name[5:])] = entry.weight
+                found[vertex.index, names.index(name)] = entry.weight
     return found
 
 

@@ -14,6 +14,8 @@ from medialis.validation import FloatArray, IntArray, frozen
 MOST_BONES = 4
 """Bones that move one vertex: what game engines and exchange formats hold."""
 
+_WHOLE = ("parents", "limbs", "mirrors", "sides", "edge_limbs", "node_limbs")
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Bones(Bound):
@@ -29,6 +31,11 @@ class Bones(Bound):
         -1: a root, one for each component of the curve skeleton.
     limbs : (b,) int32
         Limb of each bone, 0, 1, ...; those of a limb follow each other.
+    mirrors : (b,) int32
+        Bone that is the mirror image of each one; -1: none.
+    sides : (b,) int32
+        1 left of the plane of symmetry, -1 right of it, 0 where there is no mirror image. Left is
+        where the largest coordinate of the normal of the plane is positive: x in Blender.
     starts, ends : (b,) float64
         Positions of the joints along the limb's curve; a limb begins with 0.
     head_radii, tail_radii : (b,) float64
@@ -50,6 +57,8 @@ class Bones(Bound):
     tails: FloatArray
     parents: IntArray
     limbs: IntArray
+    mirrors: IntArray
+    sides: IntArray
     starts: FloatArray
     ends: FloatArray
     head_radii: FloatArray
@@ -65,8 +74,8 @@ class Bones(Bound):
     def __post_init__(self) -> None:
         for name, value in list(vars(self).items()):
             if name != "curve":
-                whole = name in ("parents", "limbs", "edge_limbs", "node_limbs")
-                object.__setattr__(self, name, frozen(value, np.int32 if whole else np.float64))
+                kind = np.int32 if name in _WHOLE else np.float64
+                object.__setattr__(self, name, frozen(value, kind))
 
     @property
     def count(self) -> int:
@@ -75,8 +84,14 @@ class Bones(Bound):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Name of each bone, "bone 000", "bone 001", ..."""
-        return tuple(f"bone {number:03d}" for number in range(self.count))
+        """Name of each bone, "bone 000", "bone 001.L", "bone 001.R", ..."""
+        first = np.where(self.mirrors >= 0, np.minimum(self.mirrors, np.arange(self.count)), -1)
+        return tuple(
+            f"bone {number if low < 0 else low:03d}{('', '.L', '.R')[side]}"
+            for number, (low, side) in enumerate(
+                zip(first.tolist(), self.sides.tolist(), strict=True)
+            )
+        )
 
     @property
     def roots(self) -> IntArray:

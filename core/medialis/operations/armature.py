@@ -25,6 +25,7 @@ class ArmatureRun(Preparation):
     """Options of the operation `armature`."""
 
     threshold: float = changed(CurveSkeletonOptions, "threshold")
+    bend: float = changed(BonesOptions, "bend")
     bone_length: float = changed(BonesOptions, "bone_length")
     blend: float = changed(BonesOptions, "blend")
     shortest: float = changed(BonesOptions, "shortest")
@@ -61,6 +62,7 @@ def run(shape: Shape, options: ArmatureRun, progress: Progress) -> Outcome:
         values={
             "bones": rig.count,
             "limbs": int(rig.limbs.max()) + 1,
+            "mirrored": int((rig.mirrors >= 0).sum()),
             "roots": len(rig.roots),
             "cut_loops": rig.cut,
             "diagonal": shape.diagonal,
@@ -71,6 +73,7 @@ def run(shape: Shape, options: ArmatureRun, progress: Progress) -> Outcome:
             "tails": rig.tails,
             "parents": rig.parents,
             "limbs": rig.limbs,
+            "mirrors": rig.mirrors,
             "skin_bones": skin.bones,
             "skin_weights": skin.weights,
             "nodes": curve.nodes,
@@ -94,6 +97,7 @@ def _bones_layer(rig: Bones) -> Layer:
             "bone": np.repeat(np.arange(rig.count, dtype=np.int32), 2),
             "parent": np.repeat(rig.parents, 2),
             "limb": np.repeat(rig.limbs, 2),
+            "side": np.repeat(rig.sides, 2),
         },
         color_by="bone",
         labels=("bone",),
@@ -122,6 +126,7 @@ def _table(rig: Bones) -> list[dict[str, Any]]:
             "name": name,
             "parent": int(rig.parents[bone]),
             "limb": int(rig.limbs[bone]),
+            "mirror": int(rig.mirrors[bone]),
             "head": rig.heads[bone].tolist(),
             "tail": rig.tails[bone].tolist(),
             "connected": bool(connected[bone]),
@@ -136,9 +141,10 @@ OPERATION = Operation(
     label="Armature",
     group="Skeleton",
     help="Lay bones along the curve skeleton of a mesh, and compute skin weights.\n\n"
-    "The root is at the thickest junction. Long branches are split into bones, loops are cut. Each "
-    "point of the surface has at most four bones, with weights that sum to 1 and stay on their "
-    "own limb. Needs a mesh.",
+    "The root is at the thickest junction. Joints are where limbs bend or change their thickness; "
+    "limbs that mirror each other have bones of the same names, with .L and .R. Loops are cut. "
+    "Each point of the surface has at most four bones, with weights that sum to 1 and stay on "
+    "their own limb. Needs a mesh.",
     source=None,
     options=ArmatureRun,
     run=run,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,21 +11,31 @@ import numpy as np
 from medialis.errors import InvalidShapeError
 from medialis.model.armature import Bones
 from medialis.model.curve_skeleton import CurveSkeleton
-from medialis.model.polylines import follow, places_along
 from medialis.options import Options, algorithm, length, number
 from medialis.progress import Progress
+from medialis.rigging.joints import joint_rows, sample_shares
+from medialis.rigging.limbs import Limb, find_limbs, hang_limbs
+from medialis.rigging.symmetry import mirrored_limbs
 from medialis.threads import run_patiently
-from medialis.validation import FloatArray, IntArray
+from medialis.validation import FloatArray
 
 
 @dataclass(frozen=True, kw_only=True)
 class BonesOptions(Options):
     """Options of `bones`."""
 
+    bend: float = number(
+        0.4,
+        "Bend",
+        "Joints are where a straight bone would leave the middle of its limb by more than this "
+        "times the radius, or where the thickness changes.",
+        low=0.05,
+        high=10.0,
+    )
     bone_length: float = length(
-        0.12,
+        1.0,
         "Bone length",
-        "Longer branches are split into equal bones, none longer than this fraction of the size.",
+        "Longer bones are split into equal ones, none longer than this fraction of the size.",
         low=0.001,
     )
     blend: float = number(
@@ -39,26 +48,11 @@ class BonesOptions(Options):
     shortest: float = number(
         1.0,
         "Shortest limb",
-        "Branches shorter than this times the radius where they begin get no bone.",
+        "Branches shorter than this times the radius where they begin get no bone; between two "
+        "forks half of that is enough.",
         high=10.0,
         advanced=True,
     )
-
-
-@dataclass(eq=False)
-class _Limb:
-    """A chain of nodes of the tree, from a fork to the next fork or an end."""
-
-    nodes: list[int]
-    above: int
-    """Limb that it hangs on; -1 at a root."""
-    length: float = 0.0
-    kept: bool = True
-    start: tuple[int, float] = (-1, 0.0)
-    """Limb with bones that its first node belongs to, and where on it; itself at a root."""
-    end: tuple[int, float] = (-1, 0.0)
-    """The same for its last node."""
-    bones: range = range(0)
 
 
 @algorithm(BonesOptions)
@@ -67,13 +61,18 @@ def bones(curve: CurveSkeleton, options: BonesOptions, progress: Progress) -> Bo
 
     Each component has its root at the thickest junction (without one, at the thickest end) and
     becomes a tree of shortest paths from there; edges that close loops are cut, where both ways
-    round are equally long. The first bone of the thickest limb at the root is the root bone. The
-    other limbs there are its children, but begin at its head.
+    round are equally long. The first bone of the thickest limb at the root (of those without a
+    mirror image, if there are any) is the root bone. The other limbs there are its children, but
+    begin at its head.
+
+    A limb has the fewest straight bones that stay in its middle and taper evenly; their joints lie
+    where they fit it best, in its bends and where its thickness changes. Limbs that are mirror
+    images of each other have the same joints, and bones of the same name with ``.L`` and ``.R``.
 
     Limbs that are too short for a bone lie inside the ball where they begin; what hangs on them
-    hangs on the limb before. Where two bones meet, the weight passes over on both sides of the
-    joint, at most to the middle of a bone; at forks on the child alone, so that no limb moves its
-    neighbours.
+    begins where they do, so that each bone begins at an end of its parent. Where two bones meet,
+    the weight passes over on both sides of the joint, at most to the middle of a bone; at forks on
+    the child alone, so that no limb moves its neighbours.
 
     Parameters
     ----------
@@ -112,101 +111,62 @@ def bones(curve: CurveSkeleton, options: BonesOptions, progress: Progress) -> Bo
 
 
 def _bones(curve: CurveSkeleton, options: BonesOptions) -> Bones:
-    limbs = _limbs(curve, *_tree(curve))
-    _drop_twigs(curve, limbs, options.shortest)
+    limbs = find_limbs(curve, options.shortest)
+    pairs = mirrored_limbs(limbs)
+    kept = hang_limbs(curve, limbs, {limb for pair in pairs for limb in pair})
     longest = options.bone_length * curve.diagonal or 1.0
-    return _lay_bones(curve, limbs, _hang(curve, limbs), longest, options.blend)
+    joints = _joints(limbs, kept, pairs, options.bend, longest)
+    return _lay_bones(curve, limbs, kept, pairs, joints, options.blend)
 
 
-def _roots(curve: CurveSkeleton) -> list[int]:
-    """Return the root of each component: its thickest junction, else end, else node."""
-    rank = np.where(curve.degrees >= 3, 2, np.where(curve.degrees == 1, 1, 0))
-    order = np.lexsort((-np.arange(len(rank)), curve.radii, rank))  # the last one is the best
-    best = dict(zip(curve.components[order].tolist(), order.tolist(), strict=True))
-    return [best[number] for number in range(curve.component_count)]
+def _joints(
+    limbs: list[Limb], kept: list[int], pairs: list[tuple[int, int]], bend: float, longest: float
+) -> dict[int, FloatArray]:
+    """Return the joints of the limbs with bones, as shares of the length, both ends included.
 
-
-def _tree(curve: CurveSkeleton) -> tuple[IntArray, list[int]]:
-    """Return the node before each one on its shortest path from the root, -1 at roots."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import dijkstra
-
-    v, roots = len(curve.nodes), _roots(curve)
-    a, b = curve.edges.T
-    # A length of zero would mean no edge.
-    weights = np.maximum(curve.edge_lengths, 1e-12 * max(curve.length, 1e-300))
-    graph = coo_array((weights, (a, b)), shape=(v, v)).tocsr()
-    _, above, _ = dijkstra(
-        graph, directed=False, indices=roots, min_only=True, return_predecessors=True
-    )
-    return np.where(above < 0, -1, above).astype(np.int32), roots
-
-
-def _limbs(curve: CurveSkeleton, above: IntArray, roots: list[int]) -> list[_Limb]:
-    """Return the limbs of the tree, those above first."""
-    below: list[list[int]] = [[] for _ in range(len(curve.nodes))]
-    for node, before in enumerate(above.tolist()):
-        if before >= 0:
-            below[before].append(node)
-    onward = np.array([nodes[0] if len(nodes) == 1 else -1 for nodes in below])
-    limbs: list[_Limb] = []
-    for root in roots:
-        if not below[root]:
-            limbs.append(_Limb([root], -1))
-            continue
-        # That of the limb with the largest mean radius comes first.
-        thick = [float(curve.radii[follow(onward, node)].mean()) for node in below[root]]
-        order = np.argsort(np.negative(thick), kind="stable")[::-1]
-        waiting = [(root, below[root][place], -1) for place in order]
-        while waiting:
-            start, node, hangs_on = waiting.pop()
-            row = [start, *follow(onward, node)]
-            steps = np.linalg.norm(np.diff(curve.nodes[row], axis=0), axis=1)
-            limbs.append(_Limb(row, hangs_on, float(steps.sum())))
-            number, end = len(limbs) - 1, row[-1]
-            waiting += [(end, node, number) for node in below[end][::-1]]
-    return limbs
-
-
-def _drop_twigs(curve: CurveSkeleton, limbs: list[_Limb], shortest: float) -> None:
-    """Mark limbs that lie inside the ball they begin in; each component keeps one."""
-    members_of: dict[int, list[_Limb]] = {}
-    for limb in limbs:
-        limb.kept = limb.length >= shortest * curve.radii[limb.nodes[0]]
-        members_of.setdefault(int(curve.components[limb.nodes[0]]), []).append(limb)
-    for members in members_of.values():
-        if not any(limb.kept for limb in members):
-            max(members, key=lambda limb: limb.length).kept = True
-
-
-def _hang(curve: CurveSkeleton, limbs: list[_Limb]) -> list[int]:
-    """Find out where both ends of each limb belong to; return those with bones, parents first.
-
-    The root bone of a component is on the first limb at the root, unless all there are twigs.
+    Limbs that are mirror images of each other have the same ones: those of their mean, whose
+    squares are the mean of theirs.
     """
-    kept = [one for one, limb in enumerate(limbs) if limb.kept]
-    root_of: dict[int, int] = {}
-    for one in sorted(kept, key=lambda one: limbs[one].above >= 0):
-        root_of.setdefault(int(curve.components[limbs[one].nodes[0]]), one)
-    for one, limb in enumerate(limbs):
-        root = root_of[int(curve.components[limb.nodes[0]])]
-        on_root = limb.above < 0 or one == root
-        limb.start = (root, 0.0) if on_root else limbs[limb.above].end
-        limb.end = (one, limb.length) if limb.kept else limb.start
-    first = set(root_of.values())
-    return [*sorted(first), *(one for one in kept if one not in first)]
+    partner = dict(pairs) | {right: left for left, right in pairs}
+    joints: dict[int, FloatArray] = {}
+    for here in kept:
+        group = [limbs[here]] + ([limbs[partner[here]]] if here in partner else [])
+        if here in joints:
+            continue
+        length = float(np.mean([limb.length for limb in group]))
+        if length == 0:
+            joints[here] = np.array([0.0, 1.0])
+            continue
+        shares = sample_shares(length, np.concatenate([limb.points[:, 3] for limb in group]))
+        rough = shares[joint_rows([limb.at(shares) for limb in group], bend)]
+        corners = np.stack([limb.at(rough)[:, :3] for limb in group])
+        chords = np.linalg.norm(np.diff(corners, axis=1), axis=2).max(axis=0)
+        # The margin lets a limb of exactly two lengths have two bones.
+        counts = np.maximum(np.ceil(chords / longest * (1 - 1e-9)), 1)
+        pieces = [
+            np.linspace(low, high, int(count) + 1)[1:]
+            for low, high, count in zip(rough[:-1], rough[1:], counts, strict=True)
+        ]
+        for one in (here, partner.get(here, here)):
+            joints[one] = np.concatenate([[0.0], *pieces])
+    return joints
 
 
 def _lay_bones(
-    curve: CurveSkeleton, limbs: list[_Limb], kept: list[int], longest: float, blend: float
+    curve: CurveSkeleton,
+    limbs: list[Limb],
+    kept: list[int],
+    pairs: list[tuple[int, int]],
+    joints: dict[int, FloatArray],
+    blend: float,
 ) -> Bones:
-    """Split the limbs into bones, and say where on them every edge and node lies."""
+    """Lay bones from joint to joint, and say where on them every edge and node lies."""
     table: dict[str, Any] = {}
     parents: list[int] = []
     of_limb: list[int] = []
     for rank, here in enumerate(kept):
         limb = limbs[here]
-        row, along = _joints(curve, limb, longest)
+        row, along = _joint_table(limb, joints[here])
         count, first = len(along) - 1, len(parents)
         limb.bones = range(first, first + count)
         above, place = limb.start
@@ -214,49 +174,53 @@ def _lay_bones(
         parent = -1 if above == here else above_bones[-1 if place > 0 else 0]
         parents += [parent, *range(first, first + count - 1)]
         of_limb += [rank] * count
-        before, after = _windows(limb, row[:-1, 3], along, blend)
+        before, after = _windows(row[:-1, 3], along, blend)
         for name, values in (
             ("heads", row[:-1, :3]), ("tails", row[1:, :3]),
             ("head_radii", row[:-1, 3]), ("tail_radii", row[1:, 3]),
             ("starts", along[:-1]), ("ends", along[1:]), ("before", before), ("after", after),
         ):  # fmt: skip
             table.setdefault(name, []).append(values)
+    mirrors = np.full(len(parents), -1, np.int32)
+    sides = np.zeros(len(parents), np.int32)
+    for left, right in pairs:
+        mirrors[limbs[left].bones], mirrors[limbs[right].bones] = (
+            limbs[right].bones,
+            limbs[left].bones,
+        )
+        sides[limbs[left].bones], sides[limbs[right].bones] = 1, -1
     return Bones(
         curve=curve,
         parents=np.array(parents),
         limbs=np.array(of_limb),
+        mirrors=mirrors,
+        sides=sides,
         **{name: np.concatenate(parts) for name, parts in table.items()},
         **_places(curve, limbs, {number: rank for rank, number in enumerate(kept)}),
     )
 
 
-def _joints(curve: CurveSkeleton, limb: _Limb, longest: float) -> tuple[FloatArray, FloatArray]:
+def _joint_table(limb: Limb, shares: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return position and radius (j, 4) of the joints of a limb, and their places along it."""
-    rows = np.column_stack([curve.nodes[limb.nodes], curve.radii[limb.nodes]])
-    if len(rows) == 1:  # a round part has no direction: its bone points up
-        size = rows[0, 3] or 1.0
-        return np.vstack([rows, rows[0] + [0, 0, size, 0]]), np.array([0.0, size])
-    places = places_along(curve.nodes[limb.nodes])
-    # The margin lets a limb of exactly two lengths have two bones.
-    count = max(1, math.ceil(places[-1] / longest * (1 - 1e-9)))
-    along = np.linspace(0.0, places[-1], count + 1)
-    return np.stack([np.interp(along, places, column) for column in rows.T], axis=1), along
+    if len(limb.nodes) == 1:  # a round part has no direction: its bone points up
+        size = limb.points[0, 3] or 1.0
+        return np.vstack([limb.points, limb.points[0] + [0, 0, size, 0]]), np.array([0.0, size])
+    return limb.at(shares), shares * limb.length
 
 
-def _windows(
-    limb: _Limb, radii: FloatArray, along: FloatArray, blend: float
-) -> tuple[FloatArray, FloatArray]:
+def _windows(radii: FloatArray, along: FloatArray, blend: float) -> tuple[FloatArray, FloatArray]:
     """Return where the weight passes over, before and behind the head of each bone.
 
     Windows of one bone never overlap: each keeps to its half.
     """
-    width = np.minimum(blend * radii, np.diff(along).min() / 2)
+    half = np.diff(along) / 2
+    width = np.minimum(blend * radii, np.minimum(half, np.concatenate([half[:1], half[:-1]])))
     before, after = width.copy(), width.copy()
-    before[0], after[0] = 0.0, min(2 * blend * float(radii[0]), float(along[1]) / 2)
+    before[0], after[0] = 0.0, min(2 * blend * float(radii[0]), float(half[0]))
     return before, after
 
 
-def _places(curve: CurveSkeleton, limbs: list[_Limb], rank: dict[int, int]) -> dict[str, Any]:
+def _places(curve: CurveSkeleton, limbs: list[Limb], rank: dict[int, int]) -> dict[str, Any]:
     """Return limb and place of every node and edge; twigs have those of the fork they hang on."""
     v, e = len(curve.nodes), len(curve.edges)
     number_of = {pair: i for i, pair in enumerate(map(frozenset, curve.edges.tolist()))}
@@ -266,7 +230,7 @@ def _places(curve: CurveSkeleton, limbs: list[_Limb], rank: dict[int, int]) -> d
         on, place = limb.end
         along = np.full(len(limb.nodes), place)
         if limb.kept:
-            along = places_along(curve.nodes[limb.nodes])
+            along = limb.places
         if limb.above < 0:
             node_limbs[limb.nodes[0]] = rank[limb.start[0]]
         # All other first nodes are the last ones of the limb above.

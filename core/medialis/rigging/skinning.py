@@ -143,10 +143,8 @@ def _weights(limb: IntArray, place: FloatArray, rig: Bones) -> SkinWeights:
     """Evaluate the weights: the bone at a place, and its neighbour where they meet."""
     count = np.bincount(rig.limbs)
     first = np.cumsum(count) - count
-    length = rig.ends[first + count - 1]
-    # Bones of a limb have the same length.
-    step = np.minimum((place / length[limb] * count[limb]).astype(np.int64), count[limb] - 1)
-    bone = first[limb] + step
+    bone = _bones_at(limb, place, rig, first)
+    step = bone - first[limb]
     behind, ahead = place - rig.starts[bone], rig.ends[bone] - place
     parent = rig.parents[bone]
     from_parent = np.where(parent >= 0, _passed(behind, rig.before[bone], rig.after[bone]), 0.0)
@@ -162,6 +160,15 @@ def _weights(limb: IntArray, place: FloatArray, rig: Bones) -> SkinWeights:
     bones[:, 1] = np.where(two, np.where(swap, bone, other), -1)
     weights[:, 1] = np.where(two, 1 - weights[:, 0], 0.0)
     return SkinWeights(bones, weights, rig=rig)
+
+
+def _bones_at(limb: IntArray, place: FloatArray, rig: Bones, first: IntArray) -> IntArray:
+    """Return the bone at a place on a limb: the last one of it that begins there or before."""
+    bone = first[limb]
+    last = np.append(first[1:], rig.count)[limb] - 1
+    while (onward := (bone < last) & (rig.starts[np.minimum(bone + 1, last)] <= place)).any():
+        bone = bone + onward
+    return bone
 
 
 def _passed(distance: FloatArray, there: FloatArray, here: FloatArray) -> FloatArray:
