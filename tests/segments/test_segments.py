@@ -13,7 +13,8 @@ import medialis
 from medialis.cli.commands import main
 from medialis.files.ply_attributes import write_ply
 from medialis.model.ragged import Ragged
-from medialis.surface.labels import merge_small, numbered_by_weight, smoothed_labels
+from medialis.surface.labels import merge_small, numbered_by_weight, piece_counts, without_islands
+from medialis.surface.surface_graph import surface_graph
 from medialis.threads import thread_limit
 
 SIDES = (2.0, 1.5, 1.0)
@@ -230,9 +231,42 @@ def test_merging_numbering_and_smoothing():
     all_of_them = merge_small(labels, weight, chain(8), 100.0)
     assert all_of_them.tolist() == [0, 0, 0, 0, 0, 0, -1, 3]  # 3 has no neighbour with a label
     assert numbered_by_weight(merged, weight).tolist() == [0, 0, 0, 0, 1, 1, -1, 2]
-    speck = np.array([0, 0, 1, 0, 0, -1], np.int32)
-    assert smoothed_labels(speck, chain(6), 1).tolist() == [0, 0, 0, 0, 0, -1]
-    assert speck[2] == 1  # the input is unchanged
+    assert piece_counts(np.array([0, 0, 1, 0, -1], np.int32), chain(5)).tolist() == [2, 1]
+
+
+def test_islands_join_what_is_round_them():
+    """An island of 1 in 20 does, and so does not half a label; nor what has no neighbour."""
+    labels = np.array([0] * 20 + [1] * 20 + [0] + [1] * 5 + [-1, 0], np.int32)
+    points = np.column_stack([np.arange(48.0), np.zeros((48, 2))])
+    joined = without_islands(points, labels, np.ones(48), chain(48))
+    assert joined.tolist() == [0] * 20 + [1] * 26 + [-1, 0]
+    assert piece_counts(labels, chain(48)).tolist() == [3, 2]
+    assert (without_islands(points, joined, np.ones(48), chain(48)) == joined).all()
+
+
+@pytest.mark.parametrize("operation", ["parts", "patches", "mean_shift_segments"])
+@pytest.mark.parametrize("name", ["slab", "creature"])
+def test_segments_are_connected_or_told(name, operation):
+    """The sheet in the middle of a slab has two walls, and no piece is an island."""
+    shape = {
+        "slab": lambda: forms.box_mesh((2.0, 1.5, 0.3), 0.08),
+        "creature": lambda: medialis.organic_shape(56),
+    }[name]()
+    result = medialis.run(operation, shape, refine=0)
+    name_of = "segment" if operation == "mean_shift_segments" else operation
+    labels, graph = result.arrays[name_of], surface_graph(result.shape)
+    counts = piece_counts(labels, graph)
+    apart = counts[counts > 1]
+    told = {m.code: m.data for m in result.messages}.get("segments_not_connected")
+    if operation == "parts":
+        assert len(apart) == (name == "slab")  # the middle one; limbs are connected
+    if operation == "patches":
+        assert len(apart) == 0
+    assert (told is not None) == (len(apart) > 0)
+    if told:
+        assert told["count"] == len(apart) and told["pieces"] == apart.sum()
+    area = result.shape.point_areas
+    assert (without_islands(result.shape.points, labels, area, graph) == labels).all()
 
 
 @pytest.fixture(scope="module")

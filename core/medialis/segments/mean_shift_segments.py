@@ -22,8 +22,14 @@ from medialis.model.segmentation import Segmentation
 from medialis.model.shape import Shape
 from medialis.options import algorithm, changed, choice, flag
 from medialis.progress import Progress
+from medialis.segments.connected import tell_pieces
 from medialis.segments.mean_shift import MeanShift, SeedShiftOptions, shift_seeds
-from medialis.surface.labels import numbered_by_weight, spread_labels
+from medialis.surface.labels import (
+    diffused_labels,
+    numbered_by_weight,
+    spread_labels,
+    without_islands,
+)
 from medialis.surface.surface_graph import surface_graph
 from medialis.threads import run_patiently
 
@@ -34,6 +40,9 @@ BUMP_RADIUS = 0.3
 
 BUMP_ANGLE = math.radians(90.0)
 """Least spoke angle of a seed ("large spoke angle"): smaller ones are balls of noise and edges."""
+
+DIFFUSION = 20
+"""Steps by which borders are straightened: they move by about four samples at most."""
 
 SEED_SPACING = 0.15
 """Distance of seeds in search radii: several in each segment."""
@@ -130,10 +139,11 @@ def mean_shift_segments(
     with progress.stage("mean shift", 0.0, 0.9):
         clusters = kept(shift_seeds, cloud, replace(options, fill=True), work, progress)
     with progress.stage("transfer", 0.9, 1.0):
-        labels = run_patiently(
+        found = run_patiently(
             lambda: _on_surface(cloud.subset(usable), clusters, options.fill), progress
         )
-        return Segmentation(numbered_by_weight(labels, surface.point_areas), surface=surface)
+        tell_pieces(found, progress)
+        return found
 
 
 def seed_points(
@@ -213,8 +223,11 @@ def _balls_of(
     return ball[picks]
 
 
-def _on_surface(cloud: MedialCloud, clusters: MeanShift, fill: bool) -> NDArray[np.int32]:
-    """Bring the clusters of balls to the samples they touch, and on along the surface."""
+def _on_surface(cloud: MedialCloud, clusters: MeanShift, fill: bool) -> Segmentation:
+    """Bring the clusters of balls to the samples they touch, and on along the surface.
+
+    Borders are straightened, and islands joined with what is round them.
+    """
     surface: Shape = cloud.surface
     sample = cloud.features.reshape(-1)
     cluster, share = np.repeat(clusters.labels, 2), np.repeat(clusters.shares, 2)
@@ -225,5 +238,9 @@ def _on_surface(cloud: MedialCloud, clusters: MeanShift, fill: bool) -> NDArray[
     if fill:
         label[label == -1] = -2
     # Noise (-1) is passed on as well; only -2 takes the label of the nearest other sample.
-    known = spread_labels(surface.points, surface_graph(surface), (label + 1).astype(np.int32))
-    return np.maximum(known - 1, -1).astype(np.int32)
+    graph, area = surface_graph(surface), surface.point_areas
+    known = spread_labels(surface.points, graph, (label + 1).astype(np.int32))
+    known = diffused_labels(known, graph, DIFFUSION)
+    joined = without_islands(surface.points, known, area, graph)
+    labels = np.maximum(np.where(known == 0, 0, joined) - 1, -1).astype(np.int32)
+    return Segmentation(numbered_by_weight(labels, area), surface=surface)

@@ -15,6 +15,7 @@ from medialis.model.segmentation import Segmentation
 from medialis.model.shape import Shape
 from medialis.options import Options, algorithm, changed, choice, number, whole
 from medialis.progress import Progress
+from medialis.segments.connected import tell_pieces
 from medialis.segments.limbs import PROTRUDES, find_limbs, flatness, node_widths, protrusions
 from medialis.sheets.sheets import MedialSheetOptions, medial_sheets
 from medialis.surface.labels import (
@@ -22,7 +23,6 @@ from medialis.surface.labels import (
     connected_labels,
     diffused_labels,
     merge_small,
-    smoothed_labels,
     spread_labels,
 )
 from medialis.surface.surface_graph import surface_graph
@@ -30,7 +30,7 @@ from medialis.threads import run_patiently
 from medialis.validation import IntArray
 
 DIFFUSION = 5
-"""Steps of diffusion in a round. The nodes of samples wander more than feature points do."""
+"""Steps of diffusion in a round."""
 
 FLAT = 1.7
 """A shape is flat where samples lie this many radii from the curve skeleton, in the mean: cross-
@@ -111,8 +111,8 @@ def parts(cloud: MedialCloud, options: PartsOptions, progress: Progress) -> Segm
     `segments/limbs.py`. The method "auto" takes them if some stick out of their base, and those are
     most or the shape is not flat; a message says what was taken, and why.
 
-    A round of smoothing gives every sample the most common label round it; for limbs it is five
-    steps of diffusion of the labels, near the borders.
+    A round of smoothing is five steps of diffusion of the labels, near the borders. Limbs are
+    connected. A sheet may have its two walls in two pieces of the surface: a message says so.
 
     Source: thesis 6.3.3. Deviates: small parts are merged and borders smoothed; the thesis knows
     sheets only, and names cuts round the junctions of curve skeletons as what others do.
@@ -151,10 +151,12 @@ def _sheet_parts(cloud: MedialCloud, options: PartsOptions, progress: Progress) 
     def divide() -> Segmentation:
         labels = np.full(cloud.surface.point_count, -1, np.int32)
         labels[cloud.source] = sheets.labels
-        labels = smoothed_labels(labels, surface_graph(cloud.surface), options.smoothing)
-        return completed(cloud.surface, labels, options.smallest, method="sheets")
+        steps = DIFFUSION * options.smoothing
+        return completed(cloud.surface, labels, options.smallest, method="sheets", steps=steps)
 
-    return run_patiently(divide, progress)
+    found = run_patiently(divide, progress)
+    tell_pieces(found, progress)
+    return found
 
 
 class _Limbs(NamedTuple):

@@ -215,25 +215,3 @@ def flood_below(start, level, values, offsets, neighbours, label, out_label, out
                 out_vertices[count] = w
                 count += 1
     return count
-
-
-@kernel
-def majority(begin, end, labels, offsets, neighbours, out_labels):
-    """Most common label of a sample and its neighbours; ties: its own one, then the lowest."""
-    for v in range(begin, end):
-        out_labels[v] = labels[v]
-        if labels[v] < 0:
-            continue
-        best = 0
-        for first in range(offsets[v] - 1, offsets[v + 1]):
-            label = labels[v] if first < offsets[v] else labels[neighbours[first]]
-            if label < 0:
-                continue
-            votes = label == labels[v]
-            for at in range(offsets[v], offsets[v + 1]):
-                votes += labels[neighbours[at]] == label
-            if votes > best or (
-                votes == best and out_labels[v] != labels[v] and label < out_labels[v]
-            ):
-                best = votes
-                out_labels[v] = label

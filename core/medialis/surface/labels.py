@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import heapq
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,10 +14,11 @@ from medialis.model.segmentation import Segmentation
 from medialis.model.shape import Shape
 from medialis.model.surface import piece_labels
 from medialis.surface.surface_graph import nearest_seeds, surface_graph
-from medialis.threads import run_chunks
 from medialis.validation import FloatArray, IntArray
 
-SAMPLES_A_CHUNK = 16384
+ISLAND = 0.1
+"""A piece is an island where it is lighter than this part of the heaviest one of its label. The two
+walls of a sheet are about equally large."""
 
 
 def spread_labels(points: FloatArray, graph: Ragged, labels: IntArray) -> IntArray:
@@ -109,8 +111,11 @@ def completed(
     *,
     fill: bool = False,
     method: str = "",
+    steps: int = 0,
 ) -> Segmentation:
     """Spread labels over the samples without one, merge small segments, number them by area.
+
+    Their borders are straightened, and islands joined with what is round them.
 
     Parameters
     ----------
@@ -124,6 +129,8 @@ def completed(
         A component of the surface without any label is a segment of its own.
     method : str
         As in `Segmentation`.
+    steps : int
+        Of diffusion, as in `diffused_labels`.
     """
     graph, area = surface_graph(shape), shape.point_areas
     labels = spread_labels(shape.points, graph, labels)
@@ -131,6 +138,8 @@ def completed(
         labels = fill_components(shape.components, labels, np.ones(len(labels), np.bool_))
     if smallest > 0.0:
         labels = merge_small(labels, area, graph, smallest * float(area.sum()))
+    labels = diffused_labels(labels, graph, steps)
+    labels = without_islands(shape.points, labels, area, graph)
     return Segmentation(numbered_by_weight(labels, area), surface=shape, method=method)
 
 
@@ -151,22 +160,51 @@ def numbered_by_weight(labels: IntArray, weight: FloatArray) -> IntArray:
     return rank[place].astype(np.int32)
 
 
-def smoothed_labels(labels: IntArray, graph: Ragged, rounds: int) -> IntArray:
-    """Straighten borders: each sample takes the most common label round it, `rounds` times."""
-    from medialis.surface._surface_graph_kernels import majority
+def without_islands(
+    points: FloatArray, labels: IntArray, weight: FloatArray, graph: Ragged
+) -> IntArray:
+    """Give pieces of a label far lighter than its heaviest one to the labels beside them.
 
-    for _ in range(rounds):
-        old, labels = labels, np.empty_like(labels)
+    Parameters
+    ----------
+    points : (n, 3) float64
+    labels : (n,) int32
+        -1 takes no part.
+    weight : (n,) float
+    graph : Ragged
+        n rows.
 
-        def work(begin: int, end: int, old: IntArray = old, new: IntArray = labels) -> None:
-            majority(begin, end, old, graph.offsets, graph.indices, new)
+    Returns
+    -------
+    (n,) int32
+        Pieces without a neighbour stay.
+    """
+    if not (labels >= 0).any():
+        return labels
+    piece, known = connected_labels(labels, graph), labels >= 0
+    total = np.bincount(piece[known], weight[known])
+    of_piece = np.zeros(len(total), np.int64)
+    of_piece[piece[known]] = labels[known]
+    heaviest = np.zeros(int(labels.max()) + 1)
+    np.maximum.at(heaviest, of_piece, total)
+    island = known & (total < ISLAND * heaviest[of_piece])[piece]
+    sample = np.repeat(np.arange(len(labels)), graph.lengths)
+    usable = known[sample] & known[graph.indices]
+    ends = np.concatenate([[0], np.cumsum(np.bincount(sample[usable], minlength=len(labels)))])
+    within = Ragged(ends, graph.indices[usable])
+    around = spread_labels(points, within, np.where(island, -1, labels))
+    return np.where(island & (around >= 0), around, labels).astype(np.int32)
 
-        run_chunks(work, len(labels), SAMPLES_A_CHUNK)
-    return labels
+
+def piece_counts(labels: IntArray, graph: Ragged) -> NDArray[np.int64]:
+    """Return the number of connected pieces of each label, (count,)."""
+    known = labels >= 0
+    first = np.unique(connected_labels(labels, graph)[known], return_index=True)[1]
+    return np.bincount(labels[known][first], minlength=int(labels.max(initial=-1)) + 1)
 
 
 def diffused_labels(labels: IntArray, graph: Ragged, steps: int) -> IntArray:
-    """Straighten borders farther than `smoothed_labels` does: labels spread and thin out like heat.
+    """Straighten borders: labels spread and thin out like heat.
 
     Each sample has a share of each label; a step gives it the mean share of itself and its
     neighbours. At the end it takes the label with the largest share (ties: the lowest). Only
@@ -184,7 +222,7 @@ def diffused_labels(labels: IntArray, graph: Ragged, steps: int) -> IntArray:
     -------
     (n,) int32
     """
-    from scipy.sparse import csr_array, eye_array
+    from scipy.sparse import csr_array, diags_array, eye_array
 
     used = np.unique(labels[labels >= 0])  # of thousands of numbers few may be in use
     n, count = len(labels), len(used)
@@ -201,18 +239,23 @@ def diffused_labels(labels: IntArray, graph: Ragged, steps: int) -> IntArray:
     rows, still = np.flatnonzero(moving), np.flatnonzero(~moving & (labels >= 0))
     around = near[rows]
     inner = around[:, rows] + eye_array(len(rows))
-    fixed = csr_array((np.ones(len(still)), (np.arange(len(still)), column[still])),
-                      shape=(len(still), count))  # fmt: skip
-    held = (around[:, still] @ fixed).toarray()
-    share = np.zeros((len(rows), count))
-    share[np.arange(len(rows)), column[rows]] = 1.0
-    weight = (inner.sum(axis=1) + held.sum(axis=1))[:, None]
-    inner = csr_array(inner)
-    for _ in range(steps):
-        share = (inner @ share + held) / weight
+    fixed = _shares(column[still], count)
+    held, share = around[:, still] @ fixed, _shares(column[rows], count)
+    mean = diags_array(1.0 / (inner.sum(axis=1) + held.sum(axis=1)))
+    inner, held = csr_array(mean @ inner), csr_array(mean @ held)
+    for _ in range(steps):  # sparse: a sample has shares of a few labels
+        share = inner @ share + held
     result = labels.copy()
     result[rows] = used[share.argmax(axis=1)]
     return result
+
+
+def _shares(column: NDArray[Any], count: int) -> Any:
+    """Return the sparse shares of samples that have one label each, (n, count)."""
+    from scipy.sparse import csr_array
+
+    n = len(column)
+    return csr_array((np.ones(n), (np.arange(n), column)), shape=(n, count))
 
 
 def connected_labels(labels: IntArray, graph: Ragged) -> IntArray:
