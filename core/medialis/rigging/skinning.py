@@ -19,6 +19,9 @@ from medialis.validation import FloatArray, IntArray
 LEAST = 0.01
 """Weights below this are left out: the tails of the smoothing would run over the whole shape."""
 
+AT_ONCE = 16
+"""Bones whose weights are solved for together: the factors are read once for all of them."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class SkinOptions(Options):
@@ -202,10 +205,12 @@ def _smoothed(skin: SkinWeights, surface: Surface, width: FloatArray) -> SkinWei
             diag_pivot_thresh=0.0, options={"SymmetricMode": True},
         )  # fmt: skip
         own_bones, own_weights = bones[rows], weights[rows]
-        for bone in np.unique(skin.bones[rows][skin.weights[rows] > 0]).tolist():
-            given = (skin.weights[rows] * (skin.bones[rows] == bone)).sum(axis=1)
-            spread = solver.solve(pull[rows] * given)
-            _insert(own_bones, own_weights, bone, np.where(spread < LEAST, 0.0, spread))
+        present = np.unique(skin.bones[rows][skin.weights[rows] > 0])
+        for some in np.array_split(present, -(-len(present) // AT_ONCE)):
+            given = [(skin.weights[rows] * (skin.bones[rows] == bone)).sum(1) for bone in some]
+            spread = solver.solve(pull[rows, None] * np.stack(given, axis=1))
+            for bone, values in zip(some.tolist(), spread.T, strict=True):
+                _insert(own_bones, own_weights, bone, np.where(values < LEAST, 0.0, values))
         bones[rows], weights[rows] = own_bones, own_weights
     return replace(skin, bones=bones, weights=weights / weights.sum(axis=1, keepdims=True))
 
