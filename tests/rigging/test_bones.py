@@ -7,6 +7,7 @@ import pytest
 
 import medialis
 from medialis.model.curve_skeleton import CurveSkeleton
+from medialis.rigging import skinning
 from medialis.rigging.skinning import _laplacian
 from tubes import circle, segment, tube
 
@@ -291,3 +292,13 @@ def test_what_was_cut_and_split_is_said():
     assert result.values["cut_loops"] == 2 and result.values["roots"] == 2
     told = {message.code: message.data for message in result.messages}
     assert told["loops_cut"]["loops"] == 2 and told["root_bones"]["roots"] == 2
+
+
+def test_solving_for_bones_together_changes_nothing(monkeypatch, result):
+    """More bones than are solved for at once, against one after the other."""
+    rig = medialis.bones(result.graph, bone_length=0.03)
+    assert rig.count > 2 * skinning.AT_ONCE
+    together = skinning._skin(rig, result.graph.surface, 0.3)
+    monkeypatch.setattr(skinning, "AT_ONCE", 1)
+    alone = skinning._skin(rig, result.graph.surface, 0.3)
+    assert np.abs(dense(together, rig.count) - dense(alone, rig.count)).max() < 1e-12

@@ -10,8 +10,8 @@ import numpy as np
 from medialis.rigging.limbs import Limb
 from medialis.validation import FloatArray
 
-SYMMETRIC = 0.75
-"""Share of the length of all limbs whose image must be a limb."""
+SYMMETRIC = 0.65
+"""Share of the length of all limbs whose image must be a limb, the less the farther it is off."""
 TIE = 0.05
 """Planes whose shares differ by less are equally good: the one facing x most is taken."""
 SAMPLES, LONGEST, REFINED, TURNS = 400, 24, 8, 12
@@ -126,7 +126,10 @@ def _fitted(plane: Plane, points: FloatArray, tree: object) -> Plane:
 def _pairs(
     plane: Plane, rows: FloatArray, lengths: FloatArray
 ) -> tuple[float, list[tuple[int, int]]]:
-    """Return the share of the length whose image is a limb, and the pairs of limbs."""
+    """Return the share of the length whose image is a limb, and the pairs of limbs.
+
+    A limb counts the less the farther its image is off: 1 - d^2, d = 1 where balls only touch.
+    """
     from scipy.spatial.distance import cdist
 
     apart = np.zeros((len(rows), len(rows)))
@@ -137,6 +140,7 @@ def _pairs(
     image = apart.argmin(axis=1)
     number = np.arange(len(rows))
     good = (image[image] == number) & (apart[number, image] <= 1.0)
-    share = float((lengths * good).sum() / lengths.sum())
+    overlap = np.maximum(1.0 - apart[number, image] ** 2, 0.0)
+    share = float((lengths * good * overlap).sum() / lengths.sum())
     pairs = [(a, int(image[a])) for a in np.flatnonzero(good & (image > number)).tolist()]
     return share, pairs
