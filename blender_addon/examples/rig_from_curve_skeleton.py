@@ -28,7 +28,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("mesh", type=Path, help="PLY, OBJ or STL")
     parser.add_argument("output", type=Path, help=".blend file")
-    parser.add_argument("--bone-length", type=float, default=12.0, help="per cent of the size")
+    parser.add_argument("--bone-length", type=float, default=100.0, help="per cent of the size")
     options = parser.parse_args(after)
     if options.mesh.suffix.lower() not in READERS:
         parser.error(f"the mesh must be a PLY, OBJ or STL file, got {options.mesh.name}")
