@@ -79,7 +79,8 @@ def fill_hulls(begin, end, order, faces, place, points, cosines, out_corners, ou
             if f < 0:
                 out_corners[i, 0] = -1
                 for row in range(ROWS):
-                    out_hulls[block, row, slot] = 0.0  # a cosine of 0: relief altogether
+                    out_hulls[block, row, slot] = 0.0
+                out_hulls[block, LARGEST, slot] = -1e30  # never near, whatever the margins
                 continue
             a, b, c = place[faces[f, 0]], place[faces[f, 1]], place[faces[f, 2]]
             out_corners[i, 0], out_corners[i, 1], out_corners[i, 2] = a, b, c
