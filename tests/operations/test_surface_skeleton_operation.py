@@ -16,7 +16,9 @@ def result():
 @pytest.mark.slow
 def test_it_has_the_importance_of_its_detailed_sister(result):
     sister = medialis.run("skeleton_importance", medialis.organic_shape(100))
-    np.testing.assert_array_equal(result.arrays["importance"], sister.arrays["importance"])
+    samples = result.shape.point_count  # the rows of fans come behind
+    importance = result.arrays["importance"][:samples]
+    np.testing.assert_array_equal(importance, sister.arrays["importance"])
     layer = result.layers[0]
     np.testing.assert_array_equal(
         layer.attributes["importance"], result.arrays["importance"][result.arrays["selected"]]

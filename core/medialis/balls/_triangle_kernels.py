@@ -4,11 +4,8 @@ Strategy. A mesh stands for a smooth surface, so a facet T may lie as deep in a 
 that surface bulges over it: the sagitta r (1 - k), where k is the cosine of the angle between T and
 the normals at its corners, and a tolerance a besides. Between the corners k is interpolated; where
 the ball is tangent at a corner of T, the largest angle counts everywhere, or T would be a wall to a
-ball that leaves it at that corner. Corners count as a third flatter than they are: a surface that
-bends at one corner alone bulges less than half of that. (Without, 0.8 % of the balls of fertility
-poke out by more than the angles at their contacts explain, now 0.42 %; wholly flat it is 0.0 %, but
-the centers of an irregular torus are 1.7 times as far from its axis.) T constrains the ball (c, r)
-where
+ball that leaves it at that corner. T constrains
+the ball (c, r) where
 
     |c - T| < k r - a,
 
@@ -45,7 +42,6 @@ SPHERE, PLANE = 0, 4  # rows of `hulls`: middle and radius of the disc round a f
 COSINE, LARGEST, SMALLEST = 7, 10, 11  # cosines at the corners, the largest and the smallest one
 ROWS = 12
 BLOCK = 16  # faces side by side; the last block of a leaf is filled up with faces that are nowhere
-FLATTER = 1 / 3  # how far each corner of a face is taken for its flattest one, see above
 
 
 @kernel
@@ -176,11 +172,6 @@ def _shrink_to(i, n, r, relief, least, points, own, hull, face):
     if low < high and own[0] != i and own[1] != i and own[2] != i:
         k0, k1 = np.float64(hull[COSINE, face]), np.float64(hull[COSINE + 1, face])
         k2 = np.float64(hull[COSINE + 2, face])
-        k0, k1, k2 = (
-            k0 + FLATTER * (high - k0),
-            k1 + FLATTER * (high - k1),
-            k2 + FLATTER * (high - k2),
-        )
     best_s, best_t = -1.0, -1.0
     for _ in range(STEPS):
         cx, cy, cz = p[0] - r * n[0], p[1] - r * n[1], p[2] - r * n[2]

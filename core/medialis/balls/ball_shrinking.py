@@ -215,18 +215,24 @@ def shrink_options(diagonal: float, tolerance: float, largest_radius: float) -> 
     )
 
 
-def _shrink(
-    shape: Shape, tolerance: float, largest: float, signs: tuple[int, ...], progress: Progress
-) -> tuple[MedialCloud, BoxTree]:
+def sample_tree(shape: Shape, progress: Progress) -> BoxTree:
+    """Return the tree of the samples, in the units of `shrink_options`."""
     # Imported here: compiled code takes half a second to load, and `medialis --help` needs none.
     from medialis._kernels.box_tree import build_box_tree
 
+    points, normals = shape.points, shape.normals
+    unit = shrink_options(shape.diagonal, 0.0, 0.0).unit
+    return run_patiently(lambda: build_box_tree(points, normals, unit=unit), progress)
+
+
+def _shrink(
+    shape: Shape, tolerance: float, largest: float, signs: tuple[int, ...], progress: Progress
+) -> tuple[MedialCloud, BoxTree]:
     options = shrink_options(shape.diagonal, tolerance, largest)
     n = shape.point_count
     arrays = blank_balls(n * len(signs))
     with progress.stage("tree", 0.0, 0.15):
-        points, normals, unit = shape.points, shape.normals, options.unit
-        tree = run_patiently(lambda: build_box_tree(points, normals, unit=unit), progress)
+        tree = sample_tree(shape, progress)
     for turn, sign in enumerate(signs):
         share = 0.85 / len(signs)
         with progress.stage("balls", 0.15 + share * turn, 0.15 + share * (turn + 1)):

@@ -16,12 +16,15 @@ from medialis.balls.ball_shrinking import (
     SAMPLES_A_CHUNK,
     ShrinkOptions,
     blank_balls,
+    sample_tree,
     shrink_options,
 )
+from medialis.balls.thin_walls import BallOptions
 from medialis.balls.triangle_balls import Walls
 from medialis.model.medial_cloud import COLUMNS, MedialCloud
 from medialis.progress import Progress
-from medialis.threads import run_chunks
+from medialis.surface.creases import Creases, find_creases
+from medialis.threads import run_chunks, run_patiently
 from medialis.validation import FloatArray
 
 MOST_BALLS = 32
@@ -32,42 +35,52 @@ SMOOTH = 0.94
 surfaces, normals between those of the sides mean nothing."""
 
 
-def with_fans(
-    cloud: MedialCloud, walls: Walls, options: ShrinkOptions, progress: Progress
-) -> MedialCloud:
+def with_fans(cloud: MedialCloud, options: BallOptions, progress: Progress) -> MedialCloud:
     """Append balls at creases that are concave on their side, as close as the samples are apart.
 
     Parameters
     ----------
     cloud : MedialCloud
-        The balls of all samples.
-    walls : Walls
-    options : ShrinkOptions
+        The balls of all samples of a mesh, with these options.
+    options : BallOptions
     progress : Progress
 
     Returns
     -------
     MedialCloud
-        The rows given, then those of fans: `source` tells the sample at the crease.
+        The rows given, then those of fans: `source` tells the sample at the crease. The cloud
+        itself where no crease is concave.
     """
+    shape = cloud.surface
+    if shape.faces is None:
+        return cloud
+    creases = run_patiently(lambda: find_creases(shape, options.creases), progress)
+    signs = [one for one in np.unique(cloud.side) if (creases.concave == (one > 0)).any()]
+    if not signs:
+        return cloud
+    tree = sample_tree(shape, progress)
+    walls = run_patiently(lambda: Walls.of(shape, creases, tree), progress)
     parts = [cloud]
-    for sign in np.unique(cloud.side).tolist():
-        sources, directions = _directions(cloud, walls, sign)
+    for sign in signs:
+        sources, directions = _directions(cloud, creases, int(sign))
         turn = _occurrences(sources)
         for level in range(int(turn.max(initial=-1)) + 1):
             rows = turn == level
-            parts.append(_balls(walls, sources[rows], directions[rows], sign, options, progress))
+            balls = _balls(walls, sources[rows], directions[rows], int(sign), options, progress)
+            parts.append(balls)
     columns: dict[str, Any] = {
         name: np.concatenate([getattr(part, name) for part in parts]) for name in COLUMNS
     }
-    return replace(cloud, **columns)
+    result = replace(cloud, **columns)
+    result.__dict__["own"] = cloud  # the same cloud, so that what is kept of it serves both
+    return result
 
 
 def _directions(
-    cloud: MedialCloud, walls: Walls, sign: int
+    cloud: MedialCloud, creases: Creases, sign: int
 ) -> tuple[NDArray[np.int32], FloatArray]:
     """Return samples at creases concave on a side, and outward directions between the faces."""
-    creases, surface = walls.creases, cloud.surface
+    surface = cloud.surface
     pairs = creases.pairs[creases.concave == (sign > 0)]
     vertex = creases.vertices[pairs[:, 0]]
     first, second = creases.normals[pairs[:, 0]], creases.normals[pairs[:, 1]]

@@ -11,12 +11,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from medialis.balls.ball_shrinking import ShrinkOptions
+from medialis.balls.fans import with_fans
 from medialis.balls.thin_walls import BallOptions, maximal_balls
 from medialis.errors import InvalidShapeError
 from medialis.kept import kept
 from medialis.model.medial_cloud import MedialCloud
 from medialis.model.shape import Shape
-from medialis.options import Options, algorithm, changed, choice
+from medialis.options import Options, algorithm, changed, choice, flag
 from medialis.progress import Progress
 from medialis.surface.noise import noise_level, smooth_noise
 from medialis.surface.refinement import RefineOptions, affordable_edge, refine
@@ -54,7 +55,13 @@ class Preparation(Options):
 class SurfaceSkeletonOptions(ShrinkOptions, Preparation):
     """Options of `surface_skeleton`."""
 
-    fans: bool = changed(BallOptions, "fans")
+    fans: bool = flag(
+        False,
+        "Fans",
+        "Add balls at sharp concave edges, with normals between those of the two faces, so that "
+        "the skeleton has no gap there.",
+        advanced=True,
+    )
 
 
 @algorithm(SurfaceSkeletonOptions)
@@ -115,7 +122,12 @@ def surface_skeleton(
 
     with progress.stage("balls", 0.1, 1.0):
         # Another refine or denoise that leads to the same surface finds the same balls.
-        return kept(maximal_balls, fine, shrinking, shrink, progress)
+        cloud = kept(maximal_balls, fine, shrinking, shrink, progress)
+    if not options.fans:
+        return cloud
+    return kept(
+        with_fans, cloud, shrinking, lambda: with_fans(cloud, shrinking, progress), progress
+    )
 
 
 def prepared(shape: Shape, options: Preparation, progress: Progress) -> tuple[Shape, float]:

@@ -21,12 +21,11 @@ from medialis.balls.ball_shrinking import (
     shrink,
     shrink_options,
 )
-from medialis.balls.fans import with_fans
 from medialis.balls.hidden_walls import THINNEST, hidden_walls
 from medialis.balls.triangle_balls import Walls, with_edge_balls
 from medialis.model.medial_cloud import COLUMNS, MedialCloud
 from medialis.model.shape import Shape
-from medialis.options import angle, flag
+from medialis.options import angle
 from medialis.progress import Progress, counted
 from medialis.surface.creases import Creases, find_creases
 from medialis.threads import run_chunks, run_patiently
@@ -45,13 +44,6 @@ class BallOptions(ShrinkOptions):
         "Edges that bend by more than this are sharp, and what bends less is a smooth surface "
         "through the vertices. 0: every edge is sharp, the mesh is an exact polyhedron; 180: none "
         "is.",
-        advanced=True,
-    )
-    fans: bool = flag(
-        False,
-        "Fans",
-        "Add balls at sharp concave edges, with normals between those of the two faces, so that "
-        "the skeleton has no gap there.",
         advanced=True,
     )
 
@@ -74,8 +66,6 @@ def maximal_balls(shape: Shape, options: BallOptions, progress: Progress) -> Med
             cloud = walls.constrain(cloud, options.tolerance, progress)
         cloud = _with_lower_tolerance(cloud, tree, walls, options, progress)
         cloud = with_edge_balls(cloud, creases, options.tolerance)
-        if options.fans:
-            cloud = with_fans(cloud, walls, options, progress)
     note_outcome(cloud, options.tolerance, progress)
     return cloud
 

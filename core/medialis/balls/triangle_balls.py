@@ -140,7 +140,8 @@ class Walls:
         place = np.empty(shape.point_count, np.int32)
         place[tree.order] = np.arange(shape.point_count, dtype=np.int32)
         samples = place[cloud.source]
-        order = np.argsort(samples, kind="stable")  # neighbours share certificates
+        # Neighbours share certificates; inner balls, the first, are the same with outer ones.
+        order = np.lexsort((samples, -cloud.side))
         samples, direction = samples[order], np.ascontiguousarray(directions[order])
         largest = float(np.nanmax(cloud.radii, initial=0.0)) / shape.diagonal
         lengths = shrink_options(shape.diagonal, tolerance, largest)

@@ -9,8 +9,7 @@ import numpy as np
 
 from medialis.balls.ball_shrinking import ShrinkOptions, Side
 from medialis.balls.subsampling import uniform_subsample
-from medialis.balls.surface_skeleton import Preparation, surface_skeleton
-from medialis.balls.thin_walls import BallOptions
+from medialis.balls.surface_skeleton import Preparation, SurfaceSkeletonOptions, surface_skeleton
 from medialis.model.medial_cloud import BallStatus, MedialCloud
 from medialis.model.shape import Shape
 from medialis.operations.common import cloud_arrays, cloud_layer, samples_layer, summary
@@ -61,7 +60,7 @@ class SurfaceSkeletonRun(Preparation):
         "apart. 0 keeps all.",
     )
     largest_radius: float = changed(ShrinkOptions, "largest_radius")
-    fans: bool = changed(BallOptions, "fans", default=True)
+    fans: bool = changed(SurfaceSkeletonOptions, "fans", default=True)
 
 
 def run(shape: Shape, options: SurfaceSkeletonRun, progress: Progress) -> Outcome:
@@ -72,8 +71,7 @@ def run(shape: Shape, options: SurfaceSkeletonRun, progress: Progress) -> Outcom
     importance = None
     if options.importance and fine.faces is not None and options.side == "inner":
         with progress.stage("importance", 0.3, 0.95):
-            paths = geodesic_importance.of(cloud, options, progress)
-            importance = connected_importance.of(paths, options, progress).length
+            importance = _importance(cloud, options, progress)
     with progress.stage("subsample", 0.95, 1.0):
         mask = uniform_subsample(cloud, options.subsample)
     shown = cloud.subset(mask)
@@ -97,6 +95,16 @@ def run(shape: Shape, options: SurfaceSkeletonRun, progress: Progress) -> Outcom
         }
         arrays["importance"] = importance
     return Outcome(shape=fine, layers=(layer, samples_layer(fine)), values=values, arrays=arrays)
+
+
+def _importance(cloud: MedialCloud, options: SurfaceSkeletonRun, progress: Progress) -> FloatArray:
+    """Return the importance of each ball; that of fans does not change that of the samples."""
+    paths = geodesic_importance.of(cloud.own, options, progress)
+    lengths = connected_importance.of(paths, options, progress).length
+    if len(cloud) == len(lengths):
+        return lengths
+    fans = cloud.subset(np.arange(len(lengths), len(cloud)))
+    return np.concatenate([lengths, geodesic_importance.of(fans, options, progress).length])
 
 
 def _measured(

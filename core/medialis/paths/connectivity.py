@@ -52,8 +52,7 @@ def connected_importance(
     Parameters
     ----------
     importance : Importance
-        `geodesic_importance` of the whole inner cloud of a mesh: row i belongs to vertex i. Rows
-        of fans may follow; they are linked to their vertices.
+        `geodesic_importance` of the whole inner cloud of a mesh: row i belongs to vertex i.
 
     Returns
     -------
@@ -87,7 +86,7 @@ def connected_importance(
     """
     cloud = importance.cloud
     shape, n = cloud.surface, len(cloud)
-    if not cloud.whole:
+    if not cloud.whole or n > shape.point_count:
         raise InvalidShapeError(
             "Connected importance needs the whole inner cloud of the shape, "
             f"{shape.point_count} rows in their order; got {n} rows."
@@ -103,14 +102,7 @@ def _connected(importance: Importance, longest: float) -> FloatArray:
     cloud = importance.cloud
     shape, n = cloud.surface, len(cloud)
     values = np.array(importance.length)
-    fans = np.arange(shape.point_count, n)
-    links = np.concatenate(
-        [
-            shape.edges,
-            np.stack([cloud.source[fans], fans], axis=1),
-            cloud.features[: shape.point_count][cloud.valid[: shape.point_count]],
-        ]
-    )
+    links = np.concatenate([shape.edges, cloud.features[cloud.valid]])
     usable = (links[:, 0] != links[:, 1]) & (cloud.valid & ~np.isnan(values))[links].all(axis=1)
     links = links[usable].astype(np.int64)
     edges = links[: np.count_nonzero(usable[: len(shape.edges)])]
