@@ -40,7 +40,6 @@ class Walls:
     Attributes
     ----------
     shape : Shape
-    creases : Creases
     tree : BoxTree
         Of the samples.
     faces : (16 b,) int32
@@ -56,7 +55,6 @@ class Walls:
     """
 
     shape: Shape
-    creases: Creases
     tree: BoxTree
     faces: IntArray
     first: NDArray[np.int64]
@@ -104,7 +102,7 @@ class Walls:
                 bound_faces(tree.points, corners, first, d, depth, f, begin, end, bounds[at])
 
             run_chunks(bound, nodes.stop - nodes.start, NODES_A_CHUNK)
-        return cls(shape, creases, tree, order, first, corners, hulls, bounds)
+        return cls(shape, tree, order, first, corners, hulls, bounds)
 
     def constrain(
         self,
@@ -125,6 +123,7 @@ class Walls:
         progress : Progress
         directions : (k, 3) float64, optional
             From the center to the sample; else the outward normal there, turned for outer balls.
+            Where it is given, the faces that meet at the sample constrain the ball too.
 
         Returns
         -------
