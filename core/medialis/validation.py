@@ -90,8 +90,8 @@ def as_points(values: ArrayLike, name: str = "points") -> FloatArray:
     if len(array) > np.iinfo(np.int32).max:
         raise InvalidShapeError(f"{name} has {len(array)} rows; at most 2147483647 are supported.")
     result = frozen(array, np.float64)
-    bad = ~np.isfinite(result).all(axis=1)
-    if bad.any():
+    if not np.isfinite(result).all():
+        bad = ~np.isfinite(result).all(axis=1)
         raise InvalidShapeError(
             f"{name} must be finite: {int(bad.sum())} of {len(result)} rows hold NaN or infinity "
             f"(first at row {int(bad.argmax())}). Remove these points or repair the file."
@@ -128,17 +128,19 @@ def as_normals(values: ArrayLike, count: int, name: str = "normals") -> FloatArr
     array = _numeric(values, name, wanted)
     if array.shape != (count, 3):
         raise InvalidShapeError(f"{name} must be {wanted}, got shape {array.shape}.")
+    with np.errstate(over="ignore", invalid="ignore"):
+        square = np.einsum("ij,ij->i", array, array, dtype=np.float64, casting="unsafe")
+        # A row that is unit to rounding stays as it is: normals must not drift each time a shape is
+        # rebuilt.
+        other = np.flatnonzero(~(np.abs(square - 1.0) <= 8 * np.finfo(np.float64).eps))
     normals = np.array(array, dtype=np.float64)
-    normals[~np.isfinite(normals).all(axis=1)] = 0.0
-    # Dividing by the largest component first keeps lengths of 1e-300 or 1e300 in range. A row that
-    # is unit to rounding stays as it is: normals must not drift each time a shape is rebuilt.
-    largest = np.abs(normals).max(axis=1, keepdims=True, initial=0.0)
-    moderate = np.where(largest < 2.0, normals, 2.0)
-    square = np.einsum("ij,ij->i", moderate, moderate)[:, None]
-    wanting = (largest > 0) & (np.abs(square - 1.0) > 8 * np.finfo(np.float64).eps)
-    np.divide(normals, largest, out=normals, where=wanting)
-    length = np.sqrt(np.einsum("ij,ij->i", normals, normals))[:, None]
-    np.divide(normals, length, out=normals, where=wanting)
+    rest = normals[other]
+    rest[~np.isfinite(rest).all(axis=1)] = 0.0
+    # Dividing by the largest component first keeps lengths of 1e-300 or 1e300 in range.
+    largest = np.abs(rest).max(axis=1, keepdims=True)
+    np.divide(rest, largest, out=rest, where=largest > 0)
+    length = np.sqrt(np.einsum("ij,ij->i", rest, rest))[:, None]
+    normals[other] = np.divide(rest, length, out=rest, where=length > 0)
     return frozen(normals, np.float64)
 
 

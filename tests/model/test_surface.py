@@ -12,7 +12,8 @@ import closed_forms as forms
 import medialis
 from medialis.errors import InvalidShapeError
 from medialis.model.edge_table import EdgeTable
-from medialis.model.surface import Surface, link_matrix, piece_labels
+from medialis.model.surface import Surface, link_matrix
+from medialis.model.topology import piece_labels
 from oracles import component_labels, edge_uses
 
 QUANTITIES = (

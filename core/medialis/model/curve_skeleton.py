@@ -15,7 +15,7 @@ from medialis.errors import InvalidShapeError
 from medialis.kept import Bound, Described
 from medialis.model.medial_cloud import MedialCloud
 from medialis.model.shape import Shape
-from medialis.model.surface import piece_labels
+from medialis.model.topology import piece_labels
 from medialis.validation import FloatArray, IntArray, check_range, frozen, hold
 
 if TYPE_CHECKING:

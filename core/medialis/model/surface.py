@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,10 +13,16 @@ from medialis.kept import Bound
 from medialis.model.edge_table import EdgeTable
 from medialis.model.equal_rows import first_equal_row
 from medialis.model.ragged import Ragged
+from medialis.model.topology import Topology
 from medialis.validation import FloatArray, IntArray, as_faces, as_points, frozen
 
 if TYPE_CHECKING:
     from scipy.spatial import cKDTree
+
+
+FLAT_HEIGHT = 1e-12
+"""A face is flat when its height is at most this part of its longest edge. Rounding of the
+differences leaves a height of about 1e-16 to an exactly flat face; no real face is that thin."""
 
 
 class Surface(Bound):
@@ -93,8 +99,9 @@ class Surface(Bound):
         """Normal of each face times twice its area, (m, 3)."""
         if self.faces is None:
             return frozen(np.empty((0, 3)), np.float64)
-        a, b, c = self.points[self.faces.T]
-        return frozen(np.cross(b - a, c - a), np.float64)
+        from medialis.model._surface_kernels import cross_faces
+
+        return frozen(cross_faces(self.points, self.faces), np.float64)
 
     @cached_property
     def face_areas(self) -> FloatArray:
@@ -108,6 +115,16 @@ class Surface(Bound):
         unit = np.zeros_like(self.face_vectors)
         np.divide(self.face_vectors, length, out=unit, where=length > 0)
         return frozen(unit, np.float64)
+
+    @cached_property
+    def flat_faces(self) -> NDArray[np.bool_]:
+        """True for faces with (nearly) no height, (m,), see `FLAT_HEIGHT`."""
+        if self.faces is None:
+            return frozen(np.zeros(0), np.bool_)
+        from medialis.model._surface_kernels import find_flat_faces
+
+        flat = find_flat_faces(self.points, self.faces, self.face_areas, FLAT_HEIGHT)
+        return frozen(flat, np.bool_)
 
     @property
     def area(self) -> float:
@@ -125,38 +142,46 @@ class Surface(Bound):
     # Edges
 
     @cached_property
+    def topology(self) -> Topology:
+        """What follows from the faces alone."""
+        none = np.empty((0, 3), np.int32)
+        return Topology(none if self.faces is None else self.faces, self.point_count)
+
+    def adopt(self, known: Surface) -> Self:
+        """Share what is known of the faces with a surface of the same faces; return this one."""
+        own, other = self.topology, known.topology
+        if own.point_count == other.point_count and np.array_equal(own.faces, other.faces):
+            self.__dict__["topology"] = other
+        return self
+
+    @property
     def edge_table(self) -> EdgeTable:
         """The half-edges of each edge, sorted once for all that needs them."""
-        none = np.empty((0, 3), np.int32)
-        return EdgeTable.of(none if self.faces is None else self.faces, self.point_count)
+        return self.topology.edge_table
 
-    @cached_property
+    @property
     def edges(self) -> IntArray:
         """Undirected edges (e, 2), lower index first, in ascending order; empty for a cloud.
 
         A face that names a vertex twice has no edge from the vertex to itself.
         """
-        low, high = self.edge_table.low, self.edge_table.high
-        return frozen(np.stack([low, high], axis=1)[low != high], np.int32)
+        return self.topology.edges
 
     @cached_property
     def edge_lengths(self) -> FloatArray:
         """Length of each edge, (e,)."""
-        ends = self.points[self.edges]
-        return frozen(np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1), np.float64)
+        from medialis.model._surface_kernels import measure_edges
 
-    @cached_property
+        return frozen(measure_edges(self.points, self.edges), np.float64)
+
+    @property
     def edge_twins(self) -> IntArray:
         """The same edge in the neighbouring face, (3m,), for each half-edge.
 
         -1 at a border, at a non-manifold edge (three or more faces) and where a face that names a
         vertex twice meets itself.
         """
-        a, b, _ = self.edge_table.pairs
-        apart = a // 3 != b // 3
-        result = np.full(3 * self.face_count, -1, np.int32)
-        result[a[apart]], result[b[apart]] = b[apart], a[apart]
-        return frozen(result, np.int32)
+        return self.topology.edge_twins
 
     @cached_property
     def face_adjacency(self) -> IntArray:
@@ -164,11 +189,10 @@ class Surface(Bound):
         twins = self.edge_twins.reshape(-1, 3)
         return frozen(np.where(twins < 0, -1, twins // 3), np.int32)
 
-    @cached_property
+    @property
     def fans(self) -> Ragged:
         """For each point the half-edges that leave it, ascending: one for each face there."""
-        corners = np.empty(0, np.int32) if self.faces is None else self.faces.ravel()
-        return Ragged.group(corners, self.point_count)
+        return self.topology.fans
 
     @property
     def border_edges(self) -> int:
@@ -203,7 +227,7 @@ class Surface(Bound):
         inf where there is no other point. A search costs as much as points coincide with the one
         that it starts from, so each place is looked at once.
         """
-        first = first_equal_row(self.points)
+        first = self.first_equal_point
         if (first == np.arange(self.point_count)).all():
             return frozen(_nearest_others(self.tree, self.points), np.float64)
         from scipy.spatial import cKDTree
@@ -214,6 +238,11 @@ class Surface(Bound):
         if alone.any():
             result[alone] = _nearest_others(cKDTree(places), self.points[alone])
         return frozen(result, np.float64)
+
+    @cached_property
+    def first_equal_point(self) -> NDArray[np.int64]:
+        """The first point at exactly the same place, (n,); mostly the point itself."""
+        return first_equal_row(self.points)
 
     @cached_property
     def tree(self) -> cKDTree:
@@ -261,22 +290,21 @@ class Surface(Bound):
         """
         if self.faces is None:
             return frozen(np.zeros(self.point_count), np.int32)
-        return piece_labels(self.point_count, self.edges)
+        return self.topology.components
 
-    @cached_property
+    @property
     def part_count(self) -> int:
         """Number of components that have faces."""
-        return 0 if self.faces is None else len(np.unique(self.components[self.faces[:, 0]]))
+        return 0 if self.faces is None else self.topology.part_count
 
-    @cached_property
+    @property
     def face_pieces(self) -> IntArray:
         """Piece of each face, (m,), numbered by their lowest face.
 
         Faces are joined across edges of exactly two faces, so pieces may touch at vertices and at
         non-manifold edges.
         """
-        a, b, _ = self.edge_table.pairs
-        return piece_labels(self.face_count, np.stack([a // 3, b // 3], axis=1))
+        return self.topology.face_pieces
 
     @cached_property
     def closed_components(self) -> NDArray[np.bool_]:
@@ -300,27 +328,3 @@ def link_matrix(count: int, links: NDArray[Any]) -> Any:
 
     a, b = links.T
     return csr_array((np.ones(2 * len(a)), (np.r_[a, b], np.r_[b, a])), shape=(count, count))
-
-
-def piece_labels(count: int, links: NDArray[Any]) -> IntArray:
-    """Return the connected piece of each of `count` nodes, numbered by their lowest node.
-
-    Parameters
-    ----------
-    count : int
-    links : (e, 2) int
-        Pairs of nodes in any order.
-
-    Examples
-    --------
-    >>> piece_labels(5, np.array([[0, 3], [1, 4]])).tolist()
-    [0, 1, 2, 0, 1]
-    """
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
-    if count == 0:
-        return frozen(np.empty(0), np.int32)
-    a, b = np.asarray(links).reshape(-1, 2).T
-    graph = coo_array((np.ones(len(a), np.int8), (a, b)), shape=(count, count))
-    return frozen(connected_components(graph, directed=False)[1], np.int32)

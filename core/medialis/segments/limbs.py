@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from medialis.model.curve_skeleton import CurveSkeleton
 from medialis.model.segmentation import Segmentation
-from medialis.model.surface import piece_labels
+from medialis.model.topology import piece_labels
 from medialis.validation import FloatArray, IntArray
 
 CORE = 0.92

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from medialis.model.medial_sheets import MedialSheets
 from medialis.model.ragged import Ragged
-from medialis.model.surface import piece_labels
+from medialis.model.topology import piece_labels
 from medialis.model.y_network import YNetwork
 from medialis.options import Options, algorithm, whole
 from medialis.progress import Progress

@@ -12,7 +12,6 @@ import numpy as np
 
 from medialis.model.edge_table import EdgeTable, Index, Mask
 from medialis.model.surface import Surface
-from medialis.surface._volumes import degenerate_faces
 from medialis.validation import FloatArray, IntArray
 
 _ROUNDS = 30
@@ -38,7 +37,7 @@ def flip_flat_faces(surface: Surface, flat: Mask) -> tuple[IntArray, Index, int]
         turned += done
         if done == 0:
             break
-        flat = degenerate_faces(Surface(surface.points, faces))
+        flat = Surface(surface.points, faces).flat_faces
     return faces, source, turned
 
 
@@ -63,7 +62,7 @@ def _turn_once(points: FloatArray, faces: IntArray, source: Index, flat: Index) 
         new = np.array([[c, a, d], [d, b, c]], faces.dtype)
         if c == d or (min(c, d), max(c, d)) in edges:
             continue
-        if degenerate_faces(Surface(points[new.ravel()], _APART)).any():
+        if Surface(points[new.ravel()], _APART).flat_faces.any():
             continue
         faces[[face, other // 3]] = new
         source[face] = source[other // 3]

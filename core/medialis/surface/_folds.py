@@ -12,19 +12,16 @@ from __future__ import annotations
 import numpy as np
 
 from medialis.model.edge_table import EdgeTable, Mask
-from medialis.model.equal_rows import first_equal_row
-from medialis.model.surface import piece_labels
-from medialis.validation import IntArray
+from medialis.model.topology import Topology, piece_labels
 
 _SMALL_FOLD = 16
 """Most triangles of a fold that is dropped; in the Stanford dragon folds have up to 6."""
 
 
-def faces_to_drop(faces: IntArray, n: int) -> tuple[Mask, Mask]:
+def faces_to_drop(topology: Topology) -> tuple[Mask, Mask]:
     """Return, (m,) each, the repeated faces to drop and the faces of small folds to drop."""
+    faces, first = topology.faces, topology.first_equal_face
     m = len(faces)
-    corners = np.sort(faces, axis=1)
-    first = first_equal_row(corners)
     repeated = first != np.arange(m)
     folds = np.zeros(m, bool)
     if not repeated.any():
@@ -35,7 +32,7 @@ def faces_to_drop(faces: IntArray, n: int) -> tuple[Mask, Mask]:
     groups = np.unique(first[repeated])
     paired = np.zeros(m, bool)
     paired[groups] = net[groups] == 0
-    folds = _small_folds(faces, n, paired[first], paired)[first]
+    folds = _small_folds(topology, paired[first], paired)[first]
     # Of the others the first face in the prevailing direction stays.
     fits = direction == np.where(net[first] < 0, -1, 1)
     candidates = np.flatnonzero(fits | paired[first])
@@ -45,8 +42,9 @@ def faces_to_drop(faces: IntArray, n: int) -> tuple[Mask, Mask]:
     return repeated & ~folds, folds
 
 
-def _small_folds(faces: IntArray, n: int, in_pairs: Mask, leaders: Mask) -> Mask:
+def _small_folds(topology: Topology, in_pairs: Mask, leaders: Mask) -> Mask:
     """Return the leading faces (m,) of pairs that belong to small folds touching other faces."""
+    faces, n = topology.faces, topology.point_count
     result = np.zeros(len(faces), bool)
     fold_faces = np.flatnonzero(leaders)
     if len(fold_faces) == 0:

@@ -15,10 +15,6 @@ from medialis.model.edge_table import Index, Mask
 from medialis.model.surface import Surface
 from medialis.validation import FloatArray, IntArray
 
-DEGENERATE_HEIGHT = 1e-12
-"""A face is degenerate when its height is at most this part of its longest edge. Rounding of the
-differences leaves a height of about 1e-16 to an exactly flat face; no real face is that thin."""
-
 _CLOSED_SHARE = 1e-9
 _OPEN_SHARE = 0.2
 _OPEN_BULK = 1e-3
@@ -35,18 +31,6 @@ def power_of_two_scale(points: FloatArray) -> float:
 def scaled(points: FloatArray, faces: IntArray | None = None) -> Surface:
     """Return a surface near size 1, so that squares and cubes of its lengths stay in range."""
     return Surface(points * power_of_two_scale(points), faces)
-
-
-def degenerate_faces(surface: Surface) -> Mask:
-    """Return (m,) where a face has (nearly) no height, see `DEGENERATE_HEIGHT`."""
-    if surface.faces is None:
-        return np.zeros(0, bool)
-    corners = surface.points[surface.faces]
-    longest = np.zeros(len(corners))
-    for j in range(3):
-        side = corners[:, j - 1] - corners[:, j]
-        np.maximum(longest, np.einsum("ij,ij->i", side, side), out=longest)
-    return 2 * surface.face_areas <= DEGENERATE_HEIGHT * longest
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,6 +62,8 @@ class PieceVolumes:
 
 def piece_volumes(surface: Surface) -> PieceVolumes:
     """Measure the pieces of a surface (`Surface.face_pieces`)."""
+    from medialis.model._surface_kernels import sum_pieces
+
     assert surface.faces is not None
     points, pieces, table = surface.points, surface.face_pieces, surface.edge_table
     count = int(pieces.max()) + 1
@@ -88,15 +74,10 @@ def piece_volumes(surface: Surface) -> PieceVolumes:
     # The apex is the middle of the boundary, or of all corners of a closed piece.
     rim = np.concatenate([table.low[edge], table.high[edge]])
     apex = _middles(points[rim], np.concatenate([piece, piece]), count)
-    inner = closed[pieces]
     corner = points[surface.faces[:, 0]]
-    apex[closed] = _middles(corner[inner], pieces[inner], count)[closed]
-    tetra = np.einsum("ij,ij->i", corner - apex[pieces], surface.face_vectors) / 6.0
-    volume, absolute, area = (
-        np.bincount(pieces, values, count).astype(np.float64, copy=False)
-        for values in (tetra, np.abs(tetra), surface.face_areas)
-    )
-    return PieceVolumes(volume, absolute, area, closed)
+    apex[closed] = _middles(corner, pieces, count)[closed]
+    sums = sum_pieces(corner, surface.face_vectors, surface.face_areas, pieces, apex)
+    return PieceVolumes(sums[0], sums[1], sums[2], closed)
 
 
 def _unbalanced(surface: Surface, count: int) -> tuple[Index, Index]:
@@ -105,6 +86,8 @@ def _unbalanced(surface: Surface, count: int) -> tuple[Index, Index]:
     plain = np.zeros(len(table.counts), bool)
     a, b, agree = table.pairs
     plain[table.counts == 2] = agree & (pieces[a // 3] == pieces[b // 3])
+    if plain.all():  # closed, as most meshes
+        return np.empty(0, np.int64), np.empty(0, np.int64)
     edge = np.repeat(np.arange(len(table.counts)), table.counts)
     rest = ~plain[edge]
     half, edge = table.order[rest], edge[rest]

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from medialis.errors import InvalidShapeError
-from medialis.model.surface import piece_labels
+from medialis.model.topology import piece_labels
 from medialis.options import Options, algorithm, whole
 from medialis.progress import Progress, counted
 from medialis.surface._signs import propagate_signs

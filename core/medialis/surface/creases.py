@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from medialis.model.shape import Shape
-from medialis.model.surface import Surface, piece_labels
+from medialis.model.surface import Surface
+from medialis.model.topology import piece_labels
 from medialis.validation import FloatArray, IntArray, frozen
 
 STEEPER = 1e-4

@@ -5,14 +5,14 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from medialis.model.diagnosis import Diagnosis
 from medialis.model.edge_table import Index
-from medialis.model.equal_rows import first_equal_row
-from medialis.model.surface import Surface, piece_labels
+from medialis.model.surface import Surface
+from medialis.model.topology import piece_labels
 from medialis.surface._orientation import agreeing_flips
-from medialis.surface._volumes import degenerate_faces, piece_volumes, power_of_two_scale
+from medialis.surface._volumes import piece_volumes, power_of_two_scale
 from medialis.validation import FloatArray, IntArray, as_faces, as_points
 
 
@@ -49,14 +49,19 @@ def diagnose(points: ArrayLike, faces: ArrayLike | None = None) -> Diagnosis:
     >>> tetrahedron.closed, tetrahedron.genus, tetrahedron.orientation
     (True, 0, 'out')
     """
+    return examine(points, faces)[0]
+
+
+def examine(points: ArrayLike, faces: ArrayLike | None) -> tuple[Diagnosis, Surface]:
+    """Return the diagnosis, and the finite part at a scale near 1 with all that was found of it."""
     xyz, triangles, lost = _finite_part(points, faces)
     # Measured at a scale of about 1, which costs no accuracy (a power of two) and keeps squares and
     # cubes of very large or very small lengths in range.
     scale = power_of_two_scale(xyz)
     surface = Surface(xyz * scale, triangles)
     values: dict[str, Any] = {"vertices": len(xyz), "faces": len(triangles)}
-    values |= {"duplicate_vertices": _repeated(surface.points), "diagonal": surface.diagonal}
-    values |= {"nonfinite_vertices": lost}
+    values |= {"duplicate_vertices": _repeated(surface.first_equal_point)}
+    values |= {"nonfinite_vertices": lost, "diagonal": surface.diagonal}
     values |= _diagnose_cloud(surface) if surface.faces is None else _diagnose_faces(surface)
     for names, power in ((("diagonal", "spacing", "min_edge", "max_edge"), 1), (("area",), 2)):
         for name in names:
@@ -66,7 +71,7 @@ def diagnose(points: ArrayLike, faces: ArrayLike | None = None) -> Diagnosis:
     values["vertices"] += lost
     if len(triangles):
         values["unused_vertices"] += lost
-    return Diagnosis(**values)
+    return Diagnosis(**values), surface
 
 
 def _finite_part(points: ArrayLike, faces: ArrayLike | None) -> tuple[FloatArray, IntArray, int]:
@@ -90,9 +95,9 @@ def _unscaled(value: float, scale: float, power: int) -> float:
     return float(value)
 
 
-def _repeated(rows: NDArray[Any]) -> int:
+def _repeated(first: Index) -> int:
     """Count rows that are equal to an earlier one."""
-    return int((first_equal_row(rows) != np.arange(len(rows))).sum())
+    return int((first != np.arange(len(first))).sum())
 
 
 def _diagnose_cloud(surface: Surface) -> dict[str, Any]:
@@ -120,8 +125,8 @@ def _diagnose_faces(surface: Surface) -> dict[str, Any]:
     faces = surface.faces
     assert faces is not None
     values: dict[str, Any] = {
-        "duplicate_faces": _duplicate_faces(faces),
-        "degenerate_faces": int(degenerate_faces(surface).sum()),
+        "duplicate_faces": _repeated(surface.topology.first_equal_face),
+        "degenerate_faces": int(surface.flat_faces.sum()),
         "unused_vertices": int((~surface.used_points).sum()),
         "area": surface.area,
     }
@@ -134,16 +139,10 @@ def _diagnose_faces(surface: Surface) -> dict[str, Any]:
     return values | _lengths(surface.edge_lengths) | _topology(surface) | _facing(surface)
 
 
-def _duplicate_faces(faces: IntArray) -> int:
-    low, high = faces.min(axis=1), faces.max(axis=1)
-    middle = faces.sum(axis=1, dtype=np.int64) - low - high
-    return _repeated(np.stack([low.astype(np.int64), middle, high], axis=1))
-
-
 def _topology(surface: Surface) -> dict[str, Any]:
     table = surface.edge_table
     single, many = table.single, table.counts > 2
-    fan = _corner_fans(surface)
+    fan = surface.topology.corner_fans()
     several = _split_vertices(surface, fan)
     inconsistent = int((~table.pairs[2]).sum())
     loops = _loops(single, fan)
@@ -170,18 +169,6 @@ def _topology(surface: Surface) -> dict[str, Any]:
 def _following(h: Index) -> Index:
     """Return the next half-edge (corner) of the same face."""
     return h + 1 - 3 * (h % 3 == 2)
-
-
-def _corner_fans(surface: Surface) -> IntArray:
-    """Return the fan of each corner, (3m,): corners of one vertex joined across edges of two faces.
-
-    As a corner, half-edge h is the vertex where it starts. That is where the other half-edge of the
-    edge ends when they run opposite ways.
-    """
-    a, b, agree = surface.edge_table.pairs
-    links = np.stack([a, np.where(agree, _following(b), b)], axis=1)
-    ends = np.stack([_following(a), np.where(agree, b, _following(b))], axis=1)
-    return piece_labels(3 * surface.face_count, np.concatenate([links, ends]))
 
 
 def _split_vertices(surface: Surface, fan: IntArray) -> int:

@@ -71,6 +71,8 @@ def far_points(shape: Shape) -> Message | None:
 
 def _largest_part(shape: Shape) -> float:
     """Return the diagonal of the largest component."""
+    if not shape.components.any():
+        return shape.diagonal
     order = np.argsort(shape.components, kind="stable")
     starts = np.flatnonzero(np.diff(shape.components[order], prepend=-1))
     points: FloatArray = shape.points[order]

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from medialis.model.ragged import Ragged
 from medialis.model.segmentation import Segmentation
 from medialis.model.shape import Shape
-from medialis.model.surface import piece_labels
+from medialis.model.topology import piece_labels
 from medialis.surface.surface_graph import nearest_seeds, surface_graph
 from medialis.validation import FloatArray, IntArray
 

@@ -13,10 +13,10 @@ from medialis.files.meshes import read_mesh
 from medialis.model.shape import Shape
 from medialis.progress import Progress, ProgressCallback
 from medialis.surface.cloud_normals import as_viewpoints, estimate_normals
-from medialis.surface.diagnosis import diagnose
+from medialis.surface.diagnosis import examine
 from medialis.surface.far_points import far_points
 from medialis.surface.normals import vertex_normals
-from medialis.surface.repair import repair as repair_mesh
+from medialis.surface.repair import repaired
 from medialis.threads import run_patiently
 from medialis.validation import as_faces, as_normals, as_points
 
@@ -128,11 +128,12 @@ def make_shape(
     """
     progress = Progress.of(progress)
     extra: dict[str, Any] = {}
+    known = None
     views = None if viewpoints is None else as_viewpoints(viewpoints, len(np.asarray(points)))
     if repair:
         given = points, faces, normals
-        diagnosis = run_patiently(lambda: diagnose(*given[:2]), progress)
-        fixed = run_patiently(lambda: repair_mesh(*given), progress)
+        diagnosis, examined = run_patiently(lambda: examine(*given[:2]), progress)
+        fixed, known = run_patiently(lambda: repaired(*given, examined), progress)
         progress.record(*fixed.messages)
         extra = {"diagnosis": diagnosis, "vertex_map": fixed.vertex_map}
         points, faces, normals = fixed.points, fixed.faces, fixed.normals
@@ -155,6 +156,8 @@ def make_shape(
         directions = estimate_normals(vertices, viewpoints=views, progress=progress)
         progress.note(f"The point cloud {lack}; they were estimated and oriented.", code)
     shape = run_patiently(lambda: Shape(vertices, directions, triangles, **extra), progress)
+    if known is not None:
+        shape.adopt(known)
     if repair and (far := run_patiently(lambda: far_points(shape), progress)) is not None:
         progress.record(far)
     return shape

@@ -9,13 +9,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from medialis.errors import InvalidShapeError
 from medialis.kept import Described
-from medialis.model.equal_rows import first_equal_row
 from medialis.model.surface import Surface
 from medialis.progress import Message
 from medialis.surface._flat_faces import flip_flat_faces
 from medialis.surface._folds import faces_to_drop
 from medialis.surface._orientation import agreeing_flips, flipped, outward_flips
-from medialis.surface._volumes import degenerate_faces, piece_volumes, scaled
+from medialis.surface._volumes import piece_volumes, scaled
 from medialis.validation import FloatArray, IntArray, as_faces, as_normals, as_points, frozen
 
 PLURALS = {"vertex": "vertices", "cavity": "cavities"}
@@ -100,7 +99,19 @@ def repair(
     >>> fixed.faces.tolist(), fixed.vertex_map.tolist()
     ([[0, 1, 2]], [0, 1, 2, 1])
     """
+    return repaired(points, faces, normals)[0]
+
+
+def repaired(
+    points: ArrayLike,
+    faces: ArrayLike | None,
+    normals: ArrayLike | None,
+    examined: Surface | None = None,
+) -> tuple[Repair, Surface]:
+    """Repair, given what `examine` found of the same arrays; return what is then known as well."""
     work = _Work.begin(points, faces, normals)
+    if examined is not None and np.array_equal(work.faces, examined.topology.faces):
+        work.faces, work.measured = examined.topology.faces, examined
     work.weld()
     if len(work.faces):
         work.drop_degenerate()
@@ -113,7 +124,7 @@ def repair(
         work.drop_unused()
         work.agree()
         work.turn_outward()
-    return work.result(faces is not None)
+    return work.result(faces is not None), work.surface()
 
 
 @dataclass(eq=False)
@@ -127,7 +138,7 @@ class _Work:
     face_map: IntArray
     given_faces: int
     messages: list[Message]
-    _measured: Surface | None = None
+    measured: Surface | None = None
 
     @classmethod
     def begin(cls, points: ArrayLike, faces: ArrayLike | None, normals: ArrayLike | None) -> _Work:
@@ -160,7 +171,7 @@ class _Work:
         self.messages.append(Message(text.format(words), code, **{plural.split()[-1]: number}))
 
     def weld(self) -> None:
-        first = first_equal_row(self.points)
+        first = self.surface().first_equal_point
         keep = first == np.arange(len(first))
         if keep.all():
             return
@@ -177,8 +188,8 @@ class _Work:
             self._keep_faces(keep)
         if len(self.faces) == 0:
             return
-        surface = self._surface()
-        flat = degenerate_faces(surface)
+        surface = self.surface()
+        flat = surface.flat_faces
         if not flat.any():
             return
         faces, source, turned = flip_flat_faces(surface, flat)
@@ -186,21 +197,20 @@ class _Work:
             text = "Merged {} without area into neighbours by turning an edge."
             self._note(text, "flat_faces_merged", "face", turned)
             self.faces, self.face_map = faces, self.face_map[source]
-        keep = ~degenerate_faces(self._surface())
+        keep = ~self.surface().flat_faces
         if not keep.all():
             self._note("Dropped {} without area.", "flat_faces_dropped", "face", ~keep)
             self._keep_faces(keep)
 
-    def _surface(self) -> Surface:
+    def surface(self) -> Surface:
         """Return the mesh as it is now, at a scale of about 1."""
-        if self._measured is None or self._measured.faces is not self.faces:
-            self._measured = scaled(self.points, frozen(self.faces, np.int32))
-            assert self._measured.faces is not None
-            self.faces = self._measured.faces
-        return self._measured
+        if self.measured is None or self.measured.topology.faces is not self.faces:
+            self.measured = scaled(self.points, frozen(self.faces, np.int32))
+            self.faces = self.measured.topology.faces
+        return self.measured
 
     def drop_duplicate_faces(self) -> None:
-        repeated, folds = faces_to_drop(self.faces, len(self.points))
+        repeated, folds = faces_to_drop(self.surface().topology)
         if repeated.any():
             self._note("Dropped {}.", "duplicates_dropped", "duplicate face", repeated)
         if folds.any():
@@ -217,7 +227,7 @@ class _Work:
             self._keep_points(used)
 
     def agree(self) -> None:
-        flip, one_sided = agreeing_flips(self._surface())
+        flip, one_sided = agreeing_flips(self.surface())
         if flip.any():
             text = "Flipped {} to agree with the neighbours on the outside."
             self._note(text, "faces_flipped", "face", flip)
@@ -227,7 +237,7 @@ class _Work:
             self._note(text, "one_sided", "face", one_sided)
 
     def turn_outward(self) -> None:
-        surface = self._surface()
+        surface = self.surface()
         piece, measured = surface.face_pieces, piece_volumes(surface)
         one_sided = np.zeros(len(measured.closed), bool)
         a, _, opposite = surface.edge_table.pairs

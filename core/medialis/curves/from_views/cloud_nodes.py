@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from medialis.model.surface import piece_labels
+from medialis.model.topology import piece_labels
 from medialis.validation import FloatArray, IntArray
 
 Measure = Callable[[FloatArray], FloatArray]

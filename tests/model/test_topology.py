@@ -1,0 +1,78 @@
+"""Topology: labels against other libraries and slow definitions, and who shares it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+import medialis
+from medialis.model.surface import Surface
+from medialis.model.topology import Topology, piece_labels
+
+
+@pytest.mark.parametrize("links", [0, 1, 40, 90, 400])
+def test_pieces_are_those_of_a_graph_library_numbered_by_their_lowest_node(links):
+    random = np.random.default_rng(links)
+    pairs = random.integers(0, 100, (links, 2))
+    graph = coo_array((np.ones(links), (pairs[:, 0], pairs[:, 1])), shape=(100, 100))
+    labels = piece_labels(100, pairs)
+    assert np.array_equal(labels, connected_components(graph, directed=False)[1])
+    _, first = np.unique(labels, return_index=True)
+    assert (np.diff(first) > 0).all()
+
+
+def _random_faces(count: int, seed: int) -> np.ndarray:
+    return np.random.default_rng(seed).integers(0, 25, (count, 3)).astype(np.int32)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_fans_join_corners_of_one_vertex_across_edges_of_two_faces(seed):
+    faces = _random_faces(40, seed)
+    faces = faces[(faces != np.roll(faces, 1, axis=1)).all(axis=1)]
+    at: dict[tuple[int, int], list[int]] = {}
+    for face, corners in enumerate(faces.tolist()):
+        for j in range(3):
+            a, b = corners[j], corners[(j + 1) % 3]
+            at.setdefault((min(a, b), max(a, b)), []).append(face)
+    links = []
+    for (a, b), around in at.items():
+        if len(around) == 2:
+            f, g = around
+            for vertex in (a, b):
+                corner = [3 * face + faces[face].tolist().index(vertex) for face in (f, g)]
+                links.append(corner)
+    expected = piece_labels(faces.size, np.array(links).reshape(-1, 2))
+    assert np.array_equal(Topology(faces, 25).corner_fans(), expected)
+
+
+def test_equal_faces_are_found_in_any_order_of_their_corners():
+    faces = _random_faces(300, 1) % 7
+    first = Topology(faces, 7).first_equal_face
+    seen: dict[tuple[int, ...], int] = {}
+    for face, corners in enumerate(np.sort(faces, axis=1).tolist()):
+        assert first[face] == seen.setdefault(tuple(corners), face)
+
+
+def test_faces_and_edges_are_measured_as_numpy_does():
+    random = np.random.default_rng(3)
+    faces = _random_faces(60, 4)
+    surface = Surface(random.normal(size=(25, 3)), faces)
+    a, b, c = surface.points[faces.T]
+    assert np.array_equal(surface.face_vectors, np.cross(b - a, c - a))
+    ends = surface.points[surface.edges]
+    assert np.allclose(surface.edge_lengths, np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1))
+    repeated = (faces == np.roll(faces, 1, axis=1)).any(axis=1)
+    assert repeated.any() and np.array_equal(surface.flat_faces, repeated)
+
+
+def test_what_is_known_of_the_faces_is_found_once_for_examination_repair_and_shape():
+    """Reading sorted all half-edges three times: the file's, the repaired mesh's, the shape's."""
+    given = medialis.organic_shape(56)
+    shape = medialis.make_shape(given.points, given.faces, repair=True)
+    assert "edge_table" in vars(shape.topology)
+    # Another order of the faces is another topology.
+    other = Surface(given.points, given.faces[::-1]).adopt(shape)
+    assert other.topology is not shape.topology
+    assert Surface(given.points * 2, given.faces).adopt(shape).topology is shape.topology
