@@ -51,6 +51,9 @@ class Kind(StrEnum):
     """Path of a file to read; empty: none."""
 
 
+NUMBERS = (Kind.FLOAT, Kind.INT, Kind.LENGTH, Kind.ANGLE)
+
+
 @dataclass(frozen=True)
 class Parameter:
     """What is known of one option.

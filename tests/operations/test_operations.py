@@ -1,12 +1,15 @@
 """Every registered operation: declaration, run on real and generated shapes, result, writing."""
 
 import json
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import medialis
+from medialis.operations.names import named_operations
 from medialis.operations.registry import OPERATIONS
 
 REAL = Path(__file__).resolve().parents[3] / "shared" / "shapes"
@@ -212,3 +215,32 @@ def test_note_on_infinite_importance_counts_what_the_result_holds():
     assert result.values["between_parts"] > 0
     (told,) = (m for m in progress.messages if m.code == "between_parts")
     assert told.data["infinite"] == infinite
+
+
+def test_names_are_read_without_loading_what_they_name():
+    """`medialis --help` loaded every algorithm, and numpy, to print one line of each."""
+    code = (
+        "import sys\n"
+        "from medialis.operations.names import named_operations\n"
+        "print(*(f'{n.name}|{n.first_line}|{n.order:g}' for n in named_operations()), sep='\\n')\n"
+        "assert 'numpy' not in sys.modules and 'medialis.operations.registry' not in sys.modules"
+    )
+    told = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
+    expected = [f"{o.name}|{o.help.splitlines()[0]}|{o.order:g}" for o in OPERATIONS]
+    assert told.stdout.splitlines() == expected
+
+
+def test_a_name_that_is_not_written_out_is_found_by_loading(monkeypatch, tmp_path):
+    (tmp_path / "made_by_code.py").write_text(
+        "from dataclasses import replace\n"
+        "from medialis.operations import thickness\n"
+        "OPERATION = replace(thickness.OPERATION, name='made_by_code')\n"
+    )
+    medialis.operation("thickness")  # loaded while its folder is still the package's
+    monkeypatch.setattr(medialis.operations, "__path__", [str(tmp_path)])
+    named_operations.cache_clear()
+    try:
+        assert [n.name for n in named_operations()] == ["made_by_code"]
+    finally:
+        named_operations.cache_clear()
+        sys.modules.pop("medialis.operations.made_by_code", None)

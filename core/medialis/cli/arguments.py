@@ -5,19 +5,18 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from medialis.cli.display import STYLES, say
 from medialis.errors import InvalidOptionError
-from medialis.operations.declaration import Kind, Operation, Parameter
-from medialis.operations.registry import OPERATIONS
-from medialis.operations.writing import GRAPH_FORMATS
-from medialis.version import package_version
+from medialis.operations.names import named_operations
+
+if TYPE_CHECKING:
+    from medialis.operations.declaration import Operation, Parameter
 
 Command = Callable[[argparse.Namespace], int]
 
 EXIT_OK, EXIT_BAD_INPUT, EXIT_SOME_FAILED, EXIT_CANCELLED = 0, 2, 3, 130
-NUMBERS = (Kind.FLOAT, Kind.INT, Kind.LENGTH, Kind.ANGLE)
 
 _EPILOG = """exit codes: 0 done; 2 bad input or options (one line on stderr); 3 a batch is done but
 some of its results failed (the table says why); 130 cancelled.
@@ -44,18 +43,37 @@ class _Parser(argparse.ArgumentParser):
         raise InvalidOptionError(f"{message} (see {self.prog} --help)")
 
 
-def build_parser(run: Command, commands: Mapping[str, Command]) -> argparse.ArgumentParser:
-    """Return the parser; `run` is the command of every operation, `commands` the others by name."""
+class _Version(argparse.Action):
+    """Looks the version up when it is asked for."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *rest: Any) -> None:
+        from medialis.version import package_version
+
+        say(f"medialis {package_version()}")
+        parser.exit()
+
+
+def build_parser(
+    run: Command, commands: Mapping[str, Command], chosen: str = ""
+) -> argparse.ArgumentParser:
+    """Return the parser; `run` is the command of every operation, `commands` the others by name.
+
+    Of the operations only the `chosen` one is loaded and has its parameters.
+    """
     parser = _Parser(
         prog="medialis",
         description="Medial descriptors of 3D shapes: skeletons, thickness, parts.",
         epilog=_EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("--version", action="version", version=f"medialis {package_version()}")
+    parser.add_argument("--version", action=_Version, nargs=0, help="print the version and exit")
     group = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
-    for chosen in OPERATIONS:
-        _add_operation(group, chosen, run)
+    for named in named_operations():
+        sub = group.add_parser(named.command, help=named.first_line)
+        if named.command == chosen:
+            from medialis.operations.registry import operation
+
+            _add_operation(sub, operation(named.name), run)
 
     def add(name: str, help_text: str) -> argparse.ArgumentParser:
         sub = group.add_parser(name, help=help_text, description=help_text)
@@ -104,15 +122,11 @@ def with_dashes(arguments: Sequence[str]) -> list[str]:
     return result
 
 
-def _add_operation(group: Any, chosen: Operation, run: Command) -> None:
-    first = chosen.help.splitlines()[0]
-    sub = group.add_parser(
-        chosen.name.replace("_", "-"),
-        help=first,
-        description=chosen.full_help,
-        epilog=_EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+def _add_operation(sub: argparse.ArgumentParser, chosen: Operation, run: Command) -> None:
+    from medialis.operations.writing import GRAPH_FORMATS
+
+    sub.description, sub.epilog = chosen.full_help, _EPILOG
+    sub.formatter_class = argparse.RawDescriptionHelpFormatter
     sub.add_argument("file", help="PLY, OBJ, OFF, STL or point text; more with the extra io")
     sub.add_argument(
         "-o", "--output", help="output folder (default: FILE's name + -medialis, here)"
@@ -181,6 +195,8 @@ def _add_batch(sub: argparse.ArgumentParser) -> None:
 
 
 def _add_parameter(group: Any, parameter: Parameter) -> None:
+    from medialis.options import Kind
+
     flag = "--" + parameter.name.replace("_", "-")
     text = f"{parameter.help} (default: {parameter.default})".replace("%", "%%")
     if parameter.kind is Kind.BOOL:

@@ -10,11 +10,12 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from medialis.cli.arguments import EXIT_CANCELLED, EXIT_OK, EXIT_SOME_FAILED, NUMBERS, number
+from medialis.cli.arguments import EXIT_CANCELLED, EXIT_OK, EXIT_SOME_FAILED, number
 from medialis.cli.display import clear_bar, say, shown_progress
 from medialis.errors import Cancelled, InvalidOptionError
-from medialis.operations.declaration import Kind, Operation
+from medialis.operations.declaration import Operation
 from medialis.operations.registry import operation
+from medialis.options import NUMBERS, Kind
 
 
 def run_batch(options: argparse.Namespace) -> int:

@@ -15,28 +15,22 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import FrameType
-from typing import Any
-
-import numpy as np
+from typing import TYPE_CHECKING, Any
 
 from medialis.cli.arguments import (
     EXIT_BAD_INPUT,
     EXIT_CANCELLED,
     EXIT_OK,
-    NUMBERS,
     build_parser,
     number,
     with_dashes,
 )
-from medialis.cli.batch_command import run_batch
 from medialis.cli.display import clear_bar, say, shown_progress
 from medialis.errors import Cancelled, InvalidShapeError, MedialisError
-from medialis.operations.declaration import Operation
-from medialis.operations.registry import OPERATIONS, operation, run
-from medialis.operations.result import value_lines
-from medialis.operations.writing import GRAPH_FORMATS
-from medialis.threads import run_patiently, thread_limit
-from medialis.validation import as_choice, as_whole_number
+from medialis.operations.names import named_operations
+
+if TYPE_CHECKING:
+    from medialis.operations.declaration import Operation
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -46,7 +40,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         with _ending_as_interrupt(interrupts):
             given = with_dashes(sys.argv[1:] if arguments is None else arguments)
-            options = build_parser(_run_operation, COMMANDS).parse_args(given)
+            parser = build_parser(_run_operation, COMMANDS, chosen=given[0] if given else "")
+            options = parser.parse_args(given)
             _configure_log(options)
             code: int = options.command(options)
             sys.stdout.flush()
@@ -123,6 +118,10 @@ def _configure_log(options: argparse.Namespace) -> None:
 
 
 def _run_operation(options: argparse.Namespace) -> int:
+    from medialis.operations.writing import GRAPH_FORMATS
+    from medialis.options import NUMBERS
+    from medialis.validation import as_choice, as_whole_number
+
     chosen: Operation = options.operation
     given = {}
     for parameter in chosen.parameters:
@@ -149,9 +148,11 @@ def _compute(
     name: str, file: str | None, output: str, given: dict[str, Any], options: argparse.Namespace
 ) -> dict[str, Any]:
     from medialis.hosts.handover import write_for_host
+    from medialis.operations.registry import run
     from medialis.operations.writing import Pictures, write_result
     from medialis.surface.generate import organic_shape
     from medialis.surface.reading import read_shape
+    from medialis.threads import thread_limit
 
     clock = time.perf_counter()
     threads = getattr(options, "threads", None)
@@ -192,6 +193,7 @@ def _compute(
 
 def _report(manifest: dict[str, Any], options: argparse.Namespace) -> None:
     from medialis.files.results import json_text
+    from medialis.operations.result import value_lines
 
     if getattr(options, "json", False):
         say(json_text(manifest))
@@ -210,6 +212,8 @@ def _report(manifest: dict[str, Any], options: argparse.Namespace) -> None:
 
 
 def _info(options: argparse.Namespace) -> int:
+    import numpy as np
+
     from medialis.files.meshes import read_mesh
     from medialis.files.results import json_text
     from medialis.model.shape import Shape
@@ -217,6 +221,7 @@ def _info(options: argparse.Namespace) -> int:
     from medialis.surface.diagnosis import diagnose
     from medialis.surface.far_points import far_points
     from medialis.surface.repair import repair
+    from medialis.threads import run_patiently
 
     progress, repaired = Progress(), None
     mesh = run_patiently(lambda: read_mesh(options.file), progress)
@@ -247,12 +252,14 @@ def _info(options: argparse.Namespace) -> int:
 
 
 def _list(options: argparse.Namespace) -> int:
-    for chosen in OPERATIONS:
-        say(f"{chosen.name.replace('_', '-'):24} {chosen.help.splitlines()[0]}")
+    for named in named_operations():
+        say(f"{named.command:24} {named.first_line}")
     return EXIT_OK
 
 
 def _describe(options: argparse.Namespace) -> int:
+    from medialis.operations.registry import OPERATIONS, operation
+
     chosen = [operation(options.operation)] if options.operation else list(OPERATIONS)
     if options.json:
         say(json.dumps([entry.describe() for entry in chosen], indent=2, allow_nan=False))
@@ -271,6 +278,7 @@ def _describe(options: argparse.Namespace) -> int:
 
 def _warmup(options: argparse.Namespace) -> int:
     from medialis.operations.pictures import draw_result
+    from medialis.operations.registry import OPERATIONS, run
     from medialis.surface.generate import organic_shape
 
     clock = time.perf_counter()
@@ -286,6 +294,12 @@ def _warmup(options: argparse.Namespace) -> int:
     mark_compiled()
     say(f"Kernels ready in {time.perf_counter() - clock:.1f} s; cache: {kernel_cache()}")
     return EXIT_OK
+
+
+def _batch(options: argparse.Namespace) -> int:
+    from medialis.cli.batch_command import run_batch
+
+    return run_batch(options)
 
 
 def _doctor(options: argparse.Namespace) -> int:
@@ -316,7 +330,7 @@ COMMANDS = {
     "info": _info,
     "list": _list,
     "describe": _describe,
-    "batch": run_batch,
+    "batch": _batch,
     "warmup": _warmup,
     "demo": _demo,
     "doctor": _doctor,

@@ -3,34 +3,37 @@
 from __future__ import annotations
 
 import importlib
-import pkgutil
 import time
 from dataclasses import fields
 from typing import Any
 
-import medialis.operations
 from medialis.errors import InvalidOptionError, InvalidShapeError
 from medialis.kept import kept
 from medialis.model.shape import Shape
 from medialis.operations.declaration import Operation
 from medialis.operations.far import moved, near_origin, offset_of
+from medialis.operations.names import Named, named_operations
 from medialis.operations.result import Outcome, Result
 from medialis.progress import Progress, ProgressCallback
 from medialis.threads import thread_limit
 
-
-def _declared() -> tuple[Operation, ...]:
-    """Import the modules of this package, and return the operations that they declare."""
-    found = []
-    for module in pkgutil.iter_modules(medialis.operations.__path__):
-        loaded = importlib.import_module(f"medialis.operations.{module.name}")
-        if isinstance(declared := getattr(loaded, "OPERATION", None), Operation):
-            found.append(declared)
-    return tuple(sorted(found, key=lambda declared: (declared.order, declared.name)))
-
-
-OPERATIONS: tuple[Operation, ...] = _declared()
+OPERATIONS: tuple[Operation, ...]
 """Every module of this package with an `OPERATION`, in the order in which hosts list them."""
+
+
+def __getattr__(name: str) -> Any:
+    """Load all operations when they are first asked for: a command needs its own alone."""
+    if name != "OPERATIONS":
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    globals()[name] = tuple(_loaded(named) for named in named_operations())
+    return globals()[name]
+
+
+def _loaded(named: Named) -> Operation:
+    declared = importlib.import_module(named.module).OPERATION
+    assert isinstance(declared, Operation)
+    return declared
+
 
 SMALLEST_SIZE, LARGEST_SIZE = 1e-30, 1e30
 """Diagonals for which sixth powers and the float32 depths of pictures stay in range."""
@@ -54,10 +57,13 @@ def operation(name: str) -> Operation:
     >>> medialis.operation("thickness").label
     'Thickness'
     """
-    for candidate in OPERATIONS:
-        if name in (candidate.name, candidate.name.replace("_", "-"), candidate.filter_name):
+    for named in named_operations():
+        if name in (named.name, named.command):
+            return _loaded(named)
+    for candidate in map(_loaded, named_operations()):
+        if name == candidate.filter_name:
             return candidate
-    known = ", ".join(candidate.name for candidate in OPERATIONS)
+    known = ", ".join(named.name for named in named_operations())
     raise InvalidOptionError(f"There is no operation {name!r}; there are {known}.")
 
 
