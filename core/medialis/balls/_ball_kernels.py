@@ -78,20 +78,25 @@ def _is_certain(known, cx, cy, cz, rest):
 @kernel
 def shrink_balls(
     begin, end, sign, tolerance, a, largest, near2, margin,
-    points, normals, order, blocks, bounds, child, depth,
+    points, normals, samples, order, blocks, bounds, child, depth,
     out_centers, out_radii, out_features, out_status, out_angles,
 ):  # fmt: skip
-    """Maximal balls of the samples begin..end (tree order); outputs are in the original order."""
+    """Maximal balls of the samples begin..end (tree order); outputs are in the original order.
+
+    Or of the balls begin..end where `samples` tells the sample of each: `normals` are those of the
+    balls then, and so are the outputs.
+    """
     n = len(points)
     stack = np.empty(8 * 12 + 8, np.int64)  # 8 children on each of at most 11 wide levels
     hits = np.empty(FAN, np.int32)
     previous = -1  # leaf of the last second feature point: the warm start
     known = np.full((4, KNOWN), np.inf)  # certificates: last centers x, y, z and a - r0
     turn = 0
-    for i in range(begin, end):
-        source = order[i]
+    for ball in range(begin, end):
+        i = samples[ball] if len(samples) else ball
+        source = ball if len(samples) else order[i]
         px, py, pz = points[i, 0], points[i, 1], points[i, 2]
-        nx, ny, nz = sign * normals[i, 0], sign * normals[i, 1], sign * normals[i, 2]
+        nx, ny, nz = sign * normals[ball, 0], sign * normals[ball, 1], sign * normals[ball, 2]
         if nx == 0.0 and ny == 0.0 and nz == 0.0:
             out_status[source] = NO_NORMAL
             continue

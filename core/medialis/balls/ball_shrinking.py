@@ -149,6 +149,9 @@ def shrink(shape: Shape, options: ShrinkOptions, progress: Progress) -> tuple[Me
     return _shrink(shape, options.tolerance, options.largest_radius, signs, progress)
 
 
+_EVERY = np.empty(0, np.int32)
+
+
 @dataclass(frozen=True)
 class Shrinking:
     """Lengths of a run in units of the tree, and the call of the kernel; see `shrink_options`."""
@@ -161,19 +164,27 @@ class Shrinking:
     margin: float
 
     def run(
-        self, tree: BoxTree, begin: int, end: int, sign: int, out: tuple[NDArray[Any], ...]
+        self,
+        tree: BoxTree,
+        begin: int,
+        end: int,
+        sign: int,
+        out: tuple[NDArray[Any], ...],
+        tangents: tuple[NDArray[np.int32], FloatArray] | None = None,
     ) -> None:
         """Shrink the balls of the samples begin..end (tree order) on one side.
 
         `out` is centers, radii, second feature points, status and spoke angles in the order of the
         input. A range that starts at a multiple of SAMPLES_A_CHUNK and holds whole chunks gives the
-        same bits whoever runs the others.
+        same bits whoever runs the others. With `tangents`, samples (tree order) and outward normals
+        of balls, it shrinks the balls begin..end of these.
         """
         from medialis.balls._ball_kernels import shrink_balls
 
+        samples, normals = (_EVERY, tree.normals) if tangents is None else tangents
         shrink_balls(
             begin, end, float(sign), self.tolerance, self.clearance, self.largest, self.near2,
-            self.margin, tree.points, tree.normals, tree.order, tree.blocks, tree.bounds,
+            self.margin, tree.points, normals, samples, tree.order, tree.blocks, tree.bounds,
             tree.child, tree.depth, *out,
         )  # fmt: skip
 

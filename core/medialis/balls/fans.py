@@ -63,11 +63,7 @@ def with_fans(cloud: MedialCloud, options: BallOptions, progress: Progress) -> M
     parts = [cloud]
     for sign in signs:
         sources, directions = _directions(cloud, creases, int(sign))
-        turn = _occurrences(sources)
-        for level in range(int(turn.max(initial=-1)) + 1):
-            rows = turn == level
-            balls = _balls(walls, sources[rows], directions[rows], int(sign), options, progress)
-            parts.append(balls)
+        parts.append(_balls(walls, sources, directions, int(sign), options, progress))
     columns: dict[str, Any] = {
         name: np.concatenate([getattr(part, name) for part in parts]) for name in COLUMNS
     }
@@ -102,17 +98,6 @@ def _directions(
     return vertex[pair], directions / np.linalg.norm(directions, axis=1, keepdims=True)
 
 
-def _occurrences(values: NDArray[np.int32]) -> NDArray[np.int64]:
-    """Return how often each value came before."""
-    order = np.argsort(values, kind="stable")
-    ordered = values[order]
-    first = np.flatnonzero(np.diff(ordered, prepend=-1))
-    count = np.diff(np.append(first, len(values)))
-    result = np.empty(len(values), np.int64)
-    result[order] = np.arange(len(values)) - np.repeat(first, count)
-    return result
-
-
 def _balls(
     walls: Walls,
     sources: NDArray[np.int32],
@@ -121,24 +106,20 @@ def _balls(
     options: ShrinkOptions,
     progress: Progress,
 ) -> MedialCloud:
-    """Return the balls of some samples, each once, with outward normals of their own."""
-    shape, n = walls.shape, walls.shape.point_count
-    normals = np.zeros((n, 3))
-    normals[sources] = directions
-    tree = replace(walls.tree, normals=normals[walls.tree.order])
+    """Return the balls of some samples with outward normals of their own."""
+    shape, count = walls.shape, len(sources)
+    place = np.empty(shape.point_count, np.int32)
+    place[walls.tree.order] = np.arange(shape.point_count, dtype=np.int32)
+    order = np.argsort(place[sources], kind="stable")  # neighbours share what they find
+    sources, directions = sources[order], directions[order]
     run = shrink_options(shape.diagonal, options.tolerance, options.largest_radius)
-    chunks = np.unique(np.flatnonzero(tree.normals.any(axis=1)) // SAMPLES_A_CHUNK)
-    arrays = blank_balls(n)
+    arrays, tangents = blank_balls(count), (place[sources], directions)
 
     def work(begin: int, end: int) -> None:
-        for chunk in chunks[begin:end]:
-            first = int(chunk) * SAMPLES_A_CHUNK
-            run.run(tree, first, min(first + SAMPLES_A_CHUNK, n), sign, arrays)
+        run.run(walls.tree, begin, end, sign, arrays, tangents)
 
-    run_chunks(work, len(chunks), 1, progress=progress)
-    mine = tuple(values[sources] for values in arrays)
-    side = np.full(len(sources), sign, np.int8)
-    balls = run.to_cloud(shape, tree, mine, sources, side)
+    run_chunks(work, count, SAMPLES_A_CHUNK, progress=progress)
+    balls = run.to_cloud(shape, walls.tree, arrays, sources, np.full(count, sign, np.int8))
     balls = walls.constrain(balls, options.tolerance, progress, directions=sign * directions)
     at_own = balls.radii <= options.tolerance * shape.diagonal
     return balls.subset(balls.valid & ~at_own)
