@@ -1,0 +1,148 @@
+"""Kernels of the noise of a surface: rings of vertices, and quadrics through them (see noise.py)."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from medialis._kernels.jit import kernel
+
+SINGULAR = 1e-9  # weight of the six terms: neighbours on one line or conic
+
+
+@kernel
+def list_links(edges, used, out_offsets):
+    """Neighbours of each vertex along the edges between used ones; `out_offsets` (n + 2,) is 0."""
+    for e in range(len(edges)):
+        a, b = edges[e, 0], edges[e, 1]
+        if used[a] and used[b]:
+            out_offsets[a + 2] += 1
+            out_offsets[b + 2] += 1
+    for v in range(1, len(out_offsets)):
+        out_offsets[v] += out_offsets[v - 1]
+    neighbours = np.empty(out_offsets[-1], np.int32)
+    for e in range(len(edges)):
+        a, b = edges[e, 0], edges[e, 1]
+        if used[a] and used[b]:
+            neighbours[out_offsets[a + 1]] = b
+            neighbours[out_offsets[b + 1]] = a
+            out_offsets[a + 1] += 1
+            out_offsets[b + 1] += 1
+    return neighbours
+
+
+@kernel
+def find_rings(rows, steps, offsets, neighbours, out_rings, out_counts):
+    """Vertices within some steps of each row, without itself; one more than fit: too many."""
+    most = out_rings.shape[1]
+    seen = np.full(len(offsets) - 2, -1, np.int32)
+    for k in range(len(rows)):
+        seen[rows[k]] = k
+        count, begin, end = 0, 0, 0
+        for step in range(steps):
+            for at in range(begin - (step == 0), end):
+                v = rows[k] if step == 0 else out_rings[k, at]
+                for i in range(offsets[v], offsets[v + 1]):
+                    w = neighbours[i]
+                    if seen[w] == k:
+                        continue
+                    seen[w] = k
+                    if count < most:
+                        out_rings[k, count] = w
+                    count += 1
+                    if count > most:
+                        break
+                if count > most:
+                    break
+            if count > most:
+                break
+            begin, end = end, count
+        out_counts[k] = count
+
+
+@kernel
+def measure_spread(points, rows, rings, counts, out_spread):
+    """Covariance of each ring round its mean; `out_spread` (k, 4, 3), the mean as last row."""
+    for k in range(len(rows)):
+        count = counts[k]
+        for axis in range(3):
+            total = 0.0
+            for i in range(count):
+                total += points[rings[k, i], axis]
+            out_spread[k, 3, axis] = total / count
+        for a in range(3):
+            for b in range(3):
+                total = 0.0
+                for i in range(count):
+                    v = rings[k, i]
+                    x = points[v, a] - out_spread[k, 3, a]
+                    total += x * (points[v, b] - out_spread[k, 3, b])
+                out_spread[k, a, b] = total / count
+
+
+@kernel
+def _fill_terms(u, v, terms):
+    terms[0], terms[1], terms[2], terms[3], terms[4], terms[5] = 1.0, u, v, u * u, u * v, v * v
+
+
+@kernel
+def _solve(matrix, x):
+    """Solve a symmetric positive system for columns x, in place, by its factors L D L^T."""
+    size = len(x)
+    for i in range(size):
+        for j in range(i):
+            for k in range(j):
+                matrix[i, j] -= matrix[i, k] * matrix[j, k] * matrix[k, k]
+            matrix[i, j] /= matrix[j, j]
+        for k in range(i):
+            matrix[i, i] -= matrix[i, k] * matrix[i, k] * matrix[k, k]
+    for column in range(x.shape[1]):
+        for i in range(size):
+            for k in range(i):
+                x[i, column] -= matrix[i, k] * x[k, column]
+        for i in range(size):
+            x[i, column] /= matrix[i, i]
+        for i in range(size - 1, -1, -1):
+            for k in range(i + 1, size):
+                x[i, column] -= matrix[k, i] * x[k, column]
+
+
+@kernel
+def measure_off_quadrics(points, rows, rings, counts, means, axes, sizes, out_away):
+    """Distance of each row from the quadric through its ring, in deviations of equal noise.
+
+    `axes` (k, 3, 3) has the normal as its first column, `sizes` (k,) the extent of the ring. What
+    the noise of the ring makes of the quadric divides the distance.
+    """
+    matrix, right, terms = np.empty((6, 6)), np.empty((6, 2)), np.empty(6)
+    for k in range(len(rows)):
+        matrix[:] = 0.0
+        right[:] = 0.0
+        count, size = counts[k], sizes[k]
+        for i in range(count + 1):
+            v = rings[k, i] if i < count else rows[k]
+            x, y, z = (
+                points[v, 0] - means[k, 0],
+                points[v, 1] - means[k, 1],
+                points[v, 2] - means[k, 2],
+            )
+            h = (x * axes[k, 0, 0] + y * axes[k, 1, 0] + z * axes[k, 2, 0]) / size
+            s = (x * axes[k, 0, 2] + y * axes[k, 1, 2] + z * axes[k, 2, 2]) / size
+            t = (x * axes[k, 0, 1] + y * axes[k, 1, 1] + z * axes[k, 2, 1]) / size
+            _fill_terms(s, t, terms)
+            if i == count:
+                break
+            for a in range(6):
+                right[a, 0] += terms[a] * h
+                for b in range(a + 1):
+                    matrix[a, b] += terms[a] * terms[b]
+        for a in range(6):
+            matrix[a, a] += SINGULAR * count
+            right[a, 1] = terms[a]  # of the row itself
+        _solve(matrix, right)
+        away, carried = h, 0.0
+        for a in range(6):
+            away -= right[a, 0] * terms[a]
+            carried += right[a, 1] * terms[a]
+        out_away[k] = abs(away) / math.sqrt(1.0 + max(carried, 0.0)) * size
