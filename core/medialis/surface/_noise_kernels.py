@@ -1,4 +1,4 @@
-"""Kernels of the noise of a surface: rings of vertices, and quadrics through them (see noise.py)."""
+"""Kernels of the noise of a surface (noise.py): rings of vertices, and quadrics through them."""
 
 from __future__ import annotations
 
