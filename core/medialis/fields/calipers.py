@@ -184,29 +184,16 @@ def _thinnest_places(
 ) -> tuple[FloatArray, float]:
     """Return places of two patches with the smallest ball between them, (2, 3), and its diameter.
 
-    Two triangles are closest at a corner of one of them, or on an edge of each. Of equal balls the
-    one nearest to the places before is taken.
+    The places stay, and the diameter is inf, where no two faces face each other.
     """
-    sides = _Side.of(shape, one), _Side.of(shape, other)
-    second, first = _corner_feet(*sides)
-    third, fourth = _corner_feet(*sides[::-1])
-    fifth, sixth = _edge_feet(*sides)
-    a = np.concatenate([first, third, fifth])
-    b = np.concatenate([second, fourth, sixth])
-    away = a[:, 0] - b[:, 0]
-    length = np.linalg.norm(away, axis=1)
-    along = np.einsum("pa,pa->p", _unit(a[:, 1]), away)
-    back = -np.einsum("pa,pa->p", _unit(b[:, 1]), away)
-    lean = np.minimum(along, back)  # lengths times cosines
-    touching = lean >= ACROSS * length
-    diameter = np.full(len(length), np.inf)
-    np.divide(length * length, lean, out=diameter, where=touching & (lean > 0))
-    diameter[length <= EQUAL * shape.diagonal] = 0.0
-    equal = np.flatnonzero(diameter <= diameter.min() * (1.0 + EQUAL))
-    moved = np.linalg.norm(a[equal, 0] - before[0], axis=1)
-    moved += np.linalg.norm(b[equal, 0] - before[1], axis=1)
-    best = equal[np.argmin(moved)]
-    return np.stack([a[best, 0], b[best, 0]]), float(diameter[best])
+    from medialis.fields._caliper_kernels import find_thinnest
+
+    a, b, ends = _Side.of(shape, one), _Side.of(shape, other), np.array(before)
+    diameter = find_thinnest(
+        a.vertices, a.faces, a.edges, b.vertices, b.faces, b.edges,
+        before, ACROSS, EQUAL * shape.diagonal, EQUAL, ends,
+    )  # fmt: skip
+    return ends, float(diameter)
 
 
 @dataclass(frozen=True)
@@ -240,42 +227,6 @@ class _Side:
         normals = np.where((steep < STEEP)[:, None], _unit(total), normals)
         edges = np.unique(np.sort(faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1), axis=0)
         return cls(np.stack([shape.points[vertices], normals], axis=1), faces, edges)
-
-
-def _corner_feet(one: _Side, other: _Side) -> tuple[FloatArray, FloatArray]:
-    """Return the vertices of the other side, and the place of each face of one nearest to each.
-
-    Both are (p, 2, 3): places and normals, of any length.
-    """
-    v, f = (index.ravel() for index in np.indices((len(other.vertices), len(one.faces))))
-    corners = one.vertices[one.faces[f]]
-    weights = _nearest_weights(other.vertices[v, 0], np.ascontiguousarray(corners[:, :, 0]))
-    return other.vertices[v], np.einsum("pj,pjka->pka", weights, corners)
-
-
-def _edge_feet(one: _Side, other: _Side) -> tuple[FloatArray, FloatArray]:
-    """Return where the lines of edges of two sides are closest, within both edges."""
-    i, j = (index.ravel() for index in np.indices((len(one.edges), len(other.edges))))
-    p, q = one.vertices[one.edges], other.vertices[other.edges]
-    s, t = _closest_parameters(p[i, :, 0], q[j, :, 0])
-    within = np.flatnonzero((s >= 0) & (s <= 1) & (t >= 0) & (t <= 1))
-    p, q, s, t = p[i[within]], q[j[within]], s[within], t[within]
-    return _between(p, s), _between(q, t)
-
-
-def _between(ends: FloatArray, share: FloatArray) -> FloatArray:
-    part = share[:, None, None]
-    return np.asarray((1.0 - part) * ends[:, 0] + part * ends[:, 1])
-
-
-def _closest_parameters(p: FloatArray, q: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return where along edges (e, 2, 3) their lines are closest, 0..1; NaN where parallel."""
-    u, v, w = p[:, 1] - p[:, 0], q[:, 1] - q[:, 0], p[:, 0] - q[:, 0]
-    uu, uv, vv = (np.einsum("ij,ij->i", *pair) for pair in ((u, u), (u, v), (v, v)))
-    uw, vw = np.einsum("ij,ij->i", u, w), np.einsum("ij,ij->i", v, w)
-    bottom = uu * vv - uv * uv
-    bottom = np.where(bottom > 1e-12 * uu * vv, bottom, np.nan)
-    return (uv * vw - vv * uw) / bottom, (uu * vw - uv * uw) / bottom
 
 
 def _unit(vectors: FloatArray) -> FloatArray:
