@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from medialis._kernels.jit import kernel
 
 
@@ -27,22 +25,20 @@ def join(parent, i, j):
 
 
 @kernel
-def number_pieces(parent):
-    """Piece of each element, (n,) int32, numbered by their lowest elements; made by `join`."""
-    label, count = np.empty(len(parent), np.int32), 0
+def number_pieces(parent, out_label):
+    """Piece of each element, (n,), numbered by their lowest elements; `parent` made by `join`."""
+    count = 0
     for i in range(len(parent)):
         if parent[i] == i:
-            label[i] = count
+            out_label[i] = count
             count += 1
         else:
-            label[i] = label[parent[i]]  # never above i
-    return label
+            out_label[i] = out_label[parent[i]]  # never above i
 
 
 @kernel
-def label_pieces(count, links):
-    """Piece of each of `count` elements that links (e, 2) int64 join, as `number_pieces`."""
-    parent = np.arange(count).astype(np.int32)
+def label_pieces(links, parent, out_label):
+    """Piece of each element that links (e, 2) int64 join; `parent` is 0, 1, 2 and so on."""
     for k in range(len(links)):
         join(parent, links[k, 0], links[k, 1])
-    return number_pieces(parent)
+    number_pieces(parent, out_label)

@@ -184,16 +184,19 @@ def _thinnest_places(
 ) -> tuple[FloatArray, float]:
     """Return places of two patches with the smallest ball between them, (2, 3), and its diameter.
 
-    The places stay, and the diameter is inf, where no two faces face each other.
+    Two triangles are closest at a corner of one of them, or on an edge of each. Of equal balls the
+    one nearest to the places before is taken. The places stay, and the diameter is inf, where no
+    two faces face each other.
     """
-    from medialis.fields._caliper_kernels import find_thinnest
+    from medialis.fields._caliper_kernels import try_corners, try_edges
 
     a, b, ends = _Side.of(shape, one), _Side.of(shape, other), np.array(before)
-    diameter = find_thinnest(
-        a.vertices, a.faces, a.edges, b.vertices, b.faces, b.edges,
-        before, ACROSS, EQUAL * shape.diagonal, EQUAL, ends,
-    )  # fmt: skip
-    return ends, float(diameter)
+    best, p, q = np.full(3, np.inf), np.empty(6), np.empty(6)
+    found = before, np.array([ACROSS, EQUAL * shape.diagonal, EQUAL]), best, ends
+    try_corners(a.vertices, a.faces, b.vertices, p, q, p, q, *found)
+    try_corners(b.vertices, b.faces, a.vertices, q, p, p, q, *found)
+    try_edges(a.vertices, a.edges, b.vertices, b.edges, p, q, *found)
+    return ends, float(best[1])
 
 
 @dataclass(frozen=True)
@@ -202,7 +205,7 @@ class _Side:
 
     Attributes
     ----------
-    vertices : (v, 2, 3) float64
+    vertices : (v, 6) float64
         Place and normal: of the smooth surface, but at a crease of the faces of the patch alone.
     faces : (f, 3) int
     edges : (e, 2) int
@@ -226,7 +229,7 @@ class _Side:
             np.add.at(total, v, flat)
         normals = np.where((steep < STEEP)[:, None], _unit(total), normals)
         edges = np.unique(np.sort(faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1), axis=0)
-        return cls(np.stack([shape.points[vertices], normals], axis=1), faces, edges)
+        return cls(np.hstack([shape.points[vertices], normals]), faces, edges)
 
 
 def _unit(vectors: FloatArray) -> FloatArray:

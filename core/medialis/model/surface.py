@@ -101,7 +101,9 @@ class Surface(Bound):
             return frozen(np.empty((0, 3)), np.float64)
         from medialis.model._surface_kernels import cross_faces
 
-        return frozen(cross_faces(self.points, self.faces), np.float64)
+        vectors = np.empty((self.face_count, 3))
+        cross_faces(self.points, self.faces, vectors)
+        return frozen(vectors, np.float64)
 
     @cached_property
     def face_areas(self) -> FloatArray:
@@ -123,7 +125,8 @@ class Surface(Bound):
             return frozen(np.zeros(0), np.bool_)
         from medialis.model._surface_kernels import find_flat_faces
 
-        flat = find_flat_faces(self.points, self.faces, self.face_areas, FLAT_HEIGHT)
+        flat = np.empty(self.face_count, np.bool_)
+        find_flat_faces(self.points, self.faces, self.face_areas, FLAT_HEIGHT, flat)
         return frozen(flat, np.bool_)
 
     @property
@@ -172,7 +175,9 @@ class Surface(Bound):
         """Length of each edge, (e,)."""
         from medialis.model._surface_kernels import measure_edges
 
-        return frozen(measure_edges(self.points, self.edges), np.float64)
+        lengths = np.empty(len(self.edges))
+        measure_edges(self.points, self.edges, lengths)
+        return frozen(lengths, np.float64)
 
     @property
     def edge_twins(self) -> IntArray:

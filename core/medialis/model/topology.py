@@ -73,13 +73,17 @@ class Topology:
         from medialis.model._surface_kernels import label_face_pieces
 
         a, b, _ = self.edge_table.pairs
-        return frozen(label_face_pieces(len(self.faces), a, b), np.int32)
+        label = np.empty(len(self.faces), np.int32)
+        label_face_pieces(a, b, np.arange(len(label), dtype=np.int32), label)
+        return frozen(label, np.int32)
 
     def corner_fans(self) -> IntArray:
         """Fan of each corner, (3m,): corners of one vertex joined across edges of two faces."""
         from medialis.model._surface_kernels import label_corner_fans
 
-        return frozen(label_corner_fans(3 * len(self.faces), *self.edge_table.pairs), np.int32)
+        label = np.empty(3 * len(self.faces), np.int32)
+        label_corner_fans(*self.edge_table.pairs, np.arange(len(label), dtype=np.int32), label)
+        return frozen(label, np.int32)
 
     @cached_property
     def first_equal_face(self) -> NDArray[np.int64]:
@@ -105,5 +109,7 @@ def piece_labels(count: int, links: NDArray[Any]) -> IntArray:
     """
     from medialis._kernels.union_find_kernels import label_pieces
 
-    pairs = np.asarray(links).reshape(-1, 2)
-    return frozen(label_pieces(count, np.ascontiguousarray(pairs, np.int64)), np.int32)
+    pairs = np.ascontiguousarray(np.asarray(links).reshape(-1, 2), np.int64)
+    label = np.empty(count, np.int32)
+    label_pieces(pairs, np.arange(count, dtype=np.int32), label)
+    return frozen(label, np.int32)

@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
 from medialis._kernels.jit import kernel
 
 SINGULAR = 1e-9  # weight of the six terms: neighbours on one line or conic
 
 
 @kernel
-def list_links(edges, used, out_offsets):
+def list_links(edges, used, out_offsets, out_neighbours):
     """Neighbours of each vertex along the edges between used ones; `out_offsets` (n + 2,) is 0."""
     for e in range(len(edges)):
         a, b = edges[e, 0], edges[e, 1]
@@ -21,22 +19,22 @@ def list_links(edges, used, out_offsets):
             out_offsets[b + 2] += 1
     for v in range(1, len(out_offsets)):
         out_offsets[v] += out_offsets[v - 1]
-    neighbours = np.empty(out_offsets[-1], np.int32)
     for e in range(len(edges)):
         a, b = edges[e, 0], edges[e, 1]
         if used[a] and used[b]:
-            neighbours[out_offsets[a + 1]] = b
-            neighbours[out_offsets[b + 1]] = a
+            out_neighbours[out_offsets[a + 1]] = b
+            out_neighbours[out_offsets[b + 1]] = a
             out_offsets[a + 1] += 1
             out_offsets[b + 1] += 1
-    return neighbours
 
 
 @kernel
-def find_rings(rows, steps, offsets, neighbours, out_rings, out_counts):
-    """Vertices within some steps of each row, without itself; one more than fit: too many."""
+def find_rings(rows, steps, offsets, neighbours, seen, out_rings, out_counts):
+    """Vertices within some steps of each row, without itself; one more than fit: too many.
+
+    `seen` (n,) int32 is -1 for each vertex.
+    """
     most = out_rings.shape[1]
-    seen = np.full(len(offsets) - 2, -1, np.int32)
     for k in range(len(rows)):
         seen[rows[k]] = k
         count, begin, end = 0, 0, 0
@@ -109,16 +107,20 @@ def _solve(matrix, x):
 
 
 @kernel
-def measure_off_quadrics(points, rows, rings, counts, means, axes, sizes, out_away):
+def measure_off_quadrics(
+    points, rows, rings, counts, means, axes, sizes, matrix, right, terms, out_away
+):
     """Distance of each row from the quadric through its ring, in deviations of equal noise.
 
     `axes` (k, 3, 3) has the normal as its first column, `sizes` (k,) the extent of the ring. What
-    the noise of the ring makes of the quadric divides the distance.
+    the noise of the ring makes of the quadric divides the distance. `matrix` (6, 6), `right` (6, 2)
+    and `terms` (6,) are room.
     """
-    matrix, right, terms = np.empty((6, 6)), np.empty((6, 2)), np.empty(6)
     for k in range(len(rows)):
-        matrix[:] = 0.0
-        right[:] = 0.0
+        for a in range(6):
+            right[a, 0] = 0.0
+            for b in range(a + 1):
+                matrix[a, b] = 0.0
         count, size = counts[k], sizes[k]
         for i in range(count + 1):
             v = rings[k, i] if i < count else rows[k]

@@ -76,7 +76,8 @@ def piece_volumes(surface: Surface) -> PieceVolumes:
     apex = _middles(points[rim], np.concatenate([piece, piece]), count)
     corner = points[surface.faces[:, 0]]
     apex[closed] = _middles(corner, pieces, count)[closed]
-    sums = sum_pieces(corner, surface.face_vectors, surface.face_areas, pieces, apex)
+    sums = np.zeros((3, count))
+    sum_pieces(corner, surface.face_vectors, surface.face_areas, pieces, apex, sums)
     return PieceVolumes(sums[0], sums[1], sums[2], closed)
 
 

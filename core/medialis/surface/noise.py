@@ -134,7 +134,9 @@ class _Links:
 
         few = np.bincount(shape.edges.ravel(), minlength=shape.point_count) <= MOST_EDGES
         offsets = np.zeros(shape.point_count + 2, np.int64)
-        return cls(shape.points, offsets, list_links(shape.edges, few, offsets))
+        neighbours = np.empty(2 * len(shape.edges), np.int32)
+        list_links(shape.edges, few, offsets, neighbours)
+        return cls(shape.points, offsets, neighbours)
 
     def off_quadrics(
         self, rows: NDArray[np.int64], steps: int
@@ -148,7 +150,8 @@ class _Links:
 
         rings = np.empty((len(rows), MOST_NEIGHBOURS), np.int32)
         counts = np.empty(len(rows), np.int64)
-        find_rings(rows, steps, self.offsets, self.neighbours, rings, counts)
+        seen = np.full(len(self.points), -1, np.int32)
+        find_rings(rows, steps, self.offsets, self.neighbours, seen, rings, counts)
         small = counts < MOST_NEIGHBOURS
         use = small & (counts >= LEAST_NEIGHBOURS)
         known, rings, counts = rows[use], rings[use], counts[use]
@@ -156,8 +159,9 @@ class _Links:
         measure_spread(self.points, known, rings, counts, spread)
         size, axes = np.linalg.eigh(spread[:, :3])  # the normal first
         size, away = np.sqrt(np.maximum(size[:, 2], 1e-300)), np.empty(len(known))
+        room = np.empty((6, 6)), np.empty((6, 2)), np.empty(6)
         measure_off_quadrics(
-            self.points, known, rings, counts, spread[:, 3].copy(), axes, size, away
+            self.points, known, rings, counts, spread[:, 3].copy(), axes, size, *room, away
         )
         return rows[small], away
 
