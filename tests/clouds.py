@@ -59,6 +59,35 @@ def mobius_band(n=5000, seed=0):
     return points, np.zeros(n, int)
 
 
+ROOM = np.array([6.0, 5.0, 2.8])
+BOXES = (((4.2, 3.2, 0.0), (5.6, 4.4, 0.75)), ((0.2, 4.2, 0.0), (1.4, 4.8, 2.0)))
+
+
+def laser_room(step, noise, at=(1.8, 3.3, 1.7), seed=0):
+    """A room of 6 x 5 x 2.8 m with two boxes as a laser scanner sees it, and which face is which.
+
+    Beams are `step` degrees apart both ways, but not right below the scanner; ranges have errors of
+    the deviation `noise`. Points are 2 mm to 0.2 m apart.
+    """
+    turn, up = np.meshgrid(
+        np.radians(np.arange(0, 360, step)), np.radians(np.arange(-70, 90, step)), indexing="ij"
+    )
+    beam = np.stack([np.cos(up) * np.cos(turn), np.cos(up) * np.sin(turn), np.sin(up)], axis=-1)
+    beam, at = beam.reshape(-1, 3) + 1e-12, np.array(at)
+    ends = np.maximum(-at / beam, (ROOM - at) / beam)
+    reach, side = ends.min(axis=1), ends.argmin(axis=1)
+    face = 2 * side + (beam[np.arange(len(beam)), side] > 0)
+    for number, (low, high) in enumerate(BOXES, 1):
+        a, b = (low - at) / beam, (high - at) / beam
+        enter, leave = np.minimum(a, b), np.maximum(a, b).min(axis=1)
+        side, into = enter.argmax(axis=1), enter.max(axis=1)
+        hit = (into < leave) & (into > 0) & (into < reach)
+        face = np.where(hit, 6 * number + side, face)
+        reach = np.where(hit, into, reach)
+    reach = reach + noise * np.random.default_rng(seed).normal(size=len(reach))
+    return at + beam * reach[:, None], np.unique(face, return_inverse=True)[1]
+
+
 def with_outliers(points, share, seed=1):
     """Thesis 4.2.4.2: an outlier for a share of the points, up to 40 % of the size away."""
     rng = np.random.default_rng(seed)

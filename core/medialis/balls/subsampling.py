@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from medialis.model.medial_cloud import MedialCloud
-from medialis.validation import as_field, as_number
+from medialis.validation import FloatArray, as_field, as_number
 
 
 def uniform_subsample(
@@ -62,18 +62,37 @@ def uniform_subsample(
     rows = np.flatnonzero(cloud.valid)
     if distance == 0.0 or len(rows) == 0:
         return cloud.valid.copy()
+    order = np.argsort(-rank[rows], kind="stable")
+    selected = np.zeros(len(cloud), np.bool_)
+    selected[rows[points_apart(cloud.centers[rows], order, distance)]] = True
+    return selected
+
+
+def points_apart(
+    points: FloatArray, order: NDArray[np.int64], distance: float
+) -> NDArray[np.bool_]:
+    """Select points at least a distance > 0 apart that cover all others, in the given order.
+
+    Parameters
+    ----------
+    points : (n, 3) float64
+    order : (n,) int64
+        Which are taken first.
+    distance : float
+
+    Returns
+    -------
+    (n,) bool
+    """
     from medialis.balls._subsample_kernels import keep_apart
 
-    points = cloud.centers[rows] - cloud.centers[rows].min(axis=0)
+    points = points - points.min(axis=0)
     # Cells smaller than a millionth of the extent would overflow the cell number; larger cells
     # than `distance` are still right.
     cell = max(distance, float(points.max()) * 1e-6)
     cells = np.floor(points.max(axis=0) / cell).astype(np.int64) + 2
-    order = np.argsort(-rank[rows], kind="stable")
-    slots = 1 << int(2 * len(rows)).bit_length()
+    slots = 1 << int(2 * len(points)).bit_length()
     table_key, table_head = np.full(slots, -1, np.int64), np.full(slots, -1, np.int64)
-    chain, keep = np.full(len(rows), -1, np.int64), np.zeros(len(rows), np.bool_)
+    chain, keep = np.full(len(points), -1, np.int64), np.zeros(len(points), np.bool_)
     keep_apart(points, order, distance, cell, cells, table_key, table_head, chain, keep)
-    selected = np.zeros(len(cloud), np.bool_)
-    selected[rows[keep]] = True
-    return selected
+    return keep

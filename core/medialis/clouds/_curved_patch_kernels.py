@@ -20,11 +20,14 @@ CHANCE = 2.0
 
 OFF, CLOSE = 3.0, 0.02
 """Deviation of the point itself, in units of the mean deviation and of the mean distance, beyond
-which it is an outlier. What a smooth surface has beyond its quadric is below the second."""
+which it is an outlier: three deviations are chance once in 370 times. Where there is no noise the
+mean deviation is next to nothing; a sphere of radius r leaves d^4 / (8 r^3) of its quadric at the
+distance d, which is 1.6 % of d at the steepest."""
 
 STEEPEST = 0.7
-"""Slope of the quadric at the mean distance of the neighbours, 35 degrees: a sphere of 50 samples.
-What bends more is no surface of these samples, but some places of a volume."""
+"""Slopes of the quadric in both directions together, at the mean distance d of the neighbours. On a
+sphere that is sqrt 2 d / r. Its height over the tangent plane has one value up to the distance r
+only, and neighbours reach as far as 2 d: so d / r is at most a half."""
 
 ROUNDS = 3
 """The plane is turned into the tangent plane of the quadric; its second turn is small."""

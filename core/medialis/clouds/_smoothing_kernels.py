@@ -155,16 +155,17 @@ def _fit(places, count, plane, band):
 
 
 @kernel
-def smooth_positions(points, near, triples, band, rounds, begin, end, out_points):
-    """Move each point onto the plane with most support of those that pass near it.
+def smooth_positions(points, rows, near, triples, band, rounds, begin, end, out_points):
+    """Move each point of rows begin..end onto the plane with most support of those near it.
 
-    Planes through three places are tried; the best one is fitted again `rounds` times. A point that
-    no plane passes within `band` stays.
+    Row r of `near` are the neighbours of point ``rows[r]``. Planes through three places are tried;
+    the best one is fitted again `rounds` times. A point that no plane passes within `band` stays.
     """
     k = near.shape[1]
     places, plane, best = np.empty((k + 1, 3)), np.empty(4), np.empty(4)
-    for i in range(begin, end):
-        count = _gather(points, near[i], i, places)
+    for row in range(begin, end):
+        i = rows[row]
+        count = _gather(points, near[row], i, places)
         most = 0.0
         for t in range(len(triples)):
             if not _plane(places, triples[t], plane):
@@ -176,8 +177,6 @@ def smooth_positions(points, near, triples, band, rounds, begin, end, out_points
             if support > most:
                 most = support
                 best[:] = plane
-        for c in range(3):
-            out_points[i, c] = points[i, c]
         if most == 0.0:
             continue
         for _ in range(rounds):

@@ -16,7 +16,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from medialis.clouds.smoothing import jitter, nearest_points, neighbours_of, without_jitter
+from medialis.clouds.places import classified_places
+from medialis.clouds.smoothing import nearest_points, neighbours_of
 from medialis.kept import kept
 from medialis.model.manifold_set import ManifoldSet
 from medialis.model.ragged import Ragged
@@ -136,8 +137,12 @@ def manifolds(
     """
     points = cloud.points if isinstance(cloud, Surface) else as_points(cloud)
     with progress.stage("smoothing", 0.0, 0.5):
-        places, place = kept(
-            _places, cloud, options.smooth, lambda: _places(points, options, progress), progress
+        places, speakers = kept(
+            classified_places,
+            cloud,
+            options.smooth,
+            lambda: classified_places(points, LEAST_NEIGHBOURS + 1, options.smooth, progress),
+            progress,
         )
     if len(places) <= LEAST_NEIGHBOURS:
         none = Ragged(np.zeros(len(points) + 1, np.int64), np.empty(0, np.int32))
@@ -147,50 +152,9 @@ def manifolds(
         patches = kept(
             Patches, cloud, key, lambda: _find_patches(places, options, progress), progress
         )
-        found = run_patiently(lambda: _segment(places, patches, options).at(place), progress)
-        return replace(found, points=points)
-
-
-def _places(
-    points: FloatArray, options: ManifoldsOptions, progress: Progress
-) -> tuple[FloatArray, NDArray[np.int64]]:
-    """Return each place once, in units of the size and without scatter, and that of each point.
-
-    Places are in the order of coordinates: ties then do not depend on the given order. None are
-    returned for points that all coincide.
-    """
-    low, high = points.min(axis=0), points.max(axis=0)
-    size = math.hypot(*(high - low))
-    if size == 0.0:
-        return np.empty((0, 3)), np.zeros(len(points), np.int64)
-    places, place = run_patiently(lambda: _different(points), progress)
-    places = (places - 0.5 * (low + high)) / size
-    if len(places) <= LEAST_NEIGHBOURS or not options.smooth:
-        return places, place
-    scatter = run_patiently(lambda: jitter(places), progress)
-    if scatter == 0.0:
-        return places, place
-    progress.note(
-        f"The points scatter by {100 * scatter:.2g} % of the size about their surfaces. They were "
-        "classified by smoothed positions (smooth = off turns this off).",
-        "scattered",
-        scatter=scatter,
-    )
-    return without_jitter(places, scatter, progress), place
-
-
-def _different(points: FloatArray) -> tuple[FloatArray, NDArray[np.int64]]:
-    """Return the different rows, sorted, and which of them each point is.
-
-    As `numpy.unique`, which lets no other thread run while it sorts rows.
-    """
-    order = np.lexsort(points.T[::-1])
-    rising = points[order]
-    fresh = np.ones(len(points), bool)
-    fresh[1:] = (rising[1:] != rising[:-1]).any(axis=1)
-    place = np.empty(len(points), np.int64)
-    place[order] = np.cumsum(fresh) - 1
-    return rising[fresh], place
+        found = run_patiently(lambda: _segment(places, patches, options), progress)
+        rows = run_patiently(lambda: speakers.rows(found), progress)
+        return replace(found.at(rows), points=points)
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,13 +13,29 @@ NEIGHBOURS = 54
 """Neighbours that fit a plane. Of 24, 36, 54, 80: the fewest at which planes, a sphere and a spiral
 with a jitter of 0.5 % stay whole; 80 flattens the spiral."""
 
-SMALL, LARGE = 16, 36
+SIZES = (16, 36, 81, 182)
 """Neighbourhoods whose flatness is compared. The distance to the tangent plane grows with the
-square of the size on a curved surface, and not at all for jitter."""
+square of the size on a curved surface, in proportion to it where points are denser than they
+scatter, and not at all for jitter."""
+
+STEPS = (1, 1, 2, 2)
+"""Of the places measured before, one in so many is measured with each: large ones take long."""
+
+GROWTH = 1.5
+"""Of the size from one neighbourhood to the next."""
+
+FLAT = 0.5
+"""Thickness over width of a neighbourhood that tells how far points scatter about a surface."""
+
+GROUPS = 8
+"""Of places with about the same distances between their points."""
 
 LEAST_JITTER = 0.03
 """Scatter over size of the small neighbourhood below which a cloud is accurate enough: its
 triangles then lie well within d_max."""
+
+ROUGH = 0.1
+"""Share of neighbourhoods that must scatter so much: most do close to a scanner, far off none."""
 
 BAND = 2.5
 """How far a point may lie from a plane it belongs to, in units of the scatter."""
@@ -57,45 +73,85 @@ def jitter(points: FloatArray) -> float:
 
     Notes
     -----
-    Least median of squares planes of 2000 neighbourhoods of two sizes. Scatter does not grow with
-    the neighbourhood, so its share of the size falls; the share of curvature grows.
+    Least median of squares planes of 2000 neighbourhoods of growing size, in groups of ones that
+    are equally dense. Scatter does not grow with the neighbourhood, so its share of the size falls;
+    the share of curvature grows, and where points are denser than they scatter neighbourhoods are
+    no discs.
     """
-    if len(points) <= LARGE + 1:
+    if len(points) <= SIZES[1] + 1:
         return 0.0
-    from medialis.clouds._smoothing_kernels import measure_flatness
-
     # Chosen by the distance to the center: the same samples however the cloud is turned.
     order = np.argsort(np.linalg.norm(points - points.mean(axis=0), axis=1), kind="stable")
     rows = order[np.linspace(0, len(points) - 1, min(SAMPLES, len(points))).astype(np.int64)]
-    near = neighbours_of(points, points[rows], LARGE, Progress())
-    scatter, share = {}, {}
-    for size in (SMALL, LARGE):
+    near = neighbours_of(points, points[rows], SIZES[0], Progress())
+    reach = np.linalg.norm(points[near[:, -1]] - points[rows], axis=1)
+    groups = np.array_split(np.argsort(reach, kind="stable"), GROUPS)
+    found = [_group_jitter(points, rows[group]) for group in groups if len(group)]
+    scatter = np.array([one for one, _ in found if one > 0.0])
+    rough = np.mean([share for _, share in found])
+    some = 2 * len(scatter) > len(found) and rough > ROUGH
+    return float(np.median(scatter)) if some else 0.0
+
+
+def _group_jitter(points: FloatArray, rows: NDArray[np.int64]) -> tuple[float, float]:
+    """Scatter about places that are equally dense, and how many of them it makes rough.
+
+    Neighbourhoods grow until the scatter does so no more; 0 where it never stops.
+    """
+    from medialis.clouds._smoothing_kernels import measure_flatness
+
+    before, least, rough = np.inf, np.inf, 0.0
+    for size, step in zip(SIZES, STEPS, strict=True):
+        rows = rows[::step]
+        if size >= len(points):
+            break
+        near = neighbours_of(points, points[rows], size, Progress())
         found, radius = np.empty(len(rows)), np.empty(len(rows))
-        measure_flatness(points, near[:, :size].copy(), rows, _triples(size), found, radius)
+        measure_flatness(points, near, rows, _triples(size), found, radius)
         # 1.48 makes a median a standard deviation; the second factor corrects small samples
         # (Rousseeuw and Leroy, Robust Regression and Outlier Detection, 1987).
         found *= 1.4826 * (1 + 5 / (size - 2))
-        scatter[size], share[size] = np.median(found), np.median(found / radius)
-    falls = share[LARGE] < share[SMALL]
-    return float(scatter[LARGE]) if falls and share[SMALL] > LEAST_JITTER else 0.0
+        scatter, share = float(np.median(found)), float(np.median(found / radius))
+        rough = max(rough, float(np.mean(found > LEAST_JITTER * radius)))
+        ends = before < np.inf and share < least and scatter < GROWTH * before
+        if ends and _disc_like(points[near]):
+            return scatter, rough
+        before, least = scatter, share
+    return 0.0, 0.0
+
+
+def _disc_like(places: FloatArray) -> bool:
+    """Tell discs from balls and from wires, which scatter about their axis: most are flat.
+
+    `places` (r, k, 3) are neighbourhoods.
+    """
+    spokes = places - places.mean(axis=1, keepdims=True)
+    spread = np.linalg.eigvalsh(np.einsum("rki,rkj->rij", spokes, spokes))
+    return bool(np.median(spread[:, 0] / np.maximum(spread[:, 1], 1e-300)) < FLAT**2)
 
 
 def without_jitter(points: FloatArray, scatter: float, progress: Progress) -> FloatArray:
     """Move each point onto the plane that its neighbours support best (two passes).
 
-    Points that no plane passes within 2.5 times the scatter stay.
+    Points that no plane passes within 2.5 times the scatter stay, and so do those that lie so far
+    apart that the scatter does not matter.
     """
     from medialis.clouds._smoothing_kernels import smooth_positions
 
     count = min(NEIGHBOURS, len(points) - 1)
+    near = nearest_points(points, count, progress)
+    last = points[near[:, min(SIZES[0], count) - 1]]
+    # Of points on a disc of radius r the rms distance is r / sqrt 2.
+    radius = np.linalg.norm(last - points, axis=1) / np.sqrt(2.0)
+    rows, triples = np.flatnonzero(scatter > LEAST_JITTER * radius), _triples(count)
     for band in (BAND * scatter, SECOND_BAND * BAND * scatter):
-        near, triples = nearest_points(points, count, progress), _triples(count)
-        moved = np.empty_like(points)
+        moved = points.copy()
+        near = neighbours_of(points, points[rows], count, progress)
 
         def work(begin: int, end: int) -> None:
-            smooth_positions(points, near, triples, band, FITS, begin, end, moved)  # noqa: B023
+            smooth_positions(points, rows, near, triples, band, FITS, begin, end, moved)  # noqa: B023
 
-        run_chunks(work, len(points), CHUNK, progress=progress)
+        run_chunks(work, len(rows), CHUNK, progress=progress)
         points = moved
     return points
 
