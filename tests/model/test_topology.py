@@ -73,6 +73,6 @@ def test_what_is_known_of_the_faces_is_found_once_for_examination_repair_and_sha
     shape = medialis.make_shape(given.points, given.faces, repair=True)
     assert "edge_table" in vars(shape.topology)
     # Another order of the faces is another topology.
-    other = Surface(given.points, given.faces[::-1]).adopt(shape)
+    other = Surface(given.points, given.faces[::-1]).adopt(shape.topology)
     assert other.topology is not shape.topology
-    assert Surface(given.points * 2, given.faces).adopt(shape).topology is shape.topology
+    assert Surface(given.points * 2, given.faces).adopt(shape.topology).topology is shape.topology

@@ -150,11 +150,11 @@ class Surface(Bound):
         none = np.empty((0, 3), np.int32)
         return Topology(none if self.faces is None else self.faces, self.point_count)
 
-    def adopt(self, known: Surface) -> Self:
-        """Share what is known of the faces with a surface of the same faces; return this one."""
-        own, other = self.topology, known.topology
-        if own.point_count == other.point_count and np.array_equal(own.faces, other.faces):
-            self.__dict__["topology"] = other
+    def adopt(self, known: Topology) -> Self:
+        """Use what is known of the same faces, where they are the same; return this surface."""
+        own = self.topology
+        if own.point_count == known.point_count and np.array_equal(own.faces, known.faces):
+            self.__dict__["topology"] = known
         return self
 
     @property

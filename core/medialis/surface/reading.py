@@ -134,6 +134,7 @@ def make_shape(
         given = points, faces, normals
         diagnosis, examined = run_patiently(lambda: examine(*given[:2]), progress)
         fixed, known = run_patiently(lambda: repaired(*given, examined), progress)
+        del examined  # as large as the shape
         progress.record(*fixed.messages)
         extra = {"diagnosis": diagnosis, "vertex_map": fixed.vertex_map}
         points, faces, normals = fixed.points, fixed.faces, fixed.normals

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from medialis.errors import InvalidShapeError
 from medialis.kept import Described
 from medialis.model.surface import Surface
+from medialis.model.topology import Topology
 from medialis.progress import Message
 from medialis.surface._flat_faces import flip_flat_faces
 from medialis.surface._folds import faces_to_drop
@@ -107,7 +108,7 @@ def repaired(
     faces: ArrayLike | None,
     normals: ArrayLike | None,
     examined: Surface | None = None,
-) -> tuple[Repair, Surface]:
+) -> tuple[Repair, Topology]:
     """Repair, given what `examine` found of the same arrays; return what is then known as well."""
     work = _Work.begin(points, faces, normals)
     if examined is not None and np.array_equal(work.faces, examined.topology.faces):
@@ -124,7 +125,7 @@ def repaired(
         work.drop_unused()
         work.agree()
         work.turn_outward()
-    return work.result(faces is not None), work.surface()
+    return work.result(faces is not None), work.surface().topology
 
 
 @dataclass(eq=False)
