@@ -17,7 +17,7 @@ from medialis.model.medial_cloud import BallStatus, MedialCloud
 from medialis.model.shape import Shape
 from medialis.model.surface import Surface
 from medialis.progress import Progress
-from medialis.surface.creases import Creases
+from medialis.surface.creases import STEEPER, Creases
 from medialis.threads import run_chunks
 from medialis.validation import FloatArray, IntArray
 
@@ -181,7 +181,7 @@ def with_edge_balls(cloud: MedialCloud, creases: Creases, tolerance: float) -> M
     cosines = np.einsum("ij,ij->i", creases.normals, surface.normals[creases.vertices])
     np.minimum.at(lowest, creases.vertices, cosines)
     source = cloud.source[rows]
-    rows = rows[(lowest[source] > 0) & (lowest[source] < 1)]
+    rows = rows[(lowest[source] > 0) & (lowest[source] < 1 - STEEPER)]
     source = cloud.source[rows]
     inward = -surface.normals[source] * cloud.side[rows, None]
     return cloud.with_rows(

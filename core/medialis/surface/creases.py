@@ -38,7 +38,8 @@ class Creases:
     sector : (c,) int32
         The sector of each of them, numbered through.
     normals : (s, 3) float64
-        Unit normal of each sector, weighted by angle; zero where its faces have no area.
+        Unit normal of each sector: that of the vertex where there is but one, else the mean of its
+        faces, weighted by angle; zero where these have no area.
     vertices : (s,) int32
         Vertex of each sector.
     pairs : (p, 2) int32
@@ -160,9 +161,9 @@ def find_creases(shape: Shape, angle: float) -> Creases:
     row[corners] = np.arange(len(corners))
     sector = piece_labels(len(corners), _links_within_sectors(*smooth, row))
     count = int(sector.max(initial=-1)) + 1
-    normals = _sector_normals(shape, corners, sector, count)
     vertices = np.zeros(count, np.int32)
     vertices[sector] = flat[corners]
+    normals = _sector_normals(shape, corners, sector, vertices)
     # Side h of one face runs from u to v, its twin from v to u: the corners that lie together.
     left = np.concatenate([row[first], row[_next(first)]])
     right = np.concatenate([row[_next(second)], row[second]])
@@ -221,9 +222,10 @@ def _links_within_sectors(
 
 
 def _sector_normals(
-    shape: Shape, corners: NDArray[np.int64], sector: IntArray, count: int
+    shape: Shape, corners: NDArray[np.int64], sector: IntArray, vertices: IntArray
 ) -> NDArray[np.float64]:
-    """Return the mean of the face normals of each sector, weighted by the angle of its corners."""
+    """Return the normals of sectors; `vertices` are those that they are at."""
+    count = len(vertices)
     if count == 0:
         return np.empty((0, 3))
     assert shape.faces is not None
@@ -238,7 +240,10 @@ def _sector_normals(
         values = weight * shape.face_normals[face, axis]
         total[:, axis] = np.bincount(sector, values, count)
     length = np.linalg.norm(total, axis=1, keepdims=True)
-    return np.divide(total, length, out=np.zeros_like(total), where=length > 1e-12)
+    result = np.divide(total, length, out=np.zeros_like(total), where=length > 1e-12)
+    alone = np.bincount(vertices, minlength=shape.point_count)[vertices] == 1
+    result[alone] = shape.normals[vertices[alone]]
+    return result
 
 
 def bends_inward(

@@ -21,7 +21,7 @@ from medialis.options import Options, algorithm, length
 from medialis.progress import Progress
 from medialis.surface._halving import LONG, Cut, TooManyPointsError, edges_of_sides
 from medialis.surface._volumes import power_of_two_scale
-from medialis.surface.normals import vertex_normals
+from medialis.surface.normals import mean_normals
 from medialis.threads import run_patiently
 from medialis.validation import FloatArray
 
@@ -152,7 +152,7 @@ def _with_faces_of(shape: Shape, cut: Cut, scale: float) -> Shape:
     n = shape.point_count
     points /= scale
     points[:n] = shape.points
-    normals = np.array(vertex_normals(points, faces))
+    normals = np.array(mean_normals(points, faces))
     normals[:n] = shape.normals
     origin = np.full(len(points), -1, np.int32)
     origin[:n] = np.arange(n) if shape.origin is None else shape.origin
