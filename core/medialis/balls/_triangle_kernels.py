@@ -1,29 +1,34 @@
 """Kernels of balls that triangles constrain (thesis 3.2; see triangle_balls.py).
 
-Strategy. A mesh stands for a smooth surface, so a facet T may lie as deep in a ball of radius r as
-that surface bulges over it: the sagitta r (1 - k), where k is the cosine of the angle between T and
-the normals at its corners, and a tolerance a besides. Between the corners k is interpolated; where
-the ball is tangent at a corner of T, the largest angle counts everywhere, or T would be a wall to a
-ball that leaves it at that corner. T constrains
-the ball (c, r) where
+Strategy. A mesh stands for a smooth surface through its vertices, so a facet T may lie as deep in a
+ball as that surface bulges over it, and a tolerance a besides. With the normals n_i at the corners
+v_i, the surface of second order over the place x = sum w_i v_i lies
 
-    |c - T| < k r - a,
+    h(x) = sum over sides ij of w_i w_j b_ij,    b_ij = (n_j - n_i).(v_j - v_i) / 2
 
-for k = 1 the ball of samples. The ball tangent at p with normal n has its center at p - r n. With a
-place q of T, num = |q - p|^2 and den = 2 n.(p - q), T lies just at its depth where
+above T: for a sphere of radius R with n = v / R it is |v|^2 - |x|^2 = 2 R h(x), exactly. So T
+constrains the ball (c, r) where for a place x of T
 
-    (1 - k^2) r^2 - (den - 2 k a) r + num - a^2 = 0,
+    |c - x|^2 < (k r - a)^2 - 2 r h(x),
 
-whose lower root is the radius that q allows. The ball shrinks to that of the nearest place, which
-is looked for again, until T constrains it no more: each step is a root below the last one, and the
-places converge as quickly as in Newton's method. In the end the ball is the one for a = 0.
+for h = 0 and k = 1 the ball of samples. k is less than 1 where the ball is tangent at a corner of
+T: the cosine of the angle between the smooth surface there and T, or T would be a wall to a ball
+that leaves it at that corner; there h is 0. The ball tangent at p with normal n has its center at
+p - r n. With num = |x - p|^2 and den = 2 n.(p - x), T lies just at its depth where
+
+    (1 - k^2) r^2 - (den - 2 k a - 2 h) r + num - a^2 = 0,
+
+whose lower root is the radius that x allows. The ball shrinks to that of the place nearest to its
+center, which is looked for again, until T constrains it no more: each step is a root below the last
+one, and the places converge as quickly as in Newton's method. In the end the ball is the one for
+a = 0.
 
 Triangles hang on the leaves of the tree of samples, at the leaf of their first corner. Bounds of
 their own (box and slab, float32, good to `margin`) hold them whole. Within a leaf, the disc round
 each triangle is tested first, side by side.
 
-Certificate. After a traversal |c0 - T| >= k r0 - a for all T. By the triangle inequality a ball
-(c, r) has |c - T| >= k r - tolerance where |c - c0| + max(r - r0, 0) <= tolerance - a.
+Certificate. After a traversal no T lies deeper in (c0, r0) than h + a. By the triangle inequality
+none lies deeper than h + tolerance in a ball (c, r) with |c - c0| + max(r - r0, 0) <= tolerance - a.
 """
 
 from __future__ import annotations
@@ -39,8 +44,9 @@ from medialis._kernels.nearest_kernels import nearest_place
 KNOWN = 16  # certificates kept, as for samples
 STEPS = 60  # of the iteration; each shrinks the ball, and it ends where rounding decides
 SPHERE, PLANE = 0, 4  # rows of `hulls`: middle and radius of the disc round a face, its normal;
-COSINE, LARGEST, SMALLEST = 7, 10, 11  # cosines at the corners, the largest and the smallest one
-ROWS = 12
+BULGE, COSINE = 7, 10  # b of the sides, the smallest cosine at the corners
+ROWS = 11
+NOWHERE = -1e15  # radius of the disc of a slot left over: never near, whatever the margins
 BLOCK = 16  # faces side by side; the last block of a leaf is filled up with faces that are nowhere
 
 
@@ -66,8 +72,8 @@ def fill_blocks(leaf, first, out_order):
 
 
 @kernel
-def fill_hulls(begin, end, order, faces, place, points, cosines, out_corners, out_hulls):
-    """Corners (in tree order of samples), discs and cosines of the blocks begin..end."""
+def fill_hulls(begin, end, order, faces, place, points, bulges, cosines, out_corners, out_hulls):
+    """Corners (in tree order of samples), discs and bulges of the blocks begin..end."""
     for block in range(begin, end):
         for slot in range(BLOCK):
             i = block * BLOCK + slot
@@ -76,15 +82,15 @@ def fill_hulls(begin, end, order, faces, place, points, cosines, out_corners, ou
                 out_corners[i, 0] = -1
                 for row in range(ROWS):
                     out_hulls[block, row, slot] = 0.0
-                out_hulls[block, LARGEST, slot] = -1e30  # never near, whatever the margins
+                out_hulls[block, SPHERE + 3, slot] = NOWHERE
                 continue
             a, b, c = place[faces[f, 0]], place[faces[f, 1]], place[faces[f, 2]]
             out_corners[i, 0], out_corners[i, 1], out_corners[i, 2] = a, b, c
-            _fill_hull(points, a, b, c, cosines[f], out_hulls[block, :, slot])
+            _fill_hull(points, a, b, c, bulges[f], cosines[f], out_hulls[block, :, slot])
 
 
 @kernel
-def _fill_hull(points, a, b, c, cosines, out):
+def _fill_hull(points, a, b, c, bulges, cosine, out):
     for axis in range(3):
         out[SPHERE + axis] = (points[a, axis] + points[b, axis] + points[c, axis]) / 3.0
     radius2 = 0.0
@@ -103,14 +109,11 @@ def _fill_hull(points, a, b, c, cosines, out):
     if length > 0.0:
         nx, ny, nz = nx / length, ny / length, nz / length
     out[PLANE], out[PLANE + 1], out[PLANE + 2] = nx, ny, nz
-    low, high = np.float32(1.0), np.float32(0.0)
-    for corner in range(3):
-        k = np.float32(max(cosines[corner], 0.0))
-        if k > cosines[corner]:  # rounded down: rounding makes no wall
-            k = np.float32(k * np.float32(0.9999999))
-        out[COSINE + corner] = k
-        low, high = min(low, k), max(high, k)
-    out[LARGEST], out[SMALLEST] = high, low
+    for side in range(3):
+        out[BULGE + side] = bulges[side]
+    k = np.float32(max(cosine, 0.0))
+    # Rounded down: rounding makes no wall.
+    out[COSINE] = k if k <= cosine else np.float32(k * np.float32(0.9999999))
 
 
 @kernel
@@ -157,27 +160,33 @@ def bound_faces(points, corners, first, child_depth, depth, fan, begin, end, out
 
 
 @kernel
-def _shrink_to(i, n, r, relief, least, points, own, hull, face):
+def _shrink_to(i, n, sign, r, relief, least, points, own, hull, face):
     """Shrink the ball tangent at sample i until a triangle lies no deeper in it than it may.
 
-    `own` has the corners of the triangle, column `face` of `hull` its cosines.
+    `own` has the corners of the triangle, column `face` of `hull` its bulges; `sign` is that of the
+    side of the ball.
 
     Returns (radius, s, t): the same radius when it lies no deeper already; else s and t tell the
     place corner0 + s (corner1 - corner0) + t (corner2 - corner0) that it touches.
     """
     p = points[i]
     corner0, corner1, corner2 = points[own[0]], points[own[1]], points[own[2]]
-    low, high = np.float64(hull[SMALLEST, face]), np.float64(hull[LARGEST, face])
-    k0, k1, k2 = low, low, low
-    if low < high and own[0] != i and own[1] != i and own[2] != i:
-        k0, k1 = np.float64(hull[COSINE, face]), np.float64(hull[COSINE + 1, face])
-        k2 = np.float64(hull[COSINE + 2, face])
+    k, b0, b1, b2 = 1.0, 0.0, 0.0, 0.0
+    if own[0] == i or own[1] == i or own[2] == i:
+        k = np.float64(hull[COSINE, face])
+    else:
+        b0, b1, b2 = (
+            sign * hull[BULGE, face],
+            sign * hull[BULGE + 1, face],
+            sign * hull[BULGE + 2, face],
+        )
     best_s, best_t = -1.0, -1.0
     for _ in range(STEPS):
         cx, cy, cz = p[0] - r * n[0], p[1] - r * n[1], p[2] - r * n[2]
         s, t, d2 = nearest_place(cx, cy, cz, corner0, corner1, corner2)
-        k = k0 + s * (k1 - k0) + t * (k2 - k0)
-        if d2 >= (k * r - least) * (k * r - least) or k * r <= least:
+        h = max((1.0 - s - t) * (s * b0 + t * b2) + s * t * b1, 0.0)
+        may = k * r - least
+        if may <= 0.0 or d2 >= may * may - 2.0 * r * h:
             break
         num, den = 0.0, 0.0
         for axis in range(3):
@@ -188,9 +197,9 @@ def _shrink_to(i, n, r, relief, least, points, own, hull, face):
             den += 2.0 * n[axis] * d
         a = least if num >= 2.0 * r * r else relief
         may = k * r - a
-        if may <= 0.0 or d2 >= may * may:
+        if may <= 0.0 or d2 >= may * may - 2.0 * r * h:
             break
-        square, linear, rest = 1.0 - k * k, den - 2.0 * k * a, num - a * a
+        square, linear, rest = 1.0 - k * k, den - 2.0 * (k * a + h), num - a * a
         if rest <= 0.0 or linear <= 0.0:
             break
         root = math.sqrt(max(linear * linear - 4.0 * square * rest, 0.0))
@@ -214,7 +223,7 @@ def _is_near(hull, f, px, py, pz, x, y, z, r, relief, least):
     dx, dy, dz = px - mx, py - my, pz - mz
     # Faces wholly nearer to p than sqrt(2) r are relief; |d| + size < sqrt(2) r by squares.
     wide2 = dx * dx + dy * dy + dz * dz + size * (r + r + r + size)
-    may = r * hull[LARGEST, f] - (relief if wide2 < r * (r + r) else least)
+    may = r - (relief if wide2 < r * (r + r) else least)
     dx, dy, dz = x - mx, y - my, z - mz
     off = nx * dx + ny * dy + nz * dz
     dx, dy, dz = dx - off * nx, dy - off * ny, dz - off * nz
@@ -234,7 +243,7 @@ def _count_near(hull, px, py, pz, x, y, z, r, relief, least):
 
 @kernel
 def shrink_to_triangles(
-    begin, end, samples, directions, at_own, tolerance, a, margin, least,
+    begin, end, samples, directions, signs, at_own, tolerance, a, margin, least,
     points, bounds, child, first, corners, hulls,
     radii, out_face, out_places,
 ):  # fmt: skip
@@ -254,7 +263,7 @@ def shrink_to_triangles(
         r = radii[i]
         if not r > 0.0:
             continue
-        i0 = samples[i]
+        i0, sign = samples[i], np.float64(signs[i])
         p, n = points[i0], directions[i]
         px, py, pz = np.float32(p[0]), np.float32(p[1]), np.float32(p[2])
         cx, cy, cz = p[0] - r * n[0], p[1] - r * n[1], p[2] - r * n[2]
@@ -291,7 +300,7 @@ def shrink_to_triangles(
                             own = corners[block * BLOCK + f]
                             if not at_own and (own[0] == i0 or own[1] == i0 or own[2] == i0):
                                 continue
-                            less, s, t = _shrink_to(i0, n, r, a, least, points, own, hull, f)
+                            less, s, t = _shrink_to(i0, n, sign, r, a, least, points, own, hull, f)
                             if s >= 0.0:
                                 r, best_s, best_t = less, s, t
                                 face = block * BLOCK + f
@@ -302,7 +311,7 @@ def shrink_to_triangles(
         turn = (turn + 1) % KNOWN
         if face >= 0:
             own, hull = corners[face], hulls[face // BLOCK]
-            less, s, t = _shrink_to(i0, n, r, 0.0, 0.0, points, own, hull, face % BLOCK)
+            less, s, t = _shrink_to(i0, n, sign, r, 0.0, 0.0, points, own, hull, face % BLOCK)
             if s >= 0.0:
                 r, best_s, best_t = less, s, t
             radii[i] = r

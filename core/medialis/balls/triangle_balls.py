@@ -48,8 +48,8 @@ class Walls:
         Where the blocks of each leaf start.
     corners : (16 b, 3) int32
         Their corners as samples in tree order.
-    hulls : (b, 12, 16) float32
-        Disc round each face, and the cosines that tell how far it is relief.
+    hulls : (b, 11, 16) float32
+        Disc round each face, and the bulges that tell how far it is relief.
     bounds : (nodes, 11, 8) float32
         As those of the tree, round faces.
     """
@@ -86,10 +86,13 @@ class Walls:
         fill_blocks(leaf, first, order)
         corners = np.empty((len(order), 3), np.int32)
         hulls = np.empty((blocks, ROWS, BLOCK), np.float32)
-        cosines = creases.corner_cosines
+        unit = shrink_options(shape.diagonal, 0.0, 0.0).unit
+        bulges, cosines = creases.bulges / unit, creases.corner_cosines.min(axis=1)
 
         def fill(begin: int, end: int) -> None:
-            fill_hulls(begin, end, order, faces, place, tree.points, cosines, corners, hulls)
+            fill_hulls(
+                begin, end, order, faces, place, tree.points, bulges, cosines, corners, hulls
+            )
 
         run_chunks(fill, blocks, BLOCKS_A_CHUNK)
         bounds = np.empty_like(tree.bounds)
@@ -142,6 +145,7 @@ class Walls:
         # Neighbours share certificates; inner balls, the first, are the same with outer ones.
         order = np.lexsort((samples, -cloud.side))
         samples, direction = samples[order], np.ascontiguousarray(directions[order])
+        signs = cloud.side[order]
         largest = float(np.nanmax(cloud.radii, initial=0.0)) / shape.diagonal
         lengths = shrink_options(shape.diagonal, tolerance, largest)
         radii = cloud.radii[order] / lengths.unit
@@ -150,8 +154,8 @@ class Walls:
 
         def work(begin: int, end: int) -> None:
             shrink_to_triangles(
-                begin, end, samples, direction, at_own, lengths.tolerance, lengths.clearance,
-                lengths.margin, least, tree.points, self.bounds, tree.child, self.first,
+                begin, end, samples, direction, signs, at_own, lengths.tolerance,
+                lengths.clearance, lengths.margin, least, tree.points, self.bounds, tree.child, self.first,
                 self.corners, self.hulls, radii, face, places,
             )  # fmt: skip
 

@@ -96,6 +96,32 @@ class Creases:
         return frozen(np.minimum(result, 1.0), np.float64)
 
     @cached_property
+    def bulges(self) -> FloatArray:
+        """How far the smooth surface bulges over the sides of each face, (m, 3), as a length.
+
+        With the normals n at the ends v of side ij it is b = (n_j - n_i).(v_j - v_i) / 2, and the
+        surface over the place sum w_i v_i lies the sum of w_i w_j b outward. Both faces at an edge
+        have the larger one of theirs, as a crease may be round on one side only. 0 where an end has
+        no normal.
+        """
+        shape = self.shape
+        assert shape.faces is not None
+        normals = shape.normals[shape.faces.ravel()]
+        normals[self.corners] = self.normals[self.sector]
+        ends = np.roll(np.arange(3 * shape.face_count).reshape(-1, 3), -1, axis=1).ravel()
+        points = shape.points[shape.faces.ravel()]
+        side = points[ends] - points
+        one, other = -np.einsum("ij,ij->i", normals, side), np.einsum("ij,ij->i", normals[ends], side)
+        both = one * other > 0
+        result = 2 * one * other / np.where(both, one + other, 1.0) * both
+        first, second = self.half_edges.T
+        larger = np.where(
+            np.abs(result[first]) < np.abs(result[second]), result[second], result[first]
+        )
+        result[first] = result[second] = larger
+        return frozen(result.reshape(-1, 3), np.float64)
+
+    @cached_property
     def smoothness(self) -> FloatArray:
         """Cosine of the largest angle between faces and sectors at a vertex, (n,); 1 elsewhere."""
         shape, face = self.shape, self.corners // 3
