@@ -105,7 +105,7 @@ class KnownShape:
 
 
 def mesh_of(points: np.ndarray, faces: np.ndarray) -> medialis.Shape:
-    """Return a mesh with angle-weighted normals, as any file would give it."""
+    """Return a mesh with the normals that any file would get."""
     return medialis.Shape(points, vertex_normals(points, faces), faces)
 
 

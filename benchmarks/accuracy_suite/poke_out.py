@@ -101,7 +101,8 @@ def fan_normals(surface: medialis.Surface, crease: float = CREASE) -> np.ndarray
     """Return the normal of each corner of a mesh, (3m, 3), not averaged across creases.
 
     The corners of a vertex that are joined by edges that bend by at most `crease` degrees share the
-    sum of their face normals, weighted by their angles; corner 3 f + j is corner j of face f.
+    sum of their face normals, weighted by their angles, or the normal of the vertex where these are
+    all of its corners; corner 3 f + j is corner j of face f.
     """
     edge = np.arange(3 * surface.face_count)
     twin = surface.edge_twins
@@ -120,7 +121,9 @@ def fan_normals(surface: medialis.Surface, crease: float = CREASE) -> np.ndarray
     total = np.zeros((int(fan.max()) + 1, 3))
     np.add.at(total, fan, normals * weight[:, None])
     total /= np.maximum(np.linalg.norm(total, axis=1, keepdims=True), 1e-300)
-    return total[fan]
+    vertex, fans = surface.faces.ravel(), np.zeros(surface.point_count, np.int64)
+    np.add.at(fans, vertex[np.unique(fan, return_index=True)[1]], 1)
+    return np.where(fans[vertex, None] == 1, surface.normals[vertex], total[fan])
 
 
 def _corners_at_contacts(balls: medialis.MedialCloud) -> tuple[np.ndarray, np.ndarray]:

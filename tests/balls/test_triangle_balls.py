@@ -43,16 +43,22 @@ def places_on_faces(shape, grid=10):
 
 
 def excess(cloud, rows):
-    """How much deeper than it may any of a dense set of places lies in each ball."""
+    """How much deeper than the smooth surface bulges any of a dense set of places lies, each row.
+
+    Faces at the sample itself take no part. The ball at the depth a in its relief h has
+    |c - x|^2 + 2 r h = (r - a)^2.
+    """
     shape = cloud.surface
     places, weights = places_on_faces(shape)
-    cosines = find_creases(shape, 30.0).corner_cosines
+    bulges = find_creases(shape, 30.0).bulges
+    pairs = weights[:, [0, 1, 2]] * weights[:, [1, 2, 0]]
+    height = np.maximum(bulges, 0.0) @ pairs.T
     result = []
     for row in rows:
-        tangent = (shape.faces == cloud.source[row]).any(axis=1)
-        corner = np.where(tangent[:, None], cosines.min(axis=1, keepdims=True), cosines)
-        distance = np.linalg.norm(places - cloud.centers[row], axis=2)
-        result.append((cloud.radii[row] * (corner @ weights.T) - distance).max())
+        other = ~(shape.faces == cloud.source[row]).any(axis=1)
+        squared = ((places[other] - cloud.centers[row]) ** 2).sum(axis=2)
+        squared += 2 * cloud.radii[row] * height[other]
+        result.append(cloud.radii[row] - np.sqrt(squared.min()))
     return np.array(result)
 
 
@@ -91,10 +97,12 @@ def test_balls_that_shrank_touch_the_face_that_they_name():
     rows = np.flatnonzero(cloud.contact_faces >= 0)
     assert len(rows) > 50
     apart = np.linalg.norm(cloud.contacts[rows] - cloud.centers[rows], axis=1)
-    # A ball touches the smooth surface, which bulges over the face by at most r (1 - cos a).
-    cosine = find_creases(cloud.surface, 30.0).corner_cosines[cloud.contact_faces[rows]].min(axis=1)
-    assert (apart <= cloud.radii[rows] * (1 + 1e-9)).all()
-    assert (apart >= cloud.radii[rows] * (cosine - 1e-6)).all()
+    # A ball touches the smooth surface, which bulges over the face.
+    bulges = np.maximum(find_creases(cloud.surface, 30.0).bulges[cloud.contact_faces[rows]], 0.0)
+    weights = cloud.contact_weights[rows]
+    height = (weights[:, [0, 1, 2]] * weights[:, [1, 2, 0]] * bulges).sum(axis=1)
+    radii = cloud.radii[rows]
+    assert apart**2 + 2 * radii * height == pytest.approx(radii**2, rel=1e-9)
     corners = cloud.surface.faces[cloud.contact_faces[rows]]
     assert (corners == cloud.features[rows, 1:]).any(axis=1).all()
     assert cloud.contact_weights[rows].sum(axis=1) == pytest.approx(1.0)

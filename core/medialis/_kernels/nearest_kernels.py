@@ -33,7 +33,8 @@ def _box_distance(bound, j, x, y, z):
 
 
 @kernel
-def _dot(ax, ay, az, bx, by, bz):
+def dot(ax, ay, az, bx, by, bz):
+    """Scalar product of two vectors."""
     return ax * bx + ay * by + az * bz
 
 
@@ -46,11 +47,11 @@ def nearest_place(px, py, pz, a, b, c):
     abx, aby, abz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
     acx, acy, acz = c[0] - a[0], c[1] - a[1], c[2] - a[2]
     apx, apy, apz = px - a[0], py - a[1], pz - a[2]
-    d1, d2 = _dot(abx, aby, abz, apx, apy, apz), _dot(acx, acy, acz, apx, apy, apz)
+    d1, d2 = dot(abx, aby, abz, apx, apy, apz), dot(acx, acy, acz, apx, apy, apz)
     bpx, bpy, bpz = px - b[0], py - b[1], pz - b[2]
-    d3, d4 = _dot(abx, aby, abz, bpx, bpy, bpz), _dot(acx, acy, acz, bpx, bpy, bpz)
+    d3, d4 = dot(abx, aby, abz, bpx, bpy, bpz), dot(acx, acy, acz, bpx, bpy, bpz)
     cpx, cpy, cpz = px - c[0], py - c[1], pz - c[2]
-    d5, d6 = _dot(abx, aby, abz, cpx, cpy, cpz), _dot(acx, acy, acz, cpx, cpy, cpz)
+    d5, d6 = dot(abx, aby, abz, cpx, cpy, cpz), dot(acx, acy, acz, cpx, cpy, cpz)
     va, vb, vc = d3 * d6 - d5 * d4, d5 * d2 - d1 * d6, d1 * d4 - d3 * d2
     s, t = 0.0, 0.0
     if d1 <= 0.0 and d2 <= 0.0:
@@ -69,7 +70,7 @@ def nearest_place(px, py, pz, a, b, c):
     elif va + vb + vc > 0.0:
         s, t = vb / (va + vb + vc), vc / (va + vb + vc)
     x, y, z = apx - s * abx - t * acx, apy - s * aby - t * acy, apz - s * abz - t * acz
-    return s, t, _dot(x, y, z, x, y, z)
+    return s, t, dot(x, y, z, x, y, z)
 
 
 @kernel

@@ -11,24 +11,26 @@ constrains the ball (c, r) where for a place x of T
 
     |c - x|^2 < (k r - a)^2 - 2 r h(x),
 
-for h = 0 and k = 1 the ball of samples. k is less than 1 where the ball is tangent at a corner of
-T: the cosine of the angle between the smooth surface there and T, or T would be a wall to a ball
-that leaves it at that corner; there h is 0. The ball tangent at p with normal n has its center at
-p - r n. With num = |x - p|^2 and den = 2 n.(p - x), T lies just at its depth where
+for h = 0 and k = 1 the ball of samples. A facet is relief to balls that see it as a part of a
+smooth surface, no more of it than the angle A of a crease: h is at most r sin^2 A / 2. k is less
+than 1 where the ball is tangent at a corner of T: the cosine of the angle between the smooth
+surface there and T, or T would be a wall to a ball that leaves it at that corner; there h is 0. The
+ball tangent at p with normal n has its center at p - r n. With num = |x - p|^2 and
+den = 2 n.(p - x), T lies just at its depth where
 
     (1 - k^2) r^2 - (den - 2 k a - 2 h) r + num - a^2 = 0,
 
-whose lower root is the radius that x allows. The ball shrinks to that of the place nearest to its
-center, which is looked for again, until T constrains it no more: each step is a root below the last
-one, and the places converge as quickly as in Newton's method. In the end the ball is the one for
-a = 0.
+whose lower root is the radius that x allows. The ball shrinks to that of the deepest place, which
+is looked for again, until T constrains it no more: each step is a root below the last one, and the
+places converge as quickly as in Newton's method. In the end the ball is the one for a = 0.
 
 Triangles hang on the leaves of the tree of samples, at the leaf of their first corner. Bounds of
 their own (box and slab, float32, good to `margin`) hold them whole. Within a leaf, the disc round
 each triangle is tested first, side by side.
 
 Certificate. After a traversal no T lies deeper in (c0, r0) than h + a. By the triangle inequality
-none lies deeper than h + tolerance in a ball (c, r) with |c - c0| + max(r - r0, 0) <= tolerance - a.
+none lies deeper than h + tolerance in a ball (c, r) where |c - c0| + max(r - r0, 0) is at most
+tolerance - a.
 """
 
 from __future__ import annotations
@@ -39,13 +41,13 @@ import numpy as np
 
 from medialis._kernels.box_tree_kernels import FAN, test_children
 from medialis._kernels.jit import kernel
-from medialis._kernels.nearest_kernels import nearest_place
+from medialis._kernels.nearest_kernels import dot
 
 KNOWN = 16  # certificates kept, as for samples
 STEPS = 60  # of the iteration; each shrinks the ball, and it ends where rounding decides
 SPHERE, PLANE = 0, 4  # rows of `hulls`: middle and radius of the disc round a face, its normal;
-BULGE, COSINE = 7, 10  # b of the sides, the smallest cosine at the corners
-ROWS = 11
+ROWS = 7
+COSINE = 3  # column of `reliefs`, after the bulges b of the sides: the smallest one at the corners
 NOWHERE = -1e15  # radius of the disc of a slot left over: never near, whatever the margins
 BLOCK = 16  # faces side by side; the last block of a leaf is filled up with faces that are nowhere
 
@@ -72,8 +74,10 @@ def fill_blocks(leaf, first, out_order):
 
 
 @kernel
-def fill_hulls(begin, end, order, faces, place, points, bulges, cosines, out_corners, out_hulls):
-    """Corners (in tree order of samples), discs and bulges of the blocks begin..end."""
+def fill_hulls(
+    begin, end, order, faces, place, points, reliefs, out_corners, out_reliefs, out_hulls
+):
+    """Corners (in tree order of samples), relief and discs of faces, for the blocks begin..end."""
     for block in range(begin, end):
         for slot in range(BLOCK):
             i = block * BLOCK + slot
@@ -86,11 +90,12 @@ def fill_hulls(begin, end, order, faces, place, points, bulges, cosines, out_cor
                 continue
             a, b, c = place[faces[f, 0]], place[faces[f, 1]], place[faces[f, 2]]
             out_corners[i, 0], out_corners[i, 1], out_corners[i, 2] = a, b, c
-            _fill_hull(points, a, b, c, bulges[f], cosines[f], out_hulls[block, :, slot])
+            out_reliefs[i] = reliefs[f]
+            _fill_hull(points, a, b, c, out_hulls[block, :, slot])
 
 
 @kernel
-def _fill_hull(points, a, b, c, bulges, cosine, out):
+def _fill_hull(points, a, b, c, out):
     for axis in range(3):
         out[SPHERE + axis] = (points[a, axis] + points[b, axis] + points[c, axis]) / 3.0
     radius2 = 0.0
@@ -109,11 +114,6 @@ def _fill_hull(points, a, b, c, bulges, cosine, out):
     if length > 0.0:
         nx, ny, nz = nx / length, ny / length, nz / length
     out[PLANE], out[PLANE + 1], out[PLANE + 2] = nx, ny, nz
-    for side in range(3):
-        out[BULGE + side] = bulges[side]
-    k = np.float32(max(cosine, 0.0))
-    # Rounded down: rounding makes no wall.
-    out[COSINE] = k if k <= cosine else np.float32(k * np.float32(0.9999999))
 
 
 @kernel
@@ -160,46 +160,86 @@ def bound_faces(points, corners, first, child_depth, depth, fan, begin, end, out
 
 
 @kernel
-def _shrink_to(i, n, sign, r, relief, least, points, own, hull, face):
+def _lowest(d1, d2, aa, ab, cc):
+    """Lowest place (s, t) of s^2 aa + 2 s t ab + t^2 cc - 2 s d1 - 2 t d2 within a triangle.
+
+    With the sides u and v of the triangle from one corner, aa = u.u, ab = u.v, cc = v.v, d1 = u.w
+    and d2 = v.w it is the place nearest to w: the regions of its plane, in turn. Where a bulge
+    makes the form fall on both sides of a line, the lowest place is a corner, or on a side.
+    """
+    d3, d4, d5, d6 = d1 - aa, d2 - ab, d1 - ab, d2 - cc
+    va, vb, vc = d3 * d6 - d5 * d4, d5 * d2 - d1 * d6, d1 * d4 - d3 * d2
+    if d1 <= 0.0 and d2 <= 0.0:
+        return 0.0, 0.0
+    if d3 >= 0.0 and d4 <= d3:
+        return 1.0, 0.0
+    if vc <= 0.0 and d1 >= 0.0 and d3 <= 0.0 and d1 > d3:
+        return d1 / (d1 - d3), 0.0
+    if d6 >= 0.0 and d5 <= d6:
+        return 0.0, 1.0
+    if vb <= 0.0 and d2 >= 0.0 and d6 <= 0.0 and d2 > d6:
+        return 0.0, d2 / (d2 - d6)
+    if va <= 0.0 and d4 >= d3 and d5 >= d6 and d4 - d3 + d5 - d6 > 0.0:
+        t = (d4 - d3) / (d4 - d3 + d5 - d6)
+        return 1.0 - t, t
+    if va >= 0.0 and vb >= 0.0 and vc >= 0.0 and va + vb + vc > 0.0:
+        return vb / (va + vb + vc), vc / (va + vb + vc)
+    return 0.0, 0.0
+
+
+@kernel
+def _shrink_to(i, n, sign, r, relief, least, highest, points, own, bulges):
     """Shrink the ball tangent at sample i until a triangle lies no deeper in it than it may.
 
-    `own` has the corners of the triangle, column `face` of `hull` its bulges; `sign` is that of the
-    side of the ball.
+    `own` has the corners of the triangle, `bulges` its row of `reliefs`; `sign` is that of the side
+    of the ball, and `highest` the most that h may be of r. The deepest place is that of the least
+    |c - x|^2 + 2 r h(x): as the place nearest to c, with all squared lengths of sides less 2 r b.
+    All that depends on r does so linearly.
 
     Returns (radius, s, t): the same radius when it lies no deeper already; else s and t tell the
     place corner0 + s (corner1 - corner0) + t (corner2 - corner0) that it touches.
     """
-    p = points[i]
-    corner0, corner1, corner2 = points[own[0]], points[own[1]], points[own[2]]
+    p, o = points[i], points[own[0]]
+    ux, uy, uz = points[own[1], 0] - o[0], points[own[1], 1] - o[1], points[own[1], 2] - o[2]
+    vx, vy, vz = points[own[2], 0] - o[0], points[own[2], 1] - o[1], points[own[2], 2] - o[2]
+    wx, wy, wz = p[0] - o[0], p[1] - o[1], p[2] - o[2]
+    uu, uv, vv = (
+        dot(ux, uy, uz, ux, uy, uz),
+        dot(ux, uy, uz, vx, vy, vz),
+        dot(vx, vy, vz, vx, vy, vz),
+    )
+    uw, vw, ww = (
+        dot(ux, uy, uz, wx, wy, wz),
+        dot(vx, vy, vz, wx, wy, wz),
+        dot(wx, wy, wz, wx, wy, wz),
+    )
+    un, vn = dot(ux, uy, uz, n[0], n[1], n[2]), dot(vx, vy, vz, n[0], n[1], n[2])
+    wn = dot(wx, wy, wz, n[0], n[1], n[2])
     k, b0, b1, b2 = 1.0, 0.0, 0.0, 0.0
     if own[0] == i or own[1] == i or own[2] == i:
-        k = np.float64(hull[COSINE, face])
+        k = bulges[COSINE]
     else:
         b0, b1, b2 = (
-            sign * hull[BULGE, face],
-            sign * hull[BULGE + 1, face],
-            sign * hull[BULGE + 2, face],
+            max(sign * bulges[0], 0.0),
+            max(sign * bulges[1], 0.0),
+            max(sign * bulges[2], 0.0),
         )
     best_s, best_t = -1.0, -1.0
     for _ in range(STEPS):
-        cx, cy, cz = p[0] - r * n[0], p[1] - r * n[1], p[2] - r * n[2]
-        s, t, d2 = nearest_place(cx, cy, cz, corner0, corner1, corner2)
-        h = max((1.0 - s - t) * (s * b0 + t * b2) + s * t * b1, 0.0)
-        may = k * r - least
-        if may <= 0.0 or d2 >= may * may - 2.0 * r * h:
-            break
-        num, den = 0.0, 0.0
-        for axis in range(3):
-            q = corner0[axis] + s * (corner1[axis] - corner0[axis])
-            q += t * (corner2[axis] - corner0[axis])
-            d = p[axis] - q
-            num += d * d
-            den += 2.0 * n[axis] * d
+        s, t = _lowest(
+            uw - r * (un + b0), vw - r * (vn + b2),
+            uu - 2.0 * r * b0, uv - r * (b0 + b2 - b1), vv - 2.0 * r * b2,
+        )  # fmt: skip
+        h = (1.0 - s - t) * (s * b0 + t * b2) + s * t * b1
+        num = ww - 2.0 * (s * uw + t * vw) + s * s * uu + 2.0 * s * t * uv + t * t * vv
+        den = 2.0 * (wn - s * un - t * vn)
         a = least if num >= 2.0 * r * r else relief
         may = k * r - a
-        if may <= 0.0 or d2 >= may * may - 2.0 * r * h:
-            break
         square, linear, rest = 1.0 - k * k, den - 2.0 * (k * a + h), num - a * a
+        if h > highest * r:
+            square, linear = square + 2.0 * highest, linear + 2.0 * h
+        if may <= 0.0 or square * r * r - linear * r + rest >= 0.0:
+            break
         if rest <= 0.0 or linear <= 0.0:
             break
         root = math.sqrt(max(linear * linear - 4.0 * square * rest, 0.0))
@@ -243,8 +283,8 @@ def _count_near(hull, px, py, pz, x, y, z, r, relief, least):
 
 @kernel
 def shrink_to_triangles(
-    begin, end, samples, directions, signs, at_own, tolerance, a, margin, least,
-    points, bounds, child, first, corners, hulls,
+    begin, end, samples, directions, signs, at_own, tolerance, a, margin, least, highest,
+    points, bounds, child, first, corners, reliefs, hulls,
     radii, out_face, out_places,
 ):  # fmt: skip
     """Shrink the balls begin..end, tangent at samples (tree order), to fit between triangles.
@@ -300,7 +340,10 @@ def shrink_to_triangles(
                             own = corners[block * BLOCK + f]
                             if not at_own and (own[0] == i0 or own[1] == i0 or own[2] == i0):
                                 continue
-                            less, s, t = _shrink_to(i0, n, sign, r, a, least, points, own, hull, f)
+                            bulges = reliefs[block * BLOCK + f]
+                            less, s, t = _shrink_to(
+                                i0, n, sign, r, a, least, highest, points, own, bulges
+                            )
                             if s >= 0.0:
                                 r, best_s, best_t = less, s, t
                                 face = block * BLOCK + f
@@ -310,8 +353,8 @@ def shrink_to_triangles(
         known[0, turn], known[1, turn], known[2, turn], known[3, turn] = cx, cy, cz, r
         turn = (turn + 1) % KNOWN
         if face >= 0:
-            own, hull = corners[face], hulls[face // BLOCK]
-            less, s, t = _shrink_to(i0, n, sign, r, 0.0, 0.0, points, own, hull, face % BLOCK)
+            own, bulges = corners[face], reliefs[face]
+            less, s, t = _shrink_to(i0, n, sign, r, 0.0, 0.0, highest, points, own, bulges)
             if s >= 0.0:
                 r, best_s, best_t = less, s, t
             radii[i] = r

@@ -6,6 +6,7 @@ is said in `surface/creases.py`; how a triangle constrains a ball, in `_triangle
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -42,23 +43,29 @@ class Walls:
     shape : Shape
     tree : BoxTree
         Of the samples.
+    angle : float
+        Degrees of a crease.
     faces : (16 b,) int32
         Faces in blocks of 16, those of each leaf in blocks of their own; -1 where a slot is left.
     first : (leaves + 1,) int64
         Where the blocks of each leaf start.
     corners : (16 b, 3) int32
         Their corners as samples in tree order.
-    hulls : (b, 11, 16) float32
-        Disc round each face, and the bulges that tell how far it is relief.
+    reliefs : (16 b, 4) float64
+        Bulges of their sides, and the smallest cosine at their corners (see `Creases`).
+    hulls : (b, 7, 16) float32
+        Disc round each face.
     bounds : (nodes, 11, 8) float32
         As those of the tree, round faces.
     """
 
     shape: Shape
     tree: BoxTree
+    angle: float
     faces: IntArray
     first: NDArray[np.int64]
     corners: IntArray
+    reliefs: FloatArray
     hulls: NDArray[np.float32]
     bounds: NDArray[np.float32]
 
@@ -86,13 +93,12 @@ class Walls:
         fill_blocks(leaf, first, order)
         corners = np.empty((len(order), 3), np.int32)
         hulls = np.empty((blocks, ROWS, BLOCK), np.float32)
-        unit = shrink_options(shape.diagonal, 0.0, 0.0).unit
-        bulges, cosines = creases.bulges / unit, creases.corner_cosines.min(axis=1)
+        reliefs, own = np.zeros((len(order), 4)), np.empty((m, 4))
+        own[:, :3] = creases.bulges / shrink_options(shape.diagonal, 0.0, 0.0).unit
+        own[:, 3] = np.maximum(creases.corner_cosines.min(axis=1), 0.0)
 
         def fill(begin: int, end: int) -> None:
-            fill_hulls(
-                begin, end, order, faces, place, tree.points, bulges, cosines, corners, hulls
-            )
+            fill_hulls(begin, end, order, faces, place, tree.points, own, corners, reliefs, hulls)
 
         run_chunks(fill, blocks, BLOCKS_A_CHUNK)
         bounds = np.empty_like(tree.bounds)
@@ -105,7 +111,7 @@ class Walls:
                 bound_faces(tree.points, corners, first, d, depth, f, begin, end, bounds[at])
 
             run_chunks(bound, nodes.stop - nodes.start, NODES_A_CHUNK)
-        return cls(shape, tree, order, first, corners, hulls, bounds)
+        return cls(shape, tree, creases.angle, order, first, corners, reliefs, hulls, bounds)
 
     def constrain(
         self,
@@ -151,12 +157,14 @@ class Walls:
         radii = cloud.radii[order] / lengths.unit
         face, places = np.full(len(order), -1, np.int64), np.zeros((len(order), 3))
         least = max(ROUNDING * shape.diagonal / lengths.unit, lengths.tolerance / 16)
+        highest = math.sin(math.radians(min(self.angle, 90.0))) ** 2 / 2
 
         def work(begin: int, end: int) -> None:
             shrink_to_triangles(
                 begin, end, samples, direction, signs, at_own, lengths.tolerance,
-                lengths.clearance, lengths.margin, least, tree.points, self.bounds, tree.child, self.first,
-                self.corners, self.hulls, radii, face, places,
+                lengths.clearance, lengths.margin, least, highest, tree.points, self.bounds,
+                tree.child, self.first, self.corners, self.reliefs, self.hulls, radii, face,
+                places,
             )  # fmt: skip
 
         run_chunks(work, len(order), SAMPLES_A_CHUNK, progress=progress)

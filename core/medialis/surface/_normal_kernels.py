@@ -113,7 +113,7 @@ def _solve(matrix, x):
 
 @kernel
 def _of_surface(vertex, corners, points, faces, nx, ny, nz, matrix, x, row):
-    """Normal of the surface through a ring; nx, ny, nz is about the normal."""
+    """Compute the normal of the surface through a ring; nx, ny, nz is about the normal."""
     if abs(nx) < 0.6:
         sx, sy, sz = 0.0, nz, -ny
     else:
@@ -134,17 +134,18 @@ def _of_surface(vertex, corners, points, faces, nx, ny, nz, matrix, x, row):
     for i in range(count):
         q = points[faces[corners[i] // 3, (corners[i] + 1) % 3]]
         dx, dy, dz = q[0] - p[0], q[1] - p[1], q[2] - p[2]
-        l2 = dx * dx + dy * dy + dz * dz
-        if l2 <= SAME_PLACE * mean2:
+        length2 = dx * dx + dy * dy + dz * dz
+        if length2 <= SAME_PLACE * mean2:
             continue
-        l = math.sqrt(l2)
-        row[0] = (dx * sx + dy * sy + dz * sz) / l
-        row[1] = (dx * tx + dy * ty + dz * tz) / l
-        z, l = (dx * nx + dy * ny + dz * nz) / l, l / unit
-        row[2] = l / 2
-        row[3] = l * (row[0] * row[0] - row[1] * row[1]) / 2
-        row[4] = l * row[0] * row[1]
-        even += l * l
+        length = math.sqrt(length2)
+        row[0] = (dx * sx + dy * sy + dz * sz) / length
+        row[1] = (dx * tx + dy * ty + dz * tz) / length
+        z = (dx * nx + dy * ny + dz * nz) / length
+        part = length / unit
+        row[2] = part / 2
+        row[3] = part * (row[0] * row[0] - row[1] * row[1]) / 2
+        row[4] = part * row[0] * row[1]
+        even += part * part
         for j in range(5):
             x[j] += row[j] * z
             for k in range(j + 1):
@@ -161,12 +162,12 @@ def _of_surface(vertex, corners, points, faces, nx, ny, nz, matrix, x, row):
 
 @kernel
 def fill_normals(
-    begin, end, points, faces, units, offsets, all_corners, crease, away, round, out_normals
+    begin, end, points, faces, units, offsets, all_corners, crease, away, smooth, out_normals
 ):
-    """Normals of the vertices begin..end; left as they are (zero) where there is none.
+    """Compute the normals of the vertices begin..end; left as they are (zero) where there is none.
 
     `units` has the unit normals of the faces, zero without an area. `away` is how far below zero
-    the cosine to a face that looks away is. Surfaces through rings are taken where `round` says so.
+    the cosine to a face that looks away is. `smooth`: take surfaces through rings.
     """
     matrix, x, row = np.empty((5, 5)), np.empty(5), np.empty(5)
     for v in range(begin, end):
@@ -182,7 +183,7 @@ def fill_normals(
         least = _least_cosine(corners, units, nx, ny, nz)
         if least < -away:
             continue
-        if round and _goes_round(corners, faces, units, crease):
+        if smooth and _goes_round(corners, faces, units, crease):
             sx, sy, sz = _of_surface(v, corners, points, faces, nx, ny, nz, matrix, x, row)
             if _least_cosine(corners, units, sx, sy, sz) >= min(least, 0.0):
                 nx, ny, nz = sx, sy, sz

@@ -33,6 +33,8 @@ class Creases:
     Attributes
     ----------
     shape : Shape
+    angle : float
+        Degrees: edges that bend by more are creases.
     corners : (c,) int64
         The corners 3 f + j of faces at vertices with creases, ascending.
     sector : (c,) int32
@@ -53,6 +55,7 @@ class Creases:
     """
 
     shape: Shape
+    angle: float
     corners: NDArray[np.int64]
     sector: IntArray
     normals: FloatArray
@@ -99,10 +102,11 @@ class Creases:
     def bulges(self) -> FloatArray:
         """How far the smooth surface bulges over the sides of each face, (m, 3), as a length.
 
-        With the normals n at the ends v of side ij it is b = (n_j - n_i).(v_j - v_i) / 2, and the
-        surface over the place sum w_i v_i lies the sum of w_i w_j b outward. Both faces at an edge
-        have the larger one of theirs, as a crease may be round on one side only. 0 where an end has
-        no normal.
+        With the slopes s_i and s_j of the surface against the side at its ends, by the normals
+        there, b is the length of the side times their harmonic mean: the radius of curvature is the
+        mean of those at the ends. The surface over the place sum w_i v_i lies the sum of w_i w_j b
+        outward. 0 where the surface bends to both sides, or an end has no normal. Both faces at a
+        crease have the larger bulge of theirs there, as it may be round on one side only.
         """
         shape = self.shape
         assert shape.faces is not None
@@ -111,7 +115,8 @@ class Creases:
         ends = np.roll(np.arange(3 * shape.face_count).reshape(-1, 3), -1, axis=1).ravel()
         points = shape.points[shape.faces.ravel()]
         side = points[ends] - points
-        one, other = -np.einsum("ij,ij->i", normals, side), np.einsum("ij,ij->i", normals[ends], side)
+        one = -np.einsum("ij,ij->i", normals, side)
+        other = np.einsum("ij,ij->i", normals[ends], side)
         both = one * other > 0
         result = 2 * one * other / np.where(both, one + other, 1.0) * both
         first, second = self.half_edges.T
@@ -202,6 +207,7 @@ def find_creases(shape: Shape, angle: float) -> Creases:
     concave[which.ravel()[inward[apart]]] = True
     return Creases(
         shape,
+        angle,
         corners,
         frozen(sector, np.int32),
         frozen(normals, np.float64),
