@@ -54,8 +54,8 @@ def test_normals_of_spheres_are_exact():
 
 
 def test_normals_of_a_quadric():
-    """On z = x^2 / 2 + x y / 3 - y^2 / 4 with jittered samples: at most a fifth of what means of face
-    normals are off is left, by what holds the difference of the curvatures back."""
+    """On z = x^2 / 2 + x y / 3 - y^2 / 4 with jittered samples: at most a fifth of what means of
+    face normals are off is left, by what holds the difference of the curvatures back."""
     off = []
     for count in (12, 24, 48):
         rng = np.random.default_rng(count)

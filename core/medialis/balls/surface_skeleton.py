@@ -19,8 +19,10 @@ from medialis.model.medial_cloud import MedialCloud
 from medialis.model.shape import Shape
 from medialis.options import Options, algorithm, changed, choice, flag
 from medialis.progress import Progress
+from medialis.surface.creases import find_creases
 from medialis.surface.noise import noise_level, smooth_noise
 from medialis.surface.refinement import RefineOptions, affordable_edge, refine
+from medialis.surface.smooth_refinement import on_smooth_surface
 from medialis.threads import run_patiently
 
 DENOISE = ("auto", "off")
@@ -133,7 +135,7 @@ def surface_skeleton(
 def prepared(shape: Shape, options: Preparation, progress: Progress) -> tuple[Shape, float]:
     """Return the surface to compute on, and the tolerance that it needs; say what was done."""
     clean, tolerance = _denoised(shape, options, progress)
-    return _refined(clean, options.refine, progress), tolerance
+    return _refined(clean, options, progress), tolerance
 
 
 def _denoised(shape: Shape, options: Preparation, progress: Progress) -> tuple[Shape, float]:
@@ -173,8 +175,9 @@ def _without_noise(shape: Shape) -> tuple[Shape, float, float]:
     return (smooth, level, left) if smooth.diagonal > 0 else (shape, level, 0.0)
 
 
-def _refined(shape: Shape, fraction: float, progress: Progress) -> Shape:
+def _refined(shape: Shape, options: Preparation, progress: Progress) -> Shape:
     """Refine a coarse mesh and say so."""
+    fraction = options.refine
     if fraction == 0.0 or shape.faces is None:
         return shape
     if run_patiently(lambda: _dense(shape, fraction * shape.diagonal), progress):
@@ -183,6 +186,11 @@ def _refined(shape: Shape, fraction: float, progress: Progress) -> Shape:
     with progress.stage("refine", 0.0, 0.1):
         fine = refine.of(shape, RefineOptions(longest_edge=fraction), progress)
     if fine is not shape:
+        if shape.face_origin is None:
+            fine = run_patiently(
+                lambda: on_smooth_surface(shape, fine, find_creases(shape, options.creases)),
+                progress,
+            )
         instead = (
             ""
             if fraction == asked

@@ -15,7 +15,7 @@ normals of facets are too rough to tell more than the balls of the samples do.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -91,7 +91,8 @@ def close_caliper(shape: Shape, start: Caliper) -> Caliper | None:
     -----
     Cost: some milliseconds; a step measures all pairs of vertices, edges and faces of two patches.
     """
-    here = start
+    # The ball touches the smooth surface, the caliper the faces: only calipers are compared.
+    here = replace(start, thickness=math.inf)
     across = (start.ends[0] - start.ends[1]) / max(start.length, 1e-300)
     for _ in range(STEPS):
         one, other = _side(shape, here.faces[0], across), _side(shape, here.faces[1], -across)

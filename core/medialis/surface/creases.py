@@ -98,27 +98,33 @@ class Creases:
         result[shape.face_areas == 0.0] = 0.0
         return frozen(np.minimum(result, 1.0), np.float64)
 
-    @cached_property
-    def bulges(self) -> FloatArray:
+    @property
+    def corner_normals(self) -> FloatArray:
+        """Normal of the smooth surface at the corners of each face, (m, 3, 3); zero where none."""
+        normals = self.shape.normals[np.asarray(self.shape.faces).ravel()]
+        normals[self.corners] = self.normals[self.sector]
+        return normals.reshape(-1, 3, 3)
+
+    @property
+    def own_bulges(self) -> FloatArray:
         """How far the smooth surface bulges over the sides of each face, (m, 3), as a length.
 
         With the slopes s_i and s_j of the surface against the side at its ends, by the normals
         there, b is the length of the side times their harmonic mean: the radius of curvature is the
         mean of those at the ends. The surface over the place sum w_i v_i lies the sum of w_i w_j b
-        outward. 0 where the surface bends to both sides, or an end has no normal. Both faces at a
-        crease have the larger bulge of theirs there, as it may be round on one side only.
+        outward. 0 where the surface bends to both sides, or an end has no normal.
         """
-        shape = self.shape
-        assert shape.faces is not None
-        normals = shape.normals[shape.faces.ravel()]
-        normals[self.corners] = self.normals[self.sector]
-        ends = np.roll(np.arange(3 * shape.face_count).reshape(-1, 3), -1, axis=1).ravel()
-        points = shape.points[shape.faces.ravel()]
-        side = points[ends] - points
-        one = -np.einsum("ij,ij->i", normals, side)
-        other = np.einsum("ij,ij->i", normals[ends], side)
+        normals, points = self.corner_normals, self.shape.points[self.shape.faces]
+        side = np.roll(points, -1, axis=1) - points
+        one = -np.einsum("fij,fij->fi", normals, side)
+        other = np.einsum("fij,fij->fi", np.roll(normals, -1, axis=1), side)
         both = one * other > 0
-        result = 2 * one * other / np.where(both, one + other, 1.0) * both
+        return np.asarray(2 * one * other / np.where(both, one + other, 1.0) * both)
+
+    @cached_property
+    def bulges(self) -> FloatArray:
+        """`own_bulges`; at a crease both faces have the larger one: it may be round on one side."""
+        result = self.own_bulges.ravel()
         first, second = self.half_edges.T
         larger = np.where(
             np.abs(result[first]) < np.abs(result[second]), result[second], result[first]

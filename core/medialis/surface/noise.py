@@ -3,7 +3,8 @@
 The level is measured where it matters, between neighbouring vertices: how far a vertex lies off a
 quadric through the vertices round it. A smooth surface lies off as well where it bends within the
 neighbourhood, but that part grows quickly with the size of the neighbourhood and the noise does not
-grow, so two sizes tell them apart. A low quantile leaves out sharp edges.
+grow, so two sizes tell them apart. A low quantile leaves out sharp edges; a vertex whose faces lie
+in one plane is not off at all, however near to sharp edges it is.
 
 The copy is smoothed by a thin plate, which takes away bends shorter than a length and leaves
 straight and evenly curved parts as they are. The length follows from the noise: long enough for the
@@ -122,9 +123,10 @@ def _constructed(shape: Shape) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class _Links:
-    """The neighbours of each vertex, without the hubs of fans."""
+    """The neighbours of each vertex, without the hubs of fans, and whether its faces are flat."""
 
     points: FloatArray
+    flat: NDArray[np.bool_]
     offsets: NDArray[np.int64]
     neighbours: IntArray
 
@@ -136,7 +138,7 @@ class _Links:
         offsets = np.zeros(shape.point_count + 2, np.int64)
         neighbours = np.empty(2 * len(shape.edges), np.int32)
         list_links(shape.edges, few, offsets, neighbours)
-        return cls(shape.points, offsets, neighbours)
+        return cls(shape.points, _on_planes(shape), offsets, neighbours)
 
     def off_quadrics(
         self, rows: NDArray[np.int64], steps: int
@@ -144,7 +146,8 @@ class _Links:
         """Return the vertices with rings that are not too large, and how far off quadrics they lie.
 
         The distance of a point from the quadric through its ring is in deviations of equal noise. A
-        point itself is no part of its ring. Points with few neighbours have no distance.
+        point itself is no part of its ring. Points with few neighbours have no distance; those of
+        flat faces are off by nothing.
         """
         from medialis.surface._noise_kernels import find_rings, measure_off_quadrics, measure_spread
 
@@ -163,7 +166,20 @@ class _Links:
         measure_off_quadrics(
             self.points, known, rings, counts, spread[:, 3].copy(), axes, size, *room, away
         )
-        return rows[small], away
+        return rows[small], np.where(self.flat[known], 0.0, away)
+
+
+def _on_planes(shape: Shape) -> NDArray[np.bool_]:
+    """Tell the vertices at which no edge bends, (n,)."""
+    normals, twins = shape.face_normals, shape.edge_twins
+    side = np.flatnonzero(twins > np.arange(len(twins)))
+    a, b = normals[side // 3], normals[twins[side] // 3]
+    bent = side[np.linalg.norm(np.cross(a, b), axis=1) >= FLAT]
+    corners = np.asarray(shape.faces)
+    result = np.ones(shape.point_count, np.bool_)
+    result[corners[bent // 3, bent % 3]] = False
+    result[corners[bent // 3, (bent + 1) % 3]] = False
+    return result
 
 
 def smooth_noise(shape: Shape, level: float) -> tuple[Shape, float]:
