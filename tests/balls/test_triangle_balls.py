@@ -144,6 +144,12 @@ def test_exact_polyhedron_and_no_creases():
     assert not (none.features[:, 0] == none.features[:, 1]).any()
 
 
+def fans_of(cloud):
+    """The balls of fans, without those of convex creases between samples."""
+    rows = np.arange(cloud.surface.point_count, len(cloud))
+    return cloud.subset(rows[cloud.features[rows, 0] != cloud.features[rows, 1]])
+
+
 def test_fan_at_a_concave_edge_has_no_gap():
     """The sheet between a concave edge and the walls opposite is a parabolic cylinder; there were
     balls on its rims and in its middle only."""
@@ -152,7 +158,7 @@ def test_fan_at_a_concave_edge_has_no_gap():
     cloud = medialis.surface_skeleton(shape, refine=0.04, fans=True)
     n = cloud.surface.point_count
     assert np.array_equal(cloud.centers[:n], plain.centers, equal_nan=True)
-    fan = cloud.subset(np.arange(n, len(cloud)))
+    fan = fans_of(cloud)
     at_edge = cloud.surface.points[fan.source]
     assert len(fan) > 200 and (at_edge[:, :2] == 1.0).all()
     far = np.abs(fan.centers[:, 2] - 1.5) < 0.9  # not stopped by the ends
@@ -169,10 +175,35 @@ def test_fans_of_the_outer_side_stand_at_convex_edges():
     cloud = medialis.surface_skeleton(
         l_prism(), refine=0.1, fans=True, side="outer", largest_radius=2.0
     )
-    n = cloud.surface.point_count
-    fan = cloud.subset(np.arange(n, len(cloud)))
+    fan = fans_of(cloud)
     assert (fan.side == -1).all()
     assert not (cloud.surface.points[fan.source][:, :2] == 1.0).all(axis=1).any()
+
+
+def test_balls_between_the_samples_of_convex_creases():
+    """The surface between two samples of a crease was half a sample spacing from any ball."""
+    shape = forms.cube()
+    plain = medialis.surface_skeleton(shape, refine=0.02)
+    cloud = medialis.surface_skeleton(shape, refine=0.02, fans=True)
+    n = cloud.surface.point_count
+    more = cloud.subset(np.arange(n, len(cloud)))
+    assert (more.features[:, 0] == more.features[:, 1]).all() and (more.contact_faces >= 0).all()
+    low, high = shape.bounds
+    room = np.concatenate([more.centers - low, high - more.centers], axis=1).min(axis=1)
+    assert more.radii == pytest.approx(room, abs=1e-12)  # none pokes out, each touches
+    # Their contacts are places of edges, as far apart as three balls between two samples are.
+    at_wall = (np.abs(np.abs(more.contacts) - 1) < 1e-12).sum(axis=1)
+    assert (at_wall >= 2).all()
+    # A quarter of an edge along, and the depth of a ball in a right angle.
+    between = cloud.surface.points[cloud.surface.edges].mean(axis=1)
+    edges = between[(np.abs(np.abs(between) - 1) < 1e-12).sum(axis=1) == 2]
+    gaps = [
+        np.min(np.linalg.norm(edges[:, None] - c.centers[None], axis=2) - c.radii, axis=1).max()
+        for c in (plain, cloud)
+    ]
+    assert gaps[1] < 0.6 * gaps[0]
+    sheets = [medialis.medial_sheets(c).count for c in (plain, cloud)]
+    assert sheets[0] == sheets[1] == 12
 
 
 @pytest.mark.parametrize("angle, edges", [(30.0, 12), (91.0, 0), (0.0, 12)])

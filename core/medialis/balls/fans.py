@@ -19,6 +19,7 @@ from medialis.balls.ball_shrinking import (
     sample_tree,
     shrink_options,
 )
+from medialis.balls.crease_balls import between_samples
 from medialis.balls.thin_walls import BallOptions
 from medialis.balls.triangle_balls import Walls
 from medialis.model.medial_cloud import COLUMNS, MedialCloud
@@ -36,7 +37,10 @@ surfaces, normals between those of the sides mean nothing."""
 
 
 def with_fans(cloud: MedialCloud, options: BallOptions, progress: Progress) -> MedialCloud:
-    """Append balls at creases that are concave on their side, as close as the samples are apart.
+    """Append balls at creases between those of the samples.
+
+    Creases that are concave on their side get fans, as close as the samples are apart; convex ones
+    balls between the samples (`between_samples`).
 
     Parameters
     ----------
@@ -48,22 +52,24 @@ def with_fans(cloud: MedialCloud, options: BallOptions, progress: Progress) -> M
     Returns
     -------
     MedialCloud
-        The rows given, then those of fans: `source` tells the sample at the crease. The cloud
-        itself where no crease is concave.
+        The rows given, then those of fans, then those between samples: `source` tells the sample at
+        the crease. The cloud itself where there is no crease.
     """
     shape = cloud.surface
     if shape.faces is None:
         return cloud
     creases = run_patiently(lambda: find_creases(shape, options.creases), progress)
     signs = [one for one in np.unique(cloud.side) if (creases.concave == (one > 0)).any()]
-    if not signs:
-        return cloud
-    tree = sample_tree(shape, progress)
-    walls = run_patiently(lambda: Walls.of(shape, creases, tree), progress)
     parts = [cloud]
+    if signs:
+        tree = sample_tree(shape, progress)
+        walls = run_patiently(lambda: Walls.of(shape, creases, tree), progress)
     for sign in signs:
         sources, directions = _directions(cloud, creases, int(sign))
         parts.append(_balls(walls, sources, directions, int(sign), options, progress))
+    parts.append(between_samples(cloud, creases, options.tolerance))
+    if sum(map(len, parts)) == len(cloud):
+        return cloud
     columns: dict[str, Any] = {
         name: np.concatenate([getattr(part, name) for part in parts]) for name in COLUMNS
     }
@@ -122,4 +128,5 @@ def _balls(
     balls = run.to_cloud(shape, walls.tree, arrays, sources, np.full(count, sign, np.int8))
     balls = walls.constrain(balls, options.tolerance, progress, directions=sign * directions)
     at_own = balls.radii <= options.tolerance * shape.diagonal
-    return balls.subset(balls.valid & ~at_own)
+    outside = ((balls.contacts - balls.centers) * balls.contact_normals).sum(axis=1) * sign < 0
+    return balls.subset(balls.valid & ~at_own & ~outside)  # in folds a direction may look outward

@@ -60,8 +60,9 @@ class SurfaceSkeletonOptions(ShrinkOptions, Preparation):
     fans: bool = flag(
         False,
         "Fans",
-        "Add balls at sharp concave edges, with normals between those of the two faces, so that "
-        "the skeleton has no gap there.",
+        "Add balls at sharp edges: at concave ones with normals between those of the two faces, so "
+        "that the skeleton has no gap there, at convex ones small balls between the samples, so "
+        "that the union of the balls has none.",
         advanced=True,
     )
 
@@ -202,7 +203,8 @@ def _refined(shape: Shape, options: Preparation, progress: Progress) -> Shape:
         progress.note(
             f"The mesh was refined for the computation: {shape.point_count:,} vertices became "
             f"{fine.point_count:,} samples. Edges longer than {100 * fraction:.3g} % of the "
-            f"diagonal were split{instead}; the surface is unchanged (refine = 0 turns this off).",
+            f"diagonal were split{instead}; flat faces are unchanged, on rounded ones new samples "
+            "lie on the smooth surface through the vertices (refine = 0 turns this off).",
             "refined",
             vertices=shape.point_count,
             samples=fine.point_count,

@@ -21,8 +21,9 @@ from medialis.balls.ball_shrinking import (
     shrink,
     shrink_options,
 )
+from medialis.balls.crease_balls import with_edge_balls
 from medialis.balls.hidden_walls import THINNEST, hidden_walls
-from medialis.balls.triangle_balls import Walls, with_edge_balls
+from medialis.balls.triangle_balls import Walls
 from medialis.model.medial_cloud import COLUMNS, MedialCloud
 from medialis.model.shape import Shape
 from medialis.options import angle

@@ -18,7 +18,7 @@ from medialis.model.medial_cloud import BallStatus, MedialCloud
 from medialis.model.shape import Shape
 from medialis.model.surface import Surface
 from medialis.progress import Progress
-from medialis.surface.creases import STEEPER, Creases
+from medialis.surface.creases import Creases
 from medialis.threads import run_chunks
 from medialis.validation import FloatArray, IntArray
 
@@ -29,9 +29,6 @@ BLOCKS_A_CHUNK, NODES_A_CHUNK = 1024, 64
 
 ROUNDING = 1e-10
 """Fraction of the diagonal: a place less deep than this in a ball is on it."""
-
-EDGE = 1e-6
-"""Fraction of the diagonal: how far the ball at a crease lies from it, at least."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,39 +170,6 @@ class Walls:
         radii = radii[touching] * lengths.unit
         faces, weights = self.faces[face[touching]], places[touching]
         return _touching_faces(cloud, rows, direction[touching], radii, faces, weights)
-
-
-def with_edge_balls(cloud: MedialCloud, creases: Creases, tolerance: float) -> MedialCloud:
-    """Give samples on convex creases the ball that fits into the crease beside them.
-
-    A ball tangent at such a sample cuts a face whatever its normal: its radius is 0. The ball whose
-    center lies the tolerance deep, on the line of the mean normal, touches the faces next to the
-    sample instead: the end of the sheet that comes out of the crease. Both of its feature points
-    are the sample; its spoke angle is that of the crease.
-    """
-    surface = cloud.surface
-    depth = max(tolerance, EDGE) * surface.diagonal
-    cut = np.zeros((surface.point_count, 2), np.bool_)
-    for column, sign in enumerate((1, -1)):
-        cut[creases.cut_vertices(sign), column] = True
-    rows = np.flatnonzero(cut[cloud.source, (cloud.side < 0).astype(np.int64)])
-    lowest = np.ones(surface.point_count)
-    cosines = np.einsum("ij,ij->i", creases.normals, surface.normals[creases.vertices])
-    np.minimum.at(lowest, creases.vertices, cosines)
-    source = cloud.source[rows]
-    rows = rows[(lowest[source] > 0) & (lowest[source] < 1 - STEEPER)]
-    source = cloud.source[rows]
-    inward = -surface.normals[source] * cloud.side[rows, None]
-    return cloud.with_rows(
-        rows,
-        centers=surface.points[source] + depth * inward,
-        radii=depth * lowest[source],
-        features=np.stack([source, source], axis=1),
-        status=np.full(len(rows), BallStatus.OK),
-        spoke_angles=2.0 * np.arccos(lowest[source]),
-        contact_faces=np.full(len(rows), -1),
-        contact_weights=np.zeros((len(rows), 3)),
-    )
 
 
 def _touching_faces(

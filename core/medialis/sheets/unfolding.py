@@ -60,11 +60,15 @@ def unfold(cloud: MedialCloud, angle: float) -> Unfolded:
 
 
 def _own_rows(cloud: MedialCloud, sign: int) -> tuple[Index, Index]:
-    """Return the first row of each sample on a side, (n,), -1: none; and the other rows."""
+    """Return the first row of each sample on a side, (n,), -1: none; and the other rows.
+
+    Balls of convex creases between samples are none of them: sheets end on the crease itself.
+    """
     rows = np.flatnonzero(cloud.valid & (cloud.side == sign))
     row_of = np.full(cloud.surface.point_count, -1, np.int64)
     row_of[cloud.source[rows[::-1]]] = rows[::-1]
-    return row_of, rows[row_of[cloud.source[rows]] != rows]
+    others = rows[row_of[cloud.source[rows]] != rows]
+    return row_of, others[cloud.features[others, 0] != cloud.features[others, 1]]
 
 
 def _require_fans(cloud: MedialCloud, others: Index, allowed: IntArray) -> None:

@@ -8,12 +8,14 @@ flat nothing moves; on creases, samples move to where the surfaces of both sides
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from medialis.model.shape import Shape
+from medialis.model.surface import Surface
 from medialis.surface.creases import Creases
 from medialis.surface.normals import mean_normals
 from medialis.validation import FloatArray
@@ -21,6 +23,9 @@ from medialis.validation import FloatArray
 APART = 0.05
 """Share of the largest eigenvalue of the sum of n n^T over the faces at a vertex above which the
 others count: the second one of two normals 26 degrees apart."""
+
+TURN = math.cos(math.radians(30.0))
+"""Cosine of the angle by which a face may turn: more would be a crease."""
 
 
 def on_smooth_surface(shape: Shape, fine: Shape, creases: Creases) -> Shape:
@@ -58,11 +63,27 @@ def on_smooth_surface(shape: Shape, fine: Shape, creases: Creases) -> Shape:
     pairs = weights * weights[:, [1, 2, 0]]
     height = np.einsum("ij,ij->i", pairs, creases.own_bulges[face])
     step, mean, on_crease = _common_steps(vertex - n, normals, height, fine.point_count - n)
-    points, directions = np.array(fine.points), np.array(fine.normals)
-    points[n:] += step
+    points = _unfolded(fine, np.concatenate([np.zeros((n, 3)), step]))
+    directions = np.array(fine.normals)
     smooth = ~on_crease & mean.any(axis=1)
     directions[n:] = np.where(smooth[:, None], mean, mean_normals(points, fine.faces)[n:])
     return replace(fine, points=points, normals=directions)
+
+
+def _unfolded(fine: Shape, step: FloatArray) -> NDArray[np.float64]:
+    """Return the moved points, but where a face would turn by more than what a mesh may be off.
+
+    There, at slivers and on limbs thinner than their bulge, vertices stay on their facets.
+    """
+    faces, before = np.asarray(fine.faces), fine.face_normals
+    points = fine.points + step
+    while True:
+        turned = np.einsum("ij,ij->i", Surface(points, faces).face_normals, before) < TURN
+        stay = np.unique(faces[turned & before.any(axis=1)])
+        stay = stay[(points[stay] != fine.points[stay]).any(axis=1)]
+        if len(stay) == 0:
+            return points
+        points[stay] = fine.points[stay]
 
 
 def _vertices_of_faces(fine: Shape, n: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
