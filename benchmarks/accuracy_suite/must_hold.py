@@ -22,8 +22,9 @@ def requirements(table: Table) -> Iterator[tuple[str, bool, str]]:
         rows("poke_out"), lambda r: r["poke_out"] <= 0.5, "poke_out",
     )  # fmt: skip
     yield _judged(
-        "and of shapes with a known axis", rows("axis"), lambda r: r["poke_out"] <= 0.5, "poke_out"
-    )
+        "centers of shapes with a known axis within 0.1 % of the diagonal of it, in the mean",
+        rows("axis"), lambda r: r["to_axis_mean"] <= 0.1, "to_axis_mean",
+    )  # fmt: skip
     yield _judged(
         "the union of the balls is within 0.1 % of the diagonal of the surface, both sides",
         rows("union"), lambda r: max(r["out_max"], r["back_max"]) <= 0.1, "out_max", "back_max",

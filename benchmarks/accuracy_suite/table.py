@@ -39,7 +39,8 @@ TITLES = {
         "nearest center, so half the spacing of the samples at least. `poke_out`: per cent of the "
         "balls that leave the triangles by more than "
         "1.1 tolerances and the sagitta r (1 - cos a) at their contacts; `poke_out_creases`: the "
-        "same with creases of more than 30 degrees as walls.",
+        "same with creases of more than 30 degrees as walls. (Facets lie inside of rounded shapes: "
+        "on coarse irregular meshes the true balls poke out as well, all of those of a sphere.)",
     ),
     "poke_out": (
         "Balls that poke out of real shapes",

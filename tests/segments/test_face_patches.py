@@ -109,14 +109,19 @@ def test_counts_and_connectedness(name):
     ],
 )  # fmt: skip
 def test_borders_are_the_creases(name, areas, length):
-    """Exactly: faces have patches, not samples. The rims of a cylinder are two polygons."""
+    """Exactly: faces have patches, not samples. The rims of a tube and of a cylinder are polygons
+    as drawn; refined, their samples lie on circles."""
     found = patches(name)
     if areas is not None:
         assert found.areas == pytest.approx(areas)
     if name == "cylinder":
         around = round(2 * np.pi / STEP)
         length = 2 * around * 2 * math.sin(math.pi / around)
-    assert border_length(found) == pytest.approx(length)
+    if name in ("tube", "cylinder"):
+        circles = 2 * np.pi * (3.0 if name == "tube" else 2.0)
+        assert length < border_length(found) < circles * (1 + 1e-9)
+    else:
+        assert border_length(found) == pytest.approx(length)
 
 
 def test_soft_borders_are_circles():

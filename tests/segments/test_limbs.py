@@ -35,13 +35,14 @@ def jack():
 @pytest.mark.slow
 def test_jack_has_its_ball_and_its_arms(jack):
     """At half, once and twice the density. One sample (0.06) round each arm, 1.6 long, is 0.6 of an
-    area of 15.6: with the samples on both sides of it the index is 0.9 or more."""
+    area of 15.6: with the samples on both sides of it the index is 0.9 or more. At half the density
+    the border of each arm may lie two samples beyond the ball, 0.1 of 0.6: 0.85."""
     middle, plain = jack[0], limbs(jack[0]).labels
     for cell in (0.06, 0.042, 0.03):
         shape, body = hub(AXES, cell, ball=0.6)
         found = limbs(shape)
         assert found.count == 7
-        assert adjusted_rand(found.labels, body) > 0.9
+        assert adjusted_rand(found.labels, body) > (0.85 if cell > 0.05 else 0.9)
         assert adjusted_rand(across(shape, found.labels, middle), plain) > 0.9
         beyond = np.linalg.norm(shape.points, axis=1) > 0.6 + 2 * cell
         for number in range(1, 7):

@@ -86,7 +86,7 @@ def between_samples(cloud: MedialCloud, creases: Creases, tolerance: float) -> M
     ends = surface.points[corners[rows, side]] - surface.points[corners[rows, (side + 1) % 3]]
     small = _depth(cloud, tolerance)
     depth = np.maximum(DEEP * np.linalg.norm(ends, axis=1), small)
-    tree = NearestTree.of_triangles(surface.points, surface.faces)
+    tree = NearestTree.of_triangles(surface.points, np.asarray(surface.faces))
     radii, _ = tree.distances(place - (depth * sign)[:, None] * middle)
     fits = radii >= FITS * depth * cosine
     depth, radii = np.where(fits, depth, small), np.where(fits, radii, small * cosine)

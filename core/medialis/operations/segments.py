@@ -37,7 +37,7 @@ class SheetPreparation(Preparation):
         "refine",
         default=0.01,
         help="Split edges longer than this fraction of the size for the computation, so "
-        "that flat faces get samples; the surface stays the same. 0 computes with the"
+        "that flat faces get samples; flat faces stay the same. 0 computes with the"
         " given vertices only. Sheets and edges need several samples across every "
         "face.",
     )

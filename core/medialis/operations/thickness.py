@@ -41,7 +41,7 @@ class ThicknessRun(ThinSpotOptions, Preparation):
         "refine",
         default=0.01,
         help="Split edges longer than this fraction of the size for the computation, so that flat "
-        "faces get samples; the surface stays the same. 0 computes with the given vertices only. A "
+        "faces get samples; flat faces stay the same. 0 computes with the given vertices only. A "
         "wall is seen where the samples are closer together than it is thick.",
     )
 
