@@ -202,6 +202,8 @@ def test_balls_between_the_samples_of_convex_creases():
         for c in (plain, cloud)
     ]
     assert gaps[1] < 0.6 * gaps[0]
+    ball = forms.icosphere(2)  # without any crease
+    assert len(medialis.surface_skeleton(ball, fans=True, refine=0)) == ball.point_count
     sheets = [medialis.medial_sheets(c).count for c in (plain, cloud)]
     assert sheets[0] == sheets[1] == 12
 

@@ -71,6 +71,8 @@ def between_samples(cloud: MedialCloud, creases: Creases, tolerance: float) -> M
         if surface.faces is not None and (cloud.side == sign).any()
     ]
     first, second, sign, part = (np.concatenate(columns) for columns in zip(*parts, strict=True))
+    if len(first) == 0:
+        return cloud.subset(first)
     face, side = np.divmod(first, 3)
     corners = np.asarray(surface.faces)[face]
     rows = np.arange(len(face))
