@@ -25,8 +25,9 @@ is looked for again, until T constrains it no more: each step is a root below th
 places converge as quickly as in Newton's method. In the end the ball is the one for a = 0.
 
 Triangles hang on the leaves of the tree of samples, at the leaf of their first corner. Bounds of
-their own (box and slab, float32, good to `margin`) hold them whole. Within a leaf, the disc round
-each triangle is tested first, side by side.
+their own (box and slab, float32, good to `margin`) hold them whole. Within a leaf, the hull of each
+triangle is tested first, side by side: the disc round it, or for a sliver, whose disc would reach
+far beside it and into balls that it does not touch, the cylinder round its longest side.
 
 Certificate. After a traversal no T lies deeper in (c0, r0) than h + a. By the triangle inequality
 none lies deeper than h + tolerance in a ball (c, r) where |c - c0| + max(r - r0, 0) is at most
@@ -45,8 +46,10 @@ from medialis._kernels.nearest_kernels import dot
 
 KNOWN = 16  # certificates kept, as for samples
 STEPS = 60  # of the iteration; each shrinks the ball, and it ends where rounding decides
-SPHERE, PLANE = 0, 4  # rows of `hulls`: middle and radius of the disc round a face, its normal;
-ROWS = 7
+MIDDLE, BREADTH, AXIS = 0, 3, 4  # rows of `hulls`: middle, radius and axis of disc or cylinder;
+THICK = 7  # half the height of the cylinder, 0 for a disc
+ROWS = 8
+SLIM = 8.0  # a face is a sliver where it is so many times as long as it is high
 COSINE = 3  # column of `reliefs`, after the bulges b of the sides: the smallest one at the corners
 NOWHERE = -1e15  # radius of the disc of a slot left over: never near, whatever the margins
 BLOCK = 16  # faces side by side; the last block of a leaf is filled up with faces that are nowhere
@@ -86,7 +89,7 @@ def fill_hulls(
                 out_corners[i, 0] = -1
                 for row in range(ROWS):
                     out_hulls[block, row, slot] = 0.0
-                out_hulls[block, SPHERE + 3, slot] = NOWHERE
+                out_hulls[block, BREADTH, slot] = NOWHERE
                 continue
             a, b, c = place[faces[f, 0]], place[faces[f, 1]], place[faces[f, 2]]
             out_corners[i, 0], out_corners[i, 1], out_corners[i, 2] = a, b, c
@@ -96,16 +99,6 @@ def fill_hulls(
 
 @kernel
 def _fill_hull(points, a, b, c, out):
-    for axis in range(3):
-        out[SPHERE + axis] = (points[a, axis] + points[b, axis] + points[c, axis]) / 3.0
-    radius2 = 0.0
-    for corner in (a, b, c):
-        d2 = 0.0
-        for axis in range(3):
-            d = points[corner, axis] - np.float64(out[SPHERE + axis])
-            d2 += d * d
-        radius2 = max(radius2, d2)
-    out[SPHERE + 3] = math.sqrt(radius2)
     ax, ay, az = points[a, 0], points[a, 1], points[a, 2]
     ux, uy, uz = points[b, 0] - ax, points[b, 1] - ay, points[b, 2] - az
     vx, vy, vz = points[c, 0] - ax, points[c, 1] - ay, points[c, 2] - az
@@ -113,7 +106,48 @@ def _fill_hull(points, a, b, c, out):
     length = math.sqrt(nx * nx + ny * ny + nz * nz)
     if length > 0.0:
         nx, ny, nz = nx / length, ny / length, nz / length
-    out[PLANE], out[PLANE + 1], out[PLANE + 2] = nx, ny, nz
+    out[AXIS], out[AXIS + 1], out[AXIS + 2] = nx, ny, nz
+    for axis in range(3):
+        out[MIDDLE + axis] = (points[a, axis] + points[b, axis] + points[c, axis]) / 3.0
+    out[THICK] = 0.0
+    _lay_along(points, a, b, c, length, out)
+    along, beside = 0.0, 0.0
+    for corner in (a, b, c):
+        off, d2 = 0.0, 0.0
+        for axis in range(3):
+            d = points[corner, axis] - np.float64(out[MIDDLE + axis])
+            off += d * np.float64(out[AXIS + axis])
+        off *= out[THICK]
+        for axis in range(3):
+            d = points[corner, axis] - np.float64(out[MIDDLE + axis])
+            d -= off * np.float64(out[AXIS + axis])
+            d2 += d * d
+        along, beside = max(along, abs(off)), max(beside, d2)
+    out[THICK], out[BREADTH] = along, math.sqrt(beside)
+
+
+@kernel
+def _lay_along(points, a, b, c, twice_area, out):
+    """Lay the middle and the axis of a sliver along its longest side; 1 in THICK tells that."""
+    longest, first, second, third = 0.0, a, b, c
+    for i, j, k in ((a, b, c), (b, c, a), (c, a, b)):
+        d2 = 0.0
+        for axis in range(3):
+            d2 += (points[j, axis] - points[i, axis]) ** 2
+        if d2 > longest:
+            longest, first, second, third = d2, i, j, k
+    if SLIM * twice_area >= longest:
+        return
+    share = 0.0  # of the longest side, where the third corner stands over it
+    for axis in range(3):
+        side = points[second, axis] - points[first, axis]
+        share += side * (points[third, axis] - points[first, axis]) / longest
+    for axis in range(3):
+        side = points[second, axis] - points[first, axis]
+        height = points[third, axis] - points[first, axis] - share * side
+        out[AXIS + axis] = side / math.sqrt(longest)
+        out[MIDDLE + axis] = points[first, axis] + 0.5 * (side + height)
+    out[THICK] = 1.0
 
 
 @kernel
@@ -254,12 +288,13 @@ def _shrink_to(i, n, sign, r, relief, least, highest, points, own, bulges):
 def _is_near(hull, f, px, py, pz, x, y, z, r, relief, least):
     """Tell whether face f of a block may constrain the ball with center x, y, z, tangent at px, ...
 
-    The disc round a face is no farther than the face. All is float32, good to `margin`: `relief`
-    and `least` are those of `_shrink_to` less the margin. The distance within the plane is that of
-    the foot, without squares that cancel out.
+    The hull of a face is no farther than the face. All is float32, good to `margin`: `relief`
+    and `least` are those of `_shrink_to` less the margin. The distance at right angles to the axis
+    is that of the foot, without squares that cancel out.
     """
-    mx, my, mz, size = hull[SPHERE, f], hull[SPHERE + 1, f], hull[SPHERE + 2, f], hull[3, f]
-    nx, ny, nz = hull[PLANE, f], hull[PLANE + 1, f], hull[PLANE + 2, f]
+    mx, my, mz = hull[MIDDLE, f], hull[MIDDLE + 1, f], hull[MIDDLE + 2, f]
+    nx, ny, nz = hull[AXIS, f], hull[AXIS + 1, f], hull[AXIS + 2, f]
+    size = hull[BREADTH, f] + hull[THICK, f]
     dx, dy, dz = px - mx, py - my, pz - mz
     # Faces wholly nearer to p than sqrt(2) r are relief; |d| + size < sqrt(2) r by squares.
     wide2 = dx * dx + dy * dy + dz * dz + size * (r + r + r + size)
@@ -267,8 +302,10 @@ def _is_near(hull, f, px, py, pz, x, y, z, r, relief, least):
     dx, dy, dz = x - mx, y - my, z - mz
     off = nx * dx + ny * dy + nz * dz
     dx, dy, dz = dx - off * nx, dy - off * ny, dz - off * nz
-    beside = math.sqrt(dx * dx + dy * dy + dz * dz) - size
+    beside = math.sqrt(dx * dx + dy * dy + dz * dz) - hull[BREADTH, f]
     beside = beside if beside > 0 else np.float32(0.0)
+    off = abs(off) - hull[THICK, f]
+    off = off if off > 0 else np.float32(0.0)
     return (off * off + beside * beside < may * may) & (may > 0)
 
 

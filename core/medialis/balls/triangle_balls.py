@@ -50,8 +50,8 @@ class Walls:
         Their corners as samples in tree order.
     reliefs : (16 b, 4) float64
         Bulges of their sides, and the smallest cosine at their corners (see `Creases`).
-    hulls : (b, 7, 16) float32
-        Disc round each face.
+    hulls : (b, 8, 16) float32
+        Disc or cylinder round each face.
     bounds : (nodes, 11, 8) float32
         As those of the tree, round faces.
     """

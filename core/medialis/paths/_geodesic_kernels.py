@@ -14,7 +14,7 @@ triangle in one segment, so a path visits a face at most once: m steps are the b
 Admissible bound: a path is dropped as soon as its length plus the straight line to e reaches the
 best length so far. What is dropped could not have won. Before there is a best length, a limit that
 doubles until a path arrives stands in for it: else the wrong way round a large shape would be
-walked to its end.
+walked to its end. The caller says how long paths may be: a pair without a shorter one stays open.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ import numpy as np
 from medialis._kernels.jit import kernel
 
 NONE, PLANE, EDGES = 0, 1, 2  # how a length was found
-FIRST_LIMIT = 1.7  # times the straight line; a half circle has pi / 2
+OPEN = -1  # no path is short enough, a longer one may arrive
 
 
 @kernel
@@ -195,19 +195,17 @@ def _turn(frame, angle, out):
 @kernel
 def _best_plane(
     points, corners, twins, fan_offsets, fan, start, end, frame, planes, halvings, likely,
-    out_first, out_last,
+    limit, longest, out_first, out_last,
 ):  # fmt: skip
     """Length and angle of the shortest path: evenly spread planes, then halving round the best.
 
     The planes are tried from number `likely` outwards, so that a good bound comes early; which one
-    wins does not depend on it.
+    wins does not depend on it. Without a path shorter than `longest` the length is inf, and NaN if
+    a longer one may arrive; `limit` is where the search for it begins.
     """
     normal = np.empty(3)
     step = math.pi / planes
-    limit = 0.0
-    for a in range(3):
-        limit += (points[end, a] - points[start, a]) ** 2
-    limit = FIRST_LIMIT * math.sqrt(limit)
+    limit = min(limit, longest)
     while True:
         best, angle, least = limit, 0.0, math.inf
         for turn in range(planes):
@@ -225,8 +223,11 @@ def _best_plane(
             break
         if least == math.inf:
             return math.inf, angle
+        if limit >= longest:
+            return math.nan, angle
         while limit <= least:  # no path arrives before
             limit *= 2.0
+        limit = min(limit, longest)
     for _ in range(halvings):
         step *= 0.5
         middle = angle
@@ -243,16 +244,22 @@ def _best_plane(
 
 @kernel
 def trace_geodesics(
-    begin, end_row, points, normals, corners, twins, fan_offsets, fan, component,
+    begin, end_row, rows, first_limit, longest,
+    points, normals, corners, twins, fan_offsets, fan, component,
     starts, ends, planes, halvings,
     out_length, out_start_tangent, out_end_tangent, out_normal, out_status,
 ):  # fmt: skip
-    """Shortest straightest geodesics of the pairs begin..end_row."""
+    """Shortest straightest geodesics of the pairs rows[begin..end_row].
+
+    They are looked for among paths of up to `first_limit` times the straight line, then among
+    longer ones, up to longest[row].
+    """
     frame = np.empty((2, 3))
     first, last = np.empty(3), np.empty(3)
     old = np.zeros(3)  # plane normal that won for the previous pair
     has_old = False
-    for row in range(begin, end_row):
+    for r in range(begin, end_row):
+        row = rows[r]
         start, end = starts[row], ends[row]
         out_length[row] = math.inf
         out_status[row] = NONE
@@ -280,10 +287,16 @@ def trace_geodesics(
             if has_old:
                 u, w = _dot(old, frame[0]), _dot(old, frame[1])
                 likely = round(math.atan2(w, u) * planes / math.pi) if u * u + w * w > 0.25 else 0
+            straight = 0.0
+            for a in range(3):
+                straight += (points[end, a] - points[start, a]) ** 2
             best, angle = _best_plane(
                 points, corners, twins, fan_offsets, fan, start, end, frame, planes, halvings,
-                likely, first, last,
+                likely, first_limit * math.sqrt(straight), longest[row], first, last,
             )  # fmt: skip
+            if math.isnan(best):
+                best = math.inf
+                out_status[row] = OPEN
             if best < math.inf:
                 _turn(frame, angle, old)
                 has_old = True

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,10 +16,27 @@ from medialis.model.shape import Shape
 from medialis.options import Options, whole
 from medialis.progress import Progress, ProgressCallback
 from medialis.threads import run_chunks, run_patiently
+from medialis.validation import FloatArray, IntArray
 
 HALVINGS = 4
 """Of the angle between planes, round the best one: 18 degrees become about 1. Eight extra paths
 bring the median error of the default from 0.01 % down to 0.001 % (docs/benchmarks.md)."""
+
+FIRST_LIMIT = 1.7
+"""Times the straight line between the ends, where the search for plane cuts begins; a half circle
+has pi / 2."""
+
+NEAR = 8.0
+"""Times the straight line: pairs without a plane cut as short as this are looked at anew."""
+
+OPEN_SHARE, MOST_BOUNDED = 0.1, 100_000
+"""Where more pairs than this part of the vertices are open then, as on crumpled surfaces and thin
+plates, paths through landmarks tell how long their plane cuts may be. On more vertices than that
+the landmarks take too long."""
+
+BOUNDING, DETOUR = 16, 2.0
+"""Landmarks that do, and how many times as long as the shortest path through one of them along the
+edges a plane cut may be: what is longer is not straight, it goes the wrong way round."""
 
 PAIRS_A_CHUNK = 128
 SEARCHES_A_CHUNK = 16
@@ -104,7 +122,8 @@ def geodesic_lengths(
     where no plane cut arrives, the shortest path along the edges is taken. All these searches
     together look at a million vertices, and 110 for each of the shape, 10 million at most; a pair
     with a longer one gets the shortest path along the edges through one of 64 vertices spread over
-    the starts of such pairs.
+    the starts of such pairs. Where many pairs have no cut of less than 8 times the straight line,
+    a cut is given up when it is twice as long as such a path.
 
     Examples
     --------
@@ -211,19 +230,11 @@ def _through_landmarks(
     One search from each landmark serves all pairs. The landmarks are start vertices, each the
     farthest from those before.
     """
-    from scipy.sparse import csr_array
-    from scipy.sparse.csgraph import dijkstra
-
     if len(rows) == 0:
         return
-    points, (a, b), n = shape.points, shape.edges.T, shape.point_count
-    size = np.maximum(shape.edge_lengths, 1e-300)  # a stored zero is no edge
-    graph = csr_array((np.r_[size, size], (np.r_[a, b], np.r_[b, a])), shape=(n, n))
+    points = shape.points
     starts, goals = ends[rows].T
-    far, landmark = np.full(len(rows), np.inf), int(starts[0])
-    for number in range(LANDMARKS):
-        progress.update(number / LANDMARKS)
-        distance, before = dijkstra(graph, indices=landmark, return_predecessors=True)
+    for landmark, distance, before in _from_landmarks(shape, starts, LANDMARKS, progress):
         length = distance[starts] + distance[goals]
         shorter = np.flatnonzero(length < out["length"][rows])
         for side, name, sign in ((starts, "start_tangent", 1), (goals, "end_tangent", -1)):
@@ -240,6 +251,26 @@ def _through_landmarks(
             )
         out["length"][rows[shorter]] = length[shorter]
         out["status"][rows[shorter]] = PathStatus.EDGES
+
+
+def _from_landmarks(
+    shape: Shape, starts: IntArray, count: int, progress: Progress
+) -> Iterator[tuple[int, FloatArray, IntArray]]:
+    """Yield start vertices, each the farthest from those before, and the paths along edges to them.
+
+    Each with the distance of all n vertices, and the vertex that comes before each on the way.
+    """
+    from scipy.sparse import csr_array
+    from scipy.sparse.csgraph import dijkstra
+
+    (a, b), n = shape.edges.T, shape.point_count
+    size = np.maximum(shape.edge_lengths, 1e-300)  # a stored zero is no edge
+    graph = csr_array((np.r_[size, size], (np.r_[a, b], np.r_[b, a])), shape=(n, n))
+    far, landmark = np.full(len(starts), np.inf), int(starts[0])
+    for number in range(count):
+        progress.update(number / count)
+        distance, before = dijkstra(graph, indices=landmark, return_predecessors=True)
+        yield landmark, distance, before
         far = np.minimum(far, distance[starts])
         landmark = int(starts[far.argmax()])
         if far.max() == 0.0:
@@ -250,7 +281,7 @@ def cut_by_planes(
     shape: Shape, ends: NDArray[np.int32], directions: int, progress: Progress
 ) -> dict[str, NDArray[Any]]:
     """Shortest plane cut of each pair, with the plane's normal (NaN: an edge, or one place)."""
-    from medialis.paths._geodesic_kernels import trace_geodesics
+    from medialis.paths._geodesic_kernels import OPEN, trace_geodesics
 
     k = len(ends)
     out: dict[str, NDArray[Any]] = {
@@ -264,14 +295,36 @@ def cut_by_planes(
     points, *connectivity = run_patiently(lambda: surface_walk(shape), progress)
     components = run_patiently(lambda: shape.components, progress)
 
-    def trace(begin: int, end: int) -> None:
-        trace_geodesics(
-            begin, end, points, shape.normals, *connectivity, components,
-            starts, goals, math.ceil(directions / 2), HALVINGS, *out.values(),
-        )  # fmt: skip
+    def trace_all(rows: NDArray[np.int64], limit: float, longest: FloatArray) -> None:
+        def trace(begin: int, end: int) -> None:
+            trace_geodesics(
+                begin, end, rows, limit, longest, points, shape.normals, *connectivity, components,
+                starts, goals, math.ceil(directions / 2), HALVINGS, *out.values(),
+            )  # fmt: skip
 
-    run_chunks(trace, k, PAIRS_A_CHUNK, progress=progress)
+        run_chunks(trace, len(rows), PAIRS_A_CHUNK, progress=progress)
+
+    with progress.stage("geodesics", 0.0, 0.8):
+        straight = np.linalg.norm(points[starts] - points[goals], axis=1)
+        trace_all(np.arange(k), FIRST_LIMIT, NEAR * straight)
+    rows = np.flatnonzero(out["status"] == OPEN)
+    with progress.stage("geodesics", 0.8, 1.0):
+        trace_all(rows, 2 * NEAR, _longest_cuts(shape, ends, rows, progress))
+    out["status"][rows] = np.maximum(out["status"][rows], PathStatus.NONE)
     return out
+
+
+def _longest_cuts(
+    shape: Shape, ends: NDArray[np.int32], rows: NDArray[np.int64], progress: Progress
+) -> FloatArray:
+    """Return how long the plane cuts of some pairs may be, for all k pairs."""
+    longest = np.full(len(ends), np.inf)
+    if OPEN_SHARE * shape.point_count < len(rows) and shape.point_count <= MOST_BOUNDED:
+        starts, goals = ends[rows].T
+        for _, distance, _ in _from_landmarks(shape, starts, BOUNDING, progress.still):
+            through = DETOUR * (distance[starts] + distance[goals])
+            longest[rows] = np.minimum(longest[rows], through)
+    return longest
 
 
 def as_pairs(pairs: ArrayLike, count: int) -> NDArray[np.int32]:

@@ -20,6 +20,10 @@ ISLAND = 0.1
 """A piece is an island where it is lighter than this part of the heaviest one of its label. The two
 walls of a sheet are about equally large."""
 
+FULL, MOST_FULL = 0.06, 20_000_000
+"""Part of the shares that are not zero from which on all are stored, as a step then costs less, and
+how many that may be."""
+
 
 def spread_labels(points: FloatArray, graph: Ragged, labels: IntArray) -> IntArray:
     """Give points with label -1 the label of the nearest labelled one along the graph.
@@ -216,7 +220,8 @@ def diffused_labels(labels: IntArray, graph: Ragged, steps: int) -> IntArray:
     graph : Ragged
         n rows.
     steps : int
-        Borders move by about the square root of this, in spacings.
+        Borders move by about the square root of this, in spacings. At most as many are made as a
+        label has samples in the mean: more would leave nothing of most.
 
     Returns
     -------
@@ -243,8 +248,11 @@ def diffused_labels(labels: IntArray, graph: Ragged, steps: int) -> IntArray:
     held, share = around[:, still] @ fixed, _shares(column[rows], count)
     mean = diags_array(1.0 / (inner.sum(axis=1) + held.sum(axis=1)))
     inner, held = csr_array(mean @ inner), csr_array(mean @ held)
-    for _ in range(steps):  # sparse: a sample has shares of a few labels
-        share = inner @ share + held
+    size, dense = len(rows) * count, False
+    for _ in range(min(steps, int((labels >= 0).sum()) // count)):
+        share = inner @ share + held  # sparse: most samples have shares of a few labels
+        if not dense and FULL * size < share.nnz and size <= MOST_FULL:
+            share, held, dense = share.toarray(), held.toarray(), True
     result = labels.copy()
     result[rows] = used[share.argmax(axis=1)]
     return result

@@ -17,7 +17,7 @@ from medialis.model.medial_cloud import MedialCloud
 from medialis.model.shape import Shape
 from medialis.options import Options
 from medialis.progress import Progress, counted
-from medialis.surface.refinement import USUAL, refine_where
+from medialis.surface.refinement import refine_where
 from medialis.threads import run_patiently
 from medialis.validation import FloatArray
 
@@ -33,8 +33,8 @@ that is farthest away is as far."""
 THINNEST = 1 / 32
 """Share of a loop that a radius counts as at least."""
 
-GROWTH = 8
-"""Times the samples that there may be after all attempts, or `USUAL` of them if that is more."""
+GROWTH, LEAST_GROWTH = 8, 40_000
+"""Times the samples that there may be after all attempts, or so many if that is more."""
 
 
 def curve_skeleton_of(shape: Shape, options: Options, progress: Progress) -> CurveSkeleton:
@@ -57,7 +57,7 @@ def curve_skeleton_of(shape: Shape, options: Options, progress: Progress) -> Cur
         cloud = surface_skeleton.of(shape, options, progress)
     with progress.stage("curve skeleton", 0.2, 0.7):
         best = curve_skeleton.of(cloud, options, progress)
-    most = max(USUAL, GROWTH * cloud.surface.point_count)
+    most = max(LEAST_GROWTH, GROWTH * cloud.surface.point_count)
     surface = cloud.surface
     with progress.stage("handles", 0.7, 1.0):
         for attempt in range(ATTEMPTS):

@@ -24,6 +24,8 @@ SPARSE = 16.0
 that few views show has few points, and more views settle strays as well as they add points."""
 CRUMB = 4
 """Pieces of fewer nodes are strays at once: each of the others is tried to be joined."""
+COARSER = 1.25
+"""Each time that a cloud has too many cells."""
 FEWEST = 0.01
 """A piece of the cloud with a smaller share of the points is a stray, if it cannot be joined."""
 
@@ -79,6 +81,23 @@ def merge_cells(
     total: FloatArray = np.bincount(cell_of, weights).astype(np.float64)
     means = [np.bincount(cell_of, weights * points[:, j]) / total for j in range(3)]
     return np.stack(means, axis=1), total
+
+
+def merge_to(
+    points: FloatArray, weights: FloatArray, cell: float, most: int
+) -> tuple[FloatArray, FloatArray, float]:
+    """Merge points by the cells of a grid, of larger cells where more than `most` would be left.
+
+    Returns
+    -------
+    tuple
+        Mean points and weights, and the cell.
+    """
+    points, weights = merge_cells(points, weights, cell)
+    while len(points) > most:
+        cell *= COARSER
+        points, weights = merge_cells(points, weights, cell)
+    return points, weights, cell
 
 
 def thin_points(points: FloatArray, weights: FloatArray, cell: float, measure: Measure) -> Nodes:

@@ -19,6 +19,7 @@ from medialis.curves.from_views.cloud_nodes import (
     Measure,
     Nodes,
     join_pieces,
+    merge_to,
     pieces_of,
     thin_points,
     without_crumbs,
@@ -30,12 +31,18 @@ from medialis.validation import FloatArray, IntArray
 
 COVER = 1.0
 """A path accounts for what lies within this many radii of it, plus `LINK` cells."""
+MOST_NODES = 40_000
 SMOOTHING = 0.7
 """Bends as short as this times the radius are smoothed, as by `medialis.curve_skeleton`."""
 
 
 def link_points(
-    points: FloatArray, weights: FloatArray, cell: float, measure: Measure
+    points: FloatArray,
+    weights: FloatArray,
+    cell: float,
+    measure: Measure,
+    *,
+    most: int = MOST_NODES,
 ) -> CurveSkeleton:
     """Return the curve skeleton that a cloud of points near it shows.
 
@@ -49,6 +56,8 @@ def link_points(
         Finest detail, in the units of the points: about the scatter of the cloud.
     measure : callable
         Radius of the ball round each of (j, 3) points; 0 for a point outside the shape.
+    most : int
+        The detail is coarser where the cloud has points in more cells than that.
 
     Returns
     -------
@@ -61,6 +70,7 @@ def link_points(
     Source: thesis 3.7.6, which leaves the reconstruction of lines to other methods. A loop stays
     when no disc inside the shape spans it.
     """
+    cell = merge_to(points, weights, cell, most)[2]
     nodes = thin_points(points, weights, cell, measure)
     nodes = join_pieces(without_crumbs(nodes), cell, measure)
     if len(nodes.points) == 0:
