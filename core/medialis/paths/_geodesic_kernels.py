@@ -244,15 +244,15 @@ def _best_plane(
 
 @kernel
 def trace_geodesics(
-    begin, end_row, rows, first_limit, longest,
+    begin, end_row, rows, limits, longest,
     points, normals, corners, twins, fan_offsets, fan, component,
     starts, ends, planes, halvings,
     out_length, out_start_tangent, out_end_tangent, out_normal, out_status,
 ):  # fmt: skip
     """Shortest straightest geodesics of the pairs rows[begin..end_row].
 
-    They are looked for among paths of up to `first_limit` times the straight line, then among
-    longer ones, up to longest[row].
+    They are looked for among paths of up to limits[row] first, then among longer ones, up to
+    longest[row].
     """
     frame = np.empty((2, 3))
     first, last = np.empty(3), np.empty(3)
@@ -287,12 +287,9 @@ def trace_geodesics(
             if has_old:
                 u, w = _dot(old, frame[0]), _dot(old, frame[1])
                 likely = round(math.atan2(w, u) * planes / math.pi) if u * u + w * w > 0.25 else 0
-            straight = 0.0
-            for a in range(3):
-                straight += (points[end, a] - points[start, a]) ** 2
             best, angle = _best_plane(
                 points, corners, twins, fan_offsets, fan, start, end, frame, planes, halvings,
-                likely, first_limit * math.sqrt(straight), longest[row], first, last,
+                likely, limits[row], longest[row], first, last,
             )  # fmt: skip
             if math.isnan(best):
                 best = math.inf

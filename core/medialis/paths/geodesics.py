@@ -34,9 +34,9 @@ OPEN_SHARE, MOST_BOUNDED = 0.1, 100_000
 plates, paths through landmarks tell how long their plane cuts may be. On more vertices than that
 the landmarks take too long."""
 
-BOUNDING, DETOUR = 16, 2.0
-"""Landmarks that do, and how many times as long as the shortest path through one of them along the
-edges a plane cut may be: what is longer is not straight, it goes the wrong way round."""
+BOUNDING, DETOUR = 16, 1.25
+"""Landmarks that do, and how many times as long as a path along the edges through one of them plane
+cuts may be: longer ones are not straight, they go the wrong way round."""
 
 PAIRS_A_CHUNK = 128
 SEARCHES_A_CHUNK = 16
@@ -45,6 +45,10 @@ SETTLED, SETTLED_A_VERTEX, MOST_SETTLED = 1_000_000, 110, 10_000_000
 """Vertices that all searches along edges may look at: so many, so many for each vertex of the shape
 besides, and in all, some seconds. Of 21 real shapes the one with most pairs that no plane cut joins
 (115 on 62,251 vertices) needs seven million at most."""
+
+MANY_LOST = 0.02
+"""Part of the vertices: where more pairs have no plane cut, as on surfaces that are crumpled or not
+manifold, searches look at no more for large shapes, and most pairs go through landmarks."""
 
 USUAL_FACES = 12.0
 """Faces at a vertex, twice as many as usual, from which on fewer vertices are looked at."""
@@ -123,7 +127,7 @@ def geodesic_lengths(
     together look at a million vertices, and 110 for each of the shape, 10 million at most; a pair
     with a longer one gets the shortest path along the edges through one of 64 vertices spread over
     the starts of such pairs. Where many pairs have no cut of less than 8 times the straight line,
-    a cut is given up when it is twice as long as such a path.
+    one that is 1.25 times as long as such a path is given up.
 
     Examples
     --------
@@ -171,7 +175,8 @@ def _trace(
         lost = out["status"] == PathStatus.NONE
         lost &= (ends >= 0).all(axis=1) & (components[starts] == components[goals])
         rows = np.flatnonzero(lost)
-        most = _most_settled(shape) // max(len(rows), 1)
+        few = len(rows) <= MANY_LOST * shape.point_count
+        most = _most_settled(shape, SETTLED_A_VERTEX if few else 0) // max(len(rows), 1)
         with progress.stage("edge paths", 0.0, 0.6):
             _follow_edges(shape, ends, rows, most, out, progress)
         rows = rows[out["status"][rows] == PathStatus.NONE]
@@ -183,7 +188,7 @@ def _trace(
     return out
 
 
-def _most_settled(shape: Shape) -> int:
+def _most_settled(shape: Shape, a_vertex: int) -> int:
     """Return how many vertices all searches along edges may look at.
 
     A vertex with hundreds of faces costs as many times what another one does, and searches pass
@@ -191,7 +196,7 @@ def _most_settled(shape: Shape) -> int:
     """
     faces = shape.fans.lengths.astype(np.float64)
     busy = float(faces @ faces) / max(float(faces.sum()), 1.0) / USUAL_FACES
-    most = min(MOST_SETTLED, SETTLED + SETTLED_A_VERTEX * shape.point_count)
+    most = min(MOST_SETTLED, SETTLED + a_vertex * shape.point_count)
     return int(most / max(1.0, busy))
 
 
@@ -295,10 +300,10 @@ def cut_by_planes(
     points, *connectivity = run_patiently(lambda: surface_walk(shape), progress)
     components = run_patiently(lambda: shape.components, progress)
 
-    def trace_all(rows: NDArray[np.int64], limit: float, longest: FloatArray) -> None:
+    def trace_all(rows: NDArray[np.int64], limits: FloatArray, longest: FloatArray) -> None:
         def trace(begin: int, end: int) -> None:
             trace_geodesics(
-                begin, end, rows, limit, longest, points, shape.normals, *connectivity, components,
+                begin, end, rows, limits, longest, points, shape.normals, *connectivity, components,
                 starts, goals, math.ceil(directions / 2), HALVINGS, *out.values(),
             )  # fmt: skip
 
@@ -306,10 +311,12 @@ def cut_by_planes(
 
     with progress.stage("geodesics", 0.0, 0.8):
         straight = np.linalg.norm(points[starts] - points[goals], axis=1)
-        trace_all(np.arange(k), FIRST_LIMIT, NEAR * straight)
+        trace_all(np.arange(k), FIRST_LIMIT * straight, NEAR * straight)
     rows = np.flatnonzero(out["status"] == OPEN)
     with progress.stage("geodesics", 0.8, 1.0):
-        trace_all(rows, 2 * NEAR, _longest_cuts(shape, ends, rows, progress))
+        longest = _longest_cuts(shape, ends, rows, progress)
+        usual = np.where(np.isfinite(longest), longest / 2, 0.0)
+        trace_all(rows, np.maximum(usual, 2 * NEAR * straight), longest)
     out["status"][rows] = np.maximum(out["status"][rows], PathStatus.NONE)
     return out
 
