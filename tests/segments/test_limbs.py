@@ -12,6 +12,7 @@ from medialis.model.segmentation import Segmentation
 from medialis.segments.limbs import find_limbs, flatness, node_widths, protrusions
 from medialis.segments.parts import _extent
 from medialis.surface.generate import make_unambiguous, surface_nets
+from medialis.surface import labels as labels_module
 from medialis.surface.labels import connected_labels, diffused_labels
 from medialis.surface.normals import vertex_normals
 from medialis.threads import thread_limit
@@ -307,3 +308,23 @@ def test_diffusion_straightens_borders_and_removes_specks():
     pieces = connected_labels(none, graph).reshape(side, side)
     assert pieces[0, 0] != pieces[0, 19] != pieces[0, 29] and (pieces[:, 20] == -1).all()
     assert len(np.unique(pieces)) == 5  # both sides of the wave, the speck, behind the gap, -1
+
+
+def test_wide_diffusion_is_the_same_with_all_shares_stored(monkeypatch):
+    """500 steps of 42 labels on 50,000 samples took 35 s as sparse products (fixed)."""
+    side = 40
+    graph = grid_graph(side)
+    labels = np.random.default_rng(2).integers(0, 9, side * side).astype(np.int32)
+    monkeypatch.setattr(labels_module, "FULL", 0.0)
+    full = diffused_labels(labels, graph, 60)
+    monkeypatch.setattr(labels_module, "FULL", 1.0)
+    np.testing.assert_array_equal(diffused_labels(labels, graph, 60), full)
+
+
+def test_diffusion_has_no_more_steps_than_labels_have_samples():
+    side = 20
+    labels = np.arange(side * side, dtype=np.int32) // 8
+    graph = grid_graph(side)
+    eight = diffused_labels(labels, graph, 8)
+    np.testing.assert_array_equal(diffused_labels(labels, graph, 1000), eight)
+    assert (diffused_labels(labels, graph, 4) != eight).any()

@@ -26,7 +26,7 @@ FIRST_LIMIT = 1.7
 """Times the straight line between the ends, where the search for plane cuts begins; a half circle
 has pi / 2."""
 
-NEAR = 8.0
+NEAR = 3.4
 """Times the straight line: pairs without a plane cut as short as this are looked at anew."""
 
 OPEN_SHARE, MOST_BOUNDED = 0.1, 100_000
@@ -126,7 +126,7 @@ def geodesic_lengths(
     where no plane cut arrives, the shortest path along the edges is taken. All these searches
     together look at a million vertices, and 110 for each of the shape, 10 million at most; a pair
     with a longer one gets the shortest path along the edges through one of 64 vertices spread over
-    the starts of such pairs. Where many pairs have no cut of less than 8 times the straight line,
+    the starts of such pairs. Where many pairs have no cut of less than 3.4 times the straight line,
     one that is 1.25 times as long as such a path is given up.
 
     Examples
