@@ -271,4 +271,4 @@ def _peak_memory() -> int:
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
 
 
-KIND = Kind(run, processor_seconds=20.0, wall_seconds=90.0, memory=8 * GIGABYTE, share=2.0)
+KIND = Kind(run, processor_seconds=20.0, wall_seconds=300.0, memory=8 * GIGABYTE, share=2.0)
