@@ -247,7 +247,8 @@ def test_hulls_of_slivers_are_as_thin_as_the_slivers():
         order, out = np.full(kernels.BLOCK, -1, np.int32), np.empty((kernels.BLOCK, 3), np.int32)
         order[0], place = 0, np.arange(3, dtype=np.int32)
         faces = place[None].copy()
-        kernels.fill_hulls(0, 1, order, faces, place, corners, np.ones((1, 3)), out, hull)
+        reliefs = np.zeros((1, 4)), np.zeros((kernels.BLOCK, 4))
+        kernels.fill_hulls(0, 1, order, faces, place, corners, reliefs[0], out, reliefs[1], hull)
         row = hull[0, :, 0].astype(np.float64)
         to = corners.mean(axis=0) + rng.normal(size=(200, 3)) - row[:3]
         off = to @ row[kernels.AXIS : kernels.AXIS + 3]
