@@ -41,49 +41,66 @@ def group_corners(vertices, out_offsets, out_corners):
 
 
 @kernel
-def _angle(points, faces, corner):
-    f, j = corner // 3, corner % 3
-    a, b, c = points[faces[f, j]], points[faces[f, (j + 1) % 3]], points[faces[f, (j + 2) % 3]]
-    ux, uy, uz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
-    vx, vy, vz = c[0] - a[0], c[1] - a[1], c[2] - a[2]
-    nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
-    return math.atan2(math.sqrt(nx * nx + ny * ny + nz * nz), ux * vx + uy * vy + uz * vz)
+def _gather_ring(vertex, begin, end, corners, points, faces, units, out_ring, out_ends):
+    """Mean of the faces at a vertex by angle, not of unit length; its first corners are noted.
+
+    `out_ring` has the normal of the face of each corner, and the spoke to the vertex after it;
+    `out_ends` the vertices after and before the corner.
+    """
+    nx, ny, nz = 0.0, 0.0, 0.0
+    x, y, z = points[vertex, 0], points[vertex, 1], points[vertex, 2]
+    for i in range(begin, end):
+        f = corners[i] // 3
+        j = corners[i] - 3 * f
+        after, before = faces[f, (j + 1) % 3], faces[f, (j + 2) % 3]
+        ux, uy, uz = points[after, 0] - x, points[after, 1] - y, points[after, 2] - z
+        vx, vy, vz = points[before, 0] - x, points[before, 1] - y, points[before, 2] - z
+        cx, cy, cz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+        across = math.sqrt(cx * cx + cy * cy + cz * cz)
+        angle = math.atan2(across, ux * vx + uy * vy + uz * vz)
+        nx, ny, nz = nx + angle * units[f, 0], ny + angle * units[f, 1], nz + angle * units[f, 2]
+        k = i - begin
+        if k < MOST_CORNERS:
+            out_ends[k, 0], out_ends[k, 1] = after, before
+            out_ring[k, 0], out_ring[k, 1], out_ring[k, 2] = units[f, 0], units[f, 1], units[f, 2]
+            out_ring[k, 3], out_ring[k, 4], out_ring[k, 5] = ux, uy, uz
+    return nx, ny, nz
 
 
 @kernel
-def _least_cosine(corners, units, nx, ny, nz):
+def _least_cosine(begin, end, corners, units, nx, ny, nz):
     """Least cosine between a direction and the faces at some corners; those without area are 0."""
     least = 1.0
-    for i in range(len(corners)):
-        u = units[corners[i] // 3]
-        least = min(least, nx * u[0] + ny * u[1] + nz * u[2])
+    for i in range(begin, end):
+        f = corners[i] // 3
+        least = min(least, nx * units[f, 0] + ny * units[f, 1] + nz * units[f, 2])
     return least
 
 
 @kernel
-def _goes_round(corners, faces, units, crease):
-    """Tell whether the faces at some corners of a vertex form one ring that creases do not part.
+def _goes_round(count, ring, ends, crease):
+    """Tell whether the faces at a vertex form one ring that creases do not part.
 
     `crease` is the cosine of the bend of a crease. A single one ends at the vertex and parts none.
     """
-    count = len(corners)
     if count > MOST_CORNERS:
         return False
     at, creases = 0, 0
     for step in range(count):
-        f, j = corners[at] // 3, corners[at] % 3
-        ahead, found = faces[f, (j + 2) % 3], -1
+        found = -1
         for other in range(count):
-            g, k = corners[other] // 3, corners[other] % 3
-            if faces[g, (k + 1) % 3] == ahead:
+            if ends[other, 0] == ends[at, 1]:
                 if found >= 0:
                     return False  # three faces at an edge
                 found = other
         if found < 0:
             return False
-        u, w = units[f], units[corners[found] // 3]
-        flat = (u[0] == 0 and u[1] == 0 and u[2] == 0) or (w[0] == 0 and w[1] == 0 and w[2] == 0)
-        creases += (not flat) and u[0] * w[0] + u[1] * w[1] + u[2] * w[2] < crease
+        here, there, cosine = 0.0, 0.0, 0.0
+        for axis in range(3):
+            here += abs(ring[at, axis])
+            there += abs(ring[found, axis])
+            cosine += ring[at, axis] * ring[found, axis]
+        creases += here > 0.0 and there > 0.0 and cosine < crease
         at = found
         if at == 0:
             return step == count - 1 and creases < 2
@@ -112,7 +129,7 @@ def _solve(matrix, x):
 
 
 @kernel
-def _of_surface(vertex, corners, points, faces, nx, ny, nz, matrix, x, row):
+def _of_surface(count, ring, nx, ny, nz, matrix, x, row):
     """Compute the normal of the surface through a ring; nx, ny, nz is about the normal."""
     if abs(nx) < 0.6:
         sx, sy, sz = 0.0, nz, -ny
@@ -121,19 +138,18 @@ def _of_surface(vertex, corners, points, faces, nx, ny, nz, matrix, x, row):
     length = math.sqrt(sx * sx + sy * sy + sz * sz)
     sx, sy, sz = sx / length, sy / length, sz / length
     tx, ty, tz = ny * sz - nz * sy, nz * sx - nx * sz, nx * sy - ny * sx
-    p, count = points[vertex], len(corners)
     mean2 = 0.0
     for i in range(count):
-        q = points[faces[corners[i] // 3, (corners[i] + 1) % 3]]
-        mean2 += (q[0] - p[0]) ** 2 + (q[1] - p[1]) ** 2 + (q[2] - p[2]) ** 2
+        mean2 += ring[i, 3] * ring[i, 3] + ring[i, 4] * ring[i, 4] + ring[i, 5] * ring[i, 5]
     mean2 /= count
     unit = math.sqrt(mean2)
-    matrix[:] = 0.0
-    x[:] = 0.0
+    for j in range(5):
+        x[j] = 0.0
+        for k in range(j + 1):
+            matrix[j, k] = 0.0
     even = 0.0
     for i in range(count):
-        q = points[faces[corners[i] // 3, (corners[i] + 1) % 3]]
-        dx, dy, dz = q[0] - p[0], q[1] - p[1], q[2] - p[2]
+        dx, dy, dz = ring[i, 3], ring[i, 4], ring[i, 5]
         length2 = dx * dx + dy * dy + dz * dz
         if length2 <= SAME_PLACE * mean2:
             continue
@@ -170,21 +186,21 @@ def fill_normals(
     the cosine to a face that looks away is. `smooth`: take surfaces through rings.
     """
     matrix, x, row = np.empty((5, 5)), np.empty(5), np.empty(5)
+    ring, ends = np.empty((MOST_CORNERS, 6)), np.empty((MOST_CORNERS, 2), np.int64)
     for v in range(begin, end):
-        corners = all_corners[offsets[v] : offsets[v + 1]]
-        nx, ny, nz = 0.0, 0.0, 0.0
-        for i in range(len(corners)):
-            u, angle = units[corners[i] // 3], _angle(points, faces, corners[i])
-            nx, ny, nz = nx + angle * u[0], ny + angle * u[1], nz + angle * u[2]
+        first, last = offsets[v], offsets[v + 1]
+        count = last - first
+        nx, ny, nz = _gather_ring(v, first, last, all_corners, points, faces, units, ring, ends)
         length = math.sqrt(nx * nx + ny * ny + nz * nz)
         if length <= 1e-12:  # the faces cancel out (a fin): rounding decides
             continue
         nx, ny, nz = nx / length, ny / length, nz / length
-        least = _least_cosine(corners, units, nx, ny, nz)
+        least = _least_cosine(first, last, all_corners, units, nx, ny, nz)
         if least < -away:
             continue
-        if smooth and _goes_round(corners, faces, units, crease):
-            sx, sy, sz = _of_surface(v, corners, points, faces, nx, ny, nz, matrix, x, row)
-            if _least_cosine(corners, units, sx, sy, sz) >= min(least, 0.0):
+        if smooth and _goes_round(count, ring, ends, crease):
+            sx, sy, sz = _of_surface(count, ring, nx, ny, nz, matrix, x, row)
+            lowest = _least_cosine(first, last, all_corners, units, sx, sy, sz)
+            if lowest >= min(least, 0.0):
                 nx, ny, nz = sx, sy, sz
         out_normals[v, 0], out_normals[v, 1], out_normals[v, 2] = nx, ny, nz

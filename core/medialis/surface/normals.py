@@ -72,6 +72,7 @@ def mean_normals(points: FloatArray, faces: IntArray) -> FloatArray:
 
 def _normals(points: FloatArray, faces: IntArray, *, smooth: bool) -> FloatArray:
     # Imported here: compiled code takes half a second to load, and `medialis --help` needs none.
+    from medialis.model._surface_kernels import cross_faces
     from medialis.surface._normal_kernels import fill_normals, group_corners
 
     points = as_points(points)
@@ -79,12 +80,12 @@ def _normals(points: FloatArray, faces: IntArray, *, smooth: bool) -> FloatArray
     # Scaled to about 1, so that squared areas of tiny or huge shapes stay in range.
     size = float(np.abs(points - points[0]).max()) or 1.0
     local = (points - points[0]) / size
-    a, b, c = local[faces.T]
-    units = np.cross(b - a, c - a)
-    length = np.linalg.norm(units, axis=1, keepdims=True)
+    units = np.empty((len(faces), 3))
+    cross_faces(local, faces, units)
+    length = np.sqrt(np.einsum("ij,ij->i", units, units))[:, None]
     np.divide(units, length, out=units, where=length > 0)
     offsets = np.zeros(len(points) + 2, np.int64)
-    corners = np.empty(faces.size, np.int64)
+    corners = np.empty(faces.size, np.int32)
     group_corners(faces.ravel(), offsets, corners)
     normals, crease = np.zeros((len(points), 3)), math.cos(math.radians(SHARP))
 
