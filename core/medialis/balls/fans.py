@@ -6,6 +6,7 @@ of the samples have one each; the sheet that belongs to the edge lies between.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -36,7 +37,9 @@ SMOOTH = 0.94
 surfaces, normals between those of the sides mean nothing."""
 
 
-def with_fans(cloud: MedialCloud, options: BallOptions, progress: Progress) -> MedialCloud:
+def with_fans(
+    cloud: MedialCloud, options: BallOptions, progress: Progress, walls: Sequence[Walls] = ()
+) -> MedialCloud:
     """Append balls at creases between those of the samples.
 
     Creases that are concave on their side get fans, as close as the samples are apart; convex ones
@@ -48,6 +51,8 @@ def with_fans(cloud: MedialCloud, options: BallOptions, progress: Progress) -> M
         The balls of all samples of a mesh, with these options.
     options : BallOptions
     progress : Progress
+    walls : sequence of Walls
+        What constrained these balls, where that is known; found again where it is empty.
 
     Returns
     -------
@@ -58,15 +63,18 @@ def with_fans(cloud: MedialCloud, options: BallOptions, progress: Progress) -> M
     shape = cloud.surface
     if shape.faces is None:
         return cloud
-    creases = run_patiently(lambda: find_creases(shape, options.creases), progress)
+    if walls:
+        creases = walls[0].creases
+    else:
+        creases = run_patiently(lambda: find_creases(shape, options.creases), progress)
     signs = [one for one in np.unique(cloud.side) if (creases.concave == (one > 0)).any()]
     parts = [cloud]
-    if signs:
+    if signs and not walls:
         tree = sample_tree(shape, progress)
-        walls = run_patiently(lambda: Walls.of(shape, creases, tree), progress)
+        walls = [run_patiently(lambda: Walls.of(creases, tree), progress)]
     for sign in signs:
         sources, directions = _directions(cloud, creases, int(sign))
-        parts.append(_balls(walls, sources, directions, int(sign), options, progress))
+        parts.append(_balls(walls[0], sources, directions, int(sign), options, progress))
     parts.append(between_samples(cloud, creases, options.tolerance))
     if sum(map(len, parts)) == len(cloud):
         return cloud

@@ -13,6 +13,7 @@ import numpy as np
 from medialis.balls.ball_shrinking import ShrinkOptions
 from medialis.balls.fans import with_fans
 from medialis.balls.thin_walls import BallOptions, maximal_balls
+from medialis.balls.triangle_balls import Walls
 from medialis.errors import InvalidShapeError
 from medialis.kept import kept
 from medialis.model.medial_cloud import MedialCloud
@@ -118,8 +119,10 @@ def surface_skeleton(
     fine, tolerance = prepared(shape, options, progress)
     shrinking = BallOptions.taken_from(options, tolerance=tolerance)
 
+    walls: list[Walls] = []
+
     def shrink() -> MedialCloud:
-        cloud = maximal_balls(fine, shrinking, progress)
+        cloud = maximal_balls(fine, shrinking, progress, walls)
         _require_balls(cloud)
         return cloud
 
@@ -129,7 +132,7 @@ def surface_skeleton(
     if not options.fans:
         return cloud
     return kept(
-        with_fans, cloud, shrinking, lambda: with_fans(cloud, shrinking, progress), progress
+        with_fans, cloud, shrinking, lambda: with_fans(cloud, shrinking, progress, walls), progress
     )
 
 

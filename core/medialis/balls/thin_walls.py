@@ -28,7 +28,7 @@ from medialis.model.medial_cloud import COLUMNS, MedialCloud
 from medialis.model.shape import Shape
 from medialis.options import angle
 from medialis.progress import Progress, counted
-from medialis.surface.creases import Creases, find_creases
+from medialis.surface.creases import find_creases
 from medialis.threads import run_chunks, run_patiently
 
 if TYPE_CHECKING:
@@ -49,13 +49,16 @@ class BallOptions(ShrinkOptions):
     )
 
 
-def maximal_balls(shape: Shape, options: BallOptions, progress: Progress) -> MedialCloud:
+def maximal_balls(
+    shape: Shape, options: BallOptions, progress: Progress, out_walls: list[Walls] | None = None
+) -> MedialCloud:
     """Shrink balls to what samples, triangles and thin walls leave room for.
 
     Triangles constrain the balls of a mesh as well as its samples (`Walls`). Inner balls that the
     tolerance lets through a wall get the largest of tolerance / 10, tolerance / 100, ... that does
     not; only the chunks of the samples concerned are computed again, on the same tree. A sample on
-    a convex crease gets the ball that fits into the crease just beside it.
+    a convex crease gets the ball that fits into the crease just beside it. `out_walls` gets the
+    walls of a mesh, for `with_fans`.
     """
     with progress.stage("samples", 0.0, 0.45):
         cloud, tree = shrink(shape, options, progress)
@@ -63,17 +66,18 @@ def maximal_balls(shape: Shape, options: BallOptions, progress: Progress) -> Med
         cloud = _with_lower_tolerance(cloud, tree, None, options, progress)
     else:
         with progress.stage("triangles", 0.45, 1.0):
-            creases, walls = run_patiently(lambda: _walls(shape, options.creases, tree), progress)
+            walls = run_patiently(lambda: _walls(shape, options.creases, tree), progress)
             cloud = walls.constrain(cloud, options.tolerance, progress)
         cloud = _with_lower_tolerance(cloud, tree, walls, options, progress)
-        cloud = with_edge_balls(cloud, creases, options.tolerance)
+        cloud = with_edge_balls(cloud, walls.creases, options.tolerance)
+        if out_walls is not None:
+            out_walls.append(walls)
     note_outcome(cloud, options.tolerance, progress)
     return cloud
 
 
-def _walls(shape: Shape, angle: float, tree: BoxTree) -> tuple[Creases, Walls]:
-    creases = find_creases(shape, angle)
-    return creases, Walls.of(shape, creases, tree)
+def _walls(shape: Shape, angle: float, tree: BoxTree) -> Walls:
+    return Walls.of(find_creases(shape, angle), tree)
 
 
 def _with_lower_tolerance(

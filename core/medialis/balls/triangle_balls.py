@@ -37,11 +37,10 @@ class Walls:
 
     Attributes
     ----------
-    shape : Shape
+    creases : Creases
+        Of the mesh.
     tree : BoxTree
         Of the samples.
-    angle : float
-        Degrees of a crease.
     faces : (16 b,) int32
         Faces in blocks of 16, those of each leaf in blocks of their own; -1 where a slot is left.
     first : (leaves + 1,) int64
@@ -56,9 +55,8 @@ class Walls:
         As those of the tree, round faces.
     """
 
-    shape: Shape
+    creases: Creases
     tree: BoxTree
-    angle: float
     faces: IntArray
     first: NDArray[np.int64]
     corners: IntArray
@@ -67,8 +65,9 @@ class Walls:
     bounds: NDArray[np.float32]
 
     @classmethod
-    def of(cls, shape: Shape, creases: Creases, tree: BoxTree) -> Walls:
+    def of(cls, creases: Creases, tree: BoxTree) -> Walls:
         """Hang the triangles of a mesh on the tree of its samples. Cost O(m), parallel."""
+        shape = creases.shape
         from medialis._kernels.box_tree import wide_levels
         from medialis.balls._triangle_kernels import (
             BLOCK,
@@ -108,7 +107,12 @@ class Walls:
                 bound_faces(tree.points, corners, first, d, depth, f, begin, end, bounds[at])
 
             run_chunks(bound, nodes.stop - nodes.start, NODES_A_CHUNK)
-        return cls(shape, tree, creases.angle, order, first, corners, reliefs, hulls, bounds)
+        return cls(creases, tree, order, first, corners, reliefs, hulls, bounds)
+
+    @property
+    def shape(self) -> Shape:
+        """The mesh."""
+        return self.creases.shape
 
     def constrain(
         self,
@@ -154,7 +158,7 @@ class Walls:
         radii = cloud.radii[order] / lengths.unit
         face, places = np.full(len(order), -1, np.int64), np.zeros((len(order), 3))
         least = max(ROUNDING * shape.diagonal / lengths.unit, lengths.tolerance / 16)
-        highest = math.sin(math.radians(min(self.angle, 90.0))) ** 2 / 2
+        highest = math.sin(math.radians(min(self.creases.angle, 90.0))) ** 2 / 2
 
         def work(begin: int, end: int) -> None:
             shrink_to_triangles(
