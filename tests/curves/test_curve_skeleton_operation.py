@@ -89,6 +89,36 @@ def test_no_loop_is_claimed_where_all_samples_lie_on_creases():
     assert ("loops_missing" in codes(run)) == (run.graph.loops == 0)
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(("around", "across", "minor"), [(5, 6, 0.02), (8, 4, 0.02), (24, 5, 0.03)])
+def test_a_thin_ring_of_flat_faces_has_its_loop(around, across, minor):
+    """All samples of a thin ring lie on creases; it is refined until some do not (was 0 of 1).
+
+    The loop runs inside, so it is as long as the polygon of the axis but for what cutting its
+    corners by the thickness saves.
+    """
+    ring = forms.torus_mesh(around=around, across=across, major=1.0, minor=minor)
+    run = medialis.run("curve_skeleton", ring)
+    assert run.graph.loops == run.values["expected_loops"] == 1
+    polygon = 2 * around * np.sin(np.pi / around)
+    assert run.graph.length == pytest.approx(polygon, rel=2 * minor + 0.02)
+    (note,) = (note for note in run.messages if note.code == "handles_refined")
+    assert note.data["samples"] == run.shape.point_count - medialis.refine(ring).point_count
+    # The given vertices are there, first and unmoved, as with any refinement.
+    assert (run.shape.points[: ring.point_count] == ring.points).all()
+
+
+@pytest.mark.slow
+def test_refined_handles_turn_with_the_shape():
+    """The same loops of a ring that is turned, scaled and far from the origin."""
+    ring = forms.torus_mesh(around=8, across=5, major=1.0, minor=0.02)
+    turn = np.linalg.qr(np.random.default_rng(0).normal(size=(3, 3)))[0]
+    moved = medialis.make_shape(7.0 * ring.points @ turn.T + [10.0, 0, -40], ring.faces)
+    one, other = (medialis.run("curve_skeleton", shape) for shape in (ring, moved))
+    assert one.graph.loops == other.graph.loops == 1
+    assert other.graph.length == pytest.approx(7 * one.graph.length, rel=0.02)
+
+
 def test_sheets_are_parts_more_than_four_times_as_wide_as_thick():
     """Of a plate L x w x t the balls of its inner (w - 4 t) x (L - 4 t) can lie that far."""
     assert "thin_sheets" in notes(box([1, 0.8, 0.06]))

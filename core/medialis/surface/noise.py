@@ -39,8 +39,11 @@ BENDING = 2.0
 """Ratio of what bending adds in three rings and in two, at least: 2.0 to 3.0 on real meshes without
 noise, more on mechanical parts."""
 
-FLAT, SHARP, LONG = 1e-3, math.radians(30), 2.0
-"""Bends of edges in radians that are flat, and sharp; medians of a long edge."""
+FLAT, SHARP = 1e-3, math.radians(30)
+"""Bends of edges in radians that are flat, and sharp."""
+
+LONG, SHORT = 2.0, 0.1
+"""Length of a long edge, in units of the length that this share of the edges is shorter than."""
 
 FLAT_SHARE, SHARP_SHARE = 0.25, 0.1
 """Of the edges of a mesh from a CAD program, at least: washers, pipes and perforated plates of few
@@ -113,7 +116,8 @@ def _constructed(shape: Shape) -> bool:
     """
     normals, twins = shape.face_normals, shape.edge_twins
     side = np.flatnonzero(twins > np.arange(len(twins)))
-    if len(side) == 0 or shape.edge_lengths.max() < LONG * np.median(shape.edge_lengths):
+    short = np.quantile(shape.edge_lengths, SHORT)
+    if len(side) == 0 or shape.edge_lengths.max() < LONG * short:
         return False
     a, b = normals[side // 3], normals[twins[side] // 3]
     flat = np.linalg.norm(np.cross(a, b), axis=1) < FLAT
