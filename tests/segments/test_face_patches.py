@@ -131,6 +131,17 @@ def test_soft_borders_are_circles():
     assert border_length(found) == pytest.approx(2 * 2 * np.pi * radius, rel=0.1)
 
 
+def test_round_shapes_are_said_to_have_few_edges():
+    """All of a limb is soft edge; of a box and a cylinder with rounded edges less than half is."""
+
+    def said(shape):
+        return [note.code for note in medialis.run("patches", shape, refine=0.02).messages]
+
+    assert "few_edges" in said(medialis.organic_shape(64))
+    assert "few_edges" not in said(forms.rounded_cylinder())
+    assert "few_edges" not in said(forms.box_mesh())
+
+
 def test_samples_of_a_crease_have_one_patch():
     """The largest that they touch, so that the border is a straight line of samples as well."""
     found = patches("box")

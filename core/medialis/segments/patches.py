@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,13 +12,18 @@ from medialis.model.segmentation import Segmentation
 from medialis.options import Options, algorithm, angle, number
 from medialis.progress import Progress
 from medialis.segments.face_patches import face_patches
-from medialis.segments.soft_edges import soft_edges
+from medialis.segments.soft_edges import SoftEdges, soft_edges
 from medialis.surface.labels import completed, connected_labels
 from medialis.surface.surface_graph import surface_graph
 from medialis.threads import run_patiently
 
 LEAST_SAMPLES = 8
 """A piece between edges of fewer samples is no patch: it joins the nearest one."""
+
+
+ROUND = 0.5
+"""Share of the surface on soft edges above which a shape has no faces between them: a box has 13 %,
+rounded cylinders and machine parts 30 to 42, hand, cow, armadillo and creature 51 to 66."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -83,7 +89,7 @@ def patches(cloud: MedialCloud, options: PatchesOptions, progress: Progress) -> 
     6
     """
     edges, surface = soft_edges.of(cloud, options, progress), cloud.surface
-
+    _note_round(edges, options.min_angle, progress)
     kinds = bool((cloud.side > 0).any()), bool((cloud.side < 0).any())
 
     def divide() -> Segmentation:
@@ -96,3 +102,18 @@ def patches(cloud: MedialCloud, options: PatchesOptions, progress: Progress) -> 
         return completed(surface, labels, options.smallest, fill=True)
 
     return run_patiently(divide, progress)
+
+
+def _note_round(edges: SoftEdges, min_angle: float, progress: Progress) -> None:
+    """Say that a shape is round rather than edged, so that no one takes its patches for faces."""
+    areas = edges.cloud.surface.point_areas
+    share = float(areas[edges.on_edge(min_angle)].sum() / max(areas.sum(), 1e-300))
+    if share > ROUND:
+        progress.note(
+            f"{100 * share:.0f} % of the surface lies on soft edges: the shape is round and has "
+            "few edges, so where its patches end is arbitrary. Parts divide it into limbs; a "
+            "larger minimum angle leaves the sharper edges only.",
+            "few_edges",
+            level=logging.WARNING,
+            share=share,
+        )
