@@ -97,37 +97,36 @@ def connected_importance(
 
 def _connected(importance: Importance, longest: float) -> FloatArray:
     """Return the changed lengths, (n,); links longer than `longest` come last."""
-    from medialis.paths._connectivity_kernels import join_pieces
+    from medialis.paths._connectivity_kernels import falling_links, join_pieces
 
     cloud = importance.cloud
     shape, n = cloud.surface, len(cloud)
     values = np.array(importance.length)
     links = np.concatenate([shape.edges, cloud.features[cloud.valid]])
     usable = (links[:, 0] != links[:, 1]) & (cloud.valid & ~np.isnan(values))[links].all(axis=1)
-    links = links[usable].astype(np.int64)
+    links = links[usable]
     edges = links[: np.count_nonzero(usable[: len(shape.edges)])]
     links = np.concatenate([links, _across_noise(edges, values)])
-    apart = np.linalg.norm(cloud.centers[links[:, 0]] - cloud.centers[links[:, 1]], axis=1)
-    strength = np.minimum(values[links[:, 0]], values[links[:, 1]])
-    # Neighbours that are too far apart join last, as if the link had no importance.
-    strength[apart > longest] = 0.0
-    falling = np.argsort(-strength, kind="stable")
+    # A link is as strong as its weaker end, so the ranks of the points rank the links. Neighbours
+    # that are too far apart join last, as if the link had no importance.
+    falling = np.argsort(-values, kind="stable")
+    rank = np.empty(n, np.int32)
+    rank[falling] = np.arange(n)
+    strength = np.append(values[falling], 0.0)
+    level, order = falling_links(links, rank, cloud.centers, longest)
     tree, bridges = np.empty((n, 2), np.int64), np.empty((n, 2), np.int64)
     large = max(2.0, LARGE * np.count_nonzero(cloud.valid))
-    joined, count = join_pieces(
-        np.ascontiguousarray(links[falling]), strength[falling], large, values, tree, bridges
-    )
+    joined, count = join_pieces(links, order, level, strength, large, values, tree, bridges)
     _raise_bridges(values, tree[:joined].astype(np.int32), bridges[:count])
     return frozen(values, np.float64)
 
 
-def _across_noise(edges: NDArray[np.int64], values: NDArray[np.float64]) -> NDArray[np.int64]:
+def _across_noise(edges: NDArray[np.int32], values: NDArray[np.float64]) -> NDArray[np.int32]:
     """Link each point, and its best neighbour, to the best neighbours of its neighbours."""
+    from medialis.paths._connectivity_kernels import best_neighbours
+
+    best = best_neighbours(edges, values)
     ends = np.concatenate([edges, edges[:, ::-1]])
-    rising = ends[np.argsort(values[ends[:, 1]], kind="stable")]
-    best = np.arange(len(values))
-    best[rising[:, 0]] = rising[:, 1]  # of equal places the last one stays, the most important
-    best = np.where(values[best] > values, best, np.arange(len(values)))
     links = np.concatenate([np.column_stack([ends[:, 0], best[ends[:, 1]]]), best[edges]])
     return links[links[:, 0] != links[:, 1]]
 

@@ -18,7 +18,7 @@ from medialis.kept import kept
 from medialis.model.geodesic_paths import GeodesicPaths, Importance, PathStatus
 from medialis.model.medial_cloud import Balls, MedialCloud
 from medialis.options import Options, algorithm, length
-from medialis.paths.geodesics import GeodesicOptions, geodesic_lengths
+from medialis.paths.geodesics import GeodesicOptions, geodesic_lengths, surface_walk
 from medialis.progress import Progress
 from medialis.threads import run_patiently
 from medialis.validation import FloatArray
@@ -199,55 +199,37 @@ def relax(cloud: MedialCloud, paths: GeodesicPaths) -> GeodesicPaths:
 
     Notes
     -----
-    Cost: one Dijkstra search over the k balls with all of them as sources, O(k log k).
+    Cost: one look at each two neighbours, and a Dijkstra search over the balls that are shortened.
     """
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import dijkstra
+    from medialis.paths._relax_kernels import relax_lengths
 
-    links, weight = _neighbours(cloud)
-    k = len(cloud)
-    known = np.flatnonzero(np.isfinite(paths.length))
-    if len(links) == 0 or len(known) == 0:
-        return paths
-    # A virtual source reaches each ball at its own length; 1e-300 since a stored zero is no edge.
-    rows = np.concatenate([links[:, 0], links[:, 1], np.full(len(known), k)]).astype(np.int32)
-    columns = np.concatenate([links[:, 1], links[:, 0], known]).astype(np.int32)
-    values = np.concatenate([weight, weight, paths.length[known] + 1e-300])
-    graph = coo_array((values, (rows, columns)), shape=(k + 1, k + 1)).tocsr()
-    reached, via = dijkstra(graph, indices=k, return_predecessors=True)
-    # Shorter by rounding alone is not shorter.
-    shorter = np.flatnonzero(reached[:k] < paths.length * (1 - 1e-9))
-    length, status = np.array(paths.length), np.array(paths.status)
-    start, end = np.array(paths.start_tangent), np.array(paths.end_tangent)
-    length[shorter] = reached[shorter]
-    status[shorter] = PathStatus.NEIGHBOUR
-    for row in shorter.tolist():
-        origin = row
-        while via[origin] != k:
-            origin = int(via[origin])
-        start[row], end[row] = paths.start_tangent[origin], paths.end_tangent[origin]
-    return replace(paths, length=length, start_tangent=start, end_tangent=end, status=status)
-
-
-def _neighbours(cloud: MedialCloud) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Pairs of rows that are neighbours, and how far their feature points are apart in all."""
-    shape = cloud.surface
-    n, edges = shape.point_count, shape.edges
-    edge_keys = edges[:, 0].astype(np.int64) * n + edges[:, 1]  # ascending, as the edges are
-    pieces = [np.empty((0, 2), np.int64)]
+    k, shape = len(cloud), cloud.surface
+    length, origin = np.array(paths.length), np.arange(k)
+    points, corners, _, offsets, fan = surface_walk(shape)
+    starts, goals = cloud.features[:, 0].copy(), cloud.features[:, 1].copy()
     for side in (1, -1):
         rows = np.flatnonzero(cloud.valid & (cloud.side == side))
-        row_of = np.full(n, -1, np.int64)
+        row_of = np.full(shape.point_count, -1, np.int64)
         row_of[cloud.source[rows]] = rows
-        pairs = row_of[edges]
-        pairs = pairs[(pairs >= 0).all(axis=1)]
-        second = np.sort(cloud.features[pairs, 1].astype(np.int64), axis=1)
-        keys = second[:, 0] * n + second[:, 1]
-        place = np.minimum(np.searchsorted(edge_keys, keys), max(len(edge_keys) - 1, 0))
-        near = second[:, 0] == second[:, 1]
-        if len(edge_keys):
-            near |= edge_keys[place] == keys
-        pieces.append(pairs[near])
-    links = np.concatenate(pieces)
-    gaps = shape.points[cloud.features[links[:, 0]]] - shape.points[cloud.features[links[:, 1]]]
-    return links, np.linalg.norm(gaps, axis=2).sum(axis=1)
+        relax_lengths(
+            row_of[row_of >= 0],
+            row_of,
+            points,
+            corners,
+            offsets,
+            fan,
+            starts,
+            goals,
+            length,
+            origin,
+        )
+    shorter = np.flatnonzero(length < paths.length)
+    status = np.array(paths.status)
+    status[shorter] = PathStatus.NEIGHBOUR
+    return replace(
+        paths,
+        length=length,
+        start_tangent=paths.start_tangent[origin],
+        end_tangent=paths.end_tangent[origin],
+        status=status,
+    )
