@@ -187,7 +187,7 @@ def _smoothed(skin: SkinWeights, surface: Surface, width: FloatArray) -> SkinWei
     Solves (M / width^2 + L) W = M / width^2 W0. L has no positive entry beside its diagonal and
     rows that sum to zero, so weights stay within 0 and 1 and keep their sum.
     """
-    from scipy.sparse import csc_array, diags_array
+    from scipy.sparse import csc_array, csr_array, diags_array
     from scipy.sparse.linalg import splu
 
     stiff, mass = _laplacian(surface)
@@ -196,6 +196,11 @@ def _smoothed(skin: SkinWeights, surface: Surface, width: FloatArray) -> SkinWei
     order = np.argsort(surface.components, kind="stable")
     matrix = (stiff + diags_array(pull)).tocsr()[order][:, order]
     ends = np.cumsum(np.bincount(surface.components))
+    used = skin.weights > 0
+    table = csr_array(
+        (skin.weights[used], (np.nonzero(used)[0], skin.bones[used])),
+        shape=(len(width), skin.rig.count),
+    )
     bones = np.full((len(width), MOST_BONES), -1, np.int32)
     weights = np.zeros((len(width), MOST_BONES))
     for begin, end in zip([0, *ends[:-1]], ends, strict=True):
@@ -205,10 +210,10 @@ def _smoothed(skin: SkinWeights, surface: Surface, width: FloatArray) -> SkinWei
             diag_pivot_thresh=0.0, options={"SymmetricMode": True},
         )  # fmt: skip
         own_bones, own_weights = bones[rows], weights[rows]
-        present = np.unique(skin.bones[rows][skin.weights[rows] > 0])
+        own = csc_array(table[rows])
+        present = np.flatnonzero(np.diff(own.indptr))
         for some in np.array_split(present, -(-len(present) // AT_ONCE)):
-            given = [(skin.weights[rows] * (skin.bones[rows] == bone)).sum(1) for bone in some]
-            spread = solver.solve(pull[rows, None] * np.stack(given, axis=1))
+            spread = solver.solve(pull[rows, None] * own[:, some].toarray())
             for bone, values in zip(some.tolist(), spread.T, strict=True):
                 _insert(own_bones, own_weights, bone, np.where(values < LEAST, 0.0, values))
         bones[rows], weights[rows] = own_bones, own_weights
