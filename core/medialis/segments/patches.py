@@ -110,8 +110,8 @@ def _note_round(edges: SoftEdges, min_angle: float, progress: Progress) -> None:
     share = float(areas[edges.on_edge(min_angle)].sum() / max(areas.sum(), 1e-300))
     if share > ROUND:
         progress.note(
-            f"{100 * share:.0f} % of the surface lies on soft edges: much of the shape is round, and "
-            "patches end in the middle of what is, wherever that is. Parts divide limbs; a "
+            f"{100 * share:.0f} % of the surface lies on soft edges: much of the shape is round, "
+            "and patches end in the middle of what is, wherever that is. Parts divide limbs; a "
             "larger minimum angle leaves the sharper edges only.",
             "few_edges",
             share=share,
