@@ -16,10 +16,10 @@ GAP, MOST_BETWEEN = 1e-3, 3
 """Fraction of the diagonal: no place of a convex crease is farther than this from a ball; and how
 many balls there are between two samples for that, at most: enough for edges of 0.8 %."""
 
-DEEP, FITS = 0.4, 0.9
-"""How deep balls between samples lie, in lengths of their edge: in a right angle just before the
-balls of the next samples begin. And the share of the radius that two walls would allow that they
-have at least, or they lie where those of the samples do: other walls are near."""
+DEEP, FITS = 0.55, 0.9
+"""How deep balls between samples lie, in lengths of their edge: in a right angle half-way to where
+the balls of the next samples begin. And the share of the radius that two walls would allow that
+they have at least, or they lie where those of the samples do: other walls are near."""
 
 
 def with_edge_balls(cloud: MedialCloud, creases: Creases, tolerance: float) -> MedialCloud:
@@ -56,7 +56,7 @@ def with_edge_balls(cloud: MedialCloud, creases: Creases, tolerance: float) -> M
 
 
 def between_samples(cloud: MedialCloud, creases: Creases, tolerance: float) -> MedialCloud:
-    """Return balls of convex creases between the samples there, as those of the samples.
+    """Return balls of convex creases between the samples there, and one beside each sample.
 
     Without them the union of the balls lacks the crease between any two samples. Each lies where
     the sheet comes out of the crease, and has the distance of the surface as its radius; its
@@ -87,12 +87,16 @@ def between_samples(cloud: MedialCloud, creases: Creases, tolerance: float) -> M
     place = np.einsum("ij,ijk->ik", weights, surface.points[corners])
     ends = surface.points[corners[rows, side]] - surface.points[corners[rows, (side + 1) % 3]]
     small = _depth(cloud, tolerance)
-    depth = np.maximum(DEEP * np.linalg.norm(ends, axis=1), small)
+    depth = np.minimum(
+        DEEP * np.linalg.norm(ends, axis=1),
+        GAP * surface.diagonal / np.maximum(1.0 - cosine, STEEPER),
+    )
+    depth = np.maximum(depth, small)
     tree = NearestTree.of_triangles(surface.points, np.asarray(surface.faces))
     radii, _ = tree.distances(place - (depth * sign)[:, None] * middle)
     fits = radii >= FITS * depth * cosine
     depth, radii = np.where(fits, depth, small), np.where(fits, radii, small * cosine)
-    return MedialCloud(
+    balls = MedialCloud(
         place - (depth * sign)[:, None] * middle,
         radii,
         np.stack([source, source], axis=1),
@@ -104,6 +108,7 @@ def between_samples(cloud: MedialCloud, creases: Creases, tolerance: float) -> M
         weights,
         surface=surface,
     )
+    return balls.subset(fits | (part > 0))  # the sample itself has the small one
 
 
 def _depth(cloud: MedialCloud, tolerance: float) -> float:
@@ -124,9 +129,9 @@ def _on_edges(
     both = has_ball[start] & has_ball[end]
     first, second, start, end = first[both], second[both], start[both], end[both]
     length = np.linalg.norm(surface.points[end] - surface.points[start], axis=1)
-    count = np.ceil(length / (2 * GAP * surface.diagonal)).astype(np.int64) - 1
-    count = np.clip(count, 0, MOST_BETWEEN)
+    count = np.ceil(length / (2 * GAP * surface.diagonal)).astype(np.int64)
+    count = np.where(count > 1, np.minimum(count, 1 + MOST_BETWEEN), 0)
     edge = np.repeat(np.arange(len(first)), count)
     turn = np.arange(len(edge)) - np.repeat(np.cumsum(count) - count, count)
-    part = (turn + 1.0) / (count[edge] + 1)
+    part = turn / count[edge]
     return first[edge], second[edge], np.full(len(edge), sign, np.int8), part
