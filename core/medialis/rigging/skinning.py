@@ -199,7 +199,7 @@ def _smoothed(skin: SkinWeights, surface: Surface, width: FloatArray) -> SkinWei
     used = skin.weights > 0
     table = csr_array(
         (skin.weights[used], (np.nonzero(used)[0], skin.bones[used])),
-        shape=(len(width), skin.rig.count),
+        shape=(len(width), int(skin.bones.max()) + 1),
     )
     bones = np.full((len(width), MOST_BONES), -1, np.int32)
     weights = np.zeros((len(width), MOST_BONES))
