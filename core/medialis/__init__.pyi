@@ -8,8 +8,8 @@ from medialis.batches.huge import open_medial_cloud as open_medial_cloud
 from medialis.batches.jobs import Row as Row
 from medialis.clouds.manifolds import manifolds as manifolds
 from medialis.clouds.surfaces import manifold_surfaces as manifold_surfaces
+from medialis.curves.from_balls.area import area_importance as area_importance
 from medialis.curves.from_balls.candidates import CandidateMeasure as CandidateMeasure
-from medialis.curves.from_balls.candidates import area_importance as area_importance
 from medialis.curves.from_balls.candidates import candidate_measure as candidate_measure
 from medialis.curves.from_balls.candidates import tangent_field as tangent_field
 from medialis.curves.from_balls.curve_skeleton import curve_skeleton as curve_skeleton

@@ -4,10 +4,10 @@ import pytest
 import medialis
 from medialis.curves.graph.finishing import (
     merge_junctions,
-    prune_spurs,
     sample_branches,
     smooth_nodes,
 )
+from medialis.curves.graph.pruning import prune_spurs
 from medialis.model.curve_skeleton import CurveSkeleton
 
 

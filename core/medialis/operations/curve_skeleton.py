@@ -25,9 +25,9 @@ from medialis.progress import Progress, counted
 
 FEW_SAMPLES = 100
 
-FAR, SHEET_SHARE = 3.0, 0.2
-"""A place of the surface belongs to a sheet where its ball lies more than three radii off the curve
-skeleton: the cross-section is there more than four times as wide (2 (3 + 1) r) as thick (2 r). A
+REACH, SHEET_SHARE = 4.0, 0.2
+"""A place of the surface belongs to a sheet where its ball reaches farther than four radii from the
+curve skeleton: the cross-section is there more than four times as wide (2 4 r) as thick (2 r). A
 shape is called sheet-like where that is a fifth of its area. Shoulder blade: 29 %; thin plates: 57
 %; rocker arm, a mechanical part with flat arms: 14 %; gears, a screwdriver: below 6 %."""
 
@@ -184,7 +184,7 @@ def sheet_share(cloud: MedialCloud, graph: CurveSkeleton) -> float:
         return 0.0
     area = cloud.surface.point_areas[rows]
     away = np.linalg.norm(cloud.centers[rows] - graph.nodes[node[rows]], axis=1)
-    far = away > FAR * np.maximum(cloud.radii[rows], graph.radii[node[rows]])
+    far = away + cloud.radii[rows] > REACH * np.maximum(cloud.radii[rows], graph.radii[node[rows]])
     return float(area[far].sum() / max(area.sum(), 1e-300))
 
 
@@ -253,7 +253,7 @@ def _note_result(graph: CurveSkeleton, sheet: float, progress: Progress) -> None
         )
     if sheet > SHEET_SHARE:
         progress.note(
-            f"{100 * sheet:.0f} % of the surface lies more than {FAR:g} radii off the curve "
+            f"{100 * sheet:.0f} % of the surface reaches more than {REACH:g} radii off the curve "
             "skeleton. Thin sheets have no meaningful curve skeleton (use surface_skeleton), and "
             "thin limbs need smaller candidates.",
             "thin_sheets",

@@ -46,11 +46,13 @@ def flatness(skeleton: CurveSkeleton) -> float:
     -------
     float
         Distance of the samples to their node over its radius, the mean over the surface: 1 for
-        tubes, 1.7 for a rectangle twice as wide as thick; 1 without any node.
+        tubes, 1.7 for a rectangle twice as wide as thick; 1 where nodes are alone, which have no
+        cross-section.
     """
     node, area, distance = _samples_with_node(skeleton)
     radii = skeleton.radii[node]
-    area, distance, radii = area[radii > 0], distance[radii > 0], radii[radii > 0]
+    known = (radii > 0) & (skeleton.degrees[node] > 0)
+    area, distance, radii = area[known], distance[known], radii[known]
     return float((distance / radii) @ area / area.sum()) if area.sum() > 0 else 1.0
 
 

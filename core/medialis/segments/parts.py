@@ -230,7 +230,7 @@ def _describe_better(found: Segmentation, flat: float, progress: Progress) -> bo
     bodies = found.labels[order[np.unique(components[order], return_index=True)[1]]]
     limbs = np.setdiff1d(np.arange(found.count), bodies)
     out = limbs[run_patiently(lambda: protrusions(found), progress)[limbs] >= PROTRUDES]
-    most = found.areas[out].sum() >= found.areas[limbs].sum() / 2
+    most = 2 * len(out) > len(limbs)
     counts: dict[str, Any] = {"limbs": len(limbs), "sticking_out": len(out), "flatness": flat}
     if len(out) and (most or flat < FLAT):
         progress.note(

@@ -7,30 +7,7 @@ import math
 import numpy as np
 
 from medialis._kernels.jit import kernel
-from medialis.curves.from_balls._candidate_kernels import median_of
 from medialis.paths._geodesic_kernels import trace_plane, way_out
-
-
-@kernel
-def find_opposite(begin, stop, near, distance, measure, tangent, smallest, out_opposite):
-    """Neighbour j* whose tangent points most to the other side (Eq. 3.3: the smallest J)."""
-    reach = np.empty(near.shape[1])
-    for i in range(begin, stop):
-        for c in range(len(reach)):
-            reach[c] = distance[i, c]
-        sigma = max(median_of(reach), smallest)
-        best = np.inf
-        for c in range(near.shape[1]):
-            j = near[i, c]
-            same = 0.0
-            for k in range(3):
-                same += tangent[i, k] * tangent[j, k]
-            change = (measure[i] - measure[j]) / sigma
-            away = distance[i, c] / sigma
-            value = (1.0 + same) * math.exp(-0.5 * (change * change + away * away))
-            if value < best:
-                best = value
-                out_opposite[i] = j
 
 
 @kernel
@@ -150,32 +127,33 @@ def spheroid_wedge(half_width, long_axis, angle):
 
 
 @kernel
-def add_wedges(begin, stop, length, half_width, opening, out_area):
-    """Smaller of the two areas between a geodesic and the one of its opposite (Eq. 3.5).
+def least_half(begin, stop, length, half_width, out_area):
+    """Smallest area of half a turn of wedges between geodesics (Eq. 3.5).
 
-    `opening` is the angle 0..2 pi from the one to the other. Directions without a length take that
-    of the nearest one that has; without any the area is 0.
+    Directions without a length take that of the nearest one that has; without any the area is 0.
     """
     count = length.shape[1]
     beta = 2.0 * math.pi / count
-    axis = np.empty(count)
+    axis, wedge = np.empty(count), np.empty(count)
     for i in range(begin, stop):
         a = half_width[i]
         for k in range(count):
             # The half perimeter of an ellipse is close to pi (a + b) / 2.
             axis[k] = max(a, 2.0 * length[i, k] / math.pi - a)
-        inside, outside = 0.0, 0.0
+        out_area[i] = 0.0
+        if _known(axis, 0, count) == np.inf:
+            continue
         for k in range(count):
-            b = _known(axis, k, count)
-            following = _known(axis, (k + 1) % count, count)
-            if b == np.inf:
-                break
-            wedge = spheroid_wedge(a, (b + following) / 2.0, beta)
-            # The wedge from direction k to k + 1 is shared where the opening ends inside it.
-            share = min(1.0, max(0.0, opening[i] / beta - k))
-            inside += share * wedge
-            outside += (1.0 - share) * wedge
-        out_area[i] = min(inside, outside)
+            b, following = _known(axis, k, count), _known(axis, (k + 1) % count, count)
+            wedge[k] = spheroid_wedge(a, (b + following) / 2.0, beta)
+        total = 0.0
+        for k in range(count // 2):
+            total += wedge[k]
+        least = total
+        for k in range(count):
+            total += wedge[(k + count // 2) % count] - wedge[k]
+            least = min(least, total)
+        out_area[i] = least
 
 
 @kernel

@@ -9,7 +9,8 @@ import numpy as np
 from medialis._kernels.jit import kernel
 
 TINY = 1e-12
-SAME_PLACE = 0.05  # radii: centers this close belong to one ball as far as its contacts go
+SAME_PLACE = 0.3  # radii: centers this close belong to one ball as far as its contacts go
+HOPS = 8  # balls that are followed from contact to contact
 WIDEST_GAP = 5.0 * math.pi / 6.0
 
 
@@ -67,64 +68,84 @@ def median_of(values):
 def measure_spread(
     begin, stop, near, distance, length, tangent, feature, smallest, out_spread
 ):  # fmt: skip
-    """1 minus the length of the mean tangent of the neighbours: I / rho (thesis 3.6.1).
+    """How far tangents turn: (1 - cos) / 2 of the second largest angle to those of the neighbours.
 
-    Tangents that all point the same way give 0, tangents that point to opposite sides give 1. The
-    weights are those of the thesis; a point with no neighbour of any weight gets 0.
+    0 where all point the same way, 1 where two neighbours' point the opposite way. A neighbour with
+    a tangent counts as far as its line of contacts is parallel and its geodesic as long.
     """
     reach = np.empty(near.shape[1])
     for i in range(begin, stop):
         for c in range(len(reach)):
             reach[c] = distance[i, c]
         sigma = max(median_of(reach), smallest)
-        total, x, y, z = 0.0, 0.0, 0.0, 0.0
+        largest, out_spread[i] = 0.0, 0.0
         for c in range(near.shape[1]):
             j = near[i, c]
-            same = 0.0
+            same, ahead, side = 0.0, 0.0, 0.0
             for k in range(3):
                 same += feature[i, k] * feature[j, k]
-            change = (length[i] - length[j]) / sigma
-            away = distance[i, c] / sigma
-            weight = abs(same) * math.exp(-0.5 * (change * change + away * away))
-            total += weight
-            x += weight * tangent[j, 0]
-            y += weight * tangent[j, 1]
-            z += weight * tangent[j, 2]
-        out_spread[i] = 0.0
-        if total > TINY:
-            out_spread[i] = max(0.0, 1.0 - math.sqrt(x * x + y * y + z * z) / total)
+                ahead += tangent[i, k] * tangent[j, k]
+                side += abs(tangent[j, k])
+            if side == 0.0 or abs(length[i] - length[j]) > 2.0 * distance[i, c] + sigma:
+                continue
+            value = abs(same) * (1.0 - ahead) / 2.0
+            if value > largest:
+                largest, out_spread[i] = value, largest
+            elif value > out_spread[i]:
+                out_spread[i] = value
+
+
+@kernel
+def _add_spokes(row, centers, points, features, spokes, names, count):
+    """Append the unit directions from a ball to both its contacts, and their samples."""
+    for side in range(2):
+        names[count] = features[row, side]
+        size = 0.0
+        for k in range(3):
+            spokes[count, k] = points[names[count], k] - centers[row, k]
+            size += spokes[count, k] ** 2
+        size = max(math.sqrt(size), 1e-300)
+        for k in range(3):
+            spokes[count, k] /= size
+        count += 1
+    return count
+
+
+@kernel
+def _is_near(centers, a, b, reach):
+    gap = 0.0
+    for k in range(3):
+        gap += (centers[a, k] - centers[b, k]) ** 2
+    return gap <= reach * reach
 
 
 @kernel
 def find_rings(
-    begin, stop, near, distance, rows, centers, radii, points, features, out_ring, out_opposite,
-    out_tangent,
+    begin, stop, near, distance, rows, ball_of, centers, radii, points, features, out_ring,
+    out_opposite, out_tangent,
 ):  # fmt: skip
     """Balls that touch the surface all round: gaps between contacts stay below 150 degrees.
 
-    The contacts are those of the ball and of its neighbours at the same place. `out_opposite`
-    receives the contact farthest from f1, `out_tangent` a direction across, both for rings only.
+    The contacts are those of the ball and of others at the same place: its neighbours, and the
+    ball of its second contact, that of the second contact of that one, and so on (`ball_of` has the
+    ball of each sample, or -1). Each is seen from its own ball. `out_opposite` receives the contact
+    farthest from f1, `out_tangent` a direction across, both for rings only.
     """
-    spokes, names = np.empty((2 * near.shape[1] + 2, 3)), np.empty(2 * near.shape[1] + 2, np.int64)
-    angles = np.empty(len(spokes))
-    across = np.empty(3)
+    most = 2 * (near.shape[1] + 1 + HOPS)
+    spokes, names = np.empty((most, 3)), np.empty(most, np.int64)
+    angles, across = np.empty(most), np.empty(3)
     for i in range(begin, stop):
         out_ring[i] = False
-        count = 0
-        for c in range(-1, near.shape[1]):
-            if c >= 0 and distance[i, c] > SAME_PLACE * radii[rows[i]]:
-                continue
-            row = rows[i] if c < 0 else rows[near[i, c]]
-            for side in range(2):
-                names[count] = features[row, side]
-                size = 0.0
-                for k in range(3):
-                    spokes[count, k] = points[names[count], k] - centers[rows[i], k]
-                    size += spokes[count, k] ** 2
-                size = max(math.sqrt(size), 1e-300)
-                for k in range(3):
-                    spokes[count, k] /= size
-                count += 1
+        count, reach, row = 0, SAME_PLACE * radii[rows[i]], rows[i]
+        for _ in range(1 + HOPS):
+            count = _add_spokes(row, centers, points, features, spokes, names, count)
+            row = ball_of[features[row, 1]]
+            if row < 0 or not _is_near(centers, row, rows[i], reach):
+                break
+        for c in range(near.shape[1]):
+            if distance[i, c] <= reach:
+                row = rows[near[i, c]]
+                count = _add_spokes(row, centers, points, features, spokes, names, count)
         if count < 6:
             continue
         best, best_size, lowest = 0, 0.0, 2.0

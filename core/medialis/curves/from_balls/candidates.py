@@ -1,12 +1,12 @@
-"""Candidates of the curve skeleton, and the area that hangs on each (thesis 3.6.1, 3.6.2)."""
+"""Candidates of the curve skeleton (thesis 3.6.1)."""
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from medialis.curves.graph.ground import nearest_neighbours
 from medialis.kept import Bound, kept
@@ -15,7 +15,7 @@ from medialis.model.medial_cloud import MedialCloud
 from medialis.options import Options, algorithm
 from medialis.paths.geodesics import surface_walk
 from medialis.paths.importance import geodesic_importance
-from medialis.progress import Progress, ProgressCallback
+from medialis.progress import Progress
 from medialis.threads import run_chunks, run_patiently
 from medialis.validation import FloatArray, IntArray, frozen
 
@@ -27,13 +27,12 @@ LONGER = 1.1
 """Times the length of the geodesic up to which a plane cut is followed: where that was shortened
 through its neighbours, the cut in its plane is a little longer."""
 
-DIRECTIONS = 50
-"""Plane cuts of a candidate: the thesis's P."""
+LEAST_SPREAD, HALF_ROUND = 0.75, 0.58
+"""What a tip that tapers by 60 degrees has: blunter ones are corners and edges, sharper ones limbs.
+The tangents of a flat tip turn by 120 degrees from one side to the other: (1 - cos 120) / 2. The
+geodesic half round a cone is 2 r cos 30 / sin 30 sin(90 sin 30) = 0.78 pi r long, times 0.75."""
 
-LONGEST = 2.0
-"""Diagonals: a plane cut that is longer does not lead to the other feature point."""
-
-POINTS_A_CHUNK, CANDIDATES_A_CHUNK = 2048, 8
+POINTS_A_CHUNK = 2048
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -47,7 +46,7 @@ class CandidateMeasure(Bound):
         length of the geodesic where they run to all sides. NaN where it has none: masked balls,
         and balls between parts that no path joins.
     spread : (k,) float64
-        I / rho, 0 to 1, NaN likewise.
+        I / rho, 0 to 1, NaN likewise: (1 - cos a) / 2, a the angle by which tangents near by turn.
     tangents : (k, 3) float64
         The tangent t of each point (`tangent_field`).
     tied : (k,) bool
@@ -66,6 +65,25 @@ class CandidateMeasure(Bound):
     tied: NDArray[np.bool_]
     ends: IntArray
     cloud: MedialCloud = field(kw_only=True)
+
+    def on_curve(self, least: float) -> NDArray[np.bool_]:
+        """Tell the candidates: geodesics of a length start from them to opposite sides.
+
+        The length is `least`, at least that half round a limb with the radius of the ball.
+        """
+        limb = HALF_ROUND * np.pi * self.cloud.radii
+        return (self.spread > LEAST_SPREAD) & (self.measure > np.maximum(least, limb))
+
+    @cached_property
+    def widths(self) -> FloatArray:
+        """Half the width (k,) of the cross-section round each candidate: r of a round one.
+
+        That of a stadium, two half discs of radius r and a rectangle between, half round which the
+        geodesic is as long: rho = pi r + 2 (w - r). Infinite for what is no candidate.
+        """
+        sure, r = self.spread > LEAST_SPREAD, self.cloud.radii
+        rho = np.divide(self.measure, self.spread, out=np.full(len(r), np.inf), where=sure)
+        return frozen(np.maximum(r, rho / 2 - (np.pi / 2 - 1) * r), np.float64)
 
 
 @algorithm(Options, keep=False)
@@ -110,8 +128,8 @@ def tangent_field(cloud: MedialCloud, options: Options, progress: Progress) -> F
 def candidate_measure(cloud: MedialCloud, options: Options, progress: Progress) -> CandidateMeasure:
     """Measure how likely each skeleton point lies on the curve skeleton.
 
-    On the two sides of the curve skeleton geodesics run to opposite sides. So the mean of the
-    tangents of the neighbours is short there, and long everywhere else.
+    On the two sides of the curve skeleton geodesics run to opposite sides. So the tangents of the
+    neighbours turn round there, and hardly turn everywhere else.
 
     Parameters
     ----------
@@ -135,9 +153,11 @@ def candidate_measure(cloud: MedialCloud, options: Options, progress: Progress) 
     Notes
     -----
     Cost O(k log k): the 10 nearest neighbours of each point, and one plane cut. Source: thesis
-    3.6.1, the measure I after Eq. 3.2. Deviates: where a second geodesic on the other side is as
-    long, which is how the thesis defines a curve-skeleton point, the tangent counts as zero; a ball
-    that touches the surface all round is a candidate whatever its geodesic is, with I = pi r.
+    3.6.1, the measure I after Eq. 3.2. Deviates: the second largest angle to the tangents of the
+    neighbours instead of the length of their mean, which depends on how many samples lie on either
+    side; neighbours count whose geodesic is as long up to twice their distance and a spacing. Where
+    a second geodesic on the other side is as long, which is how the thesis defines a curve-skeleton
+    point, the spread is 1; so it is for a ball that touches the surface all round, with rho = pi r.
 
     Examples
     --------
@@ -163,10 +183,12 @@ def candidate_measure(cloud: MedialCloud, options: Options, progress: Progress) 
         sure, ring, opposite = np.empty(r), np.empty(r, bool), np.empty(r, np.int32)
         turned = turning[rows]
         smallest = 1e-12 * shape.diagonal
+        ball_of = np.full(shape.point_count, -1)
+        ball_of[cloud.features[rows, 0]] = rows
 
         def look_round(begin: int, end: int) -> None:
             find_rings(
-                begin, end, near, distance, rows, cloud.centers, cloud.radii, shape.points,
+                begin, end, near, distance, rows, ball_of, cloud.centers, cloud.radii, shape.points,
                 cloud.features, ring, opposite, turned,
             )  # fmt: skip
 
@@ -181,7 +203,7 @@ def candidate_measure(cloud: MedialCloud, options: Options, progress: Progress) 
         run_chunks(average, r, POINTS_A_CHUNK, progress=progress.still)
         # The second contact of a ball in a round tube is any of its ring; half round it is pi r.
         length = np.where(ring, np.maximum(length, np.pi * cloud.radii[rows]), length)
-        sure[ring] = 1.0
+        sure[alike | ring] = 1.0
         measure[rows], spread[rows] = sure * length, sure
         tied[rows], turning[rows] = alike | ring, turned
         ends[rows[ring], 1] = opposite[ring]
@@ -249,93 +271,3 @@ def near_balls(
         ),
         progress,
     )  # fmt: skip
-
-
-def area_importance(
-    measured: CandidateMeasure,
-    rows: ArrayLike,
-    *,
-    progress: Progress | ProgressCallback | None = None,
-) -> FloatArray:
-    """Estimate how much of the surface hangs on each candidate: the importance mu.
-
-    The geodesics of a candidate and of its neighbour on the other side of the curve skeleton
-    enclose two parts of the surface; mu is the area of the smaller one.
-
-    Parameters
-    ----------
-    measured : CandidateMeasure
-        ``candidate_measure(cloud)``.
-    rows : (c,) int
-        The candidates: rows of the cloud that have a measure.
-    progress : callable, optional
-        Called with (fraction, text); returning False cancels.
-
-    Returns
-    -------
-    (c,) float64
-        Areas. 0 where no neighbour has a geodesic on the other side.
-
-    Raises
-    ------
-    Cancelled
-        When `progress` asks for it.
-
-    See Also
-    --------
-    curve_skeleton : whose branches end where the importance falls below a threshold.
-
-    Notes
-    -----
-    Cost: 50 plane cuts a candidate, none of which can end early. Source: thesis 3.6.2, Eq. 3.3 to
-    3.5. Deviates: b = (2 gamma - pi a) / pi, from the half perimeter pi (a + b) / 2 of an ellipse
-    (the thesis divides by 2, which does not give a circle for a sphere); the angle between the
-    tangents is taken with its sign, and the wedge in which it ends is shared. A cut that does not
-    arrive takes the length of the nearest direction that does.
-
-    Examples
-    --------
-    >>> import medialis
-    >>> measured = medialis.candidate_measure(
-    ...     medialis.surface_skeleton(medialis.organic_shape(56))
-    ... )
-    >>> rows = np.flatnonzero(measured.measure > 0.015 * measured.cloud.surface.diagonal)
-    >>> area = medialis.area_importance(measured, rows)
-    >>> bool(area.max() < measured.cloud.surface.area)
-    True
-    """
-    from medialis.curves.from_balls._area_kernels import add_wedges, find_opposite, trace_all_round
-
-    shape, chosen = measured.cloud.surface, np.asarray(rows, np.int64)
-    if len(chosen) < 2:
-        return frozen(np.zeros(len(chosen)), np.float64)
-    progress = Progress.of(progress)
-    near, distance = near_balls(measured.cloud, chosen, progress)
-    tangent, measure = np.ascontiguousarray(measured.tangents[chosen]), measured.measure[chosen]
-    opposite = np.empty(len(chosen), np.int64)
-    smallest = 1e-12 * shape.diagonal
-
-    def look(begin: int, end: int) -> None:
-        find_opposite(begin, end, near, distance, measure, tangent, smallest, opposite)
-
-    run_chunks(look, len(chosen), POINTS_A_CHUNK, progress=progress.still)
-    ends = np.ascontiguousarray(measured.ends[chosen])
-    length = np.empty((len(chosen), DIRECTIONS))
-    walk = run_patiently(lambda: surface_walk(shape), progress)
-    longest = LONGEST * shape.diagonal
-
-    def trace(begin: int, end: int) -> None:
-        trace_all_round(begin, end, *walk, ends, tangent, longest, length)
-
-    run_chunks(trace, len(chosen), CANDIDATES_A_CHUNK, progress=progress)
-    feature = shape.points[ends[:, 1]] - shape.points[ends[:, 0]]
-    half = np.linalg.norm(feature, axis=1) / 2
-    axis = feature / np.maximum(2 * half, 1e-300)[:, None]
-    other = tangent[opposite]
-    across = np.einsum("ij,ij->i", np.cross(axis, tangent), other)
-    ahead = np.einsum("ij,ij->i", tangent, other)
-    opening = np.mod(np.arctan2(across, ahead), 2 * math.pi)
-    opening[measured.tied[chosen]] = math.pi  # the second geodesic is its own
-    area = np.empty(len(chosen))
-    add_wedges(0, len(chosen), length, half, opening, area)
-    return frozen(area, np.float64)

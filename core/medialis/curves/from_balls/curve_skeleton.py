@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from medialis.curves.from_balls.area import smooth_importance
 from medialis.curves.from_balls.candidates import (
     CandidateMeasure,
-    area_importance,
     candidate_measure,
     near_balls,
 )
@@ -31,8 +31,10 @@ from medialis.progress import Progress
 from medialis.threads import run_patiently
 from medialis.validation import FloatArray, IntArray, frozen
 
-MOST_MEASURED = 2000
-"""Candidates whose importance is measured; a curve needs no more, a round tube has far more."""
+SHARPEST = 1.5 * np.pi
+"""Squares of the radius that hang on a point of a limb at least. A ball in a cone that tapers by 60
+degrees parts cos^2 30 / sin 30 pi r^2 of it from the rest, the middle of a half ball 2 pi r^2, a
+ball in the corner of a cube 3 r^2."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,10 +42,11 @@ class CurveSkeletonOptions(Options):
     """Options of `curve_skeleton`; on hand, fertility, horse the defaults give what one draws."""
 
     threshold: float = length(
-        0.04,
+        0.02,
         "Importance",
         "Branches end where the surface that hangs on them is smaller than a square with this "
-        "fraction of the size as its side. Larger values remove small details.",
+        "fraction of the size as its side, or than what hangs on a corner of their radius. Larger "
+        "values remove small details.",
     )
     smoothing: float = number(
         0.7,
@@ -54,10 +57,11 @@ class CurveSkeletonOptions(Options):
     )
     simplify: float = changed(SimplifyOptions, "simplify", default=0.0)
     candidates: float = length(
-        0.015,
+        0.005,
         "Candidates",
-        "Skeleton points are candidates when geodesics of this fraction of the size start from "
-        "them to opposite sides. Smaller values find thinner limbs, and more noise.",
+        "Skeleton points are candidates when geodesics of this fraction of the size, and at least "
+        "as long as half round a limb of their radius, start from them to opposite sides. Smaller "
+        "values find thinner limbs, and more noise.",
         low=0.0001,
         advanced=True,
     )
@@ -124,15 +128,19 @@ def curve_skeleton(
     >>> import medialis
     >>> cloud = medialis.surface_skeleton(medialis.organic_shape(100))
     >>> medialis.curve_skeleton(cloud)
-    CurveSkeleton(317 nodes, 11 branches, 0 loops)
+    CurveSkeleton(314 nodes, 11 branches, 0 loops)
     """
     _require_whole_cloud(cloud)
     cloud = cloud.own
     surface, share = cloud.surface, options.candidates
     ground = kept(_ground, cloud, share, lambda: _ground(cloud, share, progress), progress)
     with progress.stage("reconstruct", 0.8, 1.0):
-        enough = ground.importance >= (options.threshold * surface.diagonal) ** 2
+        radii = cloud.radii[ground.candidates]
+        least = np.maximum(SHARPEST * radii**2, (options.threshold * surface.diagonal) ** 2)
+        enough = ground.importance >= least
         wanted = np.zeros(len(cloud), bool)
+        importance = np.zeros(len(cloud))
+        importance[ground.candidates] = ground.importance
         wanted[ground.candidates[enough]] = True
 
         def keep(stages: tuple[int, ...], compute: Callable[[], Any]) -> Any:
@@ -144,7 +152,9 @@ def curve_skeleton(
         )
         progress.update(0.5)
         graph, node_of_sample = run_patiently(
-            lambda: finish_graph(ground.links, edges, ground.strength, options.smoothing),
+            lambda: finish_graph(
+                ground.links, edges, options.smoothing, importance, surface.point_areas
+            ),
             progress,
         )
         graph = _put_in_surface(ground, graph, node_of_sample, progress)
@@ -196,37 +206,15 @@ def _ground(cloud: MedialCloud, share: float, progress: Progress) -> _Ground:
     level = share * surface.diagonal
     with progress.stage("detect", 0.0, 0.6):
         measured = candidate_measure.of(cloud, Options(), progress)
-        candidates = np.flatnonzero(measured.measure > level)
+        candidates = np.flatnonzero(measured.on_curve(level))
     with progress.stage("regularize", 0.6, 0.8):
-        importance = _smooth_importance(measured, candidates, progress)
+        importance = smooth_importance(measured, candidates, progress)
     links = _link_balls(measured, candidates, level, progress)
     strength = np.where(cloud.valid, np.nan_to_num(measured.measure), -np.inf)
     strength += 1e-9 * links.radii  # without any measure: the largest ball
     components = np.where(cloud.valid & surface.used_points, surface.components, -1)
     handles = run_patiently(lambda: find_handles(surface), progress)
     return _Ground(measured, candidates, importance, links, strength, components, handles)
-
-
-def _smooth_importance(
-    measured: CandidateMeasure, candidates: NDArray[np.int64], progress: Progress
-) -> FloatArray:
-    """Median importance of each candidate and its neighbours, from a sample of them if many.
-
-    A single estimate fails where no neighbour has a geodesic on the other side.
-    """
-    from scipy.spatial import cKDTree
-
-    centers = measured.cloud.centers
-    some = candidates[:: 1 + len(candidates) // MOST_MEASURED]
-    area = area_importance(measured, some, progress=progress)
-    near, _ = near_balls(measured.cloud, some, progress)
-    median = np.median(np.column_stack([area, area[near]]), axis=1)
-    if len(some) < len(candidates):
-        nearest = run_patiently(
-            lambda: cKDTree(centers[some]).query(centers[candidates])[1], progress
-        )
-        median = median[nearest]
-    return frozen(median, np.float64)
 
 
 def _link_balls(
@@ -257,10 +245,12 @@ def _linked(
         rows[surface.components[rows[:, 0]] == surface.components[rows[:, 1]]]
         for rows in (pairs, needed)
     )
-    closeness = np.nan_to_num(measured.spread)
+    closeness = np.maximum(2 * np.nan_to_num(measured.spread) - 1, 0)
     closeness *= np.minimum(1.0, np.nan_to_num(measured.measure) / level)
     centers, radii = np.nan_to_num(cloud.centers), np.nan_to_num(cloud.radii)
-    return link_balls(centers, radii, closeness, pairs, needed, spacing=surface.spacing)
+    return link_balls(
+        centers, radii, closeness, pairs, needed, spacing=surface.spacing, widths=measured.widths
+    )
 
 
 def _put_in_surface(

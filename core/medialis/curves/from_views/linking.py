@@ -24,7 +24,8 @@ from medialis.curves.from_views.cloud_nodes import (
     thin_points,
     without_crumbs,
 )
-from medialis.curves.graph.finishing import prune_spurs, smooth_nodes
+from medialis.curves.graph.finishing import smooth_nodes
+from medialis.curves.graph.pruning import prune_spurs
 from medialis.model.curve_skeleton import CurveSkeleton
 from medialis.model.polylines import follow
 from medialis.validation import FloatArray, IntArray

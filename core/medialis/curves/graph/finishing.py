@@ -7,20 +7,15 @@ that it comes from, so it stays inside the shape; edges are shorter than the rad
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import NDArray
 
 from medialis.curves.graph.ground import BallLinks
-from medialis.curves.graph.growth import Growth, sticks_out
+from medialis.curves.graph.growth import APART
+from medialis.curves.graph.pruning import nearest_on_graph, prune
 from medialis.model.curve_skeleton import CurveSkeleton
 from medialis.model.polylines import places_along
 from medialis.validation import FloatArray
-
-MERGE = 0.5
-"""Junctions closer than this share of the smaller radius there become one: limbs of an X meet in
-one place, but samples make two of it."""
 
 STEP, SHORTEST_STEP = 0.3, 0.25
 """Distance of nodes: share of the radius, at least a share of the sample spacing."""
@@ -35,8 +30,9 @@ ROOM = 0.7
 def finish_graph(
     links: BallLinks,
     edges: NDArray[np.int64],
-    strength: FloatArray,
     smoothing: float,
+    importance: FloatArray | None = None,
+    areas: FloatArray | None = None,
 ) -> tuple[CurveSkeleton, NDArray[np.int64]]:
     """Prune spurs, merge close junctions, sample and smooth the branches of a grown graph.
 
@@ -46,10 +42,10 @@ def finish_graph(
         k balls.
     edges : (e, 2) int
         Of `grow_graph`.
-    strength : (k,) float64
-        Of the balls that become one junction the strongest gives its place.
     smoothing : float
         As in `medialis.curve_skeleton`.
+    importance, areas : (k,) float64, optional
+        Area that hangs on each ball, and of its sample: for `prune`.
 
     Returns
     -------
@@ -62,48 +58,17 @@ def finish_graph(
     ends = inverse.reshape(-1, 2)
     ends = ends[ends[:, 0] != ends[:, 1]]
     raw = CurveSkeleton.of(links.centers[balls], ends, links.radii[balls])
-    stays = prune_spurs(raw)
-    balls = balls[stays]
-    merged, into = merge_junctions(raw.subset(stays), strength[balls])
+    stays = prune(links, raw, balls, importance, areas)
+    raw, balls = raw.subset(stays), balls[stays]
+    merged, into = merge_junctions(raw, raw.radii)
     sampled, node_of = sample_branches(merged, links.spacing)
     nodes = smooth_nodes(sampled.nodes, sampled.edges, sampled.radii, smoothing)
-    # The paths of all balls to the graph, by their length alone.
-    nearest = Growth(replace(links, cost=links.length))
-    nearest.add(balls.tolist())
+    nearest = nearest_on_graph(links, balls)
     node_of_ball = np.full(len(links) + 1, -1, np.int64)  # one more row: no ball
     node_of_ball[balls] = node_of[into]
     moved = np.linalg.norm(nodes - sampled.nodes, axis=1)
     radii = np.maximum(sampled.radii - moved, 0.0)
-    return CurveSkeleton.of(nodes, sampled.edges, radii), node_of_ball[nearest.base]
-
-
-def prune_spurs(graph: CurveSkeleton) -> NDArray[np.bool_]:
-    """Choose the nodes that stay when spurs go: the shortest first, each seen in what is left.
-
-    A spur is a branch with a free end that does not stick out of the ball at its other end
-    (`sticks_out`). A branch with two free ends stays.
-
-    Returns
-    -------
-    (v,) bool
-    """
-    stays = np.ones(len(graph.nodes), bool)
-    while True:
-        left, spurs = graph.subset(stays), []
-        for branch, row in enumerate(left.branches):
-            free = left.degrees[row[[0, -1]]] == 1
-            if free.sum() != 1:
-                continue
-            base, tip = (row[-1], row[0]) if free[0] else (row[0], row[-1])
-            gap = np.linalg.norm(left.nodes[tip] - left.nodes[base])
-            distance = np.maximum(gap, left.branch_lengths[branch] / 2)
-            if not sticks_out(distance, left.radii[tip], left.radii[base]):
-                spurs.append((float(left.branch_lengths[branch]), branch, int(base)))
-        if not spurs:
-            return stays
-        _, branch, base = min(spurs)
-        gone = left.branches[branch]
-        stays[np.flatnonzero(stays)[gone[gone != base]]] = False
+    return CurveSkeleton.of(nodes, sampled.edges, radii), node_of_ball[nearest]
 
 
 def merge_junctions(
@@ -149,10 +114,16 @@ def merge_junctions(
 
 
 def _short_bridges(graph: CurveSkeleton) -> list[int]:
-    """Branches that join two junctions within one ball, shortest first."""
+    """Branches that join two junctions within one ball, shortest first.
+
+    Limbs of an X meet in one place, but samples make two of it; and a limb that starts deep inside
+    the trunk hangs on the trunk, not on another limb.
+    """
     ends = np.array([(row[0], row[-1]) for row in graph.branches], np.int64).reshape(-1, 2)
     between = (graph.degrees[ends] >= 3).all(axis=1) & (ends[:, 0] != ends[:, 1])
-    longest = MERGE * graph.radii[ends].min(axis=1)
+    longest = APART * graph.radii[ends].max(axis=1)
+    direct = np.array([len(row) == 2 for row in graph.branches], bool)  # no ball lies between
+    longest[direct] = np.maximum(longest, graph.radii[ends].min(axis=1))[direct]
     usable = np.flatnonzero(between & (graph.branch_lengths < longest))
     order = np.argsort(graph.branch_lengths[usable], kind="stable")
     return usable[order].tolist()

@@ -70,6 +70,8 @@ class BallLinks:
         What a path along the link costs: low near the curve skeleton.
     spacing : float
         Typical distance of neighbouring balls.
+    widths : (k,) float64
+        Half the width of the shape across each ball; inf where it is not known.
     """
 
     centers: FloatArray
@@ -79,6 +81,7 @@ class BallLinks:
     length: FloatArray
     cost: FloatArray
     spacing: float
+    widths: FloatArray
 
     def __len__(self) -> int:
         return len(self.radii)
@@ -92,6 +95,7 @@ def link_balls(
     needed: NDArray[np.int64],
     *,
     spacing: float,
+    widths: FloatArray | None = None,
 ) -> BallLinks:
     """Link balls and give each link a cost.
 
@@ -108,6 +112,8 @@ def link_balls(
     spacing : float
         Typical distance of neighbouring balls; a link longer than this, and than a share of the
         smaller radius, costs more for its length.
+    widths : (k,) float64, optional
+        As in `BallLinks`.
 
     Returns
     -------
@@ -139,6 +145,7 @@ def link_balls(
         frozen(np.concatenate([distance, distance])[order], np.float64),
         frozen(np.concatenate([cost, cost])[order], np.float64),
         spacing,
+        np.full(k, np.inf) if widths is None else widths,
     )
 
 

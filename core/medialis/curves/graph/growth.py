@@ -150,13 +150,25 @@ class Growth:
                 break
             best = int(new[0])
             known = _extend(known, turn[best])
-            # Both paths may end in a common stretch, which is taken once.
-            first = self.join(int(a[best]))
-            taken = set(first)
-            second = [b for b in follow(self.parent, int(b[best]))[:-1] if b not in taken]
-            self.edges += [_pairs(second, self.parent[second]), _pairs(a[[best]], b[[best]])]
+            # Both may run side by side, as through the stem of an eyelet: one stretch for both.
+            first, second = self.join(int(a[best])), follow(self.parent, int(b[best]))
+            second = self._apart(second, [*first, int(self.base[a[best]])])
+            self.edges += [_pairs(second[:-1], second[1:]), _pairs(a[[best]], b[[best]])]
             self.add([*first, *second])
         return known
+
+    def _apart(self, path: list[int], other: list[int]) -> list[int]:
+        """Cut the end of a path off where it runs in the balls of another; it then ends on that."""
+        from scipy.spatial import cKDTree
+
+        centers, radii = self.links.centers, self.links.radii
+        gap, place = cKDTree(centers[other]).query(centers[path])
+        beside = np.asarray(other)[place]
+        alone = np.flatnonzero(gap >= np.minimum(radii[path], radii[beside]))
+        last = alone[-1] + 1 if len(alone) else len(path)
+        if last >= len(path):
+            return path
+        return [*path[:last], *dict.fromkeys([path[last], int(beside[last])])]
 
     def next_tip(self, candidates: NDArray[np.int64]) -> int | None:
         """Return the candidate that sticks out of the graph most; None when there is none."""
@@ -166,18 +178,22 @@ class Growth:
         reached = candidates[far & (self.base[candidates] >= 0)]
         base = self.base[reached]
         gap = np.linalg.norm(self.links.centers[reached] - self.links.centers[base], axis=1)
-        out = sticks_out(np.maximum(gap, self.path[reached] / 2), radii[reached], radii[base])
+        distance = np.maximum(gap, self.path[reached] / 2)
+        out = sticks_out(distance, radii[reached], radii[base], self.links.widths[reached])
         if not out.any():
             return None
         beyond = np.where(out, self.path[reached] + radii[reached] - radii[base], -np.inf)
         return int(reached[beyond.argmax()])
 
 
-def sticks_out(distance: FloatArray, tip: FloatArray, base: FloatArray) -> NDArray[np.bool_]:
+def sticks_out(
+    distance: FloatArray, tip: FloatArray, base: FloatArray, width: FloatArray
+) -> NDArray[np.bool_]:
     """Tell branches from spurs.
 
-    The ball at the end of a branch reaches out of the ball where it starts by half a radius, and
-    neither center lies deep in the other ball.
+    The ball at the end of a branch reaches out of the ball where it starts by half of its radius,
+    or by half the width of the branch if that is less: a half ball on a wall reaches out as far.
+    Neither center lies deep in the other ball.
 
     Parameters
     ----------
@@ -185,8 +201,10 @@ def sticks_out(distance: FloatArray, tip: FloatArray, base: FloatArray) -> NDArr
         Of the ends.
     tip, base : (b,) float64
         Radius at the free end and at the other one.
+    width : (b,) float64
+        Half the width at the free end; inf where it is not known.
     """
-    out = distance + tip > (1 + STICKS_OUT) * base
+    out = distance + tip > base + np.minimum(STICKS_OUT * base, width)
     return np.asarray(out & (distance > APART * np.maximum(tip, base)))
 
 

@@ -92,7 +92,7 @@ def point_graph(
     first = sure + 1e-9 * radius / max(float(radius.max()), 1e-300) * max(float(sure.max()), 1e-300)
     pieces = _pieces(links.offsets, links.neighbours)
     edges, _ = grow_graph(links, pieces, first, np.ones(len(centers), bool), handles)
-    return finish_graph(links, edges, first, smoothing)[0]
+    return finish_graph(links, edges, smoothing)[0]
 
 
 def _pieces(offsets: NDArray[np.int64], neighbours: NDArray[np.int32]) -> NDArray[np.int32]:
