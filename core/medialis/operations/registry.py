@@ -57,13 +57,15 @@ def operation(name: str) -> Operation:
     >>> medialis.operation("thickness").label
     'Thickness'
     """
-    for named in named_operations():
-        if name in (named.name, named.command):
-            return _loaded(named)
-    for candidate in map(_loaded, named_operations()):
-        if name == candidate.filter_name:
+    if "OPERATIONS" not in globals():  # one operation needs no other
+        for named in named_operations():
+            if name in (named.name, named.command):
+                return _loaded(named)
+    every: tuple[Operation, ...] = globals().get("OPERATIONS") or __getattr__("OPERATIONS")
+    for candidate in every:
+        if name in (candidate.name, candidate.name.replace("_", "-"), candidate.filter_name):
             return candidate
-    known = ", ".join(named.name for named in named_operations())
+    known = ", ".join(candidate.name for candidate in every)
     raise InvalidOptionError(f"There is no operation {name!r}; there are {known}.")
 
 
