@@ -126,8 +126,8 @@ def curve_skeleton() -> None:
 
 
 POSE = {  # bone: degrees about the axis across the body
-    "bone 002.L": -45, "bone 003.L": 60, "bone 007": -45, "bone 011": 30, "bone 013.R": 25,
-    "bone 012.R": -40, "bone 018": 35, "bone 019": 35, "bone 020": 20,
+    "bone 006.L": -45, "bone 007.L": 60, "bone 002": -30, "bone 012.L": 30, "bone 013.R": 25,
+    "bone 012.R": -40, "bone 017": 35, "bone 018": 35, "bone 019": 20,
 }  # fmt: skip
 
 

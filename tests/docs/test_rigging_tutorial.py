@@ -28,5 +28,5 @@ def test_every_code_block_runs(tmp_path, monkeypatch, capsys):
     moved = np.linalg.norm(names["posed"] - names["figure"].points, axis=1)
     share = names["share"][:, 0]
     assert (moved[share == 0] == 0).all() and moved[share > 0.99].max() > 0.05
-    assert "bone 002.L below bone 001" in capsys.readouterr().out
+    assert "bone 003.L below bone 002" in capsys.readouterr().out
     assert (tmp_path / "rigged" / "armature.ply").is_file()
