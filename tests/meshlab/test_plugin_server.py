@@ -94,15 +94,17 @@ def test_fields_lie_on_the_given_layer(meshlab, creature, tmp_path):
 def test_quality_is_finite_where_importance_is_not(meshlab, tmp_path):
     """Between overlapping parts importance is infinite; MeshLab's scale of quality was too."""
     ball = forms.icosphere(2)
-    shape, out = tmp_path / "two.ply", tmp_path / "out.ply"
-    points = np.vstack([ball.points, ball.points + np.array([0.9, 0.2, 0.1])]).astype(np.float32)
-    faces = np.vstack([ball.faces, ball.faces + ball.point_count])
+    shape, out = tmp_path / "three.ply", tmp_path / "out.ply"
+    # Each maximal ball of two that overlap touches both; the third one is apart.
+    moves = np.array([[0.0, 0.0, 0.0], [0.9, 0.2, 0.1], [0.0, 5.0, 0.0]])
+    points = np.vstack([ball.points + move for move in moves]).astype(np.float32)
+    faces = np.vstack([ball.faces + k * ball.point_count for k in range(3)])
     write_ply(shape, points.astype(np.float64), faces=faces)
     values, more = {"connected": False}, ["-o", str(out), "-l", "x", "-m", "vq"]
     meshlab.run([shape], operation("skeleton_importance"), values, more=more)
     result = medialis.run("skeleton_importance", medialis.read_shape(shape), **values)
     importance = result.layers[0].attributes["importance"]
-    assert np.isinf(importance).any()
+    assert np.isinf(importance).any() and np.isfinite(importance).any()
     expected = np.where(np.isinf(importance), result.values["importance_max"], importance)
     found = read_ply_attributes(out).attributes["quality"]
     np.testing.assert_array_equal(found, expected.astype(np.float32))
