@@ -72,7 +72,7 @@ BOUNDS = build/bounds
 bounds: $(VENV)/installed-dev
 	rm -rf $(BOUNDS)
 	NUMBA_BOUNDSCHECK=1 MEDIALIS_CACHE_DIR="$(CURDIR)/$(BOUNDS)/kernels" PYTHONPATH=tests \
-		$(RUN) -m fuzz --kinds shapes --count 150 --seed 1 --output $(BOUNDS)/cases
+		$(RUN) -m fuzz --kinds shapes --count 200 --seed 1 --output $(BOUNDS)/cases
 
 hosts:
 	tests/blender/make_hosts.sh
