@@ -13,6 +13,7 @@ from medialis.model.curve_skeleton import CurveSkeleton
 from medialis.model.surface import Surface
 from medialis.options import Options, algorithm, number
 from medialis.progress import Progress
+from medialis.surface.dissection import dissected
 from medialis.threads import run_patiently
 from medialis.validation import FloatArray, IntArray
 
@@ -193,7 +194,8 @@ def _smoothed(skin: SkinWeights, surface: Surface, width: FloatArray) -> SkinWei
     stiff, mass = _laplacian(surface)
     pull = mass / np.maximum(width, 1e-6 * surface.diagonal) ** 2
     # Sorted by component the matrix has a block for each: a bone of one moves nothing of another.
-    order = np.argsort(surface.components, kind="stable")
+    order = dissected(surface.points, surface.edges)
+    order = order[np.argsort(surface.components[order], kind="stable")]
     matrix = (stiff + diags_array(pull)).tocsr()[order][:, order]
     ends = np.cumsum(np.bincount(surface.components))
     used = skin.weights > 0
@@ -206,7 +208,7 @@ def _smoothed(skin: SkinWeights, surface: Surface, width: FloatArray) -> SkinWei
     for begin, end in zip([0, *ends[:-1]], ends, strict=True):
         rows = order[begin:end]
         solver = splu(
-            csc_array(matrix[begin:end, begin:end]), permc_spec="MMD_AT_PLUS_A",
+            csc_array(matrix[begin:end, begin:end]), permc_spec="NATURAL",
             diag_pivot_thresh=0.0, options={"SymmetricMode": True},
         )  # fmt: skip
         own_bones, own_weights = bones[rows], weights[rows]
