@@ -64,14 +64,14 @@ test-blender:
 MINUTES ?= 10
 
 fuzz: $(VENV)/installed-dev
-	PYTHONPATH=tests $(RUN) -m fuzz --minutes $(MINUTES) $(FUZZ)
+	PYTHONPATH="$(CURDIR)/tests" $(RUN) -m fuzz --minutes $(MINUTES) $(FUZZ)
 
 # Anew each time, with kernels of its own: code that checks bounds is slow.
 BOUNDS = build/bounds
 
 bounds: $(VENV)/installed-dev
 	rm -rf $(BOUNDS)
-	NUMBA_BOUNDSCHECK=1 MEDIALIS_CACHE_DIR="$(CURDIR)/$(BOUNDS)/kernels" PYTHONPATH=tests \
+	NUMBA_BOUNDSCHECK=1 MEDIALIS_CACHE_DIR="$(CURDIR)/$(BOUNDS)/kernels" PYTHONPATH="$(CURDIR)/tests" \
 		$(RUN) -m fuzz --kinds shapes --count 200 --seed 1 --output $(BOUNDS)/cases
 
 hosts:
