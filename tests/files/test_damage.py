@@ -383,3 +383,12 @@ def test_a_scene_reads_nothing_outside_of_its_folder(tmp_path):
             read_mesh(folder / "model.gltf")
         (folder / name).unlink()
         (tmp_path / name).rename(folder / name)
+
+
+def test_an_array_with_a_name_of_thousands_of_letters_is_told_in_a_sentence(tmp_path):
+    """The whole name was in the sentence: files of 60,000 letters made messages of 60,000."""
+    path = tmp_path / "long.npz"
+    np.savez(path, **{"x" * 5000: np.array([None], object)})
+    with pytest.raises(medialis.InvalidShapeError) as told:
+        read_npz(path)
+    assert "Python objects" in str(told.value) and len(str(told.value)) < 400 + len(str(path))

@@ -103,9 +103,9 @@ def _member(archive: Any, member: str, size: int) -> NDArray[Any]:
         header = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}[version]
         shape, _, dtype = header(stream)
         if dtype.hasobject:
-            raise InvalidShapeError(f"its array {member} holds Python objects.")
+            raise InvalidShapeError(f"its array {member[:60]} holds Python objects.")
         if math.prod(shape) * dtype.itemsize > size or min(shape, default=0) < 0:
-            raise InvalidShapeError(f"its array {member} is cut short.")
+            raise InvalidShapeError(f"its array {member[:60]} is cut short.")
     with archive.open(member) as stream:
         return np.asarray(npy.read_array(stream, allow_pickle=False))
 
