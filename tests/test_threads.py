@@ -187,12 +187,16 @@ def test_what_is_still_moves_no_bar_and_cancels():
 def test_an_interrupt_ends_no_chunk_in_its_middle(threads):
     """Ctrl-C within numba, which takes locks in Python when it loads a kernel, left them taken: the
     other threads waited for ever, and so did a cancelled run (fixed)."""
-    lock, taken = threading.Lock(), []
+    lock, taken, raised = threading.Lock(), [], threading.Event()
 
     def work(begin, end):
+        main = threading.current_thread() is threading.main_thread()
+        if not main:  # on a busy machine it took all chunks before the main thread had one
+            raised.wait(timeout=10)
         taken.append(lock.acquire(timeout=10))
-        if threading.current_thread() is threading.main_thread():
+        if main:
             signal.raise_signal(signal.SIGINT)
+            raised.set()
         time.sleep(0.001)
         lock.release()
 
