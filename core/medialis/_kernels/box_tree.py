@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -66,6 +67,13 @@ class BoxTree:
     bounds: NDArray[np.float32]
     child: NDArray[np.int64]
     depth: int
+
+    @cached_property
+    def place(self) -> NDArray[np.int32]:
+        """Where each sample lies in tree order, (n,)."""
+        place = np.empty(len(self.order), np.int32)
+        place[self.order] = np.arange(len(place), dtype=np.int32)
+        return place
 
 
 def build_box_tree(

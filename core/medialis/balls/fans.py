@@ -122,8 +122,7 @@ def _balls(
 ) -> MedialCloud:
     """Return the balls of some samples with outward normals of their own."""
     shape, count = walls.shape, len(sources)
-    place = np.empty(shape.point_count, np.int32)
-    place[walls.tree.order] = np.arange(shape.point_count, dtype=np.int32)
+    place = walls.tree.place
     order = np.argsort(place[sources], kind="stable")  # neighbours share what they find
     sources, directions = sources[order], directions[order]
     run = shrink_options(shape.diagonal, options.tolerance, options.largest_radius)

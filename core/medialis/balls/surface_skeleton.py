@@ -50,7 +50,13 @@ class Preparation(Options):
         DENOISE,
     )
     tolerance: float = changed(ShrinkOptions, "tolerance")
-    refine: float = changed(RefineOptions, "longest_edge")
+    refine: float = changed(
+        RefineOptions,
+        "longest_edge",
+        help="Split edges longer than this fraction of the size for the computation, so that flat "
+        "faces get samples; flat faces stay the same, on rounded ones new samples lie on the "
+        "smooth surface. 0 computes with the given vertices only.",
+    )
     creases: float = changed(BallOptions, "creases")
 
 

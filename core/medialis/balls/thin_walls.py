@@ -139,9 +139,7 @@ def _shrink_again(
     """Return the inner balls of some samples: the same bits as when all are computed."""
     options = shrink_options(shape.diagonal, tolerance, largest)
     n = shape.point_count
-    place = np.empty(n, np.int64)
-    place[tree.order] = np.arange(n)
-    chunks = np.unique(place[rows] // SAMPLES_A_CHUNK)
+    chunks = np.unique(tree.place[rows] // SAMPLES_A_CHUNK)
     arrays = blank_balls(n)
 
     def work(begin: int, end: int) -> None:

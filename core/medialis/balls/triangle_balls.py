@@ -67,7 +67,6 @@ class Walls:
     @classmethod
     def of(cls, creases: Creases, tree: BoxTree) -> Walls:
         """Hang the triangles of a mesh on the tree of its samples. Cost O(m), parallel."""
-        shape = creases.shape
         from medialis._kernels.box_tree import wide_levels
         from medialis.balls._triangle_kernels import (
             BLOCK,
@@ -78,10 +77,9 @@ class Walls:
             fill_hulls,
         )
 
+        shape, place = creases.shape, tree.place
         n, m, depth = shape.point_count, shape.face_count, tree.depth
         faces = np.asarray(shape.faces)
-        place = np.empty(n, np.int32)
-        place[tree.order] = np.arange(n, dtype=np.int32)
         leaf, first = np.empty(m, np.int32), np.zeros((1 << depth) + 1, np.int64)
         count_blocks(faces, place, n, depth, leaf, first)
         blocks = int(first[-1])
@@ -146,9 +144,7 @@ class Walls:
         at_own = directions is not None
         if directions is None:
             directions = shape.normals[cloud.source] * cloud.side[:, None]
-        place = np.empty(shape.point_count, np.int32)
-        place[tree.order] = np.arange(shape.point_count, dtype=np.int32)
-        samples = place[cloud.source]
+        samples = tree.place[cloud.source]
         # Neighbours share certificates; inner balls, the first, are the same with outer ones.
         order = np.lexsort((samples, -cloud.side))
         samples, direction = samples[order], np.ascontiguousarray(directions[order])

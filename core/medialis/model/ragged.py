@@ -59,22 +59,21 @@ class Ragged(Described):
     def group(cls, keys: ArrayLike, rows: int) -> Ragged:
         """Group 0..len(keys)-1 by key: row r lists the positions whose key is r, ascending.
 
-        Negative keys are left out. Cost: one stable sort.
+        Negative keys are left out. Cost: O(len(keys) + rows).
 
         Raises
         ------
         InvalidShapeError
             When a key is not below `rows`.
         """
-        key = np.asarray(keys)
-        if key.size == 0:
-            key = key.astype(np.int64)
-        elif key.max() >= rows:
+        from medialis.model._ragged_kernels import group_keys
+
+        key = np.ascontiguousarray(keys, np.int64)
+        if key.max(initial=-1) >= rows:
             raise InvalidShapeError(f"Keys must be below {rows} rows, got {key.max()}.")
-        order = np.argsort(key, kind="stable")
-        order = order[np.searchsorted(key[order], 0) :]
-        counts = np.bincount(key[order], minlength=rows)
-        return cls(np.concatenate([[0], np.cumsum(counts)]), order.astype(np.int32))
+        offsets, order = np.zeros(rows + 2, np.int64), np.empty(len(key), np.int32)
+        group_keys(key, offsets, order)
+        return cls(offsets[:-1], order[: offsets[-1]])
 
     def __len__(self) -> int:
         return len(self.offsets) - 1

@@ -13,17 +13,10 @@ import numpy as np
 
 from medialis._kernels.heap_kernels import pop, push
 from medialis._kernels.jit import kernel
+from medialis.paths._funnel_kernels import distance
 
 LESS = 1.0 - 1e-9
 """Shorter by rounding alone is not shorter."""
-
-
-@kernel
-def _apart(points, a, b):
-    total = 0.0
-    for i in range(3):
-        total += (points[a, i] - points[b, i]) ** 2
-    return math.sqrt(total)
 
 
 @kernel
@@ -70,10 +63,10 @@ def relax_lengths(
                     near = row_of[corners[h + 2 if h % 3 == 0 else h - 1]]
                 if near < 0 or length[near] <= length[row]:
                     continue
-                found = length[row] + _apart(points, start, starts[near])
+                found = length[row] + distance(points, start, starts[near])
                 if found >= LESS * length[near]:
                     continue
-                found += _apart(points, ends[row], ends[near])
+                found += distance(points, ends[row], ends[near])
                 if found >= LESS * length[near] or not _adjacent(
                     corners, fan_offsets, fan, ends[row], ends[near]
                 ):

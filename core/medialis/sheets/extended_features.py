@@ -122,9 +122,7 @@ def _find(
         # Dividing by a power of two changes no digit and keeps float32 bounds in range.
         unit = math.ldexp(1.0, math.frexp(shape.diagonal)[1] - 1)
         tree = run_patiently(lambda: build_box_tree(shape.points / unit, shape.normals), progress)
-        place = np.empty(shape.point_count, np.int64)
-        place[tree.order] = np.arange(shape.point_count)
-        rows = rows[np.argsort(place[cloud.source[rows]], kind="stable")]
+        rows = rows[np.argsort(tree.place[cloud.source[rows]], kind="stable")]
         centers = cloud.centers / unit - tree.center
         normals = run_patiently(lambda: _mean_face_normals(shape), progress)
         balls = normals, centers, cloud.radii / unit, cloud.features, gaps / unit

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 from medialis._kernels.jit import kernel
+from medialis._kernels.solve_kernels import solve
 
 SINGULAR = 1e-9  # weight of the six terms: neighbours on one line or conic
 
@@ -85,28 +86,6 @@ def _fill_terms(u, v, terms):
 
 
 @kernel
-def _solve(matrix, x):
-    """Solve a symmetric positive system for columns x, in place, by its factors L D L^T."""
-    size = len(x)
-    for i in range(size):
-        for j in range(i):
-            for k in range(j):
-                matrix[i, j] -= matrix[i, k] * matrix[j, k] * matrix[k, k]
-            matrix[i, j] /= matrix[j, j]
-        for k in range(i):
-            matrix[i, i] -= matrix[i, k] * matrix[i, k] * matrix[k, k]
-    for column in range(x.shape[1]):
-        for i in range(size):
-            for k in range(i):
-                x[i, column] -= matrix[i, k] * x[k, column]
-        for i in range(size):
-            x[i, column] /= matrix[i, i]
-        for i in range(size - 1, -1, -1):
-            for k in range(i + 1, size):
-                x[i, column] -= matrix[k, i] * x[k, column]
-
-
-@kernel
 def measure_off_quadrics(
     points, rows, rings, counts, means, axes, sizes, matrix, right, terms, out_away
 ):
@@ -142,7 +121,7 @@ def measure_off_quadrics(
         for a in range(6):
             matrix[a, a] += SINGULAR * count
             right[a, 1] = terms[a]  # of the row itself
-        _solve(matrix, right)
+        solve(matrix, right)
         away, carried = h, 0.0
         for a in range(6):
             away -= right[a, 0] * terms[a]

@@ -20,24 +20,12 @@ import math
 import numpy as np
 
 from medialis._kernels.jit import kernel
+from medialis._kernels.solve_kernels import solve
 
 MOST_CORNERS = 64  # of a ring that is walked round; each step looks at all corners
 UNEVEN = 1e-2  # weight of a and b against that of a neighbour
 EXACT = 1e-10  # weight of all unknowns: rings on one line have solutions without number
 SAME_PLACE = 1e-12  # part of the mean squared length of spokes: no direction
-
-
-@kernel
-def group_corners(vertices, out_offsets, out_corners):
-    """List the corners 3 f + j of each vertex, ascending."""
-    for i in range(len(vertices)):
-        out_offsets[vertices[i] + 2] += 1
-    for v in range(len(out_offsets) - 1):
-        out_offsets[v + 1] += out_offsets[v]
-    for i in range(len(vertices)):
-        at = out_offsets[vertices[i] + 1]
-        out_corners[at] = i
-        out_offsets[vertices[i] + 1] = at + 1
 
 
 @kernel
@@ -108,27 +96,6 @@ def _goes_round(count, ring, ends, crease):
 
 
 @kernel
-def _solve(matrix, x):
-    """Solve a symmetric positive system in place, by its factors L D L^T."""
-    size = len(x)
-    for i in range(size):
-        for j in range(i):
-            for k in range(j):
-                matrix[i, j] -= matrix[i, k] * matrix[j, k] * matrix[k, k]
-            matrix[i, j] /= matrix[j, j]
-        for k in range(i):
-            matrix[i, i] -= matrix[i, k] * matrix[i, k] * matrix[k, k]
-    for i in range(size):
-        for k in range(i):
-            x[i] -= matrix[i, k] * x[k]
-    for i in range(size):
-        x[i] /= matrix[i, i]
-    for i in range(size - 1, -1, -1):
-        for k in range(i + 1, size):
-            x[i] -= matrix[k, i] * x[k]
-
-
-@kernel
 def _of_surface(count, ring, nx, ny, nz, matrix, x, row):
     """Compute the normal of the surface through a ring; nx, ny, nz is about the normal."""
     if abs(nx) < 0.6:
@@ -144,7 +111,7 @@ def _of_surface(count, ring, nx, ny, nz, matrix, x, row):
     mean2 /= count
     unit = math.sqrt(mean2)
     for j in range(5):
-        x[j] = 0.0
+        x[j, 0] = 0.0
         for k in range(j + 1):
             matrix[j, k] = 0.0
     even = 0.0
@@ -163,15 +130,16 @@ def _of_surface(count, ring, nx, ny, nz, matrix, x, row):
         row[4] = part * row[0] * row[1]
         even += part * part
         for j in range(5):
-            x[j] += row[j] * z
+            x[j, 0] += row[j] * z
             for k in range(j + 1):
                 matrix[j, k] += row[j] * row[k]
     for j in range(5):
         matrix[j, j] += EXACT * count
     matrix[3, 3] += UNEVEN * even
     matrix[4, 4] += UNEVEN * even
-    _solve(matrix, x)
-    ox, oy, oz = nx - x[0] * sx - x[1] * tx, ny - x[0] * sy - x[1] * ty, nz - x[0] * sz - x[1] * tz
+    solve(matrix, x)
+    g, h = x[0, 0], x[1, 0]
+    ox, oy, oz = nx - g * sx - h * tx, ny - g * sy - h * ty, nz - g * sz - h * tz
     length = math.sqrt(ox * ox + oy * oy + oz * oz)
     return ox / length, oy / length, oz / length
 
@@ -185,7 +153,7 @@ def fill_normals(
     `units` has the unit normals of the faces, zero without an area. `away` is how far below zero
     the cosine to a face that looks away is. `smooth`: take surfaces through rings.
     """
-    matrix, x, row = np.empty((5, 5)), np.empty(5), np.empty(5)
+    matrix, x, row = np.empty((5, 5)), np.empty((5, 1)), np.empty(5)
     ring, ends = np.empty((MOST_CORNERS, 6)), np.empty((MOST_CORNERS, 2), np.int64)
     for v in range(begin, end):
         first, last = offsets[v], offsets[v + 1]

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from medialis.model.ragged import Ragged
 from medialis.threads import run_chunks
 from medialis.validation import FloatArray, IntArray, as_faces, as_points, frozen
 
@@ -73,7 +74,7 @@ def mean_normals(points: FloatArray, faces: IntArray) -> FloatArray:
 def _normals(points: FloatArray, faces: IntArray, *, smooth: bool) -> FloatArray:
     # Imported here: compiled code takes half a second to load, and `medialis --help` needs none.
     from medialis.model._surface_kernels import cross_faces
-    from medialis.surface._normal_kernels import fill_normals, group_corners
+    from medialis.surface._normal_kernels import fill_normals
 
     points = as_points(points)
     faces = as_faces(faces, len(points))
@@ -84,15 +85,14 @@ def _normals(points: FloatArray, faces: IntArray, *, smooth: bool) -> FloatArray
     cross_faces(local, faces, units)
     length = np.sqrt(np.einsum("ij,ij->i", units, units))[:, None]
     np.divide(units, length, out=units, where=length > 0)
-    offsets = np.zeros(len(points) + 2, np.int64)
-    corners = np.empty(faces.size, np.int32)
-    group_corners(faces.ravel(), offsets, corners)
+    fans = Ragged.group(faces.ravel(), len(points))
     normals, crease = np.zeros((len(points), 3)), math.cos(math.radians(SHARP))
 
     def fill(begin: int, end: int) -> None:
         fill_normals(
-            begin, end, local, faces, units, offsets, corners, crease, FACING_AWAY, smooth, normals
-        )
+            begin, end, local, faces, units, fans.offsets, fans.indices, crease, FACING_AWAY,
+            smooth, normals,
+        )  # fmt: skip
 
     run_chunks(fill, len(points), VERTICES_A_CHUNK)
     return frozen(normals, np.float64)

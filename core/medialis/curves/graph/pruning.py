@@ -19,7 +19,8 @@ from medialis.validation import FloatArray
 
 SURPLUS = 1.5
 """Times the area of the samples next to a branch that may hang on its end: importance is estimated
-from half ellipsoids. On ends of limbs it is below a half, beside limbs and on loops 3 to 10."""
+from half ellipsoids. Chosen by five real shapes, not derived: true ends had at most 0.4 (one 1.24),
+branches beside limbs and on loops 1.02 to 10."""
 
 
 def prune(
