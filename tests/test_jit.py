@@ -13,7 +13,8 @@ from medialis._kernels import cache_folder
 
 PACKAGE = Path(cache_folder.PACKAGE)
 LAYERS = [
-    {"errors", "progress", "threads", "validation", "version", "kept", "options", "_kernels"},
+    {"errors", "progress", "threads", "validation", "version", "kept"}
+    | {"options", "units", "_kernels"},
     {"model"},
     {"files"},
     {"surface"},

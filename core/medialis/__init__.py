@@ -6,8 +6,8 @@
     result = medialis.run("thickness", shape)  # as the command line and every host run it
 
 Functions take one thing and options as keywords; lengths are fractions of the bounding-box
-diagonal, angles are degrees. Importing loads no compiled code: that happens at the first
-computation. All public names, by what they are for (docs/api.md says more):
+diagonal, or such as "1mm" and "0.5%"; angles are degrees. Importing loads no compiled code: that
+happens at the first computation. All public names, by what they are for (docs/api.md says more):
 
 Shapes:
     read_shape, make_shape, Shape, Surface, diagnose, Diagnosis, repair, Repair, refine,
@@ -32,7 +32,7 @@ Clouds:
     estimate_normals, surface_of_cloud, manifolds, ManifoldSet, PointClass, manifold_surfaces
 Operations:
     run, operation, Operation, OPERATIONS, Options, Parameter, Kind, Result, Outcome, Layer,
-    FilterUnit, batch, Row
+    FilterUnit, Length, mm, inch, percent, batch, Row
 Files and pictures:
     write_result, Pictures, draw_result, Camera, read_curve_skeleton, write_curve_skeleton,
     reconstruct_image, progressive, Comparison

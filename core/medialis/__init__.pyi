@@ -128,5 +128,9 @@ from medialis.surface.repair import Repair as Repair
 from medialis.surface.repair import repair as repair
 from medialis.threads import thread_count as thread_count
 from medialis.threads import thread_limit as thread_limit
+from medialis.units import Length as Length
+from medialis.units import inch as inch
+from medialis.units import mm as mm
+from medialis.units import percent as percent
 
 __version__: str

@@ -16,6 +16,8 @@ parameters are derived from it:
     smooth.of(cloud, options, progress)      # with options of an operation, by their names
 
 Units are the same everywhere: lengths are fractions of the bounding-box diagonal, angles degrees.
+A length may be given as text or with a unit ("1mm", "0.5%"; see `medialis.units`): options hold it
+as it was given until they meet the data (`Options.measured`).
 """
 
 from __future__ import annotations
@@ -33,6 +35,7 @@ from typing import Any, Generic, ParamSpec, Protocol, Self, TypeVar, cast
 from medialis.errors import InvalidOptionError
 from medialis.kept import kept
 from medialis.progress import Progress, ProgressCallback
+from medialis.units import Length, Size, as_length
 from medialis.validation import as_choice, as_number, as_whole_number
 
 
@@ -89,7 +92,7 @@ class Parameter:
         if self.kind is Kind.CHOICE:
             return "{" + ", ".join(f'"{word}"' for word in self.choices) + "}"
         names = {
-            Kind.LENGTH: "float, fraction of the diagonal",
+            Kind.LENGTH: 'float (fraction of the diagonal) or text such as "1mm", "0.5%"',
             Kind.ANGLE: "float, degrees",
             Kind.FILE: "path",
         }
@@ -121,6 +124,8 @@ class Parameter:
             return value
         if self.kind is Kind.INT:
             return as_whole_number(value, self.name, low=int(self.low), high=int(self.high))
+        if self.kind is Kind.LENGTH and isinstance(value, str | Length):
+            return as_length(value, self.name, self.low, self.high)
         return as_number(value, self.name, low=self.low, high=self.high)
 
 
@@ -207,6 +212,30 @@ class Options:
         names = {p.name for p in cls.parameters()} & {p.name for p in other.parameters()}
         return cls(**{**{name: getattr(other, name) for name in names}, **more})
 
+    def measured(self, data: Any, progress: Progress) -> Self:
+        """Return options whose lengths are fractions of the diagonal of `data`; tell those given.
+
+        Raises
+        ------
+        InvalidOptionError
+            When one is out of its range there, or real and the unit of the data is unknown.
+        """
+        given = [p for p in self.parameters() if isinstance(getattr(self, p.name), Length)]
+        if not given:
+            return self
+        size = Size.of(data)
+        fractions: dict[str, Any] = {}
+        for parameter in given:
+            length, name = getattr(self, parameter.name), parameter.name
+            fraction = fractions[name] = size.fraction(length, name)
+            sentence = size.sentence(length, name)
+            if not parameter.low <= fraction <= parameter.high:
+                limits = f"{100 * parameter.low:g} % to {100 * parameter.high:g} %"
+                raise InvalidOptionError(f"{sentence} It must be {limits}.")
+            told: dict[str, Any] = {"given": str(length), "fraction": fraction, "unit": size.unit}
+            progress.note(sentence, "length", option=name, **told)
+        return replace(self, **fractions)
+
     def values(self) -> dict[str, Any]:
         """Return all options by name."""
         return {p.name: getattr(self, p.name) for p in self.parameters()}
@@ -273,7 +302,8 @@ def algorithm(
                     f"{compute.__name__} has no option {', '.join(unknown)}; it has {known}."
                 )
             given = options(*args, **kwargs)
-            return of(data, given, Progress.of(given.progress))
+            progress = Progress.of(given.progress)
+            return of(data, given.measured(data, progress), progress)
 
         public.__doc__ = _documented(inspect.getdoc(compute) or "", chosen)
         first = next(iter(inspect.signature(compute).parameters.values()))

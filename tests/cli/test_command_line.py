@@ -113,7 +113,8 @@ def test_every_operation_has_help_and_runs(chosen, creature, tmp_path, capsys):
 def test_names_with_underscores_are_understood(creature, tmp_path, capsys):
     """`medialis surface_skeleton` was an unknown command, `--no_picture` an unknown option."""
     out = tmp_path / "out"
-    assert run("surface_skeleton", creature, "-o", out, "--no_picture", "--largest_radius=2") == 0
+    given = ["--no_picture", "--largest_radius=200%"]
+    assert run("surface_skeleton", creature, "-o", out, *given) == 0
     manifest = json.loads((out / "manifest.json").read_text())
     assert manifest["parameters"]["largest_radius"] == 2.0 and manifest["picture"] is None
     assert run("describe", "soft_edges") == run("describe", "soft-edges") == 0

@@ -17,6 +17,7 @@ from medialis.kept import Described
 from medialis.operations.registry import operation
 from medialis.operations.writing import THUMBNAIL, content
 from medialis.progress import Progress
+from medialis.units import Length, as_unit
 from medialis.version import package_version
 
 DONE, FAILED = "done", "failed"
@@ -76,7 +77,9 @@ class Job:
     output : str
         Folder of the batch; results go to ``output/name/operation``.
     operations : dict of dict
-        All parameters of each operation.
+        All parameters of each operation; lengths with a unit are text.
+    unit : str or None
+        Of all files; None: what each says.
     threads : int
         At most this many.
     picture, report : bool
@@ -87,6 +90,7 @@ class Job:
     file: str
     output: str
     operations: Mapping[str, Mapping[str, Any]]
+    unit: str | None = None
     threads: int = 1
     picture: bool = True
     report: bool = False
@@ -108,8 +112,10 @@ class Job:
             files = {Path(name).name for name in manifest["files"]}
             same = (
                 manifest["medialis"] == package_version()
-                and manifest["parameters"] == dict(self.operations[operation_name])
+                and {**manifest["parameters"], **manifest["lengths"]}
+                == dict(self.operations[operation_name])
                 and manifest["input_stamp"] == stamp(self.file)
+                and manifest["input_unit"] == self.unit
                 and (THUMBNAIL in files or not self.picture)
                 and (REPORT in files or not self.report)
                 and f"{operation_name}.npz" in files
@@ -174,6 +180,13 @@ def stamp(file: str) -> list[str | int]:
     return [str(absolute(file)), found.st_size, found.st_mtime_ns]
 
 
+def _reading(given: Mapping[str, Any]) -> str | None:
+    """Return the unit that files are read in, the one option of `read_shape` that a batch has."""
+    if unknown := sorted(set(given) - {"unit"}):
+        raise InvalidOptionError(f"read_shape has no option {', '.join(unknown)}; it has unit.")
+    return as_unit(given.get("unit"))
+
+
 def plan(
     operations: Sequence[str],
     files: Sequence[str | os.PathLike[str]],
@@ -193,10 +206,13 @@ def plan(
         When the output is a file. A missing input file is a failed row, not an error.
     """
     given = dict(parameters or {})
+    unit = _reading(given.pop("read_shape", {}))
     chosen = {}
     for name in operations:
         found = operation(name)
-        chosen[found.name] = found.resolve(given.pop(name, given.pop(found.name, {}))).values()
+        options = found.resolve(given.pop(name, given.pop(found.name, {})))
+        values = options.values().items()
+        chosen[found.name] = {n: str(v) if isinstance(v, Length) else v for n, v in values}
     if not chosen:
         raise InvalidOptionError("A batch needs at least one operation, got none.")
     if given:
@@ -214,6 +230,14 @@ def plan(
             "none was found."
         )
     return [
-        Job(name, str(path), os.fspath(output), chosen, picture=picture, report=report)
+        Job(
+            name,
+            str(path),
+            os.fspath(output),
+            chosen,
+            unit,
+            picture=picture,
+            report=report,
+        )
         for name, path in zip(unique_names(paths), paths, strict=True)
     ]

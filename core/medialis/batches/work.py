@@ -69,7 +69,7 @@ def _read(job: Job) -> Source:
         here = stamp(job.file)
     except (OSError, ValueError):
         here = []  # reading tells what is wrong
-    shape = read_shape(job.file, progress=progress)
+    shape = read_shape(job.file, unit=job.unit, progress=progress)
     return Source(shape, tuple(progress.messages), time.perf_counter() - clock, here)
 
 
@@ -90,7 +90,7 @@ def _run_operation(job: Job, name: str, source: Source) -> Row:
         pictures=Pictures(main=job.picture, thumbnail=job.picture),
         texts=texts,
         progress=progress,
-        record={"input_stamp": source.stamp},
+        record={"input_stamp": source.stamp, "input_unit": job.unit},
     )
     # As it is read back: a resumed batch must give the same table.
     return job.row(json.loads(json_text(manifest)))

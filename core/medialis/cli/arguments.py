@@ -20,7 +20,9 @@ EXIT_OK, EXIT_BAD_INPUT, EXIT_SOME_FAILED, EXIT_CANCELLED = 0, 2, 3, 130
 
 _EPILOG = """exit codes: 0 done; 2 bad input or options (one line on stderr); 3 a batch is done but
 some of its results failed (the table says why); 130 cancelled.
-Lengths are fractions of the bounding-box diagonal: 0.01 is 1 % of the size of the shape."""
+Lengths are shares of the size (0.5% of the bounding-box diagonal; 0.005 is the same) or real ones
+(1mm, 0.2in), for which the unit of the file must be known: 3MF, glTF and Collada say it, for others
+add --unit mm."""
 
 
 def number(text: str) -> float | str:
@@ -131,6 +133,7 @@ def _add_operation(sub: argparse.ArgumentParser, chosen: Operation, run: Command
     sub.add_argument(
         "-o", "--output", help="output folder (default: FILE's name + -medialis, here)"
     )
+    _add_unit(sub)
     options = sub.add_argument_group("parameters")
     for parameter in chosen.parameters:
         _add_parameter(options, parameter)
@@ -184,6 +187,7 @@ def _add_batch(sub: argparse.ArgumentParser) -> None:
         metavar="OPERATION.PARAMETER=VALUE",
         help="a parameter that is not at its default; may be given several times",
     )
+    _add_unit(sub)
     sub.add_argument("--workers", type=int, help="processes (default: one a processor)")
     sub.add_argument(
         "--scheduler", metavar="ADDRESS", help="use the workers of an existing Dask scheduler"
@@ -210,7 +214,7 @@ def _add_parameter(group: Any, parameter: Parameter) -> None:
         return
     metavar = {
         Kind.INT: "N",
-        Kind.LENGTH: "FRACTION",
+        Kind.LENGTH: "LENGTH",
         Kind.FLOAT: "NUMBER",
         Kind.ANGLE: "DEGREES",
         Kind.FILE: "FILE",
@@ -218,6 +222,14 @@ def _add_parameter(group: Any, parameter: Parameter) -> None:
     if parameter.kind is Kind.CHOICE:
         metavar = "{" + ",".join(parameter.choices) + "}"
     group.add_argument(flag, dest=f"parameter_{parameter.name}", metavar=metavar, help=text)
+
+
+def _add_unit(sub: argparse.ArgumentParser) -> None:
+    sub.add_argument(
+        "--unit",
+        metavar="UNIT",
+        help="what one unit of the file is: mm, cm, m, in, ft, ... (default: what the file says)",
+    )
 
 
 def _add_report(sub: argparse.ArgumentParser, of_what: str) -> None:

@@ -31,7 +31,7 @@ def run_batch(options: argparse.Namespace) -> int:
             [name.strip() for name in options.operations.split(",")],
             options.files,
             options.output,
-            parameters=settings(options.set),
+            parameters={**settings(options.set), "read_shape": {"unit": options.unit}},
             workers=options.scheduler or options.workers,
             picture=not options.no_picture,
             report=options.report,
@@ -92,4 +92,4 @@ def _value(chosen: Operation, key: str, text: str) -> Any:
         return {"true": True, "yes": True, "1": True, "false": False, "no": False, "0": False}.get(
             text.lower(), text
         )
-    return number(text) if kind in NUMBERS else text
+    return number(text) if kind in NUMBERS and kind is not Kind.LENGTH else text

@@ -119,16 +119,21 @@ def _configure_log(options: argparse.Namespace) -> None:
 
 def _run_operation(options: argparse.Namespace) -> int:
     from medialis.operations.writing import GRAPH_FORMATS
-    from medialis.options import NUMBERS
+    from medialis.options import NUMBERS, Kind
+    from medialis.units import as_unit
     from medialis.validation import as_choice, as_whole_number
 
     chosen: Operation = options.operation
     given = {}
     for parameter in chosen.parameters:
         value = getattr(options, f"parameter_{parameter.name}")
-        if value is not None:
-            given[parameter.name] = number(value) if parameter.kind in NUMBERS else value
+        as_text = parameter.kind not in NUMBERS or (
+            parameter.kind is Kind.LENGTH and not options.host
+        )
+        if value is not None:  # hosts give lengths as fractions, people with their units
+            given[parameter.name] = value if as_text else number(value)
     chosen.resolve(given)  # bad options are reported before the file is read
+    as_unit(options.unit)
     as_whole_number(options.turntable, "turntable", low=0, high=10_000)
     for name in _formats(options):
         as_choice(name, "formats", GRAPH_FORMATS)
@@ -158,7 +163,8 @@ def _compute(
     threads = getattr(options, "threads", None)
     progress = shown_progress(options.progress)
     with progress.stage("input", 0.0, 0.1):
-        shape = organic_shape() if file is None else read_shape(file, progress=progress)
+        unit = getattr(options, "unit", None)
+        shape = organic_shape() if file is None else read_shape(file, unit=unit, progress=progress)
     with progress.stage("compute", 0.1, 0.7):
         result = run(name, shape, threads=threads, progress=progress, **given)
     source = "organic shape" if file is None else file

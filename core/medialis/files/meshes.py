@@ -7,7 +7,7 @@ import importlib.util
 import os
 import re
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +25,7 @@ from medialis.files.ply import parse_ply
 from medialis.files.point_text import parse_point_text
 from medialis.files.stl import parse_stl
 from medialis.progress import Message
+from medialis.units import nearest_unit
 from medialis.validation import FloatArray, IntArray, as_normals, frozen
 
 _EXTENSIONS = {
@@ -60,6 +61,8 @@ class MeshData:
         What was split, left out or ignored, one sentence each.
     viewpoints : (n, 3) float64 or None
         Where each vertex was seen from, NaN where unknown; None when the file does not say.
+    unit : str or None
+        What one unit of the points is, such as "mm"; None when the format does not say.
     """
 
     points: FloatArray
@@ -68,6 +71,7 @@ class MeshData:
     format: str
     messages: tuple[Message, ...] = ()
     viewpoints: FloatArray | None = None
+    unit: str | None = None
 
 
 def read_mesh(path: str | os.PathLike[str]) -> MeshData:
@@ -210,4 +214,6 @@ def _read_with_trimesh(name: str, kind: str) -> MeshData:
         reason = " ".join(str(error).split())[:200] or type(error).__name__
         raise InvalidShapeError(f"trimesh could not read it ({reason}).") from None
     counts = np.full(len(faces), 3, np.int64)
-    return _checked(ParsedMesh(points, counts, faces.ravel()), kind, ())
+    mesh = _checked(ParsedMesh(points, counts, faces.ravel()), kind, ())
+    unit = nearest_unit(getattr(loaded, "units", None))
+    return replace(mesh, unit="m" if kind in ("glb", "gltf") else unit)  # glTF knows metres alone

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from medialis.errors import InvalidShapeError
 from medialis.model.surface import Surface
+from medialis.units import as_unit
 from medialis.validation import FloatArray, IntArray, as_faces, as_normals, as_points, owned
 
 if TYPE_CHECKING:
@@ -51,6 +52,8 @@ class Shape(Surface):
         after `medialis.refine`, which keeps the points and adds new ones behind them.
     face_map : (m,) int32 or None
         After repair: the input face of each face.
+    unit : str or None
+        What one unit of the points is, such as "mm"; None where nobody said.
 
     Raises
     ------
@@ -66,8 +69,10 @@ class Shape(Surface):
     diagnosis: Diagnosis | None = None
     vertex_map: IntArray | None = None
     face_map: IntArray | None = None
+    unit: str | None = None
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "unit", as_unit(self.unit))
         points = owned(as_points(self.points))
         object.__setattr__(self, "points", points)
         object.__setattr__(self, "normals", owned(as_normals(self.normals, len(points))))

@@ -93,7 +93,8 @@ def run(
     progress : callable, optional
         Called with (fraction, text); returning False cancels.
     **parameters
-        Parameters of the operation; lengths are fractions of the bounding-box diagonal.
+        Parameters of the operation; lengths are fractions of the bounding-box diagonal, or such as
+        "1mm", "0.5%" and `mm(1)`.
 
     Raises
     ------
@@ -121,6 +122,7 @@ def run(
     options = chosen.resolve(parameters)
     _require_size(shape)
     progress = Progress.of(progress)
+    options = options.measured(shape, progress)
     # A host makes a new shape for each run: what is kept was computed from the first of its kind.
     shape = kept(run, shape, None, lambda: shape, progress)
     clock = time.perf_counter()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -19,6 +19,7 @@ from medialis.operations.declaration import Operation
 from medialis.operations.result import Layer, Outcome
 from medialis.options import changed
 from medialis.progress import Progress, counted
+from medialis.units import with_unit
 from medialis.validation import FloatArray, IntArray
 
 SHOWN_SHARE = 98.0
@@ -27,6 +28,9 @@ not make everything else look thin."""
 
 PLACES = 15
 """Balls that are looked at to tell whether a cloud or an open mesh encloses anything."""
+
+MOST = 0.5
+"""Share of the surface from which on a threshold that calls it thin is worth a warning."""
 
 UNRESOLVED_SHARE = 0.02
 """Share of the samples from which on walls thinner than the sampling are worth a warning."""
@@ -51,13 +55,17 @@ def run(shape: Shape, options: ThicknessRun, progress: Progress) -> Outcome:
     with progress.stage("skeleton", 0.0, 0.7):
         cloud = surface_skeleton.of(shape, options, progress)
     fine = cloud.surface
+    # A length means the shape that was given; smooth refinement may bulge out of its box.
+    same = options.threshold * shape.diagonal / fine.diagonal
+    given, options = options, replace(options, threshold=min(same, 1.0))
     with progress.stage("thickness", 0.7, 0.85):
         values = thickness.of(cloud, options, progress)
     with progress.stage("thin spots", 0.85, 1.0):
         spots = thin_spots.of(cloud, options, progress)
     _note_resolution(cloud, progress)
     _note_enclosure(cloud, progress)
-    _note_thinnest(spots, options, shape, progress)
+    _note_share(values, options, fine, progress)
+    _note_thinnest(spots, given, shape, progress)
     labels = np.full(fine.point_count, -1, np.int32)
     for number, spot in enumerate(spots):
         labels[spot.vertices] = number
@@ -123,21 +131,41 @@ def _spot_values(spot: ThinSpot) -> dict[str, Any]:
     }
 
 
+def _note_share(
+    values: FloatArray, options: ThicknessRun, surface: Shape, progress: Progress
+) -> None:
+    """Say so where the threshold calls most of the shape thin."""
+    thin = values < options.threshold * surface.diagonal
+    area = surface.point_areas if surface.faces is not None else np.ones(len(values))
+    share = float(area[thin].sum() / area.sum())
+    if share > MOST:
+        limit = with_unit(options.threshold * surface.diagonal, surface.unit)
+        median = with_unit(float(np.median(values)), surface.unit)
+        progress.note(
+            f"{100 * share:.0f} % of the shape is thinner than the threshold of {limit}; its "
+            f"median {options.kind} is {median}. Check the unit of the threshold.",
+            "mostly_thin",
+            level=logging.WARNING,
+            share=share,
+        )
+
+
 def _note_thinnest(
     spots: tuple[ThinSpot, ...], options: ThicknessRun, shape: Shape, progress: Progress
 ) -> None:
     below = options.threshold * shape.diagonal
+    limit = with_unit(below, shape.unit)
     if not spots:
-        text = f"No place is thinner than {below:.6g}." if below else "No thin spot was found."
+        text = f"No place is thinner than {limit}." if below else "No thin spot was found."
         progress.note(text, "no_thin_spot", threshold=below)
         return
     walls = [spot for spot in spots if spot.kind == "wall"]
-    more = f" below {below:.6g}" if below else ""
+    more = f" below {limit}" if below else ""
     if walls:
         place = ", ".join(f"{x:.6g}" for x in walls[0].position + shape.offset)
         progress.note(
             f"{counted(len(walls), 'thin spot', verbs=('was', 'were'))} found{more}. The thinnest "
-            f"has a {options.kind} of {walls[0].value:.6g} at ({place}).",
+            f"has a {options.kind} of {with_unit(walls[0].value, shape.unit)} at ({place}).",
             "thin_spots",
             spots=len(walls),
             thinnest=walls[0].value,

@@ -37,6 +37,8 @@ def describe_result(result: Result, **more: Any) -> dict[str, Any]:
         "medialis": package_version(),
         "operation": result.operation,
         "parameters": dict(result.parameters),
+        "lengths": lengths_given(result.messages),
+        "unit": result.shape.unit,
         "seconds": dict(result.seconds),
         "values": dict(result.values),
         "messages": [str(message) for message in result.messages],
@@ -64,6 +66,12 @@ def describe_result(result: Result, **more: Any) -> dict[str, Any]:
         ],
         **more,
     }
+
+
+def lengths_given(messages: Sequence[str]) -> dict[str, str]:
+    """Return the lengths that were given with a unit, as text, by the name of their option."""
+    notes = [m.data for m in messages if isinstance(m, Message) and m.code == "length"]
+    return {str(data["option"]): str(data["given"]) for data in notes}
 
 
 def _note(message: str) -> dict[str, Any]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 from typing import Any
 
@@ -18,11 +19,15 @@ from medialis.surface.far_points import far_points
 from medialis.surface.normals import vertex_normals
 from medialis.surface.repair import repaired
 from medialis.threads import run_patiently
+from medialis.units import as_unit
 from medialis.validation import as_faces, as_normals, as_points
 
 
 def read_shape(
-    path: str | os.PathLike[str], *, progress: Progress | ProgressCallback | None = None
+    path: str | os.PathLike[str],
+    *,
+    unit: str | None = None,
+    progress: Progress | ProgressCallback | None = None,
 ) -> Shape:
     """Read a mesh or point cloud, repair it without moving a vertex, and complete its normals.
 
@@ -30,6 +35,9 @@ def read_shape(
     ----------
     path : path
         PLY, OBJ, OFF, STL or plain text points; glTF, 3MF, Collada and others with the extra `io`.
+    unit : str, optional
+        What one unit of the file is: "mm", "cm", "m", "in", "ft", ... Else what the format says:
+        glTF, 3MF and Collada do, the others do not.
     progress : callable, optional
         Called with (fraction, text); returning False cancels.
 
@@ -44,6 +52,8 @@ def read_shape(
     ------
     FileError, InvalidShapeError
         One sentence that names the file and what is wrong with it.
+    InvalidOptionError
+        When the unit is none.
 
     See Also
     --------
@@ -62,10 +72,13 @@ def read_shape(
     ...     medialis.read_shape(path)
     Shape(4 points, 4 faces, diagonal 1.73205)
     """
-    progress = Progress.of(progress)
+    progress, unit = Progress.of(progress), as_unit(unit)
     with progress.stage("read", 0.0, 0.5):
         mesh = run_patiently(lambda: read_mesh(path), progress)
     progress.record(*mesh.messages)
+    if unit and mesh.unit and unit != mesh.unit:
+        text = f"The file says that its unit is {mesh.unit}; it is taken as {unit}, as asked."
+        progress.note(text, "other_unit", level=logging.WARNING, file=mesh.unit, taken=unit)
     normals = None if mesh.faces is not None else mesh.normals
     with progress.stage("prepare", 0.5, 1.0):
         try:
@@ -75,6 +88,7 @@ def read_shape(
                 normals,
                 repair=True,
                 viewpoints=None if normals is not None else mesh.viewpoints,
+                unit=unit or mesh.unit,
                 progress=progress,
             )
         except InvalidShapeError as error:
@@ -88,6 +102,7 @@ def make_shape(
     *,
     repair: bool = False,
     viewpoints: ArrayLike | None = None,
+    unit: str | None = None,
     progress: Progress | ProgressCallback | None = None,
 ) -> Shape:
     """Build a Shape from arrays, with the normals it lacks.
@@ -106,6 +121,9 @@ def make_shape(
         orient). Without it the shape has exactly these points and faces.
     viewpoints : (3,) or (n, 3) float, optional
         Where the points of a cloud were seen from: `estimate_normals` orients by them.
+    unit : str, optional
+        What one unit of the points is: "mm", "cm", "m", "in", "ft", ... Options may then be lengths
+        such as "1mm", and results say it.
     progress : callable, optional
         Called with (fraction, text); returning False cancels.
 
@@ -113,6 +131,8 @@ def make_shape(
     ------
     InvalidShapeError
         When an array cannot be used, or nothing with an area is left.
+    InvalidOptionError
+        When the unit is none.
 
     See Also
     --------
@@ -127,7 +147,7 @@ def make_shape(
     Shape(4 points, 4 faces, diagonal 1.73205)
     """
     progress = Progress.of(progress)
-    extra: dict[str, Any] = {}
+    extra: dict[str, Any] = {"unit": as_unit(unit)}
     known = None
     views = None if viewpoints is None else as_viewpoints(viewpoints, len(np.asarray(points)))
     if repair:
@@ -136,7 +156,7 @@ def make_shape(
         fixed, known = run_patiently(lambda: repaired(*given, examined), progress)
         del examined  # as large as the shape
         progress.record(*fixed.messages)
-        extra = {"diagnosis": diagnosis, "vertex_map": fixed.vertex_map}
+        extra |= {"diagnosis": diagnosis, "vertex_map": fixed.vertex_map}
         points, faces, normals = fixed.points, fixed.faces, fixed.normals
         if views is not None:
             first = np.unique(fixed.vertex_map, return_index=True)

@@ -1,0 +1,176 @@
+"""Lengths with units: what a person types, what it is as a fraction, and what is refused."""
+
+import json
+import math
+import pickle
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import medialis
+from medialis.cli.commands import main
+from medialis.files.ply_attributes import write_ply
+from medialis.units import METERS, Length, Size, as_length, nearest_unit, unit_name
+
+BOX = [[0, 0, 0], [30, 0, 0], [0, 40, 0], [30, 40, 0]]
+FACES = [[0, 1, 2], [1, 3, 2]]
+DIAGONAL = 50.0  # of 30 by 40
+
+
+@pytest.fixture(scope="module")
+def creature():
+    return replace(medialis.organic_shape(56), unit="mm")
+
+
+def fraction(text, unit="mm"):
+    return Size(DIAGONAL, unit).fraction(as_length(text, "threshold", 0.0, 1.0), "threshold")
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("0.01", 0.01), ("1%", 0.01), (" 1 % ", 0.01), ("5e-1 %", 0.005), (".5%", 0.005),
+        ("1mm", 1 / 50), ("1 mm", 1 / 50), ("0.1cm", 1 / 50), ("0.2in", 5.08 / 50),
+        ("1000um", 1 / 50), ("1000 µm", 1 / 50), ("0.001 metres", 1 / 50), ("2units", 2 / 50),
+        ("0.01 feet", 3.048 / 50), ("0", 0.0), ("0mm", 0.0), ("0.1 Inches", 2.54 / 50),
+    ],
+)  # fmt: skip
+def test_what_a_length_is_as_a_fraction(text, expected):
+    assert fraction(text) == pytest.approx(expected, rel=1e-15)
+
+
+def test_the_same_length_in_every_unit_is_the_same_fraction():
+    """A box of 50 mm is one of 50 mm whatever its file counts in."""
+    for unit, meters in METERS.items():
+        size = Size(0.050 / meters, unit)
+        assert size.fraction(Length(1.0, "mm"), "x") == pytest.approx(0.02, rel=1e-12)
+        assert size.fraction(Length(1.0 / meters / 1000, unit), "x") == pytest.approx(0.02)
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("1", ["100 %", "1mm", "1%"]), ("250", ["25000 %", "250mm", "250%"]),
+        ("-1mm", ["0 % to 100 %", "0.5%", "1mm"]), ("101%", ["0 % to 100 %"]),
+        ("one", ["0.5%", "1mm", "0.2in"]), ("1 furlong", ["mm", "in", "furlong"]),
+        ("", ["0.5%"]), ("nan", ["0.5%"]), ("1e999mm", ["finite"]), ("1mm2", ["1mm"]),
+    ],
+)  # fmt: skip
+def test_what_is_refused_says_what_to_write(text, told):
+    with pytest.raises(medialis.InvalidOptionError) as error:
+        as_length(text, "threshold", 0.0, 1.0)
+    assert all(part in str(error.value) for part in told), str(error.value)
+
+
+def test_text_of_a_length_reads_back_as_the_same():
+    rng = np.random.default_rng(1)
+    for amount in [*rng.random(50), 0.1, 1e-7, 3.0]:
+        for unit in ("mm", "%", "units", ""):
+            length = Length(float(amount) / (4 if unit == "" else 1), unit)
+            assert as_length(str(length), "x", 0.0, 1.0) == length == eval_pickle(length)
+
+
+def eval_pickle(length):
+    return pickle.loads(pickle.dumps(length))
+
+
+def test_units_of_files_in_words():
+    assert [unit_name(w) for w in ("MM", "meters", "Foot", "parsec")] == ["mm", "m", "ft", None]
+    assert nearest_unit("0.01 * meters") == "cm" and nearest_unit("x * meters") is None
+    with pytest.raises(medialis.InvalidOptionError, match="unit must be one of"):
+        medialis.make_shape(BOX, FACES, unit="parsec")
+
+
+def test_text_values_and_numbers_give_the_same_bits(creature):
+    """For operations, for functions of a shape, of a cloud, and of what is computed from one."""
+    share = 1.0 / creature.diagonal
+    for spelling in ("1mm", medialis.mm(1), medialis.Length(0.1, "cm"), "1 units"):
+        assert medialis.refine(creature, longest_edge=spelling).points.tobytes() == (
+            medialis.refine(creature, longest_edge=share).points.tobytes()
+        )
+    cloud = medialis.surface_skeleton(creature)
+    length = 0.08 * cloud.surface.diagonal
+    graph = medialis.curve_skeleton(cloud, threshold=f"{length!r}mm")
+    assert graph.nodes.tobytes() == medialis.curve_skeleton(cloud, threshold=0.08).nodes.tobytes()
+    short = medialis.simplify_branches(graph, simplify="2%")
+    assert short.nodes.tobytes() == medialis.simplify_branches(graph, simplify=0.02).nodes.tobytes()
+    importance = medialis.geodesic_importance(cloud)
+    found = medialis.important_points(importance, threshold="5 %")
+    assert (found == medialis.important_points(importance, threshold=0.05)).all()
+
+
+def test_lengths_of_plain_arrays_are_shares_of_their_extent():
+    points = np.array(BOX, float)
+    by_text = medialis.mean_shift(points, search_radius="20%")
+    assert (by_text.labels == medialis.mean_shift(points, search_radius=0.2).labels).all()
+    with pytest.raises(medialis.InvalidOptionError, match="in which unit"):
+        medialis.mean_shift(points, search_radius="1mm")
+
+
+def test_a_run_tells_what_was_given_in_all_spellings(creature):
+    result = medialis.run("thickness", creature, threshold="0.002in")
+    own = 0.002 * 25.4
+    assert result.parameters["threshold"] == pytest.approx(own / creature.diagonal)
+    told = [m for m in result.messages if m.code == "length"]
+    assert len(told) == 1
+    numbers = re.findall(r"[\d.]+ (?:in|mm|%)", told[0])
+    share = f"{100 * own / creature.diagonal:.4g} %"
+    assert numbers == ["0.002 in", "0.0508 mm", share, f"{creature.diagonal:.4g} mm"]
+    assert not [m for m in medialis.run("thickness", creature).messages if m.code == "length"]
+
+
+def test_real_lengths_need_a_unit(creature):
+    with pytest.raises(medialis.InvalidOptionError, match="--unit mm"):
+        medialis.run("thickness", replace(creature, unit=None), threshold="1mm")
+
+
+def test_a_length_beyond_its_range_is_refused_with_its_size(creature):
+    with pytest.raises(medialis.InvalidOptionError, match=r"5 m = 5,000 mm = .*0 % to 100 %"):
+        medialis.run("thickness", creature, threshold="5m")
+
+
+def test_the_unit_stays_with_what_is_computed(creature):
+    cloud = medialis.surface_skeleton(creature)
+    assert cloud.surface is not creature and cloud.surface.unit == "mm"
+    assert medialis.run("thickness", creature).shape.unit == "mm"
+    far = replace(creature, points=creature.points + 1e5)
+    assert medialis.run("thickness", far).shape.unit == "mm"
+
+
+def test_a_threshold_that_calls_most_of_a_shape_thin_is_said(creature):
+    result = medialis.run("thickness", creature, threshold="90%")
+    warned = [m for m in result.messages if m.code == "mostly_thin"]
+    assert len(warned) == 1 and warned[0].data["share"] == 1.0 and "2.739 mm" in warned[0]
+    median = f"{0.9 * result.values['thickness_median'] / creature.diagonal:.9f}"
+    few = medialis.run("thickness", creature, threshold=float(median))
+    assert not [m for m in few.messages if m.code == "mostly_thin"]
+
+
+def test_the_command_line_takes_lengths_and_the_unit_of_a_file(creature, tmp_path, capsys):
+    path = tmp_path / "part.ply"
+    write_ply(path, creature.points, faces=creature.faces)
+    plain = ["thickness", str(path), "-o", str(tmp_path / "out"), "--no-picture", "--json"]
+    assert main([*plain, "--unit", "cm", "--threshold", "0.5 mm"]) == 0
+    manifest = json.loads(capsys.readouterr().out)
+    assert manifest["parameters"]["threshold"] == pytest.approx(0.05 / creature.diagonal)
+    assert manifest["unit"] == "cm" and manifest["lengths"] == {"threshold": "0.5 mm"}
+    for bad in (["--threshold", "1"], ["--threshold", "1mm"], ["--unit", "ell"]):
+        assert main([*plain, *bad]) == 2
+    said = capsys.readouterr().err.splitlines()
+    assert "write 1mm" in said[0] and "--unit mm" in said[1] and "unit must be" in said[2]
+
+
+@pytest.mark.parametrize(("ending", "unit"), [("3mf", "mm"), ("glb", "m"), ("ply", None)])
+def test_the_format_of_a_file_tells_its_unit(ending, unit, tmp_path):
+    trimesh = pytest.importorskip("trimesh", reason="reads these formats")
+    if ending == "3mf":
+        pytest.importorskip("lxml", reason="trimesh reads 3MF with it")
+    path = tmp_path / f"box.{ending}"
+    trimesh.creation.box(extents=(1, 2, 3)).export(path)
+    shape = medialis.read_shape(path)
+    assert shape.unit == unit and shape.diagonal == pytest.approx(math.sqrt(14))
+    progress = medialis.Progress()
+    assert medialis.read_shape(path, unit="inches", progress=progress).unit == "in"
+    assert ["other_unit"] * (unit is not None) == [m.code for m in progress.messages]
