@@ -6,7 +6,10 @@ import pytest
 import closed_forms as forms
 import medialis
 from medialis import make_shape
-from medialis.balls.ball_shrinking import DEFAULT_TOLERANCE
+from medialis._kernels.nearest import NearestTree
+from medialis.balls.ball_shrinking import DEFAULT_TOLERANCE, sample_tree
+from medialis.balls.triangle_balls import Walls
+from medialis.progress import Progress
 from medialis.surface.creases import find_creases
 from medialis.threads import thread_limit
 from oracles import winding_numbers
@@ -247,8 +250,10 @@ def test_hulls_of_slivers_are_as_thin_as_the_slivers():
         order, out = np.full(kernels.BLOCK, -1, np.int32), np.empty((kernels.BLOCK, 3), np.int32)
         order[0], place = 0, np.arange(3, dtype=np.int32)
         faces = place[None].copy()
-        reliefs = np.zeros((1, 4)), np.zeros((kernels.BLOCK, 4))
-        kernels.fill_hulls(0, 1, order, faces, place, corners, reliefs[0], out, reliefs[1], hull)
+        bulges, reliefs = np.zeros((1, 3)), np.zeros((kernels.BLOCK, 4))
+        kernels.fill_hulls(
+            0, 1, order, faces, place, corners, bulges, bulges, 1.0, out, reliefs, hull
+        )
         row = hull[0, :, 0].astype(np.float64)
         to = corners.mean(axis=0) + rng.normal(size=(200, 3)) - row[:3]
         off = to @ row[kernels.AXIS : kernels.AXIS + 3]
@@ -261,3 +266,15 @@ def test_hulls_of_slivers_are_as_thin_as_the_slivers():
         assert (near <= away + 1e-6).all()
         if high < 1 / kernels.SLIM:
             assert (near >= away - high - 1e-2).all()  # 1e-2: between the places that were tried
+
+
+def test_room_is_the_distance_to_the_nearest_triangle():
+    """Against the tree of triangles that reports use."""
+    shape = l_prism()
+    walls = Walls.of(find_creases(shape, 30.0), sample_tree(shape, Progress()))
+    rng = np.random.default_rng(5)
+    low, high = shape.bounds
+    places = rng.uniform(low - 0.1, high + 0.1, size=(500, 3))
+    distance, _ = NearestTree.of_triangles(shape.points, shape.faces).distances(places)
+    most = distance * rng.choice([0.5, 1.5, 10.0], size=500)
+    assert walls.room(places, most) == pytest.approx(np.minimum(distance, most), abs=1e-12)

@@ -56,6 +56,16 @@ def test_areas_and_normals_of_a_hexagon():
     )
 
 
+def test_bends_of_a_cube_and_of_a_folded_page():
+    cube = forms.cube()
+    bends = np.degrees(cube.edge_bends)
+    assert np.sort(bends) == pytest.approx(np.repeat([0.0, 90.0], [6, 12]), abs=1e-6)
+    points = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, math.cos(1), math.sin(1)]]
+    assert Surface(points, [[0, 1, 2], [1, 0, 3]]).edge_bends == pytest.approx([math.pi - 1])
+    flat = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [2, 0, 0]]  # the second face has no area
+    assert Surface(flat, [[0, 1, 2], [1, 0, 3]]).edge_bends.tolist() == [0.0]
+
+
 def test_cotangents_of_a_hexagon_and_of_right_angles():
     """cot 60 = 1 / sqrt 3; an edge inside has two such angles across, one of the rim has one."""
     weights = hexagon().cotangent_weights.toarray()

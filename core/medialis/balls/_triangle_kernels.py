@@ -42,7 +42,7 @@ import numpy as np
 
 from medialis._kernels.box_tree_kernels import FAN, test_children
 from medialis._kernels.jit import kernel
-from medialis._kernels.nearest_kernels import dot
+from medialis._kernels.nearest_kernels import dot, nearest_place
 
 KNOWN = 16  # certificates kept, as for samples
 STEPS = 60  # of the iteration; each shrinks the ball, and it ends where rounding decides
@@ -78,22 +78,31 @@ def fill_blocks(leaf, first, out_order):
 
 @kernel
 def fill_hulls(
-    begin, end, order, faces, place, points, reliefs, out_corners, out_reliefs, out_hulls
-):
-    """Corners (in tree order of samples), relief and discs of faces, for the blocks begin..end."""
+    begin, end, order, faces, place, points, bulges, cosines, unit,
+    out_corners, out_reliefs, out_hulls,
+):  # fmt: skip
+    """Corners (in tree order of samples), relief and discs of faces, for the blocks begin..end.
+
+    `bulges` are in units of the input, of which the tree has one for each `unit`.
+    """
     for block in range(begin, end):
         for slot in range(BLOCK):
             i = block * BLOCK + slot
             f = order[i]
             if f < 0:
                 out_corners[i, 0] = -1
+                out_reliefs[i] = 0.0
                 for row in range(ROWS):
                     out_hulls[block, row, slot] = 0.0
                 out_hulls[block, BREADTH, slot] = NOWHERE
                 continue
             a, b, c = place[faces[f, 0]], place[faces[f, 1]], place[faces[f, 2]]
             out_corners[i, 0], out_corners[i, 1], out_corners[i, 2] = a, b, c
-            out_reliefs[i] = reliefs[f]
+            least = 1.0
+            for j in range(3):
+                out_reliefs[i, j] = bulges[f, j] / unit
+                least = min(least, cosines[f, j])
+            out_reliefs[i, COSINE] = max(least, 0.0)
             _fill_hull(points, a, b, c, out_hulls[block, :, slot])
 
 
@@ -398,3 +407,38 @@ def shrink_to_triangles(
             out_face[i] = face
             out_places[i, 0] = 1.0 - best_s - best_t
             out_places[i, 1], out_places[i, 2] = best_s, best_t
+
+
+@kernel
+def measure_room(
+    begin, end, centers, margin, points, bounds, child, first, corners, hulls, radii
+):  # fmt: skip
+    """Lower the radii begin..end to the distance of the nearest triangle, where that is less."""
+    stack = np.empty(8 * 12 + 8, np.int64)
+    hits = np.empty(FAN, np.int32)
+    slack = np.float32(-margin)
+    for i in range(begin, end):
+        x, y, z, r = centers[i, 0], centers[i, 1], centers[i, 2], radii[i]
+        fx, fy, fz = np.float32(x), np.float32(y), np.float32(z)
+        stack[0] = 0
+        top = 1
+        while top > 0:
+            top -= 1
+            node = stack[top]
+            test_children(bounds[node], x, y, z, r + margin, hits)
+            base = child[node]
+            for j in range(FAN):
+                if not hits[j]:
+                    continue
+                if base >= 0:
+                    stack[top] = base + j
+                    top += 1
+                    continue
+                leaf = ~base + j
+                for slot in range(BLOCK * first[leaf], BLOCK * first[leaf + 1]):
+                    hull, f, fr = hulls[slot // BLOCK], slot % BLOCK, np.float32(r)
+                    if _is_near(hull, f, fx, fy, fz, fx, fy, fz, fr, slack, slack):
+                        a, b, c = corners[slot, 0], corners[slot, 1], corners[slot, 2]
+                        apart = nearest_place(x, y, z, points[a], points[b], points[c])[2]
+                        r = min(r, math.sqrt(apart))
+        radii[i] = r

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from medialis.balls.triangle_balls import Walls
 from medialis.model.medial_cloud import BallStatus, MedialCloud
 from medialis.surface.creases import STEEPER, Creases
 from medialis.validation import FloatArray
@@ -55,16 +56,14 @@ def with_edge_balls(cloud: MedialCloud, creases: Creases, tolerance: float) -> M
     )
 
 
-def between_samples(cloud: MedialCloud, creases: Creases, tolerance: float) -> MedialCloud:
+def between_samples(cloud: MedialCloud, walls: Walls, tolerance: float) -> MedialCloud:
     """Return balls of convex creases between the samples there, and one beside each sample.
 
     Without them the union of the balls lacks the crease between any two samples. Each lies where
     the sheet comes out of the crease, and has the distance of the surface as its radius; its
     feature points are the sample nearest to its contact, the place of the crease below it.
     """
-    from medialis._kernels.nearest import NearestTree
-
-    surface = cloud.surface
+    surface, creases = cloud.surface, walls.creases
     parts = [
         _on_edges(cloud, creases, sign)
         for sign in (1, -1)
@@ -92,8 +91,8 @@ def between_samples(cloud: MedialCloud, creases: Creases, tolerance: float) -> M
         GAP * surface.diagonal / np.maximum(1.0 - cosine, STEEPER),
     )
     depth = np.maximum(depth, small)
-    tree = NearestTree.of_triangles(surface.points, np.asarray(surface.faces))
-    radii, _ = tree.distances(place - (depth * sign)[:, None] * middle)
+    # They lie `depth` off a place of the surface, which is no nearer than that.
+    radii = walls.room(place - (depth * sign)[:, None] * middle, depth)
     fits = radii >= FITS * depth * cosine
     depth, radii = np.where(fits, depth, small), np.where(fits, radii, small * cosine)
     balls = MedialCloud(

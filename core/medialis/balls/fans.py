@@ -67,15 +67,17 @@ def with_fans(
         creases = walls[0].creases
     else:
         creases = run_patiently(lambda: find_creases(shape, options.creases), progress)
-    signs = [one for one in np.unique(cloud.side) if (creases.concave == (one > 0)).any()]
-    parts = [cloud]
-    if signs and not walls:
+    if len(creases.half_edges) == 0:
+        return cloud
+    if not walls:
         tree = sample_tree(shape, progress)
         walls = [run_patiently(lambda: Walls.of(creases, tree), progress)]
+    signs = [one for one in np.unique(cloud.side) if (creases.concave == (one > 0)).any()]
+    parts = [cloud]
     for sign in signs:
         sources, directions = _directions(cloud, creases, int(sign))
         parts.append(_balls(walls[0], sources, directions, int(sign), options, progress))
-    parts.append(between_samples(cloud, creases, options.tolerance))
+    parts.append(between_samples(cloud, walls[0], options.tolerance))
     if sum(map(len, parts)) == len(cloud):
         return cloud
     columns: dict[str, Any] = {

@@ -21,7 +21,7 @@ from medialis.model.shape import Shape
 from medialis.options import Options, algorithm, changed, choice, flag
 from medialis.progress import Progress
 from medialis.surface.creases import find_creases
-from medialis.surface.noise import noise_level, smooth_noise
+from medialis.surface.noise import noise_above, smooth_noise
 from medialis.surface.refinement import RefineOptions, affordable_edge, refine
 from medialis.surface.smooth_refinement import on_smooth_surface
 from medialis.threads import run_patiently
@@ -178,8 +178,9 @@ def _denoised(shape: Shape, options: Preparation, progress: Progress) -> tuple[S
 
 def _without_noise(shape: Shape) -> tuple[Shape, float, float]:
     """Return a smooth copy of a noisy shape, the noise before, and what is left of it."""
-    level = noise_level(shape)
-    if level == 0.0 or level < NOISY * shape.spacing:
+    least = NOISY * shape.spacing
+    level = noise_above(shape, least)
+    if level == 0.0 or level < least:
         return shape, level, 0.0
     smooth, left = smooth_noise(shape, level)
     return (smooth, level, left) if smooth.diagonal > 0 else (shape, level, 0.0)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import logging
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,7 +56,7 @@ def maximal_balls(
 
     Triangles constrain the balls of a mesh as well as its samples (`Walls`). Inner balls that the
     tolerance lets through a wall get the largest of tolerance / 10, tolerance / 100, ... that does
-    not; only the chunks of the samples concerned are computed again, on the same tree. A sample on
+    not; only those balls are computed again, on the same tree. A sample on
     a convex crease gets the ball that fits into the crease just beside it. `out_walls` gets the
     walls of a mesh, for `with_fans`.
     """
@@ -98,6 +98,7 @@ def _with_lower_tolerance(
         return balls if walls is None else walls.constrain(balls, finer, progress)
 
     hidden = np.flatnonzero(went_through(cloud))
+    hidden = hidden[np.argsort(tree.place[hidden])]  # neighbours share what they find
     if len(hidden) == 0:
         return cloud
     exact = shrink_again(hidden, 0.0)
@@ -136,17 +137,13 @@ def _shrink_again(
     largest: float,
     progress: Progress,
 ) -> MedialCloud:
-    """Return the inner balls of some samples: the same bits as when all are computed."""
+    """Return the inner balls of some samples, on the same tree."""
     options = shrink_options(shape.diagonal, tolerance, largest)
-    n = shape.point_count
-    chunks = np.unique(tree.place[rows] // SAMPLES_A_CHUNK)
-    arrays = blank_balls(n)
+    arrays, tangents = blank_balls(len(rows)), (tree.place[rows], shape.normals[rows])
 
     def work(begin: int, end: int) -> None:
-        for chunk in chunks[begin:end]:
-            first = int(chunk) * SAMPLES_A_CHUNK
-            options.run(tree, first, min(first + SAMPLES_A_CHUNK, n), 1, arrays)
+        options.run(tree, begin, end, 1, arrays, tangents)
 
-    run_chunks(work, len(chunks), 1, progress=progress.still)
-    mine: tuple[NDArray[Any], ...] = tuple(values[rows] for values in arrays)
-    return options.to_cloud(shape, tree, mine, rows.astype(np.int32), np.ones(len(rows), np.int8))
+    run_chunks(work, len(rows), SAMPLES_A_CHUNK, progress=progress.still)
+    side = np.ones(len(rows), np.int8)
+    return options.to_cloud(shape, tree, arrays, rows.astype(np.int32), side)

@@ -87,12 +87,14 @@ class Walls:
         fill_blocks(leaf, first, order)
         corners = np.empty((len(order), 3), np.int32)
         hulls = np.empty((blocks, ROWS, BLOCK), np.float32)
-        reliefs, own = np.zeros((len(order), 4)), np.empty((m, 4))
-        own[:, :3] = creases.bulges / shrink_options(shape.diagonal, 0.0, 0.0).unit
-        own[:, 3] = np.maximum(creases.corner_cosines.min(axis=1), 0.0)
+        reliefs, unit = np.empty((len(order), 4)), shrink_options(shape.diagonal, 0.0, 0.0).unit
+        bulges, cosines = creases.bulges, creases.corner_cosines
 
         def fill(begin: int, end: int) -> None:
-            fill_hulls(begin, end, order, faces, place, tree.points, own, corners, reliefs, hulls)
+            fill_hulls(
+                begin, end, order, faces, place, tree.points, bulges, cosines, unit,
+                corners, reliefs, hulls,
+            )  # fmt: skip
 
         run_chunks(fill, blocks, BLOCKS_A_CHUNK)
         bounds = np.empty_like(tree.bounds)
@@ -111,6 +113,24 @@ class Walls:
     def shape(self) -> Shape:
         """The mesh."""
         return self.creases.shape
+
+    def room(self, centers: FloatArray, most: FloatArray) -> NDArray[np.float64]:
+        """Return how far places (k, 3) are from the nearest triangle, but at most `most` (k,)."""
+        from medialis.balls._triangle_kernels import measure_room
+
+        lengths = shrink_options(self.shape.diagonal, 0.0, 0.0)
+        places = centers / lengths.unit - self.tree.center
+        radii = most / lengths.unit
+
+        def work(begin: int, end: int) -> None:
+            measure_room(
+                begin, end, places, lengths.margin, self.tree.points, self.bounds,
+                self.tree.child, self.first, self.corners, self.hulls, radii,
+            )  # fmt: skip
+
+        run_chunks(work, len(places), SAMPLES_A_CHUNK)
+        radii *= lengths.unit
+        return radii
 
     def constrain(
         self,

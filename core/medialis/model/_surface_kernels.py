@@ -45,6 +45,28 @@ def cross_faces(points, faces, out_vectors):
 
 
 @kernel
+def scale_vectors(vectors, out_areas, out_units):
+    """Half the length of each vector, (m,), and its direction, (m, 3): zero without a length."""
+    for f in range(len(vectors)):
+        x, y, z = vectors[f, 0], vectors[f, 1], vectors[f, 2]
+        length = math.sqrt(x * x + y * y + z * z)
+        out_areas[f] = 0.5 * length
+        share = length if length > 0.0 else math.inf
+        out_units[f, 0], out_units[f, 1], out_units[f, 2] = x / share, y / share, z / share
+
+
+@kernel
+def measure_bends(first, second, units, out_bends):
+    """Angle between the faces of two half-edges each, (p,); 0 where one has no area."""
+    for k in range(len(first)):
+        a, b = first[k] // 3, second[k] // 3
+        ax, ay, az = units[a, 0], units[a, 1], units[a, 2]
+        bx, by, bz = units[b, 0], units[b, 1], units[b, 2]
+        x, y, z = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+        out_bends[k] = math.atan2(math.sqrt(x * x + y * y + z * z), ax * bx + ay * by + az * bz)
+
+
+@kernel
 def measure_edges(points, edges, out_lengths):
     """Length of each edge, (e,)."""
     for k in range(len(edges)):

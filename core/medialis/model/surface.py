@@ -105,18 +105,23 @@ class Surface(Bound):
         cross_faces(self.points, self.faces, vectors)
         return frozen(vectors, np.float64)
 
-    @cached_property
+    @property
     def face_areas(self) -> FloatArray:
         """Area of each face, (m,)."""
-        return frozen(np.linalg.norm(self.face_vectors, axis=1) / 2, np.float64)
+        return self._face_units[0]
 
-    @cached_property
+    @property
     def face_normals(self) -> FloatArray:
         """Unit normal of each face, (m, 3); zero where a face has no area."""
-        length = 2 * self.face_areas[:, None]
-        unit = np.zeros_like(self.face_vectors)
-        np.divide(self.face_vectors, length, out=unit, where=length > 0)
-        return frozen(unit, np.float64)
+        return self._face_units[1]
+
+    @cached_property
+    def _face_units(self) -> tuple[FloatArray, FloatArray]:
+        from medialis.model._surface_kernels import scale_vectors
+
+        areas, units = np.empty(len(self.face_vectors)), np.empty(self.face_vectors.shape)
+        scale_vectors(self.face_vectors, areas, units)
+        return frozen(areas, np.float64), frozen(units, np.float64)
 
     @cached_property
     def flat_faces(self) -> NDArray[np.bool_]:
@@ -178,6 +183,19 @@ class Surface(Bound):
         lengths = np.empty(len(self.edges))
         measure_edges(self.points, self.edges, lengths)
         return frozen(lengths, np.float64)
+
+    @cached_property
+    def edge_bends(self) -> FloatArray:
+        """Angle in radians between the two faces at each edge of two, in the order of its pairs.
+
+        0 in one plane, and where a face has no area; see `EdgeTable.pairs`.
+        """
+        from medialis.model._surface_kernels import measure_bends
+
+        first, second, _ = self.edge_table.pairs
+        bends = np.empty(len(first))
+        measure_bends(first, second, self.face_normals, bends)
+        return frozen(bends, np.float64)
 
     @property
     def edge_twins(self) -> IntArray:

@@ -30,6 +30,16 @@ def list_links(edges, used, out_offsets, out_neighbours):
 
 
 @kernel
+def mark_bent(half_edges, bends, least, faces, out_flat):
+    """Tell that the vertices of edges that bend by `least` or more are not flat, (n,)."""
+    for k in range(len(half_edges)):
+        if bends[k] >= least:
+            f = half_edges[k] // 3
+            j = half_edges[k] - 3 * f
+            out_flat[faces[f, j]] = out_flat[faces[f, (j + 1) % 3]] = False
+
+
+@kernel
 def find_rings(rows, steps, offsets, neighbours, seen, out_rings, out_counts):
     """Vertices within some steps of each row, without itself; one more than fit: too many.
 

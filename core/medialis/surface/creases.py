@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from medialis.model.shape import Shape
 from medialis.model.surface import Surface
 from medialis.model.topology import piece_labels
+from medialis.threads import run_chunks
 from medialis.validation import FloatArray, IntArray, frozen
 
 STEEPER = 1e-4
@@ -24,6 +25,8 @@ STEEPER = 1e-4
 
 LEAST_BEND = 1e-4
 """Radians: what rounding bends a plane that is cut into triangles, at most."""
+
+FACES_A_CHUNK = 16384
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +81,7 @@ class Creases:
         links = np.stack([first[joined], second[joined]], axis=1) // 3
         return piece_labels(self.shape.face_count, links)
 
-    @cached_property
+    @property
     def corner_cosines(self) -> FloatArray:
         """Cosine of the angle between each face and the normals at its corners, (m, 3).
 
@@ -87,23 +90,7 @@ class Creases:
         curve and bulges over its edges, also over those of a flat side. 1 at a corner without a
         normal; 0 where a face has no area.
         """
-        shape = self.shape
-        assert shape.faces is not None
-        result = np.empty((shape.face_count, 3))
-        for corner in range(3):
-            normals = shape.normals[shape.faces[:, corner]]
-            result[:, corner] = np.einsum("fa,fa->f", normals, shape.face_normals)
-            result[~normals.any(axis=1), corner] = 1.0
-        result.ravel()[self.corners] = self.smoothness[shape.faces.ravel()[self.corners]]
-        result[shape.face_areas == 0.0] = 0.0
-        return frozen(np.minimum(result, 1.0), np.float64)
-
-    @property
-    def corner_normals(self) -> FloatArray:
-        """Normal of the smooth surface at the corners of each face, (m, 3, 3); zero where none."""
-        normals = self.shape.normals[np.asarray(self.shape.faces).ravel()]
-        normals[self.corners] = self.normals[self.sector]
-        return normals.reshape(-1, 3, 3)
+        return self._of_faces[1]
 
     @property
     def own_bulges(self) -> FloatArray:
@@ -114,17 +101,39 @@ class Creases:
         mean of those at the ends. The surface over the place sum w_i v_i lies the sum of w_i w_j b
         outward. 0 where the surface bends to both sides, or an end has no normal.
         """
-        normals, points = self.corner_normals, self.shape.points[self.shape.faces]
-        side = np.roll(points, -1, axis=1) - points
-        one = -np.einsum("fij,fij->fi", normals, side)
-        other = np.einsum("fij,fij->fi", np.roll(normals, -1, axis=1), side)
-        both = one * other > 0
-        return np.asarray(2 * one * other / np.where(both, one + other, 1.0) * both)
+        return self._of_faces[0]
+
+    @cached_property
+    def _of_faces(self) -> tuple[FloatArray, FloatArray]:
+        from medialis.surface._crease_kernels import bulge_faces
+
+        shape = self.shape
+        bulges, cosines = np.empty((shape.face_count, 3)), np.empty((shape.face_count, 3))
+
+        def work(begin: int, end: int) -> None:
+            bulge_faces(
+                begin, end, shape.points, shape.faces, shape.normals, shape.face_normals,
+                self.corners, self.sector, self.normals, self.smoothness, bulges, cosines,
+            )  # fmt: skip
+
+        run_chunks(work, shape.face_count, FACES_A_CHUNK)
+        return frozen(bulges, np.float64), frozen(cosines, np.float64)
+
+    def corner_normals(self, faces: NDArray[np.int64]) -> FloatArray:
+        """Return the normals of the smooth surface at the corners of some faces, (f, 3, 3)."""
+        normals = self.shape.normals[np.asarray(self.shape.faces)[faces]]
+        corners = 3 * faces[:, None] + np.arange(3)
+        place = np.searchsorted(self.corners, corners)
+        place[place == len(self.corners)] = 0
+        if len(self.corners):
+            mine = self.corners[place] == corners
+            normals[mine] = self.normals[self.sector[place[mine]]]
+        return np.asarray(normals)
 
     @cached_property
     def bulges(self) -> FloatArray:
         """`own_bulges`; at a crease both faces have the larger one: it may be round on one side."""
-        result = self.own_bulges.ravel()
+        result = np.array(self.own_bulges).ravel()
         first, second = self.half_edges.T
         larger = np.where(
             np.abs(result[first]) < np.abs(result[second]), result[second], result[first]
@@ -186,7 +195,6 @@ def find_creases(shape: Shape, angle: float) -> Creases:
     Borders, and edges of more than two faces, are no creases. Cost O(m), and what lies at creases.
     """
     first, second, bent = crease_edges(shape, angle)
-    smooth = first[~bent], second[~bent]
     first, second = first[bent], second[bent]
     faces = np.asarray(shape.faces if shape.faces is not None else np.empty((0, 3), np.int32))
     touched = np.zeros(shape.point_count, np.bool_)
@@ -194,9 +202,10 @@ def find_creases(shape: Shape, angle: float) -> Creases:
     touched[flat[first]] = True
     touched[flat[_next(first)]] = True
     corners = np.flatnonzero(touched[flat])
-    row = np.full(len(flat), -1, np.int64)
+    row = np.full(len(flat), -1, np.int32)
     row[corners] = np.arange(len(corners))
-    sector = piece_labels(len(corners), _links_within_sectors(*smooth, row))
+    parted = np.concatenate([first, second])
+    sector = piece_labels(len(corners), _links_within_sectors(shape, corners, parted, row))
     count = int(sector.max(initial=-1)) + 1
     vertices = np.zeros(count, np.int32)
     vertices[sector] = flat[corners]
@@ -230,13 +239,10 @@ def crease_edges(
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.bool_]]:
     """Return the two half-edges of each edge between two faces, and whether it is a crease."""
     first, second, opposite = surface.edge_table.pairs
-    first, second = first[opposite].astype(np.int64), second[opposite].astype(np.int64)
-    normals = surface.face_normals
-    one, other = normals[first // 3], normals[second // 3]
-    cosine = np.einsum("ij,ij->i", one, other)
-    bent = cosine < math.cos(max(math.radians(angle), LEAST_BEND))
-    known = one.any(axis=1) & other.any(axis=1) & (first // 3 != second // 3)
-    return first, second, bent & known
+    bent = surface.edge_bends > max(math.radians(angle), LEAST_BEND)
+    if opposite.all():
+        return first, second, bent
+    return first[opposite], second[opposite], bent[opposite]
 
 
 def _next(half_edges: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -245,18 +251,16 @@ def _next(half_edges: NDArray[np.int64]) -> NDArray[np.int64]:
 
 
 def _links_within_sectors(
-    first: NDArray[np.int64], second: NDArray[np.int64], row: NDArray[np.int64]
+    shape: Shape, corners: NDArray[np.int64], parted: NDArray[np.int64], row: IntArray
 ) -> NDArray[np.int64]:
     """Return pairs of corners (rows) at the same vertex on both sides of smooth edges."""
-    some = (row[first] >= 0) | (row[second] >= 0)
-    first, second = first[some], second[some]
-    links = np.concatenate(
-        [
-            np.stack([row[first], row[_next(second)]], axis=1),
-            np.stack([row[_next(first)], row[second]], axis=1),
-        ]
-    )
-    return links[(links >= 0).all(axis=1)]
+    twin = shape.edge_twins[corners].astype(np.int64)
+    smooth = twin >= 0
+    smooth[row[parted[row[parted] >= 0]]] = False
+    here, there = corners[smooth], _next(twin[smooth])
+    flat = np.asarray(shape.faces).ravel()
+    opposite = flat[here] == flat[there]  # else both half-edges run the same way
+    return np.stack([row[here[opposite]], row[there[opposite]]], axis=1).astype(np.int64)
 
 
 def _sector_normals(

@@ -92,6 +92,11 @@ def noise_level(shape: Shape) -> float:
     >>> medialis.noise_level(shape) < 0.05 * shape.spacing
     True
     """
+    return noise_above(shape, 0.0)
+
+
+def noise_above(shape: Shape, least: float) -> float:
+    """Return the level of the noise of a mesh, or 0 as soon as it is known to be below `least`."""
     if shape.faces is None or len(shape.edges) == 0:
         return 0.0
     if _constructed(shape):
@@ -104,6 +109,8 @@ def noise_level(shape: Shape) -> float:
         if len(away) < FEWEST_MEASURED:
             return 0.0
         deviation.append(float(np.quantile(away, QUANTILE)) / NORMAL_QUANTILE)
+        if BENDING**2 * deviation[0] ** 2 < (BENDING**2 - 1) * least**2:
+            return 0.0  # what is three rings away can only take from it
     near, far = deviation
     square = (BENDING**2 * near**2 - far**2) / (BENDING**2 - 1)
     return math.sqrt(max(0.0, square))
@@ -114,15 +121,12 @@ def _constructed(shape: Shape) -> bool:
 
     Noise bends every edge, so that few are flat; steps of voxels have edges of equal lengths.
     """
-    normals, twins = shape.face_normals, shape.edge_twins
-    side = np.flatnonzero(twins > np.arange(len(twins)))
-    short = np.quantile(shape.edge_lengths, SHORT)
-    if len(side) == 0 or shape.edge_lengths.max() < LONG * short:
+    bends = shape.edge_bends
+    if len(bends) == 0 or (bends < FLAT).mean() <= FLAT_SHARE:
         return False
-    a, b = normals[side // 3], normals[twins[side] // 3]
-    flat = np.linalg.norm(np.cross(a, b), axis=1) < FLAT
-    sharp = np.einsum("ij,ij->i", a, b) < math.cos(SHARP)
-    return bool(flat.mean() > FLAT_SHARE and sharp.mean() > SHARP_SHARE)
+    if (bends > SHARP).mean() <= SHARP_SHARE:
+        return False
+    return bool(shape.edge_lengths.max() >= LONG * np.quantile(shape.edge_lengths, SHORT))
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,14 +179,10 @@ class _Links:
 
 def _on_planes(shape: Shape) -> NDArray[np.bool_]:
     """Tell the vertices at which no edge bends, (n,)."""
-    normals, twins = shape.face_normals, shape.edge_twins
-    side = np.flatnonzero(twins > np.arange(len(twins)))
-    a, b = normals[side // 3], normals[twins[side] // 3]
-    bent = side[np.linalg.norm(np.cross(a, b), axis=1) >= FLAT]
-    corners = np.asarray(shape.faces)
+    from medialis.surface._noise_kernels import mark_bent
+
     result = np.ones(shape.point_count, np.bool_)
-    result[corners[bent // 3, bent % 3]] = False
-    result[corners[bent // 3, (bent + 1) % 3]] = False
+    mark_bent(shape.edge_table.pairs[0], shape.edge_bends, FLAT, shape.faces, result)
     return result
 
 

@@ -57,7 +57,7 @@ def on_smooth_surface(shape: Shape, fine: Shape, creases: Creases) -> Shape:
     vertex, face = _vertices_of_faces(fine, n)
     corners = np.asarray(shape.faces)[face]
     weights = nearest_on_triangles(fine.points[vertex], shape.points[corners])
-    normals = np.einsum("ij,ijk->ik", weights, creases.corner_normals[face])
+    normals = np.einsum("ij,ijk->ik", weights, creases.corner_normals(face))
     length = np.linalg.norm(normals, axis=1, keepdims=True)
     normals = np.divide(normals, length, out=np.zeros_like(normals), where=length > 0.5)
     pairs = weights * weights[:, [1, 2, 0]]
