@@ -37,13 +37,15 @@ class CurveEvidence(Described):
     kept : (c,) bool
         Candidates whose importance is not below the threshold.
     genus : dict
-        Genus of each component of the surface that encloses a solid; components with non-manifold
-        edges are missing.
+        Handles of the solid that each component of the surface encloses.
     closed_loops : dict
         Loops that were closed, by the same components.
     missing : tuple of (l, 3) float64
         Where loops are missing: closed lines over the surface, round the handles that no loop of
         the graph goes round.
+    seams, unclear : int
+        Edges of three or more faces and vertices where the surface touches itself; and edges at
+        which the solid is a guess: a wall ends there, or there is no outside.
     """
 
     measured: CandidateMeasure
@@ -53,6 +55,8 @@ class CurveEvidence(Described):
     genus: dict[int, int]
     closed_loops: dict[int, int]
     missing: tuple[FloatArray, ...] = ()
+    seams: int = 0
+    unclear: int = 0
 
 
 @dataclass(frozen=True, eq=False, repr=False)

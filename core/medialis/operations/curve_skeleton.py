@@ -153,8 +153,8 @@ def _values(
         "components": graph.component_count,
         "loops": graph.loops,
     }
-    known = len(evidence.genus) == surface.part_count
-    values["expected_loops"] = sum(evidence.genus.values()) if known else None
+    values["expected_loops"] = sum(evidence.genus.values())
+    values["expected_loops_certain"] = evidence.unclear == 0
     samples = np.bincount(_present(graph.vertex_branch) + 1, minlength=graph.branch_count + 1)[1:]
     return values | {
         "length": graph.length,
@@ -205,18 +205,22 @@ def _note_shape(surface: Shape, evidence: CurveEvidence, progress: Progress) -> 
             "separate_parts",
             parts=parts,
         )
-    unclear = parts - len(evidence.genus)
-    if unclear:
+    if evidence.seams:
         progress.note(
-            f"{counted(unclear, 'part', of=parts, verbs=('has', 'have'))} edges with three or more "
-            "faces, or vertices where the surface touches itself. Handles are not defined there, "
-            "so the graph has no loops.",
-            "handles_undefined",
-            level=logging.WARNING,
-            parts=unclear,
-            of=parts,
+            f"The surface touches itself at {counted(evidence.seams, 'place')}; the "
+            "handles that are counted are those of the solid inside.",
+            "handles_of_solid",
+            seams=evidence.seams,
         )
-    elif surface.border_edges > 0:
+    if evidence.unclear:
+        progress.note(
+            f"At {counted(evidence.unclear, 'edge')} it is not known what is inside: a wall ends "
+            "there, or the surface has only one side. The number of handles is the best guess.",
+            "handles_uncertain",
+            level=logging.WARNING,
+            edges=evidence.unclear,
+        )
+    if surface.border_edges > 0:
         progress.note(
             f"The shape is open: {counted(surface.border_edges, 'edge', verbs=('lies', 'lie'))} at "
             "holes. Loops are counted as if a disc closed each hole, and the skeleton near large "

@@ -159,6 +159,7 @@ def _topology(result: Result, after: Diagnosis) -> dict[str, Any]:
         expected = result.values.get("expected_loops") if by_part else after.genus
         topology |= {
             "expected_loops": expected,
+            "expected_loops_certain": result.values.get("expected_loops_certain", True),
             "loops": result.graph.loops,
             "expected_components": topology["components"],
             "skeleton_components": result.graph.component_count,

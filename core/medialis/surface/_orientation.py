@@ -68,7 +68,9 @@ def _tree(across: IntArray, piece: IntArray, count: int) -> Index:
     return result
 
 
-def outward_flips(surface: Surface, measured: PieceVolumes, one_sided: Mask) -> tuple[Mask, Mask]:
+def outward_flips(
+    surface: Surface, measured: PieceVolumes, one_sided: Mask, piece: IntArray
+) -> tuple[Mask, Mask]:
     """Return which pieces to turn outward (c,), and which inward ones are cavities (c,).
 
     An inward closed piece directly inside an outward one is a cavity and stays; when the piece
@@ -82,7 +84,7 @@ def outward_flips(surface: Surface, measured: PieceVolumes, one_sided: Mask) -> 
         return flip, cavity
     flip |= ~measured.closed & (sign < 0)
     solid = measured.closed & (sign != 0)
-    inside, size = _enclosures(surface, sign, solid)
+    inside, size = _enclosures(surface, sign, solid, piece)
     # From large to small: a piece is always smaller than the one around it.
     for c in np.lexsort((np.arange(len(sign)), -size)):
         if not solid[c] or (sign[c] > 0 and len(inside.get(c, ())) == 0):
@@ -99,14 +101,13 @@ def outward_flips(surface: Surface, measured: PieceVolumes, one_sided: Mask) -> 
 
 
 def _enclosures(
-    surface: Surface, sign: Index, solid: Mask
+    surface: Surface, sign: Index, solid: Mask, piece: IntArray
 ) -> tuple[dict[int, list[int]], FloatArray]:
     """Return which closed pieces lie around each piece, and the diagonal of each piece's box.
 
     Only pairs with an inward piece are looked at: among outward ones nothing is ever turned.
     """
     assert surface.faces is not None
-    piece = surface.face_pieces
     order = np.argsort(piece, kind="stable")
     starts = np.searchsorted(piece[order], np.arange(len(sign)))
     corners = surface.points[surface.faces[order]]

@@ -13,7 +13,8 @@ import numpy as np
 
 from medialis.model.edge_table import Index, Mask
 from medialis.model.surface import Surface
-from medialis.validation import FloatArray, IntArray
+from medialis.model.topology import piece_labels
+from medialis.validation import FloatArray, IntArray, frozen
 
 _CLOSED_SHARE = 1e-9
 _OPEN_SHARE = 0.2
@@ -60,14 +61,33 @@ class PieceVolumes:
         return np.where(clear, np.sign(self.volume), 0).astype(np.int64)
 
 
-def piece_volumes(surface: Surface) -> PieceVolumes:
-    """Measure the pieces of a surface (`Surface.face_pieces`)."""
+def solid_pieces(surface: Surface) -> IntArray:
+    """Piece of each face (m,): open pieces of `Surface.face_pieces` that close each other are one.
+
+    Along an edge that they share as many faces run one way as the other, as where a solid touches
+    itself along a line. By itself no such piece tells where its outside is.
+    """
+    pieces, table = surface.face_pieces, surface.edge_table
+    half, edge = _unbalanced(surface, pieces)
+    net = np.bincount(edge, np.where(table.forward[half], 1.0, -1.0), len(table.counts))
+    closing = (net[edge] == 0) & (table.counts[edge] > 2)
+    if not closing.any():
+        return pieces
+    piece, edge = pieces[half[closing] // 3], edge[closing]
+    one = np.full(len(table.counts), -1)
+    one[edge] = piece
+    label = piece_labels(int(pieces.max()) + 1, np.stack([piece, one[edge]], axis=1))
+    return frozen(label[pieces], np.int32)
+
+
+def piece_volumes(surface: Surface, pieces: IntArray) -> PieceVolumes:
+    """Measure the pieces of a surface, given that of each face (m,)."""
     from medialis.model._surface_kernels import sum_pieces
 
     assert surface.faces is not None
-    points, pieces, table = surface.points, surface.face_pieces, surface.edge_table
+    points, table = surface.points, surface.edge_table
     count = int(pieces.max()) + 1
-    half, edge = _unbalanced(surface, count)
+    half, edge = _unbalanced(surface, pieces)
     piece = pieces[half // 3]
     closed = np.ones(count, bool)
     closed[piece] = False
@@ -81,9 +101,9 @@ def piece_volumes(surface: Surface) -> PieceVolumes:
     return PieceVolumes(sums[0], sums[1], sums[2], closed)
 
 
-def _unbalanced(surface: Surface, count: int) -> tuple[Index, Index]:
+def _unbalanced(surface: Surface, pieces: IntArray) -> tuple[Index, Index]:
     """Return half-edges and their edges where the faces of one piece do not cancel."""
-    table, pieces = surface.edge_table, surface.face_pieces
+    table, count = surface.edge_table, int(pieces.max()) + 1
     plain = np.zeros(len(table.counts), bool)
     a, b, agree = table.pairs
     plain[table.counts == 2] = agree & (pieces[a // 3] == pieces[b // 3])

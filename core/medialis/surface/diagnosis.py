@@ -208,7 +208,7 @@ def _facing(surface: Surface) -> dict[str, Any]:
     if not surface.edge_table.pairs[2].all():
         return {"orientation": "mixed", "volume": None}
     if (counts == 1).any():
-        measured = piece_volumes(surface)
+        measured = piece_volumes(surface, surface.face_pieces)
         volume = float((measured.volume * np.abs(measured.sign)).sum())
         result: dict[str, Any] = {"orientation": _word(volume), "volume": None}
     else:

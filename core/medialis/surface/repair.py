@@ -15,7 +15,7 @@ from medialis.progress import Message
 from medialis.surface._flat_faces import flip_flat_faces
 from medialis.surface._folds import faces_to_drop
 from medialis.surface._orientation import agreeing_flips, flipped, outward_flips
-from medialis.surface._volumes import piece_volumes, scaled
+from medialis.surface._volumes import piece_volumes, scaled, solid_pieces
 from medialis.validation import FloatArray, IntArray, as_faces, as_normals, as_points, frozen
 
 PLURALS = {"vertex": "vertices", "cavity": "cavities"}
@@ -65,11 +65,11 @@ def repair(
     - Drop vertices that no face uses (never the points of a cloud).
     - Flip faces so that neighbours across edges of exactly two faces agree on the outside; the side
       with more faces wins.
-    - Turn pieces (faces joined across such edges) outward: closed ones by their signed volume,
-      except cavities, which are inward pieces directly inside an outward one; open ones when their
-      volume, closed by cones from the middle of the boundary, is more than a fifth of what its
-      parts add up to without signs and more than 0.001 area^(3/2). Normals that then disagree with
-      the faces of a turned piece are turned too.
+    - Turn pieces (faces joined across such edges, and open pieces that close each other) outward:
+      closed ones by their signed volume, except cavities, which are inward pieces directly inside
+      an outward one; open ones when their volume, closed by cones from the middle of the boundary,
+      is more than a fifth of what its parts add up to without signs and more than 0.001 area^(3/2).
+      Normals that then disagree with the faces of a turned piece are turned too.
 
     Parameters
     ----------
@@ -239,11 +239,12 @@ class _Work:
 
     def turn_outward(self) -> None:
         surface = self.surface()
-        piece, measured = surface.face_pieces, piece_volumes(surface)
+        piece = solid_pieces(surface)
+        measured = piece_volumes(surface, piece)
         one_sided = np.zeros(len(measured.closed), bool)
         a, _, opposite = surface.edge_table.pairs
         one_sided[piece[a[~opposite] // 3]] = True
-        flip, cavity = outward_flips(surface, measured, one_sided)
+        flip, cavity = outward_flips(surface, measured, one_sided, piece)
         closed, opened = flip & measured.closed, flip & ~measured.closed
         if closed.any():
             self._note("Turned {} outward.", "closed_turned", "closed piece", closed)
@@ -254,13 +255,12 @@ class _Work:
             self._note("Kept {} facing inward.", "cavities_kept", "cavity", cavity)
         if flip.any():
             self.faces = flipped(self.faces, flip[piece])
-            self._turn_normals(surface, flip)
+            self._turn_normals(surface, flip, piece)
 
-    def _turn_normals(self, before: Surface, flip: NDArray[np.bool_]) -> None:
+    def _turn_normals(self, before: Surface, flip: NDArray[np.bool_], piece: IntArray) -> None:
         """Turn the normals of turned pieces where they disagree with the turned faces."""
         if self.normals is None:
             return
-        piece = before.face_pieces
         double = np.where(flip[piece][:, None], -before.face_vectors, before.face_vectors)
         alike = sum(np.einsum("ij,ij->i", self.normals[self.faces[:, i]], double) for i in range(3))
         wrong = flip & (np.bincount(piece, alike, len(flip)) < 0)

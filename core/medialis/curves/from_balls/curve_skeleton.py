@@ -168,6 +168,8 @@ def curve_skeleton(
         {number: one.genus for number, one in ground.handles.items()},
         {number: len(turns) for number, turns in loops.items()},
         _missing(ground.handles, loops),
+        sum(one.seams for one in ground.handles.values()),
+        sum(one.unclear for one in ground.handles.values()),
     )
     importance = run_patiently(lambda: _node_importance(graph, ground), progress)
     return replace(graph, importance=importance, evidence=evidence)

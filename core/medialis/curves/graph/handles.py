@@ -23,8 +23,10 @@ from medialis.kept import Described
 from medialis.model.polylines import follow
 from medialis.model.ragged import Ragged
 from medialis.model.shape import Shape
+from medialis.model.topology import piece_labels
+from medialis.surface.solid_boundary import SolidBoundary, solid_boundary
 from medialis.threads import run_chunks
-from medialis.validation import FloatArray, IntArray, frozen
+from medialis.validation import FloatArray, frozen
 
 POINTS_A_CHUNK = 64
 MOST_HANDLES = 2048
@@ -45,13 +47,17 @@ class Handles(Described):
         2 genus closed polylines: indices into `points`. None for more than 2048 handles: angles of
         all balls to all of them would not fit into memory.
     points : (n, 3) float64
-        Vertices of the shape, and one in the middle of each hole that was closed; moved by 1e-9 of
-        the size, since no angle is defined where a center lies on the side of a triangle.
+        Those of the boundary of the solid, which are the vertices first; moved by 1e-9 of the size,
+        since no angle is defined where a center lies on the side of a triangle.
+    seams, unclear : int
+        Where the surface touches itself, and where the solid is a guess (`SolidBoundary`).
     """
 
     genus: int
     loops: list[NDArray[np.int64]]
     points: FloatArray
+    seams: int = 0
+    unclear: int = 0
 
     def angles(self, centers: FloatArray, rows: NDArray[np.int64]) -> FloatArray:
         """Solid angle of each loop seen from ``centers[rows]``, in turns, (k, 2 genus).
@@ -124,57 +130,53 @@ def find_handles(shape: Shape) -> dict[int, Handles]:
     Parameters
     ----------
     shape : Shape
-        A mesh. Holes are closed by a fan of triangles first.
+        A mesh.
 
     Returns
     -------
     dict
-        Handles by the number of the component (`Shape.components`). Components with non-manifold
-        edges are missing: they enclose no solid with a definite genus.
+        Handles of the solid (`solid_boundary`) by the number of the component
+        (`Shape.components`). What touches in a vertex or an edge is one component.
     """
-    closed = shape if shape.faces is None else _without_holes(shape, shape.faces)
-    if closed.faces is None:
+    if shape.faces is None or shape.face_count == 0:
         return {}
-    corners, component = np.ascontiguousarray(closed.faces.ravel()), closed.components
-    of_face = component[closed.faces[:, 0]]
-    torn = np.unique(of_face[(closed.edge_twins.reshape(-1, 3) < 0).any(axis=1)])
-    numbers, first_face = np.unique(of_face, return_index=True)
-    starts = corners[3 * first_face].astype(np.int64)
-    parent, sides = _sides_left(closed, starts)
-    of_side, result = of_face[sides // 3], {}
-    move = np.random.default_rng(0).uniform(-1, 1, closed.points.shape)
-    points = frozen(closed.points + JITTER * shape.diagonal * move, np.float64)
-    for number, start in zip(numbers.tolist(), starts.tolist(), strict=True):
+    boundary = solid_boundary(shape)
+    parent, sides = _sides_left(boundary)
+    corners = np.ascontiguousarray(boundary.faces.ravel())
+    of_side = boundary.component[corners[sides]]
+    move = np.random.default_rng(0).uniform(-1, 1, boundary.points.shape)
+    points = frozen(boundary.points + JITTER * shape.diagonal * move, np.float64)
+    result = {}
+    for number in np.unique(shape.components[shape.faces[:, 0]]).tolist():
         mine = sides[of_side == number]
-        if number in torn or len(mine) % 2:
-            continue
         usable = mine if len(mine) <= 2 * MOST_HANDLES else mine[:0]
         loops = [_loop(corners, int(h), parent) for h in usable]
-        # Parts that touch in a vertex have the component of the shape, so its number is right.
-        result[int(shape.components[start])] = Handles(len(mine) // 2, loops, points)
+        seams, unclear = int(boundary.seams[number]), int(boundary.unclear[number])
+        result[number] = Handles(len(mine) // 2, loops, points, seams, unclear)
     return result
 
 
-def _sides_left(
-    closed: Shape, starts: NDArray[np.int64]
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Sides that are in no tree of vertices nor of faces; also the tree of vertices, by parents."""
+def _sides_left(boundary: SolidBoundary) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Tree of vertices, by parents, and the sides that are in no tree of vertices nor of faces."""
     from medialis.curves.graph._growth_kernels import join_faces, steps_from
 
-    n, ends = closed.point_count, np.concatenate([closed.edges, closed.edges[:, ::-1]])
-    near = Ragged.group(ends[:, 0], n)
+    twins, n = boundary.twins, len(boundary.points)
+    a, b = boundary.faces.ravel(), np.roll(boundary.faces, -1, axis=1).ravel()
+    near, neighbours = Ragged.group(a, n), np.ascontiguousarray(b, np.int64)
     steps, parent = np.full(n, -1, np.int64), np.full(n, -1, np.int64)
-    neighbours = np.ascontiguousarray(ends[near.indices, 1])
-    steps_from(starts, near.offsets, neighbours, np.empty(n, np.int64), steps, parent)
-    assert closed.faces is not None
-    a, b = closed.faces.ravel(), np.roll(closed.faces, -1, axis=1).ravel()
-    twins = closed.edge_twins
-    free = (parent[a] != b) & (parent[b] != a) & (twins > np.arange(len(twins)))
+    piece = piece_labels(n, np.stack([a, b], axis=1))
+    starts = np.unique(piece, return_index=True)[1]
+    steps_from(starts, near.offsets, neighbours[near.indices], np.empty(n, np.int64), steps, parent)
+    # Two edges may have the same ends: one of them is in the tree.
+    down = np.flatnonzero(parent[b] == a)
+    first = down[np.unique(b[down], return_index=True)[1]]
+    free = twins > np.arange(len(twins))
+    free[first] = free[twins[first]] = False
     sides = np.flatnonzero(free)
     longest_first = np.argsort(-(steps[a[sides]] + steps[b[sides]]), kind="stable")
     sides = sides[longest_first]
     left = np.zeros(len(sides), bool)
-    join_faces(sides, twins, np.arange(closed.face_count), left)
+    join_faces(sides, twins, np.arange(len(boundary.faces)), left)
     return parent, sides[left]
 
 
@@ -186,37 +188,3 @@ def _loop(corners: NDArray[np.int32], h: int, parent: NDArray[np.int64]) -> NDAr
         b.pop()
     loop = [*a, *b[-2::-1]]
     return np.array([*loop, loop[0]], np.int64)
-
-
-def _without_holes(shape: Shape, given: IntArray) -> Shape:
-    """Close each hole by a fan of triangles round the mean of its border."""
-    half = given[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
-    low, high = np.sort(half, axis=1).astype(np.int64).T
-    _, place, count_of = np.unique(
-        low * shape.point_count + high, return_inverse=True, return_counts=True
-    )
-    single = count_of[place.reshape(-1)] == 1
-    border = half[single]
-    if len(border) == 0:
-        return shape
-    after: dict[int, list[int]] = {}
-    for a, b in border.tolist():
-        after.setdefault(b, []).append(a)  # the fan runs the other way
-    points, faces = [shape.points], [given]
-    count = shape.point_count
-    while after:
-        start = next(iter(after))
-        ring, here = [], start
-        while after.get(here):
-            ring.append(here)
-            following = after[here].pop()
-            if not after[here]:
-                del after[here]
-            here = following
-        if here != start:  # the border runs into itself: leave it open
-            continue
-        points.append(shape.points[ring].mean(axis=0, keepdims=True))
-        faces.append(np.stack([ring, np.roll(ring, -1), np.full(len(ring), count)], axis=1))
-        count += 1
-    every = np.concatenate(points)
-    return Shape(every, np.zeros_like(every), np.concatenate(faces).astype(np.int32))
