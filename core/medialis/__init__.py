@@ -5,9 +5,11 @@
     curve = medialis.curve_skeleton(cloud)
     result = medialis.run("thickness", shape)  # as the command line and every host run it
 
-Functions take one thing and options as keywords; lengths are fractions of the bounding-box
-diagonal, or such as "1mm" and "0.5%"; angles are degrees. Importing loads no compiled code: that
-happens at the first computation. All public names, by what they are for (docs/api.md says more):
+Functions take one thing and options as keywords; what takes a shape, or balls, takes a path, a
+(vertices, faces) pair or a mesh of trimesh, PyVista or Open3D as well. Lengths are fractions of
+the bounding-box diagonal, or such as "1mm" and "0.5%"; angles are degrees. Importing loads no
+compiled code: that happens at the first computation. All public names, by what they are for
+(docs/api.md says more):
 
 Shapes:
     read_shape, make_shape, Shape, Surface, diagnose, Diagnosis, repair, Repair, refine,
@@ -34,8 +36,10 @@ Operations:
     run, operation, Operation, OPERATIONS, Options, Parameter, Kind, Result, Outcome, Layer,
     FilterUnit, Length, mm, inch, percent, batch, Row
 Files and pictures:
-    write_result, Pictures, draw_result, Camera, read_curve_skeleton, write_curve_skeleton,
-    reconstruct_image, progressive, Comparison
+    write_result, write_mesh, Pictures, draw_result, Camera, read_curve_skeleton,
+    write_curve_skeleton, reconstruct_image, progressive, Comparison
+Other libraries:
+    to_trimesh, to_pyvista, to_networkx, to_pandas
 Control:
     Progress, Message, Cancelled, thread_count, thread_limit, memory_limit, kept_bytes, forget,
     MedialisError, InvalidShapeError, InvalidOptionError, FileError

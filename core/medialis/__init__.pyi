@@ -33,6 +33,11 @@ from medialis.fields.thin_spots import ThinSpot as ThinSpot
 from medialis.fields.thin_spots import thin_spots as thin_spots
 from medialis.files.curve_graphs import read_curve_skeleton as read_curve_skeleton
 from medialis.files.curve_graphs import write_curve_skeleton as write_curve_skeleton
+from medialis.hosts.mesh_files import write_mesh as write_mesh
+from medialis.hosts.other_libraries import to_networkx as to_networkx
+from medialis.hosts.other_libraries import to_pandas as to_pandas
+from medialis.hosts.other_libraries import to_pyvista as to_pyvista
+from medialis.hosts.other_libraries import to_trimesh as to_trimesh
 from medialis.kept import forget as forget
 from medialis.kept import kept_bytes as kept_bytes
 from medialis.kept import memory_limit as memory_limit
@@ -67,11 +72,11 @@ from medialis.operations.declaration import Operation as Operation
 from medialis.operations.pictures import draw_result as draw_result
 from medialis.operations.registry import OPERATIONS as OPERATIONS
 from medialis.operations.registry import operation as operation
-from medialis.operations.registry import run as run
 from medialis.operations.result import FilterUnit as FilterUnit
 from medialis.operations.result import Layer as Layer
 from medialis.operations.result import Outcome as Outcome
 from medialis.operations.result import Result as Result
+from medialis.operations.typed_run import run as run
 from medialis.operations.writing import Pictures as Pictures
 from medialis.operations.writing import write_result as write_result
 from medialis.options import Kind as Kind

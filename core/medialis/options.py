@@ -30,7 +30,7 @@ import textwrap
 from collections.abc import Callable
 from dataclasses import dataclass, field, fields, replace
 from enum import StrEnum
-from typing import Any, Generic, ParamSpec, Protocol, Self, TypeVar, cast
+from typing import Any, Generic, ParamSpec, Protocol, Self, TypeVar, cast, overload
 
 from medialis.errors import InvalidOptionError
 from medialis.kept import kept
@@ -252,6 +252,7 @@ def _parameters(options: type[Options]) -> tuple[Parameter, ...]:
 
 P = ParamSpec("P")
 Input = TypeVar("Input")
+Given = TypeVar("Given")
 InputIn = TypeVar("InputIn", contravariant=True)
 Chosen = TypeVar("Chosen", bound=Options)
 Found = TypeVar("Found")
@@ -268,21 +269,29 @@ class Algorithm(Protocol, Generic[InputIn, P, FoundOut]):
         """Compute with those options of another class that have the same names."""
 
 
+@overload
 def algorithm(
     options: Callable[P, Chosen], *, keep: bool = True
-) -> Callable[[Callable[[Input, Chosen, Progress], Found]], Algorithm[Input, P, Found]]:
+) -> Callable[[Callable[[Input, Chosen, Progress], Found]], Algorithm[Input, P, Found]]: ...
+@overload
+def algorithm(
+    options: Callable[P, Chosen], *, keep: bool = True, door: Callable[[Given, Progress], Input]
+) -> Callable[[Callable[[Input, Chosen, Progress], Found]], Algorithm[Given, P, Found]]: ...
+def algorithm(
+    options: Callable[P, Chosen], *, keep: bool = True, door: Any = None
+) -> Callable[[Callable[[Input, Chosen, Progress], Found]], Algorithm[Any, P, Found]]:
     """Make a public function of one that takes (data, options, progress).
 
     The signature has the fields of the options class as keywords, and the docstring says what they
     are: its own Parameters tell of the data alone. Results are kept with what they were computed
     from (see `medialis.kept`) unless `keep` is False, as for results that take no longer to compute
-    than to look up.
+    than to look up. A `door` makes the data of anything else that stands for it, as a path does.
     """
     chosen = cast(type[Chosen], options)
 
     def decorate(
         compute: Callable[[Input, Chosen, Progress], Found],
-    ) -> Algorithm[Input, P, Found]:
+    ) -> Algorithm[Any, P, Found]:
         def of(data: Input, given: Options, progress: Progress) -> Found:
             own = given if type(given) is chosen else chosen.taken_from(given)
             if own.progress is not None:
@@ -303,6 +312,7 @@ def algorithm(
                 )
             given = options(*args, **kwargs)
             progress = Progress.of(given.progress)
+            data = data if door is None else door(data, progress)
             return of(data, given.measured(data, progress), progress)
 
         public.__doc__ = _documented(inspect.getdoc(compute) or "", chosen)
@@ -314,7 +324,7 @@ def algorithm(
             return_annotation=inspect.signature(compute).return_annotation,
         )
         public.of = of  # type: ignore[attr-defined]
-        return cast(Algorithm[Input, P, Found], public)
+        return cast(Algorithm[Any, P, Found], public)
 
     return decorate
 

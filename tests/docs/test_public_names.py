@@ -32,9 +32,13 @@ def test_the_page_of_groups_names_them_all():
 
 
 def classes_in(annotation) -> set[type]:
-    """Classes of this package that an annotation mentions, at any depth."""
+    """Classes of this package that an annotation mentions, at any depth.
+
+    Protocols only say what the meshes of other libraries have.
+    """
     inside = {c for part in typing.get_args(annotation) for c in classes_in(part)}
     own = inspect.isclass(annotation) and annotation.__module__.startswith("medialis.")
+    own = own and typing.Protocol not in annotation.__bases__
     return inside | ({annotation} if own else set())
 
 

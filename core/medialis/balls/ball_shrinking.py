@@ -20,6 +20,7 @@ from medialis.model.medial_cloud import BallStatus, MedialCloud
 from medialis.model.shape import Shape
 from medialis.options import Options, algorithm, choice, length
 from medialis.progress import Progress, counted
+from medialis.surface.given_shapes import as_shape
 from medialis.threads import run_chunks, run_patiently
 from medialis.validation import FloatArray
 
@@ -81,7 +82,7 @@ class ShrinkOptions(Options):
     )
 
 
-@algorithm(ShrinkOptions)
+@algorithm(ShrinkOptions, door=as_shape)
 def shrink_balls(shape: Shape, options: ShrinkOptions, progress: Progress) -> MedialCloud:
     """Shrink one ball for each sample, constrained by the samples alone.
 

@@ -7,6 +7,7 @@ each sample gets its maximal ball (thesis 3.2). Every operation takes its balls 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 
@@ -21,6 +22,7 @@ from medialis.model.shape import Shape
 from medialis.options import Options, algorithm, changed, choice, flag
 from medialis.progress import Progress
 from medialis.surface.creases import find_creases
+from medialis.surface.given_shapes import ShapeLike, as_shape
 from medialis.surface.noise import noise_above, smooth_noise
 from medialis.surface.refinement import RefineOptions, affordable_edge, refine
 from medialis.surface.smooth_refinement import on_smooth_surface
@@ -74,7 +76,7 @@ class SurfaceSkeletonOptions(ShrinkOptions, Preparation):
     )
 
 
-@algorithm(SurfaceSkeletonOptions)
+@algorithm(SurfaceSkeletonOptions, door=as_shape)
 def surface_skeleton(
     shape: Shape, options: SurfaceSkeletonOptions, progress: Progress
 ) -> MedialCloud:
@@ -140,6 +142,22 @@ def surface_skeleton(
     return kept(
         with_fans, cloud, shrinking, lambda: with_fans(cloud, shrinking, progress, walls), progress
     )
+
+
+CloudLike: TypeAlias = MedialCloud | ShapeLike
+
+
+def as_cloud(given: CloudLike, progress: Progress) -> MedialCloud:
+    """Return a cloud as it is, and the surface skeleton of whatever stands for a shape.
+
+    Raises
+    ------
+    InvalidShapeError
+        When it is neither; the sentence says what came.
+    """
+    if isinstance(given, MedialCloud):
+        return given
+    return surface_skeleton.of(as_shape(given, progress), SurfaceSkeletonOptions(), progress)
 
 
 def prepared(shape: Shape, options: Preparation, progress: Progress) -> tuple[Shape, float]:

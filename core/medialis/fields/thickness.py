@@ -16,6 +16,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from medialis.balls.surface_skeleton import as_cloud
 from medialis.errors import InvalidShapeError
 from medialis.fields.feature_transform import field_on_surface
 from medialis.model.medial_cloud import MedialCloud
@@ -65,7 +66,7 @@ class ThicknessOptions(Options):
     )
 
 
-@algorithm(ThicknessOptions)
+@algorithm(ThicknessOptions, door=as_cloud)
 def thickness(cloud: MedialCloud, options: ThicknessOptions, progress: Progress) -> FloatArray:
     """Return the thickness of the shape at every point of its surface.
 

@@ -17,6 +17,7 @@ from typing import Literal
 
 import numpy as np
 
+from medialis.balls.surface_skeleton import as_cloud
 from medialis.fields.low_places import LowPlace
 from medialis.fields.thickness import ThicknessOptions, thickness, thickness_without
 from medialis.fields.wall_places import PROMINENCE, WallBalls
@@ -104,7 +105,7 @@ class ThinSpotOptions(ThicknessOptions):
     )
 
 
-@algorithm(ThinSpotOptions)
+@algorithm(ThinSpotOptions, door=as_cloud)
 def thin_spots(
     cloud: MedialCloud, options: ThinSpotOptions, progress: Progress
 ) -> tuple[ThinSpot, ...]:

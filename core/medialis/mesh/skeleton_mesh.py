@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from medialis.balls.surface_skeleton import as_cloud
 from medialis.errors import InvalidShapeError
 from medialis.kept import kept
 from medialis.model.geodesic_paths import Importance
@@ -68,7 +69,7 @@ class SkeletonMeshOptions(Options):
     single false balls), the second and third another tenth, more only webs between spikes."""
 
 
-@algorithm(SkeletonMeshOptions)
+@algorithm(SkeletonMeshOptions, door=as_cloud)
 def skeleton_mesh(
     cloud: MedialCloud, options: SkeletonMeshOptions, progress: Progress
 ) -> SkeletonMesh:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 from collections.abc import Iterator, Sequence
 from typing import Any
 
@@ -14,11 +15,15 @@ from medialis.options import Kind
 from medialis.progress import Progress, ProgressCallback
 from medialis.render.camera import Camera, turntable
 from medialis.render.picture import Curves, Item, Points, Surface, draw
+from medialis.render.png import encode_png
 from medialis.threads import run_patiently
 
 NEARBY = 0.1
 """Fraction of the diagonal: what lies further from the bounding box may leave the picture, so that
 a few large balls of an open surface do not make the shape small."""
+
+SMALL = 320
+"""Pixels on the page of a notebook."""
 
 IN_DEGREES = ("spoke_angle",)
 
@@ -111,6 +116,17 @@ def draw_turntable(
         with steps.stage("turntable", number / count, (number + 1) / count):
             image = draw_result(result, color_by=color_by, camera=view, progress=steps)
         yield image
+
+
+def picture_html(result: Outcome) -> str:
+    """Return the picture of a result, half as wide as its pixels, as an image for HTML."""
+    images = list(result.images.values())
+    if not images and result.layers:
+        images = [draw_result(result, width=2 * SMALL, height=3 * SMALL // 2)]
+    if not images:
+        return ""
+    data = base64.b64encode(encode_png(images[0])).decode()
+    return f'<img width="{SMALL}" alt="" src="data:image/png;base64,{data}">'
 
 
 def require_attribute(layers: Sequence[Layer], name: str) -> None:

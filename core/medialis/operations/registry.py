@@ -15,6 +15,7 @@ from medialis.operations.far import moved, near_origin, offset_of
 from medialis.operations.names import Named, named_operations
 from medialis.operations.result import Outcome, Result
 from medialis.progress import Progress, ProgressCallback
+from medialis.surface.given_shapes import ShapeLike, as_shape
 from medialis.threads import thread_limit
 
 OPERATIONS: tuple[Operation, ...]
@@ -71,7 +72,7 @@ def operation(name: str) -> Operation:
 
 def run(
     name: str,
-    shape: Shape,
+    shape: ShapeLike,
     *,
     threads: int | None = None,
     progress: Progress | ProgressCallback | None = None,
@@ -86,8 +87,8 @@ def run(
     ----------
     name : str
         As in `operation`.
-    shape : Shape
-        From `read_shape` or `make_shape`.
+    shape : Shape, path, (vertices, faces), or mesh of another library
+        Of trimesh, PyVista, Open3D, meshio or pymeshlab; all but a `Shape` is repaired first.
     threads : int, optional
         At most this many; all processors when missing.
     progress : callable, optional
@@ -120,15 +121,16 @@ def run(
     """
     chosen = operation(name)
     options = chosen.resolve(parameters)
-    _require_size(shape)
     progress = Progress.of(progress)
-    options = options.measured(shape, progress)
+    data = as_shape(shape, progress)
+    _require_size(data)
+    options = options.measured(data, progress)
     # A host makes a new shape for each run: what is kept was computed from the first of its kind.
-    shape = kept(run, shape, None, lambda: shape, progress)
+    data = kept(run, data, None, lambda: data, progress)
     clock = time.perf_counter()
-    offset = offset_of(shape)
+    offset = offset_of(data)
     far = bool(offset.any())
-    near = kept(near_origin, shape, None, lambda: near_origin(shape), progress) if far else shape
+    near = kept(near_origin, data, None, lambda: near_origin(data), progress) if far else data
     with thread_limit(threads):
         outcome = chosen.run(near, options, progress)
     outcome = moved(outcome, offset) if far else outcome

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -221,6 +222,18 @@ class Result(Outcome, Described):
     parameters: Mapping[str, Any] = field(default_factory=dict)
     seconds: Mapping[str, float] = field(default_factory=dict)
     messages: tuple[str, ...] = ()
+
+    def _repr_html_(self) -> str:
+        """Return what notebooks show: a small picture beside the values."""
+        from medialis.operations.pictures import picture_html
+
+        lines = [*value_lines(self.values), *map(str, self.messages)]
+        told = "<br>".join(html.escape(line) for line in lines)
+        title = html.escape(self.operation.replace("_", " "))
+        return (
+            '<div style="display:flex;gap:1em;align-items:flex-start;flex-wrap:wrap">'
+            f"{picture_html(self)}<div><b>{title}</b><br>{told}</div></div>"
+        )
 
 
 def value_lines(values: Mapping[str, Any]) -> list[str]:

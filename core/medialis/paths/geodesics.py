@@ -15,6 +15,7 @@ from medialis.model.geodesic_paths import GeodesicPaths, PathStatus
 from medialis.model.shape import Shape
 from medialis.options import Options, whole
 from medialis.progress import Progress, ProgressCallback
+from medialis.surface.given_shapes import ShapeLike, as_shape
 from medialis.threads import run_chunks, run_patiently
 from medialis.validation import FloatArray, IntArray
 
@@ -76,7 +77,7 @@ class GeodesicOptions(Options):
 
 
 def geodesic_lengths(
-    shape: Shape,
+    shape: ShapeLike,
     pairs: ArrayLike,
     *,
     directions: int = GeodesicOptions.directions,
@@ -138,8 +139,10 @@ def geodesic_lengths(
     [1.414214, 0.0]
     """
     options = GeodesicOptions(directions=directions)
+    steps = Progress.of(progress)
+    shape = as_shape(shape, steps)
     ends = as_pairs(pairs, shape.point_count)
-    out = _trace(shape, ends, options.directions, Progress.of(progress))
+    out = _trace(shape, ends, options.directions, steps)
     return GeodesicPaths(out["length"], out["start_tangent"], out["end_tangent"], out["status"])
 
 

@@ -14,6 +14,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from medialis.balls.surface_skeleton import as_cloud
 from medialis.kept import kept
 from medialis.model.geodesic_paths import GeodesicPaths, Importance, PathStatus
 from medialis.model.medial_cloud import Balls, MedialCloud
@@ -29,7 +30,7 @@ class ImportanceOptions(GeodesicOptions):
     """Options of `geodesic_importance`."""
 
 
-@algorithm(ImportanceOptions)
+@algorithm(ImportanceOptions, door=as_cloud)
 def geodesic_importance(
     cloud: MedialCloud, options: ImportanceOptions, progress: Progress
 ) -> Importance:

@@ -20,6 +20,7 @@ from medialis.paths.geodesics import (
     surface_walk,
 )
 from medialis.progress import Progress, ProgressCallback
+from medialis.surface.given_shapes import ShapeLike, as_shape
 from medialis.threads import run_chunks
 from medialis.validation import FloatArray, frozen
 
@@ -46,7 +47,7 @@ class Geodesic(Described):
 
 
 def geodesic(
-    shape: Shape, start: int, end: int, *, directions: int = GeodesicOptions.directions
+    shape: ShapeLike, start: int, end: int, *, directions: int = GeodesicOptions.directions
 ) -> Geodesic:
     """Compute one geodesic with its polyline: a locally shortest path.
 
@@ -94,6 +95,7 @@ def geodesic(
     >>> path.points.shape[1], bool(path.length > 0)
     (3, True)
     """
+    shape = as_shape(shape)
     if min(start, end) < 0:
         raise InvalidShapeError(f"Vertices must be 0..{shape.point_count - 1}, got {start}, {end}.")
     path = geodesics(shape, [[start, end]], directions=directions)[0]
@@ -105,7 +107,7 @@ def geodesic(
 
 
 def geodesics(
-    shape: Shape,
+    shape: ShapeLike,
     pairs: ArrayLike,
     *,
     directions: int = GeodesicOptions.directions,
@@ -128,6 +130,7 @@ def geodesics(
     [..., 0.0]
     """
     options, task = GeodesicOptions(directions=directions), Progress.of(progress)
+    shape = as_shape(shape, task)
     ends, walk = as_pairs(pairs, shape.point_count), surface_walk(shape)
     with task.stage("plane cuts", 0.0, 0.3):
         out = cut_by_planes(shape, np.sort(ends, axis=1), options.directions, task)

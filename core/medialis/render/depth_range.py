@@ -12,6 +12,7 @@ from medialis.kept import Described
 from medialis.model.shape import Shape
 from medialis.model.view import OrthographicCamera, View
 from medialis.progress import Progress
+from medialis.surface.given_shapes import ShapeLike, as_shape
 from medialis.threads import run_chunks
 from medialis.validation import FloatArray, IntArray
 
@@ -67,7 +68,7 @@ class Rasterizer(Described):
         return views
 
 
-def rasterizer(shape: Shape) -> Rasterizer:
+def rasterizer(shape: ShapeLike) -> Rasterizer:
     """Return the view source of a shape.
 
     A mesh is drawn as it is. Each sample of a point cloud becomes a hexagon in its tangent plane,
@@ -94,6 +95,7 @@ def rasterizer(shape: Shape) -> Rasterizer:
     >>> callable(source)
     True
     """
+    shape = as_shape(shape)
     if shape.faces is not None:
         return Rasterizer(shape.points, shape.faces)
     return _discs(shape)

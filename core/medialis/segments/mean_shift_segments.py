@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from medialis.balls.subsampling import uniform_subsample
+from medialis.balls.surface_skeleton import as_cloud
 from medialis.errors import InvalidOptionError, InvalidShapeError
 from medialis.kept import kept
 from medialis.model.medial_cloud import MedialCloud
@@ -79,7 +80,7 @@ class MeanShiftSegmentsOptions(SeedShiftOptions):
             object.__setattr__(self, name, tuple(picks.tolist()))
 
 
-@algorithm(MeanShiftSegmentsOptions)
+@algorithm(MeanShiftSegmentsOptions, door=as_cloud)
 def mean_shift_segments(
     cloud: MedialCloud, options: MeanShiftSegmentsOptions, progress: Progress
 ) -> Segmentation:

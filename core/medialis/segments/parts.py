@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from medialis.balls.surface_skeleton import as_cloud
 from medialis.curves.from_balls.curve_skeleton import CurveSkeletonOptions, curve_skeleton
 from medialis.errors import InvalidShapeError
 from medialis.kept import kept
@@ -75,7 +76,7 @@ class PartsOptions(Options):
     creases: float = changed(MedialSheetOptions, "creases")
 
 
-@algorithm(PartsOptions)
+@algorithm(PartsOptions, door=as_cloud)
 def parts(cloud: MedialCloud, options: PartsOptions, progress: Progress) -> Segmentation:
     """Divide a shape into parts: limbs and bodies, or the sheets of its skeleton.
 

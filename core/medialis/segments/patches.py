@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from medialis.balls.surface_skeleton import as_cloud
 from medialis.model.medial_cloud import MedialCloud
 from medialis.model.segmentation import Segmentation
 from medialis.options import Options, algorithm, angle, number
@@ -47,7 +48,7 @@ class PatchesOptions(Options):
     )
 
 
-@algorithm(PatchesOptions)
+@algorithm(PatchesOptions, door=as_cloud)
 def patches(cloud: MedialCloud, options: PatchesOptions, progress: Progress) -> Segmentation:
     """Divide a surface into patches along its edges, sharp or soft.
 

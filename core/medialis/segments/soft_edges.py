@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from medialis.balls.surface_skeleton import as_cloud
 from medialis.kept import Bound
 from medialis.model.medial_cloud import MedialCloud
 from medialis.options import Options, algorithm
@@ -72,7 +73,7 @@ class SoftEdgeOptions(Options):
     """Options of `soft_edges`: none, it has no scale to choose."""
 
 
-@algorithm(SoftEdgeOptions)
+@algorithm(SoftEdgeOptions, door=as_cloud)
 def soft_edges(cloud: MedialCloud, options: SoftEdgeOptions, progress: Progress) -> SoftEdges:
     """Find the edges of a surface, with how blunt they are and how far they turn.
 

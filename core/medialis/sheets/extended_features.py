@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from medialis.balls.surface_skeleton import as_cloud
 from medialis.model.feature_sets import FeatureSets
 from medialis.model.medial_cloud import MedialCloud
 from medialis.model.ragged import Ragged
@@ -39,7 +40,7 @@ class FeatureSetOptions(Options):
     but by the smallest balls."""
 
 
-@algorithm(FeatureSetOptions)
+@algorithm(FeatureSetOptions, door=as_cloud)
 def extended_feature_transform(
     cloud: MedialCloud, options: FeatureSetOptions, progress: Progress
 ) -> FeatureSets:

@@ -6,6 +6,7 @@ from enum import IntEnum
 
 import numpy as np
 
+from medialis.balls.surface_skeleton import as_cloud
 from medialis.model.medial_cloud import MedialCloud
 from medialis.options import Options, algorithm
 from medialis.progress import Progress
@@ -27,7 +28,7 @@ class PointType(IntEnum):
     """Three contacts (A1^3), near a curve where sheets meet."""
 
 
-@algorithm(Options, keep=False)
+@algorithm(Options, keep=False, door=as_cloud)
 def point_types(cloud: MedialCloud, options: Options, progress: Progress) -> IntArray:
     """Classify medial points by the number of places where their balls touch the surface.
 

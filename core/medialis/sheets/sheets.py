@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from medialis.balls.surface_skeleton import as_cloud
 from medialis.balls.thin_walls import BallOptions
 from medialis.kept import kept
 from medialis.model.feature_sets import FeatureSets
@@ -64,7 +65,7 @@ class MedialSheetOptions(Options):
     creases: float = changed(BallOptions, "creases")
 
 
-@algorithm(MedialSheetOptions)
+@algorithm(MedialSheetOptions, door=as_cloud)
 def medial_sheets(
     cloud: MedialCloud, options: MedialSheetOptions, progress: Progress
 ) -> MedialSheets:

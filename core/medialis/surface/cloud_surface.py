@@ -12,11 +12,12 @@ import numpy as np
 
 from medialis.errors import InvalidShapeError
 from medialis.model.shape import Shape
+from medialis.surface.given_shapes import ShapeLike, as_shape
 
 _FACES = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])  # face j is opposite corner j
 
 
-def surface_of_cloud(shape: Shape) -> Shape:
+def surface_of_cloud(shape: ShapeLike) -> Shape:
     """Triangulate a closed point cloud with oriented normals.
 
     Parameters
@@ -54,6 +55,7 @@ def surface_of_cloud(shape: Shape) -> Shape:
     >>> medialis.surface_of_cloud(medialis.Shape(shape.points, shape.normals)).faces is not None
     True
     """
+    shape = as_shape(shape)
     from scipy.spatial import Delaunay, QhullError
 
     points = (shape.points - shape.points.mean(axis=0)) / (shape.diagonal or 1.0)

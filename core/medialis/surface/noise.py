@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from medialis.errors import InvalidShapeError
 from medialis.model.shape import Shape
+from medialis.surface.given_shapes import ShapeLike, as_shape
 from medialis.surface.normals import vertex_normals
 from medialis.validation import FloatArray, IntArray, as_number
 
@@ -61,7 +62,7 @@ PRECISE, MOST_STEPS = 1e-4, 2000
 """Share of the change to which the smoothing is solved, and when to stop in any case."""
 
 
-def noise_level(shape: Shape) -> float:
+def noise_level(shape: ShapeLike) -> float:
     """Estimate the standard deviation of the noise of the vertices of a mesh.
 
     Parameters
@@ -92,7 +93,7 @@ def noise_level(shape: Shape) -> float:
     >>> medialis.noise_level(shape) < 0.05 * shape.spacing
     True
     """
-    return noise_above(shape, 0.0)
+    return noise_above(as_shape(shape), 0.0)
 
 
 def noise_above(shape: Shape, least: float) -> float:
@@ -186,7 +187,7 @@ def _on_planes(shape: Shape) -> NDArray[np.bool_]:
     return result
 
 
-def smooth_noise(shape: Shape, level: float) -> tuple[Shape, float]:
+def smooth_noise(shape: ShapeLike, level: float) -> tuple[Shape, float]:
     """Smooth a mesh as much as noise of a given level needs, and no more.
 
     Parameters
@@ -233,6 +234,7 @@ def smooth_noise(shape: Shape, level: float) -> tuple[Shape, float]:
     >>> medialis.noise_level(smooth) < medialis.noise_level(rough)
     True
     """
+    shape = as_shape(shape)
     if shape.faces is None:
         raise InvalidShapeError("Smoothing needs a mesh, got a point cloud.")
     level = as_number(level, "level", low=0.0)

@@ -21,6 +21,7 @@ from medialis.options import Options, algorithm, length
 from medialis.progress import Progress
 from medialis.surface._halving import LONG, Cut, TooManyPointsError, edges_of_sides
 from medialis.surface._volumes import power_of_two_scale
+from medialis.surface.given_shapes import as_shape
 from medialis.surface.normals import mean_normals
 from medialis.threads import run_patiently
 from medialis.validation import FloatArray
@@ -51,7 +52,7 @@ class RefineOptions(Options):
     )
 
 
-@algorithm(RefineOptions)
+@algorithm(RefineOptions, door=as_shape)
 def refine(shape: Shape, options: RefineOptions, progress: Progress) -> Shape:
     """Split edges until none is longer than `longest_edge`; the surface stays exactly the same.
 

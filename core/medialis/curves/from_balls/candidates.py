@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from medialis.balls.surface_skeleton import as_cloud
 from medialis.curves.graph.ground import nearest_neighbours
 from medialis.kept import Bound, kept
 from medialis.model.geodesic_paths import Importance
@@ -86,7 +87,7 @@ class CandidateMeasure(Bound):
         return frozen(np.maximum(r, rho / 2 - (np.pi / 2 - 1) * r), np.float64)
 
 
-@algorithm(Options, keep=False)
+@algorithm(Options, keep=False, door=as_cloud)
 def tangent_field(cloud: MedialCloud, options: Options, progress: Progress) -> FloatArray:
     """Compute the side of each skeleton point on which its geodesic runs.
 
@@ -124,7 +125,7 @@ def tangent_field(cloud: MedialCloud, options: Options, progress: Progress) -> F
     return _field(geodesic_importance.of(cloud, options, progress))[1]
 
 
-@algorithm(Options)
+@algorithm(Options, door=as_cloud)
 def candidate_measure(cloud: MedialCloud, options: Options, progress: Progress) -> CandidateMeasure:
     """Measure how likely each skeleton point lies on the curve skeleton.
 

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from medialis.balls.surface_skeleton import as_cloud
 from medialis.curves.from_balls.area import smooth_importance
 from medialis.curves.from_balls.candidates import (
     CandidateMeasure,
@@ -83,7 +84,7 @@ class _Ground(Bound):
     handles: dict[int, Handles] = field(default_factory=dict)
 
 
-@algorithm(CurveSkeletonOptions)
+@algorithm(CurveSkeletonOptions, door=as_cloud)
 def curve_skeleton(
     cloud: MedialCloud, options: CurveSkeletonOptions, progress: Progress
 ) -> CurveSkeleton:

@@ -1,0 +1,62 @@
+"""Write the signature of `medialis.run` for each operation, for editors and type checkers.
+
+python docs/make_run_signatures.py    after an option or an operation has changed
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import medialis
+from medialis.operations.declaration import Operation
+from medialis.options import Kind, Parameter
+
+STUB = Path(medialis.__file__).parent / "operations" / "typed_run.pyi"
+TYPES = {Kind.INT: "int", Kind.BOOL: "bool", Kind.FILE: "str", Kind.LENGTH: "float | str | Length"}
+HEAD = """\
+# Made by docs/make_run_signatures.py from the registry.
+from typing import Any, Literal, overload
+
+from medialis.operations.result import Result
+from medialis.progress import Progress, ProgressCallback
+from medialis.surface.given_shapes import ShapeLike
+from medialis.units import Length
+
+"""
+OVERLOAD = """\
+@overload
+def run(
+    name: {name},
+    shape: ShapeLike,
+    *,
+    threads: int | None = None,
+    progress: Progress | ProgressCallback | None = None,
+{options}) -> Result: ...
+"""
+
+
+def stub() -> str:
+    """Return the whole stub: one overload an operation, and one for names that are not literal."""
+    known = (_overload(chosen) for chosen in medialis.OPERATIONS)
+    other = OVERLOAD.format(name="str", options="    **parameters: Any,\n")
+    return "".join([HEAD, *known, other])
+
+
+def _overload(chosen: Operation) -> str:
+    options = (f"    {p.name}: {_type(p)} = {_literal(p.default)},\n" for p in chosen.parameters)
+    return OVERLOAD.format(name=f'Literal["{chosen.name}"]', options="".join(options))
+
+
+def _type(parameter: Parameter) -> str:
+    if parameter.choices:
+        return f"Literal[{', '.join(map(_literal, parameter.choices))}]"
+    return TYPES.get(parameter.kind, "float")
+
+
+def _literal(value: Any) -> str:
+    return f'"{value}"' if isinstance(value, str) else repr(value)
+
+
+if __name__ == "__main__":
+    STUB.write_text(stub(), encoding="utf-8")
