@@ -37,7 +37,7 @@ def lines(result: Result, layers: Sequence[Layer], name: str, earlier: int = 0) 
     return "\n".join(
         [
             headline(result, layers, name),
-            *value_lines(result.values),
+            *value_lines(result.values, result.shape.unit),
             *(f"{_mark(message)} {message}" for message in messages),
         ]
     )

@@ -157,7 +157,7 @@ def test_the_command_line_takes_lengths_and_the_unit_of_a_file(creature, tmp_pat
     assert manifest["parameters"]["threshold"] == pytest.approx(0.05 / creature.diagonal)
     assert manifest["unit"] == "cm" and manifest["lengths"] == {"threshold": "0.5 mm"}
     for bad in (["--threshold", "1"], ["--threshold", "1mm"], ["--unit", "ell"]):
-        assert main([*plain, *bad]) == 2
+        assert main([*plain, "--overwrite", *bad]) == 2
     said = capsys.readouterr().err.splitlines()
     assert "write 1mm" in said[0] and "--unit mm" in said[1] and "unit must be" in said[2]
 

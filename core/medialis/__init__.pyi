@@ -131,6 +131,7 @@ from medialis.surface.reading import read_shape as read_shape
 from medialis.surface.refinement import refine as refine
 from medialis.surface.repair import Repair as Repair
 from medialis.surface.repair import repair as repair
+from medialis.surface.samples import sample_shape as sample_shape
 from medialis.threads import thread_count as thread_count
 from medialis.threads import thread_limit as thread_limit
 from medialis.units import Length as Length

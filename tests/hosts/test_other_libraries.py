@@ -148,6 +148,6 @@ def test_attributes_go_to_ply_only(tmp_path, result, curve):
 
 def test_notebooks_show_a_picture_and_the_values(result):
     text = result._repr_html_()
-    assert 'src="data:image/png;base64,' in text and "thickness min" in text
+    assert 'src="data:image/png;base64,' in text and "thickness: " in text and ", median " in text
     hostile = dataclasses.replace(result, operation="<script>alert(1)</script>")
     assert "<script>" not in hostile._repr_html_()

@@ -11,13 +11,13 @@ from typing import Any
 
 from medialis.batches.files import READABLE, find_files, is_folder, unique_names
 from medialis.errors import FileError, InvalidOptionError
-from medialis.files._files import absolute
 from medialis.files.output_folder import MANIFEST
 from medialis.kept import Described
+from medialis.operations.existing_results import as_given, input_stamp, parameters_given
 from medialis.operations.registry import operation
 from medialis.operations.writing import THUMBNAIL, content
 from medialis.progress import Progress
-from medialis.units import Length, as_unit
+from medialis.units import as_unit
 from medialis.version import package_version
 
 DONE, FAILED = "done", "failed"
@@ -112,9 +112,8 @@ class Job:
             files = {Path(name).name for name in manifest["files"]}
             same = (
                 manifest["medialis"] == package_version()
-                and {**manifest["parameters"], **manifest["lengths"]}
-                == dict(self.operations[operation_name])
-                and manifest["input_stamp"] == stamp(self.file)
+                and parameters_given(manifest) == dict(self.operations[operation_name])
+                and manifest["input_stamp"] == input_stamp(self.file)
                 and manifest["input_unit"] == self.unit
                 and (THUMBNAIL in files or not self.picture)
                 and (REPORT in files or not self.report)
@@ -168,18 +167,6 @@ def _is_complete(manifest: Mapping[str, Any]) -> bool:
     )
 
 
-def stamp(file: str) -> list[str | int]:
-    """Path, size and time of change of a file: another input under a name is computed anew.
-
-    Raises
-    ------
-    OSError
-        When there is no such file.
-    """
-    found = Path(file).stat()
-    return [str(absolute(file)), found.st_size, found.st_mtime_ns]
-
-
 def _reading(given: Mapping[str, Any]) -> str | None:
     """Return the unit that files are read in, the one option of `read_shape` that a batch has."""
     if unknown := sorted(set(given) - {"unit"}):
@@ -211,8 +198,7 @@ def plan(
     for name in operations:
         found = operation(name)
         options = found.resolve(given.pop(name, given.pop(found.name, {})))
-        values = options.values().items()
-        chosen[found.name] = {n: str(v) if isinstance(v, Length) else v for n, v in values}
+        chosen[found.name] = as_given(options)
     if not chosen:
         raise InvalidOptionError("A batch needs at least one operation, got none.")
     if given:

@@ -7,13 +7,14 @@ import logging
 import time
 from dataclasses import dataclass
 
-from medialis.batches.jobs import Job, Row, stamp
+from medialis.batches.jobs import Job, Row
 from medialis.errors import Cancelled, MedialisError
 from medialis.files.results import json_text
 from medialis.kept import forget
 from medialis.model.shape import Shape
+from medialis.operations.existing_results import input_stamp
 from medialis.operations.registry import run
-from medialis.operations.writing import Pictures, write_result
+from medialis.operations.writing import Pictures, Written, write_files
 from medialis.progress import Message, Progress
 from medialis.surface.reading import read_shape
 from medialis.threads import thread_limit
@@ -66,7 +67,7 @@ def _rows(job: Job) -> list[Row]:
 def _read(job: Job) -> Source:
     clock, progress = time.perf_counter(), Progress()
     try:
-        here = stamp(job.file)
+        here = input_stamp(job.file)
     except (OSError, ValueError):
         here = []  # reading tells what is wrong
     shape = read_shape(job.file, unit=job.unit, progress=progress)
@@ -83,15 +84,14 @@ def _run_operation(job: Job, name: str, source: Source) -> Row:
 
         texts = report_texts(result, source=job.file)
     progress.seconds["total"] = source.seconds + time.perf_counter() - clock
-    manifest = write_result(
-        result,
-        job.folder(name),
-        source=job.file,
-        pictures=Pictures(main=job.picture, thumbnail=job.picture),
-        texts=texts,
-        progress=progress,
+    wanted = Written(
+        job.file,
+        Pictures(main=job.picture, thumbnail=job.picture),
+        texts=texts or {},
         record={"input_stamp": source.stamp, "input_unit": job.unit},
+        overwrite=True,  # a batch owns its folder, and computes anew what is not as it should be
     )
+    manifest = write_files(result, job.folder(name), wanted, progress)
     # As it is read back: a resumed batch must give the same table.
     return job.row(json.loads(json_text(manifest)))
 

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import argparse
+import difflib
 import sys
-from collections.abc import Callable, Mapping, Sequence
+import textwrap
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from medialis.cli.display import STYLES, say
@@ -15,6 +18,8 @@ if TYPE_CHECKING:
     from medialis.operations.declaration import Operation, Parameter
 
 Command = Callable[[argparse.Namespace], int]
+
+SHELLS = ("bash", "zsh", "fish")
 
 EXIT_OK, EXIT_BAD_INPUT, EXIT_SOME_FAILED, EXIT_CANCELLED = 0, 2, 3, 130
 
@@ -44,6 +49,32 @@ class _Parser(argparse.ArgumentParser):
     def error(self, message: str) -> Any:
         raise InvalidOptionError(f"{message} (see {self.prog} --help)")
 
+    def parse_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """Parse; what is unknown gets a sentence that names the nearest known words."""
+        given, unknown = self.parse_known_args(args, namespace)
+        if unknown:
+            sub = getattr(given, "parser", self)
+            known = [word for action in sub._actions for word in action.option_strings]
+            words = [word.partition("=")[0] for word in unknown if word.startswith("-")]
+            near = [nearest(word, known) for word in words]
+            raise InvalidOptionError(
+                f"{sub.prog} has no {' '.join(words or unknown)}{''.join(near)} (see {sub.prog} "
+                "--help)"
+            )
+        return given
+
+
+def nearest(word: str, known: Iterable[str]) -> str:
+    """Return a question that names the most similar known word, or nothing.
+
+    Examples
+    --------
+    >>> nearest("thicknes", ["thickness", "parts"])
+    '; did you mean thickness?'
+    """
+    close = difflib.get_close_matches(word, list(known), n=1)
+    return f"; did you mean {close[0]}?" if close else ""
+
 
 class _Version(argparse.Action):
     """Looks the version up when it is asked for."""
@@ -56,12 +87,23 @@ class _Version(argparse.Action):
 
 
 def build_parser(
-    run: Command, commands: Mapping[str, Command], chosen: str = ""
+    run: Command, commands: Mapping[str, Command], chosen: str = "", *, every: bool = False
 ) -> argparse.ArgumentParser:
     """Return the parser; `run` is the command of every operation, `commands` the others by name.
 
-    Of the operations only the `chosen` one is loaded and has its parameters.
+    Of the operations only the `chosen` one is loaded and has its parameters, or `every` one.
+
+    Raises
+    ------
+    InvalidOptionError
+        When the chosen command is none.
     """
+    names = [*(named.command for named in named_operations()), *commands]
+    if chosen and not chosen.startswith("-") and chosen not in names:
+        raise InvalidOptionError(
+            f"There is no command {chosen}{nearest(chosen, names) or '.'} All are listed by "
+            "medialis --help"
+        )
     parser = _Parser(
         prog="medialis",
         description="Medial descriptors of 3D shapes: skeletons, thickness, parts.",
@@ -72,14 +114,14 @@ def build_parser(
     group = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
     for named in named_operations():
         sub = group.add_parser(named.command, help=named.first_line)
-        if named.command == chosen:
+        if every or named.command == chosen:
             from medialis.operations.registry import operation
 
             _add_operation(sub, operation(named.name), run)
 
     def add(name: str, help_text: str) -> argparse.ArgumentParser:
         sub = group.add_parser(name, help=help_text, description=help_text)
-        sub.set_defaults(command=commands[name], verbose=False)
+        sub.set_defaults(command=commands[name], verbose=False, parser=sub)
         return sub
 
     info = add("info", "Diagnose a mesh or point cloud file, before and after repair.")
@@ -103,6 +145,11 @@ def build_parser(
     demo.add_argument("file", nargs="?", help="a mesh or point cloud of your own")
     demo.add_argument("-o", "--output", default="medialis-demo", help="output folder")
     _add_progress(demo)
+    sample = add("sample", "Write a shape to try things on; without a name: list them.")
+    sample.add_argument("name", nargs="?", help="its name")
+    sample.add_argument("-o", "--output", metavar="FILE", help="(default: NAME.ply, here)")
+    completion = add("completion", "Print the script by which a shell completes commands.")
+    completion.add_argument("shell", choices=SHELLS)
     return parser
 
 
@@ -125,13 +172,24 @@ def with_dashes(arguments: Sequence[str]) -> list[str]:
 
 
 def _add_operation(sub: argparse.ArgumentParser, chosen: Operation, run: Command) -> None:
-    from medialis.operations.writing import GRAPH_FORMATS
+    from medialis.operations.declaration import GRAPH_FORMATS
 
-    sub.description, sub.epilog = chosen.full_help, _EPILOG
+    sub.description, sub.epilog = _wrapped(chosen.full_help), f"{_examples(chosen)}\n\n{_EPILOG}"
     sub.formatter_class = argparse.RawDescriptionHelpFormatter
-    sub.add_argument("file", help="PLY, OBJ, OFF, STL or point text; more with the extra io")
     sub.add_argument(
-        "-o", "--output", help="output folder (default: FILE's name + -medialis, here)"
+        "file",
+        nargs="+",
+        metavar="FILE",
+        help="PLY, OBJ, OFF, STL or point text; more with the extra io. One: batch takes many",
+    )
+    sub.add_argument(
+        "-o",
+        "--output",
+        metavar="FOLDER",
+        help=f"folder of the results (default: NAME-medialis/{chosen.name}, here)",
+    )
+    sub.add_argument(
+        "--overwrite", action="store_true", help="replace another result in that folder"
     )
     _add_unit(sub)
     options = sub.add_argument_group("parameters")
@@ -146,12 +204,9 @@ def _add_operation(sub: argparse.ArgumentParser, chosen: Operation, run: Command
         "--turntable", type=int, default=0, metavar="N", help="also draw N views all round"
     )
     sub.add_argument(
-        "--host",
-        action="store_true",
-        help="write for a host program: layers in colours and fields on the file's own vertices, "
-        "no pictures, no NPZ",
-    )
-    sub.add_argument("--auxiliary", action="store_true", help="with --host: also write the samples")
+        "--host", action="store_true", help=argparse.SUPPRESS
+    )  # for host programs, see hosts/handover.py; and with it the samples:
+    sub.add_argument("--auxiliary", action="store_true", help=argparse.SUPPRESS)
     if chosen.makes_graph:
         sub.add_argument(
             "--formats",
@@ -161,12 +216,33 @@ def _add_operation(sub: argparse.ArgumentParser, chosen: Operation, run: Command
             "(default: %(default)s). SWC holds a tree: loops are cut, see its comments",
         )
     _add_progress(sub)
-    sub.set_defaults(command=run, operation=chosen)
+    sub.set_defaults(command=run, operation=chosen, parser=sub)
+
+
+def _wrapped(text: str) -> str:
+    """Return paragraphs in lines that fit a terminal."""
+    return "\n".join(textwrap.fill(line, 88) for line in text.splitlines())
+
+
+def _examples(chosen: Operation) -> str:
+    """Return worked examples, on shapes of `medialis sample`, and the files that come out."""
+    command = chosen.name.replace("_", "-")
+    lines = ["examples:"]
+    for arguments, meaning in chosen.examples:
+        lines += [f"  # {meaning}", f"  medialis {command} {arguments}"]
+    shapes = dict.fromkeys(arguments.split()[0] for arguments, _ in chosen.examples)
+    lines += [f"  (medialis sample {Path(shape).stem} writes {shape})" for shape in shapes]
+    lines += ["", "files:"]
+    width = max(map(len, chosen.layers), default=0) + 6
+    lines += [f"  {name + '.ply':<{width}}{text}" for name, text in chosen.layers.items()]
+    lines += [f"  {chosen.name}.npz, {chosen.name}.png, manifest.json: all arrays, a picture, "]
+    lines[-1] += "all numbers"
+    return "\n".join(lines)
 
 
 def _add_batch(sub: argparse.ArgumentParser) -> None:
     sub.description = (
-        "Run operations over many shapes in worker processes (extra dask). Results go to "
+        "Run operations over many shapes, in processes of this machine. Results go to "
         "OUTPUT/SHAPE/OPERATION, a table of all to OUTPUT/results.html and results.csv. One bad "
         "shape never stops the rest; the exit code is 3 then. Called again it computes only what "
         "is missing."
@@ -190,7 +266,9 @@ def _add_batch(sub: argparse.ArgumentParser) -> None:
     _add_unit(sub)
     sub.add_argument("--workers", type=int, help="processes (default: one a processor)")
     sub.add_argument(
-        "--scheduler", metavar="ADDRESS", help="use the workers of an existing Dask scheduler"
+        "--scheduler",
+        metavar="ADDRESS",
+        help="use the workers of an existing Dask scheduler instead (extra dask)",
     )
     sub.add_argument("--no-picture", action="store_true", help="draw no pictures")
     _add_report(sub, "of each result")

@@ -13,24 +13,19 @@ import threading
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
-from pathlib import Path
 from types import FrameType
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from medialis.cli.arguments import (
     EXIT_BAD_INPUT,
     EXIT_CANCELLED,
     EXIT_OK,
     build_parser,
-    number,
     with_dashes,
 )
 from medialis.cli.display import clear_bar, say, shown_progress
 from medialis.errors import Cancelled, InvalidShapeError, MedialisError
 from medialis.operations.names import named_operations
-
-if TYPE_CHECKING:
-    from medialis.operations.declaration import Operation
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -40,7 +35,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         with _ending_as_interrupt(interrupts):
             given = with_dashes(sys.argv[1:] if arguments is None else arguments)
-            parser = build_parser(_run_operation, COMMANDS, chosen=given[0] if given else "")
+            parser = build_parser(_operation, COMMANDS, chosen=given[0] if given else "")
             options = parser.parse_args(given)
             _configure_log(options)
             code: int = options.command(options)
@@ -117,104 +112,10 @@ def _configure_log(options: argparse.Namespace) -> None:
     logging.basicConfig(level=level, format="%(message)s", stream=sys.stderr)
 
 
-def _run_operation(options: argparse.Namespace) -> int:
-    from medialis.operations.writing import GRAPH_FORMATS
-    from medialis.options import NUMBERS, Kind
-    from medialis.units import as_unit
-    from medialis.validation import as_choice, as_whole_number
+def _operation(options: argparse.Namespace) -> int:
+    from medialis.cli.operation_command import run_operation
 
-    chosen: Operation = options.operation
-    given = {}
-    for parameter in chosen.parameters:
-        value = getattr(options, f"parameter_{parameter.name}")
-        as_text = parameter.kind not in NUMBERS or (
-            parameter.kind is Kind.LENGTH and not options.host
-        )
-        if value is not None:  # hosts give lengths as fractions, people with their units
-            given[parameter.name] = value if as_text else number(value)
-    chosen.resolve(given)  # bad options are reported before the file is read
-    as_unit(options.unit)
-    as_whole_number(options.turntable, "turntable", low=0, high=10_000)
-    for name in _formats(options):
-        as_choice(name, "formats", GRAPH_FORMATS)
-    output = options.output or Path(options.file).stem + "-medialis"
-    manifest = _compute(chosen.name, options.file, output, given, options)
-    if not options.host:  # a host reads the manifest from the folder
-        _report(manifest, options)
-    return EXIT_OK
-
-
-def _formats(options: argparse.Namespace) -> tuple[str, ...]:
-    """Return the graph formats to write, each once."""
-    return tuple(dict.fromkeys(filter(None, getattr(options, "formats", "").split(","))))
-
-
-def _compute(
-    name: str, file: str | None, output: str, given: dict[str, Any], options: argparse.Namespace
-) -> dict[str, Any]:
-    from medialis.hosts.handover import write_for_host
-    from medialis.operations.registry import run
-    from medialis.operations.writing import Pictures, write_result
-    from medialis.surface.generate import organic_shape
-    from medialis.surface.reading import read_shape
-    from medialis.threads import thread_limit
-
-    clock = time.perf_counter()
-    threads = getattr(options, "threads", None)
-    progress = shown_progress(options.progress)
-    with progress.stage("input", 0.0, 0.1):
-        unit = getattr(options, "unit", None)
-        shape = organic_shape() if file is None else read_shape(file, unit=unit, progress=progress)
-    with progress.stage("compute", 0.1, 0.7):
-        result = run(name, shape, threads=threads, progress=progress, **given)
-    source = "organic shape" if file is None else file
-    if getattr(options, "host", False):
-        with progress.stage("output", 0.7, 1.0):
-            return write_for_host(
-                result, shape, output, source=source, auxiliary=options.auxiliary, progress=progress
-            )
-    texts = None
-    if getattr(options, "report", False):
-        from medialis.reports.report import report_texts
-
-        with progress.stage("report", 0.7, 0.85), thread_limit(threads):
-            texts = report_texts(result, source=file, progress=progress)
-    with progress.stage("output", 0.85, 1.0), thread_limit(threads):
-        manifest = write_result(
-            result,
-            output,
-            source=source,
-            pictures=Pictures(
-                main=not getattr(options, "no_picture", False),
-                color_by=getattr(options, "color_by", None),
-                turntable=getattr(options, "turntable", 0),
-            ),
-            texts=texts,
-            formats=_formats(options),
-            progress=progress,
-        )
-    manifest["seconds"] = {**progress.seconds, "total": time.perf_counter() - clock}
-    return manifest
-
-
-def _report(manifest: dict[str, Any], options: argparse.Namespace) -> None:
-    from medialis.files.results import json_text
-    from medialis.operations.result import value_lines
-
-    if getattr(options, "json", False):
-        say(json_text(manifest))
-        return
-    say(f"{manifest['operation'].replace('_', ' ')} of {manifest['input']}")
-    for line in value_lines(manifest["values"]):
-        say(line)
-    for message, about in zip(manifest["messages"], manifest["notes"], strict=True):
-        say(f"{'warning' if about['warning'] else 'note'}: {message}")
-    say(f"{manifest['seconds']['total']:.2f} seconds")
-    for file in manifest["files"]:
-        if file != manifest["picture"]:
-            say(file)
-    if manifest["picture"]:
-        say(manifest["picture"])
+    return run_operation(options)
 
 
 def _info(options: argparse.Namespace) -> int:
@@ -326,10 +227,21 @@ def _meshlab_install(options: argparse.Namespace) -> int:
 
 
 def _demo(options: argparse.Namespace) -> int:
-    for file in [None] if options.file is None else [None, options.file]:
-        folder = Path(options.output) / ("organic_shape" if file is None else Path(file).stem)
-        _report(_compute("surface_skeleton", file, str(folder), {}, options), options)
-    return EXIT_OK
+    from medialis.cli.operation_command import run_demo
+
+    return run_demo(options)
+
+
+def _sample(options: argparse.Namespace) -> int:
+    from medialis.cli.samples import write_sample
+
+    return write_sample(options)
+
+
+def _completion(options: argparse.Namespace) -> int:
+    from medialis.cli.completion import print_script
+
+    return print_script(options)
 
 
 COMMANDS = {
@@ -339,6 +251,8 @@ COMMANDS = {
     "batch": _batch,
     "warmup": _warmup,
     "demo": _demo,
+    "sample": _sample,
+    "completion": _completion,
     "doctor": _doctor,
     "meshlab-install": _meshlab_install,
 }

@@ -6,6 +6,7 @@ import os
 import re
 import secrets
 import shutil
+from collections.abc import Iterable
 from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
@@ -72,6 +73,8 @@ class OutputFolder:
     ----------
     path : path
         The folder; made with its parents when missing. Files in it that are not written again stay.
+    replaced : iterable of str
+        Names of files that go in any case: those of an older result.
 
     Raises
     ------
@@ -88,8 +91,8 @@ class OutputFolder:
     'done'
     """
 
-    def __init__(self, path: str | os.PathLike[str]) -> None:
-        self.path = Path(path)
+    def __init__(self, path: str | os.PathLike[str], *, replaced: Iterable[str] = ()) -> None:
+        self.path, self._replaced = Path(path), tuple(replaced)
         self._hidden: Path | None = None
         self._lock: int | None = None
         self._made: list[Path] = []
@@ -203,6 +206,11 @@ class OutputFolder:
             if (target / MANIFEST).exists():  # a kill between moves leaves none
                 backup.mkdir(exist_ok=True)
                 (target / MANIFEST).replace(backup / MANIFEST)
+            for number, name in enumerate(self._replaced):
+                if name != MANIFEST and not (hidden / name).exists() and (target / name).is_file():
+                    backup.mkdir(exist_ok=True)
+                    done.append((target / name, backup / f"old{number}"))
+                    (target / name).replace(backup / f"old{number}")
             for number, source in enumerate(files):
                 place = target / source.relative_to(hidden)
                 self._make(place.parent)

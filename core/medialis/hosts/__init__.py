@@ -42,7 +42,8 @@ from medialis.hosts.words import (
 )
 from medialis.model.polylines import polylines
 from medialis.operations.declaration import Operation
-from medialis.operations.result import FilterUnit, Layer, Outcome, Result, value_lines
+from medialis.operations.quantities import value_lines
+from medialis.operations.result import FilterUnit, Layer, Outcome, Result
 from medialis.options import Kind, Parameter
 from medialis.render.colors import (
     MISSING,

@@ -146,6 +146,11 @@ OPERATION = Operation(
     "Each point of the surface has at most four bones, with weights that sum to 1 and stay on "
     "their own limb. Needs a mesh.",
     source=None,
+    examples=(("creature.ply", "bones and skin weights; armature.glb opens in other programs"),),
+    layers={
+        "armature": "one line for each bone",
+        "skin": "the surface with the bone that moves each vertex most",
+    },
     options=ArmatureRun,
     run=run,
     needs_faces=True,

@@ -126,6 +126,10 @@ OPERATION = Operation(
     "that differ, depth error in per cent of the size) tell how well the skeleton describes the "
     "shape. In progressive mode the balls are added in falling order of radius or spoke angle.",
     source="thesis 3.4",
+    examples=(("creature.ply --progressive", "how few balls are enough"),),
+    layers={
+        "balls": "the medial balls that were drawn",
+    },
     options=BallReconstructionRun,
     run=run,
     order=30,

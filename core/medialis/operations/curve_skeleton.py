@@ -277,6 +277,16 @@ OPERATION = Operation(
     "inside the shape. Each node has its radius, each point of the surface its branch. Needs a "
     "mesh; thin sheets have no meaningful curve skeleton.",
     source="thesis 3.6",
+    examples=(
+        ("creature.ply --formats swc,graphml", "a graph for neuron and network tools"),
+        ("creature.ply -o coarse --threshold 10%", "main branches only"),
+    ),
+    layers={
+        "curve_skeleton": "the graph as lines with radius, branch and importance",
+        "curve_skeleton_parts": "the surface with the branch and the node of each vertex",
+        "curve_skeleton_candidates": "the balls that the graph was chosen from",
+        "samples": "the surface as computed on; feature points and sources index its points",
+    },
     options=CurveSkeletonRun,
     run=run,
     needs_faces=True,

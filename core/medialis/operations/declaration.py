@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 from medialis.errors import InvalidOptionError
@@ -13,7 +13,10 @@ from medialis.operations.result import Outcome
 from medialis.options import Kind, Options, Parameter
 from medialis.progress import Progress
 
-__all__ = ["Kind", "Operation", "Parameter"]
+__all__ = ["GRAPH_FORMATS", "Kind", "Operation", "Parameter"]
+
+GRAPH_FORMATS = ("swc", "graphml", "json", "obj")
+"""Of a result with a graph; its layer is a PLY file in any case."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -40,6 +43,11 @@ class Operation(Described):
         Hosts do not offer it for point clouds; called with one it raises a sentence.
     makes_graph : bool
         Its outcome has a graph; hosts offer the graph formats.
+    examples : tuple of (str, str)
+        What may follow its name on the command line, on shapes of `medialis sample`, and what it
+        is for.
+    layers : dict of str
+        What each of its layers is, by their names; some may be missing in a result.
     """
 
     name: str
@@ -53,6 +61,8 @@ class Operation(Described):
     order: float = 1000.0
     needs_faces: bool = False
     makes_graph: bool = False
+    examples: tuple[tuple[str, str], ...] = ()
+    layers: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

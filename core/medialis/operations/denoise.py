@@ -107,6 +107,11 @@ OPERATION = Operation(
     "Keeps what belongs to a manifold, also where surfaces cross, and thin or sharp parts that are "
     "as dense as the surface beside them. No point is moved.",
     source="thesis 4.2.4.2",
+    examples=(("scan.ply", "the scan without the points that lie on no surface"),),
+    layers={
+        "denoised": "the points that are kept",
+        "noise": "all points, with those that go marked",
+    },
     options=DenoiseRun,
     run=run,
     order=160,

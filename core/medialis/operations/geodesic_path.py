@@ -138,6 +138,10 @@ OPERATION = Operation(
     "shortest path along the edges are shortened until they are straight everywhere; the shorter "
     "one wins. It is the shortest path in its neighbourhood.",
     source="thesis 3.3.2",
+    examples=(("creature.ply --start 0 --end 500", "the shortest path between two vertices"),),
+    layers={
+        "geodesic_path": "the paths as polylines with the distance from their start",
+    },
     options=GeodesicPathRun,
     run=run,
     needs_faces=True,

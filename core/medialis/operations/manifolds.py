@@ -178,6 +178,12 @@ OPERATION = Operation(
     "Works on any cloud, without normals, and on the vertices or the skeleton of a mesh. Each "
     "point belongs to no surface (noise), to one, or to several where they cross.",
     source="thesis 4.2",
+    examples=(("scan.ply", "which smooth surface each point of a scan lies on"),),
+    layers={
+        "manifolds": "the points with the number of their surface; -1 is noise",
+        "skeleton_manifolds": "the skeleton with the number of the surface of each point",
+        "manifold_surfaces": "the surfaces as triangles",
+    },
     options=ManifoldsRun,
     run=run,
     order=150,

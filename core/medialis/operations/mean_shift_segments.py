@@ -125,6 +125,11 @@ OPERATION = Operation(
     "Bumps are where the medial cloud is dense: seeds are shifted to the densest places, and "
     "the samples along their path are their segment.",
     source="thesis 5.3",
+    examples=(("teeth.ply --search-radius 5%", "one segment for each tooth"),),
+    layers={
+        "mean_shift_segments": "the surface with the number of the segment of each vertex",
+        "samples": "the same on the refined surface",
+    },
     options=MeanShiftSegmentsRun,
     run=run,
     order=170,

@@ -140,6 +140,13 @@ OPERATION = Operation(
     "Y-network as curves, and the scaffold: a graph of which sheets meet along which curves, with "
     "areas, lengths and mean radii.",
     source="thesis 6.2.2",
+    examples=(("creature.ply", "the smooth pieces of the skeleton, and where they meet"),),
+    layers={
+        "medial_sheets": "centers of the medial balls with their sheet",
+        "sheet_meshes": "the sheets as triangles",
+        "y_network": "the curves where sheets meet",
+        "samples": "the surface as computed on; feature points and sources index its points",
+    },
     options=MedialSheetsRun,
     run=run,
     order=110,

@@ -35,6 +35,11 @@ OPERATION = Operation(
     "shapes have a part for each sheet of the medial surface instead. Small parts are merged and "
     "borders smoothed.",
     source="thesis 6.3.3",
+    examples=(("creature.ply", "body, head, limbs and tail, numbered"),),
+    layers={
+        "parts": "the surface with the number of the part of each vertex and face",
+        "samples": "the same on the refined surface",
+    },
     options=PartsRun,
     run=run,
     order=140,

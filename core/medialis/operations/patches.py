@@ -34,6 +34,11 @@ OPERATION = Operation(
     "Edges are where the skeleton ends. Convex edges show in the inner skeleton, concave ones in "
     "the outer one. Small patches are merged.",
     source="thesis 6.3.2",
+    examples=(("creature.ply", "patches between the edges, numbered"),),
+    layers={
+        "patches": "the surface with the number of the patch of each vertex and face",
+        "samples": "the same on the refined surface",
+    },
     options=PatchesRun,
     run=run,
     order=130,

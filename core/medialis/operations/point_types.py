@@ -72,6 +72,11 @@ OPERATION = Operation(
     "of the skeleton (behind edges), 2 inside a sheet, 3 or more where sheets meet. Leaving out "
     "the rim cleans a skeleton quickly without tearing it.",
     source="thesis 6.2.1",
+    examples=(("creature.ply", "rim, sheet or Y-curve, for every point of the skeleton"),),
+    layers={
+        "point_types": "centers of the medial balls with their type",
+        "samples": "the surface as computed on; feature points and sources index its points",
+    },
     options=PointTypesRun,
     run=run,
     order=100,

@@ -226,33 +226,12 @@ class Result(Outcome, Described):
     def _repr_html_(self) -> str:
         """Return what notebooks show: a small picture beside the values."""
         from medialis.operations.pictures import picture_html
+        from medialis.operations.quantities import value_lines
 
-        lines = [*value_lines(self.values), *map(str, self.messages)]
+        lines = [*value_lines(self.values, self.shape.unit), *map(str, self.messages)]
         told = "<br>".join(html.escape(line) for line in lines)
         title = html.escape(self.operation.replace("_", " "))
         return (
             '<div style="display:flex;gap:1em;align-items:flex-start;flex-wrap:wrap">'
             f"{picture_html(self)}<div><b>{title}</b><br>{told}</div></div>"
         )
-
-
-def value_lines(values: Mapping[str, Any]) -> list[str]:
-    """Return the values of a result as lines for people; tables are for programs and left out.
-
-    Examples
-    --------
-    >>> value_lines({"points": 3, "spoke_angle_max": math.pi, "spots": [{}], "area": None})
-    ['points: 3', 'spoke angle max: 180.0 degrees', 'area: not defined']
-    """
-    found = []
-    for name, value in values.items():
-        parts = value.values() if isinstance(value, dict) else ()
-        if isinstance(value, list) or any(isinstance(part, list | dict) for part in parts):
-            continue
-        shown = f"{value:.6g}" if isinstance(value, float) else str(value)
-        if value is None:
-            shown = "not defined"
-        elif name.startswith("spoke_angle"):  # radians in the core, degrees for people
-            shown = f"{math.degrees(value):.1f} degrees"
-        found.append(f"{name.replace('_', ' ')}: {shown}")
-    return found

@@ -149,6 +149,11 @@ OPERATION = Operation(
     "threshold removes what bumps and noise made and leaves the rest in one piece. Spoke angle, "
     "radius, feature radius and radius ratio come along for comparison. Needs a mesh.",
     source="thesis 3.3",
+    examples=(("creature.ply --threshold 2%", "only what is more important than 2 % of the size"),),
+    layers={
+        "skeleton_importance": "centers of the medial balls with their importance",
+        "samples": "the surface as computed on; feature points and sources index its points",
+    },
     options=SkeletonImportanceRun,
     run=run,
     order=20,

@@ -106,6 +106,13 @@ OPERATION = Operation(
     "rims of the sheets) are left out. Each point carries the radius of its ball, the spoke angle "
     "and its feature points.",
     source="thesis 3.4.1",
+    examples=(
+        ("creature.ply --importance 2%", "the skeleton as triangles, without what is unimportant"),
+    ),
+    layers={
+        "skeleton_mesh": "the skeleton as triangles, each sheet once",
+        "samples": "the surface as computed on; feature points and sources index its points",
+    },
     options=SkeletonMeshRun,
     run=run,
     needs_faces=True,

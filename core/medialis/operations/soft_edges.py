@@ -71,6 +71,11 @@ OPERATION = Operation(
     "sharpness: this angle as a share of a right angle. Vertices off all edges have the sharpness "
     "0 and the largest radius.",
     source="thesis 6.3.1",
+    examples=(("creature.ply", "radius and angle of every edge, sharp or blunt"),),
+    layers={
+        "soft_edges": "the surface with the sharpness of its edges",
+        "samples": "the same on the refined surface",
+    },
     options=SoftEdgesRun,
     run=run,
     order=120,

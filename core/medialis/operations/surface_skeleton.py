@@ -164,6 +164,15 @@ OPERATION = Operation(
     "carries its importance as well, and what bumps and noise make is hidden. Works on meshes, "
     "also open or non-manifold ones, and on point clouds.",
     source="thesis 3.2, 3.3",
+    examples=(
+        ("creature.ply", "centers and radii of all medial balls"),
+        ("creature.ply -o fine --threshold 0.5% --subsample 1%", "more detail, evenly thinned"),
+    ),
+    layers={
+        "surface_skeleton": "centers of the medial balls with radius, spoke angle, feature points "
+        "and importance",
+        "samples": "the surface as computed on; feature points and sources index its points",
+    },
     options=SurfaceSkeletonRun,
     run=run,
     order=10,

@@ -230,6 +230,15 @@ OPERATION = Operation(
     "is taken, so that every vertex has a value. Thin spots are listed with both ends, value, area "
     "and vertices, one entry for each place; overlaps of parts are told from walls.",
     source="thesis 3.5.1",
+    examples=(
+        ("creature.ply --unit mm --threshold 0.1mm", "where the wall is thinner than 0.1 mm"),
+        ("creature.ply -o report --report", "the thinnest places, with a page on how sure that is"),
+    ),
+    layers={
+        "thickness": "the surface with the thickness behind each vertex, and its thin spot",
+        "thin_spots": "one point for each thin spot, the thinnest first",
+        "samples": "the same on the refined surface",
+    },
     options=ThicknessRun,
     run=run,
     order=40,

@@ -134,6 +134,11 @@ OPERATION = Operation(
     "linked to a graph with branches and loops. It needs no clean mesh: holes, overlaps and "
     "wrong orientations do not matter. Parts that no view shows are not found.",
     source="thesis 3.7",
+    examples=(("creature.ply --pairs 40 --size 128", "fewer and smaller views: a quick look"),),
+    layers={
+        "view_curve_skeleton": "the graph as lines with radius and branch",
+        "view_points": "the points that the views gave, from which the graph was made",
+    },
     options=ViewCurveSkeletonRun,
     run=run,
     order=80,

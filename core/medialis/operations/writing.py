@@ -6,7 +6,7 @@ import hashlib
 import logging
 import os
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -18,15 +18,21 @@ from medialis.files.curve_graphs import write_curve_skeleton
 from medialis.files.output_folder import MANIFEST, OutputFolder
 from medialis.files.ply_attributes import write_ply
 from medialis.files.results import write_json, write_npz
+from medialis.model.shape import Shape
+from medialis.operations.declaration import GRAPH_FORMATS
+from medialis.operations.existing_results import (
+    check_free,
+    check_same,
+    files_of,
+    manifest_in,
+    parameters_given,
+)
 from medialis.operations.pictures import draw_result, draw_turntable, require_attribute
 from medialis.operations.result import Result
 from medialis.progress import Message, Progress, ProgressCallback
 from medialis.render.png import reduced, write_png
 from medialis.validation import as_choice
 from medialis.version import package_version
-
-GRAPH_FORMATS = ("swc", "graphml", "json", "obj")
-"""Of a result with a graph; its layer is a PLY file in any case."""
 
 THUMBNAIL, THUMBNAIL_WIDTH = "thumbnail.png", 250
 
@@ -39,6 +45,7 @@ def describe_result(result: Result, **more: Any) -> dict[str, Any]:
         "parameters": dict(result.parameters),
         "lengths": lengths_given(result.messages),
         "unit": result.shape.unit,
+        "shape": shape_checksum(result.shape),
         "seconds": dict(result.seconds),
         "values": dict(result.values),
         "messages": [str(message) for message in result.messages],
@@ -66,6 +73,12 @@ def describe_result(result: Result, **more: Any) -> dict[str, Any]:
         ],
         **more,
     }
+
+
+def shape_checksum(shape: Shape) -> str:
+    """Return a checksum of a shape as computed on, by which results of others are told."""
+    known = shape.identity
+    return known.hex() if isinstance(known, bytes) else ""
 
 
 def lengths_given(messages: Sequence[str]) -> dict[str, str]:
@@ -104,6 +117,33 @@ class Pictures:
     thumbnail: bool = False
 
 
+@dataclass(frozen=True)
+class Written:
+    """What is written of a result.
+
+    Attributes
+    ----------
+    source : str or None
+        Name of the input.
+    pictures : Pictures
+    formats : sequence of str
+        Of the result's graph.
+    texts : dict
+        More files: their text by name.
+    record : dict
+        More entries for the manifest.
+    overwrite : bool
+        Replace what is there.
+    """
+
+    source: str | None = None
+    pictures: Pictures = Pictures()
+    formats: Sequence[str] = GRAPH_FORMATS
+    texts: Mapping[str, str] = field(default_factory=dict)
+    record: Mapping[str, Any] = field(default_factory=dict)
+    overwrite: bool = False
+
+
 def write_result(
     result: Result,
     folder: str | os.PathLike[str],
@@ -111,8 +151,7 @@ def write_result(
     source: str | None = None,
     pictures: Pictures = Pictures(),
     formats: Sequence[str] = GRAPH_FORMATS,
-    texts: Mapping[str, str] | None = None,
-    record: Mapping[str, Any] | None = None,
+    overwrite: bool = False,
     progress: Progress | ProgressCallback | None = None,
 ) -> dict[str, Any]:
     """Write a result into a folder; when anything fails nothing is left behind.
@@ -122,17 +161,15 @@ def write_result(
     result : Result
         From `medialis.run`.
     folder : path
-        Created when missing; files of the same name are replaced.
+        Created when missing. It may hold the same result, which is replaced.
     source : str, optional
         Name of the input, for titles and the manifest.
     pictures : Pictures
         Which pictures to draw.
     formats : sequence of str
         Formats of the result's graph, if it has one: swc, graphml, json, obj.
-    texts : dict, optional
-        More files: their text by name.
-    record : dict, optional
-        More entries for the manifest.
+    overwrite : bool
+        Replace another result, with all its files, and other files of the same names.
     progress : callable, optional
         Called with (fraction, text); returning False cancels.
 
@@ -147,7 +184,7 @@ def write_result(
     InvalidOptionError
         When the first layer has no attribute ``pictures.color_by``, or a format is unknown.
     FileError
-        When the folder cannot be written.
+        When the folder cannot be written, or holds something else and `overwrite` is False.
 
     See Also
     --------
@@ -164,36 +201,32 @@ def write_result(
     >>> manifest["operation"], manifest["picture"].endswith("thickness.png")
     ('thickness', True)
     """
-    progress = Progress.of(progress)
+    wanted = Written(source, pictures, formats, overwrite=overwrite)
+    return write_files(result, folder, wanted, Progress.of(progress))
+
+
+def write_files(
+    result: Result, folder: str | os.PathLike[str], wanted: Written, progress: Progress
+) -> dict[str, Any]:
+    """Write what is wanted of a result; see `write_result`."""
+    pictures = wanted.pictures
     if pictures.color_by is not None:
         require_attribute(result.layers, pictures.color_by)
-    for ending in formats:
+    for ending in wanted.formats:
         as_choice(ending, "formats", GRAPH_FORMATS)
-    title = result.operation.replace("_", " ") + (f" of {Path(source).name}" if source else "")
+    about = describe_result(result, input=wanted.source, **wanted.record)
+    if not wanted.overwrite:
+        check_same(folder, {**about, "parameters": parameters_given(about)})
     drawn: list[str] = []
-    with OutputFolder(folder) as out:
-        names: list[str] = []
+    with OutputFolder(folder, replaced=files_of(manifest_in(folder))) as out:
+        names = _write_data(out, result, wanted.formats, progress)
 
         def new(name: str) -> Path:
             names.append(name)
             return out.file(name)
 
-        with progress.stage("write", 0.0, 0.5):
-            for number, layer in enumerate(result.layers):
-                write_ply(
-                    new(f"{layer.name}.ply"),
-                    layer.points,
-                    faces=layer.faces,
-                    edges=layer.edges,
-                    attributes=layer.attributes,
-                    face_attributes=layer.face_attributes,
-                )
-                progress.update((number + 1) / (len(result.layers) + 1))
-            if result.graph is not None:
-                for ending in formats:
-                    write_curve_skeleton(new(f"{result.operation}.{ending}"), result.graph)
-            write_npz(new(f"{result.operation}.npz"), result.arrays)
         with progress.stage("picture", 0.5, 0.95):
+            title = _title(result, wanted.source)
             for name, image in _main_pictures(result, pictures, title, progress.unnamed):
                 drawn.append(name)
                 write_png(new(name), image)
@@ -203,23 +236,54 @@ def write_result(
             views = draw_turntable(result, count, color_by=color_by, progress=progress.unnamed)
             for number, image in enumerate(views if count else ()):
                 write_png(new(f"turntable_{number:03d}.png"), image)
-        for name, text in (texts or {}).items():
+        for name, text in wanted.texts.items():
             with complete_file(new(name)) as stream:
                 stream.write(text.encode("utf-8", "backslashreplace"))  # as in write_json
         with progress.stage("check", 0.95, 1.0):
             contents = {name: content(out.file(name), progress) for name in names}
         names.append(MANIFEST)
+        if not wanted.overwrite:
+            check_free(folder, names)
         base = Path(folder)
-        manifest = describe_result(
-            result,
-            input=source,
-            files=[str(base / name) for name in names],
-            contents=contents,
-            picture=str(base / drawn[0]) if drawn else None,
-            **(record or {}),
-        )
+        manifest = about | {
+            "files": [str(base / name) for name in names],
+            "contents": contents,
+            "picture": str(base / drawn[0]) if drawn else None,
+        }
         write_json(out.file(MANIFEST), manifest)
     return manifest
+
+
+def _title(result: Result, source: str | None) -> str:
+    return result.operation.replace("_", " ") + (f" of {Path(source).name}" if source else "")
+
+
+def _write_data(
+    out: OutputFolder, result: Result, formats: Sequence[str], progress: Progress
+) -> list[str]:
+    """Write layers, graph and arrays; return the names of the files."""
+    names: list[str] = []
+
+    def new(name: str) -> Path:
+        names.append(name)
+        return out.file(name)
+
+    with progress.stage("write", 0.0, 0.5):
+        for number, layer in enumerate(result.layers):
+            write_ply(
+                new(f"{layer.name}.ply"),
+                layer.points,
+                faces=layer.faces,
+                edges=layer.edges,
+                attributes=layer.attributes,
+                face_attributes=layer.face_attributes,
+            )
+            progress.update((number + 1) / (len(result.layers) + 1))
+        if result.graph is not None:
+            for ending in formats:
+                write_curve_skeleton(new(f"{result.operation}.{ending}"), result.graph)
+        write_npz(new(f"{result.operation}.npz"), result.arrays)
+    return names
 
 
 def content(file: Path, progress: Progress) -> dict[str, Any]:

@@ -1,0 +1,116 @@
+"""What a command prints of a result: one screen with numbers, messages and files."""
+
+from __future__ import annotations
+
+import shutil
+import sys
+import textwrap
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from medialis.operations.quantities import value_rows, value_text
+from medialis.operations.registry import operation
+
+MOST_ROWS = 5
+"""Of a table of places; the manifest has them all."""
+
+WIDEST, NARROWEST = 100, 60
+
+FILES = {
+    "manifest.json": "all numbers, options and messages, for programs",
+    "report.html": "how good the result is, a page for the browser",
+    "report.json": "the same for programs",
+    ".npz": "all arrays, for numpy.load",
+    ".png": "picture",
+    ".swc": "the graph as a tree, for tools that read neurons",
+    ".graphml": "the graph, for tools that read networks",
+    ".json": "the graph with all that it holds",
+    ".obj": "the graph as lines, for modelling programs",
+    ".glb": "the shape with its bones and skin weights, for animation programs",
+    ".html": "the result to turn round, for the browser",
+}
+"""What a file is for, by its name or its ending."""
+
+
+def summary_lines(manifest: Mapping[str, Any], width: int | None = None) -> Iterator[str]:
+    """Yield what there is to say of a result, from its manifest."""
+    columns = width or _columns()
+    values, unit = manifest["values"], manifest["unit"]
+    yield f"{manifest['operation'].replace('_', ' ')} of {manifest['input']}"
+    yield from _indented(_aligned(value_rows(values, unit)))
+    if spots := values.get("spots"):
+        yield from _indented(_spot_table(spots, unit))
+    for message, about in zip(manifest["messages"], manifest["notes"], strict=True):
+        text = f"{'warning' if about['warning'] else 'note'}: {message}"
+        yield from textwrap.wrap(text, columns, subsequent_indent="  ", break_long_words=False)
+    folder = Path(manifest["files"][0]).parent
+    yield f"{len(manifest['files'])} files in {folder}, {manifest['seconds']['total']:.1f} seconds:"
+    yield from _indented(_shortened(_aligned(_files(manifest)), columns - 2))
+
+
+def _columns() -> int:
+    """Return how wide lines may be; what goes on to a program or a file stays in one line."""
+    if not sys.stdout.isatty():
+        return sys.maxsize
+    return min(max(shutil.get_terminal_size().columns, NARROWEST), WIDEST)
+
+
+def file_meanings(manifest: Mapping[str, Any]) -> dict[str, str]:
+    """Return what each file of a result is for, by its name, the picture first."""
+    layers = operation(manifest["operation"]).layers
+    names = [Path(file).name for file in manifest["files"]]
+    picture = Path(manifest["picture"] or "").name
+    return {name: _meaning(name, layers) for name in sorted(names, key=lambda n: n != picture)}
+
+
+def _files(manifest: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    """Give names and meanings; many pictures of a turntable are one line."""
+    views = [name for name in file_meanings(manifest) if name.startswith("turntable_")]
+    for name, meaning in file_meanings(manifest).items():
+        if name not in views:
+            yield name, meaning
+        elif name == views[0]:
+            yield f"{views[0]} ...", f"{len(views)} views all round"
+
+
+def _meaning(name: str, layers: Mapping[str, str]) -> str:
+    """Return what a file is for."""
+    stem, ending = Path(name).stem, Path(name).suffix
+    return layers.get(stem, "") if ending == ".ply" else FILES.get(name, FILES.get(ending, ""))
+
+
+def _spot_table(spots: Sequence[Mapping[str, Any]], unit: str | None) -> list[str]:
+    """Return the thinnest places as a table: number, what, how thin, how large, where."""
+    head = ("", "thin spots", "value", "area", "position")
+    rows = [
+        (
+            str(number),
+            spot["kind"],
+            value_text("value", spot["value"], unit),
+            value_text("area", spot["area"], unit) if spot["area"] is not None else "",
+            ", ".join(f"{x:.4g}" for x in spot["position"]),
+        )
+        for number, spot in enumerate(spots[:MOST_ROWS])
+    ]
+    left = len(spots) - len(rows)
+    more = [f"{left} more in manifest.json"] if left else []
+    return _aligned([head, *rows]) + more
+
+
+def _aligned(rows: Iterator[tuple[str, ...]] | Sequence[tuple[str, ...]]) -> list[str]:
+    """Return rows of texts as lines with columns of equal width."""
+    table = list(rows)
+    widths = [max(map(len, column)) for column in zip(*table, strict=True)]
+    return [
+        "  ".join(f"{text:<{width}}" for text, width in zip(row, widths, strict=True)).rstrip()
+        for row in table
+    ]
+
+
+def _shortened(lines: Sequence[str], columns: int) -> Iterator[str]:
+    return (line if len(line) <= columns else line[: columns - 3] + "..." for line in lines)
+
+
+def _indented(lines: Sequence[str] | Iterator[str]) -> Iterator[str]:
+    return (f"  {line}" for line in lines)

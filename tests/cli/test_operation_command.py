@@ -1,0 +1,240 @@
+"""Results beside each other, what is said of them, and words that are nearly right."""
+
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import medialis
+from medialis.cli.commands import main
+from medialis.cli.completion import completion_script
+from medialis.cli.summary import file_meanings, summary_lines
+from medialis.files.ply_attributes import write_ply
+from medialis.operations.registry import OPERATIONS
+from medialis.surface.samples import SAMPLES
+
+SCREEN, WIDE = 40, 100
+QUICK = {"view_curve_skeleton": ["--pairs", "40", "--size", "128"]}
+
+
+@pytest.fixture(scope="module")
+def creature(tmp_path_factory):
+    shape = medialis.organic_shape(56)
+    path = tmp_path_factory.mktemp("shapes") / "creature.ply"
+    write_ply(path, shape.points, faces=shape.faces)
+    return path
+
+
+@pytest.fixture
+def here(creature, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    shutil.copy(creature, tmp_path / "creature.ply")
+    return tmp_path
+
+
+def run(*arguments: object) -> int:
+    return main([str(a) for a in arguments])
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {str(p.relative_to(folder)): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
+
+
+def test_a_second_operation_leaves_the_first_alone(here):
+    """`thickness` and `surface-skeleton` had one folder, and one samples.ply for both."""
+    assert run("surface-skeleton", "creature.ply", "--no-picture") == 0
+    before = contents(here / "creature-medialis")
+    assert run("thickness", "creature.ply", "--no-picture") == 0
+    after = contents(here / "creature-medialis")
+    assert before.items() <= after.items()
+    assert {Path(name).parts[0] for name in after} == {"surface_skeleton", "thickness"}
+
+
+def test_the_same_result_may_be_written_again(here, capsys):
+    assert run("thickness", "creature.ply", "--no-picture", "--threshold", "2%") == 0
+    assert run("thickness", "creature.ply", "--no-picture", "--threshold", "2 %") == 0
+    assert run("thickness", "creature.ply", "--threshold", "2%") == 0
+    assert capsys.readouterr().err == ""
+    assert (here / "creature-medialis" / "thickness" / "thickness.png").is_file()
+
+
+@pytest.mark.parametrize("what", ["parameter", "unit", "input", "version", "operation", "damaged"])
+def test_another_result_is_not_overwritten(what, here, capsys):
+    command = ["thickness", "creature.ply", "-o", "out", "--no-picture"]
+    assert run(*command) == 0
+    folder, told = here / "out", {"parameter": "threshold", "unit": "another unit"}
+    manifest = json.loads((folder / "manifest.json").read_text())
+    if what == "parameter":
+        command += ["--threshold", "1%"]
+    elif what == "unit":
+        command += ["--unit", "mm"]
+    elif what == "operation":
+        command[0], told[what] = "point-types", "operation thickness"
+    elif what == "input":
+        os.utime(here / "creature.ply", ns=(1, 1))
+        told[what] = "another input"
+    elif what == "version":
+        (folder / "manifest.json").write_text(json.dumps({**manifest, "medialis": "0.1"}))
+        told[what] = "of medialis 0.1"
+    else:
+        (folder / "manifest.json").write_text("{")
+        told[what] = "of the operation unknown"
+    before = contents(folder)
+    assert run(*command) == 2
+    said = capsys.readouterr().err
+    assert told[what] in said and "--overwrite" in said and said.count("\n") == 1
+    assert contents(folder) == before
+    assert run(*command, "--overwrite") == 0
+    new = json.loads((folder / "manifest.json").read_text())
+    assert sorted(p.name for p in folder.iterdir()) == sorted(Path(f).name for f in new["files"])
+
+
+def test_overwriting_leaves_no_file_of_the_old_result(here):
+    result = medialis.run("surface_skeleton", medialis.organic_shape(56))
+    medialis.write_result(result, here / "out")
+    (here / "out" / "notes.txt").write_text("mine")
+    other = medialis.run("point_types", medialis.organic_shape(56))
+    with pytest.raises(medialis.FileError, match="operation surface_skeleton"):
+        medialis.write_result(other, here / "out")
+    medialis.write_result(other, here / "out", overwrite=True)
+    names = {p.name for p in (here / "out").iterdir()}
+    assert "notes.txt" in names and not {n for n in names if n.startswith("surface_skeleton")}
+
+
+def test_another_shape_of_the_same_options_is_another_result(here):
+    medialis.write_result(medialis.run("point_types", medialis.organic_shape(56)), "out")
+    medialis.write_result(medialis.run("point_types", medialis.organic_shape(56)), "out")
+    with pytest.raises(medialis.FileError, match="of another shape"):
+        medialis.write_result(medialis.run("point_types", medialis.organic_shape(60)), "out")
+
+
+def test_files_of_no_result_stay(here, capsys):
+    (here / "out").mkdir()
+    (here / "out" / "samples.ply").write_text("mine")
+    command = ["thickness", "creature.ply", "-o", "out", "--no-picture"]
+    assert run(*command) == 2 and "samples.ply" in capsys.readouterr().err
+    assert contents(here / "out") == {"samples.ply": b"mine"}
+    assert run(*command, "--overwrite") == 0
+
+
+def test_an_overwriting_that_fails_leaves_the_old_result(here, monkeypatch):
+    medialis.write_result(medialis.run("surface_skeleton", medialis.organic_shape(56)), "out")
+    before = contents(here / "out")
+    (here / "out" / "samples.npz").mkdir()
+    other = medialis.run("point_types", medialis.organic_shape(56))
+    monkeypatch.setattr(
+        "medialis.operations.writing.write_json", lambda *_: (_ for _ in ()).throw(OSError(28, "x"))
+    )
+    with pytest.raises(OSError, match="x"):
+        medialis.write_result(other, "out", overwrite=True)
+    assert contents(here / "out") == before
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("chosen", OPERATIONS, ids=lambda o: o.name)
+def test_a_result_is_told_on_one_screen_with_all_its_files(chosen, here, capsys):
+    command = [chosen.name.replace("_", "-"), "creature.ply", *QUICK.get(chosen.name, [])]
+    assert run(*command) == 0
+    out = capsys.readouterr().out.splitlines()
+    folder = here / "creature-medialis" / chosen.name
+    manifest = json.loads((folder / "manifest.json").read_text())
+    assert all(text for text in file_meanings(manifest).values()), file_meanings(manifest)
+    listed = [line.split()[0] for line in out if line.startswith("  ")]
+    assert {p.name for p in folder.iterdir()} <= set(listed)
+    wrapped = list(summary_lines(manifest, WIDE))
+    assert len(wrapped) <= SCREEN and max(map(len, wrapped)) <= WIDE
+
+
+def test_thin_spots_are_a_table_with_units(here, capsys):
+    assert run("thickness", "creature.ply", "--no-picture", "--unit", "mm", "--spots", "7") == 0
+    out = capsys.readouterr().out
+    manifest = json.loads(Path("creature-medialis/thickness/manifest.json").read_text())
+    spots = manifest["values"]["spots"]
+    assert len(spots) > 5 and f"{len(spots) - 5} more" in out
+    rows = [line.split() for line in out.splitlines() if line.split()[1:2] == ["wall"]]
+    assert [row[2:4] for row in rows] == [[f"{s['value']:.4g}", "mm"] for s in spots[:5]]
+    assert re.search(rf"^  diagonal +{manifest['values']['diagonal']:.4g} mm$", out, re.MULTILINE)
+
+
+@pytest.mark.parametrize(
+    ("words", "hint"),
+    [
+        (["thicknes", "x.ply"], "did you mean thickness?"),
+        (["thickness", "creature.ply", "--treshold", "1"], "did you mean --threshold?"),
+        (["sample", "creatur"], "did you mean creature?"),
+        (["thickness", "."], "medialis batch thickness ."),
+        (["thickness", "a b.ply", "c.ply"], "medialis batch thickness 'a b.ply' c.ply"),
+        (["zzz"], "medialis --help"),
+    ],
+)
+def test_nearly_right_words_get_a_hint(words, hint, here, capsys):
+    assert run(*words) == 2
+    said = capsys.readouterr().err
+    assert hint in said and said.count("\n") == 1
+
+
+@pytest.mark.parametrize("name", SAMPLES)
+def test_samples_are_shapes_that_can_be_read_and_are_never_replaced(name, here, capsys):
+    assert run("sample", name, "-o", "new.ply") == 0
+    shape = medialis.read_shape("new.ply")
+    made = medialis.sample_shape(name)
+    assert shape.point_count == made.point_count and shape.face_count == made.face_count
+    before = Path("new.ply").read_bytes()
+    assert run("sample", name, "-o", "new.ply") == 2
+    assert Path("new.ply").read_bytes() == before
+    assert run("sample") == 0 and name in capsys.readouterr().out
+
+
+def test_there_is_no_other_sample():
+    with pytest.raises(medialis.InvalidOptionError, match="creature"):
+        medialis.sample_shape("dodo")
+
+
+def test_every_operation_says_what_it_writes_and_gives_an_example():
+    for chosen in OPERATIONS:
+        assert chosen.examples and chosen.layers
+        for arguments, meaning in chosen.examples:
+            assert Path(arguments.split()[0]).stem in SAMPLES and meaning
+
+
+@pytest.mark.skipif(shutil.which("bash") is None, reason="needs bash")
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        (["thick"], {"thickness"}),
+        (["thickness", "--kin"], {"--kind"}),
+        (["thickness", "--kind", "di"], {"diameter"}),
+        (["thickness", "crea"], {"creature.ply"}),
+        (["completion", ""], {"bash", "zsh", "fish"}),
+        (["batch", "point"], {"point-types"}),
+        (["sample", "sc"], {"scan"}),
+    ],
+)
+def test_bash_completes(words, expected, here):
+    Path("script").write_text(completion_script("bash"))
+    typed = " ".join(f"'{word}'" for word in words)
+    code = f"source ./script; COMP_WORDS=(medialis {typed}); COMP_CWORD={len(words)}; _medialis; "
+    code += 'printf "%s\\n" "${COMPREPLY[@]}"'
+    done = subprocess.run(["bash", "-c", code], capture_output=True, text=True, check=True)
+    assert set(done.stdout.split()) == expected
+
+
+def test_other_shells_get_all_commands():
+    for shell in ("zsh", "fish"):
+        script = completion_script(shell)
+        assert all(o.name.replace("_", "-") in script for o in OPERATIONS)
+    assert "-l kind -x -a 'diameter radius'" in completion_script("fish")
+
+
+def test_help_computes_nothing():
+    """Neither numba nor scipy is loaded to print the help of an operation."""
+    code = "import sys; from medialis.cli import main\ntry: main(['thickness', '--help'])\n"
+    code += "except SystemExit: pass\nprint({'numba', 'scipy', 'matplotlib'} & set(sys.modules))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[-1] == "set()"
+    assert "examples:" in done.stdout and "thin_spots.ply" in done.stdout
