@@ -10,6 +10,7 @@ import subprocess
 import sys
 import time
 from dataclasses import replace
+from importlib.util import find_spec
 from pathlib import Path
 from urllib.parse import unquote
 
@@ -22,6 +23,7 @@ from medialis.batches.files import find_files
 from medialis.batches.jobs import DONE, FAILED, Job, Row, plan
 from medialis.batches.lock import locked_folder
 from medialis.batches.page import html_text
+from medialis.batches.processes import Processes, Worker
 from medialis.batches.table import csv_text, write_table
 from medialis.batches.work import run_job
 from medialis.cli.commands import main
@@ -29,8 +31,7 @@ from medialis.files.ply_attributes import write_ply
 from mortal_work import mortal_work
 from png_files import read_png
 
-pytest.importorskip("distributed", reason="needs the extra dask")
-
+needs_dask = pytest.mark.skipif(find_spec("distributed") is None, reason="needs the extra dask")
 OPERATIONS = ("surface_skeleton", "thickness")
 
 
@@ -179,35 +180,55 @@ def test_ctrl_c_on_a_terminal_ends_a_batch_with_one_line(shapes, tmp_path):
     assert child.returncode == 130 and len(error.splitlines()) == 1, error
 
 
-def test_a_request_to_end_waits_until_the_cluster_is_whole(monkeypatch):
-    """A SIGTERM while workers began, or were closed, left half a cluster, whose closing at the end
-    of Python printed a traceback (fixed)."""
-    steps = []
+def test_a_request_to_end_waits_until_a_worker_has_begun(monkeypatch):
+    """A SIGTERM while workers began, or were ended, left some of them behind."""
+    begun = []
 
-    class Fake:
-        def __init__(self, *given, **options):
+    class Interrupted(Worker):
+        def __init__(self):
             signal.raise_signal(signal.SIGTERM)
-            steps.append("begun")
-
-        def __enter__(self):
-            return self
-
-        def __exit__(self, *error):
-            steps.append("closed")
+            super().__init__()
+            begun.append(self.process.pid)
 
     def stop(number, frame):
         raise KeyboardInterrupt
 
     before = signal.signal(signal.SIGTERM, stop)
     try:
-        monkeypatch.setattr("distributed.LocalCluster", Fake)
-        monkeypatch.setattr("distributed.Client", Fake)
-        with pytest.raises(KeyboardInterrupt), cluster(1, None):
-            steps.append("used")
-        assert steps == ["begun", "begun", "closed", "closed"]
-        assert signal.getsignal(signal.SIGTERM) is stop
+        monkeypatch.setattr("medialis.batches.processes.Worker", Interrupted)
+        with pytest.raises(KeyboardInterrupt), Processes(2):
+            raise AssertionError("the block must not begin")
+        assert len(begun) == 1 and signal.getsignal(signal.SIGTERM) is stop
+        with pytest.raises(ProcessLookupError):
+            os.kill(begun[0], 0)
     finally:
         signal.signal(signal.SIGTERM, before)
+
+
+def test_workers_give_all_answers_and_end(tmp_path):
+    jobs = [Job(str(n), str(n), str(tmp_path), {"thickness": {}}) for n in range(40)]
+    with Processes(3) as workers:
+        found = list(workers.hand_out(jobs[:20], mortal_work, 3))
+        found += workers.hand_out(jobs[20:], mortal_work, 1)
+        alive = [worker.process for worker in workers._workers]
+        assert len(alive) == 3 and all(process.is_alive() for process in alive)
+        pids = [process.pid for process in alive]
+    assert all(rows[0].name == job.name for job, rows in found)
+    assert sorted(job.name for job, _ in found) == sorted(job.name for job in jobs)
+    for pid in pids:
+        with pytest.raises(ProcessLookupError):
+            os.kill(pid, 0)
+
+
+def test_workers_that_cannot_begin_are_one_sentence(tmp_path):
+    """A script without its main test starts itself in each worker."""
+    script = tmp_path / "script.py"
+    script.write_text(
+        "import medialis\n"
+        f"medialis.batch('thickness', ['a.ply'], {str(tmp_path / 'out')!r}, workers=1)\n"
+    )
+    done = subprocess.run([sys.executable, script], capture_output=True, text=True, timeout=120)
+    assert done.returncode == 1 and "A worker process cannot begin" in done.stderr
 
 
 @pytest.mark.slow
@@ -226,6 +247,7 @@ def test_a_dying_worker_is_one_failed_row(tmp_path):
 
 
 @pytest.mark.slow
+@needs_dask
 def test_a_cluster_gives_bitwise_the_same(finished, shapes, tmp_path):
     from distributed import LocalCluster
 
@@ -241,6 +263,7 @@ def test_a_cluster_gives_bitwise_the_same(finished, shapes, tmp_path):
         assert path.read_bytes() == (out / path.relative_to(tmp_path)).read_bytes()
 
 
+@needs_dask
 def test_a_cluster_whose_workers_are_gone_is_one_sentence(monkeypatch):
     """The batch waited for ever (fixed)."""
     from distributed import LocalCluster
@@ -253,7 +276,7 @@ def test_a_cluster_whose_workers_are_gone_is_one_sentence(monkeypatch):
             processes=False,
             dashboard_address="127.0.0.1:0",
         ) as local,
-        cluster(1, local.scheduler_address) as (client, slots),
+        cluster(local.scheduler_address) as (client, slots),
     ):
         client.retire_workers()
         with pytest.raises(medialis.FileError, match="All workers of the Dask cluster went away"):

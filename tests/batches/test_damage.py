@@ -163,7 +163,6 @@ def test_a_replaced_result_that_was_killed_between_moves_is_not_done(job, tmp_pa
 
 def test_a_batch_removes_what_a_killed_one_left(tmp_path):
     """Hidden files of a batch that was killed while it wrote its table stayed (fixed)."""
-    pytest.importorskip("distributed", reason="needs the extra dask")
     shape = medialis.organic_shape(56)
     write_ply(tmp_path / "a.ply", shape.points, shape.faces)
     given = {"thickness": {"refine": 0.0}}

@@ -427,8 +427,6 @@ def test_output_that_cannot_be_printed_is_one_sentence(words):
 )  # fmt: skip
 def test_a_removed_working_folder_is_one_sentence(creature, tmp_path, words, capsys, monkeypatch):
     """It was a failure to print the output, or a traceback (fixed)."""
-    if words.startswith("batch"):
-        pytest.importorskip("distributed", reason="needs the extra dask")
     folder = tmp_path / "gone"
     folder.mkdir()
     monkeypatch.chdir(folder)

@@ -49,7 +49,6 @@ def test_the_report_has_it(checkout):
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(find_spec("distributed") is None, reason="needs the extra dask")
 def test_batches_have_it(checkout):
     chosen = ["--set", f"{NAME}.places=2", "--workers", "1", "--no-picture"]
     run_in(checkout, "-m", "medialis", "batch", NAME, "creature.ply", "-o", "b", *chosen)

@@ -82,7 +82,6 @@ def test_no_tutorial_is_left_out():
 )
 def test_batch_scripts(script, host, said, made, tmp_path):
     """Each good shape is in the host's file; a broken one is named and stops nothing."""
-    pytest.importorskip("distributed", reason="needs the extra dask")
     if find_spec(host) is None:
         pytest.skip(f"needs {host}")
     (tmp_path / "scans").mkdir()

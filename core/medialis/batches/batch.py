@@ -68,7 +68,8 @@ def batch(
     Raises
     ------
     InvalidOptionError
-        For unknown operations or bad parameters, or when Dask (extra ``dask``) is missing.
+        For unknown operations or bad parameters, or when there is a scheduler and Dask (extra
+        ``dask``) is missing.
     FileError
         When the output cannot be written, another batch is writing to it, or the scheduler or all
         workers cannot be reached.

@@ -1,4 +1,4 @@
-"""Jobs on Dask: worker processes of this machine, or an existing cluster by its address.
+"""Jobs on worker processes of this machine, or on an existing Dask cluster by its address.
 
 Strategy: no more jobs are handed out than the workers have threads, so that none waits in the queue
 of a worker that dies. On a cluster of many threads a job dies with others in the same worker, so
@@ -10,18 +10,17 @@ from __future__ import annotations
 
 import ipaddress
 import logging
-import signal
-import sys
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import replace
+from functools import partial
 from typing import Any, TypeVar
 
 from medialis.batches.jobs import Job, Row
+from medialis.batches.processes import Processes
 from medialis.errors import FileError, InvalidOptionError
 from medialis.progress import Progress
-from medialis.threads import interrupts_held
 
 Work = Callable[[Job], list[Row]]
 
@@ -58,15 +57,21 @@ def run_jobs(
     Raises
     ------
     InvalidOptionError
-        When Dask is not installed.
+        When there is a scheduler and Dask is not installed.
     FileError
-        When there is no scheduler at the address, or no worker, or they went away.
+        When workers cannot begin, there is no scheduler at the address, or no worker, or they went
+        away.
     """
     if not jobs:
         return
-    with cluster(workers, scheduler) as (client, slots):
+    with ExitStack() as stack:
+        if scheduler is None:
+            hands, slots = stack.enter_context(Processes(workers)).hand_out, workers
+        else:
+            client, slots = stack.enter_context(cluster(scheduler))
+            hands = partial(hand_out, client)
         died: list[Job] = []
-        for job, rows in hand_out(client, jobs, work, slots):
+        for job, rows in hands(jobs, work, slots):
             if rows is None:
                 died.append(job)
             else:
@@ -75,7 +80,7 @@ def run_jobs(
             tried = []
             for name, given in job.operations.items():
                 alone = replace(job, operations={name: given})
-                for _, rows in hand_out(client, [alone], work, 1):
+                for _, rows in hands([alone], work, 1):
                     tried += [job.failed(name, DIED)] if rows is None else rows
             yield job, tried
 
@@ -126,66 +131,27 @@ def hand_out(
 
 
 @contextmanager
-def cluster(workers: int, scheduler: str | None) -> Iterator[tuple[Any, int]]:
+def cluster(scheduler: str) -> Iterator[tuple[Any, int]]:
     """Give a Dask client and how many jobs it can run at a time; see `run_jobs` for the errors."""
     try:
         import dask
-        from distributed import Client, LocalCluster
+        from distributed import Client
     except ImportError as error:
         raise InvalidOptionError(
-            f'A batch needs Dask: pip install "medialis[dask]" (importing it says: {error}).'
+            f'A cluster needs Dask: pip install "medialis[dask]" (importing it says: {error}).'
         ) from None
     # A job whose worker died is not tried again by Dask: see the top of this file.
     settings = {"distributed.scheduler.allowed-failures": 0}
     with dask.config.set(settings), _quiet():
-        if scheduler is not None:
-            try:
-                client = Client(scheduler, timeout=CONNECT_SECONDS, set_as_default=False)
-            except (OSError, ValueError) as error:
-                raise FileError(f"Cannot reach a Dask scheduler at {scheduler}: {error}.") from None
-            with client:
-                slots = sum(client.nthreads().values())
-                if slots == 0:
-                    raise FileError(f"The scheduler at {scheduler} has no worker: start one first.")
-                yield client, slots
-            return
-        with ExitStack() as stack:
-            with _deaf():
-                local = LocalCluster(
-                    n_workers=workers,
-                    threads_per_worker=1,
-                    processes=True,
-                    memory_limit=0,
-                    dashboard_address="127.0.0.1:0",
-                    silence_logs=logging.CRITICAL,
-                )
-                stack.enter_context(local)
-                client = stack.enter_context(Client(local, set_as_default=False))
-            try:
-                yield client, workers
-            finally:
-                with _deaf():
-                    stack.close()
-
-
-@contextmanager
-def _deaf() -> Iterator[None]:
-    """Put requests to end off to the end of the block, in which a cluster begins or is closed.
-
-    Threads and processes that begin in it get no Ctrl-C at all: this process ends them by itself.
-    """
-    if sys.platform == "win32":
-        yield
-        return
-    from multiprocessing import resource_tracker
-
-    resource_tracker.ensure_running()  # when it begins it makes the process after it hear again
-    with interrupts_held():
-        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         try:
-            yield
-        finally:
-            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+            client = Client(scheduler, timeout=CONNECT_SECONDS, set_as_default=False)
+        except (OSError, ValueError) as error:
+            raise FileError(f"Cannot reach a Dask scheduler at {scheduler}: {error}.") from None
+        with client:
+            slots = sum(client.nthreads().values())
+            if slots == 0:
+                raise FileError(f"The scheduler at {scheduler} has no worker: start one first.")
+            yield client, slots
 
 
 def warn_if_open(scheduler: str, progress: Progress) -> None:

@@ -94,7 +94,7 @@ def shrink_there(
     ]  # fmt: skip
     done = 0
     warn_if_open(scheduler, progress)
-    with cluster(1, scheduler) as (client, slots):
+    with cluster(scheduler) as (client, slots):
         for job, count in hand_out(client, jobs, shrink_range, slots, AGAIN):
             if count is None:
                 raise FileError(

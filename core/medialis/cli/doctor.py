@@ -34,7 +34,7 @@ NEEDED = {"numpy": "numpy", "scipy": "scipy.spatial", "llvmlite": "llvmlite", "n
 
 EXTRAS = {
     "io": ("glTF, 3MF, Collada and more", ("trimesh", "networkx", "lxml", "pycollada")),
-    "dask": ("batches", ("dask", "distributed")),
+    "dask": ("batches on a cluster", ("dask", "distributed")),
     "meshlab": ("filters of pymeshlab", ("pymeshlab",)),
     "blender": ("Blender as a Python module (Python 3.11 or 3.13)", ("bpy",)),
 }
