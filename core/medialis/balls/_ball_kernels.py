@@ -31,7 +31,7 @@ import math
 
 import numpy as np
 
-from medialis._kernels.box_tree_kernels import FAN, LEAF, test_children
+from medialis._kernels.box_tree_kernels import LEAF, lowest_bit, test_children
 from medialis._kernels.jit import kernel
 
 OK, OPEN, NO_NORMAL = 0, 1, 2
@@ -76,6 +76,25 @@ def _is_certain(known, cx, cy, cz, rest):
 
 
 @kernel
+def _remember(feature, blocks, recent, names, spare):
+    """Keep a second feature point where no other of its leaf is kept; return the next place.
+
+    The warm start of a ball: samples that others nearby touch, side by side as in a leaf. On a
+    relief, balls go back and forth between a few places: one of them alone leaves seven more
+    steps, 16 of them one.
+    """
+    leaf, slot, known = feature // LEAF, feature % LEAF, 0
+    for j in range(LEAF):
+        known += names[j] // LEAF == leaf
+    if known > 0:
+        return spare
+    for axis in range(3):
+        recent[axis, spare] = blocks[leaf, axis, slot]
+    names[spare] = feature
+    return (spare + 1) % LEAF
+
+
+@kernel
 def shrink_balls(
     begin, end, sign, tolerance, a, largest, near2, margin,
     points, normals, samples, order, blocks, bounds, child, depth,
@@ -88,8 +107,8 @@ def shrink_balls(
     """
     n = len(points)
     stack = np.empty(8 * 12 + 8, np.int64)  # 8 children on each of at most 11 wide levels
-    hits = np.empty(FAN, np.int32)
-    previous = -1  # leaf of the last second feature point: the warm start
+    recent, names = np.empty((3, LEAF)), np.empty(LEAF, np.int64)  # see `_remember`
+    spare, fresh = 0, True
     known = np.full((4, KNOWN), np.inf)  # certificates: last centers x, y, z and a - r0
     turn = 0
     for ball in range(begin, end):
@@ -106,10 +125,17 @@ def shrink_balls(
         r, slot = _scan_leaf(blocks[own], px, py, pz, nx, ny, nz, r, a, near2)
         if slot >= 0:
             feature = own * LEAF + slot
-        if previous >= 0:
-            r, slot = _scan_leaf(blocks[previous], px, py, pz, nx, ny, nz, r, a, near2)
+        if fresh:
+            recent[:] = blocks[own]
+            names[:] = own * LEAF + np.arange(LEAF)
+            fresh = False
+        r, slot = _scan_leaf(recent, px, py, pz, nx, ny, nz, r, a, near2)
+        if slot >= 0:
+            leaf = names[slot] // LEAF
+            feature = names[slot]
+            r, slot = _scan_leaf(blocks[leaf], px, py, pz, nx, ny, nz, r, a, near2)
             if slot >= 0:
-                feature = previous * LEAF + slot
+                feature = leaf * LEAF + slot
         cx, cy, cz = px - r * nx, py - r * ny, pz - r * nz
         if not _is_certain(known, cx, cy, cz, tolerance - r):
             stack[0] = 0
@@ -120,21 +146,20 @@ def shrink_balls(
                 reach = r - a + margin
                 if reach <= 0.0:
                     break
-                test_children(bounds[node], cx, cy, cz, reach, hits)
+                bits = test_children(bounds[node], cx, cy, cz, reach)
                 base = child[node]
-                if base >= 0:
-                    for j in range(FAN):
-                        if hits[j]:
-                            stack[top] = base + j
-                            top += 1
-                else:
-                    for j in range(FAN):
-                        if hits[j]:
-                            leaf = ~base + j
-                            r, slot = _scan_leaf(blocks[leaf], px, py, pz, nx, ny, nz, r, a, near2)
-                            if slot >= 0:
-                                feature = leaf * LEAF + slot
-                                cx, cy, cz = px - r * nx, py - r * ny, pz - r * nz
+                while bits > 0:
+                    j = lowest_bit(bits)
+                    bits &= bits - 1
+                    if base >= 0:
+                        stack[top] = base + j
+                        top += 1
+                        continue
+                    leaf = ~base + j
+                    r, slot = _scan_leaf(blocks[leaf], px, py, pz, nx, ny, nz, r, a, near2)
+                    if slot >= 0:
+                        feature = leaf * LEAF + slot
+                        cx, cy, cz = px - r * nx, py - r * ny, pz - r * nz
             known[0, turn], known[1, turn], known[2, turn] = cx, cy, cz
             known[3, turn] = a - r
             turn = (turn + 1) % KNOWN
@@ -143,11 +168,11 @@ def shrink_balls(
             out_radii[source] = r
             out_status[source] = OPEN
             continue
-        previous = feature // LEAF
-        slot = feature % LEAF
-        dx = px - blocks[previous, 0, slot]
-        dy = py - blocks[previous, 1, slot]
-        dz = pz - blocks[previous, 2, slot]
+        spare = _remember(feature, blocks, recent, names, spare)
+        leaf, slot = feature // LEAF, feature % LEAF
+        dx = px - blocks[leaf, 0, slot]
+        dy = py - blocks[leaf, 1, slot]
+        dz = pz - blocks[leaf, 2, slot]
         num = dx * dx + dy * dy + dz * dz
         r = num / (2.0 * (nx * dx + ny * dy + nz * dz))
         out_centers[source, 0] = px - r * nx
@@ -155,6 +180,6 @@ def shrink_balls(
         out_centers[source, 2] = pz - r * nz
         out_radii[source] = r
         out_angles[source] = 2.0 * math.asin(min(1.0, math.sqrt(num) / (2.0 * r)))
-        first = (n * previous) >> depth  # a padded slot stands for the last sample of its leaf
-        out_features[source] = order[min(first + slot, ((n * (previous + 1)) >> depth) - 1)]
+        first = (n * leaf) >> depth  # a padded slot stands for the last sample of its leaf
+        out_features[source] = order[min(first + slot, ((n * (leaf + 1)) >> depth) - 1)]
         out_status[source] = OK

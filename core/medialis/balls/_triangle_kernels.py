@@ -40,7 +40,7 @@ import math
 
 import numpy as np
 
-from medialis._kernels.box_tree_kernels import FAN, test_children
+from medialis._kernels.box_tree_kernels import FAN, lowest_bit, test_children
 from medialis._kernels.jit import kernel
 from medialis._kernels.nearest_kernels import dot, nearest_place
 
@@ -319,12 +319,28 @@ def _is_near(hull, f, px, py, pz, x, y, z, r, relief, least):
 
 
 @kernel
-def _count_near(hull, px, py, pz, x, y, z, r, relief, least):
-    """Count the faces of a block that may constrain a ball; storing which would be slow."""
-    count = 0
+def _are_within(bound, px, py, pz, r2):
+    """Children whose boxes lie wholly within a distance (squared) of p: a bit for each."""
+    bits, limit = np.int32(0), np.float32(r2)
+    for j in range(FAN):
+        ax, bx = px - bound[0, j], bound[3, j] - px
+        ay, by = py - bound[1, j], bound[4, j] - py
+        az, bz = pz - bound[2, j], bound[5, j] - pz
+        dx = ax if ax > bx else bx
+        dy = ay if ay > by else by
+        dz = az if az > bz else bz
+        bits += np.int32(dx * dx + dy * dy + dz * dz < limit) << np.int32(j)
+    return bits
+
+
+@kernel
+def _near_faces(hull, px, py, pz, x, y, z, r, relief, least):
+    """Faces of a block that may constrain a ball: a bit for each."""
+    bits = np.int32(0)
     for f in range(BLOCK):
-        count += _is_near(hull, f, px, py, pz, x, y, z, r, relief, least)
-    return count
+        near = _is_near(hull, f, px, py, pz, x, y, z, r, relief, least)
+        bits += np.int32(near) << np.int32(f)
+    return bits
 
 
 @kernel
@@ -341,7 +357,6 @@ def shrink_to_triangles(
     place at its corners.
     """
     stack = np.empty(8 * 12 + 8, np.int64)
-    hits = np.empty(FAN, np.int32)
     most, fewest = np.float32(a - margin), np.float32(least - margin)
     known = np.full((4, KNOWN), np.inf)  # certificates: centers and radii
     turn = 0
@@ -366,11 +381,16 @@ def shrink_to_triangles(
         while top > 0:
             top -= 1
             node = stack[top]
-            test_children(bounds[node], cx, cy, cz, r - least + margin, hits)
+            bits = test_children(bounds[node], cx, cy, cz, max(r - least + margin, 0.0))
             base = child[node]
-            for j in range(FAN):
-                if not hits[j]:
-                    continue
+            if base < 0 and bits > 0:  # leaves that are relief must come as near as relief
+                relief = _are_within(bounds[node], px, py, pz, (2.0 - 1e-5) * r * r)
+                if bits & relief > 0:
+                    closer = test_children(bounds[node], cx, cy, cz, max(r - a + margin, 0.0))
+                    bits &= closer | ~relief
+            while bits > 0:
+                j = lowest_bit(bits)
+                bits &= bits - 1
                 if base >= 0:
                     stack[top] = base + j
                     top += 1
@@ -378,24 +398,20 @@ def shrink_to_triangles(
                 leaf = ~base + j
                 for block in range(first[leaf], first[leaf + 1]):
                     fx, fy, fz, fr = np.float32(cx), np.float32(cy), np.float32(cz), np.float32(r)
-                    hull = hulls[block]
-                    if _count_near(hull, px, py, pz, fx, fy, fz, fr, most, fewest) == 0:
-                        continue
-                    for f in range(BLOCK):
-                        if _is_near(hull, f, px, py, pz, fx, fy, fz, fr, most, fewest):
-                            own = corners[block * BLOCK + f]
-                            if not at_own and (own[0] == i0 or own[1] == i0 or own[2] == i0):
-                                continue
-                            bulges = reliefs[block * BLOCK + f]
-                            less, s, t = _shrink_to(
-                                i0, n, sign, r, a, least, highest, points, own, bulges
-                            )
-                            if s >= 0.0:
-                                r, best_s, best_t = less, s, t
-                                face = block * BLOCK + f
-                                cx, cy, cz = p[0] - r * n[0], p[1] - r * n[1], p[2] - r * n[2]
-                                fx, fy, fz = np.float32(cx), np.float32(cy), np.float32(cz)
-                                fr = np.float32(r)
+                    near = _near_faces(hulls[block], px, py, pz, fx, fy, fz, fr, most, fewest)
+                    while near > 0:
+                        slot = BLOCK * block + lowest_bit(near)
+                        near &= near - 1
+                        own = corners[slot]
+                        if not at_own and (own[0] == i0 or own[1] == i0 or own[2] == i0):
+                            continue
+                        less, s, t = _shrink_to(
+                            i0, n, sign, r, a, least, highest, points, own, reliefs[slot]
+                        )
+                        if s >= 0.0:
+                            r, best_s, best_t = less, s, t
+                            face = slot
+                            cx, cy, cz = p[0] - r * n[0], p[1] - r * n[1], p[2] - r * n[2]
         known[0, turn], known[1, turn], known[2, turn], known[3, turn] = cx, cy, cz, r
         turn = (turn + 1) % KNOWN
         if face >= 0:
@@ -415,7 +431,6 @@ def measure_room(
 ):  # fmt: skip
     """Lower the radii begin..end to the distance of the nearest triangle, where that is less."""
     stack = np.empty(8 * 12 + 8, np.int64)
-    hits = np.empty(FAN, np.int32)
     slack = np.float32(-margin)
     for i in range(begin, end):
         x, y, z, r = centers[i, 0], centers[i, 1], centers[i, 2], radii[i]
@@ -425,11 +440,11 @@ def measure_room(
         while top > 0:
             top -= 1
             node = stack[top]
-            test_children(bounds[node], x, y, z, r + margin, hits)
+            bits = test_children(bounds[node], x, y, z, r + margin)
             base = child[node]
-            for j in range(FAN):
-                if not hits[j]:
-                    continue
+            while bits > 0:
+                j = lowest_bit(bits)
+                bits &= bits - 1
                 if base >= 0:
                     stack[top] = base + j
                     top += 1

@@ -13,7 +13,7 @@ import math
 
 import numpy as np
 
-from medialis._kernels.box_tree_kernels import FAN, LEAF, test_children
+from medialis._kernels.box_tree_kernels import LEAF, lowest_bit, test_children
 from medialis._kernels.jit import kernel
 from medialis._kernels.union_find_kernels import find_root
 
@@ -43,7 +43,7 @@ def _scan_leaf(block, begin, size, x, y, z, limit, order, count, found):
 
 @kernel
 def _find_in_ball(
-    x, y, z, reach, margin, n, order, blocks, bounds, child, depth, stack, hits, found
+    x, y, z, reach, margin, n, order, blocks, bounds, child, depth, stack, found
 ):  # fmt: skip
     """List the samples within `reach` of a point; return how many, MOST + 1 if more than MOST."""
     count = 0
@@ -53,10 +53,10 @@ def _find_in_ball(
         top -= 1
         node = stack[top]
         base = child[node]
-        test_children(bounds[node], x, y, z, reach + margin, hits)
-        for j in range(FAN):
-            if not hits[j]:
-                continue
+        bits = test_children(bounds[node], x, y, z, reach + margin)
+        while bits > 0:
+            j = lowest_bit(bits)
+            bits &= bits - 1
             if base >= 0:
                 stack[top] = base + j
                 top += 1
@@ -146,7 +146,6 @@ def find_sets(
     """
     n = len(normals)
     stack = np.empty(8 * 12 + 8, np.int64)  # 8 children on each of at most 11 wide levels
-    hits = np.empty(FAN, np.int32)
     found, cluster = np.empty(MOST + 2, np.int32), np.empty(MOST + 2, np.int16)
     parent, stamp = np.empty(MOST + 2, np.int32), np.full(n, -1, np.int32)
     samples, labels = np.empty(32 * (end - begin), np.int32), np.empty(32 * (end - begin), np.int16)
@@ -156,7 +155,7 @@ def find_sets(
         x, y, z = centers[row, 0], centers[row, 1], centers[row, 2]
         count = _find_in_ball(
             x, y, z, radii[row] + taus[row], margin, n, order, blocks, bounds, child, depth,
-            stack, hits, found,
+            stack, found,
         )  # fmt: skip
         if count > MOST:
             found[0], found[1] = features[row, 0], features[row, 1]
