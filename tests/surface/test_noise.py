@@ -218,3 +218,20 @@ def boxes_mesh(x, y, z, solid, turn=None):
     used, faces = np.unique(np.concatenate([quad[:, :3], quad[:, [0, 2, 3]]]), return_inverse=True)
     points = points[used] if turn is None else points[used] @ turn
     return medialis.make_shape(points, faces.reshape(-1, 3))
+
+
+@pytest.mark.parametrize(
+    ("around", "across", "minor"), [(48, 8, 0.2), (64, 10, 0.2), (32, 10, 0.3), (48, 12, 0.2)]
+)
+def test_coarse_closed_tubes_are_clean(around, across, minor):
+    """Rings of neighbours close round the tube and are off no more when they grow (was noise)."""
+    ring = forms.torus_mesh(around=around, across=across, major=1.0, minor=minor)
+    assert medialis.noise_level(ring) == 0.0
+
+
+def test_a_lattice_one_voxel_thick_is_clean():
+    """Bars of one voxel were smoothed away."""
+    solid = np.zeros((25, 25, 25), bool)
+    solid[::6, ::6] = solid[::6, :, ::6] = solid[:, ::6, ::6] = True
+    lattice = boxes_mesh(*[np.arange(26.0)] * 3, solid)
+    assert medialis.noise_level(lattice) == 0.0

@@ -4,7 +4,8 @@ The level is measured where it matters, between neighbouring vertices: how far a
 quadric through the vertices round it. A smooth surface lies off as well where it bends within the
 neighbourhood, but that part grows quickly with the size of the neighbourhood and the noise does not
 grow, so two sizes tell them apart. A low quantile leaves out sharp edges; a vertex whose faces lie
-in one plane is not off at all, however near to sharp edges it is.
+in one plane is not off at all, however near to sharp edges it is. Where neighbourhoods close round
+a thin tube nothing tells noise from its shape; such vertices are left out.
 
 The copy is smoothed by a thin plate, which takes away bends shorter than a length and leaves
 straight and evenly curved parts as they are. The length follows from the noise: long enough for the
@@ -104,16 +105,27 @@ def noise_above(shape: Shape, least: float) -> float:
         return 0.0
     n = shape.point_count
     rows = np.arange(0, n, 1 + n // MOST_MEASURED)
-    links, deviation = _Links.of(shape), []
-    for steps in (2, 3):
-        rows, away = links.off_quadrics(rows, steps)
+    links = _Links.of(shape)
+    near = links.off_quadrics(rows, 2)
+    if _level(near, 0.0 * near) < least:
+        return 0.0  # what is three rings away can only take from it
+    far = links.off_quadrics(rows, 3)
+    level = _level(near, far)
+    if level <= least:
+        return 0.0
+    # Rings that close round a tube are off any quadric, and grow no more.
+    ahead = links.lie_ahead(rows, _plate(shape, 1.0).normals)
+    return _level(near[ahead], far[ahead])
+
+
+def _level(near: FloatArray, far: FloatArray) -> float:
+    """Return the noise by distances from quadrics of two and three rings; NaN is left out."""
+    deviation = []
+    for away in (near[~np.isnan(near)], far[~np.isnan(far)]):
         if len(away) < FEWEST_MEASURED:
             return 0.0
         deviation.append(float(np.quantile(away, QUANTILE)) / NORMAL_QUANTILE)
-        if BENDING**2 * deviation[0] ** 2 < (BENDING**2 - 1) * least**2:
-            return 0.0  # what is three rings away can only take from it
-    near, far = deviation
-    square = (BENDING**2 * near**2 - far**2) / (BENDING**2 - 1)
+    square = (BENDING**2 * deviation[0] ** 2 - deviation[1] ** 2) / (BENDING**2 - 1)
     return math.sqrt(max(0.0, square))
 
 
@@ -149,33 +161,47 @@ class _Links:
         list_links(shape.edges, few, offsets, neighbours)
         return cls(shape.points, _on_planes(shape), offsets, neighbours)
 
-    def off_quadrics(
-        self, rows: NDArray[np.int64], steps: int
-    ) -> tuple[NDArray[np.int64], FloatArray]:
-        """Return the vertices with rings that are not too large, and how far off quadrics they lie.
-
-        The distance of a point from the quadric through its ring is in deviations of equal noise. A
-        point itself is no part of its ring. Points with few neighbours have no distance; those of
-        flat faces are off by nothing.
-        """
-        from medialis.surface._noise_kernels import find_rings, measure_off_quadrics, measure_spread
+    def _rings(self, rows: NDArray[np.int64], steps: int) -> tuple[IntArray, NDArray[np.int64]]:
+        """Return the vertices up to some steps from each row, and how many there are."""
+        from medialis.surface._noise_kernels import find_rings
 
         rings = np.empty((len(rows), MOST_NEIGHBOURS), np.int32)
         counts = np.empty(len(rows), np.int64)
         seen = np.full(len(self.points), -1, np.int32)
         find_rings(rows, steps, self.offsets, self.neighbours, seen, rings, counts)
-        small = counts < MOST_NEIGHBOURS
-        use = small & (counts >= LEAST_NEIGHBOURS)
+        return rings, counts
+
+    def lie_ahead(self, rows: NDArray[np.int64], normals: FloatArray) -> NDArray[np.bool_]:
+        """Tell rows whose three rings do not turn to the other side, by normals without noise."""
+        rings, counts = self._rings(rows, 3)
+        there = np.arange(MOST_NEIGHBOURS) < counts[:, None]
+        along = np.zeros(there.shape)
+        row, place = np.nonzero(there)
+        along[row, place] = np.einsum("ij,ij->i", normals[rings[there]], normals[rows[row]])
+        return np.asarray((along >= 0).all(axis=1))
+
+    def off_quadrics(self, rows: NDArray[np.int64], steps: int) -> FloatArray:
+        """Return how far rows lie off quadrics through their rings, in deviations of equal noise.
+
+        A point itself is no part of its ring. Those with few neighbours, and with very many, have
+        NaN; those of flat faces are off by nothing.
+        """
+        from medialis.surface._noise_kernels import measure_off_quadrics, measure_spread
+
+        rings, counts = self._rings(rows, steps)
+        use = (counts < MOST_NEIGHBOURS) & (counts >= LEAST_NEIGHBOURS)
         known, rings, counts = rows[use], rings[use], counts[use]
         spread = np.empty((len(known), 4, 3))
         measure_spread(self.points, known, rings, counts, spread)
         size, axes = np.linalg.eigh(spread[:, :3])  # the normal first
-        size, away = np.sqrt(np.maximum(size[:, 2], 1e-300)), np.empty(len(known))
+        size, off = np.sqrt(np.maximum(size[:, 2], 1e-300)), np.empty(len(known))
         room = np.empty((6, 6)), np.empty((6, 2)), np.empty(6)
         measure_off_quadrics(
-            self.points, known, rings, counts, spread[:, 3].copy(), axes, size, *room, away
+            self.points, known, rings, counts, spread[:, 3].copy(), axes, size, *room, off
         )
-        return rows[small], np.where(self.flat[known], 0.0, away)
+        away = np.full(len(rows), np.nan)
+        away[use] = np.where(self.flat[known], 0.0, off)
+        return away
 
 
 def _on_planes(shape: Shape) -> NDArray[np.bool_]:
