@@ -504,7 +504,7 @@ def skeleton_manifolds() -> Image:
     return contact_sheet(images, ["skeleton points", "surfaces of the manifolds"], 2)
 
 
-def denoise() -> Image:
+def remove_outliers() -> Image:
     """Thesis Figure 4.5: a cloud with 40 % outliers, and what is left of it."""
     shape = medialis.organic_shape(200)
     rng = np.random.default_rng(0)
@@ -518,7 +518,7 @@ def denoise() -> Image:
     )
     points = np.concatenate([shape.points, base + step])
     noisy = medialis.Shape(points, np.zeros_like(points))
-    kept = medialis.run("denoise", noisy).layers[0].points
+    kept = medialis.run("remove_outliers", noisy).layers[0].points
     camera = Camera.framing(shape.points, width=560, height=440)
     images = [draw([Points(p, size=2.0)], camera) for p in (points, kept)]
     return contact_sheet(images, [f"{len(p)} points" for p in (points, kept)], 2)
@@ -555,7 +555,7 @@ PICTURES: dict[str, Callable[[], Image]] = {
         importance, measures, geodesic, curve_skeleton, curve_candidates, curve_parts,
         curve_options, curve_comparison, view_curve_skeleton,
         point_types, medial_sheets, y_network, sheet_meshes, soft_edges, patches, limbs, parts,
-        manifolds, skeleton_manifolds, denoise, mean_shift_segments,
+        manifolds, skeleton_manifolds, remove_outliers, mean_shift_segments,
     )
 }  # fmt: skip
 

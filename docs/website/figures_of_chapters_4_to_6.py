@@ -84,7 +84,7 @@ def figure_4_5() -> Image:
     rows = []
     for shape in (medialis.organic_shape(160), _dented_plate()):
         noisy = _with_outliers(shape, 0.4)
-        kept = medialis.run("denoise", _cloud(noisy)).layers[0].points
+        kept = medialis.run("remove_outliers", _cloud(noisy)).layers[0].points
         camera = Camera.framing(shape.points, **SIZE)
         clouds = (noisy, _without_statistical_outliers(noisy), kept)
         rows += [draw([Points(points, size=2)], camera) for points in clouds]
@@ -103,7 +103,7 @@ def figure_4_6() -> Image:
     for shape in shapes:
         for column, share in enumerate(shares):
             noisy = _with_outliers(shape, share)
-            ours = medialis.run("denoise", _cloud(noisy)).values["kept_points"]
+            ours = medialis.run("remove_outliers", _cloud(noisy)).values["kept_points"]
             left = np.array([ours, len(_without_statistical_outliers(noisy))])
             excess[:, column] += (shape.point_count - left) / shape.point_count / len(shapes)
     nodes = [(8 * x, 8 * y, 0.0) for row in excess for x, y in zip(shares, row, strict=True)]

@@ -164,7 +164,8 @@ BASE: dict[str, Callable[[], dict[str, Any]]] = {"geodesic_path": _ends}
 """Parameters of an operation that has nothing to show at its defaults."""
 
 SHAPES: dict[str, Callable[[], medialis.Shape]] = {
-    "denoise": cloud,
+    "remove_outliers": cloud,
+    "smooth": rough,
     "manifolds": cloud,
     "soft_edges": block,
     "patches": block,
@@ -191,7 +192,7 @@ EXAMPLES: dict[str, Callable[[], Example]] = {
     "curve_skeleton.simplify": lambda: Example((0.0, 0.002, 0.005, 0.02)),
     "curve_skeleton.threshold": lambda: Example((0.02, 0.04, 0.08, 0.16)),
     "curve_skeleton.tolerance": lambda: _undenoised(),
-    "denoise.max_turn": lambda: Example((1.0, 4.0, 12.0, 30.0)),
+    "remove_outliers.max_turn": lambda: Example((1.0, 4.0, 12.0, 30.0)),
     "geodesic_path.directions": lambda: Example((2, 4, 20, 60), others=_flanks()),
     "geodesic_path.end": lambda: Example(_along(0)[:3]),
     "geodesic_path.start": lambda: Example(_along(0)),

@@ -27,8 +27,8 @@ def test_manifolds_lie_on_the_input(noisy):
     assert result.arrays["membership_offsets"][-1] == len(result.arrays["membership_manifolds"])
 
 
-def test_denoise_keeps_points_where_they_are(noisy):
-    result = medialis.run("denoise", noisy)
+def test_removing_outliers_keeps_points_where_they_are(noisy):
+    result = medialis.run("remove_outliers", noisy)
     clean, noise = result.layers
     assert (clean.points == noisy.points[clean.attributes["source"]]).all()
     assert len(clean.points) + (noise.attributes["noise"] == 0).sum() == noisy.point_count
@@ -42,10 +42,10 @@ def test_a_clean_cloud_keeps_its_tips_and_says_what_goes():
     share, turn = np.sqrt(rng.uniform(0, 1, 3000)), rng.uniform(0, 2 * np.pi, 3000)
     up = np.where(np.arange(3000) < 1500, 1.0, -1.0) * (1 - share)
     cones = np.stack([0.3 * share * np.cos(turn), 0.3 * share * np.sin(turn), up], axis=1)
-    clean = medialis.run("denoise", medialis.Shape(cones, np.zeros_like(cones)))
+    clean = medialis.run("remove_outliers", medialis.Shape(cones, np.zeros_like(cones)))
     assert clean.arrays["kept"].mean() >= 0.97
     far = np.concatenate([cones, [[0, 0, 9.0]]])
-    result = medialis.run("denoise", medialis.Shape(far, np.zeros_like(far)))
+    result = medialis.run("remove_outliers", medialis.Shape(far, np.zeros_like(far)))
     assert not result.arrays["kept"][-1]
     (told,) = [m for m in result.messages if m.code == "noise_removed"]
     assert told.data["points"] == (~result.arrays["kept"]).sum()
@@ -55,7 +55,8 @@ def test_a_clean_cloud_keeps_its_tips_and_says_what_goes():
 def test_nothing_left_is_a_sentence():
     points = np.random.default_rng(0).uniform(size=(500, 3))
     with pytest.raises(medialis.InvalidShapeError, match="None of the 500 points"):
-        medialis.run("denoise", medialis.Shape(points, 0 * points), max_bend=5.0, max_turn=5.0)
+        shape = medialis.Shape(points, 0 * points)
+        medialis.run("remove_outliers", shape, max_bend=5.0, max_turn=5.0)
 
 
 def test_manifolds_of_a_skeleton_of_a_box():
@@ -126,10 +127,10 @@ def test_too_few_points_are_told_so():
     """The eight vertices of a cube got the advice to try larger angles, which cannot help."""
     corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], float)
     with pytest.raises(medialis.InvalidShapeError, match="needs 20 points or more"):
-        medialis.run("denoise", medialis.Shape(corners, corners - 0.5))
+        medialis.run("remove_outliers", medialis.Shape(corners, corners - 0.5))
 
 
-@pytest.mark.parametrize("operation", ["manifolds", "denoise"])
+@pytest.mark.parametrize("operation", ["manifolds", "remove_outliers"])
 def test_a_cloud_of_mostly_noise_is_doubted(noisy, operation):
     """Most vertices of a coarse mesh were called noise without a word."""
     plane = noisy.points[:300] * [0.01, 0.01, 0.0]

@@ -61,7 +61,10 @@ def file_meanings(manifest: Mapping[str, Any]) -> dict[str, str]:
     layers = operation(manifest["operation"]).layers
     names = [Path(file).name for file in manifest["files"]]
     picture = Path(manifest["picture"] or "").name
-    return {name: _meaning(name, layers) for name in sorted(names, key=lambda n: n != picture)}
+    found = {name: _meaning(name, layers) for name in sorted(names, key=lambda n: n != picture)}
+    if any(layer["role"] == "bones" for layer in manifest["layers"]):
+        found = {name: text.replace("the graph", "the bones") for name, text in found.items()}
+    return found
 
 
 def _files(manifest: Mapping[str, Any]) -> Iterator[tuple[str, str]]:

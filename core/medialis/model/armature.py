@@ -104,6 +104,22 @@ class Bones(Bound):
         return (self.parents >= 0) & (self.heads == self.tails[self.parents]).all(axis=1)
 
     @property
+    def graph(self) -> CurveSkeleton:
+        """The bones as a graph: a node at each joint, an edge for each bone, in their order."""
+        first = len(self.roots)  # the heads of the roots, then the tail of each bone
+        node = np.empty(self.count, np.int64)
+        node[self.roots] = np.arange(first)
+        connected = self.connected
+        for bone, parent in enumerate(self.parents.tolist()):
+            if parent >= 0:  # a bone begins at an end of its parent, which comes before it
+                node[bone] = first + parent if connected[bone] else node[parent]
+        return CurveSkeleton.of(
+            np.concatenate([self.heads[self.roots], self.tails]),
+            np.stack([node, first + np.arange(self.count)], axis=1),
+            np.concatenate([self.head_radii[self.roots], self.tail_radii]),
+        )
+
+    @property
     def cut(self) -> int:
         """Number of edges that were cut because they close loops."""
         return int((self.edge_limbs < 0).sum())

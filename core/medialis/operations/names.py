@@ -12,6 +12,9 @@ from typing import NamedTuple
 
 import medialis.operations
 
+RENAMED = {"denoise": "remove_outliers (points go) or smooth (points move)"}
+"""Operations of older versions, and what does their work."""
+
 _DECLARATION = re.compile(r"^OPERATION\b", re.MULTILINE)
 
 

@@ -10,7 +10,7 @@ from medialis.units import with_unit
 
 LENGTHS = frozenset(
     {"thickness", "radius", "importance", "edge_radius", "length", "y_length", "mean_radius"}
-    | {"straight_distance", "diagonal", "spacing", "value"}
+    | {"straight_distance", "diagonal", "spacing", "value", "noise", "moved"}
 )
 AREAS = frozenset({"area"})
 RADIANS = frozenset({"spoke_angle"})

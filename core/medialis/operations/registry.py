@@ -12,7 +12,7 @@ from medialis.kept import kept
 from medialis.model.shape import Shape
 from medialis.operations.declaration import Operation
 from medialis.operations.far import moved, near_origin, offset_of
-from medialis.operations.names import Named, named_operations
+from medialis.operations.names import RENAMED, Named, named_operations
 from medialis.operations.result import Outcome, Result
 from medialis.progress import Progress, ProgressCallback
 from medialis.surface.given_shapes import ShapeLike, as_shape
@@ -66,6 +66,8 @@ def operation(name: str) -> Operation:
     for candidate in every:
         if name in (candidate.name, candidate.name.replace("_", "-"), candidate.filter_name):
             return candidate
+    if name in RENAMED:
+        raise InvalidOptionError(f"The operation {name} is {RENAMED[name]} now.")
     known = ", ".join(candidate.name for candidate in every)
     raise InvalidOptionError(f"There is no operation {name!r}; there are {known}.")
 

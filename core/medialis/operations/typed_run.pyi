@@ -243,7 +243,7 @@ def run(
 ) -> Result: ...
 @overload
 def run(
-    name: Literal["denoise"],
+    name: Literal["remove_outliers"],
     shape: ShapeLike,
     *,
     threads: int | None = None,
@@ -253,6 +253,15 @@ def run(
     neighbours: int = 10,
     min_points: int = 20,
     smooth: bool = True,
+) -> Result: ...
+@overload
+def run(
+    name: Literal["smooth"],
+    shape: ShapeLike,
+    *,
+    threads: int | None = None,
+    progress: Progress | ProgressCallback | None = None,
+    noise: float | str | Length = 0.0,
 ) -> Result: ...
 @overload
 def run(

@@ -18,7 +18,9 @@ from medialis.files.curve_graphs import write_curve_skeleton
 from medialis.files.output_folder import MANIFEST, OutputFolder
 from medialis.files.ply_attributes import write_ply
 from medialis.files.results import write_json, write_npz
+from medialis.files.rigged_gltf import write_rigged_gltf
 from medialis.model.shape import Shape
+from medialis.model.surface import Surface
 from medialis.operations.declaration import GRAPH_FORMATS
 from medialis.operations.existing_results import (
     check_free,
@@ -279,9 +281,18 @@ def _write_data(
                 face_attributes=layer.face_attributes,
             )
             progress.update((number + 1) / (len(result.layers) + 1))
-        if result.graph is not None:
+        graph = result.graph if result.rig is None else result.rig.graph
+        if graph is not None:
             for ending in formats:
-                write_curve_skeleton(new(f"{result.operation}.{ending}"), result.graph)
+                write_curve_skeleton(new(f"{result.operation}.{ending}"), graph)
+        if result.skin is not None and result.skin.rig is not None:
+            file, unit = new(f"{result.operation}.glb"), result.shape.unit
+            count = len(result.skin.bones)  # a refined shape has the given points first
+            given = next(layer for layer in result.layers if layer.role == "skin")
+            write_rigged_gltf(
+                file, Surface(given.points, given.faces), result.shape.normals[:count], result.skin,
+                unit=unit,
+            )  # fmt: skip
         write_npz(new(f"{result.operation}.npz"), result.arrays)
     return names
 

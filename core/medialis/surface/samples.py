@@ -17,8 +17,8 @@ SAMPLES = {
 }
 """What each is, by its name."""
 
-NOISE, OUTLIERS, TAKEN = 0.001, 0.05, 4
-"""Of the scan: deviation as a part of the diagonal, share of outliers, points left out between."""
+NOISE, OUTLIERS = 0.002, 0.05
+"""Of the scan: deviation as a part of the diagonal, and share of outliers."""
 
 
 def sample_shape(name: str) -> Shape:
@@ -62,8 +62,6 @@ def _scan(shape: Shape) -> Shape:
     """Return noisy points of a surface, and some anywhere around it."""
     rng = np.random.default_rng(0)
     low, high = shape.bounds
-    points = shape.points[::TAKEN] + rng.normal(
-        scale=NOISE * shape.diagonal, size=shape.points[::TAKEN].shape
-    )
+    points = shape.points + rng.normal(scale=NOISE * shape.diagonal, size=shape.points.shape)
     astray = rng.uniform(low, high, (int(OUTLIERS * len(points)), 3))
     return make_shape(np.concatenate([points, astray]))

@@ -24,14 +24,14 @@ from medialis.progress import Progress, counted
 
 
 @dataclass(frozen=True, kw_only=True)
-class DenoiseRun(ManifoldsOptions):
-    """Options of the operation `denoise`."""
+class RemoveOutliersRun(ManifoldsOptions):
+    """Options of the operation `remove_outliers`."""
 
     max_bend: float = changed(ManifoldsOptions, "max_bend", default=18.0)
     max_turn: float = changed(ManifoldsOptions, "max_turn", default=12.0)
 
 
-def run(shape: Shape, options: DenoiseRun, progress: Progress) -> Outcome:
+def run(shape: Shape, options: RemoveOutliersRun, progress: Progress) -> Outcome:
     """Keep the points that belong to a manifold."""
     with progress.stage("manifolds", 0.0, 1.0):
         found = manifolds.of(shape, options, progress)
@@ -50,7 +50,7 @@ def run(shape: Shape, options: DenoiseRun, progress: Progress) -> Outcome:
     _note_removed(found, kept, dense, progress)
     note_mostly_noise(found, progress)
     clean = Layer(
-        "denoised",
+        "without_outliers",
         shape.points[kept],
         attributes={
             "manifold": found.labels()[kept],
@@ -99,20 +99,20 @@ def _note_removed(
 
 
 OPERATION = Operation(
-    name="denoise",
-    filter_name="generate_denoised_point_cloud_by_manifolds",
-    label="Denoise",
+    name="remove_outliers",
+    filter_name="generate_point_cloud_without_outliers_by_manifolds",
+    label="Remove outliers",
     group="Segment",
-    help="Remove the points of a cloud that lie on no smooth surface.\n\n"
+    help="Remove the outliers of a cloud: points that lie on no smooth surface.\n\n"
     "Keeps what belongs to a manifold, also where surfaces cross, and thin or sharp parts that are "
-    "as dense as the surface beside them. No point is moved.",
+    "as dense as the surface beside them. No point is moved: smooth does that.",
     source="thesis 4.2.4.2",
     examples=(("scan.ply", "the scan without the points that lie on no surface"),),
     layers={
-        "denoised": "the points that are kept",
+        "without_outliers": "the points that are kept",
         "noise": "all points, with those that go marked",
     },
-    options=DenoiseRun,
+    options=RemoveOutliersRun,
     run=run,
     order=160,
 )

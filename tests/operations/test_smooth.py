@@ -1,0 +1,77 @@
+"""The operation smooth: noise goes, clean shapes stay, in every unit and place the same."""
+
+import numpy as np
+import pytest
+
+import closed_forms
+import medialis
+
+LEVEL = 0.003  # of the diagonal
+
+
+@pytest.fixture(scope="module")
+def clean():
+    return medialis.organic_shape(80)
+
+
+@pytest.fixture(scope="module")
+def rough():
+    """A sphere of radius 1 with radial noise."""
+    ball = closed_forms.icosphere(4)
+    step = 1 + np.random.default_rng(3).normal(size=(ball.point_count, 1)) * LEVEL * ball.diagonal
+    return medialis.make_shape(ball.points * step, ball.faces)
+
+
+def test_the_noise_of_a_mesh_is_measured_and_goes(rough):
+    """As much stays as `smooth_noise` says that its plate leaves: about a third."""
+    result = medialis.run("smooth", rough)
+    assert result.values["noise"] == pytest.approx(LEVEL * rough.diagonal, rel=0.15)
+    layer = result.layers[0]
+    before, after = (np.linalg.norm(points, axis=1) for points in (rough.points, layer.points))
+    left = medialis.smooth_noise(rough, result.values["noise"])[1]
+    assert np.std(after) == pytest.approx(left, rel=0.1) and left < np.std(before) / 2
+    assert (layer.faces == rough.faces).all() and len(layer.points) == rough.point_count
+    moved = np.linalg.norm(layer.points - rough.points, axis=1)
+    assert np.array_equal(layer.attributes["moved"], moved)
+
+
+def test_the_noise_of_a_cloud_is_measured_and_goes():
+    """Points of a sphere with radial noise of 0.01: half of it goes, and no point with it."""
+    rng = np.random.default_rng(0)
+    sphere = rng.normal(size=(6000, 3))
+    sphere /= np.linalg.norm(sphere, axis=1, keepdims=True)
+    cloud = medialis.Shape(sphere * (1 + 0.01 * rng.normal(size=(6000, 1))), sphere)
+    result = medialis.run("smooth", cloud)
+    assert result.values["noise"] == pytest.approx(0.01, rel=0.3)
+    points = result.layers[0].points
+    assert len(points) == 6000
+    assert np.std(np.linalg.norm(points, axis=1)) < 0.5 * 0.01
+
+
+def test_clean_shapes_stay_as_they_are(clean):
+    for shape in (clean, medialis.Shape(clean.points, clean.normals)):
+        result = medialis.run("smooth", shape)
+        assert [m.code for m in result.messages] == ["no_noise"]
+        assert result.layers[0].points.tobytes() == shape.points.tobytes()
+
+
+def test_points_that_coincide_stay_together():
+    rng = np.random.default_rng(1)
+    flat = np.c_[rng.uniform(size=(3000, 2)), 0.01 * rng.normal(size=3000)]
+    points = np.concatenate([flat, flat[:500]])
+    found = medialis.run("smooth", medialis.Shape(points, np.zeros_like(points)), noise=0.01)
+    smooth = found.layers[0].points
+    assert (smooth[:500] == smooth[3000:]).all() and found.values["moved_max"] > 0
+
+
+def test_a_given_noise_is_a_length(rough):
+    by_share = medialis.run("smooth", rough, noise=LEVEL)
+    by_text = medialis.run("smooth", rough, noise=f"{LEVEL * rough.diagonal!r} units")
+    assert by_text.values["noise"] == pytest.approx(by_share.values["noise"], rel=1e-12)
+    with pytest.raises(medialis.InvalidOptionError, match="0 % to 10 %"):
+        medialis.run("smooth", rough, noise="20%")
+
+
+def test_the_old_name_says_what_does_its_work():
+    with pytest.raises(medialis.InvalidOptionError, match=r"remove_outliers .* smooth"):
+        medialis.operation("denoise")
