@@ -17,6 +17,7 @@ from medialis.curves.from_balls.candidates import (
     candidate_measure,
     near_balls,
 )
+from medialis.curves.from_balls.placing import node_importance, put_in_surface
 from medialis.curves.graph.finishing import finish_graph
 from medialis.curves.graph.ground import BallLinks, link_balls
 from medialis.curves.graph.growth import Turns, grow_graph
@@ -26,7 +27,6 @@ from medialis.errors import InvalidShapeError
 from medialis.kept import Bound, kept
 from medialis.model.curve_skeleton import CurveEvidence, CurveSkeleton
 from medialis.model.medial_cloud import MedialCloud
-from medialis.model.shape import Shape
 from medialis.options import Options, algorithm, changed, length, number
 from medialis.progress import Progress
 from medialis.threads import run_patiently
@@ -158,7 +158,7 @@ def curve_skeleton(
             ),
             progress,
         )
-        graph = _put_in_surface(ground, graph, node_of_sample, progress)
+        graph = put_in_surface(cloud, graph, node_of_sample, progress)
         if options.simplify > 0:
             graph = simplify_branches.of(graph, options, progress)
     evidence = CurveEvidence(
@@ -172,8 +172,10 @@ def curve_skeleton(
         sum(one.seams for one in ground.handles.values()),
         sum(one.unclear for one in ground.handles.values()),
     )
-    importance = run_patiently(lambda: _node_importance(graph, ground), progress)
-    return replace(graph, importance=importance, evidence=evidence)
+    of_nodes = run_patiently(
+        lambda: node_importance(cloud, graph, ground.candidates, ground.importance), progress
+    )
+    return replace(graph, importance=of_nodes, evidence=evidence)
 
 
 def _missing(handles: dict[int, Handles], loops: Turns) -> tuple[FloatArray, ...]:
@@ -254,62 +256,3 @@ def _linked(
     return link_balls(
         centers, radii, closeness, pairs, needed, spacing=surface.spacing, widths=measured.widths
     )
-
-
-def _put_in_surface(
-    ground: _Ground, graph: CurveSkeleton, node_of_sample: NDArray[np.int64], progress: Progress
-) -> CurveSkeleton:
-    """Give nodes their distance to the nearest sample, and each sample its node and branch."""
-    cloud = ground.measured.cloud
-    radii = run_patiently(lambda: cloud.surface.tree.query(graph.nodes)[0], progress)
-    missing = node_of_sample < 0
-    if missing.any():
-        key = missing.tobytes()
-        nearest = kept(
-            _nearest,
-            ground,
-            key,
-            lambda: run_patiently(lambda: _nearest(cloud.surface, missing), progress),
-            progress,
-        )
-        node_of_sample[missing] = np.where(nearest < 0, -1, node_of_sample[nearest])
-    return CurveSkeleton.of(
-        graph.nodes, graph.edges, radii, vertex_node=node_of_sample, cloud=cloud
-    )
-
-
-def _nearest(surface: Shape, missing: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """Return the nearest sample of the same component that is not missing for those that are."""
-    from scipy.spatial import cKDTree
-
-    result = np.full(surface.point_count, -1)
-    for part in np.unique(surface.components[missing]).tolist():
-        rows = np.flatnonzero(surface.components == part)
-        known, lost = rows[~missing[rows]], rows[missing[rows]]
-        if len(known):
-            near = cKDTree(surface.points[known]).query(surface.points[lost])[1]
-            result[lost] = known[near]
-    return result[missing]
-
-
-def _node_importance(graph: CurveSkeleton, ground: _Ground) -> FloatArray:
-    """Return the importance of the nearest candidate of the same part of the shape for each node.
-
-    On a single node hangs the whole area of its part, and so it does in a part without candidates.
-    """
-    from scipy.spatial import cKDTree
-
-    cloud = ground.measured.cloud
-    surface, node = cloud.surface, np.asarray(graph.vertex_node)
-    whole = np.bincount(surface.components, surface.point_areas)
-    part = np.full(graph.component_count, -1)
-    part[graph.components[node[node >= 0]]] = surface.components[node >= 0]
-    of_node, of_candidate = part[graph.components], surface.components[ground.candidates]
-    result = np.where(of_node >= 0, whole[of_node], np.nan)
-    for one in np.intersect1d(of_node, of_candidate).tolist():
-        nodes, rows = np.flatnonzero(of_node == one), np.flatnonzero(of_candidate == one)
-        tree = cKDTree(cloud.centers[ground.candidates[rows]])
-        result[nodes] = ground.importance[rows[tree.query(graph.nodes[nodes])[1]]]
-    alone = (graph.degrees == 0) & (of_node >= 0)
-    result[alone] = whole[of_node[alone]]
-    return result

@@ -10,6 +10,8 @@ from medialis._kernels.heap_kernels import pop, push
 from medialis._kernels.jit import kernel
 from medialis._kernels.union_find_kernels import find_root
 
+DOUBTFUL = 0.1  # turns: the change of an angle along a link that is followed, if the link is long
+
 
 @kernel
 def spread_from_tree(
@@ -41,94 +43,111 @@ def spread_from_tree(
 
 
 @kernel
-def count_turns(
-    order, parent, radii, offsets, neighbours, length, theta, row, extra, turns, anchor
+def weigh_paths(
+    order, parent, radii, offsets, neighbours, length, weight, prime, path, anchor
 ):  # fmt: skip
-    """Whole turns round each handle on the path from each ball to the root, in rising cost.
+    """Weigh the turns of the path from each ball to the root, in rising cost.
 
-    `theta` (k, c) are angles in turns, known up to whole ones; along a link they change by less
-    than half a turn, and by the whole turns ``extra[row]`` besides where its row is not negative.
-    Balls of the tree (no parent) keep their turns. `anchor` becomes the last ball on the path that
-    does not overlap the one after it, else that of the root: links between balls that are apart may
-    leave the shape, so that turns are certain between balls of the same anchor only.
+    `weight` is that of each link, modulo the prime. Balls of the tree (no parent) keep theirs.
+    `anchor` becomes the last ball on the path that does not overlap the one after it, else that of
+    the root: links between balls that are apart may leave the shape, so that turns are certain
+    between balls of the same anchor only.
     """
     for v in order:
         p = parent[v]
         if p < 0:
             continue
         anchor[v] = anchor[p]
-        for c in range(theta.shape[1]):
-            turns[v, c] = turns[p, c] + round(theta[v, c] - theta[p, c])
         for at in range(offsets[p], offsets[p + 1]):
-            if neighbours[at] != v:
-                continue
-            if length[at] >= radii[v] + radii[p]:
-                anchor[v] = v
-            if row[at] >= 0:
-                for c in range(theta.shape[1]):
-                    turns[v, c] += extra[row[at], c]
+            if neighbours[at] == v:
+                if length[at] >= radii[v] + radii[p]:
+                    anchor[v] = v
+                path[v] = (path[p] + weight[at]) % prime
+                break
 
 
 @kernel
-def find_closing_links(
-    rows, radii, offsets, neighbours, length, spent, theta, row, extra, turns, anchor, out_links
+def cheapest_closing_link(
+    rows, radii, offsets, neighbours, length, cost, spent, weight, prime, path, anchor
 ):  # fmt: skip
-    """Links that close a path round a handle: the turns of both ends do not match.
+    """Return the cheapest link that closes a path which weighs something, -1 for none.
 
-    Only links between balls that overlap count, and whose turns are certain (`count_turns`).
-    Returns how many; only the first len(out_links) are listed.
+    Only links between balls that overlap count, and whose turns are certain (`weigh_paths`).
+    """
+    best, least = -1, np.inf
+    for v in rows:
+        for at in range(offsets[v], offsets[v + 1]):
+            w = neighbours[at]
+            total = spent[v] + cost[at] + spent[w]
+            if w <= v or total >= least:
+                continue
+            if length[at] >= radii[v] + radii[w] or anchor[v] != anchor[w]:
+                continue
+            if (path[v] + weight[at] - path[w]) % prime != 0:
+                best, least = at, total
+    return best
+
+
+@kernel
+def farthest_ends(rows, radii, offsets, neighbours, length, out_far):
+    """Length of the longest link of each ball to one that it overlaps, 0 for none."""
+    for v in rows:
+        for at in range(offsets[v], offsets[v + 1]):
+            if length[at] < radii[v] + radii[neighbours[at]]:
+                out_far[v] = max(out_far[v], length[at])
+
+
+@kernel
+def list_turns(
+    rows, near, theta, radii, offsets, neighbours, length, out_links, out_turns, out_doubtful
+):  # fmt: skip
+    """Links between near balls along which the angle `theta` changes by more than half a turn.
+
+    Nearest whole turns; doubtful are those along links out of a ball that change much: they are
+    listed in any case. Returns how many; the lists have room for all links.
     """
     count = 0
     for v in rows:
         for at in range(offsets[v], offsets[v + 1]):
             w = neighbours[at]
-            if w <= v or spent[v] == np.inf or spent[w] == np.inf:
+            if not near[w] or length[at] >= radii[v] + radii[w]:
                 continue
-            if length[at] >= radii[v] + radii[w] or anchor[v] != anchor[w]:
-                continue
-            for c in range(theta.shape[1]):
-                change = round(theta[w, c] - theta[v, c])
-                if row[at] >= 0:
-                    change += extra[row[at], c]
-                if turns[v, c] + change != turns[w, c]:
-                    if count < len(out_links):
-                        out_links[count] = at
-                    count += 1
-                    break
+            change = theta[w] - theta[v]
+            whole = round(change)
+            doubtful = length[at] >= min(radii[v], radii[w]) and abs(change - whole) > DOUBTFUL
+            if whole != 0 or doubtful:
+                out_links[count], out_turns[count], out_doubtful[count] = at, whole, doubtful
+                count += 1
     return count
 
 
 @kernel
-def solid_angles(begin, stop, rows, centers, loop_offsets, loops, points, out_theta):
-    """Solid angle of each closed polyline seen from the centers, in turns of 4 pi.
+def solid_angles(begin, stop, rows, centers, loop, points, out_theta):
+    """Solid angle of a closed polyline seen from the centers, in turns of 4 pi.
 
     The polyline is the border of a fan of triangles round its first point (Van Oosterom and
     Strackee 1983); another surface with the same border differs by whole turns.
     """
+    first = loop[0]
     for i in range(begin, stop):
         x, y, z = centers[rows[i], 0], centers[rows[i], 1], centers[rows[i], 2]
-        for c in range(len(loop_offsets) - 1):
-            first = loops[loop_offsets[c]]
-            ax, ay, az = points[first, 0] - x, points[first, 1] - y, points[first, 2] - z
-            a = math.sqrt(ax * ax + ay * ay + az * az)
-            total = 0.0
-            bx, by, bz, b = ax, ay, az, a
-            for at in range(loop_offsets[c] + 1, loop_offsets[c + 1]):
-                v = loops[at]
-                cx, cy, cz = points[v, 0] - x, points[v, 1] - y, points[v, 2] - z
-                d = math.sqrt(cx * cx + cy * cy + cz * cz)
-                triple = (
-                    ax * (by * cz - bz * cy) + ay * (bz * cx - bx * cz) + az * (bx * cy - by * cx)
-                )
-                bottom = (
-                    a * b * d
-                    + (ax * bx + ay * by + az * bz) * d
-                    + (ax * cx + ay * cy + az * cz) * b
-                    + (bx * cx + by * cy + bz * cz) * a
-                )
-                total += 2.0 * math.atan2(triple, bottom)
-                bx, by, bz, b = cx, cy, cz, d
-            out_theta[rows[i], c] = total / (4.0 * math.pi)
+        ax, ay, az = points[first, 0] - x, points[first, 1] - y, points[first, 2] - z
+        a = math.sqrt(ax * ax + ay * ay + az * az)
+        total = 0.0
+        bx, by, bz, b = ax, ay, az, a
+        for v in loop[1:]:
+            cx, cy, cz = points[v, 0] - x, points[v, 1] - y, points[v, 2] - z
+            d = math.sqrt(cx * cx + cy * cy + cz * cz)
+            triple = ax * (by * cz - bz * cy) + ay * (bz * cx - bx * cz) + az * (bx * cy - by * cx)
+            bottom = (
+                a * b * d
+                + (ax * bx + ay * by + az * bz) * d
+                + (ax * cx + ay * cy + az * cz) * b
+                + (bx * cx + by * cy + bz * cz) * a
+            )
+            total += 2.0 * math.atan2(triple, bottom)
+            bx, by, bz, b = cx, cy, cz, d
+        out_theta[rows[i]] = total / (4.0 * math.pi)
 
 
 @kernel

@@ -8,7 +8,7 @@ shortest through the root (Erickson and Whittlesey 2005): each lies at its handl
 A closed path inside is contractible in homology exactly when it is linked with none of these loops.
 The solid angle of a loop, seen from a point that moves once along a closed path, changes by whole
 turns, and their number is the linking number. So one angle a point and loop is all that is needed
-to count turns along any path.
+to count turns along any path (`loops.py`).
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from medialis.curves.graph.ground import JITTER, BallLinks
+from medialis.curves.graph.ground import JITTER
 from medialis.kept import Described
 from medialis.model.polylines import follow
 from medialis.model.ragged import Ragged
@@ -28,11 +28,8 @@ from medialis.surface.solid_boundary import SolidBoundary, solid_boundary
 from medialis.threads import run_chunks
 from medialis.validation import FloatArray, frozen
 
-POINTS_A_CHUNK = 64
+POINTS_A_CHUNK = 1024
 MOST_HANDLES = 2048
-
-DOUBTFUL = 0.1
-"""Turns: the change of an angle along a link that is followed closely, if the link is long."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -44,8 +41,8 @@ class Handles(Described):
     genus : int
         Number of independent loops inside.
     loops : list of (l,) int64
-        2 genus closed polylines: indices into `points`. None for more than 2048 handles: angles of
-        all balls to all of them would not fit into memory.
+        2 genus closed polylines: indices into `points`. None for more than 2048 handles, which
+        would take minutes.
     points : (n, 3) float64
         Those of the boundary of the solid, which are the vertices first; moved by 1e-9 of the size,
         since no angle is defined where a center lies on the side of a triangle.
@@ -59,69 +56,19 @@ class Handles(Described):
     seams: int = 0
     unclear: int = 0
 
-    def angles(self, centers: FloatArray, rows: NDArray[np.int64]) -> FloatArray:
-        """Solid angle of each loop seen from ``centers[rows]``, in turns, (k, 2 genus).
+    def fill_angles(
+        self, number: int, centers: FloatArray, rows: NDArray[np.int64], theta: FloatArray
+    ) -> None:
+        """Write the solid angle of a loop seen from centers, in turns, to ``theta[rows]``.
 
-        Rows that are not asked for are 0. Cost: rows times the length of all loops, 60 ns each.
+        Cost: rows times the length of the loop, 60 ns each.
         """
         from medialis.curves.graph._growth_kernels import solid_angles
 
-        theta = np.zeros((len(centers), len(self.loops)))
-        if not self.loops:
-            return theta
-        offsets = np.concatenate([[0], np.cumsum([len(loop) for loop in self.loops])])
-        flat = np.concatenate(self.loops)
-
         def work(begin: int, end: int) -> None:
-            solid_angles(begin, end, rows, centers, offsets, flat, self.points, theta)
+            solid_angles(begin, end, rows, centers, self.loops[number], self.points, theta)
 
         run_chunks(work, len(rows), POINTS_A_CHUNK)
-        return frozen(theta, np.float64)
-
-
-def extra_turns(
-    links: BallLinks, one: Handles, theta: FloatArray, rows: NDArray[np.int64]
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Whole turns by which angles change along links, beyond the nearest change of less than half.
-
-    Along a link shorter than both radii there are none: it lies in one ball, which no loop enters.
-    Where balls only overlap, the angle is followed through a place that lies in both.
-
-    Parameters
-    ----------
-    links : BallLinks
-    one : Handles
-    theta : (k, c) float64
-        ``one.angles(links.centers, rows)``.
-    rows : (r,) int
-        Balls of the component.
-
-    Returns
-    -------
-    (l,) int64
-        Row of each link in the other array; -1 where there are no extra turns.
-    (q, c) int64
-    """
-    mine = np.zeros(len(links), bool)
-    mine[rows] = True
-    start = np.repeat(np.arange(len(links)), np.diff(links.offsets))
-    a, b, size = links.radii[start], links.radii[links.neighbours], links.length
-    doubtful = mine[start] & (size >= np.minimum(a, b)) & (size < a + b)
-    at = np.flatnonzero(doubtful)
-    if len(at):
-        change = theta[links.neighbours[at]] - theta[start[at]]
-        at = at[(np.abs(change - np.rint(change)) > DOUBTFUL).any(axis=1)]
-    begin, end = start[at], links.neighbours[at]
-    # The middle of what lies in both balls.
-    share = (np.maximum(size[at] - b[at], 0) + np.minimum(a[at], size[at])) / (2 * size[at])
-    middle = links.centers[begin] + share[:, None] * (links.centers[end] - links.centers[begin])
-    there = one.angles(middle, np.arange(len(at)))
-    turns = np.rint(there - theta[begin]) + np.rint(theta[end] - there)
-    extra = (turns - np.rint(theta[end] - theta[begin])).astype(np.int64)
-    some = extra.any(axis=1)
-    row = np.full(len(size), -1, np.int64)
-    row[at[some]] = np.arange(int(some.sum()))
-    return row, extra[some]
 
 
 def find_handles(shape: Shape) -> dict[int, Handles]:

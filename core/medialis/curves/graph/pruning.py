@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from medialis.curves.graph.ground import BallLinks
-from medialis.curves.graph.growth import Growth, sticks_out
+from medialis.curves.graph.growth import sticks_out
+from medialis.curves.graph.tree import GraphTree
 from medialis.model.curve_skeleton import CurveSkeleton
 from medialis.validation import FloatArray
 
@@ -117,6 +118,6 @@ def _beside(
 
 def nearest_on_graph(links: BallLinks, balls: NDArray[np.int64]) -> NDArray[np.int32]:
     """Return the ball of a graph that is nearest to each ball along the links; -1 for none."""
-    growth = Growth(replace(links, cost=links.length))
+    growth = GraphTree(replace(links, cost=links.length))
     growth.add(balls.tolist())
     return growth.base
