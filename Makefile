@@ -9,6 +9,8 @@
 #   make blender           the extension's zips for all platforms, in dist/blender
 # For the filters in MeshLab's menu (docs/meshlab.md says what it needs):
 #   make meshlab-plugin    the plugin for the MeshLab of this machine
+# For pages in three dimensions (`medialis view`; installing does it as well where npm is there):
+#   make viewer            the script that they draw with; needs npm, which comes with Node.js
 # For hostile inputs and faults, made at random (a run goes on where the last one ended):
 #   make fuzz MINUTES=10   findings in build/fuzz; FUZZ="--seed 7 --kinds files" for others
 #   make bounds            operations on nasty shapes, with kernels that check bounds; some minutes
@@ -27,7 +29,7 @@ CHECK_PYTHON = $(PYTHON) -c 'import sys; v = sys.version_info[:2]; \
 MAKE_VENV = $(RUN) -m pip --version >/dev/null 2>&1 \
 	|| { $(CHECK_PYTHON) && $(PYTHON) -m venv $(VENV); }
 
-.PHONY: demo test test-fast test-blender fuzz bounds check hosts blender meshlab-plugin bench accuracy pictures site dist test-dist clean
+.PHONY: demo test test-fast test-blender fuzz bounds check hosts blender meshlab-plugin viewer bench accuracy pictures site dist test-dist clean
 
 # The stamps are older than pyproject.toml exactly when its dependencies may have changed.
 $(VENV)/installed: pyproject.toml
@@ -83,6 +85,9 @@ blender: $(VENV)/installed-dev
 meshlab-plugin: $(VENV)/installed
 	PYTHON="$(CURDIR)/$(RUN)" meshlab_plugin/build.sh
 
+viewer: $(VENV)/installed
+	$(RUN) viewer_library/build.py
+
 check: $(VENV)/installed-dev
 	$(RUN) -m ruff check .
 	$(RUN) -m ruff format --check .
@@ -106,7 +111,7 @@ $(VENV)/installed-docs: pyproject.toml
 site: $(VENV)/installed-docs
 	$(RUN) docs/make_site.py
 
-dist: $(VENV)/installed
+dist: viewer
 	$(RUN) -m pip install --quiet build
 	rm -f dist/medialis-*.whl dist/medialis-*.tar.gz
 	$(RUN) -m build --outdir dist

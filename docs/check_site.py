@@ -183,8 +183,10 @@ class _Server(ThreadingHTTPServer):
         return f"http://127.0.0.1:{self.server_address[1]}/{path}"
 
 
-def _command(browser: str, profile: str, *options: str) -> list[str]:
-    fixed = ["--headless=new", "--disable-gpu", "--no-first-run", "--hide-scrollbars"]
+def browser_command(browser: str, profile: str, *options: str) -> list[str]:
+    """Return the command of a headless browser that draws in three dimensions without a card."""
+    fixed = ["--headless=new", "--no-first-run", "--hide-scrollbars"]
+    fixed += ["--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
     if hasattr(os, "geteuid") and os.geteuid() == 0:  # Chromium's sandbox refuses root
         fixed.append("--no-sandbox")
     return [browser, *fixed, f"--user-data-dir={profile}", *options]
@@ -194,7 +196,7 @@ def look(site: Path, browser: str) -> list[str]:
     """Return a line for everything that is wrong on any page in a real browser."""
     server = _Server(site)
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as profile:
-        command = _command(browser, profile, "--remote-debugging-port=0")
+        command = browser_command(browser, profile, "--remote-debugging-port=0")
         quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
         process = subprocess.Popen([*command, server.address("inspector")], **quiet)
         try:
@@ -219,7 +221,7 @@ def screenshots(site: Path, browser: str, folder: Path, pages: list[str]) -> Non
             with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as profile:
                 size = f"--window-size={max(width, 500)},1600"
                 options = (size, f"--screenshot={out}", "--virtual-time-budget=4000")
-                command = _command(browser, profile, *options)
+                command = browser_command(browser, profile, *options)
                 address = server.address(f"frame/{width}/{page}")
                 subprocess.run([*command, address], check=True, capture_output=True)
             print(out)

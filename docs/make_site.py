@@ -40,9 +40,10 @@ def write_pages(source: Path, cache: Path, redraw: bool) -> None:
         path = source / f"{name}.md"
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(text, encoding="utf-8")
-    shutil.copytree(
-        cache, source / "parameters/pictures", ignore=shutil.ignore_patterns("*.json", "pages")
-    )
+    others = shutil.ignore_patterns("*.json", "pages", "viewers")
+    shutil.copytree(cache, source / "parameters/pictures", ignore=others)
+    (cache / "viewers").mkdir(exist_ok=True)
+    shutil.copytree(cache / "viewers", source / "extra" / "viewers")
     _link_parameters(source, pages)
     _add_contents(source / "index.md", pages)
     shutil.copyfile(WEBSITE / "conf.py", source / "conf.py")

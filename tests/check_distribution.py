@@ -21,10 +21,12 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 VERSION = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]["version"]
 OF_THE_REPOSITORY = re.compile(r"\.git\w+|\.ci/.*")
-OF_THE_BUILD = re.compile(r"PKG-INFO|setup\.cfg|medialis\.egg-info/.*")
+OF_THE_BUILD = re.compile(
+    r"PKG-INFO|setup\.cfg|medialis\.egg-info/.*|core/medialis/viewer/three\.js"
+)
 IN_THE_WHEEL = re.compile(
     r"medialis(_meshlab|_meshset)?/.*\.pyi?|medialis/py\.typed"
-    r"|medialis/(batches|render|reports)/\w+\.(css|js|npz|txt)"
+    r"|medialis/(batches|render|reports|viewer)/\w+\.(css|html|js|npz|txt)"
     rf"|medialis-{re.escape(VERSION)}\.dist-info/[\w./]+"
 )
 
@@ -43,7 +45,7 @@ def look_into(package: Path) -> None:
         wanted = {
             file.relative_to(folder.parent).as_posix()
             for folder in packages
-            for kind in ("*.py", "*.pyi", "py.typed", "*.css", "*.js", "*.npz", "*.txt")
+            for kind in ("*.py", "*.pyi", "py.typed", "*.css", "*.html", "*.js", "*.npz", "*.txt")
             for file in folder.rglob(kind)
         }
         licences = f"medialis-{VERSION}.dist-info/licenses"

@@ -25,6 +25,7 @@ LAYERS = [
     {"sheets"},
     {"clouds"},
     {"render"},
+    {"viewer"},
     {"curves"},
     {"rigging"},
     {"segments"},

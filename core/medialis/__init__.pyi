@@ -70,6 +70,7 @@ from medialis.model.view import ViewSource as ViewSource
 from medialis.model.y_network import YNetwork as YNetwork
 from medialis.operations.declaration import Operation as Operation
 from medialis.operations.pictures import draw_result as draw_result
+from medialis.operations.reading import read_result as read_result
 from medialis.operations.registry import OPERATIONS as OPERATIONS
 from medialis.operations.registry import operation as operation
 from medialis.operations.result import FilterUnit as FilterUnit
@@ -98,7 +99,6 @@ from medialis.render.depth_range import rasterizer as rasterizer
 from medialis.render.reconstruction import Comparison as Comparison
 from medialis.render.reconstruction import progressive as progressive
 from medialis.render.reconstruction import reconstruct_image as reconstruct_image
-from medialis.render.shading import Style as Style
 from medialis.rigging.bones import bones as bones
 from medialis.rigging.skinning import skin_weights as skin_weights
 from medialis.segments.mean_shift import MeanShift as MeanShift
@@ -132,7 +132,6 @@ from medialis.surface.reading import read_shape as read_shape
 from medialis.surface.refinement import refine as refine
 from medialis.surface.repair import Repair as Repair
 from medialis.surface.repair import repair as repair
-from medialis.surface.samples import SAMPLES as SAMPLES
 from medialis.surface.samples import sample_shape as sample_shape
 from medialis.threads import thread_count as thread_count
 from medialis.threads import thread_limit as thread_limit

@@ -11,7 +11,7 @@ version = release = installed_version("medialis")
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
 root_doc = "index"
 source_suffix = {".md": "markdown"}
-exclude_patterns = ["files", "**/README.md"]
+exclude_patterns = ["files", "extra", "**/README.md"]
 
 myst_enable_extensions = ["colon_fence"]
 myst_heading_anchors = 4
@@ -32,6 +32,7 @@ napoleon_use_rtype = False
 html_theme = "furo"
 html_title = "medialis"
 html_static_path = ["static"]
+html_extra_path = ["extra"]  # pages in three dimensions, as they are
 html_css_files = ["site.css"]
 html_copy_source = False
 html_show_sphinx = False

@@ -15,7 +15,7 @@ import make_thesis_figures
 from medialis.operations.registry import OPERATIONS
 from medialis.render.png import write_png
 from medialis.threads import thread_limit
-from website.strips import default_picture, tiles
+from website.strips import default_picture, default_viewer, tiles
 
 PAGE_PICTURES = {**make_pictures.PICTURES, **make_thesis_figures.FIGURES}
 
@@ -26,6 +26,7 @@ def draw_all(folder: Path, names: Collection[str]) -> None:
     jobs = [
         *(partial(_page_picture, name) for name in names),
         *(partial(default_picture, operation) for operation in OPERATIONS),
+        *(partial(default_viewer, operation) for operation in OPERATIONS),
         *(tile.draw for tile in runs.values()),
     ]
     clock = time.perf_counter()

@@ -13,7 +13,14 @@ from medialis.operations.declaration import Kind, Operation, Parameter
 from medialis.operations.registry import OPERATIONS
 from medialis.render.annotation import number_text
 from website.pages import operation_of
-from website.strips import Panel, can_be_seen, changing_values, default_picture, strip
+from website.strips import (
+    Panel,
+    can_be_seen,
+    changing_values,
+    default_picture,
+    default_viewer,
+    strip,
+)
 
 KINDS = {
     Kind.FLOAT: "number",
@@ -166,11 +173,12 @@ def gallery(pages: list[str], pictures: Path) -> str:
         for chosen in (o for o in OPERATIONS if o.group == group):
             page = next((p for p in pages if p == chosen.name), f"parameters/{chosen.name}")
             page = next((p for p in pages if operation_of(p) is chosen), page)
-            name = default_picture(chosen, pictures)
+            name, viewer = default_picture(chosen, pictures), default_viewer(chosen, pictures)
+            turn = f' <a href="{viewer}">Turn it.</a>' if viewer else ""
             lines.append(
                 f":::{{figure}} parameters/pictures/{name}\n:alt: {chosen.label}\n"
                 f":target: {page}.html\n\n[{chosen.label}]({page}.md)\n"
-                f"{chosen.help.splitlines()[0]}\n:::"
+                f"{chosen.help.splitlines()[0]}{turn}\n:::"
             )
         lines.append("::::")
     return "\n\n".join(lines) + "\n"

@@ -22,6 +22,7 @@ SECTIONS = {
     "Tutorials": ("tutorials/*",),
     "In other programs": ("blender*", "meshlab*", "pymeshlab*"),
     "Many and large shapes": ("batch*", "report*", "huge*"),
+    "Looking at results": ("viewer",),
     "Thesis": ("thesis_*",),
     "Python": ("api", "glossary", "versions"),
     "Project": (

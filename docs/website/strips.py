@@ -20,6 +20,7 @@ import medialis
 from medialis.operations.declaration import Operation, Parameter
 from medialis.operations.pictures import draw_result
 from medialis.render.png import write_png
+from medialis.viewer.page import has_library
 from website.pages import ROOT
 from website.parameter_values import BASE, SHAPES, creature, example_of
 
@@ -49,8 +50,9 @@ def state() -> str:
     """Return a hash of all that can change a picture."""
     digest = hashlib.sha256()
     for folder in (ROOT / "core", ROOT / "docs"):
-        for path in sorted(folder.rglob("*.py")):
-            digest.update(path.read_bytes())
+        for path in sorted(folder.rglob("*")):
+            if path.suffix in (".py", ".js", ".css", ".html"):
+                digest.update(path.read_bytes())
     return digest.hexdigest()[:12]
 
 
@@ -65,7 +67,7 @@ def picture_of(
         if chosen.name == layer:
             result = replace(result, shown=(chosen,), images={})
     if not result.images:
-        options = {"width": size[0], "height": size[1], "style": medialis.Style(legend=False)}
+        options = {"width": size[0], "height": size[1], "legend": False}
         return draw_result(result, color_by=color_by, **options)
     image = list(result.images.values())[-1]
     step = max(1, round(image.shape[1] / (2 * size[0])))
@@ -82,6 +84,17 @@ def default_picture(operation: Operation, folder: Path) -> str:
         result = medialis.run(operation.name, shape, **BASE.get(operation.name, dict)())
         write_png(folder / name, picture_of(result, (560, 420)))
     return name
+
+
+def default_viewer(operation: Operation, folder: Path) -> str:
+    """Make the page of an operation at its defaults in three dimensions; return its name."""
+    name = f"viewers/{operation.name}.html"
+    if has_library() and not (folder / name).exists():
+        (folder / name).parent.mkdir(exist_ok=True)
+        shape = SHAPES.get(operation.name, creature)()
+        result = medialis.run(operation.name, shape, **BASE.get(operation.name, dict)())
+        result.viewer_html(folder / name, title=operation.label)
+    return name if (folder / name).exists() else ""
 
 
 @dataclass(frozen=True)

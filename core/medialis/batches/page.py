@@ -11,6 +11,7 @@ from urllib.parse import quote
 
 from medialis.batches.jobs import DONE, FAILED, Row
 from medialis.reports.page import data_text, page
+from medialis.viewer.page import has_library
 
 OPEN_ROWS = 2000
 """Longer pages start with their tables closed, so that they open at once."""
@@ -99,6 +100,8 @@ def _line(row: Row, columns: Sequence[str]) -> str:
         )
     if row.report is not None:
         links.append(f'<a href="{_link(row.report)}">report</a>')
+        if has_library():
+            links.append(f'<a href="{_link(row.report)}#viewer">3D</a>')
     links.append(f'<a href="{folder}">files</a>')
     seconds = "" if row.seconds is None else f"{row.seconds:.2f}"
     said = f'<p tabindex="0">{_text(row.sentence)}</p>' if row.sentence else ""

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from medialis.cli.display import STYLES, say
+from medialis.cli.view_command import add_view_arguments
 from medialis.errors import InvalidOptionError
 from medialis.operations.names import RENAMED, named_operations
 
@@ -135,7 +136,7 @@ def build_parser(
     describe.add_argument("--json", action="store_true", help="print JSON (for programs)")
     _add_batch(add("batch", "Run operations over many files, in parallel; --help tells how."))
     warmup = add("warmup", "Compile all kernels now, so that the first run is fast.")
-    _add_progress(warmup)
+    add_progress(warmup)
     doctor = add("doctor", "Say what is installed, what is missing, and how to get it.")
     doctor.add_argument("--json", action="store_true", help="print JSON (for programs)")
     install = add("meshlab-install", "Put the built plugin where MeshLab looks.")
@@ -146,10 +147,12 @@ def build_parser(
     demo = add("demo", "Compute the surface skeleton of a built-in shape, and of yours.")
     demo.add_argument("file", nargs="?", help="a mesh or point cloud of your own")
     demo.add_argument("-o", "--output", default="medialis-demo", help="output folder")
-    _add_progress(demo)
+    add_progress(demo)
     sample = add("sample", "Write a shape to try things on; without a name: list them.")
     sample.add_argument("name", nargs="?", help="its name")
     sample.add_argument("-o", "--output", metavar="FILE", help="(default: NAME.ply, here)")
+    view = add("view", "Show a shape and its results in three dimensions, in one HTML file.")
+    add_view_arguments(view)
     completion = add("completion", "Print the script by which a shell completes commands.")
     completion.add_argument("shell", choices=SHELLS)
     return parser
@@ -217,7 +220,7 @@ def _add_operation(sub: argparse.ArgumentParser, chosen: Operation, run: Command
             help="graph formats to write besides PLY, with commas between them; '' for none "
             "(default: %(default)s). SWC holds a tree: loops are cut, see its comments",
         )
-    _add_progress(sub)
+    add_progress(sub)
     sub.set_defaults(command=run, operation=chosen, parser=sub)
 
 
@@ -275,7 +278,7 @@ def _add_batch(sub: argparse.ArgumentParser) -> None:
     sub.add_argument("--no-picture", action="store_true", help="draw no pictures")
     _add_report(sub, "of each result")
     sub.add_argument("--json", action="store_true", help="print the table as JSON")
-    _add_progress(sub)
+    add_progress(sub)
 
 
 def _add_parameter(group: Any, parameter: Parameter) -> None:
@@ -320,7 +323,8 @@ def _add_report(sub: argparse.ArgumentParser, of_what: str) -> None:
     )
 
 
-def _add_progress(sub: argparse.ArgumentParser) -> None:
+def add_progress(sub: argparse.ArgumentParser) -> None:
+    """Give a command the options of its progress."""
     sub.add_argument(
         "--progress",
         choices=STYLES,

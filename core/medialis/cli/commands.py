@@ -244,7 +244,14 @@ def _completion(options: argparse.Namespace) -> int:
     return print_script(options)
 
 
+def _view(options: argparse.Namespace) -> int:
+    from medialis.cli.view_command import run_view
+
+    return run_view(options)
+
+
 COMMANDS = {
+    "view": _view,
     "info": _info,
     "list": _list,
     "describe": _describe,

@@ -15,6 +15,7 @@ from medialis.errors import InvalidOptionError, InvalidShapeError
 from medialis.files.curve_graphs import node_attributes
 from medialis.model.curve_skeleton import CurveSkeleton
 from medialis.model.medial_cloud import Balls
+from medialis.model.shape import Shape
 from medialis.model.skeleton_mesh import SkeletonMesh
 from medialis.operations.result import Layer, Outcome
 from medialis.surface.given_shapes import ShapeLike, as_shape
@@ -61,6 +62,13 @@ class Drawn:
             return cls(thing.points, thing.faces, attributes={"radius": radii})
         shape = as_shape(thing)
         return cls(shape.points, shape.faces, attributes={"normal": shape.normals})
+
+    def outcome(self, name: str) -> Outcome:
+        """Return these as an outcome of one layer, which is coloured by its first values."""
+        numbers = [k for k, v in self.attributes.items() if np.ndim(v) == 1]
+        layer = Layer(name, **vars(self), color_by=next(iter(numbers), None))
+        normals = np.zeros(self.points.shape)
+        return Outcome(Shape(self.points, normals, self.faces), layers=(layer,))
 
 
 def to_networkx(curve: CurveSkeleton | Outcome) -> Any:

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import html
 import math
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
@@ -223,6 +225,47 @@ class Result(Outcome, Described):
     seconds: Mapping[str, float] = field(default_factory=dict)
     messages: tuple[str, ...] = ()
 
+    def viewer_html(
+        self, path: str | os.PathLike[str], *others: Outcome, title: str | None = None
+    ) -> None:
+        """Write one HTML file that shows the result in three dimensions, by itself.
+
+        Parameters
+        ----------
+        path : path
+            An existing file is replaced.
+        *others : Result
+            Of the same shape: more layers to switch on.
+        title : str, optional
+            Of the page; the operation when missing.
+
+        Raises
+        ------
+        FileError
+            When the page cannot be written, or the library that it draws with is missing.
+        """
+        from medialis.viewer.page import write_viewer
+
+        write_viewer(path, (self, *others), title or self.title)
+
+    def show(self, *others: Outcome) -> Path | None:
+        """Show the result in three dimensions: in the notebook, else in the browser.
+
+        Returns
+        -------
+        Path or None
+            The page that the browser was given; None in a notebook.
+        """
+        from medialis.viewer.page import viewer_page
+        from medialis.viewer.showing import show_page
+
+        return show_page(viewer_page((self, *others), self.title), self.operation)
+
+    @property
+    def title(self) -> str:
+        """The operation in words."""
+        return self.operation.replace("_", " ").capitalize()
+
     def _repr_html_(self) -> str:
         """Return what notebooks show: a small picture beside the values."""
         from medialis.operations.pictures import picture_html
@@ -230,8 +273,7 @@ class Result(Outcome, Described):
 
         lines = [*value_lines(self.values, self.shape.unit), *map(str, self.messages)]
         told = "<br>".join(html.escape(line) for line in lines)
-        title = html.escape(self.operation.replace("_", " "))
         return (
             '<div style="display:flex;gap:1em;align-items:flex-start;flex-wrap:wrap">'
-            f"{picture_html(self)}<div><b>{title}</b><br>{told}</div></div>"
+            f"{picture_html(self)}<div><b>{html.escape(self.title)}</b><br>{told}</div></div>"
         )

@@ -33,12 +33,8 @@ from medialis.operations.pictures import draw_result, draw_turntable, require_at
 from medialis.operations.result import Result
 from medialis.progress import Message, Progress, ProgressCallback
 from medialis.render.png import reduced, write_png
-from medialis.render.shading import Style
 from medialis.validation import as_choice
 from medialis.version import package_version
-
-WIDTH, HEIGHT = 2000, 1500
-"""Pixels of the main picture before what is empty is cut off."""
 
 THUMBNAIL, THUMBNAIL_WIDTH = "thumbnail.png", 250
 
@@ -77,6 +73,7 @@ def describe_result(result: Result, **more: Any) -> dict[str, Any]:
             }
             for layer in result.layers
         ],
+        "shown": [layer.name for layer in result.shown],
         **more,
     }
 
@@ -325,13 +322,5 @@ def _main_pictures(
     for name, image in result.images.items():
         yield f"{name}.png", image
     if pictures.main and result.layers and not result.images:
-        image = draw_result(
-            result,
-            color_by=pictures.color_by,
-            width=WIDTH,
-            height=HEIGHT,
-            title=title,
-            style=Style(background=None, crop=True),
-            progress=progress,
-        )
+        image = draw_result(result, color_by=pictures.color_by, title=title, progress=progress)
         yield f"{result.operation}.png", image

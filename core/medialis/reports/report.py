@@ -33,8 +33,13 @@ from medialis.reports.page import (
 )
 from medialis.reports.wording import named, number, place
 from medialis.threads import run_patiently
+from medialis.viewer.page import has_library, viewer_page
+from medialis.viewer.showing import frame
 
 STILLS, STILL_SIZE = 4, 360
+MOST_POINTS = 2_000_000
+"""Points of all layers that a report shows in three dimensions: a page of 20 MB."""
+
 ROWS = 30
 """Rows of tables that are shown."""
 
@@ -83,9 +88,21 @@ def report_texts(
     name = None if source is None else Path(source).name
     with progress.stage("measures", 0.0, 0.5):
         found = run_patiently(lambda: measure(result, source=name), progress)
-    with progress.stage("stills", 0.5, 1.0):
+    with progress.stage("stills", 0.5, 0.9):
         pictures = stills(result, progress)
-    return {"report.html": report_page(found, pictures), "report.json": json_text(found)}
+    with progress.stage("viewer", 0.9, 1.0):
+        viewer = run_patiently(lambda: viewer_frame(result, name), progress)
+    page = report_page(found, pictures, viewer)
+    return {"report.html": page, "report.json": json_text(found)}
+
+
+def viewer_frame(result: Result, name: str | None) -> str:
+    """Return the result in three dimensions as a part of a page; nothing where it is too large."""
+    points = len(result.shape.points) + sum(len(layer.points) for layer in result.layers)
+    if not has_library() or not result.layers or points > MOST_POINTS:
+        return ""
+    title = result.title + (f" of {name}" if name else "")
+    return f'<section id="viewer">{frame(viewer_page([result], title))}</section>'
 
 
 def stills(result: Result, progress: Progress) -> list[NDArray[np.uint8]]:
@@ -99,7 +116,9 @@ def stills(result: Result, progress: Progress) -> list[NDArray[np.uint8]]:
     return [*result.images.values(), main, *views]
 
 
-def report_page(measures: Mapping[str, Any], pictures: Sequence[NDArray[np.uint8]]) -> str:
+def report_page(
+    measures: Mapping[str, Any], pictures: Sequence[NDArray[np.uint8]], viewer: str = ""
+) -> str:
     """Return the report as one HTML page with its pictures inside.
 
     Parameters
@@ -108,6 +127,8 @@ def report_page(measures: Mapping[str, Any], pictures: Sequence[NDArray[np.uint8
         From `medialis.reports.measures.measure`.
     pictures : sequence of (h, w, 3) uint8
         From `stills`: the last four are views all round, the one before is the main picture.
+    viewer : str
+        From `viewer_frame`; the views are left out where it is there.
     """
     title = measures["operation"].replace("_", " ").capitalize()
     if measures["source"]:
@@ -121,7 +142,7 @@ def report_page(measures: Mapping[str, Any], pictures: Sequence[NDArray[np.uint8
         section("At a glance", verdict_list(measures["verdict"])),
         section("", *(_picture(image) for image in large[-1:])),
         "</div>",
-        _views(views),
+        viewer or _views(views),
         section("Notes", bullets(measures["messages"])),
         *(section("", _picture(image)) for image in large[:-1]),
         section("Quality", _quality(measures)),

@@ -1,0 +1,326 @@
+// What stands around the canvas. All text from outside is set as text, never as HTML.
+"use strict";
+
+const SWATCHES = 14, STEPS = 1000, NARROW = 760;
+
+function element(tag, properties = {}, ...inside) {
+  const made = document.createElement(tag);
+  for (const [name, value] of Object.entries(properties))
+    if (name.startsWith("on")) made.addEventListener(name.slice(2), value);
+    else if (name in made) made[name] = value;
+    else made.setAttribute(name, value);
+  made.append(...inside);
+  return made;
+}
+
+function said(number) {
+  if (number === null || Number.isNaN(number)) return "–";
+  if (!Number.isFinite(number)) return number > 0 ? "infinite" : "minus infinite";
+  if (Number.isInteger(number)) return String(number);
+  const size = Math.abs(number);
+  return size >= 1e-4 && size < 1e6 ? String(Number(number.toPrecision(4))) : number.toExponential(3);
+}
+
+class Panel {
+  constructor(viewer) {
+    this.viewer = viewer;
+    this.data = viewer.data;
+    this.active = viewer.parts.find(part => part.visible && part.filterBy !== null && part.field)
+      ?? viewer.parts.find(part => part.visible && part.field) ?? viewer.parts[0];
+    this.byId = Object.fromEntries([...document.querySelectorAll("[id]")].map(e => [e.id, e]));
+    this.byId.title.textContent = document.title = this.data.title;
+    this.showLayers();
+    this.showLegend();
+    this.showSpots();
+    this.showNotes();
+    this.listen();
+    viewer.drawn.push(() => this.placeLabels());
+  }
+
+  unit(field) {
+    const own = this.data.unit ?? "";
+    return {length: own, area: own && own + "²", degrees: "°"}[field.unit] ?? "";
+  }
+
+  // A value with its unit, and lengths as a share of the size as well.
+  words(field, value) {
+    const unit = this.unit(field);
+    const number = said(value) + (unit === "°" ? "°" : unit && value !== null ? ` ${unit}` : "");
+    if (field.unit !== "length" || !Number.isFinite(value) || value === null) return number;
+    return `${number} (${said(Number((100 * value / this.data.diagonal).toPrecision(3)))} % of the size)`;
+  }
+
+  showLayers() {
+    this.byId.layers.replaceChildren(...this.viewer.parts.map(part => this.layer(part)));
+  }
+
+  layer(part) {
+    const name = element("button", {className: "name", textContent: part.title, onclick: () => {
+      this.active = part;
+      this.switchOn(part, true);
+    }});
+    const count = element("small", {textContent: this.countOf(part)});
+    const eye = element("input", {type: "checkbox", checked: part.visible,
+      ariaLabel: `show ${part.title}`, onchange: () => this.switchOn(part, eye.checked)});
+    const choice = element("select", {ariaLabel: `colours of ${part.title}`, onchange: () => {
+      part.showColors(choice.value === "" ? null : Number(choice.value));
+      this.active = part;
+      this.showLegend();
+    }}, element("option", {value: "", textContent: "one colour"}), ...part.fields.map((field, i) =>
+      element("option", {value: i, textContent: field.title})));
+    choice.value = part.colorBy === null ? "" : part.colorBy;
+    const slider = this.layerSlider(part);
+    const row = element("div", {className: "layer"}, element("label", {className: "eye"}, eye), name, count,
+      element("div", {className: "more"}, ...(part.fields.length ? [choice] : []), slider));
+    part.row = row;
+    part.eye = eye;
+    row.classList.toggle("active", part === this.active);
+    return row;
+  }
+
+  countOf(part) {
+    const count = part.faces ? part.faces.length / 3 : part.count;
+    const noun = part.faces ? "triangle" : part.edges ? "node" : "point";
+    return `${count.toLocaleString("en")} ${noun}${count === 1 ? "" : "s"}`;
+  }
+
+  layerSlider(part) {
+    const isSurface = part.kind === "surface", set = value => {
+      if (isSurface) part.opacity = value;
+      else part.size = 4 ** (2 * value - 1);
+      part.refresh();
+    };
+    const title = isSurface ? "opacity" : "size";
+    const slider = element("input", {type: "range", min: 0, max: 1, step: 0.01, title,
+      ariaLabel: `${title} of ${part.title}`, oninput: () => set(Number(slider.value))});
+    slider.value = isSurface ? part.opacity : 0.5;
+    return slider;
+  }
+
+  switchOn(part, visible) {
+    part.visible = part.eye.checked = visible;
+    if (visible && part.field) this.active = part;
+    part.refresh();
+    this.showLegend();
+  }
+
+  // The colours of the active part, with two handles: what lies outside of them is hidden.
+  showLegend() {
+    const part = this.active, field = part?.field;
+    for (const one of this.viewer.parts) one.row.classList.toggle("active", one === part);
+    this.byId.legend.hidden = !field || !part.visible;
+    if (this.byId.legend.hidden) return;
+    const unit = this.unit(field);
+    this.byId.field.textContent = field.title + (unit ? ` in ${unit === "°" ? "degrees" : unit}` : "");
+    this.byId.of.textContent = part.title;
+    this.byId.scale.hidden = field.label;
+    this.byId.swatches.hidden = !field.label;
+    if (field.label) return this.showSwatches(field);
+    this.drawBar(field);
+    const [from, to] = field.keep;
+    [this.byId.from.value, this.byId.to.value] = [STEPS * from, STEPS * to];
+    this.byId.low.textContent = said(field.low);
+    this.byId.high.textContent = said(field.high) + (field.infinite ? ", infinite" : "");
+    this.sayKept(field);
+  }
+
+  colorsOf(field, count) {
+    const bytes = base64Bytes(this.data.maps[field.map]), last = bytes.length / 3 - 1;
+    const [first, end] = field.limits, span = end - first || 1;
+    return Array.from({length: count}, (_, i) => {
+      const value = field.low + (field.high - field.low) * i / (count - 1);
+      const at = 3 * Math.round(last * Math.min(1, Math.max(0, (value - first) / span)));
+      return `rgb(${bytes[at]}, ${bytes[at + 1]}, ${bytes[at + 2]})`;
+    });
+  }
+
+  // The colours as bars whose heights say how many values there are.
+  drawBar(field) {
+    const bins = 96, counts = new Uint32Array(bins);
+    for (const code of field.values)
+      if (code >= 0 && code <= 1) counts[Math.min(bins - 1, Math.floor(bins * code))]++;
+    const most = Math.max(...counts), colors = this.colorsOf(field, bins);
+    const pen = this.byId.bar.getContext("2d"), {width, height} = this.byId.bar;
+    pen.clearRect(0, 0, width, height);
+    colors.forEach((color, i) => {
+      const tall = counts[i] ? 10 + (height - 34) * Math.sqrt(counts[i] / most) : 0;
+      pen.fillStyle = color;
+      pen.fillRect(i * width / bins, height - 22, width / bins + 1, 22);
+      pen.fillRect(i * width / bins, height - 24 - tall, width / bins - 1, tall);
+    });
+  }
+
+  showSwatches(field) {
+    const labels = [...new Set(field.values)].filter(label => label >= 0).sort((a, b) => a - b);
+    const bytes = base64Bytes(this.data.palette), count = bytes.length / 3;
+    const shown = labels.slice(0, SWATCHES).map(label => {
+      const at = 3 * (label % count), swatch = element("i");
+      swatch.style.background = `rgb(${bytes[at]}, ${bytes[at + 1]}, ${bytes[at + 2]})`;
+      return element("span", {}, swatch, String(label));
+    });
+    const rest = labels.length > SWATCHES ? [`… ${labels.length} in all`] : [];
+    this.byId.swatches.replaceChildren(...shown, ...rest);
+  }
+
+  moveHandles(moved) {
+    const part = this.active, {from, to} = this.byId;
+    if (Number(from.value) > Number(to.value))
+      if (moved === from) to.value = from.value; else from.value = to.value;
+    part.keepRange(Number(from.value) / STEPS, Number(to.value) / STEPS);
+    this.sayKept(part.field);
+  }
+
+  sayKept(field) {
+    const [from, to] = field.keep, value = share => field.low + share * (field.high - field.low);
+    this.byId.bar.style.setProperty("--from", `${100 * from}%`);
+    this.byId.bar.style.setProperty("--to", `${100 * to}%`);
+    const kept = [from > 0 ? `from ${this.words(field, value(from))}` : "",
+      to < 1 ? `up to ${this.words(field, value(to))}` : ""].filter(Boolean).join(" ");
+    this.byId.kept.textContent = kept ? `Shown ${kept}` : "Drag the ends to hide values";
+  }
+
+  showSpots() {
+    const {spots} = this.data;
+    this.byId.spots.hidden = spots.length === 0;
+    this.labels = spots.map((spot, i) => element("button", {className: `spot ${spot.kind}`,
+      textContent: i + 1, title: this.spotWords(spot), onclick: () => this.showSpot(spot)}));
+    this.byId.labels.append(...this.labels);
+    this.byId.spotlist.replaceChildren(...spots.map((spot, i) => element("li", {},
+      element("button", {onclick: () => this.showSpot(spot)},
+        element("b", {textContent: i + 1}), this.spotWords(spot)))));
+  }
+
+  spotWords(spot) {
+    const words = this.words({unit: "length"}, spot.value);
+    return spot.kind === "overlap" ? `${words}, overlap` : words;
+  }
+
+  showSpot(spot) {
+    if (innerWidth < NARROW) document.body.classList.add("closed");
+    const ends = spot.opposite ?? spot.position;
+    const middle = spot.position.map((x, axis) => (x + ends[axis]) / 2);
+    this.viewer.showBall(middle, spot.value / 2);
+    this.viewer.lookAt(middle);
+    this.showCard("thin spot", [["thickness", this.spotWords(spot)], ["at", spot.position.map(said).join(", ")]],
+      middle);
+  }
+
+  placeLabels() {
+    const all = [...this.labels.map((label, i) => [label, this.data.spots[i].position])];
+    if (this.pin) all.push([this.byId.pin, this.pin]);
+    this.byId.pin.hidden = !this.pin;
+    for (const [label, place] of all) {
+      const at = this.viewer.onScreen(place);
+      const isSpot = label !== this.byId.pin;
+      label.hidden = at === null || (isSpot && (!this.byId.numbers.checked || this.viewer.isCutAway(place)));
+      if (at) label.style.transform = `translate(${at[0]}px, ${at[1]}px) translate(-50%, -50%)`;
+    }
+  }
+
+  showNotes() {
+    this.byId.notes.hidden = this.data.notes.length === 0;
+    this.byId.notelist.replaceChildren(...this.data.notes.map(note => element("li", {textContent: note})));
+  }
+
+  // Everything that is known at what was picked.
+  pick(x, y) {
+    const met = pickedAt(this.viewer, x, y);
+    if (!met) return this.hideCard();
+    const {part, row} = met, place = [...part.points.slice(3 * row, 3 * row + 3)];
+    const rows = part.fields.map(field => [field.title, field.label
+      ? (part.value(field, row) < 0 ? "none" : String(part.value(field, row)))
+      : this.words(field, part.value(field, row))]);
+    const radius = part.fields.find(field => field.name === "radius");
+    let ball = radius && part.kind !== "surface" ? [place, part.value(radius, row)] : null;
+    if (part.kind === "surface") {
+      const touching = touchingBall(this.viewer, place);
+      if (touching) {
+        ball = [[...touching.part.points.slice(3 * touching.row, 3 * touching.row + 3)], touching.radius];
+        rows.push(["radius of the ball here", this.words({unit: "length"}, touching.radius)]);
+      }
+    }
+    rows.push(...this.thicknessNear(part, place), ["at", place.map(said).join(", ")]);
+    this.viewer.showBall(ball ? ball[0] : place, ball ? ball[1] : 0);
+    this.showCard(part.title, rows, place);
+    return {part: part.title, row, rows};
+  }
+
+  // The thickness of the surface nearest to a place inside of it.
+  thicknessNear(part, place) {
+    if (part.fields.some(field => field.name === "thickness")) return [];
+    for (const other of this.viewer.parts) {
+      const field = other.fields.find(one => one.name === "thickness");
+      if (field) return [["thickness near by", this.words(field, other.value(field, other.nearest(...place)))]];
+    }
+    return [];
+  }
+
+  showCard(title, rows, place) {
+    this.byId.cardtitle.textContent = title;
+    this.byId.cardrows.replaceChildren(...rows.flatMap(([name, text]) =>
+      [element("dt", {textContent: name}), element("dd", {textContent: text})]));
+    this.byId.card.hidden = false;
+    this.pin = place;
+    this.viewer.draw();
+  }
+
+  hideCard() {
+    this.byId.card.hidden = true;
+    this.pin = null;
+    this.viewer.showBall([0, 0, 0], 0);
+    return null;
+  }
+
+  section() {
+    const {axis, depth, flip, inside} = this.byId, viewer = this.viewer;
+    const isOn = !this.byId.section.hidden;
+    this.byId.cutbutton.setAttribute("aria-pressed", isOn);
+    if (!isOn) return viewer.uncut();
+    const view = viewer.camera.position.clone().sub(viewer.controls.target).toArray();
+    const normal = {x: [1, 0, 0], y: [0, 1, 0], z: [0, 0, 1], view}[axis.value];
+    viewer.cutsAll = inside.checked;
+    const share = depth.value / STEPS;
+    if (flip.checked) viewer.cutBy(normal.map(x => -x), 1 - share);
+    else viewer.cutBy(normal, share);
+  }
+
+  save() {
+    const field = this.active?.visible ? this.active.field : null, lines = [{text: this.data.title}];
+    if (field && !field.label)
+      lines.push({colors: this.colorsOf(field, 24),
+        text: `${field.title}: ${said(field.low)} to ${this.words(field, field.high)}`});
+    this.viewer.picture(lines).toBlob(blob => {
+      const name = this.data.title.replace(/[^\p{L}\p{N}]+/gu, "-").replace(/^-|-$/g, "") || "picture";
+      const link = element("a", {href: URL.createObjectURL(blob), download: `${name}.png`});
+      link.click();
+      setTimeout(() => URL.revokeObjectURL(link.href), 10000);
+    });
+  }
+
+  setTheme(name) {
+    document.documentElement.dataset.theme = name;
+    this.viewer.refresh();
+    this.showLegend();
+  }
+
+  listen() {
+    const {byId, viewer} = this, canvas = viewer.canvas;
+    let down = null;
+    canvas.addEventListener("pointerdown", event => { down = [event.clientX, event.clientY, event.isPrimary]; });
+    canvas.addEventListener("pointerup", event => {
+      if (!down || !event.isPrimary || Math.hypot(event.clientX - down[0], event.clientY - down[1]) > 5) return;
+      const box = canvas.getBoundingClientRect();
+      this.pick(event.clientX - box.left, event.clientY - box.top);
+    });
+    for (const handle of [byId.from, byId.to]) handle.addEventListener("input", () => this.moveHandles(handle));
+    for (const name of ["axis", "depth", "flip", "inside"]) byId[name].addEventListener("input", () => this.section());
+    byId.cutbutton.onclick = () => { byId.section.hidden = !byId.section.hidden; this.section(); };
+    byId.home.onclick = () => viewer.lookFrom(this.data.direction, this.data.up);
+    byId.save.onclick = () => this.save();
+    byId.theme.onclick = () => this.setTheme(viewer.isDark() ? "light" : "dark");
+    byId.menu.onclick = () => document.body.classList.toggle("closed");
+    byId.close.onclick = () => this.hideCard();
+    byId.numbers.onchange = () => viewer.draw();
+    addEventListener("keydown", event => { if (event.key === "Escape") this.hideCard(); });
+  }
+}

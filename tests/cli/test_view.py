@@ -1,0 +1,77 @@
+"""The command `view`: files, folders, layers, graphs."""
+
+import pytest
+
+import medialis
+from medialis.cli.commands import main
+from medialis.viewer import page as viewer_page
+
+
+@pytest.fixture(autouse=True)
+def library(monkeypatch):
+    monkeypatch.setattr(viewer_page, "_library", lambda: "")
+
+
+@pytest.fixture
+def file(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    medialis.write_mesh(tmp_path / "a & b.ply", medialis.organic_shape(56))
+    return "a & b.ply"
+
+
+def test_a_file_with_what_is_computed(file, tmp_path, capsys):
+    assert main(["view", file, "--show", "thickness,curve-skeleton"]) == 0
+    text = (tmp_path / "a & b-view.html").read_text("utf-8")
+    assert "<title>a &amp; b.ply</title>" in text and '"title": "curve skeleton"' in text
+    assert "a & b-view.html" in capsys.readouterr().out
+
+
+def test_the_shape_alone(file, tmp_path):
+    assert main(["view", file, "--show", "", "-o", "page.html"]) == 0
+    assert '"kind": "surface"' in (tmp_path / "page.html").read_text("utf-8")
+
+
+def test_folders_layers_and_graphs(file, tmp_path):
+    for name in ("thickness", "curve-skeleton"):
+        assert main([name, file, "--no-picture"]) == 0
+    folder = next(path for path in tmp_path.iterdir() if path.is_dir())
+    for source, expected in (
+        (folder, '"thickness"'),
+        (folder / "curve_skeleton", '"kind": "curves"'),
+        (folder / "thickness" / "thickness.ply", '"thickness"'),
+        (folder / "curve_skeleton" / "curve_skeleton.swc", '"kind": "curves"'),
+    ):
+        assert main(["view", str(source), "-o", "page.html"]) == 0
+        assert expected in (tmp_path / "page.html").read_text("utf-8")
+
+
+def test_what_cannot_be_computed_is_left_out(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    shape = medialis.organic_shape(56)
+    medialis.write_mesh("cloud.ply", shape.points, attributes={"normal": shape.normals})
+    assert main(["view", "cloud.ply", "--show", "skeleton_mesh,surface_skeleton"]) == 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["view", "nowhere.ply"], "nowhere.ply"),
+        (["view", "."], "holds no results"),
+        (["view", "a & b.ply", "--show", "thicknes"], "thicknes"),
+    ],
+)
+def test_one_line_says_what_is_wrong(file, arguments, said, capsys, tmp_path):
+    assert main(arguments) == 2
+    assert said in capsys.readouterr().err
+    assert not list(tmp_path.glob("*.html"))
+
+
+def test_folders_of_several_shapes_are_refused(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    for name, size in (("one", 56), ("two", 80)):
+        shape = medialis.organic_shape(size)
+        scaled = medialis.make_shape(size * shape.points, shape.faces)
+        medialis.write_mesh(f"{name}.ply", scaled)
+        assert main(["thickness", f"{name}.ply", "--no-picture", "-o", f"all/{name}"]) == 0
+    assert main(["view", "all"]) == 2
+    assert "several shapes" in capsys.readouterr().err
