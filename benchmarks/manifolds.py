@@ -109,6 +109,38 @@ def figure_4_6(paths: list[str]) -> None:
         print(f"| {100 * share:g} % | " + " | ".join(f"{value:.1f} %" for value in mean) + " |")
 
 
+def laser_rooms() -> None:
+    """Faces of a room that a laser scanner sees, at several steps and errors."""
+    print("\n| step | noise | points | faces | manifolds | adjusted Rand | noise found | seconds |")
+    print("|---|---|---|---|---|---|---|---|")
+    for step in (1.0, 0.5, 0.3):
+        for noise in (0.0, 0.0025, 0.01):
+            points, face = clouds.laser_room(step, noise)
+            clock = time.process_time()
+            labels = medialis.manifolds(points).labels()
+            seconds = time.process_time() - clock
+            print(
+                f"| {step:g} degrees | {1000 * noise:g} mm | {len(points)} | {face.max() + 1} | "
+                f"{labels.max() + 1} | {clouds.adjusted_rand(face, labels):.3f} | "
+                f"{100 * (labels < 0).mean():.2f} % | {seconds:.1f} |"
+            )
+
+
+def clean_clouds(paths: list[str]) -> None:
+    """Print what removing noise takes from clouds that have none."""
+    print("\n| clean cloud | points | removed | manifolds |")
+    print("|---|---|---|---|")
+    made = clouds.clean_clouds()
+    for path in paths:
+        shape = medialis.read_shape(path)
+        if shape.faces is None:
+            made[Path(path).stem] = shape.points
+    for name, points in made.items():
+        result = medialis.run("remove_outliers", medialis.make_shape(points))
+        removed = 100 * (1 - result.values["kept_points"] / len(points))
+        print(f"| {name} | {len(points)} | {removed:.2f} % | {result.values['manifolds']} |")
+
+
 def real_shapes(paths: list[str]) -> None:
     """Print counts and times as Tables 6 and 7 do."""
     print("\n| shape | points | manifolds | noise | intersections | seconds |", end="")
@@ -192,6 +224,8 @@ def against_scikit_learn() -> None:
 def main(paths: list[str]) -> None:
     """Print all tables."""
     ground_truth()
+    laser_rooms()
+    clean_clouds(paths)
     figure_4_6([path for path in paths if medialis.read_shape(path).faces is not None])
     real_shapes(paths)
     dental()

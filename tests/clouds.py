@@ -88,6 +88,47 @@ def laser_room(step, noise, at=(1.8, 3.3, 1.7), seed=0):
     return at + beam * reach[:, None], np.unique(face, return_inverse=True)[1]
 
 
+def clean_clouds(seed=0):
+    """Clouds without noise: dense, small, coarse, graded, cut and scanned ones, by name."""
+    rng = np.random.default_rng(seed)
+
+    def sphere(n, radius=1.0):
+        return radius * unit(rng.normal(size=(n, 3)))
+
+    def even(n):
+        i = np.arange(n) + 0.5
+        z, turn = 1 - 2 * i / n, i * math.pi * (3 - math.sqrt(5))
+        return np.stack([np.cos(turn), np.sin(turn), 0 * z], 1) * np.sqrt(1 - z * z)[:, None] + z[
+            :, None
+        ] * [0, 0, 1]
+
+    graded = sphere(60000)
+    graded = graded[rng.random(60000) < np.exp(3 * (graded[:, 2] - 1))]
+    holed = sphere(8000)
+    for middle in sphere(12):
+        holed = holed[np.linalg.norm(holed - middle, axis=1) > 0.2]
+    square = [rng.uniform(0, 1, (1000, 2)) for _ in range(6)]
+    cube = [np.insert(uv, side % 3, side // 3, axis=1) for side, uv in enumerate(square)]
+    dense = np.array([1.3, 0, 0]) + sphere(8000, 0.05)
+    small = [0.05 * even(400) + at for at in rng.uniform(0, 2, (30, 3))]
+    return {
+        "coarse sphere": sphere(200),
+        "sphere": sphere(3000),
+        "dense sphere": sphere(50000),
+        "sphere, evenly sampled": even(20000),
+        "small dense sphere beside a coarse one": np.concatenate([sphere(3000), dense]),
+        "30 small spheres": np.concatenate(small),
+        "sphere, 20 times denser on one side": graded,
+        "sphere with 12 holes": holed,
+        "half a sphere": holed[holed[:, 2] > 0],
+        "cube": np.concatenate(cube),
+        "laser room, 2 degrees": laser_room(2.0, 0.0)[0],
+        "laser room, 1 degree": laser_room(1.0, 0.0)[0],
+        "laser room, 1 degree, 2.5 mm": laser_room(1.0, 0.0025)[0],
+        "laser room, 1 degree, 1 cm": laser_room(1.0, 0.01)[0],
+    }
+
+
 def with_outliers(points, share, seed=1):
     """Thesis 4.2.4.2: an outlier for a share of the points, up to 40 % of the size away."""
     rng = np.random.default_rng(seed)

@@ -179,7 +179,7 @@ def test_a_laser_room_has_its_faces(noise):
     """Close to the scanner points scatter by more than their distances (broke to pieces, fixed).
 
     Edges scatter as well: the bound of the index allows 2 % of the points at them to be on the
-    wrong side, 6 % where the noise is 1 cm. No piece is larger than 0.2 % that is no face.
+    wrong side. No piece is larger than 0.2 % that is no face.
     """
     points, face = clouds.laser_room(1.0, noise)
     found = medialis.manifolds(points)
@@ -187,8 +187,31 @@ def test_a_laser_room_has_its_faces(noise):
     assert (found.sizes >= least).sum() == (np.bincount(face) >= least).sum()
     assert found.count <= face.max() + 4
     labels = found.labels()
-    assert clouds.adjusted_rand(face, labels) >= (0.96 if noise < 0.01 else 0.88)
-    assert (labels < 0).mean() <= (0.02 if noise < 0.01 else 0.05)
+    assert clouds.adjusted_rand(face, labels) >= 0.96
+    assert (labels < 0).mean() <= 0.02
+
+
+@pytest.mark.slow
+def test_a_dense_noisy_room_keeps_what_is_above_the_scanner():
+    """Points chosen to be apart lie at the outside of the scatter (a fifth of a ceiling lost)."""
+    points, face = clouds.laser_room(0.5, 0.01)
+    labels = medialis.manifolds(points).labels()
+    assert clouds.adjusted_rand(face, labels) >= 0.96
+    assert (labels < 0).mean() <= 0.02
+
+
+def test_lines_of_a_scan_on_both_sides_of_an_edge_do_not_join_them():
+    """A line on the floor and one on the wall have planes that turn along the edge (merged, fixed).
+
+    The worst that the index allows is one neighbourhood at the edge on the wrong side: of 20 to 30
+    lines 3 %.
+    """
+    points, face = clouds.laser_room(0.3, 0.0, at=(3.0, 2.5, 1.2))
+    x, y, z = points.T
+    edge = (y < 0.3) & (z < 0.3) & (x > 0.1) & (x < 3.0)
+    found = medialis.manifolds(points[edge])
+    assert found.count == 2
+    assert clouds.adjusted_rand(face[edge], found.labels()) > 0.94
 
 
 @pytest.mark.parametrize("noise", [0.0025, 0.01])

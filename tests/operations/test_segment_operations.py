@@ -36,6 +36,13 @@ def test_removing_outliers_keeps_points_where_they_are(noisy):
     assert recall >= 0.9 and precision >= 0.9
 
 
+@pytest.mark.slow
+def test_clean_clouds_of_many_kinds_stay():
+    for name, points in clouds.clean_clouds().items():
+        kept = medialis.run("remove_outliers", medialis.make_shape(points)).arrays["kept"]
+        assert kept.mean() >= 0.97, name
+
+
 def test_a_clean_cloud_keeps_its_tips_and_says_what_goes():
     """Two cones of 1500 points: tips and rim lie on no smooth patch, but are no outliers."""
     rng = np.random.default_rng(0)

@@ -59,3 +59,55 @@ def spread_neighbours(points, rows, wide, apart, out_near):
                 count += 1
         if count == k:
             out_near[row] = chosen
+
+
+@kernel
+def _square_off(x, y, z, a, b, c):
+    """Square of the distance of a place from the line through 0 and (x, y, z)."""
+    u, v, w = b * z - c * y, c * x - a * z, a * y - b * x
+    return (u * u + v * v + w * w) / (x * x + y * y + z * z)
+
+
+@kernel
+def _is_strip(sides, count, thin, rest):
+    """Whether places lie on two lines or fewer, one of them through 0 and one of the places."""
+    for m in range(count):
+        x, y, z = sides[m, 0], sides[m, 1], sides[m, 2]
+        left = 0
+        for j in range(count):
+            a, b, c = sides[j, 0], sides[j, 1], sides[j, 2]
+            if _square_off(x, y, z, a, b, c) > thin * thin * (a * a + b * b + c * c):
+                for axis in range(3):
+                    rest[left, axis] = sides[j, axis] - (rest[0, axis] if left else 0.0)
+                left += 1
+        longest, farthest = 0.0, -1
+        for j in range(1, left):
+            length = rest[j, 0] ** 2 + rest[j, 1] ** 2 + rest[j, 2] ** 2
+            if length > longest:
+                longest, farthest = length, j
+        off = 0.0
+        for j in range(1, left):
+            x, y, z = rest[farthest, 0], rest[farthest, 1], rest[farthest, 2]
+            off = max(off, _square_off(x, y, z, rest[j, 0], rest[j, 1], rest[j, 2]))
+        if off <= thin * thin * longest:
+            return True
+    return False
+
+
+@kernel
+def find_strips(points, near, patches, size, bits, thin, out_strip):
+    """Find patches all of whose places lie on two lines: any two lines side by side have a plane.
+
+    `patches` is the number of slots of a point. Two lines of a scan, one on each side of an edge,
+    make a chamfer that is on no surface. `thin` is the width of a line for its length.
+    """
+    k = near.shape[1]
+    sides, rest = np.empty((k, 3)), np.empty((k, 3))
+    for slot in range(len(size)):
+        count, i = 0, slot // patches
+        for m in range(k):
+            if size[slot] > 0 and (bits[slot] >> np.uint64(m)) & np.uint64(1) != 0:
+                for axis in range(3):
+                    sides[count, axis] = points[near[i, m], axis] - points[i, axis]
+                count += 1
+        out_strip[slot] = count > 0 and _is_strip(sides, count, thin, rest)

@@ -281,12 +281,13 @@ def choose_bent(points, near, k, axes, size, bits, bent_axes, bends, bent_bits, 
 
 
 @kernel
-def join_patches(points, near, axes, bends, size, bits, least, parent):
+def join_patches(points, near, axes, bends, size, bits, strip, least, parent):
     """Join patches of neighbouring points whose axes have |cosine| >= `least` (union-find).
 
     Point j is compared with point i where it is a corner of the patch of i (thesis 4.2.3.5), by the
-    normal that a bent patch has there; `bends` (n, 3, 3) are those of first patches. On return
-    `parent` holds the root of each slot, its lowest slot.
+    normal that a bent patch has there; `bends` (n, 3, 3) are those of first patches. Two patches of
+    which both are a `strip` are not joined: along an edge strips turn from one side to the other.
+    On return `parent` holds the root of each slot, its lowest slot.
     """
     axis = np.empty(3)
     for slot in range(len(size)):
@@ -302,7 +303,7 @@ def join_patches(points, near, axes, bends, size, bits, least, parent):
             for other in range(PATCHES * near[i, m], PATCHES * near[i, m] + PATCHES):
                 if size[other] == 0:
                     break
-                if _cosine(axis, axes[other]) >= least:
+                if not (strip[slot] and strip[other]) and _cosine(axis, axes[other]) >= least:
                     a, b = find_root(parent, slot), find_root(parent, other)
                     parent[max(a, b)] = min(a, b)
     for slot in range(len(parent)):

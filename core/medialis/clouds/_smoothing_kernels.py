@@ -43,13 +43,13 @@ def _plane(places, triple, out_plane):
 
 
 @kernel
-def _gather(points, neighbours, i, places):
-    """Neighbourhood of point i about the point itself, which comes first; how many places."""
+def _gather(points, neighbours, middle, places):
+    """Neighbourhood about its middle, which comes first; how many places."""
     places[0, 0] = places[0, 1] = places[0, 2] = 0.0
     count = 1
     for j in neighbours:
         for c in range(3):
-            places[count, c] = points[j, c] - points[i, c]
+            places[count, c] = points[j, c] - middle[c]
         count += 1
     return count
 
@@ -79,7 +79,7 @@ def measure_flatness(points, near, rows, triples, out_scatter, out_radius):
     k = near.shape[1]
     places, distances, plane = np.empty((k + 1, 3)), np.empty(k + 1), np.empty(4)
     for row in range(len(rows)):
-        count = _gather(points, near[row], rows[row], places)
+        count = _gather(points, near[row], points[rows[row]], places)
         total = 0.0
         for m in range(1, count):
             total += places[m, 0] ** 2 + places[m, 1] ** 2 + places[m, 2] ** 2
@@ -155,17 +155,16 @@ def _fit(places, count, plane, band):
 
 
 @kernel
-def smooth_positions(points, rows, near, triples, band, rounds, begin, end, out_points):
-    """Move each point of rows begin..end onto the plane with most support of those near it.
+def smooth_positions(points, near, triples, band, rounds, begin, end, positions):
+    """Move the positions begin..end onto the planes with most support of the points near them.
 
-    Row r of `near` are the neighbours of point ``rows[r]``. Planes through three places are tried;
-    the best one is fitted again `rounds` times. A point that no plane passes within `band` stays.
+    Row r of `near` are the neighbours of position r. Planes through three places are tried; the
+    best one is fitted again `rounds` times. A position that no plane passes within `band` stays.
     """
     k = near.shape[1]
     places, plane, best = np.empty((k + 1, 3)), np.empty(4), np.empty(4)
     for row in range(begin, end):
-        i = rows[row]
-        count = _gather(points, near[row], i, places)
+        count = _gather(points, near[row], positions[row], places)
         most = 0.0
         for t in range(len(triples)):
             if not _plane(places, triples[t], plane):
@@ -183,4 +182,4 @@ def smooth_positions(points, rows, near, triples, band, rounds, begin, end, out_
             _fit(places, count, best, band)
         if abs(best[3]) < band:
             for c in range(3):
-                out_points[i, c] += best[3] * best[c]
+                positions[row, c] += best[3] * best[c]

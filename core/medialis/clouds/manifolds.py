@@ -41,6 +41,9 @@ chosen that are this share of the largest distance apart: 15 to 25 of them lie i
 SLIMMEST = 0.25
 """Sine of the angle of a triangle at the point, below which its normal is mostly noise."""
 
+THIN = 0.05
+"""Width of a line of a scan for its length."""
+
 CLAIMS = 3
 """Patches of a manifold with a point as a corner that make it a point of the manifold: those of its
 neighbours tell where a manifold goes on through an intersection, where its own are not clear."""
@@ -231,13 +234,15 @@ def _with_bent(places: FloatArray, patches: Patches, least: float) -> Patches:
 
 def _segment(places: FloatArray, patches: Patches, options: ManifoldsOptions) -> ManifoldSet:
     """Components of the graph of patches that have enough flat points."""
+    from medialis.clouds._neighbour_kernels import find_strips
     from medialis.clouds._patch_kernels import PATCHES, claim_corners, join_patches
 
     turn = math.cos(math.radians(options.max_turn))
     patches = _with_bent(places, patches, turn)
     n, sizes = len(places), patches.sizes
-    root = np.arange(PATCHES * n)
-    linked = patches.axes, patches.bends, sizes, patches.corners
+    root, strip = np.arange(PATCHES * n), np.zeros(PATCHES * n, bool)
+    find_strips(places, patches.near, PATCHES, sizes, patches.corners, THIN, strip)
+    linked = patches.axes, patches.bends, sizes, patches.corners, strip
     join_patches(places, patches.near, *linked, turn, root)
     counts = (sizes.reshape(n, PATCHES) > 0).sum(axis=1)
     seeds = np.bincount(root[PATCHES * np.flatnonzero(counts == 1)], minlength=PATCHES * n)

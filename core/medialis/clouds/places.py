@@ -9,15 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from medialis.balls.subsampling import points_apart
-from medialis.clouds.smoothing import jitter, without_jitter
+from medialis.clouds.smoothing import SCATTERS_APART, jitter, without_jitter
 from medialis.model.manifold_set import ManifoldSet
 from medialis.progress import Progress
 from medialis.threads import run_patiently
 from medialis.validation import FloatArray
-
-SCATTERS_APART = 2.0
-"""Distance of the places that are classified, in units of the scatter: those that smooth them are
-then within 4 such distances, a disc eight times as wide as it is thick."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +89,7 @@ def classified_places(
     )
     apart = SCATTERS_APART * scatter
     chosen = np.flatnonzero(points_apart(places, every, apart))
-    moved = without_jitter(places[chosen], scatter, progress)
+    moved = without_jitter(places, chosen, scatter, progress)
     return moved, Speakers(place, places, chosen, apart)
 
 

@@ -43,6 +43,15 @@ BAND = 2.5
 SECOND_BAND = 0.7
 """The second pass finds less scatter than the first."""
 
+SCATTERS_APART = 2.0
+"""Distance of the places that are classified, in units of the scatter: those that smooth them are
+then within 4 such distances, a disc eight times as wide as it is thick."""
+
+THICK, DENSE = 4.0, 0.5
+"""A place is in the middle of its surface if at least this share of the points lies about it that
+lie about others within four times the scatter: half of what is round the middle is so at 1.8
+deviations."""
+
 SAMPLES = 2000
 TRIPLES = 60
 FITS = 3
@@ -130,30 +139,48 @@ def _disc_like(places: FloatArray) -> bool:
     return bool(np.median(spread[:, 0] / np.maximum(spread[:, 1], 1e-300)) < FLAT**2)
 
 
-def without_jitter(points: FloatArray, scatter: float, progress: Progress) -> FloatArray:
-    """Move each point onto the plane that its neighbours support best (two passes).
+def without_jitter(
+    points: FloatArray, chosen: NDArray[np.int64], scatter: float, progress: Progress
+) -> FloatArray:
+    """Move each chosen point onto the plane that its neighbours support best (two passes).
 
     Points that no plane passes within 2.5 times the scatter stay, and so do those that lie so far
     apart that the scatter does not matter.
     """
     from medialis.clouds._smoothing_kernels import smooth_positions
 
-    count = min(NEIGHBOURS, len(points) - 1)
-    near = nearest_points(points, count, progress)
-    last = points[near[:, min(SIZES[0], count) - 1]]
+    moved = points[chosen]
+    count = min(NEIGHBOURS, len(chosen) - 1)
+    near = nearest_points(moved, count, progress)
+    last = moved[near[:, min(SIZES[0], count) - 1]]
     # Of points on a disc of radius r the rms distance is r / sqrt 2.
-    radius = np.linalg.norm(last - points, axis=1) / np.sqrt(2.0)
+    radius = np.linalg.norm(last - moved, axis=1) / np.sqrt(2.0)
     rows, triples = np.flatnonzero(scatter > LEAST_JITTER * radius), _triples(count)
+    middle = run_patiently(lambda: _in_the_middle(points, moved, near, scatter), progress)
     for band in (BAND * scatter, SECOND_BAND * BAND * scatter):
-        moved = points.copy()
-        near = neighbours_of(points, points[rows], count, progress)
+        places, beside = moved[rows], moved[middle]
+        near = neighbours_of(beside, places, min(count, len(beside) - 1), progress)
 
         def work(begin: int, end: int) -> None:
-            smooth_positions(points, rows, near, triples, band, FITS, begin, end, moved)  # noqa: B023
+            smooth_positions(beside, near, triples, band, FITS, begin, end, places)  # noqa: B023
 
         run_chunks(work, len(rows), CHUNK, progress=progress)
-        points = moved
-    return points
+        moved[rows] = places
+    return moved
+
+
+def _in_the_middle(
+    points: FloatArray, chosen: FloatArray, near: NDArray[np.int32], scatter: float
+) -> NDArray[np.bool_]:
+    """Tell the chosen points that lie where points are dense, not at the outside of the scatter.
+
+    Points that are chosen for being apart lie there far more often than others.
+    """
+    from scipy.spatial import cKDTree
+
+    around = cKDTree(points).query_ball_point(chosen, SCATTERS_APART * scatter, return_length=True)
+    close = np.linalg.norm(chosen[near] - chosen[:, None], axis=2) < THICK * scatter
+    return np.asarray(around >= DENSE * np.where(close, around[near], 0).max(axis=1))
 
 
 def neighbours_of(
