@@ -86,7 +86,7 @@ def _smoothed(shape: Shape, level: float, progress: Progress) -> FloatArray:
     points, place = _distinct(shape)
     if len(points) < 4:  # no plane to move them to
         return shape.points
-    return without_jitter(points, level, progress)[place]
+    return without_jitter(points, np.arange(len(points)), level, progress)[place]
 
 
 def _distinct(shape: Shape) -> tuple[FloatArray, np.ndarray]:
