@@ -2,7 +2,7 @@
 
 A spur does not stick out of the ball at its start. A branch beside another one ends at a ball that
 lies on the way of a thicker limb, or on a loop: more of the surface hangs on that ball than on the
-whole branch.
+whole branch, by more than importance is estimated too large.
 """
 
 from __future__ import annotations
@@ -17,11 +17,6 @@ from medialis.curves.graph.growth import sticks_out
 from medialis.curves.graph.tree import GraphTree
 from medialis.model.curve_skeleton import CurveSkeleton
 from medialis.validation import FloatArray
-
-SURPLUS = 1.5
-"""Times the area of the samples next to a branch that may hang on its end: importance is estimated
-from half ellipsoids. Chosen by five real shapes, not derived: true ends had at most 0.4 (one 1.24),
-branches beside limbs and on loops 1.02 to 10."""
 
 
 def prune(
@@ -111,9 +106,32 @@ def _beside(
     area = np.bincount(nearest[nearest >= 0], areas[nearest >= 0], len(links))[balls]
     beside = np.zeros(len(balls), bool)
     for _, row in _limbs(graph):
-        if importance[balls[row[-1]]] > SURPLUS * area[row[1:]].sum():
+        tip = balls[row[-1]]
+        hangs = importance[tip] / overestimate(importance[tip], links.radii[tip])
+        if hangs > area[row[1:]].sum():
             beside[row[1:]] = True
     return beside
+
+
+def overestimate(importance: float, radius: float) -> float:
+    """Return how many times too large the importance of the end of a limb is estimated.
+
+    It is that of half a spheroid, of radius a across and c along, of which the half perimeter p is
+    measured: c is taken as 2 p / pi - a. That is right for balls; for flat ends p tends to 2 c, not
+    to pi c / 2, so that importance is up to (4 / pi)^2 times too large.
+    """
+    long = np.geomspace(1.0, 1e4, 400)  # true c, for a = 1
+    perimeter = np.pi / 2 * (3 * (1 + long) - np.sqrt((3 + long) * (1 + 3 * long)))  # Ramanujan
+    taken, true = (_half_spheroid(c) for c in (2 * perimeter / np.pi - 1, long))
+    size = importance / max(np.pi * radius**2, 1e-300)
+    return float(np.interp(size, taken, taken / true))
+
+
+def _half_spheroid(long: FloatArray) -> FloatArray:
+    """Area of half an oblate spheroid of radii 1 and c, in units of pi."""
+    flat = np.sqrt(np.maximum(1 - 1 / long**2, 0.0))
+    stretch = np.where(flat > 1e-4, np.arctanh(flat) / np.maximum(flat, 1e-4), 1.0)
+    return np.asarray(long**2 + stretch)
 
 
 def nearest_on_graph(links: BallLinks, balls: NDArray[np.int64]) -> NDArray[np.int32]:
