@@ -25,6 +25,15 @@ METERS = {
 SHARE, PERCENT, UNITS = "", "%", "units"
 """What else a length may be in: fractions and per cent of the diagonal, the numbers of a file."""
 
+LENGTHS = frozenset(
+    {"thickness", "radius", "importance", "edge_radius", "length", "y_length", "mean_radius"}
+    | {"straight_distance", "diagonal", "spacing", "value", "noise", "moved", "feature_radius"}
+    | {"distance"}
+)
+AREAS = frozenset({"area"})
+RADIANS = frozenset({"spoke_angle", "edge_angle"})
+"""Names of values and attributes that have a unit, without _min, _median and _max."""
+
 _WORDS = {
     **{"micron": "um", "micrometer": "um", "µm": "um", "μm": "um", "millimeter": "mm"},
     **{"centimeter": "cm", "decimeter": "dm", "meter": "m", "kilometer": "km"},

@@ -61,6 +61,13 @@ def test_a_skeleton_alone_gets_the_shape_around_it(results):
     assert parts[0].points is results[0].shape.points
 
 
+def test_triangles_inside_hide_the_points_that_they_are_made_of(shape):
+    parts = {p.title: p for p in scene_of([medialis.run("medial_sheets", shape)], "").parts}
+    assert not parts["medial sheets"].visible
+    assert parts["sheet meshes"].visible and parts["sheet meshes"].opacity == 1
+    assert parts["surface"].visible and parts["surface"].opacity < 0.5
+
+
 def test_a_cloud_is_shown_as_points(shape):
     cloud = medialis.Shape(shape.points, shape.normals)
     kinds = [part.kind for part in scene_of([medialis.run("surface_skeleton", cloud)], "").parts]

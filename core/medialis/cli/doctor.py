@@ -28,6 +28,7 @@ from medialis.errors import FileError
 from medialis.files._files import reason
 from medialis.threads import thread_count
 from medialis.version import package_version
+from medialis.viewer.page import has_library
 
 NEEDED = {"numpy": "numpy", "scipy": "scipy.spatial", "llvmlite": "llvmlite", "numba": "numba"}
 """Package and the module that must load."""
@@ -85,11 +86,20 @@ def examine(machine: Machine | None = None) -> list[Finding]:
         found += [future.result() for future in needed]
         found += [_threads(), *([_cache()] if found[-1].state == "ok" else [])]
         found += [future.result() for future in extras]
+    found.append(_viewer())
     try:
         machine = machine or Machine()
     except FileError as error:
         return [*found, Finding("hosts", "missing", f"not looked for: {error}")]
     return [*found, *_blender(machine), *_meshlab(machine)]
+
+
+def _viewer() -> Finding:
+    """Look for the library that pages in three dimensions draw with."""
+    if has_library():
+        return Finding("viewer", "ok", "medialis view makes pages in three dimensions")
+    advice = "in a checkout, make viewer fetches it; npm is needed, which comes with Node.js"
+    return Finding("viewer", "missing", "three.js, which medialis view draws with", advice)
 
 
 def _call(command: Sequence[str], environment: Mapping[str, str]) -> tuple[bool, str]:

@@ -6,15 +6,7 @@ import math
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from medialis.units import with_unit
-
-LENGTHS = frozenset(
-    {"thickness", "radius", "importance", "edge_radius", "length", "y_length", "mean_radius"}
-    | {"straight_distance", "diagonal", "spacing", "value", "noise", "moved"}
-)
-AREAS = frozenset({"area"})
-RADIANS = frozenset({"spoke_angle"})
-"""Names of values, without _min, _median and _max."""
+from medialis.units import AREAS, LENGTHS, RADIANS, with_unit
 
 _PARTS = ("_min", "_median", "_max")
 

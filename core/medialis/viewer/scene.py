@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from medialis.units import AREAS, LENGTHS, RADIANS
 from medialis.validation import FloatArray, IntArray
 
 if TYPE_CHECKING:
@@ -22,18 +23,6 @@ if TYPE_CHECKING:
 
 NUMBERS_ONLY = ("feature_1", "feature_2", "source", "node", "pair")
 """Attributes that name rows of other arrays: as colours they say nothing."""
-
-LENGTHS = (
-    "radius",
-    "feature_radius",
-    "edge_radius",
-    "thickness",
-    "importance",
-    "distance",
-    "value",
-)
-ANGLES = ("spoke_angle", "edge_angle")
-"""Stored in radians."""
 
 SPOTS = "thin_spots"
 
@@ -138,7 +127,7 @@ def scene_of(results: Sequence[Outcome], title: str) -> Scene:
     shape = results[0].shape
     if not any(_stands_for(part, shape) for part in parts):
         parts.insert(0, _bare(shape))
-    _choose(parts)
+    _choose(parts, shape)
     notes = [str(note) for result in results for note in getattr(result, "messages", ())]
     return Scene(title, parts, spots, shape, list(dict.fromkeys(notes)))
 
@@ -223,9 +212,9 @@ def _fields(layer: Layer) -> list[Field]:
 
 
 def _unit(layer: Layer, name: str) -> str:
-    if name in ANGLES:
+    if name in RADIANS:
         return "degrees"
-    if name == "area" or (name == layer.filter_by and layer.filter_unit.power == 2):
+    if name in AREAS or (name == layer.filter_by and layer.filter_unit.power == 2):
         return "area"
     return "length" if name in LENGTHS else ""
 
@@ -262,8 +251,15 @@ def _bare(shape: Shape) -> Part:
     return Part("shape" if shape.faces is None else "surface", kind, shape.points, shape.faces)
 
 
-def _choose(parts: list[Part]) -> None:
-    """Let the shape be see-through where something inside it is shown."""
+def _choose(parts: list[Part], shape: Shape) -> None:
+    """Let the shape be see-through where something inside it is shown.
+
+    Where there are triangles inside, the points that they are made of are hidden.
+    """
+    inner = [part for part in parts if part.kind == "surface" and not _stands_for(part, shape)]
+    if any(part.visible for part in inner):
+        for part in parts:
+            part.visible &= part.kind != "points"
     inside = [part for part in parts if part.visible and part.kind != "surface"]
     surfaces = [part for part in parts if part.kind == "surface"]
     for part in surfaces[:1]:
