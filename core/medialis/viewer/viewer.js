@@ -1,7 +1,7 @@
 // The scene on its canvas: camera, colours of the page, section, pictures.
 "use strict";
 
-const FIELD_OF_VIEW = 30, FAR_AWAY = 60, LEGEND = 120;
+const FIELD_OF_VIEW = 30, FAR_AWAY = 60, LEGEND = 140;
 
 class Viewer {
   constructor(data, bytes, canvas) {
@@ -94,7 +94,7 @@ class Viewer {
     if (!width || !height) return;
     this.renderer.setSize(width, height, false);
     this.camera.aspect = width / height;
-    this.camera.setViewOffset(width, height, 0, LEGEND / 2.5, width, height);  // room for the legend
+    this.camera.setViewOffset(width, height, 0, LEGEND / 2, width, height);  // room for the legend
     if (this.isFirstView) this.lookFrom(this.data.direction, this.data.up);
     this.draw();
   }
