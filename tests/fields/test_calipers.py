@@ -7,7 +7,6 @@ import closed_forms as forms
 import medialis
 from medialis.balls.ball_shrinking import DEFAULT_TOLERANCE
 from medialis.fields.enclosure import Enclosure
-from medialis.fields.thickness import wall_angles
 from medialis.reports.distances import distance_to_surface
 
 
@@ -238,7 +237,7 @@ def test_a_ball_that_touches_a_sample_without_a_normal_lies_between_no_walls():
     normals = shape.normals.copy()
     normals[outer.point_count :] = 0.0
     cloud = medialis.shrink_balls(medialis.Shape(shape.points, normals, shape.faces))
-    assert wall_angles(cloud)[cloud.features[:, 1] >= outer.point_count].max() == 0.0
+    assert cloud.wall_angles[cloud.features[:, 1] >= outer.point_count].max() == 0.0
 
 
 def test_two_cubes_that_overlap_have_no_wall():

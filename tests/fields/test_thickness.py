@@ -12,7 +12,7 @@ from medialis.balls.ball_shrinking import DEFAULT_TOLERANCE, shrink_balls
 from medialis.errors import InvalidOptionError, InvalidShapeError
 from medialis.fields import thickness as module
 from medialis.fields.feature_transform import field_on_surface
-from medialis.fields.thickness import WALL_ANGLE, thickness, wall_angles
+from medialis.fields.thickness import WALL_ANGLE, thickness
 from medialis.model.shape import Shape
 from medialis.surface.generate import organic_shape
 from medialis.surface.reading import read_shape
@@ -79,7 +79,7 @@ def test_sphere_and_capsule_are_as_thick_as_their_diameter():
         true = 2 * form.radii[0]
         bound = 2 * form.excess(DEFAULT_TOLERANCE)
         cloud = shrink_balls(form.shape)
-        rows = wall_angles(cloud) >= math.radians(WALL_ANGLE)
+        rows = cloud.wall_angles >= math.radians(WALL_ANGLE)
         assert np.isfinite(bound[rows]).mean() > 0.9
         assert (values >= true * (1 - 1e-9)).all()
         own = rows & np.isfinite(bound)
@@ -91,7 +91,7 @@ def test_an_ellipsoid_has_the_closed_form_where_it_is_a_wall():
     form = forms.ellipsoid(4000, (1.0, 0.8, 0.3))
     cloud = shrink_balls(form.shape)
     values, bound = thickness(cloud), 2 * form.excess(DEFAULT_TOLERANCE)
-    wall = wall_angles(cloud) >= math.radians(WALL_ANGLE)
+    wall = cloud.wall_angles >= math.radians(WALL_ANGLE)
     assert 0.3 < wall.mean() < 0.9
     error = values - 2 * form.radii
     assert (error[wall] >= -1e-9).all() and (error[wall] <= bound[wall]).all()
@@ -125,7 +125,7 @@ def test_completion_is_the_harmonic_field_between_reliable_samples(creature, mon
     """With enough steps: all others are the geometric mean of their neighbours (dense solve)."""
     shape, cloud = creature
     n = shape.point_count
-    rows = wall_angles(cloud) >= math.radians(WALL_ANGLE)
+    rows = cloud.wall_angles >= math.radians(WALL_ANGLE)
     fixed = field_on_surface(cloud.subset(rows), 2 * cloud.radii[rows])
     fixed[cloud.source[rows]] = 2 * cloud.radii[rows]
     free = np.isnan(fixed)
@@ -147,7 +147,7 @@ def test_without_smoothing_the_nearest_along_the_surface_wins(creature, monkeypa
     shape, cloud = creature
     monkeypatch.setattr(module, "SMOOTHING_STEPS", 0)
     values = thickness(cloud)
-    rows = wall_angles(cloud) >= math.radians(WALL_ANGLE)
+    rows = cloud.wall_angles >= math.radians(WALL_ANGLE)
     seeds = np.unique(cloud.features[rows])
     length = np.linalg.norm(np.diff(shape.points[shape.edges], axis=1)[:, 0], axis=1)
     n = shape.point_count

@@ -166,7 +166,7 @@ class Walls:
             directions = shape.normals[cloud.source] * cloud.side[:, None]
         samples = tree.place[cloud.source]
         # Neighbours share certificates; inner balls, the first, are the same with outer ones.
-        order = np.lexsort((samples, -cloud.side))
+        order = _in_tree_order(cloud, tree)
         samples, direction = samples[order], np.ascontiguousarray(directions[order])
         signs = cloud.side[order]
         largest = float(np.nanmax(cloud.radii, initial=0.0)) / shape.diagonal
@@ -190,6 +190,14 @@ class Walls:
         radii = radii[touching] * lengths.unit
         faces, weights = self.faces[face[touching]], places[touching]
         return _touching_faces(cloud, rows, direction[touching], radii, faces, weights)
+
+
+def _in_tree_order(cloud: MedialCloud, tree: BoxTree) -> NDArray[np.int64]:
+    """Return the inner balls in the order of the tree, then the outer ones."""
+    n, k = len(tree.order), len(cloud)
+    if k % n == 0 and (cloud.source.reshape(-1, n) == np.arange(n)).all():
+        return (n * np.arange(k // n)[:, None] + tree.order).ravel()
+    return np.lexsort((tree.place[cloud.source], -cloud.side))
 
 
 def _touching_faces(

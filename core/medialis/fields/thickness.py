@@ -38,9 +38,9 @@ faces, those of a box with 30 degrees to spare for samples: at the distance d fr
 ball that touches the other face at the depth k d has the spoke angle 2 atan k, and the smallest of
 these balls (k nearest to 1) exceeds 120 degrees only if no sample lies at depths from d / sqrt 3 to
 d sqrt 3, so only closer to the edge than 0.87 sample spacings. There the normals still tell: see
-`wall_angles`. Measured: on the hand, the rim of the cut wrist (80 degrees) is a false alarm of 1/9
-of the wrist's thickness at 100 degrees, and gone at 120; on fandisk, all edges are. 17 % (horse2)
-to 61 % (scapula, a bone plate) of the balls remain."""
+`MedialCloud.wall_angles`. Measured: on the hand, the rim of the cut wrist (80 degrees) is a false
+alarm of 1/9 of the wrist's thickness at 100 degrees, and gone at 120; on fandisk, all edges are.
+17 % (horse2) to 61 % (scapula, a bone plate) of the balls remain."""
 
 SMOOTHING_STEPS, SMOOTHING_ACCURACY = 40, 1e-3
 """Steps at most, and residual relative to the start. On horse2, 40 steps (60 ms) look the same as
@@ -92,9 +92,9 @@ def thickness(cloud: MedialCloud, options: ThicknessOptions, progress: Progress)
 
     Notes
     -----
-    1. A sample whose own ball is reliable (`wall_angles` at least `min_spoke_angle`) has the size
-       of that ball; else one that reliable balls of other samples touch has the size of the largest
-       of them (the inverse feature transform).
+    1. A sample whose own ball is reliable (`MedialCloud.wall_angles` at least `min_spoke_angle`)
+       has the size of that ball; else one that reliable balls of other samples touch has the size
+       of the largest of them (the inverse feature transform).
     2. Every other sample of a mesh starts with the value of the nearest one along the edges. Then
        all of them become the geometric mean of their neighbours, as far as a fixed number of steps
        carries: a smooth transition, never below the smallest or above the largest reliable value.
@@ -143,7 +143,7 @@ def _diameters(cloud: MedialCloud, rows: NDArray[np.int64], angle: float) -> NDA
     """Return the diameter at each sample; balls with walls at least `angle` apart are reliable."""
     own = np.full(cloud.surface.point_count, np.nan)
     own[cloud.source[rows]] = 2.0 * cloud.radii[rows]
-    walls = cloud.subset(rows[wall_angles(cloud)[rows] >= angle])
+    walls = cloud.subset(rows[cloud.wall_angles[rows] >= angle])
     values = field_on_surface(walls, 2.0 * walls.radii, reduce="max")
     values[walls.source] = 2.0 * walls.radii
     if np.isnan(values).any():
@@ -151,30 +151,9 @@ def _diameters(cloud: MedialCloud, rows: NDArray[np.int64], angle: float) -> NDA
     return values
 
 
-def wall_angles(cloud: MedialCloud) -> FloatArray:
-    """Return how far apart the two feature points of each ball are, as seen from the center.
-
-    Returns
-    -------
-    (k,) float64
-        The smaller one of the spoke angle and the angle between the normals at the two feature
-        points, in radians; NaN for a masked ball, 0 for one that touches a sample without a normal:
-        nothing tells what it lies between. For a ball that touches a smooth surface the two are the
-        same; next to an edge, where samples are no closer together than the ball is large, the
-        spoke angle alone says nothing (see `WALL_ANGLE`).
-    """
-    angles = np.array(cloud.spoke_angles)
-    rows = np.flatnonzero(cloud.valid)
-    first, second = (cloud.surface.normals[cloud.features[rows, j]] for j in (0, 1))
-    cosine = np.clip(np.einsum("ij,ij->i", first, second), -1.0, 1.0)
-    known = first.any(axis=1) & second.any(axis=1)
-    angles[rows] = np.where(known, np.minimum(angles[rows], np.arccos(cosine)), 0.0)
-    return angles
-
-
 def wall_balls(cloud: MedialCloud) -> NDArray[np.int64]:
     """Return the rows of the inner balls between two walls (`WALL_ANGLE`)."""
-    return np.flatnonzero((cloud.side > 0) & (wall_angles(cloud) >= math.radians(WALL_ANGLE)))
+    return np.flatnonzero((cloud.side > 0) & (cloud.wall_angles >= math.radians(WALL_ANGLE)))
 
 
 def unresolved_walls(cloud: MedialCloud) -> NDArray[np.bool_]:

@@ -188,9 +188,10 @@ def _find(
     if level > 0:
         found["wall"] = list(islice(balls.low_places(values, level=level), options.spots))
     spots: list[ThinSpot] = []
-    kinds: tuple[tuple[SpotKind, WallBalls], ...] = ("wall", balls), ("overlap", every())
-    for kind, by in kinds:
+    kinds: tuple[SpotKind, ...] = ("wall", "overlap")
+    for kind in kinds:
         places = found[kind][: options.spots]
+        by = every() if kind == "overlap" and places else balls
         spots += sorted((_spot(kind, by, place) for place in places), key=lambda spot: spot.value)
     return tuple(spots), len(found["speck"])
 

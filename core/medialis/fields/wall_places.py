@@ -82,10 +82,12 @@ class WallBalls:
 
     def touches(self, place: LowPlace, samples: NDArray[np.bool_]) -> bool:
         """Tell whether a place is next to some samples: it is the rest of their place."""
+        if not samples.any():
+            return False
         inside = np.zeros(len(samples), np.bool_)
         inside[place.vertices] = True
-        ends = self.surface.edges
-        return bool((inside[ends].any(axis=1) & samples[ends].any(axis=1)).any())
+        one, other = self.surface.edges.T
+        return bool(((inside[one] | inside[other]) & (samples[one] | samples[other])).any())
 
     def thinnest(self, place: LowPlace) -> tuple[FloatArray, FloatArray, float]:
         """Return both ends of the shortest line across the wall at a place, and the value there."""

@@ -193,6 +193,23 @@ class MedialCloud(Balls):
         return frozen(result, np.float64)
 
     @cached_property
+    def wall_angles(self) -> FloatArray:
+        """How far apart the two feature points of each ball are, as seen from the center, (k,).
+
+        The smaller one of the spoke angle and the angle between the normals at the two feature
+        points, in radians; NaN for a masked ball, 0 for one that touches a sample without a normal:
+        nothing tells what it lies between. For a ball that touches a smooth surface the two are the
+        same; next to an edge, where samples are no closer together than the ball is large, the
+        spoke angle alone says nothing.
+        """
+        angles, rows = np.array(self.spoke_angles), np.flatnonzero(self.valid)
+        first, second = (self.surface.normals[self.features[rows, j]] for j in (0, 1))
+        cosine = np.clip(np.einsum("ij,ij->i", first, second), -1.0, 1.0)
+        known = first.any(axis=1) & second.any(axis=1)
+        angles[rows] = np.where(known, np.minimum(angles[rows], np.arccos(cosine)), 0.0)
+        return frozen(angles, np.float64)
+
+    @cached_property
     def inverse_features(self) -> Ragged:
         """For each sample the valid skeleton points that touch it (thesis 3.5.1)."""
         features = np.where(self.valid[:, None], self.features, -1)

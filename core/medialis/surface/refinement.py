@@ -20,6 +20,7 @@ from medialis.model.surface import Surface
 from medialis.options import Options, algorithm, length
 from medialis.progress import Progress
 from medialis.surface._halving import LONG, Cut, TooManyPointsError, edges_of_sides
+from medialis.surface._long_edges import LongEdges, has_new
 from medialis.surface._volumes import power_of_two_scale
 from medialis.surface.given_shapes import as_shape
 from medialis.surface.normals import mean_normals
@@ -102,12 +103,17 @@ def _refined(shape: Shape, longest_edge: float) -> Shape:
     scale = power_of_two_scale(shape.points)
     points = shape.points * scale
     h = max(longest_edge * shape.diagonal * scale, float(np.finfo(np.float64).tiny))
-    ends = points[shape.edges]
-    if not (np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1) > h).any():
+    surface = Surface(points, shape.faces).adopt(shape.topology)
+    if not (surface.edge_lengths > h).any():
         return shape
-    surface = Surface(points, shape.faces)
-    _check_affordable(surface, h, scale)
-    return _with_faces_of(shape, _cut(surface, h, scale), scale)
+    part = LongEdges.of(surface, h)
+    _check_affordable(part, h, scale)
+    try:
+        cut = part.cut(h, MOST_POINTS)
+    except TooManyPointsError as error:
+        made, wanted = error.args
+        _refuse(h / scale, f"{made} were made and {wanted} edges are still longer")
+    return _with_faces_of(shape, cut, scale)
 
 
 def refine_where(shape: Shape, allowed: FloatArray, most_points: int = MOST_POINTS) -> Shape:
@@ -156,8 +162,7 @@ def _with_faces_of(shape: Shape, cut: Cut, scale: float) -> Shape:
     n = shape.point_count
     points /= scale
     points[:n] = shape.points
-    normals = np.array(mean_normals(points, faces))
-    normals[:n] = shape.normals
+    normals = np.concatenate([shape.normals, mean_normals(points, faces[has_new(faces, n)])[n:]])
     origin = np.full(len(points), -1, np.int32)
     origin[:n] = np.arange(n) if shape.origin is None else shape.origin
     face_map = None if shape.face_map is None else shape.face_map[face_origin]
@@ -195,17 +200,22 @@ def affordable_edge(shape: Shape, fraction: float) -> float:
     most = asked * USUAL if asked <= 2.0 else asked**2 * MEANT
     most += asked**2 * USUAL_A_VERTEX * shape.point_count
     surface = Surface(shape.points * power_of_two_scale(shape.points), shape.faces)
-    while fraction < 1.0 and _about_points(surface, fraction * surface.diagonal) > most:
+    surface.adopt(shape.topology)
+    if not (surface.edge_lengths > fraction * surface.diagonal).any():
+        return fraction
+    part = LongEdges.of(surface, fraction * surface.diagonal)
+    while fraction < 1.0 and _about_points(part, fraction * surface.diagonal) > most:
         fraction = min(1.0, 2.0**0.25 * fraction)
     return fraction
 
 
-def _about_points(surface: Surface, longest_edge: float) -> float:
+def _about_points(part: LongEdges, longest_edge: float) -> float:
     """Estimate how many points `refine` makes: on real shapes 0.6 to 1.5 times as many.
 
     A face with l pieces on its longest side and s on its shortest one becomes s^2 faces with an
     undivided side, and each of these a row of 2 l / s - 1; a strip takes no more than its rim.
     """
+    surface = part.surface
     rows = edges_of_sides(surface)
     pieces = np.append(_pieces(surface.edge_lengths, longest_edge), 1.0)
     of_side, rim = pieces[rows], pieces[rows].sum(axis=1)
@@ -214,26 +224,10 @@ def _about_points(surface: Surface, longest_edge: float) -> float:
     thin = (longest > LONG * longest_edge) & (2 * surface.face_areas <= longest_edge * longest)
     faces = np.where(thin, rim - 2.0, short * (2.0 * most - short))
     inside = np.maximum((faces - rim) / 2 + 1.0, 0.0).sum()
-    return float(surface.point_count + (pieces - 1.0).sum() + inside)
+    return float(part.whole.point_count + (pieces - 1.0).sum() + inside)
 
 
-def _cut(surface: Surface, longest_edge: float, scale: float) -> Cut:
-    """Halve long edges until there are none; the surface has one at least."""
-    cut = Cut.of(surface)
-    try:
-        while (more := cut.with_strips(longest_edge).halved(longest_edge, MOST_POINTS)) is not None:
-            cut = more
-        cut = cut.without_strips()
-        # The ways across a strip may be a little too long.
-        while (more := cut.halved(longest_edge, MOST_POINTS)) is not None:
-            cut = more
-    except TooManyPointsError as error:
-        made, wanted = error.args
-        _refuse(longest_edge / scale, f"{made} were made and {wanted} edges are still longer")
-    return cut
-
-
-def _check_affordable(surface: Surface, longest_edge: float, scale: float) -> None:
+def _check_affordable(part: LongEdges, longest_edge: float, scale: float) -> None:
     """Refuse a length that needs too many points, before any of them is made.
 
     `scale` is what lengths were multiplied with; sentences tell them in the caller's units.
@@ -243,16 +237,17 @@ def _check_affordable(surface: Surface, longest_edge: float, scale: float) -> No
     with edges up to h is larger than the equilateral one; a triangulation with B vertices on its
     rim and I inside has 2 I + B - 2 triangles, so I >= (F - B) / 2 + 1.
     """
+    surface = part.surface
     with np.errstate(over="ignore"):  # infinitely many are too many as well
         triangles = surface.face_areas / longest_edge / longest_edge / (math.sqrt(3.0) / 4.0)
     pieces = _pieces(surface.edge_lengths, longest_edge)
     # A face that names a vertex twice has a side without length: its edge is the row -1.
     rim = np.append(pieces, 1.0)[edges_of_sides(surface)].sum(axis=1)
     inside = np.maximum(0.5 * (triangles - rim) + 1.0, 0.0).sum()
-    needed = surface.point_count + (pieces - 1.0).sum() + inside
+    needed = part.whole.point_count + (pieces - 1.0).sum() + inside
     if needed > MOST_POINTS:
         _refuse(longest_edge / scale, f"the longest edge is {surface.edge_lengths.max() / scale:g}")
-    rounding = np.finfo(np.float64).eps * float(np.abs(surface.points).max())
+    rounding = np.finfo(np.float64).eps * float(np.abs(part.whole.points).max())
     if longest_edge < 16.0 * rounding:
         raise InvalidShapeError(
             f"Edges of {longest_edge / scale:g} are lost in the rounding of the coordinates "

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from medialis.model.shape import Shape
 from medialis.model.surface import Surface
+from medialis.surface._long_edges import has_new
 from medialis.surface.creases import Creases
 from medialis.surface.normals import mean_normals
 from medialis.validation import FloatArray
@@ -63,19 +64,22 @@ def on_smooth_surface(shape: Shape, fine: Shape, creases: Creases) -> Shape:
     pairs = weights * weights[:, [1, 2, 0]]
     height = np.einsum("ij,ij->i", pairs, creases.own_bulges[face])
     step, mean, on_crease = _common_steps(vertex - n, normals, height, fine.point_count - n)
-    points = _unfolded(fine, np.concatenate([np.zeros((n, 3)), step]))
+    points = _unfolded(fine, n, np.concatenate([np.zeros((n, 3)), step]))
+    around = mean_normals(points, np.asarray(fine.faces)[has_new(fine.faces, n)])
     directions = np.array(fine.normals)
     smooth = ~on_crease & mean.any(axis=1)
-    directions[n:] = np.where(smooth[:, None], mean, mean_normals(points, fine.faces)[n:])
+    directions[n:] = np.where(smooth[:, None], mean, around[n:])
     return replace(fine, points=points, normals=directions)
 
 
-def _unfolded(fine: Shape, step: FloatArray) -> NDArray[np.float64]:
+def _unfolded(fine: Shape, n: int, step: FloatArray) -> NDArray[np.float64]:
     """Return the moved points, but where a face would turn by more than what a mesh may be off.
 
     There, at slivers and on limbs thinner than their bulge, vertices stay on their facets.
     """
-    faces, before = np.asarray(fine.faces), fine.face_normals
+    faces = np.asarray(fine.faces)
+    faces = faces[has_new(faces, n)]
+    before = Surface(fine.points, faces).face_normals
     points = fine.points + step
     while True:
         turned = np.einsum("ij,ij->i", Surface(points, faces).face_normals, before) < TURN
