@@ -6,28 +6,35 @@ python docs/make_pictures.py [NAME ...]
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 import medialis
-from medialis.operations.pictures import draw_result, draw_turntable
-from medialis.render.annotation import contact_sheet
+from medialis.operations.pictures import IN_DEGREES, draw_result, draw_turntable
+from medialis.render.annotation import ColorBar, contact_sheet
 from medialis.render.camera import Camera
+from medialis.render.colors import value_range
 from medialis.render.picture import Points, Surface, draw
 from medialis.render.png import write_png
+from medialis.render.shading import Style
 
 Image = NDArray[np.uint8]
 FOLDER = Path(__file__).resolve().parent / "pictures"
+WIDTH = 2000
+"""Pixels across a page: twice those of most screens."""
+
+CROPPED = Style(crop=True)
 
 
 def hero() -> Image:
     """Draw the README's picture."""
     result = medialis.run("surface_skeleton", medialis.organic_shape(200))
-    return draw_result(result, title="surface skeleton: one maximal ball for each sample")
+    return _picture(result, title="Surface skeleton: the centres of all maximal balls")
 
 
 def overview() -> Image:
@@ -46,7 +53,7 @@ def overview() -> Image:
         result = medialis.run(name, shape)
         if layer:
             result = _layer_of(result, layer)
-        images.append(draw_result(result, width=300, height=236, legend=False))
+        images.append(_picture(result, 3, style=Style(crop=True, legend=False)))
     return contact_sheet(images, list(runs), 3)
 
 
@@ -58,12 +65,52 @@ def _all_balls(shape: medialis.Shape, **options: object) -> medialis.Result:
 def spoke_angle() -> Image:
     """Colour by spoke angle."""
     result = _all_balls(medialis.organic_shape(200))
-    return draw_result(result, color_by="spoke_angle")
+    return _picture(result, color_by="spoke_angle")
 
 
-def _sheet(results: list[medialis.Result], captions: list[str], **options: object) -> Image:
-    size = {"width": 560, "height": 440}
-    return contact_sheet([draw_result(r, **size, **options) for r in results], captions, 2)
+def _picture(
+    result: medialis.Result, columns: int = 1, *, style: Style = CROPPED, **options: Any
+) -> Image:
+    """Draw a result as wide as one of so many columns of a page."""
+    width = WIDTH // columns
+    return draw_result(result, width=width, height=int(0.8 * width), style=style, **options)
+
+
+def _sheet(
+    results: list[medialis.Result],
+    captions: Sequence[str],
+    columns: int = 2,
+    *,
+    color_by: str | None = None,
+) -> Image:
+    """Draw results side by side; those of one quantity on one shape share a scale and a legend."""
+    options: dict[str, Any] = {"color_by": color_by}
+    key = _shared_scale(results, color_by)
+    if key is not None:
+        options["style"] = replace(CROPPED, legend=False, limits=(key.low, key.high))
+    images = [_picture(r, columns, **options) for r in results]
+    return contact_sheet(images, captions, columns, key=key)
+
+
+def _shared_scale(results: list[medialis.Result], color_by: str | None) -> ColorBar | None:
+    """Return the scale of results that show the same quantity of shapes of the same size."""
+    layers = [(result.shown or result.layers)[0] for result in results]
+    names = {color_by or layer.color_by for layer in layers}
+    name = names.pop() if len(names) == 1 else None
+    sizes = [result.shape.diagonal for result in results]
+    if name is None or any(name in layer.labels for layer in layers) or np.ptp(sizes) > 0.1:
+        return None
+    factor = 180 / np.pi if name in IN_DEGREES else 1.0
+    shown = [factor * layer.attributes[name][~layer.hidden] for layer in layers]
+    scales = [
+        value_range(values, *(layer.color_limits if layer.color_by == name else (None, None)))
+        for layer, values in zip(layers, shown, strict=True)
+    ]
+    limits = min(low for low, _ in scales), max(high for _, high in scales)
+    missing = any(bool(np.isnan(values).any()) for values in shown)
+    colors = {layer.color_map if layer.color_by == name else "sequential" for layer in layers}
+    unit = " (degrees)" if name in IN_DEGREES else ""
+    return ColorBar(name.replace("_", " ") + unit, colors.pop(), *limits, missing)
 
 
 def subsample() -> Image:
@@ -118,13 +165,13 @@ def sides() -> Image:
 def reconstruction() -> Image:
     """Thesis Figure 3.7: surface, union of balls, difference."""
     shape = medialis.organic_shape(300)
-    return medialis.run("ball_reconstruction", shape, size=560).images["reconstruction"]
+    return medialis.run("ball_reconstruction", shape, size=660).images["reconstruction"]
 
 
 def progressive() -> Image:
     """Thesis 3.4: growing shares of the balls, largest first."""
     shape = medialis.organic_shape(200)
-    return medialis.run("ball_reconstruction", shape, size=420, progressive=True).images[
+    return medialis.run("ball_reconstruction", shape, size=500, progressive=True).images[
         "progressive"
     ]
 
@@ -166,26 +213,28 @@ def wall_angle() -> Image:
 def turntable() -> Image:
     """Eight views all round."""
     result = medialis.run("surface_skeleton", medialis.organic_shape(160))
-    return contact_sheet(list(draw_turntable(result, 8, size=320)), columns=4)
+    return contact_sheet(list(draw_turntable(result, 8, size=500)), columns=4)
 
 
 def views() -> Image:
     """Orthographic and perspective projection."""
     result = medialis.run("surface_skeleton", medialis.organic_shape(160))
     points = result.shape.points
+    size = {"width": WIDTH // 2, "height": WIDTH // 3}
     cameras = [
-        Camera.framing(points, width=560, height=440, direction=(1, -1.2, 0.4), up=(0, 0, 1),
-                       perspective=perspective)
+        Camera.framing(
+            points, direction=(1, -1.2, 0.4), up=(0, 0, 1), perspective=perspective, **size
+        )
         for perspective in (False, True)
-    ]  # fmt: skip
-    images = [draw_result(result, camera=camera) for camera in cameras]
+    ]
+    images = [draw_result(result, camera=camera, style=CROPPED) for camera in cameras]
     return contact_sheet(images, ["orthographic", "perspective"], 2)
 
 
 def skeleton_mesh() -> Image:
     """Thesis Figures 3.8, 3.9: the skeleton as triangles."""
     result = medialis.run("skeleton_mesh", medialis.organic_shape(200))
-    return draw_result(result, title="surface skeleton as triangles")
+    return _picture(result, title="Surface skeleton as triangles")
 
 
 def mesh_angles() -> Image:
@@ -216,7 +265,7 @@ def view_curve_skeleton() -> Image:
     """Thesis Figures 3.17, 3.18: the graph, and the points that it was linked from."""
     shape = medialis.organic_shape(160)
     result = medialis.run("view_curve_skeleton", shape, pairs=200, size=512)
-    return draw_result(result, title="curve skeleton from 200 pairs of views")
+    return _picture(result, title="Curve skeleton from 200 pairs of views")
 
 
 def importance() -> Image:
@@ -252,7 +301,7 @@ def geodesic() -> Image:
     """Draw a geodesic path from the nose to a hind foot."""
     shape = medialis.organic_shape(160)
     ends = [int(np.argmax(shape.points @ d)) for d in ((1, 0.1, -0.2), (-0.4, 0.5, -1))]
-    return draw_result(medialis.run("geodesic_path", shape, start=ends[0], end=ends[1]))
+    return _picture(medialis.run("geodesic_path", shape, start=ends[0], end=ends[1]))
 
 
 def _tubes() -> list[medialis.Shape]:
@@ -325,9 +374,8 @@ def curve_comparison() -> Image:
     shapes = [medialis.organic_shape(120), *_tubes(), _wheel()]
     names = ("curve_skeleton", "view_curve_skeleton")
     results = [medialis.run(name, shape) for name in names for shape in shapes]
-    size = {"width": 300, "height": 260}
     captions = [f"{r.values['end_points']} ends, {r.values['loops']} loops" for r in results]
-    return contact_sheet([draw_result(r, **size) for r in results], captions, len(shapes))
+    return _sheet(results, captions, len(shapes))
 
 
 def _solids() -> dict[str, medialis.Shape]:
@@ -354,7 +402,6 @@ def _gallery(
     value: str,
     what: str,
     parameters: dict[str, str] | None = None,
-    **options: object,
 ) -> Image:
     """Run an operation on several solids and count what it found."""
     solids = _solids()
@@ -364,8 +411,7 @@ def _gallery(
         f"{name}: {r.values[value]} {what}"
         for name, r in zip(names.split(", "), results, strict=True)
     ]
-    size = {"width": 420, "height": 340}
-    return contact_sheet([draw_result(r, **size, **options) for r in results], captions, 3)
+    return _sheet(results, captions, 3)
 
 
 def point_types() -> Image:
@@ -405,9 +451,7 @@ def y_network() -> Image:
     captions = [
         f"{r.values['y_curves']} curves, length {r.values['y_length']:.2f}" for r in results
     ]
-    size = {"width": 420, "height": 340}
-    images = [draw_result(_layer_of(r, "y_network"), **size) for r in results]
-    return contact_sheet(images, captions, 3)
+    return _sheet([_layer_of(r, "y_network") for r in results], captions, 3)
 
 
 def sheet_meshes() -> Image:
@@ -415,9 +459,7 @@ def sheet_meshes() -> Image:
     solids = _solids()
     results = [medialis.run("medial_sheets", solids[name]) for name in ("box", "T", "creature")]
     captions = [f"area {r.values['area']:.2f}" for r in results]
-    size = {"width": 420, "height": 340}
-    images = [draw_result(_layer_of(r, "sheet_meshes"), **size) for r in results]
-    return contact_sheet(images, captions, 3)
+    return _sheet([_layer_of(r, "sheet_meshes") for r in results], captions, 3)
 
 
 def soft_edges() -> Image:
@@ -425,9 +467,8 @@ def soft_edges() -> Image:
     solids = _solids()
     names = ("L", "rounded cylinder", "creature")
     results = [medialis.run("soft_edges", solids[name]) for name in names]
-    size = {"width": 420, "height": 340}
-    images = [draw_result(r, **size) for r in results]
-    images += [draw_result(_radius_of_edges(r), color_by="edge_radius", **size) for r in results]
+    images = [_picture(r, 3) for r in results]
+    images += [_picture(_radius_of_edges(r), 3, color_by="edge_radius") for r in results]
     return contact_sheet(images, [*names, *names], 3)
 
 
@@ -465,8 +506,7 @@ def limbs() -> Image:
     names = ("creature", "jack", "dumbbell", "fork", "T", "wheel")
     results = [medialis.run("parts", solids[name], method="limbs") for name in names]
     captions = [f"{n}: {r.values['parts']} parts" for n, r in zip(names, results, strict=True)]
-    size = {"width": 420, "height": 340}
-    return contact_sheet([draw_result(r, **size) for r in results], captions, 3)
+    return _sheet(results, captions, 3)
 
 
 def _crossing(outliers: float) -> medialis.Shape:
@@ -485,13 +525,15 @@ def _manifold_surfaces(result: medialis.Result) -> Image:
     assert layer.faces is not None
     owner = layer.face_attributes["manifold_of_face"]
     surface = Surface(layer.points, layer.faces, labels=owner, per_face=True)
-    return draw([surface], Camera.framing(layer.points, width=560, height=440))
+    return draw(
+        [surface], Camera.framing(layer.points, width=WIDTH // 2, height=WIDTH // 3), style=CROPPED
+    )
 
 
 def manifolds() -> Image:
     """Draw a cloud of three surfaces and 40 % noise: points, and their surfaces."""
     result = medialis.run("manifolds", _crossing(0.4), surfaces=True)
-    images = [draw_result(result, width=560, height=440), _manifold_surfaces(result)]
+    images = [_picture(result, 2), _manifold_surfaces(result)]
     count = result.values["manifolds"]
     return contact_sheet(images, [f"{count} manifolds, noise in grey", "their surfaces"], 2)
 
@@ -500,7 +542,7 @@ def skeleton_manifolds() -> Image:
     """Thesis Figure 4.7: the skeleton of a mesh divided into its manifolds."""
     shape = medialis.organic_shape(300)
     result = medialis.run("manifolds", shape, cloud="skeleton", max_bend=15.0, surfaces=True)
-    images = [draw_result(result, width=560, height=440), _manifold_surfaces(result)]
+    images = [_picture(result, 2), _manifold_surfaces(result)]
     return contact_sheet(images, ["skeleton points", "surfaces of the manifolds"], 2)
 
 
@@ -519,8 +561,8 @@ def remove_outliers() -> Image:
     points = np.concatenate([shape.points, base + step])
     noisy = medialis.Shape(points, np.zeros_like(points))
     kept = medialis.run("remove_outliers", noisy).layers[0].points
-    camera = Camera.framing(shape.points, width=560, height=440)
-    images = [draw([Points(p, size=2.0)], camera) for p in (points, kept)]
+    camera = Camera.framing(shape.points, width=WIDTH // 2, height=WIDTH // 3)
+    images = [draw([Points(p, size=4.0)], camera) for p in (points, kept)]
     return contact_sheet(images, [f"{len(p)} points" for p in (points, kept)], 2)
 
 
@@ -536,12 +578,12 @@ def mean_shift_segments() -> Image:
     )
     found = [teeth, automatic.labels, picked.labels]
     camera = Camera.framing(
-        shape.points, width=560, height=440, direction=(0.2, 0.8, 1.0), up=(0, 0, 1)
+        shape.points, width=WIDTH // 2, height=WIDTH // 3, direction=(0.2, 0.8, 1.0), up=(0, 0, 1)
     )
     images = [draw([Surface(shape.points, shape.faces, labels=f)], camera) for f in found]
     other = medialis.organic_shape(200)
     result = medialis.run("mean_shift_segments", other)
-    images.append(draw_result(result, width=560, height=440))
+    images.append(_picture(result, 2))
     captions = ["known teeth", "automatic seeds, last 20 steps", "one pick a tooth", "whole paths"]
     return contact_sheet(images, captions, 2)
 

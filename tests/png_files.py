@@ -10,14 +10,15 @@ from medialis.render.png import SIGNATURE
 
 
 def read_png(path):
-    """Image (h, w, 3) of a PNG file that `write_png` wrote."""
+    """Image (h, w, 3 or 4) of a PNG file that `write_png` wrote."""
     data = Path(path).read_bytes()
     assert data.startswith(SIGNATURE)
     header, packed = _read_chunks(data)
     width, height, *kind = struct.unpack(">IIBBBBB", header)
-    rows = np.frombuffer(zlib.decompress(packed), np.uint8).reshape(height, 1 + 3 * width)
-    assert kind == [8, 2, 0, 0, 0] and np.isin(rows[:, 0], (0, 1, 2)).all()
-    image = rows[:, 1:].reshape(height, width, 3).copy()
+    channels = {2: 3, 6: 4}[kind[1]]
+    rows = np.frombuffer(zlib.decompress(packed), np.uint8).reshape(height, 1 + channels * width)
+    assert kind == [8, kind[1], 0, 0, 0] and np.isin(rows[:, 0], (0, 1, 2)).all()
+    image = rows[:, 1:].reshape(height, width, channels).copy()
     left = rows[:, 0] == 1
     image[left] = np.cumsum(image[left], axis=1, dtype=np.uint8)
     for row in np.flatnonzero(rows[1:, 0] == 2) + 1:

@@ -13,7 +13,7 @@ compiled code: that happens at the first computation. All public names, by what 
 
 Shapes:
     read_shape, make_shape, Shape, Surface, diagnose, Diagnosis, repair, Repair, refine,
-    noise_level, smooth_noise, vertex_normals, organic_shape, dental_arch, sample_shape
+    noise_level, smooth_noise, vertex_normals, organic_shape, dental_arch, sample_shape, SAMPLES
 Balls and skeletons:
     surface_skeleton, shrink_balls, MedialCloud, Balls, BallStatus, Ragged, uniform_subsample,
     huge_surface_skeleton, open_medial_cloud, skeleton_mesh, SkeletonMesh
@@ -36,7 +36,7 @@ Operations:
     run, operation, Operation, OPERATIONS, Options, Parameter, Kind, Result, Outcome, Layer,
     FilterUnit, Length, mm, inch, percent, batch, Row
 Files and pictures:
-    write_result, read_result, write_mesh, Pictures, draw_result, Camera, read_curve_skeleton,
+    write_result, read_result, write_mesh, Pictures, draw_result, Camera, Style, read_curve_skeleton,
     write_curve_skeleton, reconstruct_image, progressive, Comparison
 Other libraries:
     to_trimesh, to_pyvista, to_networkx, to_pandas

@@ -99,6 +99,7 @@ from medialis.render.depth_range import rasterizer as rasterizer
 from medialis.render.reconstruction import Comparison as Comparison
 from medialis.render.reconstruction import progressive as progressive
 from medialis.render.reconstruction import reconstruct_image as reconstruct_image
+from medialis.render.shading import Style as Style
 from medialis.rigging.bones import bones as bones
 from medialis.rigging.skinning import skin_weights as skin_weights
 from medialis.segments.mean_shift import MeanShift as MeanShift
@@ -132,6 +133,7 @@ from medialis.surface.reading import read_shape as read_shape
 from medialis.surface.refinement import refine as refine
 from medialis.surface.repair import Repair as Repair
 from medialis.surface.repair import repair as repair
+from medialis.surface.samples import SAMPLES as SAMPLES
 from medialis.surface.samples import sample_shape as sample_shape
 from medialis.threads import thread_count as thread_count
 from medialis.threads import thread_limit as thread_limit

@@ -67,7 +67,7 @@ def picture_of(
         if chosen.name == layer:
             result = replace(result, shown=(chosen,), images={})
     if not result.images:
-        options = {"width": size[0], "height": size[1], "legend": False}
+        options = {"width": size[0], "height": size[1], "style": medialis.Style(legend=False)}
         return draw_result(result, color_by=color_by, **options)
     image = list(result.images.values())[-1]
     step = max(1, round(image.shape[1] / (2 * size[0])))

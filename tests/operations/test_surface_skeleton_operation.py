@@ -102,10 +102,10 @@ def test_pictures_leave_hidden_points_out():
     kept = medialis.Layer(
         layer.name,
         layer.points[~layer.hidden],
-        attributes={"importance": layer.attributes["importance"][~layer.hidden]},
+        attributes={name: values[~layer.hidden] for name, values in layer.attributes.items()},
         color_by="importance",
     )
-    size = {"width": 200, "height": 150, "legend": False}
+    size = {"width": 200, "height": 150, "style": medialis.Style(legend=False)}
     kept = replace(kept, color_limits=layer.color_limits)
     alone = medialis.Result(found.shape, (kept,), operation="surface_skeleton")
     camera = medialis.render.camera.Camera.framing(shape.points, width=200, height=150)

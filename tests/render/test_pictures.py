@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 from make_color_maps import lab_of_rgb, rgb_of_lab
 
+import medialis
 from medialis.errors import FileError, InvalidOptionError, InvalidShapeError
-from medialis.render.annotation import contact_sheet, number_text
+from medialis.render.annotation import ColorBar, contact_sheet, number_text, round_steps
 from medialis.render.camera import Camera
 from medialis.render.colors import (
     MISSING,
@@ -19,7 +20,8 @@ from medialis.render.colors import (
     to_linear,
     to_srgb,
 )
-from medialis.render.font import text_ink
+from medialis.render.discs import disc_mesh, lifted_faces, sheet_discs
+from medialis.render.font import draw_text, text_width
 from medialis.render.picture import Balls, Curves, Points, Surface, draw
 from medialis.render.png import encode_png, reduced, write_png
 from medialis.render.shading import Style, corner_normals
@@ -99,12 +101,82 @@ def test_values_to_colors():
         map_colors([1.0], low=2, high=1)
 
 
+def written(text, size=14, **options):
+    """Return a line of text on white."""
+    image = np.full((40, 60 + text_width(text, size), 3), 255, np.uint8)
+    draw_text(image, text, 10, 30, size, **options)
+    return image
+
+
 def test_every_character_has_its_own_shape():
-    shapes = {text_ink(chr(code), 14).tobytes() for code in range(33, 127)}
+    shapes = {written(chr(code)).tobytes() for code in range(33, 127)}
     assert len(shapes) == 94
-    assert not text_ink(" ", 14).any()
-    np.testing.assert_array_equal(text_ink("é", 14), text_ink("?", 14))
-    assert text_ink("", 14).shape[1] == 0
+    assert (written(" ") == 255).all() and (written("") == 255).all()
+    np.testing.assert_array_equal(written("漢"), written("□"))
+    assert not np.array_equal(written("é"), written("e"))
+
+
+def test_a_capital_is_as_high_as_asked_for_and_stands_where_asked_for():
+    for size in (9, 14, 25):
+        rows = np.flatnonzero((written("H", size) < 128).any(axis=(1, 2)))
+        assert abs(rows[0] - 10) <= 1 and abs(len(rows) - size) <= 1
+    for anchor, share in (("left", 0.0), ("middle", 0.5), ("right", 1.0)):
+        image = np.full((30, 400, 3), 255, np.uint8)
+        draw_text(image, "HIH", 5, 200, 12, anchor=anchor)
+        columns = np.flatnonzero((image < 128).any(axis=(0, 2)))
+        width = text_width("HIH", 12)
+        assert abs(columns[0] - (200 - share * width)) <= 3 and len(columns) <= np.ptp(columns) + 1
+    image = np.full((30, 40, 3), 255, np.uint8)
+    draw_text(image, "far too long for this", -4, -20, 12)
+    assert ink(image).any()
+
+
+def test_text_on_a_see_through_picture_has_a_light_rim():
+    image = np.zeros((40, 80, 4), np.uint8)
+    draw_text(image, "rim", 10, 10, 16)
+    dark = (image[..., :3] < 60).all(axis=2) & (image[..., 3] > 250)
+    light = (image[..., :3] > 200).all(axis=2) & (image[..., 3] > 150)
+    assert dark.sum() > 30 and light.sum() > 30
+    assert image[0, 0].tolist() == [0, 0, 0, 0]
+
+
+def test_steps_of_a_scale_are_round_and_inside():
+    rng = np.random.default_rng(0)
+    for low, high in np.sort(rng.lognormal(0, 4, (200, 2)), axis=1).tolist():
+        steps = round_steps(low, high, 5)
+        assert 2 <= len(steps) <= 5 and low < steps[0] and steps[-1] < high
+        digits = {f"{x:.9e}"[:3] for x in np.diff(steps)}
+        assert digits <= {"1.0", "2.0", "5.0", "9.9", "1.9", "4.9"}
+    assert round_steps(1.0, 1.0, 5) == round_steps(np.nan, 1.0, 5) == []
+
+
+def test_discs_lie_in_sheets_and_leave_curves_alone():
+    x, y = (c.ravel() for c in np.mgrid[0:12, 0:12].astype(float))
+    plane = np.stack([x, y, 0 * x], axis=1)
+    signs = np.where(np.arange(len(plane)) % 2, 1.0, -1.0)
+    radii, flat, axes = sheet_discs(plane, signs[:, None] * [[0.0, 0.0, 3.0]])
+    assert flat.all()
+    np.testing.assert_allclose(np.abs(axes[:, 2]), 1, atol=1e-9)
+    corners, faces = disc_mesh(plane, axes, radii)
+    assert len(faces) == 5 * len(plane)
+    rim = np.linalg.norm(corners.reshape(-1, 7, 3) - plane[:, None], axis=2)
+    np.testing.assert_allclose(rim, np.broadcast_to(radii[:, None], rim.shape))
+    np.testing.assert_allclose(corners[:, 2], 0, atol=1e-9)
+    angle = np.arange(40) * 2.4
+    round_a_curve = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
+    line = np.arange(40.0)[:, None] * [[0, 0, 1]]
+    assert not sheet_discs(line, round_a_curve)[1].any()
+    assert not sheet_discs(line[:2], round_a_curve[:2])[1].any()
+
+
+def test_faces_are_lifted_where_no_edge_is_too_long():
+    shape = medialis.Shape(CUBE, CUBE, CUBE_FACES)
+    source = np.arange(8)
+    every = lifted_faces(shape, source, 0.1 * CUBE, np.full(8, 1.0))
+    assert len(every) == 12
+    assert len(lifted_faces(shape, source, CUBE, np.full(8, 1.0))) == 0
+    some = lifted_faces(shape, source[:7], 0.1 * CUBE[:7], np.full(7, 1.0))
+    assert len(some) == (CUBE_FACES != 7).all(axis=1).sum()
 
 
 def test_numbers_are_short():
@@ -112,7 +184,7 @@ def test_numbers_are_short():
     assert texts == ["1000", "-0.5", "1e-12", "123000", "1e9", "0.3"]
 
 
-@pytest.mark.parametrize("shape", [(1, 1, 3), (7, 13, 3), (60, 41, 3)])
+@pytest.mark.parametrize("shape", [(1, 1, 3), (7, 13, 3), (60, 41, 3), (1, 1, 4), (60, 41, 4)])
 def test_png_round_trip(tmp_path, shape):
     rng = np.random.default_rng(0)
     image = rng.integers(0, 256, shape).astype(np.uint8)
@@ -132,6 +204,14 @@ def test_a_reduced_picture_is_the_mean_of_squares():
     np.testing.assert_array_equal(small[1, 2], np.rint(image[2:4, 4:6].mean(axis=(0, 1))))
     np.testing.assert_array_equal(reduced(image, 7), image)
     assert reduced(image, 1).shape == (1, 1, 3)
+
+
+def test_a_reduced_see_through_picture_keeps_its_colors():
+    image = np.zeros((4, 4, 4), np.uint8)
+    image[:2, 0] = 200, 100, 50, 255
+    small = reduced(image, 2)
+    assert small[0, 0].tolist() == [200, 100, 50, 128]
+    assert small[1, 1].tolist() == [0, 0, 0, 0]
 
 
 def test_png_errors(tmp_path):
@@ -175,6 +255,42 @@ def test_colors_arrive_in_the_picture():
     for color in ((0.8, 0.2, 0.2), (0.2, 0.7, 0.3), (0.1, 0.2, 0.6)):
         image = draw([Surface(square, [[0, 1, 2], [0, 2, 3]], color=color)], front)
         assert np.abs(image[10, 10] / 255 - color).max() < 0.14
+
+
+def test_a_see_through_picture_laid_on_white_is_the_picture():
+    items = [
+        Surface(CUBE, CUBE_FACES, opacity=0.2, color=(0.3, 0.5, 0.9)),
+        Balls(CUBE / 3, 0.4, values=CUBE[:, 0]),
+    ]
+    white = draw(items, camera())
+    clear = draw(items, camera(), style=Style(background=None))
+    assert clear.shape == (120, 160, 4) and clear[0, 0].tolist() == [0, 0, 0, 0]
+    solid = clear[..., 3] == 255
+    assert np.abs(clear[solid][:, :3].astype(int) - white[solid]).max() <= 1
+    np.testing.assert_array_equal(clear[..., 3] > 0, ink(white) | (clear[..., 3] > 0))
+    veiled = (clear[..., 3] > 10) & ~solid
+    assert veiled.sum() > 500
+    sheet = contact_sheet([clear])[8:128, 8:168].astype(int)
+    # Covers are mixed as screens do, not in linear light: somewhat darker, never lighter.
+    assert (sheet - white).max() <= 2 and (white - sheet)[veiled].mean() < 40
+
+
+def test_a_cropped_picture_is_the_shape_and_a_margin():
+    items, around = [Balls([[0, 0, 0]], 0.4, values=[0.5], low=0, high=1)], camera(400, 300)
+    plain = draw(items, around)
+    cropped = draw(items, around, style=Style(crop=True))
+    rows, columns = (np.flatnonzero(ink(plain).any(axis=axis)) for axis in (1, 0))
+    margin = (cropped.shape[0] - len(rows)) // 2
+    assert 5 <= margin <= 20 and cropped.shape[1] == len(columns) + 2 * margin
+    inner = cropped[margin:-margin, margin:-margin]
+    np.testing.assert_array_equal(
+        inner, plain[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
+    )
+    noted = draw(
+        items, around, style=Style(crop=True), title="A long title over a ball", legend="value"
+    )
+    assert noted.shape[0] > cropped.shape[0] and noted.shape[1] > cropped.shape[1]
+    assert draw([], camera(60, 40), style=Style(crop=True)).shape == (40, 60, 3)
 
 
 def test_edges_are_smooth_and_the_background_is_white():
@@ -251,6 +367,8 @@ def test_contact_sheet_places_images_and_captions():
         row, col = 8 + number // 2 * 38, 8 + number % 2 * 48
         assert (sheet[row : row + 30, col : col + 40] == shade).all()
     assert contact_sheet(cells, ["a", "b", "a very long caption that is written smaller"]).size
+    keyed = contact_sheet(cells, columns=2, key=ColorBar("mm", "sequential", 0.0, 3.0))
+    assert keyed.shape[0] == sheet.shape[0] and keyed.shape[1] > sheet.shape[1] + 20
     with pytest.raises(InvalidShapeError, match="at least one"):
         contact_sheet([])
     with pytest.raises(InvalidShapeError, match="uint8"):

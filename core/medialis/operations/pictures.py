@@ -14,8 +14,11 @@ from medialis.operations.result import Layer, Outcome
 from medialis.options import Kind
 from medialis.progress import Progress, ProgressCallback
 from medialis.render.camera import Camera, turntable
-from medialis.render.picture import Curves, Item, Points, Surface, draw
+from medialis.render.colors import value_range
+from medialis.render.discs import CORNERS, disc_mesh, lifted_faces, sheet_discs
+from medialis.render.picture import Balls, Curves, Item, Points, Surface, draw
 from medialis.render.png import encode_png
+from medialis.render.shading import Style
 from medialis.threads import run_patiently
 
 NEARBY = 0.1
@@ -36,7 +39,7 @@ def draw_result(
     height: int = 750,
     camera: Camera | None = None,
     title: str | None = None,
-    legend: bool = True,
+    style: Style | None = None,
     progress: Progress | ProgressCallback | None = None,
 ) -> NDArray[np.uint8]:
     """Draw the first layer of a result inside its see-through shape.
@@ -57,14 +60,14 @@ def draw_result(
         Else an automatic view of the shape.
     title : str, optional
         One line on top.
-    legend : bool
-        Say which colour is which value, where the layer has values.
+    style : Style, optional
+        Light, background (None leaves it see-through), cropping, legend, limits of the colours.
     progress : callable, optional
         Called with (fraction, text); returning False cancels.
 
     Returns
     -------
-    (height, width, 3) uint8
+    (height, width, 3) uint8; without background (height, width, 4); smaller where it is cropped
 
     Raises
     ------
@@ -88,17 +91,28 @@ def draw_result(
         camera = run_patiently(
             lambda: Camera.framing(_in_view(result), width=width, height=height), progress
         )
-    item, label = _paint(layer, color_by or layer.color_by, camera.width)
-    label = label if legend else None
+    style = Style() if style is None else style
+    items, label = _paint(result, layer, color_by or layer.color_by, camera.width, style.limits)
     if result.shown:
-        marks = [_mark(other, camera.width) for other in others]
-        return draw([item, *marks], camera, title=title, legend=label, progress=progress)
+        items += [_mark(other, camera.width) for other in others]
+    else:
+        items = [_context(result), *items]
+    return draw(
+        items,
+        camera,
+        title=title,
+        legend=label if style.legend else None,
+        style=style,
+        progress=progress,
+    )
+
+
+def _context(result: Outcome) -> Item:
+    """Return the shape itself, see-through."""
     points, faces = result.shape.points, result.shape.faces
-    context: Item = Points(points, size=1.5, color=(0.78, 0.80, 0.84))
-    if faces is not None:
-        context = Surface(points, faces, opacity=0.12)
-    items = [context, item]
-    return draw(items, camera, title=title, legend=label, progress=progress)
+    if faces is None:
+        return Points(points, size=1.5, color=(0.78, 0.80, 0.84))
+    return Surface(points, faces, opacity=0.12)
 
 
 def draw_turntable(
@@ -159,31 +173,73 @@ def _mark(layer: Layer, width: int) -> Item:
     return Points(layer.points, size=max(4.0, width / 60), color=(0.05, 0.05, 0.05))
 
 
-def _paint(layer: Layer, color_by: str | None, width: int) -> tuple[Item, str | None]:
+def _paint(
+    result: Outcome,
+    layer: Layer,
+    color_by: str | None,
+    width: int,
+    limits: tuple[float, float] | None,
+) -> tuple[list[Item], str | None]:
+    """Return what shows a layer, and the text of its legend."""
     values, label = None, None
     if color_by is not None:
         require_attribute((layer,), color_by)
         values, label = np.asarray(layer.attributes[color_by]), color_by.replace("_", " ")
         if color_by in IN_DEGREES:
             values, label = np.degrees(values), label + " (degrees)"
-    points, hidden = layer.points, layer.hidden
-    if layer.faces is None and layer.edges is None and hidden.any():
-        points = points[~hidden]
-        values = None if values is None else values[~hidden]
+    cloud = layer.faces is None and layer.edges is None
+    shown = ~layer.hidden if cloud else np.ones(len(layer.points), bool)
+    if not shown.all():
+        values = None if values is None else values[shown]
         label = None if label is None else f"{label}; {_shown_from(layer, str(color_by))}"
     colors: dict[str, Any] = {"values": values}
     if color_by in layer.labels:
         colors, label = {"labels": values}, None
-    elif color_by is not None and color_by == layer.color_by:
-        low, high = layer.color_limits
-        colors.update(cmap=layer.color_map, low=low, high=high)
+    elif values is not None:
+        given = layer.color_limits if color_by == layer.color_by else (None, None)
+        low, high = value_range(values, *(limits or given))
+        colors.update(low=low, high=high)
+        if color_by == layer.color_by:
+            colors.update(cmap=layer.color_map)
     if layer.faces is not None:
-        return Surface(layer.points, layer.faces, **colors), label
+        return [Surface(layer.points, layer.faces, **colors)], label
     if layer.edges is not None:
-        return Curves(layer.points, layer.edges, **colors), label
-    # Smaller dots for more points, so that sheets look like sheets and not like gravel.
-    size = float(np.clip(width / np.sqrt(len(points)) / 2, 1.5, 6.0))
-    return Points(points, size=size, **colors), label
+        return [Curves(layer.points, layer.edges, width=width / 180, **colors)], label
+    return _cloud_items(result, layer, np.flatnonzero(shown), colors, width), label
+
+
+def _cloud_items(
+    result: Outcome, layer: Layer, rows: NDArray[np.intp], colors: dict[str, Any], width: int
+) -> list[Item]:
+    """Medial points as discs along their sheets, those of curves as balls; others as dots."""
+    points = layer.points[rows]
+    if not {"feature_1", "feature_2"} <= layer.attributes.keys():
+        # Smaller dots for more points, so that sheets look like sheets and not like gravel.
+        size = float(np.clip(width / np.sqrt(max(len(points), 1)) / 2, width / 600, width / 160))
+        return [Points(points, size=size, **colors)]
+    first, second = (layer.attributes[f"feature_{k}"][rows] for k in (1, 2))
+    axes = result.shape.points[first] - result.shape.points[second]
+    radii, flat, axes = sheet_discs(points, axes)
+    lifted = lifted_faces(result.shape, layer.attributes["source"][rows], points, 3 * radii)
+    covered = np.zeros(len(points), bool)
+    covered[lifted] = True
+    # A disc or ball stays well within the shape, as the medial ball of its point does.
+    radii, dots = np.minimum(radii, 0.5 * layer.attributes["radius"][rows]), ~flat
+    flat &= ~covered
+    corners, faces = disc_mesh(points[flat], axes[flat], radii[flat])
+
+    def painted(chosen: NDArray[Any], repeat: int = 1) -> dict[str, Any]:
+        own = dict(colors)
+        for name in ("values", "labels"):
+            if own.get(name) is not None:
+                own[name] = np.repeat(own[name][chosen], repeat)
+        return own
+
+    discs = Surface(corners, faces, per_face=True, smooth=False, **painted(flat, CORNERS - 2))
+    balls = Balls(points[dots], radii[dots] / 2, **painted(dots))
+    lifted_surface = Surface(points, lifted, **colors)
+    drawn = ((lifted_surface, len(lifted)), (discs, len(faces)), (balls, int(dots.sum())))
+    return [item for item, count in drawn if count]
 
 
 def _shown_from(layer: Layer, color_by: str) -> str:

@@ -33,8 +33,12 @@ from medialis.operations.pictures import draw_result, draw_turntable, require_at
 from medialis.operations.result import Result
 from medialis.progress import Message, Progress, ProgressCallback
 from medialis.render.png import reduced, write_png
+from medialis.render.shading import Style
 from medialis.validation import as_choice
 from medialis.version import package_version
+
+WIDTH, HEIGHT = 2000, 1500
+"""Pixels of the main picture before what is empty is cut off."""
 
 THUMBNAIL, THUMBNAIL_WIDTH = "thumbnail.png", 250
 
@@ -322,5 +326,13 @@ def _main_pictures(
     for name, image in result.images.items():
         yield f"{name}.png", image
     if pictures.main and result.layers and not result.images:
-        image = draw_result(result, color_by=pictures.color_by, title=title, progress=progress)
+        image = draw_result(
+            result,
+            color_by=pictures.color_by,
+            width=WIDTH,
+            height=HEIGHT,
+            title=title,
+            style=Style(background=None, crop=True),
+            progress=progress,
+        )
         yield f"{result.operation}.png", image

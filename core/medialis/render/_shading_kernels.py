@@ -71,20 +71,25 @@ def shade(
 
     Colors are linear light; `curve` is the table linear light -> 8 bits. `glass` has one sample
     row when nothing is see-through. material[3:] = shadow strength, its depth scale, background.
+    With a fourth channel in `out` the background is left out and the channel says how much of the
+    pixel is covered.
     """
     balls = len(radii)
     see_through = len(glass) == len(depth)
     top = len(curve) - 1
     perspective = lens[3] > 0
+    transparent = out.shape[2] == 4
     for row in range(begin, end):
         for col in range(out.shape[1]):
-            red = green = blue = 0.0
+            red = green = blue = cover = x0 = y0 = z0 = 0.0
+            first = index[row * n, col * n]
+            inside = True  # one triangle or ball covers the pixel: its light is computed once
+            for sub in range(1, n * n):
+                inside &= index[row * n + sub // n, col * n + sub % n] == first
             for sub in range(n * n):
                 r, c = row * n + sub // n, col * n + sub % n
                 i = index[r, c]
-                if i < 0:
-                    x = y = z = material[5]
-                else:
+                if i >= 0 and (sub == 0 or not inside):
                     px, py, pz = hit_point(r, c, depth[r, c], lens)
                     if i < balls:
                         nx, ny, nz, _ = facing(
@@ -96,25 +101,36 @@ def shade(
                             pz,
                             perspective,
                         )
-                        x, y, z = colors[i, 0], colors[i, 1], colors[i, 2]
+                        x0, y0, z0 = colors[i, 0], colors[i, 1], colors[i, 2]
                     else:
-                        nx, ny, nz, _, x, y, z = triangle_hit(
+                        nx, ny, nz, _, x0, y0, z0 = triangle_hit(
                             i - balls, px, py, pz, perspective, mesh
                         )
                     light, shine = phong(nx, ny, nz, px, py, pz, perspective, lights, material)
                     light *= 1.0 - material[3] * obscurance(r, c, depth, 2 * n, material[4])
-                    x, y, z = x * light + shine, y * light + shine, z * light + shine
+                    x0, y0, z0 = x0 * light + shine, y0 * light + shine, z0 * light + shine
+                x = y = z = solid = 0.0
+                if i >= 0:
+                    x, y, z, solid = x0, y0, z0, 1.0
                 if see_through and glass[r, c, 3] > 0:
                     passing = math.exp(-glass[r, c, 3])
                     veil = (1.0 - passing) / glass[r, c, 3]
                     x = x * passing + veil * glass[r, c, 0]
                     y = y * passing + veil * glass[r, c, 1]
                     z = z * passing + veil * glass[r, c, 2]
+                    solid = 1.0 - (1.0 - solid) * passing
+                cover += solid
+                if not transparent:
+                    behind = (1.0 - solid) * material[5]
+                    x, y, z = x + behind, y + behind, z + behind
                 # Not min: NaN, from sizes beyond the range of products, must not index the table.
                 red += x if x < 1.0 else 1.0
                 green += y if y < 1.0 else 1.0
                 blue += z if z < 1.0 else 1.0
             share = top / (n * n)
-            out[row, col, 0] = curve[int(red * share + 0.5)]
-            out[row, col, 1] = curve[int(green * share + 0.5)]
-            out[row, col, 2] = curve[int(blue * share + 0.5)]
+            if transparent:
+                share = top / max(cover, 1e-6)
+                out[row, col, 3] = int(255.0 * cover / (n * n) + 0.5)
+            out[row, col, 0] = curve[min(int(red * share + 0.5), top)]
+            out[row, col, 1] = curve[min(int(green * share + 0.5), top)]
+            out[row, col, 2] = curve[min(int(blue * share + 0.5), top)]

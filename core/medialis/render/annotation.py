@@ -12,12 +12,17 @@ from numpy.typing import ArrayLike, NDArray
 
 from medialis.errors import InvalidOptionError, InvalidShapeError
 from medialis.render.colors import MISSING, color_table, label_colors
-from medialis.render.font import draw_text, text_ink
+from medialis.render.font import draw_text, over, text_width
 from medialis.validation import as_whole_number
 
 Image = NDArray[np.uint8]
 MAX_KEYS = 24
 """Labels that a key lists; it says how many more there are."""
+
+BAR_STEPS = 5
+"""Round numbers that a colour bar shows between its ends, at most."""
+
+_DARK = np.array([60.0, 60.0, 60.0])
 
 
 @dataclass(frozen=True)
@@ -58,30 +63,51 @@ def number_text(value: float) -> str:
     return f"{mantissa.rstrip('0').rstrip('.')}e{int(exponent)}"
 
 
-def text_size(height: int) -> int:
-    """Return the height in pixels of a capital in a picture of this height."""
-    return int(min(max(height / 58, 7), 40))
+def text_size(width: int, height: int) -> int:
+    """Return the height in pixels of a capital in a picture of this size.
+
+    On a phone, where the picture is some 390 points wide, letters are then as large as small print.
+    """
+    return int(min(max(width / 48, 7), max(height / 22, 7), 80))
 
 
-def title_height(height: int) -> int:
-    """Return the rows that a title takes."""
-    return 4 * text_size(height)
+def title_height(size: int) -> int:
+    """Return the rows that a title takes above a picture whose text has this size."""
+    return 3 * size
 
 
-def draw_title(image: Image, title: str) -> None:
+def draw_title(image: Image, title: str, size: int) -> None:
     """Write a title in the middle of the top rows; a long one is written smaller."""
-    size = 1.25 * text_size(len(image))
-    width = text_ink(title, size).shape[1]
-    size = min(size, size * 0.96 * image.shape[1] / max(width, 1))
-    row = round(1.4 * text_size(len(image)))
-    draw_text(image, title, row, image.shape[1] // 2, size, anchor="middle")
+    letters = min(
+        1.2 * size, 1.2 * size * 0.96 * image.shape[1] / max(text_width(title, 1.2 * size), 1)
+    )
+    draw_text(image, title, 0.9 * size, image.shape[1] / 2, letters, anchor="middle")
+
+
+def round_steps(low: float, high: float, most: int) -> list[float]:
+    """Return at most `most` round numbers strictly between two numbers, evenly spaced.
+
+    Examples
+    --------
+    >>> round_steps(0.0412, 0.294, 5)
+    [0.05, 0.1, 0.15, 0.2, 0.25]
+    """
+    if not (np.isfinite([low, high]).all() and high > low):
+        return []
+    step = 10.0 ** np.floor(np.log10((high - low) / (most + 1)))
+    for factor in (1, 2, 5, 10, 20, 50, 100):
+        first = np.floor(low / (factor * step)) + 1
+        count = int(np.ceil(high / (factor * step)) - first)
+        if count <= most:
+            return [float(f"{(first + k) * factor * step:.12g}") for k in range(count)]
+    return []
 
 
 def _lines(key: ColorBar | LabelKey) -> tuple[list[str], list[str]]:
     """Return the wrapped heading and the texts of the entries."""
-    heading = textwrap.wrap(key.label, 15) or [""]
+    heading = textwrap.wrap(key.label, 17) or [""]
     if isinstance(key, ColorBar):
-        numbers = [key.high, (key.low / 2 + key.high / 2), key.low]
+        numbers = [key.low, key.high, *round_steps(key.low, key.high, BAR_STEPS)]
         return heading, [number_text(x) for x in numbers] + ["no value"] * key.missing
     entries = []
     for label in key.labels[:MAX_KEYS].tolist():
@@ -93,34 +119,23 @@ def _lines(key: ColorBar | LabelKey) -> tuple[list[str], list[str]]:
     return heading, entries
 
 
-def legend_width(key: ColorBar | LabelKey, width: int, height: int) -> int:
-    """Return the columns that a legend takes at the right of a picture.
-
-    Raises
-    ------
-    InvalidOptionError
-        When that is more than half of the picture.
-    """
-    size = text_size(height)
+def legend_size(key: ColorBar | LabelKey, size: int) -> tuple[int, int]:
+    """Return the columns and the rows that a legend takes whose text has this size."""
     heading, entries = _lines(key)
-    text = max(text_ink(line, size).shape[1] for line in heading)
-    inner = max(text_ink(line, size).shape[1] for line in [*entries, ""]) + 3 * size
-    columns = max(text, inner) + 3 * size
-    if columns > width / 2:
-        raise InvalidOptionError(
-            f"The legend needs {columns} of the {width} columns: use a wider picture or a shorter "
-            "legend text."
-        )
-    return columns
+    inner = max(text_width(line, size) for line in [*entries, ""]) + round(2.6 * size)
+    columns = max(max(text_width(line, size) for line in heading), inner) + 3 * size
+    head = round(1.9 * size) * len(heading) + round(0.6 * size)
+    if isinstance(key, ColorBar):
+        return columns, head + 22 * size + 3 * size * key.missing
+    return columns, head + round(2.1 * size) * len(entries) + size
 
 
-def draw_legend(image: Image, key: ColorBar | LabelKey, *, left: int, top: int) -> None:
+def draw_legend(image: Image, key: ColorBar | LabelKey, *, left: int, top: int, size: int) -> None:
     """Draw a legend into the columns from `left` on, below the row `top`, centered in height."""
-    size = text_size(len(image))
     heading, entries = _lines(key)
     left += size
     head = round(1.9 * size) * len(heading) + round(0.6 * size)
-    room = len(image) - top - 4 * size - head
+    room = len(image) - top - 2 * size - head
     if isinstance(key, ColorBar):
         body = min(max(room, 4 * size), 20 * size) - 3 * size * key.missing
     else:
@@ -130,27 +145,30 @@ def draw_legend(image: Image, key: ColorBar | LabelKey, *, left: int, top: int) 
         draw_text(image, line, start + round(1.9 * size) * number, left, size)
     start += head
     if isinstance(key, ColorBar):
-        _draw_bar(image, key, entries, start, left, body, size)
+        _draw_bar(image, key, start, left, body, size)
     else:
         _draw_keys(image, key, entries, start, left, body, size)
 
 
-def _draw_bar(
-    image: Image, key: ColorBar, entries: list[str], top: int, left: int, rows: int, size: int
-) -> None:
-    width = round(1.6 * size)
+def _draw_bar(image: Image, key: ColorBar, top: int, left: int, rows: int, size: int) -> None:
+    """Draw the scale with its ends and the round numbers between them that have room."""
+    width = round(1.4 * size)
     table = color_table(key.cmap)
     place = np.linspace(len(table) - 1, 0, rows).astype(np.int64)
-    _box(image, top, left, rows, width, np.rint(255 * table[place])[:, None])
-    for text, share in zip(entries[:3], (0.0, 0.5, 1.0), strict=True):
-        row = round(top + share * (rows - 1))
-        image[row : row + 1, left + width : left + width + size // 3] = 60
-        draw_text(image, text, row - size // 2, left + width + round(0.8 * size), size)
+    _fill(image, top, left, rows, width, np.rint(255 * table[place])[:, None])
+    used: list[float] = []
+    for value in (key.low, key.high, *round_steps(key.low, key.high, BAR_STEPS)):
+        share = (value - key.low) / (key.high - key.low) if key.high > key.low else 0.5
+        row = top + (1 - share) * (rows - 1)
+        if all(abs(row - other) >= 1.8 * size for other in used):
+            used.append(row)
+            thick = max(size // 12, 1)
+            _fill(image, round(row), left + width, thick, max(size // 3, 2), _DARK)
+            draw_text(image, number_text(value), row - size / 2, left + width + 0.7 * size, size)
     if key.missing:
         top += rows + round(1.4 * size)
-        _box(image, top, left, width, width, np.rint(255 * np.array(MISSING)))
-        row = top + (width - size) // 2
-        draw_text(image, entries[3], row, left + width + round(0.8 * size), size)
+        _fill(image, top, left, width, width, np.rint(255 * np.array(MISSING)))
+        draw_text(image, "no value", top + (width - size) / 2, left + width + 0.7 * size, size)
 
 
 def _draw_keys(
@@ -163,33 +181,51 @@ def _draw_keys(
     for number, text in enumerate(entries):
         row = top + number * pitch
         if number < len(colors):
-            _box(image, row, left, swatch, swatch, colors[number])
-        middle = round(row + swatch / 2 - letters / 2)
-        draw_text(image, text, middle, left + swatch + round(0.7 * size), letters)
+            _fill(image, row, left, swatch, swatch, colors[number])
+        draw_text(image, text, row + swatch / 2 - letters / 2, left + swatch + 0.7 * size, letters)
 
 
-def _box(
+def _fill(
     image: Image, top: int, left: int, rows: int, columns: int, fill: NDArray[np.float64]
 ) -> None:
-    area = image[top : top + rows, left : left + columns]
+    """Fill a rectangle, as far as it lies in the image, with a colour or a column of colours."""
+    area = image[max(top, 0) : max(top + rows, 0), left : left + columns]
     if area.size:
-        fill = fill if fill.ndim == 1 else fill[: len(area)]
-        area[...] = np.broadcast_to(fill, area.shape).astype(np.uint8)
-        area[[0, -1]] = 60
-        area[:, [0, -1]] = 60
+        area[..., :3] = fill if fill.ndim == 1 else fill[-len(area) :]
+        area[..., 3:] = 255
+
+
+def content_box(image: Image, ground: Image, margin: int) -> tuple[slice, slice]:
+    """Return the rows and columns that differ from the background's colour, with a margin.
+
+    All where nothing does.
+    """
+    drawn = (image != ground).any(axis=2)
+    box = []
+    for axis in (1, 0):
+        used = np.flatnonzero(drawn.any(axis=axis))
+        length = drawn.shape[1 - axis]
+        low, high = (used[0], used[-1] + 1) if len(used) else (0, length)
+        box.append(slice(max(int(low) - margin, 0), min(int(high) + margin, length)))
+    return box[0], box[1]
 
 
 def contact_sheet(
-    images: Sequence[ArrayLike], captions: Sequence[str] | None = None, columns: int = 4
+    images: Sequence[ArrayLike],
+    captions: Sequence[str] | None = None,
+    columns: int = 4,
+    *,
+    key: ColorBar | LabelKey | None = None,
 ) -> Image:
-    """Return one picture of several (h, w, 3) uint8 images in rows, each with its caption below.
+    """Return one picture of several uint8 images in rows, each with its caption below.
 
-    Cells have the size of the largest image; smaller ones are centered. The gaps are white.
+    Cells have the size of the largest image; smaller ones are centered. See-through images
+    (h, w, 4) come on white, as the gaps. `key` is one legend for all, at the right.
 
     Raises
     ------
     InvalidShapeError
-        When there is no image or one is not (h, w, 3) uint8.
+        When there is no image or one is not (h, w, 3) or (h, w, 4) uint8.
     InvalidOptionError
         When there is not one caption for each image.
 
@@ -199,31 +235,41 @@ def contact_sheet(
     >>> sheet.shape[1]
     184
     """
-    pictures = [np.asarray(image) for image in images]
+    pictures = [_on_white(np.asarray(image)) for image in images]
     columns = as_whole_number(columns, "columns", low=1, high=1000)
     if not pictures:
         raise InvalidShapeError("A contact sheet needs at least one image.")
-    for picture in pictures:
-        if picture.ndim != 3 or picture.shape[2] != 3 or picture.dtype != np.uint8:
-            raise InvalidShapeError(
-                f"images must be (h, w, 3) uint8, got {picture.shape} {picture.dtype}."
-            )
     texts = [""] * len(pictures) if captions is None else [str(text) for text in captions]
     if len(texts) != len(pictures):
         raise InvalidOptionError(f"{len(pictures)} images need as many captions, got {len(texts)}.")
     columns = min(columns, len(pictures))
     high, wide = (max(picture.shape[axis] for picture in pictures) for axis in (0, 1))
-    gap, size = 8, max(text_size(high), 8)
+    gap, size = 8, text_size(wide * columns, high * 2)
     below = round(2.4 * size) if any(texts) else 0
     rows = -(-len(pictures) // columns)
     cell_h, cell_w = high + below + gap, wide + gap
-    sheet = np.full((rows * cell_h + gap, columns * cell_w + gap, 3), 255, np.uint8)
+    right = 0 if key is None else legend_size(key, size)[0]
+    left = columns * cell_w + gap
+    sheet = np.full((rows * cell_h + gap, left + right, 3), 255, np.uint8)
     for number, (picture, text) in enumerate(zip(pictures, texts, strict=True)):
-        top, left = gap + number // columns * cell_h, gap + number % columns * cell_w
-        row, col = top + (high - len(picture)) // 2, left + (wide - picture.shape[1]) // 2
+        top, start = gap + number // columns * cell_h, gap + number % columns * cell_w
+        row, col = top + (high - len(picture)) // 2, start + (wide - picture.shape[1]) // 2
         sheet[row : row + len(picture), col : col + picture.shape[1]] = picture
-        width = text_ink(text, size).shape[1]
-        letters = min(size, size * wide / max(width, 1))
-        middle = round(top + high + 0.6 * size)
-        draw_text(sheet, text, middle, left + wide // 2, letters, anchor="middle")
+        letters = min(size, size * wide / max(text_width(text, size), 1))
+        draw_text(sheet, text, top + high + 0.6 * size, start + wide / 2, letters, anchor="middle")
+    if key is not None:
+        draw_legend(sheet, key, left=left, top=0, size=size)
     return sheet
+
+
+def _on_white(picture: NDArray[Any]) -> Image:
+    """Return a picture without see-through parts."""
+    if picture.ndim != 3 or picture.shape[2] not in (3, 4) or picture.dtype != np.uint8:
+        raise InvalidShapeError(
+            f"images must be (h, w, 3) or (h, w, 4) uint8, got {picture.shape} {picture.dtype}."
+        )
+    if picture.shape[2] == 3:
+        return picture
+    white = np.full((*picture.shape[:2], 3), 255.0)
+    over(white, picture[..., :3].astype(np.float64), picture[..., 3] / 255)
+    return np.rint(white).astype(np.uint8)

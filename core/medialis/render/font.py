@@ -1,115 +1,132 @@
-"""Text for pictures: a 5 x 9 dot table of ASCII whose dots are joined to anti-aliased strokes.
+"""Text for pictures: letters of DejaVu Sans as tables of distances to their outlines.
 
-Neighbouring dots of a glyph become line segments with round ends, so the same small table gives
-smooth text at any size. Other characters are shown as a question mark.
+Such a table gives smooth text of any size, and a light rim round it that keeps it readable on dark
+pages. ``docs/make_font.py`` makes the tables. Characters that they lack are shown as a box.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import lru_cache
 from importlib import resources
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import map_coordinates
 
 from medialis.validation import FloatArray, frozen
 
-CAP_DOTS = 7
-"""Dots from the baseline to the top of a capital; two more rows hang below the baseline."""
+CAP, REACH = 28, 4
+"""Pixels of a capital's height in the tables, and the largest distance that they store."""
+
+UNKNOWN = "□"
+RIM = 0.11
+"""Width of the light rim round letters, as a fraction of a capital's height."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Tables:
+    place: dict[str, int]
+    advances: NDArray[np.float32]
+    starts: NDArray[np.int32]
+    distances: NDArray[np.uint8]
+    baseline: int
 
 
 @lru_cache(maxsize=1)
-def _dots() -> NDArray[np.bool_]:
-    """Return the dots of the characters 32..126, (95, 9, 5), which are drawn in ``font.txt``."""
-    text = (resources.files("medialis.render") / "font.txt").read_text("ascii")
-    glyphs: list[list[str]] = []
-    for block in text.strip().split("\n\n"):
-        rows = [line.split() for line in block.splitlines()]
-        glyphs += [[row[i] for row in rows] for i in range(len(rows[0]))]
-    return np.array([[[dot == "#" for dot in row] for row in glyph] for glyph in glyphs])
+def _tables() -> _Tables:
+    with (resources.files("medialis.render") / "font.npz").open("rb") as stream:
+        data = dict(np.load(stream))
+    place = {chr(code): number for number, code in enumerate(data.pop("codes").tolist())}
+    return _Tables(place, baseline=int(data.pop("baseline")), **data)
 
 
-def _strokes(dots: NDArray[np.bool_]) -> FloatArray:
-    """Return segments (s, 4) as row, col, row, col; a lone dot is a segment of length zero."""
-    found = []
-    for row, col in np.argwhere(dots):
-        joined = False
-        for dr in (-1, 0, 1):
-            for dc in (-1, 0, 1):
-                r, c = row + dr, col + dc
-                if (dr, dc) == (0, 0) or not (0 <= r < len(dots) and 0 <= c < dots.shape[1]):
-                    continue
-                # A diagonal only where no dot beside it already joins the two.
-                corner = dr != 0 and dc != 0 and (dots[row, c] or dots[r, col])
-                if dots[r, c] and not corner:
-                    joined = True
-                    if (dr, dc) > (0, 0):
-                        found.append([row, col, r, c])
-        if not joined:
-            found.append([row, col, row, col])
-    return np.array(found, np.float64).reshape(-1, 4)
+@lru_cache(maxsize=4096)
+def _glyph(character: str, scale: float, shift: float) -> FloatArray:
+    """Return distances to the outline in pixels, positive inside; `shift` moves it to the right."""
+    tables = _tables()
+    number = tables.place.get(character, tables.place[UNKNOWN])
+    table = tables.distances[:, tables.starts[number] : tables.starts[number + 1]]
+    rows, columns = (int(np.ceil(size * scale)) + 1 for size in table.shape)
+    # The middle of the pixel r is at r + 1/2, in the table at (r + 1/2) / scale.
+    row = (np.arange(rows) + 0.5) / scale - 0.5
+    column = (np.arange(columns) + 0.5 - shift) / scale - 0.5
+    grid = np.meshgrid(row, column, indexing="ij")
+    stored = map_coordinates(table.astype(np.float32), grid, order=1, mode="constant", cval=0)
+    return frozen((stored - 128) / 127 * REACH * scale, np.float64)
 
 
-@lru_cache(maxsize=2048)
-def _glyph(character: str, dot: float) -> FloatArray:
-    """Return the ink 0..1 of a character whose dots are `dot` pixels apart, read-only."""
-    code = ord(character) if 32 <= ord(character) <= 126 else ord("?")
-    dots = _dots()[code - 32]
-    used = np.flatnonzero(dots.any(axis=0))
-    if len(used) == 0:
-        return np.zeros((round(9 * dot), round(3 * dot)))
-    dots = dots[:, used[0] : used[-1] + 1]
-    rows = np.arange(round(9 * dot))[:, None] + 0.5
-    cols = np.arange(round((dots.shape[1] + 1.0) * dot))[None, :] + 0.5
-    nearest = np.full((rows.size, cols.size), np.inf)
-    for segment in (_strokes(dots) + 0.5) * dot:
-        dr, dc = segment[2] - segment[0], segment[3] - segment[1]
-        length = dr * dr + dc * dc
-        along = (rows - segment[0]) * dr + (cols - segment[1]) * dc
-        share = np.clip(along / length, 0, 1) if length > 0 else np.zeros_like(along)
-        away = np.hypot(rows - segment[0] - share * dr, cols - segment[1] - share * dc)
-        nearest = np.minimum(nearest, away)
-    return frozen(np.clip(max(0.42 * dot, 0.55) + 0.5 - nearest, 0.0, 1.0), np.float64)
-
-
-def text_ink(text: str, size: float) -> FloatArray:
-    """Return the ink 0..1 of one line of text, (rows, columns); the baseline is at 7/9 of the rows.
-
-    Parameters
-    ----------
-    text : str
-    size : float
-        Height of a capital in pixels, at least 5.
-    """
-    dot = max(float(size), 5.0) / CAP_DOTS
-    glyphs = [_glyph(character, dot) for character in text]
-    if not glyphs:
-        return np.zeros((round(9 * dot), 0))
-    # Half a dot of extra space between letters, besides the dot that every glyph has at its right.
-    gap = np.zeros((len(glyphs[0]), max(round(0.35 * dot), 0)))
-    return np.concatenate([part for glyph in glyphs for part in (glyph, gap)], axis=1)
+def text_width(text: str, size: float) -> int:
+    """Return the columns that a line of text takes whose capitals are `size` pixels high."""
+    tables = _tables()
+    unknown = tables.place[UNKNOWN]
+    numbers = [tables.place.get(character, unknown) for character in text]
+    return int(np.ceil(float(tables.advances[numbers].sum()) * size / CAP))
 
 
 def draw_text(
     image: NDArray[np.uint8],
     text: str,
-    row: int,
-    col: int,
+    row: float,
+    col: float,
     size: float,
     *,
     anchor: str = "left",
     color: tuple[int, int, int] = (35, 38, 45),
 ) -> None:
-    """Write a line of text into an image (h, w, 3) in place; what sticks out is cut off.
+    """Write a line of text into an image (h, w, 3 or 4) in place; what sticks out is cut off.
 
-    `row` is the top of the capitals; `col` the left end, middle or right end, as `anchor` says.
+    `row` is the top of the capitals, `size` their height; `col` the left end, middle or right end,
+    as `anchor` says. On a see-through image the letters get a light rim.
     """
-    ink = text_ink(text, size)
-    col -= {"left": 0, "middle": ink.shape[1] // 2, "right": ink.shape[1]}[anchor]
-    top, left = max(row, 0), max(col, 0)
-    bottom, right = min(row + ink.shape[0], len(image)), min(col + ink.shape[1], image.shape[1])
-    if top >= bottom or left >= right:
+    tables, scale = _tables(), size / CAP
+    width = text_width(text, size)
+    place = col - {"left": 0.0, "middle": width / 2, "right": float(width)}[anchor]
+    outside = np.full((round((tables.distances.shape[0] + 1) * scale) + 2, width), -np.inf)
+    pad = int(np.ceil(REACH * scale)) + 1
+    away = np.pad(outside, ((0, 0), (pad, pad + 2)), constant_values=-np.inf)
+    at = place - np.floor(place) + pad - REACH * scale
+    for character in text:
+        shift = round(4 * (at % 1.0)) / 4
+        glyph = _glyph(character, scale, shift)
+        left = int(np.floor(at))
+        part = away[: len(glyph), left : left + glyph.shape[1]]
+        np.maximum(part, glyph[: len(part), : part.shape[1]], out=part)
+        number = tables.place.get(character, tables.place[UNKNOWN])
+        at += float(tables.advances[number]) * scale
+    top = round(row + size - tables.baseline * scale)
+    _blend(image, away, top, int(np.floor(place)) - pad, size, color)
+
+
+def _blend(
+    image: NDArray[np.uint8],
+    away: FloatArray,
+    top: int,
+    left: int,
+    size: float,
+    color: tuple[int, int, int],
+) -> None:
+    """Lay the letters, and below them their rim where the image is see-through, over the image."""
+    height, width = image.shape[:2]
+    rows = slice(max(top, 0), min(top + away.shape[0], height))
+    columns = slice(max(left, 0), min(left + away.shape[1], width))
+    if rows.start >= rows.stop or columns.start >= columns.stop:
         return
-    share = ink[top - row : bottom - row, left - col : right - col, None]
-    area = image[top:bottom, left:right]
-    area[...] = np.rint(area * (1 - share) + np.array(color) * share).astype(np.uint8)
+    away = away[rows.start - top : rows.stop - top, columns.start - left : columns.stop - left]
+    area = image[rows, columns].astype(np.float64)
+    if image.shape[2] == 4:
+        rim = np.clip(away + 0.5 + max(RIM * size, 1.0), 0.0, 1.0)
+        over(area, np.array([255.0, 255.0, 255.0]), 0.85 * rim)
+    over(area, np.array(color, np.float64), np.clip(away + 0.5, 0.0, 1.0))
+    image[rows, columns] = np.rint(area).astype(np.uint8)
+
+
+def over(area: FloatArray, color: FloatArray, cover: FloatArray) -> None:
+    """Lay a colour with the given cover 0..1 over an area (h, w, 3 or 4) in place."""
+    cover = cover[..., None]
+    below = np.ones_like(cover) if area.shape[2] == 3 else area[..., 3:] / 255
+    total = cover + below * (1 - cover)
+    share = np.divide(cover, total, out=np.zeros_like(cover), where=total > 0)
+    area[..., :3] += (color - area[..., :3]) * share
+    if area.shape[2] == 4:
+        area[..., 3:] = 255 * total

@@ -13,9 +13,11 @@ from medialis.progress import Progress, ProgressCallback
 from medialis.render.annotation import (
     ColorBar,
     LabelKey,
+    content_box,
     draw_legend,
     draw_title,
-    legend_width,
+    legend_size,
+    text_size,
     title_height,
 )
 from medialis.render.camera import Camera
@@ -26,6 +28,8 @@ from medialis.threads import run_patiently
 from medialis.validation import FloatArray, as_faces, as_field, as_number, as_points
 
 Color = tuple[float, float, float]
+SMALLEST_TEXT = 5
+"""Pixels of a capital in a small picture whose legend needs more room than there is."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -143,6 +147,8 @@ def draw(
 ) -> NDArray[np.uint8]:
     """Return a picture of the items, (h, w, 3) uint8 with the camera's width and height.
 
+    Without background (`Style`) it is see-through, (h, w, 4).
+
     Parameters
     ----------
     items : sequence of Balls, Points, Curves, Surface
@@ -156,7 +162,8 @@ def draw(
     label_names : sequence of str, optional
         Texts of the key for the labels 0, 1, ...; the numbers when missing.
     style : Style, optional
-        Light and anti-aliasing.
+        Light, background, anti-aliasing and framing; its `legend` and `limits` are for
+        `draw_result`.
     progress : callable, optional
 
     Raises
@@ -181,19 +188,60 @@ def draw(
     key = None
     if legend is not None:
         key = run_patiently(lambda: _legend_of(items, legend, label_names), steps)
-    top = title_height(camera.height) if title else 0
-    right = 0 if key is None else legend_width(key, camera.width, camera.height)
-    frame = _view_frame(camera, camera.width - right, camera.height - top)
-    balls, meshes = run_patiently(lambda: _layers_of(items, frame), steps)
-    image = np.full((camera.height, camera.width, 3), 255, np.uint8)
     chosen = Style() if style is None else style
-    image[...] = round(255 * chosen.background)
-    image[top:, : frame.width] = render_layers(balls, meshes, frame, chosen, steps)
+    size = text_size(camera.width, camera.height)
+    top, right, frame = 0, 0, camera
+    if not chosen.crop:
+        right = 0 if key is None else legend_size(key, size)[0]
+        while key is not None and right > camera.width / 2 and size > SMALLEST_TEXT:
+            size -= 1
+            right = legend_size(key, size)[0]
+        if right > camera.width / 2:
+            raise InvalidOptionError(
+                f"The legend needs {right} of the {camera.width} columns: use a wider picture or "
+                "a shorter legend text."
+            )
+        top = title_height(size) if title else 0
+        frame = _view_frame(camera, camera.width - right, camera.height - top)
+    balls, meshes = run_patiently(lambda: _layers_of(items, frame), steps)
+    image = render_layers(balls, meshes, frame, chosen, steps)
+    margins = (top, right, size)
+    return run_patiently(lambda: _composed(image, title, key, chosen, margins), steps)
+
+
+def _composed(
+    image: NDArray[np.uint8],
+    title: str | None,
+    key: ColorBar | LabelKey | None,
+    style: Style,
+    margins: tuple[int, int, int],
+) -> NDArray[np.uint8]:
+    """Return the image, cut to what it shows if wanted, with its title above and legend at right.
+
+    `margins` are the rows and columns that they take and the size of the text; with cropping they
+    follow from what is left.
+    """
+    top, right, size = margins
+    tall = 0
+    ground = [0] * 4 if style.background is None else [round(255 * style.background)] * 3
+    if style.crop:
+        rows, columns = content_box(image, np.array(ground, np.uint8), size)
+        size = text_size(round(1.2 * (columns.stop - columns.start)), image.shape[0])
+        top = title_height(size) if title else 0
+        right, tall = (0, 0) if key is None else legend_size(key, size)
+        image = image[rows, columns]
+    if top + right == 0:
+        return np.ascontiguousarray(image)
+    high, wide = image.shape[:2]
+    whole = np.empty((top + max(high, tall), wide + right, image.shape[2]), np.uint8)
+    whole[...] = ground
+    below = top + (len(whole) - top - high) // 2
+    whole[below : below + high, :wide] = image
     if title:
-        draw_title(image, title)
+        draw_title(whole, title, size)
     if key is not None:
-        draw_legend(image, key, left=frame.width, top=top)
-    return image
+        draw_legend(whole, key, left=wide, top=top, size=size)
+    return whole
 
 
 def _layers_of(items: Sequence[Item], frame: Camera) -> tuple[list[BallLayer], list[MeshLayer]]:

@@ -1,4 +1,4 @@
-"""PNG files (8-bit RGB) with nothing but the standard library's zlib."""
+"""PNG files (8-bit RGB or RGBA) with nothing but the standard library's zlib."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def _chunk(kind: bytes, data: bytes) -> bytes:
 
 
 def encode_png(image: ArrayLike) -> bytes:
-    """Return the PNG bytes of an image (h, w, 3) uint8.
+    """Return the PNG bytes of an image (h, w, 3) or, see-through, (h, w, 4) uint8.
 
     Each row is stored as the difference to the row above or to the pixel at its left, whichever has
     the smaller sum of absolute differences: smooth shading then compresses well.
@@ -34,11 +34,13 @@ def encode_png(image: ArrayLike) -> bytes:
         For another shape or another type than uint8.
     """
     pixels = np.asarray(image)
-    if pixels.ndim != 3 or pixels.shape[2] != 3 or pixels.dtype != np.uint8 or 0 in pixels.shape:
+    right = pixels.ndim == 3 and pixels.shape[2] in (3, 4) and pixels.dtype == np.uint8
+    if not right or 0 in pixels.shape:
         raise InvalidShapeError(
-            f"image must be (h, w, 3) uint8 with h, w >= 1, got {pixels.shape} {pixels.dtype}."
+            "image must be (h, w, 3) or (h, w, 4) uint8 with h, w >= 1, "
+            f"got {pixels.shape} {pixels.dtype}."
         )
-    height, width = pixels.shape[:2]
+    height, width, channels = pixels.shape
     left, above = pixels.copy(), pixels.copy()
     left[:, 1:] -= pixels[:, :-1]
     above[1:] -= pixels[:-1]
@@ -47,27 +49,34 @@ def encode_png(image: ArrayLike) -> bytes:
         for rows in (left, above)
     ]
     use_left = cost[0] < cost[1]
-    rows = np.empty((height, 1 + 3 * width), np.uint8)
+    rows = np.empty((height, 1 + channels * width), np.uint8)
     rows[:, 0] = np.where(use_left, 1, 2)
     rows[:, 1:] = np.where(use_left[:, None, None], left, above).reshape(height, -1)
-    header = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
+    header = struct.pack(">IIBBBBB", width, height, 8, 2 if channels == 3 else 6, 0, 0, 0)
     data = zlib.compress(rows.tobytes(), COMPRESSION)
     return SIGNATURE + _chunk(b"IHDR", header) + _chunk(b"IDAT", data) + _chunk(b"IEND", b"")
 
 
 def reduced(image: NDArray[np.uint8], width: int) -> NDArray[np.uint8]:
-    """Return a picture (h, w, 3) at a whole fraction of its size, no narrower than `width`.
+    """Return a picture (h, w, 3 or 4) at a whole fraction of its size, no narrower than `width`.
 
-    Each pixel is the mean of a square; a rest that fills no square is cut off.
+    Each pixel is the mean of a square, colours weighed by cover; a rest that fills no square is cut
+    off.
     """
     step = max(1, image.shape[1] // width)
     high, wide = (max(1, size // step) for size in image.shape[:2])
-    squares = image[: high * step, : wide * step].reshape(high, -1, wide, step, 3)
-    return np.rint(squares.mean(axis=(1, 3))).astype(np.uint8)
+    shape = high, min(step, len(image)), wide, step, image.shape[2]
+    squares = image[: high * step, : wide * step].reshape(shape).astype(np.float64)
+    if image.shape[2] == 3:
+        return np.rint(squares.mean(axis=(1, 3))).astype(np.uint8)
+    cover = squares[..., 3:].mean(axis=(1, 3))
+    inked = (squares[..., :3] * squares[..., 3:]).mean(axis=(1, 3))
+    color = np.divide(inked, cover, out=np.zeros_like(inked), where=cover > 0)
+    return np.rint(np.concatenate([color, cover], axis=2)).astype(np.uint8)
 
 
 def write_png(path: str | os.PathLike[str], image: ArrayLike) -> None:
-    """Write an image (h, w, 3) uint8; the file appears whole or not at all.
+    """Write an image (h, w, 3 or 4) uint8; the file appears whole or not at all.
 
     Raises
     ------

@@ -33,7 +33,7 @@ _LAMPS = np.array(
 
 @dataclass(frozen=True)
 class Style:
-    """How a picture is lit.
+    """How a picture is lit and framed.
 
     Attributes
     ----------
@@ -43,8 +43,15 @@ class Style:
         Darkening 0..1 of what lies closely behind something else; it makes point clouds readable.
     supersampling : int
         Samples a pixel along each axis, 1..4; 2 gives smooth edges.
-    background : float
-        Grey of the background, 0..1 (1 is white).
+    background : float or None
+        Grey of the background, 0..1 (1 is white); None leaves it see-through (RGBA).
+    crop : bool
+        Cut off what is empty round the items: the picture is then smaller than its camera says, and
+        title and legend stand close to them.
+    legend : bool
+        Say which colour is which value, where a picture has values.
+    limits : (float, float), optional
+        Values of the first and last colour; by default those of the item that is drawn.
 
     Raises
     ------
@@ -57,13 +64,17 @@ class Style:
     specular: float = 0.14
     shadow: float = 0.45
     supersampling: int = 2
-    background: float = 1.0
+    background: float | None = 1.0
+    crop: bool = False
+    legend: bool = True
+    limits: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
         for name in ("ambient", "diffuse", "specular"):
             as_number(getattr(self, name), name, low=0, high=2)
         as_number(self.shadow, "shadow", low=0, high=1)
-        as_number(self.background, "background", low=0, high=1)
+        if self.background is not None:
+            as_number(self.background, "background", low=0, high=1)
         as_whole_number(self.supersampling, "supersampling", low=1, high=4)
 
 
@@ -202,7 +213,7 @@ def render_layers(
     style: Style,
     progress: Progress | None = None,
 ) -> NDArray[np.uint8]:
-    """Return the picture (h, w, 3) uint8 of ball and mesh layers.
+    """Return the picture (h, w, 3) uint8 of ball and mesh layers; (h, w, 4) without background.
 
     Opaque layers go to one depth buffer; a see-through layer (opacity below 1) then veils what lies
     behind it, facing parts by `opacity` a layer and silhouettes up to ten times denser, so that the
@@ -250,10 +261,10 @@ def render_layers(
             style.specular,
             style.shadow,
             0.05 * camera.extent,
-            float(to_linear(style.background)),
+            0.0 if style.background is None else float(to_linear(style.background)),
         ]
     )
-    picture = np.empty((camera.height, camera.width, 3), np.uint8)
+    picture = np.empty((camera.height, camera.width, 3 + (style.background is None)), np.uint8)
 
     def band(begin: int, end: int) -> None:
         shade(

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from medialis.model.shape import Shape
-from medialis.surface.generate import make_unambiguous, surface_nets
 from medialis.surface.normals import vertex_normals
+from medialis.surface.surface_nets import make_unambiguous, surface_nets
 from medialis.validation import FloatArray, IntArray, as_whole_number, frozen
 
 # Half an ellipse in the plane z = 0, the front at +y; units of the width of the arch.
