@@ -1,0 +1,103 @@
+"""The front page works as it is printed: every block, and every command of its table."""
+
+import re
+import shutil
+from html.parser import HTMLParser
+
+import make_outline
+import pytest
+from code_blocks import blocks, run_bash, run_python
+from website.pages import DOCS, ROOT
+
+from medialis.operations.registry import OPERATIONS
+
+README = ROOT / "README.md"
+SCREEN = 55
+"""Lines of a window."""
+
+needs_bash = pytest.mark.skipif(shutil.which("bash") is None, reason="needs bash")
+
+
+def commands() -> list[str]:
+    """Commands of the table "I want to ...", in its order."""
+    table = README.read_text("utf-8").partition("## I want to")[2].partition("\n## ")[0]
+    return re.findall(r"`(medialis [^`]+)`", table.partition("`medialis sample`")[0])
+
+
+def test_it_is_two_screens():
+    assert len(README.read_text("utf-8").splitlines()) <= 2 * SCREEN
+
+
+@pytest.mark.slow
+@needs_bash
+def test_every_block_runs_in_its_order_and_leaves_its_results(tmp_path, monkeypatch):
+    """A second command overwrote files of the first one, and the shape was not there (fixed)."""
+    monkeypatch.chdir(tmp_path)
+    found = blocks(README)
+    assert [language for language, _ in found] == ["bash", "python"]
+    run_bash(found[0][1], tmp_path)
+    names = {}
+    run_python(found[1][1], README, names)
+    assert names["curve"].branch_count > 5 and names["field"].min() > 0
+    made = {p.parent.relative_to(tmp_path).as_posix() for p in tmp_path.rglob("manifest.json")}
+    folders = {f"creature-medialis/{n}" for n in ("thickness", "curve_skeleton", "armature")}
+    assert made == {*folders, "thin places"}
+
+
+@pytest.mark.slow
+@needs_bash
+def test_every_command_of_the_table_runs_in_its_order(tmp_path):
+    run_bash("for name in creature scan teeth; do medialis sample $name; done", tmp_path)
+    assert len(commands()) > 12
+    for command in commands():
+        if command.startswith("medialis batch"):
+            (tmp_path / "many").mkdir()
+            shutil.move(tmp_path / "creature.ply", tmp_path / "many")
+            run_bash(f"cd many && {command}", tmp_path)
+            assert (tmp_path / "many" / "results" / "results.html").is_file()
+        else:
+            run_bash(command, tmp_path)
+    made = {p.parent.relative_to(tmp_path).as_posix() for p in tmp_path.rglob("manifest.json")}
+    words = [command.split() for command in commands()]
+    asked = {
+        f"{w[2].removesuffix('.ply')}-medialis/{w[1].replace('-', '_')}"
+        for w in words
+        if len(w) > 2 and w[1] != "batch" and "-o" not in w
+    }
+    assert asked <= made and "checked" in made
+
+
+@pytest.mark.slow
+@needs_bash
+@pytest.mark.parametrize("chosen", OPERATIONS, ids=lambda o: o.name)
+def test_every_example_of_help_runs(chosen, tmp_path):
+    for arguments, _ in chosen.examples:
+        shape = arguments.split()[0]
+        if not (tmp_path / shape).exists():
+            run_bash(f"medialis sample {shape.removesuffix('.ply')}", tmp_path)
+        run_bash(f"medialis {chosen.name.replace('_', '-')} {arguments}", tmp_path)
+    assert len(list(tmp_path.rglob("manifest.json"))) == len(chosen.examples)
+
+
+def test_the_drawing_is_what_its_program_draws():
+    """And it is well formed, with a title for those who do not see it."""
+    text = (DOCS / "pictures" / "medial_axis.svg").read_text("utf-8")
+    numbers = r"-?\d+\.\d"
+    drawn = make_outline.drawing()
+    assert re.sub(numbers, "0", drawn) == re.sub(numbers, "0", text)
+    pairs = zip(re.findall(numbers, drawn), re.findall(numbers, text), strict=True)
+    assert all(abs(float(a) - float(b)) <= 0.1001 for a, b in pairs)
+    tags = []
+    parser = HTMLParser()
+    parser.handle_starttag = lambda tag, _: tags.append(tag)
+    parser.feed(text)
+    assert "title" in tags and tags.count("circle") > 100
+
+
+def test_the_discs_of_the_drawing_hold_no_point_of_the_outline():
+    points, normals = make_outline.outline()
+    centers, radius, second = make_outline.largest_discs(points, normals)
+    away = ((points[None] - centers[:, None]) ** 2).sum(axis=2) ** 0.5
+    assert (away.min(axis=1) >= radius * (1 - 1e-8)).all()
+    contact = ((points[second] - centers) ** 2).sum(axis=1) ** 0.5
+    assert abs(contact / radius - 1).max() < 1e-8
