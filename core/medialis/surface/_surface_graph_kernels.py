@@ -64,47 +64,58 @@ def drop_repeats(offsets, neighbours):
 
 
 @kernel
+def _relax(v, points, offsets, neighbours, keys, names, size, out_distance, out_seed):
+    """Tell the neighbours of a vertex how near its seed is; return the size of the heap."""
+    for at in range(offsets[v], offsets[v + 1]):
+        w = neighbours[at]
+        x = points[v, 0] - points[w, 0]
+        y = points[v, 1] - points[w, 1]
+        z = points[v, 2] - points[w, 2]
+        reach = out_distance[v] + math.sqrt(x * x + y * y + z * z)
+        if reach < out_distance[w]:
+            out_distance[w], out_seed[w] = reach, out_seed[v]
+            size = push(keys, names, size, reach, w)
+        elif reach == out_distance[w] and out_seed[v] < out_seed[w]:
+            out_seed[w] = out_seed[v]
+    return size
+
+
+@kernel
 def spread_from_seeds(points, offsets, neighbours, keys, names, out_distance, out_seed):
     """Dijkstra's search from all seeds at once: the nearest seed along edges, and its distance.
 
     On entry `out_seed` is the vertex itself and `out_distance` 0 at the seeds, -1 and inf
     elsewhere; what cannot be reached stays so. Equally near seeds: the lowest index wins. A vertex
-    is entered in the heap once as a seed and once at most for each of its listed neighbours, so
-    `keys` and `names` need n + len(neighbours) places.
+    is entered in the heap once at most for each of its listed neighbours, so `keys` and `names`
+    need len(neighbours) places.
     """
     size = 0
     for v in range(len(out_seed)):
-        if out_seed[v] >= 0 and offsets[v + 1] > offsets[v]:
-            size = push(keys, names, size, 0.0, v)
+        if out_distance[v] == 0.0:
+            size = _relax(v, points, offsets, neighbours, keys, names, size, out_distance, out_seed)
     while size > 0:
         size = pop(keys, names, size)
-        distance, v = keys[size], names[size]
-        if distance > out_distance[v]:
+        v = names[size]
+        if keys[size] > out_distance[v]:
             continue  # a shorter way was found since
-        for at in range(offsets[v], offsets[v + 1]):
-            w = neighbours[at]
-            x = points[v, 0] - points[w, 0]
-            y = points[v, 1] - points[w, 1]
-            z = points[v, 2] - points[w, 2]
-            reach = distance + math.sqrt(x * x + y * y + z * z)
-            if reach < out_distance[w]:
-                out_distance[w], out_seed[w] = reach, out_seed[v]
-                size = push(keys, names, size, reach, w)
-            elif reach == out_distance[w] and out_seed[v] < out_seed[w]:
-                out_seed[w] = out_seed[v]
+        size = _relax(v, points, offsets, neighbours, keys, names, size, out_distance, out_seed)
 
 
 @kernel
-def _residual(rows, offsets, neighbours, field):
-    """Sum of the differences to the neighbours, for each row: 0 where the field is harmonic."""
-    out = np.empty(len(rows))
+def _link_rows(rows, offsets, neighbours, most, out_first, out_links):
+    """Neighbours of each row that are rows themselves, by their row; `most` is that of vertices."""
+    row_of = np.full(most, -1, np.int32)
     for row in range(len(rows)):
-        v = rows[row]
-        total = 0.0
-        for at in range(offsets[v], offsets[v + 1]):
-            total += field[neighbours[at]] - field[v]
-        out[row] = total
-    return out
+        row_of[rows[row]] = row
+    filled = 0
+    for row in range(len(rows)):
+        out_first[row] = filled
+        for at in range(offsets[rows[row]], offsets[rows[row] + 1]):
+            other = row_of[neighbours[at]]
+            if other >= 0:
+                out_links[filled] = other
+                filled += 1
+    out_first[len(rows)] = filled
 
 
 @kernel
@@ -113,34 +124,41 @@ def make_harmonic(rows, offsets, neighbours, most_steps, accuracy, values):
 
     Conjugate gradients, preconditioned by the number of neighbours: a step carries a change one
     edge further, but unlike averaging (which needs the square of the steps to smooth as far) it
-    needs few of them for a smooth field. The sums run in the order of the rows.
+    needs few of them for a smooth field. The sums run in the order of the rows. Of the graph only
+    what joins rows is gone through again and again.
     """
-    residual = _residual(rows, offsets, neighbours, values)
-    direction = np.zeros(len(values))
-    degree = np.empty(len(rows))
-    size = 0.0
-    for row in range(len(rows)):
+    count = len(rows)
+    first, links = np.empty(count + 1, np.int64), np.empty(len(neighbours), np.int32)
+    _link_rows(rows, offsets, neighbours, len(values), first, links)
+    residual, degree, direction = np.empty(count), np.empty(count), np.empty(count)
+    change, size = np.empty(count), 0.0
+    for row in range(count):
         v = rows[row]
-        degree[row] = offsets[v + 1] - offsets[v]
-        direction[v] = residual[row] / degree[row]
-        size += residual[row] * direction[v]
+        total = 0.0  # of the differences to the neighbours: 0 where the field is harmonic
+        for at in range(offsets[v], offsets[v + 1]):
+            total += values[neighbours[at]] - values[v]
+        residual[row], degree[row] = total, offsets[v + 1] - offsets[v]
+        direction[row] = total / degree[row]
+        size += total * direction[row]
     enough = accuracy * accuracy * size
     for _ in range(most_steps):
         if size <= enough:
             return
-        change = _residual(rows, offsets, neighbours, direction)
         bend = 0.0
-        for row in range(len(rows)):
-            bend -= direction[rows[row]] * change[row]
+        for row in range(count):
+            total = -degree[row] * direction[row]
+            for at in range(first[row], first[row + 1]):
+                total += direction[links[at]]
+            change[row] = total
+            bend -= direction[row] * total
         step = size / bend
         before, size = size, 0.0
-        for row in range(len(rows)):
-            values[rows[row]] += step * direction[rows[row]]
+        for row in range(count):
+            values[rows[row]] += step * direction[row]
             residual[row] += step * change[row]
             size += residual[row] * residual[row] / degree[row]
-        for row in range(len(rows)):
-            v = rows[row]
-            direction[v] = residual[row] / degree[row] + size / before * direction[v]
+        for row in range(count):
+            direction[row] = residual[row] / degree[row] + size / before * direction[row]
 
 
 @kernel
