@@ -218,10 +218,10 @@ def test_creases_of_a_cube(angle, edges):
     assert len(creases.pairs) == (24 if edges else 0) and not creases.concave.any()
     if edges:
         assert np.abs(creases.normals).max(axis=1) == pytest.approx(1.0)
-        assert creases.corner_cosines == pytest.approx(1.0)
+        assert creases.least_cosines == pytest.approx(1.0)
     else:
         # Weighted by angle: the two corners at a face's diagonal have 1/2 the angle each.
-        assert creases.corner_cosines == pytest.approx(1 / np.sqrt(3))
+        assert creases.least_cosines == pytest.approx(1 / np.sqrt(3))
 
 
 def test_concave_creases():
@@ -250,9 +250,10 @@ def test_hulls_of_slivers_are_as_thin_as_the_slivers():
         order, out = np.full(kernels.BLOCK, -1, np.int32), np.empty((kernels.BLOCK, 3), np.int32)
         order[0], place = 0, np.arange(3, dtype=np.int32)
         faces = place[None].copy()
-        bulges, reliefs = np.zeros((1, 3)), np.zeros((kernels.BLOCK, 4))
+        bulges, cosines = np.zeros((1, 3)), np.zeros(1)
+        reliefs = np.zeros((kernels.BLOCK, 4))
         kernels.fill_hulls(
-            0, 1, order, faces, place, corners, bulges, bulges, 1.0, out, reliefs, hull
+            0, 1, order, faces, place, corners, bulges, cosines, 1.0, out, reliefs, hull
         )
         row = hull[0, :, 0].astype(np.float64)
         to = corners.mean(axis=0) + rng.normal(size=(200, 3)) - row[:3]

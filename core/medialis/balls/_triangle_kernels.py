@@ -98,11 +98,9 @@ def fill_hulls(
                 continue
             a, b, c = place[faces[f, 0]], place[faces[f, 1]], place[faces[f, 2]]
             out_corners[i, 0], out_corners[i, 1], out_corners[i, 2] = a, b, c
-            least = 1.0
             for j in range(3):
                 out_reliefs[i, j] = bulges[f, j] / unit
-                least = min(least, cosines[f, j])
-            out_reliefs[i, COSINE] = max(least, 0.0)
+            out_reliefs[i, COSINE] = cosines[f]
             _fill_hull(points, a, b, c, out_hulls[block, :, slot])
 
 

@@ -88,7 +88,7 @@ class Walls:
         corners = np.empty((len(order), 3), np.int32)
         hulls = np.empty((blocks, ROWS, BLOCK), np.float32)
         reliefs, unit = np.empty((len(order), 4)), shrink_options(shape.diagonal, 0.0, 0.0).unit
-        bulges, cosines = creases.bulges, creases.corner_cosines
+        bulges, cosines = creases.bulges, creases.least_cosines
 
         def fill(begin: int, end: int) -> None:
             fill_hulls(
@@ -162,13 +162,15 @@ class Walls:
 
         tree, shape = self.tree, self.shape
         at_own = directions is not None
-        if directions is None:
-            directions = shape.normals[cloud.source] * cloud.side[:, None]
         samples = tree.place[cloud.source]
         # Neighbours share certificates; inner balls, the first, are the same with outer ones.
         order = _in_tree_order(cloud, tree)
-        samples, direction = samples[order], np.ascontiguousarray(directions[order])
-        signs = cloud.side[order]
+        samples, signs = samples[order], cloud.side[order]
+        if directions is None:
+            direction = tree.normals[samples]
+            direction *= signs[:, None]
+        else:
+            direction = np.ascontiguousarray(directions[order])
         largest = float(np.nanmax(cloud.radii, initial=0.0)) / shape.diagonal
         lengths = shrink_options(shape.diagonal, tolerance, largest)
         radii = cloud.radii[order] / lengths.unit

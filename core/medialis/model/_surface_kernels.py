@@ -46,7 +46,10 @@ def cross_faces(points, faces, out_vectors):
 
 @kernel
 def scale_vectors(vectors, out_areas, out_units):
-    """Half the length of each vector, (m,), and its direction, (m, 3): zero without a length."""
+    """Half the length of each vector, (m,), and its direction, (m, 3): zero without a length.
+
+    `out_units` may be `vectors`.
+    """
     for f in range(len(vectors)):
         x, y, z = vectors[f, 0], vectors[f, 1], vectors[f, 2]
         length = math.sqrt(x * x + y * y + z * z)

@@ -97,13 +97,7 @@ class Surface(Bound):
     @cached_property
     def face_vectors(self) -> FloatArray:
         """Normal of each face times twice its area, (m, 3)."""
-        if self.faces is None:
-            return frozen(np.empty((0, 3)), np.float64)
-        from medialis.model._surface_kernels import cross_faces
-
-        vectors = np.empty((self.face_count, 3))
-        cross_faces(self.points, self.faces, vectors)
-        return frozen(vectors, np.float64)
+        return frozen(_face_vectors(self), np.float64)
 
     @property
     def face_areas(self) -> FloatArray:
@@ -119,8 +113,10 @@ class Surface(Bound):
     def _face_units(self) -> tuple[FloatArray, FloatArray]:
         from medialis.model._surface_kernels import scale_vectors
 
-        areas, units = np.empty(len(self.face_vectors)), np.empty(self.face_vectors.shape)
-        scale_vectors(self.face_vectors, areas, units)
+        known = self.__dict__.get("face_vectors")
+        units = _face_vectors(self) if known is None else np.array(known)
+        areas = np.empty(len(units))
+        scale_vectors(units, areas, units)
         return frozen(areas, np.float64), frozen(units, np.float64)
 
     @cached_property
@@ -338,6 +334,15 @@ class Surface(Bound):
             closed[part] = True
             closed[part[self.edge_twins < 0]] = False
         return frozen(closed, np.bool_)
+
+
+def _face_vectors(surface: Surface) -> NDArray[np.float64]:
+    from medialis.model._surface_kernels import cross_faces
+
+    vectors = np.empty((surface.face_count, 3))
+    if surface.faces is not None:
+        cross_faces(surface.points, surface.faces, vectors)
+    return vectors
 
 
 def _nearest_others(tree: cKDTree, points: FloatArray) -> FloatArray:

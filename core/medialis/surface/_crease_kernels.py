@@ -25,7 +25,7 @@ def bulge_faces(
     begin, end, points, faces, normals, units, corners, sector, beside, smoothness,
     out_bulges, out_cosines,
 ):  # fmt: skip
-    """Bulges over the sides of the faces begin..end, and cosines at their corners (`Creases`).
+    """Bulges over the sides of the faces begin..end, and their least cosine (`Creases`).
 
     `normals` are those of the vertices, `units` those of the faces. At the corners 3 f + j that
     `corners` lists, the normal is that of their sector, in `beside`, and the cosine the
@@ -35,6 +35,7 @@ def bulge_faces(
     at = _first_of(corners, 3 * begin)
     for f in range(begin, end):
         flat = units[f, 0] == 0.0 and units[f, 1] == 0.0 and units[f, 2] == 0.0
+        out_cosines[f] = 0.0 if flat else 1.0
         for j in range(3):
             v = faces[f, j]
             cosine = 0.0
@@ -48,7 +49,7 @@ def bulge_faces(
                 for axis in range(3):
                     n[j, axis] = beside[sector[at], axis]
                 at += 1
-            out_cosines[f, j] = 0.0 if flat else min(cosine, 1.0)
+            out_cosines[f] = max(min(cosine, out_cosines[f]), 0.0)
         for j in range(3):
             k = j + 1 if j < 2 else 0
             u, v = faces[f, j], faces[f, k]

@@ -81,16 +81,16 @@ class Creases:
         links = np.stack([first[joined], second[joined]], axis=1) // 3
         return piece_labels(self.shape.face_count, links)
 
-    @property
-    def corner_cosines(self) -> FloatArray:
-        """Cosine of the angle between each face and the normals at its corners, (m, 3).
+    @cached_property
+    def least_cosines(self) -> FloatArray:
+        """Smallest cosine of the angles between each face and the normals at its corners, (m,).
 
         The smooth surface over a face bulges by what these angles tell. At a crease the largest
         angle at the vertex counts for all of its corners: where one side is round, the crease is a
         curve and bulges over its edges, also over those of a flat side. 1 at a corner without a
-        normal; 0 where a face has no area.
+        normal; 0 where a face has no area, and never less.
         """
-        return self._of_faces[1]
+        return self._measured()[1]
 
     @property
     def own_bulges(self) -> FloatArray:
@@ -99,16 +99,17 @@ class Creases:
         With the slopes s_i and s_j of the surface against the side at its ends, by the normals
         there, b is the length of the side times their harmonic mean: the radius of curvature is the
         mean of those at the ends. The surface over the place sum w_i v_i lies the sum of w_i w_j b
-        outward. 0 where the surface bends to both sides, or an end has no normal.
+        outward. 0 where the surface bends to both sides, or an end has no normal. Computed each
+        time: they are large, and asked for once.
         """
-        return self._of_faces[0]
+        return self._measured()[0]
 
-    @cached_property
-    def _of_faces(self) -> tuple[FloatArray, FloatArray]:
+    def _measured(self) -> tuple[NDArray[np.float64], FloatArray]:
+        """Compute bulges and least cosines in one pass; these are kept, those are not."""
         from medialis.surface._crease_kernels import bulge_faces
 
         shape = self.shape
-        bulges, cosines = np.empty((shape.face_count, 3)), np.empty((shape.face_count, 3))
+        bulges, cosines = np.empty((shape.face_count, 3)), np.empty(shape.face_count)
 
         def work(begin: int, end: int) -> None:
             bulge_faces(
@@ -117,7 +118,8 @@ class Creases:
             )  # fmt: skip
 
         run_chunks(work, shape.face_count, FACES_A_CHUNK)
-        return frozen(bulges, np.float64), frozen(cosines, np.float64)
+        self.__dict__["least_cosines"] = frozen(cosines, np.float64)
+        return bulges, self.least_cosines
 
     def corner_normals(self, faces: NDArray[np.int64]) -> FloatArray:
         """Return the normals of the smooth surface at the corners of some faces, (f, 3, 3)."""
@@ -130,16 +132,17 @@ class Creases:
             normals[mine] = self.normals[self.sector[place[mine]]]
         return np.asarray(normals)
 
-    @cached_property
+    @property
     def bulges(self) -> FloatArray:
         """`own_bulges`; at a crease both faces have the larger one: it may be round on one side."""
-        result = np.array(self.own_bulges).ravel()
+        bulges = self._measured()[0]
+        result = bulges.ravel()
         first, second = self.half_edges.T
         larger = np.where(
             np.abs(result[first]) < np.abs(result[second]), result[second], result[first]
         )
         result[first] = result[second] = larger
-        return frozen(result.reshape(-1, 3), np.float64)
+        return bulges
 
     @cached_property
     def smoothness(self) -> FloatArray:
@@ -176,7 +179,7 @@ class Creases:
         first = np.einsum("ij,ij->i", np.cross(left - tip, foot), normal)
         second = np.einsum("ij,ij->i", np.cross(foot, right - tip), normal)
         cosine = np.where((first > 0) & (second > 0), np.abs(off), cosine)
-        cut = (cosine < self.corner_cosines[face].min(axis=1) - STEEPER) & inward.any(axis=1)
+        cut = (cosine < self.least_cosines[face] - STEEPER) & inward.any(axis=1)
         return frozen(np.unique(vertices[rows, corner][cut]), np.int32)
 
 
