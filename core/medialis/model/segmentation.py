@@ -9,6 +9,7 @@ import numpy as np
 
 from medialis.errors import InvalidShapeError
 from medialis.kept import Bound
+from medialis.model.borders import face_borders, vertex_borders
 from medialis.model.shape import Shape
 from medialis.validation import FloatArray, IntArray, frozen, hold
 
@@ -76,6 +77,20 @@ class Segmentation(Bound):
     def count(self) -> int:
         """Number of segments."""
         return len(self.areas)
+
+    @cached_property
+    def borders(self) -> tuple[FloatArray, IntArray]:
+        """Curves between the segments of a mesh: points (p, 3), and edges (e, 2) between them.
+
+        Where samples were divided they cross the triangles, and are as short as they can be without
+        leaving the triangles that have samples of two segments; where faces were divided they
+        follow edges of the mesh.
+        """
+        if self.surface.faces is None:
+            return frozen(np.empty((0, 3)), np.float64), frozen(np.empty((0, 2)), np.int32)
+        if self.face_labels is not None:
+            return face_borders(self.surface, self.face_labels)
+        return vertex_borders(self.surface, self.labels)
 
     def of_faces(self) -> IntArray:
         """Return the segment of each face of the surface, (m,).

@@ -15,7 +15,7 @@ from medialis.model.shape import Shape
 from medialis.operations.common import cloud_arrays
 from medialis.operations.declaration import Operation
 from medialis.operations.result import Outcome
-from medialis.operations.segments import computed, note_unseen, surface_layers
+from medialis.operations.segments import border_layer, computed, note_unseen, surface_layers
 from medialis.options import Options, file
 from medialis.progress import Progress
 from medialis.segments.mean_shift_segments import MeanShiftSegmentsOptions, mean_shift_segments
@@ -61,7 +61,7 @@ def run(shape: Shape, options: MeanShiftSegmentsRun, progress: Progress) -> Outc
     note_unseen(layers[0], segments.count, progress)
     return Outcome(
         shape=fine,
-        layers=layers,
+        layers=(*layers, *border_layer(segments)),
         values={
             "samples": fine.point_count,
             "segments": segments.count,
@@ -129,6 +129,7 @@ OPERATION = Operation(
     layers={
         "mean_shift_segments": "the surface with the number of the segment of each vertex",
         "samples": "the same on the refined surface",
+        "borders": "curves between the segments",
     },
     options=MeanShiftSegmentsRun,
     run=run,

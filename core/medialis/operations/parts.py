@@ -39,6 +39,7 @@ OPERATION = Operation(
     layers={
         "parts": "the surface with the number of the part of each vertex and face",
         "samples": "the same on the refined surface",
+        "borders": "curves between the segments",
     },
     options=PartsRun,
     run=run,

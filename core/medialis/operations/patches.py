@@ -38,6 +38,7 @@ OPERATION = Operation(
     layers={
         "patches": "the surface with the number of the patch of each vertex and face",
         "samples": "the same on the refined surface",
+        "borders": "curves between the segments",
     },
     options=PatchesRun,
     run=run,

@@ -124,6 +124,12 @@ def note_unseen(layer: Layer, count: int, progress: Progress) -> None:
         )
 
 
+def border_layer(segmentation: Segmentation) -> tuple[Layer, ...]:
+    """Layer of the curves between segments; none where there are none."""
+    points, edges = segmentation.borders
+    return (Layer("borders", points, edges=edges, auxiliary=True),) if len(edges) else ()
+
+
 def segmentation_outcome(
     name: str,
     shape: Shape,
@@ -150,7 +156,7 @@ def segmentation_outcome(
     note_unseen(layers[0], segmentation.count, progress)
     return Outcome(
         shape=fine,
-        layers=layers,
+        layers=(*layers, *border_layer(segmentation)),
         values={
             name: segmentation.count,
             "areas": segmentation.areas.tolist(),
