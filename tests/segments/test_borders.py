@@ -1,9 +1,9 @@
 """Borders between segments as curves."""
 
-import closed_forms as forms
 import numpy as np
 import pytest
 
+import closed_forms as forms
 import medialis
 
 
