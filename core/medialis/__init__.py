@@ -36,8 +36,8 @@ Operations:
     run, operation, Operation, OPERATIONS, Options, Parameter, Kind, Result, Outcome, Layer,
     FilterUnit, Length, mm, inch, percent, batch, Row
 Files and pictures:
-    write_result, read_result, write_mesh, Pictures, draw_result, Camera, Style, read_curve_skeleton,
-    write_curve_skeleton, reconstruct_image, progressive, Comparison
+    write_result, read_result, write_mesh, Pictures, draw_result, Camera, Style,
+    read_curve_skeleton, write_curve_skeleton, reconstruct_image, progressive, Comparison
 Other libraries:
     to_trimesh, to_pyvista, to_networkx, to_pandas
 Control:

@@ -10,6 +10,7 @@ from code_blocks import blocks, run_bash, run_python
 from website.pages import DOCS, ROOT
 
 from medialis.operations.registry import OPERATIONS
+from medialis.viewer.page import has_library
 
 README = ROOT / "README.md"
 SCREEN = 55
@@ -55,14 +56,14 @@ def test_every_command_of_the_table_runs_in_its_order(tmp_path):
             shutil.move(tmp_path / "creature.ply", tmp_path / "many")
             run_bash(f"cd many && {command}", tmp_path)
             assert (tmp_path / "many" / "results" / "results.html").is_file()
-        else:
+        elif not command.startswith("medialis view") or has_library():
             run_bash(command, tmp_path)
     made = {p.parent.relative_to(tmp_path).as_posix() for p in tmp_path.rglob("manifest.json")}
     words = [command.split() for command in commands()]
     asked = {
         f"{w[2].removesuffix('.ply')}-medialis/{w[1].replace('-', '_')}"
         for w in words
-        if len(w) > 2 and w[1] != "batch" and "-o" not in w
+        if len(w) > 2 and w[1] not in ("batch", "view") and "-o" not in w
     }
     assert asked <= made and "checked" in made
 
