@@ -148,6 +148,19 @@ def thin_rows() -> Iterator[tuple[str, Callable[[], Row]]]:
             yield name, row
 
 
+def noisy_thin_rows() -> Iterator[tuple[str, Callable[[], Row]]]:
+    """First thin spot of the same shapes whose vertices lie off by a tenth of their spacing."""
+    for name, known in shapes().items():
+        if known.thinnest is not None:
+            yield name, partial(_noisy_thin_row, name, known)
+
+
+def _noisy_thin_row(name: str, known: KnownShape) -> Row:
+    clean = mesh(name, 8, False)
+    step = 0.1 * clean.spacing * random().normal(size=clean.points.shape)
+    return thin_row(medialis.make_shape(clean.points + step, clean.faces), known)
+
+
 def sheet_rows() -> Iterator[tuple[str, Callable[[], Row]]]:
     """Sheets, areas and Y-curves at 8 samples across."""
     for name in FLAT:
@@ -184,6 +197,7 @@ SECTIONS: dict[str, Callable[[], Iterator[tuple[str, Callable[[], Row]]]]] = {
     "rays": ray_rows,
     "thickness": truth_rows,
     "thin": thin_rows,
+    "noisy_thin": noisy_thin_rows,
     "sheets": sheet_rows,
     "curves": curve_rows,
     "segments": segment_rows,

@@ -69,6 +69,12 @@ TITLES = {
         "the true minimum; `off`: distance to the nearest place of the surface that is as thin, in "
         "spacings of the samples.",
     ),
+    "noisy_thin": (
+        "The thinnest place of noisy shapes",
+        "The same of meshes whose vertices lie off by a tenth of their spacing in each direction. "
+        "They are smoothed, and what is left of the noise has its own low places: of as many "
+        "places as there are samples the lowest is found.",
+    ),
     "sheets": (
         "Sheets, areas and Y-curves",
         "`refine = 0`. Errors in per cent of the true value: all areas together, the worst sheet, "

@@ -21,6 +21,7 @@ QUICK = {
     "rays": ("slab, 12 along a wall", "bracket, 12 along a wall, irregular"),
     "thickness": ("hourglass, 6 across",),
     "thin": ("hourglass", "bracket"),
+    "noisy_thin": ("bowl",),
     "sheets": ("box, 8 across", "L, 8 across"),
     "curves": ("capsule", "bead ring"),
     "segments": ("patches of box",),

@@ -162,15 +162,16 @@ def _find(
     """Return thin spots, walls before overlaps, and how many specks were as thin as they.
 
     Balls of specks and of overlaps are left out, the thickness completed and its places looked for
-    again: the wall round them is a place when nothing in it is thinner.
+    again: the wall round them is a place when nothing in it is thinner. What is beside specks is
+    crumpled as well as a rule: each round leaves out one ring more round new ones.
     """
     share, level = 1.0 if options.kind == "diameter" else 0.5, options.threshold
     every = partial(WallBalls, cloud, share=share, with_threshold=level > 0)
     balls, level = every(), level * cloud.surface.diagonal
     flawed = np.zeros(cloud.surface.point_count, np.bool_)
     found: dict[str, list[LowPlace]] = {"wall": [], "overlap": [], "speck": []}
-    for _ in range(ROUNDS):
-        found["wall"], before = [], int(flawed.sum())
+    for rings in range(ROUNDS):
+        found["wall"], specks, before = [], np.zeros_like(flawed), int(flawed.sum())
         low = balls.low_places(values, prominence=options.prominence)
         for place in islice(low, LOOKED_AT * options.spots):
             if len(found["wall"]) == options.spots or place.value >= (level or np.inf):
@@ -179,7 +180,8 @@ def _find(
             if what == "wall" or not balls.touches(place, flawed):
                 found[what].append(place)
             if what != "wall":
-                flawed[place.vertices] = True
+                (specks if what == "speck" else flawed)[place.vertices] = True
+        flawed |= balls.grown(specks, rings)
         if int(flawed.sum()) == before:
             break
         kept = thickness_without(cloud, flawed, options)

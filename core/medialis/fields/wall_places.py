@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from typing import Literal
 
@@ -25,9 +26,13 @@ the samples are apart, more than a sample and its six neighbours on each side. F
 below all around them are a flaw of the mesh (folds on horse2 and spider have 1 to 11), unless they
 are all of a component."""
 
-FEWEST_BALLS = 3
-"""Balls between two walls of a place without a threshold: one alone, among samples whose values are
-those of others, is a flaw."""
+FEWEST_CRUMPLED, THIN, CRUMPLED = 38, 2.0, math.cos(math.radians(120.0))
+"""The same where a wall thinner than two spacings has faces that bend by more than 120 degrees: a
+sample and its two rings of neighbours on each side (crumples on horse2 have 20 to 28)."""
+
+FEWEST_BALLS, FEWEST_THICK_BALLS = 3, 2
+"""Balls between two walls of a place without a threshold, and of one thicker than two spacings: one
+alone, among samples whose values are those of others, is a flaw. In a noisy limb there are few."""
 
 STARTS, APART = 6, 4.0
 """Balls of a place that its thinnest place is looked for from, and how many spacings they are
@@ -60,6 +65,13 @@ class WallBalls:
         """Go through the low places of a field; balls join the two sides of walls."""
         return low_places(self.surface, values, self.balls.features, **how)
 
+    def grown(self, samples: NDArray[np.bool_], rings: int) -> NDArray[np.bool_]:
+        """Return some samples with so many rings of neighbours, (n,)."""
+        result, ends = samples.copy(), self.surface.edges
+        for _ in range(rings if samples.any() else 0):
+            result[ends[result[ends].any(axis=1)]] = True
+        return result
+
     def kind(self, place: LowPlace) -> Literal["wall", "overlap", "speck"]:
         """Tell what a place is: a speck has too few samples or balls, and is no whole component.
 
@@ -68,17 +80,26 @@ class WallBalls:
         surface, vertices = self.surface, place.vertices
         if surface.faces is None:
             return "wall"
-        thin = place.value < self.share * surface.spacing
+        spacings = place.value / (self.share * surface.spacing)
         rows = self._rows_in(vertices)
-        few = len(vertices) < (FEWEST_BELOW_SPACING if thin else FEWEST)
-        few |= len(rows) < FEWEST_BALLS
+        few = len(vertices) < (FEWEST_BELOW_SPACING if spacings < 1.0 else FEWEST)
+        few |= len(rows) < (FEWEST_BALLS if spacings < THIN else FEWEST_THICK_BALLS)
+        twice = len(rows) and self.enclosure.times(self.balls.centers[rows[:1]])[0] >= TWICE
+        if not few and not twice and spacings < THIN and len(vertices) < FEWEST_CRUMPLED:
+            few = self._crumpled(vertices)
         if few and not self.with_threshold:
             mine = np.isin(surface.components, surface.components[vertices])
             if len(vertices) < int(mine.sum()):
                 return "speck"
-        smallest = self.balls.centers[rows[:1]]
-        twice = len(rows) and self.enclosure.times(smallest)[0] >= TWICE
         return "overlap" if twice else "wall"
+
+    def _crumpled(self, vertices: IntArray) -> bool:
+        """Tell whether faces at some samples bend back."""
+        surface = self.surface
+        faces = np.unique(np.concatenate([surface.fans[v] for v in vertices]) // 3)
+        across, normals = surface.face_adjacency[faces], surface.face_normals
+        bent = np.einsum("fa,fja->fj", normals[faces], normals[across]) < CRUMPLED
+        return bool((bent & (across >= 0)).any())
 
     def touches(self, place: LowPlace, samples: NDArray[np.bool_]) -> bool:
         """Tell whether a place is next to some samples: it is the rest of their place."""
