@@ -12,6 +12,8 @@ import pytest
 import medialis
 from medialis.cli.commands import main
 from medialis.files.ply_attributes import write_ply
+from medialis.reports.report import report_texts
+from medialis.reports.wording import number
 from medialis.units import METERS, Length, Size, as_length, nearest_unit, unit_name
 
 BOX = [[0, 0, 0], [30, 0, 0], [0, 40, 0], [30, 40, 0]]
@@ -174,3 +176,25 @@ def test_the_format_of_a_file_tells_its_unit(ending, unit, tmp_path):
     progress = medialis.Progress()
     assert medialis.read_shape(path, unit="inches", progress=progress).unit == "in"
     assert ["other_unit"] * (unit is not None) == [m.code for m in progress.messages]
+
+
+def test_the_report_tells_lengths_and_areas_in_the_unit(creature):
+    result = medialis.run("skeleton_mesh", creature)
+    told = report_texts(result)
+    page, values = told["report.html"], result.values
+    assert json.loads(told["report.json"])["unit"] == "mm"
+    assert f"diagonal {number(values['diagonal'])} mm" in page
+    assert f"{number(values['radius_max'])} mm" in page
+    assert f"{number(values['area'])} mm²" in page
+    bare = report_texts(medialis.run("skeleton_mesh", replace(creature, unit=None)))["report.html"]
+    assert " mm" not in bare and "in the units of the file" in bare
+
+
+@pytest.mark.parametrize(("ending", "told"), [("glb", "unit: m"), ("ply", "not said by the file")])
+def test_info_tells_the_unit(ending, told, creature, tmp_path, capsys):
+    if ending == "glb":
+        pytest.importorskip("trimesh", reason="reads glTF").creation.box().export(tmp_path / "a.glb")
+    else:
+        write_ply(tmp_path / "a.ply", creature.points, faces=creature.faces)
+    assert main(["info", str(tmp_path / f"a.{ending}")]) == 0
+    assert told in capsys.readouterr().out

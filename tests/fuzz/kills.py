@@ -159,8 +159,8 @@ def _check_nothing_left(folder: Path, plan: Plan, replaced: bool, done: bool, wh
     if left:
         raise Fault(f"hidden files stay {what}", ", ".join(left))
     if done:
-        expected = plan.old_content | plan.new_content if replaced else plan.new_content
-    elif content(out) == (plan.old_content | plan.new_content if replaced else plan.new_content):
+        expected = plan.new_content  # what is replaced goes with all its files
+    elif content(out) == plan.new_content:
         return  # the signal came when all was in its place
     else:
         expected = plan.old_content if replaced else {}
@@ -175,7 +175,7 @@ def _plan(home: Path, name: str) -> Plan:
         words = ("batch", BATCH, *inputs, "--workers", "1", "--progress", "none")
         old: tuple[str, ...] = BATCH_OLD
     else:
-        words, old = (name, inputs[0], "--refine", "0.05"), OLD[name]
+        words, old = (name, inputs[0], "--refine", "0.05", "--overwrite"), OLD[name]
     folders = home / f"{name}-old", home / f"{name}-new"
     for folder in folders:
         shutil.rmtree(folder, ignore_errors=True)

@@ -10,14 +10,12 @@ from typing import Any
 from urllib.parse import quote
 
 from medialis.batches.jobs import DONE, FAILED, Row
+from medialis.operations.quantities import quantity
 from medialis.reports.page import data_text, page
 from medialis.viewer.page import has_library
 
 OPEN_ROWS = 2000
 """Longer pages start with their tables closed, so that they open at once."""
-
-ANGLE = "spoke_angle"
-"""Values of such names are radians in the core, and degrees for people."""
 
 
 def html_text(rows: Sequence[Row]) -> str:
@@ -114,11 +112,11 @@ def _line(row: Row, columns: Sequence[str]) -> str:
 
 
 def _heading(column: str) -> str:
-    return _words(column) + (" in degrees" if column.startswith(ANGLE) else "")
+    return _words(column) + (" in degrees" if quantity(column) == "angle" else "")
 
 
 def _cell(column: str, value: Any) -> str:
-    if isinstance(value, float) and column.startswith(ANGLE):
+    if isinstance(value, float) and quantity(column) == "angle":
         value = math.degrees(value)
     if isinstance(value, bool):
         return f"<td>{'yes' if value else 'no'}</td>"

@@ -146,11 +146,13 @@ def _info(options: argparse.Namespace) -> int:
         messages.append(Message(f"Operations will refuse it: {error}", "refused"))
     if options.json:
         after = None if repaired is None else repaired.as_dict()
-        about = {"file": options.file, "format": mesh.format, "messages": messages}
+        about = {"file": options.file, "format": mesh.format, "unit": mesh.unit}
+        about["messages"] = messages
         say(json_text({**about, **found.as_dict(), "repaired": after}))
         return EXIT_OK
     say(f"{options.file} ({mesh.format})")
     say(found.summary())
+    say(f"unit: {mesh.unit or 'not said by the file (--unit mm says it to operations)'}")
     for message in messages:
         say(f"note: {message}")
     if repaired is not None and repaired != found:

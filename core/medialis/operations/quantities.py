@@ -11,6 +11,19 @@ from medialis.units import AREAS, LENGTHS, RADIANS, with_unit
 _PARTS = ("_min", "_median", "_max")
 
 
+def quantity(name: str) -> str:
+    """Return "length", "area" or "angle" (in radians) for the name of a value, else nothing.
+
+    Examples
+    --------
+    >>> quantity("radius_max"), quantity("area"), quantity("spoke_angle"), quantity("nodes")
+    ('length', 'area', 'angle', '')
+    """
+    stem = next((name.removesuffix(part) for part in _PARTS if name.endswith(part)), name)
+    kinds = {"length": LENGTHS, "area": AREAS, "angle": RADIANS}
+    return next((kind for kind, names in kinds.items() if stem in names), "")
+
+
 def value_text(name: str, value: Any, unit: str | None = None) -> str:
     """Return a value of a result for people, with its unit; `unit` is that of the shape.
 
@@ -21,18 +34,18 @@ def value_text(name: str, value: Any, unit: str | None = None) -> str:
     >>> value_text("samples", 35779), value_text("area", None)
     ('35,779', 'not defined')
     """
-    stem = next((name.removesuffix(part) for part in _PARTS if name.endswith(part)), name)
+    what = quantity(name)
     if value is None:
         return "not defined"
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, Mapping):
         return ", ".join(f"{key}: {value_text('', part, unit)}" for key, part in value.items())
-    if isinstance(value, float) and stem in RADIANS:
+    if isinstance(value, float) and what == "angle":
         return f"{math.degrees(value):.1f} degrees"
     if isinstance(value, float):
-        own = unit if stem in LENGTHS | AREAS else "%" if name.endswith("_percent") else None
-        return with_unit(value, own, 2 if stem in AREAS else 1)
+        own = unit if what else "%" if name.endswith("_percent") else None
+        return with_unit(value, own, 2 if what == "area" else 1)
     return f"{value:,}" if isinstance(value, int) else str(value)
 
 

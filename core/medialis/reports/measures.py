@@ -60,6 +60,7 @@ def measure(result: Result, *, source: str | None = None) -> dict[str, Any]:
         "operation": result.operation,
         "source": source,
         "input": {"as_read": before, "as_computed": after.as_dict()},
+        "unit": result.shape.unit,
         "parameters": dict(result.parameters),
         "values": {name: value for name, value in result.values.items() if name != "spots"},
         "balls": _ball_counts(result, balls),

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from medialis.files.results import json_text
 from medialis.operations.declaration import Kind, Parameter
 from medialis.operations.pictures import draw_result, draw_turntable
+from medialis.operations.quantities import quantity
 from medialis.operations.registry import OPERATIONS
 from medialis.operations.result import Result
 from medialis.progress import Progress, ProgressCallback, counted
@@ -42,12 +43,6 @@ MOST_POINTS = 2_000_000
 
 ROWS = 30
 """Rows of tables that are shown."""
-
-LENGTHS = (
-    *("radius", "thickness", "importance", "edge_radius", "length", "straight_distance"),
-    *("y_length", "spacing"),
-)
-"""First words of values that are lengths."""
 
 OF_CLOUDS = (
     *("vertices", "duplicate_vertices", "nonfinite_vertices"),
@@ -165,7 +160,7 @@ def _subtitle(measures: Mapping[str, Any]) -> str:
     shape = measures["input"]["as_computed"]
     parts = [
         counted(shape["vertices"], "sample"),
-        f"diagonal {number(shape['diagonal'])} in the units of the file",
+        f"diagonal {number(shape['diagonal'])} {measures['unit'] or 'in the units of the file'}",
         f"{number(measures['seconds'].get('total', 0.0), 3)} seconds",
         f"medialis {measures['versions']['medialis']}",
     ]
@@ -228,12 +223,15 @@ def _values(measures: Mapping[str, Any]) -> list[str]:
                     single.append((f"{named(name)}: {named(key)}", cell(part), ""))
         elif _is_table(value):
             more.append(f"<h3>{named(name)}</h3>{records(value, ROWS)}")
-        elif name.startswith("spoke_angle") and value is not None:
+        elif quantity(name) == "angle" and value is not None:
             single.append((named(name), f"{number(math.degrees(value))}°", ""))
         else:
-            is_length = name.startswith(LENGTHS) and isinstance(value, float) and diagonal > 0
+            what = quantity(name) if isinstance(value, float) else ""
+            is_length = what == "length" and name != "diagonal" and diagonal > 0
             share = f"{number(100 * value / diagonal)} %" if is_length else ""
-            single.append((named(name), cell(value), share))
+            unit = {"length": measures["unit"], "area": f"{measures['unit']}²"}.get(what)
+            text = f"{cell(value)} {unit}" if unit and measures["unit"] else cell(value)
+            single.append((named(name), text, share))
     head = ("", "", "of the diagonal") if any(share for *_, share in single) else ()
     return [table(single, head), *more]
 
