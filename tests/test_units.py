@@ -193,7 +193,8 @@ def test_the_report_tells_lengths_and_areas_in_the_unit(creature):
 @pytest.mark.parametrize(("ending", "told"), [("glb", "unit: m"), ("ply", "not said by the file")])
 def test_info_tells_the_unit(ending, told, creature, tmp_path, capsys):
     if ending == "glb":
-        pytest.importorskip("trimesh", reason="reads glTF").creation.box().export(tmp_path / "a.glb")
+        trimesh = pytest.importorskip("trimesh", reason="reads glTF")
+        trimesh.creation.box().export(tmp_path / "a.glb")
     else:
         write_ply(tmp_path / "a.ply", creature.points, faces=creature.faces)
     assert main(["info", str(tmp_path / f"a.{ending}")]) == 0
