@@ -52,8 +52,9 @@ def build() -> None:
     three = json.loads((WORK / "node_modules/three/package.json").read_text("utf-8"))
     head = f"/* three.js {three['version']}, https://threejs.org, MIT licence:\n"
     licence = (WORK / "node_modules/three/LICENSE").read_text("utf-8")
-    SCRIPT.parent.mkdir(parents=True, exist_ok=True)
-    SCRIPT.write_text(f"{head}{licence} */\n{made.read_text('utf-8')}", encoding="utf-8")
+    whole = WORK / "with-licence.js"
+    whole.write_text(f"{head}{licence} */\n{made.read_text('utf-8')}", encoding="utf-8")
+    whole.replace(SCRIPT)  # all at once
 
 
 if __name__ == "__main__":

@@ -28,7 +28,7 @@ from pathlib import Path
 
 PACKAGING = Path(__file__).resolve().parent
 ADDON = PACKAGING.parent
-SOURCES = ("*.py", "*.pyi", "py.typed", "*.css", "*.js", "*.npz", "*.txt")
+SOURCES = ("*.py", "*.pyi", "py.typed", "*.css", "*.html", "*.js", "*.npz", "*.txt")
 """Files of the core that its wheel has."""
 ROOT = ADDON.parent
 MANIFEST = "blender_manifest.toml"
@@ -157,7 +157,7 @@ def build_core(folder: Path) -> Path:
     local = f'version = "{core_version()}+core.{digest.hexdigest()[:8]}"'
     with tempfile.TemporaryDirectory() as temporary:
         copy = Path(temporary)
-        for name in ("pyproject.toml", "README.md", "LICENSE"):
+        for name in ("pyproject.toml", "build_backend.py", "README.md", "LICENSE"):
             shutil.copyfile(ROOT / name, copy / name)
         for source in sources:
             target = copy / source.relative_to(ROOT)

@@ -28,6 +28,7 @@ from medialis.batches.table import csv_text, write_table
 from medialis.batches.work import run_job
 from medialis.cli.commands import main
 from medialis.files.ply_attributes import write_ply
+from medialis.viewer.page import has_library
 from mortal_work import mortal_work
 from png_files import read_png
 
@@ -363,6 +364,8 @@ def test_reports_are_made_where_they_are_missing(finished, shapes, tmp_path):
     assert row.report == "good 0 ü/thickness/report.html" and jobs[1].finished("thickness") == row
     assert jobs[0].finished("thickness") == row
     assert f'<a href="{"good%200%20%C3%BC/thickness/report.html"}">report' in html_text([row])
+    turned = '<a href="good%200%20%C3%BC/thickness/report.html#viewer">3D' in html_text([row])
+    assert turned == has_library()
     single = ["thickness", str(shapes[0]), "-o", str(tmp_path / "one"), "--report"]
     assert main([*single, "--no-picture"]) == 0
     for name in ("report.html", "report.json"):

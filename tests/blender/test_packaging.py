@@ -199,7 +199,7 @@ def _updated(extension: Path, folder: Path, monkeypatch: pytest.MonkeyPatch) -> 
     """Return the next release: another version of the add-on, and a core with a line more."""
     copy = folder / "next"
     shutil.copytree(ROOT / "core" / "medialis", copy / "core" / "medialis")
-    for name in ("pyproject.toml", "README.md", "LICENSE"):
+    for name in ("pyproject.toml", "build_backend.py", "README.md", "LICENSE"):
         shutil.copy(ROOT / name, copy)
     with (copy / "core" / "medialis" / "errors.py").open("a") as file:
         file.write("\nUPDATED = True\n")

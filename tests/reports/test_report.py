@@ -1,6 +1,7 @@
 """The report of a run: complete, self-contained, and its numbers are the measured ones."""
 
 import base64
+import html
 import json
 import re
 from dataclasses import replace
@@ -16,9 +17,11 @@ from medialis.files.ply_attributes import write_ply
 from medialis.model.curve_skeleton import CurveSkeleton
 from medialis.operations.registry import OPERATIONS
 from medialis.operations.result import Layer, Result
+from medialis.reports import report
 from medialis.reports.balls import along
 from medialis.reports.measures import histogram, measure
 from medialis.reports.report import report_page, report_texts
+from medialis.viewer import page as viewer_page
 
 VOID = {"meta", "img", "rect", "path", "line"}
 
@@ -211,3 +214,21 @@ def test_the_command_line_writes_it(creature, tmp_path, capsys):
     assert found["source"] == "a.ply" and len(found["thin_spots"]) == found["values"]["thin_spots"]
     files = json.loads((out / "manifest.json").read_text("utf-8"))["files"]
     assert {"report.html", "report.json"} <= {file.split("/")[-1] for file in files}
+
+
+def test_the_report_can_be_turned(creature, monkeypatch):
+    """Its frame holds the viewer as text, so that the report stays one file."""
+    monkeypatch.setattr(report, "has_library", lambda: True)
+    monkeypatch.setattr(viewer_page, "_library", lambda: "")
+    result = medialis.run("thickness", creature)
+    text = report_texts(result, source="a <b>.ply")["report.html"]
+    frame = re.search(r'<section id="viewer"><iframe srcdoc="([^"]*)"', text)[1]
+    assert "Thickness of a &lt;b&gt;.ply" in html.unescape(frame)
+    monkeypatch.setattr(report, "has_library", lambda: False)
+    assert "iframe" not in report_texts(result)["report.html"]
+
+
+def test_a_result_too_large_for_a_page_is_drawn_only(creature, monkeypatch):
+    monkeypatch.setattr(report, "has_library", lambda: True)
+    monkeypatch.setattr(report, "MOST_POINTS", 100)
+    assert "iframe" not in report_texts(medialis.run("thickness", creature))["report.html"]

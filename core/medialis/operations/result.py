@@ -275,5 +275,6 @@ class Result(Outcome, Described):
         told = "<br>".join(html.escape(line) for line in lines)
         return (
             '<div style="display:flex;gap:1em;align-items:flex-start;flex-wrap:wrap">'
-            f"{picture_html(self)}<div><b>{html.escape(self.title)}</b><br>{told}</div></div>"
+            f"{picture_html(self)}<div style='flex:1 1 20em'><b>{html.escape(self.title)}</b><br>"
+            f"{told}</div></div>"
         )

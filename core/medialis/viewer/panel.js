@@ -305,10 +305,12 @@ class Panel {
 
   listen() {
     const {byId, viewer} = this, canvas = viewer.canvas;
-    let down = null;
-    canvas.addEventListener("pointerdown", event => { down = [event.clientX, event.clientY, event.isPrimary]; });
+    let down = null;  // where the only finger or the mouse went down
+    canvas.addEventListener("pointerdown", event => {
+      down = event.isPrimary && event.button === 0 ? [event.clientX, event.clientY] : null;
+    });
     canvas.addEventListener("pointerup", event => {
-      if (!down || !event.isPrimary || Math.hypot(event.clientX - down[0], event.clientY - down[1]) > 5) return;
+      if (!down || Math.hypot(event.clientX - down[0], event.clientY - down[1]) > 5) return;
       const box = canvas.getBoundingClientRect();
       this.pick(event.clientX - box.left, event.clientY - box.top);
     });
