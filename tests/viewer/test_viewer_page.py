@@ -120,7 +120,7 @@ def test_picking_tells_the_values_of_the_place(page, results):
         surface.opacity = 1;
         surface.refresh();
         const at = [0, 1, 2].map(axis => surface.points[3 * 100 + axis]);
-        viewer.lookFrom(at.map((x, axis) => x - viewer.data.middle[axis]), viewer.data.up);
+        viewer.lookFrom(at, viewer.data.up);
         viewer.drawNow();
         const first = panel.pick(...viewer.onScreen(at));
         const skeleton = viewer.parts.find(part => part.title === "surface skeleton");
@@ -162,12 +162,12 @@ def test_arrays_arrive(page, results):
         """
         const part = viewer.parts[0], surface = viewer.parts.find(part => part.kind === "surface");
         const radius = part.fields.find(field => field.name === "radius");
-        return {points: [...part.points], faces: [...surface.faces],
+        return {origin: viewer.data.origin, points: [...part.points], faces: [...surface.faces],
           radius: Array.from({length: part.count}, (_, row) => part.value(radius, row))};
         """,
     )
     layer = results["surface_skeleton"].layers[0]
-    points = np.reshape(found["points"], (-1, 3))
+    points = np.reshape(found["points"], (-1, 3)) + found["origin"]
     step = np.ptp(layer.points, axis=0).max() / 65_535
     assert np.abs(points - layer.points).max() <= 0.51 * step + 1e-6
     radii = layer.attributes["radius"]
@@ -250,3 +250,28 @@ def test_the_page_fits_the_screen(page, width):
     )
     assert found["width"] == width == found["page"]
     assert found["out"] == [] and found["canvas"] > 300
+
+
+@pytest.mark.slow
+def test_shapes_far_from_the_origin_look_the_same(tmp_path):
+    """Graphics cards have single precision: at 10^7 a shape of size 3 would be a few steps wide."""
+    shape, far = medialis.organic_shape(56), np.array([1e7, -2e7, 3e7])
+    points = np.round(shape.points, 6)  # exact after the move, to 4e-9
+    seen = []
+    for number, offset in enumerate((0 * far, far)):
+        result = medialis.run("thickness", (points + offset, shape.faces), refine=0)
+        result.viewer_html(tmp_path / f"{number}.html", title="shape")
+        seen.append(
+            browser.looked_at(
+                tmp_path / f"{number}.html",
+                """
+                const row = 100, place = [...viewer.parts[0].points.slice(3 * row, 3 * row + 3)];
+                return {pixels: [...viewer.pixels()], place: panel.placeWords(place).split(", ")};
+                """,
+                (400, 300),
+            )
+        )
+    near, away = (np.array(one["pixels"]) for one in seen)
+    assert (np.abs(near - away) > 16).mean() < 0.005
+    expected = np.array(seen[0]["place"], float) + far
+    assert np.allclose(np.array(seen[1]["place"], float), expected, rtol=0, atol=2e-3)

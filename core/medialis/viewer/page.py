@@ -19,6 +19,7 @@ from medialis.errors import FileError
 from medialis.files._files import complete_file
 from medialis.render.colors import color_table, palette, value_range
 from medialis.render.framing import default_view
+from medialis.validation import FloatArray
 from medialis.viewer.packing import Packer, point_codes, value_codes
 from medialis.viewer.scene import Field, Part, Scene, Spot, scene_of
 
@@ -93,30 +94,34 @@ def _text(name: str) -> str:
 
 
 def _described(scene: Scene, packer: Packer) -> dict[str, Any]:
-    """Return the scene as plain data; its arrays go to the packer."""
+    """Return the scene as plain data; its arrays go to the packer.
+
+    All places are relative to the middle of the shape: graphics cards have single precision.
+    """
     low, high = scene.shape.bounds
+    origin = (low + high) / 2
     direction, up = default_view(scene.shape.points)
-    parts = [_part(part, packer) for part in scene.parts]
+    parts = [_part(part, origin, packer) for part in scene.parts]
     maps = {field["map"] for part in parts for field in part["fields"]}
     return {
         "title": scene.title,
         "notes": scene.notes,
         "unit": scene.shape.unit,
         "diagonal": scene.shape.diagonal or 1.0,
-        "middle": ((low + high) / 2).tolist(),
+        "origin": origin.tolist(),
         "half": ((high - low) / 2).tolist(),
         "direction": np.asarray(direction).tolist(),
         "up": np.asarray(up).tolist(),
         "parts": parts,
-        "spots": [_spot(spot) for spot in scene.spots],
+        "spots": [_spot(spot, origin) for spot in scene.spots],
         "maps": {name: _colors(color_table(name), COLORS) for name in sorted(maps)},
         "palette": _colors(palette()),
     }
 
 
-def _part(part: Part, packer: Packer) -> dict[str, Any]:
+def _part(part: Part, origin: FloatArray, packer: Packer) -> dict[str, Any]:
     names = [field.name for field in part.fields]
-    codes, place = point_codes(part.points)
+    codes, place = point_codes(part.points - origin)
     return {
         "title": part.title,
         "kind": part.kind,
@@ -152,11 +157,11 @@ def _field(field: Field, packer: Packer) -> dict[str, Any]:
     }
 
 
-def _spot(spot: Spot) -> dict[str, Any]:
+def _spot(spot: Spot, origin: FloatArray) -> dict[str, Any]:
     known = not np.isnan(spot.opposite).any()
     return {
-        "position": spot.position.tolist(),
-        "opposite": spot.opposite.tolist() if known else None,
+        "position": (spot.position - origin).tolist(),
+        "opposite": (spot.opposite - origin).tolist() if known else None,
         "value": spot.value if math.isfinite(spot.value) else 0.0,
         "kind": spot.kind,
     }

@@ -50,6 +50,12 @@ class Panel {
     return `${number} (${said(Number((100 * value / this.data.diagonal).toPrecision(3)))} % of the size)`;
   }
 
+  // Where a place is in the units of the file, with the digits that tell places of the shape apart.
+  placeWords(place) {
+    const decimals = Math.min(12, Math.max(0, 3 - Math.floor(Math.log10(this.data.diagonal))));
+    return place.map((x, axis) => (x + this.data.origin[axis]).toFixed(decimals)).join(", ");
+  }
+
   showLayers() {
     this.byId.layers.replaceChildren(...this.viewer.parts.map(part => this.layer(part)));
   }
@@ -201,7 +207,7 @@ class Panel {
     const middle = spot.position.map((x, axis) => (x + ends[axis]) / 2);
     this.viewer.showBall(middle, spot.value / 2);
     this.viewer.lookAt(middle);
-    this.showCard("thin spot", [["thickness", this.spotWords(spot)], ["at", spot.position.map(said).join(", ")]],
+    this.showCard("thin spot", [["thickness", this.spotWords(spot)], ["at", this.placeWords(spot.position)]],
       middle);
   }
 
@@ -239,7 +245,7 @@ class Panel {
         rows.push(["radius of the ball here", this.words({unit: "length"}, touching.radius)]);
       }
     }
-    rows.push(...this.thicknessNear(part, place), ["at", place.map(said).join(", ")]);
+    rows.push(...this.thicknessNear(part, place), ["at", this.placeWords(place)]);
     this.viewer.showBall(ball ? ball[0] : place, ball ? ball[1] : 0);
     this.showCard(part.title, rows, place);
     return {part: part.title, row, rows};

@@ -8,7 +8,7 @@ class Viewer {
     this.data = data;
     this.canvas = canvas;
     this.diagonal = data.diagonal;
-    this.middle = new THREE.Vector3(...data.middle);
+    this.middle = new THREE.Vector3();  // all places are relative to the middle of the shape
     this.cut = [0, 0, 0, 1];
     this.cutsAll = false;
     this.palette = colorTexture(base64Bytes(data.palette), false);
