@@ -3,8 +3,8 @@
 import numpy as np
 
 from medialis.model.shape import Shape
-from medialis.surface.generate import make_unambiguous, surface_nets
 from medialis.surface.normals import vertex_normals
+from medialis.surface.surface_nets import make_unambiguous, surface_nets
 
 
 def meshed(field, low, high, cell):

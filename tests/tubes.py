@@ -4,8 +4,8 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from medialis.model.shape import Shape
-from medialis.surface.generate import make_unambiguous, surface_nets
 from medialis.surface.normals import vertex_normals
+from medialis.surface.surface_nets import make_unambiguous, surface_nets
 
 AXES = np.concatenate([np.eye(3), -np.eye(3)])
 FORK = np.array([[1, 0, 0], [-0.5, 0.75**0.5, 0], [-0.5, -(0.75**0.5), 0]])

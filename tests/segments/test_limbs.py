@@ -12,9 +12,9 @@ from medialis.model.segmentation import Segmentation
 from medialis.segments.limbs import find_limbs, flatness, node_widths, protrusions
 from medialis.segments.parts import _extent
 from medialis.surface import labels as labels_module
-from medialis.surface.generate import make_unambiguous, surface_nets
 from medialis.surface.labels import connected_labels, diffused_labels
 from medialis.surface.normals import vertex_normals
+from medialis.surface.surface_nets import make_unambiguous, surface_nets
 from medialis.threads import thread_limit
 from tubes import AXES, FORK, hub
 
