@@ -98,6 +98,14 @@ def test_times_of_a_stage_add_up():
     assert list(progress.seconds) == ["wait"] and progress.seconds["wait"] >= 0.02
 
 
+def test_a_stage_within_one_of_its_name_counts_once():
+    progress = Progress()
+    start = time.perf_counter()
+    with progress.stage("paths", 0.0, 1.0), progress.stage("paths", 0.0, 0.5):
+        time.sleep(0.02)
+    assert 0.02 <= progress.seconds["paths"] <= time.perf_counter() - start
+
+
 def test_notes_are_kept_and_logged(caplog):
     progress = Progress()
     with caplog.at_level(logging.INFO, logger="medialis"):

@@ -225,6 +225,11 @@ def forget() -> None:
     _memory.forget()
 
 
+def room() -> int:
+    """Return how many bytes of results may be kept."""
+    return _memory.limit
+
+
 def kept_bytes() -> int:
     """Return the bytes that kept results take now, with what they refer to.
 

@@ -160,4 +160,5 @@ class Progress:
             self.update(1.0)
         finally:
             self._start, self._width, self._text = outer
-            self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - clock
+            if outer[2] != name:  # that one counts these seconds
+                self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - clock

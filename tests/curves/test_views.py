@@ -17,7 +17,7 @@ import medialis
 from medialis.curves.from_views.cameras import camera_axes, camera_pairs, sphere_of
 from medialis.curves.from_views.pairing import pair_points
 from medialis.curves.from_views.silhouettes import silhouette_skeleton
-from medialis.curves.from_views.view_batches import GivenViews
+from medialis.curves.from_views.view_batches import GivenViews, PackedViews
 from medialis.curves.from_views.views import _match, _sharpen
 from medialis.model.shape import Shape
 
@@ -218,9 +218,9 @@ def test_all_points_are_inside_and_in_the_middle():
     shape = medialis.organic_shape(56)
     center, radius = sphere_of(shape.points)
     pairs = camera_pairs(center, radius, pairs=60, angle=math.radians(20), size=128)
-    source, steps = medialis.rasterizer(shape), medialis.Progress()
-    matched, weights = _match(source, pairs, 1.0, steps)
-    points, _ = _sharpen(source, [a for a, _ in pairs], matched, weights, 1.0, steps)
+    source, steps, none = medialis.rasterizer(shape), medialis.Progress(), PackedViews(0)
+    matched, weights = _match(source, pairs, 1.0, none, steps)
+    points, _ = _sharpen(source, [a for a, _ in pairs], matched, weights, 1.0, none, steps)
     assert 0.3 * len(matched) < len(points) < len(matched)
     some = points[:: max(1, len(points) // 300)]
     assert (winding_number(some, shape) > 0.5).all()
@@ -239,14 +239,27 @@ def test_sharpening_gathers_points():
     shape = capsules(FORK, 0.2)
     center, radius = sphere_of(shape.points)
     pairs = camera_pairs(center, radius, pairs=60, angle=math.radians(20), size=128)
-    source, steps = medialis.rasterizer(shape), medialis.Progress()
-    matched, weights = _match(source, pairs, 1.0, steps)
-    points, _ = _sharpen(source, [a for a, _ in pairs], matched, weights, 1.0, steps)
+    source, steps, none = medialis.rasterizer(shape), medialis.Progress(), PackedViews(0)
+    matched, weights = _match(source, pairs, 1.0, none, steps)
+    points, _ = _sharpen(source, [a for a, _ in pairs], matched, weights, 1.0, none, steps)
     before, after = (
         (to_segments(p, FORK)[np.linalg.norm(p, axis=1) > 0.4] > pixel_of(shape, 128)).mean()
         for p in (matched, points)
     )
     assert after < before / 2
+
+
+def test_packed_views_are_the_views():
+    """With room for all first views, for some and for none: the same skeleton to the last bit."""
+    shape = medialis.organic_shape(56)
+    found = []
+    for room in (1 << 30, 200_000, 0):
+        with medialis.memory_limit(room):
+            found.append(medialis.view_curve_skeleton(shape, **QUICK))
+    for other in found[1:]:
+        assert other.nodes.tobytes() == found[0].nodes.tobytes()
+        assert other.radii.tobytes() == found[0].radii.tobytes()
+        assert (other.edges == found[0].edges).all()
 
 
 def test_rotation_scale_and_threads():

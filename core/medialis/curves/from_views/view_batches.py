@@ -7,6 +7,7 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from medialis.curves.from_views.silhouettes import Scratch, check_border, skeletonize
 from medialis.errors import InvalidOptionError, InvalidShapeError
@@ -32,6 +33,50 @@ class GivenViews:
         return [self._views[id(camera)] for camera in cameras]
 
 
+class PackedViews:
+    """Views with their distance fields, for stages that look at them again.
+
+    Parameters
+    ----------
+    room : int
+        Bytes that they may take; views that do not fit are not kept.
+    """
+
+    def __init__(self, room: int) -> None:
+        self._room = room
+        self._views: dict[int, tuple[NDArray[np.uint8], NDArray[np.float32]]] = {}
+
+    def keep(self, view: View, field: NDArray[np.float32]) -> None:
+        """Keep a view and its field, if there is room."""
+        from medialis.curves.from_views._packing_kernels import BITS, pack_view
+
+        pixels = view.near.size - int(np.isnan(view.near).sum())
+        mask = np.zeros(-(-view.near.size // BITS), np.uint8)
+        size = mask.nbytes + 12 * pixels
+        if size > self._room:
+            return
+        self._room -= size
+        values = np.empty((pixels, 3), np.float32)
+        pack_view(view.near, view.far, field, mask, values)
+        self._views[id(view.camera)] = mask, values
+
+    def has(self, camera: OrthographicCamera) -> bool:
+        """Tell whether the view of a camera is kept."""
+        return id(camera) in self._views
+
+    def unpack(
+        self,
+        camera: OrthographicCamera,
+        near: NDArray[np.float32],
+        far: NDArray[np.float32],
+        field: NDArray[np.float32],
+    ) -> None:
+        """Write the view of a camera into pictures (h, w); the field comes with 0."""
+        from medialis.curves.from_views._packing_kernels import unpack_view
+
+        unpack_view(*self._views[id(camera)], near, far, field)
+
+
 class ViewBatch:
     """Depths and distance fields of a few views side by side, as the kernels read them."""
 
@@ -40,6 +85,7 @@ class ViewBatch:
         source: ViewSource,
         cameras: Sequence[OrthographicCamera],
         saliency: float,
+        packed: PackedViews,
         progress: Progress,
     ) -> None:
         size, count = cameras[0].size, len(cameras)
@@ -49,15 +95,22 @@ class ViewBatch:
         self.near = np.empty((count, size, size), np.float32)
         self.far = np.empty_like(self.near)
         self.field = np.zeros_like(self.near)
-        for begin in range(0, count, BATCH):
-            views = render_views(source, cameras[begin : begin + BATCH], progress)
-            for at, view in enumerate(views, begin):
+        fresh = [at for at, camera in enumerate(cameras) if not packed.has(camera)]
+        for begin in range(0, len(fresh), BATCH):
+            rows = fresh[begin : begin + BATCH]
+            views = render_views(source, [cameras[at] for at in rows], progress)
+            for at, view in zip(rows, views, strict=True):
                 self.near[at], self.far[at] = view.near, view.far
 
         def skeletons(begin: int, end: int) -> None:
-            scratch = Scratch(size)
+            scratch = Scratch(size) if fresh else None
             for at in range(begin, end):
-                skeletonize(self.near[at], saliency, scratch, self.field[at])
+                pictures = self.near[at], self.far[at], self.field[at]
+                if packed.has(cameras[at]):
+                    packed.unpack(cameras[at], *pictures)
+                else:
+                    assert scratch is not None
+                    skeletonize(self.near[at], saliency, scratch, self.field[at])
 
         run_chunks(skeletons, count, 1, progress=progress.still)
 

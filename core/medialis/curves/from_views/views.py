@@ -15,6 +15,7 @@ from medialis.curves.from_views.cloud_nodes import merge_to
 from medialis.curves.from_views.linking import link_points
 from medialis.curves.from_views.pairing import pair_points
 from medialis.curves.from_views.silhouettes import (
+    NO_FIELD,
     Crossings,
     Scratch,
     SilhouetteOptions,
@@ -24,11 +25,13 @@ from medialis.curves.from_views.view_batches import (
     BATCH,
     POINTS_A_CHUNK,
     GivenViews,
+    PackedViews,
     ViewBatch,
     check_views,
     render_views,
 )
 from medialis.errors import InvalidShapeError
+from medialis.kept import room
 from medialis.model.curve_skeleton import CurveSkeleton, ViewPoints
 from medialis.model.shape import Shape
 from medialis.model.view import OrthographicCamera, View, ViewSource
@@ -122,9 +125,16 @@ class ViewCurveSkeletonOptions(Options):
 
 
 def _match(
-    source: ViewSource, pairs: Sequence[CameraPair], saliency: float, progress: Progress
+    source: ViewSource,
+    pairs: Sequence[CameraPair],
+    saliency: float,
+    packed: PackedViews,
+    progress: Progress,
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the points of all pairs of views, those in one pixel merged, and their weights."""
+    """Return the points of all pairs of views, those in one pixel merged, and their weights.
+
+    The first views of the pairs are packed for the next stages.
+    """
     places: list[FloatArray] = []
     for begin in range(0, len(pairs), BATCH // 2):
         progress.update(begin / len(pairs))
@@ -137,7 +147,10 @@ def _match(
         ) -> None:
             scratch = Scratch(views[0].camera.size)
             for at in range(first, last):
-                out[at] = skeletonize(views[at].near, saliency, scratch)
+                field = NO_FIELD if at % 2 else np.zeros_like(views[at].near)
+                out[at] = skeletonize(views[at].near, saliency, scratch, field)
+                if at % 2 == 0:
+                    packed.keep(views[at], field)
 
         run_chunks(skeletons, len(views), 1, progress=progress.still)
         places += [
@@ -156,6 +169,7 @@ def _sharpen(
     points: FloatArray,
     weights: FloatArray,
     saliency: float,
+    packed: PackedViews,
     progress: Progress,
 ) -> tuple[FloatArray, FloatArray]:
     """Return the points that no view sees outside, moved to the middle of what the views show."""
@@ -168,7 +182,7 @@ def _sharpen(
         if len(points) == 0:
             break
         progress.update(begin / len(cameras))
-        batch = ViewBatch(source, cameras[begin : begin + BATCH], saliency, progress)
+        batch = ViewBatch(source, cameras[begin : begin + BATCH], saliency, packed, progress)
         alive = np.ones(len(points), bool)
 
         def work(
@@ -220,7 +234,9 @@ def view_curve_skeleton(
 
     Notes
     -----
-    Cost: three renderings of each pair and two silhouette skeletons; memory for 16 views at a time.
+    Cost: two renderings of each pair and two silhouette skeletons; memory for 16 views at a time,
+    and for the first views of all pairs, packed, as far as `memory_limit` allows (1 GiB): others
+    are drawn again.
     Parts that no view shows, such as handles inside a cavity, are not found. Source: thesis 3.7,
     with N pairs of P x P pixels, alpha apart. Deviates: saliency is a plain ratio of lengths, the
     steps of the sharpening shrink, and only views that see a point in the middle of their depth
@@ -236,13 +252,14 @@ def view_curve_skeleton(
     """
     source, pairs = _source_and_cameras(shape_or_views, options)
     saliency, firsts = options.saliency, [first for first, _ in pairs]
+    packed = PackedViews(room())
     with progress.stage("pairs", 0.0, 0.5):
-        points, weights = _match(source, pairs, saliency, progress)
+        points, weights = _match(source, pairs, saliency, packed, progress)
     matched = len(points)
     with progress.stage("sharpen", 0.5, 0.9):
-        points, weights = _sharpen(source, firsts, points, weights, saliency, progress)
+        points, weights = _sharpen(source, firsts, points, weights, saliency, packed, progress)
     with progress.stage("link", 0.9, 1.0):
-        probes = ViewBatch(source, firsts[:PROBES], saliency, progress)
+        probes = ViewBatch(source, firsts[:PROBES], saliency, packed, progress)
         cell = CELL * firsts[0].pixel
         most = MOST_NODES * firsts[0].size
         curve = run_patiently(
