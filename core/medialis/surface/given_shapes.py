@@ -17,10 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from medialis.errors import InvalidShapeError
-from medialis.files._polygons import triangulate
 from medialis.model.shape import Shape
 from medialis.progress import Progress
-from medialis.surface.reading import make_shape, read_shape
 
 
 class HasVertices(Protocol):
@@ -80,6 +78,8 @@ def as_shape(given: ShapeLike, progress: Progress | None = None) -> Shape:
     """
     if isinstance(given, Shape):
         return given
+    from medialis.surface.reading import make_shape, read_shape  # help needs no parsers of files
+
     progress = Progress.of(progress)
     if isinstance(given, str | os.PathLike):
         return read_shape(given, progress=progress)
@@ -142,7 +142,7 @@ def _split_polygons(flat: NDArray[np.int64], points: NDArray[np.float64]) -> NDA
         raise InvalidShapeError("The row of faces ends within a polygon.")
     is_count = np.zeros(len(flat), bool)
     is_count[starts] = True
-    return triangulate(points, flat[is_count], flat[~is_count])[0]
+    return _triangles(points, flat[is_count], flat[~is_count])
 
 
 def _triangles_of_cells(cells: Any, points: NDArray[Any]) -> NDArray[Any] | None:
@@ -154,7 +154,7 @@ def _triangles_of_cells(cells: Any, points: NDArray[Any]) -> NDArray[Any] | None
         elif kind in ("quad", "polygon"):
             counts = np.full(len(corners), np.shape(corners)[1], np.int64)
             flat = np.asarray(corners, np.int64).ravel()
-            found.append(triangulate(np.asarray(points, np.float64), counts, flat)[0])
+            found.append(_triangles(np.asarray(points, np.float64), counts, flat))
     if not found and any(kind not in ("vertex", "line") for kind in cells):
         raise InvalidShapeError(f"Expected triangles or quads; got cells {', '.join(cells)}.")
     return np.concatenate(found) if found else None
@@ -166,3 +166,10 @@ def _said(given: Any) -> str:
     name = f"{kind.__module__}.{kind.__qualname__}".removeprefix("builtins.")
     text = repr(given)
     return f"{text} ({name})" if len(text) <= 40 else f"an object of {name}"
+
+
+def _triangles(points: Any, counts: Any, corners: Any) -> NDArray[Any]:
+    """Return polygons as triangles."""
+    from medialis.files._polygons import triangulate
+
+    return triangulate(points, counts, corners)[0]
