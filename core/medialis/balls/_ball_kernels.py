@@ -126,8 +126,10 @@ def shrink_balls(
         if slot >= 0:
             feature = own * LEAF + slot
         if fresh:
-            recent[:] = blocks[own]
-            names[:] = own * LEAF + np.arange(LEAF)
+            for j in range(LEAF):
+                names[j] = own * LEAF + j
+                for axis in range(3):
+                    recent[axis, j] = blocks[own, axis, j]
             fresh = False
         r, slot = _scan_leaf(recent, px, py, pz, nx, ny, nz, r, a, near2)
         if slot >= 0:

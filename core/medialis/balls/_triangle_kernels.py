@@ -91,7 +91,8 @@ def fill_hulls(
             f = order[i]
             if f < 0:
                 out_corners[i, 0] = -1
-                out_reliefs[i] = 0.0
+                for j in range(COSINE + 1):
+                    out_reliefs[i, j] = 0.0
                 for row in range(ROWS):
                     out_hulls[block, row, slot] = 0.0
                 out_hulls[block, BREADTH, slot] = NOWHERE

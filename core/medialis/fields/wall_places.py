@@ -88,8 +88,8 @@ class WallBalls:
         if not few and not twice and spacings < THIN and len(vertices) < FEWEST_CRUMPLED:
             few = self._crumpled(vertices)
         if few and not self.with_threshold:
-            mine = np.isin(surface.components, surface.components[vertices])
-            if len(vertices) < int(mine.sum()):
+            mine = np.unique(surface.components[vertices])
+            if len(vertices) < np.bincount(surface.components)[mine].sum():
                 return "speck"
         return "overlap" if twice else "wall"
 

@@ -64,23 +64,6 @@ def drop_repeats(offsets, neighbours):
 
 
 @kernel
-def _relax(v, points, offsets, neighbours, keys, names, size, out_distance, out_seed):
-    """Tell the neighbours of a vertex how near its seed is; return the size of the heap."""
-    for at in range(offsets[v], offsets[v + 1]):
-        w = neighbours[at]
-        x = points[v, 0] - points[w, 0]
-        y = points[v, 1] - points[w, 1]
-        z = points[v, 2] - points[w, 2]
-        reach = out_distance[v] + math.sqrt(x * x + y * y + z * z)
-        if reach < out_distance[w]:
-            out_distance[w], out_seed[w] = reach, out_seed[v]
-            size = push(keys, names, size, reach, w)
-        elif reach == out_distance[w] and out_seed[v] < out_seed[w]:
-            out_seed[w] = out_seed[v]
-    return size
-
-
-@kernel
 def spread_from_seeds(points, offsets, neighbours, keys, names, out_distance, out_seed):
     """Dijkstra's search from all seeds at once: the nearest seed along edges, and its distance.
 
@@ -89,16 +72,29 @@ def spread_from_seeds(points, offsets, neighbours, keys, names, out_distance, ou
     is entered in the heap once at most for each of its listed neighbours, so `keys` and `names`
     need len(neighbours) places.
     """
-    size = 0
-    for v in range(len(out_seed)):
-        if out_distance[v] == 0.0:
-            size = _relax(v, points, offsets, neighbours, keys, names, size, out_distance, out_seed)
-    while size > 0:
-        size = pop(keys, names, size)
-        v = names[size]
-        if keys[size] > out_distance[v]:
-            continue  # a shorter way was found since
-        size = _relax(v, points, offsets, neighbours, keys, names, size, out_distance, out_seed)
+    size, turn, count = 0, 0, len(out_seed)
+    while turn < count or size > 0:
+        if turn < count:  # the seeds first, which need no heap
+            v = turn
+            turn += 1
+            if out_distance[v] > 0.0:
+                continue
+        else:
+            size = pop(keys, names, size)
+            v = names[size]
+            if keys[size] > out_distance[v]:
+                continue  # a shorter way was found since
+        for at in range(offsets[v], offsets[v + 1]):
+            w = neighbours[at]
+            x = points[v, 0] - points[w, 0]
+            y = points[v, 1] - points[w, 1]
+            z = points[v, 2] - points[w, 2]
+            reach = out_distance[v] + math.sqrt(x * x + y * y + z * z)
+            if reach < out_distance[w]:
+                out_distance[w], out_seed[w] = reach, out_seed[v]
+                size = push(keys, names, size, reach, w)
+            elif reach == out_distance[w] and out_seed[v] < out_seed[w]:
+                out_seed[w] = out_seed[v]
 
 
 @kernel
