@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from medialis.operations.result import Outcome
 
 LIBRARY = "three.js"
-SCRIPTS = ("unpack", "shaders", "parts", "viewer", "picking", "panel", "start")
+SCRIPTS = ("unpack", "shaders", "parts", "viewer", "picking", "legend", "panel", "start")
 COLORS = 256
 
 

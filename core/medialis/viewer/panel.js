@@ -1,25 +1,7 @@
 // What stands around the canvas. All text from outside is set as text, never as HTML.
 "use strict";
 
-const SWATCHES = 14, STEPS = 1000, NARROW = 760;
-
-function element(tag, properties = {}, ...inside) {
-  const made = document.createElement(tag);
-  for (const [name, value] of Object.entries(properties))
-    if (name.startsWith("on")) made.addEventListener(name.slice(2), value);
-    else if (name in made) made[name] = value;
-    else made.setAttribute(name, value);
-  made.append(...inside);
-  return made;
-}
-
-function said(number) {
-  if (number === null || Number.isNaN(number)) return "–";
-  if (!Number.isFinite(number)) return number > 0 ? "infinite" : "minus infinite";
-  if (Number.isInteger(number)) return String(number);
-  const size = Math.abs(number);
-  return size >= 1e-4 && size < 1e6 ? String(Number(number.toPrecision(4))) : number.toExponential(3);
-}
+const STEPS = 1000, NARROW = 760;
 
 class Panel {
   constructor(viewer) {
@@ -121,51 +103,13 @@ class Panel {
     this.byId.of.textContent = part.title;
     this.byId.scale.hidden = field.label;
     this.byId.swatches.hidden = !field.label;
-    if (field.label) return this.showSwatches(field);
-    this.drawBar(field);
+    if (field.label) return this.byId.swatches.replaceChildren(...swatchesOf(this.data, field));
+    drawBar(this.byId.bar, field, colorsOf(this.data, field, BARS));
     const [from, to] = field.keep;
     [this.byId.from.value, this.byId.to.value] = [STEPS * from, STEPS * to];
     this.byId.low.textContent = said(field.low);
     this.byId.high.textContent = said(field.high) + (field.infinite ? ", infinite" : "");
     this.sayKept(field);
-  }
-
-  colorsOf(field, count) {
-    const bytes = base64Bytes(this.data.maps[field.map]), last = bytes.length / 3 - 1;
-    const [first, end] = field.limits, span = end - first || 1;
-    return Array.from({length: count}, (_, i) => {
-      const value = field.low + (field.high - field.low) * i / (count - 1);
-      const at = 3 * Math.round(last * Math.min(1, Math.max(0, (value - first) / span)));
-      return `rgb(${bytes[at]}, ${bytes[at + 1]}, ${bytes[at + 2]})`;
-    });
-  }
-
-  // The colours as bars whose heights say how many values there are.
-  drawBar(field) {
-    const bins = 96, counts = new Uint32Array(bins);
-    for (const code of field.values)
-      if (code >= 0 && code <= 1) counts[Math.min(bins - 1, Math.floor(bins * code))]++;
-    const most = Math.max(...counts), colors = this.colorsOf(field, bins);
-    const pen = this.byId.bar.getContext("2d"), {width, height} = this.byId.bar;
-    pen.clearRect(0, 0, width, height);
-    colors.forEach((color, i) => {
-      const tall = counts[i] ? 10 + (height - 34) * Math.sqrt(counts[i] / most) : 0;
-      pen.fillStyle = color;
-      pen.fillRect(i * width / bins, height - 22, width / bins + 1, 22);
-      pen.fillRect(i * width / bins, height - 24 - tall, width / bins - 1, tall);
-    });
-  }
-
-  showSwatches(field) {
-    const labels = [...new Set(field.values)].filter(label => label >= 0).sort((a, b) => a - b);
-    const bytes = base64Bytes(this.data.palette), count = bytes.length / 3;
-    const shown = labels.slice(0, SWATCHES).map(label => {
-      const at = 3 * (label % count), swatch = element("i");
-      swatch.style.background = `rgb(${bytes[at]}, ${bytes[at + 1]}, ${bytes[at + 2]})`;
-      return element("span", {}, swatch, String(label));
-    });
-    const rest = labels.length > SWATCHES ? [`… ${labels.length} in all`] : [];
-    this.byId.swatches.replaceChildren(...shown, ...rest);
   }
 
   moveHandles(moved) {
@@ -293,7 +237,7 @@ class Panel {
   save() {
     const field = this.active?.visible ? this.active.field : null, lines = [{text: this.data.title}];
     if (field && !field.label)
-      lines.push({colors: this.colorsOf(field, 24),
+      lines.push({colors: colorsOf(this.data, field, 24),
         text: `${field.title}: ${said(field.low)} to ${this.words(field, field.high)}`});
     this.viewer.picture(lines).toBlob(blob => {
       const name = this.data.title.replace(/[^\p{L}\p{N}]+/gu, "-").replace(/^-|-$/g, "") || "picture";
