@@ -11,7 +11,8 @@ import math
 import numpy as np
 
 from medialis._kernels.jit import kernel
-from medialis.paths._geodesic_kernels import EDGES, direction
+from medialis.paths._geodesic_kernels import EDGES
+from medialis.paths._plane_kernels import direction
 
 
 @kernel

@@ -1,20 +1,15 @@
 """Kernels of shortest straightest geodesics (thesis 3.3.1-3.3.2; see geodesics.py).
 
-Strategy. A plane through the end points s and e cuts the surface in a curve; walking along it from
-s, triangle by triangle, costs one dot product a step: the plane distance of the one new vertex
-tells through which edge the curve leaves. Of many planes round the line s-e the shortest cut wins.
-
-Half-edges: number 3 f + j is the side of face f from corner j to corner j + 1; `twins` gives the
-half-edge of the other face, -1 at a border or where three or more faces meet (a path ends there).
-
-Sign rule: a vertex on the plane counts as above (distance >= 0). So every triangle is cut in no
-or two sides, a path has one continuation, and no path is lost or counted twice. A plane cuts a
-triangle in one segment, so a path visits a face at most once: m steps are the bound.
-
-Admissible bound: a path is dropped as soon as its length plus the straight line to e reaches the
-best length so far. What is dropped could not have won. Before there is a best length, a limit that
+**Search.** Of many planes round the line between two vertices s and e the shortest cuts win, one on
+each slope of lengths round the line; the best one, and those hardly longer, are shortened to
+locally shortest paths (_straightening_kernels.py). Before there is a best length, a limit that
 doubles until a path arrives stands in for it: else the wrong way round a large shape would be
 walked to its end. The caller says how long paths may be: a pair without a shorter one stays open.
+
+**Follow.** The geodesic of a pair close by tells where to look: distances change by at most
+the distance D of the ends. A search remembers its shortest cuts, the slopes, and the length below
+which there is no other; while that is at least the length of a path found from these slopes plus D,
+no other can be shorter and no search is needed. Pairs are followed within a chunk.
 """
 
 from __future__ import annotations
@@ -24,314 +19,379 @@ import math
 import numpy as np
 
 from medialis._kernels.jit import kernel
+from medialis.paths._plane_kernels import (
+    cut_from,
+    direction,
+    dot,
+    is_edge,
+    set_frame,
+    turn,
+    way_out,
+)
+from medialis.paths._straightening_kernels import make_room, straighten
 
 NONE, PLANE, EDGES = 0, 1, 2  # how a length was found
 OPEN = -1  # no path is short enough, a longer one may arrive
 
+SLOPES = 4
+"""Shortest cuts of a search that are remembered."""
+
+SIMILAR = 1.1
+"""Times the best length: cuts up to that are shortened, since they may become the shortest."""
+
+AROUND = 1.5
+"""Times the best length: what a search looks at that others follow."""
+
+BENT = 1.25
+"""Times the length that is expected of a followed path: what its plane cut may have."""
+
+ACROSS = 0.5
+"""Of the normal of a plane what must be left across the line between the ends of another pair."""
+
+BESIDE = math.radians(7.0)
+"""Between the three planes of a parabola."""
+
+MANY = 12
+"""Half-edges that a cut must cross for this to be worth while."""
+
 
 @kernel
-def trace_plane(
-    points, corners, twins, h, x, y, z, length, normal, offset, start, end, best, out_sides, out
+def _try_planes(
+    points, corners, twins, fan_offsets, fan, start, end, frame, planes, likely, limit, around,
+    length, way, near,
 ):  # fmt: skip
-    """Walk along a plane from half-edge h, which the path leaves through at (x, y, z).
+    """Lengths of the cuts in all directions, and the half-edges through whose faces they leave.
 
-    Returns the length up to vertex `end`, or inf when it ends at a border or comes back, and the
-    number of crossings. A path that is dropped has -1 crossings and a length that it would have
-    had at least, not below `best`. `out` receives the last point before the end;
-    `out_sides`, when it has room, the half-edges that the path leaves faces through.
+    Direction k is that of plane k, k + planes the opposite one. The planes are tried from number
+    `likely` outwards, so that a good bound comes early. Nothing longer than the limit, or than
+    `around` times the best length, is followed: its length is inf. Returns the best length, that
+    bound, and the least length that a dropped path would have had.
     """
-    ex, ey, ez = points[end, 0], points[end, 1], points[end, 2]
-    count = 0
-    nx, ny, nz = normal[0], normal[1], normal[2]
-    a = corners[h]
-    b = corners[h - 2 if h % 3 == 2 else h + 1]
-    da = nx * points[a, 0] + ny * points[a, 1] + nz * points[a, 2] - offset
-    db = nx * points[b, 0] + ny * points[b, 1] + nz * points[b, 2] - offset
-    for _ in range(len(corners) // 3):
-        if count < len(out_sides):
-            out_sides[count] = h
-        count += 1
-        rest = math.sqrt((x - ex) ** 2 + (y - ey) ** 2 + (z - ez) ** 2)
-        if length + rest >= best:
-            return length + rest, -1
-        t = twins[h]
-        if t < 0:
-            return math.inf, count
-        j = t % 3
-        after = t - 2 if j == 2 else t + 1
-        before = t + 2 if j == 0 else t - 1
-        c = corners[before]
-        if c == end:
-            out[0], out[1], out[2] = x, y, z
-            return length + rest, count
-        if c == start:  # once round without meeting the end: it lies on another piece of the cut
-            return math.inf, count
-        if corners[t] != a:  # neighbours that agree run along their edge in opposite directions
-            a, b, da, db = b, a, db, da
-        dc = nx * points[c, 0] + ny * points[c, 1] + nz * points[c, 2] - offset
-        if (dc >= 0.0) == (da >= 0.0):
-            h, a, da = after, b, db
-            b, db = c, dc
+    normal, nothing = np.empty(3), np.empty(0, np.int64)
+    best, least = math.inf, math.inf
+    length[:] = math.inf
+    for number in range(planes):
+        k = (number + 1) // 2 if number % 2 else -(number // 2)  # 0, +1, -1, +2, -2, ...
+        k = (likely + k) % planes
+        turn(frame, k * math.pi / planes, normal)
+        along, across = math.cos(k * math.pi / planes), math.sin(k * math.pi / planes)
+        for i in range(fan_offsets[start], fan_offsets[start + 1]):
+            found, count = cut_from(
+                points, corners, twins, fan[i], start, end, normal, limit, nothing, near
+            )
+            if count < 0:
+                least = min(least, found)
+                continue
+            if found >= limit:
+                continue
+            ahead = 0.0
+            for a in range(3):
+                ahead += (near[0, a] - points[start, a]) * (
+                    across * frame[0, a] - along * frame[1, a]
+                )
+            column = k if ahead >= 0.0 else k + planes
+            if found < length[column]:
+                length[column], way[column] = found, fan[i]
+                best = min(best, found)
+                limit = min(limit, around * best)
+    return best, limit, least
+
+
+@kernel
+def _lowest(length, limit, place):
+    """Directions at the foot of each slope of lengths, shortest first; how many, and the next one.
+
+    That is the length of the shortest one that there is no place for, at most the limit.
+    """
+    count, size = 0, len(length)
+    for k in range(size):
+        value = length[k]
+        if not (value < limit and value <= length[k - 1] and value < length[(k + 1) % size]):
+            continue
+        at = count
+        while at > 0 and length[place[at - 1]] > value:
+            at -= 1
+        if at == len(place):
+            limit = value
+            continue
+        if count == len(place):
+            limit = length[place[count - 1]]
         else:
-            h, b, db = before, a, da
-            a, da = c, dc
-        share = da / (da - db)
-        qx = points[a, 0] + share * (points[b, 0] - points[a, 0])
-        qy = points[a, 1] + share * (points[b, 1] - points[a, 1])
-        qz = points[a, 2] + share * (points[b, 2] - points[a, 2])
-        length += math.sqrt((qx - x) ** 2 + (qy - y) ** 2 + (qz - z) ** 2)
-        x, y, z = qx, qy, qz
-    return math.inf, count
+            count += 1
+        for i in range(count - 1, at, -1):
+            place[i] = place[i - 1]
+        place[at] = k
+    return count, limit
 
 
 @kernel
-def way_out(points, corners, h, normal, offset):
-    """Where a plane through the vertex that half-edge h leaves cuts the side across.
-
-    Returns the half-edge of that side, -1 when it is not cut, and the point.
-    """
-    across = h - 2 if h % 3 == 2 else h + 1
-    a = corners[across]
-    b = corners[across - 2 if across % 3 == 2 else across + 1]
-    da = normal[0] * points[a, 0] + normal[1] * points[a, 1] + normal[2] * points[a, 2] - offset
-    db = normal[0] * points[b, 0] + normal[1] * points[b, 1] + normal[2] * points[b, 2] - offset
-    if (da >= 0.0) == (db >= 0.0):
-        return -1, 0.0, 0.0, 0.0
-    share = da / (da - db)
-    x = points[a, 0] + share * (points[b, 0] - points[a, 0])
-    y = points[a, 1] + share * (points[b, 1] - points[a, 1])
-    z = points[a, 2] + share * (points[b, 2] - points[a, 2])
-    return across, x, y, z
+def _shorten(points, corners, twins, start, end, length, count, room):
+    """Length of the path in a strip once shortened; one too long for the room stays as it is."""
+    if count > len(room[0][0]):
+        return length
+    return min(length, straighten(points, corners, twins, start, end, count, room))
 
 
 @kernel
-def _shortest_on_plane(
-    points, corners, twins, fan_offsets, fan, start, end, normal, best, out_first, out_last
-):
-    """Shortest path from start to end on one plane, over all ways out of the start vertex.
+def _keep_ends(points, start, end, near, tangents):
+    """Write the directions in which a path leaves the start and arrives at the end."""
+    direction(points[start], near[0], tangents[0])
+    direction(near[1], points[end], tangents[1])
 
-    Returns its length, or `best` when none is shorter (then the points next to the ends are kept),
-    and the least length that a dropped path would have had (inf: none was dropped).
-    """
-    sx, sy, sz = points[start, 0], points[start, 1], points[start, 2]
-    offset = normal[0] * sx + normal[1] * sy + normal[2] * sz
-    nothing = np.empty(0, np.int64)
-    last = np.empty(3)
-    least = math.inf
-    for i in range(fan_offsets[start], fan_offsets[start + 1]):
-        across, x, y, z = way_out(points, corners, fan[i], normal, offset)
+
+@kernel
+def _way_towards(points, corners, fan_offsets, fan, start, normal, ahead):
+    """The half-edge through whose face a plane leaves the start most in a direction, or -1."""
+    offset, most, chosen = dot(normal, points[start]), -2.0, -1
+    for k in range(fan_offsets[start], fan_offsets[start + 1]):
+        across, x, y, z = way_out(points, corners, fan[k], normal, offset)
         if across < 0:
             continue
-        first = math.sqrt((x - sx) ** 2 + (y - sy) ** 2 + (z - sz) ** 2)
-        length, count = trace_plane(
-            points, corners, twins, across, x, y, z, first, normal, offset, start, end, best,
-            nothing, last,
-        )  # fmt: skip
-        if count < 0:
-            least = min(least, length)
-        elif length < best:
-            best = length
-            out_first[0], out_first[1], out_first[2] = x, y, z
-            out_last[0], out_last[1], out_last[2] = last[0], last[1], last[2]
-    return best, least
+        x, y, z = x - points[start, 0], y - points[start, 1], z - points[start, 2]
+        size = math.sqrt(x * x + y * y + z * z)
+        along = x * ahead[0] + y * ahead[1] + z * ahead[2]
+        if size > 0.0 and along > most * size:
+            most, chosen = along / size, fan[k]
+    return chosen
 
 
 @kernel
-def _is_edge(corners, fan_offsets, fan, start, end):
-    for i in range(fan_offsets[start], fan_offsets[start + 1]):
-        h = fan[i]
-        after = h - 2 if h % 3 == 2 else h + 1
-        before = h + 2 if h % 3 == 0 else h - 1
-        if corners[after] == end or corners[before] == end:
-            return True
-    return False
+def _descend(
+    points, corners, twins, fan_offsets, fan, start, end, frame, angle, length, ahead, room, normal
+):  # fmt: skip
+    """Turn a plane to where a parabola through the lengths of its cut and two others is lowest.
 
-
-@kernel
-def _set_frame(points, normals, start, end, frame):
-    """Rows: the plane normal to begin with, and the one at right angles to it; both normal to f.
-
-    The geodesic between the feature points of a ball runs close to the plane of the two surface
-    normals; where these are opposite, any plane through the end points will do.
+    Returns the length there, or that given where it is not less; `normal` receives the plane's.
     """
-    fx = points[end, 0] - points[start, 0]
-    fy = points[end, 1] - points[start, 1]
-    fz = points[end, 2] - points[start, 2]
-    length = math.sqrt(fx * fx + fy * fy + fz * fz)
-    if length == 0.0:
+    strip, near = room[0][0], room[4]
+    best = length
+    low = high = math.inf
+    turned = angle
+    for number in range(3):
+        shift = BESIDE if number == 1 else -BESIDE
+        if number == 2:
+            bend = low - 2.0 * length + high
+            if not 0.0 < bend < math.inf:
+                break
+            shift = min(max(0.5 * (low - high) / bend, -2.0), 2.0) * BESIDE
+        turn(frame, angle + shift, normal)
+        way = _way_towards(points, corners, fan_offsets, fan, start, normal, ahead)
+        found = math.inf
+        if way >= 0:
+            found, count = cut_from(
+                points, corners, twins, way, start, end, normal, SIMILAR * length, strip, near
+            )
+            if count < 0:
+                found = math.inf
+        if number == 0:
+            low = found
+        elif number == 1:
+            high = found
+        if found < best:
+            best, turned = found, angle + shift
+    turn(frame, turned, normal)
+    return best
+
+
+@kernel
+def _search(
+    points, corners, twins, fan_offsets, fan, start, end, frame, planes, likely, limit, longest,
+    around, room, length, way, place, tangents, slopes, normal,
+):  # fmt: skip
+    """Shortest path found in all directions: its length, bound, number of slopes.
+
+    The length is NaN if a longer path than `longest` may arrive. `tangents` are those at the ends,
+    `normal` that of its plane. Rows of `slopes`: direction at the start, normal of the plane,
+    length at least.
+    """
+    near = room[4]
+    limit = min(limit, longest)
+    while True:
+        best, bound, least = _try_planes(
+            points, corners, twins, fan_offsets, fan, start, end, frame, planes, likely, limit,
+            around, length, way, near,
+        )  # fmt: skip
+        if best < math.inf:
+            break
+        if least == math.inf:
+            return math.inf, math.inf, 0
+        if limit >= longest:
+            return math.nan, longest, 0
+        while limit <= least:  # no path arrives before
+            limit *= 2.0
+        limit = min(limit, longest)
+    count, bound = _lowest(length, bound, place)
+    shortest, ends = math.inf, np.empty((2, 3))
+    for i in range(count):
+        k, plane = place[i], np.empty(3)
+        angle = math.pi * (k % planes) / planes
+        turn(frame, angle, plane)
+        if length[k] > SIMILAR * best:
+            sign = 1.0 if k < planes else -1.0
+            for a in range(3):
+                towards = math.sin(angle) * frame[0, a] - math.cos(angle) * frame[1, a]
+                slopes[i, a], slopes[i, 3 + a] = sign * towards, plane[a]
+            slopes[i, 6] = length[k] / SIMILAR
+            continue
+        found, crossed = cut_from(
+            points, corners, twins, way[k], start, end, plane, math.inf, room[0][0], near
+        )
+        if crossed > MANY:
+            direction(points[start], near[0], ends[0])
+            lower = _descend(
+                points, corners, twins, fan_offsets, fan, start, end, frame, angle, found, ends[0],
+                room, plane,
+            )  # fmt: skip
+            leave = way[k]
+            if lower < found:
+                leave = _way_towards(points, corners, fan_offsets, fan, start, plane, ends[0])
+            found, crossed = cut_from(
+                points, corners, twins, leave, start, end, plane, math.inf, room[0][0], near
+            )
+        found = _shorten(points, corners, twins, start, end, found, crossed, room)
+        _keep_ends(points, start, end, near, ends)
+        slopes[i, 6] = found
+        for a in range(3):
+            slopes[i, a], slopes[i, 3 + a] = ends[0, a], plane[a]
+        if found < shortest:
+            shortest = found
+            for a in range(3):
+                tangents[0, a], tangents[1, a], normal[a] = ends[0, a], ends[1, a], plane[a]
+    return shortest, bound, count
+
+
+@kernel
+def _plane_along(frame, old, out):
+    """Normal of the plane through two vertices that is turned least from another plane's."""
+    u, w = dot(old, frame[0]), dot(old, frame[1])
+    size = math.sqrt(u * u + w * w)
+    if size < ACROSS:
         return False
-    fx, fy, fz = fx / length, fy / length, fz / length
-    mx = normals[start, 0] + normals[end, 0]
-    my = normals[start, 1] + normals[end, 1]
-    mz = normals[start, 2] + normals[end, 2]
-    ux, uy, uz = fy * mz - fz * my, fz * mx - fx * mz, fx * my - fy * mx
-    size = math.sqrt(ux * ux + uy * uy + uz * uz)
-    if size < 1e-6:  # the axis that f is least aligned with
-        if abs(fx) <= abs(fy) and abs(fx) <= abs(fz):
-            ux, uy, uz = 0.0, fz, -fy
-        elif abs(fy) <= abs(fz):
-            ux, uy, uz = -fz, 0.0, fx
-        else:
-            ux, uy, uz = fy, -fx, 0.0
-        size = math.sqrt(ux * ux + uy * uy + uz * uz)
-    ux, uy, uz = ux / size, uy / size, uz / size
-    frame[0, 0], frame[0, 1], frame[0, 2] = ux, uy, uz
-    frame[1, 0], frame[1, 1], frame[1, 2] = fy * uz - fz * uy, fz * ux - fx * uz, fx * uy - fy * ux
+    for a in range(3):
+        out[a] = (u * frame[0, a] + w * frame[1, a]) / size
     return True
 
 
 @kernel
-def _dot(a, b):
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-@kernel
-def _turn(frame, angle, out):
-    """Plane normal at an angle in the frame."""
-    for a in range(3):
-        out[a] = math.cos(angle) * frame[0, a] + math.sin(angle) * frame[1, a]
-
-
-@kernel
-def _best_plane(
-    points, corners, twins, fan_offsets, fan, start, end, frame, planes, halvings, likely,
-    limit, longest, out_first, out_last,
+def _follow(
+    points, corners, twins, fan_offsets, fan, start, end, frame, apart, slopes, count, room,
+    tangents, normal,
 ):  # fmt: skip
-    """Length and angle of the shortest path: evenly spread planes, then halving round the best.
+    """Length of the shortest path on the slopes of a pair that is `apart`; inf: search anew."""
+    near, plane = room[4], np.empty(3)
+    best, ends = math.inf, np.empty((2, 3))
+    for i in range(count):
+        if slopes[i, 6] - apart >= best:
+            continue
+        chosen = -1
+        if _plane_along(frame, slopes[i, 3:], plane):
+            chosen = _way_towards(points, corners, fan_offsets, fan, start, plane, slopes[i])
+        if chosen < 0:
+            return math.inf
+        expected = BENT * (slopes[i, 6] + apart)
+        found, crossed = cut_from(
+            points, corners, twins, chosen, start, end, plane, min(expected, SIMILAR * best),
+            room[0][0], near,
+        )  # fmt: skip
+        if crossed < 0 and SIMILAR * best < expected:
+            continue
+        if crossed < 0 or found == math.inf:
+            return math.inf
+        found = _shorten(points, corners, twins, start, end, found, crossed, room)
+        if found < best:
+            best = found
+            _keep_ends(points, start, end, near, ends)
+            for a in range(3):
+                tangents[0, a], tangents[1, a], normal[a] = ends[0, a], ends[1, a], plane[a]
+    return best
 
-    The planes are tried from number `likely` outwards, so that a good bound comes early; which one
-    wins does not depend on it. Without a path shorter than `longest` the length is inf, and NaN if
-    a longer one may arrive; `limit` is where the search for it begins.
-    """
-    normal = np.empty(3)
-    step = math.pi / planes
-    limit = min(limit, longest)
-    while True:
-        best, angle, least = limit, 0.0, math.inf
-        for turn in range(planes):
-            k = (turn + 1) // 2 if turn % 2 else -(turn // 2)  # 0, +1, -1, +2, -2, ...
-            alpha = ((likely + k) % planes) * step
-            _turn(frame, alpha, normal)
-            found, dropped = _shortest_on_plane(
-                points, corners, twins, fan_offsets, fan, start, end, normal, best,
-                out_first, out_last,
-            )  # fmt: skip
-            least = min(least, dropped)
-            if found < best:
-                best, angle = found, alpha
-        if best < limit:
-            break
-        if least == math.inf:
-            return math.inf, angle
-        if limit >= longest:
-            return math.nan, angle
-        while limit <= least:  # no path arrives before
-            limit *= 2.0
-        limit = min(limit, longest)
-    for _ in range(halvings):
-        step *= 0.5
-        middle = angle
-        for side in (-1.0, 1.0):
-            _turn(frame, middle + side * step, normal)
-            found, _ = _shortest_on_plane(
-                points, corners, twins, fan_offsets, fan, start, end, normal, best,
-                out_first, out_last,
-            )  # fmt: skip
-            if found < best:
-                best, angle = found, middle + side * step
-    return best, angle
+
+@kernel
+def _distance(points, a, b):
+    total = 0.0
+    for i in range(3):
+        total += (points[a, i] - points[b, i]) ** 2
+    return math.sqrt(total)
+
+
+@kernel
+def _nearest_search(points, start, end, starts, ends, rows, count, bounds, lengths):
+    """The nearest pair that was searched and has no other path within that distance, or -1."""
+    chosen, least = -1, math.inf
+    for k in range(count):
+        apart = _distance(points, start, starts[rows[k]]) + _distance(points, end, ends[rows[k]])
+        if apart < least and 2.0 * apart <= bounds[k] - lengths[k]:
+            chosen, least = k, apart
+    return chosen, least
 
 
 @kernel
 def trace_geodesics(
-    begin, end_row, rows, limits, longest,
-    points, normals, corners, twins, fan_offsets, fan, component,
-    starts, ends, planes, halvings,
+    begin, end_row, rows, limits, longest, points, normals, corners, twins, fan_offsets, fan,
+    component, starts, ends, planes, following,
     out_length, out_start_tangent, out_end_tangent, out_normal, out_status,
 ):  # fmt: skip
     """Shortest straightest geodesics of the pairs rows[begin..end_row].
 
     They are looked for among paths of up to limits[row] first, then among longer ones, up to
-    longest[row].
+    longest[row]. With `following` pairs follow those of the range that are near.
     """
-    frame = np.empty((2, 3))
-    first, last = np.empty(3), np.empty(3)
+    frame, tangents, normal = np.empty((2, 3)), np.empty((2, 3)), np.empty(3)
+    length, way = np.empty(2 * planes), np.empty(2 * planes, np.int64)
+    place, room = np.empty(SLOPES, np.int64), make_room(len(corners) // 3)
+    most = end_row - begin if following else 1
+    searched, bounds, lengths = np.empty(most, np.int64), np.empty(most), np.empty(most)
+    slopes, counts, known = np.empty((most, SLOPES, 7)), np.empty(most, np.int64), 0
     old = np.zeros(3)  # plane normal that won for the previous pair
-    has_old = False
     for r in range(begin, end_row):
         row = rows[r]
         start, end = starts[row], ends[row]
-        out_length[row] = math.inf
-        out_status[row] = NONE
+        out_length[row], out_status[row] = math.inf, NONE
         if start < 0 or end < 0:
             out_length[row] = math.nan
             continue
-        if start == end:
-            out_length[row] = 0.0
-            out_status[row] = PLANE
-            continue
         if component[start] != component[end]:
             continue
-        if not _set_frame(points, normals, start, end, frame):
-            out_length[row] = 0.0  # two vertices at the same place
-            out_status[row] = PLANE
+        if start == end or not set_frame(points, normals, start, end, frame):
+            out_length[row], out_status[row] = 0.0, PLANE  # one vertex, or two at the same place
             continue
-        if _is_edge(corners, fan_offsets, fan, start, end):
-            best = 0.0
-            for a in range(3):
-                first[a], last[a] = points[end, a], points[start, a]
-                best += (points[end, a] - points[start, a]) ** 2
-            best = math.sqrt(best)
-        else:
-            likely = 0
-            if has_old:
-                u, w = _dot(old, frame[0]), _dot(old, frame[1])
-                likely = round(math.atan2(w, u) * planes / math.pi) if u * u + w * w > 0.25 else 0
-            best, angle = _best_plane(
-                points, corners, twins, fan_offsets, fan, start, end, frame, planes, halvings,
-                likely, limits[row], longest[row], first, last,
-            )  # fmt: skip
-            if math.isnan(best):
-                best = math.inf
-                out_status[row] = OPEN
-            if best < math.inf:
-                _turn(frame, angle, old)
-                has_old = True
-                for a in range(3):
-                    out_normal[row, a] = old[a]
+        if is_edge(corners, fan_offsets, fan, start, end):
+            out_length[row], out_status[row] = _distance(points, start, end), PLANE
+            direction(points[start], points[end], out_start_tangent[row])
+            direction(points[start], points[end], out_end_tangent[row])
+            continue
+        best, tangents[:] = math.inf, math.nan
+        if following:
+            near, apart = _nearest_search(
+                points, start, end, starts, ends, searched, known, bounds, lengths
+            )
+            if near >= 0:
+                if counts[near] == 0:
+                    out_status[row] = OPEN
+                    continue
+                best = _follow(
+                    points, corners, twins, fan_offsets, fan, start, end, frame, apart,
+                    slopes[near], counts[near], room, tangents, normal,
+                )  # fmt: skip
+                if best + apart > bounds[near]:
+                    best = math.inf
         if best == math.inf:
-            continue
-        out_length[row] = best
-        out_status[row] = PLANE
-        direction(points[start], first, out_start_tangent[row])
-        direction(last, points[end], out_end_tangent[row])
-
-
-@kernel
-def direction(a, b, out):
-    """Write the unit vector from a to b; nothing where they coincide."""
-    size = math.sqrt((b[0] - a[0]) ** 2 + (b[1] - a[1]) ** 2 + (b[2] - a[2]) ** 2)
-    if size > 0.0:
-        for i in range(3):
-            out[i] = (b[i] - a[i]) / size
-
-
-@kernel
-def record_cut(points, corners, twins, fan_offsets, fan, start, end, normal, out_sides):
-    """Half-edges that the shortest path on one plane crosses; returns how many."""
-    first, last = np.empty(3), np.empty(3)
-    _shortest_on_plane(
-        points, corners, twins, fan_offsets, fan, start, end, normal, np.inf, first, last
-    )
-    offset = _dot(normal, points[start])
-    for i in range(fan_offsets[start], fan_offsets[start + 1]):
-        across, x, y, z = way_out(points, corners, fan[i], normal, offset)
-        if across < 0:
-            continue
-        if x == first[0] and y == first[1] and z == first[2]:
-            _, count = trace_plane(
-                points, corners, twins, across, x, y, z, 0.0, normal, offset, start, end, np.inf,
-                out_sides, last,
+            u, w = dot(old, frame[0]), dot(old, frame[1])
+            likely = round(math.atan2(w, u) * planes / math.pi) if u * u + w * w > 0.25 else 0
+            this = min(known, most - 1)
+            best, bounds[this], counts[this] = _search(
+                points, corners, twins, fan_offsets, fan, start, end, frame, planes, likely,
+                limits[row], longest[row], AROUND if following else SIMILAR, room, length, way,
+                place, tangents, slopes[this], normal,
             )  # fmt: skip
-            return count
-    return 0
+            if best < math.inf or math.isnan(best):
+                searched[this], known = row, this + 1
+                lengths[this] = best if best < math.inf else 0.0
+        if math.isnan(best):
+            out_status[row] = OPEN
+        if best < math.inf:
+            out_length[row], out_status[row] = best, PLANE
+            for a in range(3):
+                old[a] = out_normal[row, a] = normal[a]
+                out_start_tangent[row, a] = tangents[0, a]
+                out_end_tangent[row, a] = tangents[1, a]

@@ -19,16 +19,15 @@ from medialis.surface.given_shapes import ShapeLike, as_shape
 from medialis.threads import run_chunks, run_patiently
 from medialis.validation import FloatArray, IntArray
 
-HALVINGS = 4
-"""Of the angle between planes, round the best one: 18 degrees become about 1. Eight extra paths
-bring the median error of the default from 0.01 % down to 0.001 % (docs/benchmarks.md)."""
-
 FIRST_LIMIT = 1.7
 """Times the straight line between the ends, where the search for plane cuts begins; a half circle
 has pi / 2."""
 
 NEAR = 3.4
 """Times the straight line: pairs without a plane cut as short as this are looked at anew."""
+
+NEAR_EDGES = 16
+"""Or this many spacings, where pairs follow others: in thin walls the straight line is short."""
 
 OPEN_SHARE, MOST_BOUNDED = 0.1, 100_000
 """Where more pairs than this part of the vertices are open then, as on crumpled surfaces and thin
@@ -39,8 +38,11 @@ BOUNDING, DETOUR = 16, 1.25
 """Landmarks that do, and how many times as long as a path along the edges through one of them plane
 cuts may be: longer ones are not straight, they go the wrong way round."""
 
-PAIRS_A_CHUNK = 128
+PAIRS_A_CHUNK = 256
 SEARCHES_A_CHUNK = 16
+
+CELLS = 1024
+"""Along the largest side of the box, for the order of pairs."""
 
 SETTLED, SETTLED_A_VERTEX, MOST_SETTLED = 1_000_000, 110, 10_000_000
 """Vertices that all searches along edges may look at: so many, so many for each vertex of the shape
@@ -142,8 +144,7 @@ def geodesic_lengths(
     steps = Progress.of(progress)
     shape = as_shape(shape, steps)
     ends = as_pairs(pairs, shape.point_count)
-    out = _trace(shape, ends, options.directions, steps)
-    return GeodesicPaths(out["length"], out["start_tangent"], out["end_tangent"], out["status"])
+    return trace(shape, ends, options.directions, False, steps)
 
 
 def surface_walk(shape: Shape) -> Walk:
@@ -166,12 +167,15 @@ def surface_walk(shape: Shape) -> Walk:
     return shape.points, shape.faces.ravel(), shape.edge_twins, fans.offsets, fans.indices
 
 
-def _trace(
-    shape: Shape, ends: NDArray[np.int32], directions: int, progress: Progress
-) -> dict[str, NDArray[Any]]:
-    """Cut all pairs by planes; follow the edges where no plane cut arrives."""
+def trace(
+    shape: Shape, ends: NDArray[np.int32], directions: int, following: bool, progress: Progress
+) -> GeodesicPaths:
+    """Cut all pairs by planes, with `following` few in all directions and the others as these.
+
+    Where no plane cut arrives, follow the edges.
+    """
     with progress.stage("geodesics", 0.0, 0.9):
-        out = cut_by_planes(shape, ends, directions, progress)
+        out = cut_by_planes(shape, ends, directions, progress, following)
     components = shape.components
     starts, goals = ends.T
     with progress.stage("edge paths", 0.9, 1.0):
@@ -188,7 +192,7 @@ def _trace(
         rows = rows[out["status"][rows] == PathStatus.NONE]
         with progress.stage("edge paths", 0.9, 1.0):
             _follow_edges(shape, ends, rows, shape.point_count, out, progress)
-    return out
+    return GeodesicPaths(out["length"], out["start_tangent"], out["end_tangent"], out["status"])
 
 
 def _most_settled(shape: Shape, a_vertex: int) -> int:
@@ -286,14 +290,18 @@ def _from_landmarks(
 
 
 def cut_by_planes(
-    shape: Shape, ends: NDArray[np.int32], directions: int, progress: Progress
+    shape: Shape,
+    ends: NDArray[np.int32],
+    directions: int,
+    progress: Progress,
+    following: bool = False,
 ) -> dict[str, NDArray[Any]]:
-    """Shortest plane cut of each pair, with the plane's normal (NaN: an edge, or one place)."""
+    """Shortest plane cut of each pair, shortened, and its plane's normal (NaN: an edge, a place)."""
     from medialis.paths._geodesic_kernels import OPEN, trace_geodesics
 
     k = len(ends)
     out: dict[str, NDArray[Any]] = {
-        "length": np.empty(k),
+        "length": np.full(k, np.inf),
         "start_tangent": np.full((k, 3), np.nan),
         "end_tangent": np.full((k, 3), np.nan),
         "normal": np.full((k, 3), np.nan),
@@ -307,21 +315,36 @@ def cut_by_planes(
         def trace(begin: int, end: int) -> None:
             trace_geodesics(
                 begin, end, rows, limits, longest, points, shape.normals, *connectivity, components,
-                starts, goals, math.ceil(directions / 2), HALVINGS, *out.values(),
+                starts, goals, math.ceil(directions / 2), following, *out.values(),
             )  # fmt: skip
 
         run_chunks(trace, len(rows), PAIRS_A_CHUNK, progress=progress)
 
     with progress.stage("geodesics", 0.0, 0.8):
         straight = np.linalg.norm(points[starts] - points[goals], axis=1)
-        trace_all(np.arange(k), FIRST_LIMIT * straight, NEAR * straight)
-    rows = np.flatnonzero(out["status"] == OPEN)
+        least = NEAR_EDGES * shape.spacing if following else 0.0
+        order = run_patiently(lambda: _along_space(points, starts), progress)
+        trace_all(order, FIRST_LIMIT * straight, np.maximum(NEAR * straight, least))
+    rows = order[out["status"][order] == OPEN]
     with progress.stage("geodesics", 0.8, 1.0):
         longest = _longest_cuts(shape, ends, rows, progress)
         usual = np.where(np.isfinite(longest), longest / 2, 0.0)
         trace_all(rows, np.maximum(usual, 2 * NEAR * straight), longest)
     out["status"][rows] = np.maximum(out["status"][rows], PathStatus.NONE)
     return out
+
+
+def _along_space(points: FloatArray, starts: NDArray[np.int32]) -> NDArray[np.int64]:
+    """Return an order in which pairs with starts close together follow each other: a Z-curve."""
+    low, high = points.min(axis=0, initial=np.inf), points.max(axis=0, initial=-np.inf)
+    cell = (points - low) * (CELLS / max(float((high - low).max(initial=0.0)), 1e-300))
+    code = np.zeros(len(points), np.int64)
+    for axis in range(3):
+        part = np.minimum(cell[:, axis], CELLS - 1).astype(np.int64)
+        for shift, mask in ((16, 0x30000FF), (8, 0x300F00F), (4, 0x30C30C3), (2, 0x9249249)):
+            part = (part | part << shift) & mask
+        code |= part << axis
+    return np.argsort(code[starts], kind="stable")
 
 
 def _longest_cuts(

@@ -19,7 +19,7 @@ from medialis.kept import kept
 from medialis.model.geodesic_paths import GeodesicPaths, Importance, PathStatus
 from medialis.model.medial_cloud import Balls, MedialCloud
 from medialis.options import Options, algorithm, length
-from medialis.paths.geodesics import GeodesicOptions, geodesic_lengths, surface_walk
+from medialis.paths.geodesics import GeodesicOptions, as_pairs, surface_walk, trace
 from medialis.progress import Progress
 from medialis.threads import run_patiently
 from medialis.validation import FloatArray
@@ -76,7 +76,8 @@ def geodesic_importance(
     True
     """
     pairs = np.where(cloud.valid[:, None], cloud.features, -1)
-    paths = geodesic_lengths(cloud.surface, pairs, directions=options.directions, progress=progress)
+    ends = as_pairs(pairs, cloud.surface.point_count)
+    paths = trace(cloud.surface, ends, options.directions, True, progress)
     known = vars(run_patiently(lambda: relax(cloud, paths), progress))
     return Importance(**{f.name: known[f.name] for f in fields(GeodesicPaths)}, cloud=cloud)
 

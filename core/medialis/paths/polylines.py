@@ -150,7 +150,7 @@ def _shortest(
 ) -> Geodesic | None:
     """Shorten the plane cut and the path along the edges; the lower vertex first, for symmetry."""
     from medialis.paths._edge_path_kernels import short_path
-    from medialis.paths._geodesic_kernels import record_cut
+    from medialis.paths._plane_kernels import record_cut
     from medialis.paths._shortening_kernels import shorten
 
     low, high = np.sort(ends)

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from medialis._kernels.jit import kernel
-from medialis.paths._geodesic_kernels import trace_plane, way_out
+from medialis.paths._plane_kernels import trace_plane, way_out
 
 
 @kernel

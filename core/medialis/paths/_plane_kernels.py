@@ -1,0 +1,202 @@
+"""Kernels that walk along a plane through two vertices (thesis 3.3.1-3.3.2; see geodesics.py).
+
+A plane through the end points s and e cuts the surface in a curve; walking along it from s,
+triangle by triangle, costs one dot product a step: the plane distance of the one new vertex tells
+through which edge the curve leaves.
+
+Half-edges: number 3 f + j is the side of face f from corner j to corner j + 1; `twins` gives the
+half-edge of the other face, -1 at a border or where three or more faces meet (a path ends there).
+
+Sign rule: a vertex on the plane counts as above (distance >= 0). So every triangle is cut in no
+or two sides, a path has one continuation, and no path is lost or counted twice. A plane cuts a
+triangle in one segment, so a path visits a face at most once: m steps are the bound.
+
+Admissible bound: a path is dropped as soon as its length plus the straight line to e reaches the
+best length so far. What is dropped could not have won.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from medialis._kernels.jit import kernel
+
+
+@kernel
+def trace_plane(
+    points, corners, twins, h, x, y, z, length, normal, offset, start, end, best, out_sides, out
+):  # fmt: skip
+    """Walk along a plane from half-edge h, which the path leaves through at (x, y, z).
+
+    Returns the length up to vertex `end`, or inf when it ends at a border or comes back, and the
+    number of crossings. A path that is dropped has -1 crossings and a length that it would have
+    had at least, not below `best`. `out` receives the last point before the end;
+    `out_sides`, when it has room, the half-edges that the path leaves faces through.
+    """
+    ex, ey, ez = points[end, 0], points[end, 1], points[end, 2]
+    count = 0
+    nx, ny, nz = normal[0], normal[1], normal[2]
+    a = corners[h]
+    b = corners[h - 2 if h % 3 == 2 else h + 1]
+    da = nx * points[a, 0] + ny * points[a, 1] + nz * points[a, 2] - offset
+    db = nx * points[b, 0] + ny * points[b, 1] + nz * points[b, 2] - offset
+    for _ in range(len(corners) // 3):
+        if count < len(out_sides):
+            out_sides[count] = h
+        count += 1
+        rest = math.sqrt((x - ex) ** 2 + (y - ey) ** 2 + (z - ez) ** 2)
+        if length + rest >= best:
+            return length + rest, -1
+        t = twins[h]
+        if t < 0:
+            return math.inf, count
+        j = t % 3
+        after = t - 2 if j == 2 else t + 1
+        before = t + 2 if j == 0 else t - 1
+        c = corners[before]
+        if c == end:
+            out[0], out[1], out[2] = x, y, z
+            return length + rest, count
+        if c == start:  # once round without meeting the end: it lies on another piece of the cut
+            return math.inf, count
+        if corners[t] != a:  # neighbours that agree run along their edge in opposite directions
+            a, b, da, db = b, a, db, da
+        dc = nx * points[c, 0] + ny * points[c, 1] + nz * points[c, 2] - offset
+        if (dc >= 0.0) == (da >= 0.0):
+            h, a, da = after, b, db
+            b, db = c, dc
+        else:
+            h, b, db = before, a, da
+            a, da = c, dc
+        share = da / (da - db)
+        qx = points[a, 0] + share * (points[b, 0] - points[a, 0])
+        qy = points[a, 1] + share * (points[b, 1] - points[a, 1])
+        qz = points[a, 2] + share * (points[b, 2] - points[a, 2])
+        length += math.sqrt((qx - x) ** 2 + (qy - y) ** 2 + (qz - z) ** 2)
+        x, y, z = qx, qy, qz
+    return math.inf, count
+
+
+@kernel
+def way_out(points, corners, h, normal, offset):
+    """Where a plane through the vertex that half-edge h leaves cuts the side across.
+
+    Returns the half-edge of that side, -1 when it is not cut, and the point.
+    """
+    across = h - 2 if h % 3 == 2 else h + 1
+    a = corners[across]
+    b = corners[across - 2 if across % 3 == 2 else across + 1]
+    da = normal[0] * points[a, 0] + normal[1] * points[a, 1] + normal[2] * points[a, 2] - offset
+    db = normal[0] * points[b, 0] + normal[1] * points[b, 1] + normal[2] * points[b, 2] - offset
+    if (da >= 0.0) == (db >= 0.0):
+        return -1, 0.0, 0.0, 0.0
+    share = da / (da - db)
+    x = points[a, 0] + share * (points[b, 0] - points[a, 0])
+    y = points[a, 1] + share * (points[b, 1] - points[a, 1])
+    z = points[a, 2] + share * (points[b, 2] - points[a, 2])
+    return across, x, y, z
+
+
+@kernel
+def is_edge(corners, fan_offsets, fan, start, end):
+    for i in range(fan_offsets[start], fan_offsets[start + 1]):
+        h = fan[i]
+        after = h - 2 if h % 3 == 2 else h + 1
+        before = h + 2 if h % 3 == 0 else h - 1
+        if corners[after] == end or corners[before] == end:
+            return True
+    return False
+
+
+@kernel
+def set_frame(points, normals, start, end, frame):
+    """Rows: the plane normal to begin with, and the one at right angles to it; both normal to f.
+
+    The geodesic between the feature points of a ball runs close to the plane of the two surface
+    normals; where these are opposite, any plane through the end points will do.
+    """
+    fx = points[end, 0] - points[start, 0]
+    fy = points[end, 1] - points[start, 1]
+    fz = points[end, 2] - points[start, 2]
+    length = math.sqrt(fx * fx + fy * fy + fz * fz)
+    if length == 0.0:
+        return False
+    fx, fy, fz = fx / length, fy / length, fz / length
+    mx = normals[start, 0] + normals[end, 0]
+    my = normals[start, 1] + normals[end, 1]
+    mz = normals[start, 2] + normals[end, 2]
+    ux, uy, uz = fy * mz - fz * my, fz * mx - fx * mz, fx * my - fy * mx
+    size = math.sqrt(ux * ux + uy * uy + uz * uz)
+    if size < 1e-6:  # the axis that f is least aligned with
+        if abs(fx) <= abs(fy) and abs(fx) <= abs(fz):
+            ux, uy, uz = 0.0, fz, -fy
+        elif abs(fy) <= abs(fz):
+            ux, uy, uz = -fz, 0.0, fx
+        else:
+            ux, uy, uz = fy, -fx, 0.0
+        size = math.sqrt(ux * ux + uy * uy + uz * uz)
+    ux, uy, uz = ux / size, uy / size, uz / size
+    frame[0, 0], frame[0, 1], frame[0, 2] = ux, uy, uz
+    frame[1, 0], frame[1, 1], frame[1, 2] = fy * uz - fz * uy, fz * ux - fx * uz, fx * uy - fy * ux
+    return True
+
+
+@kernel
+def dot(a, b):
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@kernel
+def turn(frame, angle, out):
+    """Plane normal at an angle in the frame."""
+    for a in range(3):
+        out[a] = math.cos(angle) * frame[0, a] + math.sin(angle) * frame[1, a]
+
+
+@kernel
+def direction(a, b, out):
+    """Write the unit vector from a to b; nothing where they coincide."""
+    size = math.sqrt((b[0] - a[0]) ** 2 + (b[1] - a[1]) ** 2 + (b[2] - a[2]) ** 2)
+    if size > 0.0:
+        for i in range(3):
+            out[i] = (b[i] - a[i]) / size
+
+
+@kernel
+def cut_from(points, corners, twins, h, start, end, normal, best, strip, near):
+    """Length of the path on a plane that leaves the start through the face of half-edge h.
+
+    Returns also the number of half-edges that it crosses, which go to `strip`: -1 where it is
+    dropped (see `trace_plane`). `near` receives its points next to both ends. Where the plane does
+    not cut that face the length is inf.
+    """
+    offset = dot(normal, points[start])
+    across, x, y, z = way_out(points, corners, h, normal, offset)
+    if across < 0:
+        return math.inf, 0
+    near[0, 0], near[0, 1], near[0, 2] = x, y, z
+    first = 0.0
+    for i in range(3):
+        first += (near[0, i] - points[start, i]) ** 2
+    return trace_plane(
+        points, corners, twins, across, x, y, z, math.sqrt(first), normal, offset, start, end, best,
+        strip, near[1],
+    )  # fmt: skip
+
+
+@kernel
+def record_cut(points, corners, twins, fan_offsets, fan, start, end, normal, out_sides):
+    """Half-edges that the shortest path on one plane crosses; returns how many."""
+    nothing, near = np.empty(0, np.int64), np.empty((2, 3))
+    best, way = np.inf, -1
+    for i in range(fan_offsets[start], fan_offsets[start + 1]):
+        length, count = cut_from(
+            points, corners, twins, fan[i], start, end, normal, best, nothing, near
+        )
+        if count >= 0 and length < best:
+            best, way = length, fan[i]
+    if way < 0:
+        return 0
+    return cut_from(points, corners, twins, way, start, end, normal, np.inf, out_sides, near)[1]

@@ -1,0 +1,327 @@
+"""Kernels that shorten a plane cut to a locally shortest path (see geodesics.py).
+
+A path is the strip of half-edges through which it leaves the faces that it crosses. Two steps
+alternate. **Tighten**: the strip is laid into the plane, where the funnel algorithm (Lee and
+Preparata 1984) finds the shortest path between its sides; it bends at vertices. **Reroute**: where
+less than pi lies on the other side of such a vertex, the strip goes round it on that side. Angles
+are products of complex numbers, which take no arc tangents. Shortening ends where no vertex is left
+out or a round gains less than GAIN.
+
+This is what `_shortening_kernels.shorten` does for polylines, which may pass through vertices, at a
+tenth of its cost: paths here begin as plane cuts, which cross edges only.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from medialis._kernels.jit import kernel
+from medialis.paths._funnel_kernels import next_side, previous_side
+
+ROOM = 16384
+"""Half-edges of the longest strip that is shortened."""
+
+WIDEST = 256
+"""Half-edges that a path may cross round a vertex."""
+
+GAIN = 1e-5
+"""Share of its length that a round must gain for another one."""
+
+ROUNDS = 16
+"""At most: what needs more is a detour and comes hardly nearer."""
+
+STRAIGHT = 1e-7  # less than pi by this angle saves 1e-15 of the length
+
+
+@kernel
+def make_room(faces):
+    """Return the arrays that `straighten` works in: for strips, their ends, places in the plane."""
+    size = min(faces + 1, ROOM)
+    return (
+        np.empty((2, size), np.int64), np.empty((4, size), np.int64), np.empty((4, size)),
+        np.empty(WIDEST, np.int64), np.empty((2, 3)),
+    )  # fmt: skip
+
+
+@kernel
+def _first_portal(points, a, b, start, ends, flat):
+    """Lay the half-edge a-b, seen from the start, into the plane: a on the axis, b left of it."""
+    aa = ab = bb = 0.0
+    for i in range(3):
+        u, w = points[a, i] - points[start, i], points[b, i] - points[start, i]
+        aa += u * u
+        ab += u * w
+        bb += w * w
+    size = math.sqrt(aa)
+    ends[0, 0], ends[1, 0] = b, a
+    flat[2, 0], flat[3, 0] = size, 0.0
+    if size > 0.0:
+        flat[0, 0], flat[1, 0] = ab / size, math.sqrt(max(aa * bb - ab * ab, 0.0)) / size
+    else:
+        flat[0, 0], flat[1, 0] = 0.0, math.sqrt(bb)
+
+
+@kernel
+def _unfold(points, corners, twins, strip, count, start, ends, flat):
+    """Lay a strip into the plane, with the start at the origin; returns the place of the end.
+
+    Rows of `ends`: the left and the right end of each half-edge; of `flat`: x and y of both.
+    """
+    h = strip[0]
+    _first_portal(points, corners[h], corners[next_side(h)], start, ends, flat)
+    left, right = ends[0, 0], ends[1, 0]
+    lx, ly, rx, ry = flat[0, 0], flat[1, 0], flat[2, 0], flat[3, 0]
+    px, py, pz = points[left, 0], points[left, 1], points[left, 2]
+    qx, qy, qz = points[right, 0], points[right, 1], points[right, 2]
+    x = y = 0.0
+    for k in range(count):
+        c = corners[previous_side(twins[strip[k]])]
+        cx, cy, cz = points[c, 0], points[c, 1], points[c, 2]
+        ex, ey, ez = qx - px, qy - py, qz - pz
+        wx, wy, wz = cx - px, cy - py, cz - pz
+        ee = ex * ex + ey * ey + ez * ez
+        along, high = ex * wx + ey * wy + ez * wz, 0.0
+        if ee > 0.0:
+            high = math.sqrt(max((wx * wx + wy * wy + wz * wz) * ee - along * along, 0.0)) / ee
+            along /= ee
+        fx, fy = rx - lx, ry - ly
+        x, y = lx + along * fx - high * fy, ly + along * fy + high * fx
+        if k + 1 == count:
+            break
+        g = strip[k + 1]
+        if corners[g] == right or corners[next_side(g)] == right:
+            left, lx, ly, px, py, pz = c, x, y, cx, cy, cz
+        else:
+            right, rx, ry, qx, qy, qz = c, x, y, cx, cy, cz
+        ends[0, k + 1], ends[1, k + 1] = left, right
+        flat[0, k + 1], flat[1, k + 1], flat[2, k + 1], flat[3, k + 1] = lx, ly, rx, ry
+    return x, y
+
+
+@kernel
+def _left_of(ox, oy, ax, ay, bx, by):
+    """Positive where b lies left of the ray from o through a."""
+    return (ax - ox) * (by - oy) - (ay - oy) * (bx - ox)
+
+
+@kernel
+def _funnel(count, ends, flat, x, y):
+    """Length of the shortest path in a strip, and how many times it bends.
+
+    Row 2 of `ends` tells at which half-edges, row 3 on which side: 0 left, 1 right.
+    """
+    ax = ay = length = 0.0
+    bends, k, at_left, at_right = 0, 1, 0, 0
+    lx, ly, rx, ry = flat[0, 0], flat[1, 0], flat[2, 0], flat[3, 0]
+    while k <= count:
+        nlx, nly, nrx, nry = x, y, x, y
+        if k < count:
+            nlx, nly, nrx, nry = flat[0, k], flat[1, k], flat[2, k], flat[3, k]
+        side = -1
+        if _left_of(ax, ay, rx, ry, nrx, nry) >= 0.0:
+            if _left_of(ax, ay, lx, ly, nrx, nry) <= 0.0:
+                rx, ry, at_right = nrx, nry, k
+            else:
+                side = 0
+        if side < 0 and _left_of(ax, ay, lx, ly, nlx, nly) <= 0.0:
+            if _left_of(ax, ay, rx, ry, nlx, nly) >= 0.0:
+                lx, ly, at_left = nlx, nly, k
+            else:
+                side = 1
+        k += 1
+        if side < 0:
+            continue
+        bend = at_left if side == 0 else at_right
+        bx, by = flat[2 * side, bend], flat[2 * side + 1, bend]
+        length += math.sqrt((bx - ax) ** 2 + (by - ay) ** 2)
+        ends[2, bends], ends[3, bends] = bend, side
+        bends += 1
+        ax, ay = bx, by
+        k = bend + 1
+        while k < count and ends[side, k] == ends[side, bend]:
+            k += 1
+        if k >= count:
+            break
+        lx, ly, rx, ry, at_left, at_right = flat[0, k], flat[1, k], flat[2, k], flat[3, k], k, k
+        k += 1
+    return length + math.sqrt((x - ax) ** 2 + (y - ay) ** 2), bends
+
+
+@kernel
+def _other_side(points, corners, twins, v, h, last, re, im, re_end, im_end, out):
+    """Half-edges that a path round the other side of v crosses (in `out`), 0 if it is not shorter.
+
+    It begins in the face of half-edge h and ends in the face `last`; re and im are the rotation
+    from the way in to the rim of the first face, re_end and im_end that from the last one on.
+    """
+    count = 0
+    while count < len(out):
+        out[count] = previous_side(h) if corners[h] == v else next_side(h)
+        t = twins[out[count]]
+        count += 1
+        if t < 0:
+            return 0
+        if t // 3 == last:
+            x, y = re * re_end - im * im_end, re * im_end + im * re_end
+            shorter = y > -STRAIGHT * x if x < 0.0 else y >= 0.0
+            return count if shorter else 0
+        a, b = corners[t], corners[previous_side(t)]
+        if a == v:
+            a = corners[next_side(t)]
+        uu = ww = along = 0.0
+        for i in range(3):
+            u, w = points[a, i] - points[v, i], points[b, i] - points[v, i]
+            uu += u * u
+            ww += w * w
+            along += u * w
+        across = math.sqrt(max(uu * ww - along * along, 0.0))
+        re, im = re * along - im * across, re * across + im * along
+        if im < 0.0 or (im == 0.0 and re < 0.0):
+            return 0
+        size = abs(re) + im
+        if size > 0.0:
+            re, im = re / size, im / size
+        h = t
+    return 0
+
+
+@kernel
+def _rotation(vx, vy, ax, ay, bx, by, side):
+    """Rotation about v from a to b, as a complex number; on the left it runs clockwise."""
+    ax, ay, bx, by = ax - vx, ay - vy, bx - vx, by - vy
+    turn = ax * by - ay * bx
+    return ax * bx + ay * by, max(turn if side == 1 else -turn, 0.0)  # below 0 by rounding alone
+
+
+@kernel
+def _reroute(points, corners, twins, strip, count, ends, flat, x, y, bends, turned, out):
+    """Lead a strip round the other side of its bends where that is shorter; returns its size or -1.
+
+    Of two bends at the same half-edge only the first one is left out.
+    """
+    written = done = 0
+    changed = False
+    old_x = old_y = 0.0
+    for i in range(bends):
+        bend, side = ends[2, i], ends[3, i]
+        v, vx, vy = ends[side, bend], flat[2 * side, bend], flat[2 * side + 1, bend]
+        next_x, next_y = x, y
+        if i + 1 < bends:
+            at, row = ends[2, i + 1], 2 * ends[3, i + 1]
+            next_x, next_y = flat[row, at], flat[row + 1, at]
+        begin = stop = bend
+        while begin > 0 and ends[side, begin - 1] == v:
+            begin -= 1
+        while stop + 1 < count and ends[side, stop + 1] == v:
+            stop += 1
+        before_x, before_y, old_x, old_y = old_x, old_y, vx, vy
+        if begin < done:
+            continue
+        in_x = in_y = 0.0
+        if begin > 0:
+            in_x, in_y = flat[2 * side, begin - 1], flat[2 * side + 1, begin - 1]
+        out_x, out_y = x, y
+        if stop + 1 < count:
+            out_x, out_y = flat[2 * side, stop + 1], flat[2 * side + 1, stop + 1]
+        re, im = _rotation(vx, vy, before_x, before_y, in_x, in_y, side)
+        re_end, im_end = _rotation(vx, vy, out_x, out_y, next_x, next_y, side)
+        crossed = _other_side(
+            points, corners, twins, v, strip[begin], twins[strip[stop]] // 3, re, im,
+            re_end, im_end, turned,
+        )  # fmt: skip
+        if crossed == 0 or written + begin - done + crossed + count - stop > len(out):
+            continue
+        for k in range(done, begin):
+            out[written] = strip[k]
+            written += 1
+        for k in range(crossed):
+            out[written] = turned[k]
+            written += 1
+        done, changed = stop + 1, True
+    for k in range(done, count):
+        if written == len(out):
+            return -1
+        out[written] = strip[k]
+        written += 1
+    return written if changed else -1
+
+
+@kernel
+def _trim(corners, twins, start, end, strip, count):
+    """Take out ways there and back, and half-edges at both ends; returns how many are left."""
+    kept = 0
+    for k in range(count):
+        if kept > 0 and twins[strip[kept - 1]] == strip[k]:
+            kept -= 1
+        else:
+            strip[kept] = strip[k]
+            kept += 1
+    begin = 0
+    for k in range(kept):
+        if corners[strip[k]] == start or corners[next_side(strip[k])] == start:
+            begin = k + 1
+    stop = begin
+    while stop < kept and corners[strip[stop]] != end and corners[next_side(strip[stop])] != end:
+        strip[stop - begin] = strip[stop]
+        stop += 1
+    return stop - begin
+
+
+@kernel
+def _place_on(points, ends, flat, k, x, y, ux, uy, out):
+    """Where the line through (x, y) in direction u crosses half-edge k of a strip."""
+    right_x, right_y = flat[2, k] - x, flat[3, k] - y
+    along = ux * (flat[1, k] - flat[3, k]) - uy * (flat[0, k] - flat[2, k])
+    share = 0.0
+    if along != 0.0:
+        share = min(max(-(ux * right_y - uy * right_x) / along, 0.0), 1.0)
+    left, right = ends[0, k], ends[1, k]
+    for i in range(3):
+        out[i] = points[right, i] + share * (points[left, i] - points[right, i])
+
+
+@kernel
+def _next_to_ends(points, count, ends, flat, x, y, bends, near):
+    """Write the points of a path next to its start and its end."""
+    first_x, first_y, last_x, last_y = x, y, 0.0, 0.0
+    if bends > 0:
+        at, row = ends[2, 0], 2 * ends[3, 0]
+        first_x, first_y = flat[row, at], flat[row + 1, at]
+        at, row = ends[2, bends - 1], 2 * ends[3, bends - 1]
+        last_x, last_y = flat[row, at], flat[row + 1, at]
+    _place_on(points, ends, flat, 0, 0.0, 0.0, first_x, first_y, near[0])
+    _place_on(points, ends, flat, count - 1, x, y, x - last_x, y - last_y, near[1])
+
+
+@kernel
+def straighten(points, corners, twins, start, end, count, room):
+    """Length of a locally shortest path near a strip, row 0 of room[0].
+
+    The rows of room[4] receive its points next to the start and the end.
+    """
+    strips, ends, flat, turned, near = room
+    here, length, rounds = 0, math.inf, ROUNDS
+    while count > 0:
+        rounds -= 1
+        x, y = _unfold(points, corners, twins, strips[here], count, start, ends, flat)
+        found, bends = _funnel(count, ends, flat, x, y)
+        gained = length - found
+        length = min(length, found)
+        written = -1
+        if bends > 0 and gained > GAIN * length and rounds > 0:
+            written = _reroute(
+                points, corners, twins, strips[here], count, ends, flat, x, y, bends, turned,
+                strips[1 - here],
+            )  # fmt: skip
+        if written < 0:
+            _next_to_ends(points, count, ends, flat, x, y, bends, near)
+            return length
+        here = 1 - here
+        count = _trim(corners, twins, start, end, strips[here], written)
+    length = 0.0
+    for i in range(3):  # both ends in one face
+        near[0, i], near[1, i] = points[end, i], points[start, i]
+        length += (points[end, i] - points[start, i]) ** 2
+    return math.sqrt(length)
