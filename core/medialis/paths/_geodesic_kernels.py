@@ -28,7 +28,7 @@ from medialis.paths._plane_kernels import (
     turn,
     way_out,
 )
-from medialis.paths._straightening_kernels import make_room, straighten
+from medialis.paths._straightening_kernels import make_room, straighten, strip_beside
 
 NONE, PLANE, EDGES = 0, 1, 2  # how a length was found
 OPEN = -1  # no path is short enough, a longer one may arrive
@@ -45,11 +45,18 @@ AROUND = 1.5
 BENT = 1.25
 """Times the length that is expected of a followed path: what its plane cut may have."""
 
+SHALLOW = 1.05
+"""Times the straight line: pairs with a path as short as this in the plane of the normals do not
+look for another one when they follow others; it could not be much shorter."""
+
 ACROSS = 0.5
 """Of the normal of a plane what must be left across the line between the ends of another pair."""
 
 BESIDE = math.radians(7.0)
 """Between the three planes of a parabola."""
+
+STRIPS = 65536
+"""Half-edges of the strips that are remembered."""
 
 MANY = 12
 """Half-edges that a cut must cross for this to be worth while."""
@@ -126,10 +133,25 @@ def _lowest(length, limit, place):
 
 @kernel
 def _shorten(points, corners, twins, start, end, length, count, room):
-    """Length of the path in a strip once shortened; one too long for the room stays as it is."""
+    """Length of the path in a strip once shortened, and the size of its strip.
+
+    A path too long for the room stays as it is.
+    """
     if count > len(room[0][0]):
-        return length
-    return min(length, straighten(points, corners, twins, start, end, count, room))
+        return length, 0
+    found, count = straighten(points, corners, twins, start, end, count, room)
+    return min(length, found), count
+
+
+@kernel
+def _take(points, start, end, room, count, plane, tangents, normal):
+    """Keep the path at hand: its strip in row 2 of room[0], directions at both ends, plane."""
+    strips, near = room[0], room[4]
+    for k in range(count):
+        strips[2, k] = strips[0, k]
+    _keep_ends(points, start, end, near, tangents)
+    for a in range(3):
+        normal[a] = plane[a]
 
 
 @kernel
@@ -198,10 +220,10 @@ def _search(
     points, corners, twins, fan_offsets, fan, start, end, frame, planes, likely, limit, longest,
     around, room, length, way, place, tangents, slopes, normal,
 ):  # fmt: skip
-    """Shortest path found in all directions: its length, bound, number of slopes.
+    """Shortest path found in all directions: its length, bound, number of slopes, slope, strip.
 
-    The length is NaN if a longer path than `longest` may arrive. `tangents` are those at the ends,
-    `normal` that of its plane. Rows of `slopes`: direction at the start, normal of the plane,
+    The length is NaN if a longer path than `longest` may arrive. For the path itself, see `_take`.
+    Rows of `slopes`: direction at the start, normal of the plane,
     length at least.
     """
     near = room[4]
@@ -214,14 +236,14 @@ def _search(
         if best < math.inf:
             break
         if least == math.inf:
-            return math.inf, math.inf, 0
+            return math.inf, math.inf, 0, 0, 0
         if limit >= longest:
-            return math.nan, longest, 0
+            return math.nan, longest, 0, 0, 0
         while limit <= least:  # no path arrives before
             limit *= 2.0
         limit = min(limit, longest)
     count, bound = _lowest(length, bound, place)
-    shortest, ends = math.inf, np.empty((2, 3))
+    shortest, ends, chosen, size = math.inf, np.empty((2, 3)), 0, 0
     for i in range(count):
         k, plane = place[i], np.empty(3)
         angle = math.pi * (k % planes) / planes
@@ -248,16 +270,15 @@ def _search(
             found, crossed = cut_from(
                 points, corners, twins, leave, start, end, plane, math.inf, room[0][0], near
             )
-        found = _shorten(points, corners, twins, start, end, found, crossed, room)
+        found, crossed = _shorten(points, corners, twins, start, end, found, crossed, room)
         _keep_ends(points, start, end, near, ends)
         slopes[i, 6] = found
         for a in range(3):
             slopes[i, a], slopes[i, 3 + a] = ends[0, a], plane[a]
         if found < shortest:
-            shortest = found
-            for a in range(3):
-                tangents[0, a], tangents[1, a], normal[a] = ends[0, a], ends[1, a], plane[a]
-    return shortest, bound, count
+            shortest, chosen, size = found, i, crossed
+            _take(points, start, end, room, crossed, plane, tangents, normal)
+    return shortest, bound, count, chosen, size
 
 
 @kernel
@@ -273,37 +294,54 @@ def _plane_along(frame, old, out):
 
 
 @kernel
-def _follow(
-    points, corners, twins, fan_offsets, fan, start, end, frame, apart, slopes, count, room,
-    tangents, normal,
+def _along_slope(
+    points, corners, twins, fan_offsets, fan, start, end, frame, slope, limit, plane, room
 ):  # fmt: skip
-    """Length of the shortest path on the slopes of a pair that is `apart`; inf: search anew."""
-    near, plane = room[4], np.empty(3)
-    best, ends = math.inf, np.empty((2, 3))
-    for i in range(count):
+    """Length of the plane cut that leaves as another path does, and the half-edges it crosses."""
+    if not _plane_along(frame, slope[3:], plane):
+        return math.inf, 0
+    way = _way_towards(points, corners, fan_offsets, fan, start, plane, slope)
+    if way < 0:
+        return math.inf, 0
+    return cut_from(
+        points, corners, twins, way, start, end, plane, limit, room[0][0], room[4]
+    )  # fmt: skip
+
+
+@kernel
+def _follow(
+    points, corners, twins, fan_offsets, fan, start, end, frame, apart, slopes, count, first,
+    crossed, room, tangents, normal,
+):  # fmt: skip
+    """Length of the shortest path on the slopes of a pair that is `apart`; inf: search anew.
+
+    On slope number `first` a strip is at hand with `crossed` half-edges, if that is not below 0.
+    Returns also the slope and the size of its strip.
+    """
+    plane, best, chosen, size = np.empty(3), math.inf, first, 0
+    for number in range(count):
+        i = first if number == 0 else (number - 1 if number <= first else number)
         if slopes[i, 6] - apart >= best:
             continue
-        chosen = -1
-        if _plane_along(frame, slopes[i, 3:], plane):
-            chosen = _way_towards(points, corners, fan_offsets, fan, start, plane, slopes[i])
-        if chosen < 0:
-            return math.inf
-        expected = BENT * (slopes[i, 6] + apart)
-        found, crossed = cut_from(
-            points, corners, twins, chosen, start, end, plane, min(expected, SIMILAR * best),
-            room[0][0], near,
-        )  # fmt: skip
-        if crossed < 0 and SIMILAR * best < expected:
-            continue
-        if crossed < 0 or found == math.inf:
-            return math.inf
-        found = _shorten(points, corners, twins, start, end, found, crossed, room)
-        if found < best:
-            best = found
-            _keep_ends(points, start, end, near, ends)
+        found = math.inf
+        if number == 0 and crossed >= 0:
             for a in range(3):
-                tangents[0, a], tangents[1, a], normal[a] = ends[0, a], ends[1, a], plane[a]
-    return best
+                plane[a] = slopes[i, 3 + a]
+        else:
+            expected = BENT * (slopes[i, 6] + apart)
+            found, crossed = _along_slope(
+                points, corners, twins, fan_offsets, fan, start, end, frame, slopes[i],
+                min(expected, SIMILAR * best), plane, room,
+            )  # fmt: skip
+            if crossed < 0 and SIMILAR * best < expected:
+                continue
+            if crossed < 0 or found == math.inf:
+                return math.inf, 0, 0
+        found, crossed = _shorten(points, corners, twins, start, end, found, crossed, room)
+        if found < best:
+            best, chosen, size = found, i, crossed
+            _take(points, start, end, room, crossed, plane, tangents, normal)
+    return best, chosen, size
 
 
 @kernel
@@ -315,14 +353,48 @@ def _distance(points, a, b):
 
 
 @kernel
-def _nearest_search(points, start, end, starts, ends, rows, count, bounds, lengths):
-    """The nearest pair that was searched and has no other path within that distance, or -1."""
-    chosen, least = -1, math.inf
-    for k in range(count):
-        apart = _distance(points, start, starts[rows[k]]) + _distance(points, end, ends[rows[k]])
-        if apart < least and 2.0 * apart <= bounds[k] - lengths[k]:
-            chosen, least = k, apart
-    return chosen, least
+def _over_shallow(
+    points, corners, twins, fan_offsets, fan, start, end, frame, room, tangents, normal
+):  # fmt: skip
+    """Length of the path in the plane of the normals; inf where a shorter one may matter."""
+    slope, plane = np.empty(6), np.empty(3)
+    for a in range(3):
+        slope[a], slope[3 + a] = -frame[1, a], frame[0, a]
+    limit = SHALLOW * _distance(points, start, end)
+    found, crossed = _along_slope(
+        points, corners, twins, fan_offsets, fan, start, end, frame, slope, SIMILAR * limit, plane,
+        room,
+    )  # fmt: skip
+    if crossed < 0 or found == math.inf:
+        return math.inf
+    found, crossed = _shorten(points, corners, twins, start, end, found, crossed, room)
+    if found > limit:
+        return math.inf
+    _take(points, start, end, room, 0, plane, tangents, normal)
+    return found
+
+
+@kernel
+def _nearest_known(points, start, end, starts, ends, rows, seed, count, bounds, lengths):
+    """The nearest pair whose seed has no other path within their distance to it, or -1.
+
+    Returns also the distance to the seed.
+    """
+    chosen, least, from_seed = -1, math.inf, 0.0
+    for k in range(count - 1, -1, -1):
+        apart = _distance(points, start, starts[rows[k]])
+        if apart >= least:
+            continue
+        apart += _distance(points, end, ends[rows[k]])
+        if apart >= least:
+            continue
+        u = seed[k]
+        far = apart
+        if rows[k] != rows[u]:
+            far = _distance(points, start, starts[rows[u]]) + _distance(points, end, ends[rows[u]])
+        if 2.0 * far <= bounds[u] - lengths[u]:
+            chosen, least, from_seed = k, apart, far
+    return chosen, from_seed
 
 
 @kernel
@@ -339,9 +411,13 @@ def trace_geodesics(
     frame, tangents, normal = np.empty((2, 3)), np.empty((2, 3)), np.empty(3)
     length, way = np.empty(2 * planes), np.empty(2 * planes, np.int64)
     place, room = np.empty(SLOPES, np.int64), make_room(len(corners) // 3)
+    # Pairs known: their row, slope, strip, and the one that was searched, whose number is `seed`.
     most = end_row - begin if following else 1
-    searched, bounds, lengths = np.empty(most, np.int64), np.empty(most), np.empty(most)
-    slopes, counts, known = np.empty((most, SLOPES, 7)), np.empty(most, np.int64), 0
+    row_of, seed = np.empty(most, np.int64), np.empty(most, np.int64)
+    slope_of = np.empty(most, np.int64)
+    bounds, lengths, counts = np.empty(most), np.empty(most), np.empty(most, np.int64)
+    slopes, strip_of, known = np.empty((most, SLOPES, 7)), np.empty((most, 2), np.int64), 0
+    strips, used = np.empty(STRIPS if following else 0, np.int32), 0
     old = np.zeros(3)  # plane normal that won for the previous pair
     for r in range(begin, end_row):
         row = rows[r]
@@ -360,35 +436,52 @@ def trace_geodesics(
             direction(points[start], points[end], out_start_tangent[row])
             direction(points[start], points[end], out_end_tangent[row])
             continue
-        best, tangents[:] = math.inf, math.nan
+        best, tangents[:], slope, size, this = math.inf, math.nan, 0, 0, min(known, most - 1)
         if following:
-            near, apart = _nearest_search(
-                points, start, end, starts, ends, searched, known, bounds, lengths
+            best = _over_shallow(
+                points, corners, twins, fan_offsets, fan, start, end, frame, room, tangents, normal
+            )
+        shallow = best < math.inf
+        if following and not shallow:
+            near, apart = _nearest_known(
+                points, start, end, starts, ends, row_of, seed, known, bounds, lengths
             )
             if near >= 0:
-                if counts[near] == 0:
+                u = seed[this] = seed[near]
+                if counts[u] == 0:
                     out_status[row] = OPEN
                     continue
-                best = _follow(
-                    points, corners, twins, fan_offsets, fan, start, end, frame, apart,
-                    slopes[near], counts[near], room, tangents, normal,
+                crossed = strip_beside(
+                    corners, twins, strips, strip_of[near, 0], strip_of[near, 1],
+                    starts[row_of[near]], ends[row_of[near]], start, end, room,
                 )  # fmt: skip
-                if best + apart > bounds[near]:
+                best, slope, size = _follow(
+                    points, corners, twins, fan_offsets, fan, start, end, frame, apart, slopes[u],
+                    counts[u], slope_of[near], crossed, room, tangents, normal,
+                )  # fmt: skip
+                if best + apart > bounds[u]:
                     best = math.inf
         if best == math.inf:
+            seed[this] = this
             u, w = dot(old, frame[0]), dot(old, frame[1])
             likely = round(math.atan2(w, u) * planes / math.pi) if u * u + w * w > 0.25 else 0
-            this = min(known, most - 1)
-            best, bounds[this], counts[this] = _search(
+            best, bounds[this], counts[this], slope, size = _search(
                 points, corners, twins, fan_offsets, fan, start, end, frame, planes, likely,
                 limits[row], longest[row], AROUND if following else SIMILAR, room, length, way,
                 place, tangents, slopes[this], normal,
             )  # fmt: skip
-            if best < math.inf or math.isnan(best):
-                searched[this], known = row, this + 1
-                lengths[this] = best if best < math.inf else 0.0
+            lengths[this] = best if best < math.inf else 0.0
         if math.isnan(best):
             out_status[row] = OPEN
+        if following and not shallow and best != math.inf:
+            row_of[this], slope_of[this], known = row, slope, this + 1
+            if used + size > len(strips):
+                used = 0
+                strip_of[:] = 0
+            strip_of[this, 0], strip_of[this, 1] = used, used + size
+            for k in range(size):
+                strips[used + k] = room[0][2, k]
+            used += size
         if best < math.inf:
             out_length[row], out_status[row] = best, PLANE
             for a in range(3):
