@@ -28,7 +28,7 @@ from medialis.paths._plane_kernels import (
     turn,
     way_out,
 )
-from medialis.paths._straightening_kernels import make_room, straighten, strip_beside
+from medialis.paths._straightening_kernels import make_room, straighten
 
 NONE, PLANE, EDGES = 0, 1, 2  # how a length was found
 OPEN = -1  # no path is short enough, a longer one may arrive
@@ -52,11 +52,8 @@ look for another one when they follow others; it could not be much shorter."""
 ACROSS = 0.5
 """Of the normal of a plane what must be left across the line between the ends of another pair."""
 
-BESIDE = math.radians(7.0)
-"""Between the three planes of a parabola."""
-
-STRIPS = 65536
-"""Half-edges of the strips that are remembered."""
+BESIDE, CLOSE = math.radians(7.0), math.radians(4.0)
+"""Between the three planes of a parabola: of a search, and of a pair that follows another one."""
 
 MANY = 12
 """Half-edges that a cut must cross for this to be worth while."""
@@ -133,37 +130,24 @@ def _lowest(length, limit, place):
 
 @kernel
 def _shorten(points, corners, twins, start, end, length, count, room):
-    """Length of the path in a strip once shortened, and the size of its strip.
-
-    A path too long for the room stays as it is.
-    """
-    if count > len(room[0][0]):
-        return length, 0
-    found, count = straighten(points, corners, twins, start, end, count, room)
-    return min(length, found), count
+    """Length of the path in a strip once shortened; one too long for the room stays as it is."""
+    if length == math.inf or count > len(room[0][0]):
+        return length
+    return min(length, straighten(points, corners, twins, start, end, count, room))
 
 
 @kernel
-def _take(points, start, end, room, count, plane, tangents, normal):
-    """Keep the path at hand: its strip in row 2 of room[0], directions at both ends, plane."""
-    strips, near = room[0], room[4]
-    for k in range(count):
-        strips[2, k] = strips[0, k]
-    _keep_ends(points, start, end, near, tangents)
+def _take(points, start, end, near, plane, tangents, normal):
+    """Keep the path at hand: its directions at both ends and the plane that it began with."""
+    direction(points[start], near[0], tangents[0])
+    direction(near[1], points[end], tangents[1])
     for a in range(3):
         normal[a] = plane[a]
 
 
 @kernel
-def _keep_ends(points, start, end, near, tangents):
-    """Write the directions in which a path leaves the start and arrives at the end."""
-    direction(points[start], near[0], tangents[0])
-    direction(near[1], points[end], tangents[1])
-
-
-@kernel
 def _way_towards(points, corners, fan_offsets, fan, start, normal, ahead):
-    """The half-edge through whose face a plane leaves the start most in a direction, or -1."""
+    """Half-edge through whose face a plane leaves the start most in a direction, or -1."""
     offset, most, chosen = dot(normal, points[start]), -2.0, -1
     for k in range(fan_offsets[start], fan_offsets[start + 1]):
         across, x, y, z = way_out(points, corners, fan[k], normal, offset)
@@ -179,40 +163,46 @@ def _way_towards(points, corners, fan_offsets, fan, start, normal, ahead):
 
 @kernel
 def _descend(
-    points, corners, twins, fan_offsets, fan, start, end, frame, angle, length, ahead, room, normal
+    points, corners, twins, fan_offsets, fan, start, end, frame, angle, length, count, ahead, step,
+    room, normal,
 ):  # fmt: skip
     """Turn a plane to where a parabola through the lengths of its cut and two others is lowest.
 
-    Returns the length there, or that given where it is not less; `normal` receives the plane's.
+    The cut at hand leaves in the direction `ahead`. Returns the length of the shortest, and the
+    half-edges that it crosses; `normal` receives its plane's. The length is inf where it is lost.
     """
-    strip, near = room[0][0], room[4]
-    best = length
-    low = high = math.inf
-    turned = angle
-    for number in range(3):
-        shift = BESIDE if number == 1 else -BESIDE
+    strips, near = room[0], room[4]
+    best, low, high, turned, held = length, math.inf, math.inf, angle, True
+    for number in range(4):
+        shift = step if number == 1 else -step
         if number == 2:
             bend = low - 2.0 * length + high
             if not 0.0 < bend < math.inf:
-                break
-            shift = min(max(0.5 * (low - high) / bend, -2.0), 2.0) * BESIDE
+                continue
+            shift = min(max(0.5 * (low - high) / bend, -2.0), 2.0) * step
+        if number == 3:  # once more, where the last one was not the shortest
+            if held:
+                return best, count
+            shift = turned - angle
         turn(frame, angle + shift, normal)
         way = _way_towards(points, corners, fan_offsets, fan, start, normal, ahead)
-        found = math.inf
-        if way >= 0:
-            found, count = cut_from(
-                points, corners, twins, way, start, end, normal, SIMILAR * length, strip, near
-            )
-            if count < 0:
-                found = math.inf
+        if way < 0:
+            found, crossed = math.inf, 0
+        else:
+            found, crossed = cut_from(
+                points, corners, twins, way, start, end, normal,
+                math.inf if number == 3 else SIMILAR * length, strips[0], near,
+            )  # fmt: skip
+        held = False
+        if crossed < 0:
+            found = math.inf
         if number == 0:
             low = found
         elif number == 1:
             high = found
-        if found < best:
-            best, turned = found, angle + shift
-    turn(frame, turned, normal)
-    return best
+        if found < best or number == 3:
+            best, count, turned, held = found, crossed, angle + shift, True
+    return best, count
 
 
 @kernel
@@ -220,7 +210,7 @@ def _search(
     points, corners, twins, fan_offsets, fan, start, end, frame, planes, likely, limit, longest,
     around, room, length, way, place, tangents, slopes, normal,
 ):  # fmt: skip
-    """Shortest path found in all directions: its length, bound, number of slopes, slope, strip.
+    """Shortest path found in all directions: its length, its bound, the number of slopes.
 
     The length is NaN if a longer path than `longest` may arrive. For the path itself, see `_take`.
     Rows of `slopes`: direction at the start, normal of the plane,
@@ -236,14 +226,14 @@ def _search(
         if best < math.inf:
             break
         if least == math.inf:
-            return math.inf, math.inf, 0, 0, 0
+            return math.inf, math.inf, 0
         if limit >= longest:
-            return math.nan, longest, 0, 0, 0
+            return math.nan, longest, 0
         while limit <= least:  # no path arrives before
             limit *= 2.0
         limit = min(limit, longest)
     count, bound = _lowest(length, bound, place)
-    shortest, ends, chosen, size = math.inf, np.empty((2, 3)), 0, 0
+    shortest, ahead = math.inf, np.empty(3)
     for i in range(count):
         k, plane = place[i], np.empty(3)
         angle = math.pi * (k % planes) / planes
@@ -259,31 +249,30 @@ def _search(
             points, corners, twins, way[k], start, end, plane, math.inf, room[0][0], near
         )
         if crossed > MANY:
-            direction(points[start], near[0], ends[0])
-            lower = _descend(
-                points, corners, twins, fan_offsets, fan, start, end, frame, angle, found, ends[0],
-                room, plane,
+            direction(points[start], near[0], ahead)
+            found, crossed = _descend(
+                points, corners, twins, fan_offsets, fan, start, end, frame, angle, found, crossed,
+                ahead, BESIDE, room, plane,
             )  # fmt: skip
-            leave = way[k]
-            if lower < found:
-                leave = _way_towards(points, corners, fan_offsets, fan, start, plane, ends[0])
-            found, crossed = cut_from(
-                points, corners, twins, leave, start, end, plane, math.inf, room[0][0], near
-            )
-        found, crossed = _shorten(points, corners, twins, start, end, found, crossed, room)
-        _keep_ends(points, start, end, near, ends)
+            if found == math.inf:
+                turn(frame, angle, plane)
+                found, crossed = cut_from(
+                    points, corners, twins, way[k], start, end, plane, math.inf, room[0][0], near
+                )
+        found = _shorten(points, corners, twins, start, end, found, crossed, room)
+        direction(points[start], near[0], ahead)
         slopes[i, 6] = found
         for a in range(3):
-            slopes[i, a], slopes[i, 3 + a] = ends[0, a], plane[a]
+            slopes[i, a], slopes[i, 3 + a] = ahead[a], plane[a]
         if found < shortest:
-            shortest, chosen, size = found, i, crossed
-            _take(points, start, end, room, crossed, plane, tangents, normal)
-    return shortest, bound, count, chosen, size
+            shortest = found
+            _take(points, start, end, near, plane, tangents, normal)
+    return shortest, bound, count
 
 
 @kernel
 def _plane_along(frame, old, out):
-    """Normal of the plane through two vertices that is turned least from another plane's."""
+    """Write the normal of the plane through two vertices that is turned least from another one."""
     u, w = dot(old, frame[0]), dot(old, frame[1])
     size = math.sqrt(u * u + w * w)
     if size < ACROSS:
@@ -310,38 +299,37 @@ def _along_slope(
 
 @kernel
 def _follow(
-    points, corners, twins, fan_offsets, fan, start, end, frame, apart, slopes, count, first,
-    crossed, room, tangents, normal,
+    points, corners, twins, fan_offsets, fan, start, end, frame, apart, slopes, count, room,
+    tangents, normal,
 ):  # fmt: skip
-    """Length of the shortest path on the slopes of a pair that is `apart`; inf: search anew.
-
-    On slope number `first` a strip is at hand with `crossed` half-edges, if that is not below 0.
-    Returns also the slope and the size of its strip.
-    """
-    plane, best, chosen, size = np.empty(3), math.inf, first, 0
-    for number in range(count):
-        i = first if number == 0 else (number - 1 if number <= first else number)
+    """Length of the shortest path on the slopes of a pair that is `apart`; inf: search anew."""
+    near, plane, ahead, best = room[4], np.empty(3), np.empty(3), math.inf
+    for i in range(count):
         if slopes[i, 6] - apart >= best:
             continue
-        found = math.inf
-        if number == 0 and crossed >= 0:
-            for a in range(3):
-                plane[a] = slopes[i, 3 + a]
-        else:
-            expected = BENT * (slopes[i, 6] + apart)
-            found, crossed = _along_slope(
-                points, corners, twins, fan_offsets, fan, start, end, frame, slopes[i],
-                min(expected, SIMILAR * best), plane, room,
+        expected = BENT * (slopes[i, 6] + apart)
+        found, crossed = _along_slope(
+            points, corners, twins, fan_offsets, fan, start, end, frame, slopes[i],
+            min(expected, SIMILAR * best), plane, room,
+        )  # fmt: skip
+        if crossed < 0 and SIMILAR * best < expected:
+            continue
+        if crossed < 0 or found == math.inf:
+            return math.inf
+        if crossed > MANY:
+            direction(points[start], near[0], ahead)
+            angle = math.atan2(dot(plane, frame[1]), dot(plane, frame[0]))
+            found, crossed = _descend(
+                points, corners, twins, fan_offsets, fan, start, end, frame, angle, found, crossed,
+                ahead, CLOSE, room, plane,
             )  # fmt: skip
-            if crossed < 0 and SIMILAR * best < expected:
-                continue
-            if crossed < 0 or found == math.inf:
-                return math.inf, 0, 0
-        found, crossed = _shorten(points, corners, twins, start, end, found, crossed, room)
+            if found == math.inf:
+                return math.inf
+        found = _shorten(points, corners, twins, start, end, found, crossed, room)
         if found < best:
-            best, chosen, size = found, i, crossed
-            _take(points, start, end, room, crossed, plane, tangents, normal)
-    return best, chosen, size
+            best = found
+            _take(points, start, end, near, plane, tangents, normal)
+    return best
 
 
 @kernel
@@ -367,34 +355,27 @@ def _over_shallow(
     )  # fmt: skip
     if crossed < 0 or found == math.inf:
         return math.inf
-    found, crossed = _shorten(points, corners, twins, start, end, found, crossed, room)
+    found = _shorten(points, corners, twins, start, end, found, crossed, room)
     if found > limit:
         return math.inf
-    _take(points, start, end, room, 0, plane, tangents, normal)
+    _take(points, start, end, room[4], plane, tangents, normal)
     return found
 
 
 @kernel
-def _nearest_known(points, start, end, starts, ends, rows, seed, count, bounds, lengths):
-    """The nearest pair whose seed has no other path within their distance to it, or -1.
+def _nearest_search(points, start, end, starts, ends, rows, count, bounds, lengths):
+    """Nearest pair that was searched and has no other path within that distance, or -1.
 
-    Returns also the distance to the seed.
+    Returns also the distance of the ends, both together.
     """
-    chosen, least, from_seed = -1, math.inf, 0.0
-    for k in range(count - 1, -1, -1):
+    chosen, least = -1, math.inf
+    for k in range(count):
         apart = _distance(points, start, starts[rows[k]])
-        if apart >= least:
-            continue
-        apart += _distance(points, end, ends[rows[k]])
-        if apart >= least:
-            continue
-        u = seed[k]
-        far = apart
-        if rows[k] != rows[u]:
-            far = _distance(points, start, starts[rows[u]]) + _distance(points, end, ends[rows[u]])
-        if 2.0 * far <= bounds[u] - lengths[u]:
-            chosen, least, from_seed = k, apart, far
-    return chosen, from_seed
+        if apart < least:
+            apart += _distance(points, end, ends[rows[k]])
+            if apart < least and 2.0 * apart <= bounds[k] - lengths[k]:
+                chosen, least = k, apart
+    return chosen, least
 
 
 @kernel
@@ -411,13 +392,10 @@ def trace_geodesics(
     frame, tangents, normal = np.empty((2, 3)), np.empty((2, 3)), np.empty(3)
     length, way = np.empty(2 * planes), np.empty(2 * planes, np.int64)
     place, room = np.empty(SLOPES, np.int64), make_room(len(corners) // 3)
-    # Pairs known: their row, slope, strip, and the one that was searched, whose number is `seed`.
-    most = end_row - begin if following else 1
-    row_of, seed = np.empty(most, np.int64), np.empty(most, np.int64)
-    slope_of = np.empty(most, np.int64)
+    most = end_row - begin if following else 1  # pairs that are searched in all directions
+    searched, known = np.empty(most, np.int64), 0
     bounds, lengths, counts = np.empty(most), np.empty(most), np.empty(most, np.int64)
-    slopes, strip_of, known = np.empty((most, SLOPES, 7)), np.empty((most, 2), np.int64), 0
-    strips, used = np.empty(STRIPS if following else 0, np.int32), 0
+    slopes = np.empty((most, SLOPES, 7))
     old = np.zeros(3)  # plane normal that won for the previous pair
     for r in range(begin, end_row):
         row = rows[r]
@@ -436,52 +414,39 @@ def trace_geodesics(
             direction(points[start], points[end], out_start_tangent[row])
             direction(points[start], points[end], out_end_tangent[row])
             continue
-        best, tangents[:], slope, size, this = math.inf, math.nan, 0, 0, min(known, most - 1)
+        best, tangents[:] = math.inf, math.nan
         if following:
             best = _over_shallow(
                 points, corners, twins, fan_offsets, fan, start, end, frame, room, tangents, normal
             )
-        shallow = best < math.inf
-        if following and not shallow:
-            near, apart = _nearest_known(
-                points, start, end, starts, ends, row_of, seed, known, bounds, lengths
+        if following and best == math.inf:
+            near, apart = _nearest_search(
+                points, start, end, starts, ends, searched, known, bounds, lengths
             )
+            if near >= 0 and counts[near] == 0:
+                out_status[row] = OPEN
+                continue
             if near >= 0:
-                u = seed[this] = seed[near]
-                if counts[u] == 0:
-                    out_status[row] = OPEN
-                    continue
-                crossed = strip_beside(
-                    corners, twins, strips, strip_of[near, 0], strip_of[near, 1],
-                    starts[row_of[near]], ends[row_of[near]], start, end, room,
+                best = _follow(
+                    points, corners, twins, fan_offsets, fan, start, end, frame, apart,
+                    slopes[near], counts[near], room, tangents, normal,
                 )  # fmt: skip
-                best, slope, size = _follow(
-                    points, corners, twins, fan_offsets, fan, start, end, frame, apart, slopes[u],
-                    counts[u], slope_of[near], crossed, room, tangents, normal,
-                )  # fmt: skip
-                if best + apart > bounds[u]:
+                if best + apart > bounds[near]:
                     best = math.inf
         if best == math.inf:
-            seed[this] = this
             u, w = dot(old, frame[0]), dot(old, frame[1])
             likely = round(math.atan2(w, u) * planes / math.pi) if u * u + w * w > 0.25 else 0
-            best, bounds[this], counts[this], slope, size = _search(
+            this = min(known, most - 1)
+            best, bounds[this], counts[this] = _search(
                 points, corners, twins, fan_offsets, fan, start, end, frame, planes, likely,
                 limits[row], longest[row], AROUND if following else SIMILAR, room, length, way,
                 place, tangents, slopes[this], normal,
             )  # fmt: skip
-            lengths[this] = best if best < math.inf else 0.0
+            searched[this], lengths[this] = row, best if best < math.inf else 0.0
+            if following and best != math.inf:
+                known += 1
         if math.isnan(best):
             out_status[row] = OPEN
-        if following and not shallow and best != math.inf:
-            row_of[this], slope_of[this], known = row, slope, this + 1
-            if used + size > len(strips):
-                used = 0
-                strip_of[:] = 0
-            strip_of[this, 0], strip_of[this, 1] = used, used + size
-            for k in range(size):
-                strips[used + k] = room[0][2, k]
-            used += size
         if best < math.inf:
             out_length[row], out_status[row] = best, PLANE
             for a in range(3):

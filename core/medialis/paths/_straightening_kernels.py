@@ -26,24 +26,23 @@ ROOM = 16384
 WIDEST = 256
 """Half-edges that a path may cross round a vertex."""
 
-GAIN = 1e-5
+GAIN = 5e-5
 """Share of its length that a round must gain for another one."""
 
-ROUNDS = 100
-"""At most: what needs more is a detour and comes hardly nearer."""
+ROUNDS = 30
+"""At most."""
 
 STRAIGHT = 0.01
-"""Radians by which the other side of a vertex must have less than pi: a^2 / 8 of the length is the
-most that leaving it out can gain otherwise, as little as GAIN."""
-
+"""Radians by which the other side of a vertex must have less than pi. Leaving one out that has more
+gains less than a^2 / 8 of the length."""
 
 
 @kernel
 def make_room(faces):
-    """Return the arrays that `straighten` works in: three strips, their ends, places in the plane."""
+    """Return the arrays that `straighten` works in: for strips, their ends, places in the plane."""
     size = min(faces + 1, ROOM)
     return (
-        np.empty((3, size), np.int64), np.empty((4, size), np.int64), np.empty((4, size)),
+        np.empty((2, size), np.int64), np.empty((4, size), np.int64), np.empty((4, size)),
         np.empty(WIDEST, np.int64), np.empty((2, 3)),
     )  # fmt: skip
 
@@ -300,9 +299,9 @@ def _next_to_ends(points, count, ends, flat, x, y, bends, near):
 
 @kernel
 def straighten(points, corners, twins, start, end, count, room):
-    """Length of a locally shortest path near a strip, row 0 of room[0]; the size of its strip.
+    """Length of a locally shortest path near a strip, row 0 of room[0].
 
-    That lies in row 0 again. The rows of room[4] receive its points next to the start and the end.
+    The rows of room[4] receive its points next to the start and the end.
     """
     strips, ends, flat, turned, near = room
     here, length, rounds = 0, math.inf, ROUNDS
@@ -320,78 +319,11 @@ def straighten(points, corners, twins, start, end, count, room):
             )  # fmt: skip
         if written < 0:
             _next_to_ends(points, count, ends, flat, x, y, bends, near)
-            if here == 1:
-                for k in range(count):
-                    strips[0, k] = strips[1, k]
-            return length, count
+            return length
         here = 1 - here
         count = _trim(corners, twins, start, end, strips[here], written)
     length = 0.0
     for i in range(3):  # both ends in one face
         near[0, i], near[1, i] = points[end, i], points[start, i]
         length += (points[end, i] - points[start, i]) ** 2
-    return math.sqrt(length), 0
-
-
-@kernel
-def _turned_to(corners, twins, v, face, goal, ahead, out):
-    """Half-edges crossed from a face round its corner v to one with the corner `goal`; or -1."""
-    h = 3 * face
-    while corners[h] != v:
-        h += 1
-    if not ahead:
-        h = previous_side(h)
-    count = 0  # h is the half-edge at v that is crossed next
-    while count < len(out):
-        if corners[h] == goal or corners[next_side(h)] == goal:
-            return count
-        if corners[previous_side(h)] == goal:
-            return count
-        out[count] = h
-        count += 1
-        t = twins[h]
-        if t < 0 or t // 3 == face:
-            return -1
-        h = previous_side(t) if corners[t] == v else next_side(t)
-    return -1
-
-
-@kernel
-def _fewest(corners, twins, v, face, goal, out):
-    """The same, the way round on which fewer are crossed."""
-    there = _turned_to(corners, twins, v, face, goal, True, out)
-    back = _turned_to(corners, twins, v, face, goal, False, out)
-    if there >= 0 and (back < 0 or there < back):
-        return _turned_to(corners, twins, v, face, goal, True, out)
-    return back
-
-
-@kernel
-def strip_beside(corners, twins, known, begin, stop, old_start, old_end, start, end, room):
-    """Lead a strip, known[begin..stop], to other ends that share an edge with the old ones.
-
-    It is written to row 0 of room[0]; returns its size, -1 where it cannot be.
-    """
-    strip, turned = room[0][0], room[3]
-    most = stop - begin + 2 * len(turned)
-    if stop == begin or most > len(strip):
-        return -1
-    count = 0
-    if start != old_start:
-        crossed = _fewest(corners, twins, old_start, known[begin] // 3, start, turned)
-        if crossed < 0:
-            return -1
-        for k in range(crossed - 1, -1, -1):  # from there to the face
-            strip[count] = twins[turned[k]]
-            count += 1
-    for k in range(begin, stop):
-        strip[count] = known[k]
-        count += 1
-    if end != old_end:
-        crossed = _fewest(corners, twins, old_end, twins[known[stop - 1]] // 3, end, turned)
-        if crossed < 0:
-            return -1
-        for k in range(crossed):
-            strip[count] = turned[k]
-            count += 1
-    return _trim(corners, twins, start, end, strip, count)
+    return math.sqrt(length)

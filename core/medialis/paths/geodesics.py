@@ -296,7 +296,7 @@ def cut_by_planes(
     progress: Progress,
     following: bool = False,
 ) -> dict[str, NDArray[Any]]:
-    """Shortest plane cut of each pair, shortened, and its plane's normal (NaN: an edge, a place)."""
+    """Shortest plane cut of each pair, shortened; the normal of its plane (NaN: an edge)."""
     from medialis.paths._geodesic_kernels import OPEN, trace_geodesics
 
     k = len(ends)
