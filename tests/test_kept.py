@@ -310,7 +310,7 @@ def counted(monkeypatch, module, name):
 
 def test_balls_and_geodesics_are_computed_once_for_all_operations(creature, monkeypatch):
     shrunk = counted(monkeypatch, preparation, "maximal_balls")
-    traced = counted(monkeypatch, importance, "geodesic_lengths")
+    traced = counted(monkeypatch, importance, "trace")
     joined = counted(monkeypatch, connectivity, "_raise_bridges")
     with medialis.memory_limit(ROOM):
         for threshold in (0.0, 0.01, 0.03):

@@ -12,10 +12,9 @@ import medialis
 from medialis.errors import InvalidOptionError, InvalidShapeError
 from medialis.model.geodesic_paths import PathStatus
 from medialis.paths import geodesics
-from medialis.paths.geodesics import HALVINGS
 
-# The best of the planes is at most this far from the best of all planes (see _best_plane).
-ANGLE = math.pi / 10 / 2**HALVINGS
+# Shortening ends with a round that gains less than 5e-5 of the length (see straighten).
+NEARLY = 1.0002
 
 
 def grid(n=9):
@@ -90,16 +89,16 @@ def test_rings_and_lines_of_a_prism_are_exact():
     shape = medialis.make_shape(*prism(sides, rows))
     side = 2 * math.sin(math.pi / sides)
     ring = medialis.geodesic_lengths(shape, [[3 * sides, 3 * sides + k] for k in range(1, 13)])
-    # The planes are not quite those of the ring (the fan's normals tilt): 1 / cos(ANGLE) at most.
+    # The planes are not quite those of the ring (the fan's normals tilt): they are shortened.
     expected = side * np.arange(1, 13)
     assert (ring.length >= expected - 1e-12).all()
-    assert (ring.length <= expected / math.cos(ANGLE) + 1e-12).all()
+    assert (ring.length <= expected * NEARLY + 1e-12).all()
     line = medialis.geodesic_lengths(shape, [[5, 5 + sides * k] for k in range(1, rows)])
     assert np.allclose(line.length, 2.0 * np.arange(1, rows) / (rows - 1), atol=1e-12)
 
 
 def test_opposite_face_centers_of_a_cube():
-    """Half an edge, one edge, half an edge: 2, cut by a plane at most ANGLE off."""
+    """Half an edge, one edge, half an edge: 2, nearly."""
     fine = forms.refined(forms.cube(), 0.3)
     low, high = fine.bounds
     size = (high - low)[0]
@@ -112,7 +111,7 @@ def test_opposite_face_centers_of_a_cube():
             ends.append(int(np.argmin(np.linalg.norm(fine.points - center, axis=1))))
         assert np.allclose(fine.points[ends].mean(axis=0), middle)
         found = medialis.geodesic_lengths(fine, [ends]).length[0]
-        assert 2 * size - 1e-12 <= found <= 2 * size / math.cos(ANGLE) + 1e-12
+        assert 2 * size - 1e-12 <= found <= 2 * size * NEARLY + 1e-12
 
 
 def cut_by_planes(shape, start, end, angles):
@@ -233,7 +232,7 @@ def test_more_directions_are_never_longer_when_they_contain_the_fewer():
     shape = forms.torus_mesh(16, 10)
     pairs = pairs_of(shape.point_count, 200, seed=5)
     few, more = (medialis.geodesic_lengths(shape, pairs, directions=d).length for d in (20, 80))
-    assert (more <= few / math.cos(ANGLE) ** 2 * (1 + 1e-3)).all()
+    assert (more <= few * (1 + 1e-3)).all()
 
 
 @pytest.mark.slow
@@ -362,7 +361,7 @@ def test_paths_on_a_cone_lie_between_the_unrolled_line_and_the_ring():
     """Cone of half-angle 30 degrees, unrolled to a half disc: lines there are the geodesics.
 
     Of two points at slant s, an angle phi apart, the unrolled ones are phi / 2 apart, and the
-    geodesic measures 2 s sin(phi / 4). The horizontal plane is among those tried up to ANGLE, so
+    geodesic measures 2 s sin(phi / 4). The horizontal plane is among those tried, so
     the ring's chords bound the length from above. The mesh lies inside the cone by the sagitta of
     its sides, 1 - cos(pi / sides) of the radius, and is no shorter than that share.
     """
@@ -387,7 +386,7 @@ def test_paths_on_a_cone_lie_between_the_unrolled_line_and_the_ring():
     shortest = 2 * slant[15] * np.sin(phi / 4)
     ring = 2 * radius[15] * math.sin(math.pi / sides) * apart
     assert (found >= shortest * math.cos(math.pi / sides) - 1e-12).all()
-    assert (found <= ring / math.cos(ANGLE) + 1e-12).all()
+    assert (found <= ring * NEARLY + 1e-12).all()
     # A plane through both points that dips towards the apex follows the geodesic closely.
     assert (found - shortest < 0.25 * (ring - shortest) + 1e-3 * shortest).all()
 
@@ -422,7 +421,8 @@ def crumpled(n=24):
 def test_plane_cuts_of_crumpled_surfaces_are_given_up(monkeypatch):
     """Walks of 60,000 pairs on a noisy hub of 49 vertices went on to their ends: 22 s (fixed).
 
-    Paths along the edges are taken instead, nearly all of them shorter; no other pair changes.
+    Paths along the edges are taken instead, nearly all of them shorter. A cut that is given up may
+    be the one that can be shortened most: few of the pairs with a cut get another one.
     """
     shape = crumpled()
     pairs = pairs_of(shape.point_count, 2000)
@@ -432,9 +432,10 @@ def test_plane_cuts_of_crumpled_surfaces_are_given_up(monkeypatch):
     free = medialis.geodesic_lengths(shape, pairs)
     changed = bounded.length != free.length
     assert 0 < changed.sum() < 1000
-    assert (bounded.status[changed] == PathStatus.EDGES).all()
     assert (free.status[changed] == PathStatus.PLANE).all()
-    assert (bounded.length[changed] < free.length[changed]).mean() > 0.9
+    edges = bounded.status[changed] == PathStatus.EDGES
+    assert edges.mean() > 0.95
+    assert (bounded.length[changed] < free.length[changed])[edges].mean() > 0.9
 
 
 def test_plane_cuts_of_a_plate_are_found_whatever_their_limits(monkeypatch):

@@ -19,7 +19,7 @@ def test_importance_of_a_flat_box_is_the_path_round_its_rim():
 
     Both feature points lie above each other, at distance d from the nearest rim of a plate of
     thickness t: straight over the edge, 2 d + t. The balls of samples touch samples, so the second
-    feature point may be off by one spacing h (two, up and down), and the planes by ANGLE.
+    feature point may be off by one spacing h (two, up and down).
     """
     shape = forms.box_mesh((2.0, 1.6, 0.2), 0.05)
     cloud = medialis.shrink_balls(shape, tolerance=0)

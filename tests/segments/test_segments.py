@@ -203,7 +203,7 @@ def test_late_options_compute_nothing_early_again(monkeypatch):
 
         for module, early in (
             ("balls.surface_skeleton", "maximal_balls"),
-            ("paths.importance", "geodesic_lengths"),
+            ("paths.importance", "trace"),
             ("sheets.extended_features", "_find"),
             ("segments.parts", "find_limbs"),
             ("segments.mean_shift", "_paths"),

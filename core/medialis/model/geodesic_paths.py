@@ -19,8 +19,8 @@ class PathStatus(IntEnum):
     NONE = 0
     """There is no path, as the ends lie in different components, or the pair is masked."""
     PLANE = 1
-    """The shortest cut of the surface by a plane through the ends (or a common edge). For a
-    polyline: what was shortened to it."""
+    """A cut of the surface by a plane through the ends, shortened to a locally shortest path (or a
+    common edge)."""
     EDGES = 2
     """The shortest path along the edges, where no plane cut arrives (holes, non-manifold edges).
     For a polyline: it was shortened from the path along the edges, as that is shorter."""

@@ -36,6 +36,9 @@ OPEN = -1  # no path is short enough, a longer one may arrive
 SLOPES = 4
 """Shortest cuts of a search that are remembered."""
 
+SLOPE = 2
+"""Directions on both sides of the shortest one that belong to its slope: 36 degrees by default."""
+
 SIMILAR = 1.1
 """Times the best length: cuts up to that are shortened, since they may become the shortest."""
 
@@ -103,9 +106,10 @@ def _try_planes(
 
 @kernel
 def _lowest(length, limit, place):
-    """Directions at the foot of each slope of lengths, shortest first; how many, and the next one.
+    """Directions at the foot of each slope of lengths, shortest first; how many, and a bound.
 
-    That is the length of the shortest one that there is no place for, at most the limit.
+    That is the least length of a direction that is none of them nor beside one, at most the limit.
+    On a round shape, where all directions are nearly as long, little tells where the shortest is.
     """
     count, size = 0, len(length)
     for k in range(size):
@@ -115,16 +119,18 @@ def _lowest(length, limit, place):
         at = count
         while at > 0 and length[place[at - 1]] > value:
             at -= 1
-        if at == len(place):
-            limit = value
-            continue
-        if count == len(place):
-            limit = length[place[count - 1]]
-        else:
-            count += 1
+        count = min(count + 1, len(place))
         for i in range(count - 1, at, -1):
             place[i] = place[i - 1]
-        place[at] = k
+        if at < count:
+            place[at] = k
+    for k in range(size):
+        near = False
+        for i in range(count):
+            away = abs(k - place[i])
+            near = near or min(away, size - away) <= SLOPE
+        if not near:
+            limit = min(limit, length[k])
     return count, limit
 
 

@@ -120,11 +120,13 @@ def geodesic_lengths(
 
     Notes
     -----
-    Cost: directions times the faces that a path crosses, O(sqrt(n)) each. The result does not
-    depend on the order of the pairs or the number of threads.
+    Cost: directions times the faces that a path crosses, O(sqrt(n)) each, and some rounds over
+    those of the best one. The result does not depend on the order of the pairs or the number of
+    threads.
 
     Source: thesis 3.3.1-3.3.2, Eq. 3.1. Deviates: planes are spread from the plane of the two
-    vertex normals, and halved round the best one; a path is dropped when its length plus the
+    vertex normals; the best cut, and up to three others at most 1.1 times as long, are shortened to
+    locally shortest paths; a path is dropped when its length plus the
     straight line that remains exceeds the best length (the thesis compares the length so far);
     where no plane cut arrives, the shortest path along the edges is taken. All these searches
     together look at a million vertices, and 110 for each of the shape, 10 million at most; a pair

@@ -63,8 +63,11 @@ def geodesic_importance(
 
     Notes
     -----
-    Source: thesis 3.3.1-3.3.2; see `medialis.geodesic_lengths`. Deviates: where the path through
-    the feature points of neighbouring balls is shorter, it is taken (status NEIGHBOUR).
+    Source: thesis 3.3.1-3.3.2; see `medialis.geodesic_lengths`. Deviates: directions are searched
+    for some balls. Others near by follow the paths found there, where no other path of
+    theirs can be shorter; and where the plane of the normals has a path of less than 1.05
+    times the straight line, that one is taken. Where the path through the feature points of
+    neighbouring balls is shorter, it is taken (status NEIGHBOUR).
 
     Examples
     --------

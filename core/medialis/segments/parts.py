@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -129,10 +129,8 @@ def parts(cloud: MedialCloud, options: PartsOptions, progress: Progress) -> Segm
     inner, method = cloud.inner.own, options.method
     if method == "limbs" or (method == "auto" and _has_curves(inner)):
         with progress.stage("limbs", 0.0, 0.6):
-            limbs = kept(_limbs, inner, None, lambda: _limbs(inner, progress), progress)
-            labels = _main_limbs(inner.surface, limbs.labels, progress)
-            found = run_patiently(lambda: _limb_parts(inner.surface, labels, options), progress)
-        if method == "limbs" or _describe_better(found, limbs.flatness, progress):
+            found, flat = _by_limbs(inner, options, progress)
+        if method == "limbs" or _describe_better(found, flat, progress):
             return found
     elif method == "auto":
         progress.note(
@@ -143,6 +141,24 @@ def parts(cloud: MedialCloud, options: PartsOptions, progress: Progress) -> Segm
         )
     with progress.stage("sheets", 0.6, 1.0):
         return _sheet_parts(inner, options, progress)
+
+
+def better_method(
+    cloud: MedialCloud, options: PartsOptions, progress: Progress
+) -> Literal["limbs", "sheets"]:
+    """Tell what the method "auto" takes; a message says why. Few samples are enough for that."""
+    found, flat = _by_limbs(cloud.inner.own, options, progress.still)
+    return "limbs" if _describe_better(found, flat, progress) else "sheets"
+
+
+def _by_limbs(
+    inner: MedialCloud, options: PartsOptions, progress: Progress
+) -> tuple[Segmentation, float]:
+    """Divide a mesh by its limbs; also how flat it is."""
+    limbs = kept(_limbs, inner, None, lambda: _limbs(inner, progress), progress)
+    labels = _main_limbs(inner.surface, limbs.labels, progress)
+    found = run_patiently(lambda: _limb_parts(inner.surface, labels, options), progress)
+    return found, limbs.flatness
 
 
 def _sheet_parts(cloud: MedialCloud, options: PartsOptions, progress: Progress) -> Segmentation:
