@@ -124,6 +124,8 @@ def _lowest(length, limit, place):
             place[i] = place[i - 1]
         if at < count:
             place[at] = k
+    if count == 0:  # all directions are as long
+        place[0], count = 0, 1
     for k in range(size):
         near = False
         for i in range(count):
