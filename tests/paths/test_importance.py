@@ -225,7 +225,8 @@ def test_connected_importance_of_two_parts_keeps_both():
     lowered = medialis.connected_importance(importance, link=0.1).length
     n = one.point_count
     for part in (slice(0, n), slice(n, 2 * n)):
-        assert np.nanmax(lowered[part]) == np.nanmax(plain[part])
+        # Both ends of the highest ridge are as high but for rounding.
+        assert np.nanmax(lowered[part]) == pytest.approx(np.nanmax(plain[part]), rel=1e-12)
 
 
 def test_connected_importance_refuses_what_it_cannot_link():
