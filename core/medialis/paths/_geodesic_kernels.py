@@ -36,8 +36,8 @@ OPEN = -1  # no path is short enough, a longer one may arrive
 SLOPES = 4
 """Shortest cuts of a search that are remembered."""
 
-SLOPE = 2
-"""Directions on both sides of the shortest one that belong to its slope: 36 degrees by default."""
+SLOPE = 3
+"""Directions on both sides of the shortest one that belong to its slope: 54 degrees by default."""
 
 SIMILAR = 1.1
 """Times the best length: cuts up to that are shortened, since they may become the shortest."""

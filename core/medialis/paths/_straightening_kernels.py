@@ -29,7 +29,7 @@ WIDEST = 256
 GAIN = 5e-5
 """Share of its length that a round must gain for another one."""
 
-ROUNDS = 30
+ROUNDS = 16
 """At most."""
 
 STRAIGHT = 0.01
