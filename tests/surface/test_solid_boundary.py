@@ -132,3 +132,16 @@ def test_a_one_sided_surface_has_a_number_that_is_called_a_guess():
     check_closed(boundary)
     (one,) = find_handles(shape).values()
     assert one.genus == 0 and one.unclear == 1
+
+
+@pytest.mark.slow
+def test_frames_that_touch_in_an_edge_have_both_loops():
+    """Two square frames of voxels that share an edge: one component, a loop each (was none)."""
+    full = np.zeros((10, 10, 1), bool)
+    for place in (0, 5):
+        full[place : place + 5, place : place + 5] = True
+        full[place + 1 : place + 4, place + 1 : place + 4] = False
+    run = medialis.run("curve_skeleton", medialis.make_shape(*voxel_surface(full), repair=True))
+    assert run.graph.loops == run.values["expected_loops"] == handles_of_voxels(full) == 2
+    assert run.graph.component_count == 1 and run.values["expected_loops_certain"]
+    assert "handles_of_solid" in {message.code for message in run.messages}
