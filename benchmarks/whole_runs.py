@@ -229,7 +229,12 @@ def page(table: dict[str, dict[str, Row]]) -> str:
 
 
 def _cell(row: Row | None) -> str:
-    return "" if row is None else f"{row['whole']:.3g} U ({row['whole'] * row['U']:.2g} s)"
+    if row is None:
+        return ""
+    units, seconds = row["whole"], row["whole"] * row["U"]
+    return (
+        f"{units:.3g} U ({seconds:.2g} s)" if units < 999.5 else f"{units:,.0f} U ({seconds:.2g} s)"
+    )
 
 
 def main() -> int:

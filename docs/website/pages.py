@@ -31,6 +31,7 @@ SECTIONS = {
         "architecture*",
         "accuracy",
         "benchmarks*",
+        "whole_runs",
         "contributing",
         "changelog",
     ),
