@@ -109,6 +109,7 @@ def shrink_balls(
     stack = np.empty(8 * 12 + 8, np.int64)  # 8 children on each of at most 11 wide levels
     recent, names = np.empty((3, LEAF)), np.empty(LEAF, np.int64)  # see `_remember`
     spare, fresh = 0, True
+    previous = -1  # leaf of the last second feature point: on tubes those of neighbours are near
     known = np.full((4, KNOWN), np.inf)  # certificates: last centers x, y, z and a - r0
     turn = 0
     for ball in range(begin, end):
@@ -131,6 +132,10 @@ def shrink_balls(
                 for axis in range(3):
                     recent[axis, j] = blocks[own, axis, j]
             fresh = False
+        if previous >= 0:
+            r, slot = _scan_leaf(blocks[previous], px, py, pz, nx, ny, nz, r, a, near2)
+            if slot >= 0:
+                feature = previous * LEAF + slot
         r, slot = _scan_leaf(recent, px, py, pz, nx, ny, nz, r, a, near2)
         if slot >= 0:
             leaf = names[slot] // LEAF
@@ -172,6 +177,7 @@ def shrink_balls(
             continue
         spare = _remember(feature, blocks, recent, names, spare)
         leaf, slot = feature // LEAF, feature % LEAF
+        previous = leaf
         dx = px - blocks[leaf, 0, slot]
         dy = py - blocks[leaf, 1, slot]
         dz = pz - blocks[leaf, 2, slot]
