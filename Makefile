@@ -86,7 +86,7 @@ meshlab-plugin: $(VENV)/installed
 	PYTHON="$(CURDIR)/$(RUN)" meshlab_plugin/build.sh
 
 viewer: $(VENV)/installed
-	$(RUN) viewer_library/build.py
+	$(RUN) core/viewer_library/build.py
 
 check: $(VENV)/installed-dev
 	$(RUN) -m ruff check .

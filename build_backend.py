@@ -1,6 +1,6 @@
 """The build backend: that of setuptools, with two things more.
 
-It makes the script that the viewer draws with where npm is there (`viewer_library/build.py`).
+It makes the script that the viewer draws with where npm is there (`core/viewer_library/build.py`).
 
 Its editable installs are found from every folder. One of packages from two folders is found by a
 hook that Python asks last: in a folder that holds a clone called `medialis`, Python takes the clone
@@ -46,7 +46,7 @@ def build_wheel(
 
 def make_viewer_library() -> None:
     """Make the script of the viewer; without npm or the network everything else works."""
-    library = ROOT / "viewer_library" / "build.py"
+    library = ROOT / "core" / "viewer_library" / "build.py"
     if not library.is_file():
         return
     made = runpy.run_path(str(library))

@@ -1,6 +1,6 @@
 """Make the script that the viewer draws with, from the packages that package-lock.json pins.
 
-python viewer_library/build.py    (needs npm; `make viewer` does it)
+python core/viewer_library/build.py    (needs npm; `make viewer` does it)
 
 The script lies in the package, `core/medialis/viewer/three.js`; git ignores it, wheels have it.
 """
@@ -14,7 +14,7 @@ import sys
 from pathlib import Path
 
 FOLDER = Path(__file__).resolve().parent
-ROOT = FOLDER.parent
+ROOT = FOLDER.parent.parent
 WORK = ROOT / "build" / "viewer-library"
 SCRIPT = ROOT / "core" / "medialis" / "viewer" / "three.js"
 SOURCES = ("package.json", "package-lock.json", "parts.js")
