@@ -72,6 +72,8 @@ def test_a_given_noise_is_a_length(rough):
         medialis.run("smooth", rough, noise="20%")
 
 
-def test_the_old_name_says_what_does_its_work():
-    with pytest.raises(medialis.InvalidOptionError, match=r"remove_outliers .* smooth"):
-        medialis.operation("denoise")
+def test_an_old_name_still_works_and_says_so(rough):
+    assert medialis.operation("denoise") is medialis.operation("remove_outliers")
+    result = medialis.run("denoise", rough)
+    assert result.operation == "remove_outliers"
+    assert any(message.code == "renamed_operation" for message in result.messages)

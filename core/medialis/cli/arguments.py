@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from medialis.cli.display import STYLES, say
 from medialis.cli.view_command import add_view_arguments
 from medialis.errors import InvalidOptionError
-from medialis.operations.names import RENAMED, named_operations
+from medialis.operations.names import named_operations
 
 if TYPE_CHECKING:
     from medialis.operations.declaration import Operation, Parameter
@@ -101,8 +101,6 @@ def build_parser(
     """
     names = [*(named.command for named in named_operations()), *commands]
     if chosen and not chosen.startswith("-") and chosen not in names:
-        if chosen in RENAMED:
-            raise InvalidOptionError(f"{chosen} is {RENAMED[chosen].replace('_', '-')} now.")
         raise InvalidOptionError(
             f"There is no command {chosen}{nearest(chosen, names) or '.'} All are listed by "
             "medialis --help"

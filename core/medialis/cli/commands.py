@@ -25,7 +25,7 @@ from medialis.cli.arguments import (
 )
 from medialis.cli.display import clear_bar, say, shown_progress
 from medialis.errors import Cancelled, InvalidShapeError, MedialisError
-from medialis.operations.names import named_operations
+from medialis.operations.names import RENAMED, named_operations, renamed_note
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -35,6 +35,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         with _ending_as_interrupt(interrupts):
             given = with_dashes(sys.argv[1:] if arguments is None else arguments)
+            if given and given[0] in RENAMED:
+                say(renamed_note(given[0]), file=sys.stderr)
+                given[0] = RENAMED[given[0]].replace("_", "-")
             parser = build_parser(_operation, COMMANDS, chosen=given[0] if given else "")
             options = parser.parse_args(given)
             _configure_log(options)

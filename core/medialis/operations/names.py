@@ -12,8 +12,14 @@ from typing import NamedTuple
 
 import medialis.operations
 
-RENAMED = {"denoise": "remove_outliers (points go) or smooth (points move)"}
-"""Operations of older versions, and what does their work."""
+RENAMED = {"denoise": "remove_outliers"}
+"""Names of older versions that still work, and what they are now."""
+
+
+def renamed_note(name: str) -> str:
+    """Return the sentence that tells the new name of an operation."""
+    return f"The operation {name} is called {RENAMED[name]} now; smooth moves points instead."
+
 
 _DECLARATION = re.compile(r"^OPERATION\b", re.MULTILINE)
 

@@ -12,7 +12,7 @@ from medialis.kept import kept
 from medialis.model.shape import Shape
 from medialis.operations.declaration import Operation
 from medialis.operations.far import moved, near_origin, offset_of
-from medialis.operations.names import RENAMED, Named, named_operations
+from medialis.operations.names import RENAMED, Named, named_operations, renamed_note
 from medialis.operations.result import Outcome, Result
 from medialis.progress import Progress, ProgressCallback
 from medialis.surface.given_shapes import ShapeLike, as_shape
@@ -58,6 +58,7 @@ def operation(name: str) -> Operation:
     >>> medialis.operation("thickness").label
     'Thickness'
     """
+    name = RENAMED.get(name, name)
     if "OPERATIONS" not in globals():  # one operation needs no other
         for named in named_operations():
             if name in (named.name, named.command):
@@ -66,8 +67,6 @@ def operation(name: str) -> Operation:
     for candidate in every:
         if name in (candidate.name, candidate.name.replace("_", "-"), candidate.filter_name):
             return candidate
-    if name in RENAMED:
-        raise InvalidOptionError(f"The operation {name} is {RENAMED[name]} now.")
     known = ", ".join(candidate.name for candidate in every)
     raise InvalidOptionError(f"There is no operation {name!r}; there are {known}.")
 
@@ -124,6 +123,8 @@ def run(
     chosen = operation(name)
     options = chosen.resolve(parameters)
     progress = Progress.of(progress)
+    if name in RENAMED:
+        progress.note(renamed_note(name), "renamed_operation")
     data = as_shape(shape, progress)
     _require_size(data)
     options = options.measured(data, progress)
