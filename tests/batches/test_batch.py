@@ -80,7 +80,8 @@ def test_good_shapes_are_done_and_bad_ones_say_why(finished, shapes):
     for link in re.findall('(?:src|href)="([^"#]+)"', page):
         assert (out / unquote(link)).exists()
     for link in re.findall('src="([^"]+)"', page):
-        assert read_png(out / unquote(link)).shape == (187, 250, 3)
+        _, width, channels = read_png(out / unquote(link)).shape
+        assert 250 <= width < 500 and channels == 4
 
 
 @pytest.mark.slow
