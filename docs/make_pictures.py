@@ -32,9 +32,10 @@ CROPPED = Style(crop=True)
 
 
 def hero() -> Image:
-    """Draw the README's picture."""
-    result = medialis.run("surface_skeleton", medialis.organic_shape(200))
-    return _picture(result, title="Surface skeleton: the centres of all maximal balls")
+    """Draw surface skeletons of a creature, a part of a machine and a hand."""
+    names = ("creature", "bracket", "hand")
+    results = [medialis.run("surface_skeleton", medialis.sample_shape(name)) for name in names]
+    return _sheet(results, names, 3)
 
 
 def overview() -> Image:
@@ -562,7 +563,7 @@ def remove_outliers() -> Image:
     noisy = medialis.Shape(points, np.zeros_like(points))
     kept = medialis.run("remove_outliers", noisy).layers[0].points
     camera = Camera.framing(shape.points, width=WIDTH // 2, height=WIDTH // 3)
-    images = [draw([Points(p, size=4.0)], camera) for p in (points, kept)]
+    images = [draw([Points(p, size=4.0)], camera, style=CROPPED) for p in (points, kept)]
     return contact_sheet(images, [f"{len(p)} points" for p in (points, kept)], 2)
 
 
@@ -580,7 +581,8 @@ def mean_shift_segments() -> Image:
     camera = Camera.framing(
         shape.points, width=WIDTH // 2, height=WIDTH // 3, direction=(0.2, 0.8, 1.0), up=(0, 0, 1)
     )
-    images = [draw([Surface(shape.points, shape.faces, labels=f)], camera) for f in found]
+    surfaces = [Surface(shape.points, shape.faces, labels=labels) for labels in found]
+    images = [draw([surface], camera, style=CROPPED) for surface in surfaces]
     other = medialis.organic_shape(200)
     result = medialis.run("mean_shift_segments", other)
     images.append(_picture(result, 2))

@@ -154,7 +154,7 @@ def test_discs_lie_in_sheets_and_leave_curves_alone():
     x, y = (c.ravel() for c in np.mgrid[0:12, 0:12].astype(float))
     plane = np.stack([x, y, 0 * x], axis=1)
     signs = np.where(np.arange(len(plane)) % 2, 1.0, -1.0)
-    radii, flat, axes = sheet_discs(plane, signs[:, None] * [[0.0, 0.0, 3.0]])
+    radii, flat, axes, _ = sheet_discs(plane, signs[:, None] * [[0.0, 0.0, 3.0]])
     assert flat.all()
     np.testing.assert_allclose(np.abs(axes[:, 2]), 1, atol=1e-9)
     corners, faces = disc_mesh(plane, axes, radii)

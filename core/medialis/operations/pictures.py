@@ -219,8 +219,8 @@ def _cloud_items(
         return [Points(points, size=size, **colors)]
     first, second = (layer.attributes[f"feature_{k}"][rows] for k in (1, 2))
     axes = result.shape.points[first] - result.shape.points[second]
-    radii, flat, axes = sheet_discs(points, axes)
-    lifted = lifted_faces(result.shape, layer.attributes["source"][rows], points, 3 * radii)
+    radii, flat, axes, reach = sheet_discs(points, axes)
+    lifted = lifted_faces(result.shape, layer.attributes["source"][rows], points, 4 * reach)
     covered = np.zeros(len(points), bool)
     covered[lifted] = True
     # A disc or ball stays well within the shape, as the medial ball of its point does.

@@ -244,7 +244,7 @@ def contact_sheet(
         raise InvalidOptionError(f"{len(pictures)} images need as many captions, got {len(texts)}.")
     columns = min(columns, len(pictures))
     high, wide = (max(picture.shape[axis] for picture in pictures) for axis in (0, 1))
-    gap, size = 8, text_size(wide * columns, high * 2)
+    gap, size = 8, round(0.9 * text_size(wide * columns, high * 2))
     below = round(2.4 * size) if any(texts) else 0
     rows = -(-len(pictures) // columns)
     cell_h, cell_w = high + below + gap, wide + gap

@@ -20,8 +20,10 @@ CORNERS = 7
 
 def sheet_discs(
     points: FloatArray, axes: FloatArray
-) -> tuple[FloatArray, NDArray[np.bool_], FloatArray]:
-    """Return the radius of a disc at each point, where it lies in a sheet, and its axis there.
+) -> tuple[FloatArray, NDArray[np.bool_], FloatArray, FloatArray]:
+    """Return the radius of a disc at each point, where it lies in a sheet, its axis, and its reach.
+
+    The reach is the distance of the last near point.
 
     Axes (p, 3) cross the sheet, either way round, zero where unknown; they are averaged over near
     points. Points of curves, round which the axes turn, and lone ones are in no sheet.
@@ -30,13 +32,14 @@ def sheet_discs(
     --------
     >>> x, y = (c.ravel() for c in np.mgrid[0:9, 0:9].astype(float))
     >>> flat = np.stack([x, y, 0 * x], axis=1)
-    >>> radii, sheet, axes = sheet_discs(flat, np.tile([0.0, 0.0, -2.0], (81, 1)))
+    >>> radii, sheet, axes, reach = sheet_discs(flat, np.tile([0.0, 0.0, -2.0], (81, 1)))
     >>> float(radii[40]), bool(sheet.all()), np.abs(axes[40]).tolist()
     (1.0, True, [0.0, 0.0, 1.0])
     """
     count = min(NEIGHBOURS + 1, len(points))
     if count < 3:
-        return np.zeros(len(points)), np.zeros(len(points), bool), np.zeros((len(points), 3))
+        none = np.zeros(len(points))
+        return none, none.astype(bool), np.zeros((len(points), 3)), none
     lengths = np.linalg.norm(axes, axis=1, keepdims=True)
     units = np.divide(axes, lengths, out=np.zeros_like(axes), where=lengths > 0)
     distances, near = cKDTree(points).query(points, k=count, workers=-1)
@@ -46,7 +49,8 @@ def sheet_discs(
     reach = distances[:, min(4, count - 1)]
     middle = float(np.median(reach))
     flat = (sizes[:, 2] >= FLAT * total) & (total > 0) & (reach <= 4 * middle)
-    return np.clip(reach, 0.5 * middle, 1.5 * middle), flat, directions[:, :, 2]
+    radii = np.clip(reach, 0.5 * middle, 1.5 * middle)
+    return radii, flat, directions[:, :, 2], distances[:, -1]
 
 
 def disc_mesh(
