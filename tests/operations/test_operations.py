@@ -244,3 +244,10 @@ def test_a_name_that_is_not_written_out_is_found_by_loading(monkeypatch, tmp_pat
     finally:
         named_operations.cache_clear()
         sys.modules.pop("medialis.operations.made_by_code", None)
+
+
+def test_points_that_belong_to_no_sample_are_drawn():
+    """Skeleton points in manifolds have features and no source: their picture once failed."""
+    result = medialis.run("manifolds", medialis.organic_shape(56), cloud="skeleton")
+    image = medialis.draw_result(result, width=200, height=150)
+    assert image.shape == (150, 200, 3) and (image < 200).any()

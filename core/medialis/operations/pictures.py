@@ -30,6 +30,9 @@ SMALL = 320
 
 IN_DEGREES = ("spoke_angle",)
 
+MEDIAL = {"feature_1", "feature_2", "radius", "source"}
+"""Attributes of points that are drawn as pieces of sheets."""
+
 
 def draw_result(
     result: Outcome,
@@ -213,7 +216,7 @@ def _cloud_items(
 ) -> list[Item]:
     """Medial points as discs along their sheets, those of curves as balls; others as dots."""
     points = layer.points[rows]
-    if not {"feature_1", "feature_2"} <= layer.attributes.keys():
+    if not MEDIAL <= layer.attributes.keys():
         # Smaller dots for more points, so that sheets look like sheets and not like gravel.
         size = float(np.clip(width / np.sqrt(max(len(points), 1)) / 2, width / 600, width / 160))
         return [Points(points, size=size, **colors)]
