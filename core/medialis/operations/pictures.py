@@ -216,7 +216,7 @@ def _cloud_items(
 ) -> list[Item]:
     """Medial points as discs along their sheets, those of curves as balls; others as dots."""
     points = layer.points[rows]
-    if not MEDIAL <= layer.attributes.keys():
+    if not layer.attributes.keys() >= MEDIAL:
         # Smaller dots for more points, so that sheets look like sheets and not like gravel.
         size = float(np.clip(width / np.sqrt(max(len(points), 1)) / 2, width / 600, width / 160))
         return [Points(points, size=size, **colors)]
