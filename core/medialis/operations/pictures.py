@@ -99,7 +99,7 @@ def draw_result(
     if result.shown:
         items += [_mark(other, camera.width) for other in others]
     else:
-        items = [_context(result), *items]
+        items = [_context(result, camera.width), *items]
     return draw(
         items,
         camera,
@@ -110,11 +110,11 @@ def draw_result(
     )
 
 
-def _context(result: Outcome) -> Item:
+def _context(result: Outcome, width: int) -> Item:
     """Return the shape itself, see-through."""
     points, faces = result.shape.points, result.shape.faces
     if faces is None:
-        return Points(points, size=1.5, color=(0.78, 0.80, 0.84))
+        return Points(points, size=max(1.5, width / 670), color=(0.78, 0.80, 0.84))
     return Surface(points, faces, opacity=0.12)
 
 
@@ -214,7 +214,7 @@ def _paint(
 def _cloud_items(
     result: Outcome, layer: Layer, rows: NDArray[np.intp], colors: dict[str, Any], width: int
 ) -> list[Item]:
-    """Medial points as discs along their sheets, those of curves as balls; others as dots."""
+    """Return medial points as pieces of sheets, those of curves as balls, others as dots."""
     points = layer.points[rows]
     if not layer.attributes.keys() >= MEDIAL:
         # Smaller dots for more points, so that sheets look like sheets and not like gravel.
