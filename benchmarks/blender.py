@@ -1,6 +1,13 @@
-"""Seconds of what the Blender adapter does, with `import bpy`: `python benchmarks/blender.py`."""
+"""Seconds of what the Blender adapter does, with `import bpy`: `python benchmarks/blender.py`.
 
+With `--large` also operations on a million triangles, and how long Blender does not answer; with
+`--first` a new profile: enabling, and the first and the second operation with nothing compiled.
+"""
+
+import argparse
+import os
 import sys
+import tempfile
 import time
 from pathlib import Path
 
@@ -14,9 +21,11 @@ import blender_addon  # noqa: E402
 
 import medialis  # noqa: E402
 
+CLOCK = time.perf_counter()
 blender_addon.register()
+ENABLED = time.perf_counter() - CLOCK
 
-from blender_addon import fields, layers, reading  # noqa: E402
+from blender_addon import fields, jobs, layers, reading, writing  # noqa: E402
 from blender_addon.changes import Changes  # noqa: E402
 
 
@@ -55,8 +64,79 @@ def add(name, points, polygons):
     return made
 
 
+def torus(around, across):
+    """Triangles of a bumpy torus with around * across vertices."""
+    u, v = np.meshgrid(*(np.linspace(0, 2 * np.pi, n, endpoint=False) for n in (around, across)))
+    r = 0.4 + 0.05 * np.sin(7 * u) * np.sin(3 * v)
+    points = np.stack(
+        [(1 + r * np.cos(v)) * np.cos(u), (1 + r * np.cos(v)) * np.sin(u), r * np.sin(v)], 2
+    )
+    i, j = np.meshgrid(np.arange(around), np.arange(across))
+    a, b = j * around + i, j * around + (i + 1) % around
+    c, d = ((j + 1) % across) * around + (i + 1) % around, ((j + 1) % across) * around + i
+    quads = np.stack([a, b, c, d], 2).reshape(-1, 4)
+    return points.reshape(-1, 3), np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
+
+
+def processor_seconds():
+    """Processor time of the process that computes (Linux)."""
+    fields_of = Path(f"/proc/{jobs.computer()._process.pid}/stat").read_text().rpartition(")")[2]
+    return sum(map(int, fields_of.split()[11:13])) / os.sysconf("SC_CLK_TCK")
+
+
+def answering(name, chosen):
+    """Print what an operation takes, and the longest that a timer of 0.05 s has to wait."""
+    begin = time.perf_counter()
+    source = reading.read_object(bpy.context, chosen)
+    read = time.perf_counter()
+    job = jobs.Job(source, name, {}, name)
+    ticks = [read, time.perf_counter()]
+    processor = processor_seconds()
+    while not job.look():
+        time.sleep(0.05)
+        ticks.append(time.perf_counter())
+    ticks.append(time.perf_counter())
+    processor = processor_seconds() - processor
+    jobs.close()
+    writing.add_result(bpy.context, source, *job.outcome(), writing.Options())
+    written = time.perf_counter() - ticks[-1]
+    print(
+        f"| {name} of {len(source.faces)} triangles | {processor:.1f} s processor time, "
+        f"{ticks[-1] - read:.1f} s | read {read - begin:.3f} s, longest wait "
+        f"{np.diff(ticks).max():.3f} s, write {written:.3f} s |"
+    )
+
+
+def large():
+    """Print what operations on a million triangles take."""
+    small = add("small", *torus(40, 20))
+    points, faces = torus(1000, 500)
+    for name in ("surface_skeleton", "thickness"):
+        answering(name, small)  # the process is there, its kernels are loaded
+        bpy.data.batch_remove([o for o in bpy.data.objects if o != small])
+        answering(name, add("large", points, faces))
+        jobs.stop()
+
+
+def first():
+    """Print what a new profile takes: a folder of kernels without any."""
+    with tempfile.TemporaryDirectory() as folder:
+        os.environ["MEDIALIS_CACHE_DIR"] = folder
+        print(f"| enable | {ENABLED:.2f} s | with import of the core |")
+        chosen = add("torus", *torus(100, 50))
+        for name in ("thickness", "thickness", "surface_skeleton", "surface_skeleton"):
+            answering(name, chosen)
+        jobs.stop()
+
+
 def main():
     """Print a table."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("--large", action="store_true", help="only a million triangles")
+    parser.add_argument("--first", action="store_true", help="only a new profile")
+    chosen = parser.parse_args()
+    if chosen.large or chosen.first:
+        return large() if chosen.large else first()
     print(f"Blender {bpy.app.version_string}\n| | best of 3 | limit |\n|---|---|---|")
     rng = np.random.default_rng(0)
     n = 500_000

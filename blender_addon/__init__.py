@@ -6,34 +6,33 @@ data, and reports. Every operation of the core's registry appears by itself.
 """
 
 import atexit
-import importlib.util
-import sys
-from pathlib import Path
+from typing import Any
 
 _registered = False
 
 
-def _find_core() -> None:
-    """Use the sources beside this folder where the core is not installed (development)."""
-    sources = Path(__file__).resolve().parents[1] / "core"
-    if importlib.util.find_spec("medialis") is None and sources.is_dir():
-        sys.path.append(str(sources))
-
-
 def register() -> None:
-    """Add operators, settings, panel and menu; start compiling kernels in a Blender window."""
+    """Add operators, settings, preferences, panel and menu; nothing is computed."""
     global _registered
     if _registered:
         return
-    _find_core()
-    from . import menus, operators, panel, properties, warmup
-
-    for module in (properties, operators, panel, menus, warmup):
+    for module in _modules():
         module.register()
     # With `import bpy` of Blender 4.5, a Python process hangs at its end while a class of any
     # add-on is registered.
     atexit.register(unregister)
     _registered = True
+
+
+def register_in_scripts() -> None:
+    """Register when a script has imported bpy (`medialis_blender.pth`).
+
+    Blender itself, which starts Python with its own bpy, has the add-on from its preferences.
+    """
+    import bpy
+
+    if not bpy.app.binary_path:
+        register()
 
 
 def unregister() -> None:
@@ -42,12 +41,27 @@ def unregister() -> None:
     if not _registered:  # at exit Blender and `atexit` both may call this
         return
     _registered = False
-    from . import jobs, menus, operators, panel, properties, warmup
+    from . import jobs
 
     atexit.unregister(unregister)
     jobs.stop()
-    for module in (warmup, menus, panel, operators, properties):
+    for module in reversed(_modules()):
         module.unregister()
-    if __package__.startswith("bl_ext."):  # after an update the next start must find the new core
-        for name in [name for name in sys.modules if name.partition(".")[0] == "medialis"]:
-            del sys.modules[name]
+
+
+def _modules() -> tuple:
+    """Return the modules that register something, in their order."""
+    from . import editing, levels, live, menus, operators, panel, preferences, properties
+
+    return preferences, properties, levels, operators, editing, panel, menus, live
+
+
+def __getattr__(name: str) -> Any:
+    """Return `run` or the function of an operation, such as `thickness` (see `functions.py`)."""
+    from medialis import OPERATIONS
+
+    if name != "run" and all(name != operation.name for operation in OPERATIONS):
+        raise AttributeError(f"there is no operation {name!r}")
+    from . import functions
+
+    return functions.run if name == "run" else functions.function(name)

@@ -9,20 +9,27 @@ from typing import Any
 
 import bpy
 import numpy as np
-from mathutils import Matrix
+from mathutils import Matrix, Vector
 from numpy.typing import NDArray
 
-from medialis import Bones, InvalidShapeError, SkinWeights
+from medialis import InvalidShapeError, SkinWeights
+from medialis.hosts import Rig
 
-from . import attributes
+from . import attributes, looks
 from .changes import Changes
+from .transfer import Rows
 
 NAME = re.compile(r"bone \d{3,}(\.[LR])?")
 MODIFIER = "Medialis armature"
+FINISH = {
+    *("SUBSURF", "MULTIRES", "SMOOTH", "CORRECTIVE_SMOOTH", "LAPLACIANSMOOTH", "BEVEL", "SOLIDIFY"),
+    *("WEIGHTED_NORMAL", "EDGE_SPLIT", "TRIANGULATE"),
+}
+"""Modifiers that come after the pose: they see the surface that the bones have bent."""
 
 
 def new_armature(
-    context: bpy.types.Context, title: str, rig: Bones, changes: Changes
+    context: bpy.types.Context, title: str, given: Rig, changes: Changes
 ) -> bpy.types.Object:
     """Add an armature object with these bones; bones that meet at a joint are connected.
 
@@ -33,6 +40,7 @@ def new_armature(
     InvalidShapeError
         When Blender cannot edit it, or cannot hold the coordinates.
     """
+    rig = given.bones
     heads = attributes.coordinates(rig.heads, title)
     tails = attributes.coordinates(rig.tails, title)
     data = bpy.data.armatures.new(title)
@@ -45,7 +53,7 @@ def new_armature(
     layer.objects.active = made
     try:
         bpy.ops.object.mode_set(mode="EDIT")
-        _add_bones(data, rig, heads, tails)
+        _add_bones(data, given, heads, tails)
         bpy.ops.object.mode_set(mode="OBJECT")
     except RuntimeError as error:
         raise InvalidShapeError(f"Blender cannot edit a new armature here: {error}") from error
@@ -60,12 +68,14 @@ def new_armature(
 
 
 def _add_bones(
-    data: bpy.types.Armature, rig: Bones, heads: NDArray[np.float32], tails: NDArray[np.float32]
+    data: bpy.types.Armature, given: Rig, heads: NDArray[np.float32], tails: NDArray[np.float32]
 ) -> None:
+    rig = given.bones
     made: list[Any] = []
     for number, name in enumerate(rig.names):
         bone = data.edit_bones.new(name)
         bone.head, bone.tail = heads[number].tolist(), tails[number].tolist()
+        bone.align_roll(Vector(given.rolls[number].tolist()))
         bone.head_radius = float(rig.head_radii[number])
         bone.tail_radius = float(rig.tail_radii[number])
         bone.envelope_distance = 0.25 * max(bone.head_radius, bone.tail_radius)
@@ -76,12 +86,25 @@ def _add_bones(
         made.append(bone)
 
 
-def write_weights(place: bpy.types.Object, names: Sequence[str], skin: SkinWeights) -> None:
-    """Write one vertex group a bone, of its name; those of an earlier run are replaced.
+def own_weights(skin: SkinWeights, rows: Rows) -> SkinWeights:
+    """Return the weights of the vertices of the object's own mesh."""
+    weights = rows.of(skin.weights, "POINT")
+    return SkinWeights(rows.of(skin.bones, "POINT"), np.nan_to_num(weights))
+
+
+def write_weights(place: bpy.types.Object, names: Sequence[str], skin: SkinWeights) -> list[str]:
+    """Write one vertex group a bone, of its name; those of that name or an earlier run go.
 
     Vertices with the same weight are added together.
+
+    Returns
+    -------
+    list of str
+        The names of the groups.
     """
-    for group in [group for group in place.vertex_groups if NAME.fullmatch(group.name)]:
+    for group in [
+        group for group in place.vertex_groups if group.name in names or NAME.fullmatch(group.name)
+    ]:
         place.vertex_groups.remove(group)
     vertices, columns = np.nonzero(skin.bones >= 0)
     of_bone = skin.bones[vertices, columns]
@@ -94,6 +117,7 @@ def write_weights(place: bpy.types.Object, names: Sequence[str], skin: SkinWeigh
     rows, heaviness, numbers = vertices.tolist(), weights.tolist(), of_bone.tolist()
     for begin, end in zip(begins, [*begins[1:], len(rows)], strict=True):
         groups[numbers[begin]].add(rows[begin:end], heaviness[begin], "REPLACE")
+    return [group.name for group in groups]
 
 
 def require_unbound(place: bpy.types.Object) -> None:
@@ -143,3 +167,19 @@ def bind(place: bpy.types.Object, armature: bpy.types.Object, changes: Changes) 
     modifier = place.modifiers.new(MODIFIER, "ARMATURE")
     changes.undo_by(place.modifiers.remove, modifier)
     modifier.object = armature
+    place.modifiers.move(len(place.modifiers) - 1, _before_finish(place))
+
+
+def _before_finish(place: bpy.types.Object) -> int:
+    """Return where an armature belongs: behind what makes limbs, before what rounds them.
+
+    The last modifier is not looked at.
+    """
+    at = len(place.modifiers) - 1
+    while at > 0 and _finishes(place.modifiers[at - 1]):
+        at -= 1
+    return at
+
+
+def _finishes(modifier: bpy.types.Modifier) -> bool:
+    return modifier.type in FINISH or modifier.name == looks.MODIFIER

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,14 +13,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from medialis import InvalidShapeError, Layer, Shape
-from medialis.hosts import distinct_names, label_name, on_input, shown
+from medialis.hosts import Shown, distinct_names, label_name, on_input, shown
 
 from . import attributes, materials
 from .changes import Changes
 from .reading import Source, corner_totals, corner_vertices, has_topology
+from .removing import Record
+from .transfer import Rows, own_rows
 
 GROUP_LIMIT = 1000
 """Segments beyond which no vertex groups are made: a list of thousands helps nobody."""
+FACE_SETS = ".sculpt_face_set"
+"""Blender's attribute of the face sets of sculpt mode."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,9 +39,13 @@ class FieldPlan:
     """Labels of the vertices, by name."""
     face_groups: Mapping[str, NDArray[np.int32]]
     """Labels of the polygons, by name."""
+    main_label: str | None
+    """The labels that make face sets and materials: a polygon has one of each."""
     color_by_face: bool
     """The colours belong to polygons, and their corners take them."""
     colors: attributes.Column | None
+    shown: Shown | None
+    """What the colours show."""
 
 
 def plan_field(
@@ -60,25 +68,38 @@ def plan_field(
     colors = None
     if first is not None:
         colors = attributes.color_column(f"{first.name}_color", first.rgb)
+    groups = {name: on_points[name] for name in layer.labels if with_groups and name in on_points}
+    of_faces = {name: on_faces[name] for name in layer.labels if with_groups and name in on_faces}
+    labels = [*of_faces, *groups]
     return FieldPlan(
         layer,
         title,
         attributes.columns(on_points),
         attributes.columns(on_faces),
-        {name: on_points[name] for name in layer.labels if with_groups and name in on_points},
-        {name: on_faces[name] for name in layer.labels if with_groups and name in on_faces},
+        groups,
+        of_faces,
+        layer.color_by if layer.color_by in labels else next(iter(labels), None),
         first is not None and first.on_faces,
         colors,
+        first,
     )
+
+
+@dataclass(frozen=True, eq=False)
+class Place:
+    """The object to write on, and its rows of what was read; None: they are the same."""
+
+    object: bpy.types.Object
+    rows: Rows | None = None
 
 
 def place_for_fields(
     context: bpy.types.Context, chosen: bpy.types.Object, source: Source, changes: Changes
-) -> bpy.types.Object:
+) -> Place:
     """Return the object to write on: the source, or a copy of it as it is seen.
 
-    The copy is made where the source's own data have other vertices: modifiers that change them,
-    curves and texts, linked meshes.
+    Where modifiers add vertices, those of the source get their values. The copy is made where they
+    leave none of them as it was, and for curves, texts and linked meshes.
 
     Raises
     ------
@@ -93,7 +114,11 @@ def place_for_fields(
         if not has_topology(chosen, len(source.points), source.topology):
             raise changed
         _keep_a_copy(chosen, changes)
-        return chosen
+        return Place(chosen)
+    rows = own_rows(context, chosen, source.topology)
+    if rows is not None:
+        _keep_a_copy(chosen, changes)
+        return Place(chosen, rows)
     graph = context.evaluated_depsgraph_get()
     evaluated = chosen.evaluated_get(graph)
     if chosen.type == "POINTCLOUD":
@@ -107,7 +132,7 @@ def place_for_fields(
     copy.parent = chosen
     if not has_topology(copy, len(source.points), source.topology):
         raise changed
-    return copy
+    return Place(copy)
 
 
 def _keep_a_copy(chosen: bpy.types.Object, changes: Changes) -> None:
@@ -126,56 +151,104 @@ def _keep_a_copy(chosen: bpy.types.Object, changes: Changes) -> None:
 
 
 def write_field(
-    plan: FieldPlan, place: bpy.types.Object, changes: Changes, *, with_materials: bool
-) -> None:
-    """Write attributes, vertex groups, the colour attribute and, if asked for, materials."""
-    data = place.data
-    for column in plan.on_points:
-        attributes.write(data, column, "POINT")
-    for column in plan.on_faces:
-        attributes.write(data, column, "FACE")
+    plan: FieldPlan, place: Place, changes: Changes, segments_as: Collection[str] = ()
+) -> Record:
+    """Write attributes and the colour attribute, and segments in the ways that were asked for.
+
+    Returns
+    -------
+    Record
+        The names of what was written.
+    """
+    chosen, rows = place.object, place.rows
+    data = chosen.data
+    by_domain = (("POINT", plan.on_points), ("FACE", plan.on_faces))
+    columns = [(domain, column) for domain, some in by_domain for column in some]
+    for domain, column in columns:
+        attributes.write(data, column if rows is None else column.rows(rows, domain), domain)
+    written = [column.name for _, column in columns]
     if plan.colors is not None:
-        _write_colors(plan, data)
-    if place.type == "MESH":
-        for name, labels in plan.groups.items():
-            write_groups(place, name, np.arange(len(labels)), labels)
-        for name, labels in plan.face_groups.items():
-            corners, totals = _corners(data)
-            write_groups(place, name, corners, np.repeat(labels, totals))
-        if with_materials:
-            _write_materials(plan, data, changes)
+        _write_colors(plan, data, rows)
+        written.append(plan.colors.name)
+    groups: list[str] = []
+    if chosen.type == "MESH":
+        labels = [("POINT", *one) for one in plan.groups.items()]
+        labels += [("FACE", *one) for one in plan.face_groups.items()]
+        for domain, name, values in labels:
+            own = values if rows is None else rows.of(values, domain)
+            if "GROUPS" in segments_as:
+                groups += _write_label_groups(chosen, name, own, on_faces=domain == "FACE")
+            if "FACE_SETS" in segments_as and name == plan.main_label:
+                written.append(_write_face_sets(data, own, on_faces=domain == "FACE"))
+            if "MATERIALS" in segments_as and name == plan.main_label:
+                _write_materials(name, own, data, changes, on_faces=domain == "FACE")
+    return Record("", attributes=written, groups=groups)
+
+
+def _write_label_groups(
+    chosen: bpy.types.Object, name: str, labels: NDArray[Any], *, on_faces: bool
+) -> list[str]:
+    vertices = np.arange(len(labels))
+    if on_faces:
+        vertices, totals = _corners(chosen.data)
+        labels = np.repeat(labels, totals)
+    return write_groups(chosen, name, vertices, labels)
+
+
+def _write_face_sets(mesh: bpy.types.Mesh, labels: NDArray[Any], *, on_faces: bool) -> str:
+    """Write the face sets of sculpt mode; 1, as of new faces, is no segment."""
+    sets = (labels if on_faces else _of_first_corner(mesh, labels)) + 2
+    column = attributes.Column(FACE_SETS, "INT", "value", sets.astype(np.int32))
+    attributes.write(mesh, column, "FACE")
+    return FACE_SETS
+
+
+def _of_first_corner(mesh: bpy.types.Mesh, labels: NDArray[Any]) -> NDArray[Any]:
+    corners, totals = _corners(mesh)
+    return labels[corners[np.cumsum(totals) - totals]]
 
 
 def _corners(mesh: bpy.types.Mesh) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
     return corner_vertices(mesh), corner_totals(mesh)
 
 
-def _write_colors(plan: FieldPlan, data: Any) -> None:
-    column = plan.colors
-    if plan.color_by_face:
-        rgba = np.repeat(column.values.reshape(-1, 4), corner_totals(data), axis=0)
+def _write_colors(plan: FieldPlan, data: Any, rows: Rows | None) -> None:
+    column, by_face = plan.colors, plan.color_by_face
+    if rows is not None:
+        column = column.rows(rows, "FACE" if by_face else "POINT")
+    rgba = column.values.reshape(-1, 4)
+    if rows is not None and not by_face and plan.shown is not None and plan.shown.is_label:
+        # Modifiers mix the colours of points: segments would be blurred.
+        rgba, by_face = _of_first_corner(data, rgba), True
+    if by_face:
+        rgba = np.repeat(rgba, corner_totals(data), axis=0)
         column = attributes.Column(column.name, column.type, column.key, rgba.ravel())
-    attribute = attributes.write(data, column, "CORNER" if plan.color_by_face else "POINT")
+    attribute = attributes.write(data, column, "CORNER" if by_face else "POINT")
     if isinstance(data, bpy.types.Mesh):
         data.color_attributes.active_color = data.color_attributes[attribute.name]
 
 
 def write_groups(
     place: bpy.types.Object, name: str, vertices: NDArray[Any], labels: NDArray[Any]
-) -> None:
+) -> list[str]:
     """Write one vertex group a label, "<name> 003"; those of an earlier run are replaced.
 
     Parameters
     ----------
     vertices, labels : (k,) int
         Pairs of a vertex and a label that it has; label -1 belongs to no group.
+
+    Returns
+    -------
+    list of str
+        Their names.
     """
     number = re.compile(rf"{re.escape(name)} \d{{3,}}")
     for group in [group for group in place.vertex_groups if number.fullmatch(group.name)]:
         place.vertex_groups.remove(group)
     present = np.unique(labels[labels >= 0])
     if len(present) > GROUP_LIMIT:
-        return
+        return []
     order = np.argsort(labels, kind="stable")
     sorted_labels = labels[order]
     begins = np.searchsorted(sorted_labels, present)
@@ -183,22 +256,15 @@ def write_groups(
     for label, begin, end in zip(present.tolist(), begins, ends, strict=True):
         group = place.vertex_groups.new(name=label_name(name, label))
         group.add(vertices[order[begin:end]].tolist(), 1.0, "REPLACE")
+    return [label_name(name, label) for label in present.tolist()]
 
 
-def _write_materials(plan: FieldPlan, mesh: bpy.types.Mesh, changes: Changes) -> None:
-    """Give each segment its material, or the whole mesh a ramp; earlier slots stay."""
-    by_name = {**plan.groups, **plan.face_groups}
-    first = plan.layer.color_by
-    name = first if first in by_name else next(iter(by_name), None)
-    if name is None or (first is not None and first not in by_name):
-        if plan.colors is not None:
-            slot = _slot(mesh, materials.color_material(plan.colors.name, changes))
-            _set_slots(mesh, np.full(len(mesh.polygons), slot, np.int32))
-        return
-    labels = by_name[name]
-    if name in plan.groups:  # a polygon takes the label of its first corner
-        corners, totals = _corners(mesh)
-        labels = labels[corners[np.cumsum(totals) - totals]]
+def _write_materials(
+    name: str, labels: NDArray[Any], mesh: bpy.types.Mesh, changes: Changes, *, on_faces: bool
+) -> None:
+    """Give each segment a material slot of its own; earlier slots stay."""
+    if not on_faces:
+        labels = _of_first_corner(mesh, labels)
     present, rows = np.unique(labels, return_inverse=True)
     if len(present) > GROUP_LIMIT:
         return

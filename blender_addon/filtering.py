@@ -17,6 +17,9 @@ from medialis import Layer
 from medialis.hosts import FilterUnit, Kind, title
 
 from .changes import Changes
+from .materials import MEANING, find_shared
+from .nodes import Nodes
+from .thick import thick
 
 MODIFIER = "Medialis"
 MEDIAL_RADIUS = "medial_radius"
@@ -84,19 +87,41 @@ def add_modifier(
     material: bpy.types.Material | None,
     changes: Changes,
 ) -> bpy.types.Modifier:
-    """Give an object its modifier.
+    """Give an object its modifier; objects with the same inputs share its nodes.
 
     Parameters
     ----------
-    shows : "points", "tubes" or "faces"
+    shows : "points", "tubes", "faces", "sheets" or "balls"
+        Sheets are faces with tubes along edges of no face, balls what `thick` draws.
     slider : Slider or None
         The input "Threshold".
     size : float
         Radius of points and tubes on the screen.
     """
+    has_radius = MEDIAL_RADIUS in made.data.attributes
+    group = _node_group(shows, slider, has_radius, changes)
+    modifier = made.modifiers.new(MODIFIER, "NODES")
+    modifier.node_group = group
+    if shows != "faces":
+        set_input(made, "Size", size)
+        _set(*_inputs(modifier)["Material"], material)
+    if slider is not None:
+        set_input(made, "Threshold", slider.step * slider.default)
+    return modifier
+
+
+def _node_group(
+    shows: str, slider: Slider | None, has_radius: bool, changes: Changes
+) -> bpy.types.NodeTree:
+    """Return the node group of these inputs; it is made when missing."""
+    meaning = f"{shows} {slider} {has_radius}"
+    found = find_shared(bpy.data.node_groups, meaning)
+    if found is not None:
+        return found
     name = shows if slider is None else slider.attribute
     group = bpy.data.node_groups.new(f"Medialis: {name}", "GeometryNodeTree")
     changes.undo_by(bpy.data.node_groups.remove, group)
+    group[MEANING] = meaning
     group.is_modifier = True
     builder = _Builder(group)
     geometry = builder.input("Geometry", "NodeSocketGeometry")
@@ -104,22 +129,30 @@ def add_modifier(
     if slider is not None:
         geometry = builder.hide_below(geometry, slider)
     if shows == "points":
-        geometry = builder.points(geometry, size, MEDIAL_RADIUS in made.data.attributes)
+        geometry = builder.points(geometry, has_radius)
     elif shows == "tubes":
-        geometry = builder.tubes(geometry, size, MEDIAL_RADIUS in made.data.attributes)
+        geometry = builder.tubes(geometry, has_radius)
+    elif shows == "sheets":
+        geometry = builder.sheets(geometry, has_radius)
+    elif shows == "balls":
+        geometry = builder.balls(geometry)
     if shows != "faces":  # Blender 4.5 loses the material of a cloud when it deletes points
-        geometry = builder.colored(geometry, material)
+        geometry = builder.colored(geometry)
     builder.link(geometry, builder.node("NodeGroupOutput").inputs[0])
-    modifier = made.modifiers.new(MODIFIER, "NODES")
-    modifier.node_group = group
-    return modifier
+    return group
 
 
 def modifier_inputs(made: bpy.types.Object) -> dict[str, tuple[Any, str]]:
-    """Return (owner, property path) of each input of the object's Medialis modifier, by name."""
+    """Return (owner, property path) of each number of the object's Medialis modifier, by name."""
     modifier = made.modifiers.get(MODIFIER)
     if modifier is None or modifier.type != "NODES" or modifier.node_group is None:
         return {}
+    found = _inputs(modifier)
+    found.pop("Material", None)
+    return found
+
+
+def _inputs(modifier: bpy.types.Modifier) -> dict[str, tuple[Any, str]]:
     found = {}
     for item in modifier.node_group.interface.items_tree:
         if item.item_type == "SOCKET" and item.in_out == "INPUT" and item.name != "Geometry":
@@ -133,49 +166,19 @@ def modifier_inputs(made: bpy.types.Object) -> dict[str, tuple[Any, str]]:
 
 def set_input(made: bpy.types.Object, name: str, value: float | bool) -> None:
     """Set an input of the object's modifier, as the panel's sliders do."""
-    owner, path = modifier_inputs(made)[name]
+    _set(*modifier_inputs(made)[name], value)
+    made.update_tag()
+
+
+def _set(owner: Any, path: str, value: Any) -> None:
     if path == "value":
         owner.value = value
     else:
         owner[path[2:-2]] = value
-    made.update_tag()
 
 
-class _Builder:
-    """Nodes in a row, each linked to the socket before it."""
-
-    def __init__(self, group: bpy.types.NodeTree) -> None:
-        self.group = group
-        self.inputs = self.node("NodeGroupInput")
-
-    def node(self, kind: str, **settings: Any) -> bpy.types.Node:
-        made = self.group.nodes.new(kind)
-        made.location = (200 * len(self.group.nodes), 0)
-        for name, value in settings.items():
-            setattr(made, name, value)
-        return made
-
-    def link(self, output: bpy.types.NodeSocket, into: bpy.types.NodeSocket) -> None:
-        self.group.links.new(output, into)
-
-    def input(self, name: str, kind: str, **settings: Any) -> bpy.types.NodeSocket:
-        socket = self.group.interface.new_socket(name, in_out="INPUT", socket_type=kind)
-        for key, value in settings.items():
-            setattr(socket, key, value)
-        return next(s for s in self.inputs.outputs if s.identifier == socket.identifier)
-
-    def named(self, attribute: str) -> bpy.types.NodeSocket:
-        node = self.node("GeometryNodeInputNamedAttribute", data_type="FLOAT")
-        node.inputs["Name"].default_value = attribute
-        return next(s for s in node.outputs if s.name == "Attribute" and s.enabled)
-
-    def math(
-        self, operation: str, value: bpy.types.NodeSocket, number: float
-    ) -> bpy.types.NodeSocket:
-        node = self.node("ShaderNodeMath", operation=operation)
-        self.link(value, node.inputs[0])
-        node.inputs[1].default_value = number
-        return node.outputs[0]
+class _Builder(Nodes):
+    """What results are shown with, one geometry after the other."""
 
     def hide_below(self, geometry: bpy.types.NodeSocket, slider: Slider) -> bpy.types.NodeSocket:
         low, high = slider.range
@@ -203,17 +206,16 @@ class _Builder:
         self.link(less.outputs["Result"], hide.inputs["Selection"])
         return hide.outputs["Geometry"]
 
-    def shown_radius(self, size: float, radius: str | None) -> bpy.types.NodeSocket:
+    def shown_radius(self, has_radius: bool) -> bpy.types.NodeSocket:
         """Radius on the screen: the input "Size", or the medial radius where "Balls" is on."""
         shown = self.input(
             "Size",
             "NodeSocketFloat",
-            default_value=size,
             min_value=0.0,
             subtype="DISTANCE",
             description="Radius of points and curves as they are drawn",
         )
-        if radius is None:
+        if not has_radius:
             return shown
         balls = self.input(
             "Balls",
@@ -223,23 +225,51 @@ class _Builder:
         switch = self.node("GeometryNodeSwitch", input_type="FLOAT")
         self.link(balls, switch.inputs["Switch"])
         self.link(shown, switch.inputs["False"])
-        self.link(self.named(radius), switch.inputs["True"])
+        self.link(self.named(MEDIAL_RADIUS), switch.inputs["True"])
         return switch.outputs["Output"]
 
-    def points(
-        self, geometry: bpy.types.NodeSocket, size: float, has_radius: bool
-    ) -> bpy.types.NodeSocket:
-        shown = self.shown_radius(size, MEDIAL_RADIUS if has_radius else None)
+    def points(self, geometry: bpy.types.NodeSocket, has_radius: bool) -> bpy.types.NodeSocket:
+        shown = self.shown_radius(has_radius)
         node = self.node("GeometryNodeSetPointRadius")
         self.link(geometry, node.inputs["Points"])
         self.link(shown, node.inputs["Radius"])
         return node.outputs["Points"]
 
+    def sheets(self, geometry: bpy.types.NodeSocket, has_radius: bool) -> bpy.types.NodeSocket:
+        faces = self.node("GeometryNodeInputMeshEdgeNeighbors")
+        bare = self.node("FunctionNodeCompare", data_type="INT", operation="EQUAL")
+        self.link(faces.outputs["Face Count"], bare.inputs["A"])
+        tubes = self.tubes(geometry, has_radius, bare.outputs["Result"])
+        both = self.node("GeometryNodeJoinGeometry")
+        self.link(geometry, both.inputs["Geometry"])
+        self.link(tubes, both.inputs["Geometry"])
+        return both.outputs["Geometry"]
+
+    def balls(self, geometry: bpy.types.NodeSocket) -> bpy.types.NodeSocket:
+        shown = self.input(
+            "Balls",
+            "NodeSocketBool",
+            default_value=True,
+            description="Draw balls, and the cones and slabs between them; off: edges and faces",
+        )
+        # Cycles has no attribute of meshes that is called radius.
+        geometry = self.stored(geometry, MEDIAL_RADIUS, self.named("radius"), "POINT")
+        switch = self.node("GeometryNodeSwitch", input_type="GEOMETRY")
+        self.link(shown, switch.inputs["Switch"])
+        self.link(self.sheets(geometry, False), switch.inputs["False"])
+        self.link(thick(self, geometry, MEDIAL_RADIUS), switch.inputs["True"])
+        return switch.outputs["Output"]
+
     def tubes(
-        self, geometry: bpy.types.NodeSocket, size: float, has_radius: bool
+        self,
+        geometry: bpy.types.NodeSocket,
+        has_radius: bool,
+        which: bpy.types.NodeSocket | None = None,
     ) -> bpy.types.NodeSocket:
-        shown = self.shown_radius(size, MEDIAL_RADIUS if has_radius else None)
+        shown = self.shown_radius(has_radius)
         curve = self.node("GeometryNodeMeshToCurve")
+        if which is not None:
+            self.link(which, curve.inputs["Selection"])
         self.link(geometry, curve.inputs["Mesh"])
         profile = self.node("GeometryNodeCurvePrimitiveCircle")
         profile.inputs["Resolution"].default_value = 8
@@ -256,10 +286,8 @@ class _Builder:
         self.link(profile.outputs["Curve"], tube.inputs["Profile Curve"])
         return tube.outputs["Mesh"]
 
-    def colored(
-        self, geometry: bpy.types.NodeSocket, material: bpy.types.Material | None
-    ) -> bpy.types.NodeSocket:
+    def colored(self, geometry: bpy.types.NodeSocket) -> bpy.types.NodeSocket:
         node = self.node("GeometryNodeSetMaterial")
-        node.inputs["Material"].default_value = material
+        self.link(self.input("Material", "NodeSocketMaterial"), node.inputs["Material"])
         self.link(geometry, node.inputs["Geometry"])
         return node.outputs["Geometry"]

@@ -1,55 +1,45 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Computing in a background thread; Blender's data are touched by the main thread only."""
+"""Computing in a process of its own, one thing at a time; Blender's main thread looks at it."""
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Callable, Mapping
-from contextlib import nullcontext
 from typing import Any
 
-from medialis import Progress, Result, Shape, ViewSource, make_shape, run, view_source
+from medialis import Result, Shape
+from medialis.hosts import Computer
 
-from . import views
+from . import folders, preferences, views
 from .reading import Source
-
-SERVICE = 0.05
-"""Seconds that one look at a job may spend on rendering views for it."""
 
 running: Job | None = None
 """The job in progress; one at a time."""
 
+_computer: Computer | None = None
 
-def compute(
-    source: Source,
-    name: str,
-    parameters: Mapping[str, Any],
-    progress: Progress,
-    factory: Callable[[Shape], ViewSource] | None = None,
-) -> tuple[Shape, Result]:
-    """Repair what was read and run an operation on it; `factory` renders views, if there are any.
 
-    Raises
-    ------
-    MedialisError
-        As `medialis.run`.
-    """
-    with progress.stage("input", 0.0, 0.1):
-        shape = make_shape(source.points, source.faces, repair=True, progress=progress)
-    rendered = nullcontext() if factory is None else view_source(factory)
-    with rendered, progress.stage("compute", 0.1, 1.0):
-        return shape, run(name, shape, progress=progress, **parameters)
+def computer() -> Computer:
+    """Return the process that computes; it is started by its first job, and stays."""
+    global _computer
+    environment = folders.kernel_environment(preferences.cache_folder())
+    if _computer is not None and _computer.environment != environment:
+        _computer.end()
+        _computer = None
+    if _computer is None:
+        _computer = Computer(folders.own_folder("exchange"), environment)
+    return _computer
 
 
 class Job:
-    """One computation in a thread of its own.
+    """One computation for an object; it is the running job until `close`.
 
     Attributes
     ----------
+    name : str
+        Operation.
     label : str
         For people.
-    fraction, text : float, str
-        How far it is.
+    source : Source
     """
 
     def __init__(
@@ -61,52 +51,42 @@ class Job:
         *,
         gpu_views: bool = False,
     ) -> None:
+        global running
         self.source = source
+        self.name = name
         self.label = label
-        self.fraction, self.text = 0.0, "starting"
-        self._cancelled = threading.Event()
-        self._progress = Progress(self._report)
-        self._desk: views.ViewDesk | None = None
-        if gpu_views:
-            self._desk = views.ViewDesk(self._progress.note, self._cancelled.is_set)
-        self._found: tuple[Shape, Result] | None = None
-        self._error: BaseException | None = None
-        self._thread = threading.Thread(
-            target=self._work, args=(name, dict(parameters)), name="medialis", daemon=True
+        self._computation = computer().run(
+            name,
+            source.points,
+            source.faces,
+            parameters,
+            render=views.renderer if gpu_views else None,
+            threads=preferences.threads(),
+            unit=source.unit,
         )
-
-    def start(self) -> None:
-        """Begin; this is the running job until it is `close`d."""
-        global running
         running = self
-        self._thread.start()
-
-    def cancel(self) -> None:
-        """Ask it to stop at the next chunk of work; asking again does nothing."""
-        self._cancelled.set()
-        self.text = "cancelling"
-
-    def serve(self) -> None:
-        """Render the views that it waits for; on the main thread, now and then."""
-        if self._desk is not None:
-            self._desk.serve(SERVICE)
-
-    def close(self) -> None:
-        """Forget it; it is not the running one any more."""
-        global running
-        if self._desk is not None:
-            self._desk.close()
-        if running is self:
-            running = None
 
     @property
-    def done(self) -> bool:
-        """Whether `outcome` has something to tell."""
-        return not self._thread.is_alive()
+    def fraction(self) -> float:
+        """How far it is."""
+        return self._computation.fraction
 
-    def wait(self, seconds: float | None = None) -> None:
-        """Wait until it is done."""
-        self._thread.join(seconds)
+    @property
+    def text(self) -> str:
+        """What it does."""
+        return self._computation.text
+
+    def look(self) -> bool:
+        """Take in what the process told, render what it needs; return whether it is done."""
+        return self._computation.look()
+
+    def wait(self, report: Callable[[float, str], object] | None = None) -> None:
+        """Look until it is done."""
+        self._computation.wait(report)
+
+    def cancel(self) -> None:
+        """Stop it; asking again does nothing."""
+        self._computation.cancel()
 
     def outcome(self) -> tuple[Shape, Result]:
         """Return shape and result.
@@ -116,28 +96,22 @@ class Job:
         MedialisError
             What the computation raised; `Cancelled` when it was cancelled.
         """
-        if self._error is not None:
-            raise self._error
-        assert self._found is not None
-        return self._found
+        return self._computation.outcome()
 
-    def _work(self, name: str, parameters: dict[str, Any]) -> None:
-        try:
-            factory = None if self._desk is None else self._desk.factory
-            self._found = compute(self.source, name, parameters, self._progress, factory)
-        except BaseException as error:  # noqa: BLE001 - it is raised again on the main thread
-            self._error = error
 
-    def _report(self, fraction: float, text: str) -> bool:
-        if self._cancelled.is_set():
-            return False
-        self.fraction, self.text = fraction, text
-        return True
+def close() -> None:
+    """Forget the running job, if there is one; what is not done is cancelled."""
+    global running
+    if running is not None:
+        running.cancel()
+    running = None
 
 
 def stop() -> None:
-    """Cancel the running job, if there is one, and wait a moment for its end."""
-    if running is not None:
-        running.cancel()
-        running.wait(2.0)
-        running.close()
+    """Close the running job, and end the process."""
+    global _computer
+    close()
+    if _computer is not None:
+        _computer.end()
+        _computer = None
+    folders.remove_passing()

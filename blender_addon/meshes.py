@@ -22,8 +22,22 @@ def new_mesh(
     """Add a mesh of triangles, or of edges without faces; smooth shaded."""
     mesh = bpy.data.meshes.new(name)
     changes.undo_by(bpy.data.meshes.remove, mesh)
+    fill(mesh, points, faces, edges)
+    return mesh
+
+
+def fill(
+    mesh: bpy.types.Mesh,
+    points: NDArray[np.float32],
+    faces: NDArray[np.int32] | None,
+    edges: NDArray[np.int32] | None,
+) -> None:
+    """Give an empty mesh its vertices, triangles and edges."""
     mesh.vertices.add(len(points))
     mesh.vertices.foreach_set("co", points.ravel())
+    if edges is not None:  # also those of no face, beside faces
+        mesh.edges.add(len(edges))
+        mesh.edges.foreach_set("vertices", np.ascontiguousarray(edges, np.int32).ravel())
     if faces is not None and len(faces):
         mesh.loops.add(faces.size)
         mesh.loops.foreach_set("vertex_index", np.ascontiguousarray(faces, np.int32).ravel())
@@ -31,11 +45,8 @@ def new_mesh(
         mesh.polygons.foreach_set("loop_start", np.arange(0, faces.size, 3, dtype=np.int32))
         mesh.update(calc_edges=True)
         mesh.shade_smooth()
-    elif edges is not None:
-        mesh.edges.add(len(edges))
-        mesh.edges.foreach_set("vertices", np.ascontiguousarray(edges, np.int32).ravel())
+    else:
         mesh.update()
-    return mesh
 
 
 def new_curve(
@@ -57,5 +68,5 @@ def new_curve(
         spline.points.foreach_set("co", np.insert(points[rows], 3, 1.0, axis=1).ravel())
         if radius is not None:
             spline.points.foreach_set("radius", radius[rows])
-        spline.use_cyclic_u = closed
+        spline.use_cyclic_u = bool(closed)
     return curve

@@ -7,10 +7,10 @@ from typing import Any, ClassVar
 
 import bpy
 
-from medialis import OPERATIONS, MedialisError, Progress, Result, Shape
+from medialis import OPERATIONS
 from medialis.hosts import Operation
 
-from . import armatures, jobs, properties, reading, summary, views, writing
+from . import jobs, looks, placing, properties, reading, removing, tasks, widgets, writing
 
 STEP = 0.1
 """Seconds between two looks at a running job."""
@@ -19,8 +19,8 @@ STEP = 0.1
 class OperationOperator:
     """What the operators of all operations do.
 
-    From a button or menu the computation runs in a thread and the operator is modal; from a script,
-    in background mode and for the redo panel it computes at once.
+    The computation runs in a process of its own. From a button or menu the operator is modal; from
+    a script, in background mode and for the redo panel it waits for the result.
     """
 
     operation: ClassVar[Operation]
@@ -39,102 +39,69 @@ class OperationOperator:
         """Read, compute and write, all before returning."""
         manager = context.window_manager
         manager.progress_begin(0, 100)
-
-        def report(fraction: float, text: str) -> None:
-            manager.progress_update(int(100 * fraction))
-
+        self._tasks = tasks.Tasks(context, self.operation, self)
         try:
-            source = self._read(context)
-            parameters = properties.parameters_of(self.operation, self)
-            progress = Progress(report)
-            desk = views.ViewDesk(progress.note) if self._gpu_views() else None
-            factory = None if desk is None else desk.factory
-            found = jobs.compute(source, self.operation.name, parameters, progress, factory)
-            return self._write(context, source, *found)
-        except (MedialisError, MemoryError) as error:
-            return self._fail(error)
+            while self._tasks.begin_next(context):
+                job = self._tasks.job
+                job.wait(lambda fraction, text: manager.progress_update(int(100 * fraction)))
+                self._tasks.write(context)
         finally:
+            jobs.close()
             manager.progress_end()
+        return self._tasks.tell(self)
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw the options in the redo panel."""
+        layout = self.layout
+        widgets.draw_options(layout, self.operation, self, self.lengths_in, fold=False)
+        layout.use_property_split, layout.use_property_decorate = True, False
+        for name in properties.OPTIONS:
+            layout.prop(self, name)
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        """Read, and start computing in a thread."""
+        """Read, and begin to compute."""
         if bpy.app.background or context.window is None:
             return self.execute(context)
-        try:
-            source = self._read(context)
-        except (MedialisError, MemoryError) as error:
-            return self._fail(error)
-        parameters = properties.parameters_of(self.operation, self)
-        label = f"{self.operation.label} of {source.name}"
-        self._job = jobs.Job(
-            source, self.operation.name, parameters, label, gpu_views=self._gpu_views()
-        )
+        self._tasks = tasks.Tasks(context, self.operation, self)
+        if not self._tasks.begin_next(context):
+            return self._tasks.tell(self)
         manager = context.window_manager
         self._timer = manager.event_timer_add(STEP, window=context.window)
         manager.progress_begin(0, 100)
         manager.modal_handler_add(self)
-        self._job.start()
         return {"RUNNING_MODAL"}
 
     def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        """Show progress, cancel on Esc, write when the thread is done; everything else passes."""
-        job = self._job
+        """Show progress, cancel on Esc, write when the result is there; everything else passes."""
+        job = self._tasks.job
         if event.type == "ESC" and event.value == "PRESS":
             job.cancel()
-            return {"RUNNING_MODAL"}
-        if event.type != "TIMER":
+        elif event.type != "TIMER":
             return {"PASS_THROUGH"}
-        job.serve()
-        if not job.done:
+        if not job.look():
             context.window_manager.progress_update(int(100 * job.fraction))
             context.workspace.status_text_set(
                 f"{job.label}: {job.text}, {100 * job.fraction:.0f} %   (Esc cancels)"
             )
             redraw(context)
             return {"PASS_THROUGH"}
+        self._tasks.write(context)
+        if self._tasks.begin_next(context):
+            return {"PASS_THROUGH"}
         self._end(context)
-        try:
-            return self._write(context, job.source, *job.outcome())
-        except (MedialisError, MemoryError) as error:
-            return self._fail(error)
+        return self._tasks.tell(self)
 
     def cancel(self, context: bpy.types.Context) -> None:
         """Stop when Blender ends the operator, as on closing the window or loading a file."""
-        self._job.cancel()
         self._end(context)
 
     def _end(self, context: bpy.types.Context) -> None:
-        self._job.close()
+        jobs.close()
         context.window_manager.event_timer_remove(self._timer)
         context.window_manager.progress_end()
         if context.workspace is not None:
             context.workspace.status_text_set(None)
         redraw(context)
-
-    def _read(self, context: bpy.types.Context) -> reading.Source:
-        chosen = reading.target(context)
-        source = reading.read_object(context, chosen)
-        if getattr(self, "bind", False) and source.on_data:
-            armatures.require_unbound(chosen)
-        return source
-
-    def _gpu_views(self) -> bool:
-        return views.chosen(getattr(self, "views_by", "CPU"))
-
-    def _write(
-        self, context: bpy.types.Context, source: reading.Source, shape: Shape, result: Result
-    ) -> set[str]:
-        options = properties.options_of(self)
-        writing.add_result(context, source, shape, result, options)
-        self.report({"INFO"}, summary.headline(result, result.layers, source.name))
-        return {"FINISHED"}
-
-    def _fail(self, error: BaseException) -> set[str]:
-        text = str(error)
-        if isinstance(error, MemoryError):
-            text = "There is not enough memory for this object and these options."
-        self.report({"ERROR"}, text)
-        return {"CANCELLED"}
 
 
 class MEDIALIS_OT_cancel_computation(bpy.types.Operator):
@@ -152,7 +119,7 @@ class MEDIALIS_OT_cancel_computation(bpy.types.Operator):
 
 
 class MEDIALIS_OT_show_colors(bpy.types.Operator):
-    """Show the colours of the result in this view; its source becomes a wire where it hides it"""  # noqa: D400 - a tooltip
+    """Show the colours of the result in the views of this window"""  # noqa: D400 - a tooltip
 
     bl_idname = "medialis.show_colors"
     bl_label = "Show Colours"
@@ -167,15 +134,54 @@ class MEDIALIS_OT_show_colors(bpy.types.Operator):
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Set the shading of the view."""
         active, shading = context.active_object, context.space_data.shading
-        on_surface = active.type == "MESH" and active.data.color_attributes.active_color
-        if on_surface:
+        if active.type == "MESH" and active.data.color_attributes.active_color:
             shading.type, shading.color_type = "SOLID", "VERTEX"
-            if active.display_type == "WIRE":  # as the colours of its skeleton have left it
-                active.display_type = "TEXTURED"
         else:
             shading.type = "MATERIAL"
-            if active.get(reading.RESULT) and active.parent is not None:
-                active.parent.display_type = "WIRE"
+        return {"FINISHED"}
+
+
+class MEDIALIS_OT_own_look(bpy.types.Operator):
+    """Show the object with its own materials again; results stay"""  # noqa: D400 - a tooltip
+
+    bl_idname = "medialis.own_look"
+    bl_label = "Own Look"
+    bl_options: ClassVar = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """Allow it where a result changed the look."""
+        source = reading.target(context)
+        return source is not None and looks.is_changed(source)
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Take the modifier away."""
+        looks.own_look(reading.target(context))
+        return {"FINISHED"}
+
+
+class MEDIALIS_OT_remove_result(bpy.types.Operator):
+    """Remove the active result and all that it brought"""  # noqa: D400 - a tooltip
+
+    bl_idname = "medialis.remove_result"
+    bl_label = "Remove Result"
+    bl_options: ClassVar = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """Allow it for results and their sources."""
+        return bool(removing.operation_of(context.active_object))
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Remove the operation's result; the source is active afterwards."""
+        active = context.active_object
+        source, operation = reading.source_of(active), removing.operation_of(active)
+        if source is None:
+            self.report({"ERROR"}, "The object of this result is gone: delete it with X.")
+            return {"CANCELLED"}
+        writing.leave_edit_mode(context, active)
+        removing.remove_result(context, source, operation)
+        placing.make_active(context, source)
         return {"FINISHED"}
 
 
@@ -197,7 +203,11 @@ def operator_of(operation: Operation) -> type:
         "bl_options": {"REGISTER", "UNDO"},
         "__doc__": operation.help,
         "__module__": __name__,
-        "__annotations__": {**properties.annotations_of(operation), **properties.OPTIONS},
+        "__annotations__": {
+            **properties.annotations_of(operation),
+            **properties.OPTIONS,
+            "lengths_in": properties.lengths_in(),
+        },
     }
     return type(f"MEDIALIS_OT_{operation.name}", (OperationOperator, bpy.types.Operator), about)
 
@@ -208,7 +218,14 @@ _classes: list[type] = []
 def register() -> None:
     """Add all operators."""
     _classes[:] = [operator_of(operation) for operation in OPERATIONS]
-    _classes.extend([MEDIALIS_OT_cancel_computation, MEDIALIS_OT_show_colors])
+    _classes.extend(
+        [
+            MEDIALIS_OT_cancel_computation,
+            MEDIALIS_OT_show_colors,
+            MEDIALIS_OT_own_look,
+            MEDIALIS_OT_remove_result,
+        ]
+    )
     for made in _classes:
         bpy.utils.register_class(made)
 

@@ -3,20 +3,36 @@
 
 from __future__ import annotations
 
-import textwrap
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import bpy
 
 from medialis import OPERATIONS
+from medialis import operation as find_operation
 from medialis.hosts import Operation
 
-from . import filtering, jobs, reading, summary, warmup
+from . import editing, filtering, jobs, levels, reading, summary, widgets
 from .menus import groups
-from .properties import EXTRAS, OPTIONS
+from .properties import OPTIONS, values_of
 
-CHARACTER = 7.0
-"""Pixels of a letter of the panel, on average, at Blender's standard scale."""
+ICONS = {"Skeleton": "OUTLINER_OB_ARMATURE", "Thickness": "MOD_THICKNESS", "Segment": "MOD_EXPLODE"}
+"""Of the groups of operations; any other has a magnifying glass."""
+
+
+class Preset(NamedTuple):
+    """A task that people come with: one operation with the options that it needs."""
+
+    label: str
+    icon: str
+    operation: str
+    given: dict[str, Any]
+
+
+PRESETS = (
+    Preset("Rig", "ARMATURE_DATA", "armature", {"bind": True}),
+    Preset("3D Print Check", "MOD_THICKNESS", "thickness", {"legend": True}),
+    Preset("Skeleton Study", "SNAP_MIDPOINT", "surface_skeleton", {"add_samples": True}),
+)
 
 
 class _Panel:
@@ -26,7 +42,7 @@ class _Panel:
 
 
 class MEDIALIS_PT_main(_Panel, bpy.types.Panel):
-    """Object, running computation and preparation."""
+    """Object and running computation."""
 
     bl_idname = "MEDIALIS_PT_main"
     bl_label = "Medialis"
@@ -42,22 +58,24 @@ class MEDIALIS_PT_main(_Panel, bpy.types.Panel):
         else:
             icon = "POINTCLOUD_DATA" if chosen.type == "POINTCLOUD" else "OBJECT_DATA"
             layout.label(text=chosen.name, icon=icon)
+        column = layout.column(align=True)
+        column.scale_y = 1.3
+        column.operator_context = "INVOKE_DEFAULT"
+        for preset in PRESETS:
+            draw_preset(column, context, preset)
+        layout.prop(context.scene.medialis, "live", icon="FILE_REFRESH")
         if jobs.running is not None:
             box = layout.box()
-            draw_text(box, context, jobs.running.label)
-            draw_progress(box, jobs.running.fraction, jobs.running.text)
+            widgets.draw_text(box, context, jobs.running.label)
+            widgets.draw_progress(box, jobs.running.fraction, jobs.running.text)
             box.operator("medialis.cancel_computation", icon="CANCEL")
-        if warmup.current is not None and warmup.current.note:
-            box = layout.box()
-            draw_text(box, context, warmup.current.note, icon="TIME")
-            if warmup.current.running:
-                draw_progress(box, warmup.current.fraction, "compiling")
 
 
 class _GroupPanel(_Panel):
     """The operations of one group."""
 
     bl_parent_id = "MEDIALIS_PT_main"
+    bl_options: ClassVar = {"DEFAULT_CLOSED"}
     group: ClassVar[str]
 
     def draw(self, context: bpy.types.Context) -> None:
@@ -78,7 +96,7 @@ class MEDIALIS_PT_output(_Panel, bpy.types.Panel):
     def draw(self, context: bpy.types.Context) -> None:
         """Draw the options of the output."""
         for name in OPTIONS:
-            self.layout.prop(context.scene.medialis, name)
+            self.layout.column().prop(context.scene.medialis, name)
 
 
 class MEDIALIS_PT_result(_Panel, bpy.types.Panel):
@@ -100,24 +118,51 @@ class MEDIALIS_PT_result(_Panel, bpy.types.Panel):
         column = layout.column()
         for name, (owner, path) in filtering.modifier_inputs(active).items():
             column.prop(owner, path, text=name, slider=name == "Threshold")
-        column.operator("medialis.show_colors", icon="COLOR")
-        if active.get(reading.RESULT) and active.parent is not None:
-            column.prop(active.parent, "display_type", text="Source")
+        row = column.row(align=True)
+        row.operator("medialis.show_colors", icon="COLOR")
+        row.operator("medialis.own_look", icon="MATERIAL")
+        draw_editing(column, active)
+        column.operator("medialis.remove_result", icon="TRASH")
         lines = active[summary.PROPERTY].split("\n")
-        draw_text(layout, context, lines[0], icon="CHECKMARK")
+        widgets.draw_text(layout, context, lines[0], icon="CHECKMARK")
         notes = [line for line in lines[1:] if line.startswith("!")]
         settings = context.scene.medialis
-        if notes and draw_fold(layout, settings, "unfolded_notes", f"Notes: {len(notes)}"):
+        if notes and widgets.draw_fold(layout, settings, "unfolded_notes", f"Notes: {len(notes)}"):
             for note in notes:
                 mark, _, text = note.partition(" ")
-                draw_text(layout, context, text, icon="ERROR" if mark == "!!" else "INFO")
+                widgets.draw_text(layout, context, text, icon="ERROR" if mark == "!!" else "INFO")
         values = [line for line in lines[1:] if not line.startswith("!")]
-        if draw_fold(layout, settings, "unfolded_values", "Values"):
+        if widgets.draw_fold(layout, settings, "unfolded_values", "Values"):
             for line in values:
                 name, _, value = line.partition(": ")
                 row = layout.row()
                 row.label(text=name)
                 row.label(text=value)
+
+
+def draw_editing(layout: Any, active: bpy.types.Object) -> None:
+    """Draw the slider of levels, and what can be done with a result that was edited."""
+    if levels.has(active):
+        layout.prop(active, "medialis_level")
+    if editing.option_of(active) is not None:
+        layout.operator_context = "INVOKE_DEFAULT"
+        layout.operator("medialis.rebuild", icon="MOD_REMESH")
+    if active.get(editing.FORMATS):
+        layout.operator("medialis.export_layer", icon="EXPORT")
+
+
+def draw_preset(layout: Any, context: bpy.types.Context, preset: Preset) -> None:
+    """Draw the button of a task, with the options of the panel and its own."""
+    button = layout.operator(f"medialis.{preset.operation}", text=preset.label, icon=preset.icon)
+    set_options(button, context, find_operation(preset.operation))
+    for name, value in preset.given.items():
+        setattr(button, name, value)
+
+
+def set_options(button: Any, context: bpy.types.Context, operation: Operation) -> None:
+    """Give a button the options of the panel: what was used last does not count."""
+    for name, value in values_of(operation, context.scene.medialis).items():
+        setattr(button, name, value)
 
 
 def draw_operation(layout: Any, context: bpy.types.Context, operation: Operation) -> None:
@@ -126,66 +171,13 @@ def draw_operation(layout: Any, context: bpy.types.Context, operation: Operation
     column = layout.column(align=True)
     row = column.row(align=True)
     row.operator_context = "INVOKE_DEFAULT"
-    button = row.operator(f"medialis.{operation.name}")
-    extras = EXTRAS.get(operation.name, {})
-    for name in (*(parameter.name for parameter in operation.parameters), *extras):
-        setattr(button, name, getattr(settings, name))
-    for name in OPTIONS:
-        setattr(button, name, getattr(context.scene.medialis, name))
+    button = row.operator(f"medialis.{operation.name}", icon=ICONS.get(operation.group, "VIEWZOOM"))
+    set_options(button, context, operation)
     icon = "DOWNARROW_HLT" if settings.unfolded else "PREFERENCES"
     row.prop(settings, "unfolded", text="", icon=icon)
     if not settings.unfolded:
         return
-    box = column.box().column()
-    for parameter in operation.parameters:
-        if not parameter.advanced:
-            draw_parameter(box, settings, parameter)
-    for name in extras:
-        box.prop(settings, name)
-    advanced = [parameter for parameter in operation.parameters if parameter.advanced]
-    if advanced and draw_fold(box, settings, "unfolded_more", "More"):
-        for parameter in advanced:
-            draw_parameter(box, settings, parameter)
-
-
-def draw_parameter(layout: Any, settings: Any, parameter: Any) -> None:
-    """Draw one option; those with a list or a path get their name in front."""
-    if isinstance(parameter.default, str):
-        row = layout.row().split(factor=0.4)
-        row.label(text=parameter.label)
-        row.prop(settings, parameter.name, text="")
-    else:
-        layout.prop(settings, parameter.name)
-
-
-def draw_fold(layout: Any, settings: Any, name: str, text: str) -> bool:
-    """Draw a triangle that unfolds what follows, and return whether it is open."""
-    opened = getattr(settings, name)
-    row = layout.row()
-    row.alignment = "LEFT"
-    icon = "TRIA_DOWN" if opened else "TRIA_RIGHT"
-    row.prop(settings, name, text=text, icon=icon, emboss=False)
-    return opened
-
-
-def draw_progress(layout: Any, fraction: float, text: str) -> None:
-    """Draw a progress bar with per cent and text."""
-    shown = f"{100 * fraction:.0f} %  {text}"
-    if hasattr(layout, "progress"):
-        layout.progress(factor=fraction, text=shown)
-    else:
-        layout.label(text=shown)
-
-
-def draw_text(layout: Any, context: bpy.types.Context, text: str, icon: str = "NONE") -> None:
-    """Draw a sentence in as many lines as the panel is narrow."""
-    width = 240 if context.region is None else context.region.width
-    scale = context.preferences.system.ui_scale
-    letters = max(20, int((width / scale - 50) / CHARACTER))
-    column = layout.column(align=True)
-    column.scale_y = 0.8
-    for number, line in enumerate(textwrap.wrap(text, letters)):
-        column.label(text=line, icon=icon if number == 0 else "BLANK1" if icon != "NONE" else icon)
+    widgets.draw_options(column.box(), operation, settings, context.scene.medialis.lengths_in)
 
 
 _classes: list[type] = []

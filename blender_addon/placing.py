@@ -8,12 +8,18 @@ import numpy as np
 from mathutils import Matrix
 
 from .changes import Changes
-from .reading import Source
+from .reading import RESULT, Source
 
 
-def result_collection(scene: bpy.types.Scene, name: str, changes: Changes) -> bpy.types.Collection:
-    """Return "Medialis: <name>" of the scene; it is made when missing."""
-    title = f"Medialis: {name}"
+def result_collection(
+    scene: bpy.types.Scene, source: bpy.types.Object, changes: Changes
+) -> bpy.types.Collection:
+    """Return the collection of the results of a source, "Medialis: <name>"; made when missing."""
+    for result in source.children_recursive:
+        for collection in result.users_collection if result.get(RESULT) else ():
+            if collection.get(RESULT) and collection in scene.collection.children_recursive:
+                return collection
+    title = f"Medialis: {source.name}"
     while len(title.encode()) > 63:  # what Blender keeps of a name
         title = title[:-1]
     found = bpy.data.collections.get((title, None))
@@ -21,6 +27,7 @@ def result_collection(scene: bpy.types.Scene, name: str, changes: Changes) -> bp
         return found
     made = bpy.data.collections.new(title)
     changes.undo_by(bpy.data.collections.remove, made)
+    made[RESULT] = "collection"
     scene.collection.children.link(made)
     return made
 

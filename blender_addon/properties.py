@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from typing import Any
 
 import bpy
@@ -15,12 +17,19 @@ from bpy.props import (
     StringProperty,
 )
 
-from medialis import OPERATIONS
+from medialis import OPERATIONS, Length
 from medialis.hosts import Kind, Operation, Parameter, as_typed, title
 
+from . import live, reading
+from .filtering import WIDGETS
 from .writing import Options
 
+Update = Callable[..., None] | None
+
 LARGEST = 2**31 - 1
+
+LENGTH_SUFFIX = "_in_units"
+"""What the name of a length in the unit of the scene ends in."""
 
 OPTIONS = {
     "add_samples": BoolProperty(
@@ -28,10 +37,29 @@ OPTIONS = {
         description="Also add the surface as computed on: feature points and sources number its "
         "points",
     ),
-    "with_materials": BoolProperty(
-        name="Face materials",
-        description="Give each segment on the surface a material of its own, or the surface one "
-        "that shows the result. Earlier material slots stay, the faces leave them",
+    "keep_materials": BoolProperty(
+        name="Keep my materials",
+        description="Leave the object as it looks. Otherwise a modifier shows it in the colours of "
+        "the result, or see-through around a skeleton; its own materials stay below",
+    ),
+    "legend": BoolProperty(
+        name="Legend",
+        description="Add what the colours mean, and numbers at the places that have them",
+        default=True,
+    ),
+    "keep_earlier": BoolProperty(
+        name="Keep earlier results",
+        description="Add the result besides one of the same operation, instead of replacing it",
+    ),
+    "segments_as": EnumProperty(
+        name="Segments as",
+        description="What segments on the surface become besides attributes",
+        items=[
+            ("GROUPS", "Vertex groups", "One for each segment"),
+            ("FACE_SETS", "Face sets", "As sculpt mode has them"),
+            ("MATERIALS", "Materials", "A slot for each segment; earlier slots stay"),
+        ],
+        options={"ENUM_FLAG"},
     ),
     "curves": BoolProperty(
         name="Curve objects",
@@ -71,9 +99,10 @@ EXTRAS: dict[str, dict[str, Any]] = {
 """Options of single operations that only Blender has."""
 
 
-def property_of(parameter: Parameter) -> Any:
+def property_of(parameter: Parameter, update: Update = None) -> Any:
     """Return the Blender property of a parameter: lengths in per cent of the size."""
     about: dict[str, Any] = {
+        "update": update,
         "name": parameter.label,
         "description": parameter.help.removesuffix("."),
     }
@@ -86,25 +115,36 @@ def property_of(parameter: Parameter) -> Any:
     if kind is Kind.FILE:
         if bpy.app.version >= (4, 5, 0):  # "//" is the folder of the .blend file
             about["options"] = {"PATH_SUPPORTS_BLEND_RELATIVE"}
+        if parameter.layer:  # what was edited counts once
+            about["options"] = {*about.get("options", ()), "SKIP_SAVE"}
         return StringProperty(subtype="FILE_PATH", default=parameter.default, **about)
     if kind is Kind.INT:
         low, high = max(int(parameter.low), -LARGEST), min(int(parameter.high), LARGEST)
         return IntProperty(default=parameter.default, min=low, max=high, **about)
-    scale = 100.0 if kind is Kind.LENGTH else 1.0
+    subtype, scale = WIDGETS.get(kind, ("NONE", 1.0))
+    high = scale * parameter.high
     if kind is Kind.LENGTH:
         about["description"] += ". In per cent of the size (the bounding-box diagonal)"
-    elif kind is Kind.ANGLE:
-        about["name"] += " (degrees)"
+        about["soft_max"] = min(high, 100.0)
     return FloatProperty(
         default=scale * parameter.default,
         min=scale * parameter.low,
-        max=scale * parameter.high,
-        soft_max=min(scale * parameter.high, 100.0)
-        if kind is Kind.LENGTH
-        else scale * parameter.high,
-        subtype="PERCENTAGE" if kind is Kind.LENGTH else "NONE",
+        max=high,
+        subtype=subtype,
         precision=3 if kind is Kind.LENGTH else 2,
         **about,
+    )
+
+
+def length_of(parameter: Parameter, update: Update = None) -> Any:
+    """Return the Blender property of a length in the unit of the scene; see `lengths_in`."""
+    return FloatProperty(
+        name=parameter.label,
+        description=parameter.help.removesuffix("."),
+        min=0.0,
+        subtype="DISTANCE",
+        precision=4,
+        update=update,
     )
 
 
@@ -112,32 +152,94 @@ def value_of(parameter: Parameter, value: Any) -> Any:
     """Return the core's value of a property's value; Blender keeps single precision."""
     if parameter.kind is Kind.FILE:
         return bpy.path.abspath(value) if value else ""
-    if parameter.kind in (Kind.FLOAT, Kind.ANGLE, Kind.LENGTH):
+    if parameter.kind is Kind.ANGLE:
+        return as_typed(float(f"{math.degrees(value):.6g}"))
+    if parameter.kind in (Kind.FLOAT, Kind.LENGTH):
         return as_typed(value, percent=parameter.kind is Kind.LENGTH)
     return value
 
 
+def shown_name(parameter: Parameter, lengths_in: str) -> str:
+    """Return the name of the property that shows a parameter."""
+    own = parameter.kind is Kind.LENGTH and lengths_in == "SCENE"
+    return parameter.name + LENGTH_SUFFIX if own else parameter.name
+
+
 def parameters_of(operation: Operation, holder: Any) -> dict[str, Any]:
-    """Return the parameters of an operation from an operator or a settings group."""
-    return {p.name: value_of(p, getattr(holder, p.name)) for p in operation.parameters}
+    """Return the parameters of an operation from an operator or a settings group.
+
+    A length in the unit of the scene that nobody gave is the share of the size.
+    """
+    given = getattr(holder, "properties", holder)  # an operator has them apart
+    found = {}
+    for p in operation.parameters:
+        shown = shown_name(p, getattr(holder, "lengths_in", "SIZE"))
+        if shown != p.name and given.is_property_set(shown):
+            found[p.name] = Length(as_typed(getattr(holder, shown)), "units")
+        else:
+            found[p.name] = value_of(p, getattr(holder, p.name))
+    return found
+
+
+def set_lengths(operation: Operation, holder: Any, diagonal: float) -> None:
+    """Set the lengths in the unit of the scene to what the shares of the size are."""
+    for p in operation.parameters:
+        if p.kind is Kind.LENGTH:
+            share = 0.01 * getattr(holder, p.name)
+            setattr(holder, p.name + LENGTH_SUFFIX, share * diagonal)
+
+
+def _choose_lengths(settings: Any, context: bpy.types.Context) -> None:
+    """Begin with the same lengths where the user changes their unit."""
+    chosen = reading.target(context)
+    diagonal = 1.0 if chosen is None else chosen.dimensions.length or 1.0
+    for operation in OPERATIONS:
+        set_lengths(operation, getattr(settings, f"of_{operation.name}"), diagonal)
 
 
 def options_of(holder: Any) -> Options:
     """Return the output options from an operator or the settings."""
     given = {name: getattr(holder, name) for name in OPTIONS}
+    given["segments_as"] = frozenset(given["segments_as"])
     return Options(**given, bind=getattr(holder, "bind", False))
 
 
-def annotations_of(operation: Operation) -> dict[str, Any]:
-    """Return the properties of an operation by name."""
-    own = {p.name: property_of(p) for p in operation.parameters}
+def values_of(operation: Operation, settings: Any) -> dict[str, Any]:
+    """Return what the operator of an operation gets from the settings of the panel."""
+    own = getattr(settings, f"of_{operation.name}")
+    options = {name: getattr(settings, name) for name in (*OPTIONS, "lengths_in")}
+    return {**{name: getattr(own, name) for name in annotations_of(operation)}, **options}
+
+
+def annotations_of(operation: Operation, update: Update = None) -> dict[str, Any]:
+    """Return the properties of an operation by name; `update` hears of changes."""
+    own = {p.name: property_of(p, update) for p in operation.parameters}
+    lengths = [p for p in operation.parameters if p.kind is Kind.LENGTH]
+    own |= {p.name + LENGTH_SUFFIX: length_of(p, update) for p in lengths}
     return {**own, **EXTRAS.get(operation.name, {})}
+
+
+def lengths_in(**about: Any) -> Any:
+    """Return the choice of the unit of lengths, for the settings and for operators."""
+    return EnumProperty(
+        name="Lengths",
+        description="How lengths are given",
+        items=[
+            ("SIZE", "% of Size", "Per cent of the diagonal of the bounding box"),
+            ("SCENE", "Scene Units", "As Blender shows lengths"),
+        ],
+        **about,
+    )
+
+
+def _update_of(operation: Operation) -> Update:
+    return live.updates(operation.name, lambda: values_of(operation, bpy.context.scene.medialis))
 
 
 def _settings_classes() -> list[type]:
     """Return one settings group for each operation, and the group of all of them."""
     groups = []
-    pointers: dict[str, Any] = dict(OPTIONS)
+    pointers: dict[str, Any] = {**OPTIONS, "lengths_in": lengths_in(update=_choose_lengths)}
     for operation in OPERATIONS:
         fold = {
             "unfolded": BoolProperty(name="Options", description="Show the options"),
@@ -146,10 +248,14 @@ def _settings_classes() -> list[type]:
         made = type(
             f"MEDIALIS_PG_{operation.name}",
             (bpy.types.PropertyGroup,),
-            {"__annotations__": {**annotations_of(operation), **fold}},
+            {"__annotations__": {**annotations_of(operation, _update_of(operation)), **fold}},
         )
         groups.append(made)
         pointers[f"of_{operation.name}"] = PointerProperty(type=made)
+    pointers["live"] = BoolProperty(
+        name="Live",
+        description="Compute the active result anew when one of its options changes here",
+    )
     pointers["unfolded_notes"] = BoolProperty(
         name="Notes", description="Show what was repaired, refined or left out", default=True
     )
@@ -176,3 +282,6 @@ def unregister() -> None:
     del bpy.types.Scene.medialis
     for made in reversed(_classes):
         bpy.utils.unregister_class(made)
+        # With `import bpy` of Blender 4.2, Python crashes at its end while properties are known
+        # that call back.
+        made.__annotations__.clear()

@@ -15,11 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from medialis import InvalidShapeError
-from medialis.hosts import Operation
+from medialis.hosts import Operation, nearest_unit
 
 TYPES = ("MESH", "CURVE", "SURFACE", "FONT", "META", "POINTCLOUD")
 RESULT = "medialis_result"
-"""Custom property that marks the objects that operations have added."""
+"""Custom property that marks the objects that operations have added: the layer that they show."""
+OPERATION = "medialis_operation"
+"""Custom property of these objects: the operation that added them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,6 +47,8 @@ class Source:
     on_data : bool
         The evaluated mesh has the vertices and corners of the object's own data: values can be
         written there.
+    unit : str or None
+        What one unit of the points is, where the scene says so.
     """
 
     name: str
@@ -57,6 +61,7 @@ class Source:
     polygon_count: int
     topology: NDArray[np.int32]
     on_data: bool
+    unit: str | None
 
     def find(self) -> bpy.types.Object:
         """Return the object.
@@ -80,13 +85,56 @@ class Source:
 
 def target(context: bpy.types.Context) -> bpy.types.Object | None:
     """Return the object to work on: the active one, or the source of an active result."""
-    active = context.active_object
-    if active is None or not active.get(RESULT):
-        return active
-    if active.type == "ARMATURE":  # one that its source is bound to is its parent
-        bound = [child for child in active.children if child.type in TYPES]
-        return bound[0] if bound else active.parent
-    return active if active.parent is None else active.parent
+    return source_of(context.active_object)
+
+
+def targets(context: bpy.types.Context) -> list[bpy.types.Object]:
+    """Return the objects to work on, the active one last: it is active afterwards, too.
+
+    Where the active object is selected, the others that are selected with it come as well.
+    """
+    active = target(context)
+    chosen = context.active_object
+    others = context.selected_objects if chosen is not None and chosen.select_get() else []
+    sources = [source_of(other) for other in others]
+    usable = [one for one in sources if one is not None and one.type in TYPES and one != active]
+    return [*dict.fromkeys(usable), *([] if active is None else [active])]
+
+
+def selected_vertices(chosen: bpy.types.Object, source: Source) -> NDArray[np.int64]:
+    """Return the vertices that are selected in edit mode, as rows of what was read.
+
+    They come in the order in which they were picked. None are where all are selected, as Blender
+    does when edit mode begins.
+    """
+    none = np.empty(0, np.int64)
+    if chosen.type != "MESH" or chosen.mode != "EDIT":
+        return none
+    import bmesh
+
+    edited = bmesh.from_edit_mesh(chosen.data)
+    picked = [one for one in edited.select_history if isinstance(one, bmesh.types.BMVert)]
+    selected = [vertex for vertex in edited.verts if vertex.select]
+    if len(selected) == len(edited.verts):
+        return none
+    rows = list(dict.fromkeys(vertex.index for vertex in [*picked, *selected]))
+    if source.on_data or not rows:
+        return np.array(rows, np.int64)
+    # Modifiers have numbered them anew: the nearest ones are meant.
+    edited.verts.ensure_lookup_table()
+    places = np.array([edited.verts[row].co for row in rows]) @ source.linear.T
+    squares = (((source.points - place) ** 2).sum(axis=1) for place in places)
+    return np.array([int(apart.argmin()) for apart in squares], np.int64)
+
+
+def source_of(chosen: bpy.types.Object | None) -> bpy.types.Object | None:
+    """Return the object that a result belongs to; any other object itself."""
+    while chosen is not None and chosen.get(RESULT):
+        bound = []
+        if chosen.type == "ARMATURE":  # one that its source is bound to is its parent
+            bound = [c for c in chosen.children if c.type in TYPES and not c.get(RESULT)]
+        chosen = bound[0] if bound else chosen.parent
+    return chosen
 
 
 def why_not(context: bpy.types.Context, operation: Operation) -> str | None:
@@ -125,18 +173,18 @@ def read_object(context: bpy.types.Context, chosen: bpy.types.Object) -> Source:
             "scale (N panel, Item)."
         )
     if chosen.type == "POINTCLOUD":
-        points, topology = _positions(evaluated.data), np.empty(0, np.int32)
+        points, topology = positions(evaluated.data), np.empty(0, np.int32)
         faces, polygons, count = None, None, 0
     else:
         mesh = evaluated.to_mesh()
         try:
-            points, topology = _positions(mesh), corner_vertices(mesh)
+            points, topology = positions(mesh), corner_vertices(mesh)
             faces, polygons = triangles(mesh, topology)
             count = len(mesh.polygons)
         finally:
             evaluated.to_mesh_clear()
     if len(points) == 0:
-        raise InvalidShapeError(f"{chosen.name} has no vertices: there is nothing to compute on.")
+        _refuse_empty(chosen)
     if faces is not None and np.linalg.det(linear) < 0:
         faces = np.ascontiguousarray(faces[:, [0, 2, 1]])  # mirrored: outside stays outside
     return Source(
@@ -151,7 +199,25 @@ def read_object(context: bpy.types.Context, chosen: bpy.types.Object) -> Source:
         polygon_count=count,
         topology=topology,
         on_data=has_topology(chosen, len(points), topology),
+        unit=scene_unit(context.scene),
     )
+
+
+def scene_unit(scene: bpy.types.Scene) -> str | None:
+    """Return what one unit of a scene is, such as "mm"; None where it has no name."""
+    settings = scene.unit_settings
+    if settings.system == "NONE":
+        return None
+    return nearest_unit(f"{settings.scale_length} * meters")
+
+
+def _refuse_empty(chosen: bpy.types.Object) -> None:
+    if any(modifier.type == "NODES" for modifier in chosen.modifiers):
+        raise InvalidShapeError(
+            f"{chosen.name} shows no mesh: its nodes give instances or curves, or nothing. Add "
+            "Realize Instances or Curve to Mesh at their end."
+        )
+    raise InvalidShapeError(f"{chosen.name} has no vertices: there is nothing to compute on.")
 
 
 def has_topology(chosen: bpy.types.Object, count: int, corners: NDArray[np.int32]) -> bool:
@@ -168,7 +234,8 @@ def has_topology(chosen: bpy.types.Object, count: int, corners: NDArray[np.int32
     )
 
 
-def _positions(data: bpy.types.Mesh | bpy.types.PointCloud) -> NDArray[np.float32]:
+def positions(data: bpy.types.Mesh | bpy.types.PointCloud) -> NDArray[np.float32]:
+    """Return the points of a mesh or point cloud, (n, 3)."""
     attribute = data.attributes.get("position")
     count = 0 if attribute is None else len(attribute.data)
     points = np.empty(3 * count, np.float32)

@@ -7,7 +7,7 @@ import logging
 from collections.abc import Sequence
 
 from medialis import Layer, Result, operation
-from medialis.hosts import value_lines
+from medialis.hosts import value_lines, with_labels
 
 PROPERTY = "medialis_summary"
 """Custom property of objects: the lines of `lines`."""
@@ -20,25 +20,17 @@ def headline(result: Result, layers: Sequence[Layer], name: str) -> str:
     return f"{label} of {name}: {count}, {result.seconds['total']:.1f} s"
 
 
-def lines(result: Result, layers: Sequence[Layer], name: str, earlier: int = 0) -> str:
+def lines(result: Result, layers: Sequence[Layer], name: str) -> str:
     """Return the summary, a line each: the headline, values, and messages marked "! " or "!! ".
 
     Two marks are a warning: the user may want to do something.
-
-    `earlier` objects of the same layers are there already; Blender numbers the new ones.
     """
-    messages = list(result.messages)
-    if earlier:
-        one = earlier == 1
-        messages.append(
-            f"{earlier} earlier result{'' if one else 's'} of this kind {'is' if one else 'are'} "
-            "still there; delete what is not needed."
-        )
+    options = operation(result.operation).parameters
     return "\n".join(
         [
             headline(result, layers, name),
             *value_lines(result.values, result.shape.unit),
-            *(f"{_mark(message)} {message}" for message in messages),
+            *(f"{_mark(m)} {with_labels(m, options)}" for m in result.messages),
         ]
     )
 

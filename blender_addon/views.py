@@ -2,29 +2,22 @@
 """Views of a shape rendered by Blender's gpu module: the host's view source (thesis 3.7.4.2).
 
 Depth only: one draw keeps the nearest, one the furthest surface. It needs no window and no scene.
-Graphics work on the main thread only, computations run on another one: `ViewDesk` hands the cameras
-over. Where the gpu module cannot draw, the core's rasterizer takes over, and a message says so.
+The process that computes asks for them through its `Computation`. Where the gpu module cannot draw,
+the core's rasterizer takes over, and a message says so.
 """
 
 from __future__ import annotations
 
-import queue
-import threading
-import time
-from collections.abc import Callable, Sequence
-from contextlib import suppress
+from collections.abc import Sequence
 
 import bpy
 import numpy as np
 from numpy.typing import NDArray
 
-import medialis
-from medialis import OrthographicCamera, Shape, View, ViewSource
+from medialis import OrthographicCamera, View
 
 VERTEX = "void main() { gl_Position = mvp * vec4(pos, 1.0); }"
 FRAGMENT = "void main() {}"
-WAIT = 0.1
-"""Seconds after which a waiting computation looks whether it was told to stop."""
 
 _why_not: str | None = None
 _tried = False
@@ -179,68 +172,9 @@ def render_views(
     return GpuViews(points, faces)(cameras)
 
 
-class ViewDesk:
-    """Renders on the main thread what a computation on another thread asks for.
-
-    Use its `factory` in `medialis.view_source` around the computation, and call `serve` on the main
-    thread now and then, in the timer of a modal operator; `close` it when the computation ends. A
-    computation on the main thread itself is served at once.
-
-    Parameters
-    ----------
-    note : callable
-        Takes a sentence for the user.
-    stopped : callable, optional
-        Tells a waiting computation that it was cancelled.
-    """
-
-    def __init__(
-        self, note: Callable[[str], object], stopped: Callable[[], bool] = lambda: False
-    ) -> None:
-        self._note = note
-        self._stopped = stopped
-        self._orders: queue.SimpleQueue[tuple[Callable[[], object], queue.SimpleQueue]]
-        self._orders = queue.SimpleQueue()
-        self._closed = False
-
-    def factory(self, shape: Shape) -> ViewSource:
-        """Return the view source of a shape: the gpu module, or else the core's rasterizer."""
-        triangles = medialis.rasterizer(shape)  # a point cloud becomes discs there
-        reason = self._ask(why_no_gpu)
-        if reason is not None:
-            self._note(f"Blender cannot render views here ({reason}): the core's rasterizer does.")
-            return triangles
-        source = self._ask(lambda: GpuViews(triangles.points, triangles.faces))
-        return lambda cameras: self._ask(lambda: source(cameras))
-
-    def serve(self, seconds: float = 0.0) -> None:
-        """Do what was asked for since the last call, and for so long; on the main thread."""
-        end = time.monotonic() + seconds
-        with suppress(queue.Empty):
-            while True:
-                left = end - time.monotonic()
-                order, answer = self._orders.get(left > 0, max(left, 0.0))
-                try:
-                    answer.put((order(), None))
-                except Exception as error:  # noqa: BLE001 - raised where it was asked for
-                    answer.put((None, error))
-
-    def close(self) -> None:
-        """Let whoever still waits raise `medialis.Cancelled`."""
-        self._closed = True
-
-    def _ask(self, order: Callable[[], object]):
-        if threading.current_thread() is threading.main_thread():
-            return order()
-        answer: queue.SimpleQueue = queue.SimpleQueue()
-        self._orders.put((order, answer))
-        while True:
-            try:
-                result, error = answer.get(timeout=WAIT)
-            except queue.Empty:
-                if self._closed or self._stopped():
-                    raise medialis.Cancelled("Cancelled: nothing was written.") from None
-                continue
-            if error is not None:
-                raise error
-            return result
+def renderer(points: NDArray[np.float64], faces: NDArray[np.int32]) -> GpuViews | str:
+    """Return the view source of triangles, or a sentence that says why Blender cannot render."""
+    reason = why_no_gpu()
+    if reason is not None:
+        return f"Blender cannot render views here ({reason}): the core's rasterizer does."
+    return GpuViews(points, faces)

@@ -8,7 +8,7 @@ before.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import bpy
@@ -16,11 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from medialis import InvalidShapeError, Result, Shape
-from medialis.hosts import Rig, rig_of, title
+from medialis.hosts import Rig, legend_of, numbers_of, rig_of, title
 
-from . import armatures, fields, layers, placing, summary
+from . import armatures, editing, fields, layers, legends, looks, placing, removing, summary
 from .changes import Changes
-from .reading import RESULT, Source
+from .reading import OPERATION, RESULT, Source, positions
+from .removing import Record
 
 
 @dataclass(frozen=True)
@@ -28,15 +29,42 @@ class Options:
     """What a user can ask for beyond the result itself."""
 
     add_samples: bool = False
-    with_materials: bool = False
+    keep_materials: bool = False
+    keep_earlier: bool = False
+    legend: bool = True
+    segments_as: frozenset[str] = frozenset()
     curves: bool = False
     bind: bool = False
+
+
+@dataclass(eq=False)
+class _Run:
+    """What one writing of a result needs throughout."""
+
+    context: bpy.types.Context
+    scene: bpy.types.Scene
+    chosen: bpy.types.Object
+    source: Source
+    shape: Shape
+    result: Result
+    options: Options
+    rig: Rig | None
+    changes: Changes
+    collection: bpy.types.Collection | None = None
+
+    def adopt(self, made: bpy.types.Object, name: str, of: str) -> None:
+        """Name an object, mark it as a result, and put it into the collection of the source."""
+        made.name = made.data.name = name
+        made[RESULT], made[OPERATION] = of, self.result.operation
+        if self.collection is None:
+            self.collection = placing.result_collection(self.scene, self.chosen, self.changes)
+        placing.link(made, self.collection)
 
 
 def add_result(
     context: bpy.types.Context, source: Source, shape: Shape, result: Result, options: Options
 ) -> list[bpy.types.Object]:
-    """Add a result to the scene of its source.
+    """Add a result to the scene of its source, in the place of an earlier one of its operation.
 
     Parameters
     ----------
@@ -55,34 +83,48 @@ def add_result(
     """
     chosen = source.find()
     scene = bpy.data.scenes.get(source.scene) or context.scene
-    wanted = [layer for layer in result.layers if options.add_samples or not layer.auxiliary]
-    rig, spacing = rig_of(result, shape), result.values.get("spacing")
-    plans: list[layers.Plan | fields.FieldPlan] = []
-    for layer in wanted:
-        name = f"{chosen.name} {title(layer.name)}"
-        if layer.on_input:
-            with_groups = rig is None or rig.weights is None  # the weights are the vertex groups
-            plans.append(fields.plan_field(layer, name, shape, source, with_groups=with_groups))
-        else:
-            plans.append(layers.plan_layer(layer, name, spacing))
+    rig = rig_of(result, shape)
+    plans = _plans(chosen, source, shape, result, options, rig)
     active = context.view_layer.objects.active
     for other in (chosen, active):  # meanwhile the user may be editing another object
         if other is not None:
             leave_edit_mode(context, other)
-    names = {plan.layer.name for plan in plans}
-    earlier = sum(child.get(RESULT) in names for child in chosen.children)
     with Changes() as changes:
-        made = _make(context, scene, chosen, source, plans, options, rig, changes)
+        run = _Run(context, scene, chosen, source, shape, result, options, rig, changes)
+        made, place, record = _make(run, plans)
         carriers = list(dict.fromkeys(made.values()))
         if rig is not None and rig.weights is not None:
-            _add_skin(made, rig, options, changes)
-        _add_images(result, chosen.name, changes)
-        text = summary.lines(result, wanted, source.name, earlier)
+            _add_skin(run, made, place, record)
+        record.images = _add_images(result, chosen.name, changes)
+        extra = _add_signs(run, plans)
+        record.hides = _hide_covered(run, plans, place)
+        if plans and not options.keep_materials and plans[0].layer.role != "shape":
+            record.look = _set_look(run, plans, place)
+        text = summary.lines(result, [plan.layer for plan in plans], source.name)
         for carrier in carriers:
             _remember(carrier, text, changes)
-        if carriers and carriers[0] != chosen:
-            placing.make_active(context, carriers[0])
+        changes.keep_by(_finish, run, record, [*carriers, *extra], plans)
     return carriers
+
+
+def _plans(
+    chosen: bpy.types.Object,
+    source: Source,
+    shape: Shape,
+    result: Result,
+    options: Options,
+    rig: Rig | None,
+) -> list[layers.Plan | fields.FieldPlan]:
+    """Convert all layers that are wanted, before anything is changed."""
+    plans: list[layers.Plan | fields.FieldPlan] = []
+    for layer in result.layers:
+        name = f"{chosen.name} {title(layer.name)}"
+        if layer.on_input:
+            with_groups = rig is None or rig.weights is None  # the weights are the vertex groups
+            plans.append(fields.plan_field(layer, name, shape, source, with_groups=with_groups))
+        elif options.add_samples or not layer.auxiliary:
+            plans.append(layers.plan_layer(layer, name, result))
+    return plans
 
 
 def leave_edit_mode(context: bpy.types.Context, chosen: bpy.types.Object) -> None:
@@ -102,51 +144,135 @@ def leave_edit_mode(context: bpy.types.Context, chosen: bpy.types.Object) -> Non
 
 
 def _make(
-    context: bpy.types.Context,
-    scene: bpy.types.Scene,
-    chosen: bpy.types.Object,
-    source: Source,
-    plans: Sequence[layers.Plan | fields.FieldPlan],
-    options: Options,
-    rig: Rig | None,
-    changes: Changes,
-) -> dict[str, bpy.types.Object]:
-    """Add what the plans say; return what carries each layer, by its name."""
-    collection = None
-    place = None
+    run: _Run, plans: Sequence[layers.Plan | fields.FieldPlan]
+) -> tuple[dict[str, bpy.types.Object], fields.Place | None, Record]:
+    """Add what the plans say; return what carries each layer, where fields lie, their names."""
+    place, record = None, Record(run.result.operation)
     made: dict[str, bpy.types.Object] = {}
     for plan in plans:
         if isinstance(plan, fields.FieldPlan):
             if place is None:  # one mesh for all layers on the input
-                place = fields.place_for_fields(context, chosen, source, changes)
-            carrier = place
-            fields.write_field(plan, carrier, changes, with_materials=options.with_materials)
+                place = fields.place_for_fields(run.context, run.chosen, run.source, run.changes)
+            carrier = place.object
+            written = fields.write_field(plan, place, run.changes, run.options.segments_as)
+            if carrier == run.chosen:
+                record.attributes += written.attributes
+                record.groups += written.groups
         else:
-            if rig is not None and plan.layer is rig.layer:
-                carrier = armatures.new_armature(context, plan.title, rig.bones, changes)
+            if run.rig is not None and plan.layer is run.rig.layer:
+                carrier = armatures.new_armature(run.context, plan.title, run.rig, run.changes)
             else:
-                carrier = layers.make_object(plan, scene, changes, curves=options.curves)
-            placing.lay_on(carrier, chosen, source)
-            carrier.show_in_front = plan.shows != "faces"
-        if carrier != chosen and carrier not in made.values():
-            carrier.name = plan.title
-            carrier.data.name = plan.title
-            collection = collection or placing.result_collection(scene, chosen.name, changes)
-            placing.link(carrier, collection)
-            carrier[RESULT] = plan.layer.name
+                carrier = layers.make_object(
+                    plan, run.scene, run.changes, curves=run.options.curves
+                )
+            placing.lay_on(carrier, run.chosen, run.source)
+            carrier.show_in_front = plan.shows not in ("faces", "sheets", "balls")
+            carrier.hide_render = plan.layer.role == "hidden"
+            if plan.layer.formats:
+                carrier[editing.FORMATS] = ",".join(plan.layer.formats)
+        if carrier != run.chosen and carrier not in made.values():
+            run.adopt(carrier, plan.title, plan.layer.name)
         made[plan.layer.name] = carrier
-    return made
+    return made, place, record
 
 
 def _add_skin(
-    made: Mapping[str, bpy.types.Object], rig: Rig, options: Options, changes: Changes
+    run: _Run, made: dict[str, bpy.types.Object], place: fields.Place | None, record: Record
 ) -> None:
     """Write the weights on what carries the layer of the skin; bind that where it is asked for."""
-    armature, place = made[rig.layer.name], made[rig.skin_layer.name]
-    armatures.write_weights(place, rig.bones.names, rig.weights)
-    if options.bind:
-        armatures.require_unbound(place)
-        armatures.bind(place, armature, changes)
+    rig = run.rig
+    assert rig is not None and place is not None
+    weights = rig.weights if place.rows is None else armatures.own_weights(rig.weights, place.rows)
+    names = armatures.write_weights(place.object, rig.bones.names, weights)
+    if place.object == run.chosen:
+        record.groups += names
+    if run.options.bind:
+        armatures.require_unbound(place.object)
+        armatures.bind(place.object, made[rig.layer.name], run.changes)
+
+
+def _add_signs(
+    run: _Run,
+    plans: Sequence[layers.Plan | fields.FieldPlan],
+) -> list[bpy.types.Object]:
+    """Add the legend of the first layer that has colours, and numbers at places."""
+    if not run.options.legend:
+        return []
+    found, around = [], [run.shape.points]
+    for plan in plans:
+        numbers = numbers_of(plan.layer, run.result.shape)
+        if numbers is not None:
+            name, size = f"{plan.title} numbers", run.shape.diagonal
+            sign = legends.new_numbers(name, numbers, size, run.context, run.changes)
+            sign.show_in_front = True
+            around.append(positions(sign.data).astype(np.float64))
+            found.append(sign)
+    colored = next((plan for plan in plans if plan.shown is not None), None)
+    if colored is not None:
+        name = f"{run.chosen.name} {title(run.result.operation)} legend"
+        key, all_of_it = legend_of(colored.shown), np.concatenate(around)
+        found.append(legends.new_legend(name, key, all_of_it, run.context, run.changes))
+    for sign in found:
+        placing.lay_on(sign, run.chosen, run.source)
+        run.adopt(sign, sign.name, "legend")
+    return found
+
+
+def _hide_covered(
+    run: _Run, plans: Sequence[layers.Plan | fields.FieldPlan], place: fields.Place | None
+) -> bool:
+    """Hide the source where a copy or the result itself takes its place; tell whether it does."""
+    copied = place is not None and place.object != run.chosen
+    if copied or (plans and plans[0].layer.role == "shape"):
+        looks.hide(run.chosen, run.context, run.changes)
+        return True
+    return False
+
+
+def _set_look(
+    run: _Run, plans: Sequence[layers.Plan | fields.FieldPlan], place: fields.Place | None
+) -> str:
+    """Show the shape in the colours of the result, or see-through where that lies inside.
+
+    Returns
+    -------
+    str
+        What the source is shown with (`looks.show_with`).
+    """
+    if not isinstance(next(iter(plans), None), fields.FieldPlan) and run.rig is None:
+        looks.show_with(run.chosen, looks.SEE_THROUGH, run.changes)
+        return looks.SEE_THROUGH
+    field = next((p for p in plans if isinstance(p, fields.FieldPlan) and p.colors), None)
+    if field is None or place is None:
+        return ""
+    looks.show_with(place.object, field.colors.name, run.changes)
+    return field.colors.name if place.object == run.chosen else ""
+
+
+def _finish(
+    run: _Run,
+    record: Record,
+    made: list[bpy.types.Object],
+    plans: Sequence[layers.Plan | fields.FieldPlan],
+) -> None:
+    """Take earlier results away, give the names that they had, and let the views show the new."""
+    if run.options.keep_earlier:
+        removing.add_record(run.chosen, record)
+    else:
+        names = {one: one.name for one in made}
+        removing.replace_earlier(run.context, run.chosen, record, made)
+        for one, name in names.items():
+            stem = name.rpartition(".")[0] if name[-4:-3] == "." else name
+            if one != run.chosen and name != stem and stem not in bpy.data.objects:
+                one.name = one.data.name = stem
+    run.context.view_layer.update()
+    for one in made:
+        if one.hide_render and one != run.chosen and one.name in run.context.view_layer.objects:
+            one.hide_set(True)
+    if made and made[0] != run.chosen:
+        placing.make_active(run.context, made[0])
+    on_surface = all(isinstance(plan, fields.FieldPlan) for plan in plans)
+    looks.set_shading(run.context, colored_surface=on_surface)
 
 
 def _remember(carrier: bpy.types.Object, text: str, changes: Changes) -> None:
@@ -163,8 +289,9 @@ def _remember(carrier: bpy.types.Object, text: str, changes: Changes) -> None:
     changes.undo_by(restore)
 
 
-def _add_images(result: Result, name: str, changes: Changes) -> None:
-    """Add the pictures that are themselves the result; they are packed into the file."""
+def _add_images(result: Result, name: str, changes: Changes) -> list[str]:
+    """Add the pictures that are themselves the result, packed into the file; return their names."""
+    names = []
     for picture, pixels in result.images.items():
         height, width = pixels.shape[:2]
         image = bpy.data.images.new(f"{name} {title(picture)}", width, height)
@@ -173,6 +300,8 @@ def _add_images(result: Result, name: str, changes: Changes) -> None:
         image.update()
         image.pack()
         image.use_fake_user = True
+        names.append(image.name)
+    return names
 
 
 def _rgba(pixels: NDArray[np.uint8]) -> NDArray[np.float32]:

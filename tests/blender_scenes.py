@@ -11,11 +11,12 @@ KEYS = {"FLOAT_VECTOR": ("vector", 3), "FLOAT2": ("vector", 2), "FLOAT_COLOR": (
 
 
 def add_object(name, data, **transform):
-    """Add an object of any data to the scene and make it active."""
+    """Add an object of any data to the scene; it alone is selected, and active."""
     made = bpy.data.objects.new(name, data)
     bpy.context.scene.collection.objects.link(made)
     bpy.context.view_layer.objects.active = made
-    made.select_set(True)
+    for other in bpy.context.scene.objects:
+        other.select_set(other == made)
     for key, value in transform.items():
         setattr(made, key, value)
     return made

@@ -34,8 +34,11 @@ ROOT = ADDON.parent
 MANIFEST = "blender_manifest.toml"
 WHEELS = ROOT / "build" / "wheels"
 ZIPS = ROOT / "dist" / "blender"
-LARGEST_ZIP = 110_000_000
-NOT_SHIPPED = {"packaging", "README.md", "__pycache__"}
+LEFT_OUT = {"three.js"}
+"""The library of the viewer in a browser: 0.14 MB compressed, and a zip has 0.1 MB to spare."""
+LARGEST_ZIP = 100_000_000
+OF_THE_PACKAGE = ("pyproject.toml", "setup.py", "medialis_blender.pth", "README.md")
+NOT_SHIPPED = {"packaging", "examples", "__pycache__", *OF_THE_PACKAGE}
 # What pip calls the platforms. Blender 4.2 needs glibc 2.28 too, so no Linux wheel asks for more.
 PIP_PLATFORMS = {
     "linux-x64": ("manylinux_2_28_x86_64", "manylinux_2_17_x86_64"),
@@ -43,10 +46,6 @@ PIP_PLATFORMS = {
     "macos-arm64": ("macosx_12_0_arm64",),
     "macos-x64": ("macosx_10_15_x86_64", "macosx_10_13_x86_64"),
 }
-
-
-# The lines of pyproject.toml that are about more than the core.
-CORE_ONLY = ('license = "MIT"', 'license-files = ["LICENSE"]', 'where = ["core"]')
 
 
 @dataclass(frozen=True)
@@ -74,7 +73,10 @@ def _series(python: str, blender: str, maximum: str | None, pins: dict[str, str]
 
 
 PY313 = dict.fromkeys(("linux-x64", "windows-x64", "macos-arm64"), "wheels-py313.txt")
-PY311 = dict.fromkeys(PY313, "wheels-py311.txt") | {"macos-x64": "wheels-py311-macos-x64.txt"}
+PY311 = dict.fromkeys(PY313, "wheels-py311.txt") | {
+    "linux-x64": "wheels-py311-linux-x64.txt",
+    "macos-x64": "wheels-py311-macos-x64.txt",
+}
 # Blender leaves out the version in blender_version_max itself.
 BUNDLES = [
     *_series("3.11", "4.2-to-5.0", "5.1.0", PY311),
@@ -134,13 +136,27 @@ def fetch_wheels(bundle: Bundle, wheels: Path, *, offline: bool = False) -> list
 
 
 def core_version() -> str:
-    """Return the version in pyproject.toml; the extension's own must be the same."""
+    """Return the version in pyproject.toml; the extension's own two must be the same."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
     version = project["project"]["version"]
+    package = tomllib.loads((ADDON / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     extension = tomllib.loads((ADDON / MANIFEST).read_text(encoding="utf-8"))["version"]
-    if version != extension:
-        raise SystemExit(f"pyproject.toml has version {version}, {MANIFEST} has {extension}.")
+    if {version} != {extension, package["version"]}:
+        raise SystemExit(
+            f"pyproject.toml has version {version}, {MANIFEST} has {extension}, the package "
+            f"medialis-blender {package['version']}."
+        )
     return version
+
+
+def contact() -> dict[str, str]:
+    """Return what pyproject.toml tells of the project: `website`, and `maintainer` with address."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    author = project["authors"][0]
+    found = {"website": project.get("urls", {}).get("Homepage")}
+    if "email" in author:
+        found["maintainer"] = f"{author['name']} <{author['email']}>"
+    return {name: text for name, text in found.items() if text}
 
 
 def build_core(folder: Path) -> Path:
@@ -150,7 +166,10 @@ def build_core(folder: Path) -> Path:
     carries a hash of the sources: another build of the same release is not mistaken for this one.
     """
     package = ROOT / "core" / "medialis"
-    sources = sorted(file for kind in SOURCES for file in package.rglob(kind))
+    sources = [ROOT / "core" / "medialis_after_import.py"]
+    sources += sorted(
+        file for kind in SOURCES for file in package.rglob(kind) if file.name not in LEFT_OUT
+    )
     digest = hashlib.sha256()
     for source in sources:
         digest.update(source.relative_to(ROOT).as_posix().encode() + source.read_bytes())
@@ -164,9 +183,7 @@ def build_core(folder: Path) -> Path:
             target.parent.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(source, target)
         project = (copy / "pyproject.toml").read_text(encoding="utf-8")
-        for line in (local, *CORE_ONLY):
-            key = line.partition(" = ")[0]
-            project = re.sub(rf"^{key} = .*$", line, project, count=1, flags=re.MULTILINE)
+        project = re.sub(r"^version = .*$", local, project, count=1, flags=re.MULTILINE)
         (copy / "pyproject.toml").write_text(project, encoding="utf-8")
         options = ["--quiet", "--no-deps", "--no-build-isolation", "--no-index"]
         command = [sys.executable, "-m", "pip", "wheel", *options, "--wheel-dir", str(folder), "."]
@@ -189,7 +206,12 @@ def filled_manifest(text: str, bundle: Bundle, wheels: list[Path]) -> str:
     """Return the manifest of one zip: its platform, Blender versions and wheels filled in."""
     minimum = f'blender_version_min = "{bundle.blender.partition("-")[0]}.0"'
     text = re.sub(r'^blender_version_min = ".*"$', minimum, text, flags=re.MULTILINE)
-    lines = [f'platforms = ["{bundle.platform}"]']
+    about = contact()
+    if "maintainer" in about:
+        maintainer = f'maintainer = "{about["maintainer"]}"'
+        text = re.sub(r'^maintainer = ".*"$', maintainer, text, flags=re.MULTILINE)
+    lines = [f'website = "{about["website"]}"'] if "website" in about else []
+    lines.append(f'platforms = ["{bundle.platform}"]')
     if bundle.blender_max:
         lines.append(f'blender_version_max = "{bundle.blender_max}"')
     lines += ["wheels = [", *(f'    "./wheels/{wheel.name}",' for wheel in wheels), "]"]

@@ -4,7 +4,8 @@
 
 SITE is the only folder that modules beside the standard library come from at the start: it holds
 bpy and what bpy asks for, but no numba, scipy or medialis. Steps are done in order:
-`install=FILE.zip`, `enable`, `run`, `disable`, `uninstall`. Prints one line of JSON at the end.
+`install=FILE.zip`, `repository=URL`, `enable`, `run`, `disable`, `uninstall`. Prints one line of
+JSON at the end.
 """
 
 from __future__ import annotations
@@ -12,12 +13,14 @@ from __future__ import annotations
 import json
 import sys
 from importlib.metadata import version
+from importlib.util import find_spec
 
 MODULE = "bl_ext.user_default.medialis"
 
 
-def _loaded_from(names: tuple[str, ...]) -> dict[str, str | None]:
-    return {name: getattr(sys.modules.get(name), "__file__", None) for name in names}
+def _found_in(names: tuple[str, ...]) -> dict[str, str | None]:
+    """Return the files that the names stand for, here and so in the process that computes."""
+    return {name: find_spec(name).origin for name in names}
 
 
 def run_operator() -> dict[str, object]:
@@ -32,10 +35,24 @@ def run_operator() -> dict[str, object]:
     return {
         "outcome": sorted(outcome),
         "new objects": len(bpy.data.objects) - before,
-        "files": _loaded_from(("medialis", "numba", "llvmlite", "scipy", "numpy")),
+        "files": _found_in(("medialis", "numba", "llvmlite", "scipy", "numpy")),
         "version": version("medialis"),
+        "numba here": "numba" in sys.modules,
         "updated": hasattr(medialis.errors, "UPDATED"),
     }
+
+
+def install_from(index: str) -> None:
+    """Install from the repository that an index.json describes, into this profile's own."""
+    import bpy
+
+    bpy.context.preferences.system.use_online_access = True  # Blender asks for it also for file://
+    repositories = bpy.context.preferences.extensions.repos
+    (place,) = [i for i, repo in enumerate(repositories) if repo.module == "user_default"]
+    repositories[place].use_remote_url = True
+    repositories[place].remote_url = index
+    bpy.ops.extensions.repo_sync(repo_index=place)
+    bpy.ops.extensions.package_install(repo_index=place, pkg_id="medialis", enable_on_install=True)
 
 
 def main(site: str, *steps: str) -> None:
@@ -51,6 +68,8 @@ def main(site: str, *steps: str) -> None:
             bpy.ops.extensions.package_install_files(
                 filepath=value, repo="user_default", enable_on_install=True
             )
+        elif kind == "repository":
+            install_from(value)
         elif kind == "enable":
             bpy.ops.preferences.addon_enable(module=MODULE)
         elif kind == "run":

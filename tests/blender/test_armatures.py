@@ -7,7 +7,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy", reason="bpy is not installed: make hosts")
 import medialis
-from blender_scenes import add_mesh, add_object, counts, evaluated, groups_of, read_back, world
+from blender_scenes import add_mesh, add_object, counts, evaluated, groups_of, read_back
 
 
 @pytest.fixture(scope="module")
@@ -67,7 +67,7 @@ def test_bones_and_weights_are_those_of_the_core(creature, scene, tmp_path):
         # Blender keeps weights in single precision.
         assert np.abs(weights_of(chosen, rig.count) - expected_weights(result)).max() < 1e-6
         assert groups_of(chosen)["mine"] == [3, 4]
-        assert armature.parent == chosen and not chosen.modifiers
+        assert armature.parent == chosen and list(chosen.modifiers.keys()) == ["Medialis look"]
         assert (read_back(chosen.data, "bone") == result.skin.bones[:, 0]).all()
         bpy.ops.wm.save_as_mainfile(filepath=path, check_existing=False)
         bpy.ops.wm.open_mainfile(filepath=path)
@@ -80,7 +80,7 @@ def test_again_from_the_result_replaces_the_groups(creature, scene):
     many = len(chosen.vertex_groups)
     bpy.ops.medialis.armature()  # the active armature stands for its source
     assert len(chosen.vertex_groups) == result.rig.count < many
-    assert "creature armature.001" in bpy.data.objects
+    assert bpy.data.armatures.keys() == ["creature armature"]
 
 
 @pytest.mark.parametrize("with_parent", [False, True])
@@ -96,7 +96,7 @@ def test_posing_a_bone_moves_its_limb_only(with_parent, creature, scene):
     before = seen(chosen)
     assert bpy.ops.medialis.armature(bind=True) == {"FINISHED"}
     armature = bpy.context.active_object
-    assert chosen.parent == armature and chosen.modifiers[-1].object == armature
+    assert chosen.parent == armature and chosen.modifiers[0].object == armature
     assert armature.parent == (above if with_parent else None)
     assert np.abs(seen(chosen) - before).max() < 1e-5  # of coordinates below 10, in float32
     bone = armature.pose.bones[-1]
@@ -158,13 +158,44 @@ def test_failures_change_nothing(creature, scene, monkeypatch):
     assert counts() == before
 
 
-def test_with_modifiers_a_copy_is_rigged(creature, scene):
-    """The vertices that are seen are others: the copy of what is seen has the groups."""
+def test_below_modifiers_the_object_itself_is_rigged(creature, scene):
+    """The vertices that are seen are others: the object's own get their weights."""
     points, faces, _ = creature
     chosen = add_mesh("creature", points, faces)
     chosen.modifiers.new("mirror", "MIRROR").use_axis = (False, True, False)
+    chosen.modifiers.new("smooth", "SUBSURF").levels = 1
+    before = seen(chosen)
     assert bpy.ops.medialis.armature(bind=True) == {"FINISHED"}
-    copy = bpy.data.objects["creature skin"]
-    assert copy.vertex_groups and copy.modifiers[-1].type == "ARMATURE"
-    assert not chosen.vertex_groups and len(chosen.modifiers) == 1
-    assert np.allclose(world(copy)[:5], seen(chosen)[:5], atol=1e-5)
+    names = ["mirror", "Medialis armature", "smooth", "Medialis look"]
+    assert list(chosen.modifiers.keys()) == names and not chosen.hide_render
+    armature = chosen.parent
+    weights = weights_of(chosen, len(armature.data.bones))
+    assert np.allclose(weights.sum(axis=1), 1, atol=1e-5)
+    assert np.abs(seen(chosen) - before).max() < 1e-5  # binding moves nothing
+    armature.pose.bones[-1].rotation_mode = "XYZ"
+    armature.pose.bones[-1].rotation_euler = (0.6, 0.0, 0.0)
+    assert np.abs(seen(chosen) - before).max() > 0.01
+
+
+def test_bones_are_turned_as_the_core_says(creature, scene):
+    """Their z axes are those of the core; so equal turns about x bend both sides alike."""
+    from medialis.rigging.rolls import roll_axes
+
+    points, faces, result = creature
+    add_mesh("creature", points, faces)
+    bpy.ops.medialis.armature()
+    bones = bpy.context.active_object.data.bones
+    for bone, axis in zip(bones, roll_axes(result.rig), strict=True):
+        assert np.allclose(np.array(bone.matrix_local)[:3, 2], axis, atol=1e-3)
+
+
+def test_names_of_rigify(creature, scene):
+    """Bones and vertex groups have them; another run with numbers takes the groups along."""
+    points, faces, result = creature
+    chosen = add_mesh("creature", points, faces)
+    bpy.ops.medialis.armature(naming="rigify")
+    names = [bone.name for bone in bpy.context.active_object.data.bones]
+    assert {"spine", "thigh.L", "thigh.R", "front_shin.L", "tail"} <= set(names)
+    assert [group.name for group in chosen.vertex_groups] == names
+    bpy.ops.medialis.armature()
+    assert [group.name for group in chosen.vertex_groups] == list(result.rig.names)

@@ -61,7 +61,7 @@ def test_a_mesh_is_rigged(tmp_path):
     assert "Armature of figure" in done.stdout
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "figure.blend"))
     figure = bpy.data.objects["figure"]
-    assert figure.parent.type == "ARMATURE" and figure.modifiers[-1].object == figure.parent
+    assert figure.parent.type == "ARMATURE" and figure.modifiers[0].object == figure.parent
     assert len(figure.vertex_groups) == len(figure.parent.data.bones) > 8
     (tmp_path / "bad.ply").write_text("no mesh")
     assert run("bad.ply", "bad.blend").returncode == 1

@@ -80,7 +80,7 @@ def test_one_click(creature):
     assert skeleton.name == "creature skeleton importance" and skeleton.name in TEXT
     assert skeleton.parent == creature and skeleton.show_in_front
     assert [found.name for found in skeleton.users_collection] == ["Medialis: creature"]
-    assert _show_colours(skeleton).type == "MATERIAL" and creature.display_type == "WIRE"
+    assert _show_colours(skeleton).type == "MATERIAL" and "Medialis look" in creature.modifiers
     (ramp,) = [n for n in skeleton.data.materials[0].node_tree.nodes if n.type == "VALTORGB"]
     red, green, blue, _ = ramp.color_ramp.elements[-1].color
     assert min(red, green) > 0.5 and blue < 0.1, "the most important points are yellow"
@@ -107,7 +107,7 @@ def test_the_slider(creature):
 
 
 def test_thickness_in_colours(creature):
-    """The skeleton has made a wire of the creature, which would show no colours."""
+    """The skeleton has made the creature see-through, which would show no colours."""
     bpy.ops.medialis.skeleton_importance()
     _show_colours(bpy.context.active_object)
     bpy.context.view_layer.objects.active = creature

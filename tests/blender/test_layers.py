@@ -166,6 +166,25 @@ def test_faces(add):
     assert (corners.reshape(-1, 3) == faces[kept]).all()
 
 
+def test_faces_with_edges_beside_them(add):
+    """A triangle, and an edge of no face as a tube; the data have the three edges and this one."""
+    points = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [5, 0, 0]], float)
+    layer = Layer(
+        "both", points, faces=np.array([[0, 1, 2]], np.int32), edges=np.array([[1, 3]], np.int32),
+        attributes={"radius": np.full(4, 0.5)}, color_by="radius",
+    )  # fmt: skip
+    (made,) = add(layer)
+    assert len(made.data.polygons) == 1 and len(made.data.edges) == 4
+    shown = evaluated(made).to_mesh()
+    assert len(shown.polygons) == 1 + 8 and len(shown.materials) >= 1
+
+
+def test_hidden_layers_are_there_and_not_seen(add):
+    first, hidden = add(Layer("dots", POINTS), Layer("more", POINTS, role="hidden"))
+    assert hidden.hide_render and hidden.hide_get()
+    assert not first.hide_render and not first.hide_get()
+
+
 def test_edges_with_radius_are_tubes_with_all_attributes(add):
     from blender_addon import filtering
 
@@ -235,7 +254,7 @@ def test_fields_on_the_input(add, cube):
         "parts", shape.points, faces=shape.faces, attributes={"value": value, "part": label},
         face_attributes=of_faces, labels=("part", "patch"), color_by="part", on_input=True,
     )  # fmt: skip
-    (made,) = add(layer)
+    (made,) = add(layer, segments_as={"GROUPS"}, keep_materials=True, legend=False)
     assert made == cube and counts() == before
     check(cube.data, {"value": value, "part": label})
     assert (read_back(cube.data, "patch") == np.arange(6)).all()
@@ -253,7 +272,7 @@ def test_fields_on_the_input(add, cube):
         "parts", shape.points, faces=shape.faces, attributes={"part": np.zeros(8, int)},
         labels=("part",), on_input=True,
     )  # fmt: skip
-    add(again)
+    add(again, segments_as={"GROUPS"})
     names = [group.name for group in cube.vertex_groups]
     assert "part 000" in names and "mine" in names and "part 001" not in names
 
@@ -274,7 +293,7 @@ def test_materials_on_request(add, cube):
         "parts", shape.points, faces=shape.faces, face_attributes={"part": label},
         labels=("part",), color_by="part", on_input=True,
     )  # fmt: skip
-    add(layer, with_materials=True)
+    add(layer, segments_as={"MATERIALS"})
     slots = [material.name for material in cube.data.materials]
     assert slots == ["own", "part 000", "part 001", "part 002"]
     assert [p.material_index for p in cube.data.polygons] == [1, 1, 2, 2, 3, 3]
@@ -282,7 +301,7 @@ def test_materials_on_request(add, cube):
     expected = to_linear(label_colors([0, 0, 1, 1, 2, 2])).astype(np.float32)
     assert (colors[:, :, :3] == expected[:, None]).all()
     materials = len(bpy.data.materials)
-    add(layer, with_materials=True)  # the same materials again
+    add(layer, segments_as={"MATERIALS"})  # the same materials again
     assert len(bpy.data.materials) == materials
 
 
@@ -301,8 +320,9 @@ def test_merged_and_dropped_vertices(add, scene):
     assert found[0] == found[8] and np.isnan(found[9]) and not np.isnan(found[:9]).any()
 
 
-def test_modifiers_that_change_the_vertices_give_a_copy(add, cube):
-    cube.modifiers.new("array", "ARRAY").count = 2
+def test_rows_of_copies_give_a_copy(add, cube):
+    """Three cubes in a row have other values each: they cannot stand on the vertices of one."""
+    cube.modifiers.new("array", "ARRAY").count = 3
     points, faces = _arrays(cube)
     shape = medialis.make_shape(points, faces, repair=True)
     value = np.arange(shape.point_count, dtype=float)
@@ -310,10 +330,12 @@ def test_modifiers_that_change_the_vertices_give_a_copy(add, cube):
         "field", shape.points, faces=shape.faces, attributes={"value": value}, on_input=True
     )
     (made,) = add(layer)
-    assert made != cube and made.parent == cube and len(made.data.vertices) == 16
+    assert made != cube and made.parent == cube and len(made.data.vertices) == 24
     assert (read_back(made.data, "value") == shape.on_input_points(value, np.nan)).all()
     assert np.allclose(world(made), points + np.array([3, 2, 1]), atol=1e-6)
-    assert "value" not in cube.data.attributes
+    assert "value" not in cube.data.attributes and cube.hide_render and cube.hide_get()
+    bpy.ops.medialis.remove_result()
+    assert not cube.hide_render and not cube.hide_get() and len(bpy.data.objects) == 1
 
 
 def test_images_are_packed(add):
@@ -330,9 +352,7 @@ def test_auxiliary_layers_on_request_only(add):
     layers = Layer("dots", POINTS), Layer("samples", POINTS, auxiliary=True)
     assert [made.name for made in add(*layers)] == ["cube dots"]
     names = [made.name for made in add(*layers, add_samples=True)]
-    assert names == ["cube dots.001", "cube samples"]
-    text = bpy.data.objects["cube dots.001"]["medialis_summary"]
-    assert "! 1 earlier result of this kind is still there" in text
+    assert names == ["cube dots", "cube samples"]
 
 
 def test_numbers_that_blender_cannot_hold_change_nothing(add):
@@ -364,7 +384,7 @@ def test_failing_midway_takes_everything_back(add, cube, monkeypatch):
     monkeypatch.setattr(writing.summary, "lines", fail)
     with pytest.raises(RuntimeError, match="no"):
         add(field, Layer("dots", POINTS, attributes={"radius": POINTS[:, 0]}), other,
-            images={"p": np.zeros((2, 2, 3), np.uint8)}, with_materials=True)  # fmt: skip
+            images={"p": np.zeros((2, 2, 3), np.uint8)}, segments_as={"MATERIALS"})  # fmt: skip
     assert counts() == before
     assert sorted(cube.data.attributes.keys()) == sorted(names) and not cube.vertex_groups
     assert [m.name for m in cube.data.materials] == ["own"] and cube.data.name == "cube"

@@ -52,7 +52,7 @@ def test_every_operation_gives_the_arrays_of_the_core(chosen, expected, scene, t
     """On a real shape; and what was added is the same after saving and loading the file."""
     points, faces, shape, run = expected
     add_mesh("hand", points, faces)
-    assert start(chosen.name, add_samples=True) == {"FINISHED"}
+    assert start(chosen.name, add_samples=True, segments_as={"GROUPS"}) == {"FINISHED"}
     check(run(chosen.name), shape)
     path = str(tmp_path / "file.blend")
     bpy.ops.wm.save_as_mainfile(filepath=path, check_existing=False)
@@ -138,9 +138,29 @@ def test_parameters_arrive(scene):
     assert made.name == "creature surface skeleton"
     same(made.data, "position", result.layers[0].points)
     bpy.context.view_layer.objects.active = bpy.data.objects["creature"]
-    start("skeleton_mesh", min_spoke_angle=70.5)
+    start("skeleton_mesh", min_spoke_angle=np.radians(70.5))
     mesh = medialis.run("skeleton_mesh", given, min_spoke_angle=70.5)
     same(bpy.context.active_object.data, "position", mesh.layers[0].points)
+
+
+def test_lengths_in_scene_units(scene):
+    """Two tenths of a unit are what they are as a share; notes tell them in the scene's unit."""
+    add_mesh("cube", CUBE, QUADS)
+    scene.unit_settings.scale_length = 0.001
+    start("surface_skeleton", lengths_in="SCENE", subsample_in_units=0.2)
+    own = read_back(bpy.context.active_object.data, "position")
+    notes = bpy.context.active_object["medialis_summary"]
+    assert "0.2 mm" in notes
+    bpy.context.view_layer.objects.active = bpy.data.objects["cube"]
+    start("surface_skeleton", subsample=20 / np.sqrt(3))
+    assert np.array_equal(own, read_back(bpy.context.active_object.data, "position"))
+
+
+def test_notes_are_in_the_words_of_the_panel(scene):
+    add_mesh("cube", CUBE, QUADS)
+    start("surface_skeleton")
+    notes = bpy.context.active_object["medialis_summary"]
+    assert "Hide below: 0 % shows all" in notes and "threshold = 0" not in notes
 
 
 def test_an_active_result_stands_for_its_source(scene):
@@ -228,12 +248,25 @@ def test_a_cancelled_run_reports_and_changes_nothing(scene, monkeypatch):
     from blender_addon import jobs
 
     add_mesh("cube", CUBE, QUADS)
+    before, real = counts(), jobs.Job.wait
 
-    def cancelled(*_):
-        raise medialis.Cancelled("Cancelled: nothing was written or changed.")
+    def wait(job, report):
+        job.cancel()
+        real(job, report)
 
-    monkeypatch.setattr(jobs, "compute", cancelled)
-    assert "Cancelled: nothing was written or changed." in refused("thickness")
+    monkeypatch.setattr(jobs.Job, "wait", wait)
+    assert start("thickness") == {"CANCELLED"}
+    assert counts() == before and jobs.running is None
+
+
+def test_a_crash_is_a_sentence_and_the_next_run_works(scene):
+    from blender_addon import jobs
+
+    add_mesh("cube", CUBE, QUADS)
+    start("thickness")
+    jobs.computer()._process.kill()
+    assert "ended unexpectedly" in refused("surface_skeleton")
+    assert start("surface_skeleton") == {"FINISHED"}
 
 
 class FakeOperator:
@@ -247,8 +280,10 @@ class FakeOperator:
         self.reports = []
         for parameter in self.operation.parameters:
             value = given.get(parameter.name, parameter.default)
-            setattr(self, parameter.name, 100 * value if parameter.kind is Kind.LENGTH else value)
-        self.add_samples = self.with_materials = self.curves = False
+            scale = {Kind.LENGTH: 100, Kind.ANGLE: np.radians(1)}.get(parameter.kind)
+            setattr(self, parameter.name, value if scale is None else scale * value)
+        self.add_samples = self.keep_materials = self.keep_earlier = self.curves = False
+        self.legend, self.segments_as = True, set()
 
     def report(self, kind, text):
         self.reports.append((*kind, text))
@@ -289,19 +324,16 @@ MOVE = SimpleNamespace(type="MOUSEMOVE", value="NOTHING")
 
 @pytest.fixture
 def modal(scene, monkeypatch):
-    """Begin an operation as from a button; the job waits until it is let go."""
+    """Begin an operation as from a button; nothing is heard of it until it is let go."""
     import threading
 
     from blender_addon import jobs, operators
 
     monkeypatch.setattr(operators, "bpy", SimpleNamespace(app=SimpleNamespace(background=False)))
-    go, real = threading.Event(), jobs.compute
-
-    def compute(*arguments):
-        go.wait(20)
-        return real(*arguments)
-
-    monkeypatch.setattr(jobs, "compute", compute)
+    go, real = threading.Event(), jobs.Job.look
+    monkeypatch.setattr(
+        jobs.Job, "look", lambda job: real(job) if go.is_set() else job._computation.done
+    )
 
     def begin(name, **given):
         fake, context = FakeOperator(name, **given), FakeContext()
@@ -316,7 +348,7 @@ def modal(scene, monkeypatch):
 
 def finish(fake, context, go):
     go.set()
-    fake._job.wait(60)
+    fake._tasks.job.wait()
     return fake.modal(context, TIMER)
 
 
@@ -333,7 +365,7 @@ def test_a_job_shows_progress_and_ends_with_the_result(modal):
     assert finish(fake, context, go) == {"FINISHED"}
     assert jobs.running is None and context.timers == 0 and context.shown[-1] is None
     assert fake.reports[0][0] == "INFO" and "cube surface skeleton" in bpy.data.objects
-    assert fake._job.fraction == 1.0
+    assert fake._tasks.job.fraction == 1.0
 
 
 def test_a_job_adds_an_armature(modal, monkeypatch):
@@ -347,14 +379,12 @@ def test_a_job_adds_an_armature(modal, monkeypatch):
     assert len(figure.parent.data.bones) == len(figure.vertex_groups) > 8
 
 
-def test_esc_cancels_also_when_pressed_twice(modal):
+def test_esc_cancels_at_once(modal):
     add_mesh("cube", CUBE, QUADS)
     before = counts()
-    fake, context, go = modal("surface_skeleton")
-    assert fake.modal(context, ESC) == {"RUNNING_MODAL"}
-    assert fake.modal(context, ESC) == {"RUNNING_MODAL"}
-    assert finish(fake, context, go) == {"CANCELLED"}
-    assert fake.reports == [("ERROR", "Cancelled: nothing was written or changed.")]
+    fake, context, _ = modal("surface_skeleton")
+    assert fake.modal(context, ESC) == {"CANCELLED"}  # at once, also while nothing is heard
+    assert fake.reports == [("INFO", "Cancelled: nothing was written or changed.")]
     assert counts() == before and context.timers == 0
 
 
@@ -367,7 +397,7 @@ def test_the_button_cancels(modal):
 
 
 def test_blender_ends_the_operator(modal):
-    """On loading a file Blender calls `cancel`: the thread stops by itself, nothing stays."""
+    """On loading a file Blender calls `cancel`: the computation stops, nothing stays."""
     from blender_addon import jobs
 
     add_mesh("cube", CUBE, QUADS)
@@ -398,22 +428,20 @@ def test_the_faces_are_changed_meanwhile(modal):
 @pytest.mark.parametrize("reason", [None, "no driver"])
 def test_a_job_gets_its_views_from_blender(reason, modal, monkeypatch):
     """The main thread renders in the timer; where it cannot, the result says so."""
-    from blender_addon import operators, views
+    from blender_addon import tasks, views
 
     if reason is None and views.why_no_gpu() is not None:
         pytest.skip("Blender cannot draw on this machine")
-    monkeypatch.setattr(operators.views, "why_no_gpu", lambda: reason)
+    monkeypatch.setattr(tasks.views, "why_no_gpu", lambda: reason)
     add_mesh("cube", CUBE, QUADS)
     fake, context, go = modal("view_curve_skeleton", pairs=12, size=64)
-    assert fake._job._desk is None  # the fake has no such option: as "CPU"
+    assert fake._tasks.job._computation._render is None  # the fake has no such option: as "CPU"
     fake.cancel(context)
     monkeypatch.setattr(FakeOperator, "views_by", "GPU", raising=False)
     fake, context, go = modal("view_curve_skeleton", pairs=12, size=64)
     go.set()
-    while not fake._job.done:
-        assert fake.modal(context, TIMER) in ({"PASS_THROUGH"}, {"FINISHED"})
-    if "cube view curve skeleton" not in bpy.data.objects:
-        assert fake.modal(context, TIMER) == {"FINISHED"}
+    while fake.modal(context, TIMER) != {"FINISHED"}:
+        pass
     notes = bpy.data.objects["cube view curve skeleton"]["medialis_summary"]
     assert ("cannot render views here (no driver)" in notes) == (reason is not None)
 

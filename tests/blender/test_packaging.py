@@ -28,16 +28,16 @@ PACKAGING = ROOT / "blender_addon" / "packaging"
 SESSION = Path(__file__).with_name("extension_session.py")
 
 
-def _load_build() -> ModuleType:
-    path = PACKAGING / "build_extension.py"
-    spec = importlib.util.spec_from_file_location("build_extension", path)
+def _load(name: str) -> ModuleType:
+    spec = importlib.util.spec_from_file_location(name, PACKAGING / f"{name}.py")
     module = importlib.util.module_from_spec(spec)
     sys.modules[spec.name] = module  # dataclasses look their module up
     spec.loader.exec_module(module)
     return module
 
 
-build = _load_build()
+build = _load("build_extension")
+repository = _load("build_repository")
 
 
 def _bpy_folder() -> Path:
@@ -89,8 +89,37 @@ def test_zip_holds_what_is_shipped(bundle: Any, tmp_path: Path) -> None:
     assert again.read_bytes() == target.read_bytes()
 
 
+def test_website_and_address_come_from_the_project(tmp_path: Path, monkeypatch) -> None:
+    """Who publishes it says them in pyproject.toml, once."""
+    text = (ROOT / "pyproject.toml").read_text()
+    project = text.replace(
+        '{ name = "The medialis developers" }', '{ name = "Some One", email = "one@some.org" }'
+    )
+    project = re.sub('(?<=^Homepage = ").*(?="$)', "https://some.org", project, flags=re.M)
+    (tmp_path / "pyproject.toml").write_text(project)
+    manifest = (build.ADDON / build.MANIFEST).read_text()
+    monkeypatch.setattr(build, "ROOT", tmp_path)
+    found = tomllib.loads(build.filled_manifest(manifest, build.BUNDLES[0], []))
+    assert found["website"] == "https://some.org"
+    assert found["maintainer"] == "Some One <one@some.org>"
+
+
+def test_the_code_keeps_the_rules_of_the_platform() -> None:
+    """See docs/blender_guidelines.md."""
+    forbidden = re.compile(
+        r"sys\.(path|modules)|__file__|\b(open|eval|exec)\("
+        r"|import (urllib|requests|socket|threading|subprocess)"
+    )
+    for name, path in build.extension_files():
+        assert not name.startswith("examples")
+        if path.suffix == ".py":
+            assert not forbidden.search(path.read_text()), name
+
+
 def test_blender_tool_accepts_source_and_zips(tmp_path: Path) -> None:
-    assert (checked := _blender_tool("validate", str(build.ADDON))).returncode == 0, checked
+    (tags,) = _bpy_folder().glob("*/scripts/modules/_bpy_internal/extensions/tags.py")
+    source = _blender_tool("validate", f"--valid-tags={tags}", str(build.ADDON))
+    assert source.returncode == 0, source
     for bundle in build.BUNDLES:
         python = "cp" + bundle.python.replace(".", "")
         system = build.PIP_PLATFORMS[bundle.platform][0]
@@ -123,6 +152,7 @@ def test_changed_wheel_is_not_bundled(tmp_path: Path) -> None:
 def test_versions_must_agree(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     manifest = (build.ADDON / build.MANIFEST).read_text().replace('version = "', 'version = "9', 2)
     (tmp_path / build.MANIFEST).write_text(manifest)
+    shutil.copy(build.ADDON / "pyproject.toml", tmp_path)
     monkeypatch.setattr(build, "ADDON", tmp_path)
     with pytest.raises(SystemExit, match="has version"):
         build.core_version()
@@ -199,6 +229,7 @@ def _updated(extension: Path, folder: Path, monkeypatch: pytest.MonkeyPatch) -> 
     """Return the next release: another version of the add-on, and a core with a line more."""
     copy = folder / "next"
     shutil.copytree(ROOT / "core" / "medialis", copy / "core" / "medialis")
+    shutil.copy(ROOT / "core" / "medialis_after_import.py", copy / "core")
     for name in ("pyproject.toml", "build_backend.py", "README.md", "LICENSE"):
         shutil.copy(ROOT / name, copy)
     with (copy / "core" / "medialis" / "errors.py").open("a") as file:
@@ -216,12 +247,31 @@ def _updated(extension: Path, folder: Path, monkeypatch: pytest.MonkeyPatch) -> 
     return target
 
 
+def _repository(extension: Path, folder: Path) -> Path:
+    """Return the index of a repository: this zip, and those of other systems and Blenders."""
+    zips = folder / "repository"
+    zips.mkdir()
+    shutil.copy(extension, zips)
+    for bundle in build.BUNDLES:
+        target = zips / bundle.zip_name(build.core_version())
+        if not target.exists():
+            system = build.PIP_PLATFORMS[bundle.platform][0]
+            python = "cp" + bundle.python.replace(".", "")
+            wheel = _small_wheel(folder, f"numba-0.68.1-{python}-{python}-{system}.whl")
+            build.write_zip(target, bundle, [wheel])
+    index = repository.make_repository(zips)
+    assert len(json.loads(index.read_text())["data"]) == len(build.BUNDLES)
+    return index
+
+
 def test_life_of_an_installation(
     extension: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Install, run on the bundled wheels, restart, update without compiling anew, uninstall."""
+    """Install from a repository, run on the bundled wheels, restart, update without compiling anew,
+    uninstall."""
     profile = Profile(tmp_path)
-    first = profile.session(f"install={extension}", "run")
+    index = _repository(extension, tmp_path)
+    first = profile.session(f"repository={index.as_uri()}", "run")
     assert first["outcome"] == ["FINISHED"]
     assert first["new objects"] >= 1
     assert first["version"].startswith(build.core_version())
@@ -233,7 +283,9 @@ def test_life_of_an_installation(
 
     compiled = profile.kernels()
     assert compiled
-    assert not any((tmp_path / "blender") in path.parents for path in compiled)
+    own = tmp_path / "blender" / "extensions" / ".user" / "user_default" / "medialis"
+    assert all(own in path.parents for path in compiled)
+    assert not first["numba here"]  # it computes in a process of its own
     restarted = profile.session("enable", "run")
     assert restarted["outcome"] == ["FINISHED"]
     updated = profile.session(f"install={_updated(extension, tmp_path, monkeypatch)}", "run")

@@ -1,7 +1,5 @@
 """The panels are drawn in every state, on a layout that knows what Blender's layout knows."""
 
-import subprocess
-import sys
 from types import SimpleNamespace
 
 import numpy as np
@@ -62,7 +60,7 @@ class Layout:
             assert path in owner.bl_rna.properties
         self.drawn.append(path if text is None else text)
 
-    def operator(self, name, icon="NONE"):
+    def operator(self, name, icon="NONE", text=""):
         assert icon in ICONS
         module, function = name.split(".")
         kind = getattr(getattr(bpy.ops, module), function).get_rna_type()
@@ -131,12 +129,63 @@ def test_every_operation_has_its_button_and_options(draw):
     assert set(hidden) <= set(draw())
 
 
+def test_presets_and_units(draw):
+    """Three tasks come first; lengths in the scene's unit begin at the same lengths."""
+    add_mesh("cube", 2 * CUBE, QUADS)
+    drawn = draw()
+    assert drawn[1:4] == [f"medialis.{n}" for n in ("armature", "thickness", "surface_skeleton")]
+    settings = bpy.context.scene.medialis
+    settings.of_thickness.unfolded = True
+    assert "tolerance" in draw()
+    settings.lengths_in = "SCENE"
+    drawn = draw()
+    assert "tolerance_in_units" in drawn and "tolerance" not in drawn
+    expected = 0.0003 * np.sqrt(12)
+    assert settings.of_thickness.tolerance_in_units == pytest.approx(expected)
+
+
+def test_live_options_replace_the_result(scene):
+    """Only options of the active result, only where it is switched on; the source keeps one."""
+    from blender_addon import live
+
+    add_mesh("cube", CUBE, QUADS)
+    bpy.ops.medialis.surface_skeleton()
+    made = bpy.context.active_object
+    count = len(made.data.attributes["radius"].data)
+    settings = bpy.context.scene.medialis
+    settings.of_surface_skeleton.subsample = 20.0
+    assert not bpy.app.timers.is_registered(live.run)
+    settings.live = True
+    settings.of_thickness.spots = 3
+    assert not bpy.app.timers.is_registered(live.run)
+    settings.of_surface_skeleton.subsample = 10.0
+    assert bpy.app.timers.is_registered(live.run)
+    assert live.run() is None and live.run() is None
+    bpy.app.timers.unregister(live.run)
+    made = [o for o in bpy.data.objects if o.name.startswith("cube surface skeleton")]
+    assert len([o for o in made if o.type == "POINTCLOUD"]) == 1
+    assert len(bpy.context.active_object.data.attributes["radius"].data) < count
+
+
+def test_the_redo_panel_has_all_options(scene):
+    from blender_addon import operators
+
+    for operation in OPERATIONS:
+        kind = getattr(bpy.ops.medialis, operation.name).get_rna_type()
+        layout = Layout()
+        holder = SimpleNamespace(layout=layout, operation=operation, lengths_in="SIZE", bl_rna=kind)
+        operators.OperationOperator.draw(holder, bpy.context)
+        assert {p.name for p in operation.parameters} <= set(layout.drawn)
+
+
 def test_the_result_has_sliders_and_a_summary(draw):
     add_mesh("cube", CUBE, QUADS)
     assert "medialis.show_colors" not in draw()
     bpy.ops.medialis.surface_skeleton()
     drawn = draw()
-    assert {"Threshold", "Size", "Balls", "Source", "medialis.show_colors"} <= set(drawn)
+    assert {"Threshold", "Size", "Balls", "medialis.remove_result", "medialis.show_colors"} <= set(
+        drawn
+    )
     assert any(text.startswith("Surface skeleton of cube:") for text in drawn)
     assert any(text.startswith("The mesh was") for text in drawn)  # wrapped
     assert "skeleton points" not in drawn
@@ -151,21 +200,14 @@ def test_the_result_has_sliders_and_a_summary(draw):
     assert "Threshold" not in drawn
 
 
-def test_a_running_job_and_the_warmup_are_shown(draw, monkeypatch):
-    from blender_addon import jobs, warmup
+def test_a_running_job_is_shown(draw, monkeypatch):
+    from blender_addon import jobs
 
     add_mesh("cube", CUBE, QUADS)
     job = SimpleNamespace(label="Thickness of cube", fraction=0.25, text="skeleton")
     monkeypatch.setattr(jobs, "running", job)
-    warm = SimpleNamespace(note="Preparing", running=True, fraction=0.5)
-    monkeypatch.setattr(warmup, "current", warm)
     drawn = draw()
     assert "25 %  skeleton" in drawn and "medialis.cancel_computation" in drawn
-    assert "Preparing" in drawn and "50 %  compiling" in drawn
-    warm.note, warm.running = "Preparing failed", False
-    assert "Preparing failed" in draw() and "50 %  compiling" not in draw()
-    warm.note = ""
-    assert "Preparing" not in draw()
 
 
 def test_the_menu_lists_every_operation(scene):
@@ -191,58 +233,6 @@ def test_registering_twice_in_turn_leaves_nothing(addon):
     assert hasattr(bpy.types, "MEDIALIS_PT_main")
 
 
-def test_warmup_runs_the_core_in_a_process_of_its_own(addon):
-    """It finds the core through the paths of this process; here it only lists the operations."""
-    from blender_addon.warmup import Warmup
-
-    child = Warmup(["-m", "medialis", "list"])
-    child.wait(60)
-    assert not child.running and child.note == "" and child._process.returncode == 0
-
-
-def test_warmup_tells_its_progress_and_when_it_fails(addon, monkeypatch, capsys):
-    from blender_addon import warmup
-
-    real = subprocess.Popen
-
-    def popen(_, **settings):
-        code = (
-            "import sys\nprint('PROGRESS 0.5 a', file=sys.stderr)\n"
-            "sys.exit('medialis: no space left')"
-        )
-        return real([sys.executable, "-c", code], **settings)
-
-    monkeypatch.setattr(warmup.subprocess, "Popen", popen)
-    child = warmup.Warmup()
-    child.wait(60)
-    assert child.fraction == 0.5 and "failed" in child.note
-    assert "no space left" in capsys.readouterr().out
-
-
-def test_warmup_is_stopped(addon, monkeypatch):
-    from blender_addon import warmup
-
-    real, wait = subprocess.Popen, [sys.executable, "-c", "import time; time.sleep(60)"]
-    monkeypatch.setattr(warmup.subprocess, "Popen", lambda _, **given: real(wait, **given))
-    child = warmup.Warmup()
-    assert child.running and "once" in child.note
-    child.stop()
-    assert not child.running and child.note == ""
-
-
-def test_the_cache_goes_where_it_can_be_written(addon, monkeypatch, tmp_path):
-    from blender_addon import warmup
-
-    (tmp_path / "file").write_text("a file where the folder should be")
-    monkeypatch.setenv("BLENDER_USER_DATAFILES", str(tmp_path / "data"))
-    monkeypatch.setenv("MEDIALIS_CACHE_DIR", str(tmp_path / "good"))
-    warmup.choose_cache()
-    assert warmup.kernel_folder() == tmp_path / "good"
-    monkeypatch.setenv("MEDIALIS_CACHE_DIR", str(tmp_path / "file"))
-    warmup.choose_cache()
-    assert warmup.kernel_folder() != tmp_path / "file" and warmup.kernel_folder().is_dir()
-
-
 def test_showing_colors_sets_the_view(scene):
     from blender_addon import operators
 
@@ -257,7 +247,7 @@ def test_showing_colors_sets_the_view(scene):
 
     bpy.ops.medialis.surface_skeleton()
     assert show.poll(context()) and show.execute(None, context()) == {"FINISHED"}
-    assert shading.type == "MATERIAL" and bpy.data.objects["cube"].display_type == "WIRE"
+    assert shading.type == "MATERIAL"
     bpy.context.view_layer.objects.active = bpy.data.objects["cube"]
     bpy.ops.medialis.thickness()
     bpy.context.view_layer.objects.active = bpy.data.objects["cube"]

@@ -1,7 +1,6 @@
-"""Views rendered by Blender against the core's rasterizer, and the desk between the threads."""
+"""Views rendered by Blender against the core's rasterizer."""
 
 import math
-import threading
 from pathlib import Path
 
 import numpy as np
@@ -72,10 +71,10 @@ def test_curve_skeletons_agree(creature, gpu_works):
     """Within 1 % of the diagonal, with the same number of components, loops and ends."""
     from scipy.spatial import cKDTree
 
-    desk = views.ViewDesk(pytest.fail)
     quick = {"pairs": 60, "size": 256}
     own = medialis.view_curve_skeleton(creature, **quick)
-    blender = medialis.view_curve_skeleton(creature, source=desk.factory(creature), **quick)
+    source = views.renderer(creature.points, creature.faces)
+    blender = medialis.view_curve_skeleton(creature, source=source, **quick)
     assert (own.component_count, own.loops) == (blender.component_count, blender.loops)
     assert len(own.end_points) == len(blender.end_points)
     lines = []
@@ -90,73 +89,6 @@ def test_no_data_is_left(gpu_works):
     """The tiny render that starts the graphics leaves no scene, camera or object behind."""
     for data in (bpy.data.scenes, bpy.data.cameras, bpy.data.objects):
         assert not any("medialis views" in item.name for item in data)
-
-
-def test_desk_serves_another_thread(creature, gpu_works):
-    """A computation on a thread of its own gets its views while the main thread serves."""
-    desk = views.ViewDesk(pytest.fail)
-    found = []
-
-    def compute():
-        with medialis.view_source(desk.factory):
-            found.append(medialis.run("view_curve_skeleton", creature, pairs=10, size=64))
-
-    worker = threading.Thread(target=compute)
-    worker.start()
-    while worker.is_alive():
-        desk.serve()
-        worker.join(0.01)
-    direct = medialis.view_curve_skeleton(
-        creature, source=views.ViewDesk(pytest.fail).factory(creature), pairs=10, size=64
-    )
-    assert (found[0].layers[0].points == direct.nodes).all()
-
-
-def test_a_closed_desk_cancels(creature):
-    desk = views.ViewDesk(pytest.fail)
-    seen = []
-
-    def compute():
-        try:
-            desk.factory(creature)
-        except medialis.Cancelled as error:
-            seen.append(error)
-
-    desk.close()
-    worker = threading.Thread(target=compute)
-    worker.start()
-    worker.join(10)
-    assert len(seen) == 1
-
-
-def test_without_graphics_the_core_renders(creature, monkeypatch):
-    monkeypatch.setattr(views, "why_no_gpu", lambda: "no driver")
-    notes = []
-    source = views.ViewDesk(notes.append).factory(creature)
-    assert notes == ["Blender cannot render views here (no driver): the core's rasterizer does."]
-    cameras = cameras_of(creature, 1, 64)
-    assert (source(cameras)[0].near == medialis.rasterizer(creature)(cameras)[0].near)[
-        source(cameras)[0].mask
-    ].all()
-
-
-def test_an_error_reaches_the_computation(creature, gpu_works):
-    desk = views.ViewDesk(pytest.fail)
-    source = desk.factory(creature)
-    raised = []
-
-    def compute():
-        try:
-            source([None])
-        except AttributeError as error:
-            raised.append(error)
-
-    worker = threading.Thread(target=compute)
-    worker.start()
-    while worker.is_alive():
-        desk.serve()
-        worker.join(0.01)
-    assert len(raised) == 1
 
 
 def test_the_operator_renders_with_the_gpu(creature, scene, gpu_works, monkeypatch):
@@ -177,7 +109,7 @@ def test_the_operator_renders_with_the_gpu(creature, scene, gpu_works, monkeypat
     assert bpy.ops.medialis.view_curve_skeleton(views_by="GPU", **quick) == {"FINISHED"}
     assert len(made) == 1
     shape = medialis.make_shape(points, creature.faces, repair=True)
-    with medialis.view_source(views.ViewDesk(pytest.fail).factory):
+    with medialis.view_source(lambda s: views.renderer(s.points, s.faces)):
         expected = medialis.run("view_curve_skeleton", shape, **quick).layers[0]
     found = read_back(bpy.context.active_object.data, "position")
     assert np.array_equal(found, expected.points.astype(np.float32))
