@@ -1,9 +1,9 @@
 #!/usr/bin/env bash
 # Put the source of Debian's MeshLab (headers of MeshLab and vcglib) into a folder:
-#   meshlab_plugin/debian_source.sh build/meshlab-src
+#   meshlab_plugin/debian_source.sh build/meshlab-2020.09
 # The machine's package sources stay as they are: apt works on a copy of Debian's, as source lines.
 set -euo pipefail
-folder=${1:-build/meshlab-src}
+folder=${1:-build/meshlab-2020.09}
 [ -e "$folder/src/common/interfaces.h" ] && exit 0
 state=$(mktemp -d)
 trap 'rm -rf "$state"' EXIT

@@ -20,22 +20,18 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 import pytest
 
-from medialis.operations.declaration import Operation
+from medialis.hosts import Filter, filters
 
 PROJECT = Path(__file__).resolve().parents[1]
 PLUGIN = PROJECT / "meshlab_plugin" / "filter_medialis"
-SOURCE = Path(os.environ.get("MEDIALIS_MESHLAB_SOURCE", PROJECT / "build" / "meshlab-src"))
-NEW_SOURCE = Path(
-    os.environ.get("MEDIALIS_MESHLAB_2025_SOURCE", PROJECT / "build" / "meshlab-2025.07")
-)
+SOURCES = Path(os.environ.get("MEDIALIS_MESHLAB_SOURCES", PROJECT / "build"))
 LIBRARIES = (Path("/usr/lib/x86_64-linux-gnu/meshlab"), Path("/usr/lib/meshlab"))
-LOWER_CASE = ("by", "of", "per", "with", "from", "to", "on", "the")
+NOTES = ("medialis-filters.json", "medialis-program.txt")
 
 
-def title(operation: Operation) -> str:
-    """The menu entry of an operation."""
-    words = operation.filter_name.split("_")
-    return " ".join(w if w in LOWER_CASE else w.capitalize() for w in words)
+def filter_named(name: str) -> Filter:
+    """A filter by its Python name, or by the name of its operation."""
+    return next(f for f in filters() if name in (f.name, f.operation.name))
 
 
 def need(program: str) -> str:
@@ -46,8 +42,9 @@ def need(program: str) -> str:
     return found
 
 
-def build_plugin(source: Path, libraries: Path, release: str, scalar: str) -> Path:
+def build_plugin(libraries: Path, release: str) -> Path:
     """Build the plugin, or bring it up to date, for one MeshLab; the test skips without source."""
+    source = SOURCES / f"meshlab-{release.removesuffix('d')}"
     if not (source / "src" / "common").is_dir():
         pytest.skip(f"needs MeshLab's source in {source}, see docs/meshlab.md")
     for program in ("cmake", "c++", "make"):
@@ -57,18 +54,14 @@ def build_plugin(source: Path, libraries: Path, release: str, scalar: str) -> Pa
     folder.mkdir(parents=True, exist_ok=True)
     with (folder / "lock").open("w") as lock:  # several test processes may want it at once
         fcntl.flock(lock, fcntl.LOCK_EX)
-        for command in (
-            [
-                *("cmake", "-S", PLUGIN, "-B", folder, f"-DMESHLAB_SOURCE={source}"),
-                f"-DMESHLAB_LIBRARIES_FOLDER={libraries}",
-                *(f"-DMESHLAB_VERSION={release}", f"-DMESHLAB_SCALAR={scalar}"),
-                f"-DPython3_EXECUTABLE={sys.executable}",
-            ],
-            ["cmake", "--build", folder],
-        ):
-            done = subprocess.run(list(map(str, command)), capture_output=True, text=True)
-            assert done.returncode == 0, done.stdout + done.stderr
-            assert "warning:" not in done.stderr, done.stderr
+        done = subprocess.run(
+            [sys.executable, str(PROJECT / "meshlab_plugin" / "build.py"), str(libraries)],
+            env={**os.environ, "MESHLAB_SOURCES": str(SOURCES)},
+            capture_output=True,
+            text=True,
+        )
+        assert done.returncode == 0, done.stdout + done.stderr
+        assert "warning:" not in done.stderr, done.stderr
     return folder / "libfilter_medialis.so"
 
 
@@ -109,15 +102,16 @@ class MeshLab:
     def run(
         self,
         inputs: Sequence[Path],
-        operation: Operation,
+        entry: Filter,
         values: Mapping[str, Any] | None = None,
         *,
         more: Sequence[str] = (),
+        size: float | None = None,
         environment: Mapping[str, str | None] | None = None,
     ) -> str:
         """Load layers, run one filter, do what `more` says; return what meshlabserver printed."""
         script = self.folder / "script.mlx"
-        script.write_text(filter_script(operation, inputs[-1], values or {}), encoding="utf-8")
+        script.write_text(filter_script(entry, inputs[-1], values or {}, size), encoding="utf-8")
         chosen = {**self.environment, **(environment or {})}
         arguments = [a for path in inputs for a in ("-i", str(path))]
         done = subprocess.run(
@@ -130,11 +124,14 @@ class MeshLab:
         return (done.stdout + done.stderr).decode("utf-8", "replace")
 
 
-def filter_script(operation: Operation, path: Path, values: Mapping[str, Any]) -> str:
-    """A script of one filter with all parameters, as MeshLab saves it; lengths are absolute."""
-    size = float(np.linalg.norm(np.ptp(medialis_points(path), axis=0)))
+def filter_script(
+    entry: Filter, path: Path, values: Mapping[str, Any], size: float | None = None
+) -> str:
+    """A script of one filter with all parameters, as MeshLab saves it on a shape of this size."""
+    if size is None:
+        size = float(np.linalg.norm(np.ptp(medialis_points(path), axis=0)))
     rows = []
-    for parameter in operation.parameters:
+    for parameter in (*entry.parameters, *entry.host_parameters):
         value = values.get(parameter.name, parameter.default)
         kind = parameter.kind.value
         more = ""
@@ -153,12 +150,9 @@ def filter_script(operation: Operation, path: Path, values: Mapping[str, Any]) -
         text = str(value).lower() if kind == "bool" else str(value)
         about = f'type="Rich{names[kind]}" name="{parameter.name}" value={quoteattr(text)}{more}'
         rows.append(f"<Param {about}/>")
-    for name, default in (("hide_source", True), ("auxiliary_layers", False)):
-        text = str(values.get(name, default)).lower()
-        rows.append(f'<Param type="RichBool" name="{name}" value="{text}"/>')
     body = "\n  ".join(rows)
     return (
-        f"<!DOCTYPE FilterScript>\n<FilterScript>\n <filter name={quoteattr(title(operation))}>\n"
+        f"<!DOCTYPE FilterScript>\n<FilterScript>\n <filter name={quoteattr(entry.title)}>\n"
         f"  {body}\n </filter>\n</FilterScript>\n"
     )
 
@@ -172,17 +166,19 @@ def medialis_points(path: Path) -> np.ndarray:
 
 def make_meshlab(folder: Path, display: str) -> MeshLab:
     """Put copies of MeshLab's programs, links to its plugins and our plugin into a folder."""
-    server = need("meshlabserver")
+    programs = [need("meshlabserver"), need("meshlab")]
     libraries = next((path for path in LIBRARIES if (path / "plugins").is_dir()), None)
     if libraries is None:
         pytest.skip("needs the plugins of Debian's MeshLab 2020.09")
-    plugin = build_plugin(SOURCE, libraries, "2020.09", "float")
+    plugin = build_plugin(libraries, "2020.09")
     (folder / "plugins").mkdir(parents=True)
-    shutil.copy(server, folder)
+    for program in programs:
+        shutil.copy(program, folder)
     for known in (libraries / "plugins").glob("*.so"):
         if known.name != plugin.name:
             (folder / "plugins" / known.name).symlink_to(known)
-    shutil.copy(plugin, folder / "plugins")
+    for file in (plugin, plugin.parent / NOTES[0]):
+        shutil.copy(file, folder / "plugins")
     for name in ("runtime", "temporary", "home"):
         (folder / name).mkdir(mode=0o700)
     environment = {

@@ -1,26 +1,37 @@
-// What a row of the generated filter_table.h holds.
+// The filters, as `medialis meshlab-install` has written them beside the plugin.
 #pragma once
 
-#include <string>
+#include <QString>
+#include <QStringList>
+
 #include <vector>
 
 enum class Kind { Float, Int, Bool, Choice, Length, Angle, File };
 
 struct ParameterEntry {
-    const char* name;    // Python name; the command line writes it with dashes
+    QString name;         // Python name; the command line writes it with dashes
     Kind kind;
-    double number;       // default: a number, 0 or 1, or the index of a choice
-    const char* text;    // choices joined by |, or the default of a file
-    const char* label;
-    const char* help;
+    double number;        // default: a number, 0 or 1, or the index of a choice
+    double low, high;     // range of a number
+    QStringList choices;
+    QString label, help;
+    QString selection;    // "pair" or "each": a file for the selected vertices
     bool advanced;
 };
 
 struct FilterEntry {
-    const char* command;  // of the command line
-    const char* title;    // menu entry
-    const char* help;
-    const char* verb;     // first word of the MeshLab-style name: says where the menu entry goes
-    bool needs_faces;
-    std::vector<ParameterEntry> parameters;
+    QString command;      // of the command line
+    QString name;         // in Python, verb first
+    QString title;        // menu entry
+    QString help;
+    bool selects;         // selects vertices, adds nothing
+    bool needsFaces;
+    std::vector<ParameterEntry> parameters;      // of the operation
+    std::vector<ParameterEntry> hostParameters;  // of what only a host can do; off in scripts
+
+    bool generates() const { return name.startsWith("generate_"); }
+    bool hasHost(const char* parameter) const;
 };
+
+// Read medialis-filters.json beside the plugin; none where there is no such file.
+std::vector<FilterEntry> readFilters();

@@ -4,6 +4,7 @@
 #include "filter_entry.h"
 #include "meshlab_compat.h"
 
+#include <QJsonObject>
 #include <QObject>
 
 #include <map>
@@ -26,8 +27,7 @@ public:
     QString filterInfo(FilterId id) const override;
     FilterArity filterArity(FilterAction*) const override { return SINGLE_MESH; }
     int getPreConditions(FilterAction* action) const override;
-    // MeshLab asks after the filter has run.
-    int postCondition(FilterAction*) const override { return changed_; }
+    int postCondition(FilterAction* action) const override;
 
 #ifdef MEDIALIS_MESHLAB_2020
     FilterClass getClass(FilterAction* action) override { return classOf(action); }
@@ -36,6 +36,7 @@ public:
                      vcg::CallBackPos* progress) override;
 #else
     QString vendor() const override { return "The medialis developers"; }
+    QString pythonFilterName(FilterId id) const override { return filters_.at(size_t(id)).name; }
     FilterClass getClass(FilterAction* action) const override { return classOf(action); }
     RichParameterList initParameterList(FilterAction* action, const MeshModel& model) override;
     std::map<std::string, QVariant> applyFilter(FilterAction* action,
@@ -50,7 +51,8 @@ private:
     const FilterEntry& entry(FilterAction* action) const;
     FilterClass classOf(FilterAction* action) const;
     Values run(const FilterEntry& filter, const RichParameterList& values, MeshDocument& document,
-               vcg::CallBackPos* progress);
+               unsigned& changed, vcg::CallBackPos* progress);
+    Values logged(const QJsonObject& manifest);
 
-    int changed_ = MeshModel::MM_NONE;
+    std::vector<FilterEntry> filters_;
 };

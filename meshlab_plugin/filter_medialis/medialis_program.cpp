@@ -18,23 +18,6 @@ namespace {
 
 const char INSTALL[] = "run 'medialis meshlab-install' from the Python environment that has it";
 
-QString pluginFolder()
-{
-#ifdef Q_OS_WIN
-    HMODULE module = nullptr;
-    wchar_t name[32768] = {};
-    GetModuleHandleExW(GET_MODULE_HANDLE_EX_FLAG_FROM_ADDRESS |
-                           GET_MODULE_HANDLE_EX_FLAG_UNCHANGED_REFCOUNT,
-                       reinterpret_cast<LPCWSTR>(&pluginFolder), &module);
-    GetModuleFileNameW(module, name, 32767);
-    return QFileInfo(QString::fromWCharArray(name)).absolutePath();
-#else
-    Dl_info info = {};
-    dladdr(reinterpret_cast<void*>(&pluginFolder), &info);
-    return QFileInfo(QFile::decodeName(info.dli_fname)).absolutePath();
-#endif
-}
-
 // The variable, else the file that `medialis meshlab-install` wrote, else whatever PATH has.
 QString chosenProgram()
 {
@@ -108,6 +91,23 @@ QString failure(const QProcess& child, const Lines& lines)
 }
 
 }  // namespace
+
+QString pluginFolder()
+{
+#ifdef Q_OS_WIN
+    HMODULE module = nullptr;
+    wchar_t name[32768] = {};
+    GetModuleHandleExW(GET_MODULE_HANDLE_EX_FLAG_FROM_ADDRESS |
+                           GET_MODULE_HANDLE_EX_FLAG_UNCHANGED_REFCOUNT,
+                       reinterpret_cast<LPCWSTR>(&pluginFolder), &module);
+    GetModuleFileNameW(module, name, 32767);
+    return QFileInfo(QString::fromWCharArray(name)).absolutePath();
+#else
+    Dl_info info = {};
+    dladdr(reinterpret_cast<void*>(&pluginFolder), &info);
+    return QFileInfo(QFile::decodeName(info.dli_fname)).absolutePath();
+#endif
+}
 
 void runMedialis(const QStringList& arguments, const Report& report)
 {

@@ -6,6 +6,9 @@
 
 #include <functional>
 
+// Where this plugin lies, with the notes that `medialis meshlab-install` has put beside it.
+QString pluginFolder();
+
 // Called with 0..100 and a text, also without news, some 20 times a second; false cancels.
 using Report = std::function<bool(int, const QString&)>;
 

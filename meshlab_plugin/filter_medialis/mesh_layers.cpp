@@ -150,3 +150,18 @@ int putFields(MeshModel& model, const LayerFile& layer, const std::string& color
     const int onVertices = putRows<Vertices>(model, layer.vertices, colorBy);
     return onVertices | putRows<Faces>(model, layer.faces, colorBy);
 }
+
+int select(MeshModel& model, const LayerFile& layer)
+{
+    const Attribute* chosen = layer.vertices.find("selected");
+    if (!chosen) throw Problem("The result tells no selection.");
+    size_t row = 0;
+    for (auto& vertex : model.cm.vert) {
+        if (vertex.IsD()) continue;
+        if (chosen->values[row++] == 1.0)
+            vertex.SetS();
+        else
+            vertex.ClearS();
+    }
+    return MeshModel::MM_VERTFLAGSELECT;
+}

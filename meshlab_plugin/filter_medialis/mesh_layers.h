@@ -18,3 +18,6 @@ size_t faceCount(const CMeshO& mesh);
 // (MeshLab: quality). Returns the MM_ masks of what has changed.
 int fillMesh(MeshModel& model, const LayerFile& layer, const std::string& colorBy);
 int putFields(MeshModel& model, const LayerFile& layer, const std::string& colorBy);
+
+// Select the vertices whose field `selected` is 1, and no others.
+int select(MeshModel& model, const LayerFile& layer);

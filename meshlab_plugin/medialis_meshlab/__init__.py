@@ -19,6 +19,7 @@ from medialis_meshset import (
     filter_parameter_values,
     print_filter_list,
     print_filter_parameter_list,
+    search,
 )
 from medialis_meshset.patching import patch, unpatch
 
@@ -29,6 +30,7 @@ __all__ = [
     "patch",
     "print_filter_list",
     "print_filter_parameter_list",
+    "search",
     "unpatch",
 ]
 

@@ -10,24 +10,18 @@
 ``import medialis_meshlab`` adds the same filters to pymeshlab's own class instead.
 """
 
-try:
-    import pymeshlab as _pymeshlab  # noqa: F401 - asked for here, so that its absence is explained
-except ModuleNotFoundError as error:
-    if error.name != "pymeshlab":
-        raise
-    raise ModuleNotFoundError(
-        "medialis needs pymeshlab for its MeshLab filters, and it is not installed: "
-        "pip install 'medialis[meshlab]'",
-        name="pymeshlab",
-    ) from None
+from medialis_meshset.needs import require_pymeshlab
 
-from medialis_meshset.listing import (
+require_pymeshlab()
+
+from medialis_meshset.listing import (  # noqa: E402
     filter_list,
     filter_parameter_values,
     print_filter_list,
     print_filter_parameter_list,
+    search,
 )
-from medialis_meshset.mesh_set import MeshSet
+from medialis_meshset.mesh_set import MeshSet  # noqa: E402
 
 __all__ = [
     "MeshSet",
@@ -35,4 +29,5 @@ __all__ = [
     "filter_parameter_values",
     "print_filter_list",
     "print_filter_parameter_list",
+    "search",
 ]

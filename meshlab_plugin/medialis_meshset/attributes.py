@@ -15,6 +15,7 @@ import pymeshlab
 from numpy.typing import NDArray
 
 from medialis.hosts import Shown, identifier
+from medialis_meshset.own_attributes import all_own
 
 FloatArray = NDArray[np.float64]
 
@@ -53,6 +54,19 @@ def taken_names(mesh_set: pymeshlab.MeshSet, element: str) -> list[str]:
     prefixes = f"__ca_{element}s__", f"__ca_{element}p__"
     keys = mesh_set.filter_parameter_values("ply")
     return [key[len(prefixes[0]) :] for key in keys if key.startswith(prefixes)]
+
+
+def saved_attributes(mesh_set: pymeshlab.MeshSet) -> list[str]:
+    """Return the options by which `save_current_mesh` writes the attributes that are ours."""
+    number, keys = mesh_set.current_mesh_id(), mesh_set.filter_parameter_values("ply")
+    return [
+        key
+        for key in keys
+        for element in "vf"
+        for kind in "sp"
+        if key.startswith(prefix := f"__ca_{element}{kind}__")
+        and all_own(mesh_set, number, element, [key[len(prefix) :]])
+    ]
 
 
 def add_vertex_attribute(mesh: pymeshlab.Mesh, name: str, values: FloatArray) -> None:

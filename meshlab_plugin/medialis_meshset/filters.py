@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from typing import Any
 
 import numpy as np
@@ -13,15 +13,26 @@ import pymeshlab
 from pymeshlab import PyMeshLabException
 
 import medialis
-from medialis import Layer, MedialisError, Progress, Result
-from medialis.hosts import Kind, Operation, hidden_apart
+from medialis import MedialisError, Result
+from medialis.hosts import (
+    AUXILIARY,
+    HIDE_SOURCE,
+    SELECTED,
+    SOLID,
+    USE_SELECTION,
+    Filter,
+    Kind,
+    host_layers,
+)
 from medialis_meshset.interrupt import interrupts_held
 from medialis_meshset.layers import NewLayer, add_layer, new_layer
 from medialis_meshset.listing import require_filter
 from medialis_meshset.on_input import InputData, input_data, write_on_current
-from medialis_meshset.parameters import ADD_SAMPLES, checked, with_fractions
+from medialis_meshset.parameters import checked, with_fractions
 from medialis_meshset.reading import shape_of_mesh
-from medialis_meshset.script import filter_script_kept
+from medialis_meshset.script import filter_script_kept, record
+from medialis_meshset.selection import selection_files
+from medialis_meshset.verbosity import progress_of
 
 
 def run_filter(
@@ -42,19 +53,27 @@ def run_filter(
     """
     chosen = require_filter(name)
     values = checked(chosen, parameters)
-    add_auxiliary = values.pop(ADD_SAMPLES.name, ADD_SAMPLES.default)
+    host = {p.name: values.pop(p.name, False) for p in chosen.host_parameters}
     if mesh_set.mesh_number() == 0:
         raise PyMeshLabException(f"{name} requires at least one mesh loaded in the MeshSet.")
     mesh = mesh_set.current_mesh()
-    if chosen.needs_faces and mesh.face_number() == 0:
+    if chosen.operation.needs_faces and mesh.face_number() == 0:
         raise PyMeshLabException(
             f"Failed to apply filter:  '{name}. Current mesh does not have Any Faces."
         )
-    with _errors_of_meshlab(name):
-        result, new, data = _compute(chosen, mesh, values, add_auxiliary)
-    layers, attributes, message = _change(mesh_set, name, new, data)
+    with _errors_of_meshlab(name), ExitStack() as stack:
+        no_files: dict[str, str] = {}
+        if host.get(USE_SELECTION.name):
+            no_files = {p.name: "" for p in chosen.parameters if p.selection}
+            values = {**stack.enter_context(selection_files(mesh, chosen)), **values}
+        result, new, data = _compute(chosen, mesh_set, values, host)
+    hide = host.get(HIDE_SOURCE.name)
+    if hide is not False:  # it lies inside, or the result lies on it
+        mesh_set.set_mesh_visibility(mesh.id(), not hide)
+    layers, attributes, message = _change(mesh_set, chosen, new, data)
+    record(mesh_set, chosen, {**result.parameters, **no_files, **host})
     return {
-        **result.values,
+        **(result.values if data.selected is None else {SELECTED: int(data.selected.sum())}),
         "layers": layers,
         "attributes": attributes,
         "images": dict(result.images),
@@ -75,14 +94,14 @@ def filter_values(
         points = mesh_set.current_mesh().transformed_vertex_matrix()
         diagonal = math.hypot(*np.ptp(points, axis=0))
     given = checked(chosen, parameters)
-    add = given.pop(ADD_SAMPLES.name, ADD_SAMPLES.default)
+    host = {p.name: given.pop(p.name, False) for p in chosen.host_parameters}
     values = chosen.resolve(with_fractions(chosen, given, diagonal)).values()
     for parameter in chosen.parameters:
         if parameter.kind is Kind.LENGTH:
             values[parameter.name] *= diagonal
         elif parameter.kind is Kind.CHOICE:
             values[parameter.name] = parameter.choices.index(values[parameter.name])
-    return {**values, ADD_SAMPLES.name: add}
+    return {**values, **host}
 
 
 @contextmanager
@@ -100,34 +119,24 @@ def _errors_of_meshlab(name: str) -> Iterator[None]:
 
 
 def _compute(
-    chosen: Operation, mesh: pymeshlab.Mesh, values: Mapping[str, Any], add_auxiliary: bool
+    chosen: Filter,
+    mesh_set: pymeshlab.MeshSet,
+    values: Mapping[str, Any],
+    host: Mapping[str, bool],
 ) -> tuple[Result, list[NewLayer], InputData]:
     """Run the operation and make all that will be added; nothing changes yet."""
-    progress = Progress()
-    shape = shape_of_mesh(mesh, progress)
-    result = medialis.run(
-        chosen.name, shape, progress=progress, **with_fractions(chosen, values, shape.diagonal)
-    )
-    on_input = [layer for layer in result.layers if layer.on_input]
-    new = [new_layer(layer) for layer in _wanted(result, add_auxiliary)]
-    return result, new, input_data(on_input, shape)
-
-
-def _wanted(result: Result, add_auxiliary: bool) -> Sequence[Layer]:
-    """Layers to add: where pictures are the result, layers are only what they show.
-
-    MeshLab has no slider: points that a layer hides become an invisible layer of their own.
-    """
-    return [
-        part
-        for layer in result.layers
-        if not layer.on_input and (add_auxiliary or not (layer.auxiliary or result.images))
-        for part in hidden_apart(layer)
-    ]
+    progress = progress_of(mesh_set)
+    shape = shape_of_mesh(mesh_set.current_mesh(), progress)
+    given = {**chosen.defaults, **with_fractions(chosen, values, shape.diagonal)}
+    result = medialis.run(chosen.operation.name, shape, progress=progress, **given)
+    auxiliary, draw_solid = host.get(AUXILIARY.name, False), host.get(SOLID.name, False)
+    layers = host_layers(result, shape, chosen, auxiliary=auxiliary, draw_solid=draw_solid)
+    new = [new_layer(layer) for layer in layers if not layer.on_input]
+    return result, new, input_data([layer for layer in layers if layer.on_input], shape)
 
 
 def _change(
-    mesh_set: pymeshlab.MeshSet, name: str, new: Sequence[NewLayer], data: InputData
+    mesh_set: pymeshlab.MeshSet, chosen: Filter, new: Sequence[NewLayer], data: InputData
 ) -> tuple[dict[str, int], dict[str, str], str]:
     """Add the layers, then write on the input, which cannot be undone; on failure undo.
 
@@ -147,7 +156,7 @@ def _change(
             _remove_layers(mesh_set, {mesh.id() for mesh in mesh_set} - present)
             mesh_set.set_current_mesh(before)
             raise
-        if added and name.startswith("generate_"):
+        if added and chosen.generates:
             mesh_set.set_current_mesh(next(iter(added.values())))
     return added, names, message
 

@@ -9,8 +9,7 @@ from typing import Any
 
 from pymeshlab import PercentageValue, PyMeshLabException
 
-import medialis
-from medialis.hosts import Kind, Operation, Parameter
+from medialis.hosts import Filter, Kind, Parameter, filters
 from medialis_meshset.parameters import parameters_of, percent
 
 TYPES = {
@@ -40,16 +39,16 @@ PyMeshLabException
 
 def filter_list() -> list[str]:
     """Return the names of the filters of medialis, in alphabetical order."""
-    return sorted(chosen.filter_name for chosen in medialis.OPERATIONS)
+    return sorted(chosen.name for chosen in filters())
 
 
-def find_filter(name: str) -> Operation | None:
-    """Return the operation behind a filter name; None: it is none of medialis."""
-    return next((o for o in medialis.OPERATIONS if o.filter_name == name), None)
+def find_filter(name: str) -> Filter | None:
+    """Return the filter of a name; None: it is none of medialis."""
+    return next((chosen for chosen in filters() if chosen.name == name), None)
 
 
-def require_filter(name: str) -> Operation:
-    """Return the operation behind a filter name.
+def require_filter(name: str) -> Filter:
+    """Return the filter of a name.
 
     Raises
     ------
@@ -85,6 +84,15 @@ def print_filter_list() -> None:
         print(f"\t{name}")
 
 
+def search(keyword: str) -> None:
+    """Print the filters of medialis whose name or help has all the words."""
+    words = keyword.lower().replace("_", " ").split()
+    for chosen in filters():
+        text = f"{chosen.name} {chosen.title} {chosen.help}".lower().replace("_", " ")
+        if all(word in text for word in words):
+            print(f"{chosen.name}: {chosen.help.splitlines()[0]}")
+
+
 def print_filter_parameter_list(name: str) -> None:
     """Print the parameters of a filter with types, defaults and ranges.
 
@@ -100,7 +108,7 @@ def print_filter_parameter_list(name: str) -> None:
         print(f"\t{parameter.name} : {kind} = {_default(parameter)}{_range(parameter)}")
 
 
-def docstring(chosen: Operation) -> str:
+def docstring(chosen: Filter) -> str:
     """Return the docstring of a filter: help, parameters with units and defaults, result."""
     lines = [*(textwrap.fill(text, 96) + "\n" for text in chosen.help.split("\n\n"))]
     lines += ["Parameters", "----------"]
@@ -111,7 +119,7 @@ def docstring(chosen: Operation) -> str:
     return "\n".join([*lines, "", RESULTS])
 
 
-def signature(chosen: Operation) -> inspect.Signature:
+def signature(chosen: Filter) -> inspect.Signature:
     """Return the signature of a filter as a method: keywords only, with readable defaults."""
     keyword = inspect.Parameter.KEYWORD_ONLY
     own = inspect.Parameter("self", inspect.Parameter.POSITIONAL_OR_KEYWORD)

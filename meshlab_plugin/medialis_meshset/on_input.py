@@ -25,7 +25,7 @@ import pymeshlab
 from numpy.typing import NDArray
 
 from medialis import Layer, Shape
-from medialis.hosts import Shown, free_name, identifier, on_input, shown
+from medialis.hosts import SELECTED, Shown, free_name, identifier, on_input, shown
 from medialis_meshset.attributes import (
     FloatArray,
     add_face_attribute,
@@ -38,6 +38,7 @@ from medialis_meshset.expressions import color_expressions, quality_expression
 from medialis_meshset.own_attributes import all_own, note_own
 from medialis_meshset.reading import is_identity
 from medialis_meshset.script import filter_script_kept
+from medialis_meshset.selection import select_by_attribute, select_by_copy
 
 NO_FACE_EXPRESSION = (
     "Quality and colour of the faces were not set: MeshLab's expressions fail or may crash on the "
@@ -56,6 +57,7 @@ class InputData:
     face_attributes: dict[str, FloatArray]
     vertex_shown: Shown | None = None
     face_shown: Shown | None = None
+    selected: NDArray[np.bool_] | None = None
 
 
 def input_data(layers: Sequence[Layer], shape: Shape) -> InputData:
@@ -74,6 +76,8 @@ def input_data(layers: Sequence[Layer], shape: Shape) -> InputData:
             vertex_shown=_collect(points, data.vertex_attributes, data.vertex_shown, on_points),
             face_shown=_collect(faces, data.face_attributes, data.face_shown, on_faces),
         )
+        if layer.role == "selection":
+            data = replace(data, selected=points[SELECTED] == 1)
     return data
 
 
@@ -106,7 +110,8 @@ def write_on_current(mesh_set: pymeshlab.MeshSet, data: InputData) -> tuple[dict
     mesh, message = mesh_set.current_mesh(), ""
     taken = {element: taken_names(mesh_set, element) for element in "vf"}
     safe = {element: all_own(mesh_set, mesh.id(), element, taken[element]) for element in "vf"}
-    colored = data.vertex_shown is not None or data.face_shown is not None
+    seen = (data.vertex_shown, data.face_shown, data.selected)
+    colored = any(each is not None for each in seen)
     with filter_script_kept(mesh_set) if colored else nullcontext():
         names = _add_all(mesh, add_vertex_attribute, data.vertex_attributes, taken["v"])
         face_names = _add_all(mesh, add_face_attribute, data.face_attributes, taken["f"])
@@ -116,6 +121,11 @@ def write_on_current(mesh_set: pymeshlab.MeshSet, data: InputData) -> tuple[dict
             _show_vertices(mesh_set, data.vertex_shown, names, safe=safe["v"])
         if data.face_shown is not None:
             message = _show_faces(mesh_set, data.face_shown, face_names, safe=safe["f"])
+        if data.selected is not None and safe["v"]:
+            select_by_attribute(mesh_set, names[SELECTED])
+        elif data.selected is not None:
+            with _untransformed(mesh_set):
+                select_by_copy(mesh_set, data.selected)
     return {**face_names, **names}, message
 
 

@@ -10,31 +10,24 @@ from __future__ import annotations
 import operator
 import os
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 from pymeshlab import InvalidEnumException, PercentageValue, PureValue, PyMeshLabException
 
 from medialis import InvalidOptionError
-from medialis.hosts import Kind, Operation, Parameter, as_typed
-
-ADD_SAMPLES = Parameter(
-    "add_samples",
-    Kind.BOOL,
-    False,
-    "Add auxiliary layers",
-    "Also add the layers that the results only refer to, such as the samples of the surface.",
-)
-"""The one parameter that every filter has besides those of its operation."""
+from medialis.hosts import Filter, Kind, Parameter, as_typed
 
 LENGTHS = (PercentageValue, PureValue)
 
 
-def parameters_of(chosen: Operation) -> tuple[Parameter, ...]:
-    """Return the parameters of a filter: those of the operation and `ADD_SAMPLES`."""
-    return (*chosen.parameters, ADD_SAMPLES)
+def parameters_of(chosen: Filter) -> tuple[Parameter, ...]:
+    """Return the parameters of a filter: those of the operation and those of a host, all off."""
+    off = (replace(parameter, default=False) for parameter in chosen.host_parameters)
+    return (*chosen.parameters, *off)
 
 
-def checked(chosen: Operation, given: Mapping[str, Any]) -> dict[str, Any]:
+def checked(chosen: Filter, given: Mapping[str, Any]) -> dict[str, Any]:
     """Return the given parameters as the core takes them; lengths stay as they are.
 
     Raises
@@ -48,13 +41,13 @@ def checked(chosen: Operation, given: Mapping[str, Any]) -> dict[str, Any]:
     for name in given:
         if name not in known:
             raise PyMeshLabException(
-                f"Parameter {name} not found for filter {chosen.filter_name}. Please check the "
+                f"Parameter {name} not found for filter {chosen.name}. Please check the "
                 "documentation."
             )
     return {name: _value(known[name], value) for name, value in given.items()}
 
 
-def with_fractions(chosen: Operation, values: Mapping[str, Any], diagonal: float) -> dict[str, Any]:
+def with_fractions(chosen: Filter, values: Mapping[str, Any], diagonal: float) -> dict[str, Any]:
     """Return `checked` parameters with lengths as fractions of the diagonal (units of the mesh).
 
     Raises

@@ -44,7 +44,11 @@ def register(monkeypatch):
 
     medialis_meshlab.unpatch()
 
-    def add(*layers, name="generate_made", parameters=(), run=None, images=None, needs_faces=False):
+    def add(*layers, name=None, parameters=(), run=None, images=None, needs_faces=False):
+        if name is None:  # fields on the given mesh have colours where nothing is generated
+            here = [layer for layer in layers if callable(layer) or layer.on_input]
+            name = "compute_made" if layers and len(here) == len(layers) else "generate_made"
+
         def outcome(shape, values, progress):
             made = [layer(shape) if callable(layer) else layer for layer in layers]
             progress.note("Made by hand.")

@@ -5,6 +5,7 @@ import inspect
 import numpy as np
 import pytest
 
+from medialis.hosts import filters
 from medialis.operations.declaration import Kind, Parameter
 from medialis.operations.registry import OPERATIONS
 from medialis.operations.result import Layer, Outcome
@@ -121,7 +122,7 @@ def test_a_length_must_say_its_unit(mesh_set, seen):
         ({"flag": 1}, "flag must be True or False"),
         ({"angle": 91}, "angle must be a number"),
         ({"file": 3}, "file must be the path"),
-        ({"add_samples": "yes"}, "add_samples must be True or False"),
+        ({"auxiliary_layers": "yes"}, "auxiliary_layers must be True or False"),
     ],
     ids=lambda part: next(iter(part)) if isinstance(part, dict) else part,
 )
@@ -174,6 +175,7 @@ def test_too_little_memory_is_one_sentence(mesh_set, register):
 def test_lists_and_defaults(mesh_set, seen, capsys, creature):
     assert "generate_made" in medialis_meshlab.filter_list()
     assert {o.filter_name for o in OPERATIONS} < {*medialis_meshlab.filter_list()}
+    assert "compute_selection_by_medial_thickness_per_vertex" in medialis_meshlab.filter_list()
     medialis_meshlab.print_filter_list()
     assert "\tgenerate_surface_skeleton\n" in capsys.readouterr().out
     medialis_meshlab.print_filter_parameter_list("generate_made")
@@ -186,28 +188,31 @@ def test_lists_and_defaults(mesh_set, seen, capsys, creature):
         "\tlength : PercentageValue = 25% [min: 10%; max: 200%]",
         "\tangle : float = 30.0 [min: 0; max: 90]",
         "\tfile : str = ''",
-        "\tadd_samples : bool = False",
+        "\thide_source : bool = False",
+        "\tauxiliary_layers : bool = False",
     ]
     values = medialis_meshlab.filter_parameter_values("generate_made")
     assert values.pop("length").value() == 25
     assert values == {**{p.name: p.default for p in ALL_KINDS if p.name != "length"}} | {
-        "add_samples": False
+        "hide_source": False,
+        "auxiliary_layers": False,
     }
     now = mesh_set.filter_parameter_values("generate_made", mode="hard")
-    assert now["mode"] == 1 and now["add_samples"] is False
+    assert now["mode"] == 1 and now["auxiliary_layers"] is False
     assert now["length"] == pytest.approx(0.25 * creature.diagonal, rel=1e-12)
     with pytest.raises(pymeshlab.PyMeshLabException, match=r"^nothing filter not found\.$"):
         medialis_meshlab.print_filter_parameter_list("nothing")
 
 
-@pytest.mark.parametrize("chosen", OPERATIONS, ids=lambda o: o.name)
+@pytest.mark.parametrize("chosen", filters(), ids=lambda chosen: chosen.name)
 def test_the_defaults_of_a_filter_can_be_given_back(chosen, mesh_set):
-    values = medialis_meshlab.filter_parameter_values(chosen.filter_name)
-    assert [*values] == [*(p.name for p in chosen.parameters), "add_samples"]
+    values = medialis_meshlab.filter_parameter_values(chosen.name)
+    host = [p.name for p in chosen.host_parameters]
+    assert [*values] == [*(p.name for p in chosen.parameters), *host]
     from medialis_meshset.parameters import checked, with_fractions
 
     given = with_fractions(chosen, checked(chosen, values), 1.0)
-    given.pop("add_samples")
+    assert not any(given.pop(name) for name in host)
     expected = {p.name: p.default for p in chosen.parameters}
     assert _close(given, expected)
 
@@ -221,11 +226,11 @@ def _close(given, expected):
     )
 
 
-@pytest.mark.parametrize("chosen", OPERATIONS, ids=lambda o: o.name)
+@pytest.mark.parametrize("chosen", filters(), ids=lambda chosen: chosen.name)
 def test_help_shows_parameters_units_and_defaults(chosen):
-    method = getattr(pymeshlab.MeshSet, chosen.filter_name)
+    method = getattr(pymeshlab.MeshSet, chosen.name)
     text, shown = inspect.getdoc(method), str(inspect.signature(method))
-    assert text.startswith(chosen.help.partition(" ")[0])
+    assert text.startswith(chosen.help.partition("\n")[0][:90])
     for parameter in chosen.parameters:
         assert f"\n{parameter.name} : " in text and f"{parameter.name}=" in shown
         if parameter.kind is Kind.LENGTH:

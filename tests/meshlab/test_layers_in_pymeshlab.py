@@ -156,7 +156,7 @@ def test_current_mesh_afterwards(mesh_set, register):
     result = mesh_set.generate_made()
     assert result["layers"] == {"first": 1, "second": 2} and mesh_set.current_mesh_id() == 1
     mesh_set.set_current_mesh(0)
-    result = mesh_set.compute_made(add_samples=True)
+    result = mesh_set.compute_made(auxiliary_layers=True)
     assert result["layers"] == {"first": 3, "second": 4, "third": 5}
     assert mesh_set.current_mesh_id() == 0
 
@@ -167,7 +167,7 @@ def test_layers_beside_pictures_come_on_request(mesh_set, register):
     result = mesh_set.generate_made()
     assert result["layers"] == {} and result["images"]["view"] is image
     assert mesh_set.mesh_number() == 1 and mesh_set.current_mesh_id() == 0
-    assert mesh_set.generate_made(add_samples=True)["layers"] == {"made": 1}
+    assert mesh_set.generate_made(auxiliary_layers=True)["layers"] == {"made": 1}
 
 
 def state(ms):
@@ -219,7 +219,7 @@ def test_nothing_is_added_when_writing_on_the_input_fails(mesh_set, register, mo
 def test_a_layer_that_is_not_on_the_input_is_refused(mesh_set, register):
     register(Layer("on", POINTS, attributes={"a": POINTS[:, 0]}, on_input=True))
     with pytest.raises(pymeshlab.PyMeshLabException, match="it does not lie on it"):
-        mesh_set.generate_made()
+        mesh_set.compute_made()
     assert mesh_set.mesh_number() == 1
 
 

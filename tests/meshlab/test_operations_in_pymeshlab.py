@@ -33,7 +33,7 @@ def test_every_operation_gives_the_arrays_of_the_core(chosen, real_shapes):
     ms.create_sphere()
     ms.set_current_mesh(1)
     points, faces = ms.current_mesh().vertex_matrix(), ms.current_mesh().face_matrix()
-    result = getattr(ms, chosen.filter_name)(**given, add_samples=True)
+    result = getattr(ms, chosen.filter_name)(**given, auxiliary_layers=True)
 
     mesh = ms.mesh(1)
     assert (mesh.vertex_matrix() == points).all() and (mesh.face_matrix() == faces).all()
@@ -66,7 +66,7 @@ def test_every_operation_gives_the_arrays_of_the_core(chosen, real_shapes):
 def test_auxiliary_layers_come_on_request_only(mesh_set, creature):
     assert list(mesh_set.generate_surface_skeleton(threshold=ALL)["layers"]) == ["surface_skeleton"]
     mesh_set.set_current_mesh(0)
-    result = mesh_set.generate_surface_skeleton(threshold=ALL, add_samples=True)
+    result = mesh_set.generate_surface_skeleton(threshold=ALL, auxiliary_layers=True)
     assert list(result["layers"]) == ["surface_skeleton", "samples"]
     samples = mesh_set.mesh(result["layers"]["samples"])
     expected = medialis.run("surface_skeleton", creature)
@@ -93,7 +93,7 @@ def test_hidden_points_are_an_invisible_layer(mesh_set, creature):
 
 
 def test_pictures_are_returned_and_nothing_is_added(mesh_set):
-    result = mesh_set.compute_ball_reconstruction_image(size=64)
+    result = mesh_set.get_medial_reconstruction_image(size=64)
     assert result["images"]["reconstruction"].dtype == np.uint8
     assert mesh_set.mesh_number() == 1 and result["layers"] == {}
 
@@ -128,7 +128,7 @@ def test_a_point_cloud_layer(creature):
     made = ms.mesh(result["layers"]["surface_skeleton"])
     assert (made.vertex_matrix() == expected.layers[0].points).all()
     ms.set_current_mesh(0)
-    samples = ms.mesh(ms.generate_surface_skeleton(add_samples=True)["layers"]["samples"])
+    samples = ms.mesh(ms.generate_surface_skeleton(auxiliary_layers=True)["layers"]["samples"])
     assert (samples.vertex_normal_matrix() == expected.shape.normals).all()
     ms.add_mesh(pymeshlab.Mesh(creature.points), "bare")
     result = ms.generate_surface_skeleton()

@@ -15,9 +15,8 @@ import pytest
 
 import medialis
 from medialis.files.ply_attributes import write_ply
-from medialis.hosts import shown
-from medialis.operations.registry import OPERATIONS
-from real_meshlab import NEW_SOURCE, PROJECT, build_plugin, medialis_program
+from medialis.hosts import menu_entries, shown
+from real_meshlab import PROJECT, build_plugin, medialis_program
 
 SCRIPT = """
 import json, sys
@@ -31,18 +30,37 @@ ms.load_new_mesh(shape)
 ALL = pymeshlab.PercentageValue(0)
 found["values"] = ms.apply_filter("generate_surface_skeleton", auxiliary_layers=True, threshold=ALL)
 found["current"] = ms.current_mesh_id()
+ms.set_current_mesh(0)
 found["labels"] = [mesh.label() for mesh in ms]
 skeleton = ms.mesh(1)
 arrays = {"points": skeleton.vertex_matrix(), "scalar": skeleton.vertex_scalar_array(),
           "colors": skeleton.vertex_color_matrix(),
           "source": skeleton.vertex_custom_scalar_attribute_array("source"),
           "normal": ms.mesh(2).vertex_custom_point_attribute_matrix("normal")}
+found["visible"] = ms.is_mesh_visible(0)
 found["thickness"] = ms.apply_filter("compute_scalar_by_medial_thickness_per_vertex")
+arrays["thickness_diameter"] = ms.mesh(0).vertex_custom_scalar_attribute_array("thickness")
 again = ms.apply_filter("compute_scalar_by_medial_thickness_per_vertex", kind="radius")
 arrays["thickness"] = ms.mesh(0).vertex_custom_scalar_attribute_array("thickness")
 arrays["thickness_scalar"] = ms.mesh(0).vertex_scalar_array()
 ms.set_matrix(transformmatrix=np.array([[0., -2, 0, 5], [2, 0, 0, 0], [0, 0, 2, 0], [0, 0, 0, 1]]),
               freeze=False)
+ms.apply_filter("generate_curve_skeleton", solid=True, hide_source=True)
+found["solid"] = [ms.current_mesh().face_number(), ms.current_mesh().edge_number()]
+found["hidden"] = not ms.is_mesh_visible(0)
+ms.set_current_mesh(0)
+arrays["quality_after"] = ms.mesh(0).vertex_scalar_array()
+arrays["branch"] = ms.mesh(0).vertex_custom_scalar_attribute_array("branch")
+ms.apply_filter("generate_curve_skeleton")
+found["edges"] = [ms.current_mesh().face_number(), ms.current_mesh().edge_number()]
+ms.set_current_mesh(0)
+found["thin"] = ms.apply_filter("compute_selection_by_medial_thickness_per_vertex",
+                                threshold=pymeshlab.PercentageValue(5))["selected"]
+arrays["thin"] = ms.mesh(0).vertex_selection_array()
+ms.compute_selection_by_condition_per_vertex(condselect="(vi==7 || vi==900)")
+found["path"] = ms.apply_filter("generate_geodesic_path", use_selection=True)["length"]
+ms.set_current_mesh(0)
+ms.set_selection_none()
 ms.apply_filter("generate_surface_skeleton", threshold=ALL)
 arrays["moved"] = ms.mesh(ms.mesh_number() - 1).vertex_matrix()
 ms.create_sphere(subdiv=3)  # a layer of no file
@@ -73,7 +91,7 @@ def run(tmp_path_factory):
     libraries = Path(spec.origin).parent / "lib"
     if not (libraries / "libmeshlab-common.so").exists():
         pytest.skip("needs a pymeshlab for Linux")
-    plugin = build_plugin(NEW_SOURCE, libraries, "2025.07d", "double")
+    plugin = build_plugin(libraries, "2025.07d")
     folder = tmp_path_factory.mktemp("pymeshlab")
     (folder / "tmp").mkdir()
     shape = medialis.organic_shape(56)
@@ -94,15 +112,15 @@ def run(tmp_path_factory):
     return medialis.read_shape(path), found, dict(np.load(out))
 
 
-def test_every_operation_is_a_filter_under_its_name(run):
-    assert {entry.filter_name for entry in OPERATIONS} <= set(run[1]["filters"])
+def test_every_filter_is_there_under_its_name(run):
+    assert {entry["name"] for entry in menu_entries()} <= set(run[1]["filters"])
 
 
 def test_layers_hold_bitwise_the_arrays_of_the_core(run):
     shape, found, arrays = run
     result = medialis.run("surface_skeleton", shape, threshold=0.0)
     skeleton, samples = result.layers
-    assert found["current"] == 0
+    assert found["current"] == 1  # as after a filter of pymeshlab that makes a layer
     assert found["labels"][1:] == ["surface_skeleton", "samples"]
     np.testing.assert_array_equal(arrays["points"], skeleton.points)
     np.testing.assert_array_equal(arrays["scalar"], shown(skeleton).finite)
@@ -122,16 +140,17 @@ def test_fields_lie_on_the_given_layer_and_a_second_run_replaces_them(run):
 
 def test_the_transform_of_a_layer_is_respected(run):
     """New layers lie on the shape as it is shown: here turned, twice as large and moved."""
-    _, _, arrays = run
-    x, y, z = arrays["points"].T
-    expected = np.stack([5 - 2 * y, 2 * x, 2 * z], axis=1)
-    # The same balls up to rounding, in the same order.
+    shape, _, arrays = run
+    x, y, z = shape.points.T
+    moved = medialis.make_shape(np.stack([5 - 2 * y, 2 * x, 2 * z], 1), shape.faces, repair=True)
+    expected = medialis.run("surface_skeleton", moved, threshold=0.0).layers[0].points
     np.testing.assert_allclose(arrays["moved"], expected, rtol=0, atol=1e-9)
 
 
 def test_errors_are_our_sentences_and_add_nothing(run):
     _, found, _ = run
-    assert "tolerance must be a number (from 0 to 0.1), got 0.5." in found["errors"][0]
+    assert "Tolerance must be 0 % to 10 % of the diagonal (0 to " in found["errors"][0]
+    assert "got 50 % (" in found["errors"][0]
     assert "has no points: choose another layer." in found["errors"][1]
     assert found["added"] == 0
 
@@ -139,3 +158,31 @@ def test_errors_are_our_sentences_and_add_nothing(run):
 def test_a_layer_that_was_never_saved_can_be_used(run):
     """The balls of a sphere of radius 1, as MeshLab makes it, end near its center."""
     assert run[1]["unsaved"]["radius_median"] == pytest.approx(1.0, rel=0.01)
+
+
+def test_a_generated_layer_leaves_the_quality_of_the_given_one(run):
+    """A curve skeleton adds its fields as attributes; scalar and colour stay the thickness."""
+    _, _, arrays = run
+    np.testing.assert_array_equal(arrays["quality_after"], arrays["thickness_scalar"])
+    assert arrays["branch"].max() >= 1
+
+
+def test_tubes_and_hiding_are_off_in_scripts_and_work_on_request(run):
+    found = run[1]
+    assert found["visible"] and found["hidden"]
+    assert found["solid"][0] > 0 and found["solid"][1] == 0
+    assert found["edges"][0] == 0 and found["edges"][1] > 0
+
+
+def test_vertices_below_a_thickness_are_selected(run):
+    """The shape is turned and twice as large there, so the share of its size is the same."""
+    shape, found, arrays = run
+    below = arrays["thickness_diameter"] < 0.05 * shape.diagonal
+    assert found["thin"] == arrays["thin"].sum() == below.sum() > 0
+    np.testing.assert_array_equal(arrays["thin"], below)
+
+
+def test_the_geodesic_between_the_selected_vertices(run):
+    shape, found, _ = run
+    expected = medialis.run("geodesic_path", shape, start=7, end=900).values["length"]
+    assert found["path"] == pytest.approx(2 * expected, rel=1e-9)

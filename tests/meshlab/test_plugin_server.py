@@ -9,11 +9,10 @@ import pytest
 
 import closed_forms as forms
 import medialis
-from medialis.files.meshes import read_mesh
 from medialis.files.ply_attributes import read_ply_attributes, write_ply
-from medialis.hosts import hidden_apart, shown
-from medialis.operations.registry import OPERATIONS, operation
-from real_meshlab import MeshLab, make_meshlab, x_server
+from medialis.hosts import filters, host_layers, shown
+from plates import tee
+from real_meshlab import MeshLab, filter_named, make_meshlab, x_server
 
 pytestmark = pytest.mark.slow
 
@@ -39,29 +38,34 @@ def nothing_left(meshlab: MeshLab) -> bool:
     return not any((meshlab.folder / "temporary").iterdir())
 
 
-@pytest.mark.parametrize("entry", OPERATIONS, ids=lambda entry: entry.name)
-def test_every_operation_adds_its_layers(meshlab, creature, tmp_path, entry):
+IN_MENU = [entry for entry in filters() if not entry.operation.makes_images]
+
+
+@pytest.mark.parametrize("entry", IN_MENU, ids=lambda entry: entry.name)
+def test_every_filter_adds_its_layers(meshlab, creature, tmp_path, entry):
     """The last layer is saved with scalars and colours; without a new one it is the shape."""
     out = tmp_path / "out.ply"
+    if entry.operation.name == "midsurface":
+        creature = tmp_path / "tee.ply"
+        points, faces = tee()
+        write_ply(creature, points / 64, faces)
     printed = meshlab.run([creature], entry, more=["-o", str(out), "-l", "x", "-m", "vq", "vc"])
     assert "Problem with filter" not in printed, printed
-    result = medialis.run(entry.name, medialis.read_shape(creature))
-    layers = [layer for layer in result.layers if not layer.auxiliary]
-    layer = ([x for x in layers if not x.on_input] or layers or [None])[-1]
-    layer = None if layer is None else hidden_apart(layer)[0]
+    shape = medialis.read_shape(creature)
+    result = medialis.run(entry.operation.name, shape, **entry.defaults)
+    layers = host_layers(result, shape, entry, draw_solid=True)
+    layer = ([x for x in layers if not x.on_input and x.role != "hidden"] or layers)[-1]
     found = read_ply_attributes(out)
-    if layer is None:  # a picture or numbers only: the shape stays the current layer
-        assert len(found.points) == len(read_mesh(creature).points)
-    else:
-        np.testing.assert_allclose(found.points, layer.points, rtol=0, atol=FLOAT)
+    np.testing.assert_allclose(found.points, layer.points, rtol=0, atol=FLOAT)
+    if not layer.on_input:
         faces = 0 if layer.faces is None else len(layer.faces)
         assert (0 if found.faces is None else len(found.faces)) == faces
-        if layer.color_by in layer.attributes:
-            expected = np.asarray(layer.attributes[layer.color_by], np.float32)
-            np.testing.assert_array_equal(found.attributes["quality"], expected)
-            colors = [found.attributes[name] for name in ("red", "green", "blue", "alpha")]
-            np.testing.assert_array_equal(np.stack(colors, axis=1), shown(layer).rgba_bytes)
-    for name, value in result.values.items():
+    if layer.color_by in layer.attributes:
+        expected = np.asarray(layer.attributes[layer.color_by], np.float32)
+        np.testing.assert_array_equal(found.attributes["quality"], expected)
+        colors = [found.attributes[name] for name in ("red", "green", "blue", "alpha")]
+        np.testing.assert_array_equal(np.stack(colors, axis=1), shown(layer).rgba_bytes)
+    for name, value in ({} if entry.selects else result.values).items():
         if isinstance(value, int | float) and np.isfinite(value):
             assert f"{name}: " in printed
     assert nothing_left(meshlab)
@@ -70,17 +74,27 @@ def test_every_operation_adds_its_layers(meshlab, creature, tmp_path, entry):
 def test_values_are_logged_and_parameters_reach_the_core(meshlab, creature, tmp_path):
     """Lengths of MeshLab are absolute, those of the core fractions; choices go by number."""
     values = {"tolerance": 0.001, "side": "both", "subsample": 0.01}
-    printed = meshlab.run([creature], operation("surface_skeleton"), values)
+    printed = meshlab.run([creature], filter_named("surface_skeleton"), values)
     result = medialis.run("surface_skeleton", medialis.read_shape(creature), **values)
     assert f"skeleton_points: {result.values['skeleton_points']}" in printed
     for message in result.messages:
         assert message in printed
 
 
+@pytest.mark.parametrize("size", [100.0, 0.3])
+def test_lengths_of_a_script_are_shares_of_the_size_it_was_made_on(meshlab, creature, size):
+    """5 of 100, as pymeshlab saves it, and what a script of a smaller shape holds, are 5 %."""
+    entry = filter_named("compute_selection_by_medial_thickness_per_vertex")
+    printed = meshlab.run([creature], entry, {"threshold": 0.05}, size=size)
+    shape = medialis.read_shape(creature)
+    thickness = medialis.run("thickness", shape).layers[0].attributes["thickness"]
+    assert f"selected: {(thickness < 0.05 * shape.diagonal).sum()}\n" in printed
+
+
 def test_fields_lie_on_the_given_layer(meshlab, creature, tmp_path):
     out = tmp_path / "out.ply"
     meshlab.run(
-        [creature], operation("thickness"), more=["-o", str(out), "-l", "c", "-m", "vq", "vc"]
+        [creature], filter_named("thickness"), more=["-o", str(out), "-l", "c", "-m", "vq", "vc"]
     )
     layer = medialis.run("thickness", medialis.read_shape(creature)).layers[0]
     found = read_ply_attributes(out)
@@ -101,7 +115,7 @@ def test_quality_is_finite_where_importance_is_not(meshlab, tmp_path):
     faces = np.vstack([ball.faces + k * ball.point_count for k in range(3)])
     write_ply(shape, points.astype(np.float64), faces=faces)
     values, more = {"connected": False}, ["-o", str(out), "-l", "x", "-m", "vq"]
-    meshlab.run([shape], operation("skeleton_importance"), values, more=more)
+    meshlab.run([shape], filter_named("skeleton_importance"), values, more=more)
     result = medialis.run("skeleton_importance", medialis.read_shape(shape), **values)
     importance = result.layers[0].attributes["importance"]
     assert np.isinf(importance).any() and np.isfinite(importance).any()
@@ -115,7 +129,7 @@ def test_a_point_cloud_is_computed_with_its_normals(meshlab, tmp_path):
     names = dict(zip(("nx", "ny", "nz"), shape.normals.T.astype(np.float32), strict=True))
     cloud, out = tmp_path / "cloud.ply", tmp_path / "out.ply"
     write_ply(cloud, shape.points.astype(np.float32), attributes=names)
-    meshlab.run([cloud], operation("surface_skeleton"), more=["-o", str(out), "-l", "x"])
+    meshlab.run([cloud], filter_named("surface_skeleton"), more=["-o", str(out), "-l", "x"])
     expected = medialis.run("surface_skeleton", medialis.read_shape(cloud)).layers[0]
     found = read_ply_attributes(out).points
     # Another rounding of the normals of MeshLab moves a center by its radius times that.
@@ -128,7 +142,7 @@ def test_the_current_layer_is_taken(meshlab, creature, tmp_path):
     path, out = tmp_path / "other.ply", tmp_path / "out.ply"
     write_ply(path, other.points.astype(np.float32), faces=other.faces)
     saved = ["-o", str(out), "-l", "x", "-m", "vq"]
-    meshlab.run([path, creature], operation("surface_skeleton"), {"threshold": 0.0}, more=saved)
+    meshlab.run([path, creature], filter_named("surface_skeleton"), {"threshold": 0.0}, more=saved)
     expected = medialis.run("surface_skeleton", medialis.read_shape(creature)).layers[0]
     np.testing.assert_allclose(read_ply_attributes(out).points, expected.points, rtol=0, atol=FLOAT)
 
@@ -136,7 +150,7 @@ def test_the_current_layer_is_taken(meshlab, creature, tmp_path):
 def failed(meshlab: MeshLab, shape: Path, out: Path, sentence: str, **more) -> None:
     """The filter fails with the sentence; no result, no child's file is left."""
     name = more.pop("name", "surface_skeleton")
-    printed = meshlab.run([shape], operation(name), more.pop("values", None),
+    printed = meshlab.run([shape], filter_named(name), more.pop("values", None),
                           more=["-o", str(out)], **more)  # fmt: skip
     assert sentence in printed and "Problem with filter" in printed, printed
     assert not out.exists() and nothing_left(meshlab)
@@ -153,8 +167,8 @@ def test_bad_input_is_the_sentence_of_the_core(meshlab, tmp_path):
 
 
 def test_a_value_out_of_range_is_one_sentence(meshlab, creature, tmp_path):
-    failed(meshlab, creature, tmp_path / "out.ply", "tolerance must be a number (from 0 to 0.1)",
-           values={"tolerance": 0.5})  # fmt: skip
+    sentence = "Tolerance must be 0 % to 10 % of the diagonal (0 to "
+    failed(meshlab, creature, tmp_path / "out.ply", sentence, values={"tolerance": 0.5})
 
 
 def test_operations_on_faces_refuse_clouds(meshlab, tmp_path):
@@ -185,7 +199,7 @@ def test_the_note_beside_the_plugin_names_the_program(meshlab, creature, tmp_pat
     note.write_text(meshlab.environment["MEDIALIS_PROGRAM"] + "\n", encoding="utf-8")
     changed = {"MEDIALIS_PROGRAM": None, "PATH": "/nowhere"}
     try:
-        printed = meshlab.run([creature], operation("surface_skeleton"), environment=changed)
+        printed = meshlab.run([creature], filter_named("surface_skeleton"), environment=changed)
     finally:
         note.unlink()
     assert "skeleton_points: " in printed, printed
@@ -210,7 +224,7 @@ def test_broken_variables_of_the_host_do_not_reach_the_child(meshlab, creature):
         "PYTHONPATH": "/nonexistent",
         "LD_PRELOAD": "/nonexistent.so",
     }
-    printed = meshlab.run([creature], operation("surface_skeleton"), environment=changed)
+    printed = meshlab.run([creature], filter_named("surface_skeleton"), environment=changed)
     assert "skeleton_points: " in printed, printed
 
 
