@@ -1,0 +1,403 @@
+"""Collapse of a complex, edge by edge, under a condition that keeps the homotopy type.
+
+Let L be what the links of u and v share: a graph on the common neighbours, with an edge w x where
+u w x and v w x are both triangles. Edge u v may be contracted when each component of L is a tree
+with exactly one w whose triangle u v w exists. Then the stars of u and v meet in the star of u v
+with contractible pieces hung on it, so their union is contractible, as is its image, the star of
+the merged vertex; the rest of the complex is glued to both along the same part.
+
+Around each vertex, edges and triangles hang on doubly linked lists of their ends: end 2 e + k of
+edge e, end 3 t + k of triangle t. Ends of v move to u as a whole.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from medialis._kernels.heap_kernels import pop, push
+from medialis._kernels.jit import kernel
+
+
+@kernel
+def _link(end, vertex, heads, after, before):
+    """Hang an end on the list of a vertex."""
+    first = heads[vertex]
+    after[end], before[end] = first, -1
+    if first >= 0:
+        before[first] = end
+    heads[vertex] = end
+
+
+@kernel
+def _unlink(end, vertex, heads, after, before):
+    """Take an end off the list of its vertex."""
+    if before[end] >= 0:
+        after[before[end]] = after[end]
+    else:
+        heads[vertex] = after[end]
+    if after[end] >= 0:
+        before[after[end]] = before[end]
+
+
+@kernel
+def link_all(rows, heads, after, before):
+    """Hang all ends of edges (e, 2) or triangles (f, 3) on their vertices."""
+    width = rows.shape[1]
+    heads[:] = -1
+    for i in range(len(rows)):
+        for k in range(width):
+            _link(width * i + k, rows[i, k], heads, after, before)
+
+
+@kernel
+def _drop(row, rows, live, heads, after, before):
+    """Take an edge or a triangle out of the complex."""
+    width = rows.shape[1]
+    live[row] = False
+    for k in range(width):
+        _unlink(width * row + k, rows[row, k], heads, after, before)
+
+
+@kernel
+def _triangle_of(u, a, b, faces, heads, after):
+    """Triangle u a b, -1 where there is none."""
+    end = heads[u]
+    while end >= 0:
+        t, k = end // 3, end % 3
+        x, y = faces[t, (k + 1) % 3], faces[t, (k + 2) % 3]
+        if (x == a and y == b) or (x == b and y == a):
+            return t
+        end = after[end]
+    return -1
+
+
+@kernel
+def _root(forest, w):
+    while forest[w] != w:
+        w = forest[w]
+    return w
+
+
+@kernel
+def may_contract(u, v, edge_lists, face_lists, mark, forest, flag):
+    """Tell whether contracting edge u v keeps the homotopy type; see the top of this file.
+
+    `mark` (n,) is 0 and is so again afterwards, `forest` and `flag` (n,) are scratch.
+    """
+    edges, edge_heads, edge_after = edge_lists
+    faces, face_heads, face_after = face_lists
+    end = edge_heads[u]
+    while end >= 0:
+        mark[edges[end >> 1, 1 - (end & 1)]] = 1
+        end = edge_after[end]
+    components, flagged = 0, 0
+    end = edge_heads[v]
+    while end >= 0:
+        w = edges[end >> 1, 1 - (end & 1)]
+        if mark[w] == 1:
+            forest[w], flag[w] = w, 0
+            mark[w] = 2
+            components += 1
+        end = edge_after[end]
+    end = face_heads[v]
+    while end >= 0:
+        t, k = end // 3, end % 3
+        a, b = faces[t, (k + 1) % 3], faces[t, (k + 2) % 3]
+        if a == u or b == u:
+            flag[a + b - u] = 1
+            flagged += 1
+        end = face_after[end]
+    good = True
+    end = face_heads[v]
+    while end >= 0 and good:
+        t, k = end // 3, end % 3
+        a, b = faces[t, (k + 1) % 3], faces[t, (k + 2) % 3]
+        common = a != u and b != u and mark[a] == 2 and mark[b] == 2
+        if common and _triangle_of(u, a, b, faces, face_heads, face_after) >= 0:
+            a, b = _root(forest, a), _root(forest, b)
+            if a == b or flag[a] + flag[b] > 1:
+                good = False
+            else:
+                forest[b] = a
+                flag[a] += flag[b]
+                components -= 1
+        end = face_after[end]
+    end = edge_heads[u]
+    while end >= 0:
+        mark[edges[end >> 1, 1 - (end & 1)]] = 0
+        end = edge_after[end]
+    return good and components == flagged
+
+
+@kernel
+def contract(u, v, edge_data, face_data, mark):
+    """Move all that hangs on v to u; what becomes a point, or is there twice, goes.
+
+    `mark` (n,) int64 is 0 and is so again afterwards.
+    """
+    edges, live_edges, edge_heads, edge_after, edge_before = edge_data
+    faces, live_faces, face_heads, face_after, face_before = face_data
+    end = face_heads[v]
+    while end >= 0:
+        t, k, following = end // 3, end % 3, face_after[end]
+        a, b = faces[t, (k + 1) % 3], faces[t, (k + 2) % 3]
+        if a == u or b == u or _triangle_of(u, a, b, faces, face_heads, face_after) >= 0:
+            _drop(t, faces, live_faces, face_heads, face_after, face_before)
+        else:
+            _unlink(end, v, face_heads, face_after, face_before)
+            faces[t, k] = u
+            _link(end, u, face_heads, face_after, face_before)
+        end = following
+    end = edge_heads[u]
+    while end >= 0:
+        mark[edges[end >> 1, 1 - (end & 1)]] = 1
+        end = edge_after[end]
+    end = edge_heads[v]
+    while end >= 0:
+        e, k, following = end >> 1, end & 1, edge_after[end]
+        w = edges[e, 1 - k]
+        if w == u or mark[w] == 1:
+            _drop(e, edges, live_edges, edge_heads, edge_after, edge_before)
+        else:
+            _unlink(end, v, edge_heads, edge_after, edge_before)
+            edges[e, k] = u
+            _link(end, u, edge_heads, edge_after, edge_before)
+        end = following
+    mark[v] = 0
+    end = edge_heads[u]
+    while end >= 0:
+        mark[edges[end >> 1, 1 - (end & 1)]] = 0
+        end = edge_after[end]
+
+
+@kernel
+def add_planes(points, normals, weights, vertex, out):
+    """Add (n.c + r - n.p)^2 of each candidate to the quadric (15,) of its vertex.
+
+    A quadric is x A x - 2 b x + c of a ball x = (c, r): ten numbers of A, four of b, one of c.
+    """
+    m = np.empty(4)
+    for i in range(len(points)):
+        q, w = out[vertex[i]], weights[i]
+        d = 0.0
+        for k in range(3):
+            m[k] = normals[i, k]
+            d += m[k] * points[i, k]
+        m[3] = 1.0
+        slot = 0
+        for a in range(4):
+            for b in range(a, 4):
+                q[slot] += w * m[a] * m[b]
+                slot += 1
+            q[10 + a] += w * m[a] * d
+        q[14] += w * d * d
+
+
+@kernel
+def add_places(balls, weights, out):
+    """Add w |x - ball|^2 of each vertex to its quadric."""
+    for v in range(len(balls)):
+        slot = 0
+        for a in range(4):
+            out[v, slot] += weights[v]
+            slot += 4 - a
+            out[v, 10 + a] += weights[v] * balls[v, a]
+            out[v, 14] += weights[v] * balls[v, a] * balls[v, a]
+
+
+@kernel
+def _value(q, x):
+    total, slot = q[14], 0
+    for a in range(4):
+        total -= 2.0 * q[10 + a] * x[a]
+        for b in range(a, 4):
+            total += (1.0 if a == b else 2.0) * q[slot] * x[a] * x[b]
+            slot += 1
+    return total
+
+
+@kernel
+def _smallest(q, factors, x):
+    """Ball x (4,) with the smallest value of a quadric, by Cholesky factors."""
+    slot = 0
+    for a in range(4):
+        for b in range(a, 4):
+            factors[b, a] = q[slot]
+            slot += 1
+    for i in range(4):
+        for j in range(i + 1):
+            s = factors[i, j]
+            for k in range(j):
+                s -= factors[i, k] * factors[j, k]
+            if i == j:
+                factors[i, i] = np.sqrt(max(s, 1e-18))
+            else:
+                factors[i, j] = s / factors[j, j]
+    for i in range(4):
+        s = q[10 + i]
+        for k in range(i):
+            s -= factors[i, k] * x[k]
+        x[i] = s / factors[i, i]
+    for i in range(3, -1, -1):
+        s = x[i]
+        for k in range(i + 1, 4):
+            s -= factors[k, i] * x[k]
+        x[i] = s / factors[i, i]
+
+
+@kernel
+def _merged(u, v, balls, quadrics, largest, scratch, factors, out):
+    """Cost of merging u and v, and the ball that they become: the best one, or one of them."""
+    for k in range(15):
+        scratch[k] = quadrics[u, k] + quadrics[v, k]
+    _smallest(scratch, factors, out)
+    cost = np.inf
+    if 0.0 <= out[3] <= largest:
+        cost = _value(scratch, out)
+    for w in (u, v):
+        other = _value(scratch, balls[w])
+        if other < cost:
+            cost = other
+            for k in range(4):
+                out[k] = balls[w, k]
+    return max(cost, 0.0)
+
+
+@kernel
+def _enter(e, edges, balls, quadrics, largest, versions, scratch, factors, out, keys, names, size):
+    cost = _merged(edges[e, 0], edges[e, 1], balls, quadrics, largest, scratch, factors, out)
+    return push(keys, names, size, cost, versions[e] * len(edges) + e)
+
+
+@kernel
+def collapse(
+    balls,
+    quadrics,
+    edge_data,
+    face_data,
+    versions,
+    target,
+    largest,
+    keys,
+    names,
+    waiting,
+    out_removed,
+    out_into,
+    out_balls,
+):
+    """Contract the cheapest edges until `target` vertices are left; returns the steps made.
+
+    `edge_data` and `face_data` are (rows, live, heads, after, before), linked. Blocked edges wait
+    until 3 % of the vertices are gone. Step s merged out_removed[s] into out_into[s], which became
+    the ball out_balls[s]. `keys`, `names` hold the heap, `waiting` one entry for each edge.
+    """
+    edges, live_edges, edge_heads, edge_after = edge_data[:4]
+    faces, face_heads, face_after = face_data[0], face_data[2], face_data[3]
+    n, total = len(balls), len(edges)
+    mark, forest, flag = np.zeros(n, np.int64), np.empty(n, np.int64), np.empty(n, np.int64)
+    scratch, factors, out = np.empty(15), np.empty((4, 4)), np.empty(4)
+    edge_lists = (edges, edge_heads, edge_after)
+    face_lists = (faces, face_heads, face_after)
+    left, size, blocked, steps = n, 0, 0, 0
+    for e in range(total):
+        if live_edges[e]:
+            size = _enter(
+                e,
+                edges,
+                balls,
+                quadrics,
+                largest,
+                versions,
+                scratch,
+                factors,
+                out,
+                keys,
+                names,
+                size,
+            )
+    looked_at = left
+    while left > target:
+        full = blocked == len(waiting)
+        if size == 0 or full or (blocked > 0 and left < 0.97 * looked_at):
+            if size == 0 and looked_at == left:
+                break
+            for i in range(blocked):
+                e = waiting[i]
+                if live_edges[e] and versions[e] < 0:
+                    versions[e] = -versions[e]
+                    size = _enter(
+                        e,
+                        edges,
+                        balls,
+                        quadrics,
+                        largest,
+                        versions,
+                        scratch,
+                        factors,
+                        out,
+                        keys,
+                        names,
+                        size,
+                    )
+            blocked, looked_at = 0, left
+            if size == 0:
+                break
+            continue
+        size = pop(keys, names, size)
+        e, version = names[size] % total, names[size] // total
+        if not live_edges[e] or versions[e] != version:
+            continue
+        u, v = edges[e, 0], edges[e, 1]
+        if not may_contract(u, v, edge_lists, face_lists, mark, forest, flag):
+            waiting[blocked] = e
+            blocked += 1
+            versions[e] = -versions[e] - 1
+            continue
+        _merged(u, v, balls, quadrics, largest, scratch, factors, out)
+        contract(u, v, edge_data, face_data, mark)
+        for k in range(15):
+            quadrics[u, k] += quadrics[v, k]
+        for k in range(4):
+            balls[u, k] = out[k]
+            out_balls[steps, k] = out[k]
+        out_removed[steps], out_into[steps] = v, u
+        steps += 1
+        left -= 1
+        if size + 4096 > len(keys):
+            size = 0
+            for i in range(total):
+                if live_edges[i] and versions[i] >= 0:
+                    size = _enter(
+                        i,
+                        edges,
+                        balls,
+                        quadrics,
+                        largest,
+                        versions,
+                        scratch,
+                        factors,
+                        out,
+                        keys,
+                        names,
+                        size,
+                    )
+        end = edge_heads[u]
+        while end >= 0:
+            i = end >> 1
+            versions[i] = abs(versions[i]) + 1
+            size = _enter(
+                i,
+                edges,
+                balls,
+                quadrics,
+                largest,
+                versions,
+                scratch,
+                factors,
+                out,
+                keys,
+                names,
+                size,
+            )
+            end = edge_after[end]
+    return steps

@@ -1,0 +1,282 @@
+"""The envelope of a medial mesh as a closed triangle mesh.
+
+A grid of cells, each cut into six tetrahedra, meets the signed distance to balls, cones and slabs.
+The surface where it changes sign is a closed manifold by construction (marching tetrahedra).
+"""
+
+from __future__ import annotations
+
+import itertools
+import logging
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from medialis.errors import InvalidShapeError
+from medialis.medial_meshes.envelope import Envelope
+from medialis.model.medial_mesh import MedialMesh
+from medialis.model.surface import Surface
+from medialis.options import Options, algorithm, length
+from medialis.progress import Progress
+from medialis.validation import FloatArray
+
+Index = NDArray[np.int64]
+
+BLOCK = 8
+"""Cells of a block: far from the envelope whole blocks are left out."""
+
+FINER = 2
+"""How often the cells are halved where the topology is not that of the mesh."""
+
+THREAD = 0.867
+"""Cells: places this near to a line are corners of cells that hang together, however it lies."""
+
+MOST_CELLS = 1_000_000
+"""Cells that the surface goes through, about, at most."""
+
+COARSEST = 1 / 32
+"""Diagonals: the cells that a count begins with."""
+
+CUBE = np.array(list(itertools.product((0, 1), repeat=3)))
+"""Corners of a cell, (8, 3); corner 4 x + 2 y + z."""
+
+
+def _tetrahedra() -> Index:
+    """Six tetrahedra from corner 0 to corner 7 of a cell, all positive, (6, 4)."""
+    rows = []
+    for order in itertools.permutations(range(3)):
+        corners = [0]
+        for axis in order:
+            corners.append(corners[-1] + (4 >> axis))
+        a, b, c, d = (CUBE[i] for i in corners)
+        if np.linalg.det(np.stack([b - a, c - a, d - a])) < 0:
+            corners[1], corners[2] = corners[2], corners[1]
+        rows.append(corners)
+    return np.array(rows)
+
+
+def _cuts() -> list[list[tuple[tuple[int, int], ...]]]:
+    """Triangles for each mask of inside corners: each corner of one lies on an edge (in, out)."""
+    cuts: list[list[tuple[tuple[int, int], ...]]] = []
+    place = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], float)
+    for mask in range(16):
+        inside = [i for i in range(4) if mask >> i & 1]
+        outside = [i for i in range(4) if not mask >> i & 1]
+        if len(inside) == 2:
+            (i, j), (k, m) = inside, outside
+            found = [((i, k), (i, m), (j, m)), ((i, k), (j, m), (j, k))]
+        else:
+            edges = tuple((i, k) for i in inside for k in outside)
+            found = [edges] if len(edges) == 3 else []
+        cuts.append([_outward(triangle, inside, outside, place) for triangle in found])
+    return cuts
+
+
+def _outward(
+    triangle: tuple[tuple[int, int], ...], inside: list[int], outside: list[int], place: FloatArray
+) -> tuple[tuple[int, int], ...]:
+    """Turn a triangle so that its normal points from the inside corners to the outside ones."""
+    a, b, c = (0.5 * (place[i] + place[k]) for i, k in triangle)
+    way = place[outside].mean(axis=0) - place[inside].mean(axis=0)
+    return triangle if np.cross(b - a, c - a) @ way > 0 else triangle[::-1]
+
+
+TETRAHEDRA, CUTS = _tetrahedra(), _cuts()
+
+
+@dataclass(frozen=True, kw_only=True)
+class EnvelopeSurfaceOptions(Options):
+    """Options of `envelope_surface`."""
+
+    cell: float = length(
+        0.01,
+        "Cell",
+        "Width of the cells that the surface of the envelope is made of; halved where its topology "
+        "needs that.",
+        low=0.0005,
+        high=0.2,
+    )
+
+
+@algorithm(EnvelopeSurfaceOptions)
+def envelope_surface(
+    mesh: MedialMesh, options: EnvelopeSurfaceOptions, progress: Progress
+) -> Surface:
+    """Return the envelope of a medial mesh as a closed, outward triangle mesh.
+
+    Parameters
+    ----------
+    mesh : MedialMesh
+        Lengths are fractions of the diagonal of its envelope's bounding box.
+
+    Returns
+    -------
+    Surface
+        Every edge has two faces. A message says where its parts, handles and cavities are not
+        those of the mesh: the union of balls may close a loop or leave a hollow.
+
+    Raises
+    ------
+    InvalidShapeError
+        When all balls have radius 0.
+
+    See Also
+    --------
+    medial_mesh : makes such meshes.
+    envelope_distance : how far they are from a surface.
+
+    Notes
+    -----
+    Vertices lie on the envelope up to a part of the square of the cells. Where parts of it are so
+    thin that they fall to pieces, radii of less than 0.87 cells are that large. Cost: O(a log n)
+    for an area of a cells.
+
+    Examples
+    --------
+    >>> import medialis
+    >>> ball = medialis.MedialMesh([[0, 0, 0]], [1.0], [], [])
+    >>> surface = medialis.envelope_surface(ball, cell=0.05)
+    >>> surface.border_edges, bool(abs(surface.area - 12.57) < 0.2)
+    (0, True)
+    """
+    if not (mesh.radii > 0).any():
+        raise InvalidShapeError("All balls of the medial mesh have radius 0: it has no envelope.")
+    envelope = Envelope.of(mesh.complex)
+    low = (mesh.centers - mesh.radii[:, None]).min(axis=0)
+    high = (mesh.centers + mesh.radii[:, None]).max(axis=0)
+    diagonal = float(np.linalg.norm(high - low))
+    cell, finest = _cells(envelope, low, high, options.cell * diagonal)
+    if cell > options.cell * diagonal:
+        progress.note(
+            f"Cells of {options.cell:g} diagonals would be more than {MOST_CELLS:,}: they are "
+            f"{cell / diagonal:.2g} diagonals wide instead.",
+            "cell_enlarged",
+            wanted=options.cell,
+            cell=cell / diagonal,
+        )
+    best: Surface | None = None
+    for attempt in range(1 + FINER):
+        progress.update(attempt / (1 + FINER))
+        if best is not None and cell / 2**attempt < finest:
+            break
+        width = cell / 2**attempt
+        for given in (envelope, _thickened(envelope, THREAD * width)):
+            found = _meshed(given, low, high, width)
+            if best is None or _off(found, mesh) < _off(best, mesh):
+                best = found
+            if found.part_count <= mesh.betti[0] + mesh.betti[2]:
+                break  # nothing is torn, so nothing is to be thickened
+        assert best is not None
+        if _off(best, mesh) == 0:
+            break
+    assert best is not None
+    if _off(best, mesh):
+        progress.note(
+            f"The surface of the envelope has {best.part_count} pieces and {_handles(best)} "
+            f"handles, the medial mesh {mesh.betti[0] + mesh.betti[2]} and {mesh.betti[1]}: balls "
+            "that no edge joins touch, or leave a hollow.",
+            "envelope_topology",
+            level=logging.WARNING,
+            pieces=best.part_count,
+            handles=_handles(best),
+        )
+    return best
+
+
+def _thickened(envelope: Envelope, radius: float) -> Envelope:
+    """Return an envelope whose balls have this radius at least."""
+    balls = envelope.balls.copy()
+    balls[:, 3] = np.maximum(balls[:, 3], radius)
+    return Envelope(balls, envelope.rows)
+
+
+def _handles(surface: Surface) -> int:
+    """Count the handles of a closed surface, over all its pieces."""
+    euler = surface.point_count - len(surface.edges) + surface.face_count
+    return surface.part_count - euler // 2
+
+
+def _off(surface: Surface, mesh: MedialMesh) -> int:
+    """How far the topology of a surface is from that of the mesh."""
+    parts, loops, hollows = mesh.betti
+    return abs(surface.part_count - parts - hollows) + abs(_handles(surface) - loops)
+
+
+def _cells(
+    envelope: Envelope, low: FloatArray, high: FloatArray, wanted: float
+) -> tuple[float, float]:
+    """Return the width of cells, the wanted one if there are not too many, and the least width.
+
+    Those that the surface goes through are counted, wider at first: halved, they are four times as
+    many.
+    """
+    cell = max(wanted, COARSEST * float(np.linalg.norm(high - low)))
+    while True:
+        found = len(_crossed(envelope, *_grid_of(low, high, cell)))
+        finest = cell * math.sqrt(found / MOST_CELLS)
+        if cell <= wanted or finest >= 0.5 * cell:
+            return max(wanted, finest), finest
+        cell = max(wanted, 0.5 * cell)
+
+
+def _grid_of(low: FloatArray, high: FloatArray, cell: float) -> tuple[FloatArray, float, Index]:
+    """Return first corner, width and number of the cells of a grid round a box."""
+    # Off the balls by an irrational part of a cell: no corner lies on an axis of the shape.
+    origin = low - cell * np.array([2.618, 2.414, 2.732])
+    return origin, cell, np.ceil((high - origin) / cell).astype(np.int64) + 3
+
+
+def _meshed(envelope: Envelope, low: FloatArray, high: FloatArray, cell: float) -> Surface:
+    """March through the cells that the envelope crosses."""
+    origin, _, count = _grid_of(low, high, cell)
+    sizes = -(-count // BLOCK) * BLOCK + 1
+    cells = _crossed(envelope, origin, cell, count)
+    corners = cells[:, None] + CUBE
+    keys = corners @ np.array([sizes[1] * sizes[2], sizes[2], 1])
+    unique, where = np.unique(keys, return_inverse=True)
+    x, rest = np.divmod(unique, sizes[1] * sizes[2])
+    y, z = np.divmod(rest, sizes[2])
+    grid = origin + cell * np.stack([x, y, z], axis=1)
+    values = envelope.distances(grid)[0]
+    points, faces = _marched(grid, values, where.reshape(-1, 8))
+    return Surface(points, faces)
+
+
+def _crossed(envelope: Envelope, origin: FloatArray, cell: float, count: Index) -> Index:
+    """Return the cells (c, 3) that the envelope may cross.
+
+    The distance changes no faster than its place does, so it is 0 in a block only if it is at most
+    half the diagonal in the middle. Blocks are halved down to cells.
+    """
+    width = BLOCK
+    blocks = np.stack(
+        np.meshgrid(*(np.arange(-(-n // width)) for n in count), indexing="ij"), axis=-1
+    ).reshape(-1, 3)
+    while True:
+        middles = origin + cell * width * (blocks + 0.5)
+        near = np.abs(envelope.distances(middles)[0]) <= 0.8661 * cell * width
+        blocks = blocks[near]
+        if width == 1:
+            return blocks
+        blocks = (2 * blocks[:, None] + CUBE).reshape(-1, 3)
+        width //= 2
+
+
+def _marched(grid: FloatArray, values: FloatArray, cells: Index) -> tuple[FloatArray, Index]:
+    """Return the vertices and triangles where the values change sign in cells (c, 8)."""
+    tetrahedra = cells[:, TETRAHEDRA].reshape(-1, 4)
+    inside = values[tetrahedra] < 0
+    mask = inside @ np.array([1, 2, 4, 8])
+    parts = []
+    for case, triangles in enumerate(CUTS):
+        rows = tetrahedra[mask == case]
+        parts += [np.stack([rows[:, list(edge)] for edge in t], axis=1) for t in triangles]
+    ends = np.concatenate(parts).reshape(-1, 2)  # inside end, outside end
+    keys = ends[:, 0] * len(values) + ends[:, 1]
+    _, first, faces = np.unique(keys, return_index=True, return_inverse=True)
+    a, b = ends[first].T
+    share = values[a] / (values[a] - values[b])
+    points = grid[a] + share[:, None] * (grid[b] - grid[a])
+    return points, faces.reshape(-1, 3).astype(np.int32)

@@ -1,0 +1,104 @@
+"""What a fit looks at: distances of moving balls, balls that stick out, hollows."""
+
+import numpy as np
+
+from closed_forms import box_mesh, icosphere
+from medialis.medial_meshes.envelope import Envelope, primitives_of
+from medialis.medial_meshes.fine_complex import fine_complex
+from medialis.medial_meshes.fitting import Fit, Target, _Follower
+from medialis.medial_meshes.hollows import Hollows
+from medialis.medial_meshes.solid import Solid
+from medialis.model.medial_mesh import Complex
+from medialis.progress import Progress
+
+
+def shell(radius, thickness):
+    """A closed sheet of balls with their centers on an icosphere."""
+    sphere = icosphere(2)
+    balls = np.column_stack([radius * sphere.points, np.full(sphere.point_count, thickness)])
+    edges = np.sort(sphere.edges.astype(np.int64), axis=1)
+    return Complex(balls, edges, np.sort(sphere.faces.astype(np.int64), axis=1))
+
+
+def test_distances_that_follow_moving_balls_are_those_of_a_search():
+    """Balls all move alike, by random steps of up to a tenth of their radius."""
+    given, rng = shell(1.0, 0.2), np.random.default_rng(3)
+    rows = primitives_of(given)
+    places = 2.6 * rng.random((500, 3)) - 1.3
+    follower, balls = _Follower(places), given.balls
+    for step in (0.02, 0.02, 0.001, 0.02, 0.0001):
+        envelope = Envelope(balls, rows)
+        distance, row, shares = follower.distances(envelope)
+        assert np.allclose(distance, envelope.distances(places)[0], atol=1e-14)
+        centers = np.einsum("qk,qkd->qd", shares, balls[np.maximum(rows[row], 0)])
+        far = np.linalg.norm(places - centers[:, :3], axis=1) - centers[:, 3]
+        assert np.allclose(far, distance, atol=1e-14)
+        balls = balls + step * (2 * rng.random(balls.shape) - 1)
+
+
+def sphere_target():
+    points = icosphere(4).points
+    return Target(points, points, np.arange(10), np.empty((0, 5)))
+
+
+def test_what_sticks_out_of_a_sphere():
+    """A center at distance d of the middle is 1 - d deep, up to the spacing squared; 0 if held."""
+    centers = np.array([[0.2, 0, 0], [0, 0.7, 0], [0, 0, 1.02], [0, 0.5, 0]])
+    balls = np.column_stack([centers, [0.9, 0.4, 0.1, 0.4]])
+    found = sphere_target().bounds.overshoot(balls)
+    assert np.allclose(found.over, [-0.1, -0.1, -0.12, 0.0], atol=2e-3)
+    assert found.near[3] == -1
+
+
+def test_what_sticks_out_is_found_exactly_while_balls_move():
+    """Lists of near points, kept from step to step, lose none that comes nearer."""
+    bounds, rng = sphere_target().bounds, np.random.default_rng(2)
+    balls = np.column_stack([0.5 * rng.normal(size=(300, 3)), 0.1 + 0.6 * rng.random(300)])
+    known = bounds.overshoot(balls)
+    for step in (0.001, 0.02, 0.0001, 0.005, 0.1):
+        balls = balls + step * (2 * rng.random(balls.shape) - 1)
+        known = bounds.overshoot(balls, known)
+        held = np.linalg.norm(balls[:, :3], axis=1) < 1.0  # a center outside needs to be followed
+        slow = np.linalg.norm(balls[:, None, :3] - bounds.points, axis=2)
+        over = np.minimum(slow.min(axis=1) - balls[:, 3], 0.0)
+        assert np.allclose(known.over[held], over[held], atol=1e-14)
+        assert (known.near[over < 0] == slow.argmin(axis=1)[over < 0]).all()
+
+
+def test_a_ball_that_flew_off_is_found_by_the_point_it_came_from():
+    """A small ball far outside, where no point is near: it was missed, and shapes got spikes."""
+    target = sphere_target()
+    ball = np.array([[0.0, 0.0, 0.9, 0.05]])
+    known = target.bounds.overshoot(np.array([[0.0, 0.0, 0.96, 0.05]]))
+    ball[0, 2] = 1.7
+    found = target.bounds.overshoot(ball, known)
+    assert np.isclose(found.over[0], -0.75, atol=2e-3)
+
+
+def test_a_hollow_that_no_sample_of_the_surface_tells():
+    """A shell of balls in a ball: its inner wall at 0.6 is 0.4 deep, with all samples on it."""
+    sphere = icosphere(3)
+    solid = Solid(sphere.points / sphere.diagonal, sphere.faces)
+    fine = fine_complex(solid, 1000, 0.002, 0, Progress())
+    scale = 1 / sphere.diagonal
+    given = shell(0.8, 0.2).placed(scale, np.zeros(3))
+    places, depth = Hollows(fine).of(given, 0.01 * scale)
+    # Slabs of chords e = 0.32 lie e^2 / 6 = 0.02 further in, samples between them half of that.
+    assert 0.38 * scale < depth < 0.45 * scale
+    radius = np.linalg.norm(places[:, :3], axis=1) / scale
+    assert len(places) > 100 and (radius > 0.5).all() and (radius < 0.75).all()
+    assert np.allclose(places[:, 3] * places[:, 4] / scale, 1 - radius, atol=0.01)
+    full = Complex(np.array([[0, 0, 0, scale]]), np.empty((0, 2), np.int64), np.empty((0, 3), int))
+    assert Hollows(fine).of(full, 0.01)[1] < 0.02 * scale
+
+
+def test_places_of_a_fit_are_there_once():
+    """Two triangles with a common side: lattices of both share its places."""
+    box = box_mesh((1.0, 1.0, 1.0), 0.2)
+    balls = np.array([[0, 0, 0, 0.1], [1, 0, 0, 0.1], [0, 1, 0, 0.1], [1, 1, 0, 0.1]])
+    edges = np.array([[0, 1], [0, 2], [1, 2], [1, 3], [2, 3]])
+    given = Complex(balls, edges, np.array([[0, 1, 2], [1, 2, 3]]))
+    target = Target(box.points, box.points, np.arange(4), np.empty((0, 5)))
+    between = Fit(given, target).between(balls)
+    assert len(np.unique(between.round(9), axis=0)) == len(between)
+    assert len(between) == 17 * 17  # a square with 16 steps a side, cut along its diagonal
