@@ -8,9 +8,8 @@ import closed_forms as forms
 import medialis
 from clouds import adjusted_rand
 from medialis.model.ragged import Ragged
-from medialis.model.segmentation import Segmentation
-from medialis.segments.limbs import find_limbs, flatness, node_widths, protrusions
-from medialis.segments.parts import _extent
+from medialis.segments.limbs import find_limbs
+from medialis.segments.parts import extent_share
 from medialis.surface import labels as labels_module
 from medialis.surface.labels import connected_labels, diffused_labels
 from medialis.surface.normals import vertex_normals
@@ -93,81 +92,13 @@ def test_dumbbell_at_three_densities():
         assert adjusted_rand(across(shape, labels, shapes[1]), found[1]) > 0.95
 
 
-@pytest.mark.slow
-def test_auto_takes_limbs_or_sheets():
-    creature = medialis.organic_shape(80)
-    for shape, method, reason in (
-        (creature, "limbs", None),
-        (forms.box_mesh((2.0, 1.5, 1.0), 0.1), "sheets", "no_limbs"),
-        (forms.box_mesh((1.0, 1.0, 1.0), 0.08), "sheets", "no_limbs"),
-        (forms.box_mesh((4.0, 3.0, 0.3), 0.12), "sheets", "flat"),
-        (forms.box_samples((1.0, 0.8, 0.6), 0.05).shape, "sheets", "no_mesh"),
-    ):
-        result = medialis.run("parts", shape)
-        assert result.values["method"] == method
-        told = {m.code: m.data for m in result.messages}[f"divided_by_{method}"]
-        assert told.get("reason") == reason
-    legs = medialis.run("parts", creature)
-    ground = creature.points[:, 2] < creature.points[:, 2].min() + 0.03 * creature.diagonal
-    feet = legs.layers[0].attributes["parts"][: creature.point_count][ground]
-    assert len(np.unique(feet)) == 4 and 0 not in feet  # four legs, none of them the trunk
-
-
-def box_field(at, middle, half):
-    return (np.abs(at - np.array(middle)) - np.array(half)).max(axis=-1)
-
-
-def table(cell=0.03):
-    """A plate on four square legs, 0.9 long and 0.24 wide."""
-    axes = [np.arange(-e, e + cell, cell) for e in (1.5, 1.1, 1.3)]
-    grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
-    bodies = [box_field(grid, (0, 0, 1), (1.2, 0.8, 0.1))]
-    for x in (-1.0, 1.0):
-        bodies += [box_field(grid, (x, y, 0.45), (0.12, 0.12, 0.5)) for y in (-0.6, 0.6)]
-    field = np.minimum.reduce(bodies)
-    make_unambiguous(field)
-    points, faces = surface_nets(field, np.array([axis[0] for axis in axes]), cell)
-    return medialis.make_shape(points, faces)
-
-
-def gear(teeth=8, height=0.6):
-    """A wheel with teeth as wide as high: they do not stick out as limbs do."""
-    turn = (np.arange(teeth)[:, None] + [0.0, 0.25, 0.35, 0.65, 0.75]) * 2 * np.pi / teeth
-    reach = np.broadcast_to([1.0, 1.0, 1.25, 1.25, 1.0], turn.shape)
-    corners = np.stack([reach * np.cos(turn), reach * np.sin(turn)], axis=-1).reshape(-1, 2)
-    return forms.prism(corners, height, 0.08)
-
-
-@pytest.mark.slow
-def test_auto_takes_limbs_where_they_stick_out():
-    """Gears were taken for limbs, and a table with legs was not, since its plate is flat."""
-    for shape, method in ((table(), "limbs"), (gear(), "sheets")):
-        result = medialis.run("parts", shape, refine=0)
-        assert result.values["method"] == method
-        told = {m.code: m.data for m in result.messages}[f"divided_by_{method}"]
-        assert (told["sticking_out"] > 0) == (method == "limbs")
-
-
-def test_protrusions_of_a_dumbbell():
-    """The bar, of length l and radius r, has 2 pi r l over two discs; a ball its cap over one.
-    The border lies at most a step out on the ball, which widens the disc."""
-    step, r, inner = 0.06, 0.3, 2.0 - np.sqrt(1 - 0.3**2)
-    shape = forms.dumbbell(ball=1.0, bar=r, half=2.0, step=step)
-    labels = np.array([1, 0, 2], np.int32)[np.digitize(shape.points[:, 2], [-inner, inner])]
-    bar, ball = 2 * inner * 2 * np.pi * r, 2 * np.pi * (1 + np.sqrt(1 - r**2))
-    found = protrusions(Segmentation(labels, surface=shape))
-    exact = np.array([bar / 2, ball, ball]) / (np.pi * r**2)
-    assert (found < 1.01 * exact).all() and (found > exact * (r / (r + step)) ** 2).all()
-    whole = Segmentation(np.zeros(shape.point_count, np.int32), surface=shape)
-    assert np.isinf(protrusions(whole)).all()
-
-
 def test_extent_does_not_change_when_a_shape_is_turned():
     shape = medialis.organic_shape(56)
     turn = np.linalg.qr(np.random.default_rng(4).normal(size=(3, 3)))[0]
     moved = medialis.Shape(shape.points @ turn.T + 3, shape.normals @ turn.T, shape.faces)
-    assert _extent(moved) == pytest.approx(_extent(shape), rel=1e-9)
-    assert _extent(shape) == pytest.approx(shape.diagonal, rel=0.2)
+    size = extent_share(shape) * shape.diagonal
+    assert extent_share(moved) * moved.diagonal == pytest.approx(size, rel=1e-9)
+    assert size == pytest.approx(shape.diagonal, rel=0.2)
 
 
 @pytest.mark.slow
@@ -266,25 +197,6 @@ def test_bodies_that_touch_are_one_without_a_neck(passage, parts):
     part = find_limbs(medialis.CurveSkeleton.of(nodes, edges, 0.8 * width), width)
     assert len(np.unique(part)) == parts
     assert (part[4] == part[7]) == (parts == 3)
-
-
-@pytest.mark.slow
-def test_flatness_of_round_and_flat_rods():
-    """The mean distance of the surface from the axis, half a width short of either end, over half
-    the thickness: 1.68 on a cross-section of 2 x 1 (1 on a disc), more at the ends."""
-    for length, width, expected in ((12.0, 2.0, 1.68), (12.0, 1.0, 1.15)):
-        shape = forms.box_mesh((length, width, 1.0), 0.2)
-        cloud = medialis.shrink_balls(shape)
-        graph = medialis.curve_skeleton(cloud)
-        beyond = np.maximum(abs(shape.points[:, 0]) - (length - width) / 2, 0)
-        away = np.hypot(beyond, np.linalg.norm(shape.points[:, 1:], axis=1))
-        inner = beyond == 0
-        assert np.average(away[inner], weights=shape.point_areas[inner]) * 2 == pytest.approx(
-            expected, rel=0.02
-        )
-        mean = 2 * np.average(away, weights=shape.point_areas)
-        assert flatness(graph) == pytest.approx(mean, rel=0.06)
-        assert (node_widths(graph) >= graph.radii).all()
 
 
 def grid_graph(side):

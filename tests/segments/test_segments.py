@@ -108,12 +108,12 @@ def test_sheet_parts_of_a_dumbbell():
 @pytest.mark.slow
 def test_parts_ignore_outer_balls_and_threads():
     shape = forms.box_mesh(SIDES, 0.1)
-    found = medialis.parts(skeleton(shape))
-    both = medialis.parts(skeleton(shape, "both"))
+    found = medialis.parts(skeleton(shape), method="sheets")
+    both = medialis.parts(skeleton(shape, "both"), method="sheets")
     assert (found.labels == both.labels).all() and found.count == 13
     with thread_limit(1):
-        assert (medialis.parts(skeleton(shape)).labels == found.labels).all()
-    rough = medialis.parts(skeleton(shape), smoothing=0)
+        assert (medialis.parts(skeleton(shape), method="sheets").labels == found.labels).all()
+    rough = medialis.parts(skeleton(shape), method="sheets", smoothing=0)
     # Parts behind edges of one length are as large as each other: their order may change.
     pairs = np.unique(np.stack([rough.labels, found.labels]), axis=1, return_counts=True)[1]
     assert np.sort(pairs)[-13:].sum() > 0.9 * len(found.labels)
@@ -189,8 +189,7 @@ def test_late_options_compute_nothing_early_again(monkeypatch):
     """Neither a ball nor a geodesic nor a feature set, by another object of the same shape."""
     box, creature = forms.box_mesh(SIDES, 0.1), medialis.organic_shape(56)
     late = (
-        ("parts", creature, ({"smallest": 0.1}, {"smoothing": 0}, {"method": "limbs"})),
-        ("parts", box, ({"smallest": 0.1}, {"smoothing": 0}, {"method": "sheets"})),
+        ("parts", creature, ({"smallest": 0.1}, {"smoothing": 0}, {"level": 0.7}, {"count": 3})),
         ("patches", box, ({"smallest": 0.0}, {"min_angle": 80.0})),
         ("mean_shift_segments", creature, ({"fill": False},)),
     )
@@ -205,7 +204,7 @@ def test_late_options_compute_nothing_early_again(monkeypatch):
             ("balls.surface_skeleton", "maximal_balls"),
             ("paths.importance", "trace"),
             ("sheets.extended_features", "_find"),
-            ("segments.parts", "find_limbs"),
+            ("segments.parts", "share_together"),
             ("segments.mean_shift", "_paths"),
         ):
             monkeypatch.setattr(importlib.import_module(f"medialis.{module}"), early, never)
@@ -252,14 +251,15 @@ def test_segments_are_connected_or_told(name, operation):
         "slab": lambda: forms.box_mesh((2.0, 1.5, 0.3), 0.08),
         "creature": lambda: medialis.organic_shape(56),
     }[name]()
-    result = medialis.run(operation, shape, refine=0)
+    options = {"method": "sheets"} if operation == "parts" and name == "slab" else {}
+    result = medialis.run(operation, shape, refine=0, **options)
     name_of = "segment" if operation == "mean_shift_segments" else operation
     labels, graph = result.arrays[name_of], surface_graph(result.shape)
     counts = piece_counts(labels, graph)
     apart = counts[counts > 1]
     told = {m.code: m.data for m in result.messages}.get("segments_not_connected")
     if operation == "parts":
-        assert len(apart) == (name == "slab")  # the middle one; limbs are connected
+        assert len(apart) == (name == "slab")  # the middle sheet
     if operation == "patches":
         assert len(apart) == 0
     assert (told is not None) == (len(apart) > 0)
@@ -277,7 +277,8 @@ def plain_box():
 
 @pytest.mark.parametrize("name", OPERATIONS)
 def test_operations_refine_and_tell_counts(plain_box, name):
-    result = medialis.run(name, plain_box, refine=0.03)
+    options = {"method": "sheets"} if name == "parts" else {}
+    result = medialis.run(name, plain_box, refine=0.03, **options)
     values = result.values
     expected = {
         "point_types": {"skeleton_points": len(result.shape.points)},

@@ -27,7 +27,7 @@ class FaceEdges:
     Attributes
     ----------
     shape : Shape
-    faces : (e, 2) int64
+    faces : (e, 2) int32
         The two faces at each edge.
     crease : (e,) bool
         Whether it divides them.
@@ -35,7 +35,7 @@ class FaceEdges:
     """
 
     shape: Shape
-    faces: NDArray[np.int64]
+    faces: IntArray
     crease: NDArray[np.bool_]
     length: FloatArray
 

@@ -61,7 +61,7 @@ def face_patches(
     corners = np.asarray(surface.faces)
     free = ~soft[corners].any(axis=1) & (area > 0)
     labels = _without_scraps(connected_labels(np.where(free, 0, -1), smooth), smooth)
-    seed = nearest_seeds(surface.points[corners].mean(axis=1), smooth, labels >= 0)
+    seed = nearest_seeds(surface.points[corners].mean(axis=1), smooth, labels >= 0)[0]
     labels = np.where(seed < 0, -1, labels[seed])
     labels = fill_components(connected_labels(0 * labels, smooth), labels, every)
     labels = joined_across_weak(edges, labels, seed, free, min_angle)

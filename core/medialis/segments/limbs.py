@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from medialis.model.curve_skeleton import CurveSkeleton
-from medialis.model.segmentation import Segmentation
 from medialis.model.topology import piece_labels
 from medialis.validation import FloatArray, IntArray
 
@@ -33,27 +32,6 @@ goes on in a trunk is 0.85 or more."""
 LONG = 1.5
 """Widths of the core by which the end of a limb is away from its border. The corners of a cube are
 1.1 long, a half ball is 1."""
-
-PROTRUDES = 2 * LONG + 1
-"""Area of a limb, in areas of its base, from which it sticks out: that of a round one 1.5 widths
-long. A half ball has 2."""
-
-
-def flatness(skeleton: CurveSkeleton) -> float:
-    """Return how wide cross-sections are for their thickness.
-
-    Returns
-    -------
-    float
-        Distance of the samples to their node over its radius, the mean over the surface: 1 for
-        tubes, 1.7 for a rectangle twice as wide as thick; 1 where nodes are alone, which have no
-        cross-section.
-    """
-    node, area, distance = _samples_with_node(skeleton)
-    radii = skeleton.radii[node]
-    known = (radii > 0) & (skeleton.degrees[node] > 0)
-    area, distance, radii = area[known], distance[known], radii[known]
-    return float((distance / radii) @ area / area.sum()) if area.sum() > 0 else 1.0
 
 
 def node_widths(skeleton: CurveSkeleton) -> FloatArray:
@@ -132,38 +110,6 @@ def find_limbs(graph: CurveSkeleton, width: FloatArray) -> IntArray:
             for other in trunk:
                 join(core, other)
     return np.where(shared[piece], -1, into[piece]).astype(np.int32)
-
-
-def protrusions(parts: Segmentation) -> FloatArray:
-    """Return how far each part sticks out of its neighbours, (p,).
-
-    Returns
-    -------
-    (p,) float64
-        Area of the part in areas of its bases, discs as long round as the borders with each of its
-        neighbours: 2 for a half ball, 1 + 2 l / r for a rod of length l; inf without a neighbour.
-
-    Notes
-    -----
-    The protrusion of Hoffman and Singh, Salience of visual parts (Cognition 63, 1997). In a face a
-    border runs through the middles of two sides.
-    """
-    assert parts.surface.faces is not None
-    points, p = parts.surface.points, parts.count
-    base = np.zeros(p)
-    keys, lengths = [], []
-    for corner in range(3):
-        alone, a, b = np.roll(parts.surface.faces, -corner, axis=1).T
-        one, two = parts.labels[alone], parts.labels[a]
-        cut = (one != two) & (two == parts.labels[b]) & (one >= 0) & (two >= 0)
-        one, two = one[cut].astype(np.int64), two[cut]
-        keys.append(np.minimum(one, two) * p + np.maximum(one, two))
-        lengths.append(np.linalg.norm(points[a[cut]] - points[b[cut]], axis=1) / 2)
-    used, place = np.unique(np.concatenate(keys), return_inverse=True)
-    discs = np.bincount(place.reshape(-1), np.concatenate(lengths)) ** 2 / (4 * np.pi)
-    for side in np.divmod(used, p):
-        base += np.bincount(side, discs, minlength=p)
-    return np.divide(parts.areas, base, out=np.full(p, np.inf), where=base > 0)
 
 
 def _cores(graph: CurveSkeleton, width: FloatArray) -> IntArray:

@@ -1,0 +1,176 @@
+"""Kernels of even sites on a surface, and of clusters of them (see sites.py, clusters.py)."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from medialis._kernels.heap_kernels import pop, push
+from medialis._kernels.jit import kernel
+
+
+@kernel
+def count_crossings(first, last, points, faces, axis, step, out_count):
+    """Lines of a square lattice along an axis that cross each of the faces first..last."""
+    place = np.empty(3)
+    for f in range(first, last):
+        out_count[f] = _cross(points, faces[f], axis, step, place, np.empty((0, 3)), 0)
+
+
+@kernel
+def list_crossings(first, last, points, faces, axis, step, offsets, out_places):
+    """Where they cross: rows offsets[f] and on of `out_places` for face f."""
+    place = np.empty(3)
+    for f in range(first, last):
+        _cross(points, faces[f], axis, step, place, out_places, offsets[f])
+
+
+@kernel
+def _cross(points, face, axis, step, place, out_places, row):
+    """Count the lines that cross one face; list the places where there is room for them.
+
+    A side belongs to the face on one side of it only, so no place is there twice.
+    """
+    u, v, count = (axis + 1) % 3, (axis + 2) % 3, 0
+    a, b, c = points[face[0]], points[face[1]], points[face[2]]
+    twice = (b[u] - a[u]) * (c[v] - a[v]) - (b[v] - a[v]) * (c[u] - a[u])
+    if twice == 0.0:
+        return 0
+    i = math.ceil(min(a[u], b[u], c[u]) / step - 0.5)
+    while (i + 0.5) * step < max(a[u], b[u], c[u]):
+        x = (i + 0.5) * step
+        low, high = math.inf, -math.inf
+        for side in range(3):
+            p, q = points[face[side]], points[face[(side + 1) % 3]]
+            if (p[u] <= x) != (q[u] <= x):
+                y = p[v] + (x - p[u]) / (q[u] - p[u]) * (q[v] - p[v])
+                low, high = min(low, y), max(high, y)
+        if low < high:
+            j = math.ceil(low / step - 0.5)
+            while (j + 0.5) * step < high:
+                if len(out_places) > 0:
+                    y = (j + 0.5) * step - a[v]
+                    s = ((x - a[u]) * (c[v] - a[v]) - y * (c[u] - a[u])) / twice
+                    t = ((b[u] - a[u]) * y - (b[v] - a[v]) * (x - a[u])) / twice
+                    for k in range(3):
+                        place[k] = a[k] + s * (b[k] - a[k]) + t * (c[k] - a[k])
+                    out_places[row + count] = place
+                count += 1
+                j += 1
+        i += 1
+    return count
+
+
+@kernel
+def choose_apart(places, distance, out_chosen):
+    """Choose each place that is at least a distance from all chosen before; return their number."""
+    n, size = places.shape
+    count, least = 0, distance * distance
+    for i in range(n):
+        free = True
+        for k in range(count):
+            total = 0.0
+            for c in range(size):
+                away = places[i, c] - places[out_chosen[k], c]
+                total += away * away
+            if total < least:
+                free = False
+                break
+        if free:
+            out_chosen[count] = i
+            count += 1
+    return count
+
+
+@kernel
+def near_sites(
+    first, last, points, offsets, neighbours, starts, gaps, radius, out_count, rows, out_vertex,
+    out_distance,
+):  # fmt: skip
+    """Find the vertices along edges within a radius of the sites first..last, and their distances.
+
+    A site lies `gaps` beside its vertex `starts`. Counts alone where `out_vertex` is empty; else
+    site s fills its places from rows[s] on.
+    """
+    n = len(points)
+    distance = np.full(n, np.inf)
+    touched = np.empty(n, np.int32)
+    keys, names = np.empty(len(neighbours) + 1), np.empty(len(neighbours) + 1, np.int32)
+    for s in range(first, last):
+        count = 1
+        touched[0] = starts[s]
+        distance[starts[s]] = gaps[s]
+        size = push(keys, names, 0, gaps[s], starts[s])
+        while size > 0:
+            size = pop(keys, names, size)
+            v = names[size]
+            if keys[size] > distance[v]:
+                continue
+            for at in range(offsets[v], offsets[v + 1]):
+                w = neighbours[at]
+                x = points[v, 0] - points[w, 0]
+                y = points[v, 1] - points[w, 1]
+                z = points[v, 2] - points[w, 2]
+                length = distance[v] + math.sqrt(x * x + y * y + z * z)
+                if length < radius and length < distance[w]:
+                    if distance[w] == np.inf:
+                        touched[count] = w
+                        count += 1
+                    distance[w] = length
+                    size = push(keys, names, size, length, w)
+        out_count[s] = count
+        for k in range(count):
+            if len(out_vertex) > 0:
+                out_vertex[rows[s] + k] = touched[k]
+                out_distance[rows[s] + k] = distance[touched[k]]
+            distance[touched[k]] = np.inf
+
+
+@kernel
+def average_linkage(shares, weights, out_pairs, out_shares):
+    """Join the two clusters with the largest mean share, again and again; return how often.
+
+    `shares` and `weights` are used up. Ties: the lowest indices. A joined cluster has the lower
+    index of the two. Clusters whose mean share is 0 are not joined.
+    """
+    n = len(shares)
+    alive = np.ones(n, np.bool_)
+    best, partner = np.zeros(n), np.full(n, -1)
+    for i in range(n):
+        _find_partner(shares, alive, i, best, partner)
+    for turn in range(n - 1):
+        one, largest = -1, 0.0
+        for i in range(n):
+            if alive[i] and best[i] > largest:
+                one, largest = i, best[i]
+        if one < 0:
+            return turn
+        other = partner[one]
+        if other < one:
+            one, other = other, one
+        out_pairs[turn, 0], out_pairs[turn, 1], out_shares[turn] = one, other, largest
+        alive[other] = False
+        total = weights[one] + weights[other]
+        for k in range(n):
+            if alive[k] and k != one:
+                mean = (weights[one] * shares[one, k] + weights[other] * shares[other, k]) / total
+                shares[one, k] = mean
+                shares[k, one] = mean
+        weights[one] = total
+        for k in range(n):
+            if not alive[k]:
+                continue
+            if k == one or partner[k] == one or partner[k] == other:
+                _find_partner(shares, alive, k, best, partner)
+            elif shares[k, one] > best[k]:
+                best[k], partner[k] = shares[k, one], one
+    return n - 1
+
+
+@kernel
+def _find_partner(shares, alive, i, best, partner):
+    best[i], partner[i] = 0.0, -1
+    for j in range(len(shares)):
+        if alive[j] and j != i and shares[i, j] > best[i]:
+            best[i], partner[i] = shares[i, j], j
