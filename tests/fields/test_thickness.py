@@ -10,7 +10,8 @@ from scipy.sparse.csgraph import dijkstra
 import closed_forms as forms
 from medialis.balls.ball_shrinking import DEFAULT_TOLERANCE, shrink_balls
 from medialis.errors import InvalidOptionError, InvalidShapeError
-from medialis.fields import thickness as module
+from medialis.fields import completion as module
+from medialis.fields.completion import complete, complete_again
 from medialis.fields.feature_transform import field_on_surface
 from medialis.fields.thickness import WALL_ANGLE, thickness
 from medialis.model.shape import Shape
@@ -160,6 +161,38 @@ def test_without_smoothing_the_nearest_along_the_surface_wins(creature, monkeypa
     for row, sample in enumerate(differs):
         near = seeds[every[row] <= reach[sample] * (1 + 1e-12)]
         assert np.isclose(values[sample], values[near], rtol=1e-12, atol=0).any()
+
+
+@pytest.mark.parametrize("steps", [0, 5000])
+def test_completed_again_is_as_completed_at_once(creature, monkeypatch, steps):
+    """Without smoothing the same bits, with enough of it the same harmonic field."""
+    monkeypatch.setattr(module, "SMOOTHING_STEPS", steps)
+    monkeypatch.setattr(module, "SMOOTHING_ACCURACY", 1e-13)
+    shape, _ = creature
+    n, random = shape.point_count, np.random.default_rng(0)
+    cube = forms.box_mesh((0.3, 0.3, 0.3), 0.1)
+    shape = forms.mesh(
+        np.concatenate([shape.points, cube.points + np.array([9, 0, 0])]),
+        np.concatenate([shape.faces, cube.faces + n]),
+    )
+    other = random.uniform(1, 2, shape.point_count)
+    known = np.where(random.random(len(other)) < 0.02, other, np.nan)
+    known[n:] = np.nan
+    before = complete(shape, other, known)
+    for share in (0.1, 0.5):
+        gone = random.random(len(known)) < share
+        gone[n + before.known[n:].argmin()] = share == 0.5  # what was lent to the cube
+        other, known = np.where(gone, np.nan, other), np.where(gone, np.nan, known)
+        lower = np.flatnonzero(~np.isnan(known))[:5]
+        known[lower] *= 0.9
+        before = complete_again(before, other, known)
+        wanted = complete(shape, other, known)
+        assert (before.seed == wanted.seed).all() and (before.lent == wanted.lent).all()
+        assert np.allclose(before.distance, wanted.distance, rtol=1e-12)
+        if steps == 0:
+            assert (before.values == wanted.values).all()
+        assert np.allclose(before.values, wanted.values, rtol=1e-9)
+        assert complete_again(before, other, known) is before
 
 
 def test_parts_without_reliable_balls():

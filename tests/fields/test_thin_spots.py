@@ -8,7 +8,7 @@ import pytest
 import closed_forms as forms
 from medialis.balls.ball_shrinking import DEFAULT_TOLERANCE, shrink_balls
 from medialis.errors import InvalidOptionError, InvalidShapeError
-from medialis.fields.low_places import low_places
+from medialis.fields.low_places import PlaceGraph, low_places
 from medialis.fields.thickness import thickness
 from medialis.fields.thin_spots import thin_spots
 from medialis.model.shape import Shape
@@ -20,7 +20,7 @@ NO_WALLS = np.empty((0, 2), np.int32)
 
 def places(shape, field, level=0.0, prominence=0.25):
     """Places of any field; the two sides of a wall are not joined."""
-    return list(low_places(shape, field, NO_WALLS, level=level, prominence=prominence))
+    return list(low_places(PlaceGraph(shape, NO_WALLS), field, level=level, prominence=prominence))
 
 
 DENTS = np.array([[-0.7, 0.1, 0.15], [0.6, -0.3, 0.25]])

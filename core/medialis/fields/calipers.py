@@ -70,13 +70,83 @@ class Caliper:
         return math.dist(*self.ends.tolist())
 
 
-def close_caliper(shape: Shape, start: Caliper) -> Caliper | None:
-    """Move both ends over their sides of a wall until it gets no thinner.
+class PatchRoom:
+    """What patches of faces of a mesh are listed in.
 
     Parameters
     ----------
     shape : Shape
-        A mesh.
+        n samples and m faces.
+    """
+
+    def __init__(self, shape: Shape) -> None:
+        assert shape.faces is not None
+        self.shape, self.faces = shape, np.asarray(shape.faces)
+        self._marked = np.zeros(shape.face_count, np.uint8)
+        self._known = np.zeros(shape.point_count, np.int32)
+        self._listed = np.empty(shape.face_count, np.int64)
+
+    def around(self, seeds: NDArray[np.int64], rings: int) -> NDArray[np.int64]:
+        """Return some faces and those round them, so many rings, ascending."""
+        from medialis.fields._caliper_kernels import list_around
+
+        fans, marks = self.shape.fans, (self._marked, self._known)
+        count = list_around(
+            seeds, rings, self.faces, fans.offsets, fans.indices, *marks, self._listed
+        )
+        return np.sort(self._listed[:count])
+
+    def side(self, seeds: NDArray[np.int64], outward: FloatArray) -> NDArray[np.int64]:
+        """Return the faces round some seeds that are of the same side of a wall, ascending."""
+        from medialis.fields._caliper_kernels import list_side
+
+        shape, near = self.shape, self.around(seeds, RINGS)
+        count = list_side(
+            near, seeds, outward, LEANING, CONVEX, shape.points, self.faces, shape.face_normals,
+            shape.face_adjacency, self._marked, self._listed,
+        )  # fmt: skip
+        return np.sort(self._listed[:count])
+
+    def patch(self, faces: NDArray[np.int64]) -> _Patch:
+        """Return some faces as a patch."""
+        from medialis.fields._caliper_kernels import fill_patch, list_corners
+
+        shape, count = self.shape, len(faces)
+        corners = np.empty(3 * count, np.int32)
+        corners = np.sort(corners[: list_corners(faces, self.faces, self._known, corners)])
+        vertices, own = np.empty((len(corners), 6)), np.empty((count, 3), np.int64)
+        edges = np.empty(3 * count, np.int64)
+        fill_patch(
+            faces, corners, shape.points, shape.normals, self.faces, shape.face_normals, STEEP,
+            self._known, vertices, own, edges,
+        )  # fmt: skip
+        return _Patch(vertices, own, np.stack(np.divmod(np.unique(edges), len(corners)), axis=1))
+
+
+@dataclass(frozen=True)
+class _Patch:
+    """A patch of faces with vertices of its own.
+
+    Attributes
+    ----------
+    vertices : (v, 6) float64
+        Place and normal: of the smooth surface, but at a crease of the faces of the patch alone.
+    faces : (f, 3) int
+    edges : (e, 2) int
+    """
+
+    vertices: FloatArray
+    faces: NDArray[np.int64]
+    edges: NDArray[np.int64]
+
+
+def close_caliper(room: PatchRoom, start: Caliper) -> Caliper | None:
+    """Move both ends over their sides of a wall until it gets no thinner.
+
+    Parameters
+    ----------
+    room : PatchRoom
+        Of a mesh.
     start : Caliper
         Contacts of a ball between two walls, and faces there.
 
@@ -91,14 +161,15 @@ def close_caliper(shape: Shape, start: Caliper) -> Caliper | None:
     -----
     Cost: some milliseconds; a step measures all pairs of vertices, edges and faces of two patches.
     """
+    shape = room.shape
     # The ball touches the smooth surface, the caliper the faces: only calipers are compared.
     here = replace(start, thickness=math.inf)
     across = (start.ends[0] - start.ends[1]) / max(start.length, 1e-300)
     for _ in range(STEPS):
-        one, other = _side(shape, here.faces[0], across), _side(shape, here.faces[1], -across)
+        one, other = room.side(here.faces[0], across), room.side(here.faces[1], -across)
         if not len(one) or not len(other):
             break
-        ends, thickness = _thinnest_places(shape, one, other, here.ends)
+        ends, thickness = _thinnest_places(room, one, other, here.ends)
         if math.dist(*ends.tolist()) <= EQUAL * shape.diagonal:
             return None
         if thickness >= here.thickness * (1.0 - EQUAL):
@@ -106,33 +177,7 @@ def close_caliper(shape: Shape, start: Caliper) -> Caliper | None:
         here = Caliper(
             ends, (_faces_at(shape, one, ends[0]), _faces_at(shape, other, ends[1])), thickness
         )
-    return here if _is_least(shape, here) or _ends_wall(shape, here) else None
-
-
-def _side(shape: Shape, seeds: NDArray[np.int64], outward: FloatArray) -> NDArray[np.int64]:
-    """Return the faces round some seeds that are of the same side of a wall, ascending."""
-    near = seeds
-    for _ in range(RINGS):
-        near = _faces_around(shape, near)
-    near = near[shape.face_normals[near] @ outward >= LEANING]
-    if len(near) == 0:
-        return near
-    across = shape.face_adjacency[near]
-    place = np.minimum(np.searchsorted(near, across), len(near) - 1)
-    link = (near[place] == across) & ~_sharp(shape, near, across)
-    reached = np.isin(near, seeds)
-    while True:
-        more = reached.copy()
-        more[place[link & reached[:, None]]] = True
-        if (more == reached).all():
-            return near[reached]
-        reached = more
-
-
-def _faces_around(shape: Shape, faces: NDArray[np.int64]) -> NDArray[np.int64]:
-    assert shape.faces is not None
-    fans = shape.fans
-    return np.unique(np.concatenate([fans[v] for v in np.unique(shape.faces[faces])]) // 3)
+    return here if _is_least(room, here) or _ends_wall(shape, here) else None
 
 
 def _sharp(shape: Shape, faces: NDArray[np.int64], across: NDArray[np.int32]) -> NDArray[np.bool_]:
@@ -153,11 +198,10 @@ def _faces_at(shape: Shape, patch: NDArray[np.int64], place: FloatArray) -> NDAr
     return patch[apart <= apart.min() + EQUAL * shape.diagonal]
 
 
-def _is_least(shape: Shape, caliper: Caliper) -> bool:
+def _is_least(room: PatchRoom, caliper: Caliper) -> bool:
     """Tell whether no face round one end is nearer to the other end."""
-    assert shape.faces is not None
     for j in (0, 1):
-        corners = shape.points[shape.faces[_faces_around(shape, caliper.faces[j])]]
+        corners = room.shape.points[room.faces[room.around(caliper.faces[j], 1)]]
         other = np.repeat(caliper.ends[1 - j][None], len(corners), axis=0)
         feet = np.einsum("fj,fja->fa", _nearest_weights(other, corners), corners)
         if np.linalg.norm(feet - other, axis=1).min() < caliper.length * (1.0 - 1e-6):
@@ -181,7 +225,7 @@ def _ends_wall(shape: Shape, caliper: Caliper) -> bool:
 
 
 def _thinnest_places(
-    shape: Shape, one: NDArray[np.int64], other: NDArray[np.int64], before: FloatArray
+    room: PatchRoom, one: NDArray[np.int64], other: NDArray[np.int64], before: FloatArray
 ) -> tuple[FloatArray, float]:
     """Return places of two patches with the smallest ball between them, (2, 3), and its diameter.
 
@@ -191,51 +235,13 @@ def _thinnest_places(
     """
     from medialis.fields._caliper_kernels import try_corners, try_edges
 
-    a, b, ends = _Side.of(shape, one), _Side.of(shape, other), np.array(before)
+    a, b, ends = room.patch(one), room.patch(other), np.array(before)
     best, p, q = np.full(3, np.inf), np.empty(6), np.empty(6)
-    found = before, np.array([ACROSS, EQUAL * shape.diagonal, EQUAL]), best, ends
+    found = before, np.array([ACROSS, EQUAL * room.shape.diagonal, EQUAL]), best, ends
     try_corners(a.vertices, a.faces, b.vertices, p, q, p, q, *found)
     try_corners(b.vertices, b.faces, a.vertices, q, p, p, q, *found)
     try_edges(a.vertices, a.edges, b.vertices, b.edges, p, q, *found)
     return ends, float(best[1])
-
-
-@dataclass(frozen=True)
-class _Side:
-    """A patch of faces with vertices of its own.
-
-    Attributes
-    ----------
-    vertices : (v, 6) float64
-        Place and normal: of the smooth surface, but at a crease of the faces of the patch alone.
-    faces : (f, 3) int
-    edges : (e, 2) int
-    """
-
-    vertices: FloatArray
-    faces: NDArray[np.int64]
-    edges: NDArray[np.int64]
-
-    @classmethod
-    def of(cls, shape: Shape, patch: NDArray[np.int64]) -> _Side:
-        assert shape.faces is not None
-        vertices, corners = np.unique(shape.faces[patch], return_inverse=True)
-        faces = corners.reshape(-1, 3)
-        flat, normals = shape.face_normals[patch], shape.normals[vertices]
-        steep = np.ones(len(vertices))
-        total = np.zeros((len(vertices), 3))
-        for j in range(3):
-            v = faces[:, j]
-            np.minimum.at(steep, v, np.einsum("fa,fa->f", flat, normals[v]))
-            np.add.at(total, v, flat)
-        normals = np.where((steep < STEEP)[:, None], _unit(total), normals)
-        edges = np.unique(np.sort(faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1), axis=0)
-        return cls(np.hstack([shape.points[vertices], normals]), faces, edges)
-
-
-def _unit(vectors: FloatArray) -> FloatArray:
-    length = np.linalg.norm(vectors, axis=1, keepdims=True)
-    return np.asarray(vectors / np.maximum(length, 1e-300))
 
 
 def _nearest_weights(places: FloatArray, corners: FloatArray) -> FloatArray:

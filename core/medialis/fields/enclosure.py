@@ -32,7 +32,8 @@ class Enclosure:
     @cached_property
     def _seen(self) -> FloatArray:
         """The points as seen along `VIEW`, (n, 3)."""
-        return np.asarray((self.shape.points - self.shape.bounds[0]) @ VIEW)
+        # A product of matrices wakes all threads, which costs more than it saves.
+        return np.einsum("na,ab->nb", self.shape.points - self.shape.bounds[0], VIEW)
 
     def times(self, places: FloatArray) -> FloatArray:
         """Return how often the surface is wound round each of some places (q, 3) off it, (q,).

@@ -17,7 +17,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from medialis.model.ragged import Ragged
 from medialis.model.shape import Shape
 from medialis.surface.surface_graph import CLOUD_NEIGHBOURS
 from medialis.validation import FloatArray, IntArray, frozen
@@ -43,45 +42,62 @@ class LowPlace:
     vertices: IntArray
 
 
+class PlaceGraph:
+    """The graph on which places are connected: edges, or near samples, and balls across a wall.
+
+    Parameters
+    ----------
+    shape : Shape
+        n samples.
+    walls : (w, 2) int
+        Samples on both sides of walls.
+    """
+
+    def __init__(self, shape: Shape, walls: IntArray) -> None:
+        from scipy.sparse import coo_array
+
+        n = shape.point_count
+        edges = shape.edges if shape.faces is not None else _cloud_links(shape)
+        a, b = np.concatenate([edges, walls]).T
+        ends = np.concatenate([a, b]), np.concatenate([b, a])
+        graph = coo_array((np.ones(len(ends[0]), np.int32), ends), shape=(n, n)).tocsr()
+        self._times, self._neighbours = graph.data, graph.indices
+        self._first, self._last = graph.indptr[:-1], graph.indptr[1:].copy()
+
+    def __len__(self) -> int:
+        return len(self._first)
+
+    @property
+    def links(self) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.int32]]:
+        """First and last place of the neighbours of each sample, and the neighbours."""
+        return self._first, self._last, self._neighbours
+
+    def take_out(self, walls: IntArray) -> None:
+        """Take some walls out again."""
+        from medialis.fields._place_kernels import take_out
+
+        take_out(walls, self._times, *self.links)
+
+
 def low_places(
-    shape: Shape,
-    field: FloatArray,
-    walls: IntArray,
-    *,
-    level: float = 0.0,
-    prominence: float = 0.25,
+    graph: PlaceGraph, field: FloatArray, *, level: float = 0.0, prominence: float = 0.25
 ) -> Iterator[LowPlace]:
     """Go through the low places of a field (n,), 0 or more, the lowest first.
 
-    `walls` (w, 2) joins the two sides of walls. `level` is the threshold, 0 for none. Ties: the
-    lowest sample first. Where the field is inf, nothing is.
+    `level` is the threshold, 0 for none. Ties: the lowest sample first. Where the field is inf,
+    nothing is.
     """
-    graph = _neighbours(shape, walls)
-    order = np.argsort(field, kind="stable").astype(np.int32)
     if level > 0:
-        starts = order[field[order] < level]
-        levels = np.full(len(starts), level)
-        return _regions(field, (starts, field[starts], levels), graph)
+        rows = np.flatnonzero(field < level)
+        starts = rows[np.argsort(field[rows], kind="stable")]
+        return _regions(field, (starts, field[starts], np.full(len(starts), level)), graph)
     ratio = 1.0 + prominence
-    calm, order = _without_specks(field, order, graph)
-    starts = order[_prominent(calm, order, graph, ratio)[order]]
+    calm = _without_specks(field, graph)
+    rows = np.flatnonzero(_prominent(calm, field, graph, ratio))
     # A sample so much lower than those round it that it could be a place of its own is a speck.
-    depth = np.where(calm[starts] < ratio * field[starts], field[starts], calm[starts])
-    turn = np.argsort(depth, kind="stable")
-    starts, depth = starts[turn], depth[turn]
-    return _regions(calm, (starts, depth, ratio * calm[starts]), graph)
-
-
-def _neighbours(shape: Shape, walls: IntArray) -> Ragged:
-    """Return the graph on which places are connected: edges, and balls across a wall."""
-    from scipy.sparse import coo_array
-
-    n = shape.point_count
-    edges = shape.edges if shape.faces is not None else _cloud_links(shape)
-    a, b = np.concatenate([edges, walls]).T
-    ends = np.concatenate([a, b]), np.concatenate([b, a])
-    graph = coo_array((np.ones(len(ends[0]), np.int8), ends), shape=(n, n)).tocsr()
-    return Ragged(graph.indptr, graph.indices)
+    depth = np.where(calm[rows] < ratio * field[rows], field[rows], calm[rows])
+    turn = np.lexsort((rows, field[rows], calm[rows], depth))
+    return _regions(calm, (rows[turn], depth[turn], ratio * calm[rows[turn]]), graph)
 
 
 def _cloud_links(shape: Shape) -> IntArray:
@@ -91,39 +107,42 @@ def _cloud_links(shape: Shape) -> IntArray:
     return frozen(links[links[:, 0] != links[:, 1]], np.int32)
 
 
-def _without_specks(
-    field: FloatArray, order: IntArray, graph: Ragged
-) -> tuple[FloatArray, IntArray]:
-    """Return the third lowest value round each sample, and its order (ties: the lower sample)."""
-    from medialis.surface._surface_graph_kernels import third_lowest
+def _without_specks(field: FloatArray, graph: PlaceGraph) -> FloatArray:
+    """Return the third lowest value round each sample."""
+    from medialis.fields._place_kernels import third_lowest
 
     calm = np.empty_like(field)
-    third_lowest(field, graph.offsets, graph.indices, calm)
-    return calm, order[np.argsort(calm[order], kind="stable")]
+    third_lowest(field, *graph.links, calm)
+    return calm
 
 
 def _prominent(
-    field: FloatArray, order: IntArray, graph: Ragged, ratio: float
+    calm: FloatArray, field: FloatArray, graph: PlaceGraph, ratio: float
 ) -> NDArray[np.bool_]:
-    from medialis.surface._surface_graph_kernels import prominent_minima
+    from medialis.fields._place_kernels import find_basins, list_passes, prominent_minima
 
-    found = np.zeros(len(field), np.bool_)
-    parent = np.full(len(field), -1, np.int32)
-    prominent_minima(order, field, graph.offsets, graph.indices, ratio, parent, found)
+    basin, found = np.empty(len(field), np.int32), np.zeros(len(field), np.bool_)
+    find_basins(calm, field, *graph.links, basin)
+    passes = np.empty((len(graph.links[2]), 2), np.int32)
+    passes = passes[: list_passes(basin, calm, field, *graph.links, passes)]
+    passes = passes[np.argsort(calm[passes[:, 0]], kind="stable")]
+    prominent_minima(passes, basin, calm, field, ratio, found)
     return found
 
 
 def _regions(
-    field: FloatArray, starts: tuple[IntArray, FloatArray, FloatArray], graph: Ragged
+    field: FloatArray,
+    starts: tuple[NDArray[np.int64], FloatArray, FloatArray],
+    graph: PlaceGraph,
 ) -> Iterator[LowPlace]:
     """Collect what lies below its level round each start: samples, values, levels."""
-    from medialis.surface._surface_graph_kernels import flood_below
+    from medialis.fields._place_kernels import flood_below
 
     label, queue = np.full(len(field), -1, np.int32), np.empty(len(field), np.int32)
     number = 0
     for start, depth, level in zip(*(column.tolist() for column in starts), strict=True):
         if label[start] >= 0 or depth == np.inf:
             continue
-        size = flood_below(start, level, field, graph.offsets, graph.indices, number, label, queue)
+        size = flood_below(start, level, field, *graph.links, number, label, queue)
         number += 1
         yield LowPlace(start, depth, frozen(np.sort(queue[:size]), np.int32))

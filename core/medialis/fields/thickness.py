@@ -18,13 +18,12 @@ from numpy.typing import NDArray
 
 from medialis.balls.surface_skeleton import as_cloud
 from medialis.errors import InvalidShapeError
+from medialis.fields.completion import CompletedField, complete, complete_again
 from medialis.fields.feature_transform import field_on_surface
+from medialis.kept import kept
 from medialis.model.medial_cloud import MedialCloud
-from medialis.model.ragged import Ragged
-from medialis.model.shape import Shape
 from medialis.options import Options, algorithm, angle, choice
 from medialis.progress import Progress
-from medialis.surface.surface_graph import mesh_graph, nearest_seeds
 from medialis.threads import run_patiently
 from medialis.validation import FloatArray, frozen
 
@@ -41,10 +40,6 @@ d sqrt 3, so only closer to the edge than 0.87 sample spacings. There the normal
 `MedialCloud.wall_angles`. Measured: on the hand, the rim of the cut wrist (80 degrees) is a false
 alarm of 1/9 of the wrist's thickness at 100 degrees, and gone at 120; on fandisk, all edges are.
 17 % (horse2) to 61 % (scapula, a bone plate) of the balls remain."""
-
-SMOOTHING_STEPS, SMOOTHING_ACCURACY = 40, 1e-3
-"""Steps at most, and residual relative to the start. On horse2, 40 steps (60 ms) look the same as
-400; the transition is then up to 40 edges wide."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,6 +59,11 @@ class ThicknessOptions(Options):
         "belong to edges and bumps, not to walls, and are left out. 0 uses all balls.",
         advanced=True,
     )
+
+    @property
+    def share(self) -> float:
+        """What is measured, as a share of the diameter."""
+        return 1.0 if self.kind == "diameter" else 0.5
 
 
 @algorithm(ThicknessOptions, door=as_cloud)
@@ -117,38 +117,56 @@ def thickness(cloud: MedialCloud, options: ThicknessOptions, progress: Progress)
     >>> bool((raw == 2 * cloud.radii)[cloud.valid].all()), bool(values.mean() > raw.mean())
     (True, True)
     """
-    none = np.zeros(cloud.surface.point_count, np.bool_)
-    values = run_patiently(lambda: thickness_without(cloud, none, options), progress)
-    if values is None:
+    field = run_patiently(lambda: thickness_field(cloud, options), progress)
+    if field is None:
         raise InvalidShapeError(
             "No inner ball meets a second sample: thickness needs a surface that encloses a "
             'volume, at least partly, and a cloud with side "inner" or "both".'
         )
-    return values
+    return frozen(options.share * field.values, np.float64)
+
+
+def thickness_field(cloud: MedialCloud, options: ThicknessOptions) -> CompletedField | None:
+    """Return the diameters with what they were completed from; None where no ball is left."""
+    angle = options.min_spoke_angle
+
+    def work() -> CompletedField | None:
+        none = np.zeros(cloud.surface.point_count, np.bool_)
+        measured = _diameters(cloud, none, math.radians(angle))
+        return None if measured is None else complete(cloud.surface, *measured)
+
+    return kept(thickness_field, cloud, angle, work, Progress())
 
 
 def thickness_without(
-    cloud: MedialCloud, samples: NDArray[np.bool_], options: ThicknessOptions
-) -> FloatArray | None:
-    """Return the thickness as if some samples had no ball; None where no ball is left."""
-    rows = np.flatnonzero(cloud.valid & (cloud.side > 0))
-    rows = rows[~samples[cloud.source[rows]]]
+    cloud: MedialCloud,
+    samples: NDArray[np.bool_],
+    options: ThicknessOptions,
+    before: CompletedField,
+) -> CompletedField | None:
+    """Return the diameters as if some samples had no ball; None where no ball is left.
+
+    `before` is the same with fewer samples left out: only what is near the others is completed.
+    """
+    measured = _diameters(cloud, samples, math.radians(options.min_spoke_angle))
+    return None if measured is None else complete_again(before, *measured)
+
+
+def _diameters(
+    cloud: MedialCloud, without: NDArray[np.bool_], angle: float
+) -> tuple[FloatArray, FloatArray] | None:
+    """Diameter of the inner ball and of the wall at each sample, NaN where there is none."""
+    rows = np.flatnonzero(cloud.valid & (cloud.side > 0) & ~without[cloud.source])
     if len(rows) == 0:
         return None
-    values = _diameters(cloud, rows, math.radians(options.min_spoke_angle))
-    return frozen(values if options.kind == "diameter" else 0.5 * values, np.float64)
-
-
-def _diameters(cloud: MedialCloud, rows: NDArray[np.int64], angle: float) -> NDArray[np.float64]:
-    """Return the diameter at each sample; balls with walls at least `angle` apart are reliable."""
     own = np.full(cloud.surface.point_count, np.nan)
     own[cloud.source[rows]] = 2.0 * cloud.radii[rows]
-    walls = cloud.subset(rows[cloud.wall_angles[rows] >= angle])
-    values = field_on_surface(walls, 2.0 * walls.radii, reduce="max")
-    values[walls.source] = 2.0 * walls.radii
-    if np.isnan(values).any():
-        _complete(cloud.surface, own, values)
-    return values
+    walls = rows[cloud.wall_angles[rows] >= angle]
+    sizes = np.full(len(cloud), np.nan)
+    sizes[walls] = 2.0 * cloud.radii[walls]
+    values = field_on_surface(cloud, sizes, reduce="max")
+    values[cloud.source[walls]] = sizes[walls]
+    return own, values
 
 
 def wall_balls(cloud: MedialCloud) -> NDArray[np.int64]:
@@ -169,59 +187,3 @@ def unresolved_walls(cloud: MedialCloud) -> NDArray[np.bool_]:
     first, second = (cloud.surface.normals[cloud.features[rows, j]] for j in (0, 1))
     result[rows] = np.einsum("ij,ij->i", first, second) <= math.cos(least)
     return result
-
-
-def _complete(shape: Shape, diameters: FloatArray, values: NDArray[np.float64]) -> None:
-    """Give a value to every sample that has none, in place."""
-    if shape.faces is None:
-        if np.isnan(values).all():
-            values[np.nanargmax(diameters)] = np.nanmax(diameters)
-        _nearest_in_space(shape, values)
-        return
-    missing = np.isnan(values)
-    graph = mesh_graph(shape.faces, missing)
-    seed = nearest_seeds(shape.points, graph, ~np.isnan(values))
-    if (seed < 0).any():
-        _seed_other_components(shape, diameters, values, seed)
-        seed = nearest_seeds(shape.points, graph, ~np.isnan(values))
-    reached = seed >= 0
-    values[reached] = values[seed[reached]]
-    _smooth(np.flatnonzero(missing & reached), values, graph)
-    if not reached.all():
-        _nearest_in_space(shape, values)
-
-
-def _seed_other_components(
-    shape: Shape, diameters: FloatArray, values: NDArray[np.float64], seed: NDArray[np.int32]
-) -> None:
-    """Give the largest ball of each component that has no reliable one to its sample, in place."""
-    rows = np.flatnonzero((seed < 0) & ~np.isnan(diameters))
-    part = shape.components[rows]
-    order = np.lexsort((rows, -diameters[rows], part))  # ties: the lowest index
-    first = order[np.flatnonzero(np.diff(part[order], prepend=-1))]
-    values[rows[first]] = diameters[rows[first]]
-
-
-def _smooth(rows: NDArray[np.int64], values: NDArray[np.float64], graph: Ragged) -> None:
-    """Replace the steps between nearest values by a smooth transition, in place.
-
-    Of logarithms: what few steps leave undone is a share of the value then, also in a thin fin on a
-    thick base.
-    """
-    from medialis.surface._surface_graph_kernels import make_harmonic
-
-    low, high = values[~np.isnan(values)].min(), values[~np.isnan(values)].max()
-    steps, accuracy = SMOOTHING_STEPS, SMOOTHING_ACCURACY
-    logarithms = np.log(values / high)
-    make_harmonic(rows, graph.offsets, graph.indices, steps, accuracy, logarithms)
-    # What few steps may overshoot.
-    values[rows] = np.clip(high * np.exp(logarithms[rows]), low, high)
-
-
-def _nearest_in_space(shape: Shape, values: NDArray[np.float64]) -> None:
-    from scipy.spatial import cKDTree
-
-    missing = np.isnan(values)
-    known = np.flatnonzero(~missing)
-    nearest = cKDTree(shape.points[known]).query(shape.points[missing])[1]
-    values[missing] = values[known[nearest]]

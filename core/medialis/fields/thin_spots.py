@@ -19,7 +19,12 @@ import numpy as np
 
 from medialis.balls.surface_skeleton import as_cloud
 from medialis.fields.low_places import LowPlace
-from medialis.fields.thickness import ThicknessOptions, thickness, thickness_without
+from medialis.fields.thickness import (
+    ThicknessOptions,
+    thickness,
+    thickness_field,
+    thickness_without,
+)
 from medialis.fields.wall_places import PROMINENCE, WallBalls
 from medialis.kept import Described
 from medialis.model.medial_cloud import MedialCloud
@@ -85,7 +90,7 @@ class ThinSpotOptions(ThicknessOptions):
     threshold: float = length(
         0.0,
         "Thin below",
-        "Every connected region thinner than this fraction of the size is a thin spot. 0 finds the "
+        "Every connected region thinner than this share of the size is a thin spot. 0 finds the "
         "places that are thinner than all around them.",
     )
     spots: int = whole(
@@ -144,8 +149,8 @@ def thin_spots(
     >>> spots[0].kind, bool(spots[0].value < spots[1].value)
     ('wall', True)
     """
-    values = thickness.of(cloud, options, progress)
-    spots, specks = run_patiently(lambda: _find(cloud, values, options), progress)
+    thickness.of(cloud, options, progress)  # raises where there is no ball
+    spots, specks = run_patiently(lambda: _find(cloud, options), progress)
     if specks:
         progress.note(
             f"{counted(specks, 'place', verbs=('was', 'were'))} left out that only a few samples "
@@ -156,37 +161,41 @@ def thin_spots(
     return spots
 
 
-def _find(
-    cloud: MedialCloud, values: FloatArray, options: ThinSpotOptions
-) -> tuple[tuple[ThinSpot, ...], int]:
+def _find(cloud: MedialCloud, options: ThinSpotOptions) -> tuple[tuple[ThinSpot, ...], int]:
     """Return thin spots, walls before overlaps, and how many specks were as thin as they.
 
     Balls of specks and of overlaps are left out, the thickness completed and its places looked for
     again: the wall round them is a place when nothing in it is thinner. What is beside specks is
     crumpled as well as a rule: each round leaves out one ring more round new ones.
     """
-    share, level = 1.0 if options.kind == "diameter" else 0.5, options.threshold
+    share, level, field = options.share, options.threshold, thickness_field(cloud, options)
+    assert field is not None
+    values = share * field.values
     every = partial(WallBalls, cloud, share=share, with_threshold=level > 0)
     balls, level = every(), level * cloud.surface.diagonal
-    flawed = np.zeros(cloud.surface.point_count, np.bool_)
+    flawed = specks = np.zeros(cloud.surface.point_count, np.bool_)
     found: dict[str, list[LowPlace]] = {"wall": [], "overlap": [], "speck": []}
+    changed = True
     for rings in range(ROUNDS):
-        found["wall"], specks, before = [], np.zeros_like(flawed), int(flawed.sum())
-        low = balls.low_places(values, prominence=options.prominence)
-        for place in islice(low, LOOKED_AT * options.spots):
-            if len(found["wall"]) == options.spots or place.value >= (level or np.inf):
-                break
-            what = balls.kind(place)
-            if what == "wall" or not balls.touches(place, flawed):
-                found[what].append(place)
-            if what != "wall":
-                (specks if what == "speck" else flawed)[place.vertices] = True
+        before = int(flawed.sum())
+        if changed:
+            found["wall"], specks = [], np.zeros_like(flawed)
+            low = balls.low_places(values, prominence=options.prominence)
+            for place in islice(low, LOOKED_AT * options.spots):
+                if len(found["wall"]) == options.spots or place.value >= (level or np.inf):
+                    break
+                what = balls.kind(place)
+                if what == "wall" or not balls.touches(place, flawed):
+                    found[what].append(place)
+                if what != "wall":
+                    (specks if what == "speck" else flawed)[place.vertices] = True
         flawed |= balls.grown(specks, rings)
         if int(flawed.sum()) == before:
             break
-        kept = thickness_without(cloud, flawed, options)
-        values = np.full_like(values, np.inf) if kept is None else kept
-        balls.leave_out(flawed)
+        rest = field and thickness_without(cloud, flawed, options, field)
+        changed = balls.leave_out(flawed) or rest is not field
+        field = rest
+        values = np.full(len(flawed), np.inf) if field is None else share * field.values
     if level > 0:
         found["wall"] = list(islice(balls.low_places(values, level=level), options.spots))
     spots: list[ThinSpot] = []

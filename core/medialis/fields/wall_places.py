@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from medialis.fields.calipers import Caliper, close_caliper
+from medialis.fields.calipers import Caliper, PatchRoom, close_caliper
 from medialis.fields.enclosure import TWICE, Enclosure
-from medialis.fields.low_places import LowPlace, low_places
+from medialis.fields.low_places import LowPlace, PlaceGraph, low_places
 from medialis.fields.thickness import wall_balls
 from medialis.model.medial_cloud import MedialCloud
 from medialis.validation import FloatArray, IntArray
@@ -39,6 +40,20 @@ STARTS, APART = 6, 4.0
 apart, at least: a long wall has several low places."""
 
 
+class _EnclosedOnce:
+    """How often a surface is wound round places, each of which is asked for again and again."""
+
+    def __init__(self, enclosure: Enclosure) -> None:
+        self._enclosure, self._known = enclosure, dict[bytes, float]()
+
+    def times(self, place: FloatArray) -> float:
+        """Return how often the surface is wound round a place (3,)."""
+        key = place.tobytes()
+        if key not in self._known:
+            self._known[key] = float(self._enclosure.times(place[None])[0])
+        return self._known[key]
+
+
 class WallBalls:
     """The balls between two walls, and what they tell of places.
 
@@ -54,23 +69,45 @@ class WallBalls:
     def __init__(self, cloud: MedialCloud, *, share: float, with_threshold: bool) -> None:
         self.balls, self.surface = cloud.subset(wall_balls(cloud)), cloud.surface
         self.share, self.with_threshold = share, with_threshold
-        self.enclosure = Enclosure(self.surface)
+        self._enclosed = _EnclosedOnce(Enclosure(self.surface))
         self.marked = np.zeros(self.surface.point_count, np.bool_)
 
-    def leave_out(self, samples: NDArray[np.bool_]) -> None:
-        """Forget the balls of some samples."""
-        self.balls = self.balls.subset(~samples[self.balls.source])
+    @cached_property
+    def _patches(self) -> PatchRoom:
+        return PatchRoom(self.surface)
+
+    @cached_property
+    def _graph(self) -> PlaceGraph:
+        return PlaceGraph(self.surface, self.balls.features)
+
+    def leave_out(self, samples: NDArray[np.bool_]) -> bool:
+        """Forget the balls of some samples; tell whether there were any."""
+        gone = samples[self.balls.source]
+        if not gone.any():
+            return False
+        self._graph.take_out(self.balls.features[gone])
+        self.balls = self.balls.subset(~gone)
+        return True
 
     def low_places(self, values: FloatArray, **how: float) -> Iterator[LowPlace]:
         """Go through the low places of a field; balls join the two sides of walls."""
-        return low_places(self.surface, values, self.balls.features, **how)
+        return low_places(self._graph, values, **how)
 
     def grown(self, samples: NDArray[np.bool_], rings: int) -> NDArray[np.bool_]:
-        """Return some samples with so many rings of neighbours, (n,)."""
-        result, ends = samples.copy(), self.surface.edges
-        for _ in range(rings if samples.any() else 0):
-            result[ends[result[ends].any(axis=1)]] = True
+        """Return some samples of a mesh with so many rings of neighbours, (n,)."""
+        result, border = samples.copy(), np.flatnonzero(samples)
+        for _ in range(rings):
+            around = self._around(border)
+            border = around[~result[around]]
+            result[border] = True
         return result
+
+    def _around(self, vertices: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Return the vertices of the faces at some vertices, ascending."""
+        surface = self.surface
+        if surface.faces is None or len(vertices) == 0:
+            return np.empty(0, np.int64)
+        return np.unique(surface.faces[surface.fans.joined(vertices) // 3])
 
     def kind(self, place: LowPlace) -> Literal["wall", "overlap", "speck"]:
         """Tell what a place is: a speck has too few samples or balls, and is no whole component.
@@ -84,7 +121,7 @@ class WallBalls:
         rows = self._rows_in(vertices)
         few = len(vertices) < (FEWEST_BELOW_SPACING if spacings < 1.0 else FEWEST)
         few |= len(rows) < (FEWEST_BALLS if spacings < THIN else FEWEST_THICK_BALLS)
-        twice = len(rows) and self.enclosure.times(self.balls.centers[rows[:1]])[0] >= TWICE
+        twice = len(rows) and self._enclosed.times(self.balls.centers[rows[0]]) >= TWICE
         if not few and not twice and spacings < THIN and len(vertices) < FEWEST_CRUMPLED:
             few = self._crumpled(vertices)
         if few and not self.with_threshold:
@@ -96,19 +133,14 @@ class WallBalls:
     def _crumpled(self, vertices: IntArray) -> bool:
         """Tell whether faces at some samples bend back."""
         surface = self.surface
-        faces = np.unique(np.concatenate([surface.fans[v] for v in vertices]) // 3)
+        faces = np.unique(surface.fans.joined(vertices) // 3)
         across, normals = surface.face_adjacency[faces], surface.face_normals
         bent = np.einsum("fa,fja->fj", normals[faces], normals[across]) < CRUMPLED
         return bool((bent & (across >= 0)).any())
 
     def touches(self, place: LowPlace, samples: NDArray[np.bool_]) -> bool:
         """Tell whether a place is next to some samples: it is the rest of their place."""
-        if not samples.any():
-            return False
-        inside = np.zeros(len(samples), np.bool_)
-        inside[place.vertices] = True
-        one, other = self.surface.edges.T
-        return bool(((inside[one] | inside[other]) & (samples[one] | samples[other])).any())
+        return bool(samples[self._around(place.vertices.astype(np.int64))].any())
 
     def thinnest(self, place: LowPlace) -> tuple[FloatArray, FloatArray, float]:
         """Return both ends of the shortest line across the wall at a place, and the value there."""
@@ -122,7 +154,7 @@ class WallBalls:
         # What is much thinner is a speck, as in the field.
         least = 0.0 if self.with_threshold else value / (1.0 + PROMINENCE)
         for start in self._apart(rows[2.0 * self.share * self.balls.radii[rows] >= least]):
-            caliper = close_caliper(surface, self._caliper(start))
+            caliper = close_caliper(self._patches, self._caliper(start))
             if caliper is not None and least <= self.share * caliper.length <= value:
                 position, opposite = caliper.ends
                 value = self.share * caliper.length

@@ -1,0 +1,282 @@
+"""Wall check: walls that are too thin or too thick, gaps that are too narrow (for thesis 3.5.1).
+
+A wall lies between two opposite faces: the two feature points of its balls are far apart, as seen
+from the center, and their planes meet at no sharp edge (`fields/tapers.py`). All other samples have
+the thickness of the wall that they belong to (`fields/thickness.py`), so that neither edges nor
+fillets are thin. A region is what is connected below the minimum, or above the maximum, along the
+surface and across the wall.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from medialis.fields.gaps import narrow_gaps
+from medialis.fields.low_places import LowPlace, PlaceGraph, low_places
+from medialis.fields.ribs import Rib, ribs
+from medialis.fields.tapers import edge_balls
+from medialis.fields.thickness import ThicknessOptions, thickness
+from medialis.fields.thin_spots import ThinSpot, ThinSpotOptions, thin_spots
+from medialis.kept import Described
+from medialis.model.medial_cloud import MedialCloud
+from medialis.progress import Progress
+from medialis.threads import run_patiently
+from medialis.validation import FloatArray
+
+RegionKind = Literal["too thin", "too thick", "gap", "overlap"]
+
+LEAST_SHARE, LARGEST_SHARE = 0.5, 1.5
+"""Of the typical wall, where no limit is given. Moulding guides ask for no wall below 40 to 60 % of
+the one beside it; a rib as thick as its wall makes 1.25 times the thickness where they meet."""
+
+FLAW, BESIDE = 0.25, 3
+"""A ball smaller than this share of the spacing counts where so many neighbours have a ball within
+twice its size: along a fold there are two."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class WallRegion(Described):
+    """A connected region that fails the check.
+
+    Attributes
+    ----------
+    kind : {"too thin", "too thick", "gap", "overlap"}
+        "overlap": parts of the mesh overlap, by a value that is no thickness.
+    position, opposite : (3,) float64
+        Both ends at the worst place; the second is NaN where no wall is there.
+    value : float
+        The thickness, or the width of the gap, there.
+    most, least : float
+        Over its samples.
+    area : float
+        Of the surface, both sides of a wall; NaN in a cloud of points.
+    vertices : (v,) int
+        Samples, ascending.
+    """
+
+    kind: RegionKind
+    position: FloatArray
+    opposite: FloatArray
+    value: float
+    least: float
+    most: float
+    area: float
+    vertices: NDArray[np.integer]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class WallCheck(Described):
+    """What a check of walls found.
+
+    Attributes
+    ----------
+    thickness : (n,) float64
+        At each sample.
+    edge : (n,) bool
+        Samples at a sharp edge: their own ball, thinner than the minimum, counts for no wall.
+    flaws : int
+        Balls of folds of the mesh, which were left out.
+    minimum, maximum, gap : float
+        The limits in the units of the shape; inf for no maximum, 0 for no minimum or gap.
+    typical : float
+        The thickness that half of the area is thinner than.
+    regions : tuple of WallRegion
+        Too thin, too thick, gaps, overlaps; the worst of each first.
+    ribs : tuple of Rib
+        The highest ratio first.
+    """
+
+    thickness: FloatArray
+    edge: NDArray[np.bool_]
+    flaws: int
+    minimum: float
+    maximum: float
+    gap: float
+    typical: float
+    regions: tuple[WallRegion, ...]
+    ribs: tuple[Rib, ...]
+
+    def of_kind(self, kind: RegionKind) -> list[WallRegion]:
+        """Return the regions of a kind."""
+        return [region for region in self.regions if region.kind == kind]
+
+
+@dataclass(frozen=True)
+class WallLimits:
+    """Limits in the units of the shape; None where none is given."""
+
+    minimum: float | None
+    maximum: float | None
+    gap: float
+    most_regions: int
+
+
+def check_walls(
+    cloud: MedialCloud,
+    outer: MedialCloud | None,
+    limits: WallLimits,
+    wall_angle: float,
+    progress: Progress,
+) -> WallCheck:
+    """Check the walls of a shape.
+
+    Parameters
+    ----------
+    cloud : MedialCloud
+        Inner balls.
+    outer : MedialCloud or None
+        Outer balls of the same samples, for gaps.
+    limits : WallLimits
+        Without minimum and maximum they follow from the typical wall.
+    wall_angle : float
+        Degrees: least spoke angle of a ball between two sides of a wall.
+
+    Raises
+    ------
+    InvalidShapeError
+        When no inner ball is valid.
+    """
+    angle = math.radians(wall_angle)
+    at_edge = run_patiently(lambda: edge_balls(cloud), progress)
+    flaws = run_patiently(lambda: _flaws(cloud, ~at_edge & (cloud.wall_angles >= angle)), progress)
+    walls = _without(cloud, at_edge | flaws)
+    values = thickness.of(walls, ThicknessOptions(min_spoke_angle=wall_angle), progress)
+    typical = _typical(walls, values)
+    least, largest = limits.minimum, limits.maximum
+    if least is None and largest is None:
+        least, largest = LEAST_SHARE * typical, LARGEST_SHARE * typical
+    minimum, maximum = least or 0.0, largest or math.inf
+    regions = _thin(walls, values, minimum, limits, wall_angle, progress)
+    rows = np.flatnonzero((walls.side > 0) & (walls.wall_angles >= angle))
+    if maximum < math.inf:
+        regions += run_patiently(lambda: _thick(walls, values, rows, maximum, limits), progress)
+    if outer is not None and limits.gap > 0:
+        regions += run_patiently(lambda: _gaps(outer, limits, wall_angle), progress)
+    standing = run_patiently(lambda: ribs(walls, values, rows), progress)
+    order: tuple[RegionKind, ...] = ("too thin", "too thick", "gap", "overlap")
+    regions.sort(key=lambda region: order.index(region.kind))
+    edge = np.zeros(len(values), np.bool_)
+    edge[cloud.source[at_edge & (2.0 * cloud.radii < minimum)]] = True
+    return WallCheck(
+        *(values, edge, int(flaws.sum()), minimum, maximum, limits.gap, typical),
+        *(tuple(regions), tuple(standing)),
+    )
+
+
+def _flaws(cloud: MedialCloud, walls: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return the balls (k,) of folds: far smaller than the spacing, with few of their like beside.
+
+    A wall that thin is known from the triangles of its sides alone, and has samples all round.
+    """
+    surface, result = cloud.surface, np.zeros(len(cloud), np.bool_)
+    small = np.flatnonzero(walls & (cloud.side > 0))
+    small = small[2.0 * cloud.radii[small] < FLAW * surface.spacing]
+    if surface.faces is None or len(small) == 0:
+        return result
+    sizes = np.full(surface.point_count, np.nan)
+    sizes[cloud.source[small]] = cloud.radii[small]
+    a, b = surface.edges.T
+    alike = np.abs(np.log(sizes[a] / sizes[b])) <= math.log(2.0)
+    beside = np.bincount(np.concatenate([a[alike], b[alike]]), minlength=surface.point_count)
+    result[small] = beside[cloud.source[small]] < BESIDE
+    return result
+
+
+def _without(cloud: MedialCloud, left_out: NDArray[np.bool_]) -> MedialCloud:
+    """Leave out the balls of sharp edges and flaws, unless nothing else is left."""
+    left = cloud.valid & (cloud.side > 0) & ~left_out
+    return cloud.subset(~left_out) if left_out.any() and left.any() else cloud
+
+
+def _typical(cloud: MedialCloud, values: FloatArray) -> float:
+    """Return the median over the area."""
+    surface = cloud.surface
+    weights = np.ones(len(values)) if surface.faces is None else surface.point_areas
+    order = np.argsort(values, kind="stable")
+    below = np.cumsum(weights[order])
+    return float(values[order[np.searchsorted(below, 0.5 * below[-1])]])
+
+
+def _thin(
+    cloud: MedialCloud,
+    values: FloatArray,
+    minimum: float,
+    limits: WallLimits,
+    wall_angle: float,
+    progress: Progress,
+) -> list[WallRegion]:
+    if minimum <= 0.0 or not (values < minimum).any():
+        return []
+    options = ThinSpotOptions(
+        min_spoke_angle=wall_angle,
+        threshold=min(minimum / cloud.surface.diagonal, 1.0),
+        spots=limits.most_regions,
+    )
+    spots = thin_spots.of(cloud, options, progress)
+    return [_of_spot(spot, values) for spot in spots]
+
+
+def _of_spot(spot: ThinSpot, values: FloatArray) -> WallRegion:
+    kind: RegionKind = "too thin" if spot.kind == "wall" else "overlap"
+    most = float(values[spot.vertices].max())
+    ends = spot.position, spot.opposite
+    return WallRegion(kind, *ends, spot.value, spot.value, most, spot.area, spot.vertices)
+
+
+def _thick(
+    cloud: MedialCloud,
+    values: FloatArray,
+    rows: NDArray[np.int64],
+    maximum: float,
+    limits: WallLimits,
+) -> list[WallRegion]:
+    if not (values > maximum).any():
+        return []
+    graph = PlaceGraph(cloud.surface, cloud.features[rows])
+    ball = np.full(len(values), -1, np.int64)
+    ball[cloud.source[rows]] = rows
+    found = []
+    for place in low_places(graph, maximum / values, level=1.0):
+        row = int(ball[place.vertex])
+        opposite = cloud.contacts[row] if row >= 0 else np.full(3, np.nan)
+        value = float(values[place.vertex])
+        found.append(_region("too thick", cloud, place, opposite, value, values))
+        if len(found) == limits.most_regions:
+            break
+    return found
+
+
+def _gaps(outer: MedialCloud, limits: WallLimits, wall_angle: float) -> list[WallRegion]:
+    found = []
+    for gap in narrow_gaps(outer, limits.gap, math.radians(wall_angle))[: limits.most_regions]:
+        most = float(gap.widths.max())
+        area = _area(outer, gap.vertices)
+        ends = gap.position, gap.opposite
+        region = WallRegion("gap", *ends, gap.value, gap.value, most, area, gap.vertices)
+        found.append(region)
+    return found
+
+
+def _region(
+    kind: RegionKind,
+    cloud: MedialCloud,
+    place: LowPlace,
+    opposite: FloatArray,
+    value: float,
+    values: FloatArray,
+) -> WallRegion:
+    inside = values[place.vertices]
+    position = cloud.surface.points[place.vertex]
+    area = _area(cloud, place.vertices)
+    extremes = float(inside.min()), float(inside.max())
+    return WallRegion(kind, position, opposite, value, *extremes, area, place.vertices)
+
+
+def _area(cloud: MedialCloud, vertices: NDArray[np.integer]) -> float:
+    surface = cloud.surface
+    return math.nan if surface.faces is None else float(surface.point_areas[vertices].sum())

@@ -1,0 +1,1 @@
+"""Midsurfaces: the sheets between opposite walls of a solid (not in the thesis)."""

@@ -1,0 +1,360 @@
+"""Walls: which faces of a surface lie opposite to which, and how thick the solid is there."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from medialis.model.medial_cloud import MedialCloud
+from medialis.model.shape import Shape
+from medialis.model.topology import piece_labels
+from medialis.surface.creases import Creases, find_creases
+from medialis.validation import FloatArray, IntArray
+
+LEAST_WEIGHT = 1e-6
+"""Of a contact in a corner of its face: below, the ball does not touch that far from the edge."""
+
+TANGENT = math.cos(math.radians(15.0))
+"""Cosine: a ball touches a wall where its spoke is the normal there, else it touches an edge."""
+
+STRAIGHT = math.cos(math.radians(15.0))
+"""Cosine: sides go on over faces that turn by less from the nearest part that has an opposite."""
+
+FOLDED = math.cos(math.radians(12.0))
+"""Cosine: a face that is more inclined to the mean of what is round it lies at an edge."""
+
+SPREAD = 3.0
+"""Steps from face to face in which a mean spreads by an edge length, squared: a step is a third."""
+
+MOST_STEPS = 80
+"""Of these; with samples more than five to half a thickness the mean spreads less far."""
+
+FARTHEST = 4.0
+"""Half thicknesses: how far sides go on over faces without an opposite, over a rib, or a rim."""
+
+ROWS = 3.0
+"""Spacings of samples that they go on in any case: faces at the end of a wall have no opposite."""
+
+NEIGHBOURS = 8
+"""Balls at each of three places, one behind the other, that tell how the thickness goes on: they
+lie as far apart as it goes on, so that what scatters a little is not magnified."""
+
+ALIKE = 0.05
+"""Share of the half thickness by which two sides that go on may differ where they meet."""
+
+FLUSH = 0.15
+"""The same for the distance of the middles that both give: 0.17 where they bend by 10 degrees."""
+
+LEAST_FACES = 6
+"""Fewer faces that have an opposite are no side of a wall."""
+
+
+@dataclass(frozen=True, eq=False)
+class Sides:
+    """The sides of walls: connected faces between creases, and the ball behind each vertex.
+
+    Attributes
+    ----------
+    cloud : MedialCloud
+        Of n samples; its surface has m faces.
+    wide : (n,) bool
+        Samples whose ball touches the opposite wall, not an edge.
+    label : (m,) int32
+        The side of each face; -1: none.
+    core : (m,) bool
+        Faces of sides whose three corners are wide.
+    abrupt : (s,) bool
+        Sides that end before another one of a different thickness, on the same smooth face.
+    """
+
+    cloud: MedialCloud
+    wide: NDArray[np.bool_]
+    label: IntArray
+    core: NDArray[np.bool_]
+    abrupt: NDArray[np.bool_]
+
+    @property
+    def shape(self) -> Shape:
+        """The surface as computed on."""
+        return self.cloud.surface
+
+    @property
+    def count(self) -> int:
+        """How many there are."""
+        return len(self.abrupt)
+
+    @cached_property
+    def opposite(self) -> IntArray:
+        """The side that the ball of each wide sample touches, (n,); -1: none."""
+        cloud, n = self.cloud, self.shape.point_count
+        faces = np.asarray(self.shape.faces)
+        of_vertex = np.full(n, -1, np.int32)
+        of_vertex[faces] = self.label[:, None]
+        result = of_vertex[cloud.features[:n, 1]]
+        touched = cloud.contact_faces[:n]
+        result = np.where(touched >= 0, self.label[touched], result)
+        return np.where(self.wide, result, -1).astype(np.int32)
+
+
+@dataclass(frozen=True, eq=False)
+class Side:
+    """One side: its k vertices, and the middle of the wall behind each.
+
+    Attributes
+    ----------
+    vertices : (k,) int64
+        Of the surface.
+    faces : (f, 3) int64
+        Of these vertices, outward.
+    rows : (f,) int64
+        The same as faces of the surface.
+    middle : (k, 3) float64
+    half : (k,) float64
+        Half the thickness.
+    """
+
+    vertices: NDArray[np.int64]
+    faces: NDArray[np.int64]
+    rows: NDArray[np.int64]
+    middle: FloatArray
+    half: FloatArray
+
+
+def find_sides(cloud: MedialCloud, least_angle: float, crease: float) -> Sides:
+    """Find the sides of walls.
+
+    Parameters
+    ----------
+    cloud : MedialCloud
+        Inner balls, row i that of sample i, of a mesh.
+    least_angle : float
+        Radians: balls with a wider spoke angle lie between opposite walls.
+    crease : float
+        Degrees: sides end at edges that bend by more.
+    """
+    shape = cloud.surface
+    creases = find_creases(shape, crease)
+    wide = wide_samples(cloud, creases, least_angle)
+    links = _smooth_links(shape, creases)
+    core = wide[np.asarray(shape.faces)].all(axis=1)
+    if core.any():
+        half = float(np.median(balls_of(core, cloud)))
+        core &= ~folded_faces(shape, links, half)
+    label = _pieces(core, links)
+    grown, source = _grown(shape, cloud, label, links)
+    return _united(cloud, wide, core & (label >= 0), grown, source, links)
+
+
+def balls_of(chosen: NDArray[np.bool_], cloud: MedialCloud) -> FloatArray:
+    """Return the radii of the balls at the corners of chosen faces."""
+    return cloud.radii[np.unique(np.asarray(cloud.surface.faces)[chosen])]
+
+
+def folded_faces(shape: Shape, links: NDArray[np.int64], width: float) -> NDArray[np.bool_]:
+    """Tell the faces beside edges that are sharp at the scale of a wall, (m,), though no crease is.
+
+    Chamfers and small fillets turn in steps. Each face takes the mean normal of its neighbours, so
+    often that this spreads over `width`: beside an edge of 50 degrees it is 25 degrees off, on a
+    cylinder none, and where a bend of the inner radius of two widths begins 7.
+    """
+    from scipy.sparse import csr_array, diags_array
+
+    m, steps = shape.face_count, round((width / max(shape.spacing, 1e-300)) ** 2 * SPREAD)
+    one, two = links.T
+    ones = np.ones(2 * len(links))
+    matrix = csr_array((ones, (np.r_[one, two], np.r_[two, one])), shape=(m, m))
+    mean = diags_array(1.0 / (1.0 + matrix.sum(axis=1))) @ (matrix + diags_array(np.ones(m)))
+    normals = np.array(shape.face_normals)
+    for _ in range(min(max(steps, 1), MOST_STEPS)):
+        normals = mean @ normals
+    length = np.linalg.norm(normals, axis=1)
+    cosine = np.einsum("fa,fa->f", normals, shape.face_normals) / np.where(length > 0, length, 1.0)
+    return np.asarray(cosine < FOLDED)
+
+
+def wide_samples(cloud: MedialCloud, creases: Creases, least_angle: float) -> NDArray[np.bool_]:
+    """Tell the samples whose ball touches an opposite wall, (n,), and no edge of it."""
+    shape, n = cloud.surface, cloud.surface.point_count
+    sharp = np.zeros(n, np.bool_)
+    sharp[creases.vertices] = True
+    wide = cloud.valid[:n] & ~sharp & (np.nan_to_num(cloud.spoke_angles[:n]) > least_angle)
+    spoke = cloud.contacts[:n] - cloud.centers[:n]
+    along = np.einsum("ij,ij->i", spoke, cloud.contact_normals[:n])
+    wide &= np.nan_to_num(along) > TANGENT * cloud.radii[:n]
+    second, face = cloud.features[:n, 1], cloud.contact_faces[:n]
+    held = cloud.contact_weights[:n] > LEAST_WEIGHT
+    corners = np.asarray(shape.faces)[np.maximum(face, 0)]
+    on_edge = (held.sum(axis=1) < 3) & (sharp[corners] | ~held).all(axis=1)
+    edge = np.where(face >= 0, on_edge, sharp[np.maximum(second, 0)])
+    return np.asarray(wide & ~edge)
+
+
+def _smooth_links(shape: Shape, creases: Creases) -> NDArray[np.int64]:
+    """Return the pairs of faces (e, 2) that hang together across edges that are no creases."""
+    first, second, _ = shape.edge_table.pairs
+    parted = np.zeros(3 * shape.face_count, np.bool_)
+    parted[creases.half_edges.ravel()] = True
+    smooth = ~parted[first]
+    return np.stack([first[smooth] // 3, second[smooth] // 3], axis=1).astype(np.int64)
+
+
+def _pieces(chosen: NDArray[np.bool_], links: NDArray[np.int64]) -> IntArray:
+    """Give numbers to the connected pieces of chosen faces; -1: tiny ones, and all others."""
+    inner = links[chosen[links].all(axis=1)]
+    piece = np.where(chosen, piece_labels(len(chosen), inner), -1)
+    size = np.bincount(piece[chosen], minlength=1)
+    piece[(piece >= 0) & (size[piece] < LEAST_FACES)] = -1
+    result = np.full(len(chosen), -1, np.int32)
+    result[piece >= 0] = np.unique(piece[piece >= 0], return_inverse=True)[1]
+    return result
+
+
+def _grown(
+    shape: Shape, cloud: MedialCloud, label: IntArray, links: NDArray[np.int64]
+) -> tuple[IntArray, NDArray[np.int64]]:
+    """Let sides go on over smooth faces, each face with the nearest one that has an opposite."""
+    faces, normals = np.asarray(shape.faces), shape.face_normals
+    middle = shape.points[faces].mean(axis=1)
+    half = cloud.radii[: shape.point_count][faces].mean(axis=1)
+    limit = FARTHEST * half + ROWS * shape.spacing
+    both = np.concatenate([links, links[:, ::-1]])
+    source = np.where(label >= 0, np.arange(len(label)), -1)
+    distance = np.where(label >= 0, 0.0, np.inf)
+    moved = label >= 0
+    while True:
+        rows = np.flatnonzero(moved[both[:, 0]])
+        here, there = both[rows].T
+        origin = source[here]
+        new = np.linalg.norm(middle[there] - middle[origin], axis=1)
+        better = (new < distance[there]) & (new < limit[origin])
+        better &= np.einsum("ij,ij->i", normals[origin], normals[there]) > STRAIGHT
+        there, new, origin = there[better], new[better], origin[better]
+        if len(there) == 0:
+            break
+        order = np.lexsort((origin, new, there))
+        first = np.unique(there[order], return_index=True)[1]
+        chosen = order[first]
+        moved = np.zeros(len(label), np.bool_)
+        moved[there[chosen]] = True
+        distance[there[chosen]], source[there[chosen]] = new[chosen], origin[chosen]
+    return np.where(source >= 0, label[source], -1).astype(np.int32), source
+
+
+def _united(
+    cloud: MedialCloud,
+    wide: NDArray[np.bool_],
+    core: NDArray[np.bool_],
+    label: IntArray,
+    source: NDArray[np.int64],
+    links: NDArray[np.int64],
+) -> Sides:
+    """Join sides that go on into each other with the same thickness; mark those that do not."""
+    count = int(label.max(initial=-1)) + 1
+    sides = Sides(cloud, wide, label, core, np.zeros(count, np.bool_))
+    ends = label[links]
+    meeting = links[(ends[:, 0] != ends[:, 1]) & (ends >= 0).all(axis=1)]
+    if len(meeting) == 0:
+        return sides
+    corners = np.asarray(cloud.surface.faces)[meeting]
+    shared = (corners[:, 0][:, :, None] == corners[:, 1][:, None, :]).any(axis=2)
+    edge = np.argsort(~shared, axis=1, kind="stable")[:, :2]  # the two corners both faces have
+    vertex = np.take_along_axis(corners[:, 0], edge, axis=1)
+    pair = label[meeting]
+    middle, half = np.full((2, *vertex.shape, 3), np.nan), np.full((2, *vertex.shape), np.nan)
+    row = np.empty(cloud.surface.point_count, np.int64)
+    for number in np.unique(pair):
+        one = side_of(sides, int(number))
+        row[one.vertices] = np.arange(len(one.vertices))
+        for k in (0, 1):
+            mine = pair[:, k] == number
+            middle[k, mine], half[k, mine] = (
+                one.middle[row[vertex[mine]]],
+                one.half[row[vertex[mine]]],
+            )
+    thinner = np.minimum(half[0], half[1])
+    steps = np.abs(half[0] - half[1]) / thinner
+    folds = np.linalg.norm(middle[0] - middle[1], axis=2) / thinner
+    fits = ((steps < ALIKE) & (folds < FLUSH)).all(axis=1)
+    pairs, which = np.unique(np.sort(pair, axis=1), axis=0, return_inverse=True)
+    alike = np.bincount(which.ravel(), np.where(fits, 1.0, -1.0)) > 0
+    new = piece_labels(count, pairs[alike])
+    number = np.unique(new, return_inverse=True)[1].astype(np.int32)
+    abrupt = np.zeros(int(number.max()) + 1, np.bool_)
+    apart = pairs[~alike]
+    abrupt[number[apart[new[apart[:, 0]] != new[apart[:, 1]]]]] = True
+    joined = np.where(label >= 0, number[label], -1).astype(np.int32)
+    return Sides(cloud, wide, joined, core, abrupt)
+
+
+def side_of(sides: Sides, number: int) -> Side:
+    """Return one side with the middle of the wall behind each of its vertices.
+
+    Behind a wide vertex it is the center of its ball. Elsewhere half the thickness goes on as a
+    linear function of the place, fitted to the nearest balls, along the normal of the side.
+    """
+    shape, cloud = sides.shape, sides.cloud
+    rows = np.flatnonzero(sides.label == number)
+    corners = np.asarray(shape.faces)[rows]
+    vertices, faces = np.unique(corners, return_inverse=True)
+    faces = faces.reshape(-1, 3)
+    inside = np.zeros(shape.point_count, np.bool_)
+    inside[np.asarray(shape.faces)[rows[sides.core[rows]]]] = True
+    known = inside[vertices] & sides.wide[vertices]
+    points, half = shape.points[vertices], np.array(cloud.radii[vertices])
+    normals = _side_normals(points, faces, shape, rows)
+    half[~known] = _extended(points[known], half[known], points[~known], normals[~known])
+    middle = points - half[:, None] * normals
+    middle[known] = cloud.centers[vertices[known]]
+    return Side(vertices.astype(np.int64), faces.astype(np.int64), rows, middle, half)
+
+
+def _side_normals(
+    points: FloatArray, faces: NDArray[Any], shape: Shape, rows: NDArray[np.int64]
+) -> FloatArray:
+    """Return unit normals of the vertices by the faces of the side alone, weighted by angle."""
+    corners = points[faces]
+    total = np.zeros_like(points)
+    for j in range(3):
+        left = corners[:, (j + 1) % 3] - corners[:, j]
+        right = corners[:, (j + 2) % 3] - corners[:, j]
+        cross = np.linalg.norm(np.cross(left, right), axis=1)
+        weight = np.arctan2(cross, np.einsum("ij,ij->i", left, right))
+        np.add.at(total, faces[:, j], weight[:, None] * shape.face_normals[rows])
+    length = np.linalg.norm(total, axis=1, keepdims=True)
+    return total / np.where(length > 0, length, 1.0)
+
+
+def _extended(
+    known: FloatArray, values: FloatArray, places: FloatArray, normals: FloatArray
+) -> FloatArray:
+    """Return values at places by linear functions through those at the nearest known points.
+
+    The slope is at most that of the steepest wall that counts as one, tan 15 degrees.
+    """
+    from scipy.spatial import cKDTree
+
+    if len(places) == 0:
+        return np.empty(0)
+    tree, k = cKDTree(known), min(NEIGHBOURS, len(known))
+    distance, first = tree.query(places)
+    back = (known[first] - places) / np.where(distance > 0, distance, 1.0)[:, None]
+    step = np.maximum(distance, values[first] / 2)[:, None]
+    behind = [known[first] + turn * step * back for turn in range(3)]
+    near = np.concatenate([tree.query(place, k=[*range(1, k + 1)])[1] for place in behind], axis=1)
+    away = known[near] - places[:, None]
+    away = away - np.einsum("qka,qa->qk", away, normals)[..., None] * normals[:, None]
+    middle, mean = away.mean(axis=1), values[near].mean(axis=1)
+    shifted = away - middle[:, None]
+    spread = np.einsum("qka,qkb->qab", shifted, shifted)
+    size = np.trace(spread, axis1=1, axis2=2)[:, None, None] + 1e-300
+    right = np.einsum("qka,qk->qa", shifted, values[near] - mean[:, None])
+    slope = np.linalg.solve(spread + 1e-9 * size * np.eye(3), right[..., None])[..., 0]
+    steep = np.linalg.norm(slope, axis=1)
+    slope *= np.minimum(1.0, math.tan(math.radians(15.0)) / np.maximum(steep, 1e-300))[:, None]
+    result = mean - np.einsum("qa,qa->q", slope, middle)
+    return np.maximum(result, 0.1 * mean)
