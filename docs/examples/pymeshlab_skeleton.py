@@ -38,8 +38,8 @@ ms.set_current_mesh(0)
 result = ms.generate_surface_skeleton_mesh(min_spoke_angle=60, side="inner")
 print(result["faces"], "triangles in", result["pieces"], "pieces; layers:", result["layers"])
 
-# MeshLab saves the attributes that you name: __ca_vs__ for scalars, __ca_vp__ for vectors.
-ms.save_current_mesh("skeleton_mesh.ply", __ca_vs__radius=True, __ca_vs__spoke_angle=True)
+# The attributes are saved as well; __ca_vs__radius=False would leave one out.
+ms.save_current_mesh("skeleton_mesh.ply")
 
 # All filters and their parameters; help(ms.generate_surface_skeleton_mesh) says more.
 medialis_meshlab.print_filter_list()

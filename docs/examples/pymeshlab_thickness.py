@@ -39,4 +39,4 @@ print(name, again["attributes"]["thickness"], thickness.min())
 for layer, number in again["layers"].items():
     print(layer, ms.mesh(number).vertex_number())
 
-ms.save_current_mesh("thickness.ply", __ca_vs__thickness=True)
+ms.save_current_mesh("thickness.ply")

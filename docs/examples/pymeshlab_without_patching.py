@@ -31,7 +31,7 @@ except pymeshlab.PyMeshLabException as error:
 print(ms.mesh_number(), "layers")
 
 # Defaults can be read, changed and given back.
-parameters = filter_parameter_values("compute_ball_reconstruction_image")
+parameters = filter_parameter_values("get_medial_reconstruction_image")
 parameters["size"] = 200
-result = ms.compute_ball_reconstruction_image(**parameters)
+result = ms.get_medial_reconstruction_image(**parameters)
 write_png("reconstruction.png", result["images"]["reconstruction"])

@@ -8,9 +8,10 @@ import pytest
 import medialis
 from medialis.cli.commands import main
 from medialis.files.ply_attributes import read_ply_attributes, write_ply
-from medialis.hosts import hidden_apart, on_input, write_for_host
+from medialis.hosts import filters, host_layers, on_input, write_for_host
 from medialis.operations.registry import OPERATIONS
 from medialis.operations.result import Layer
+from plates import tee
 from shapes_to_repair import damaged
 
 
@@ -47,16 +48,15 @@ def test_hidden_points_are_a_layer_of_their_own(tmp_path):
 @pytest.mark.parametrize("entry", OPERATIONS, ids=lambda entry: entry.name)
 def test_every_operation_is_handed_over_whole(entry, tmp_path):
     """Layers and attributes equal those of the Python call; fields lie on the file's vertices."""
-    points, faces = damaged()
+    points, faces = tee() if entry.name == "midsurface" else damaged()
     write_ply(tmp_path / "in.ply", points, faces)
     name = entry.name.replace("_", "-")
     assert main([name, str(tmp_path / "in.ply"), "-o", str(tmp_path / "out"), "--host"]) == 0
     manifest = json.loads((tmp_path / "out" / "manifest.json").read_text())
     shape = medialis.read_shape(tmp_path / "in.ply")
     result = medialis.run(entry.name, shape)
-    layers = [
-        part for layer in result.layers if not layer.auxiliary for part in hidden_apart(layer)
-    ]
+    chosen = next(f for f in filters() if f.name == entry.filter_name)
+    layers = host_layers(result, shape, chosen)
     assert [about["name"] for about in manifest["layers"]] == [layer.name for layer in layers]
     files = sorted(p.name for p in (tmp_path / "out").iterdir())
     assert files == sorted(["manifest.json", *(about["file"] for about in manifest["layers"])])
@@ -87,3 +87,32 @@ def test_auxiliary_layers_come_on_request_and_failure_leaves_nothing(tmp_path, m
     with pytest.raises(medialis.FileError):
         write_for_host(result, shape, tmp_path / "other")
     assert [p.name for p in tmp_path.iterdir()] == ["out"]
+
+
+def test_a_selection_has_defaults_of_its_own_and_is_all_that_is_written(tmp_path):
+    """Without a threshold nothing would be thin: the selection has one."""
+    shape = medialis.organic_shape(56)
+    write_ply(tmp_path / "in.ply", shape.points, shape.faces)
+    for more, share in ([], 0.02), (["--threshold=5%"], 0.05):
+        command = ["thickness", str(tmp_path / "in.ply"), "-o", str(tmp_path / "out")]
+        assert main([*command, "--host", "--select", *more]) == 0
+        manifest = json.loads((tmp_path / "out" / "manifest.json").read_text())
+        (about,) = manifest["layers"]
+        assert about["role"] == "selection" and about["on_input"]
+        chosen = read_ply_attributes(tmp_path / "out" / about["file"]).attributes["selected"]
+        thickness = medialis.run("thickness", medialis.read_shape(tmp_path / "in.ply")).layers[0]
+        expected = thickness.attributes["thickness"] < share * shape.diagonal
+        np.testing.assert_array_equal(chosen == 1, expected)
+        assert manifest["values"] == {"selected": expected.sum()} and expected.any()
+
+
+def test_generated_layers_leave_the_colours_of_the_input(tmp_path):
+    """The branch of each vertex is a field; nothing tells a host to colour by it."""
+    shape = medialis.organic_shape(56)
+    result = medialis.run("curve_skeleton", shape)
+    manifest = write_for_host(result, shape, tmp_path / "out", draw_solid=True)
+    parts = next(about for about in manifest["layers"] if about["on_input"])
+    ply = read_ply_attributes(tmp_path / "out" / parts["file"])
+    assert parts["color_by"] is None and set(ply.attributes) == {"branch", "node"}
+    curve = next(about for about in manifest["layers"] if not about["on_input"])
+    assert curve["edges"] == 0 and curve["faces"] > 0

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import medialis
+from medialis.surface.given_shapes import as_shape
 
 
 @pytest.fixture(scope="module")
@@ -83,8 +84,61 @@ def test_real_pyvista(result):
     assert again.values["thickness_min"] == result.values["thickness_min"]
 
 
+class Tensor(np.ndarray):
+    """What is used of Open3D's tensors."""
+
+    def __new__(cls, values):
+        return np.array(values).view(cls)
+
+
+def geometry(rows, *others):
+    """Return a class of Open3D's tensor geometry, with tables of such names."""
+
+    class Geometry:
+        def __init__(self, points, corners=None):
+            self.given = points, corners
+            for name in (rows, *others):
+                setattr(self, name, {})
+
+    return Geometry
+
+
+def test_open3d_gets_tensors_with_columns(result, curve, monkeypatch):
+    kinds = {"TriangleMesh": geometry("vertex", "triangle"), "LineSet": geometry("point", "line")}
+    kinds["PointCloud"] = geometry("point")
+    shapes = SimpleNamespace(geometry=SimpleNamespace(**kinds))
+    module = SimpleNamespace(core=SimpleNamespace(Tensor=Tensor), t=shapes)
+    monkeypatch.setitem(sys.modules, "open3d", module)
+    mesh, layer = medialis.to_open3d(result), result.layers[0]
+    assert isinstance(mesh, kinds["TriangleMesh"])
+    assert np.array_equal(mesh.given[0], layer.points) and np.array_equal(
+        mesh.given[1], layer.faces
+    )
+    assert np.array_equal(mesh.vertex["thickness"], layer.attributes["thickness"][:, None])
+    lines = medialis.to_open3d(curve)
+    assert isinstance(lines, kinds["LineSet"]) and np.array_equal(lines.given[1], curve.edges)
+    cloud = medialis.to_open3d(medialis.Shape(curve.nodes, np.tile([0, 0, 1.0], (6, 1))))
+    assert isinstance(cloud, kinds["PointCloud"]) and cloud.point["normals"].shape == (6, 3)
+
+
+def test_meshio_gets_cells_by_their_kind(result, curve, monkeypatch):
+    def mesh(points, cells, **data):
+        return SimpleNamespace(points=points, cells_dict=dict(cells), **data)
+
+    monkeypatch.setitem(sys.modules, "meshio", SimpleNamespace(Mesh=mesh))
+    made, layer = medialis.to_meshio(result), result.layers[0]
+    assert np.array_equal(made.cells_dict["triangle"], layer.faces)
+    assert np.array_equal(made.point_data["thickness"], layer.attributes["thickness"])
+    assert np.array_equal(as_shape(made).points, layer.points)
+    assert list(medialis.to_meshio(curve).cells_dict) == ["line"]
+    cloud = medialis.to_meshio(medialis.Shape(np.eye(3), np.eye(3)))
+    assert cloud.cells_dict["vertex"].tolist() == [[0], [1], [2]]
+
+
 class Frame(dict):
     """What is used of a table of pandas."""
+
+    columns = property(dict.keys)
 
     def __init__(self, data):
         rows = {k: [row[k] for row in data] for k in data[0]} if isinstance(data, list) else data
@@ -102,15 +156,61 @@ def test_tables_have_one_column_a_number(result, curve, monkeypatch):
     assert medialis.to_pandas(spots)["position_x"] == [spot.position[0] for spot in spots]
 
 
+def test_neurons_are_trees_and_come_back(curve, monkeypatch):
+    def neuron(table, units):
+        return SimpleNamespace(nodes=table, units=units)
+
+    monkeypatch.setitem(sys.modules, "pandas", SimpleNamespace(DataFrame=Frame))
+    monkeypatch.setitem(sys.modules, "navis", SimpleNamespace(TreeNeuron=neuron))
+    made = medialis.to_navis(curve, units="1 mm")
+    table = made.nodes
+    assert made.units == "1 mm" and list(table["node_id"]) == [1, 2, 3, 4, 5, 6]
+    assert all(parent < number for number, parent in enumerate(table["parent_id"], 1))
+    again = medialis.as_curve_skeleton(made)
+    assert again.loops == 0 and len(again.edges) == 5 and again.component_count == 1
+    assert np.array_equal(np.sort(again.radii), np.sort(curve.radii))
+    swc = SimpleNamespace(swc=table)  # as skeletor has it
+    assert np.array_equal(medialis.as_curve_skeleton(swc).nodes, again.nodes)
+    table["parent_id"][3] = 9
+    with pytest.raises(medialis.InvalidShapeError, match="Node 9 is named as a parent"):
+        medialis.as_curve_skeleton(made)
+
+
+def test_graphs_come_back_whatever_their_nodes_are_called(curve):
+    networkx = pytest.importorskip("networkx")
+    again = medialis.as_curve_skeleton(medialis.to_networkx(curve))
+    assert np.array_equal(again.nodes, curve.nodes) and again.loops == 1
+    assert np.array_equal(again.radii, curve.radii)
+    named = networkx.DiGraph()
+    named.add_node("a", x=0, y=0, z=0)
+    named.add_node("b", x=1, y=0, z=0, radius=2)
+    named.add_edges_from([("a", "b"), ("b", "a"), ("b", "b")])
+    found = medialis.as_curve_skeleton(named)
+    assert found.edges.tolist() == [[0, 1]] and found.radii.tolist() == [0, 2]
+    named.add_node("c", x=1, y=0)
+    with pytest.raises(medialis.InvalidShapeError, match="'c' has no position"):
+        medialis.as_curve_skeleton(named)
+
+
+def test_what_is_no_graph_is_told(result, tmp_path):
+    for given, said in ((7, "got int"), (result, "got Result"), (result.shape, "got Shape")):
+        with pytest.raises(medialis.InvalidShapeError, match=said):
+            medialis.as_curve_skeleton(given)
+    with pytest.raises(medialis.FileError):
+        medialis.as_curve_skeleton(tmp_path / "nowhere.swc")
+
+
 def test_real_pandas(result):
     pandas = pytest.importorskip("pandas", reason="pandas is not installed")
     assert isinstance(medialis.to_pandas(result), pandas.DataFrame)
 
 
-@pytest.mark.parametrize("name", ["networkx", "trimesh", "pyvista", "pandas"])
+@pytest.mark.parametrize(
+    "name", ["networkx", "navis", "trimesh", "pyvista", "open3d", "meshio", "pandas"]
+)
 def test_a_missing_library_is_named(name, result, curve, monkeypatch):
     monkeypatch.setitem(sys.modules, name, None)
-    thing = curve if name == "networkx" else result
+    thing = curve if name in ("networkx", "navis") else result
     with pytest.raises(medialis.InvalidOptionError, match=f"pip install {name}"):
         getattr(medialis, f"to_{name}")(thing)
 
@@ -132,11 +232,11 @@ def test_stl_is_single_precision(tmp_path):
     assert np.array_equal(again.points[again.faces], wanted)
 
 
-def test_attributes_go_to_ply_only(tmp_path, result, curve):
+def test_attributes_go_to_formats_that_hold_them(tmp_path, result, curve):
     shape = medialis.organic_shape(56)
     medialis.write_mesh(tmp_path / "a.ply", shape, attributes={"height": shape.points[:, 2]})
     assert b"height" in (tmp_path / "a.ply").read_bytes()[:500]
-    with pytest.raises(medialis.InvalidOptionError, match="Only PLY"):
+    with pytest.raises(medialis.InvalidOptionError, match=r"Only \.ply, \.vtp"):
         medialis.write_mesh(tmp_path / "a.off", shape, attributes={"height": shape.points[:, 2]})
     with pytest.raises(medialis.InvalidOptionError, match=r"\.xyz"):
         medialis.write_mesh(tmp_path / "a.xyz", shape)

@@ -5,45 +5,74 @@ An adapter reads the user's data into a shape (`medialis.make_shape` with ``repa
 
 Operations and their options
     `Operation`, `Parameter`, `Kind` describe what there is (`medialis.OPERATIONS`); lengths are
-    fractions of the diagonal and angles degrees. `as_typed` reads widgets of single precision.
+    fractions of the diagonal and angles degrees. `as_typed` reads widgets of single precision,
+    `picked_lines` fills an option that lists vertices from a selection.
 Layers
     A `Result` is an `Outcome` with the record of its run. `Layer`, `FilterUnit` (the unit of its
-    slider), `hidden_apart` for hosts without sliders, `polylines` of its edges.
+    slider), `hidden_apart` for hosts without sliders, `polylines` of its edges, `solid` where lines
+    are too thin to see; `host_layers` is all of that at once.
+Menus
+    `Filter`, `filters` and `menu_entries`: operations, and the selections that they tell, as the
+    entries of a menu, with what only a host can do: `HIDE_SOURCE`, `SOLID`, `USE_SELECTION`,
+    `AUXILIARY`. `SELECTED` is the field of a selection.
 Colours
     `shown` tells the attribute that a layer shows first, with colours and limits (`Shown`);
     `color_table`, `palette`, `label_colors`, `value_range`, `MISSING` and `to_linear` are for
     materials of hosts.
+Beside the values
+    `drawn_radius` of points and curves, `legend_of` what is shown (`Legend`), `numbers_of` a layer
+    (`Numbers`).
 Fields on the input
     `on_input` brings attributes of points and faces to the vertices, triangles or polygons that
     the host gave (`InputFields`); `rig_of` finds bones, their layer and the weights on those
     vertices (`Rig`).
 Names
-    `title`, `label_name`, `identifier`, `free_name`, `distinct_names`, `value_lines`.
+    `title`, `label_name`, `identifier`, `free_name`, `distinct_names`, `value_lines`;
+    `with_labels` for messages, `nearest_unit` for the unit of a scene.
+Edited layers
+    `takes_back` names the option of an operation that takes a layer as its user has edited it,
+    `write_edited` writes it to a file; `unpacked_levels` are the `Levels` of a layer that was kept.
 Files
     `write_ply` for one layer, `write_for_host` for a result that another program adds.
-Kernels
-    `kernels_are_compiled`, `kernel_folder` (``MEDIALIS_CACHE_DIR`` moves it) and `WARMUP`, the
-    arguments of a Python that compiles them.
+Computing
+    `Computer` runs operations in a process of its own, where what was computed is kept;
+    `Computation` is one of them.
 """
 
-from medialis._kernels.cache_folder import kernels_are_compiled
-from medialis._kernels.cache_folder import user_cache as kernel_folder
 from medialis.files.ply_attributes import write_ply
+from medialis.hosts.computation import Computation
+from medialis.hosts.computing import Computer
+from medialis.hosts.drawing import Legend, Numbers, drawn_radius, legend_of, numbers_of
+from medialis.hosts.edited import takes_back, unpacked_levels, write_edited
 from medialis.hosts.fields import InputFields, Rig, on_input, rig_of
 from medialis.hosts.handover import write_for_host
+from medialis.hosts.menu import (
+    AUXILIARY,
+    HIDE_SOURCE,
+    SELECTED,
+    SOLID,
+    USE_SELECTION,
+    Filter,
+    filters,
+    host_layers,
+    menu_entries,
+)
 from medialis.hosts.shown import Shown, hidden_apart, shown
+from medialis.hosts.solid import solid
 from medialis.hosts.words import (
     as_typed,
     distinct_names,
     free_name,
     identifier,
     label_name,
+    picked_lines,
     title,
+    with_labels,
 )
 from medialis.model.polylines import polylines
 from medialis.operations.declaration import Operation
 from medialis.operations.quantities import value_lines
-from medialis.operations.result import FilterUnit, Layer, Outcome, Result
+from medialis.operations.result import FilterUnit, Layer, Levels, Outcome, Result
 from medialis.options import Kind, Parameter
 from medialis.render.colors import (
     MISSING,
@@ -53,17 +82,25 @@ from medialis.render.colors import (
     to_linear,
     value_range,
 )
-
-WARMUP = ("-m", "medialis", "warmup", "--progress", "lines")
-"""Arguments of a Python that compiles all kernels; it prints lines "PROGRESS fraction text"."""
+from medialis.units import nearest_unit
 
 __all__ = [
+    "AUXILIARY",
+    "HIDE_SOURCE",
     "MISSING",
-    "WARMUP",
+    "SELECTED",
+    "SOLID",
+    "USE_SELECTION",
+    "Computation",
+    "Computer",
+    "Filter",
     "FilterUnit",
     "InputFields",
     "Kind",
     "Layer",
+    "Legend",
+    "Levels",
+    "Numbers",
     "Operation",
     "Outcome",
     "Parameter",
@@ -73,22 +110,33 @@ __all__ = [
     "as_typed",
     "color_table",
     "distinct_names",
+    "drawn_radius",
+    "filters",
     "free_name",
     "hidden_apart",
+    "host_layers",
     "identifier",
-    "kernel_folder",
-    "kernels_are_compiled",
     "label_colors",
     "label_name",
+    "legend_of",
+    "menu_entries",
+    "nearest_unit",
+    "numbers_of",
     "on_input",
     "palette",
+    "picked_lines",
     "polylines",
     "rig_of",
     "shown",
+    "solid",
+    "takes_back",
     "title",
     "to_linear",
+    "unpacked_levels",
     "value_lines",
     "value_range",
+    "with_labels",
+    "write_edited",
     "write_for_host",
     "write_ply",
 ]

@@ -13,6 +13,8 @@ from medialis.errors import InvalidShapeError
 from medialis.model.armature import Bones, SkinWeights
 from medialis.model.shape import Shape, missing_value
 from medialis.operations.result import Layer, Outcome
+from medialis.rigging.rolls import roll_axes
+from medialis.validation import FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,6 +116,8 @@ class Rig:
     Attributes
     ----------
     bones : Bones
+    rolls : (b, 3) float64
+        Z axis of each bone, at right angles to it: it bends about its x axis.
     layer : Layer or None
         The layer that shows the bones, in whose place hosts add an armature.
     skin_layer : Layer or None
@@ -123,6 +127,7 @@ class Rig:
     """
 
     bones: Bones
+    rolls: FloatArray
     layer: Layer | None
     skin_layer: Layer | None
     weights: SkinWeights | None
@@ -146,4 +151,6 @@ def rig_of(result: Outcome, shape: Shape) -> Rig | None:
             shape.on_input_points(result.skin.bones, -1),
             shape.on_input_points(result.skin.weights, 0.0),
         )
-    return Rig(result.rig, by_role.get("bones"), by_role.get("skin"), weights)
+    return Rig(
+        result.rig, roll_axes(result.rig), by_role.get("bones"), by_role.get("skin"), weights
+    )

@@ -17,8 +17,10 @@ from medialis.files.output_folder import OutputFolder
 from medialis.files.ply_attributes import write_ply
 from medialis.files.results import write_json
 from medialis.hosts.fields import on_input
-from medialis.hosts.shown import hidden_apart, shown
+from medialis.hosts.menu import SELECTED, filter_of, host_layers
+from medialis.hosts.shown import shown
 from medialis.model.shape import Shape
+from medialis.operations.registry import operation
 from medialis.operations.result import Layer, Result
 from medialis.operations.writing import describe_result
 from medialis.progress import Progress, ProgressCallback
@@ -33,7 +35,9 @@ def write_for_host(
     folder: str | os.PathLike[str],
     *,
     source: str | None = None,
+    selects: bool = False,
     auxiliary: bool = False,
+    draw_solid: bool = False,
     progress: Progress | ProgressCallback | None = None,
 ) -> dict[str, Any]:
     """Write the layers of a result and the manifest as a host program adds them.
@@ -41,8 +45,8 @@ def write_for_host(
     Layers have colours: the columns ``red green blue alpha`` of points, or of faces when
     `color_by` is one of their attributes. An `on_input` layer has the vertices and faces of the
     input in their order (see `on_input`) and no faces of its own: a host that wrote the input has
-    them. Points that a layer hides are a layer of their own, whose role is "hidden". There are no
-    pictures and no NPZ file; nothing is left when anything fails.
+    them. Which layers there are is said by `host_layers`. There are no pictures and no NPZ file;
+    nothing is left when anything fails.
 
     Parameters
     ----------
@@ -54,8 +58,10 @@ def write_for_host(
         Created when missing.
     source : str, optional
         Name of the input, for the manifest.
-    auxiliary : bool
-        Write the auxiliary layers (the samples) as well.
+    selects : bool
+        Write the selection that the operation tells, and nothing else.
+    auxiliary, draw_solid : bool
+        As for `host_layers`.
     progress : callable, optional
         Called with (fraction, text); returning False cancels.
 
@@ -70,13 +76,11 @@ def write_for_host(
         When the folder cannot be written.
     """
     progress = Progress.of(progress)
-    chosen = [
-        part
-        for layer in result.layers
-        if auxiliary or not layer.auxiliary
-        for part in hidden_apart(layer)
-    ]
-    manifest = describe_result(replace(result, layers=tuple(chosen)), input=source)
+    entry = filter_of(operation(result.operation), selects=selects)
+    chosen = host_layers(result, shape, entry, auxiliary=auxiliary, draw_solid=draw_solid)
+    manifest = describe_result(replace(result, layers=chosen), input=source)
+    if selects:
+        manifest["values"] = {SELECTED: int(chosen[0].attributes[SELECTED].sum())}
     manifest["layers"] = [{**about, "file": f"{about['name']}.ply"} for about in manifest["layers"]]
     with OutputFolder(folder) as out, progress.stage("write", 0.0, 1.0):
         for number, layer in enumerate(chosen):

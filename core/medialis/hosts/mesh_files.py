@@ -11,10 +11,20 @@ from numpy.typing import ArrayLike, NDArray
 
 from medialis.errors import InvalidOptionError
 from medialis.files._files import complete_file
+from medialis.files.abaqus import write_inp
+from medialis.files.msh import write_msh
 from medialis.files.ply_attributes import write_ply
+from medialis.files.vtp import write_vtp
+from medialis.files.vtu import write_vtu
 from medialis.hosts.other_libraries import Drawable, Drawn
 
-FORMATS = (".ply", ".obj", ".off", ".stl")
+WITH_VALUES = {
+    **{".ply": write_ply, ".vtp": write_vtp, ".vtu": write_vtu, ".msh": write_msh},
+    ".inp": write_inp,
+}
+"""Formats that hold attributes."""
+
+FORMATS = (*WITH_VALUES, ".obj", ".off", ".stl")
 
 
 def write_mesh(
@@ -28,17 +38,21 @@ def write_mesh(
     Parameters
     ----------
     path : path
-        ``.ply`` keeps everything without loss. ``.obj`` and ``.off`` keep points and triangles, and
-        OBJ edges, with 17 digits. ``.stl`` keeps triangles in single precision.
+        ``.ply`` keeps everything without loss, and so do ``.vtp`` and ``.vtu`` for ParaView and
+        VTK. ``.msh`` (Gmsh), ``.inp`` (Abaqus) and ``.ccx.inp`` (CalculiX) hold triangles as shell
+        elements: `thickness` of points becomes sections, `sheet` of faces groups. ``.obj``
+        and ``.off`` keep points and triangles, and OBJ edges, with 17 digits. ``.stl`` keeps
+        triangles in single precision.
     thing : Shape, SkeletonMesh, Layer, MedialCloud, CurveSkeleton, Result, or what stands for one
         A result gives its first layer.
     attributes : dict of (n,) or (n, d) arrays, optional
-        More values of the points; for PLY only.
+        More values of the points; not for OBJ, OFF and STL.
 
     Raises
     ------
     InvalidOptionError
-        When the format is unknown, or cannot hold attributes.
+        When the format is unknown, cannot hold attributes, or holds triangles only and there are
+        none.
     InvalidShapeError
         When there are no points, or no triangles for STL.
     FileError
@@ -66,12 +80,13 @@ def write_mesh(
             f"Meshes are written as {', '.join(FORMATS)}; got {os.fspath(path)!r}."
         )
     drawn = Drawn.of(thing)
-    if ending == ".ply":
+    if write := WITH_VALUES.get(ending):
         values = {**drawn.attributes, **(attributes or {})}
-        write_ply(path, drawn.points, drawn.faces, drawn.edges, values, drawn.face_attributes)
+        write(path, drawn.points, drawn.faces, drawn.edges, values, drawn.face_attributes)
         return
     if attributes:
-        raise InvalidOptionError(f"Only PLY holds attributes; got {os.fspath(path)!r}.")
+        names = ", ".join(WITH_VALUES)
+        raise InvalidOptionError(f"Only {names} hold attributes; got {os.fspath(path)!r}.")
     data = {".obj": _obj, ".off": _off, ".stl": _stl}[ending](drawn)
     with complete_file(path) as stream:
         stream.write(data)

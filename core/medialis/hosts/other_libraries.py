@@ -1,10 +1,10 @@
-"""Results as objects of other libraries, which are imported when they are asked for."""
+"""Results as meshes of other libraries, which are imported when they are asked for."""
 
 from __future__ import annotations
 
 import dataclasses
 import importlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, TypeAlias
 
@@ -23,6 +23,10 @@ from medialis.surface.given_shapes import ShapeLike, as_shape
 Drawable: TypeAlias = Outcome | Layer | Balls | CurveSkeleton | ShapeLike
 """What has points: a result (its first layer), a layer, balls (the valid ones), a curve skeleton,
 or a shape."""
+
+
+PIP = {"skimage": "scikit-image"}
+"""Names of packages that are not those of what they hold."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,57 +75,6 @@ class Drawn:
         return Outcome(Shape(self.points, normals, self.faces), layers=(layer,))
 
 
-def to_networkx(curve: CurveSkeleton | Outcome) -> Any:
-    """Return a curve skeleton as a graph of networkx.
-
-    Parameters
-    ----------
-    curve : CurveSkeleton, or the result of an operation that makes one
-
-    Returns
-    -------
-    networkx.Graph
-        Nodes 0..v-1 with `position` (a tuple), `radius` and `importance`; edges with `length` and
-        `branch`.
-
-    Raises
-    ------
-    InvalidShapeError
-        When a result has no graph.
-    InvalidOptionError
-        When networkx is not installed.
-
-    See Also
-    --------
-    curve_skeleton : makes one.
-    write_curve_skeleton : as a file.
-
-    Examples
-    --------
-    >>> import medialis
-    >>> fork = medialis.CurveSkeleton.of([[0, 0, 0], [1, 0, 0], [2, 1, 0]], [[0, 1], [1, 2]],
-    ...                                  [0.5, 0.4, 0.3])
-    >>> graph = medialis.to_networkx(fork)
-    >>> graph.nodes[1]["radius"], graph.edges[0, 1]["length"]
-    (0.4, 1.0)
-    """
-    networkx = _library("networkx")
-    found = curve.graph if isinstance(curve, Outcome) else curve
-    if not isinstance(found, CurveSkeleton):
-        raise InvalidShapeError(
-            f"Expected a CurveSkeleton, or a result with a graph; got {type(curve).__name__}."
-        )
-    graph = networkx.Graph()
-    rows = zip(found.nodes.tolist(), found.radii.tolist(), found.importance.tolist(), strict=True)
-    for node, (place, radius, importance) in enumerate(rows):
-        graph.add_node(node, position=tuple(place), radius=radius, importance=importance)
-    lines = zip(
-        found.edges.tolist(), found.edge_lengths.tolist(), found.branch.tolist(), strict=True
-    )
-    graph.add_edges_from((a, b, {"length": length, "branch": k}) for (a, b), length, k in lines)
-    return graph
-
-
 def to_trimesh(thing: Drawable) -> Any:
     """Return a shape, a layer or a result (its first layer) as a mesh or a cloud of trimesh.
 
@@ -144,7 +97,7 @@ def to_trimesh(thing: Drawable) -> Any:
 
     See Also
     --------
-    to_pyvista : with edges.
+    to_pyvista, to_open3d, to_meshio : with edges.
     write_mesh : as a file.
 
     Examples
@@ -154,7 +107,7 @@ def to_trimesh(thing: Drawable) -> Any:
     >>> mesh.is_watertight, "thickness" in mesh.vertex_attributes
     (True, True)
     """
-    trimesh = _library("trimesh")
+    trimesh = library("trimesh")
     drawn = Drawn.of(thing)
     attributes = {name: np.array(values) for name, values in drawn.attributes.items()}
     points = np.array(drawn.points)
@@ -190,7 +143,7 @@ def to_pyvista(thing: Drawable) -> Any:
 
     See Also
     --------
-    to_trimesh : without PyVista.
+    to_trimesh, to_open3d, to_meshio : of other libraries.
 
     Examples
     --------
@@ -198,7 +151,7 @@ def to_pyvista(thing: Drawable) -> Any:
     >>> result = medialis.run("thickness", medialis.organic_shape(56))
     >>> medialis.to_pyvista(result).plot(scalars="thickness")  # doctest: +SKIP
     """
-    pyvista = _library("pyvista")
+    pyvista = library("pyvista")
     drawn = Drawn.of(thing)
     cells: dict[str, NDArray[np.int64]] = {}
     for name, rows in (("faces", drawn.faces), ("lines", drawn.edges)):
@@ -214,78 +167,105 @@ def to_pyvista(thing: Drawable) -> Any:
     return mesh
 
 
-def to_pandas(thing: Drawable | Sequence[Any]) -> Any:
-    """Return a table: the points of a layer, the branches of a curve skeleton, or a list of rows.
+def to_open3d(thing: Drawable) -> Any:
+    """Return a shape, a layer, a curve skeleton or a result (its first layer) for Open3D.
 
     Parameters
     ----------
-    thing : Layer, Result, MedialCloud, CurveSkeleton, or sequence of ThinSpot or Row
-        A layer or result: one line a point, with x, y, z and every attribute. A curve skeleton: one
-        line a branch. A list of thin spots or of rows of a batch: one line each.
+    thing : Shape, SkeletonMesh, Layer, MedialCloud, CurveSkeleton, Result, or what stands for one
 
     Returns
     -------
-    pandas.DataFrame
+    open3d.t.geometry.TriangleMesh, LineSet or PointCloud
+        Tensor geometry, as the older one holds no attributes; `to_legacy()` makes that of it.
+        Attributes are in `vertex` and `triangle`, or in `point`, with one column at least.
 
     Raises
     ------
     InvalidShapeError
-        When there is no table of it.
+        When it has no points.
     InvalidOptionError
-        When pandas is not installed.
+        When Open3D is not installed.
 
     See Also
     --------
-    thin_spots : makes a list.
-    batch : makes rows.
+    to_trimesh, to_pyvista, to_meshio : of other libraries.
+
+    Examples
+    --------
+    >>> import medialis
+    >>> mesh = medialis.to_open3d(medialis.run("thickness", "bunny.ply"))  # doctest: +SKIP
+    >>> mesh.vertex["thickness"].min()  # doctest: +SKIP
+    """
+    open3d, drawn = library("open3d"), Drawn.of(thing)
+
+    def tensor(values: NDArray[Any]) -> Any:
+        return open3d.core.Tensor(np.array(values).reshape(len(values), -1))
+
+    points = tensor(drawn.points)
+    if drawn.faces is not None:
+        mesh = open3d.t.geometry.TriangleMesh(points, tensor(drawn.faces))
+        rows = mesh.vertex
+        for name, values in drawn.face_attributes.items():
+            mesh.triangle[name] = tensor(values)
+    elif drawn.edges is not None:
+        mesh = open3d.t.geometry.LineSet(points, tensor(drawn.edges))
+        rows = mesh.point
+    else:
+        mesh = open3d.t.geometry.PointCloud(points)
+        rows = mesh.point
+    for name, values in drawn.attributes.items():
+        rows["normals" if name == "normal" else name] = tensor(values)
+    return mesh
+
+
+def to_meshio(thing: Drawable) -> Any:
+    """Return a shape, a layer, a curve skeleton or a result (its first layer) for meshio.
+
+    Parameters
+    ----------
+    thing : Shape, SkeletonMesh, Layer, MedialCloud, CurveSkeleton, Result, or what stands for one
+
+    Returns
+    -------
+    meshio.Mesh
+        Cells are triangles, lines, or vertices where there are neither; with the attributes in
+        `point_data`, and in `cell_data` where all cells are triangles.
+
+    Raises
+    ------
+    InvalidShapeError
+        When it has no points.
+    InvalidOptionError
+        When meshio is not installed.
+
+    See Also
+    --------
+    to_trimesh, to_pyvista, to_open3d : of other libraries.
 
     Examples
     --------
     >>> import medialis
     >>> result = medialis.run("thickness", medialis.organic_shape(56))
-    >>> medialis.to_pandas(result).thickness.min()  # doctest: +SKIP
+    >>> medialis.to_meshio(result).write("thickness.xdmf")  # doctest: +SKIP
     """
-    pandas = _library("pandas")
-    if isinstance(thing, CurveSkeleton):
-        ends = np.array([[row[0], row[-1]] for row in thing.branches]).reshape(-1, 2)
-        columns: dict[str, Any] = {"start": ends[:, 0], "end": ends[:, 1]}
-        columns |= {"length": thing.branch_lengths, "mean_radius": thing.mean_radii}
-        return pandas.DataFrame({**columns, "tortuosity": thing.tortuosity})
-    if isinstance(thing, list | tuple) and all(dataclasses.is_dataclass(row) for row in thing):
-        return pandas.DataFrame([_line(row) for row in thing])
-    drawn = Drawn.of(thing)  # type: ignore[arg-type]
-    return pandas.DataFrame(_columns({"": drawn.points, **drawn.attributes}))
+    meshio, drawn = library("meshio"), Drawn.of(thing)
+    cells: list[tuple[str, NDArray[Any]]] = []
+    for kind, rows in (("triangle", drawn.faces), ("line", drawn.edges)):
+        if rows is not None:
+            cells.append((kind, np.array(rows)))
+    only_triangles = [kind for kind, _ in cells] == ["triangle"]
+    return meshio.Mesh(
+        np.array(drawn.points),
+        cells or [("vertex", np.arange(len(drawn.points))[:, None])],
+        point_data={name: np.array(v) for name, v in drawn.attributes.items()},
+        cell_data={name: [np.array(v)] for name, v in drawn.face_attributes.items()}
+        if only_triangles
+        else None,
+    )
 
 
-def _line(row: Any) -> dict[str, Any]:
-    """Return the columns of one line of a list: numbers, words and places."""
-    line: dict[str, Any] = {}
-    for one in dataclasses.fields(row):
-        value = getattr(row, one.name)
-        if isinstance(value, Mapping):
-            line |= {k: v for k, v in value.items() if isinstance(v, int | float | str)}
-        elif np.shape(value) == (3,) and np.asarray(value).dtype.kind == "f":
-            line |= {f"{one.name}_{axis}": v for axis, v in zip("xyz", value, strict=True)}
-        else:
-            line[one.name] = value
-    return line
-
-
-def _columns(attributes: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
-    """Return one column a number: vectors as name_x, name_y, name_z, others by number."""
-    found: dict[str, NDArray[Any]] = {}
-    for name, values in attributes.items():
-        if np.ndim(values) == 1:
-            found[name] = np.array(values)
-            continue
-        flat = np.reshape(values, (len(values), -1))
-        ends = "xyz" if flat.shape[1] == 3 else range(flat.shape[1])
-        for end, column in zip(ends, flat.T, strict=True):
-            found[f"{name}_{end}".lstrip("_")] = column.copy()
-    return found
-
-
-def _library(name: str) -> Any:
+def library(name: str) -> Any:
     """Import another library.
 
     Raises
@@ -298,5 +278,5 @@ def _library(name: str) -> Any:
     except ImportError as error:
         raise InvalidOptionError(
             f"{name} is needed for this and cannot be loaded ({error}); install it with: "
-            f"pip install {name}."
+            f"pip install {PIP.get(name, name)}."
         ) from None

@@ -1,0 +1,147 @@
+"""Compiling what an operation needs before its first run, in as many processes as processors.
+
+numba compiles a kernel when it is first called, one after the other, and most of that is Python.
+`kernels.txt` lists the kernels that each operation calls, and for which types, so that several
+processes can compile them into the same cache, and a bar can tell how far they are. What is not
+listed is compiled when it is called. `benchmarks/record_kernels.py` writes the list.
+"""
+
+from __future__ import annotations
+
+import importlib
+import os
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from contextlib import suppress
+from functools import cache
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from medialis._kernels.cache_folder import kernel_cache, make_kernel_cache
+from medialis.progress import Progress
+from medialis.threads import thread_count
+
+LIST = Path(__file__).with_name("kernels.txt")
+CODE = "from medialis.hosts.compile_ahead import take_turns; take_turns()"
+PAUSE = 0.1
+"""Seconds between two looks."""
+MOST_PROCESSES = 8
+
+
+class Listed(NamedTuple):
+    """A kernel with the types of its arguments, and the operations that need it.
+
+    Kernels that call no other ones come first in the list, and so on.
+    """
+
+    kernel: str
+    arguments: tuple[str, ...]
+    operations: tuple[str, ...]
+
+
+@cache
+def all_listed() -> tuple[Listed, ...]:
+    """Return what `kernels.txt` lists: the kernel, operations, and types, parted by ``|``."""
+    if not LIST.is_file():
+        return ()
+    lines = (line.split("|") for line in LIST.read_text(encoding="ascii").splitlines())
+    return tuple(Listed(k, tuple(types.split()), tuple(ops.split())) for k, ops, types in lines)
+
+
+def listed(operation: str) -> list[Listed]:
+    """Return what an operation needs."""
+    return [one for one in all_listed() if operation in one.operations]
+
+
+def compile_ahead(operation: str, progress: Progress) -> None:
+    """Compile what an operation needs, if that was not done yet.
+
+    Raises
+    ------
+    Cancelled
+        What was compiled so far stays.
+    """
+    waiting = listed(operation)
+    with suppress(OSError), tempfile.TemporaryDirectory() as turns:
+        make_kernel_cache()
+        helpers: list[subprocess.Popen[bytes]] = []
+        try:
+            count = min(thread_count(), MOST_PROCESSES, len(waiting))
+            helpers.extend(_helper(operation, turns) for _ in range(count))
+            while any(helper.poll() is None for helper in helpers):
+                taken = sum(1 for _ in os.scandir(turns))
+                progress.update(taken / len(waiting))
+                time.sleep(PAUSE)
+        finally:
+            for helper in helpers:
+                helper.kill()
+                helper.communicate()
+        _marker(operation).touch()
+
+
+def is_needed(operation: str) -> bool:
+    """Tell whether an operation has listed kernels and was not compiled ahead yet."""
+    return bool(listed(operation)) and not _marker(operation).is_file()
+
+
+def _marker(operation: str) -> Path:
+    return kernel_cache() / f"ahead-{operation}-{sys.implementation.cache_tag}"
+
+
+def _helper(operation: str, turns: str) -> subprocess.Popen[bytes]:
+    return subprocess.Popen(
+        [sys.executable, "-P", "-c", CODE, operation, turns],
+        stdin=subprocess.PIPE,  # it ends when this process is gone
+        stdout=subprocess.DEVNULL,
+        creationflags=getattr(subprocess, "CREATE_NO_WINDOW", 0),
+    )
+
+
+def take_turns() -> None:
+    """Compile what no other process has taken; arguments: the operation, and a folder of turns."""
+    operation, turns = sys.argv[1:]
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+    for number, one in enumerate(listed(operation)):
+        try:
+            os.close(os.open(Path(turns) / str(number), os.O_CREAT | os.O_EXCL))
+        except OSError:
+            continue
+        with suppress(Exception):  # changed since it was listed: compiled when it is called
+            compile_one(one)
+
+
+def _end_with_parent() -> None:
+    os.read(0, 1)
+    os._exit(1)
+
+
+def compile_one(one: Listed) -> None:
+    """Compile a kernel for its types, or find it compiled."""
+    module, _, name = one.kernel.partition(":")
+    kernel = getattr(importlib.import_module(f"medialis.{module}"), name)
+    kernel.compile(tuple(kernel.typeof_pyval(example(word)) for word in one.arguments))
+
+
+def example(word: str) -> Any:
+    """Return a value of a type: ``f8`` a number, ``f8:2C`` an array, ``f8:2Cr`` one read-only.
+
+    Examples
+    --------
+    >>> int(example("i4")), example("f8:2C").shape, example("f8:1Ar").flags.writeable
+    (0, (2, 2), False)
+    """
+    kind, _, about = word.partition(":")
+    if not about:
+        return np.dtype(kind).type(0)
+    dimensions, layout = int(about[0]), about[1]
+    if layout == "A":
+        array = np.zeros((4,) * dimensions, kind)[(slice(None, None, 2),) * dimensions]
+    else:
+        array = np.zeros((2,) * dimensions, kind, order="F" if layout == "F" else "C")
+    array.flags.writeable = not about.endswith("r")
+    return array

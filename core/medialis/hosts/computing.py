@@ -1,0 +1,213 @@
+"""A process that computes for a host, so that the host's window answers meanwhile.
+
+The process is another Python of the same installation. It stays between computations, and with it
+what it has computed: a late option is answered from there. It is looked at from a timer of the
+host, or waited for; there is no thread, and a crash of it is a sentence.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from multiprocessing.connection import Pipe
+from pathlib import Path
+from typing import Any
+
+from medialis.errors import MedialisError
+from medialis.hosts.computation import Computation, Renderer
+from medialis.hosts.computing_child import Task
+from medialis.hosts.parcels import pack, unpack
+from medialis.validation import FloatArray, IntArray
+from medialis.version import package_version
+
+CODE = "from medialis.hosts.computing_child import serve; serve()"
+VERSION = package_version()
+"""What runs here; an update may have put other files in their place since."""
+SECONDS_TO_COME_BACK = 0.2
+"""What a cancelled process has when the next task is there; then another takes its place."""
+SECONDS_TO_END = 1.0
+"""What a process has to end by itself."""
+
+
+@dataclass
+class Computer:
+    """The process, started when it is first needed.
+
+    Attributes
+    ----------
+    folder : path
+        Where arrays are handed over; the host's own.
+    environment : dict
+        Variables of the process, such as MEDIALIS_CACHE_DIR, beside the host's.
+    """
+
+    folder: Path
+    environment: Mapping[str, str]
+
+    def __post_init__(self) -> None:
+        self._process: subprocess.Popen[bytes] | None = None
+        self._pipe: Any = None
+        self._free = True
+
+    def run(
+        self,
+        name: str,
+        points: FloatArray,
+        faces: IntArray | None,
+        parameters: Mapping[str, Any],
+        *,
+        render: Renderer | None = None,
+        threads: int | None = None,
+        unit: str | None = None,
+    ) -> Computation:
+        """Begin an operation on points and faces as the host has them.
+
+        Parameters
+        ----------
+        name, parameters
+            As in `medialis.run`.
+        render : callable, optional
+            The host renders views; called where `Computation.look` is.
+        threads : int, optional
+            At most this many.
+        unit : str, optional
+            What one unit of the points is, such as "mm".
+
+        Raises
+        ------
+        MedialisError
+            When the process cannot be started, or the arrays cannot be handed over.
+        """
+        self._require_process()
+        given = pack((points, faces), self.folder)
+        task = Task(
+            name, dict(parameters), given, str(self.folder), render is not None, threads, unit
+        )
+        self._free = False
+        with suppress(OSError):  # what cannot take it is noticed as dead by `hear`
+            self._pipe.send(("run", task))
+        return Computation(self, render)
+
+    def hear(self, seconds: float = 0.0) -> tuple[Any, ...] | None:
+        """Return the next word of the process, None when there is none in this time."""
+        try:
+            if not self.listen(seconds):
+                return None
+            words: tuple[Any, ...] = self._pipe.recv()
+        except (EOFError, OSError):
+            return "failed", self._death()
+        if words[0] == "ready":
+            return None if words[1] == VERSION else ("failed", self._other(words[1]))
+        self._free = words[0] in ("done", "failed")
+        return words
+
+    def listen(self, seconds: float) -> bool:
+        """Wait until the process says something, so long at most; return whether it did."""
+        return self._pipe is None or bool(self._pipe.poll(seconds))
+
+    def answer(self, thing: Any) -> None:
+        """Answer what the process asked."""
+        with suppress(OSError):
+            self._pipe.send(("answer", pack(thing, self.folder)))
+
+    def cancel(self) -> None:
+        """Ask the process to stop."""
+        with suppress(OSError, AttributeError):
+            self._pipe.send(("cancel",))
+
+    def end(self) -> None:
+        """End the process, and with it what it knows."""
+        if self._process is None:
+            return
+        self._pipe.close()  # it ends by itself when nobody is there
+        try:
+            self._process.wait(SECONDS_TO_END)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+        self._process = self._pipe = None
+        self._free = True
+        for left in self.folder.glob("medialis-*.arrays"):
+            with suppress(OSError):
+                left.unlink()
+
+    def _require_process(self) -> None:
+        """Have a process that is free: what does not come back from a cancelled task is ended."""
+        end = time.monotonic() + SECONDS_TO_COME_BACK
+        while self._process is not None and not self._free:
+            words = self.hear(max(end - time.monotonic(), 0.0))
+            if words is None:
+                self.end()
+            elif words[0] == "done":
+                unpack(words[1])
+        if self._process is None or self._process.poll() is not None:
+            self.end()
+            self._start()
+
+    def _start(self) -> None:
+        here, there = Pipe()
+        stdin = _descriptor(there)
+        try:
+            self._process = subprocess.Popen(
+                [sys.executable, "-P", "-c", CODE],
+                env=self._variables(),
+                cwd=self.folder,
+                stdin=stdin,
+                stdout=subprocess.DEVNULL,
+                creationflags=getattr(subprocess, "CREATE_NO_WINDOW", 0)
+                | getattr(subprocess, "BELOW_NORMAL_PRIORITY_CLASS", 0),
+            )
+        except OSError as error:
+            here.close()
+            raise MedialisError(
+                f"Python cannot be started for the computation ({sys.executable}: "
+                f"{error.strerror}). Is the program complete, and is there enough memory?"
+            ) from None
+        finally:
+            os.close(stdin)
+            there.close()
+        self._pipe, self._free = here, True
+
+    def _variables(self) -> dict[str, str]:
+        """Return the variables of the process: it finds the same modules as this one."""
+        ours = dict(os.environ)
+        if sys.flags.ignore_environment:  # a host that does not let others change its Python
+            ours = {name: text for name, text in ours.items() if not name.startswith("PYTHON")}
+        path = os.pathsep.join(dict.fromkeys(filter(None, sys.path)))
+        return {**ours, "PYTHONPATH": path, **self.environment}
+
+    def _other(self, version: str) -> MedialisError:
+        """Say that the files are of another version than what runs here."""
+        self.end()
+        return MedialisError(
+            f"medialis was updated from {VERSION} to {version}: restart the program."
+        )
+
+    def _death(self) -> MedialisError:
+        """Say how the process ended, and forget it."""
+        process = self._process
+        code = None
+        if process is not None:
+            with suppress(subprocess.TimeoutExpired):
+                code = process.wait(SECONDS_TO_END)
+        self.end()
+        how = "" if code is None else f" (signal {-code})" if code < 0 else f" (code {code})"
+        return MedialisError(
+            f"The process that computes ended unexpectedly{how}: nothing was added. It may have "
+            "run out of memory; run again, or with a smaller object."
+        )
+
+
+def _descriptor(pipe: Any) -> int:
+    """Return a file descriptor of a pipe's end, to be closed by the caller."""
+    if sys.platform == "win32":
+        import msvcrt
+        from multiprocessing.reduction import duplicate
+
+        return msvcrt.open_osfhandle(duplicate(pipe.fileno()), 0)
+    return os.dup(pipe.fileno())

@@ -1,0 +1,268 @@
+"""The other side of `medialis.hosts.computing`: a process that computes what a host asks for.
+
+It reads orders from the pipe that is its standard input, and ends when nobody is there any more.
+Orders are tuples that begin with a word: ``("run", Task)``, ``("cancel",)``, ``("answer",
+parcel)``. It tells ``("ready", version)`` first, then ``("progress", fraction, text)``, ``("ask",
+parcel)``, ``("done", parcel)`` and ``("failed", error)``.
+"""
+
+from __future__ import annotations
+
+import os
+import queue
+import sys
+import threading
+import time
+import traceback
+from collections.abc import Callable, Hashable
+from contextlib import nullcontext, suppress
+from dataclasses import dataclass, replace
+from hashlib import blake2b
+from multiprocessing.connection import Connection
+from typing import Any
+
+from medialis._kernels.cache_folder import kernel_cache
+from medialis.curves.from_views.views import view_source
+from medialis.errors import Cancelled, MedialisError
+from medialis.hosts.compile_ahead import compile_ahead, is_needed
+from medialis.hosts.parcels import Parcel, pack, unpack
+from medialis.kept import Bound, kept
+from medialis.model.shape import Shape
+from medialis.model.view import ViewSource
+from medialis.operations.registry import run
+from medialis.operations.result import Result
+from medialis.progress import Progress
+from medialis.render.depth_range import rasterizer
+from medialis.surface.reading import make_shape
+from medialis.validation import FloatArray, IntArray
+from medialis.version import package_version
+
+PAUSE = 0.04
+"""Seconds between two words about progress."""
+SHARE_OF_COMPILING = 0.7
+"""How far the bar goes while what the first run needs is compiled."""
+PAUSE_OF_COMPILING = 0.2
+"""Seconds between two looks at what was compiled."""
+MOST_SHOWN, HALF_OF_COMPILING = 0.9, 50
+"""How far the bar goes while kernels are compiled, and how many bring it half as far: how many
+there will be is not known, operations need some 60 to 110."""
+
+
+@dataclass(frozen=True)
+class Task:
+    """What is asked for.
+
+    Attributes
+    ----------
+    name : str
+        Operation.
+    parameters : dict
+    given : Parcel
+        Points and faces, as the host has them.
+    folder : str
+        Where arrays are handed over.
+    views : bool
+        The host renders views.
+    threads : int or None
+    unit : str or None
+        What one unit of the points is.
+    """
+
+    name: str
+    parameters: dict[str, Any]
+    given: Parcel
+    folder: str
+    views: bool = False
+    threads: int | None = None
+    unit: str | None = None
+
+
+class Given(Bound):
+    """Points and faces that a host gave, known by their content: they are repaired once."""
+
+    def __init__(self, points: FloatArray, faces: IntArray | None) -> None:
+        self.points, self.faces = points, faces
+
+    @property
+    def identity(self) -> Hashable:
+        """A digest of the arrays."""
+        digest = blake2b(self.points.tobytes(), digest_size=16)
+        if self.faces is not None:
+            digest.update(self.faces.tobytes())
+        return digest.digest(), None if self.faces is None else len(self.faces)
+
+
+class Host:
+    """The host at the other end of the pipe."""
+
+    def __init__(self, pipe: Any) -> None:
+        self._pipe = pipe
+        self._orders: queue.SimpleQueue[tuple[Any, ...]] = queue.SimpleQueue()
+        self._cancelled = threading.Event()
+        self._told, self._reached = 0.0, 0.0
+        self._sending = threading.Lock()
+        self._working = threading.Event()
+        for work in (self._listen, self._watch_compiling):
+            threading.Thread(target=work, daemon=True).start()
+
+    def next_task(self) -> Task:
+        """Wait for the next task."""
+        while True:
+            word, *content = self._orders.get()
+            if word == "run":
+                return content[0]
+
+    def begin(self) -> None:
+        """Begin a task: what was cancelled and reached before is forgotten."""
+        self._cancelled.clear()
+        self._reached = 0.0
+        self._working.set()
+
+    def end(self, *words: Any) -> None:
+        """Say the last word about a task."""
+        self._working.clear()
+        self.tell(*words)
+
+    def tell(self, *words: Any) -> None:
+        """Say something to the host."""
+        with self._sending:
+            self._pipe.send(words)
+
+    def progress(self, fraction: float, text: str) -> bool:
+        """Tell how far it is; False when it shall stop."""
+        now = time.monotonic()
+        if now - self._told >= PAUSE:
+            self._told = now
+            self._reached = max(fraction, self._reached)
+            self.tell("progress", self._reached, text)
+        return not self._cancelled.is_set()
+
+    def ask(self, question: Parcel) -> Any:
+        """Return what the host answers.
+
+        Raises
+        ------
+        Cancelled
+        MedialisError
+            What it failed with.
+        """
+        self.tell("ask", question)
+        while not self._cancelled.is_set():
+            with suppress(queue.Empty):
+                word, answer = self._orders.get(timeout=PAUSE)
+                if word == "answer":
+                    found = unpack(answer)
+                    if isinstance(found, Exception):
+                        raise found
+                    return found
+        raise Cancelled("Cancelled: nothing was written or changed.")
+
+    def _listen(self) -> None:
+        """Take orders in; nobody there any more ends the process, whatever it is doing."""
+        while True:
+            try:
+                order = self._pipe.recv()
+            except (EOFError, OSError):
+                os._exit(1)
+            if order[0] == "cancel":
+                self._cancelled.set()
+            else:
+                self._orders.put(order)
+
+    def _watch_compiling(self) -> None:
+        """Tell of kernels that are compiled: meanwhile the computation itself is silent."""
+        known = compiled = _compiled_kernels()
+        while True:
+            if not self._working.wait(PAUSE_OF_COMPILING):
+                continue
+            time.sleep(PAUSE_OF_COMPILING)
+            before, compiled = compiled, _compiled_kernels()
+            if compiled > before and self._working.is_set():
+                new = compiled - known
+                self._reached = max(self._reached, MOST_SHOWN * new / (new + HALF_OF_COMPILING))
+                text = f"compiling what the first run needs, {new} pieces so far"
+                self.tell("progress", self._reached, text)
+
+
+def _compiled_kernels() -> int:
+    with suppress(OSError):
+        return sum(1 for _ in kernel_cache().rglob("*.nbi"))
+    return 0
+
+
+def compute(task: Task, host: Host) -> tuple[Shape, Result]:
+    """Repair what was given and run the operation on it; both stay known for the next task."""
+    progress = Progress(host.progress)
+    given = Given(*unpack(task.given))
+    begin = 0.0
+    if is_needed(task.name):
+        begin = SHARE_OF_COMPILING
+        with progress.stage("compiling what the first run needs", 0.0, begin):
+            compile_ahead(task.name, progress)
+    with progress.stage("input", begin, begin + 0.1):
+        shape = kept(
+            make_shape, given, task.unit, lambda: _repaired(given, task.unit, progress), progress
+        )
+    views = view_source(_views_of(task, host, progress)) if task.views else nullcontext()
+    with views, progress.stage("compute", begin + 0.1, 1.0):
+        result = run(task.name, shape, threads=task.threads, progress=progress, **task.parameters)
+    values = {"spacing": result.shape.spacing, **result.values}  # hosts draw points as large
+    return shape, replace(result, shape=shape, values=values, arrays={}, shown=(), graph=None)
+
+
+def _repaired(given: Given, unit: str | None, progress: Progress) -> Shape:
+    return make_shape(given.points, given.faces, repair=True, unit=unit, progress=progress)
+
+
+def _views_of(task: Task, host: Host, progress: Progress) -> Callable[[Shape], ViewSource]:
+    """Return what makes the view source of a shape: the host, or the rasterizer where it cannot."""
+
+    def factory(shape: Shape) -> ViewSource:
+        triangles = rasterizer(shape)  # a point cloud becomes discs there
+        reason = host.ask(pack((triangles.points, triangles.faces), task.folder))
+        if reason is not None:
+            progress.note(reason, "views_by_processor")
+            return triangles
+        return lambda cameras: host.ask(pack(list(cameras), task.folder))
+
+    return factory
+
+
+def work(task: Task, host: Host) -> tuple[Any, ...]:
+    """Return the last word about a task."""
+    try:
+        return "done", pack(compute(task, host), task.folder)
+    except MedialisError as error:
+        return "failed", error
+    except MemoryError:
+        return "failed", MedialisError(
+            "There is not enough memory for this object and these options."
+        )
+    except Exception as error:  # noqa: BLE001 - the host shows it and goes on
+        traceback.print_exc()
+        return "failed", MedialisError(
+            f"This is a fault of medialis, please report it: {type(error).__name__}: {error}"
+        )
+
+
+def serve() -> None:
+    """Work on what comes through the standard input, until nobody is there."""
+    with suppress(OSError, AttributeError):
+        os.nice(5)  # the host's window comes first
+    host = Host(_input())
+    host.tell("ready", package_version())
+    while True:
+        task = host.next_task()
+        host.begin()
+        host.end(*work(task, host))
+
+
+def _input() -> Any:
+    """Return the standard input as a pipe of `multiprocessing`, which goes both ways."""
+    if sys.platform == "win32":
+        import msvcrt
+        from multiprocessing.connection import PipeConnection
+        from multiprocessing.reduction import duplicate
+
+        return PipeConnection(duplicate(msvcrt.get_osfhandle(0)))
+    return Connection(os.dup(0))

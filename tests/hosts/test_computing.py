@@ -1,0 +1,183 @@
+"""A process that computes for a host: the same bits, kept stages, cancelling, crashes, views."""
+
+import sys
+
+import numpy as np
+import pytest
+
+import medialis
+from medialis.hosts import Computer, computing
+from medialis.hosts.parcels import pack, unpack
+
+
+@pytest.fixture
+def computer(tmp_path):
+    made = Computer(tmp_path, {})
+    yield made
+    made.end()
+    assert list(tmp_path.iterdir()) == []  # nothing that was handed over stays
+
+
+@pytest.fixture(scope="module")
+def shape():
+    return medialis.organic_shape(56)
+
+
+def begin(computer, shape, name="thickness", *, render=None, **parameters):
+    return computer.run(name, shape.points, shape.faces, parameters, render=render)
+
+
+def finished(computation):
+    computation.wait()
+    return computation.outcome()
+
+
+def test_results_are_those_of_this_process(computer, shape):
+    read, result = finished(begin(computer, shape, "curve_skeleton", threshold=0.04))
+    expected = medialis.make_shape(shape.points, shape.faces, repair=True)
+    here = medialis.run("curve_skeleton", expected, threshold=0.04)
+    assert np.array_equal(read.points, expected.points)
+    assert [layer.name for layer in result.layers] == [layer.name for layer in here.layers]
+    for one, other in zip(result.layers, here.layers, strict=True):
+        assert np.array_equal(one.points, other.points)
+        for name, values in other.attributes.items():
+            assert np.array_equal(one.attributes[name], values, equal_nan=True)
+    assert result.values == {"spacing": here.shape.spacing, **here.values}
+    assert [m.code for m in result.messages if m.code] == [
+        m.code for m in (*expected_messages(shape), *here.messages) if m.code
+    ]
+
+
+def expected_messages(shape):
+    progress = medialis.Progress()
+    medialis.make_shape(shape.points, shape.faces, repair=True, progress=progress)
+    return progress.messages
+
+
+def test_a_late_option_is_answered_from_what_is_kept(computer, shape):
+    """The process stays, also for equal arrays that are others."""
+    first = finished(begin(computer, shape, "curve_skeleton"))[1]
+    process = computer._process.pid
+    points, faces = shape.points.copy(), shape.faces.copy()
+    second = computer.run("curve_skeleton", points, faces, {"threshold": 0.1})
+    second.wait()
+    assert computer._process.pid == process
+    assert "surface_skeleton" not in second.outcome()[1].seconds
+    assert second.outcome()[1].seconds["total"] < first.seconds["total"]
+
+
+def test_progress_rises(computer, shape):
+    seen = []
+    computation = begin(computer, shape)
+    computation.wait(lambda fraction, text: seen.append(fraction))
+    assert seen == sorted(seen) and computation.fraction == 1.0 and computation.done
+
+
+def test_cancelling_ends_at_once_and_the_process_serves_again(computer, shape):
+    finished(begin(computer, shape))
+    computation = begin(computer, shape, "surface_skeleton")
+    computation.cancel()
+    computation.cancel()
+    assert computation.done
+    with pytest.raises(medialis.Cancelled):
+        computation.outcome()
+    assert finished(begin(computer, shape))[1].operation == "thickness"
+
+
+def test_a_process_that_does_not_come_back_is_replaced(computer, shape, monkeypatch):
+    monkeypatch.setattr(computing, "SECONDS_TO_COME_BACK", 0.0)
+    begin(computer, shape, "surface_skeleton").cancel()
+    process = computer._process
+    assert finished(begin(computer, shape))[1].operation == "thickness"
+    assert computer._process is not process and process.returncode is not None
+
+
+def test_a_crash_is_a_sentence(computer, shape):
+    computation = begin(computer, shape)
+    computer._process.kill()
+    computation.wait()
+    with pytest.raises(medialis.MedialisError, match="ended unexpectedly"):
+        computation.outcome()
+    assert finished(begin(computer, shape))[1].operation == "thickness"
+
+
+def test_errors_are_those_of_the_core(computer, shape):
+    computation = begin(computer, shape, tolerance=7.0)
+    computation.wait()
+    with pytest.raises(medialis.InvalidOptionError):
+        computation.outcome()
+    computation = begin(computer, medialis.Shape(np.zeros((1, 3)), np.zeros((1, 3))))
+    computation.wait()
+    with pytest.raises(medialis.MedialisError):
+        computation.outcome()
+
+
+def test_a_python_that_is_missing_is_a_sentence(computer, shape, monkeypatch):
+    monkeypatch.setattr(sys, "executable", "no/such/python")
+    with pytest.raises(medialis.MedialisError, match="Python cannot be started"):
+        begin(computer, shape)
+
+
+def test_another_version_asks_for_a_restart(computer, shape, monkeypatch):
+    monkeypatch.setattr(computing, "VERSION", "1.9")
+    computation = begin(computer, shape)
+    computation.wait()
+    with pytest.raises(medialis.MedialisError, match=r"updated from 1\.9 .*: restart"):
+        computation.outcome()
+
+
+def test_the_host_renders_views(computer, shape):
+    calls = []
+
+    def render(points, faces):
+        source = medialis.rasterizer(medialis.make_shape(points, faces))
+        return lambda cameras: calls.append(len(cameras)) or source(cameras)
+
+    quick = {"pairs": 6, "size": 64}
+    _, result = finished(begin(computer, shape, "view_curve_skeleton", render=render, **quick))
+    here = medialis.run("view_curve_skeleton", shape, **quick)
+    assert sum(calls) >= 12
+    assert np.array_equal(result.layers[0].points, here.layers[0].points)
+
+
+def test_a_host_that_cannot_render_is_told_and_replaced(computer, shape):
+    quick = {"pairs": 6, "size": 64}
+    _, result = finished(
+        begin(computer, shape, "view_curve_skeleton", render=lambda *_: "No driver.", **quick)
+    )
+    assert "No driver." in result.messages
+
+    def fails(*_):
+        raise RuntimeError("lost the device")
+
+    computation = begin(computer, shape, "view_curve_skeleton", render=fails, **quick)
+    computation.wait()
+    with pytest.raises(medialis.MedialisError, match="lost the device"):
+        computation.outcome()
+
+
+def test_parcels_keep_arrays_and_leave_nothing(tmp_path, shape):
+    odd = np.arange(3, dtype=np.int8)
+    things = {"points": shape.points, "odd": odd, "none": None, "shape": shape}
+    found = unpack(pack(things, tmp_path))
+    assert np.array_equal(found["points"], shape.points) and found["odd"].tolist() == [0, 1, 2]
+    assert not found["points"].flags.writeable
+    assert found["points"].ctypes.data % 8 == 0
+    assert np.array_equal(found["shape"].faces, shape.faces)
+    assert list(tmp_path.iterdir()) == []
+    assert unpack(pack("word", tmp_path)) == "word"
+    with pytest.raises(medialis.FileError, match="Cannot hand arrays over"):
+        pack(things, tmp_path / "missing")
+
+
+def test_compiling_moves_the_bar(tmp_path, shape):
+    """With an empty folder of kernels: it says what it does, and how many pieces there are."""
+    computer = Computer(tmp_path, {"MEDIALIS_CACHE_DIR": str(tmp_path / "kernels")})
+    flat = medialis.make_shape(shape.points, shape.faces)
+    computation = begin(computer, flat, "smooth")
+    seen = []
+    computation.wait(lambda fraction, text: seen.append((fraction, text)))
+    computer.end()
+    computation.outcome()
+    compiling = [fraction for fraction, text in seen if text.startswith("compiling")]
+    assert compiling == sorted(compiling) and len(set(compiling)) > 2
