@@ -3,7 +3,7 @@ import pytest
 
 import medialis
 from closed_forms import fibonacci
-from medialis.curves.graph.ground import nearest_neighbours
+from medialis._kernels.neighbours import nearest_others
 from tubes import segment, tube
 
 
@@ -78,10 +78,10 @@ def test_balls_of_a_round_tube_touch_all_round():
 
 
 def test_neighbours_of_equal_points_are_found():
-    near, distance = nearest_neighbours(np.zeros((2000, 3)), 1.0)
+    near, distance = nearest_others(np.zeros((2000, 3)), 10)
     assert near.shape == (2000, 10) and distance.max() < 1e-8
     assert (near != np.arange(2000)[:, None]).all()
-    assert nearest_neighbours(np.zeros((1, 3)), 1.0)[0].shape == (1, 0)
+    assert nearest_others(np.zeros((1, 3)), 10)[0].shape == (1, 0)
 
 
 def areas_of(shape):

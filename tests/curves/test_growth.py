@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -6,19 +8,23 @@ from medialis.curves.graph.ground import link_balls
 from medialis.curves.graph.growth import grow_graph
 from medialis.curves.graph.handles import find_handles
 from medialis.curves.graph.loops import link_turns
+from medialis.curves.graph.spanning import SpanningSurface
 from medialis.curves.graph.tree import GraphTree
 from medialis.model.curve_skeleton import CurveSkeleton
 from medialis.model.polylines import follow
 from tubes import circle, segment, tube
 
-NONE = np.empty((0, 2), np.int64)
+
+def listed(pairs):
+    pairs = np.asarray(pairs)
+    return [(pairs[:, 0], pairs[:, 1:])]
 
 
 def random_links(seed=0, k=300):
     random = np.random.default_rng(seed)
     centers, radii = random.uniform(size=(k, 3)), random.uniform(0.1, 0.3, k)
     pairs = random.integers(0, k, (6 * k, 2))
-    return link_balls(centers, radii, random.uniform(size=k), NONE, pairs, spacing=0.05)
+    return link_balls(centers, radii, random.uniform(size=k), [], listed(pairs), spacing=0.05)
 
 
 def matrix(links):
@@ -39,8 +45,8 @@ def test_a_way_through_a_thick_body_is_no_dearer_than_one_along_thin_balls():
         np.concatenate([thick, thin]),
         np.repeat([1.0, 0.03], 11),
         np.ones(22),
-        np.delete(pairs, 10, axis=0),
-        NONE,
+        listed(np.delete(pairs, 10, axis=0)),
+        [],
         spacing=0.01,
     )
     price = links.cost / links.length
@@ -57,8 +63,8 @@ def test_links_come_from_both_ends_once_and_near_ones_stay_in_both_balls():
         np.array([[0, 0, 0], [1, 0, 0], [3, 0, 0.0]]),
         np.array([1.1, 1.2, 9.0]),
         np.ones(3),
-        np.array([[0, 1], [1, 2], [2, 2]]),
-        NONE,
+        listed([[0, 1], [1, 2], [2, 2]]),
+        [],
         spacing=1.0,
     )
     assert near.neighbours.tolist() == [1, 0]  # 2 is outside the ball of 1
@@ -80,19 +86,37 @@ def test_the_search_agrees_with_scipy_also_when_sources_are_added():
         assert way[-1] == grown.base[ball] and steps.sum() == pytest.approx(grown.path[ball])
 
 
-def test_the_solid_angle_of_a_circle():
-    """From a point on the axis at height z: 2 pi (1 - z / sqrt(z^2 + 1)), here in turns of 4 pi."""
-    from medialis.curves.graph._growth_kernels import solid_angles
+def solid_angles(points, triangles, places):
+    """Solid angle of a surface seen from places, in turns of 4 pi (Van Oosterom and Strackee)."""
+    a, b, c = np.moveaxis(points[triangles][None] - places[:, None, None], 2, 0)
+    x, y, z = (np.linalg.norm(one, axis=2) for one in (a, b, c))
+    triple = (a * np.cross(b, c)).sum(axis=2)
+    bottom = x * y * z + (a * b).sum(axis=2) * z + (a * c).sum(axis=2) * y + (b * c).sum(axis=2) * x
+    return np.arctan2(triple, bottom).sum(axis=1) / (2 * np.pi)
 
-    turn = np.linspace(0, 2 * np.pi, 2001)
+
+@pytest.mark.parametrize("count", [2, 3, 4, 5, 64, 2001])
+def test_a_loop_spans_a_surface(count):
+    """Against the solid angle of a circle from its axis; inner sides have two triangles."""
+    turn = np.linspace(0, 2 * np.pi, count + 1)[:-1]
     ring = np.stack([np.cos(turn), np.sin(turn), 0 * turn], axis=1)
-    centers = np.array([[0, 0, 0.3], [0, 0, 1.0], [0, 0, -2.0]])
-    out = np.empty(3)
-    loop = np.r_[np.arange(2000), 0]
-    solid_angles(0, 3, np.arange(3), centers, loop, ring, out)
-    z = centers[:, 2]
-    true = np.sign(z) * (1 - abs(z) / np.sqrt(z**2 + 1)) / 2
-    assert abs(abs(out) - abs(true)).max() < 1e-5 and out[2] * out[1] < 0
+    spanned = SpanningSurface.of(ring)
+    triangles = spanned.corners
+    assert len(triangles) == count - 1 and triangles[0, 0] == triangles[0, 2] == 0
+    after = np.roll(triangles, -1, axis=1)
+    sides = np.stack([triangles, after], axis=2)[1:].reshape(-1, 2).tolist()
+    border = [side for side in sides if side[::-1] not in sides]
+    assert sorted(border) == [[i, (i + 1) % count] for i in range(count)] or count == 2
+    if count == 2001:
+        z = np.array([0.3, 1.0, -2.0])
+        true = np.sign(z) * (1 - abs(z) / np.sqrt(z**2 + 1)) / 2
+        seen = solid_angles(ring, triangles, z[:, None] * [0, 0, 1])
+        assert abs(abs(seen) - abs(true)).max() < 1e-5
+    boxes = np.concatenate([spanned.boxes[:, :3], -spanned.boxes[:, 3:]], axis=1)
+    below = spanned.children >= 0
+    above = np.repeat(np.arange(count - 1), 2)[below.ravel()]
+    assert (boxes[above] <= boxes[spanned.children[below]]).all()
+    assert sorted(spanned.children[below]) == list(range(1, count - 1))
 
 
 @pytest.mark.parametrize(
@@ -115,39 +139,84 @@ def test_handles_and_how_often_ways_go_round_them(curves, genus):
     if genus:
         # Once along the circle: whole turns, and once round at least one loop.
         way = circle([0, 0, 0], 1)[:-1]
-        theta = angles(found, way)
-        change = np.diff(theta, axis=0, append=theta[:1])
+        change = np.diff(angles(found, way), axis=0, append=angles(found, way[:1]))
         turns = (change - np.rint(change)).sum(axis=0)
         assert np.allclose(turns, np.rint(turns), atol=1e-9) and np.rint(turns).any()
 
 
 def angles(handles, places):
-    theta = np.zeros((len(handles.loops), len(places)))
-    for number, row in enumerate(theta):
-        handles.fill_angles(number, places, np.arange(len(places)), row)
-    return theta.T
+    spanned = [SpanningSurface.of(handles.points[loop[:-1]]) for loop in handles.loops]
+    return np.stack([solid_angles(one.points, one.corners, places) for one in spanned], axis=1)
 
 
-def test_angles_are_followed_along_links_that_leave_a_ball():
-    """Against the angle in 400 steps, along chords of a ring whose balls overlap."""
+@pytest.mark.parametrize("flat", [False, True])
+def test_turns_are_counted_along_links_that_leave_a_ball(flat):
+    """Against the solid angle in 400 steps, along chords of a ring whose balls overlap.
+
+    Flat: a center lies in the plane of each loop, as those of symmetric shapes do.
+    """
     shape = tube([circle([0, 0, 0], 1)], 0.25, 0.08)
     (found,) = find_handles(shape).values()
     centers = circle([0, 0, 0], 1)[:-1:25]  # 0.39 apart, radius 0.25
+    if flat:
+        points = np.array(found.points)
+        for loop in found.loops:
+            near = centers[np.linalg.norm(centers - points[loop].mean(axis=0), axis=1).argmin()]
+            across = np.cross(near, [0, 0, 1])
+            points[loop] -= np.outer(points[loop] @ across, across)
+        found = replace(found, points=points)
     k = len(centers)
     ring = np.stack([np.arange(k), (np.arange(k) + 1) % k], axis=1)
-    links = link_balls(centers, np.full(k, 0.25), np.ones(k), ring, ring, spacing=0.08)
+    links = link_balls(
+        centers, np.full(k, 0.25), np.ones(k), listed(ring), listed(ring), spacing=0.08
+    )
     rows = np.arange(k)
-    theta = angles(found, centers)
     turns = link_turns(links, found, rows)
     starts = np.repeat(rows, np.diff(links.offsets))
-    total = np.zeros(2)
+    total, counted = np.zeros(2), np.zeros(2, int)
     for link, (a, b) in enumerate(zip(starts, links.neighbours, strict=True)):
         way = np.linspace(centers[a], centers[b], 400)
         change = np.diff(angles(found, way), axis=0)
         true = (change - np.rint(change)).sum(axis=0)
-        assert np.allclose(true, theta[b] - theta[a] - turns.along(link), atol=1e-9)
+        theta = angles(found, centers[[a, b]])
+        if not flat:
+            assert np.allclose(true, theta[1] - theta[0] - turns.along(link), atol=1e-9)
         total += true * ((b - a) % k == 1)
-    assert np.allclose(total, np.rint(total), atol=1e-9) and np.rint(total).any()
+        counted += turns.along(link) * ((b - a) % k == 1)
+        back = links.offsets[b] + links.neighbours[
+            links.offsets[b] : links.offsets[b + 1]
+        ].tolist().index(a)
+        assert (turns.along(link) == -turns.along(back)).all()
+    assert np.allclose(total, -counted, atol=1e-9) and counted.any()
+
+
+def test_links_that_cross_a_large_surface_are_all_found():
+    """Against all links with all triangles: a loop that winds through many balls, in any order."""
+    random = np.random.default_rng(3)
+    points = np.cumsum(random.normal(size=(200, 3)), axis=0)
+    centers = random.uniform(points.min(axis=0), points.max(axis=0), (400, 3))
+    pairs = random.integers(0, 400, (2000, 2))
+    links = link_balls(centers, np.full(400, 9.0), np.ones(400), listed(pairs), [], spacing=1.0)
+    spanned, turns = SpanningSurface.of(points), np.zeros(len(links.length), np.int64)
+    spanned.count_crossings(links, np.arange(400), np.full(400, links.length.max()), turns)
+    a, b, c = points[spanned.corners].transpose(1, 0, 2)
+    starts, total = np.repeat(np.arange(400), np.diff(links.offsets)), 0
+    for link, (v, w) in enumerate(zip(starts, links.neighbours, strict=True)):
+        p, step = centers[v], centers[w] - centers[v]
+        normal = np.cross(b - a, c - a)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            share = ((a - p) * normal).sum(axis=1) / (step * normal).sum(axis=1)
+        place = p + share[:, None] * step
+        inside = [
+            (np.cross(j - i, place - i) * normal).sum(axis=1) > 0
+            for i, j in ((a, b), (b, c), (c, a))
+        ]
+        meets = np.logical_and.reduce(inside) & (share > 0) & (share < 1)
+        wanted = -np.sign((step * normal).sum(axis=1))[meets].sum()
+        overlap = links.length[link] < 18.0
+        assert turns[link] == wanted * overlap
+        total += abs(turns[link])
+    assert total > 50
 
 
 def test_holes_are_closed_and_fins_left_out():
@@ -174,7 +243,7 @@ def test_a_grown_graph_reaches_what_sticks_out_and_is_a_tree():
     k = len(centers)
     distance = np.linalg.norm(centers[:, None] - centers[None], axis=2)
     pairs = np.argwhere(distance < 0.05)
-    links = link_balls(centers, np.full(k, 0.2), np.ones(k), pairs, NONE, spacing=0.01)
+    links = link_balls(centers, np.full(k, 0.2), np.ones(k), listed(pairs), [], spacing=0.01)
     components = np.r_[np.zeros(k - 1, np.int32), np.int32(1)]
     edges, loops = grow_graph(links, components, np.arange(k, 0, -1.0), np.ones(k, bool))
     assert loops == {} and [k - 1, k - 1] in edges.tolist()

@@ -11,7 +11,13 @@ from scipy.sparse.csgraph import connected_components
 import closed_forms as forms
 import medialis
 from medialis.errors import InvalidOptionError, InvalidShapeError
+from medialis.model.geodesic_paths import PathStatus
+from medialis.paths._plane_kernels import record_cut
+from medialis.paths._straightening_kernels import make_room, straighten
+from medialis.paths._trail_kernels import PLACES, walk_beside, write_trail
+from medialis.paths.geodesics import cut_by_planes, surface_walk, trace
 from medialis.paths.importance import relax
+from medialis.progress import Progress
 
 
 def test_importance_of_a_flat_box_is_the_path_round_its_rim():
@@ -284,3 +290,94 @@ def test_importance_changes_no_faster_than_the_feature_points():
     step = np.linalg.norm(shape.points[a] - shape.points[b], axis=1)[near]
     change = np.abs(paths.length[inner][a] - paths.length[inner][b])[near]
     assert near.sum() > 1000 and (change <= step * (1 + 1e-6)).all()
+
+
+def test_opposite_balls_have_one_path_in_both_directions():
+    """The path from b to a is that from a to b, with its tangents turned round."""
+    cloud = medialis.shrink_balls(forms.box_mesh((2.0, 1.6, 0.2), 0.05), tolerance=0)
+    paths = medialis.geodesic_importance(cloud)
+    row_of = {tuple(pair): row for row, pair in enumerate(cloud.features.tolist())}
+    rows = [(row, row_of[b, a]) for (a, b), row in row_of.items() if (b, a) in row_of]
+    one, other = np.array([(i, j) for i, j in rows if i < j]).T
+    assert len(one) > 500
+    plane = (paths.status[one] == PathStatus.PLANE) & (paths.status[other] == PathStatus.PLANE)
+    one, other = one[plane], other[plane]
+    assert len(one) > 400
+    assert (paths.length[one] == paths.length[other]).all()
+    assert (paths.start_tangent[one] == -paths.end_tangent[other]).all()
+
+
+def tall_ring():
+    """A torus stretched along its axis, on which geodesics bend sideways."""
+    u, v = np.meshgrid(2 * np.pi * np.arange(72) / 72, 2 * np.pi * np.arange(36) / 36)
+    reach = 1.0 + 0.45 * np.cos(v)
+    points = np.stack([reach * np.cos(u), reach * np.sin(u), 0.9 * np.sin(v)], -1).reshape(-1, 3)
+    at = np.arange(72 * 36).reshape(36, 72)
+    right, up = np.roll(at, -1, axis=1), np.roll(at, -1, axis=0)
+    both = np.roll(right, -1, axis=0)
+    faces = np.concatenate(
+        [np.stack(corners, -1) for corners in ((at, right, both), (at, both, up))]
+    )
+    return medialis.make_shape(points, faces.reshape(-1, 3))
+
+
+def test_walks_beside_a_trail_need_little_shortening():
+    """What a pair finds beside the path of another one is as short as what it finds by itself."""
+    shape = tall_ring()
+    points, corners, twins, offsets, fan = surface_walk(shape)
+    pairs = np.random.default_rng(0).integers(shape.point_count, size=(300, 2)).astype(np.int32)
+    normals = cut_by_planes(shape, pairs, 20, Progress())["normal"]
+    room, strip, trail = (
+        make_room(len(corners) // 3),
+        np.empty(4096, np.int64),
+        np.empty((PLACES, 7)),
+    )
+    close, walked, beside = [], [], []
+    for (start, end), normal in zip(pairs, normals, strict=True):
+        count = record_cut(points, corners, twins, offsets, fan, start, end, normal, room[0][0])
+        straighten(points, corners, twins, start, end, count, room)
+        if not write_trail(points, shape.normals, room, trail):
+            continue
+        s, e = (corners[3 * (fan[offsets[i]] // 3) :][:3] for i in (start, end))
+        s, e = s[s != start][0], e[e != end][0]
+        moved = np.stack([points[s] - points[start], points[e] - points[end]])
+        towards = room[4][0] - points[start]
+        length, count = walk_beside(
+            points, corners, twins, offsets, fan, s, e, trail, moved, towards, np.inf, strip
+        )
+        close.append([s, e])
+        walked.append(length)
+        room[0][0][:count] = strip[:count]
+        straight = straighten(points, corners, twins, s, e, count, room)
+        beside.append(straight if length < np.inf else np.inf)
+    walked, beside = np.array(walked), np.array(beside)
+    arrived = np.isfinite(walked)
+    assert len(arrived) > 200
+    assert arrived.mean() > 0.9
+    walked, beside = walked[arrived], beside[arrived]
+    alone = medialis.geodesic_lengths(shape, np.array(close)[arrived]).length
+    assert (beside <= walked).all()
+    assert np.median(walked / beside) < 1.01
+    assert (beside < 1.001 * alone).mean() > 0.9
+
+
+def test_paths_go_round_the_end_of_a_slit():
+    """Plane cuts end at a slit in a tube, and lead all the way round it instead."""
+    sides, rows, slit = 48, 24, 16
+    turn = 2 * np.pi * np.arange(sides) / sides
+    ring = np.stack([np.cos(turn), np.sin(turn)], axis=1)
+    height = 0.13 * np.arange(rows)
+    points = np.concatenate([np.column_stack([ring, np.full(sides, z)]) for z in height])
+    at = np.arange(sides * rows).reshape(rows, sides)
+    right = np.roll(at, -1, axis=1)
+    quads = np.stack([at[:-1], right[:-1], right[1:], at[1:]], axis=-1)
+    quads = np.concatenate([quads[:slit, 1:].reshape(-1, 4), quads[slit:].reshape(-1, 4)])
+    shape = medialis.make_shape(points, np.concatenate([quads[:, :3], quads[:, [0, 2, 3]]]))
+    depth = np.arange(2, 7)
+    ends = np.stack([at[slit - depth, 0], at[slit - depth, 1]], axis=1).astype(np.int32)
+    length = trace(shape, ends, 20, True, Progress()).length
+    exact = 2 * 0.13 * depth  # up one side and down the other
+    gap = np.linalg.norm(points[0] - points[1])
+    assert (length >= exact).all()
+    assert (length <= exact + 1.5 * gap).all()
+    assert (length[:-1] < 0.6 * 2 * np.pi).all()

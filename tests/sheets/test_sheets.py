@@ -12,6 +12,7 @@ from scipy.spatial import cKDTree
 import closed_forms as forms
 import medialis
 from medialis.progress import Progress
+from medialis.sheets import y_network
 from medialis.threads import thread_limit
 
 SIDES = (2.0, 1.5, 1.0)
@@ -165,6 +166,13 @@ def test_crossing_nested_and_separate_parts():
     )
     cloud, sheets = separated(crossing)
     assert sheets.count > 13 and (sheets.labels[cloud.valid] >= 0).all()
+
+
+@pytest.mark.parametrize("links", [[], [[0, 1]]])
+def test_curves_without_length_stay(links):
+    points = np.zeros((2, 3))
+    curves = y_network.smoothed_curves(points, np.array(links, np.int64).reshape(-1, 2))
+    assert np.array_equal(curves, points)
 
 
 def test_thin_walls_are_one_sheet():

@@ -75,6 +75,18 @@ def test_clouds_have_no_faces():
     assert np.allclose(as_shape(open3d).normals, shape.normals, atol=1e-15)
 
 
+def test_tables_are_clouds_by_the_names_of_their_columns():
+    class Table(dict):
+        columns = property(dict.keys)
+
+    shape = medialis.organic_shape(56)
+    axes = dict(zip("xyz", shape.points.T, strict=True))
+    bare = as_shape(Table(axes))
+    assert bare.faces is None and np.array_equal(bare.points, shape.points)
+    normals = {f"normal_{axis}": row for axis, row in zip("xyz", shape.normals.T, strict=True)}
+    assert np.allclose(as_shape(Table(axes | normals)).normals, shape.normals, atol=1e-15)
+
+
 def test_real_libraries_give_the_same_thickness():
     trimesh = pytest.importorskip("trimesh")
     shape = medialis.organic_shape(56)
@@ -102,6 +114,7 @@ def test_every_door_takes_a_path(tmp_path):
         (None, "got None (NoneType)"),
         (7, "got 7 (int)"),
         ({"points": CORNERS}, "got an object of dict"),
+        (SimpleNamespace(columns=3), "got namespace(columns=3)"),
         ((CORNERS, TRIANGLES, CORNERS), "got a tuple of 3"),
         (CORNERS[:, :2], "got shape (5, 2)"),
         (SimpleNamespace(points=CORNERS, faces=np.array([3, 0, 1])), "ends within a polygon"),

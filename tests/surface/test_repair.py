@@ -205,6 +205,23 @@ def test_open_pieces_are_turned_only_when_clear():
             assert result.messages == ()
 
 
+def test_a_surface_given_twice_keeps_both_sides_outward():
+    """As a mirror leaves it: the rims are the same points, the rest differs by rounding."""
+    points, faces = sheet(9, 9, lambda x, y: 8 - ((x - 4) ** 2 + (y - 4) ** 2) / 4)
+    rim = (points[:, :2] == 0).any(axis=1) | (points[:, :2] == 8).any(axis=1)
+    again = points * np.where(rim, 1.0, 1 + 1e-8)[:, None]
+    given = np.vstack([faces, faces + len(points)])
+    result = repair(np.vstack([points, again]), given)
+    assert [code for code, _ in told(result)] == ["welded", "duplicates_dropped"]
+    facing = np.cross(*(result.points[result.faces[:, k]] - result.points[result.faces[:, 0]]
+                        for k in (1, 2)))  # fmt: skip
+    assert (facing[:, 2] > 0).all()
+    # One copy facing the other way is a thin shell, closed at the rim: it stays.
+    inner = np.vstack([faces, faces[:, ::-1] + len(points)])
+    shell = repair(np.vstack([points, again]), inner)
+    assert "faces_flipped" not in [code for code, _ in told(shell)]
+
+
 def test_moebius_band_says_so_and_ends():
     u, w = np.meshgrid(np.arange(20) * np.pi / 10, [-0.3, 0.3], indexing="ij")
     ring = 1 + w * np.cos(u / 2)

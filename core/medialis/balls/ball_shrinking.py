@@ -65,7 +65,7 @@ class ShrinkOptions(Options):
     tolerance: float = length(
         DEFAULT_TOLERANCE,
         "Tolerance",
-        "Relief of the surface lower than this fraction of the size does not shrink a ball; no "
+        "Relief of the surface lower than this share of the size does not shrink a ball; no "
         "sample lies deeper than this inside one. 0 gives the exact maximal balls, larger values "
         "suppress noise.",
         high=0.1,
@@ -74,7 +74,7 @@ class ShrinkOptions(Options):
     largest_radius: float = length(
         LARGEST_RADIUS,
         "Largest radius",
-        "A ball that meets no second sample within this fraction of the size is masked. Balls "
+        "A ball that meets no second sample within this share of the size is masked. Balls "
         "inside a closed shape never get this large.",
         low=1e-6,
         high=10.0,

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from medialis.model.medial_cloud import BallStatus, MedialCloud
 from medialis.model.shape import Shape
+from medialis.validation import frozen
 
 HALF = 0.5
 """Fraction of the diagonal: no ball inside a closed shape has a larger radius."""
@@ -22,6 +23,9 @@ THINNEST = 1e-7
 NEIGHBOURS, OPPOSITE = 32, -0.5
 """Nearest samples among which the other side is looked for, and the largest cosine between the
 normals of two sides: walls that taper by less than 60 degrees."""
+
+FEW = 8
+"""Samples whose neighbours are found among all others sooner than a tree of these is built."""
 
 
 def hidden_walls(cloud: MedialCloud, tolerance: float) -> NDArray[np.bool_]:
@@ -64,8 +68,17 @@ def endless(cloud: MedialCloud) -> NDArray[np.bool_]:
 
 def touches_from_outside(cloud: MedialCloud) -> NDArray[np.bool_]:
     """Tell the inner balls whose center lies in front of the wall at their second contact, (k,)."""
-    outward = np.einsum("ij,ij->i", cloud.contacts - cloud.centers, cloud.contact_normals)
-    return (cloud.side > 0) & cloud.valid & (outward < 0)
+    from medialis.balls._contact_kernels import touch_from_outside
+
+    surface, result = cloud.surface, np.zeros(len(cloud), np.bool_)
+    cloudy = surface.faces is None
+    touch_from_outside(
+        np.flatnonzero((cloud.side > 0) & cloud.valid), cloud.centers, cloud.features,
+        cloud.contact_faces, cloud.contact_weights, surface.points, surface.normals,
+        frozen(np.empty((0, 3)), np.int32) if cloudy else surface.faces,
+        frozen(np.empty((0, 3)), np.float64) if cloudy else surface.face_normals, result,
+    )  # fmt: skip
+    return result
 
 
 def in_closed_part(shape: Shape, samples: NDArray[Any]) -> NDArray[np.bool_]:
@@ -77,9 +90,20 @@ def _close_behind(shape: Shape, rows: NDArray[np.int32], tolerance: float) -> ND
     """Tell the samples with one that faces the other way less than the tolerance behind them."""
     if len(rows) == 0:
         return np.zeros(0, np.bool_)
-    count = min(NEIGHBOURS, shape.point_count)
-    near = shape.tree.query(shape.points[rows], k=np.arange(1, count + 1))[1]
+    near = _nearest(shape, rows, min(NEIGHBOURS, shape.point_count))
     spoke, own = shape.points[rows][:, None] - shape.points[near], shape.normals[rows]
     depth = np.einsum("ij,ikj->ik", own, spoke) / shape.diagonal
     facing = np.einsum("ij,ikj->ik", own, shape.normals[near])
     return ((depth > THINNEST) & (depth <= tolerance) & (facing < OPPOSITE)).any(axis=1)
+
+
+def _nearest(shape: Shape, rows: NDArray[np.int32], count: int) -> NDArray[np.int64]:
+    """Return the nearest samples of some, themselves among them, (q, count)."""
+    points = shape.points
+    if len(rows) > FEW:
+        return np.asarray(shape.tree.query(points[rows], k=np.arange(1, count + 1))[1])
+    near = np.empty((len(rows), count), np.int64)
+    for at, row in enumerate(rows):
+        away = ((points - points[row]) ** 2).sum(axis=1)
+        near[at] = np.argpartition(away, count - 1)[:count]
+    return near

@@ -55,7 +55,7 @@ class Preparation(Options):
     refine: float = changed(
         RefineOptions,
         "longest_edge",
-        help="Split edges longer than this fraction of the size for the computation, so that flat "
+        help="Split edges longer than this share of the size for the computation, so that flat "
         "faces get samples; flat faces stay the same, on rounded ones new samples lie on the "
         "smooth surface. 0 computes with the given vertices only.",
     )

@@ -104,17 +104,19 @@ def _with_lower_tolerance(
     exact = shrink_again(hidden, 0.0)
     curable = ~went_through(exact)  # others have another reason
     hidden, exact, finer = hidden[curable], exact.subset(curable), tolerance
-    count = len(hidden)
+    count, rows, cured = len(hidden), [], []
     while len(hidden):
         finer = finer / 10 if finer > THINNEST else 0.0
         balls = exact
         if finer > 0:
             balls = shrink_again(hidden, finer)
         seen = ~went_through(balls)
-        new = balls.subset(seen)
-        cloud = cloud.with_rows(hidden[seen], **{name: getattr(new, name) for name in COLUMNS})
+        rows.append(hidden[seen])
+        cured.append(balls.subset(seen))
         hidden, exact = hidden[~seen], exact.subset(~seen)
     if count:
+        columns = {n: np.concatenate([getattr(one, n) for one in cured]) for n in COLUMNS}
+        cloud = cloud.with_rows(np.concatenate(rows), **columns)
         of = cloud.surface.point_count
         progress.note(
             f"{counted(count, 'sample', of=of, verbs=('lies', 'lie'))} on a wall thinner than the "

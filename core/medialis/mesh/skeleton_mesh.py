@@ -48,14 +48,14 @@ class SkeletonMeshOptions(Options):
     importance: float = length(
         0.0,
         "Importance",
-        "Leave out points whose geodesic importance is below this fraction of the "
+        "Leave out points whose geodesic importance is below this share of the "
         "size: removes what bumps and noise made. 0 measures no geodesics.",
         high=10.0,
     )
     smallest_piece: float = length(
         0.01,
         "Smallest piece",
-        "Leave out separate pieces all of whose points lie within this fraction of the "
+        "Leave out separate pieces all of whose points lie within this share of the "
         "size from their middle. 0 keeps all.",
     )
     bridge: int = whole(

@@ -51,6 +51,8 @@ class Bones(Bound):
         The same for nodes.
     curve : CurveSkeleton
         The curve skeleton that they lie along, with v nodes and e edges.
+    given_names : tuple of str
+        Names in the place of numbers.
     """
 
     heads: FloatArray
@@ -70,10 +72,11 @@ class Bones(Bound):
     node_limbs: IntArray
     node_places: FloatArray
     curve: CurveSkeleton = field(kw_only=True)
+    given_names: tuple[str, ...] = field(default=(), kw_only=True)
 
     def __post_init__(self) -> None:
         for name, value in list(vars(self).items()):
-            if name != "curve":
+            if name not in ("curve", "given_names"):
                 kind = np.int32 if name in _WHOLE else np.float64
                 object.__setattr__(self, name, frozen(value, kind))
 
@@ -84,7 +87,9 @@ class Bones(Bound):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Name of each bone, "bone 000", "bone 001.L", "bone 001.R", ..."""
+        """Name of each bone: a given one, or "bone 000", "bone 001.L", "bone 001.R", ..."""
+        if self.given_names:
+            return self.given_names
         first = np.where(self.mirrors >= 0, np.minimum(self.mirrors, np.arange(self.count)), -1)
         return tuple(
             f"bone {number if low < 0 else low:03d}{('', '.L', '.R')[side]}"

@@ -260,12 +260,14 @@ class CurveSkeleton(Bound):
     @cached_property
     def branches(self) -> tuple[IntArray, ...]:
         """Nodes along each branch, from end to end; a closed branch ends with its first node."""
+        from medialis.model._chain_kernels import walk_chains
+
         order = np.argsort(self.branch, kind="stable")
         starts = np.searchsorted(self.branch[order], np.arange(self.branch_count + 1))
-        return tuple(
-            frozen(np.array(_in_sequence(self.edges[order[a:b]], self.degrees)), np.int32)
-            for a, b in itertools.pairwise(starts)
-        )
+        nodes = np.empty(len(order) + self.branch_count, np.int32)
+        walk_chains(self.edges, order, starts, self.degrees, nodes)
+        ends = starts[1:] + np.arange(1, self.branch_count + 1)
+        return tuple(frozen(nodes[a:b], np.int32) for a, b in itertools.pairwise([0, *ends]))
 
     @cached_property
     def components(self) -> IntArray:
@@ -370,18 +372,3 @@ def _branch_of_edges(edges: IntArray, count: int) -> IntArray:
     at = first[degree == 2]
     a, b = order[at] // 2, order[at + 1] // 2
     return piece_labels(e, np.stack([a, b], axis=1))
-
-
-def _in_sequence(edges: IntArray, degrees: IntArray) -> list[int]:
-    """Nodes along a chain of edges; from the lower end, a closed chain from its junction if any."""
-    at: dict[int, list[int]] = {}
-    for a, b in edges.tolist():
-        at.setdefault(a, []).append(b)
-        at.setdefault(b, []).append(a)
-    here = min((node for node in at if degrees[node] != 2), default=min(at))
-    sequence, before = [here], -1
-    for _ in range(len(edges)):
-        near = at[here]
-        before, here = here, near[0] if near[0] != before or len(near) == 1 else near[1]
-        sequence.append(here)
-    return sequence

@@ -24,20 +24,19 @@ class EdgeTable:
 
     Attributes
     ----------
-    order : (3m,) int64
+    order : (3m,) int32
         Half-edges, edge after edge, ascending within an edge.
-    first : (e + 1,) int64
+    first : (e + 1,) int32
         Where the half-edges of each edge start in `order`.
-    low, high : (e,) int64
+    ends : (e, 2) int32
         Lower and higher vertex of each edge.
     forward : (3m,) bool
         Whether a half-edge runs from its lower to its higher vertex.
     """
 
-    order: Index
-    first: Index
-    low: Index
-    high: Index
+    order: IntArray
+    first: IntArray
+    ends: IntArray
     forward: Mask
 
     @classmethod
@@ -49,16 +48,27 @@ class EdgeTable:
         if (n * n) << bits < 2**63:
             # Sorting (key, half-edge) in one integer is 2 times faster than argsort, and stable.
             packed = np.sort((key << bits) | np.arange(len(key)))
-            order, key = packed & ((1 << bits) - 1), packed >> bits
+            order = (packed & ((1 << bits) - 1)).astype(np.int32)
+            key = np.right_shift(packed, bits, out=packed)
         else:
-            order = np.argsort(key, kind="stable")
+            order = np.argsort(key, kind="stable").astype(np.int32)
             key = key[order]
         first = np.flatnonzero(np.diff(key, prepend=-1))
-        low, high = divmod(key[first], n)
-        return cls(order, np.append(first, len(key)), low, high, start < end)
+        ends = np.stack(divmod(key[first], n), axis=1).astype(np.int32)
+        return cls(order, np.append(first, len(key)).astype(np.int32), ends, start < end)
+
+    @property
+    def low(self) -> IntArray:
+        """Lower vertex of each edge, (e,)."""
+        return self.ends[:, 0]
+
+    @property
+    def high(self) -> IntArray:
+        """Higher vertex of each edge, (e,)."""
+        return self.ends[:, 1]
 
     @cached_property
-    def counts(self) -> Index:
+    def counts(self) -> IntArray:
         """Number of half-edges on each edge, (e,)."""
         return np.diff(self.first)
 
@@ -70,13 +80,13 @@ class EdgeTable:
         return result
 
     @cached_property
-    def pairs(self) -> tuple[Index, Index, Mask]:
+    def pairs(self) -> tuple[IntArray, IntArray, Mask]:
         """Both half-edges of each edge with exactly two, and whether they run opposite ways."""
         both = self.first[:-1][self.counts == 2]
         a, b = self.order[both], self.order[both + 1]
         return a, b, self.forward[a] != self.forward[b]
 
     @property
-    def single(self) -> Index:
+    def single(self) -> IntArray:
         """The half-edges of boundary edges."""
         return self.order[self.first[:-1][self.counts == 1]]

@@ -87,6 +87,19 @@ class Ragged(Described):
     def __iter__(self) -> Iterator[IntArray]:
         return (self[row] for row in range(len(self)))
 
+    def joined(self, rows: ArrayLike) -> IntArray:
+        """Return the indices of some rows, one row after the other.
+
+        Examples
+        --------
+        >>> Ragged([0, 2, 2, 3], [5, 6, 7]).joined([2, 0]).tolist()
+        [7, 5, 6]
+        """
+        first = self.offsets[:-1][np.asarray(rows, np.int64)]
+        count = self.offsets[1:][np.asarray(rows, np.int64)] - first
+        ends = np.cumsum(count)
+        return self.indices[np.arange(count.sum()) + np.repeat(first - (ends - count), count)]
+
     @property
     def lengths(self) -> NDArray[np.int64]:
         """Number of indices in each row, (rows,)."""

@@ -26,9 +26,14 @@ class Segmentation(Bound):
     surface : Shape
         The n samples: the surface as computed on, refined where that was needed.
     method : str
-        How it was divided, where a function has several methods: "limbs" or "sheets".
+        How it was divided, where a function has several methods: as "limbs" or "sheets".
     face_labels : (m,) int32 or None
         Segment of each face of the surface, where borders follow edges of the mesh.
+    joins : (j, 2) int32 or None
+        Where segments form a tree: which two are joined first, and so on; the second one becomes
+        part of the first.
+    join_levels : (j,) float64 or None
+        How much belongs together what is joined, 1 at most, the largest first.
 
     Raises
     ------
@@ -49,6 +54,8 @@ class Segmentation(Bound):
     surface: Shape = field(kw_only=True)
     method: str = field(default="", kw_only=True)
     face_labels: IntArray | None = field(default=None, kw_only=True)
+    joins: IntArray | None = field(default=None, kw_only=True)
+    join_levels: FloatArray | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
         labels = np.asarray(self.labels)
@@ -60,6 +67,9 @@ class Segmentation(Bound):
         object.__setattr__(self, "labels", frozen(labels, np.int32))
         if self.face_labels is not None:
             hold(self, face_labels=(np.int32, self.surface.face_count))
+        if self.joins is not None:
+            j = len(self.joins)
+            hold(self, joins=(np.int32, j, 2), join_levels=(np.float64, j))
 
     def __repr__(self) -> str:
         return f"Segmentation({self.count} segments of {len(self.labels)} samples)"
@@ -106,6 +116,33 @@ class Segmentation(Bound):
         three = (low != middle) & (middle != high)
         # Sorted: the middle one is the majority, if there is one. -1 comes first.
         return frozen(np.where(three, np.where(low < 0, middle, low), middle), np.int32)
+
+    def joined(self, count: int) -> Segmentation:
+        """Return the division into fewer segments, `count` at least, by the tree of `joins`.
+
+        Each segment of it is made of whole segments of this one. More than `count` where too few of
+        them can be joined; the same segments without a tree.
+        """
+        if self.joins is None or self.join_levels is None:
+            return self
+        turns = min(max(self.count - max(count, 1), 0), len(self.joins))
+        first = np.arange(self.count)
+        for kept, dropped in self.joins[:turns][::-1].tolist():  # their target is final
+            first[dropped] = first[kept]
+        area = np.bincount(first, self.areas, minlength=self.count)
+        used = np.unique(first)
+        order = used[np.lexsort((used, -area[used]))]
+        number = np.full(self.count + 1, -1, np.int32)  # the last one is that of -1
+        number[order] = np.arange(len(order))
+        number[:-1] = number[first]
+        return Segmentation(
+            number[self.labels],
+            surface=self.surface,
+            method=self.method,
+            face_labels=None if self.face_labels is None else number[self.face_labels],
+            joins=number[self.joins[turns:]],
+            join_levels=self.join_levels[turns:],
+        )
 
     def of_input_faces(self) -> IntArray:
         """Return the segment of each face before `medialis.refine`, (m_in,).

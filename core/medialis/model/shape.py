@@ -54,6 +54,9 @@ class Shape(Surface):
         After repair: the input face of each face.
     unit : str or None
         What one unit of the points is, such as "mm"; None where nobody said.
+    patches : (m,) int32 or None
+        The patch that each face lies on, such as the face of a CAD model that was read; None where
+        nobody said.
 
     Raises
     ------
@@ -70,6 +73,7 @@ class Shape(Surface):
     vertex_map: IntArray | None = None
     face_map: IntArray | None = None
     unit: str | None = None
+    patches: IntArray | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "unit", as_unit(self.unit))
@@ -83,6 +87,7 @@ class Shape(Surface):
             ("origin", len(points)),
             ("face_origin", self.face_count),
             ("face_map", self.face_count),
+            ("patches", self.face_count),
             ("vertex_map", 0 if self.vertex_map is None else np.size(self.vertex_map)),
         ):
             value = getattr(self, name)

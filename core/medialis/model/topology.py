@@ -38,9 +38,8 @@ class Topology:
     @cached_property
     def edges(self) -> IntArray:
         """Undirected edges (e, 2), see `Surface.edges`."""
-        low, high = self.edge_table.low, self.edge_table.high
-        edges = np.stack([low, high], axis=1)
-        loops = low == high
+        edges = self.edge_table.ends
+        loops = edges[:, 0] == edges[:, 1]
         return frozen(edges[~loops] if loops.any() else edges, np.int32)
 
     @cached_property
@@ -88,9 +87,11 @@ class Topology:
     @cached_property
     def first_equal_face(self) -> NDArray[np.int64]:
         """The first face with the same three corners in any order, (m,); mostly the face itself."""
-        low, high = self.faces.min(axis=1), self.faces.max(axis=1)
-        middle = self.faces.sum(axis=1, dtype=np.int64) - low - high
-        return first_equal_row(np.stack([low.astype(np.int64), middle, high], axis=1))
+        # Three at a time: numpy goes along the short axis one by one.
+        a, b, c = (self.faces[:, j].astype(np.int64) for j in range(3))
+        low, high = np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c)
+        middle = a + b + c - low - high
+        return first_equal_row(np.stack([low, middle, high], axis=1))
 
 
 def piece_labels(count: int, links: NDArray[Any]) -> IntArray:

@@ -9,7 +9,9 @@ walked to its end. The caller says how long paths may be: a pair without a short
 **Follow.** The geodesic of a pair close by tells where to look: distances change by at most
 the distance D of the ends. A search remembers its shortest cuts, the slopes, and the length below
 which there is no other; while that is at least the length of a path found from these slopes plus D,
-no other can be shorter and no search is needed. Pairs are followed within a chunk.
+no other can be shorter and no search is needed. On the slope of the nearest pair known, searched or
+not, a walk beside its path (_trail_kernels.py) needs least shortening; on others a plane cut is
+turned to where it is shortest. Pairs are followed within a chunk.
 """
 
 from __future__ import annotations
@@ -26,12 +28,16 @@ from medialis.paths._plane_kernels import (
     is_edge,
     set_frame,
     turn,
-    way_out,
+    way_towards,
 )
 from medialis.paths._straightening_kernels import make_room, straighten
+from medialis.paths._trail_kernels import PLACES, walk_beside, write_trail
 
 NONE, PLANE, EDGES = 0, 1, 2  # how a length was found
 OPEN = -1  # no path is short enough, a longer one may arrive
+
+RECENT = 128
+"""Pairs known last that are looked at for one to follow."""
 
 SLOPES = 4
 """Shortest cuts of a search that are remembered."""
@@ -154,22 +160,6 @@ def _take(points, start, end, near, plane, tangents, normal):
 
 
 @kernel
-def _way_towards(points, corners, fan_offsets, fan, start, normal, ahead):
-    """Half-edge through whose face a plane leaves the start most in a direction, or -1."""
-    offset, most, chosen = dot(normal, points[start]), -2.0, -1
-    for k in range(fan_offsets[start], fan_offsets[start + 1]):
-        across, x, y, z = way_out(points, corners, fan[k], normal, offset)
-        if across < 0:
-            continue
-        x, y, z = x - points[start, 0], y - points[start, 1], z - points[start, 2]
-        size = math.sqrt(x * x + y * y + z * z)
-        along = x * ahead[0] + y * ahead[1] + z * ahead[2]
-        if size > 0.0 and along > most * size:
-            most, chosen = along / size, fan[k]
-    return chosen
-
-
-@kernel
 def _descend(
     points, corners, twins, fan_offsets, fan, start, end, frame, angle, length, count, ahead, step,
     room, normal,
@@ -193,7 +183,7 @@ def _descend(
                 return best, count
             shift = turned - angle
         turn(frame, angle + shift, normal)
-        way = _way_towards(points, corners, fan_offsets, fan, start, normal, ahead)
+        way = way_towards(points, corners, fan_offsets, fan, start, normal, ahead)
         if way < 0:
             found, crossed = math.inf, 0
         else:
@@ -215,8 +205,8 @@ def _descend(
 
 @kernel
 def _search(
-    points, corners, twins, fan_offsets, fan, start, end, frame, planes, likely, limit, longest,
-    around, room, length, way, place, tangents, slopes, normal,
+    points, normals, corners, twins, fan_offsets, fan, start, end, frame, planes, likely, limit,
+    longest, around, room, length, way, place, tangents, slopes, trail, normal,
 ):  # fmt: skip
     """Shortest path found in all directions: its length, its bound, the number of slopes.
 
@@ -234,14 +224,14 @@ def _search(
         if best < math.inf:
             break
         if least == math.inf:
-            return math.inf, math.inf, 0
+            return math.inf, math.inf, 0, -1
         if limit >= longest:
-            return math.nan, longest, 0
+            return math.nan, longest, 0, -1
         while limit <= least:  # no path arrives before
             limit *= 2.0
         limit = min(limit, longest)
     count, bound = _lowest(length, bound, place)
-    shortest, ahead = math.inf, np.empty(3)
+    shortest, chosen, ahead = math.inf, -1, np.empty(3)
     for i in range(count):
         k, plane = place[i], np.empty(3)
         angle = math.pi * (k % planes) / planes
@@ -273,9 +263,11 @@ def _search(
         for a in range(3):
             slopes[i, a], slopes[i, 3 + a] = ahead[a], plane[a]
         if found < shortest:
-            shortest = found
+            shortest, chosen = found, -1
+            if len(trail) > 0 and write_trail(points, normals, room, trail):
+                chosen = i
             _take(points, start, end, near, plane, tangents, normal)
-    return shortest, bound, count
+    return shortest, bound, count, chosen
 
 
 @kernel
@@ -297,7 +289,7 @@ def _along_slope(
     """Length of the plane cut that leaves as another path does, and the half-edges it crosses."""
     if not _plane_along(frame, slope[3:], plane):
         return math.inf, 0
-    way = _way_towards(points, corners, fan_offsets, fan, start, plane, slope)
+    way = way_towards(points, corners, fan_offsets, fan, start, plane, slope)
     if way < 0:
         return math.inf, 0
     return cut_from(
@@ -307,37 +299,54 @@ def _along_slope(
 
 @kernel
 def _follow(
-    points, corners, twins, fan_offsets, fan, start, end, frame, apart, slopes, count, room,
-    tangents, normal,
+    points, normals, corners, twins, fan_offsets, fan, start, end, frame, apart, slopes, count,
+    beside, moved, ahead, old, trail, room, tangents, normal,
 ):  # fmt: skip
-    """Length of the shortest path on the slopes of a pair that is `apart`; inf: search anew."""
-    near, plane, ahead, best = room[4], np.empty(3), np.empty(3), math.inf
-    for i in range(count):
+    """Length of the shortest path on the slopes of a pair that is `apart`; inf: search anew.
+
+    On slope `beside` a trail is known, `old`. Returns also the slope of the path, -1: no trail.
+    """
+    near, plane, best, chosen = room[4], np.empty(3), math.inf, -1
+    for number in range(count):
+        i = number
+        if beside >= 0:
+            i = beside if number == 0 else (number - 1 if number <= beside else number)
         if slopes[i, 6] - apart >= best:
             continue
         expected = BENT * (slopes[i, 6] + apart)
-        found, crossed = _along_slope(
-            points, corners, twins, fan_offsets, fan, start, end, frame, slopes[i],
-            min(expected, SIMILAR * best), plane, room,
-        )  # fmt: skip
-        if crossed < 0 and SIMILAR * best < expected:
-            continue
-        if crossed < 0 or found == math.inf:
-            return math.inf
-        if crossed > MANY:
-            direction(points[start], near[0], ahead)
-            angle = math.atan2(dot(plane, frame[1]), dot(plane, frame[0]))
-            found, crossed = _descend(
-                points, corners, twins, fan_offsets, fan, start, end, frame, angle, found, crossed,
-                ahead, CLOSE, room, plane,
+        found = math.inf
+        if i == beside:
+            for a in range(3):
+                plane[a] = slopes[i, 3 + a]
+            found, crossed = walk_beside(
+                points, corners, twins, fan_offsets, fan, start, end, old, moved, ahead, expected,
+                room[0][0],
             )  # fmt: skip
-            if found == math.inf:
-                return math.inf
+        if found == math.inf:
+            found, crossed = _along_slope(
+                points, corners, twins, fan_offsets, fan, start, end, frame, slopes[i],
+                min(expected, SIMILAR * best), plane, room,
+            )  # fmt: skip
+            if crossed < 0 and SIMILAR * best < expected:
+                continue
+            if crossed < 0 or found == math.inf:
+                return math.inf, -1
+            if crossed > MANY:
+                direction(points[start], near[0], ahead)
+                angle = math.atan2(dot(plane, frame[1]), dot(plane, frame[0]))
+                found, crossed = _descend(
+                    points, corners, twins, fan_offsets, fan, start, end, frame, angle, found,
+                    crossed, ahead, CLOSE, room, plane,
+                )  # fmt: skip
+                if found == math.inf:
+                    return math.inf, -1
         found = _shorten(points, corners, twins, start, end, found, crossed, room)
         if found < best:
-            best = found
+            best, chosen = found, -1
+            if write_trail(points, normals, room, trail):
+                chosen = i
             _take(points, start, end, near, plane, tangents, normal)
-    return best
+    return best, chosen
 
 
 @kernel
@@ -371,19 +380,26 @@ def _over_shallow(
 
 
 @kernel
-def _nearest_search(points, start, end, starts, ends, rows, count, bounds, lengths):
-    """Nearest pair that was searched and has no other path within that distance, or -1.
+def _nearest_known(points, start, end, starts, ends, rows, seeds, count, bounds, lengths):
+    """Nearest known pair whose seed has no other path within its distance, or -1.
 
-    Returns also the distance of the ends, both together.
+    Returns also the distance of the ends from those of the seed, both together.
     """
-    chosen, least = -1, math.inf
-    for k in range(count):
+    chosen, least, from_seed = -1, math.inf, 0.0
+    for k in range(max(0, count - RECENT), count):
         apart = _distance(points, start, starts[rows[k]])
-        if apart < least:
-            apart += _distance(points, end, ends[rows[k]])
-            if apart < least and 2.0 * apart <= bounds[k] - lengths[k]:
-                chosen, least = k, apart
-    return chosen, least
+        if apart >= least:
+            continue
+        apart += _distance(points, end, ends[rows[k]])
+        if apart >= least:
+            continue
+        seed, far = seeds[k], apart
+        if seed != k:
+            far = _distance(points, start, starts[rows[seed]])
+            far += _distance(points, end, ends[rows[seed]])
+        if 2.0 * far <= bounds[seed] - lengths[seed]:
+            chosen, least, from_seed = k, apart, far
+    return chosen, from_seed
 
 
 @kernel
@@ -400,10 +416,12 @@ def trace_geodesics(
     frame, tangents, normal = np.empty((2, 3)), np.empty((2, 3)), np.empty(3)
     length, way = np.empty(2 * planes), np.empty(2 * planes, np.int64)
     place, room = np.empty(SLOPES, np.int64), make_room(len(corners) // 3)
-    most = end_row - begin if following else 1  # pairs that are searched in all directions
-    searched, known = np.empty(most, np.int64), 0
+    # Known pairs: the one among them that was searched in all directions, its seed, and a trail.
+    most, known = end_row - begin if following else 1, 0
+    known_rows, seeds, beside = np.empty((3, most), np.int64)
     bounds, lengths, counts = np.empty(most), np.empty(most), np.empty(most, np.int64)
-    slopes = np.empty((most, SLOPES, 7))
+    slopes, trails = np.empty((most, SLOPES, 7)), np.empty((most, PLACES if following else 0, 7))
+    moved, ahead = np.empty((2, 3)), np.empty(3)
     old = np.zeros(3)  # plane normal that won for the previous pair
     for r in range(begin, end_row):
         row = rows[r]
@@ -427,30 +445,40 @@ def trace_geodesics(
             best = _over_shallow(
                 points, corners, twins, fan_offsets, fan, start, end, frame, room, tangents, normal
             )
+        this = min(known, most - 1)
         if following and best == math.inf:
-            near, apart = _nearest_search(
-                points, start, end, starts, ends, searched, known, bounds, lengths
+            near, apart = _nearest_known(
+                points, start, end, starts, ends, known_rows, seeds, known, bounds, lengths
             )
-            if near >= 0 and counts[near] == 0:
-                out_status[row] = OPEN
-                continue
             if near >= 0:
-                best = _follow(
-                    points, corners, twins, fan_offsets, fan, start, end, frame, apart,
-                    slopes[near], counts[near], room, tangents, normal,
+                seed, other = seeds[near], known_rows[near]
+                if counts[seed] == 0:
+                    out_status[row] = OPEN
+                    continue
+                for a in range(3):
+                    moved[0, a] = points[start, a] - points[starts[other], a]
+                    moved[1, a] = points[end, a] - points[ends[other], a]
+                    ahead[a] = out_start_tangent[other, a]
+                best, beside[this] = _follow(
+                    points, normals, corners, twins, fan_offsets, fan, start, end, frame, apart,
+                    slopes[seed], counts[seed], beside[near], moved, ahead, trails[near],
+                    trails[this], room, tangents, normal,
                 )  # fmt: skip
-                if best + apart > bounds[near]:
+                if best + apart > bounds[seed]:
                     best = math.inf
+                else:
+                    known_rows[this], seeds[this] = row, seed
+                    known += 1
         if best == math.inf:
             u, w = dot(old, frame[0]), dot(old, frame[1])
             likely = round(math.atan2(w, u) * planes / math.pi) if u * u + w * w > 0.25 else 0
-            this = min(known, most - 1)
-            best, bounds[this], counts[this] = _search(
-                points, corners, twins, fan_offsets, fan, start, end, frame, planes, likely,
-                limits[row], longest[row], AROUND if following else SIMILAR, room, length, way,
-                place, tangents, slopes[this], normal,
+            best, bounds[this], counts[this], beside[this] = _search(
+                points, normals, corners, twins, fan_offsets, fan, start, end, frame, planes,
+                likely, limits[row], longest[row], AROUND if following else SIMILAR, room, length,
+                way, place, tangents, slopes[this], trails[this], normal,
             )  # fmt: skip
-            searched[this], lengths[this] = row, best if best < math.inf else 0.0
+            known_rows[this], seeds[this] = row, this
+            lengths[this] = best if best < math.inf else 0.0
             if following and best != math.inf:
                 known += 1
         if math.isnan(best):

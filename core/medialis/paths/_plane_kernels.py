@@ -165,6 +165,22 @@ def direction(a, b, out):
 
 
 @kernel
+def way_towards(points, corners, fan_offsets, fan, start, normal, ahead):
+    """Half-edge through whose face a plane leaves the start most in a direction, or -1."""
+    offset, most, chosen = dot(normal, points[start]), -2.0, -1
+    for k in range(fan_offsets[start], fan_offsets[start + 1]):
+        across, x, y, z = way_out(points, corners, fan[k], normal, offset)
+        if across < 0:
+            continue
+        x, y, z = x - points[start, 0], y - points[start, 1], z - points[start, 2]
+        size = math.sqrt(x * x + y * y + z * z)
+        along = x * ahead[0] + y * ahead[1] + z * ahead[2]
+        if size > 0.0 and along > most * size:
+            most, chosen = along / size, fan[k]
+    return chosen
+
+
+@kernel
 def cut_from(points, corners, twins, h, start, end, normal, best, strip, near):
     """Length of the path on a plane that leaves the start through the face of half-edge h.
 

@@ -26,7 +26,7 @@ ROOM = 16384
 WIDEST = 256
 """Half-edges that a path may cross round a vertex."""
 
-GAIN = 5e-5
+GAIN = 2e-5
 """Share of its length that a round must gain for another one."""
 
 ROUNDS = 16
@@ -39,11 +39,16 @@ gains less than a^2 / 8 of the length."""
 
 @kernel
 def make_room(faces):
-    """Return the arrays that `straighten` works in: for strips, their ends, places in the plane."""
+    """Return the arrays that `straighten` works in.
+
+    For strips, their ends and places in the plane, half-edges round a vertex; and what it leaves
+    there of a path: its points next to both ends and the place of its end in the plane, how many
+    half-edges it crosses and how often it bends.
+    """
     size = min(faces + 1, ROOM)
     return (
         np.empty((2, size), np.int64), np.empty((4, size), np.int64), np.empty((4, size)),
-        np.empty(WIDEST, np.int64), np.empty((2, 3)),
+        np.empty(WIDEST, np.int64), np.empty((3, 3)), np.zeros(2, np.int64),
     )  # fmt: skip
 
 
@@ -272,7 +277,7 @@ def _trim(corners, twins, start, end, strip, count):
 
 
 @kernel
-def _place_on(points, ends, flat, k, x, y, ux, uy, out):
+def place_on(points, ends, flat, k, x, y, ux, uy, out):
     """Where the line through (x, y) in direction u crosses half-edge k of a strip."""
     right_x, right_y = flat[2, k] - x, flat[3, k] - y
     along = ux * (flat[1, k] - flat[3, k]) - uy * (flat[0, k] - flat[2, k])
@@ -293,17 +298,18 @@ def _next_to_ends(points, count, ends, flat, x, y, bends, near):
         first_x, first_y = flat[row, at], flat[row + 1, at]
         at, row = ends[2, bends - 1], 2 * ends[3, bends - 1]
         last_x, last_y = flat[row, at], flat[row + 1, at]
-    _place_on(points, ends, flat, 0, 0.0, 0.0, first_x, first_y, near[0])
-    _place_on(points, ends, flat, count - 1, x, y, x - last_x, y - last_y, near[1])
+    place_on(points, ends, flat, 0, 0.0, 0.0, first_x, first_y, near[0])
+    place_on(points, ends, flat, count - 1, x, y, x - last_x, y - last_y, near[1])
 
 
 @kernel
 def straighten(points, corners, twins, start, end, count, room):
     """Length of a locally shortest path near a strip, row 0 of room[0].
 
-    The rows of room[4] receive its points next to the start and the end.
+    The first rows of room[4] receive its points next to the start and the end.
     """
-    strips, ends, flat, turned, near = room
+    strips, ends, flat, turned, near, last = room
+    last[0] = 0
     here, length, rounds = 0, math.inf, ROUNDS
     while count > 0:
         rounds -= 1
@@ -319,6 +325,7 @@ def straighten(points, corners, twins, start, end, count, room):
             )  # fmt: skip
         if written < 0:
             _next_to_ends(points, count, ends, flat, x, y, bends, near)
+            last[0], last[1], near[2, 0], near[2, 1] = count, bends, x, y
             return length
         here = 1 - here
         count = _trim(corners, twins, start, end, strips[here], written)

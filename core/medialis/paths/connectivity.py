@@ -31,7 +31,7 @@ class ConnectOptions(Options):
     link: float = length(
         0.02,
         "Longest link",
-        "Neighbours whose centers are further apart than this fraction of the size come last.",
+        "Neighbours whose centers are further apart than this share of the size come last.",
         low=1e-9,
         advanced=True,
     )

@@ -38,7 +38,7 @@ BOUNDING, DETOUR = 16, 1.25
 """Landmarks that do, and how many times as long as a path along the edges through one of them plane
 cuts may be: longer ones are not straight, they go the wrong way round."""
 
-PAIRS_A_CHUNK = 256
+PAIRS_A_CHUNK, FOLLOWING_A_CHUNK = 256, 1024
 SEARCHES_A_CHUNK = 16
 
 CELLS = 1024
@@ -48,6 +48,9 @@ SETTLED, SETTLED_A_VERTEX, MOST_SETTLED = 1_000_000, 110, 10_000_000
 """Vertices that all searches along edges may look at: so many, so many for each vertex of the shape
 besides, and in all, some seconds. Of 21 real shapes the one with most pairs that no plane cut joins
 (115 on 62,251 vertices) needs seven million at most."""
+
+SETTLED_ALONG_BORDERS = 1000
+"""Vertices that a search along edges may look at where a hole is between the ends of a pair."""
 
 MANY_LOST = 0.02
 """Part of the vertices: where more pairs have no plane cut, as on surfaces that are crumpled or not
@@ -178,6 +181,8 @@ def trace(
     """
     with progress.stage("geodesics", 0.0, 0.9):
         out = cut_by_planes(shape, ends, directions, progress, following)
+        if following and (shape.edge_twins < 0).any():
+            _along_borders(shape, ends, out, progress.still)
     components = shape.components
     starts, goals = ends.T
     with progress.stage("edge paths", 0.9, 1.0):
@@ -195,6 +200,24 @@ def trace(
         with progress.stage("edge paths", 0.9, 1.0):
             _follow_edges(shape, ends, rows, shape.point_count, out, progress)
     return GeodesicPaths(out["length"], out["start_tangent"], out["end_tangent"], out["status"])
+
+
+def _along_borders(
+    shape: Shape, ends: NDArray[np.int32], out: dict[str, NDArray[Any]], progress: Progress
+) -> None:
+    """Search along the edges for pairs whose plane cuts, which end at borders, lead far round."""
+    starts, goals = ends.T
+    straight = np.linalg.norm(shape.points[starts] - shape.points[goals], axis=1)
+    far = (out["length"] > 2.0 * NEAR * straight) & (out["status"] == PathStatus.PLANE)
+    rows = np.flatnonzero(far)
+    if len(rows) > MANY_LOST * shape.point_count:
+        return
+    found = {name: values[rows] for name, values in out.items()}
+    every = np.arange(len(rows))
+    _follow_edges(shape, ends[rows], every, SETTLED_ALONG_BORDERS, found, progress)
+    shorter = found["length"] < out["length"][rows]
+    for name, values in found.items():
+        out[name][rows[shorter]] = values[shorter]
 
 
 def _most_settled(shape: Shape, a_vertex: int) -> int:
@@ -320,12 +343,15 @@ def cut_by_planes(
                 starts, goals, math.ceil(directions / 2), following, *out.values(),
             )  # fmt: skip
 
-        run_chunks(trace, len(rows), PAIRS_A_CHUNK, progress=progress)
+        size = FOLLOWING_A_CHUNK if following else PAIRS_A_CHUNK
+        run_chunks(trace, len(rows), size, progress=progress)
 
     with progress.stage("geodesics", 0.0, 0.8):
         straight = np.linalg.norm(points[starts] - points[goals], axis=1)
         least = NEAR_EDGES * shape.spacing if following else 0.0
-        order = run_patiently(lambda: _along_space(points, starts), progress)
+        order = run_patiently(
+            lambda: np.argsort(along_space(points)[starts], kind="stable"), progress
+        )
         trace_all(order, FIRST_LIMIT * straight, np.maximum(NEAR * straight, least))
     rows = order[out["status"][order] == OPEN]
     with progress.stage("geodesics", 0.8, 1.0):
@@ -336,8 +362,8 @@ def cut_by_planes(
     return out
 
 
-def _along_space(points: FloatArray, starts: NDArray[np.int32]) -> NDArray[np.int64]:
-    """Return an order in which pairs with starts close together follow each other: a Z-curve."""
+def along_space(points: FloatArray) -> NDArray[np.int64]:
+    """Return the places of points along a Z-curve: those of points close together are close."""
     low, high = points.min(axis=0, initial=np.inf), points.max(axis=0, initial=-np.inf)
     cell = (points - low) * (CELLS / max(float((high - low).max(initial=0.0)), 1e-300))
     code = np.zeros(len(points), np.int64)
@@ -346,7 +372,7 @@ def _along_space(points: FloatArray, starts: NDArray[np.int32]) -> NDArray[np.in
         for shift, mask in ((16, 0x30000FF), (8, 0x300F00F), (4, 0x30C30C3), (2, 0x9249249)):
             part = (part | part << shift) & mask
         code |= part << axis
-    return np.argsort(code[starts], kind="stable")
+    return code
 
 
 def _longest_cuts(

@@ -19,7 +19,13 @@ from medialis.kept import kept
 from medialis.model.geodesic_paths import GeodesicPaths, Importance, PathStatus
 from medialis.model.medial_cloud import Balls, MedialCloud
 from medialis.options import Options, algorithm, length
-from medialis.paths.geodesics import GeodesicOptions, as_pairs, surface_walk, trace
+from medialis.paths.geodesics import (
+    GeodesicOptions,
+    along_space,
+    as_pairs,
+    surface_walk,
+    trace,
+)
 from medialis.progress import Progress
 from medialis.threads import run_patiently
 from medialis.validation import FloatArray
@@ -63,8 +69,9 @@ def geodesic_importance(
 
     Notes
     -----
-    Source: thesis 3.3.1-3.3.2; see `medialis.geodesic_lengths`. Deviates: directions are searched
-    for some balls. Others near by follow the paths found there, where no other path of
+    Source: thesis 3.3.1-3.3.2; see `medialis.geodesic_lengths`. Deviates: each pair of feature
+    points is traced once, whichever is the first. Directions are searched
+    for some. Others near by walk beside the paths found there, where no other path of
     theirs can be shorter; and where the plane of the normals has a path of less than 1.05
     times the straight line, that one is taken. Where the path through the feature points of
     neighbouring balls is shorter, it is taken (status NEIGHBOUR).
@@ -78,11 +85,49 @@ def geodesic_importance(
     >>> 0 < len(simple) < len(cloud)
     True
     """
-    pairs = np.where(cloud.valid[:, None], cloud.features, -1)
-    ends = as_pairs(pairs, cloud.surface.point_count)
-    paths = trace(cloud.surface, ends, options.directions, True, progress)
+    paths = _traced(cloud, options.directions, progress)
     known = vars(run_patiently(lambda: relax(cloud, paths), progress))
     return Importance(**{f.name: known[f.name] for f in fields(GeodesicPaths)}, cloud=cloud)
+
+
+def _traced(cloud: MedialCloud, directions: int, progress: Progress) -> GeodesicPaths:
+    """Trace the path of each ball; that from b to a is that from a to b.
+
+    All paths begin at the end that comes first along a Z-curve, so that those of balls on both
+    sides of a wall follow each other.
+    """
+    pairs = np.where(cloud.valid[:, None], cloud.features, -1)
+    ends = as_pairs(pairs, cloud.surface.point_count)
+    code = along_space(cloud.surface.points)[ends].T
+    turned = (code[0] > code[1]) | ((code[0] == code[1]) & (ends[:, 0] > ends[:, 1]))
+    opposite = _opposite_balls(cloud)
+    copies = turned & (opposite >= 0)
+    rows = np.flatnonzero(~copies)
+    once = np.where(turned[rows, None], ends[rows, ::-1], ends[rows])
+    paths = trace(cloud.surface, np.ascontiguousarray(once), directions, True, progress)
+    at = np.empty(len(cloud), np.int64)
+    at[rows] = np.arange(len(rows))
+    at[copies] = at[opposite[copies]]
+    first, last = paths.start_tangent[at], paths.end_tangent[at]
+    back = turned[:, None]
+    return GeodesicPaths(
+        paths.length[at], np.where(back, -last, first), np.where(back, -first, last),
+        paths.status[at],
+    )  # fmt: skip
+
+
+def _opposite_balls(cloud: MedialCloud) -> NDArray[np.int64]:
+    """Return for each ball the row of one that has the same feature points in turn, or -1."""
+    out = np.full(len(cloud), -1)
+    for side in (1, -1):
+        rows = np.flatnonzero(cloud.valid & (cloud.side == side))
+        starts, goals = cloud.features[rows].T
+        row_of = np.full(cloud.surface.point_count, -1)
+        row_of[starts] = rows
+        found = row_of[goals]
+        same = (found >= 0) & (cloud.features[found, 1] == starts)
+        out[rows[same]] = found[same]
+    return out
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -92,7 +137,7 @@ class ThresholdOptions(Options):
     threshold: float = length(
         0.0,
         "Importance",
-        "Keep the points whose importance is at least this fraction of the size. 0 keeps all; 0.01 "
+        "Keep the points whose importance is at least this share of the size. 0 keeps all; 0.01 "
         "to 0.05 removes noise and small details.",
         high=10.0,
     )
@@ -200,7 +245,7 @@ def relax(cloud: MedialCloud, paths: GeodesicPaths) -> GeodesicPaths:
     -------
     GeodesicPaths
         Lengths at most the given ones. A shortened path has status NEIGHBOUR and the tangents of
-        the path that it ends up in.
+        the path that it ends up in, its own where that has none.
 
     Notes
     -----
@@ -229,6 +274,8 @@ def relax(cloud: MedialCloud, paths: GeodesicPaths) -> GeodesicPaths:
             origin,
         )
     shorter = np.flatnonzero(length < paths.length)
+    # A path of length 0 has no direction.
+    origin = np.where(np.isnan(paths.start_tangent[origin, 0]), np.arange(k), origin)
     status = np.array(paths.status)
     status[shorter] = PathStatus.NEIGHBOUR
     return replace(

@@ -152,9 +152,11 @@ def smoothed_curves(points: FloatArray, links: NDArray[np.int64]) -> FloatArray:
     from scipy.sparse import coo_array
 
     n, length = len(points), np.linalg.norm(points[links[:, 0]] - points[links[:, 1]], axis=1)
+    if not length.any():
+        return points
     degree = np.bincount(links.ravel(), minlength=n)
     # By the inverse of the length, nodes on a line do not move.
-    weight = np.tile(1.0 / np.maximum(length, SHORTEST * length.mean()), 2) if n else length
+    weight = np.tile(1.0 / np.maximum(length, SHORTEST * length.mean()), 2)
     ends = np.concatenate([links, links[:, ::-1]]).T
     total = np.bincount(ends[0], weight, minlength=n)
     near = coo_array((weight / total[ends[0]], tuple(ends)), shape=(n, n)).tocsr()

@@ -2,7 +2,9 @@
 
 Strategy: faces are nodes, edges of exactly two faces are links with a sign (do both faces run
 opposite ways along it?). A breadth-first tree from one root over all pieces gives each face a
-parent, signs along the tree say which faces to flip, and the side with more faces wins.
+parent, signs along the tree say which faces to flip, and the side with more faces wins. Where two
+faces lie on each other and face the same way, as at the rim of a surface given twice, the edge is
+no link: it would turn one of two right surfaces over.
 """
 
 from __future__ import annotations
@@ -12,9 +14,13 @@ from numpy.typing import NDArray
 
 from medialis.model.edge_table import Index, Mask
 from medialis.model.surface import Surface
+from medialis.model.topology import piece_labels
 from medialis.surface._signs import propagate_signs
 from medialis.surface._volumes import PieceVolumes
 from medialis.validation import FloatArray, IntArray
+
+ON_EACH_OTHER = 1.0 - 1e-6
+"""Cosine of the angle between faces from which on they lie on each other (0.08 degrees)."""
 
 
 def agreeing_flips(surface: Surface) -> tuple[Mask, Mask]:
@@ -28,12 +34,14 @@ def agreeing_flips(surface: Surface) -> tuple[Mask, Mask]:
     a, b, opposite = surface.edge_table.pairs
     if opposite.all():
         return flip, flip.copy()
+    linked = opposite | ~_on_each_other(surface, a // 3, b // 3, ~opposite)
+    a, b, opposite = a[linked], b[linked], opposite[linked]
     across = np.full((m, 3), -1, np.int32)
     across.flat[a], across.flat[b] = b // 3, a // 3
     # +1 where faces run opposite ways along an edge (they agree), -1 where they run the same way.
     agree = np.zeros((m, 3), np.int8)
     agree.flat[a] = agree.flat[b] = np.where(opposite, 1, -1)
-    piece = surface.face_pieces
+    piece = surface.face_pieces if linked.all() else piece_labels(m, np.stack([a, b], axis=1) // 3)
     count = int(piece.max()) + 1
     parent = _tree(across, piece, count)
     link = across == parent[:, None]
@@ -46,6 +54,19 @@ def agreeing_flips(surface: Surface) -> tuple[Mask, Mask]:
     left = np.bincount(piece, (now < 0).sum(axis=1), count)
     flip &= (left < before)[piece]
     return flip, (left > 0)[piece]
+
+
+def _on_each_other(surface: Surface, a: IntArray, b: IntArray, looked_at: Mask) -> Mask:
+    """Tell which pairs of faces that run the same way along their edge also face the same way.
+
+    Such faces are folded onto each other.
+    """
+    result = np.zeros(len(a), bool)
+    rows = np.flatnonzero(looked_at)
+    normals = surface.face_normals
+    alike = np.einsum("ij,ij->i", normals[a[rows]], normals[b[rows]])
+    result[rows] = alike > ON_EACH_OTHER
+    return result
 
 
 def _tree(across: IntArray, piece: IntArray, count: int) -> Index:
@@ -111,8 +132,10 @@ def _enclosures(
     order = np.argsort(piece, kind="stable")
     starts = np.searchsorted(piece[order], np.arange(len(sign)))
     corners = surface.points[surface.faces[order]]
-    low = np.minimum.reduceat(corners.min(axis=1), starts)
-    high = np.maximum.reduceat(corners.max(axis=1), starts)
+    # Three at a time: numpy goes along the short axis one by one.
+    a, b, c = (corners[:, j] for j in range(3))
+    low = np.minimum.reduceat(np.minimum(np.minimum(a, b), c), starts)
+    high = np.maximum.reduceat(np.maximum(np.maximum(a, b), c), starts)
     size = np.linalg.norm(high - low, axis=1)
     ends = np.append(starts[1:], len(piece))
     probe = corners[starts, 0]
@@ -125,8 +148,8 @@ def _enclosures(
         inner = np.flatnonzero(within)
         if len(inner):
             turns = winding_numbers(probe[inner], corners[starts[outer] : ends[outer]])
-            for c in inner[np.abs(turns) > 0.5]:
-                inside.setdefault(int(c), []).append(int(outer))
+            for one in inner[np.abs(turns) > 0.5]:
+                inside.setdefault(int(one), []).append(int(outer))
     return inside, size
 
 

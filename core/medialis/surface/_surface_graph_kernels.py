@@ -1,4 +1,4 @@
-"""Kernels on the graph of vertices: nearest seeds along the surface, sublevel sets of a field.
+"""Kernels on the graph of vertices: nearest seeds along the surface, harmonic values.
 
 A graph is two arrays, as in `Ragged`: the neighbours of vertex v are
 ``neighbours[offsets[v]:offsets[v + 1]]``. Every link is listed from both ends.
@@ -12,7 +12,6 @@ import numpy as np
 
 from medialis._kernels.heap_kernels import pop, push
 from medialis._kernels.jit import kernel
-from medialis._kernels.union_find_kernels import find_root
 
 
 @kernel
@@ -64,6 +63,13 @@ def drop_repeats(offsets, neighbours):
 
 
 @kernel
+def _apart(points, v, w):
+    """Distance of two points."""
+    x, y, z = points[v, 0] - points[w, 0], points[v, 1] - points[w, 1], points[v, 2] - points[w, 2]
+    return math.sqrt(x * x + y * y + z * z)
+
+
+@kernel
 def spread_from_seeds(points, offsets, neighbours, keys, names, out_distance, out_seed):
     """Dijkstra's search from all seeds at once: the nearest seed along edges, and its distance.
 
@@ -86,10 +92,43 @@ def spread_from_seeds(points, offsets, neighbours, keys, names, out_distance, ou
                 continue  # a shorter way was found since
         for at in range(offsets[v], offsets[v + 1]):
             w = neighbours[at]
-            x = points[v, 0] - points[w, 0]
-            y = points[v, 1] - points[w, 1]
-            z = points[v, 2] - points[w, 2]
-            reach = out_distance[v] + math.sqrt(x * x + y * y + z * z)
+            reach = out_distance[v] + _apart(points, v, w)
+            if reach < out_distance[w]:
+                out_distance[w], out_seed[w] = reach, out_seed[v]
+                size = push(keys, names, size, reach, w)
+            elif reach == out_distance[w] and out_seed[v] < out_seed[w]:
+                out_seed[w] = out_seed[v]
+
+
+@kernel
+def spread_again(rows, wanted, points, offsets, neighbours, keys, names, out_distance, out_seed):
+    """Find the nearest seeds of some rows from those of all others, which stay.
+
+    On entry rows have the seed -1 and the distance inf; `wanted` tells which vertices they are. A
+    row enters the heap once at first, and then once at most for each of its neighbours.
+    """
+    size = 0
+    for i in range(len(rows)):
+        v = rows[i]
+        for at in range(offsets[v], offsets[v + 1]):
+            w = neighbours[at]
+            if wanted[w] or out_seed[w] < 0:
+                continue
+            reach = out_distance[w] + _apart(points, v, w)
+            if reach < out_distance[v] or (reach == out_distance[v] and out_seed[w] < out_seed[v]):
+                out_distance[v], out_seed[v] = reach, out_seed[w]
+        if out_seed[v] >= 0:
+            size = push(keys, names, size, out_distance[v], v)
+    while size > 0:
+        size = pop(keys, names, size)
+        v = names[size]
+        if keys[size] > out_distance[v]:
+            continue
+        for at in range(offsets[v], offsets[v + 1]):
+            w = neighbours[at]
+            if not wanted[w]:
+                continue
+            reach = out_distance[v] + _apart(points, v, w)
             if reach < out_distance[w]:
                 out_distance[w], out_seed[w] = reach, out_seed[v]
                 size = push(keys, names, size, reach, w)
@@ -155,77 +194,3 @@ def make_harmonic(rows, offsets, neighbours, most_steps, accuracy, values):
             size += residual[row] * residual[row] / degree[row]
         for row in range(count):
             direction[row] = residual[row] / degree[row] + size / before * direction[row]
-
-
-@kernel
-def third_lowest(values, offsets, neighbours, out):
-    """Find the third lowest value of each vertex and its neighbours; the highest of fewer than 3.
-
-    One or two samples that are far too low vanish; a line of low samples (a groove has itself and
-    two neighbours in it) keeps its depth.
-    """
-    for v in range(len(values)):
-        first, second, third = values[v], np.inf, np.inf
-        for at in range(offsets[v], offsets[v + 1]):
-            value = values[neighbours[at]]
-            if value < first:
-                first, second, third = value, first, second
-            elif value < second:
-                second, third = value, second
-            elif value < third:
-                third = value
-        count = offsets[v + 1] - offsets[v] + 1
-        out[v] = first if count == 1 else (second if count == 2 else third)
-
-
-@kernel
-def prominent_minima(order, values, offsets, neighbours, ratio, parent, out_minima):
-    """Minima from which one climbs to `ratio` times their value before reaching a lower one.
-
-    The vertices enter in rising order and join the pieces of the sublevel set that they touch. A
-    piece is known by its lowest vertex, its root in `parent` (path halving keeps the ways short).
-    Where two pieces meet at the height L, the one with the higher minimum m ends; it counts if
-    L >= ratio m. On entry `parent` holds -1. Ties go to the vertex that comes first in `order`.
-    """
-    n = len(order)
-    rank = np.empty(n, np.int32)
-    for place in range(n):
-        rank[order[place]] = place
-    for place in range(n):
-        v = order[place]
-        parent[v] = v
-        for at in range(offsets[v], offsets[v + 1]):
-            w = neighbours[at]
-            if parent[w] < 0:
-                continue
-            a, b = find_root(parent, v), find_root(parent, w)
-            if a == b:
-                continue
-            low, high = (a, b) if rank[a] < rank[b] else (b, a)
-            parent[high] = low
-            # v itself has just entered: a piece of height zero, which never counts.
-            out_minima[high] = high != v and values[v] >= ratio * values[high]
-    for v in range(n):
-        if parent[v] == v:
-            out_minima[v] = True
-
-
-@kernel
-def flood_below(start, level, values, offsets, neighbours, label, out_label, out_vertices):
-    """Label the piece of {values < level} that holds `start`; return how many vertices it has.
-
-    They are listed in `out_vertices` (room for n), which is the queue of the search as well.
-    """
-    out_vertices[0] = start
-    out_label[start] = label
-    count, done = 1, 0
-    while done < count:
-        v = out_vertices[done]
-        done += 1
-        for at in range(offsets[v], offsets[v + 1]):
-            w = neighbours[at]
-            if out_label[w] < 0 and values[w] < level:
-                out_label[w] = label
-                out_vertices[count] = w
-                count += 1
-    return count

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -237,9 +238,7 @@ def find_creases(shape: Shape, angle: float) -> Creases:
     )
 
 
-def crease_edges(
-    surface: Surface, angle: float
-) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.bool_]]:
+def crease_edges(surface: Surface, angle: float) -> tuple[IntArray, IntArray, NDArray[np.bool_]]:
     """Return the two half-edges of each edge between two faces, and whether it is a crease."""
     first, second, opposite = surface.edge_table.pairs
     bent = surface.edge_bends > max(math.radians(angle), LEAST_BEND)
@@ -248,7 +247,7 @@ def crease_edges(
     return first[opposite], second[opposite], bent[opposite]
 
 
-def _next(half_edges: NDArray[np.int64]) -> NDArray[np.int64]:
+def _next(half_edges: NDArray[Any]) -> NDArray[Any]:
     """Return the corner at the end of each half-edge."""
     return half_edges - half_edges % 3 + (half_edges + 1) % 3
 
@@ -292,7 +291,7 @@ def _sector_normals(
 
 
 def bends_inward(
-    shape: Shape, first: NDArray[np.int64], second: NDArray[np.int64]
+    shape: Shape, first: NDArray[np.integer[Any]], second: NDArray[np.integer[Any]]
 ) -> NDArray[np.bool_]:
     """Tell the edges whose second face lies in front of the first one."""
     flat = np.asarray(shape.faces).ravel()

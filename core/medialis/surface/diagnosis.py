@@ -166,7 +166,7 @@ def _topology(surface: Surface) -> dict[str, Any]:
     }
 
 
-def _following(h: Index) -> Index:
+def _following(h: IntArray) -> IntArray:
     """Return the next half-edge (corner) of the same face."""
     return h + 1 - 3 * (h % 3 == 2)
 
@@ -192,7 +192,7 @@ def _split_vertices(surface: Surface, fan: IntArray) -> int:
     return int((np.bincount(fan_vertex) > 1).sum())
 
 
-def _loops(single: Index, fan: IntArray) -> int:
+def _loops(single: IntArray, fan: IntArray) -> int:
     """Count boundary loops: boundary edges chained through the fans at their ends."""
     if len(single) == 0:
         return 0

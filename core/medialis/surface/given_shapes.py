@@ -6,11 +6,13 @@ Other libraries are known by what their objects have, so none of them is importe
 - Open3D: `vertices` and `triangles`, or `points` and `normals`; tensor geometry has `to_legacy()`.
 - PyVista: `points` and `faces`, the count before the corners of each; grids `extract_surface()`.
 - meshio: `points` and `cells_dict`. pymeshlab: `vertex_matrix()` and `face_matrix()`.
+- pandas: columns `x`, `y`, `z`, and `normal_x`, ... where there are any.
 """
 
 from __future__ import annotations
 
 import os
+from collections.abc import Iterable, Sequence
 from typing import Any, Protocol, TypeAlias
 
 import numpy as np
@@ -51,7 +53,7 @@ ShapeLike: TypeAlias = (
 
 WANTED = (
     "a Shape, a path, (vertices, faces), an (n, 3) array of points, or a mesh of trimesh, PyVista, "
-    "Open3D, meshio or pymeshlab"
+    "Open3D, meshio or pymeshlab, or a table with x, y and z"
 )
 
 
@@ -98,6 +100,11 @@ def _parts(given: Any) -> Parts:
         return given[0], given[1], None
     if isinstance(given, list | np.ndarray):
         return given, None, None
+    names = getattr(given, "columns", None)
+    if isinstance(names, Iterable) and {"x", "y", "z"} <= set(names):
+        of_normals = [f"normal_{axis}" for axis in "xyz"]
+        directions = _columns(given, of_normals) if of_normals[0] in names else None
+        return _columns(given, "xyz"), None, directions
     # What has faces is a surface already: PyVista's have `extract_surface` as well.
     for method in () if hasattr(given, "faces") else ("to_legacy", "to_mesh", "extract_surface"):
         if callable(convert := getattr(given, method, None)):
@@ -117,6 +124,10 @@ def _parts(given: Any) -> Parts:
             faces = _split_polygons(np.asarray(faces, np.int64), np.asarray(points, np.float64))
         return _with_faces(points, faces, normals)
     raise InvalidShapeError(f"Expected {WANTED}; got {_said(given)}.")
+
+
+def _columns(table: Any, names: Sequence[str]) -> Any:
+    return np.column_stack([np.asarray(table[name]) for name in names])
 
 
 def _with_faces(points: Any, faces: Any, normals: Any) -> Parts:

@@ -33,7 +33,7 @@ def spread_labels(points: FloatArray, graph: Ragged, labels: IntArray) -> IntArr
     (n,) int32
         -1 where no labelled point can be reached.
     """
-    seed = nearest_seeds(points, graph, labels >= 0)
+    seed = nearest_seeds(points, graph, labels >= 0)[0]
     seed[labels >= 0] = np.flatnonzero(labels >= 0)  # in one place with another one, perhaps
     return np.where(seed < 0, -1, labels[seed]).astype(np.int32)
 

@@ -34,10 +34,11 @@ def read_shape(
     Parameters
     ----------
     path : path
-        PLY, OBJ, OFF, STL or plain text points; glTF, 3MF, Collada and others with the extra `io`.
+        PLY, OBJ, OFF, STL or plain text points; glTF, 3MF, Collada and others with the extra `io`;
+        STEP with the extra `cad`, whose faces become the `patches` of the shape.
     unit : str, optional
         What one unit of the file is: "mm", "cm", "m", "in", "ft", ... Else what the format says:
-        glTF, 3MF and Collada do, the others do not.
+        glTF, 3MF, Collada and STEP do, the others do not.
     progress : callable, optional
         Called with (fraction, text); returning False cancels.
 
@@ -89,6 +90,7 @@ def read_shape(
                 repair=True,
                 viewpoints=None if normals is not None else mesh.viewpoints,
                 unit=unit or mesh.unit,
+                patches=mesh.patches,
                 progress=progress,
             )
         except InvalidShapeError as error:
@@ -103,6 +105,7 @@ def make_shape(
     repair: bool = False,
     viewpoints: ArrayLike | None = None,
     unit: str | None = None,
+    patches: ArrayLike | None = None,
     progress: Progress | ProgressCallback | None = None,
 ) -> Shape:
     """Build a Shape from arrays, with the normals it lacks.
@@ -124,6 +127,8 @@ def make_shape(
     unit : str, optional
         What one unit of the points is: "mm", "cm", "m", "in", "ft", ... Options may then be lengths
         such as "1mm", and results say it.
+    patches : (m,) int, optional
+        The patch that each face lies on, such as a face of a CAD model.
     progress : callable, optional
         Called with (fraction, text); returning False cancels.
 
@@ -163,6 +168,10 @@ def make_shape(
             views = views[first[1][first[0] >= 0]]
         if fixed.faces is not None and len(fixed.faces):
             extra["face_map"] = fixed.face_map
+            if patches is not None:
+                patches = np.asarray(patches)[fixed.face_map]
+    if patches is not None:
+        extra["patches"] = np.asarray(patches)
     vertices = as_points(points)
     triangles = None if faces is None else as_faces(faces, len(vertices))
     if triangles is not None and len(triangles) == 0:

@@ -48,7 +48,7 @@ class RefineOptions(Options):
     longest_edge: float = length(
         0.02,
         "Refine edges above",
-        "Split edges longer than this fraction of the size for the computation, so that flat faces "
+        "Split edges longer than this share of the size for the computation, so that flat faces "
         "get samples; the surface stays the same. 0 computes with the given vertices only.",
     )
 
@@ -165,7 +165,11 @@ def _with_faces_of(shape: Shape, cut: Cut, scale: float) -> Shape:
     normals = np.concatenate([shape.normals, mean_normals(points, faces[has_new(faces, n)])[n:]])
     origin = np.full(len(points), -1, np.int32)
     origin[:n] = np.arange(n) if shape.origin is None else shape.origin
-    face_map = None if shape.face_map is None else shape.face_map[face_origin]
+    of_faces = {
+        name: values[face_origin]
+        for name in ("face_map", "patches")
+        if (values := getattr(shape, name)) is not None
+    }
     if shape.face_origin is not None:
         face_origin = shape.face_origin[face_origin]
     return replace(
@@ -175,7 +179,7 @@ def _with_faces_of(shape: Shape, cut: Cut, scale: float) -> Shape:
         faces=faces,
         origin=origin,
         face_origin=face_origin,
-        face_map=face_map,
+        **of_faces,
     )
 
 

@@ -10,6 +10,7 @@ triangles.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -77,7 +78,7 @@ def solid_boundary(shape: Shape) -> SolidBoundary:
     )
 
 
-def _joined_sides(shape: Shape) -> tuple[Index, Index, Index]:
+def _joined_sides(shape: Shape) -> tuple[IntArray, IntArray, Index]:
     """Pairs of half-edges that the boundary joins, and the edges where others are left over."""
     table = shape.edge_table
     a, b, opposite = table.pairs
@@ -90,7 +91,7 @@ def _joined_sides(shape: Shape) -> tuple[Index, Index, Index]:
         pairs += found
         if 2 * len(found) < len(sides):
             unclear.append(edge)
-    more = np.array(pairs, np.int64).reshape(-1, 2)
+    more = np.array(pairs, np.int32).reshape(-1, 2)
     a, b = np.concatenate([a[opposite], more[:, 0]]), np.concatenate([b[opposite], more[:, 1]])
     return a, b, np.array(unclear, np.int64)
 
@@ -100,7 +101,7 @@ def _fins(shape: Shape) -> NDArray[np.bool_]:
     return np.isin(shape.face_pieces, shape.face_pieces[shape.edge_table.single // 3])
 
 
-def _paired(shape: Shape, sides: Index, fin: NDArray[np.bool_]) -> list[tuple[int, int]]:
+def _paired(shape: Shape, sides: IntArray, fin: NDArray[np.bool_]) -> list[tuple[int, int]]:
     """Pair the half-edges of one edge: each face that enters the solid with one that leaves it.
 
     Of as many as enter and leave, each that enters takes the nearest that leaves, round the edge.
@@ -124,7 +125,7 @@ def _paired(shape: Shape, sides: Index, fin: NDArray[np.bool_]) -> list[tuple[in
     return pairs
 
 
-def _next(sides: Index) -> Index:
+def _next(sides: NDArray[Any]) -> NDArray[Any]:
     """Return the next half-edge of the same face."""
     return np.where(sides % 3 == 2, sides - 2, sides + 1)
 
@@ -138,7 +139,7 @@ def _angles_round(low: FloatArray, high: FloatArray, tips: FloatArray) -> FloatA
     return np.asarray(np.arctan2(away @ np.cross(axis, x), away @ x))
 
 
-def _copied_vertices(shape: Shape, a: Index, b: Index) -> tuple[IntArray, Index]:
+def _copied_vertices(shape: Shape, a: IntArray, b: IntArray) -> tuple[IntArray, Index]:
     """Faces with a copy of a vertex for each further fan there, and the vertex of each point, (p,).
 
     A fan are corners of a vertex joined across pairs of half-edges; copies come after the vertices.

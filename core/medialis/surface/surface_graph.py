@@ -71,10 +71,12 @@ def _cloud_graph(shape: Shape) -> Ragged:
     return Ragged(graph.indptr, graph.indices)
 
 
-def nearest_seeds(points: FloatArray, graph: Ragged, seeds: NDArray[np.bool_]) -> IntArray:
-    """Return the nearest of the points that are seeds, along the graph, (n,).
+def nearest_seeds(
+    points: FloatArray, graph: Ragged, seeds: NDArray[np.bool_]
+) -> tuple[IntArray, FloatArray]:
+    """Return the nearest of the points that are seeds, along the graph, and its distance, (n,).
 
-    Ties go to the lowest index; -1 where no seed can be reached.
+    Ties go to the lowest index; -1 and inf where no seed can be reached.
     """
     from medialis.surface._surface_graph_kernels import spread_from_seeds
 
@@ -84,7 +86,7 @@ def nearest_seeds(points: FloatArray, graph: Ragged, seeds: NDArray[np.bool_]) -
     room = len(graph.indices)
     keys, names = np.empty(room), np.empty(room, np.int32)
     spread_from_seeds(points, graph.offsets, graph.indices, keys, names, distance, seed)
-    return seed
+    return seed, distance
 
 
 def local_spacing(shape: Shape) -> FloatArray:

@@ -17,8 +17,9 @@ DIRECTIONS = 50
 LONGEST = 2.0
 """Diagonals: a plane cut that is longer does not lead to the other feature point."""
 
-MOST_MEASURED = 2000
-"""Candidates whose importance is measured; a curve needs no more, a round tube has far more."""
+CELL = 0.5
+"""Times the radius of its ball: the importance of one candidate is measured for all within a cell
+that is between half as wide and as wide. Some ten such cells lie in the ball of each."""
 
 CANDIDATES_A_CHUNK = 8
 
@@ -106,17 +107,26 @@ def smooth_importance(
 
     if len(candidates) == 0:
         return frozen(np.empty(0), np.float64)
-    centers, radii = measured.cloud.centers, measured.cloud.radii
-    some = candidates[:: 1 + len(candidates) // MOST_MEASURED]
-
-    def nearest() -> tuple[FloatArray, NDArray[np.int64]]:
-        distance, place = cKDTree(centers[some]).query(centers[candidates])
-        return distance, place
-
-    distance, _ = run_patiently(nearest, progress)
-    some = np.union1d(some, candidates[distance > radii[candidates]])
+    centers = measured.cloud.centers
+    some = candidates[_one_a_cell(measured, candidates)]
     area = area_importance(measured, some, progress=progress)
     near, distance = near_balls(measured.cloud, some, progress)
-    around = np.where(distance < radii[some, None], area[near], np.nan)
+    around = np.where(distance < measured.cloud.radii[some, None], area[near], np.nan)
     median = np.nanmedian(np.column_stack([area, around]), axis=1)
-    return frozen(median[run_patiently(nearest, progress)[1]], np.float64)
+    nearest = run_patiently(lambda: cKDTree(centers[some]).query(centers[candidates])[1], progress)
+    return frozen(median[nearest], np.float64)
+
+
+def _one_a_cell(measured: CandidateMeasure, candidates: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Choose the surest candidate of each cell, a quarter to half as wide as its ball is thick.
+
+    A cell is one of an octree: its width is a power of two.
+    """
+    radii = measured.cloud.radii[candidates]
+    level = np.frexp(radii * CELL)[1] - 1
+    cell = np.floor(measured.cloud.centers[candidates] / np.ldexp(1.0, level)[:, None])
+    order = np.lexsort((-measured.spread[candidates], *cell.T, level))
+    keys = np.column_stack([level, cell])[order]
+    first = np.ones(len(order), bool)
+    first[1:] = (keys[1:] != keys[:-1]).any(axis=1)
+    return np.sort(order[first])

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from medialis.balls.surface_skeleton import as_cloud
-from medialis.curves.graph.ground import nearest_neighbours
+from medialis.curves.graph.ground import NEIGHBOURS
 from medialis.kept import Bound, kept
 from medialis.model.geodesic_paths import Importance
 from medialis.model.medial_cloud import MedialCloud
@@ -264,11 +264,10 @@ def _field(paths: Importance) -> tuple[NDArray[np.int64], FloatArray, FloatArray
 def near_balls(
     cloud: MedialCloud, rows: NDArray[np.int64], progress: Progress
 ) -> tuple[IntArray, FloatArray]:
-    """Find the nearest others of some balls among themselves (`nearest_neighbours`); kept."""
+    """Find the nearest others of some balls among themselves, as many as the thesis; kept."""
+    from medialis._kernels.neighbours import nearest_others
+
     return kept(
-        nearest_neighbours, cloud, rows.tobytes(),
-        lambda: run_patiently(
-            lambda: nearest_neighbours(cloud.centers[rows], cloud.surface.diagonal), progress
-        ),
-        progress,
+        nearest_others, cloud, rows.tobytes(),
+        lambda: nearest_others(cloud.centers[rows], NEIGHBOURS, progress.still), progress,
     )  # fmt: skip

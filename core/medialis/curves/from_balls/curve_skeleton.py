@@ -46,7 +46,7 @@ class CurveSkeletonOptions(Options):
         0.02,
         "Importance",
         "Branches end where the surface that hangs on them is smaller than a square with this "
-        "fraction of the size as its side, or than what hangs on a corner of their radius. Larger "
+        "share of the size as its side, or than what hangs on a corner of their radius. Larger "
         "values remove small details.",
     )
     smoothing: float = number(
@@ -60,7 +60,7 @@ class CurveSkeletonOptions(Options):
     candidates: float = length(
         0.005,
         "Candidates",
-        "Skeleton points are candidates when geodesics of this fraction of the size, and at least "
+        "Skeleton points are candidates when geodesics of this share of the size, and at least "
         "as long as half round a limb of their radius, start from them to opposite sides. Smaller "
         "values find thinner limbs, and more noise.",
         low=0.0001,
@@ -226,33 +226,29 @@ def _link_balls(
     measured: CandidateMeasure, candidates: NDArray[np.int64], level: float, progress: Progress
 ) -> BallLinks:
     """Link balls that are close to each other, and those of neighbouring samples."""
-    cloud, near_pairs = measured.cloud, []
-    for rows in (np.flatnonzero(cloud.valid), candidates):
-        near, _ = near_balls(cloud, rows, progress)
-        near_pairs.append((rows, near))
-    return run_patiently(lambda: _linked(measured, near_pairs, level), progress)
+    cloud = measured.cloud
+    near = [
+        (rows, near_balls(cloud, rows, progress)[0])
+        for rows in (np.flatnonzero(cloud.valid), candidates)
+    ]
+    return run_patiently(lambda: _linked(measured, near, level), progress)
 
 
 def _linked(
-    measured: CandidateMeasure, near_pairs: list[tuple[NDArray[np.int64], IntArray]], level: float
+    measured: CandidateMeasure, near: list[tuple[NDArray[np.int64], IntArray]], level: float
 ) -> BallLinks:
-    """Link the pairs of near balls, and those of neighbouring samples, within each component."""
+    """Link near balls, and those of neighbouring samples, within each component."""
     cloud, surface = measured.cloud, measured.cloud.surface
-    pairs = np.concatenate(
-        [
-            np.stack([np.repeat(rows, near.shape[1]), rows[near.ravel()]], axis=1)
-            for rows, near in near_pairs
-        ]
-    )
-    needed = np.concatenate([surface.edges, cloud.features[cloud.valid]])
-    needed = needed[cloud.valid[needed].all(axis=1)]
-    pairs, needed = (
-        rows[surface.components[rows[:, 0]] == surface.components[rows[:, 1]]]
-        for rows in (pairs, needed)
-    )
+    needed = [(ends[:, 0], ends[:, 1:]) for ends in (surface.edges, cloud.features[cloud.valid])]
     closeness = np.maximum(2 * np.nan_to_num(measured.spread) - 1, 0)
     closeness *= np.minimum(1.0, np.nan_to_num(measured.measure) / level)
-    centers, radii = np.nan_to_num(cloud.centers), np.nan_to_num(cloud.radii)
     return link_balls(
-        centers, radii, closeness, pairs, needed, spacing=surface.spacing, widths=measured.widths
+        np.nan_to_num(cloud.centers),
+        np.nan_to_num(cloud.radii),
+        closeness,
+        [(rows, rows[others]) for rows, others in near],
+        needed,
+        spacing=surface.spacing,
+        widths=measured.widths,
+        groups=np.where(cloud.valid, surface.components, -1),
     )

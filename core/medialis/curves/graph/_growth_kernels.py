@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from medialis._kernels.heap_kernels import pop, push
 from medialis._kernels.jit import kernel
 from medialis._kernels.union_find_kernels import find_root
-
-DOUBTFUL = 0.1  # turns: the change of an angle along a link that is followed, if the link is long
 
 
 @kernel
@@ -95,59 +91,6 @@ def farthest_ends(rows, radii, offsets, neighbours, length, out_far):
         for at in range(offsets[v], offsets[v + 1]):
             if length[at] < radii[v] + radii[neighbours[at]]:
                 out_far[v] = max(out_far[v], length[at])
-
-
-@kernel
-def list_turns(
-    rows, near, theta, radii, offsets, neighbours, length, out_links, out_turns, out_doubtful
-):  # fmt: skip
-    """Links between near balls along which the angle `theta` changes by more than half a turn.
-
-    Nearest whole turns; doubtful are those along links out of a ball that change much: they are
-    listed in any case. Returns how many; the lists have room for all links.
-    """
-    count = 0
-    for v in rows:
-        for at in range(offsets[v], offsets[v + 1]):
-            w = neighbours[at]
-            if not near[w] or length[at] >= radii[v] + radii[w]:
-                continue
-            change = theta[w] - theta[v]
-            whole = round(change)
-            doubtful = length[at] >= min(radii[v], radii[w]) and abs(change - whole) > DOUBTFUL
-            if whole != 0 or doubtful:
-                out_links[count], out_turns[count], out_doubtful[count] = at, whole, doubtful
-                count += 1
-    return count
-
-
-@kernel
-def solid_angles(begin, stop, rows, centers, loop, points, out_theta):
-    """Solid angle of a closed polyline seen from the centers, in turns of 4 pi.
-
-    The polyline is the border of a fan of triangles round its first point (Van Oosterom and
-    Strackee 1983); another surface with the same border differs by whole turns.
-    """
-    first = loop[0]
-    for i in range(begin, stop):
-        x, y, z = centers[rows[i], 0], centers[rows[i], 1], centers[rows[i], 2]
-        ax, ay, az = points[first, 0] - x, points[first, 1] - y, points[first, 2] - z
-        a = math.sqrt(ax * ax + ay * ay + az * az)
-        total = 0.0
-        bx, by, bz, b = ax, ay, az, a
-        for v in loop[1:]:
-            cx, cy, cz = points[v, 0] - x, points[v, 1] - y, points[v, 2] - z
-            d = math.sqrt(cx * cx + cy * cy + cz * cz)
-            triple = ax * (by * cz - bz * cy) + ay * (bz * cx - bx * cz) + az * (bx * cy - by * cx)
-            bottom = (
-                a * b * d
-                + (ax * bx + ay * by + az * bz) * d
-                + (ax * cx + ay * cy + az * cz) * b
-                + (bx * cx + by * cy + bz * cz) * a
-            )
-            total += 2.0 * math.atan2(triple, bottom)
-            bx, by, bz, b = cx, cy, cz, d
-        out_theta[rows[i]] = total / (4.0 * math.pi)
 
 
 @kernel

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from medialis.curves.graph.ground import BallLinks
 from medialis.curves.graph.growth import APART
-from medialis.curves.graph.pruning import nearest_on_graph, prune
+from medialis.curves.graph.pruning import prune
 from medialis.model.curve_skeleton import CurveSkeleton
 from medialis.model.polylines import places_along
 from medialis.validation import FloatArray
@@ -58,12 +58,11 @@ def finish_graph(
     ends = inverse.reshape(-1, 2)
     ends = ends[ends[:, 0] != ends[:, 1]]
     raw = CurveSkeleton.of(links.centers[balls], ends, links.radii[balls])
-    stays = prune(links, raw, balls, importance, areas)
+    stays, nearest = prune(links, raw, balls, importance, areas)
     raw, balls = raw.subset(stays), balls[stays]
     merged, into = merge_junctions(raw, raw.radii)
     sampled, node_of = sample_branches(merged, links.spacing)
     nodes = smooth_nodes(sampled.nodes, sampled.edges, sampled.radii, smoothing)
-    nearest = nearest_on_graph(links, balls)
     node_of_ball = np.full(len(links) + 1, -1, np.int64)  # one more row: no ball
     node_of_ball[balls] = node_of[into]
     moved = np.linalg.norm(nodes - sampled.nodes, axis=1)

@@ -6,20 +6,23 @@ when the balls overlap. So a graph of such links leads along the surface skeleto
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from medialis.threads import thread_count
-from medialis.validation import FloatArray, frozen
+from medialis.threads import run_chunks
+from medialis.validation import FloatArray, IntArray
 
 NEIGHBOURS = 10
 """Of each point, as in the thesis."""
 
-JITTER = 1e-9
-"""Fraction of the diagonal by which points move for the search of neighbours only: exactly equal
-ones, as the centers of a sphere, could not be split by a tree, and every search would visit all."""
+Links = tuple[NDArray[np.integer[Any]], NDArray[np.integer[Any]]]
+"""Balls (m,) and (m, c) others that each may be linked to."""
+
+BALLS_A_CHUNK = 4096
 
 OFF_CURVE = 20.0
 """Times what a link costs on the curve skeleton that one far from it costs."""
@@ -32,24 +35,6 @@ along thin balls below its surface."""
 OVERLAP_ONLY, APART = 10.0, 1000.0
 """Factors of the cost where a center lies outside the other ball, and where the balls are apart:
 last resorts that keep the graph in one piece."""
-
-
-def nearest_neighbours(
-    points: NDArray[np.float64], size: float, count: int = NEIGHBOURS
-) -> tuple[NDArray[np.int32], FloatArray]:
-    """Find the nearest other points of each point, (k, count) indices and distances.
-
-    With fewer than count + 1 points there are fewer columns.
-    """
-    from scipy.spatial import cKDTree
-
-    k = len(points)
-    count = min(count, k - 1)
-    if count <= 0:
-        return np.empty((k, 0), np.int32), np.empty((k, 0))
-    moved = points + JITTER * size * np.random.default_rng(0).uniform(-1, 1, points.shape)
-    distance, near = cKDTree(moved).query(moved, k=count + 1, workers=thread_count())
-    return np.ascontiguousarray(near[:, 1:], np.int32), np.ascontiguousarray(distance[:, 1:])
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,11 +76,12 @@ def link_balls(
     centers: FloatArray,
     radii: FloatArray,
     closeness: FloatArray,
-    near: NDArray[np.int64],
-    needed: NDArray[np.int64],
+    near: Sequence[Links],
+    needed: Sequence[Links],
     *,
     spacing: float,
     widths: FloatArray | None = None,
+    groups: IntArray | None = None,
 ) -> BallLinks:
     """Link balls and give each link a cost.
 
@@ -105,54 +91,50 @@ def link_balls(
     radii : (k,) float64
     closeness : (k,) float64
         1 on the curve skeleton, 0 far from it.
-    near : (a, 2) int
-        Pairs that may be linked: used where each center lies in the other ball.
-    needed : (b, 2) int
-        Pairs that are linked in any case, for the graph to hang together.
+    near : sequence of Links
+        That may be linked: used where each center lies in the other ball.
+    needed : sequence of Links
+        That are linked in any case, for the graph to hang together.
     spacing : float
         Typical distance of neighbouring balls; a link longer than this, and than a share of the
         smaller radius, costs more for its length.
     widths : (k,) float64, optional
         As in `BallLinks`.
+    groups : (k,) int, optional
+        Balls of the same group are linked only; -1: with none.
 
     Returns
     -------
     BallLinks
     """
+    from medialis.curves.graph._link_kernels import list_links, sort_links, weigh_links
+
     k = len(radii)
-    pairs = np.sort(np.concatenate([near, needed]).astype(np.int64), axis=1)
-    wanted = np.arange(len(pairs)) >= len(near)
-    key = pairs[:, 0] * k + pairs[:, 1]
-    distance, smaller, both = _measure(centers, radii, pairs)
-    use = (pairs[:, 0] != pairs[:, 1]) & (wanted | (distance < smaller))
-    key = np.sort(key[use])
-    key = key[np.r_[True, key[1:] != key[:-1]][: len(key)]]
-    low, high = np.divmod(key, k)
-    distance, smaller, both = _measure(centers, radii, np.stack([low, high], axis=1))
+    groups = np.zeros(k, np.int32) if groups is None else groups
+    given = [
+        (np.ascontiguousarray(ends, np.int32), np.ascontiguousarray(others, np.int32), kind)
+        for kind, lists in enumerate((near, needed))
+        for ends, others in lists
+    ]
+    none, counts = np.empty(0, np.int32), np.zeros(k, np.int64)
+    for ends, others, kind in given:
+        list_links(ends, others, kind == 1, groups, centers, radii, counts, none)
+    starts = np.concatenate([[0], np.cumsum(counts)])
+    listed, places = np.empty(starts[-1], np.int32), starts[:-1].copy()
+    for ends, others, kind in given:
+        list_links(ends, others, kind == 1, groups, centers, radii, places, listed)
+    offsets, neighbours = np.empty(k + 1, np.int64), np.empty(len(listed), np.int32)
+    neighbours = neighbours[: sort_links(starts, listed, offsets, neighbours)].copy()
+    length, cost = np.empty(len(neighbours)), np.empty(len(neighbours))
     density = 1 / (1 / OFF_CURVE + closeness)
-    long = 1 + distance / np.maximum(SHORT * smaller, spacing)
-    cost = distance * long * (density[low] + density[high]) / 2
-    cost *= np.where(distance < smaller, 1.0, np.where(distance < both, OVERLAP_ONLY, APART))
-    cost += 1e-9 * spacing  # coincident centers: the path with fewer links
-    start = np.concatenate([low, high])
-    order = np.argsort(start, kind="stable")
-    offsets = np.concatenate([[0], np.cumsum(np.bincount(start, minlength=k))])
-    return BallLinks(
-        centers,
-        radii,
-        offsets,
-        np.concatenate([high, low])[order].astype(np.int32),
-        frozen(np.concatenate([distance, distance])[order], np.float64),
-        frozen(np.concatenate([cost, cost])[order], np.float64),
-        spacing,
-        np.full(k, np.inf) if widths is None else widths,
-    )
 
+    def weigh(begin: int, end: int) -> None:
+        weigh_links(
+            begin, end, offsets, neighbours, centers, radii, density, spacing, SHORT, OVERLAP_ONLY,
+            APART, length, cost,
+        )  # fmt: skip
 
-def _measure(
-    centers: FloatArray, radii: FloatArray, pairs: NDArray[np.int64]
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Distance of each pair, its smaller radius, the sum of its radii."""
-    a, b = pairs.T
-    distance = np.linalg.norm(centers[a] - centers[b], axis=1)
-    return distance, np.minimum(radii[a], radii[b]), radii[a] + radii[b]
+    run_chunks(weigh, k, BALLS_A_CHUNK)
+    length.flags.writeable = cost.flags.writeable = False
+    every = np.full(k, np.inf) if widths is None else widths
+    return BallLinks(centers, radii, offsets, neighbours, length, cost, spacing, every)

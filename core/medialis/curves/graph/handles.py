@@ -5,10 +5,8 @@ tree of vertices and a tree of faces leave 2 g sides, each of which closes a loo
 The faces are joined where loops would be longest first, so that those which are left are the
 shortest through the root (Erickson and Whittlesey 2005): each lies at its handle.
 
-A closed path inside is contractible in homology exactly when it is linked with none of these loops.
-The solid angle of a loop, seen from a point that moves once along a closed path, changes by whole
-turns, and their number is the linking number. So one angle a point and loop is all that is needed
-to count turns along any path (`loops.py`).
+A closed path inside is contractible in homology exactly when it is linked with none of these loops:
+when it crosses a surface that a loop spans as often one way as the other (`spanning.py`).
 """
 
 from __future__ import annotations
@@ -18,18 +16,18 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from medialis.curves.graph.ground import JITTER
 from medialis.kept import Described
 from medialis.model.polylines import follow
 from medialis.model.ragged import Ragged
 from medialis.model.shape import Shape
 from medialis.model.topology import piece_labels
 from medialis.surface.solid_boundary import SolidBoundary, solid_boundary
-from medialis.threads import run_chunks
 from medialis.validation import FloatArray, frozen
 
-POINTS_A_CHUNK = 1024
 MOST_HANDLES = 2048
+
+JITTER = 1e-9
+"""Fraction of the diagonal by which points of loops move."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -45,7 +43,7 @@ class Handles(Described):
         would take minutes.
     points : (n, 3) float64
         Those of the boundary of the solid, which are the vertices first; moved by 1e-9 of the size,
-        since no angle is defined where a center lies on the side of a triangle.
+        since centers of symmetric shapes lie in triangles that loops span.
     seams, unclear : int
         Where the surface touches itself, and where the solid is a guess (`SolidBoundary`).
     """
@@ -55,20 +53,6 @@ class Handles(Described):
     points: FloatArray
     seams: int = 0
     unclear: int = 0
-
-    def fill_angles(
-        self, number: int, centers: FloatArray, rows: NDArray[np.int64], theta: FloatArray
-    ) -> None:
-        """Write the solid angle of a loop seen from centers, in turns, to ``theta[rows]``.
-
-        Cost: rows times the length of the loop, 60 ns each.
-        """
-        from medialis.curves.graph._growth_kernels import solid_angles
-
-        def work(begin: int, end: int) -> None:
-            solid_angles(begin, end, rows, centers, self.loops[number], self.points, theta)
-
-        run_chunks(work, len(rows), POINTS_A_CHUNK)
 
 
 def find_handles(shape: Shape) -> dict[int, Handles]:

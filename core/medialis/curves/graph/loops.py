@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 
 from medialis.curves.graph.ground import BallLinks
 from medialis.curves.graph.handles import Handles
+from medialis.curves.graph.spanning import SpanningSurface
 from medialis.curves.graph.tree import GraphTree, pairs
 from medialis.model.polylines import follow
-from medialis.validation import FloatArray
 
 Index = NDArray[np.int64]
 
@@ -30,13 +30,13 @@ chance once in so many."""
 
 @dataclass(frozen=True, eq=False)
 class LinkTurns:
-    """Whole turns by which angles change along links, only those that are not 0.
+    """Turns along links, only those that are not 0.
 
     Attributes
     ----------
     link, loop, count : (q,) int64
-        Along the link, in ascending order, the angle of a loop changes by so many turns more than
-        the difference of its angles at both ends.
+        The link, in ascending order, crosses the surface that a loop spans so many times against
+        its normals.
     loops : int
         How many there are.
     """
@@ -67,11 +67,9 @@ class LinkTurns:
 
 
 def link_turns(links: BallLinks, one: Handles, rows: Index) -> LinkTurns:
-    """Count the whole turns along links between balls that overlap.
+    """Count the turns along links between balls that overlap.
 
-    Along a link shorter than both radii the angle changes by less than half a turn: it lies in one
-    ball, which no loop enters. Where balls only overlap, the angle is followed through a place that
-    lies in both. The angle of a loop jumps by a whole turn only within the hull of the loop, so
+    A turn is a crossing of the surface that a loop spans, which lies within the hull of the loop:
     only balls with links that come there are asked.
 
     Parameters
@@ -81,47 +79,24 @@ def link_turns(links: BallLinks, one: Handles, rows: Index) -> LinkTurns:
     rows : (r,) int
         Balls of the component.
     """
-    from medialis.curves.graph._growth_kernels import farthest_ends, list_turns
+    from medialis.curves.graph._crossing_kernels import take_turns
+    from medialis.curves.graph._growth_kernels import farthest_ends
 
-    reach, theta = np.zeros(len(links)), np.zeros(len(links))
+    reach, turns = np.zeros(len(links)), np.zeros(len(links.length), np.int64)
     farthest_ends(rows, links.radii, links.offsets, links.neighbours, links.length, reach)
-    centers, near = links.centers[rows], np.zeros(len(links), bool)
-    found, turns, doubtful = (np.empty(len(links.length), dtype) for dtype in (int, int, bool))
-    lists = []
+    centers, found = links.centers[rows], np.empty((2, len(turns)), np.int64)
+    lists = [np.empty((3, 0), np.int64)]
     for number, loop in enumerate(one.loops):
-        corners = one.points[loop]
-        low, high = corners.min(axis=0), corners.max(axis=0)
+        spanned = SpanningSurface.of(one.points[loop[:-1]])
+        low, high = spanned.bounds
         away = np.maximum(np.maximum(low - centers, centers - high), 0.0).max(axis=1)
         there = rows[away <= reach[rows]]
-        near[there] = True
-        one.fill_angles(number, links.centers, there, theta)
-        count = list_turns(
-            there, near, theta, links.radii, links.offsets, links.neighbours, links.length,
-            found, turns, doubtful,
-        )  # fmt: skip
-        near[there] = False
-        link, turn, unsure = found[:count], turns[:count], doubtful[:count]
-        turn[unsure] = _through_middle(links, one, number, link[unsure], theta)
-        some = turn != 0
-        lists.append(np.stack([link[some], np.full(int(some.sum()), number), turn[some]]))
-    every = np.concatenate([np.empty((3, 0), np.int64), *lists], axis=1)
+        spanned.count_crossings(links, there, reach, turns)
+        link, turn = found[:, : take_turns(there, links.offsets, turns, *found)]
+        lists.append(np.stack([link, np.full(len(link), number), turn]))
+    every = np.concatenate(lists, axis=1)
     every = every[:, np.argsort(every[0], kind="stable")]
     return LinkTurns(every[0], every[1], every[2], len(one.loops))
-
-
-def _through_middle(
-    links: BallLinks, one: Handles, number: int, link: Index, theta: FloatArray
-) -> Index:
-    """Count the whole turns of an angle along links, by way of what both balls have."""
-    begin = np.searchsorted(links.offsets, link, side="right") - 1
-    end, size = links.neighbours[link], links.length[link]
-    a, b = links.radii[begin], links.radii[end]
-    share = (np.maximum(size - b, 0) + np.minimum(a, size)) / (2 * size)
-    middle = links.centers[begin] + share[:, None] * (links.centers[end] - links.centers[begin])
-    there = np.zeros(len(link))
-    one.fill_angles(number, middle, np.arange(len(link)), there)
-    turns = np.rint(there - theta[begin]) + np.rint(theta[end] - there)
-    return turns.astype(np.int64)
 
 
 def close_loops(graph: GraphTree, turns: LinkTurns, rows: Index, root: int, most: int) -> Index:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from medialis.curves.graph.finishing import finish_graph
-from medialis.curves.graph.ground import link_balls, nearest_neighbours
+from medialis.curves.graph.ground import link_balls
 from medialis.curves.graph.growth import grow_graph
 from medialis.curves.graph.handles import Handles
 from medialis.model.curve_skeleton import CurveSkeleton
@@ -72,6 +72,8 @@ def point_graph(
     >>> graph.branch_count, graph.end_points.size, round(graph.length, 6)
     (1, 2, 10.0)
     """
+    from medialis._kernels.neighbours import nearest_others
+
     smoothing = as_number(smoothing, "smoothing", low=0.0, high=10.0)
     centers = as_points(points)
     radius = as_field(radii, len(centers), "radii")
@@ -79,15 +81,12 @@ def point_graph(
         np.ones(len(centers)) if strength is None else as_field(strength, len(centers), "strength")
     )
     size = float(np.linalg.norm(np.ptp(centers, axis=0)))
-    near, distance = nearest_neighbours(centers, size, neighbours)
+    near, distance = nearest_others(centers, neighbours)
     spacing = float(np.median(distance[:, 0])) if distance.size else 0.0
     spacing = max(spacing, 1e-9 * size, 1e-300)
-    pairs = np.stack(
-        [np.repeat(np.arange(len(centers)), near.shape[1]), near.ravel().astype(np.int64)], axis=1
-    )
     closeness = np.clip(sure / max(float(np.median(sure)), 1e-300), 0.0, 1.0)
-    nothing = np.empty((0, 2), np.int64)
-    links = link_balls(centers, radius, closeness, pairs, nothing, spacing=spacing)
+    every = np.arange(len(centers))
+    links = link_balls(centers, radius, closeness, [(every, near)], [], spacing=spacing)
     # Of equally sure points the thickest one comes first.
     first = sure + 1e-9 * radius / max(float(radius.max()), 1e-300) * max(float(sure.max()), 1e-300)
     pieces = _pieces(links.offsets, links.neighbours)

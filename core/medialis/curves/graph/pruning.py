@@ -8,6 +8,7 @@ whole branch, by more than importance is estimated too large.
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +26,7 @@ def prune(
     balls: NDArray[np.int64],
     importance: FloatArray | None = None,
     areas: FloatArray | None = None,
-) -> NDArray[np.bool_]:
+) -> tuple[NDArray[np.bool_], NDArray[np.int32]]:
     """Choose the nodes that stay when spurs and branches beside others go.
 
     Parameters
@@ -43,17 +44,21 @@ def prune(
     Returns
     -------
     (v,) bool
+    (k,) int32
+        The ball of the graph that stays which is nearest to each ball along the links; -1 for none.
     """
     stays = np.ones(len(balls), bool)
     while True:
         rows = np.flatnonzero(stays)
         rows = rows[prune_spurs(graph.subset(stays), links.widths[balls[rows]])]
         stays = np.isin(np.arange(len(balls)), rows)
+        nearest = _nearest_on_graph(links, balls[rows])
         if importance is None or areas is None:
-            return stays
-        beside = _beside(graph.subset(stays), links, balls[rows], importance, areas)
+            return stays, nearest
+        area = np.bincount(nearest[nearest >= 0], areas[nearest >= 0], len(links))
+        beside = _beside(graph.subset(stays), links.radii, balls[rows], importance, area)
         if not beside.any():
-            return stays
+            return stays, nearest
         stays[rows[beside]] = False
 
 
@@ -96,19 +101,20 @@ def _limbs(graph: CurveSkeleton) -> list[tuple[int, NDArray[np.int32]]]:
 
 def _beside(
     graph: CurveSkeleton,
-    links: BallLinks,
+    radii: FloatArray,
     balls: NDArray[np.int64],
     importance: FloatArray,
-    areas: FloatArray,
+    area: NDArray[Any],
 ) -> NDArray[np.bool_]:
-    """Nodes of limbs on whose end more hangs than on the limb: on the samples next to its nodes."""
-    nearest = nearest_on_graph(links, balls)
-    area = np.bincount(nearest[nearest >= 0], areas[nearest >= 0], len(links))[balls]
+    """Nodes of limbs on whose end more hangs than on the limb: on the samples next to its nodes.
+
+    Balls and their area are numbered among all.
+    """
     beside = np.zeros(len(balls), bool)
     for _, row in _limbs(graph):
         tip = balls[row[-1]]
-        hangs = importance[tip] / overestimate(importance[tip], links.radii[tip])
-        if hangs > area[row[1:]].sum():
+        hangs = importance[tip] / overestimate(importance[tip], radii[tip])
+        if hangs > area[balls[row[1:]]].sum():
             beside[row[1:]] = True
     return beside
 
@@ -134,8 +140,7 @@ def _half_spheroid(long: FloatArray) -> FloatArray:
     return np.asarray(long**2 + stretch)
 
 
-def nearest_on_graph(links: BallLinks, balls: NDArray[np.int64]) -> NDArray[np.int32]:
-    """Return the ball of a graph that is nearest to each ball along the links; -1 for none."""
+def _nearest_on_graph(links: BallLinks, balls: NDArray[np.int64]) -> NDArray[np.int32]:
     growth = GraphTree(replace(links, cost=links.length))
     growth.add(balls.tolist())
     return growth.base

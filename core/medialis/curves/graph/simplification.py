@@ -25,7 +25,7 @@ class SimplifyOptions(Options):
     simplify: float = length(
         0.005,
         "Simplify",
-        "Leave out nodes where the branch changes by less than this fraction of the size. 0 keeps "
+        "Leave out nodes where the branch changes by less than this share of the size. 0 keeps "
         "all; the topology stays the same.",
     )
 
