@@ -17,10 +17,14 @@ Shapes:
 Balls and skeletons:
     surface_skeleton, shrink_balls, MedialCloud, Balls, BallStatus, Ragged, uniform_subsample,
     huge_surface_skeleton, open_medial_cloud, skeleton_mesh, SkeletonMesh
+Medial meshes:
+    medial_mesh, MedialMesh, envelope_distance, EnvelopeDistance, envelope_surface,
+    values_on_balls, important_mesh, read_ma, write_ma, ball_cover, BallCover, write_ball_cover
 Measures:
     geodesic_importance, Importance, connected_importance, important_points, local_measures,
     geodesic, Geodesic, geodesics, geodesic_lengths, GeodesicPaths, PathStatus, thickness,
-    thin_spots, ThinSpot, feature_transform, field_on_skeleton, field_on_surface
+    thin_spots, ThinSpot, midsurface, Midsurface, Lump, feature_transform, field_on_skeleton,
+    field_on_surface
 Sheets and segments:
     extended_feature_transform, FeatureSets, point_types, PointType, medial_sheets, MedialSheets,
     Unfolded, y_network, YNetwork, sheet_meshes, SheetMeshes, medial_scaffold, MedialScaffold,
@@ -33,13 +37,14 @@ Curves and rigging:
 Clouds:
     estimate_normals, surface_of_cloud, manifolds, ManifoldSet, PointClass, manifold_surfaces
 Operations:
-    run, operation, Operation, OPERATIONS, Options, Parameter, Kind, Result, Outcome, Layer,
-    FilterUnit, Length, mm, inch, percent, batch, Row
+    run, operation, Operation, Selection, OPERATIONS, Options, Parameter, Kind, Result, Outcome,
+    Layer, FilterUnit, Length, mm, inch, percent, batch, Row
 Files and pictures:
     write_result, read_result, write_mesh, Pictures, draw_result, Camera, Style,
     read_curve_skeleton, write_curve_skeleton, reconstruct_image, progressive, Comparison
 Other libraries:
-    to_trimesh, to_pyvista, to_networkx, to_pandas
+    to_trimesh, to_pyvista, to_open3d, to_meshio, to_networkx, to_navis, as_curve_skeleton,
+    to_pandas, label_surfaces
 Control:
     Progress, Message, Cancelled, thread_count, thread_limit, memory_limit, kept_bytes, forget,
     MedialisError, InvalidShapeError, InvalidOptionError, FileError

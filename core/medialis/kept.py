@@ -92,6 +92,8 @@ class _Memory:
         self.limit = limit
         self._lock = threading.RLock()
         self._entries: OrderedDict[Hashable, tuple[Any, tuple[Message, ...]]] = OrderedDict()
+        self._estimate = 0
+        """Bytes that were counted last, and those of all that came since, shared ones again."""
 
     def find(self, key: Hashable) -> tuple[Any, tuple[Message, ...]] | None:
         with self._lock:
@@ -101,10 +103,14 @@ class _Memory:
             return entry
 
     def store(self, key: Hashable, value: Any, messages: tuple[Message, ...]) -> None:
-        _lock_arrays(value)
+        size = _lock_arrays(value)
         with self._lock:
             self._entries[key] = value, messages
             self._entries.move_to_end(key)
+            self._estimate += size
+            # What results refer to may have grown as well: half the limit is left to that.
+            if self._estimate <= self.limit // 2:
+                return
         self.shrink()
 
     def shrink(self) -> None:
@@ -121,10 +127,12 @@ class _Memory:
                 fitting += 1
             for _ in range(len(self._entries) - fitting):
                 self._entries.popitem(last=False)
+            self._estimate = min(total, self.limit)
 
     def forget(self) -> None:
         with self._lock:
             self._entries.clear()
+            self._estimate = 0
 
     def size(self) -> int:
         with self._lock:
@@ -271,7 +279,13 @@ def _arrays(value: Any, seen: set[int]) -> Iterator[np.ndarray[Any, Any]]:
             waiting.extend(vars(one).values())
 
 
-def _lock_arrays(value: Any) -> None:
-    """Make the arrays of a result read-only: whoever writes into one would change later results."""
+def _lock_arrays(value: Any) -> int:
+    """Make the arrays of a result read-only, and return their bytes.
+
+    Whoever writes into one would change later results.
+    """
+    size = 0
     for array in _arrays(value, set()):
         array.flags.writeable = False
+        size += array.nbytes
+    return size

@@ -75,6 +75,11 @@ class Parameter:
         Values of a CHOICE.
     advanced : bool
         Hosts fold it away.
+    selection : str
+        What hosts may write of selected vertices into a FILE: "pair" (two, in one line),
+        "each" (one a line), or nothing.
+    layer : str
+        Layer of the result that hosts may write into a FILE as their user has edited it.
     """
 
     name: str
@@ -86,6 +91,8 @@ class Parameter:
     high: float = 1.0
     choices: tuple[str, ...] = ()
     advanced: bool = False
+    selection: str = ""
+    layer: str = ""
 
     def type_text(self) -> str:
         """Return type and default as docstrings tell them."""
@@ -126,6 +133,8 @@ class Parameter:
             return as_whole_number(value, self.name, low=int(self.low), high=int(self.high))
         if self.kind is Kind.LENGTH and isinstance(value, str | Length):
             return as_length(value, self.name, self.low, self.high)
+        if self.kind is Kind.LENGTH and type(value) in (int, float) and value > self.high:
+            return as_length(f"{value:g}", self.name, self.low, self.high)  # says what to write
         return as_number(value, self.name, low=self.low, high=self.high)
 
 

@@ -28,7 +28,9 @@ SHARE, PERCENT, UNITS = "", "%", "units"
 LENGTHS = frozenset(
     {"thickness", "radius", "importance", "edge_radius", "length", "y_length", "mean_radius"}
     | {"straight_distance", "diagonal", "spacing", "value", "noise", "moved", "feature_radius"}
-    | {"distance"}
+    | {"minimum", "maximum", "typical", "wall", "least", "most"}
+    | {"rib_thickness", "wall_thickness"}
+    | {"distance", "largest_error", "mean_error", "surface_to_envelope", "envelope_to_surface"}
 )
 AREAS = frozenset({"area"})
 RADIANS = frozenset({"spoke_angle", "edge_angle"})
@@ -226,10 +228,12 @@ def as_length(value: Any, name: str, low: float, high: float) -> Length:
     share = length.share
     bare = isinstance(value, str) and length.unit == SHARE
     if bare and share is not None and share > 0 and (share >= 1 or not low <= share <= high):
+        word = value.strip()
         raise InvalidOptionError(
-            f"{name} {value.strip()} would be {100 * share:g} % of the size, because a bare number "
-            f"is a fraction of the diagonal: write {value.strip()}mm for a length, or "
-            f"{value.strip()}% for a share; it may be {100 * low:g} % to {100 * high:g} %."
+            f"{name} {word} would be {100 * share:g} % of the size, because a bare number is a "
+            f"fraction of the diagonal: write {word}mm for a length, {word}units for one in the "
+            f"unit of the shape, or {word}% for a share; it may be {100 * low:g} % to "
+            f"{100 * high:g} %."
         )
     if length.amount < 0 or (share is not None and not low <= share <= high):
         raise InvalidOptionError(

@@ -18,6 +18,7 @@ from medialis.cli.commands import main
 from medialis.files.ply_attributes import read_ply_attributes, write_ply
 from medialis.files.results import read_npz
 from medialis.operations.registry import OPERATIONS
+from plates import tee
 
 
 @pytest.fixture(scope="module")
@@ -107,6 +108,9 @@ def test_every_operation_has_help_and_runs(chosen, creature, tmp_path, capsys):
         assert parameter.help.split(".")[0] in text
     # At its default this one takes half a minute.
     quick = ["--pairs", "40", "--size", "128"] if chosen.name == "view_curve_skeleton" else []
+    if chosen.name == "midsurface":
+        creature = tmp_path / "tee.ply"
+        write_ply(creature, *tee())
     assert run(chosen.name.replace("_", "-"), creature, "-o", tmp_path / "out", *quick) == 0
 
 

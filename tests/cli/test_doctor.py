@@ -12,7 +12,9 @@ import pytest
 from medialis.cli import doctor
 from medialis.cli.commands import main
 from medialis.cli.machine import EXTENSION, Machine
-from medialis.cli.meshlab_install import PROGRAM_NOTE
+from medialis.cli.meshlab_notes import FILTER_NOTE, PROGRAM_NOTE, write_notes
+from medialis.hosts import menu_entries
+from medialis.version import package_version
 
 posix = pytest.mark.skipif(os.name == "nt", reason="plays programs by shell scripts")
 
@@ -240,6 +242,24 @@ def test_meshlab_and_its_plugin_are_missing(machine, quick):
     found = by_name(doctor.examine(machine))
     assert found["MeshLab"].state == found["plugin"].state == "missing"
     assert "meshlab.net" in found["MeshLab"].advice and "meshlab-install" in found["plugin"].advice
+
+
+def test_the_filters_beside_the_plugin_are_of_this_medialis(machine, quick):
+    folder = machine.root / "usr" / "lib" / "x86_64-linux-gnu" / "meshlab" / "plugins"
+    folder.mkdir(parents=True)
+    (folder / "libfilter_medialis.so").touch()
+
+    def its_filters():
+        return by_name(doctor.examine(machine))["its filters"]
+
+    assert its_filters().state == "broken" and "adds nothing" in its_filters().text
+    write_notes(folder)
+    assert its_filters().state == "ok"
+    assert its_filters().text == f"{len(menu_entries())}, of this medialis"
+    table = (folder / FILTER_NOTE).read_text("utf-8").replace(package_version(), "0.9")
+    (folder / FILTER_NOTE).write_text(table, "utf-8")
+    assert its_filters().state == "missing" and "of medialis 0.9" in its_filters().text
+    assert its_filters().advice == "run medialis meshlab-install again"
 
 
 @posix

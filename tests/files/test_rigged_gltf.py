@@ -166,6 +166,69 @@ def test_a_shape_far_away_keeps_its_precision(tmp_path):
     assert np.abs(plain - surface.points).max() < 1e-5
 
 
+@pytest.mark.parametrize(("naming", "spine"), [("rigify", "spine"), ("mixamo", "mixamorig:Hips")])
+def test_names_are_those_that_were_asked_for(tmp_path, naming, spine):
+    """The bones of the file were numbered, whatever was asked for."""
+    result = medialis.run("armature", medialis.organic_shape(56), naming=naming)
+    medialis.write_result(result, tmp_path / "out", pictures=medialis.Pictures(main=False))
+    scene = Scene((tmp_path / "out" / "armature.glb").read_bytes())
+    nodes = scene.json["nodes"]
+    names = [nodes[joint]["name"] for joint in scene.json["skins"][0]["joints"]]
+    assert names == list(result.rig.names) and spine in names
+
+
+def test_pygltflib_finds_skin_joints_and_matrices(result, tmp_path):
+    gltf = pytest.importorskip("pygltflib", reason="pygltflib is not installed")
+    written(result, tmp_path)
+    scene, rig = gltf.GLTF2().load(str(tmp_path / "a.glb")), result.rig
+    (skin,) = scene.skins
+    assert [scene.nodes[joint].name for joint in skin.joints] == list(rig.names)
+    accessor = scene.accessors[skin.inverseBindMatrices]
+    view = scene.bufferViews[accessor.bufferView]
+    start = view.byteOffset + (accessor.byteOffset or 0)
+    data = scene.binary_blob()[start : start + view.byteLength]
+    matrices = np.frombuffer(data, np.float32).reshape(-1, 4, 4).transpose(0, 2, 1)
+    # An inverse bind matrix takes the head of its bone to the origin, and its tail up the y axis.
+    for end, height in ((rig.heads, 0.0), (rig.tails, 1.0)):
+        local = np.einsum("bij,bj->bi", matrices, np.c_[end, np.ones(rig.count)])[:, :3]
+        length = np.linalg.norm(rig.tails - rig.heads, axis=1)
+        assert np.allclose(local, height * length[:, None] * [0, 1, 0], atol=1e-5)
+
+
+@pytest.mark.parametrize("naming", ["rigify", "mixamo"])
+def test_blender_finds_an_armature_that_moves_the_mesh(tmp_path, naming):
+    bpy = pytest.importorskip("bpy", reason="bpy is not installed")
+    result = medialis.run("armature", medialis.organic_shape(56), naming=naming)
+    written(result, tmp_path)
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    bpy.ops.import_scene.gltf(filepath=str(tmp_path / "a.glb"))
+    (armature,) = [one for one in bpy.data.objects if one.type == "ARMATURE"]
+    mesh = next(one for one in bpy.data.objects if one.find_armature() is armature)
+    rig, layer = result.rig, next(one for one in result.layers if one.role == "skin")
+    assert set(rig.names) <= set(armature.data.bones.keys())
+    parents = {bone.name: bone.parent.name if bone.parent else None for bone in armature.data.bones}
+    for name, parent in zip(rig.names, rig.parents.tolist(), strict=True):
+        assert parents[name] == (None if parent < 0 else rig.names[parent])
+    turn = np.array([[1, 0, 0], [0, 0, -1], [0, 1, 0.0]])  # Blender takes y of glTF as up
+
+    def vertices():
+        shown = mesh.evaluated_get(bpy.context.evaluated_depsgraph_get())
+        found = np.empty(3 * len(shown.data.vertices), np.float32)
+        shown.data.vertices.foreach_get("co", found)
+        matrix = np.array(shown.matrix_world)
+        return found.reshape(-1, 3) @ matrix[:3, :3].T + matrix[:3, 3]
+
+    rest = vertices()
+    assert np.allclose(rest, layer.points @ turn.T, atol=1e-5)
+    bone = int(np.setdiff1d(np.arange(rig.count), rig.parents)[0])
+    armature.pose.bones[rig.names[bone]].rotation_mode = "XYZ"
+    armature.pose.bones[rig.names[bone]].rotation_euler = (1.0, 0.0, 0.0)
+    bpy.context.view_layer.update()
+    away = np.linalg.norm(vertices() - rest, axis=1)
+    share = result.skin.of_bone(bone)
+    assert away[share > 0.5].max() > 0.02 and away[share == 0].max() < 1e-5
+
+
 def test_another_reader_finds_the_same_shape(result, tmp_path):
     trimesh = pytest.importorskip("trimesh", reason="reads glTF")
     _, surface = written(result, tmp_path, "cm")

@@ -60,8 +60,15 @@ WORK = {
     "pairs": (1, 100),
     "neighbours": (4, 20),
     "bone_length": (0.01, 1.0),
+    "balls": (1, 1000),
+    "samples": (100, 20_000),
+    "error": (0.005, 0.5),
+    "cell": (0.0025, 0.2),
 }
-"""Ranges of options that ask for more work than the shape brings; 0 is drawn for `refine` too."""
+"""Ranges of options that ask for more work than the shape brings."""
+
+MAY_BE_ZERO = ("refine", "error")
+"""Options of these whose 0 asks for nothing: it is drawn too."""
 
 
 def run(case: Case) -> None:
@@ -103,7 +110,8 @@ def random_options(
     """Draw options from their declared ranges, each at its default half of the time."""
     options = {}
     for parameter in chosen.parameters:
-        if rng.random() < 0.5:
+        # A layer that is given back leaves nothing to compute.
+        if rng.random() < (0.1 if parameter.layer else 0.5):
             value = _drawn(rng, parameter, points, folder)
             if value is not None:
                 options[parameter.name] = value
@@ -112,11 +120,29 @@ def random_options(
     return options
 
 
+def _drawn_mesh(rng: random.Random, path: Path) -> str:
+    """Write a medial mesh of random balls, edges and triangles, some of them twice."""
+    count = rng.choice((1, 2, 5, 30))
+    size = rng.choice((0.0, 1e-3, 1.0, 100.0))
+    lines = [f"{count} 0 0"]
+    for _ in range(count):
+        center = [size * rng.uniform(-1, 1) for _ in range(3)]
+        lines.append(f"v {center[0]} {center[1]} {center[2]} {size * max(0, rng.uniform(-1, 1))}")
+    for word, corners in (("e", 2), ("f", 3)):
+        for _ in range(rng.choice((0, count))):
+            balls = (rng.randrange(count) for _ in range(corners))
+            lines.append(" ".join([word, *map(str, balls)]))
+    path.write_text("\n".join(lines))
+    return os.fspath(path)
+
+
 def _drawn(rng: random.Random, parameter: Parameter, points: int, folder: Path) -> Any:
     if parameter.kind is Option.BOOL:
         return rng.random() < 0.5
     if parameter.kind is Option.CHOICE:
         return rng.choice(parameter.choices)
+    if parameter.layer:
+        return _drawn_mesh(rng, folder / f"{parameter.name}.ma")
     if parameter.kind is Option.FILE:
         path = folder / f"{parameter.name}.txt"
         rows = [rng.randrange(points) for _ in range(2 * rng.choice((1, 5, 50)))]
@@ -128,7 +154,7 @@ def _drawn(rng: random.Random, parameter: Parameter, points: int, folder: Path) 
         return rng.randrange(points)
     low, high = WORK.get(parameter.name, (parameter.low, parameter.high))
     low, high = max(low, parameter.low), min(high, parameter.high)
-    if parameter.name == "refine" and rng.random() < 0.4:
+    if parameter.name in MAY_BE_ZERO and rng.random() < 0.4:
         return 0.0
     small = max(low, 1e-6 * high)
     draws = (
@@ -146,12 +172,17 @@ def _dear(chosen: Operation, options: Mapping[str, Any]) -> bool:
     """Whether an option asks for more work than its default."""
     for parameter in chosen.parameters:
         value = options.get(parameter.name, parameter.default)
-        if parameter.name in ("refine", "candidates", "bone_length"):
+        if parameter.name in ("refine", "candidates", "bone_length", "cell"):
             if 0 < value < parameter.default:
+                return True
+        elif parameter.name == "error":  # a search of many fits
+            if value > 0:
                 return True
         elif parameter.name in WORK and parameter.kind is Option.INT and value > parameter.default:
             return True
-    return options.get("seeds") == "all" or bool(options.get("pairs"))
+    if options.get("seeds") == "all" or options.get("quality") == "best":
+        return True
+    return bool(options.get("pairs"))
 
 
 def _computed(

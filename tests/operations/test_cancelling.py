@@ -10,6 +10,7 @@ from medialis import threads
 from medialis.files.ply_attributes import write_ply
 from medialis.operations.registry import OPERATIONS
 from medialis.threads import thread_limit
+from plates import with_walls
 
 
 @pytest.fixture(scope="module")
@@ -84,6 +85,7 @@ def test_what_was_cancelled_leaves_no_trace(creature, name):
         given = {"pairs": 8, "size": 64}
     else:
         given = {"end": 1000} if name == "geodesic_path" else {}
+    creature = with_walls(name, creature)
     with medialis.memory_limit(0):
         wanted = medialis.run(name, creature, **given)
     medialis.forget()

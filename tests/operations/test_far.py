@@ -6,6 +6,7 @@ import pytest
 import closed_forms as forms
 import medialis
 from medialis.operations.far import POSITIONS, near_origin, offset_of
+from plates import with_walls
 
 FAR = np.array([3.0e7, -5.0e6, 0.0])
 
@@ -21,7 +22,7 @@ def on_a_grid(shape):
 @pytest.mark.parametrize("operation", medialis.OPERATIONS, ids=lambda one: one.name)
 def test_a_shape_far_away_has_the_same_result_there(operation):
     """Six digits were left of a part in metres of a map: balls lost half of them (mended)."""
-    near = on_a_grid(medialis.organic_shape(60))
+    near = on_a_grid(with_walls(operation.name, medialis.organic_shape(60)))
     far = medialis.make_shape(near.points + FAR, near.faces)
     np.testing.assert_array_equal(far.points - FAR, near.points)
     options = {"pairs": 3, "size": 64} if operation.name == "view_curve_skeleton" else {}

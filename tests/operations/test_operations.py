@@ -11,6 +11,7 @@ import pytest
 import medialis
 from medialis.operations.names import named_operations
 from medialis.operations.registry import OPERATIONS
+from plates import with_walls
 
 REAL = Path(__file__).resolve().parents[3] / "shared" / "shapes"
 # The largest shapes take seconds each and show nothing that horse2 does not.
@@ -88,6 +89,7 @@ def test_a_layer_has_the_attributes_it_names(given):
 @pytest.mark.slow
 @pytest.mark.parametrize("chosen", OPERATIONS, ids=lambda o: o.name)
 def test_layers_on_the_input_have_its_points(chosen, creature):
+    creature = with_walls(chosen.name, creature)
     for layer in medialis.run(chosen.name, creature, **QUICK.get(chosen.name, {})).layers:
         if layer.on_input:
             assert (layer.points == creature.points).all() and (layer.faces == creature.faces).all()

@@ -77,3 +77,33 @@ def test_an_old_name_still_works_and_says_so(rough):
     result = medialis.run("denoise", rough)
     assert result.operation == "remove_outliers"
     assert any(message.code == "renamed_operation" for message in result.messages)
+
+
+def test_triples_name_neighbours_that_are_there(monkeypatch):
+    """A few dense points among scattered ones: their neighbourhoods are smaller than others."""
+    from medialis.clouds import _smoothing_kernels, smoothing
+    from medialis.progress import Progress
+
+    seen = []
+
+    def look(beside, near, triples, *others):
+        seen.append(near.shape[1])
+        assert triples.max() <= near.shape[1] < len(beside)
+
+    monkeypatch.setattr(_smoothing_kernels, "smooth_positions", look)
+    rng = np.random.default_rng(5)
+    around = rng.normal(size=(30, 3))
+    around *= 3 / np.linalg.norm(around, axis=1, keepdims=True)
+    points = np.concatenate([1e-3 * rng.normal(size=(30, 3)), around])
+    smoothing.without_jitter(points, np.arange(60), 1.0, Progress())
+    assert seen == [29, 29]
+
+
+@pytest.mark.parametrize("count", [1, 2, 3])
+def test_fewer_points_than_name_a_plane_stay(count):
+    from medialis.clouds.smoothing import without_jitter
+    from medialis.progress import Progress
+
+    points = np.eye(3)[:count]
+    moved = without_jitter(points, np.arange(count), 10.0, Progress())
+    assert np.isfinite(moved).all() and moved.shape == (count, 3)

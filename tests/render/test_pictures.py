@@ -108,6 +108,13 @@ def written(text, size=14, **options):
     return image
 
 
+def test_values_that_differ_by_rounding_have_one_colour():
+    """The wall of a gear, 0.34 thick everywhere, was spotted."""
+    values = 0.34 * (1 + 1e-15 * np.arange(-3, 4))
+    assert len(np.unique(map_colors(values), axis=0)) == 1
+    assert len(np.unique(map_colors(values * [1, 1, 1, 1, 1, 1, 1.01]), axis=0)) == 2
+
+
 def test_every_character_has_its_own_shape():
     shapes = {written(chr(code)).tobytes() for code in range(33, 127)}
     assert len(shapes) == 94

@@ -22,6 +22,7 @@ from medialis.reports.balls import along
 from medialis.reports.measures import histogram, measure
 from medialis.reports.report import report_page, report_texts
 from medialis.viewer import page as viewer_page
+from plates import tee
 
 VOID = {"meta", "img", "rect", "path", "line"}
 
@@ -64,6 +65,8 @@ def creature():
 @pytest.mark.slow
 @pytest.mark.parametrize("chosen", OPERATIONS, ids=lambda o: o.name)
 def test_every_operation_has_a_report(chosen, creature):
+    if chosen.name == "midsurface":
+        creature = medialis.make_shape(*tee(), repair=True)
     texts = report_texts(medialis.run(chosen.name, creature), source="a <b>.ply")
     page = parsed(texts["report.html"])
     assert page.images and all(src.startswith("data:image/png;base64,") for src in page.images)
@@ -232,3 +235,33 @@ def test_a_result_too_large_for_a_page_is_drawn_only(creature, monkeypatch):
     monkeypatch.setattr(report, "has_library", lambda: True)
     monkeypatch.setattr(report, "MOST_POINTS", 100)
     assert "iframe" not in report_texts(medialis.run("thickness", creature))["report.html"]
+
+
+@pytest.mark.parametrize(
+    ("shape", "solid"),
+    [
+        (forms.torus_mesh(), "1 surface piece and 1 handle"),
+        (forms.icosphere(2), "1 surface piece and 0 handles"),
+    ],
+    ids=["torus", "ball"],
+)
+def test_a_medial_mesh_is_held_against_the_solid(shape, solid):
+    """Error, its place and the topology; a mesh that has lost its loop is told."""
+    result = medialis.run("medial_mesh", shape, balls=12, quality="fast", cell=0.05)
+    found = measure(result)
+    envelope = found["envelope"]
+    assert envelope["largest_error"] == pytest.approx(
+        100 * result.values["largest_error"] / shape.diagonal
+    )
+    assert envelope["largest_error"] == max(
+        envelope["surface_to_envelope"], envelope["envelope_to_surface"]
+    )
+    assert envelope["worst_place"] == result.values["position"]
+    lines = {line["about"]: line for line in found["verdict"]}
+    assert solid in lines["Topology"]["text"] and lines["Topology"]["state"] == "good"
+    assert "the largest is at" in lines["Envelope"]["text"]
+    torn = replace(result, values={**result.values, "loops": 5})
+    (line,) = [line for line in measure(torn)["verdict"] if line["about"] == "Topology"]
+    assert line["state"] == "look" and "has 1 surface piece and 5 handles" in line["text"]
+    page = parsed(report_page(found, []))
+    assert any("surface and the envelope" in text for text in page.text)

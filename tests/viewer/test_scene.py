@@ -12,6 +12,7 @@ import pytest
 import medialis
 from medialis.viewer import page as viewer_page
 from medialis.viewer.scene import scene_of
+from plates import with_walls
 
 
 @pytest.fixture(scope="module")
@@ -76,7 +77,7 @@ def test_a_cloud_is_shown_as_points(shape):
 
 @pytest.mark.parametrize("name", [o.name for o in medialis.OPERATIONS])
 def test_every_operation_can_be_shown(name, shape, library):
-    result = medialis.run(name, shape)
+    result = medialis.run(name, with_walls(name, shape))
     text = viewer_page.viewer_page([result], name)
     scene = json.loads(re.search(r'id="scene">(.*?)</script>', text)[1])
     assert any(part["visible"] for part in scene["parts"])

@@ -9,7 +9,10 @@ from pathlib import Path
 
 from medialis.files._files import absolute
 
-READABLE = (".ply", ".obj", ".off", ".stl", ".xyz", ".pts", ".glb", ".gltf", ".3mf", ".dae")
+READABLE = (
+    *(".ply", ".obj", ".off", ".stl", ".xyz", ".pts", ".glb", ".gltf", ".3mf", ".dae"),
+    *(".step", ".stp"),
+)
 """Files that are taken from a folder; a file that is named itself may have any ending."""
 
 TABLES = ("results.csv", "results.html")

@@ -27,8 +27,8 @@ EXIT_OK, EXIT_BAD_INPUT, EXIT_SOME_FAILED, EXIT_CANCELLED = 0, 2, 3, 130
 _EPILOG = """exit codes: 0 done; 2 bad input or options (one line on stderr); 3 a batch is done but
 some of its results failed (the table says why); 130 cancelled.
 Lengths are shares of the size (0.5% of the bounding-box diagonal; 0.005 is the same) or real ones
-(1mm, 0.2in), for which the unit of the file must be known: 3MF, glTF and Collada say it, for others
-add --unit mm."""
+(1mm, 0.2in), for which the unit of the file must be known: STEP, 3MF, glTF and Collada say it, for
+others add --unit mm."""
 
 
 def number(text: str) -> float | str:
@@ -137,8 +137,12 @@ def build_parser(
     add_progress(warmup)
     doctor = add("doctor", "Say what is installed, what is missing, and how to get it.")
     doctor.add_argument("--json", action="store_true", help="print JSON (for programs)")
-    install = add("meshlab-install", "Put the built plugin where MeshLab looks.")
-    install.add_argument("--plugin", metavar="FILE", help="the plugin (default: built here)")
+    install = add("meshlab-install", "Put the plugin into the MeshLab of this machine.")
+    install.add_argument(
+        "--plugins", metavar="PLACE", help="folder or zip of built plugins (default: installed)"
+    )
+    install.add_argument("--plugin", metavar="FILE", help="this built plugin, whatever it is for")
+    install.add_argument("--release", help="the MeshLab to install for, as in 2025.07d")
     install.add_argument(
         "--meshlab", metavar="FOLDER", help="MeshLab's folder of plugins (default: found)"
     )
@@ -208,16 +212,23 @@ def _add_operation(sub: argparse.ArgumentParser, chosen: Operation, run: Command
     )
     sub.add_argument(
         "--host", action="store_true", help=argparse.SUPPRESS
-    )  # for host programs, see hosts/handover.py; and with it the samples:
-    sub.add_argument("--auxiliary", action="store_true", help=argparse.SUPPRESS)
-    if chosen.makes_graph:
-        sub.add_argument(
-            "--formats",
-            default=",".join(GRAPH_FORMATS),
-            metavar="LIST",
-            help="graph formats to write besides PLY, with commas between them; '' for none "
-            "(default: %(default)s). SWC holds a tree: loops are cut, see its comments",
-        )
+    )  # for host programs, see hosts/handover.py; and with it:
+    for more in ("--auxiliary", "--solid", "--select"):
+        sub.add_argument(more, action="store_true", help=argparse.SUPPRESS)
+    layers = (
+        "vtp, vtu: each layer for ParaView, with its attributes; msh, inp, ccx: triangles as shell "
+        "elements for Gmsh, Abaqus and CalculiX"
+    )
+    sub.add_argument(
+        "--formats",
+        default=",".join(GRAPH_FORMATS if chosen.makes_graph else ()),
+        metavar="LIST",
+        help="formats to write besides PLY, with commas between them; '' for none (default: "
+        f"%(default)s). {layers}; the others: the graph. SWC holds a tree: loops are cut, see "
+        "its comments"
+        if chosen.makes_graph
+        else f"formats to write besides PLY, with commas between them. {layers}",
+    )
     add_progress(sub)
     sub.set_defaults(command=run, operation=chosen, parser=sub)
 

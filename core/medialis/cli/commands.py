@@ -24,7 +24,7 @@ from medialis.cli.arguments import (
     with_dashes,
 )
 from medialis.cli.display import clear_bar, say, shown_progress
-from medialis.errors import Cancelled, InvalidShapeError, MedialisError
+from medialis.errors import Cancelled, FileError, InvalidShapeError, MedialisError
 from medialis.operations.names import RENAMED, named_operations, renamed_note
 
 
@@ -192,13 +192,15 @@ def _warmup(options: argparse.Namespace) -> int:
     from medialis.operations.pictures import draw_result
     from medialis.operations.registry import OPERATIONS, run
     from medialis.surface.generate import organic_shape
+    from medialis.surface.samples import sample_shape
 
     clock = time.perf_counter()
-    shape, progress = organic_shape(56), shown_progress(options.progress)
+    creature, progress = organic_shape(56), shown_progress(options.progress)
     for place, entry in enumerate(OPERATIONS):
         span = place / len(OPERATIONS), (place + 1) / len(OPERATIONS)
         with progress.stage(entry.name, *span):
             given: dict[str, Any] = {"subsample": 0.01} if entry.name == "surface_skeleton" else {}
+            shape = sample_shape("vase") if entry.name == "midsurface" else creature
             result = run(entry.name, shape, progress=progress, **given)
             draw_result(result, width=320, height=240)
     from medialis._kernels.cache_folder import kernel_cache, mark_compiled
@@ -223,11 +225,29 @@ def _doctor(options: argparse.Namespace) -> int:
 
 
 def _meshlab_install(options: argparse.Namespace) -> int:
-    from medialis.cli.meshlab_install import find_built, install
+    from medialis.cli import meshlab_install as plugins
+    from medialis.cli.machine import Machine
 
-    for path in install(options.plugin or find_built(), folder=options.meshlab):
-        say(path)
-    say("Start MeshLab again: its menu Filters has the filters of medialis.")
+    machine, problems, done = Machine(), [], 0
+    chosen = plugins.wanted_hosts(options.release, options.meshlab, machine)
+    with plugins.built_plugins(options.plugins, machine) as built:
+        for host in chosen:
+            try:
+                files = (
+                    plugins.install(options.plugin, host.folder, machine=machine)
+                    if options.plugin
+                    else plugins.install_for(host, built, machine)
+                )
+            except FileError as error:
+                problems.append(error)
+                continue
+            done += 1
+            say(f"{host.name}: {files[0]}")
+    if not done:
+        raise problems[0]
+    for problem in problems:
+        say(problem, file=sys.stderr)
+    say("Start MeshLab again: its menu Filters has the filters of medialis, search for: medial.")
     return EXIT_OK
 
 

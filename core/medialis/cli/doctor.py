@@ -5,6 +5,7 @@ Packages are imported in processes of their own: what is installed is not always
 
 from __future__ import annotations
 
+import json
 import os
 import platform
 import subprocess
@@ -23,7 +24,8 @@ from medialis._kernels.cache_folder import (
     written_by_others,
 )
 from medialis.cli.machine import Machine
-from medialis.cli.meshlab_install import HOW_TO_BUILD, PROGRAM_NOTE
+from medialis.cli.meshlab_install import HOW_TO_GET
+from medialis.cli.meshlab_notes import FILTER_NOTE, PROGRAM_NOTE
 from medialis.errors import FileError
 from medialis.files._files import reason
 from medialis.threads import thread_count
@@ -34,6 +36,7 @@ NEEDED = {"numpy": "numpy", "scipy": "scipy.spatial", "llvmlite": "llvmlite", "n
 """Package and the module that must load."""
 
 EXTRAS = {
+    "cad": ("STEP", ("cascadio",)),
     "io": ("glTF, 3MF, Collada and more", ("trimesh", "networkx", "lxml", "pycollada")),
     "dask": ("batches on a cluster", ("dask", "distributed")),
     "meshlab": ("filters of pymeshlab", ("pymeshlab",)),
@@ -245,10 +248,25 @@ def _meshlab(machine: Machine) -> list[Finding]:
     installed = machine.plugins()
     if not installed:
         found.append(Finding("  plugin", "missing", "not installed; for filters in MeshLab's menu",
-                             HOW_TO_BUILD))  # fmt: skip
+                             HOW_TO_GET))  # fmt: skip
     for plugin in installed:
-        found += [Finding("  plugin", "ok", str(plugin)), _program_of(plugin)]
+        found += [Finding("  plugin", "ok", str(plugin)), _filters_of(plugin), _program_of(plugin)]
     return found
+
+
+def _filters_of(plugin: Path) -> Finding:
+    """Say whether the filters beside a plugin are those of this medialis."""
+    advice = "run medialis meshlab-install again"
+    try:
+        table = json.loads((plugin.parent / FILTER_NOTE).read_text("utf-8"))
+        count, of = len(table["filters"]), table["medialis"]
+    except (OSError, ValueError, KeyError, TypeError):
+        text = f"no readable {FILTER_NOTE} beside the plugin: it adds nothing to the menu"
+        return Finding("  its filters", "broken", text, advice)
+    if of != package_version():
+        text = f"{count}, of medialis {of}: this is {package_version()}"
+        return Finding("  its filters", "missing", text, advice)
+    return Finding("  its filters", "ok", f"{count}, of this medialis")
 
 
 def _program_of(plugin: Path) -> Finding:

@@ -16,7 +16,7 @@ from medialis.cli.summary import summary_lines
 from medialis.errors import InvalidOptionError
 from medialis.files.results import json_text
 from medialis.hosts.handover import write_for_host
-from medialis.operations.declaration import GRAPH_FORMATS, Operation
+from medialis.operations.declaration import GRAPH_FORMATS, LAYER_FORMATS, Operation
 from medialis.operations.existing_results import as_given, check_same, input_stamp
 from medialis.operations.registry import operation, run
 from medialis.operations.writing import Pictures, Written, write_files
@@ -78,7 +78,7 @@ def run_operation(options: argparse.Namespace) -> int:
     file = _only_file(options, chosen.name.replace("_", "-"))
     as_whole_number(options.turntable, "turntable", low=0, high=10_000)
     for name in _formats(options):
-        as_choice(name, "formats", GRAPH_FORMATS)
+        as_choice(name, "formats", GRAPH_FORMATS + LAYER_FORMATS)
     # One folder an operation: the next one on the same file leaves it alone.
     folder = options.output or Path(f"{Path(file).stem}-medialis", chosen.name)
     task = Task(chosen, file, Path(folder), options, _given(chosen, options))
@@ -117,20 +117,20 @@ def _only_file(options: argparse.Namespace, command: str) -> str:
 
 
 def _given(chosen: Operation, options: argparse.Namespace) -> dict[str, Any]:
-    """Return the parameters that were typed."""
-    given = {}
+    """Return the parameters that were typed, and what is another default of a selection."""
+    given: dict[str, Any] = {}
+    if options.select and chosen.selection is not None:
+        given |= chosen.selection.defaults
     for parameter in chosen.parameters:
         value = getattr(options, f"parameter_{parameter.name}")
         if value is not None:
-            # Hosts give lengths as fractions, people with their units.
-            typed = parameter.kind is Kind.LENGTH and not options.host
-            plain = parameter.kind in NUMBERS and not typed
+            plain = parameter.kind in NUMBERS and parameter.kind is not Kind.LENGTH
             given[parameter.name] = number(value) if plain else value
     return given
 
 
 def _formats(options: argparse.Namespace) -> tuple[str, ...]:
-    """Return the graph formats to write, each once."""
+    """Return the formats to write besides PLY, each once."""
     return tuple(dict.fromkeys(filter(None, getattr(options, "formats", "").split(","))))
 
 
@@ -147,8 +147,10 @@ def _compute(task: Task, about: dict[str, Any]) -> dict[str, Any]:
     source = "organic shape" if file is None else file
     if task.option("host"):
         with progress.stage("output", 0.7, 1.0):
-            more: dict[str, Any] = {"auxiliary": options.auxiliary, "progress": progress}
-            return write_for_host(result, shape, task.folder, source=source, **more)
+            return write_for_host(
+                result, shape, task.folder, source=source, selects=options.select,
+                auxiliary=options.auxiliary, draw_solid=options.solid, progress=progress,
+            )  # fmt: skip
     texts = {}
     if task.option("report"):
         from medialis.reports.report import report_texts

@@ -13,7 +13,14 @@ from medialis.operations.quantities import value_rows, value_text
 from medialis.operations.registry import operation
 
 MOST_ROWS = 5
-"""Of a table of places; the manifest has them all."""
+"""Of all tables of places together; the manifest has them all."""
+
+TABLES = {
+    "spots": ("thin spots", ("value", "area")),
+    "regions": ("regions", ("value", "area")),
+    "ribs": ("ribs", ("ratio", "thickness", "wall")),
+}
+"""Title and columns of the tables of places, by the name of the value."""
 
 WIDEST, NARROWEST = 100, 60
 
@@ -23,6 +30,14 @@ FILES = {
     "report.json": "the same for programs",
     ".npz": "all arrays, for numpy.load",
     ".png": "picture",
+    ".vtp": "the same as the PLY file of that name, for ParaView",
+    ".vtu": "the same as the PLY file of that name, for ParaView and solvers",
+    "midsurface.obj": "the sheets, for modelling programs",
+    "midsurface.glb": "the sheets, for programs that show glTF",
+    ".msh": "the triangles with their values, for Gmsh",
+    ".inp": "shell elements with their thickness, for Abaqus",
+    ".ccx.inp": "shell elements with their thickness, for CalculiX",
+    ".ma": "the balls with their edges and triangles, for programs for medial meshes",
     ".swc": "the graph as a tree, for tools that read neurons",
     ".graphml": "the graph, for tools that read networks",
     ".json": "the graph with all that it holds",
@@ -38,9 +53,12 @@ def summary_lines(manifest: Mapping[str, Any], width: int | None = None) -> Iter
     columns = width or _columns()
     values, unit = manifest["values"], manifest["unit"]
     yield f"{manifest['operation'].replace('_', ' ')} of {manifest['input']}"
-    yield from _indented(_aligned(value_rows(values, unit)))
-    if spots := values.get("spots"):
-        yield from _indented(_spot_table(spots, unit))
+    known = {name: value for name, value in values.items() if value is not None}
+    yield from _indented(_aligned(value_rows(known, unit)))
+    tables = [name for name in TABLES if values.get(name)]
+    for name in tables:
+        most = MOST_ROWS // len(tables)
+        yield from _indented(_table(*TABLES[name], values[name], most, unit))
     for message, about in zip(manifest["messages"], manifest["notes"], strict=True):
         text = f"{'warning' if about['warning'] else 'note'}: {message}"
         yield from textwrap.wrap(text, columns, subsequent_indent="  ", break_long_words=False)
@@ -79,26 +97,33 @@ def _files(manifest: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
 
 def _meaning(name: str, layers: Mapping[str, str]) -> str:
     """Return what a file is for."""
-    stem, ending = Path(name).stem, Path(name).suffix
-    return layers.get(stem, "") if ending == ".ply" else FILES.get(name, FILES.get(ending, ""))
+    path = Path(name)
+    if path.suffix == ".ply":
+        return layers.get(path.stem, "")
+    known = (name, "".join(path.suffixes), path.suffix)
+    return next((FILES[one] for one in known if one in FILES), "")
 
 
-def _spot_table(spots: Sequence[Mapping[str, Any]], unit: str | None) -> list[str]:
-    """Return the thinnest places as a table: number, what, how thin, how large, where."""
-    head = ("", "thin spots", "value", "area", "position")
+def _table(
+    title: str,
+    columns: Sequence[str],
+    things: Sequence[Mapping[str, Any]],
+    most: int,
+    unit: str | None,
+) -> list[str]:
+    """Return the first of some places as a table: number, what, values, where."""
     rows = [
         (
             str(number),
-            spot["kind"],
-            value_text("value", spot["value"], unit),
-            value_text("area", spot["area"], unit) if spot["area"] is not None else "",
-            ", ".join(f"{x:.4g}" for x in spot["position"]),
+            thing["kind"],
+            *("" if thing[c] is None else value_text(c, thing[c], unit) for c in columns),
+            ", ".join(f"{x:.4g}" for x in thing["position"]),
         )
-        for number, spot in enumerate(spots[:MOST_ROWS])
+        for number, thing in enumerate(things[:most])
     ]
-    left = len(spots) - len(rows)
+    left = len(things) - len(rows)
     more = [f"{left} more in manifest.json"] if left else []
-    return _aligned([head, *rows]) + more
+    return _aligned([("", title, *columns, "position"), *rows]) + more
 
 
 def _aligned(rows: Iterator[tuple[str, ...]] | Sequence[tuple[str, ...]]) -> list[str]:

@@ -13,6 +13,9 @@ NEIGHBOURS = 54
 """Neighbours that fit a plane. Of 24, 36, 54, 80: the fewest at which planes, a sphere and a spiral
 with a jitter of 0.5 % stay whole; 80 flattens the spiral."""
 
+LEAST_NEIGHBOURS = 2
+"""Fewer name no plane with the point itself."""
+
 SIZES = (16, 36, 81, 182)
 """Neighbourhoods whose flatness is compared. The distance to the tangent plane grows with the
 square of the size on a curved surface, in proportion to it where points are denser than they
@@ -151,15 +154,20 @@ def without_jitter(
 
     moved = points[chosen]
     count = min(NEIGHBOURS, len(chosen) - 1)
+    if count < LEAST_NEIGHBOURS:
+        return moved
     near = nearest_points(moved, count, progress)
     last = moved[near[:, min(SIZES[0], count) - 1]]
     # Of points on a disc of radius r the rms distance is r / sqrt 2.
     radius = np.linalg.norm(last - moved, axis=1) / np.sqrt(2.0)
-    rows, triples = np.flatnonzero(scatter > LEAST_JITTER * radius), _triples(count)
+    rows = np.flatnonzero(scatter > LEAST_JITTER * radius)
     middle = run_patiently(lambda: _in_the_middle(points, moved, near, scatter), progress)
     for band in (BAND * scatter, SECOND_BAND * BAND * scatter):
         places, beside = moved[rows], moved[middle]
-        near = neighbours_of(beside, places, min(count, len(beside) - 1), progress)
+        fewer = min(count, len(beside) - 1)
+        if fewer < LEAST_NEIGHBOURS:
+            break
+        near, triples = neighbours_of(beside, places, fewer, progress), _triples(fewer)
 
         def work(begin: int, end: int) -> None:
             smooth_positions(beside, near, triples, band, FITS, begin, end, places)  # noqa: B023

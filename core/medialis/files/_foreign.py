@@ -1,4 +1,4 @@
-"""Files that are no mesh, known by how they begin: packed ones, pictures, pages, CAD files."""
+"""Files that are no mesh, known by how they begin: packed ones, pictures, volumes."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ import re
 
 UNPACK = "unpack it first"
 EXPORT = "export PLY, OBJ or STL from a program that opens it"
+
+LABELS = "medialis.label_surfaces makes shapes of its labels"
 
 _MARKS = (
     (rb"\x1f\x8b", "is packed with gzip", UNPACK),
@@ -20,7 +22,7 @@ _MARKS = (
     (rb"\x89PNG|\xff\xd8\xff|GIF8|%PDF", "is a picture or document", "name the mesh file"),
     (rb"BLENDER", "is a Blender file", "export PLY, OBJ or STL, or use the Blender extension"),
     (rb"Kaydara FBX|; FBX", "is an FBX file", EXPORT),
-    (rb"\s*ISO-10303-21", "is a STEP file of CAD surfaces", "export it as a mesh (STL or OBJ)"),
+    (rb"(?s).{344}(n[+i]1)\0|NRRD\d|ObjectType *= *Image", "is a volume of voxels", LABELS),
 )
 
 
@@ -33,6 +35,6 @@ def foreign(data: bytes) -> str | None:
     ('it is a zip archive: unpack it first.', None)
     """
     for mark, what, advice in _MARKS:
-        if re.match(mark, data[:200]):
+        if re.match(mark, data[:400]):
             return f"it {what}: {advice}."
     return None

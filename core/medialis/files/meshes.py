@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from medialis.errors import InvalidShapeError
-from medialis.files import off, point_text, stl
+from medialis.files import off, point_text, step, stl
 from medialis.files._content import ParsedMesh
 from medialis.files._files import file_bytes, reading
 from medialis.files._foreign import foreign
@@ -63,6 +63,8 @@ class MeshData:
         Where each vertex was seen from, NaN where unknown; None when the file does not say.
     unit : str or None
         What one unit of the points is, such as "mm"; None when the format does not say.
+    patches : (m,) int32 or None
+        The face of the CAD model that each triangle lies on; None when there is no such model.
     """
 
     points: FloatArray
@@ -72,14 +74,15 @@ class MeshData:
     messages: tuple[Message, ...] = ()
     viewpoints: FloatArray | None = None
     unit: str | None = None
+    patches: IntArray | None = None
 
 
 def read_mesh(path: str | os.PathLike[str]) -> MeshData:
     """Read a mesh or point cloud.
 
     PLY, OBJ, OFF, STL and plain text points are read here; glTF, 3MF, Collada and others through
-    `trimesh` when it is installed. The extension names the format; where the content says
-    otherwise, the content wins. Polygons are split into triangles.
+    `trimesh` when it is installed, STEP through `cascadio`. The extension names the
+    format; where the content says otherwise, the content wins. Polygons are split into triangles.
 
     Parameters
     ----------
@@ -107,11 +110,23 @@ def read_mesh(path: str | os.PathLike[str]) -> MeshData:
             return _read_with_trimesh(name, "glb" if binary_gltf else suffix.lstrip("."))
         if not stl.is_binary_stl(data):
             data = data.removeprefix(codecs.BOM_UTF8)  # some editors put it before any text
+            if data[:400].lstrip().startswith(b"ISO-10303-21"):
+                return _read_step(data)
             if other := foreign(data):
                 raise InvalidShapeError(other)
         kind, told = _format_of(suffix, data)
         parsed = _PARSERS[kind](data)
         return _checked(parsed, kind, told)
+
+
+def _read_step(data: bytes) -> MeshData:
+    """Cut the faces of a CAD model into triangles; each face is a patch."""
+    parsed, patches, unit = step.parse_step(data)
+    mesh = _checked(parsed, "step", ())
+    faces = int(patches.max()) + 1
+    text = f"The CAD model has {faces:,} {'face' if faces == 1 else 'faces'}, in {unit}."
+    note = Message(text, "cad_faces", faces=faces, unit=unit)
+    return replace(mesh, unit=unit, patches=frozen(patches, np.int32), messages=(note,))
 
 
 def _looks_like(kind: str, data: bytes, expected: bool) -> bool:
@@ -144,7 +159,7 @@ def _format_of(suffix: str, data: bytes) -> tuple[str, tuple[Message, ...]]:
         return expected, ()  # its parser tells what is wrong
     raise InvalidShapeError(
         f"neither its extension '{suffix}' nor its content is a known mesh format; "
-        "PLY, OBJ, OFF, STL and text points (.xyz) can be read."
+        "PLY, OBJ, OFF, STL, STEP and text points (.xyz) can be read."
     )
 
 

@@ -7,32 +7,17 @@ is stored around its middle, and moved there by its nodes.
 
 from __future__ import annotations
 
-import json
 import os
-import struct
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from medialis.files._files import complete_file
+from medialis.files.gltf import TRIANGLES, VERTICES, Buffer, middle_of
 from medialis.model.armature import Bones, SkinWeights
 from medialis.model.surface import Surface
 from medialis.units import METERS
 from medialis.validation import FloatArray
-
-FAR = 16.0
-"""Diagonals between the origin and the middle of a shape from which on it is moved."""
-
-BYTE, SHORT, INDEX, FLOAT = 5121, 5123, 5125, 5126
-"""Types of numbers in glTF."""
-
-VERTICES, TRIANGLES = 34962, 34963
-"""What a part of the buffer is for."""
-
-_CODES = {np.dtype(np.uint8): BYTE, np.dtype(np.uint16): SHORT, np.dtype(np.uint32): INDEX,
-          np.dtype(np.float32): FLOAT}  # fmt: skip
-_SHAPES = {(): "SCALAR", (3,): "VEC3", (4,): "VEC4", (4, 4): "MAT4"}
 
 
 def write_rigged_gltf(
@@ -65,13 +50,11 @@ def write_rigged_gltf(
     rig = skin.rig
     assert rig is not None and surface.faces is not None
     scale = METERS[unit] if unit else 1.0
-    middle = (surface.bounds[0] + surface.bounds[1]) / 2
-    if np.abs(middle).max() <= FAR * surface.diagonal:
-        middle = np.zeros(3)
+    middle = middle_of(surface)
     frames = bone_frames(rig)
     frames[:, :3, 3] = scale * (frames[:, :3, 3] - middle)
     points = (scale * (surface.points - middle)).astype(np.float32)
-    store = _Buffer()
+    store = Buffer()
     joints, weights = _influences(skin)
     attributes = {
         "POSITION": store.add(points, VERTICES, limits=True),
@@ -90,7 +73,6 @@ def write_rigged_gltf(
     bound = {"joints": list(range(rig.count)), "skeleton": top}
     bound["inverseBindMatrices"] = store.add(inverse)
     store.write(path, {
-        "asset": {"version": "2.0", "generator": "medialis"},
         "scene": 0,
         "scenes": [{"nodes": [top, mesh]}],
         "nodes": nodes,
@@ -162,48 +144,3 @@ def _directions(normals: ArrayLike) -> NDArray[np.float32]:
     found = np.array(normals, np.float64)
     found[np.linalg.norm(found, axis=1) < 0.5] = [0.0, 0.0, 1.0]
     return found.astype(np.float32)
-
-
-class _Buffer:
-    """The binary part of a file, and what stands where in it."""
-
-    def __init__(self) -> None:
-        self._parts: list[bytes] = []
-        self._views: list[dict[str, int]] = []
-        self._accessors: list[dict[str, Any]] = []
-        self._size = 0
-
-    def add(self, values: NDArray[Any], target: int | None = None, *, limits: bool = False) -> int:
-        """Store an array and return the number by which it is known."""
-        data = np.ascontiguousarray(values).astype(values.dtype.newbyteorder("<")).tobytes()
-        view = {"buffer": 0, "byteOffset": self._size, "byteLength": len(data)}
-        self._views.append(view if target is None else {**view, "target": target})
-        about: dict[str, Any] = {
-            "bufferView": len(self._views) - 1,
-            "componentType": _CODES[values.dtype],
-            "count": len(values),
-            "type": _SHAPES[values.shape[1:]],
-        }
-        if limits:
-            about["min"] = [float(x) for x in values.min(axis=0)]
-            about["max"] = [float(x) for x in values.max(axis=0)]
-        self._accessors.append(about)
-        data += b"\0" * (-len(data) % 4)
-        self._parts.append(data)
-        self._size += len(data)
-        return len(self._accessors) - 1
-
-    def write(self, path: str | os.PathLike[str], scene: dict[str, Any]) -> None:
-        """Write header, text and numbers."""
-        scene |= {
-            "buffers": [{"byteLength": self._size}],
-            "bufferViews": self._views,
-            "accessors": self._accessors,
-        }
-        text = json.dumps(scene, separators=(",", ":")).encode()
-        text += b" " * (-len(text) % 4)
-        with complete_file(path) as stream:
-            stream.write(struct.pack("<4sII", b"glTF", 2, 28 + len(text) + self._size))
-            stream.write(struct.pack("<I4s", len(text), b"JSON") + text)
-            stream.write(struct.pack("<I4s", self._size, b"BIN\0"))
-            stream.writelines(self._parts)

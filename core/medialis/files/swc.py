@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -14,45 +15,63 @@ LOOP = "# loop"
 """Comment that names the two nodes of a cut edge, so that we can close the loop again."""
 
 
-def swc_text(graph: CurveSkeleton) -> tuple[str, int]:
-    """Return the text of an SWC file and the number of loops that were cut.
+@dataclass(frozen=True)
+class Tree:
+    """A curve skeleton as neuron tracing has it: each node after its parent, loops cut.
 
-    Nodes are numbered from 1 so that each comes after its parent. Roots are ends of branches where
-    there are any.
+    Attributes
+    ----------
+    nodes : list of int
+        Nodes of the graph in the order of the tree; row i has the number i + 1.
+    parents : list of int
+        Number of the parent of each row; -1: a root.
+    cut : list of (int, int)
+        Numbers of the nodes of each edge that was left out.
     """
+
+    nodes: list[int]
+    parents: list[int]
+    cut: list[tuple[int, int]]
+
+
+def tree_of(graph: CurveSkeleton) -> Tree:
+    """Return a curve skeleton as a tree. Roots are ends of branches where there are any."""
     near: list[list[int]] = [[] for _ in range(len(graph.nodes))]
     for a, b in graph.edges.tolist():
         near[a].append(b)
         near[b].append(a)
     number: dict[int, int] = {}
     parent: dict[int, int] = {}
-    order: list[int] = []
     for root in [*graph.end_points.tolist(), *range(len(graph.nodes))]:
         if root in number:
             continue
         number[root], parent[root] = len(number) + 1, -1
-        order.append(root)
         waiting = [root]
         while waiting:  # depth first: a branch stays together
             node = waiting.pop()
             for other in near[node]:
                 if other not in number:
                     number[other], parent[other] = len(number) + 1, number[node]
-                    order.append(other)
                     waiting.append(other)
+    cut = [
+        (number[a], number[b])
+        for a, b in graph.edges.tolist()
+        if number[b] != parent[a] and number[a] != parent[b]
+    ]
+    return Tree(list(number), [parent[node] for node in number], cut)
+
+
+def swc_text(graph: CurveSkeleton) -> tuple[str, int]:
+    """Return the text of an SWC file and the number of loops that were cut."""
+    tree = tree_of(graph)
     lines = ["# medialis curve skeleton", "# number type x y z radius parent"]
-    cut = []
-    for a, b in graph.edges.tolist():
-        if number[b] != parent[a] and number[a] != parent[b]:
-            cut.append(f"{LOOP} {number[a]} {number[b]}")
-    if cut:
-        lines.append(f"# SWC holds trees: {len(cut)} edges that close loops were left out")
-        lines += cut
-    for node in order:
+    if tree.cut:
+        lines.append(f"# SWC holds trees: {len(tree.cut)} edges that close loops were left out")
+        lines += [f"{LOOP} {a} {b}" for a, b in tree.cut]
+    for row, (node, parent) in enumerate(zip(tree.nodes, tree.parents, strict=True), 1):
         x, y, z = graph.nodes[node].tolist()
-        radius = float(graph.radii[node])
-        lines.append(f"{number[node]} 0 {x!r} {y!r} {z!r} {radius!r} {parent[node]}")
-    return "\n".join(lines) + "\n", len(cut)
+        lines.append(f"{row} 0 {x!r} {y!r} {z!r} {float(graph.radii[node])!r} {parent}")
+    return "\n".join(lines) + "\n", len(tree.cut)
 
 
 def parse_swc(data: bytes) -> CurveSkeleton:

@@ -14,9 +14,10 @@ from medialis.model.shape import Shape
 from medialis.operations.curve_skeleton import described
 from medialis.operations.declaration import Operation
 from medialis.operations.result import Layer, Outcome
-from medialis.options import changed
+from medialis.options import changed, choice
 from medialis.progress import Progress
 from medialis.rigging.bones import BonesOptions, bones
+from medialis.rigging.naming import NAMINGS
 from medialis.rigging.skinning import SkinOptions, skin_weights
 
 
@@ -32,6 +33,13 @@ class ArmatureRun(Preparation):
     skin_smoothing: float = changed(SkinOptions, "skin_smoothing")
     smoothing: float = changed(CurveSkeletonOptions, "smoothing")
     candidates: float = changed(CurveSkeletonOptions, "candidates")
+    naming: str = choice(
+        "numbers",
+        "Names",
+        "Bones are numbered, or have names as Rigify's figures do (spine, thigh.L, upper_arm.R) or "
+        "Mixamo's (mixamorig:Hips, mixamorig:LeftUpLeg). Up is z.",
+        ("numbers", *NAMINGS),
+    )
 
 
 def run(shape: Shape, options: ArmatureRun, progress: Progress) -> Outcome:
@@ -41,8 +49,10 @@ def run(shape: Shape, options: ArmatureRun, progress: Progress) -> Outcome:
     with progress.stage("weights", 0.9, 1.0):
         rig = bones.of(curve, options, progress)
         whole = skin_weights.of(rig, options, progress)
+    if options.naming != "numbers":
+        rig = replace(rig, given_names=NAMINGS[options.naming](rig))
     n = shape.point_count  # a refined shape has the given points first
-    skin = replace(whole, bones=whole.bones[:n], weights=whole.weights[:n])
+    skin = replace(whole, bones=whole.bones[:n], weights=whole.weights[:n], rig=rig)
     if rig.cut:
         progress.note(
             f"An armature has no loops: {rig.cut} of the curve skeleton were cut, each where both "
@@ -155,5 +165,6 @@ OPERATION = Operation(
     run=run,
     needs_faces=True,
     makes_graph=True,
+    thin_lines=True,
     order=90,
 )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from medialis.balls.surface_skeleton import Preparation, surface_skeleton
@@ -100,7 +100,7 @@ def run(shape: Shape, options: BallReconstructionRun, progress: Progress) -> Out
         ]
     return Outcome(
         shape=fine,
-        layers=(cloud_layer("balls", cloud.subset(cloud.valid)),),
+        layers=(replace(cloud_layer("balls", cloud.subset(cloud.valid)), role="balls"),),
         values=values,
         arrays=cloud_arrays(cloud),
         images=images,
@@ -118,7 +118,7 @@ def _caption(found: Comparison) -> str:
 
 OPERATION = Operation(
     name="ball_reconstruction",
-    filter_name="compute_ball_reconstruction_image",
+    filter_name="get_medial_reconstruction_image",
     label="Reconstruct from balls (image)",
     group="Inspect",
     help="Draw the union of the medial balls beside the surface, and measure how they differ.\n\n"
@@ -132,5 +132,6 @@ OPERATION = Operation(
     },
     options=BallReconstructionRun,
     run=run,
+    makes_images=True,
     order=30,
 )

@@ -291,5 +291,6 @@ OPERATION = Operation(
     run=run,
     needs_faces=True,
     makes_graph=True,
+    thin_lines=True,
     order=70,
 )

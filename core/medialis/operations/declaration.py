@@ -6,17 +6,59 @@ from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from medialis.errors import InvalidOptionError
 from medialis.kept import Described
 from medialis.model.shape import Shape
-from medialis.operations.result import Outcome
+from medialis.operations.result import Outcome, Result
 from medialis.options import Kind, Options, Parameter
 from medialis.progress import Progress
 
-__all__ = ["GRAPH_FORMATS", "Kind", "Operation", "Parameter"]
+__all__ = [
+    "GRAPH_FORMATS",
+    "LAYER_FORMATS",
+    "SHELL_FORMATS",
+    "Kind",
+    "Operation",
+    "Parameter",
+    "Selection",
+]
 
 GRAPH_FORMATS = ("swc", "graphml", "json", "obj")
 """Of a result with a graph; its layer is a PLY file in any case."""
+
+SHELL_FORMATS = ("msh", "inp", "ccx")
+"""Of layers with triangles, as shell elements: for Gmsh, Abaqus and CalculiX."""
+
+LAYER_FORMATS = ("vtp", "vtu", *SHELL_FORMATS)
+"""Of every layer that they can hold, besides PLY."""
+
+THESIS = (
+    "J. Kustra: Medial Descriptors for 3D Shape Segmentation, Reconstruction and Analysis. "
+    "PhD thesis, University of Groningen, 2015"
+)
+
+
+@dataclass(frozen=True, repr=False)
+class Selection(Described):
+    """Another use of an operation, for hosts whose users select vertices: it tells which.
+
+    Attributes
+    ----------
+    filter_name, help : str
+        As those of the operation.
+    chosen : callable
+        ``chosen(result, shape) -> (n,) bool``: the vertices of the shape that are selected.
+    defaults : dict
+        Of options that have another one here.
+    """
+
+    filter_name: str
+    help: str
+    chosen: Callable[[Result, Shape], NDArray[np.bool_]]
+    defaults: Mapping[str, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, repr=False)
@@ -43,6 +85,13 @@ class Operation(Described):
         Hosts do not offer it for point clouds; called with one it raises a sentence.
     makes_graph : bool
         Its outcome has a graph; hosts offer the graph formats.
+    makes_images : bool
+        Its result is pictures; hosts without a place for them leave it out.
+    thin_lines : bool
+        It adds curves, or marks places: hosts offer to draw them as solids (`hosts.solid`).
+    lies_on_shape : bool
+        What it adds lies on the surface: hosts leave the shape visible.
+    selection : Selection or None
     examples : tuple of (str, str)
         What may follow its name on the command line, on shapes of `medialis sample`, and what it
         is for.
@@ -61,6 +110,10 @@ class Operation(Described):
     order: float = 1000.0
     needs_faces: bool = False
     makes_graph: bool = False
+    makes_images: bool = False
+    thin_lines: bool = False
+    lies_on_shape: bool = False
+    selection: Selection | None = None
     examples: tuple[tuple[str, str], ...] = ()
     layers: Mapping[str, str] = field(default_factory=dict)
 
@@ -72,7 +125,10 @@ class Operation(Described):
     @property
     def full_help(self) -> str:
         """The help, and where in the thesis it is from."""
-        return f"{self.help}\n\nSource: {self.source}." if self.source else self.help
+        if not self.source:
+            return self.help
+        section = self.source.removeprefix("thesis ")
+        return f"{self.help}\n\nSee: {THESIS}, section {section}."
 
     def resolve(self, given: Mapping[str, Any]) -> Options:
         """Return all options: the given ones checked, the others at their defaults.

@@ -21,8 +21,13 @@ FAR = 16.0
 coordinates on that axis are within a factor of two, so their differences are exact (Sterbenz), and
 so is the way back."""
 
-POSITIONS = frozenset({"points", "centers", "nodes", "heads", "tails", "y_points", "view_points"})
+POSITIONS = frozenset(
+    {"points", "centers", "nodes", "heads", "tails", "y_points", "view_points", "midsurface_points"}
+)
 """Names of all arrays of positions, in results and in what they hold."""
+
+BALLS = frozenset({"balls", "after"})
+"""Names of all arrays of centers with their radii."""
 
 PLACES = frozenset({"position", "opposite", "head", "tail"})
 """Names of single positions in the values of results."""
@@ -50,8 +55,11 @@ def moved(value: Any, offset: FloatArray) -> Any:
 
 def _moved(value: Any, name: str, offset: FloatArray, known: dict[int, Any]) -> Any:
     if isinstance(value, np.ndarray):
-        at_places = name in POSITIONS and value.ndim == 2 and value.shape[1] == 3
-        return value + offset if at_places else value
+        if value.ndim != 2 or value.shape[1:] not in ((3,), (4,)):
+            return value
+        if name in POSITIONS and value.shape[1] == 3:
+            return value + offset
+        return value + np.append(offset, 0.0) if name in BALLS and value.shape[1] == 4 else value
     if name in PLACES and isinstance(value, list):
         return [x + float(d) for x, d in zip(value, offset, strict=True)]
     if id(value) in known:

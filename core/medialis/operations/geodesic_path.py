@@ -35,6 +35,7 @@ class GeodesicPathRun(GeodesicOptions):
         "File of pairs",
         "Text file with two vertex numbers in each line; these pairs are measured instead of "
         "start and end.",
+        selection="pair",
     )
 
 
@@ -145,5 +146,7 @@ OPERATION = Operation(
     options=GeodesicPathRun,
     run=run,
     needs_faces=True,
+    thin_lines=True,
+    lies_on_shape=True,
     order=50,
 )

@@ -171,7 +171,7 @@ def manifold_arrays(found: ManifoldSet) -> dict[str, NDArray[Any]]:
 
 OPERATION = Operation(
     name="manifolds",
-    filter_name="compute_segmentation_by_manifolds_per_vertex",
+    filter_name="compute_scalar_by_medial_manifolds_per_vertex",
     label="Manifolds",
     group="Segment",
     help="Divide a point cloud into smooth surfaces, which may cross, and noise.\n\n"

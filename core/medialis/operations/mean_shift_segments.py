@@ -27,7 +27,7 @@ _LINES = "Text file with a vertex number, or the x y z of a point near a vertex,
 class SeedFiles(Options):
     """Files of points that a user picked."""
 
-    add_seeds: str = file("Add seeds", _LINES + "each is a seed.")
+    add_seeds: str = file("Add seeds", _LINES + "each is a seed.", selection="each")
     remove_seeds: str = file(
         "Remove seeds", _LINES + "seeds within the search radius of it are none."
     )
@@ -118,7 +118,7 @@ def _nearest(places: list[list[float]], shape: Shape) -> NDArray[np.int64]:
 
 OPERATION = Operation(
     name="mean_shift_segments",
-    filter_name="compute_segmentation_by_mean_shift_per_vertex",
+    filter_name="compute_scalar_by_medial_bumps_per_vertex",
     label="Bump segments",
     group="Segment",
     help="Segment a surface into its convex bumps, such as the teeth of a dental cast.\n\n"

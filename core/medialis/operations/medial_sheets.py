@@ -149,5 +149,6 @@ OPERATION = Operation(
     },
     options=MedialSheetsRun,
     run=run,
+    thin_lines=True,
     order=110,
 )

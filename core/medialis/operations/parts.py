@@ -1,20 +1,15 @@
-"""Operation: parts of a shape, its limbs or the sheets of its skeleton (thesis 6.3.3)."""
+"""Operation: parts of a shape, as people see them, its limbs, or its sheets (thesis 6.3.3)."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from medialis.balls.surface_skeleton import Preparation, surface_skeleton
-from medialis.model.medial_cloud import MedialCloud
 from medialis.model.shape import Shape
 from medialis.operations.declaration import Operation
 from medialis.operations.result import Outcome
 from medialis.operations.segments import SheetPreparation, computed, segmentation_outcome
 from medialis.progress import Progress
-from medialis.segments.parts import PartsOptions, better_method, parts
-
-FINER = 2
-"""Times the samples of a curve skeleton: from there on these say first whether limbs are wanted."""
+from medialis.segments.parts import PartsOptions, extent_share, parts
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -23,37 +18,39 @@ class PartsRun(PartsOptions, SheetPreparation):
 
 
 def run(shape: Shape, options: PartsRun, progress: Progress) -> Outcome:
-    """Refine, shrink balls, find limbs or sheets, project them."""
-    cloud = computed(shape, options, progress)
-    with progress.stage("method", 0.4, 0.5):
-        options = _decided(shape, cloud, options, progress)
-    with progress.stage("parts", 0.5, 1.0):
+    """Refine, shrink balls, divide."""
+    cloud = computed(shape, _turning(shape, options), progress)
+    with progress.stage("parts", 0.4, 1.0):
         found = parts.of(cloud, options, progress)
-    return segmentation_outcome("parts", shape, cloud, found, progress, method=found.method)
+    outcome = segmentation_outcome("parts", shape, cloud, found, progress, method=found.method)
+    if found.joins is None or found.join_levels is None:
+        return outcome
+    arrays = {**outcome.arrays, "joins": found.joins, "join_levels": found.join_levels}
+    return replace(outcome, arrays=arrays)
 
 
-def _decided(shape: Shape, cloud: MedialCloud, options: PartsRun, progress: Progress) -> PartsRun:
-    """Choose the method by the samples that a curve skeleton needs, where sheets have many more."""
-    usual = Preparation().refine
-    many = cloud.surface.point_count >= FINER * shape.point_count
-    if options.method != "auto" or shape.faces is None or not many or options.refine >= usual:
+def _turning(shape: Shape, options: PartsRun) -> PartsRun:
+    """Measure by the box that turns with the shape, as the parts do, where no one asks for more."""
+    if options.method != "auto" or shape.faces is None:
         return options
-    coarse = surface_skeleton.of(shape, replace(options, refine=usual), progress.still)
-    few = FINER * coarse.surface.point_count <= cloud.surface.point_count
-    if not few or not coarse.valid.any():
-        return options
-    return replace(options, method=better_method(coarse, options, progress))
+    usual, share = PartsRun(), extent_share(shape)
+    if options.refine == usual.refine:
+        options = replace(options, refine=min(options.refine * share, 1.0))
+    if options.tolerance == usual.tolerance:
+        options = replace(options, tolerance=options.tolerance * share)
+    return options
 
 
 OPERATION = Operation(
     name="parts",
-    filter_name="compute_segmentation_into_parts",
+    filter_name="compute_scalar_by_medial_parts_per_vertex",
     label="Parts",
     group="Segment",
-    help="Divide a shape into parts: limbs and bodies, or the sheets of its skeleton.\n\n"
-    "Limbs are cut off where they leave the ball of a body, by the curve skeleton. Flat and blocky "
-    "shapes have a part for each sheet of the medial surface instead. Small parts are merged and "
-    "borders smoothed.",
+    help="Divide a shape into parts: as people see them, by its limbs, or by its sheets.\n\n"
+    "Parts are cut where a shape bends inwards or gets thinner: 500 places on the surface are put "
+    "together where most people are expected to do so. Limbs are cut off where they leave the ball "
+    "of a body; sheets are those of the medial surface. Small parts are merged and borders "
+    "smoothed.",
     source="thesis 6.3.3",
     examples=(("creature.ply", "body, head, limbs and tail, numbered"),),
     layers={

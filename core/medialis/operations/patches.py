@@ -27,7 +27,7 @@ def run(shape: Shape, options: PatchesRun, progress: Progress) -> Outcome:
 
 OPERATION = Operation(
     name="patches",
-    filter_name="compute_segmentation_into_patches",
+    filter_name="compute_scalar_by_medial_patches_per_vertex",
     label="Patches",
     group="Segment",
     help="Divide a surface into patches along its edges, sharp or soft.\n\n"

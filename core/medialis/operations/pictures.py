@@ -204,10 +204,13 @@ def _paint(
         colors.update(low=low, high=high)
         if color_by == layer.color_by:
             colors.update(cmap=layer.color_map)
+    items: list[Item] = []
     if layer.faces is not None:
-        return [Surface(layer.points, layer.faces, **colors)], label
+        items.append(Surface(layer.points, layer.faces, **colors))
     if layer.edges is not None:
-        return [Curves(layer.points, layer.edges, width=width / 180, **colors)], label
+        items.append(Curves(layer.points, layer.edges, width=width / 180, **colors))
+    if items:
+        return items, label
     return _cloud_items(result, layer, np.flatnonzero(shown), colors, width), label
 
 

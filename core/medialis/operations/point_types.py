@@ -64,7 +64,7 @@ def run(shape: Shape, options: PointTypesRun, progress: Progress) -> Outcome:
 
 OPERATION = Operation(
     name="point_types",
-    filter_name="compute_medial_point_types",
+    filter_name="generate_medial_point_types",
     label="Types of medial points",
     group="Skeleton",
     help="Classify the points of the surface skeleton: rim, sheet, or Y-curve.\n\n"

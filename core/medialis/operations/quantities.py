@@ -59,7 +59,10 @@ def value_rows(values: Mapping[str, Any], unit: str | None = None) -> Iterator[t
     >>> list(value_rows({"points": 3, "radius_min": 1.0, "radius_median": 1.5, "radius_max": 3.0}))
     [('points', '3'), ('radius', '1 to 3, median 1.5')]
     """
-    done = set()
+    stems = [name.removesuffix("_min") for name in values if name.endswith("_min")]
+    threes = {stem: [f"{stem}{part}" for part in _PARTS] for stem in stems}
+    whole = {a: b for a, b in threes.items() if all(isinstance(values.get(c), float) for c in b)}
+    done = {one for three in whole.values() for one in three[1:]}
     for name, value in values.items():
         parts = value.values() if isinstance(value, Mapping) else ()
         if name in done or isinstance(value, list):
@@ -67,10 +70,8 @@ def value_rows(values: Mapping[str, Any], unit: str | None = None) -> Iterator[t
         if any(isinstance(part, list | Mapping) for part in parts):
             continue
         stem = name.removesuffix("_min")
-        three = [f"{stem}{part}" for part in _PARTS]
-        if stem != name and all(isinstance(values.get(one), float) for one in three):
-            done.update(three)
-            low, median, high = (value_text(one, values[one], unit) for one in three)
+        if stem != name and stem in whole:
+            low, median, high = (value_text(one, values[one], unit) for one in whole[stem])
             ending = low.removeprefix(low.split(" ")[0])
             if ending and high.endswith(ending):
                 low = low.removesuffix(ending)

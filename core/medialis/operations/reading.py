@@ -97,6 +97,9 @@ def _layer(folder: Path, row: Mapping[str, Any]) -> Layer:
         filter_unit=FilterUnit(**{**unit, "kind": Kind(unit["kind"])}),
         auxiliary=row["auxiliary"],
         role=row["role"],
+        number_by=row.get("number_by"),
+        formats=tuple(row.get("formats", ())),
+        facts=row.get("facts", {}),
         **{name: row[name] for name in names},
     )
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib
 import time
-from dataclasses import fields
+from dataclasses import fields, replace
 from typing import Any
 
 from medialis.errors import InvalidOptionError, InvalidShapeError
@@ -35,6 +35,9 @@ def _loaded(named: Named) -> Operation:
     assert isinstance(declared, Operation)
     return declared
 
+
+CAD_FACE = "cad_face"
+"""The attribute of faces that numbers the faces of a CAD model."""
 
 SMALLEST_SIZE, LARGEST_SIZE = 1e-30, 1e30
 """Diagonals for which sixth powers and the float32 depths of pictures stay in range."""
@@ -137,6 +140,7 @@ def run(
     with thread_limit(threads):
         outcome = chosen.run(near, options, progress)
     outcome = moved(outcome, offset) if far else outcome
+    outcome = _with_patches(outcome, data)
     progress.seconds["total"] = time.perf_counter() - clock
     return Result(
         **{f.name: getattr(outcome, f.name) for f in fields(Outcome)},
@@ -145,6 +149,21 @@ def run(
         seconds=dict(progress.seconds),
         messages=tuple(progress.messages),
     )
+
+
+def _with_patches(outcome: Outcome, shape: Shape) -> Outcome:
+    """Tell the patches of the shape on the layers that have its faces."""
+    patches = shape.patches
+    if patches is None:
+        return outcome
+    layers = tuple(
+        replace(layer, face_attributes={**layer.face_attributes, CAD_FACE: patches})
+        if layer.on_input and layer.faces is not None and len(layer.faces) == len(patches)
+        else layer
+        for layer in outcome.layers
+    )
+    new = dict(zip(map(id, outcome.layers), layers, strict=True))
+    return replace(outcome, layers=layers, shown=tuple(new.get(id(x), x) for x in outcome.shown))
 
 
 def _require_size(shape: Shape) -> None:

@@ -58,6 +58,7 @@ def run(shape: Shape, options: RemoveOutliersRun, progress: Progress) -> Outcome
         },
         color_by="manifold",
         labels=("manifold",),
+        role="shape",
     )
     noise = Layer(
         "noise",
@@ -100,7 +101,7 @@ def _note_removed(
 
 OPERATION = Operation(
     name="remove_outliers",
-    filter_name="generate_point_cloud_without_outliers_by_manifolds",
+    filter_name="generate_point_cloud_without_outliers",
     label="Remove outliers",
     group="Segment",
     help="Remove the outliers of a cloud: points that lie on no smooth surface.\n\n"

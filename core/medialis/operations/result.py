@@ -8,7 +8,7 @@ import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -67,6 +67,28 @@ class FilterUnit:
         return float(max(share, 0.0) ** (1.0 / self.power))
 
 
+class Levels(Protocol):
+    """A layer with other numbers of points, none of which has to be computed.
+
+    Attributes
+    ----------
+    fewest, most : int
+        Points of the coarsest and of the finest one.
+    """
+
+    @property
+    def fewest(self) -> int: ...  # noqa: D102
+
+    @property
+    def most(self) -> int: ...  # noqa: D102
+
+    def layer(self, count: int) -> Layer:
+        """Return the layer of so many points, or of as near a number as there is."""
+
+    def packed(self) -> bytes:
+        """Return all of it as bytes; `medialis.hosts.unpacked_levels` reads them."""
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Layer(Described):
     """Points, triangles or curves with named attributes, one row a point.
@@ -98,6 +120,8 @@ class Layer(Described):
         What the slider shows, and
     filter_default : float
         where it stands at first, in that unit: points below it are hidden, not lost.
+    number_by : str or None
+        Attribute whose values hosts write at the points, the first ones where there are many.
     on_input : bool
         The points and faces are those of the shape that was given: hosts that show it already
         write the attributes on it (see `Shape.on_input_points`) instead of adding a layer.
@@ -105,7 +129,17 @@ class Layer(Described):
         What the other layers refer to, such as the samples: hosts add it on request only.
     role : str
         "bones": hosts with armatures add `Outcome.rig` in its place; "skin": it shows the weights
-        of `Outcome.skin`; "hidden": hosts add it invisible.
+        of `Outcome.skin`; "hidden": hosts add it invisible; "shape": it takes the place of the
+        shape, which hosts hide; "balls": hosts draw the points with their radius, and where edges
+        and faces join them the cones and slabs between them, also when users move them;
+        "selection": hosts select the points whose `selected` is 1, and add nothing.
+    formats : tuple of str
+        Formats in which it is written besides PLY: "obj" and "glb" (triangles), "ma" (balls with
+        their edges and triangles), "json" and "urdf" (balls).
+    facts : dict of float
+        Numbers that belong to all of it and stand in such files: `excess_volume` of balls.
+    levels : Levels or None
+        The same with fewer and with more points; hosts show them by a slider.
     """
 
     name: str
@@ -121,9 +155,13 @@ class Layer(Described):
     filter_by: str | None = None
     filter_unit: FilterUnit = FilterUnit()
     filter_default: float = 0.0
+    number_by: str | None = None
     on_input: bool = False
     auxiliary: bool = False
     role: str = ""
+    formats: tuple[str, ...] = ()
+    facts: Mapping[str, float] = field(default_factory=dict)
+    levels: Levels | None = None
 
     def __post_init__(self) -> None:
         count = len(as_points(self.points, f"points of layer {self.name}"))
@@ -137,7 +175,7 @@ class Layer(Described):
                         f"Attribute {name} of layer {self.name} has {len(values)} rows, not {rows}."
                     )
         known = {*self.attributes, *self.face_attributes}
-        wanted = {*self.labels, *filter(None, (self.color_by, self.filter_by))}
+        wanted = {*self.labels, *filter(None, (self.color_by, self.filter_by, self.number_by))}
         if not wanted <= known:
             raise InvalidShapeError(
                 f"Layer {self.name} has no attribute {', '.join(sorted(wanted - known))}."

@@ -36,7 +36,7 @@ class SheetPreparation(Preparation):
         Preparation,
         "refine",
         default=0.01,
-        help="Split edges longer than this fraction of the size for the computation, so "
+        help="Split edges longer than this share of the size for the computation, so "
         "that flat faces get samples; flat faces stay the same. 0 computes with the"
         " given vertices only. Sheets and edges need several samples across every "
         "face.",

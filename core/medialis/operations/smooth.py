@@ -60,6 +60,7 @@ def run(shape: Shape, options: SmoothRun, progress: Progress) -> Outcome:
                 shape.faces,
                 attributes={"moved": moved},
                 color_by="moved",
+                role="shape",
             ),
         ),
         values={

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from medialis.balls.ball_shrinking import ShrinkOptions, Side
 from medialis.balls.subsampling import uniform_subsample
@@ -13,8 +14,8 @@ from medialis.balls.surface_skeleton import Preparation, SurfaceSkeletonOptions,
 from medialis.model.medial_cloud import BallStatus, MedialCloud
 from medialis.model.shape import Shape
 from medialis.operations.common import cloud_arrays, cloud_layer, samples_layer, summary
-from medialis.operations.declaration import Operation
-from medialis.operations.result import FilterUnit, Layer, Outcome
+from medialis.operations.declaration import Operation, Selection
+from medialis.operations.result import FilterUnit, Layer, Outcome, Result
 from medialis.options import changed, flag, length
 from medialis.paths.connectivity import connected_importance
 from medialis.paths.importance import geodesic_importance
@@ -48,7 +49,7 @@ class SurfaceSkeletonRun(Preparation):
     threshold: float = length(
         HIDDEN_BELOW,
         "Hide below",
-        "Hide the points whose importance is below this fraction of the size: those of bumps and "
+        "Hide the points whose importance is below this share of the size: those of bumps and "
         "noise. They stay in the data; 0 shows all. The default is lower on shapes with thin "
         "limbs.",
         high=10.0,
@@ -56,7 +57,7 @@ class SurfaceSkeletonRun(Preparation):
     subsample: float = length(
         0.0,
         "Point distance",
-        "Thin the skeleton so that its points are at least this fraction of the size "
+        "Thin the skeleton so that its points are at least this share of the size "
         "apart. 0 keeps all.",
     )
     largest_radius: float = changed(ShrinkOptions, "largest_radius")
@@ -152,6 +153,15 @@ def _shown_from(cloud: MedialCloud, importance: FloatArray) -> float:
     return min(HIDDEN_BELOW, float(importance[first]) / cloud.surface.diagonal)
 
 
+def _important(result: Result, shape: Shape) -> NDArray[np.bool_]:
+    """Which vertices have a skeleton point that is shown."""
+    layer = result.layers[0]
+    samples = layer.attributes["source"][~layer.hidden]
+    chosen = np.zeros(shape.point_count, bool)  # a refined shape has the given points first
+    chosen[samples[samples < len(chosen)]] = True
+    return chosen
+
+
 OPERATION = Operation(
     name="surface_skeleton",
     filter_name="generate_surface_skeleton",
@@ -175,5 +185,11 @@ OPERATION = Operation(
     },
     options=SurfaceSkeletonRun,
     run=run,
+    selection=Selection(
+        "compute_selection_by_medial_importance_per_vertex",
+        "Select the vertices whose skeleton point is more important than a length: all but bumps "
+        "and noise.",
+        _important,
+    ),
     order=10,
 )

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from medialis.balls.surface_skeleton import Preparation, surface_skeleton
 from medialis.fields.enclosure import ENCLOSED, Enclosure
@@ -15,8 +16,8 @@ from medialis.fields.thin_spots import ThinSpot, ThinSpotOptions, thin_spots
 from medialis.model.medial_cloud import MedialCloud
 from medialis.model.shape import Shape
 from medialis.operations.common import cloud_arrays, summary
-from medialis.operations.declaration import Operation
-from medialis.operations.result import Layer, Outcome
+from medialis.operations.declaration import Operation, Selection
+from medialis.operations.result import Layer, Outcome, Result
 from medialis.options import changed
 from medialis.progress import Progress, counted
 from medialis.units import with_unit
@@ -44,7 +45,7 @@ class ThicknessRun(ThinSpotOptions, Preparation):
         Preparation,
         "refine",
         default=0.01,
-        help="Split edges longer than this fraction of the size for the computation, so that flat "
+        help="Split edges longer than this share of the size for the computation, so that flat "
         "faces get samples; flat faces stay the same. 0 computes with the given vertices only. A "
         "wall is seen where the samples are closer together than it is thick.",
     )
@@ -62,15 +63,15 @@ def run(shape: Shape, options: ThicknessRun, progress: Progress) -> Outcome:
         values = thickness.of(cloud, options, progress)
     with progress.stage("thin spots", 0.85, 1.0):
         spots = thin_spots.of(cloud, options, progress)
-    _note_resolution(cloud, progress)
-    _note_enclosure(cloud, progress)
+    note_resolution(cloud, progress)
+    note_enclosure(cloud, progress)
     _note_share(values, options, fine, progress)
     _note_thinnest(spots, given, shape, progress)
     labels = np.full(fine.point_count, -1, np.int32)
     for number, spot in enumerate(spots):
         labels[spot.vertices] = number
     surface = _surface_layer("thickness", shape, values, labels)
-    marks = (_spots_layer(spots),) if spots else ()
+    marks = (_spots_layer(spots, surface),) if spots else ()
     samples = () if fine is shape else (_surface_layer("samples", fine, values, labels),)
     return Outcome(
         shape=fine,
@@ -106,7 +107,8 @@ def _surface_layer(name: str, shape: Shape, values: FloatArray, labels: IntArray
     )
 
 
-def _spots_layer(spots: tuple[ThinSpot, ...]) -> Layer:
+def _spots_layer(spots: tuple[ThinSpot, ...], surface: Layer) -> Layer:
+    """Layer of the places, in the colours of the surface."""
     area = np.array([spot.area for spot in spots])
     return Layer(
         "thin_spots",
@@ -117,7 +119,17 @@ def _spots_layer(spots: tuple[ThinSpot, ...]) -> Layer:
             "vertices": np.array([len(spot.vertices) for spot in spots], np.int32),
             "overlap": np.array([spot.kind == "overlap" for spot in spots], np.int32),
         },
+        color_by="value",
+        color_map=surface.color_map,
+        color_limits=surface.color_limits,
+        number_by="value",
     )
+
+
+def _thin(result: Result, shape: Shape) -> NDArray[np.bool_]:
+    """Which vertices lie on a wall below the threshold."""
+    limit = result.parameters["threshold"] * shape.diagonal
+    return np.asarray(result.layers[0].attributes["thickness"]) < limit
 
 
 def _spot_values(spot: ThinSpot) -> dict[str, Any]:
@@ -182,7 +194,7 @@ def _note_thinnest(
         )
 
 
-def _note_enclosure(cloud: MedialCloud, progress: Progress) -> None:
+def note_enclosure(cloud: MedialCloud, progress: Progress) -> None:
     """Say so where the balls of a cloud or an open mesh lie inside nothing."""
     shape = cloud.surface
     if shape.faces is not None and shape.closed_components.all():
@@ -204,7 +216,8 @@ def _note_enclosure(cloud: MedialCloud, progress: Progress) -> None:
         )
 
 
-def _note_resolution(cloud: MedialCloud, progress: Progress) -> None:
+def note_resolution(cloud: MedialCloud, progress: Progress) -> None:
+    """Say so where walls may be thinner than the samples are apart."""
     count, of = int(unresolved_walls(cloud).sum()), cloud.surface.point_count
     if count > UNRESOLVED_SHARE * of:
         progress.note(
@@ -241,5 +254,12 @@ OPERATION = Operation(
     },
     options=ThicknessRun,
     run=run,
+    thin_lines=True,
+    selection=Selection(
+        "compute_selection_by_medial_thickness_per_vertex",
+        "Select the vertices where a shape is thinner than a length.",
+        _thin,
+        {"threshold": 0.02},
+    ),
     order=40,
 )

@@ -74,6 +74,41 @@ def run(
 ) -> Result: ...
 @overload
 def run(
+    name: Literal["wall_check"],
+    shape: ShapeLike,
+    *,
+    threads: int | None = None,
+    progress: Progress | ProgressCallback | None = None,
+    minimum: float | str | Length = 0.0,
+    maximum: float | str | Length = 0.0,
+    material: Literal[
+        "none", "ABS", "LCP", "PA", "PBT/PET", "PC", "PE", "PMMA", "POM", "PP", "PPS", "PS", "PUR"
+    ] = "none",
+    gap: float | str | Length = 0.0,
+    rib_ratio: float = 0.6,
+    min_spoke_angle: float = 150.0,
+    regions: int = 100,
+    refine: float | str | Length = 0.01,
+    denoise: Literal["auto", "off"] = "auto",
+    tolerance: float | str | Length = 0.0003,
+    creases: float = 30.0,
+) -> Result: ...
+@overload
+def run(
+    name: Literal["midsurface"],
+    shape: ShapeLike,
+    *,
+    threads: int | None = None,
+    progress: Progress | ProgressCallback | None = None,
+    refine: float | str | Length = 0.02,
+    edge: float | str | Length = 0.02,
+    angle: float = 150.0,
+    denoise: Literal["auto", "off"] = "auto",
+    tolerance: float | str | Length = 0.0003,
+    creases: float = 30.0,
+) -> Result: ...
+@overload
+def run(
     name: Literal["geodesic_path"],
     shape: ShapeLike,
     *,
@@ -100,6 +135,26 @@ def run(
     tolerance: float | str | Length = 0.0003,
     refine: float | str | Length = 0.02,
     creases: float = 30.0,
+) -> Result: ...
+@overload
+def run(
+    name: Literal["medial_mesh"],
+    shape: ShapeLike,
+    *,
+    threads: int | None = None,
+    progress: Progress | ProgressCallback | None = None,
+    balls: int = 120,
+    error: float | str | Length = 0.0,
+    quality: Literal["balanced", "fast", "best"] = "balanced",
+    cell: float | str | Length = 0.01,
+    cover: bool = False,
+    levels: int = 0,
+    importance: bool = False,
+    threshold: float | str | Length = 0.0,
+    edited: str = "",
+    samples: int = 5000,
+    relief: float | str | Length = 0.002,
+    seed: int = 0,
 ) -> Result: ...
 @overload
 def run(
@@ -144,6 +199,7 @@ def run(
     skin_smoothing: float = 0.3,
     smoothing: float = 0.7,
     candidates: float | str | Length = 0.005,
+    naming: Literal["numbers", "rigify", "mixamo"] = "numbers",
     denoise: Literal["auto", "off"] = "auto",
     tolerance: float | str | Length = 0.0003,
     refine: float | str | Length = 0.02,
@@ -214,6 +270,8 @@ def run(
     threads: int | None = None,
     progress: Progress | ProgressCallback | None = None,
     method: Literal["auto", "limbs", "sheets"] = "auto",
+    level: float = 0.5,
+    count: int = 0,
     smallest: float = 0.01,
     smoothing: int = 4,
     sheet_threshold: float = 4.0,

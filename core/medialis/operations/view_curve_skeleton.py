@@ -141,5 +141,6 @@ OPERATION = Operation(
     },
     options=ViewCurveSkeletonRun,
     run=run,
+    thin_lines=True,
     order=80,
 )

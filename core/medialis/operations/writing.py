@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import logging
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -13,15 +13,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from medialis.errors import InvalidOptionError
 from medialis.files._files import complete_file
+from medialis.files.abaqus import CALCULIX, write_inp
 from medialis.files.curve_graphs import write_curve_skeleton
+from medialis.files.layer_files import Content, write_content
+from medialis.files.msh import write_msh
 from medialis.files.output_folder import MANIFEST, OutputFolder
 from medialis.files.ply_attributes import write_ply
 from medialis.files.results import write_json, write_npz
 from medialis.files.rigged_gltf import write_rigged_gltf
+from medialis.files.vtp import write_vtp
+from medialis.files.vtu import write_vtu
 from medialis.model.shape import Shape
 from medialis.model.surface import Surface
-from medialis.operations.declaration import GRAPH_FORMATS
+from medialis.operations.declaration import GRAPH_FORMATS, LAYER_FORMATS, SHELL_FORMATS
 from medialis.operations.existing_results import (
     check_free,
     check_same,
@@ -30,7 +36,7 @@ from medialis.operations.existing_results import (
     parameters_given,
 )
 from medialis.operations.pictures import draw_result, draw_turntable, require_attribute
-from medialis.operations.result import Result
+from medialis.operations.result import Layer, Result
 from medialis.progress import Message, Progress, ProgressCallback
 from medialis.render.png import reduced, write_png
 from medialis.render.shading import Style
@@ -39,6 +45,15 @@ from medialis.version import package_version
 
 WIDTH, HEIGHT = 2000, 1500
 """Pixels of the main picture before what is empty is cut off."""
+
+_LAYER_WRITERS: dict[str, tuple[str, Callable[..., None]]] = {
+    "vtp": (".vtp", write_vtp),
+    "vtu": (".vtu", write_vtu),
+    "msh": (".msh", write_msh),
+    "inp": (".inp", write_inp),
+    "ccx": (CALCULIX, write_inp),
+}
+"""Endings and writers of the formats of layers."""
 
 THUMBNAIL, THUMBNAIL_WIDTH = "thumbnail.png", 250
 
@@ -71,9 +86,12 @@ def describe_result(result: Result, **more: Any) -> dict[str, Any]:
                 "filter_by": layer.filter_by,
                 "filter_unit": asdict(layer.filter_unit),
                 "filter_default": layer.filter_default,
+                "number_by": layer.number_by,
                 "on_input": layer.on_input,
                 "auxiliary": layer.auxiliary,
                 "role": layer.role,
+                "formats": list(layer.formats),
+                "facts": dict(layer.facts),
             }
             for layer in result.layers
         ],
@@ -134,7 +152,7 @@ class Written:
         Name of the input.
     pictures : Pictures
     formats : sequence of str
-        Of the result's graph.
+        Of the result's graph, and of each layer besides PLY.
     texts : dict
         More files: their text by name.
     record : dict
@@ -174,7 +192,9 @@ def write_result(
     pictures : Pictures
         Which pictures to draw.
     formats : sequence of str
-        Formats of the result's graph, if it has one: swc, graphml, json, obj.
+        Formats of the result's graph, if it has one: swc, graphml, json, obj; and of its
+        layers: vtp and vtu, each with its attributes for ParaView; msh (Gmsh), inp (Abaqus) and
+        ccx (CalculiX), those with triangles as shell elements.
     overwrite : bool
         Replace another result, with all its files, and other files of the same names.
     progress : callable, optional
@@ -189,7 +209,8 @@ def write_result(
     Raises
     ------
     InvalidOptionError
-        When the first layer has no attribute ``pictures.color_by``, or a format is unknown.
+        When the first layer has no attribute ``pictures.color_by``, or a format is unknown, or
+        is one of shell elements and no layer has triangles.
     FileError
         When the folder cannot be written, or holds something else and `overwrite` is False.
 
@@ -220,7 +241,12 @@ def write_files(
     if pictures.color_by is not None:
         require_attribute(result.layers, pictures.color_by)
     for ending in wanted.formats:
-        as_choice(ending, "formats", GRAPH_FORMATS)
+        as_choice(ending, "formats", GRAPH_FORMATS + LAYER_FORMATS)
+        if ending in SHELL_FORMATS and all(layer.faces is None for layer in result.layers):
+            raise InvalidOptionError(
+                f"The result of {result.operation} has no triangles that could be shell elements "
+                f"({ending}); vtu holds all it has."
+            )
     about = describe_result(result, input=wanted.source, **wanted.record)
     if not wanted.overwrite:
         check_same(folder, {**about, "parameters": parameters_given(about)})
@@ -285,10 +311,19 @@ def _write_data(
                 attributes=layer.attributes,
                 face_attributes=layer.face_attributes,
             )
+            for name in filter(LAYER_FORMATS.__contains__, formats):
+                if name not in SHELL_FORMATS or layer.faces is not None:
+                    ending, write = _LAYER_WRITERS[name]
+                    write(
+                        new(layer.name + ending), layer.points, layer.faces, layer.edges,
+                        layer.attributes, layer.face_attributes, show=layer.color_by,
+                    )  # fmt: skip
+            for ending in layer.formats:
+                write_content(new(f"{layer.name}.{ending}"), content_of(layer, result.shape.unit))
             progress.update((number + 1) / (len(result.layers) + 1))
         graph = result.graph if result.rig is None else result.rig.graph
         if graph is not None:
-            for ending in formats:
+            for ending in filter(GRAPH_FORMATS.__contains__, formats):
                 write_curve_skeleton(new(f"{result.operation}.{ending}"), graph)
         if result.skin is not None and result.skin.rig is not None:
             file, unit = new(f"{result.operation}.glb"), result.shape.unit
@@ -300,6 +335,11 @@ def _write_data(
             )  # fmt: skip
         write_npz(new(f"{result.operation}.npz"), result.arrays)
     return names
+
+
+def content_of(layer: Layer, unit: str | None) -> Content:
+    """Return what files of a layer are made of."""
+    return Content(layer.points, layer.faces, layer.edges, layer.attributes, layer.facts, unit)
 
 
 def content(file: Path, progress: Progress) -> dict[str, Any]:

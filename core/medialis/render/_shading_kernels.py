@@ -2,8 +2,45 @@
 
 import math
 
+import numpy as np
+
 from medialis._kernels.jit import kernel
 from medialis.render._splat_kernels import facing, hit_point, triangle_hit
+
+
+@kernel
+def sum_normals(points, faces, flat, out_normals):
+    """Add the normal of each face, times its angle there, at each of its corners.
+
+    An angle of a face without an area is 0.
+    """
+    angles = np.empty(3)
+    for f in range(len(faces)):
+        for j in range(3):
+            v, after, before = faces[f, j], faces[f, (j + 1) % 3], faces[f, (j + 2) % 3]
+            dot, one, other = 0.0, 0.0, 0.0
+            for axis in range(3):
+                x = points[after, axis] - points[v, axis]
+                y = points[before, axis] - points[v, axis]
+                dot, one, other = dot + x * y, one + x * x, other + y * y
+            scale = math.sqrt(one) * math.sqrt(other)
+            angles[j] = math.acos(min(max(dot / scale, -1.0), 1.0)) if scale > 0 else 0.0
+        for j in range(3):
+            for axis in range(3):
+                out_normals[faces[f, j], axis] += angles[j] * flat[f, axis]
+
+
+@kernel
+def pick_normals(begin, end, faces, flat, normals, cosine, out_corners):
+    """Give each corner the normal of its vertex, or of the face where that leans too far."""
+    for f in range(begin, end):
+        for j in range(3):
+            x, y, z = normals[faces[f, j], 0], normals[faces[f, j], 1], normals[faces[f, j], 2]
+            if x * flat[f, 0] + y * flat[f, 1] + z * flat[f, 2] > cosine:
+                out_corners[f, j, 0], out_corners[f, j, 1], out_corners[f, j, 2] = x, y, z
+            else:
+                for axis in range(3):
+                    out_corners[f, j, axis] = flat[f, axis]
 
 
 @kernel

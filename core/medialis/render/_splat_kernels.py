@@ -169,6 +169,17 @@ def orient(corners, screen):
 
 
 @kernel
+def triangle_rows(screen, corners, height, width, out_first, out_last):
+    """First and last row of the pixels whose centers a triangle may cover; 1 and 0 for none."""
+    for i in range(len(corners)):
+        a, b, c = screen[corners[i, 0]], screen[corners[i, 1]], screen[corners[i, 2]]
+        col0, col1 = pixel_range(min(a[0], b[0], c[0]), max(a[0], b[0], c[0]), 0, width)
+        row0, row1 = pixel_range(min(a[1], b[1], c[1]), max(a[1], b[1], c[1]), 0, height)
+        none = col0 > col1 or row0 > row1
+        out_first[i], out_last[i] = (1, 0) if none else (row0, row1)
+
+
+@kernel
 def draw_triangles(
     items, screen, corners, names, lens, begin, end, glass, mesh, out_depth, out_index, out_glass
 ):
@@ -187,6 +198,8 @@ def draw_triangles(
         xc, yc = screen[c, 0], screen[c, 1]
         col0, col1 = pixel_range(min(xa, xb, xc), max(xa, xb, xc), 0, width)
         row0, row1 = pixel_range(min(ya, yb, yc), max(ya, yb, yc), begin, end)
+        if col0 > col1 or row0 > row1:
+            continue
         ox0, oy0, dx0, dy0, closed0 = edge(xb, yb, xc, yc)
         ox1, oy1, dx1, dy1, closed1 = edge(xc, yc, xa, ya)
         ox2, oy2, dx2, dy2, closed2 = edge(xa, ya, xb, yb)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from medialis.model.shape import Shape
 from medialis.validation import FloatArray
@@ -36,17 +35,19 @@ def sheet_discs(
     >>> float(radii[40]), bool(sheet.all()), np.abs(axes[40]).tolist()
     (1.0, True, [0.0, 0.0, 1.0])
     """
-    count = min(NEIGHBOURS + 1, len(points))
-    if count < 3:
+    from medialis._kernels.neighbours import nearest_others
+
+    if len(points) < 3:
         none = np.zeros(len(points))
         return none, none.astype(bool), np.zeros((len(points), 3)), none
     lengths = np.linalg.norm(axes, axis=1, keepdims=True)
     units = np.divide(axes, lengths, out=np.zeros_like(axes), where=lengths > 0)
-    distances, near = cKDTree(points).query(points, k=count, workers=-1)
+    near, distances = nearest_others(np.asarray(points, np.float64), NEIGHBOURS)
     tensors = np.einsum("nki,nkj->nij", units[near], units[near])
+    tensors += np.einsum("ni,nj->nij", units, units)
     sizes, directions = np.linalg.eigh(tensors)
     total = sizes.sum(axis=1)
-    reach = distances[:, min(4, count - 1)]
+    reach = distances[:, min(3, near.shape[1] - 1)]
     middle = float(np.median(reach))
     flat = (sizes[:, 2] >= FLAT * total) & (total > 0) & (reach <= 4 * middle)
     radii = np.clip(reach, 0.5 * middle, 1.5 * middle)

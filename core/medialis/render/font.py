@@ -12,7 +12,6 @@ from importlib import resources
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import map_coordinates
 
 from medialis.validation import FloatArray, frozen
 
@@ -51,9 +50,17 @@ def _glyph(character: str, scale: float, shift: float) -> FloatArray:
     # The middle of the pixel r is at r + 1/2, in the table at (r + 1/2) / scale.
     row = (np.arange(rows) + 0.5) / scale - 0.5
     column = (np.arange(columns) + 0.5 - shift) / scale - 0.5
-    grid = np.meshgrid(row, column, indexing="ij")
-    stored = map_coordinates(table.astype(np.float32), grid, order=1, mode="constant", cval=0)
+    stored = _between(_between(table.astype(np.float64), row).T, column).T
     return frozen((stored - 128) / 127 * REACH * scale, np.float64)
+
+
+def _between(table: FloatArray, at: NDArray[np.floating]) -> FloatArray:
+    """Return a table at places between its rows; 0 beyond them."""
+    padded = np.pad(table, ((1, 2), (0, 0)))
+    at = np.clip(at, -1.0, len(table)) + 1.0
+    row = np.floor(at).astype(np.int64)
+    share = (at - row)[:, None]
+    return np.asarray((1.0 - share) * padded[row] + share * padded[row + 1])
 
 
 def text_width(text: str, size: float) -> int:

@@ -21,7 +21,7 @@ from medialis.render.annotation import (
     title_height,
 )
 from medialis.render.camera import Camera
-from medialis.render.colors import label_colors, map_colors, value_range
+from medialis.render.colors import label_colors, map_colors, to_linear, value_range
 from medialis.render.raster import as_radii
 from medialis.render.shading import BallLayer, MeshLayer, Style, render_layers
 from medialis.threads import run_patiently
@@ -79,6 +79,13 @@ class Painted:
                 f"got shape {color.shape}."
             )
         return np.broadcast_to(color, (count, 3))
+
+    def light(self, count: int) -> FloatArray:
+        """Return the colours of `count` elements in linear light, (count, 3)."""
+        colors = self.colors(count)
+        if count and colors.strides[0] == 0:  # one for all
+            return np.broadcast_to(to_linear(colors[0]), colors.shape)
+        return to_linear(colors)
 
 
 @dataclass(frozen=True, eq=False)
@@ -274,11 +281,11 @@ def _ball_layer(item: Balls | Points | Curves, camera: Camera) -> BallLayer:
         centers = as_points(item.centers, "centers")
         radii = as_radii(item.radii, len(centers))
         # Half a pixel at least, so that the smallest balls are still visible dots.
-        return BallLayer(centers, radii, item.colors(len(centers)), 0.5)
+        return BallLayer(centers, radii, item.light(len(centers)), 0.5)
     if isinstance(item, Points):
         centers = as_points(item.points)
         size = as_number(item.size, "size", low=0, high=1000, open_low=True)
-        return BallLayer(centers, np.zeros(len(centers)), item.colors(len(centers)), size / 2)
+        return BallLayer(centers, np.zeros(len(centers)), item.light(len(centers)), size / 2)
     return _tube_layer(item, camera)
 
 
@@ -305,7 +312,7 @@ def _tube_layer(item: Curves, camera: Camera) -> BallLayer:
     return BallLayer(
         a[edge] + (b - a)[edge] * share,
         np.zeros(len(edge)),
-        first + (second - first) * mix,
+        to_linear(first + (second - first) * mix),
         width / 2,
     )
 
@@ -315,9 +322,9 @@ def _mesh_layer(item: Surface) -> MeshLayer:
     faces = as_faces(item.faces, len(points))
     opacity = as_number(item.opacity, "opacity", low=0, high=1)
     if item.per_face:
-        corners = np.repeat(item.colors(len(faces))[:, None], 3, axis=1)
+        corners = np.repeat(item.light(len(faces))[:, None], 3, axis=1)
     else:
-        corners = item.colors(len(points))[faces]
+        corners = item.light(len(points))[faces]
     return MeshLayer(points, faces, corners, opacity, item.smooth)
 
 

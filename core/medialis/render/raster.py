@@ -115,14 +115,12 @@ def draw_mesh(
     progress: Progress | None = None,
 ) -> None:
     """Draw triangles into depth and index, or, with `glass`, add see-through layers to it."""
-    from medialis.render._splat_kernels import draw_triangles
+    from medialis.render._splat_kernels import draw_triangles, triangle_rows
 
     height = len(depth)
-    rows = [triangles.screen[triangles.corners[:, j], 1] for j in range(3)]
-    low = np.minimum(np.minimum(rows[0], rows[1]), rows[2])
-    high = np.maximum(np.maximum(rows[0], rows[1]), rows[2])
-    first = np.clip(np.ceil(low - 0.5), 0, height).astype(np.int32)
-    last = np.clip(np.floor(high - 0.5), -1, height - 1).astype(np.int32)
+    count = len(triangles.corners)
+    first, last = np.empty(count, np.int32), np.empty(count, np.int32)
+    triangle_rows(triangles.screen, triangles.corners, height, depth.shape[1], first, last)
     offsets, items = _bands(first, last, height)
     layers = np.zeros((0, 0, 4), np.float32) if glass is None else glass
     known = empty_mesh() if mesh is None else mesh

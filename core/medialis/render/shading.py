@@ -22,6 +22,8 @@ from medialis.validation import FloatArray, IntArray, as_number, as_whole_number
 SMOOTH_COSINE = 0.75
 """A corner takes the vertex normal where that is within 41 degrees of the face normal."""
 
+FACES_A_CHUNK = 1 << 16
+
 _LAMPS = np.array(
     [
         [-0.45, 0.65, -0.62, 0.62],  # key: upper left, in front
@@ -80,7 +82,7 @@ class Style:
 
 @dataclass(frozen=True, eq=False)
 class BallLayer:
-    """Balls (k): world centers, radii, sRGB colors (k, 3), least screen radius in pixels."""
+    """Balls (k): world centers, radii, linear light (k, 3), least screen radius in pixels."""
 
     centers: FloatArray
     radii: FloatArray
@@ -90,7 +92,7 @@ class BallLayer:
 
 @dataclass(frozen=True, eq=False)
 class MeshLayer:
-    """Triangles: points (n, 3), faces (m, 3), sRGB corner colors (m, 3, 3), opacity 0..1."""
+    """Triangles: points (n, 3), faces (m, 3), linear light (m, 3, 3) at corners, opacity 0..1."""
 
     points: FloatArray
     faces: IntArray
@@ -106,35 +108,21 @@ def corner_normals(points: FloatArray, faces: IntArray, smooth: bool = True) -> 
     matter how a flat side is cut into triangles), unless that is more than 41 degrees off the face:
     curved surfaces look smooth and sharp edges stay sharp.
     """
+    from medialis.render._shading_kernels import pick_normals, sum_normals
+
     flat = Surface(points, faces).face_normals
     if not smooth:
         return np.repeat(flat[:, None], 3, axis=1).astype(np.float32)
-    angles = _corner_angles(points, faces)
-    vertex = np.stack(
-        [
-            np.bincount(faces.ravel(), (angles * flat[:, j, None]).ravel(), minlength=len(points))
-            for j in range(3)
-        ],
-        axis=1,
-    )
+    vertex, corners = np.zeros((len(points), 3)), np.empty((len(faces), 3, 3), np.float32)
+    sum_normals(points, faces, flat, vertex)
     length = np.sqrt(np.einsum("ij,ij->i", vertex, vertex))[:, None]
     np.divide(vertex, length, out=vertex, where=length > 0)
-    corners = vertex[faces]
-    close = np.einsum("mkj,mj->mk", corners, flat) > SMOOTH_COSINE
-    return np.where(close[..., None], corners, flat[:, None]).astype(np.float32)
 
+    def pick(begin: int, end: int) -> None:
+        pick_normals(begin, end, faces, flat, vertex, SMOOTH_COSINE, corners)
 
-def _corner_angles(points: FloatArray, faces: IntArray) -> FloatArray:
-    """Return the angle at each corner of each face, (m, 3) in radians; 0 without an area."""
-    sides = [points[faces[:, (j + 1) % 3]] - points[faces[:, j]] for j in range(3)]
-    lengths = [np.sqrt(np.einsum("ij,ij->i", side, side)) for side in sides]
-    angles = np.zeros((len(faces), 3))
-    for j in range(3):
-        before, scale = sides[j - 1], lengths[j] * lengths[j - 1]
-        dot = -np.einsum("ij,ij->i", sides[j], before)
-        cosine = np.divide(dot, scale, out=np.ones_like(dot), where=scale > 0)
-        angles[:, j] = np.arccos(np.clip(cosine, -1.0, 1.0))
-    return angles
+    run_chunks(pick, len(faces), FACES_A_CHUNK)
+    return corners
 
 
 @lru_cache(maxsize=1)
@@ -146,10 +134,10 @@ def _encoding() -> NDArray[np.uint8]:
 def _balls_of(
     layers: list[BallLayer], camera: Camera, supersampling: int
 ) -> tuple[BallSet, NDArray[np.float32]]:
-    """Join ball layers into what the camera sees, and the colors in linear light."""
+    """Join ball layers into what the camera sees, and the colors."""
     centers = np.concatenate([np.zeros((0, 3)), *(layer.centers for layer in layers)])
     radii = np.concatenate([np.zeros(0), *(layer.radii for layer in layers)])
-    colors = np.concatenate([np.zeros((0, 3)), *(to_linear(layer.colors) for layer in layers)])
+    colors = np.concatenate([np.zeros((0, 3)), *(layer.colors for layer in layers)])
     smallest = np.repeat(
         [supersampling * layer.smallest for layer in layers],
         [len(layer.radii) for layer in layers],
@@ -182,7 +170,7 @@ def _joined(layers: list[MeshLayer], camera: Camera) -> Mesh:
         np.concatenate(views),
         np.concatenate(faces).astype(np.int32),
         np.concatenate(normals),
-        np.concatenate([to_linear(layer.colors) for layer in layers]).astype(np.float32),
+        np.concatenate([layer.colors.astype(np.float32) for layer in layers]),
         np.concatenate(density),
     )
 

@@ -31,6 +31,9 @@ LENGTHS = (
 )
 """Of a reconstruction, in per cent of the diagonal."""
 
+SPOTS, TABLES = "spots", {"regions": "Walls to look at", "ribs": "Ribs and bosses"}
+"""Values that are tables of places: thin spots, and others with their titles in a report."""
+
 
 def measure(result: Result, *, source: str | None = None) -> dict[str, Any]:
     """Measure the quality of a result; the content of ``report.json``.
@@ -48,8 +51,9 @@ def measure(result: Result, *, source: str | None = None) -> dict[str, Any]:
         ``verdict`` (see `verdicts`), ``input`` (the diagnosis before repair, and of the shape as
         computed on), ``parameters``, ``values``, ``balls`` (how many samples have one, and which
         are measured), ``reconstruction`` and ``emptiness`` (per cent of the diagonal),
-        ``centredness`` (share of the radius), ``topology``, ``histograms``, ``thin_spots``,
-        ``messages``, ``seconds``, ``versions``.
+        ``envelope`` (the same of a medial mesh), ``centredness`` (share of the radius),
+        ``topology``, ``histograms``, ``thin_spots``, ``tables``, ``messages``, ``seconds``,
+        ``versions``.
     """
     shape = result.shape
     before = None if shape.diagnosis is None else shape.diagnosis.as_dict()
@@ -62,14 +66,18 @@ def measure(result: Result, *, source: str | None = None) -> dict[str, Any]:
         "input": {"as_read": before, "as_computed": after.as_dict()},
         "unit": result.shape.unit,
         "parameters": dict(result.parameters),
-        "values": {name: value for name, value in result.values.items() if name != "spots"},
+        "values": {
+            name: value for name, value in result.values.items() if name not in (SPOTS, *TABLES)
+        },
         "balls": _ball_counts(result, balls),
         "reconstruction": reconstruction,
         "emptiness": emptiness,
+        "envelope": _envelope(result),
         "centredness": _centredness(result),
         "topology": _topology(result, after),
         "histograms": _histograms(result, balls),
-        "thin_spots": result.values.get("spots"),
+        "thin_spots": result.values.get(SPOTS),
+        "tables": {name: result.values[name] for name in TABLES if name in result.values},
         "messages": list(result.messages),
         "seconds": dict(result.seconds),
         "versions": {
@@ -131,6 +139,18 @@ def _against_the_surface(
     return reconstruction, emptiness
 
 
+def _envelope(result: Result) -> dict[str, Any] | None:
+    """Distances between the surface and the envelope of a medial mesh, in per cent."""
+    values, diagonal = result.values, result.shape.diagonal
+    if "surface_to_envelope" not in values or not diagonal > 0:
+        return None
+    names = ("surface_to_envelope", "envelope_to_surface", "mean_error", "largest_error")
+    return {
+        **{name: 100 / diagonal * values[name] for name in names},
+        "worst_place": values["position"],
+    }
+
+
 def _centredness(result: Result) -> dict[str, float] | None:
     """Distance to the surface over the radius, of the nodes of a curve skeleton; 1 is centred."""
     graph = result.graph
@@ -155,6 +175,13 @@ def _topology(result: Result, after: Diagnosis) -> dict[str, Any]:
         "boundary_loops": None if cloud else after.boundary_loops,
         "found": {name: result.values[name] for name in NOUNS if name in result.values},
     }
+    if "hollows" in result.values and after.closed:  # a solid has a boundary for each hollow, too
+        topology |= {
+            "expected_parts_and_hollows": after.components,
+            "parts_and_hollows": result.values["parts"] + result.values["hollows"],
+            "expected_handles": after.genus,
+            "handles": result.values["loops"],
+        }
     if result.graph is not None:
         by_part = result.operation == "curve_skeleton"  # it knows the genus of each part
         expected = result.values.get("expected_loops") if by_part else after.genus

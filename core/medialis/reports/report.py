@@ -20,7 +20,7 @@ from medialis.operations.registry import OPERATIONS
 from medialis.operations.result import Result
 from medialis.progress import Progress, ProgressCallback, counted
 from medialis.render.png import encode_png
-from medialis.reports.measures import measure
+from medialis.reports.measures import TABLES, measure
 from medialis.reports.page import (
     bullets,
     cell,
@@ -57,6 +57,10 @@ ABOUT = {
         "at points on their spheres."
     ),
     "emptiness": "Depth of samples of the surface in balls, in per cent of the diagonal.",
+    "envelope": (
+        "Distances between the surface and the envelope of the medial mesh (the union of its "
+        "balls, cones and slabs), in per cent of the diagonal."
+    ),
     "centredness": "Distance to the surface over the radius, at the nodes; 1 is centred.",
 }
 LABELS = {
@@ -66,6 +70,8 @@ LABELS = {
     "balls_to_surface_mean": "balls to surface, mean",
     "hausdorff": "Hausdorff distance (the larger of both)",
     "worst_place": "found at",
+    "mean_error": "surface to envelope, mean",
+    "largest_error": "the larger of both",
     "deepest": "deepest sample",
     "deep_95_percent": "95 % of the samples: at most",
     "low_5_percent": "95 % of the nodes: at least",
@@ -143,6 +149,7 @@ def report_page(
         section("Quality", _quality(measures)),
         section("Distributions", _charts(measures["histograms"], "loops" in measures["topology"])),
         section("Thin spots", records(measures["thin_spots"] or [], ROWS)),
+        *(section(TABLES[name], records(rows, ROWS)) for name, rows in measures["tables"].items()),
         '<div class="side">',
         section("Result", *_values(measures)),
         section("Input", _input(measures["input"])),

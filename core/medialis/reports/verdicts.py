@@ -44,9 +44,11 @@ def verdicts(found: Mapping[str, Any]) -> list[dict[str, str]]:
         *_topology(found["topology"], found["input"]["as_computed"]),
         _emptiness(found),
         _reconstruction(found),
+        _envelope(found),
         _centredness(found["centredness"]),
         _balls(found["balls"]),
         _thinnest(found),
+        _walls(found["values"]),
         _notes(found["messages"]),
     ]
     return [line for line in lines if line is not None]
@@ -67,10 +69,24 @@ def _topology(topology: Mapping[str, Any], after: Mapping[str, Any]) -> list[dic
         lines.append(_line("Components", _compared(expected, got), text))
     else:
         lines.append(_line("Shape", INFO, _shape(topology, after)))
+    if topology.get("expected_handles") is not None:
+        lines.append(_solid(topology))
     counts = [counted(count, NOUNS[name]) for name, count in topology["found"].items()]
     if counts:
         lines.append(_line("Found", INFO, ", ".join(counts) + "."))
     return lines
+
+
+def _solid(topology: Mapping[str, Any]) -> dict[str, str]:
+    """Compare a medial mesh with the solid that the surface bounds."""
+    names = (("parts_and_hollows", "surface piece"), ("handles", "handle"))
+    right = all(topology[name] == topology[f"expected_{name}"] for name, _ in names)
+    expected = " and ".join(counted(topology[f"expected_{name}"], noun) for name, noun in names)
+    found = " and ".join(counted(topology[name], noun) for name, noun in names)
+    text = f"The medial mesh is that of a solid with {expected}."
+    if not right:
+        text = f"{expected} expected, the medial mesh has {found}."
+    return _line("Topology", GOOD if right else LOOK, text)
 
 
 def _compared(expected: int | None, got: int) -> str:
@@ -136,6 +152,18 @@ def _reconstruction(found: Mapping[str, Any]) -> dict[str, str] | None:
     return _line("Reconstruction", INFO, text)
 
 
+def _envelope(found: Mapping[str, Any]) -> dict[str, str] | None:
+    error = found["envelope"]
+    if error is None:
+        return None
+    where = place(error["worst_place"], found["input"]["as_computed"]["diagonal"])
+    text = (
+        f"The surface and the envelope are {number(error['largest_error'], 3)} % of the diagonal "
+        f"apart at most (mean {number(error['mean_error'], 2)} %); the largest is at {where}."
+    )
+    return _line("Envelope", INFO, text)
+
+
 def _one_way(error: Mapping[str, Any], way: str) -> str:
     largest, mean = error[f"{way}_max"], error[f"{way}_mean"]
     if largest is None:
@@ -173,6 +201,16 @@ def _thinnest(found: Mapping[str, Any]) -> dict[str, str] | None:
     share = f" ({number(100 * value / diagonal, 3)} % of the diagonal)" if diagonal > 0 else ""
     text = f"{number(len(spots))} listed, the thinnest {number(value)}{share}."
     return _line("Thin spots", INFO, text)
+
+
+def _walls(values: Mapping[str, Any]) -> dict[str, str] | None:
+    if "passed" not in values:
+        return None
+    if values["passed"]:
+        return _line("Walls", GOOD, "All walls are within the limits.")
+    words = {"too_thin": "too thin", "too_thick": "too thick", "narrow_gaps": "gaps too narrow"}
+    counts = [f"{number(values[name])} {text}" for name, text in words.items() if values[name]]
+    return _line("Walls", LOOK, ", ".join(counts) + ".")
 
 
 def _notes(messages: list[str]) -> dict[str, str]:

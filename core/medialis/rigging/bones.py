@@ -35,7 +35,7 @@ class BonesOptions(Options):
     bone_length: float = length(
         1.0,
         "Bone length",
-        "Longer bones are split into equal ones, none longer than this fraction of the size.",
+        "Longer bones are split into equal ones, none longer than this share of the size.",
         low=0.001,
     )
     blend: float = number(
@@ -189,13 +189,14 @@ def _lay_bones(
             limbs[left].bones,
         )
         sides[limbs[left].bones], sides[limbs[right].bones] = 1, -1
+    joined: dict[str, Any] = {name: np.concatenate(parts) for name, parts in table.items()}
     return Bones(
         curve=curve,
         parents=np.array(parents),
         limbs=np.array(of_limb),
         mirrors=mirrors,
         sides=sides,
-        **{name: np.concatenate(parts) for name, parts in table.items()},
+        **joined,
         **_places(curve, limbs, {number: rank for rank, number in enumerate(kept)}),
     )
 
