@@ -1,4 +1,4 @@
-# Two commands do everything on a fresh machine (Python 3.11-3.13 with venv is all they need):
+# Two commands do everything on a fresh machine (Python 3.11-3.14 with venv is all they need):
 #   make demo              a surface skeleton of a built-in shape, with a picture
 #   make demo SHAPE=file   the same for your own mesh or point cloud
 #   make test              the whole test suite, on all processors
@@ -7,8 +7,10 @@
 # For work on the Blender extension:
 #   make hosts             environments with Blender as a module, 1 GB each; `make test` uses them
 #   make blender           the extension's zips for all platforms, in dist/blender
+#   make blender-repository   these with an index.json that Blender installs and updates from
 # For the filters in MeshLab's menu (docs/meshlab.md says what it needs):
 #   make meshlab-plugin    the plugin for the MeshLab of this machine
+#   make meshlab-plugins   those for all MeshLabs on this system; `make dist` packs them
 # For pages in three dimensions (`medialis view`; installing does it as well where npm is there):
 #   make viewer            the script that they draw with; needs npm, which comes with Node.js
 # For hostile inputs and faults, made at random (a run goes on where the last one ended):
@@ -16,20 +18,21 @@
 #   make bounds            operations on nasty shapes, with kernels that check bounds; some minutes
 # For a release:
 #   make site              gallery and docs in build/site, checked in Chromium where there is one
-#   make dist              wheel and sdist in dist; make test-dist looks into each, installs and runs it
+#   make dist              wheels and sdists in dist; make test-dist looks into each, installs and
+#                          runs it; PYTHONS="python3.11 python3.13" with these
 PYTHON ?= python3
 VENV ?= .venv
-RUN = $(VENV)/bin/python
+RUN = $(VENV)/$(if $(filter Windows_NT,$(OS)),Scripts,bin)/python
 OUT ?= demo-out
 # An environment of a wrong version must not be made: the next call would take it as it is.
 CHECK_PYTHON = $(PYTHON) -c 'import sys; v = sys.version_info[:2]; \
-	sys.exit(0 if (3, 11) <= v < (3, 14) else "Python 3.11, 3.12 or 3.13 is needed, \
+	sys.exit(0 if (3, 11) <= v < (3, 15) else "Python 3.11 to 3.14 is needed, \
 	$(PYTHON) is %d.%d: name another one, as in PYTHON=python3.12" % v)'
 # Asking for pip, not for python: where pip could not be installed, the next call tries again.
 MAKE_VENV = $(RUN) -m pip --version >/dev/null 2>&1 \
 	|| { $(CHECK_PYTHON) && $(PYTHON) -m venv $(VENV); }
 
-.PHONY: demo test test-fast test-blender fuzz bounds check hosts blender meshlab-plugin viewer bench accuracy pictures site dist test-dist clean
+.PHONY: demo test test-fast test-blender fuzz bounds check hosts blender blender-repository meshlab-plugin meshlab-plugins viewer bench accuracy pictures site dist test-dist clean
 
 # The stamps are older than pyproject.toml exactly when its dependencies may have changed.
 $(VENV)/installed: pyproject.toml
@@ -37,9 +40,9 @@ $(VENV)/installed: pyproject.toml
 	$(RUN) -m pip install --quiet --editable .
 	touch $@
 
-$(VENV)/installed-dev: pyproject.toml
+$(VENV)/installed-dev: pyproject.toml meshlab_plugin/pyproject.toml
 	@$(MAKE_VENV)
-	$(RUN) -m pip install --quiet --editable '.[dev]'
+	$(RUN) -m pip install --quiet --editable '.[dev]' --editable ./meshlab_plugin
 	touch $@ $(VENV)/installed
 
 demo: $(VENV)/installed
@@ -82,8 +85,14 @@ hosts:
 blender: $(VENV)/installed-dev
 	$(RUN) blender_addon/packaging/build_extension.py
 
+blender-repository: blender
+	$(RUN) blender_addon/packaging/build_repository.py
+
 meshlab-plugin: $(VENV)/installed
-	PYTHON="$(CURDIR)/$(RUN)" meshlab_plugin/build.sh
+	$(RUN) meshlab_plugin/build.py
+
+meshlab-plugins: $(VENV)/installed
+	$(RUN) meshlab_plugin/build.py --all
 
 viewer: $(VENV)/installed
 	$(RUN) core/viewer_library/build.py
@@ -112,12 +121,14 @@ site: $(VENV)/installed-docs
 	$(RUN) docs/make_site.py
 
 dist: viewer
-	$(RUN) -m pip install --quiet build
-	rm -f dist/medialis-*.whl dist/medialis-*.tar.gz
+	$(RUN) -m pip install --quiet build 'setuptools>=77'
+	rm -f dist/medialis*.whl dist/medialis*.tar.gz
 	$(RUN) -m build --outdir dist
+	$(RUN) -m build --outdir dist meshlab_plugin
+	$(RUN) blender_addon/packaging/build_package.py
 
 test-dist: dist
-	$(RUN) tests/check_distribution.py
+	$(RUN) tests/check_distribution.py $(if $(PYTHONS),--pythons $(PYTHONS))
 
 clean:
 	rm -rf $(VENV) .venv-bpy-* $(OUT) build dist core/medialis.egg-info

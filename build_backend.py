@@ -1,21 +1,16 @@
-"""The build backend: that of setuptools, with two things more.
+"""The build backend: that of setuptools, and two things that it does before.
 
-It makes the script that the viewer draws with where npm is there (`core/viewer_library/build.py`).
-
-Its editable installs are found from every folder. One of packages from two folders is found by a
-hook that Python asks last: in a folder that holds a clone called `medialis`, Python takes the clone
-itself for the package before. Paths in a .pth file are searched first; type checkers and editors
-read them as well.
+- The script that the viewer draws with, where npm is there (`core/viewer_library/build.py`).
+- The long description: the README, whose links lead to the files of this version on the web.
 """
 
 from __future__ import annotations
 
-import base64
-import hashlib
+import re
 import runpy
 import subprocess
 import sys
-import zipfile
+import tomllib
 from pathlib import Path
 from typing import Any
 
@@ -30,8 +25,9 @@ from setuptools.build_meta import (  # noqa: F401 - the hooks that stay as they 
 )
 
 ROOT = Path(__file__).resolve().parent
-SOURCES = ("core", "meshlab_plugin")
-PATHS = "medialis_sources.pth"
+PICTURE = re.compile(r"(!\[[^][]*\]\()(?!\w+:|#)")
+LINK = re.compile(r"((?<!!)\[(?:[^][]|!\[[^][]*\])*\]\()(?!\w+:|#)")
+"""Up to a target that is relative to the page."""
 
 
 def build_wheel(
@@ -42,6 +38,16 @@ def build_wheel(
     """Build a wheel, with the viewer where it can be made."""
     make_viewer_library()
     return build_meta.build_wheel(wheel_directory, config_settings, metadata_directory)
+
+
+def build_editable(
+    wheel_directory: str,
+    config_settings: dict[str, Any] | None = None,
+    metadata_directory: str | None = None,
+) -> str:
+    """Build the wheel of an editable install, with the viewer where it can be made."""
+    make_viewer_library()
+    return build_meta.build_editable(wheel_directory, config_settings, metadata_directory)
 
 
 def make_viewer_library() -> None:
@@ -57,22 +63,20 @@ def make_viewer_library() -> None:
         print(f"The viewer was left out ({error}); `make viewer` tries again.", file=sys.stderr)
 
 
-def build_editable(
-    wheel_directory: str,
-    config_settings: dict[str, Any] | None = None,
-    metadata_directory: str | None = None,
-) -> str:
-    """Build the wheel of an editable install, with a file of the paths of the sources."""
-    make_viewer_library()
-    name = build_meta.build_editable(wheel_directory, config_settings, metadata_directory)
-    wheel = Path(wheel_directory) / name
-    with zipfile.ZipFile(wheel) as archive:
-        files = {entry: archive.read(entry) for entry in archive.namelist()}
-    files[PATHS] = "".join(f"{ROOT / source}\n" for source in SOURCES).encode()
-    digest = base64.urlsafe_b64encode(hashlib.sha256(files[PATHS]).digest()).rstrip(b"=").decode()
-    record = next(entry for entry in files if entry.endswith(".dist-info/RECORD"))
-    files[record] += f"{PATHS},sha256={digest},{len(files[PATHS])}\n".encode()
-    with zipfile.ZipFile(wheel, "w", zipfile.ZIP_DEFLATED) as archive:
-        for entry, data in files.items():
-            archive.writestr(entry, data)
-    return name
+def long_description(page: str, source: str, version: str) -> str:
+    """Return a page whose links lead to the files of a version, and its pictures too."""
+    page = PICTURE.sub(rf"\1{source}/raw/v{version}/", page)
+    return LINK.sub(rf"\1{source}/blob/v{version}/", page)
+
+
+def write_long_description() -> None:
+    """Write it where pyproject.toml looks for it, before setuptools reads that."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
+    page = (ROOT / "README.md").read_text("utf-8")
+    text = long_description(page, project["urls"]["Source"], project["version"])
+    target = ROOT / "build" / "long_description.md"
+    target.parent.mkdir(exist_ok=True)
+    target.write_text(text, "utf-8")
+
+
+write_long_description()  # every hook needs it

@@ -4,6 +4,7 @@
     python benchmarks/whole_runs.py --write                store it, and write docs/whole_runs.md
     python benchmarks/whole_runs.py --shapes scan cup      these alone; also --operations NAME ...
     python benchmarks/whole_runs.py --files horse.ply ...  files of your own, nothing is stored
+    python benchmarks/whole_runs.py --growth               how times grow with the samples; stored
 
 Each run reads a PLY file, computes one operation with nothing kept from others, and writes its
 result without pictures. U is the processor time of `cKDTree(points).query(points, k=2)`, build
@@ -44,9 +45,14 @@ LARGE = 200_000
 MAIN = ("surface_skeleton", "skeleton_importance", "thickness", "curve_skeleton", "parts")
 GIVEN = {
     "surface_skeleton": {"importance": False},
-    "geodesic_path": {"source": 0, "target": 1},
+    "geodesic_path": {"start": 0, "end": 1},
     "view_curve_skeleton": {"pairs": 40, "size": 256},
 }
+
+GROWING = {"knot": lambda count: knot(count), "thin shell": lambda count: cup(count)}
+GROWTH = "growth"
+SIZES = (50_000, 200_000)
+"""Shapes and numbers of vertices between which growth is measured."""
 
 Row = dict[str, float]
 
@@ -72,14 +78,14 @@ def knot(count: int, noise: float = 0.0) -> medialis.Shape:
     return mesh_of(shape.points + noise * shape.spacing * step, np.asarray(shape.faces))
 
 
-def cup() -> medialis.Shape:
-    """Return a thin shell of about 15,000 vertices: a wall of 1.5 % of its height."""
+def cup(count: int = 15_611) -> medialis.Shape:
+    """Return a thin shell of about so many vertices: a wall of 1.5 % of its height."""
     t = np.linspace(0.0, 1.0, 40)
     wall = np.stack([0.3 + 0.2 * np.sqrt(t), t], axis=1)
     inner = wall[::-1] - [0.015, 0.0]
     inner[-1, 1] = 0.015
     profile = np.concatenate([[[0.0, 0.0]], wall, inner, [[0.0, 0.015]]])
-    return lathe(profile, 0.026, None, closed=False)
+    return lathe(profile, 0.026 * (15_611 / count) ** 0.5, None, closed=False)
 
 
 def pipe() -> medialis.Shape:
@@ -193,6 +199,27 @@ def measured(path: Path, operations: list[str]) -> Iterator[tuple[str, Row]]:
         yield name, {"U": float(f"{one:.4g}"), **row}
 
 
+def growth(operations: list[str]) -> Iterator[tuple[str, str, float]]:
+    """Measure the power of the vertices with which the time of each operation grows."""
+    for shape, made in GROWING.items():
+        with tempfile.TemporaryDirectory() as folder:
+            paths = [Path(folder) / f"{count}.ply" for count in SIZES]
+            counts = [_written(made(n), path) for n, path in zip(SIZES, paths, strict=True)]
+            for name in operations:
+                run(paths[0], name)  # compiles
+                few, many = (run(path, name)["whole"] for path in paths)
+                power = float(np.log(many / few) / np.log(counts[1] / counts[0]))
+                print(f"{shape}, {name}: {few:.2f} s, {many:.2f} s, n^{power:.2f}", flush=True)
+                yield shape, name, round(power, 2)
+
+
+def _written(shape: medialis.Shape, path: Path) -> int:
+    """Write a shape as a file; return how many vertices it has."""
+    normals = dict(zip(("nx", "ny", "nz"), shape.normals.T, strict=True))
+    write_ply(path, shape.points, shape.faces, attributes=normals)
+    return shape.point_count
+
+
 def louder(now: Row, stored: Row) -> list[str]:
     """Return sentences about stages that have grown."""
     return [
@@ -202,8 +229,9 @@ def louder(now: Row, stored: Row) -> list[str]:
     ]
 
 
-def page(table: dict[str, dict[str, Row]]) -> str:
+def page(stored: dict[str, dict[str, Row]]) -> str:
     """Return the page of the docs."""
+    table = {shape: rows for shape, rows in stored.items() if shape != GROWTH}
     text = [
         "# Whole runs\n",
         "`python benchmarks/whole_runs.py --write` measures this: a PLY file read, one operation,",
@@ -225,6 +253,18 @@ def page(table: dict[str, dict[str, Row]]) -> str:
         others = [f"{n} {_cell(row)}" for n, row in rows.items() if n not in MAIN]
         if others:
             text.append(f"| {shape} | {', '.join(others).replace('_', ' ')} |")
+    powers = stored.get(GROWTH, {})
+    if powers:
+        few, many = SIZES
+        text += [
+            f"\n## Growth\n\nFrom {few:,} to {many:,} vertices of the same surface times grow as "
+            "the vertices to this power; 1 is in proportion.\n",
+            "| operation | " + " | ".join(GROWING) + " |",
+            "|---|" + "---|" * len(GROWING),
+        ]
+        for name in dict.fromkeys(operation for rows in powers.values() for operation in rows):
+            cells = [f"{powers.get(shape, {}).get(name, np.nan):.2f}" for shape in GROWING]
+            text.append(f"| {name.replace('_', ' ')} | {' | '.join(cells)} |")
     return "\n".join(text) + "\n"
 
 
@@ -245,6 +285,7 @@ def main() -> int:
     every = [chosen.name for chosen in medialis.OPERATIONS]
     parser.add_argument("--operations", nargs="+", choices=every, default=every, metavar="NAME")
     parser.add_argument("--files", nargs="+", type=Path)
+    parser.add_argument("--growth", action="store_true")
     given = parser.parse_args()
     if given.files:
         for path in given.files:
@@ -252,12 +293,17 @@ def main() -> int:
             list(measured(path, given.operations))
         return 0
     stored = json.loads(STORED.read_text()) if STORED.exists() else {}
+    if given.growth:
+        for shape, name, power in growth(given.operations):
+            stored.setdefault(GROWTH, {}).setdefault(shape, {})[name] = power
+            STORED.write_text(json.dumps(stored, indent=1) + "\n")
+        PAGE.write_text(page(stored))
+        return 0
     grown = []
     with tempfile.TemporaryDirectory() as folder:
         for name in given.shapes:
             shape, path = SHAPES[name](), Path(folder) / "shape.ply"
-            normals = dict(zip(("nx", "ny", "nz"), shape.normals.T, strict=True))
-            write_ply(path, shape.points, shape.faces, attributes=normals)
+            _written(shape, path)
             print(f"{name}: {shape.point_count} vertices", flush=True)
             for operation, row in measured(path, given.operations):
                 rows = stored.setdefault(name, {})

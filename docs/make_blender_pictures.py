@@ -14,6 +14,8 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT), str(ROOT / "core")]
 
 import blender_addon  # noqa: E402
+from blender_addon import looks  # noqa: E402
+from blender_addon.changes import Changes  # noqa: E402
 
 import medialis  # noqa: E402
 
@@ -29,12 +31,16 @@ def new_scene() -> bpy.types.Object:
     mesh.shade_smooth()
     creature = bpy.data.objects.new("creature", mesh)
     bpy.context.scene.collection.objects.link(creature)
+    light_and_camera()
     bpy.context.view_layer.objects.active = creature
     return creature
 
 
 def light_and_camera() -> None:
-    """Add a sun, a bright world, and a camera from the side and a little above."""
+    """Add a sun, a bright world, and a camera from the side and a little above.
+
+    Legends face the camera: it is there before the operation runs.
+    """
     scene = bpy.context.scene
     world = bpy.data.worlds.new("world")
     scene.world = world
@@ -47,22 +53,35 @@ def light_and_camera() -> None:
     sun.data.energy = 2.0
     sun.rotation_euler = (math.radians(40), math.radians(-20), 0)
     camera = bpy.data.objects.new("camera", bpy.data.cameras.new("camera"))
-    camera.data.type, camera.data.ortho_scale = "ORTHO", 2.9
+    camera.data.type = "ORTHO"
     camera.rotation_euler = (math.radians(78), 0, math.radians(-18))
     for made in (sun, camera):
         scene.collection.objects.link(made)
     scene.camera = camera
     bpy.context.view_layer.update()
-    target = bpy.data.objects["creature"]
-    corners = [target.matrix_world @ type(target.location)(c) for c in target.bound_box]
-    middle = sum(corners, start=type(target.location)()) / 8
-    back = camera.matrix_world.to_quaternion() @ type(target.location)((0, 0, 6))
-    camera.location = middle + back
+
+
+def frame() -> None:
+    """Let the camera see everything that is rendered, and nothing else."""
+    scene = bpy.context.scene
+    camera, size = scene.camera, scene.render
+    bpy.context.view_layer.update()
+    turn = camera.matrix_world.to_quaternion()
+    corners = [
+        turn.inverted() @ (made.matrix_world @ Vector(corner))
+        for made in scene.objects
+        if made.type in ("MESH", "POINTCLOUD") and not made.hide_render
+        for corner in made.bound_box
+    ]
+    low, high = (Vector(map(pick, zip(*corners, strict=True))) for pick in (min, max))
+    wide, tall, _ = high - low
+    camera.data.ortho_scale = 1.04 * max(wide, tall * size.resolution_x / size.resolution_y)
+    middle = (low + high) / 2
+    camera.location = turn @ Vector((middle.x, middle.y, high.z + 5))
 
 
 def render(path: Path, width: int = 640, height: int = 420) -> None:
     """Render with Cycles on the processor."""
-    light_and_camera()
     scene = bpy.context.scene
     scene.render.engine = "CYCLES"
     scene.cycles.device, scene.cycles.samples, scene.cycles.use_denoising = "CPU", 24, False
@@ -73,61 +92,56 @@ def render(path: Path, width: int = 640, height: int = 420) -> None:
     scene.render.image_settings.file_format = "PNG"
     scene.render.image_settings.color_depth = "8"
     scene.render.filepath = str(path)
+    frame()
     bpy.ops.render.render(write_still=True)
 
 
 def skeleton() -> None:
-    """Draw the surface skeleton with importance as it is added, in the colours of its material."""
-    creature = new_scene()
-    bpy.ops.medialis.skeleton_importance()
-    made = bpy.context.active_object
-    from blender_addon import filtering
-
-    filtering.set_input(made, "Threshold", 2.6)
-    creature.hide_render = True
+    """Draw the surface skeleton as it is added."""
+    new_scene()
+    bpy.ops.medialis.surface_skeleton()
     render(PICTURES / "blender_skeleton.png")
 
 
 def thickness() -> None:
-    """Draw thickness as the material of the surface."""
+    """Draw thickness as it is added."""
     new_scene()
-    bpy.ops.medialis.thickness(with_materials=True)
+    bpy.ops.medialis.thickness()
     render(PICTURES / "blender_thickness.png")
-
-
-def see_through(chosen: bpy.types.Object) -> None:
-    """Give an object a material that shows its outline only."""
-    material = bpy.data.materials.new("glass")
-    if material.node_tree is None:
-        material.use_nodes = True
-    tree = material.node_tree
-    out = next(n for n in tree.nodes if n.type == "OUTPUT_MATERIAL")
-    mix = tree.nodes.new("ShaderNodeMixShader")
-    edge = tree.nodes.new("ShaderNodeLayerWeight")
-    edge.inputs["Blend"].default_value = 0.35
-    tree.links.new(edge.outputs["Facing"], mix.inputs[0])
-    white, blue = (1, 1, 1, 1), (0.35, 0.45, 0.6, 1)
-    kinds = ((1, "ShaderNodeBsdfTransparent", white), (2, "ShaderNodeBsdfDiffuse", blue))
-    for socket, kind, shade in kinds:
-        node = tree.nodes.new(kind)
-        node.inputs["Color"].default_value = shade
-        tree.links.new(node.outputs[0], mix.inputs[socket])
-    tree.links.new(mix.outputs[0], out.inputs[0])
-    chosen.data.materials.clear()
-    chosen.data.materials.append(material)
 
 
 def curve_skeleton() -> None:
     """Draw the curve skeleton as it is added, in the shape."""
-    creature = new_scene()
+    new_scene()
     bpy.ops.medialis.curve_skeleton()
-    see_through(creature)
     render(PICTURES / "blender_curve_skeleton.png")
 
 
+def medial_mesh() -> None:
+    """Draw 30 balls, then a ball of 120 moved and enlarged, and the surface of these."""
+    creature = new_scene()
+    bpy.ops.medialis.medial_mesh(legend=False)
+    made = bpy.context.active_object
+    creature.hide_render = True
+    made.medialis_level = 30
+    render(PICTURES / "blender_medial_mesh.png", 420, 300)
+    made.medialis_level = 120
+    radius = made.data.attributes["radius"].data
+    first = max(made.data.vertices, key=lambda vertex: vertex.co.x)
+    first.co += Vector((0.15, 0.0, -0.1))
+    radius[first.index].value *= 3.0
+    made.data.update()
+    render(PICTURES / "blender_medial_mesh_edited.png", 420, 300)
+    bpy.ops.medialis.rebuild()
+    bpy.context.active_object.hide_render = True
+    for other in bpy.data.objects:
+        other.hide_render |= other.name.endswith("legend")
+    render(PICTURES / "blender_medial_mesh_rebuilt.png", 420, 300)
+
+
 POSE = {  # bone: degrees about the axis across the body
-    "bone 006.L": -45, "bone 007.L": 60, "bone 002": -30, "bone 012.L": 30, "bone 013.R": 25,
-    "bone 012.R": -40, "bone 017": 35, "bone 018": 35, "bone 019": 20,
+    "front_thigh.L": -45, "front_shin.L": 60, "front_thigh.R": 20, "thigh.L": 30, "shin.L": 20,
+    "thigh.R": -35, "spine.001": -25, "tail": 30, "tail.001": 30, "tail.002": 20,
 }  # fmt: skip
 
 
@@ -169,13 +183,14 @@ def armature() -> None:
     """Draw the shape in its rest pose and posed, with its bones and coloured by them."""
     for name, is_posed in (("rest", False), ("posed", True)):
         creature = new_scene()
-        bpy.ops.medialis.armature(bind=True, with_materials=not is_posed)
+        bpy.ops.medialis.armature(bind=True, naming="rigify", legend=False)
         rig = bpy.context.active_object
         for bone, degrees in POSE.items():
             bend(rig, bone, degrees if is_posed else 0)
         if is_posed:
             draw_bones(rig)
-            see_through(creature)
+            with Changes() as changes:
+                looks.show_with(creature, looks.SEE_THROUGH, changes)
         render(PICTURES / f"blender_armature_{name}.png")
 
 
@@ -184,4 +199,5 @@ if __name__ == "__main__":
     skeleton()
     thickness()
     curve_skeleton()
+    medial_mesh()
     armature()

@@ -29,7 +29,7 @@ import medialis  # noqa: E402
 
 blender_addon.register()
 
-from blender_addon import filtering, jobs, layers, operators, reading, warmup  # noqa: E402
+from blender_addon import filtering, jobs, layers, operators, reading  # noqa: E402
 
 TAB = 978, 222
 """Where the tab Medialis is, in pixels from the upper left of the view."""
@@ -200,7 +200,6 @@ def steps() -> Iterator[float]:
 
 layers.make_object, reading._positions = points_as_mesh, positions
 filtering.modifier_inputs = modifier_inputs
-bpy.app.timers.unregister(warmup.start)
 bpy.context.preferences.view.show_splash = False  # it would take the click
 plan = steps()
 bpy.app.timers.register(lambda: next(plan, None), first_interval=2.0)

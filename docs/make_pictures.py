@@ -5,6 +5,7 @@ python docs/make_pictures.py [NAME ...]
 
 from __future__ import annotations
 
+import itertools
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -19,7 +20,7 @@ from medialis.operations.pictures import IN_DEGREES, draw_result, draw_turntable
 from medialis.render.annotation import ColorBar, contact_sheet
 from medialis.render.camera import Camera
 from medialis.render.colors import value_range
-from medialis.render.picture import Points, Surface, draw
+from medialis.render.picture import Balls, Curves, Points, Surface, draw
 from medialis.render.png import write_png
 from medialis.render.shading import Style
 
@@ -211,6 +212,64 @@ def wall_angle() -> Image:
     return _sheet(results, [f"min spoke angle {angle:g} degrees" for angle in angles * 2])
 
 
+def _blocks(*boxes: tuple[float, ...]) -> medialis.Shape:
+    """Make the union of boxes (x0, x1, y0, y1, z0, z1), in millimetres."""
+    planes = [sorted({box[2 * d + end] for box in boxes for end in (0, 1)}) for d in range(3)]
+    filled = np.zeros([len(plane) + 1 for plane in planes], bool)
+    for box in boxes:
+        ends = [[p.index(box[2 * d + end]) + 1 for end in (0, 1)] for d, p in enumerate(planes)]
+        filled[tuple(slice(*pair) for pair in ends)] = True
+    corners = []
+    for cell, axis, side in itertools.product(np.argwhere(filled), range(3), (0, 1)):
+        step = np.eye(3, dtype=int)
+        if not filled[tuple(cell + (2 * side - 1) * step[axis])]:
+            u, v = step[(axis + 1) % 3], step[(axis + 2) % 3]
+            quad = [cell - 1 + side * step[axis] + w for w in (0 * u, u, u + v, v)]
+            quad = quad if side else quad[::-1]
+            corners += [quad[i] for i in (0, 1, 2, 0, 2, 3)]
+    keys, faces = np.unique(corners, axis=0, return_inverse=True)
+    points = np.stack([np.array(planes[d])[keys[:, d]] for d in range(3)], axis=1)
+    return medialis.make_shape(points, faces.reshape(-1, 3), unit="mm")
+
+
+def _joined(*shapes: medialis.Shape) -> medialis.Shape:
+    """Make one shape of several."""
+    starts = np.cumsum([0, *(shape.point_count for shape in shapes)])
+    faces = [shape.faces + start for shape, start in zip(shapes, starts, strict=False)]
+    points = np.concatenate([shape.points for shape in shapes])
+    return medialis.make_shape(points, np.concatenate(faces), unit="mm")
+
+
+def _blade() -> medialis.Shape:
+    """Make a plate of 3 mm, ground to an edge of 40 degrees."""
+    outline = np.array([(0, 0), (4.12, -1.5), (30, -1.5), (30, 1.5), (4.12, 1.5)])
+    low, high = (np.column_stack([outline, np.full(5, z)]) for z in (0.0, 20.0))
+    cap = np.array([(0, 1, 4), (1, 2, 3), (1, 3, 4)])
+    i, j = np.arange(5), np.roll(np.arange(5), -1)
+    walls = [np.stack([i, j, j + 5], axis=1), np.stack([i, j + 5, i + 5], axis=1)]
+    faces = np.concatenate([cap[:, ::-1], cap + 5, *walls])
+    return medialis.make_shape(np.concatenate([low, high]), faces, unit="mm")
+
+
+def wall_check() -> Image:
+    """Check a plate with ribs, a box with its lid, and a blade."""
+    ribs = (0, 60, 19, 20.2, 2, 12), (10, 13, 5, 8, 2, 12), (30, 32, 0, 19, 2, 12)
+    plate = _blocks((0, 60, 0, 40, 0, 2), *ribs, (0, 60, 39.4, 40, 2, 12))
+    ends = [(x, x + 3, 0, 50, 0, 30) for x in (0, 57)]
+    sides = [(0, 60, y, y + 3, 0, 30) for y in (0, 47)]
+    box = _joined(_blocks((0, 60, 0, 50, 0, 3), *ends, *sides), _blocks((0, 60, 0, 50, 30.5, 31.7)))
+    limits: list[tuple[medialis.Shape, dict[str, str]]] = [
+        (plate, {"minimum": "1mm", "maximum": "2.5mm"}),
+        (box, {"minimum": "1.5mm", "maximum": "4mm", "gap": "1mm"}),
+        (_blade(), {"minimum": "2mm"}),
+    ]
+    results = [medialis.run("wall_check", shape, **given) for shape, given in limits]  # type: ignore[call-overload]
+    captions = [
+        ", ".join(region["kind"] for region in r.values["regions"]) or "passes" for r in results
+    ]
+    return _sheet(results, captions, 3)
+
+
 def turntable() -> Image:
     """Eight views all round."""
     result = medialis.run("surface_skeleton", medialis.organic_shape(160))
@@ -262,11 +321,101 @@ def mesh_box() -> Image:
     return _sheet(results, ["points", "triangles"])
 
 
+def _balls_and_envelope(shape: medialis.Shape, count: int, camera: Camera) -> list[Image]:
+    """Draw the medial mesh of a shape, and its envelope."""
+    mesh = medialis.medial_mesh(shape, balls=count)
+    around = Surface(shape.points, shape.faces, opacity=0.12)
+    balls = Balls(mesh.centers, mesh.radii, values=mesh.radii)
+    envelope = medialis.envelope_surface(mesh)
+    items = [
+        [around, Surface(mesh.centers, mesh.faces), Curves(mesh.centers, mesh.edges, width=2.0)],
+        [balls],
+        [Surface(envelope.points, envelope.faces)],
+    ]
+    return [draw(one, camera) for one in items]
+
+
+def medial_mesh() -> Image:
+    """Draw 30, 120 and 500 balls: the complex, the balls, and the envelope."""
+    shape = medialis.organic_shape(200)
+    camera = Camera.framing(shape.points, width=400, height=300)
+    counts = (30, 120, 500)
+    images = [one for count in counts for one in _balls_and_envelope(shape, count, camera)]
+    words = ("edges and triangles", "balls", "envelope")
+    return contact_sheet(images, [f"{n}: {word}" for n in counts for word in words], 3)
+
+
+def medial_mesh_balls() -> Image:
+    """Draw levels of one sequence, from coarse to fine."""
+    shape = medialis.organic_shape(200)
+    camera = Camera.framing(shape.points, width=300, height=225)
+    mesh, images, counts = medialis.medial_mesh(shape, balls=120), [], (4, 8, 15, 30, 60, 120)
+    for count in counts:
+        envelope = medialis.envelope_surface(mesh.level(count))
+        images.append(draw([Surface(envelope.points, envelope.faces)], camera))
+    return contact_sheet(images, [f"{count} balls" for count in counts], 3)
+
+
+def medial_mesh_sheets() -> Image:
+    """Draw the sheets of 500 balls, each with its own vertices: colours end at seams."""
+    result = medialis.run("medial_mesh", medialis.organic_shape(200), balls=500)
+    layer = result.layers[0]
+    assert layer.faces is not None
+    corners = layer.points[layer.faces].reshape(-1, 3)
+    sheets = medialis.Layer(
+        "sheets",
+        corners,
+        np.arange(len(corners), dtype=np.int32).reshape(-1, 3),
+        attributes={"sheet": np.repeat(layer.face_attributes["sheet"], 3)},
+        color_by="sheet",
+        labels=("sheet",),
+    )
+    values = result.values
+    title = f"{values['sheets']} sheets of 500 balls, {values['seams']} seams"
+    return _picture(replace(result, layers=(sheets,)), title=title)
+
+
 def view_curve_skeleton() -> Image:
     """Thesis Figures 3.17, 3.18: the graph, and the points that it was linked from."""
     shape = medialis.organic_shape(160)
     result = medialis.run("view_curve_skeleton", shape, pairs=200, size=512)
     return _picture(result, title="Curve skeleton from 200 pairs of views")
+
+
+def _walls(name: str) -> medialis.Shape:
+    """Make one of the solids of walls that the tests know."""
+    sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
+    import plates
+
+    return medialis.make_shape(*getattr(plates, name)())
+
+
+def midsurface() -> Image:
+    """Draw solids of walls and their midsurfaces, in the colours of the thickness."""
+    parts = {
+        "I-beam": ("i_beam", (0.6, 0.35, 0.7), (0, 1, 0)),
+        "bracket with ribs": ("bracket", (0.5, 0.8, 0.6), (0, 0, 1)),
+        "box": ("open_box", (0.5, -0.7, 0.9), (0, 0, 1)),
+        "bent sheet": ("bent_sheet", (-0.7, 0.5, 0.8), (0, 1, 0)),
+        "pipe junction": ("pipe_tee", (0.5, -1.0, 0.6), (0, 0, 1)),
+        "step from 4 to 6": ("step", (0.3, 0.5, 0.9), (0, 1, 0)),
+    }
+    images = []
+    for name, direction, up in parts.values():
+        shape = _walls(name)
+        found = medialis.midsurface(shape, edge=0.025)
+        camera = Camera.framing(
+            shape.points, width=WIDTH // 4, height=WIDTH // 4, direction=direction, up=up
+        )
+        corners = found.points[found.faces].reshape(-1, 3)
+        rows = np.arange(len(corners), dtype=np.int32).reshape(-1, 3)
+        lines = np.sort(found.faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+        edges = Curves(found.points, np.unique(lines, axis=0), width=1.0)
+        welds = Curves(found.points, found.weld_edges, width=4.0)
+        sheets = Surface(corners, rows, labels=np.repeat(found.sheet, 3))
+        images.append(draw([Surface(shape.points, shape.faces)], camera, style=CROPPED))
+        images.append(draw([sheets, edges, welds], camera, style=CROPPED))
+    return contact_sheet(images, [w for name in parts for w in (name, "midsurface")], 4)
 
 
 def importance() -> Image:
@@ -494,6 +643,25 @@ def parts() -> Image:
     return _gallery("parts", names, "parts", "parts", {"method": "sheets"})
 
 
+def parts_as_seen() -> Image:
+    """Parts where people would divide a shape."""
+    names = ("creature", "hand", "tree", "vase", "gear", "bracket")
+    shapes = [medialis.sample_shape(name) for name in names]
+    names += ("stool", "hammer", "bolt", "mug", "dumbbell", "jack")
+    sys.path[:0] = [str(FOLDER.parents[1] / "benchmarks"), str(FOLDER.parents[1] / "tests")]
+    from known_bodies import known_bodies
+
+    from closed_forms import dumbbell
+    from tubes import AXES, hub
+
+    made = {name: shape for name, shape, _ in known_bodies(("stool", "hammer", "bolt", "cup"))}
+    shapes += [made[name] for name in ("stool_0", "hammer_0", "bolt_0", "cup_3")]
+    shapes += [dumbbell(step=0.04), hub(AXES, 0.04, ball=0.6)[0]]
+    results = [medialis.run("parts", shape) for shape in shapes]
+    captions = [f"{n}: {r.values['parts']} parts" for n, r in zip(names, results, strict=True)]
+    return _sheet(results, captions, 4)
+
+
 def limbs() -> Image:
     """Parts by the curve skeleton, where limbs leave a body."""
     solids = _solids()
@@ -595,11 +763,13 @@ PICTURES: dict[str, Callable[[], Image]] = {
     for make in (
         hero, overview, spoke_angle,
         subsample, tolerance, refine, sides, reconstruction, progressive,
-        thickness, wall_angle, turntable, views, skeleton_mesh, mesh_angles, mesh_bridges, mesh_box,
-        importance, measures, geodesic, curve_skeleton, curve_candidates, curve_parts,
+        thickness, wall_angle, wall_check,
+        turntable, views, skeleton_mesh, mesh_angles, mesh_bridges, mesh_box,
+        medial_mesh, medial_mesh_balls, medial_mesh_sheets,
+        midsurface, importance, measures, geodesic, curve_skeleton, curve_candidates, curve_parts,
         curve_options, curve_comparison, view_curve_skeleton,
         point_types, medial_sheets, y_network, sheet_meshes, soft_edges, patches, limbs, parts,
-        manifolds, skeleton_manifolds, remove_outliers, mean_shift_segments,
+        parts_as_seen, manifolds, skeleton_manifolds, remove_outliers, mean_shift_segments,
     )
 }  # fmt: skip
 

@@ -24,6 +24,9 @@ from medialis.surface.given_shapes import ShapeLike
 from medialis.units import Length
 
 """
+LONGEST = 101
+"""Characters of a line with its end."""
+
 OVERLOAD = """\
 @overload
 def run(
@@ -44,8 +47,18 @@ def stub() -> str:
 
 
 def _overload(chosen: Operation) -> str:
-    options = (f"    {p.name}: {_type(p)} = {_literal(p.default)},\n" for p in chosen.parameters)
+    options = map(_option, chosen.parameters)
     return OVERLOAD.format(name=f'Literal["{chosen.name}"]', options="".join(options))
+
+
+def _option(parameter: Parameter) -> str:
+    """Return a line, or three where the choices are many."""
+    kind, rest = _type(parameter), f" = {_literal(parameter.default)},\n"
+    line = f"    {parameter.name}: {kind}{rest}"
+    if len(line) <= LONGEST:
+        return line
+    inside = kind.removeprefix("Literal[").removesuffix("]")
+    return f"    {parameter.name}: Literal[\n        {inside}\n    ]{rest}"
 
 
 def _type(parameter: Parameter) -> str:

@@ -141,6 +141,13 @@ def test_the_unit_stays_with_what_is_computed(creature):
     assert medialis.run("thickness", far).shape.unit == "mm"
 
 
+def test_a_number_beyond_its_range_is_told_how_lengths_are_written(creature):
+    with pytest.raises(
+        medialis.InvalidOptionError, match="write 3mm for a length, 3units for one in"
+    ):
+        medialis.run("thickness", creature, refine=3)
+
+
 def test_a_threshold_that_calls_most_of_a_shape_thin_is_said(creature):
     result = medialis.run("thickness", creature, threshold="90%")
     warned = [m for m in result.messages if m.code == "mostly_thin"]

@@ -98,7 +98,7 @@ def patch_row(shape: medialis.Shape) -> dict[str, float]:
 
 def part_row(shape: medialis.Shape, truth: np.ndarray) -> dict[str, float]:
     """Compare the parts of a shape with those of its vertices (n,); as `patch_row`, all samples."""
-    result = medialis.run("parts", shape, refine=0)
+    result = medialis.run("parts", shape, method="limbs", refine=0)
     labels = result.arrays["parts"]
     return {
         "samples": shape.point_count,

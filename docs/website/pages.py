@@ -21,7 +21,7 @@ ROOT = DOCS.parent
 SECTIONS = {
     "Basics": ("medial_axis", "choosing", "faq", "limits", "citing"),
     "Tutorials": ("tutorials/*",),
-    "In other programs": ("blender*", "meshlab*", "pymeshlab*"),
+    "In other programs": ("blender*", "meshlab*", "pymeshlab*", "other_programs"),
     "Many and large shapes": ("batch*", "report*", "huge*"),
     "Looking at results": ("viewer",),
     "Thesis": ("thesis_*",),
@@ -30,8 +30,10 @@ SECTIONS = {
         "promises",
         "architecture*",
         "accuracy",
+        "peers",
         "benchmarks*",
         "whole_runs",
+        "roadmap",
         "contributing",
         "changelog",
     ),
@@ -50,7 +52,8 @@ FENCE = re.compile(r"^(```|~~~).*?^\1", re.MULTILINE | re.DOTALL)
 
 def source_pages() -> dict[str, Path]:
     """Return the file of every page that is written by hand, by its name on the site."""
-    pages = {p.relative_to(DOCS).with_suffix("").as_posix(): p for p in DOCS.rglob("*.md")}
+    files = (path for path in DOCS.rglob("*.md") if path.parent.name != "paper")  # for a journal
+    pages = {p.relative_to(DOCS).with_suffix("").as_posix(): p for p in files}
     pages |= {Path(name).stem: ROOT / source for source, name in FROM_ROOT.items()}
     return dict(sorted(pages.items()))
 

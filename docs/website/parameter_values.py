@@ -81,6 +81,12 @@ def block() -> medialis.Shape:
 
 
 @cache
+def vase() -> medialis.Shape:
+    """Make a vase with a wall and a bottom."""
+    return medialis.sample_shape("vase")
+
+
+@cache
 def arch() -> medialis.Shape:
     """Make a dental arch of 12 teeth."""
     return medialis.dental_arch(12, resolution=110)[0]
@@ -169,8 +175,9 @@ SHAPES: dict[str, Callable[[], medialis.Shape]] = {
     "manifolds": cloud,
     "soft_edges": block,
     "patches": block,
+    "midsurface": vase,
 }
-"""Shapes on which an operation shows more than on the creature."""
+"""Shapes on which an operation shows more than on the creature, or shows something at all."""
 
 EXAMPLES: dict[str, Callable[[], Example]] = {
     "tolerance": lambda: Example((0.0, 0.0003, 0.001, 0.003), noisy),
@@ -203,7 +210,14 @@ EXAMPLES: dict[str, Callable[[], Example]] = {
     "manifolds.tolerance": lambda: Example((0.0, 0.0003, 0.001), noisy, {"cloud": "skeleton"}),
     "mean_shift_segments.fill": lambda: Example(shape=arch, others={**TEETH, "last_steps": 20}),
     "mean_shift_segments.last_steps": lambda: Example((0, 5, 20, 80), arch, {**TEETH}),
+    "medial_mesh.balls": lambda: Example((10, 30, 120, 500)),
+    "medial_mesh.error": lambda: Example((0.005, 0.01, 0.03, 0.1)),
+    "medial_mesh.relief": lambda: Example((0.0, 0.002, 0.02, 0.1), noisy),
+    "medial_mesh.samples": lambda: Example((500, 2000, 5000)),
+    "medial_mesh.cell": lambda: Example((0.005, 0.01, 0.05), layer="medial_mesh_envelope"),
     "medial_sheets.smallest": lambda: Example((0.0, 0.01, 0.05, 0.2), block),
+    "midsurface.angle": lambda: Example((120.0, 150.0, 170.0), wedge),
+    "midsurface.edge": lambda: Example((0.01, 0.02, 0.05), plate),
     "parts.smallest": lambda: Example((0.002, 0.01, 0.02, 0.05)),
     "parts.smoothing": lambda: Example((0, 1, 4, 16), noisy),
     "parts.sheet_threshold": lambda: Example((1.5, 4.0, 16.0), others={"method": "sheets"}),

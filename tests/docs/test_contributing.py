@@ -57,9 +57,13 @@ def test_batches_have_it(checkout):
 
 
 def test_the_table_of_the_meshlab_plugin_has_it(checkout):
-    run_in(checkout, "meshlab_plugin/filter_medialis/generate_table.py", "filter_table.h")
-    table = (checkout / "filter_table.h").read_text()
-    assert '"Generate Widest Places"' in table and '{"places", Kind::Int, 5' in table
+    run_in(checkout, "-m", "medialis.cli.meshlab_notes", ".")
+    table = json.loads((checkout / "medialis-filters.json").read_text())["filters"]
+    entry = next(entry for entry in table if entry["name"] == "generate_widest_places")
+    assert entry["title"] == "Generate Medial Widest Places"
+    assert ("places", "int", 5) in [
+        (p["name"], p["kind"], p["default"]) for p in entry["parameters"]
+    ]
 
 
 @pytest.mark.slow

@@ -64,8 +64,22 @@ def test_noisy_scan(run_page):
     assert names["after"] < names["before"] / 2
 
 
+@pytest.mark.slow
+def test_solid_to_shells(run_page, tmp_path):
+    """The model has the deflection that the page tells, where CalculiX is there to solve it."""
+    names, output = run_page(DOCS / "tutorials" / "solid_to_shells.md")
+    assert "All walls are within the limits." in output and "shell elements" in output
+    assert names["expected"] == pytest.approx(9.5238, abs=1e-3)
+    if shutil.which("ccx"):
+        subprocess.run(["ccx", "job"], cwd=tmp_path, check=True, capture_output=True, timeout=300)
+        rows = [line.split() for line in (tmp_path / "job.dat").read_text().splitlines()]
+        found = [float(row[3]) for row in rows if len(row) == 4]
+        assert len(found) == len(names["loaded"])
+        assert sum(found) / len(found) == pytest.approx(names["expected"], rel=0.03)
+
+
 def test_no_tutorial_is_left_out():
-    tested = {"thickness_check", "batch_over_a_folder", "noisy_scan"}
+    tested = {"solid_to_shells", "thickness_check", "batch_over_a_folder", "noisy_scan"}
     tested |= {"denoising_a_scan", "teeth"}
     tested |= {"rigging"}  # by test_rigging_tutorial.py
     tested |= {"first_skeleton_in_blender"}  # by tests/blender/test_first_skeleton_tutorial.py
