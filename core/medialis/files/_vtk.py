@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import os
+from collections.abc import Iterable, Mapping
 from typing import Any
 from xml.sax.saxutils import quoteattr
 
@@ -10,6 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from medialis.errors import InvalidOptionError
+from medialis.files._files import complete_file
+from medialis.validation import as_points
 
 _TYPES = {
     **{f"i{size}": f"Int{8 * size}" for size in (1, 2, 4, 8)},
@@ -47,12 +50,6 @@ def as_column(name: str, values: ArrayLike, count: int) -> NDArray[Any]:
     return array if array.ndim == 1 else array.reshape(count, -1)
 
 
-def behind(values: NDArray[Any], count: int) -> NDArray[Any]:
-    """Put rows that say nothing before those of the triangles."""
-    nothing = np.nan if values.dtype.kind == "f" else 0
-    return np.concatenate([np.full((count, *values.shape[1:]), nothing, values.dtype), values])
-
-
 class Appended:
     """The arrays behind the text, and where each begins."""
 
@@ -78,14 +75,70 @@ class Appended:
             yield array.tobytes()
 
 
-def xml_file(kind: str, inside: Iterable[str], data: Appended) -> Iterable[bytes]:
-    """Give the bytes of a file of a kind of VTK's: its elements, and the numbers behind them."""
-    for line in (
-        '<?xml version="1.0"?>',
-        f'<VTKFile type="{kind}" version="1.0" byte_order="LittleEndian" header_type="UInt64">',
-        *inside,
-    ):
-        yield line.encode() + b"\n"
-    yield b'<AppendedData encoding="raw">\n_'
-    yield from data.parts()
-    yield b"\n</AppendedData>\n</VTKFile>\n"
+class Layer:
+    """A layer as VTK's files have it: checked, with the elements that all kinds of them share.
+
+    Parameters
+    ----------
+    points, faces, edges, attributes, face_attributes, show
+        As in `write_vtp`, with its errors.
+
+    Attributes
+    ----------
+    points : (n, 3) float
+    vertices, lines, triangles : (k, 1), (e, 2) and (m, 3) int64
+        The cells. Points without faces and edges are vertices, so that programs draw them.
+    data : Appended
+    """
+
+    def __init__(
+        self,
+        points: ArrayLike,
+        faces: ArrayLike | None,
+        edges: ArrayLike | None,
+        attributes: Mapping[str, ArrayLike] | None,
+        face_attributes: Mapping[str, ArrayLike] | None,
+        show: str | None,
+    ) -> None:
+        self.points = as_points(points)
+        self.lines, self.triangles = cell_rows(edges, 2), cell_rows(faces, 3)
+        own = 0 if len(self.lines) or len(self.triangles) else len(self.points)
+        self.vertices = np.arange(own, dtype=np.int64)[:, None]
+        n, m = len(self.points), len(self.triangles)
+        self._at_points = {k: as_column(k, v, n) for k, v in (attributes or {}).items()}
+        self._at_cells = {
+            k: self._behind_others(as_column(k, v, m)) for k, v in (face_attributes or {}).items()
+        }
+        self._show, self.data = show, Appended()
+
+    def _behind_others(self, values: NDArray[Any]) -> NDArray[Any]:
+        """Put rows that say nothing, those of the other cells, before those of the triangles."""
+        nothing = np.nan if values.dtype.kind == "f" else 0
+        others = len(self.vertices) + len(self.lines)
+        return np.concatenate([np.full((others, *values.shape[1:]), nothing, values.dtype), values])
+
+    def places(self) -> list[str]:
+        """Return the elements of the points."""
+        return ["<Points>", self.data.add("Points", self.points), "</Points>"]
+
+    def values(self) -> list[str]:
+        """Return the elements of the attributes."""
+        given = self._at_points
+        one = self._show in given and given[self._show].ndim == 1
+        first = f" Scalars={quoteattr(str(self._show))}" if one else ""
+        inside = [f"<PointData{first}>", *self._columns(given), "</PointData>"]
+        return [*inside, "<CellData>", *self._columns(self._at_cells), "</CellData>"]
+
+    def _columns(self, given: Mapping[str, NDArray[Any]]) -> list[str]:
+        return [self.data.add(name, values) for name, values in given.items()]
+
+    def write(self, path: str | os.PathLike[str], kind: str, elements: Iterable[str]) -> None:
+        """Write a file of a kind of VTK's: its elements, and the numbers behind them."""
+        about = 'version="1.0" byte_order="LittleEndian" header_type="UInt64"'
+        head = ('<?xml version="1.0"?>', f'<VTKFile type="{kind}" {about}>', f"<{kind}>")
+        with complete_file(path) as stream:
+            for line in (*head, *elements, f"</{kind}>"):
+                stream.write(line.encode() + b"\n")
+            stream.write(b'<AppendedData encoding="raw">\n_')
+            stream.writelines(self.data.parts())
+            stream.write(b"\n</AppendedData>\n</VTKFile>\n")

@@ -8,14 +8,11 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
-from xml.sax.saxutils import quoteattr
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from medialis.files._files import complete_file
-from medialis.files._vtk import Appended, as_column, behind, cell_rows, xml_file
-from medialis.validation import as_points
+from medialis.files._vtk import Layer
 
 
 def write_vtp(
@@ -54,27 +51,13 @@ def write_vtp(
     FileError
         When the file cannot be written.
     """
-    places = as_points(points)
-    lines, triangles = cell_rows(edges, 2), cell_rows(faces, 3)
-    own = np.arange(0 if len(lines) or len(triangles) else len(places), dtype=np.int64)[:, None]
-    cells = {"Verts": own, "Lines": lines, "Polys": triangles}
-    data = Appended()
-    inside = ["<Points>", data.add("Points", places), "</Points>"]
+    layer = Layer(points, faces, edges, attributes, face_attributes, show)
+    cells = {"Verts": layer.vertices, "Lines": layer.lines, "Polys": layer.triangles}
+    counts = {"Points": layer.points, **cells}
+    about = " ".join(f'NumberOf{name}="{len(rows)}"' for name, rows in counts.items())
+    inside = [f'<Piece {about} NumberOfStrips="0">', *layer.places()]
     for name, rows in cells.items():
         ends = rows.shape[1] * np.arange(1, len(rows) + 1, dtype=np.int64)
-        columns = [data.add("connectivity", rows.ravel()), data.add("offsets", ends)]
-        inside += [f"<{name}>", *columns, f"</{name}>"]
-    given = {name: as_column(name, v, len(places)) for name, v in (attributes or {}).items()}
-    first = f" Scalars={quoteattr(show)}" if show in given and given[show].ndim == 1 else ""
-    columns = [data.add(name, values) for name, values in given.items()]
-    inside += [f"<PointData{first}>", *columns, "</PointData>"]
-    if face_attributes:
-        before = len(own) + len(lines)
-        on_faces = {name: as_column(name, v, len(triangles)) for name, v in face_attributes.items()}
-        columns = [data.add(name, behind(values, before)) for name, values in on_faces.items()]
-        inside += ["<CellData>", *columns, "</CellData>"]
-    counts = zip(("Points", "Verts", "Lines", "Polys"), (places, *cells.values()), strict=True)
-    about = " ".join(f'NumberOf{name}="{len(rows)}"' for name, rows in counts)
-    piece = f'<PolyData><Piece {about} NumberOfStrips="0">'
-    with complete_file(path) as stream:
-        stream.writelines(xml_file("PolyData", [piece, *inside, "</Piece></PolyData>"], data))
+        columns = [("connectivity", rows.ravel()), ("offsets", ends)]
+        inside += [f"<{name}>", *(layer.data.add(*column) for column in columns), f"</{name}>"]
+    layer.write(path, "PolyData", [*inside, *layer.values(), "</Piece>"])
