@@ -24,7 +24,10 @@ SIDES = 19
 center, its radius, the dual vectors of the sides from it (3, 3), the unit normal (3), growths of
 the radius (2), shifts of the foot (2), sqrt(1 - g^2)."""
 
-WIDTH = SIDES + 3 * SIDE
+ROUND = SIDES + 3 * SIDE
+"""Column where the middle (3) and the radius of a ball begin that holds the primitive."""
+
+WIDTH = ROUND + 4
 """Numbers of a primitive."""
 
 
@@ -68,12 +71,40 @@ def _prepare_inside(balls, i, j, k, out):
 
 
 @kernel
+def _prepare_round(balls, row, out):
+    count = 0
+    out[:] = 0.0
+    for k in range(3):
+        if row[k] >= 0:
+            count += 1
+            for d in range(3):
+                out[d] += balls[row[k], d]
+    for d in range(3):
+        out[d] /= count
+    for k in range(3):
+        if row[k] >= 0:
+            square = 0.0
+            for d in range(3):
+                square += (balls[row[k], d] - out[d]) ** 2
+            out[3] = max(out[3], np.sqrt(square) + balls[row[k], 3])
+
+
+@kernel
+def is_beyond(p, table, s, limit):
+    """Tell that primitive s is no nearer than `limit`, if the ball round it says so."""
+    x, y, z = p[0] - table[s, ROUND], p[1] - table[s, ROUND + 1], p[2] - table[s, ROUND + 2]
+    reach = limit + table[s, ROUND + 3]
+    return reach <= 0.0 or x * x + y * y + z * z >= reach * reach
+
+
+@kernel
 def prepare(balls, rows, out):
     """Fill the table, out (s, WIDTH)."""
     for s in range(len(rows)):
         i, j, k = rows[s]
         for d in range(4):
             out[s, 1 + d] = balls[i, d]
+        _prepare_round(balls, rows[s], out[s, ROUND:])
         out[s, 0] = 1.0
         if j >= 0:
             out[s, 0] = 2.0
@@ -81,7 +112,7 @@ def prepare(balls, rows, out):
         if k >= 0:
             out[s, 0] = 3.0 if _prepare_inside(balls, i, j, k, out[s]) else 4.0
             _prepare_side(balls, j, k, out[s, SIDES + SIDE : SIDES + 2 * SIDE])
-            _prepare_side(balls, i, k, out[s, SIDES + 2 * SIDE :])
+            _prepare_side(balls, i, k, out[s, SIDES + 2 * SIDE : ROUND])
 
 
 @kernel

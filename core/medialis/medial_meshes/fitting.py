@@ -91,7 +91,7 @@ class Bounds:
         def work(begin: int, end: int) -> None:
             find_overshoot(
                 begin, end, balls, self.points, self.normals, boxes.bounds, boxes.depth, LIMITS,
-                found.over, found.near, found.lists, found.others, found.at,
+                found.over, found.near, found.lists, found.far, found.others, found.at,
             )  # fmt: skip
 
         run_chunks(work, count, PLACES_A_CHUNK)
@@ -108,13 +108,15 @@ class Overshoot:
         Depth of the center minus radius where that is negative, else 0.
     near : (q,) int64
         The nearest points of the surface, -1 for none.
-    lists : (q, k) int64
-        The nearest points of centers `at` (q, 3); all others are at least `others` (q,) from those.
+    lists, far : (q, k) int64, float64
+        The nearest points of centers `at` (q, 3), and their distances; all others are at least
+        `others` (q,) from those.
     """
 
     over: FloatArray
     near: Index
     lists: Index
+    far: FloatArray
     others: FloatArray
     at: FloatArray
 
@@ -122,7 +124,8 @@ class Overshoot:
     def unknown(cls, count: int) -> Overshoot:
         """Return what is known of balls before any search."""
         near, lists = np.full(count, -1), np.full((count, LISTED_POINTS), -1)
-        return cls(np.zeros(count), near, lists, np.full(count, -1.0), np.zeros((count, 3)))
+        far, others = np.zeros(lists.shape), np.full(count, -1.0)
+        return cls(np.zeros(count), near, lists, far, others, np.zeros((count, 3)))
 
     def copied(self) -> Overshoot:
         """Return a copy."""
@@ -171,7 +174,8 @@ class _Follower:
     def __init__(self, places: FloatArray) -> None:
         self.places = places
         self._near = np.full((len(places), LISTED), -1)
-        self._others = np.full((len(places), 2), -np.inf)
+        self._values = np.full((len(places), LISTED), np.inf)
+        self._others = np.tile([-np.inf, 0.0], (len(places), 1))
         self._before: list[FloatArray] = []
 
     def distances(self, envelope: Envelope) -> tuple[FloatArray, Index, FloatArray]:
@@ -188,7 +192,7 @@ class _Follower:
         def work(begin: int, end: int) -> None:
             follow_primitives(
                 begin, end, self.places, table, envelope.rows, boxes.order, boxes.bounds,
-                boxes.depth, movement, self._near, self._others, distance, row, shares,
+                boxes.depth, movement, self._near, self._values, self._others, distance, row, shares,
             )  # fmt: skip
 
         run_chunks(work, count, PLACES_A_CHUNK)
