@@ -36,13 +36,14 @@ def nearest_primitive(
 ):
     """Signed distance of places to the envelope; the primitive that decides it, and its shares.
 
-    out_row holds a first guess, -1 for none. The search ends below `enough`.
+    out_row holds a first guess, -1 for none. Any primitive nearer than `enough` ends the search,
+    and no other counts; -inf for the nearest of all.
     """
     n, leaves = len(table), 1 << depth
     stack, lows = np.empty(2 * depth + 2, np.int64), np.empty(2 * depth + 2)
     shares = np.empty(3)
     for q in range(begin, end):
-        p, best, guess = places[q], np.inf, out_row[q]
+        p, best, guess = places[q], np.inf if enough == -np.inf else enough, out_row[q]
         if guess >= 0:
             best = primitive_distance(p, table, guess, shares)
             out_shares[q, 0], out_shares[q, 1], out_shares[q, 2] = shares[0], shares[1], shares[2]
@@ -181,12 +182,12 @@ def follow_primitives(
         p, own, known, out = places[q], near[q], values[q], out_shares[q]
         moved = movement[int(others[q, 1])]
         best, chosen, since = _best_of(p, table, rows, own, known, moved, shares, out)
+        if chosen < 0 and q > begin:
+            own[:] = near[q - 1]  # that of the place before, which mostly is near
         if chosen < 0 or best > others[q, 0] - AHEAD * since:
             others[q, 0] = _list_nearest(p, table, tree, stack, lows, shares, before, own, known)
             others[q, 1] = now
-            best, chosen, since = _best_of(
-                p, table, rows, own, known, movement[now], shares, out
-            )
+            best, chosen, since = _best_of(p, table, rows, own, known, movement[now], shares, out)
         out_distance[q], out_row[q] = best, chosen
 
 
@@ -295,6 +296,8 @@ def find_overshoot(
         others = out_others[q] - gone
         known = far_off <= others or (far_off > p[3] and others >= max(p[3], sparse))
         if not known:
+            if near[0] < 0 and q > begin:
+                near[:] = out_lists[q - 1]  # those of the ball before, which mostly is near
             out_others[q] = _list_points(
                 p, points, (bounds, depth), held + margin, stack, lows, before, near, far
             )

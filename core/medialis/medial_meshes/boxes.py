@@ -33,7 +33,7 @@ class Boxes:
     @classmethod
     def over(cls, corners: FloatArray, radii: FloatArray | None = None) -> Boxes:
         """Build the tree over items with these corners (n, k, 3), each with its largest radius."""
-        from medialis.medial_meshes._box_kernels import bound_nodes, split_items
+        from medialis.medial_meshes._box_kernels import split_items
 
         n = len(corners)
         depth = 0
@@ -42,6 +42,14 @@ class Boxes:
         order, bounds = np.arange(n), np.empty((2 << depth, 7))
         middles = 0.5 * (corners.min(axis=1) + corners.max(axis=1))
         split_items(middles, depth, order, np.empty(n))
-        sizes = np.zeros(n) if radii is None else radii
-        bound_nodes(np.ascontiguousarray(corners), sizes, order, depth, bounds)
-        return cls(order, bounds, depth)
+        return cls(order, bounds, depth).over_moved(
+            corners, np.zeros(n) if radii is None else radii
+        )
+
+    def over_moved(self, corners: FloatArray, radii: FloatArray) -> Boxes:
+        """Return the same tree over items that have moved; less good when they moved far."""
+        from medialis.medial_meshes._box_kernels import bound_nodes
+
+        bounds = np.empty_like(self.bounds)
+        bound_nodes(np.ascontiguousarray(corners), radii, self.order, self.depth, bounds)
+        return Boxes(self.order, bounds, self.depth)

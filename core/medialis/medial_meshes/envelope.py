@@ -43,10 +43,13 @@ class Envelope:
     balls : (n, 4) float64
     rows : (s, 3) int64
         See `primitives_of`.
+    before : Boxes or None
+        The tree of an envelope of the same rows whose balls were near these.
     """
 
     balls: FloatArray
     rows: Index
+    before: Boxes | None = None
 
     @classmethod
     def of(cls, given: Complex) -> Envelope:
@@ -58,7 +61,8 @@ class Envelope:
         """The tree of the primitives."""
         own = np.where(self.rows < 0, self.rows[:, :1], self.rows)
         balls = self.balls[own]
-        return Boxes.over(balls[:, :, :3], balls[:, :, 3].max(axis=1))
+        build = Boxes.over if self.before is None else self.before.over_moved
+        return build(balls[:, :, :3], balls[:, :, 3].max(axis=1))
 
     @cached_property
     def table(self) -> FloatArray:
@@ -75,7 +79,8 @@ class Envelope:
         """Return signed distances of places (q, 3), the primitives that decide them, and shares.
 
         Exact outside; inside minus the depth in the deepest primitive. `guess` names a primitive
-        near each place; a search ends below `enough`. Shares (q, 3) are those of the balls.
+        near each place. Where `enough` is given, the first primitive nearer than that ends the
+        search, and without any the distance is `enough`. Shares (q, 3) are those of the balls.
         """
         from medialis.medial_meshes._envelope_kernels import nearest_primitive
 

@@ -45,8 +45,14 @@ LATTICE = 3000
 FEWEST_STEPS, MOST_STEPS = 2, 16
 """Steps of the lattice along the sides of triangles; edges have twice as many."""
 
-DAMPING = 1e-2
-"""Of the first step, relative to the diagonal of the equations."""
+DAMPING, LEAST_DAMPING = 1e-2, 1e-5
+"""Of the first step with a power, and of all, at least; relative to the equations' diagonal."""
+
+LESS, MORE = 0.3, 6.0
+"""Factors of the damping where the first try lowers the sum, and where a try does not."""
+
+SLOW = 1e-3
+"""A step that lowers the sum by less than this share, times the power, gets nowhere: two end it."""
 
 EVEN = 10.0
 """Share of the mean diagonal in the damping: balls that few samples tell about hold still."""
@@ -192,7 +198,8 @@ class _Follower:
         def work(begin: int, end: int) -> None:
             follow_primitives(
                 begin, end, self.places, table, envelope.rows, boxes.order, boxes.bounds,
-                boxes.depth, movement, self._near, self._values, self._others, distance, row, shares,
+                boxes.depth, movement, self._near, self._values, self._others, distance, row,
+                shares,
             )  # fmt: skip
 
         run_chunks(work, count, PLACES_A_CHUNK)
@@ -200,9 +207,11 @@ class _Follower:
 
 
 @dataclass(frozen=True, eq=False)
-class _Residuals:
+class Residuals:
     """Distances at the samples, and at the places of the complex that stick out."""
 
+    samples: int
+    """The first distances, at samples of the surface; the others are at places within."""
     distance: FloatArray
     row: Index
     shares: FloatArray
@@ -218,17 +227,38 @@ class _Residuals:
         """The largest distance."""
         return float(max(np.abs(self.distance).max(), -self.over.min(initial=0.0)))
 
+    @property
+    def off(self) -> float:
+        """The largest distance at samples and of what sticks out."""
+        own = np.abs(self.distance[: self.samples])
+        return float(max(own.max(), -self.over.min(initial=0.0)))
+
 
 class Fit:
-    """The fit of one complex; its balls change, its edges and faces stay."""
+    """The fit of one complex; its balls change, its edges and faces stay.
 
-    def __init__(self, given: Complex, target: Target, progress: Progress | None = None) -> None:
-        self.complex, self.target = given, target
+    Attributes
+    ----------
+    balls : (n, 4) float64
+        The best ones so far.
+    damping : float
+        Of the next step.
+    """
+
+    def __init__(
+        self,
+        given: Complex,
+        target: Target,
+        damping: float = DAMPING,
+        progress: Progress | None = None,
+    ) -> None:
+        self.complex, self.target, self.balls, self.damping = given, target, given.balls, damping
         self._progress = progress or Progress()
         self.rows = primitives_of(given)
         self.lattice_row, self.lattice = _lattice(self.rows)
         self._corners = np.where(self.rows < 0, 0, self.rows)[self.lattice_row]
         self._known: Overshoot | None = None
+        self._boxes: Boxes | None = None
         self._follower = _Follower(target.places)
         self.weight = 1.0 / len(target.rows)
         self.equations = _Equations(len(given), given.edges, self.rows)
@@ -237,9 +267,21 @@ class Fit:
         """Return the balls at all places of the lattice."""
         return np.asarray(np.einsum("lk,lkd->ld", self.lattice, balls[self._corners]))
 
-    def residuals(self, balls: FloatArray) -> _Residuals:
+    @property
+    def mesh(self) -> Complex:
+        """The complex with the best balls."""
+        return Complex(self.balls, self.complex.edges, self.complex.faces)
+
+    @cached_property
+    def now(self) -> Residuals:
+        """Their distances."""
+        return self.residuals(self.balls)
+
+    def residuals(self, balls: FloatArray) -> Residuals:
         """Measure the distances of balls."""
-        distance, row, shares = self._follower.distances(Envelope(balls, self.rows))
+        envelope = Envelope(balls, self.rows, self._boxes)
+        self._boxes = envelope.boxes
+        distance, row, shares = self._follower.distances(envelope)
         between = self.between(balls)
         inner = distance[len(self.target.rows) :]
         within = self.target.within
@@ -247,52 +289,48 @@ class Fit:
         found = self.target.bounds.overshoot(between, self._known)
         self._known = found
         out = np.flatnonzero(found.over < 0)
-        return _Residuals(distance, row, shares, found.over[out], out, found.near[out])
+        samples = len(self.target.rows)
+        return Residuals(samples, distance, row, shares, found.over[out], out, found.near[out])
 
-    def largest(self, balls: FloatArray) -> float:
-        """Return the largest distance at the samples and of what sticks out."""
-        found = self.residuals(balls)
-        own = np.abs(found.distance[: len(self.target.rows)])
-        return float(max(own.max(), -found.over.min(initial=0.0)))
-
-    def run(self, balls: FloatArray, plan: tuple[tuple[float, int], ...]) -> FloatArray:
-        """Fit with some (power, steps) after each other; return the best balls."""
-        now = self.residuals(balls)
-        best, error = balls, now.largest
+    def run(self, plan: tuple[tuple[float, int], ...]) -> Fit:
+        """Fit with some (power, steps) after each other."""
+        balls, now = self.balls, self.now
         for power, steps in plan:
-            damping, slow = DAMPING, 0
+            self.damping, slow = max(self.damping, DAMPING), 0
             for _ in range(steps):
                 self._progress.update(0.0)
-                moved = self._step(balls, now, power, damping)
+                moved = self._step(balls, now, power)
                 if moved is None:
                     break
-                balls, now, damping, gain = moved
-                if now.largest < error:
-                    best, error = balls, now.largest
-                slow = slow + 1 if gain < 2e-3 else 0
-                if slow > 2:
+                balls, now, gain = moved
+                if now.largest < self.now.largest:
+                    self.balls, self.now = balls, now
+                slow = slow + 1 if gain < SLOW * power else 0
+                if slow == 2:
                     break
-        return best
+        return self
 
     def _step(
-        self, balls: FloatArray, now: _Residuals, power: float, damping: float
-    ) -> tuple[FloatArray, _Residuals, float, float] | None:
+        self, balls: FloatArray, now: Residuals, power: float
+    ) -> tuple[FloatArray, Residuals, float] | None:
         """Make one step that lowers the weighted sum, None where there is none."""
         scale = now.largest or 1e-9
         before = self._linearized(balls, now, power, scale)
-        for _ in range(TRIES):
-            change = self.equations.solve(damping) / np.sqrt(power - 1.0)
+        for attempt in range(TRIES):
+            change = self.equations.solve(self.damping) / np.sqrt(power - 1.0)
             moved = balls + change
             moved[:, 3] = np.maximum(moved[:, 3], SMALLEST_RADIUS)
             found = self.residuals(moved)
             after = sum(part for part, _ in self._weighed(found, power, scale))
             if after < before:
-                return moved, found, max(damping / 4, 1e-5), 1.0 - after / before
-            damping *= 6
+                if attempt == 0:
+                    self.damping = max(LESS * self.damping, LEAST_DAMPING)
+                return moved, found, 1.0 - after / before
+            self.damping *= MORE
         return None
 
     def _weighed(
-        self, found: _Residuals, power: float, scale: float
+        self, found: Residuals, power: float, scale: float
     ) -> list[tuple[float, FloatArray]]:
         from medialis.medial_meshes._fit_kernels import weigh
 
@@ -307,7 +345,7 @@ class Fit:
             parts.append((total, weights))
         return parts
 
-    def _linearized(self, balls: FloatArray, now: _Residuals, power: float, scale: float) -> float:
+    def _linearized(self, balls: FloatArray, now: Residuals, power: float, scale: float) -> float:
         """Set up the equations; return the weighted sum."""
         from medialis.medial_meshes._fit_kernels import add_rows
 
@@ -329,7 +367,7 @@ class Fit:
         )  # fmt: skip
         return first + second
 
-    def _outside(self, balls: FloatArray, now: _Residuals) -> NDArray[np.bool_]:
+    def _outside(self, balls: FloatArray, now: Residuals) -> NDArray[np.bool_]:
         """Tell which places of the complex that stick out have their center outside."""
         radius = self.between(balls)[now.over_at, 3]
         return np.asarray(now.over + radius < 0)

@@ -16,7 +16,7 @@ from medialis.model.medial_mesh import Complex
 from medialis.validation import FloatArray
 
 LOOKED_AT = 40_000
-"""Points of the envelope that are looked at, about."""
+"""Points of the envelope that are looked at by default, about."""
 
 MOST = 600
 """Places that join a fit, at most: the deepest."""
@@ -41,14 +41,14 @@ class Hollows:
         self._surface = cKDTree(fine.samples.points)
         self._centers = cKDTree(fine.balls[:, :3])
 
-    def of(self, given: Complex, off: float) -> tuple[FloatArray, float]:
+    def of(self, given: Complex, off: float, points: int = LOOKED_AT) -> tuple[FloatArray, float]:
         """Return places (i, 5) as a `Target` takes them, and the largest depth.
 
         An envelope that is nowhere farther than `off` from the surface holds a place by its depth
         less `off`. What is missing counts as the depth where the envelope ends at the place: that
         is the error then. The largest depth is told whether or not places join.
         """
-        places, _ = boundary_points(Envelope.of(given), LOOKED_AT)
+        places, _ = boundary_points(Envelope.of(given), points)
         near = self._surface.query(places)[1]
         way = self.samples.points[near] - places
         depth = np.maximum(np.einsum("ij,ij->i", way, self.samples.normals[near]), 0.0)

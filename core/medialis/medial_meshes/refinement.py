@@ -77,15 +77,15 @@ class Fault:
         return cls(*(np.concatenate([getattr(one, name) for one in faults]) for name in names))
 
 
-def faults_of(fit: Fit, balls: FloatArray, fine: FloatArray) -> Fault:
+def faults_of(fit: Fit, fine: FloatArray) -> Fault:
     """Return samples off the envelope, and places of the complex whose balls stick out.
 
     `fine` (c, 4) are the balls of all points of the surface.
     """
-    now, rows = fit.residuals(balls), fit.target.rows
+    now, rows = fit.now, fit.target.rows
     places = fit.target.points[rows]
     off = Fault(places, np.abs(now.distance[: len(rows)]), fine[rows], places)
-    between = fit.between(balls)[now.over_at]
+    between = fit.between(fit.balls)[now.over_at]
     shrunk = between.copy()
     shrunk[:, 3] = np.maximum(between[:, 3] + now.over, 0.0)
     out = Fault(fit.target.bounds.points[now.near], -now.over, shrunk, between[:, :3])

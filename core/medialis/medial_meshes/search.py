@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from medialis.medial_meshes.collapse import collapse, planes_of
 from medialis.medial_meshes.envelope import Envelope
 from medialis.medial_meshes.fine_complex import FineComplex
-from medialis.medial_meshes.fitting import Bounds, Fit, Target
+from medialis.medial_meshes.fitting import DAMPING, Bounds, Fit, Target
 from medialis.medial_meshes.hollows import Hollows
 from medialis.medial_meshes.refinement import APART, Fault, faults_of, refined
 from medialis.medial_meshes.solid import Solid
@@ -57,6 +57,9 @@ LAST = 3
 WORST = 600
 """Places beside the samples that join the fit in the end, where the error is large there."""
 
+LOOKED_AT = 10_000
+"""Points of an envelope that are looked at for hollows where balls are added, about."""
+
 DEEP = 2.0
 """Hollows get balls of their own from this many errors at the samples on."""
 
@@ -97,6 +100,7 @@ class _Found:
     mesh: Complex
     error: float
     target: Target
+    damping: float
 
 
 class Search:
@@ -124,7 +128,7 @@ class Search:
 
     @cached_property
     def _dense(self) -> Bounds:
-        return Bounds(*self._everywhere)
+        return Bounds(self._all.points, self._all.normals)
 
     def run(self, quality: str) -> Complex:
         """Return the mesh of the quality wanted."""
@@ -132,59 +136,70 @@ class Search:
         if len(start) > MANY:
             return self._closed(self._measured(start, self._all, "many"))
         if quality == "fast":
-            return self._fitted(start, self._all, "fast")
+            return self._fitted(start, self._all, "fast").mesh
         start, _ = self.base.sequence.level(int(START * self.balls))
-        now = self._grown(self._fitted(start, self._early, "first"), ROUNDS)
+        now = self._grown(self._fitted(start, self._early, "first"), ROUNDS).mesh
         best = self._measured(now, self._with_worst(now, self._all.within), "round")
         for k in range(SWAPS[quality]):
             self.progress.update((k + 1) / (SWAPS[quality] + 2))
             best = self._swapped(best, SHARES[k % len(SHARES)])
         return self._last(best)
 
-    def _fitted(self, start: Complex, target: Target, plan: str) -> Complex:
+    def _fitted(self, start: Complex, target: Target, plan: str, damping: float = DAMPING) -> Fit:
         """Fit a complex by one of the plans."""
-        balls = Fit(start, target, self.progress.still).run(start.balls, PLANS[plan])
-        return Complex(balls, start.edges, start.faces)
+        return Fit(start, target, damping, self.progress.still).run(PLANS[plan])
 
-    def _measured(self, start: Complex, target: Target, plan: str) -> _Found:
-        """Fit by a plan, and look for hollows: they join the target where they are deep."""
-        now = self._fitted(start, target, plan)
-        off = Fit(now, target).largest(now.balls)
-        places, depth = self.base.hollows.of(now, off)
-        return _Found(now, max(off, depth), target.with_within(places) if depth > off else target)
+    def _measured(
+        self,
+        start: Complex,
+        target: Target,
+        plan: str,
+        damping: float = DAMPING,
+        most: float = np.inf,
+    ) -> _Found:
+        """Fit by a plan, and look for hollows: they join the target where they are deep.
 
-    def _grown(self, now: Complex, rounds: int) -> Complex:
+        None are looked for where the error is `most` or more without any.
+        """
+        fit = self._fitted(start, target, plan, damping)
+        off, depth = fit.now.off, 0.0
+        if off < most:
+            places, depth = self.base.hollows.of(fit.mesh, off)
+        target = target.with_within(places) if depth > off else target
+        return _Found(fit.mesh, max(off, depth), target, fit.damping)
+
+    def _grown(self, fit: Fit, rounds: int) -> Fit:
         """Add the balls that are missing, round by round, where the fit is worst."""
         hollows = self.base.hollows
         for left in range(rounds, 0, -1):
-            fit = Fit(now, self._early)
-            off = fit.largest(now.balls)
-            places, depth = hollows.of(now, off)
-            faults = faults_of(fit, now.balls, self.base.own)
+            now, off = fit.mesh, fit.now.off
+            places, depth = hollows.of(now, off, LOOKED_AT)
+            faults = faults_of(fit, self.base.own)
             if depth > DEEP * off:
                 faults = Fault.joined([faults, hollows.faults(places)])
             wanted, apart = len(now) + -(-(self.balls - len(now)) // left), APART
             while len(now) < wanted and apart > 1e-3:
                 now = refined(now, faults, wanted - len(now), apart)
                 apart /= 2
-            now = self._fitted(now, self._early.with_within(places), "round")
-        return now
+            fit = self._fitted(now, self._early.with_within(places), "round")
+        return fit
 
     def _swapped(self, best: _Found, share: float) -> _Found:
         """Take balls away and put others where the fit is worst; return what is nearer."""
         removed = max(1, int(share * self.balls))
         fewer, _ = coarser(self.base, best.mesh).level(self.balls - removed)
         other = self._grown(self._fitted(fewer, self._early, "round"), min(AGAIN, removed))
-        found = self._measured(other, best.target, "round")
+        found = self._measured(other.mesh, best.target, "round", most=best.error)
         if found.error >= best.error:
             return best
-        return _Found(found.mesh, found.error, self._with_worst(found.mesh, found.target.within))
+        target = self._with_worst(found.mesh, found.target.within)
+        return replace(found, target=target)
 
     def _last(self, best: _Found) -> Complex:
         """Fit until that gets no nearer; deep hollows join."""
         now = best
         for _ in range(LAST):
-            now = self._measured(best.mesh, now.target, "last")
+            now = self._measured(best.mesh, now.target, "last", now.damping, best.error)
             if now.error >= best.error:
                 break
             best = now
@@ -195,10 +210,8 @@ class Search:
         if len(found.target.within) == len(self._all.within):
             return found.mesh
         again = self._fitted(found.mesh, found.target, "closed")
-        off = (
-            Fit(again, found.target).residuals(again.balls).largest
-        )  # of the hollows found as well
-        return again if off < found.error else found.mesh
+        off = again.now.largest  # of the hollows found as well
+        return again.mesh if off < found.error else found.mesh
 
     def _with_worst(self, now: Complex, within: FloatArray) -> Target:
         """Return a target that looks at the worst of all candidates and vertices as well."""
