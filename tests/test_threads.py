@@ -11,6 +11,7 @@ import pytest
 from medialis.errors import Cancelled, InvalidOptionError
 from medialis.progress import Progress
 from medialis.threads import (
+    _openblas,
     interrupts_held,
     run_chunks,
     run_patiently,
@@ -234,3 +235,38 @@ def test_a_handler_that_chooses_another_keeps_it():
         assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN
     finally:
         signal.signal(signal.SIGINT, before)
+
+
+def test_linear_algebra_keeps_to_the_thread_of_long_work():
+    """Its libraries have their threads again when the last of several works is done."""
+    import scipy.linalg  # noqa: F401 - its library is one of them
+
+    def counts():
+        return [get() for get, _ in _openblas()]
+
+    given = counts()
+    for (_, put), count in zip(_openblas(), given, strict=True):
+        put(2)
+        assert count >= 1
+    try:
+        before, inside, begun, go_on = counts(), [], threading.Event(), threading.Event()
+
+        def waiting():
+            begun.set()
+            go_on.wait(10)
+            inside.append(counts())
+
+        other = threading.Thread(target=lambda: run_patiently(waiting, Progress()))
+        other.start()
+        begun.wait(10)
+        run_patiently(lambda: inside.append(counts()), Progress())
+        go_on.set()
+        other.join()
+        assert inside == [[1] * len(given)] * 2
+        assert counts() == before
+        with pytest.raises(ZeroDivisionError):
+            run_patiently(lambda: 1 / 0, Progress())
+        assert counts() == before
+    finally:
+        for (_, put), count in zip(_openblas(), given, strict=True):
+            put(count)

@@ -9,10 +9,14 @@ from __future__ import annotations
 
 import os
 import signal
+import sys
 import threading
 from collections.abc import Callable, Generator, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from contextvars import ContextVar, copy_context
+from functools import cache
+from itertools import product
+from pathlib import Path
 from types import FrameType
 from typing import TypeVar
 
@@ -113,12 +117,79 @@ def interrupts_held() -> Iterator[list[BaseException]]:
             raise failures[0]
 
 
+class _LinearAlgebra:
+    """How many threads the libraries behind numpy and scipy may use.
+
+    They begin as many as there are processors for any product of some size, and let them turn
+    round waiting for more. Of the sizes here nothing gets faster by it: on 16 processors it takes
+    many times as much of them, and the last bits depend on their number.
+    """
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._inside = 0
+        self._before: list[tuple[Callable[[int], object], int]] = []
+
+    @contextmanager
+    def on_one_thread(self) -> Iterator[None]:
+        """Use one thread inside the block; of blocks at the same time the last one restores it."""
+        with self._lock:
+            self._inside += 1
+            if self._inside == 1:
+                self._before = [(put, get()) for get, put in _openblas()]
+                for put, _ in self._before:
+                    put(1)
+        try:
+            yield
+        finally:
+            with self._lock:
+                self._inside -= 1
+                for put, count in self._before if self._inside == 0 else ():
+                    put(count)
+
+
+_linear_algebra = _LinearAlgebra()
+
+
+def _openblas() -> list[tuple[Callable[[], int], Callable[[int], object]]]:
+    """Return the functions of each OpenBLAS in use that tell and set its number of threads.
+
+    Wheels bring one with numpy and one with scipy; those of other builds are found through the
+    modules that are linked with them.
+    """
+    found = []
+    for name in ("numpy.linalg._umath_linalg", "scipy.linalg._fblas"):
+        module = sys.modules.get(name)
+        if module is not None and module.__file__:
+            found += _openblas_of(Path(module.__file__))
+    return found
+
+
+@cache
+def _openblas_of(module: Path) -> list[tuple[Callable[[], int], Callable[[int], object]]]:
+    """Return the two functions of the OpenBLAS that an extension module is linked with."""
+    import ctypes
+
+    package = module.parents[1]
+    beside = sorted(package.with_name(f"{package.name}.libs").glob("*openblas*.dll"))
+    for path in (*beside, module):  # only Windows does not look into what a module is linked with
+        with suppress(OSError):
+            library = ctypes.CDLL(str(path))
+            for prefix, end in product(("scipy_openblas", "openblas"), ("64_", "")):
+                get = getattr(library, f"{prefix}_get_num_threads{end}", None)
+                put = getattr(library, f"{prefix}_set_num_threads{end}", None)
+                if get is not None and put is not None:
+                    return [(get, put)]
+    return []
+
+
 def run_patiently(work: Callable[[], T], progress: Progress) -> T:
     """Return `work()`, one long call that reports nothing, and let it be cancelled meanwhile.
 
     It runs in a thread of its own while the calling thread reports progress every 50 ms. When that
     cancels, or Ctrl-C comes, the thread ends by itself later and what it computed is dropped; so
-    `work` may write to nothing that others see, and must not report progress itself.
+    `work` may write to nothing that others see, and must not report progress itself. The linear
+    algebra of numpy and scipy keeps to that thread.
     """
     results: list[T] = []
     failures: list[BaseException] = []
@@ -126,7 +197,8 @@ def run_patiently(work: Callable[[], T], progress: Progress) -> T:
 
     def call() -> None:
         try:
-            results.append(context.run(work))
+            with _linear_algebra.on_one_thread():
+                results.append(context.run(work))
         except BaseException as error:  # noqa: BLE001 - handed to the calling thread below
             failures.append(error)
 

@@ -22,7 +22,6 @@ from medialis.segments.sites import (
     all_placements,
     even_places,
     principal_axes,
-    spread_sites,
 )
 from medialis.segments.valleys import into_valleys
 from medialis.threads import thread_limit
@@ -209,7 +208,7 @@ def test_principal_axes_of_a_box():
 def test_caps_against_plain_searches():
     """Shares of a sample add up to 1, and each cap ends at its radius along the edges."""
     shape = forms.torus_mesh(40, 20)
-    sites = spread_sites(medialis.shrink_balls(shape), 50)
+    sites = all_placements(medialis.shrink_balls(shape), 50, 1)[0]
     assert np.allclose(sites.shares.sum(axis=1), 1)
     points = shape.points / shape.diagonal
     assert sites.areas.sum() == pytest.approx(shape.area / shape.diagonal**2)
@@ -231,7 +230,7 @@ def test_caps_against_plain_searches():
 def test_quantities_of_a_ball():
     """A ball bends outwards, and its radius is the same everywhere."""
     cloud = medialis.shrink_balls(forms.icosphere(4))
-    sites = spread_sites(cloud, 80)
+    sites = all_placements(cloud, 80, 1)[0]
     quantities = dict(zip(NAMES, pair_quantities(sites), strict=True))
     assert len(WEIGHTS) == len(NAMES) == len(quantities)
     for found in quantities.values():
@@ -271,7 +270,7 @@ def test_means_over_placements_differ_less_than_single_ones():
 def test_both_walls_of_a_plate_are_close():
     """Heat jumps across a thin plate: two places across it are closer than two side by side."""
     plate = forms.box_mesh((1.0, 1.0, 0.02), 0.05)
-    sites = spread_sites(medialis.shrink_balls(plate), 300)
+    sites = all_placements(medialis.shrink_balls(plate), 300, 1)[0]
     quantities = dict(zip(NAMES, pair_quantities(sites), strict=True))
     inner = np.abs(sites.places - sites.places.mean(axis=0)).max(axis=1) < 0.25
     across = sites.across * inner[:, None] * inner[None, :]

@@ -11,6 +11,20 @@ from medialis._kernels.jit import kernel
 
 
 @kernel
+def mark_crossed(first, last, cells, faces, out_crossed):
+    """Mark the axes along which a line of the lattice may cross each of the faces first..last.
+
+    `cells` numbers the gap between two planes of lines that each vertex lies in, along each axis.
+    """
+    for f in range(first, last):
+        a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
+        x = cells[a, 0] != cells[b, 0] or cells[a, 0] != cells[c, 0]
+        y = cells[a, 1] != cells[b, 1] or cells[a, 1] != cells[c, 1]
+        z = cells[a, 2] != cells[b, 2] or cells[a, 2] != cells[c, 2]
+        out_crossed[f, 0], out_crossed[f, 1], out_crossed[f, 2] = y and z, z and x, x and y
+
+
+@kernel
 def count_crossings(first, last, points, faces, axis, step, out_count):
     """Lines of a square lattice along an axis that cross each of the faces first..last."""
     place = np.empty(3)
@@ -84,22 +98,18 @@ def choose_apart(places, distance, out_chosen):
 
 
 @kernel
-def near_sites(
-    first, last, points, offsets, neighbours, starts, gaps, radius, out_count, rows, out_vertex,
-    out_distance,
-):  # fmt: skip
-    """Find the vertices along edges within a radius of the sites first..last, and their distances.
+def near_sites(first, last, points, offsets, neighbours, starts, gaps, radius, out_count):
+    """Return the vertices along edges within a radius of the sites first..last, and how far.
 
-    A site lies `gaps` beside its vertex `starts`. Counts alone where `out_vertex` is empty; else
-    site s fills its places from rows[s] on.
+    Those of one site after those of another, `out_count` of each. A site lies `gaps` beside its
+    vertex `starts`.
     """
-    n = len(points)
+    n, used = len(points), 0
     distance = np.full(n, np.inf)
-    touched = np.empty(n, np.int32)
+    vertex, far = np.empty(256 * (last - first), np.int32), np.empty(256 * (last - first))
     keys, names = np.empty(len(neighbours) + 1), np.empty(len(neighbours) + 1, np.int32)
     for s in range(first, last):
-        count = 1
-        touched[0] = starts[s]
+        begin = used
         distance[starts[s]] = gaps[s]
         size = push(keys, names, 0, gaps[s], starts[s])
         while size > 0:
@@ -107,6 +117,11 @@ def near_sites(
             v = names[size]
             if keys[size] > distance[v]:
                 continue
+            if used == len(vertex):
+                vertex = np.concatenate((vertex, np.empty_like(vertex)))
+                far = np.concatenate((far, np.empty_like(far)))
+            vertex[used], far[used] = v, distance[v]
+            used += 1
             for at in range(offsets[v], offsets[v + 1]):
                 w = neighbours[at]
                 x = points[v, 0] - points[w, 0]
@@ -114,17 +129,49 @@ def near_sites(
                 z = points[v, 2] - points[w, 2]
                 length = distance[v] + math.sqrt(x * x + y * y + z * z)
                 if length < radius and length < distance[w]:
-                    if distance[w] == np.inf:
-                        touched[count] = w
-                        count += 1
                     distance[w] = length
                     size = push(keys, names, size, length, w)
-        out_count[s] = count
-        for k in range(count):
-            if len(out_vertex) > 0:
-                out_vertex[rows[s] + k] = touched[k]
-                out_distance[rows[s] + k] = distance[touched[k]]
-            distance[touched[k]] = np.inf
+        out_count[s] = used - begin
+        for k in range(begin, used):
+            distance[vertex[k]] = np.inf
+    return vertex[:used].copy(), far[:used].copy()
+
+
+@kernel
+def add_in_common(
+    rows, others, weights, offsets, sites, shares, other_offsets, other_sites, other_shares,
+    out_common,
+):  # fmt: skip
+    """Add the weight of each pair of samples to the sites with shares in the one and the other."""
+    for k in range(len(rows)):
+        i, j = rows[k], others[k]
+        for a in range(offsets[i], offsets[i + 1]):
+            share = weights[k] * shares[a]
+            for b in range(other_offsets[j], other_offsets[j + 1]):
+                out_common[sites[a], other_sites[b]] += share * other_shares[b]
+
+
+@kernel
+def least_sums(costs, most):
+    """Replace symmetric costs of steps by the least sums on the way between all pairs.
+
+    Ways that cost more than `most` need not be found.
+    """
+    n = len(costs)
+    row = np.empty_like(costs[0])
+    for k in range(n):
+        for j in range(n):
+            row[j] = costs[k, j] if j < k else costs[j, k]
+        for i in range(n):
+            if row[i] >= most:
+                continue
+            for j in range(i):
+                through, known = row[i] + row[j], costs[i, j]
+                costs[i, j] = through if through < known else known
+    for i in range(n):
+        costs[i, i] = 0.0
+        for j in range(i):
+            costs[j, i] = costs[i, j]
 
 
 @kernel

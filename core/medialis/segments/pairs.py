@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from medialis.segments.sites import Sites
+from medialis.segments.sites import Sites, in_common
 from medialis.validation import FloatArray
 
 NEAR = 0.02
@@ -27,8 +27,8 @@ NEAR = 0.02
 HEAT = (1 / 100, 1 / 25, 1 / 8)
 """Times at which heat is looked at: it has spread over about this share of the surface."""
 
-GONE = 30.0
-"""Modes of which less than exp(-30) is left at a time are left out: a tenth is enough for most."""
+GONE = 10.0
+"""Modes of which less than exp(-10) is left at a time are left out: a tenth is enough for most."""
 
 BENT = 0.2
 """Bend in radians from one site to the next that lets 1 / e of the heat pass. A crease of 90
@@ -89,11 +89,12 @@ def mean_quantities(placements: Sequence[Sites], area: FloatArray) -> list[Float
 
 def _carried(sites: Sites, other: Sites, area: FloatArray, values: FloatArray) -> FloatArray:
     """Means of the values of pairs of other sites over the caps of pairs of sites."""
-    from scipy.sparse import diags_array
+    from scipy.sparse import csr_array
 
-    common = sites.shares.T @ (diags_array(area) @ other.shares)
-    total = np.asarray(common.sum(axis=1)).reshape(-1)
-    mean = (diags_array(1.0 / np.where(total > 0, total, 1.0)) @ common).tocsr()
+    every = np.arange(len(area))
+    common = in_common(sites.shares, other.shares, every, every, area)
+    total = common.sum(axis=1)
+    mean = csr_array(common / np.where(total > 0, total, 1.0)[:, None])
     return np.asarray(mean @ (mean @ values).T).T
 
 
@@ -124,7 +125,7 @@ def pair_quantities(sites: Sites) -> list[FloatArray]:
     ends = np.concatenate([one, jumps[0]]), np.concatenate([two, jumps[1]])
     for passing in (flow, flow * np.exp(-bend / BENT)):
         found += _heat(np.concatenate([passing, jumping]), ends, area)
-    return [(one_way + one_way.T) / 2 for one_way in found]
+    return found
 
 
 def _jumps(sites: Sites) -> tuple[tuple[Any, Any], FloatArray]:
@@ -161,15 +162,13 @@ def _smooth_logarithms(sites: Sites) -> FloatArray:
 
 
 def _least(cost: FloatArray, ends: tuple[Any, Any], s: int) -> FloatArray:
-    """Cost of the cheapest path between all pairs, `FAR` where there is none."""
-    from scipy.sparse import csr_array
-    from scipy.sparse.csgraph import dijkstra
+    """Cost of the cheapest path between all pairs, `FAR` where there is none; ends both ways."""
+    from medialis.segments._site_kernels import least_sums
 
-    order = np.lexsort((cost, ends[1], ends[0]))  # of several links of a pair the cheapest
-    key = ends[0][order].astype(np.int64) * s + ends[1][order]
-    first = order[np.unique(key, return_index=True)[1]]
-    graph = csr_array((np.maximum(cost[first], 1e-9), (ends[0][first], ends[1][first])), (s, s))
-    return np.asarray(np.minimum(dijkstra(graph), FAR))
+    costs = np.full((s, s), np.inf, np.float32)
+    np.minimum.at(costs, ends, cost)
+    least_sums(costs, np.float32(FAR))
+    return np.minimum(costs, FAR, dtype=np.float64)
 
 
 def _heat(flow: FloatArray, ends: tuple[Any, Any], area: FloatArray) -> list[FloatArray]:
@@ -186,7 +185,10 @@ def _heat(flow: FloatArray, ends: tuple[Any, Any], area: FloatArray) -> list[Flo
     links = (links + links.T) / 2
     root = np.sqrt(area)
     matrix = (np.diag(links.sum(axis=1)) - links) / (root[:, None] * root[None, :])
-    rate, mode = eigh(matrix)
+    # Of a few modes vectors are found one by one.
+    rate, mode = eigh(
+        matrix, driver="evr", subset_by_value=(-np.inf, GONE / (HEAT[0] * s)), check_finite=False
+    )
     rate, mode = np.maximum(rate, 0.0), mode / root[:, None]
     found: list[FloatArray] = []
     for share in HEAT:
@@ -195,7 +197,7 @@ def _heat(flow: FloatArray, ends: tuple[Any, Any], area: FloatArray) -> list[Flo
         heat = half @ half.T
         own = np.sqrt(np.maximum(np.diag(heat), 1e-300))
         found.append(np.clip(heat / (own[:, None] * own[None, :]), 0.0, 1.0))
-    moving = (rate > 1e-9 * rate[-1]) & (HEAT[0] * s * rate < GONE)
+    moving = rate > 1e-8
     slow = mode[:, moving] * np.exp(-HEAT[0] * s * rate[moving] / 2) / np.sqrt(rate[moving])
     inner = slow @ slow.T
     own = np.diag(inner)

@@ -50,7 +50,7 @@ a surface is much farther than `APART` from its nearest site, along edges a litt
 ACROSS = 0.5
 """Spacings that opposite normals count as apart, halved: both walls of a thin plate get sites."""
 
-CHUNK = 20
+CHUNK = 64
 FACES_A_CHUNK = 4096
 
 
@@ -95,29 +95,38 @@ class Sites(Bound):
         return float(np.sqrt(self.areas.sum() / len(self)))
 
 
-def all_placements(cloud: MedialCloud, count: int = SITES) -> list[Sites]:
-    """Spread sites over the surface of a mesh several times; none where it has no area."""
-    placed = [spread_sites(cloud, count, placement) for placement in range(PLACEMENTS)]
-    return [sites for sites in placed if sites is not None]
-
-
-def spread_sites(cloud: MedialCloud, count: int = SITES, placement: int = 0) -> Sites | None:
-    """Spread sites over the surface of a mesh; None where it has no area."""
-    from scipy.sparse import csr_array, diags_array
+def all_placements(
+    cloud: MedialCloud, count: int = SITES, placements: int = PLACEMENTS
+) -> list[Sites]:
+    """Spread about `count` sites over the surface of a mesh several times; none without area."""
+    from scipy.spatial import cKDTree
 
     surface = _unit_surface(cloud)
     if not surface.area > 0.0:
-        return None
-    places, normals = even_places(surface, count, placement)
-    if len(places) == 0:
-        return None
+        return []
+    frame, used = principal_axes(surface), np.flatnonzero(surface.used_points)
+    side = ACROSS * np.sqrt(surface.area / count)
+    samples = np.concatenate([surface.points, side * cloud.surface.normals], axis=1)
+    tree = cKDTree(samples[used])
+    placed = []
+    for placement in range(placements):
+        places, normals = even_places(surface, count, placement, frame)
+        if len(places):
+            near = tree.query(np.concatenate([places, side * normals], axis=1))[1]
+            placed.append(_sites(cloud, surface, places, used[near].astype(np.int32)))
+    return placed
+
+
+def _sites(cloud: MedialCloud, surface: Surface, places: FloatArray, starts: IntArray) -> Sites:
+    """Measure the surface, of diagonal 1, round places with these nearest samples."""
+    from scipy.sparse import csr_array, diags_array
+
     spacing = float(np.sqrt(surface.area / len(places)))
-    starts, gaps = _nearest_samples(cloud, surface, places, normals, spacing)
+    gaps = np.linalg.norm(surface.points[starts] - places, axis=1)
     caps = _caps(surface, surface_graph(cloud.surface), starts, gaps, CAP * spacing)
     total = np.asarray(caps.sum(axis=1)).reshape(-1)
     shares = csr_array(diags_array(1.0 / np.where(total > 0, total, 1.0)) @ caps)
-    shares = shares[:, np.asarray(shares.sum(axis=0)).reshape(-1) > 0]
-    area = surface.point_areas
+    area, every = surface.point_areas, np.arange(surface.point_count)
     areas = np.maximum(shares.T @ area, 1e-9 * surface.area)
     mean_places = shares.T @ (area[:, None] * surface.points) / areas[:, None]
     normal = shares.T @ (area[:, None] * cloud.surface.normals)
@@ -129,28 +138,48 @@ def spread_sites(cloud: MedialCloud, count: int = SITES, placement: int = 0) -> 
         places=mean_places,
         normals=np.divide(normal, length, out=np.zeros_like(normal), where=length > 0),
         radii=np.maximum(radii, 1e-3 * spacing),
-        overlaps=(shares.T @ (diags_array(area) @ shares)).toarray(),
+        overlaps=in_common(shares, shares, every, every, area),
         across=across,
         components=cloud.surface.components[starts],
     )
 
 
-def even_places(surface: Surface, count: int, placement: int = 0) -> tuple[FloatArray, FloatArray]:
+def in_common(
+    own: Any, other: Any, rows: NDArray[Any], others: NDArray[Any], weights: FloatArray
+) -> FloatArray:
+    """Return own[rows].T @ diag(weights) @ other[others], of sparse shares of sites in samples."""
+    from medialis.segments._site_kernels import add_in_common
+
+    found = np.zeros((own.shape[1], other.shape[1]))
+    pairs = rows.astype(np.int32), others.astype(np.int32), np.array(weights)
+    add_in_common(
+        *pairs, own.indptr, own.indices, own.data, other.indptr, other.indices, other.data, found
+    )
+    return found
+
+
+def even_places(
+    surface: Surface,
+    count: int,
+    placement: int = 0,
+    frame: tuple[FloatArray, FloatArray] | None = None,
+) -> tuple[FloatArray, FloatArray]:
     """Return places that lie evenly on a surface, (s, 3), and the normals of their faces.
 
-    About `count`. They do not depend on how the surface is divided into triangles, and turn with
-    it where its principal axes differ in length.
+    About `count`, on lines along the axes of a frame, else of `principal_axes`. They do not depend
+    on how the surface is divided into triangles, and turn with it where its principal axes differ
+    in length.
     """
     from medialis.segments._site_kernels import choose_apart
 
     assert surface.faces is not None
-    middle, axes = principal_axes(surface)
+    middle, axes = frame or principal_axes(surface)
     axes = axes @ _turned(placement)
     points = np.ascontiguousarray((surface.points - middle) @ axes)
     # Lines along three axes cross a unit of area 1.5 times in the mean, for one line in each unit.
     step = float(np.sqrt(1.5 * surface.area / (CANDIDATES * count)))
     step = max(step, SHORTEST_STEP * surface.diagonal)
-    crossed = [_crossings(points, surface.faces, axis, step) for axis in range(3)]
+    crossed = _crossings(points, surface.faces, step)
     places = np.concatenate([places for places, _ in crossed])
     face = np.concatenate([faces for _, faces in crossed])
     if len(places) == 0:
@@ -188,29 +217,29 @@ def _in_turn(places: FloatArray, axis: IntArray, step: float) -> NDArray[np.int6
 
 
 def _crossings(
-    points: FloatArray, faces: IntArray, axis: int, step: float
-) -> tuple[FloatArray, NDArray[np.int64]]:
-    """Return where lines of a lattice along an axis cross faces, and which faces these are."""
-    from medialis.segments._site_kernels import count_crossings, list_crossings
+    points: FloatArray, faces: IntArray, step: float
+) -> list[tuple[FloatArray, NDArray[np.int64]]]:
+    """Return where lines of a lattice along each axis cross faces, and which faces these are."""
+    from medialis.segments._site_kernels import count_crossings, list_crossings, mark_crossed
 
-    m = len(faces)
-    counts, offsets = np.zeros(m, np.int64), np.zeros(m + 1, np.int64)
+    cells, crossed = np.ceil(points / step - 0.5), np.empty((len(faces), 3), np.bool_)
     run_chunks(
-        lambda begin, end: count_crossings(begin, end, points, faces, axis, step, counts),
-        m,
+        lambda begin, end: mark_crossed(begin, end, cells, faces, crossed),
+        len(faces),
         FACES_A_CHUNK,
     )
-    offsets[1:] = np.cumsum(counts)
-    places = np.empty((offsets[-1], 3))
-    if len(places):
-        run_chunks(
-            lambda begin, end: list_crossings(
-                begin, end, points, faces, axis, step, offsets, places
-            ),
-            m,
-            FACES_A_CHUNK,
-        )
-    return places, np.repeat(np.arange(m), counts)
+    found = []
+    for axis in range(3):
+        rows = np.flatnonzero(crossed[:, axis])
+        few, m = faces[rows], len(rows)
+        counts, offsets = np.zeros(m, np.int64), np.zeros(m + 1, np.int64)
+        count_crossings(0, m, points, few, axis, step, counts)
+        offsets[1:] = np.cumsum(counts)
+        places = np.empty((offsets[-1], 3))
+        if len(places):
+            list_crossings(0, m, points, few, axis, step, offsets, places)
+        found.append((places, np.repeat(rows, counts)))
+    return found
 
 
 def principal_axes(surface: Surface) -> tuple[FloatArray, FloatArray]:
@@ -238,20 +267,6 @@ def _unit_surface(cloud: MedialCloud) -> Surface:
     return Surface((surface.points - middle) / surface.diagonal, surface.faces)
 
 
-def _nearest_samples(
-    cloud: MedialCloud, surface: Surface, places: FloatArray, normals: FloatArray, spacing: float
-) -> tuple[IntArray, FloatArray]:
-    """Return the sample next to each place on the same wall, and how far it is."""
-    from scipy.spatial import cKDTree
-
-    side = ACROSS * spacing
-    samples = np.concatenate([surface.points, side * cloud.surface.normals], axis=1)
-    used = np.flatnonzero(surface.used_points)
-    near = cKDTree(samples[used]).query(np.concatenate([places, side * normals], axis=1))[1]
-    starts = used[near]
-    return starts.astype(np.int32), np.linalg.norm(surface.points[starts] - places, axis=1)
-
-
 def _caps(
     surface: Surface, graph: Ragged, starts: IntArray, gaps: FloatArray, radius: float
 ) -> Any:
@@ -266,18 +281,16 @@ def _caps(
 
     n, s = surface.point_count, len(starts)
     counts, rows = np.zeros(s, np.int64), np.zeros(s + 1, np.int64)
-    samples, distance = np.empty(0, np.int32), np.empty(0)
+    found: list[Any] = [None] * -(-s // CHUNK)
 
     def search(begin: int, end: int) -> None:
-        near_sites(
-            begin, end, surface.points, graph.offsets, graph.indices, starts, gaps, radius, counts,
-            rows, samples, distance,
-        )  # fmt: skip
+        found[begin // CHUNK] = near_sites(
+            begin, end, surface.points, graph.offsets, graph.indices, starts, gaps, radius, counts
+        )
 
     run_chunks(search, s, CHUNK)
     rows[1:] = np.cumsum(counts)
-    samples, distance = np.empty(rows[-1], np.int32), np.empty(rows[-1])
-    run_chunks(search, s, CHUNK)
+    samples, distance = (np.concatenate(part) for part in zip(*found, strict=True))
     weight = np.maximum(1.0 - np.minimum(distance / radius, 1.0) ** 2, 0.1) ** 2
     caps = csr_array(csc_array((weight, samples, rows), shape=(n, s)))
     alone = np.diff(caps.indptr) == 0
@@ -299,8 +312,6 @@ def _caps(
 
 def _balls(cloud: MedialCloud, surface: Surface, shares: Any) -> tuple[FloatArray, FloatArray]:
     """Mean radius of the balls round each site, and the area of what lies across them."""
-    from scipy.sparse import csr_array
-
     diagonal, n = cloud.surface.diagonal, surface.point_count
     rows = np.flatnonzero(cloud.valid)
     sample, area = cloud.source[rows], np.zeros(n)
@@ -313,6 +324,5 @@ def _balls(cloud: MedialCloud, surface: Surface, shares: Any) -> tuple[FloatArra
     other = np.where(feet[:, 0] == sample, feet[:, 1], feet[:, 0])
     linked = other >= 0
     ends = (sample[linked], other[linked])
-    links = csr_array((surface.point_areas[ends[0]], ends), shape=(n, n))
-    across = (shares.T @ (links @ shares)).toarray()
+    across = in_common(shares, shares, *ends, surface.point_areas[ends[0]])
     return radii, across + across.T
