@@ -150,8 +150,9 @@ def main() -> None:
     names = options.operations or [operation.name for operation in OPERATIONS]
     small = medialis.organic_shape(56)
     for name in names:
+        sample = medialis.operation(name).sample
         with tempfile.TemporaryDirectory() as folder:
-            shape = medialis.sample_shape("vase") if name == "midsurface" else small
+            shape = small if sample == "creature" else medialis.sample_shape(sample)
             medialis.write_result(medialis.run(name, shape), f"{folder}/out")
     table = list(steps(options.path, names, options.least))
     print(f"\n{'step':40} wall  processor")

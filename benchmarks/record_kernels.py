@@ -56,8 +56,9 @@ def shape_for(operation):
     """Return the shape that an operation runs on."""
     import medialis
 
-    walls = operation == "midsurface"
-    shape = medialis.sample_shape("vase") if walls else medialis.organic_shape(56)
+    sample = medialis.operation(operation).sample
+    small = sample == "creature"
+    shape = medialis.organic_shape(56) if small else medialis.sample_shape(sample)
     return medialis.make_shape(shape.points, shape.faces, repair=True)
 
 

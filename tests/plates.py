@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from medialis.operations import registry
 from medialis.surface.reading import make_shape
 
 
@@ -227,8 +228,8 @@ def shape_of(mesh):
 
 
 def with_walls(operation, shape):
-    """The shape, or one with walls for the operation that needs these."""
-    return shape_of(tee()) if operation == "midsurface" else shape
+    """The shape, or one with walls for an operation by name whose sample is no creature."""
+    return shape if registry.operation(operation).sample == "creature" else shape_of(tee())
 
 
 def pipe_tee(cell=1.0, *, main=20.0, branch=12.0, thickness=4.0, half_length=50.0, height=45.0):

@@ -9,7 +9,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -81,9 +81,9 @@ def block() -> medialis.Shape:
 
 
 @cache
-def vase() -> medialis.Shape:
-    """Make a vase with a wall and a bottom."""
-    return medialis.sample_shape("vase")
+def sample(name: str) -> medialis.Shape:
+    """Make a sample shape."""
+    return medialis.sample_shape(name)
 
 
 @cache
@@ -175,9 +175,15 @@ SHAPES: dict[str, Callable[[], medialis.Shape]] = {
     "manifolds": cloud,
     "soft_edges": block,
     "patches": block,
-    "midsurface": vase,
 }
-"""Shapes on which an operation shows more than on the creature, or shows something at all."""
+"""Shapes on which an operation shows more than on its sample."""
+
+
+def default_shape(operation: Operation) -> Callable[[], medialis.Shape]:
+    """Return what makes the shape that an operation is shown on."""
+    own = creature if operation.sample == "creature" else partial(sample, operation.sample)
+    return SHAPES.get(operation.name, own)
+
 
 EXAMPLES: dict[str, Callable[[], Example]] = {
     "tolerance": lambda: Example((0.0, 0.0003, 0.001, 0.003), noisy),
@@ -267,7 +273,7 @@ def example_of(operation: Operation, parameter: Parameter) -> Example:
     example = known() if known else Example()
     others = {**BASE.get(operation.name, dict)(), **example.others}
     others.pop(parameter.name, None)
-    shape = example.shape or SHAPES.get(operation.name, creature)
+    shape = example.shape or default_shape(operation)
     if shape is not creature:
         others = {name: v for name, v in others.items() if name not in ("start", "end")}
     values = tuple(v for v in example.values if _allowed(parameter, v)) or values_of(parameter)

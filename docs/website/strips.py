@@ -22,7 +22,7 @@ from medialis.operations.pictures import draw_result
 from medialis.render.png import write_png
 from medialis.viewer.page import has_library
 from website.pages import ROOT
-from website.parameter_values import BASE, SHAPES, creature, example_of
+from website.parameter_values import BASE, default_shape, example_of
 
 SIZE = (400, 320)
 GRAIN = 16
@@ -80,7 +80,7 @@ def default_picture(operation: Operation, folder: Path) -> str:
     """Draw an operation at its defaults for the gallery, and return the name of the file."""
     name = f"default-{operation.name}.png"
     if not (folder / name).exists():
-        shape = SHAPES.get(operation.name, creature)()
+        shape = default_shape(operation)()
         result = medialis.run(operation.name, shape, **BASE.get(operation.name, dict)())
         write_png(folder / name, picture_of(result, (560, 420)))
     return name
@@ -91,7 +91,7 @@ def default_viewer(operation: Operation, folder: Path) -> str:
     name = f"viewers/{operation.name}.html"
     if has_library() and not (folder / name).exists():
         (folder / name).parent.mkdir(exist_ok=True)
-        shape = SHAPES.get(operation.name, creature)()
+        shape = default_shape(operation)()
         result = medialis.run(operation.name, shape, **BASE.get(operation.name, dict)())
         result.viewer_html(folder / name, title=operation.label)
     return name if (folder / name).exists() else ""

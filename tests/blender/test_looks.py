@@ -44,7 +44,7 @@ def materials_of(chosen):
 @pytest.mark.parametrize("chosen", OPERATIONS, ids=lambda o: o.name)
 def test_one_click_shows_it_and_removing_leaves_nothing(chosen, request, scene):
     """Every operation changes how the object is shown, and its removal takes all of it back."""
-    walls = chosen.name == "midsurface"
+    walls = chosen.sample != "creature"
     creature = with_material("tee", *tee()) if walls else request.getfixturevalue("creature")
     before, names = counts(), sorted(creature.data.attributes.keys())
     active = start(chosen.name)

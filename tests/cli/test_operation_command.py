@@ -138,7 +138,7 @@ def test_an_overwriting_that_fails_leaves_the_old_result(here, monkeypatch):
 @pytest.mark.slow
 @pytest.mark.parametrize("chosen", OPERATIONS, ids=lambda o: o.name)
 def test_a_result_is_told_on_one_screen_with_all_its_files(chosen, here, capsys):
-    shape = "vase" if chosen.name == "midsurface" else "creature"  # a creature has no walls
+    shape = chosen.sample
     if not (here / f"{shape}.ply").exists():
         assert run("sample", shape) == 0
     command = [chosen.name.replace("_", "-"), f"{shape}.ply", *QUICK.get(chosen.name, [])]

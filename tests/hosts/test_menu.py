@@ -53,8 +53,7 @@ def test_help_cites_and_names_no_fraction():
 @pytest.mark.slow
 @pytest.mark.parametrize("entry", filters(), ids=lambda entry: entry.name)
 def test_what_an_operation_declares_is_what_its_result_has(entry, creature):
-    if entry.operation.name == "midsurface":  # a creature has no walls
-        creature = medialis.make_shape(*plates.tee())
+    creature = plates.with_walls(entry.operation.name, creature)
     result = medialis.run(entry.operation.name, creature, **entry.defaults)
     own = [layer for layer in result.layers if not layer.auxiliary]
     thin = any(layer.edges is not None or layer.number_by for layer in own)

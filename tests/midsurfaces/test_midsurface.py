@@ -188,6 +188,40 @@ def test_a_cube_has_no_midsurface_and_says_so():
         medialis.run("midsurface", cube)
 
 
+@pytest.mark.parametrize("width", [5.0, 12.0])
+def test_a_bar_is_no_wall_and_a_plate_is_one(width):
+    """Over a bar of 5 x 4 sides lie opposite to each other along 1 of 5, over one of 12 along 8."""
+    bar = medialis.make_shape(*plates.boxes((0, 60, 0, width, 0, 4)))
+    if width == 5.0:
+        with pytest.raises(InvalidShapeError, match="no part of it is a wall of even thickness"):
+            medialis.run("midsurface", bar)
+    else:
+        result = medialis.run("midsurface", bar)
+        assert result.values["area"] == pytest.approx(60 * width, rel=1e-6)
+
+
+def test_limbs_are_no_walls():
+    with pytest.raises(InvalidShapeError, match="no part of it is a wall of even thickness"):
+        medialis.run("midsurface", medialis.organic_shape(80))
+
+
+def test_walls_with_blends_as_wide_as_themselves_have_smooth_sheets_and_welds():
+    """The sample is rounded all over, with three holes: it had 36 pieces of welds (mended).
+
+    Its blends bulge out opposite to what they join, so half of the base and of the wall are up to
+    1 % off their planes; the rib is nearly all blends, of which its sheet follows one side (3 %).
+    """
+    result = medialis.run("midsurface", medialis.sample_shape("bracket"))
+    assert (result.values["sheets"], result.values["welds"]) == (3, 3)
+    assert [sheet["thickness_mean"] for sheet in result.values["sheet_list"]] == pytest.approx(
+        [0.2, 0.2, 0.2], rel=0.06
+    )
+    points, sheet = result.arrays["midsurface_points"], result.arrays["midsurface_sheet"]
+    for number, axis, height, off in ((0, 2, 0.1, 0.01), (1, 0, 0.1, 0.01), (2, 1, 0, 0.05)):
+        middle = points[result.arrays["midsurface_faces"][sheet == number]].mean(axis=1)
+        assert np.median(np.abs(middle[:, axis] - height)) < off * 0.2
+
+
 def test_a_block_on_a_plate_is_named_as_a_lump():
     """A block of 30 x 30 x 24 on a plate of 100 x 100 x 4, with the plate under it."""
     mesh = plates.boxes((0, 100, 0, 100, 0, 4), (35, 65, 35, 65, 4, 28))

@@ -200,7 +200,7 @@ def _warmup(options: argparse.Namespace) -> int:
         span = place / len(OPERATIONS), (place + 1) / len(OPERATIONS)
         with progress.stage(entry.name, *span):
             given: dict[str, Any] = {"subsample": 0.01} if entry.name == "surface_skeleton" else {}
-            shape = sample_shape("vase") if entry.name == "midsurface" else creature
+            shape = creature if entry.sample == "creature" else sample_shape(entry.sample)
             result = run(entry.name, shape, progress=progress, **given)
             draw_result(result, width=320, height=240)
     from medialis._kernels.cache_folder import kernel_cache, mark_compiled

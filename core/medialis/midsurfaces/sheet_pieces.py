@@ -31,6 +31,9 @@ ROUND = 0.95
 ALONG_RIM = 0.7
 """Cosine: a rim that leads on more steeply than this is a ragged one, and leads nowhere."""
 
+NEAREST = 24
+"""Faces whose mean normal tells the plane in which a border is extended."""
+
 SMOOTHINGS = 4
 """Of the directions in which a border is extended, along the border."""
 
@@ -206,7 +209,7 @@ def extended(sheet: RawSheet, surface: NearestTree, farthest: float) -> RawSheet
     along = points[b] - points[a]
     length = np.linalg.norm(along, axis=1, keepdims=True)
     along = along / np.where(length > 0, length, 1.0)
-    outward = np.cross(along, sheet.normals[border // 3])
+    outward = np.cross(along, _normals_of_core(sheet, middle))
     direction, weight = np.zeros_like(points), np.zeros(len(points))
     for ends in (a, b):
         np.add.at(direction, ends[inner], outward[inner])
@@ -228,6 +231,17 @@ def extended(sheet: RawSheet, surface: NearestTree, farthest: float) -> RawSheet
     ahead = reach > OUT_OF_WALL * sheet.half
     far = points + reach[:, None] * direction
     return _with_strip(sheet, far, moving, a[inner], b[inner], ahead)
+
+
+def _normals_of_core(sheet: RawSheet, places: FloatArray) -> FloatArray:
+    """Return the mean normals of the nearest faces between opposite walls: no blend bends them."""
+    from scipy.spatial import cKDTree
+
+    rows = np.flatnonzero(sheet.core)
+    tree = cKDTree(sheet.points[sheet.faces[rows]].mean(axis=1))
+    near = tree.query(places, k=np.arange(1, min(NEAREST, len(rows)) + 1))[1]
+    total = sheet.normals[rows[near]].sum(axis=1)
+    return np.asarray(total / np.linalg.norm(total, axis=1, keepdims=True))
 
 
 def _smoothed(direction: FloatArray, a: IntArray, b: IntArray) -> FloatArray:

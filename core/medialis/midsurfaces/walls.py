@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from medialis.midsurfaces.even_walls import faces_in_walls
 from medialis.model.medial_cloud import MedialCloud
 from medialis.model.shape import Shape
 from medialis.model.topology import piece_labels
@@ -145,6 +146,7 @@ def find_sides(cloud: MedialCloud, least_angle: float, crease: float) -> Sides:
     if core.any():
         half = float(np.median(balls_of(core, cloud)))
         core &= ~folded_faces(shape, links, half)
+        core = faces_in_walls(cloud, core, half)
     label = _pieces(core, links)
     grown, source = _grown(shape, cloud, label, links)
     return _united(cloud, wide, core & (label >= 0), grown, source, links)

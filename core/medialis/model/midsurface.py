@@ -49,8 +49,8 @@ class Midsurface(Described):
         The weld curve of each.
     lumps : tuple of Lump
         What is no wall, the largest first.
-    wall_share : float
-        Share of the volume of the solid that lies in the walls.
+    wall_share : float or None
+        Share of the volume of the solid that lies in the walls; None: the mesh is open.
     """
 
     points: FloatArray
@@ -61,7 +61,7 @@ class Midsurface(Described):
     weld_edges: IntArray
     weld: IntArray
     lumps: tuple[Lump, ...] = ()
-    wall_share: float = 0.0
+    wall_share: float | None = None
 
     def __post_init__(self) -> None:
         n, m, e = len(self.points), len(self.faces), len(self.weld)

@@ -95,6 +95,8 @@ class Operation(Described):
     examples : tuple of (str, str)
         What may follow its name on the command line, on shapes of `medialis sample`, and what it
         is for.
+    sample : str
+        The shape of `medialis sample` that it is tried on: one that it has a result for.
     layers : dict of str
         What each of its layers is, by their names; some may be missing in a result.
     """
@@ -115,6 +117,7 @@ class Operation(Described):
     lies_on_shape: bool = False
     selection: Selection | None = None
     examples: tuple[tuple[str, str], ...] = ()
+    sample: str = "creature"
     layers: Mapping[str, str] = field(default_factory=dict)
 
     @property

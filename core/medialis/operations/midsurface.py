@@ -42,9 +42,10 @@ def run(shape: Shape, options: MidsurfaceRun, progress: Progress) -> Outcome:
         found = midsurface.of(cloud, replace(options, edge=min(edge, 0.5)), progress)
     if found.sheets == 0:
         raise InvalidShapeError(
-            "The solid has no midsurface: nowhere do two sides of a wall lie opposite to each "
-            "other. A smaller least angle takes walls that taper more, a smaller refine sees "
-            "narrower ones."
+            "The solid has no midsurface: no part of it is a wall of even thickness. Nowhere do "
+            "two nearly parallel sides lie opposite to each other over more than their distance; "
+            "all of its volume is lumps. A smaller least angle takes walls that taper more, a "
+            "smaller refine sees narrower ones."
         )
     _note_lumps(found, progress)
     return Outcome(
@@ -64,7 +65,11 @@ def run(shape: Shape, options: MidsurfaceRun, progress: Progress) -> Outcome:
 
 
 def _note_lumps(found: Midsurface, progress: Progress) -> None:
-    if found.lumps:
+    if found.wall_share is None:
+        progress.note(
+            "The mesh is open: how much of its volume are walls was not measured.", "open_walls"
+        )
+    elif found.lumps:
         shares = ", ".join(f"{100 * lump.share:.1f} %" for lump in found.lumps[:5])
         more = ", ..." if len(found.lumps) > 5 else ""
         progress.note(
@@ -144,6 +149,7 @@ OPERATION = Operation(
             "the middle of the wall of a vase, with coarser triangles",
         ),
     ),
+    sample="vase",  # a creature has no walls
     layers={
         "midsurface": "the sheets, with the thickness of the wall at each vertex and the number of "
         "the sheet at each face",
