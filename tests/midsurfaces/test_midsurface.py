@@ -130,6 +130,14 @@ def test_a_frustum_follows_its_facets():
     assert found.of_sheet(0)["area"] == pytest.approx(np.pi * 80 * np.hypot(20, 60), rel=0.002)
 
 
+def test_a_thin_long_i_beam_needs_no_finer_samples():
+    """The default samples are five walls apart: it had 79 welds (mended)."""
+    mesh = plates.i_beam(length=1000, width=100, height=100, web=4, flange=4)
+    result = medialis.run("midsurface", medialis.make_shape(*mesh))
+    assert (result.values["sheets"], result.values["welds"]) == (3, 2)
+    assert result.values["area"] == pytest.approx(1000 * (100 + 100 + 96), rel=1e-4)
+
+
 @pytest.mark.parametrize("cell", [1.3, 0.8])
 def test_a_pipe_junction_has_two_sheets_and_one_closed_weld(cell):
     """Walls of 4 with 3 and 5 samples over them; edges are rounded by a cell, so rims are, too."""
