@@ -65,8 +65,8 @@ def ball_cover(mesh: MedialMesh, shape: Shape) -> BallCover:
     --------
     >>> import medialis
     >>> shape = medialis.organic_shape(56)
-    >>> cover = medialis.ball_cover(medialis.medial_mesh(shape, balls=24), shape)
-    >>> len(cover) <= 24, 0 < cover.excess < 2
+    >>> cover = medialis.ball_cover(medialis.medial_mesh(shape, balls=48), shape)
+    >>> len(cover) <= 48, 0 < cover.excess < 2
     (True, True)
     """
     if shape.faces is None:
