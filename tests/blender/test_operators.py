@@ -1,6 +1,7 @@
 """Every operation through its operator: same arrays as the core, undo, saving, errors, jobs."""
 
 import os
+from functools import cache, partial
 from types import SimpleNamespace
 
 import numpy as np
@@ -33,24 +34,22 @@ def refused(name, **given):
 
 @pytest.fixture(scope="module")
 def expected(real_shapes):
-    """Results of the core for a real shape, as Blender holds its vertices (single precision)."""
-    mesh = read_mesh(real_shapes / "hand.ply")
-    points = mesh.points.astype(np.float32).astype(float)
-    shape = medialis.make_shape(points, mesh.faces, repair=True)
-    found = {}
+    """A real shape as Blender holds its vertices (single precision), and results of the core."""
 
-    def result(name):
-        if name not in found:
-            found[name] = medialis.run(name, shape)
-        return found[name]
+    @cache
+    def held(file):
+        mesh = read_mesh(real_shapes / file)
+        points = mesh.points.astype(np.float32).astype(float)
+        shape = medialis.make_shape(points, mesh.faces, repair=True)
+        return points, mesh.faces, shape, cache(partial(medialis.run, shape=shape))
 
-    return points, mesh.faces, shape, result
+    return lambda chosen: held("hand.ply" if chosen.sample == "creature" else "fertility.ply")
 
 
 @pytest.mark.parametrize("chosen", OPERATIONS, ids=lambda o: o.name)
 def test_every_operation_gives_the_arrays_of_the_core(chosen, expected, scene, tmp_path):
     """On a real shape; and what was added is the same after saving and loading the file."""
-    points, faces, shape, run = expected
+    points, faces, shape, run = expected(chosen)
     add_mesh("hand", points, faces)
     assert start(chosen.name, add_samples=True, segments_as={"GROUPS"}) == {"FINISHED"}
     check(run(chosen.name), shape)
