@@ -241,7 +241,8 @@ def _normals_of_core(sheet: RawSheet, places: FloatArray) -> FloatArray:
     tree = cKDTree(sheet.points[sheet.faces[rows]].mean(axis=1))
     near = tree.query(places, k=np.arange(1, min(NEAREST, len(rows)) + 1))[1]
     total = sheet.normals[rows[near]].sum(axis=1)
-    return np.asarray(total / np.linalg.norm(total, axis=1, keepdims=True))
+    length = np.linalg.norm(total, axis=1, keepdims=True)
+    return np.asarray(total / np.where(length > 0, length, 1.0))
 
 
 def _smoothed(direction: FloatArray, a: IntArray, b: IntArray) -> FloatArray:
