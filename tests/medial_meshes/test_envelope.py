@@ -169,6 +169,25 @@ def test_threads_thinner_than_cells_stay_whole():
     assert np.abs(Envelope.of(mesh.complex).distances(surface.points)[0]).max() < width
 
 
+@pytest.mark.parametrize("radius", [0.27, 0.87])
+def test_a_surface_moves_by_less_than_a_cell_for_the_topology_of_the_mesh(radius):
+    """An open string of balls in a circle: its ends just touch, or a pinhole is left within it."""
+    turn = np.radians(30 * np.arange(12))
+    centers = np.stack([np.cos(turn), np.sin(turn), 0 * turn], axis=1)
+    string = np.stack([np.arange(11), np.arange(1, 12)], axis=1)
+    mesh = medialis.MedialMesh(centers, np.full(12, radius), string, [])
+    assert mesh.betti == (1, 0, 0)
+    cell, extent = 0.03, 2 + 2 * radius
+    width = cell * math.sqrt(2 * extent**2 + (2 * radius) ** 2)
+    progress = medialis.Progress()
+    surface = medialis.envelope_surface(mesh, cell=cell, progress=progress)
+    found = medialis.diagnose(surface.points, surface.faces)
+    assert not progress.messages
+    assert found.closed and found.components == 1 and found.genus == 0
+    off = np.abs(Envelope.of(mesh.complex).distances(surface.points)[0])
+    assert off.max() < width
+
+
 def test_a_surface_that_closes_a_loop_says_so():
     """Four balls in a ring that overlap in the middle: the loop is there, the hole is not."""
     centers = [[1, 0, 0], [0, 1, 0], [-1, 0, 0], [0, -1, 0]]
