@@ -247,12 +247,15 @@ def _smallest(q, factors, x):
 
 @kernel
 def _merged(u, v, balls, quadrics, largest, scratch, factors, out):
-    """Cost of merging u and v, and the ball that they become: the best one, or one of them."""
+    """Cost of merging u and v, and the ball that they become: the best one, or one of them.
+
+    Tells whether it is the best one, too: then the cost never falls as quadrics are added.
+    """
     for k in range(15):
         scratch[k] = quadrics[u, k] + quadrics[v, k]
     _smallest(scratch, factors, out)
-    cost = np.inf
-    if 0.0 <= out[3] <= largest:
+    cost, best = np.inf, 0.0 <= out[3] <= largest
+    if best:
         cost = _value(scratch, out)
     for w in (u, v):
         other = _value(scratch, balls[w])
@@ -260,100 +263,65 @@ def _merged(u, v, balls, quadrics, largest, scratch, factors, out):
             cost = other
             for k in range(4):
                 out[k] = balls[w, k]
-    return max(cost, 0.0)
-
-
-@kernel
-def _enter(e, edges, balls, quadrics, largest, versions, scratch, factors, out, keys, names, size):
-    cost = _merged(edges[e, 0], edges[e, 1], balls, quadrics, largest, scratch, factors, out)
-    return push(keys, names, size, cost, versions[e] * len(edges) + e)
+    return max(cost, 0.0), best
 
 
 @kernel
 def collapse(
-    balls,
-    quadrics,
-    edge_data,
-    face_data,
-    versions,
-    target,
-    largest,
-    keys,
-    names,
-    waiting,
-    out_removed,
-    out_into,
-    out_balls,
-):
+    balls, quadrics, edge_data, face_data, target, largest, keys, names, waiting, out_removed,
+    out_into, out_balls,
+):  # fmt: skip
     """Contract the cheapest edges until `target` vertices are left; returns the steps made.
 
-    `edge_data` and `face_data` are (rows, live, heads, after, before), linked. Blocked edges wait
-    until 3 % of the vertices are gone. Step s merged out_removed[s] into out_into[s], which became
-    the ball out_balls[s]. `keys`, `names` hold the heap, `waiting` one entry for each edge.
+    `edge_data` and `face_data` are (rows, live, heads, after, before), linked. Each edge is on the
+    heap `keys`, `names`, or waits: all at first, later those that must not be contracted, until
+    one of their ends changes or 3 % of the vertices are gone. Where an end changes and the cost can
+    only grow, it is computed anew when it is the lowest. `waiting` has room for two entries an
+    edge, the heap for some that hold no more. Step s merged out_removed[s] into out_into[s], which
+    became the ball out_balls[s].
     """
-    edges, live_edges, edge_heads, edge_after = edge_data[:4]
+    edges, live, edge_heads, edge_after = edge_data[:4]
     faces, face_heads, face_after = face_data[0], face_data[2], face_data[3]
     n, total = len(balls), len(edges)
     mark, forest, flag = np.zeros(n, np.int64), np.empty(n, np.int64), np.empty(n, np.int64)
-    scratch, factors, out = np.empty(15), np.empty((4, 4)), np.empty(4)
-    edge_lists = (edges, edge_heads, edge_after)
-    face_lists = (faces, face_heads, face_after)
-    left, size, blocked, steps = n, 0, 0, 0
+    out = np.empty(4)
+    given = (balls, quadrics, largest, np.empty(15), np.empty((4, 4)), out)
+    edge_lists, face_lists = (edges, edge_heads, edge_after), (faces, face_heads, face_after)
+    changed, known = np.zeros(n, np.int64), np.zeros(total, np.int64)  # steps
+    cost, grows = np.zeros(total), np.ones(total, np.bool_)
+    waits = np.ones(total, np.bool_)
     for e in range(total):
-        if live_edges[e]:
-            size = _enter(
-                e,
-                edges,
-                balls,
-                quadrics,
-                largest,
-                versions,
-                scratch,
-                factors,
-                out,
-                keys,
-                names,
-                size,
-            )
-    looked_at = left
+        waiting[e] = e
+    left, looked_at, size, last, steps = n, n + 1, 0, total, 0
     while left > target:
-        full = blocked == len(waiting)
-        if size == 0 or full or (blocked > 0 and left < 0.97 * looked_at):
+        if size == 0 or last == len(waiting) or (last > 0 and left < 0.97 * looked_at):
             if size == 0 and looked_at == left:
                 break
-            for i in range(blocked):
+            for i in range(last):
                 e = waiting[i]
-                if live_edges[e] and versions[e] < 0:
-                    versions[e] = -versions[e]
-                    size = _enter(
-                        e,
-                        edges,
-                        balls,
-                        quadrics,
-                        largest,
-                        versions,
-                        scratch,
-                        factors,
-                        out,
-                        keys,
-                        names,
-                        size,
-                    )
-            blocked, looked_at = 0, left
+                if live[e] and waits[e]:
+                    waits[e], known[e] = False, steps
+                    cost[e], grows[e] = _merged(edges[e, 0], edges[e, 1], *given)
+                    size = push(keys, names, size, cost[e], e)
+            last, looked_at = 0, left
             if size == 0:
                 break
             continue
         size = pop(keys, names, size)
-        e, version = names[size] % total, names[size] // total
-        if not live_edges[e] or versions[e] != version:
+        e = names[size]
+        if not live[e] or keys[size] != cost[e]:
             continue
         u, v = edges[e, 0], edges[e, 1]
-        if not may_contract(u, v, edge_lists, face_lists, mark, forest, flag):
-            waiting[blocked] = e
-            blocked += 1
-            versions[e] = -versions[e] - 1
+        if known[e] < max(changed[u], changed[v]):
+            known[e] = steps
+            cost[e], grows[e] = _merged(u, v, *given)
+            size = push(keys, names, size, cost[e], e)
             continue
-        _merged(u, v, balls, quadrics, largest, scratch, factors, out)
+        if not may_contract(u, v, edge_lists, face_lists, mark, forest, flag):
+            waiting[last], waits[e] = e, True
+            last += 1
+            continue
+        _merged(u, v, *given)
         contract(u, v, edge_data, face_data, mark)
         for k in range(15):
             quadrics[u, k] += quadrics[v, k]
@@ -363,41 +331,14 @@ def collapse(
         out_removed[steps], out_into[steps] = v, u
         steps += 1
         left -= 1
-        if size + 4096 > len(keys):
-            size = 0
-            for i in range(total):
-                if live_edges[i] and versions[i] >= 0:
-                    size = _enter(
-                        i,
-                        edges,
-                        balls,
-                        quadrics,
-                        largest,
-                        versions,
-                        scratch,
-                        factors,
-                        out,
-                        keys,
-                        names,
-                        size,
-                    )
+        changed[u] = steps
         end = edge_heads[u]
         while end >= 0:
-            i = end >> 1
-            versions[i] = abs(versions[i]) + 1
-            size = _enter(
-                i,
-                edges,
-                balls,
-                quadrics,
-                largest,
-                versions,
-                scratch,
-                factors,
-                out,
-                keys,
-                names,
-                size,
-            )
+            e = end >> 1
+            if waits[e] or not grows[e]:
+                now, best = _merged(edges[e, 0], edges[e, 1], *given)
+                if (waits[e] or now < cost[e]) and size < len(keys):
+                    waits[e], cost[e], grows[e], known[e] = False, now, best, steps
+                    size = push(keys, names, size, now, e)
             end = edge_after[end]
     return steps

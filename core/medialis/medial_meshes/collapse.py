@@ -33,19 +33,17 @@ def collapse(start: Complex, quadrics: FloatArray, target: int) -> Collapse:
     from medialis.medial_meshes._collapse_kernels import link_all
 
     count = len(start)
-    edges, faces = start.edges.copy(), start.faces.copy()
     lists = []
-    for rows in (edges, faces):
-        heads = np.empty(count, np.int64)
-        after, before = np.empty(rows.size, np.int64), np.empty(rows.size, np.int64)
+    for given in (start.edges, start.faces):
+        rows = given.astype(np.int32)  # half as much memory is gone through in half the time
+        heads, after, before = (np.empty(n, np.int32) for n in (count, rows.size, rows.size))
         link_all(rows, heads, after, before)
         lists.append((rows, np.ones(len(rows), bool), heads, after, before))
-    room = 12 * len(edges) + 16384
+    room = 2 * len(start.edges) + 1
     removed, into = np.empty(count, np.int64), np.empty(count, np.int64)
     after_balls = np.empty((count, 4))
     steps = run(
-        start.balls.copy(), quadrics.copy(), *lists, np.zeros(len(edges), np.int64), target,
-        LARGEST, np.empty(room), np.empty(room, np.int64), np.empty(2 * len(edges) + 1, np.int64),
-        removed, into, after_balls,
+        start.balls.copy(), quadrics.copy(), *lists, target, LARGEST, np.empty(room),
+        np.empty(room, np.int32), np.empty(room, np.int32), removed, into, after_balls,
     )  # fmt: skip
     return Collapse(start, removed[:steps].copy(), into[:steps].copy(), after_balls[:steps].copy())
