@@ -18,7 +18,7 @@ from functools import cache
 from itertools import product
 from pathlib import Path
 from types import FrameType
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from medialis.progress import Progress
 from medialis.validation import as_whole_number
@@ -236,6 +236,17 @@ def run_chunks(
         _run_chunks(work, count, chunk, progress, failures)
 
 
+def run_together(*works: Callable[[], object]) -> list[Any]:
+    """Return what calls give that do not depend on each other, made at the same time."""
+    results: list[Any] = [None] * len(works)
+
+    def work(which: int, _: int) -> None:
+        results[which] = works[which]()
+
+    run_chunks(work, len(works), 1)
+    return results
+
+
 def _run_chunks(
     work: Callable[[int, int], object],
     count: int,
@@ -278,7 +289,7 @@ def _run_chunks(
     threads: list[threading.Thread] = []
     try:
         for _ in range(helpers):
-            thread = threading.Thread(target=drain, daemon=True)
+            thread = threading.Thread(target=copy_context().run, args=(drain,), daemon=True)
             thread.start()
             threads.append(thread)
         while (span := next_range()) is not None:

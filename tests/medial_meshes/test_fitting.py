@@ -5,7 +5,7 @@ import numpy as np
 from closed_forms import box_mesh, icosphere
 from medialis.medial_meshes.envelope import Envelope, primitives_of
 from medialis.medial_meshes.fine_complex import fine_complex
-from medialis.medial_meshes.fitting import Fit, Target, _Follower
+from medialis.medial_meshes.fitting import Bounds, Fit, Target, _Follower
 from medialis.medial_meshes.hollows import Hollows
 from medialis.medial_meshes.solid import Solid
 from medialis.model.medial_mesh import Complex
@@ -28,7 +28,7 @@ def test_distances_that_follow_moving_balls_are_those_of_a_search():
     follower, balls = _Follower(places), given.balls
     for step in (0.02, 0.02, 0.001, 0.02, 0.0001):
         envelope = Envelope(balls, rows)
-        distance, row, shares = follower.distances(envelope)
+        distance, row, shares = follower.distances(envelope).done()
         assert np.allclose(distance, envelope.distances(places)[0], atol=1e-14)
         centers = np.einsum("qk,qkd->qd", shares, balls[np.maximum(rows[row], 0)])
         far = np.linalg.norm(places - centers[:, :3], axis=1) - centers[:, 3]
@@ -38,14 +38,14 @@ def test_distances_that_follow_moving_balls_are_those_of_a_search():
 
 def sphere_target():
     points = icosphere(4).points
-    return Target(points, points, np.arange(10), np.empty((0, 5)))
+    return Target(points, points, np.arange(10), np.empty((0, 5)), Bounds(points, points))
 
 
 def test_what_sticks_out_of_a_sphere():
     """A center at distance d of the middle is 1 - d deep, up to the spacing squared; 0 if held."""
     centers = np.array([[0.2, 0, 0], [0, 0.7, 0], [0, 0, 1.02], [0, 0.5, 0]])
     balls = np.column_stack([centers, [0.9, 0.4, 0.1, 0.4]])
-    found = sphere_target().bounds.overshoot(balls)
+    found = sphere_target().bounds.overshoot(balls).done()
     assert np.allclose(found.over, [-0.1, -0.1, -0.12, 0.0], atol=2e-3)
     assert found.near[3] == -1
 
@@ -54,10 +54,10 @@ def test_what_sticks_out_is_found_exactly_while_balls_move():
     """Lists of near points, kept from step to step, lose none that comes nearer."""
     bounds, rng = sphere_target().bounds, np.random.default_rng(2)
     balls = np.column_stack([0.5 * rng.normal(size=(300, 3)), 0.1 + 0.6 * rng.random(300)])
-    known = bounds.overshoot(balls)
+    known = bounds.overshoot(balls).done()
     for step in (0.001, 0.02, 0.0001, 0.005, 0.1):
         balls = balls + step * (2 * rng.random(balls.shape) - 1)
-        known = bounds.overshoot(balls, known)
+        known = bounds.overshoot(balls, known).done()
         held = np.linalg.norm(balls[:, :3], axis=1) < 1.0  # a center outside needs to be followed
         slow = np.linalg.norm(balls[:, None, :3] - bounds.points, axis=2)
         over = np.minimum(slow.min(axis=1) - balls[:, 3], 0.0)
@@ -69,9 +69,9 @@ def test_a_ball_that_flew_off_is_found_by_the_point_it_came_from():
     """A small ball far outside, where no point is near: it was missed, and shapes got spikes."""
     target = sphere_target()
     ball = np.array([[0.0, 0.0, 0.9, 0.05]])
-    known = target.bounds.overshoot(np.array([[0.0, 0.0, 0.96, 0.05]]))
+    known = target.bounds.overshoot(np.array([[0.0, 0.0, 0.96, 0.05]])).done()
     ball[0, 2] = 1.7
-    found = target.bounds.overshoot(ball, known)
+    found = target.bounds.overshoot(ball, known).done()
     assert np.isclose(found.over[0], -0.75, atol=2e-3)
 
 
@@ -82,14 +82,15 @@ def test_a_hollow_that_no_sample_of_the_surface_tells():
     fine = fine_complex(solid, 1000, 0.002, 0, Progress())
     scale = 1 / sphere.diagonal
     given = shell(0.8, 0.2).placed(scale, np.zeros(3))
-    places, depth = Hollows(fine).of(given, 0.01 * scale)
+    hollows = Hollows(fine, Bounds(fine.samples.points, fine.samples.normals))
+    places, depth = hollows.of(given, 0.01 * scale)
     # Slabs of chords e = 0.32 lie e^2 / 6 = 0.02 further in, samples between them half of that.
     assert 0.38 * scale < depth < 0.45 * scale
     radius = np.linalg.norm(places[:, :3], axis=1) / scale
     assert len(places) > 100 and (radius > 0.5).all() and (radius < 0.75).all()
     assert np.allclose(places[:, 3] * places[:, 4] / scale, 1 - radius, atol=0.01)
     full = Complex(np.array([[0, 0, 0, scale]]), np.empty((0, 2), np.int64), np.empty((0, 3), int))
-    assert Hollows(fine).of(full, 0.01)[1] < 0.02 * scale
+    assert hollows.of(full, 0.01)[1] < 0.02 * scale
 
 
 def test_places_of_a_fit_are_there_once():
@@ -98,7 +99,8 @@ def test_places_of_a_fit_are_there_once():
     balls = np.array([[0, 0, 0, 0.1], [1, 0, 0, 0.1], [0, 1, 0, 0.1], [1, 1, 0, 0.1]])
     edges = np.array([[0, 1], [0, 2], [1, 2], [1, 3], [2, 3]])
     given = Complex(balls, edges, np.array([[0, 1, 2], [1, 2, 3]]))
-    target = Target(box.points, box.points, np.arange(4), np.empty((0, 5)))
+    bounds = Bounds(box.points, box.points)
+    target = Target(box.points, box.points, np.arange(4), np.empty((0, 5)), bounds)
     between = Fit(given, target).between(balls)
     assert len(np.unique(between.round(9), axis=0)) == len(between)
     assert len(between) == 17 * 17  # a square with 16 steps a side, cut along its diagonal

@@ -36,17 +36,22 @@ def nearest_primitive(
 ):
     """Signed distance of places to the envelope; the primitive that decides it, and its shares.
 
-    out_row holds a first guess, -1 for none. Any primitive nearer than `enough` ends the search,
-    and no other counts; -inf for the nearest of all.
+    Any primitive nearer than `enough` ends the search, and no other counts; -inf for the nearest of
+    all. That of the place before is looked at first.
     """
     n, leaves = len(table), 1 << depth
     stack, lows = np.empty(2 * depth + 2, np.int64), np.empty(2 * depth + 2)
     shares = np.empty(3)
     for q in range(begin, end):
-        p, best, guess = places[q], np.inf if enough == -np.inf else enough, out_row[q]
+        p, best = places[q], np.inf if enough == -np.inf else enough
+        guess = out_row[q - 1] if q > begin else -1
+        out_row[q] = -1
         if guess >= 0:
-            best = primitive_distance(p, table, guess, shares)
-            out_shares[q, 0], out_shares[q, 1], out_shares[q, 2] = shares[0], shares[1], shares[2]
+            found = primitive_distance(p, table, guess, shares)
+            if found < best:
+                best, out_row[q] = found, guess
+                for k in range(3):
+                    out_shares[q, k] = shares[k]
         stack[0], lows[0], size = 1, _bound(p, bounds, 1), 1
         while size > 0 and best >= enough:
             size -= 1
@@ -243,6 +248,19 @@ def _list_points(p, points, tree, farthest, stack, lows, before, near, far):
     for i in range(len(far)):
         far[i] = np.sqrt(far[i])
     return far[last]
+
+
+@kernel
+def nearest_points(begin, end, places, points, bounds, depth, out_near, out_far):
+    """Nearest point of each place, out_near (q, 1), and its distance, out_far (q, 1)."""
+    stack, lows = np.empty(2 * depth + 2, np.int64), np.empty(2 * depth + 2)
+    before = np.empty(1, np.int64)
+    for q in range(begin, end):
+        near = out_near[q]
+        near[0] = out_near[q - 1, 0] if q > begin else -1
+        _list_points(
+            places[q], points, (bounds, depth), np.inf, stack, lows, before, near, out_far[q]
+        )
 
 
 @kernel

@@ -201,6 +201,8 @@ def boundary_points(envelope: Envelope, wanted: int = ON_ENVELOPE) -> tuple[Floa
     seen = np.zeros(count, bool)
     seen[part[bare_points]] = True
     fine = min(_step_for(wanted, parts, seen, coarse), coarse)
+    if fine == coarse:
+        return points[bare_points], float(fine)
     points, _ = _spread(parts, np.where(seen, fine, coarse))
     hidden = envelope.distances(points, enough=-HIDDEN)[0] < -HIDDEN
     return points[~hidden], float(fine)

@@ -15,7 +15,7 @@ from medialis.validation import FloatArray
 
 Index = NDArray[np.int64]
 
-PLACES_A_CHUNK = 256
+PLACES_A_CHUNK = 1024
 
 
 def primitives_of(given: Complex) -> Index:
@@ -74,19 +74,19 @@ class Envelope:
         return table
 
     def distances(
-        self, places: FloatArray, guess: Index | None = None, enough: float = -np.inf
+        self, places: FloatArray, enough: float = -np.inf
     ) -> tuple[FloatArray, Index, FloatArray]:
         """Return signed distances of places (q, 3), the primitives that decide them, and shares.
 
-        Exact outside; inside minus the depth in the deepest primitive. `guess` names a primitive
-        near each place. Where `enough` is given, the first primitive nearer than that ends the
-        search, and without any the distance is `enough`. Shares (q, 3) are those of the balls.
+        Exact outside; inside minus the depth in the deepest primitive. Where `enough` is given, the
+        first primitive nearer than that ends the search, and without any the distance is `enough`.
+        Shares (q, 3) are those of the balls.
         """
         from medialis.medial_meshes._envelope_kernels import nearest_primitive
 
         count, boxes, table = len(places), self.boxes, self.table
         distance, shares = np.empty(count), np.empty((count, 3))
-        row = np.full(count, -1) if guess is None else guess.copy()
+        row = np.empty(count, np.int64)
 
         def work(begin: int, end: int) -> None:
             nearest_primitive(

@@ -21,7 +21,7 @@ from medialis.model.betti import betti_numbers
 from medialis.model.ragged import Ragged
 from medialis.model.topology import piece_labels
 from medialis.progress import Progress
-from medialis.threads import run_patiently
+from medialis.threads import run_patiently, run_together
 from medialis.validation import FloatArray
 
 Index = NDArray[np.int64]
@@ -228,7 +228,7 @@ class _Cells(Tetrahedra):
         chosen = samples.chosen
         points = samples.points[chosen]
         try:
-            found = Delaunay(points)
+            found, _ = run_together(lambda: Delaunay(points), lambda: solid.betti)
         except QhullError:
             raise InvalidShapeError(
                 "The samples of the shape span no volume: a medial mesh needs a solid."

@@ -7,20 +7,24 @@ much. Weights that grow with a power of the distance lead from least squares to 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from medialis.medial_meshes.boxes import Boxes
 from medialis.medial_meshes.envelope import Envelope, primitives_of
+from medialis.medial_meshes.equations import Equations
 from medialis.model.medial_mesh import Complex
 from medialis.progress import Progress
-from medialis.threads import run_chunks
+from medialis.threads import run_together
 from medialis.validation import FloatArray
 
 Index = NDArray[np.int64]
+Found = TypeVar("Found")
 
 SMALLEST_RADIUS = 1e-5
 
@@ -54,38 +58,60 @@ LESS, MORE = 0.3, 6.0
 SLOW = 1e-3
 """A step that lowers the sum by less than this share, times the power, gets nowhere: two end it."""
 
-EVEN = 10.0
-"""Share of the mean diagonal in the damping: balls that few samples tell about hold still."""
-
 TRIES = 7
 """Of a step, each with more damping."""
 
-SIDES = ((0, 1), (0, 2), (1, 2))
+
+@dataclass(frozen=True, eq=False)
+class Lookup(Generic[Found]):
+    """A search of many places that is still to be done; it fills its result."""
+
+    work: Callable[[int, int], None]
+    count: int
+    result: Found
+
+    def done(self) -> Found:
+        """Return the result."""
+        look_up(self)
+        return self.result
+
+
+def look_up(*lookups: Lookup[Any]) -> None:
+    """Do some at the same time: a thread that is through with one goes on with the next."""
+    run_together(
+        *(
+            partial(one.work, begin, min(begin + PLACES_A_CHUNK, one.count))
+            for one in lookups
+            for begin in range(0, one.count, PLACES_A_CHUNK)
+        )
+    )
 
 
 class Bounds:
-    """Points of a surface, (c, 3), with normals: what balls must not stick out of."""
+    """Points of a surface, (c, 3), with normals: what balls must not stick out of.
+
+    They are in the order of their tree: what is near in space is near in memory.
+    """
 
     def __init__(self, points: FloatArray, normals: FloatArray) -> None:
-        self._given = points, normals
+        self.boxes = Boxes.over(points[:, None])
+        self.points, self.normals = points[self.boxes.order], normals[self.boxes.order]
 
-    @cached_property
-    def boxes(self) -> Boxes:
-        """The tree of the points."""
-        return Boxes.over(self._given[0][:, None])
+    def nearest(self, places: FloatArray) -> tuple[FloatArray, Index]:
+        """Return how far places (q, 3) are from the nearest point as given, and its row."""
+        from medialis.medial_meshes._envelope_kernels import nearest_points
 
-    @cached_property
-    def points(self) -> FloatArray:
-        """The points, in the order of their tree: what is near in space is near in memory."""
-        return self._given[0][self.boxes.order]
+        boxes, shape = self.boxes, (len(places), 1)
+        near, far = np.empty(shape, np.int64), np.empty(shape)
 
-    @cached_property
-    def normals(self) -> FloatArray:
-        """Their normals, in the same order."""
-        return self._given[1][self.boxes.order]
+        def work(begin: int, end: int) -> None:
+            nearest_points(begin, end, places, self.points, boxes.bounds, boxes.depth, near, far)
 
-    def overshoot(self, balls: FloatArray, known: Overshoot | None = None) -> Overshoot:
-        """Return by how much balls (q, 4) stick out; `known` is what was found before they moved.
+        look_up(Lookup(work, len(places), near))
+        return far[:, 0], boxes.order[near[:, 0]]
+
+    def overshoot(self, balls: FloatArray, known: Overshoot | None = None) -> Lookup[Overshoot]:
+        """Look up by how much balls (q, 4) stick out; `known` was found before they moved.
 
         A ball that has moved little since has its nearest point among those that were found then.
         """
@@ -100,8 +126,7 @@ class Bounds:
                 found.over, found.near, found.lists, found.far, found.others, found.at,
             )  # fmt: skip
 
-        run_chunks(work, count, PLACES_A_CHUNK)
-        return found
+        return Lookup(work, count, found)
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,11 +184,11 @@ class Target:
         normals: FloatArray,
         rows: Index,
         within: FloatArray,
-        bounds: Bounds | None = None,
+        bounds: Bounds,
     ) -> None:
         self.points, self.normals, self.rows, self.within = points, normals, rows, within
         self.places = np.concatenate([points[rows], within[:, :3]])
-        self.bounds = bounds or Bounds(points, normals)
+        self.bounds = bounds
 
     def looking_at(self, rows: Index, within: FloatArray) -> Target:
         """Return the same surface with other residuals."""
@@ -184,8 +209,8 @@ class _Follower:
         self._others = np.tile([-np.inf, 0.0], (len(places), 1))
         self._before: list[FloatArray] = []
 
-    def distances(self, envelope: Envelope) -> tuple[FloatArray, Index, FloatArray]:
-        """As `Envelope.distances`."""
+    def distances(self, envelope: Envelope) -> Lookup[tuple[FloatArray, Index, FloatArray]]:
+        """Look up what `Envelope.distances` gives."""
         from medialis.medial_meshes._envelope_kernels import follow_primitives
 
         balls, count, boxes = envelope.balls, len(self.places), envelope.boxes
@@ -202,8 +227,7 @@ class _Follower:
                 shares,
             )  # fmt: skip
 
-        run_chunks(work, count, PLACES_A_CHUNK)
-        return distance, row, shares
+        return Lookup(work, count, (distance, row, shares))
 
 
 @dataclass(frozen=True, eq=False)
@@ -261,11 +285,12 @@ class Fit:
         self._boxes: Boxes | None = None
         self._follower = _Follower(target.places)
         self.weight = 1.0 / len(target.rows)
-        self.equations = _Equations(len(given), given.edges, self.rows)
+        self.equations = Equations(len(given), given.edges, self.rows)
 
-    def between(self, balls: FloatArray) -> FloatArray:
-        """Return the balls at all places of the lattice."""
-        return np.asarray(np.einsum("lk,lkd->ld", self.lattice, balls[self._corners]))
+    def between(self, balls: FloatArray, which: Index | slice = slice(None)) -> FloatArray:
+        """Return the balls at places of the lattice."""
+        shares, corners = self.lattice[which], self._corners[which]
+        return np.asarray(np.einsum("lk,lkd->ld", shares, balls[corners]))
 
     @property
     def mesh(self) -> Complex:
@@ -281,13 +306,14 @@ class Fit:
         """Measure the distances of balls."""
         envelope = Envelope(balls, self.rows, self._boxes)
         self._boxes = envelope.boxes
-        distance, row, shares = self._follower.distances(envelope)
-        between = self.between(balls)
+        near = self._follower.distances(envelope)
+        out_of = self.target.bounds.overshoot(self.between(balls), self._known)
+        look_up(near, out_of)
+        distance, row, shares = near.result
+        found = self._known = out_of.result
         inner = distance[len(self.target.rows) :]
         within = self.target.within
         inner[:] = within[:, 4] * np.maximum(inner + within[:, 3], 0.0)
-        found = self.target.bounds.overshoot(between, self._known)
-        self._known = found
         out = np.flatnonzero(found.over < 0)
         samples = len(self.target.rows)
         return Residuals(samples, distance, row, shares, found.over[out], out, found.near[out])
@@ -369,68 +395,8 @@ class Fit:
 
     def _outside(self, balls: FloatArray, now: Residuals) -> NDArray[np.bool_]:
         """Tell which places of the complex that stick out have their center outside."""
-        radius = self.between(balls)[now.over_at, 3]
+        radius = self.between(balls, now.over_at)[:, 3]
         return np.asarray(now.over + radius < 0)
-
-
-class _Equations:
-    """Normal equations whose blocks belong to the vertices and edges of a complex."""
-
-    def __init__(self, count: int, edges: Index, rows: Index) -> None:
-        self.count = count
-        self.row_edges = _edges_of(rows, edges, count)
-        self.diagonal, self.blocks = np.zeros((count, 10)), np.zeros((len(edges), 10))
-        self.gradient = np.zeros((count, 4))
-        a, b = np.divmod(np.arange(16), 4)
-        slot = np.zeros((4, 4), np.int64)
-        slot[np.triu_indices(4)] = np.arange(10)
-        self._slot = np.maximum(slot, slot.T).ravel()
-        vertices = np.arange(count)
-        i = np.concatenate([vertices, edges[:, 0], edges[:, 1]])
-        j = np.concatenate([vertices, edges[:, 1], edges[:, 0]])
-        row, column = (4 * i[:, None] + a).ravel(), (4 * j[:, None] + b).ravel()
-        self._order = np.lexsort((row, column))
-        self._row = row[self._order].astype(np.int32)
-        starts = np.searchsorted(column[self._order], np.arange(4 * count + 1))
-        self._starts = starts.astype(np.int32)
-        self._diagonal_slots = np.array([0, 4, 7, 9])
-
-    def cleared(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return the sums, all zero."""
-        for array in (self.diagonal, self.blocks, self.gradient):
-            array[:] = 0.0
-        return self.diagonal, self.blocks, self.gradient
-
-    def solve(self, damping: float) -> FloatArray:
-        """Return the step (n, 4) of the damped equations."""
-        from scipy.sparse import csc_array
-        from scipy.sparse.linalg import splu
-
-        damped = self.diagonal.copy()
-        main = damped[:, self._diagonal_slots]
-        damped[:, self._diagonal_slots] += damping * (main + EVEN * main.mean()) + 1e-6 * main.max()
-        blocks = np.concatenate([damped, self.blocks, self.blocks])[:, self._slot]
-        size = 4 * self.count
-        matrix = csc_array(
-            (blocks.ravel()[self._order], self._row, self._starts), shape=(size, size)
-        )
-        factors = splu(
-            matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0,
-            options={"SymmetricMode": True},
-        )  # fmt: skip
-        return np.asarray(factors.solve(self.gradient.ravel()).reshape(-1, 4))
-
-
-def _edges_of(rows: Index, edges: Index, count: int) -> Index:
-    """Return the edges (s, 3) between the vertices 01, 02, 12 of primitives; -1 for none."""
-    keys = np.sort(edges, axis=1) @ [count, 1]
-    order = np.argsort(keys, kind="stable")
-    result = np.full((len(rows), 3), -1)
-    for column, (a, b) in enumerate(SIDES):
-        has = rows[:, b] >= 0
-        pair = np.sort(rows[has][:, [a, b]], axis=1) @ [count, 1]
-        result[has, column] = order[np.searchsorted(keys[order], pair)]
-    return result
 
 
 def _lattice(rows: Index) -> tuple[Index, FloatArray]:
@@ -454,8 +420,12 @@ def _lattice(rows: Index) -> tuple[Index, FloatArray]:
 def _first_of_each(corners: Index, shares: Index) -> Index:
     """Return rows of a lattice without repetition: sides and balls belong to many primitives."""
     order = np.argsort(corners, axis=1, kind="stable")
-    keys = [np.take_along_axis(table, order, axis=1) for table in (corners, shares)]
-    return np.unique(np.concatenate(keys, axis=1), axis=0, return_index=True)[1]
+    keys = np.zeros(len(corners), np.int64)
+    for table in (corners + 1, shares):
+        size = int(table.max(initial=0)) + 1
+        for column in np.take_along_axis(table, order, axis=1).T:
+            keys = keys * size + column
+    return np.unique(keys, return_index=True)[1]
 
 
 def _places_on(kinds: Index, steps: int) -> int:

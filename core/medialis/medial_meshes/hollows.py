@@ -6,11 +6,15 @@ leave a hollow, however near the surface all samples are.
 
 from __future__ import annotations
 
+from functools import cached_property
+from typing import Any
+
 import numpy as np
 
 from medialis.medial_meshes.distances import boundary_points
 from medialis.medial_meshes.envelope import Envelope
 from medialis.medial_meshes.fine_complex import FineComplex
+from medialis.medial_meshes.fitting import Bounds
 from medialis.medial_meshes.refinement import Fault
 from medialis.model.medial_mesh import Complex
 from medialis.validation import FloatArray
@@ -34,12 +38,14 @@ LEAST, MOST_HELD = 0.1, 0.5
 class Hollows:
     """What finds the hollows of envelopes in a solid, which its fine complex tells."""
 
-    def __init__(self, fine: FineComplex) -> None:
+    def __init__(self, fine: FineComplex, surface: Bounds) -> None:
+        self.samples, self.balls, self.surface = fine.samples, fine.balls, surface
+
+    @cached_property
+    def _centers(self) -> Any:
         from scipy.spatial import cKDTree
 
-        self.samples, self.balls = fine.samples, fine.balls
-        self._surface = cKDTree(fine.samples.points)
-        self._centers = cKDTree(fine.balls[:, :3])
+        return cKDTree(self.balls[:, :3])
 
     def of(self, given: Complex, off: float, points: int = LOOKED_AT) -> tuple[FloatArray, float]:
         """Return places (i, 5) as a `Target` takes them, and the largest depth.
@@ -49,12 +55,12 @@ class Hollows:
         is the error then. The largest depth is told whether or not places join.
         """
         places, _ = boundary_points(Envelope.of(given), points)
-        near = self._surface.query(places)[1]
+        _, near = self.surface.nearest(places)
         way = self.samples.points[near] - places
         depth = np.maximum(np.einsum("ij,ij->i", way, self.samples.normals[near]), 0.0)
         deepest = float(depth.max(initial=0.0))
-        worst = np.argsort(-depth, kind="stable")[:MOST]
-        worst = worst[depth[worst] > max(SHALLOW * deepest, FROM * off)]
+        deep = np.flatnonzero(depth > max(SHALLOW * deepest, FROM * off))
+        worst = deep[np.argsort(-depth[deep], kind="stable")[:MOST]]
         places, depth = places[worst], depth[worst]
         held = np.clip(depth - off, LEAST * depth, MOST_HELD * depth)
         return np.column_stack([places, held, depth / held]), deepest
@@ -62,5 +68,5 @@ class Hollows:
     def faults(self, places: FloatArray) -> Fault:
         """Return faults at such places, each with the fine ball nearest to it."""
         points = places[:, :3]
-        depth = self._surface.query(points)[0]
+        depth, _ = self.surface.nearest(points)
         return Fault(points, depth, self.balls[self._centers.query(points)[1]], points)

@@ -12,13 +12,15 @@ from medialis.errors import InvalidShapeError
 from medialis.kept import kept
 from medialis.medial_meshes.collapse import collapse, planes_of
 from medialis.medial_meshes.envelope import Envelope
-from medialis.medial_meshes.fine_complex import fine_complex
+from medialis.medial_meshes.fine_complex import FineComplex, fine_complex
+from medialis.medial_meshes.fitting import Bounds
 from medialis.medial_meshes.search import Base, Search, coarser
 from medialis.medial_meshes.solid import Solid
-from medialis.model.medial_mesh import Complex, MedialMesh
+from medialis.model.medial_mesh import Complex, LateCollapse, MedialMesh
 from medialis.model.shape import Shape
 from medialis.options import Options, algorithm, choice, length, whole
 from medialis.progress import Progress, counted
+from medialis.threads import run_together
 
 QUALITIES = ("balanced", "fast", "best")
 
@@ -131,19 +133,19 @@ def medial_mesh(shape: Shape, options: MedialMeshOptions, progress: Progress) ->
         raise InvalidShapeError("All points of the shape coincide: it encloses nothing.")
     with progress.stage("complex", 0.0, 0.4):
         base = _base(shape, options, progress)
-    with progress.stage("fit", 0.4, 0.95):
+    with progress.stage("fit", 0.4, 1.0):
         if options.error:
             found = _smallest(base, options, progress)
         else:
             found = _fitted(base, options.balls, options.quality, options, progress)
-    with progress.stage("levels", 0.95, 1.0):
-        fewer = coarser(base, found)
+    samples = base.fine.samples
+    fewer = LateCollapse(lambda: coarser(samples, found).placed(scale, middle))
     if len(found) != options.balls and not options.error:
         _note_count(len(found), options.balls, progress)
     return MedialMesh.of(
         found.placed(scale, middle),
         finer=base.sequence.placed(scale, middle),
-        coarser=fewer.placed(scale, middle),
+        coarser=fewer,
     )
 
 
@@ -159,12 +161,19 @@ def _base(shape: Shape, options: MedialMeshOptions, progress: Progress) -> Base:
         with progress.stage("sampling", 0.0, 0.7):
             fine = fine_complex(solid, count, options.relief, options.seed, progress)
         with progress.stage("collapse", 0.7, 1.0):
-            start = Complex(fine.balls, fine.edges, fine.faces)
-            return Base(
-                solid, fine, collapse(start, planes_of(fine.samples, fine.balls, fine.pole), 1)
-            )
+            return _collapsed(solid, fine)
 
     return kept(_base, shape, (count, options.relief, options.seed), work, progress)
+
+
+def _collapsed(solid: Solid, fine: FineComplex) -> Base:
+    """Collapse a fine complex; meanwhile the points that bound the fits are put in order."""
+    start, samples = Complex(fine.balls, fine.edges, fine.faces), fine.samples
+    sequence, bounds = run_together(
+        lambda: collapse(start, planes_of(samples, fine.balls, fine.pole), 1),
+        lambda: Bounds(samples.points, samples.normals),
+    )
+    return Base(solid, fine, sequence, bounds)
 
 
 def _fitted(

@@ -85,7 +85,7 @@ def faults_of(fit: Fit, fine: FloatArray) -> Fault:
     now, rows = fit.now, fit.target.rows
     places = fit.target.points[rows]
     off = Fault(places, np.abs(now.distance[: len(rows)]), fine[rows], places)
-    between = fit.between(fit.balls)[now.over_at]
+    between = fit.between(fit.balls, now.over_at)
     shrunk = between.copy()
     shrunk[:, 3] = np.maximum(between[:, 3] + now.over, 0.0)
     out = Fault(fit.target.bounds.points[now.near], -now.over, shrunk, between[:, :3])

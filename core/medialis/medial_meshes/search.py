@@ -14,6 +14,7 @@ from medialis.medial_meshes.fine_complex import FineComplex
 from medialis.medial_meshes.fitting import DAMPING, Bounds, Fit, Target
 from medialis.medial_meshes.hollows import Hollows
 from medialis.medial_meshes.refinement import APART, Fault, faults_of, refined
+from medialis.medial_meshes.sampling import Samples
 from medialis.medial_meshes.solid import Solid
 from medialis.model.medial_mesh import Collapse, Complex
 from medialis.progress import Progress
@@ -81,6 +82,7 @@ class Base:
     solid: Solid
     fine: FineComplex
     sequence: Collapse
+    bounds: Bounds
 
     @cached_property
     def own(self) -> FloatArray:
@@ -90,7 +92,7 @@ class Base:
     @cached_property
     def hollows(self) -> Hollows:
         """What finds hollows."""
-        return Hollows(self.fine)
+        return Hollows(self.fine, self.bounds)
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,7 +117,7 @@ class Search:
         within = base.fine.balls[rng.permutation(len(base.fine.balls))[:WITHIN]]
         count = len(within)
         within = np.column_stack([within[:, :3], np.zeros(count), np.full(count, STRICT)])
-        self._all = Target(samples.points, samples.normals, np.sort(rows), within)
+        self._all = Target(samples.points, samples.normals, np.sort(rows), within, base.bounds)
         few = np.sort(rows[: int(EARLY * len(rows))])
         self._early = self._all.looking_at(few, within[: int(EARLY * WITHIN)])
 
@@ -125,10 +127,6 @@ class Search:
         target, solid = self._all, self.base.solid
         points = np.concatenate([target.points, solid.points[solid.corners]])
         return points, np.concatenate([target.normals, solid.vertex_normals[solid.corners]])
-
-    @cached_property
-    def _dense(self) -> Bounds:
-        return Bounds(self._all.points, self._all.normals)
 
     def run(self, quality: str) -> Complex:
         """Return the mesh of the quality wanted."""
@@ -187,7 +185,7 @@ class Search:
     def _swapped(self, best: _Found, share: float) -> _Found:
         """Take balls away and put others where the fit is worst; return what is nearer."""
         removed = max(1, int(share * self.balls))
-        fewer, _ = coarser(self.base, best.mesh).level(self.balls - removed)
+        fewer, _ = coarser(self.base.fine.samples, best.mesh).level(self.balls - removed)
         other = self._grown(self._fitted(fewer, self._early, "round"), min(AGAIN, removed))
         found = self._measured(other.mesh, best.target, "round", most=best.error)
         if found.error >= best.error:
@@ -219,12 +217,12 @@ class Search:
         distance = np.abs(Envelope.of(now).distances(points)[0])
         distance[: len(target.points)][self.base.fine.samples.areas == 0] = 0.0  # mirrored ones
         worst = np.argsort(-distance, kind="stable")[:WORST]
-        return Target(points, normals, np.union1d(target.rows, worst), within, self._dense)
+        return Target(points, normals, np.union1d(target.rows, worst), within, target.bounds)
 
 
-def coarser(base: Base, found: Complex) -> Collapse:
+def coarser(samples: Samples, found: Complex) -> Collapse:
     """Collapse a fitted complex further; each candidate pulls at the ball next to it."""
     envelope = Envelope.of(found)
-    _, row, shares = envelope.distances(base.fine.samples.points)
+    _, row, shares = envelope.distances(samples.points)
     nearest = envelope.rows[row, shares.argmax(axis=1)]
-    return collapse(found, planes_of(base.fine.samples, found.balls, nearest), 1)
+    return collapse(found, planes_of(samples, found.balls, nearest), 1)

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -91,6 +93,22 @@ class Collapse:
         return mapped(Complex(balls[live], self.start.edges, self.start.faces), place), place
 
 
+class LateCollapse:
+    """A collapse that is computed when it is asked for; all levels of a mesh share it."""
+
+    def __init__(self, compute: Callable[[], Collapse]) -> None:
+        self._compute = compute
+
+    @cached_property
+    def found(self) -> Collapse:
+        """The collapse."""
+        return self._compute()
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Other processes get what was computed."""
+        return {"found": self.found}
+
+
 def mapped(given: Complex, place: Index) -> Complex:
     """Return the image of edges and triangles under a map of their vertices."""
     return Complex(
@@ -135,8 +153,8 @@ class MedialMesh(Bound):
     radii: FloatArray
     edges: IntArray
     faces: IntArray
-    _finer: Collapse | None = field(default=None, kw_only=True)
-    _coarser: Collapse | None = field(default=None, kw_only=True)
+    _finer: Collapse | None = field(default=None, kw_only=True, repr=False)
+    _merged: Collapse | LateCollapse | None = field(default=None, kw_only=True, repr=False)
 
     def __post_init__(self) -> None:
         n = len(self.centers)
@@ -186,6 +204,10 @@ class MedialMesh(Bound):
         return sheets_of(self.centers, self.faces.astype(np.int64))
 
     @property
+    def _coarser(self) -> Collapse | None:
+        return self._merged.found if isinstance(self._merged, LateCollapse) else self._merged
+
+    @property
     def fewest(self) -> int:
         """Balls of the coarsest level."""
         return len(self) if self._coarser is None else self._coarser.fewest
@@ -211,7 +233,11 @@ class MedialMesh(Bound):
         if sequence is None or balls == len(self):
             return self
         found, _ = sequence.level(balls)
-        return MedialMesh.of(found, finer=self._finer, coarser=self._coarser)
+        return MedialMesh.of(found, finer=self._finer, coarser=self._merged)
+
+    def with_levels(self) -> MedialMesh:
+        """Return the mesh with its levels computed: data that can be moved and packed."""
+        return replace(self, _merged=self._coarser)
 
     @classmethod
     def of_rows(cls, balls: FloatArray, edges: Index, faces: Index) -> MedialMesh:
@@ -228,13 +254,17 @@ class MedialMesh(Bound):
 
     @classmethod
     def of(
-        cls, given: Complex, *, finer: Collapse | None = None, coarser: Collapse | None = None
+        cls,
+        given: Complex,
+        *,
+        finer: Collapse | None = None,
+        coarser: Collapse | LateCollapse | None = None,
     ) -> MedialMesh:
         """Make a mesh of a complex, with the sequences of its levels."""
         balls = given.balls
         return cls(
             balls[:, :3], np.maximum(balls[:, 3], 0.0), given.edges, given.faces,  # type: ignore[arg-type]
-            _finer=finer, _coarser=coarser,
+            _finer=finer, _merged=coarser,
         )  # fmt: skip
 
 

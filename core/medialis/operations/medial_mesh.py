@@ -87,7 +87,7 @@ def run(shape: Shape, options: MedialMeshRun, progress: Progress) -> Outcome:
         error = envelope_distance(mesh, shape)
     with progress.stage("envelope", 0.9, 0.98):
         envelope = envelope_surface.of(mesh, options, progress)
-    levels = MeshLevels(mesh, shape.diagonal, importance)
+    levels = MeshLevels(mesh.with_levels(), shape.diagonal, importance)
     first = levels.layer(len(mesh))
     surface = Layer(
         "medial_mesh_envelope",
