@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import medialis
+import plates
 from closed_forms import disc_outline, prism, revolved
 from medialis.fields.materials import MATERIALS
 from medialis.reports.measures import measure
@@ -201,6 +202,86 @@ def test_bosses_round_and_square():
     # the inscribed ball of a polygon of 48 corners
     inner = math.cos(math.pi / len(disc))
     assert boss["kind"] == "boss" and inner * 1.5 <= boss["ratio"] <= 1.5 + 1e-6
+
+
+def turned(outline, around=64):
+    """A closed outline of radius and height, turned round an axis that it does not touch."""
+    return medialis.make_shape(*plates.revolved(outline, around), unit="mm")
+
+
+SQUARE = [(4, 10, 4, 5.2, 2, 8), (4, 10, 8.8, 10, 2, 8), (4, 5.2, 5.2, 8.8, 2, 8),
+          (8.8, 10, 5.2, 8.8, 2, 8)]  # fmt: skip
+AROUND = [(0, 14, 0, 5.2, 0, 2), (0, 14, 8.8, 14, 0, 2), (0, 5.2, 5.2, 8.8, 0, 2),
+          (8.8, 14, 5.2, 8.8, 0, 2)]  # fmt: skip
+BORED = [(8, 0), (8, 2), (3, 2), (3, 8), (1.8, 8)]
+LEAN = 8 * math.tan(math.radians(2))
+STANDING = {
+    # part, thinnest wall, what stands on what
+    "solid boss": (lambda: revolved([[0, 0], [8, 0], [8, 2], [1.5, 2], [1.5, 8], [0, 8]], 64), 2,
+                   [("boss", 1.5)]),
+    "boss bored to its wall": (lambda: revolved([[0, 0], *BORED, [1.8, 2], [0, 2]], 64), 1.2,
+                               [("boss", 0.6)]),
+    "boss bored into its wall": (lambda: revolved([[0, 0], *BORED, [1.8, 1], [0, 1]], 64), 1,
+                                 [("boss", 0.6)]),
+    "boss bored through": (lambda: turned([(1.8, 0), *BORED]), 1.2, [("boss", 0.6)]),
+    "boss bored wide": (lambda: turned([(3, 0), (9, 0), (9, 2), (4, 2), (4, 8), (3, 8)]), 1,
+                        [("boss", 0.5)]),
+    "square boss bored to its wall": (lambda: blocks((0, 14, 0, 14, 0, 2), *SQUARE), 1.2,
+                                      [("boss", 0.6)]),
+    "square boss bored through": (lambda: blocks(*AROUND, *SQUARE), 1.2, [("boss", 0.6)]),
+    "thin rib": (lambda: blocks((0, 12, 0, 10, 0, 2), (0, 12, 4.5, 5.5, 2, 6)), 1, [("rib", 0.5)]),
+    "thick rib": (lambda: blocks((0, 20, 0, 16, 0, 2), (0, 20, 6.5, 9.5, 2, 10)), 2,
+                  [("rib", 1.5)]),
+    "crossing ribs": (lambda: blocks((0, 12, 0, 12, 0, 2), (0, 12, 5.5, 6.5, 2, 6),
+                                     (5.4, 6.6, 0, 12, 2, 6)), 1,
+                      [*2 * [("rib", 1 / 1.2)], *2 * [("rib", 0.6)], *2 * [("rib", 0.5)]]),
+    "gusset": (lambda: blocks((0, 14, 0, 10, 0, 2), (0, 2, 0, 10, 2, 10), (2, 7, 4.4, 5.6, 2, 7)),
+               1.2, 2 * [("rib", 0.6)]),
+    "disc with a hole": (lambda: turned([(3, 0), (9, 0), (9, 2), (3, 2)]), 2, []),
+    "bent pipe wall": (lambda: turned([(3, 0), (5, 0), (5, 12), (3, 12)]), 2, []),
+    "flange at an end": (lambda: turned([(8, 0), (14, 0), (14, 2), (10, 2), (10, 8), (8, 8)]), 2,
+                         []),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("across", [3, 12])
+@pytest.mark.parametrize("name", STANDING)
+def test_what_stands_on_a_wall_is_the_same_with_few_and_many_samples(name, across):
+    """A polygon of 64 corners is up to 0.12 % narrower than its circle, on both sides of a ring."""
+    make, thinnest, expected = STANDING[name]
+    shape = make()
+    values = check(shape, refine=1.5 * thinnest / across / shape.diagonal)
+    found = sorted((rib["kind"], rib["ratio"]) for rib in values["ribs"])
+    assert [kind for kind, _ in found] == sorted(kind for kind, _ in expected)
+    assert [ratio for _, ratio in found] == pytest.approx(
+        sorted(ratio for _, ratio in expected), rel=0.005
+    )
+
+
+@pytest.mark.parametrize("across", [3, 12])
+def test_regions_gaps_and_thickness_are_the_same_with_few_and_many_samples(across):
+    """A slot of 0.5 in a plate of 2 with a thin and a thick place."""
+    shape = blocks((0, 6, 0, 10, 0, 2), (6.5, 12, 0, 10, 0, 2), (0, 12, 0, 3, 0, 2),
+                   (12, 16, 0, 10, 0, 0.8), (0, 6, 4, 10, 2, 5))  # fmt: skip
+    refine = 1.5 * 0.8 / across / shape.diagonal
+    values = check(shape, refine=refine, minimum="1mm", maximum="3mm", gap="0.7mm")
+    assert kinds(values) == ["too thin", "too thick", "gap"]
+    assert [region["value"] for region in values["regions"]] == pytest.approx([0.8, 5, 0.5])
+    assert values["thickness_min"] == pytest.approx(0.8)
+    # Both sides of the thin plate with its three rims, and below the step what is nearer to its
+    # edge than sqrt(1.6 (0.5 - 0.4)): there balls are still below 1. Of the slot 7 x 2 twice.
+    spacing = values["spacing"]
+    thin, _, slot = (region["area"] for region in values["regions"])
+    assert abs(thin - (2 * 40 + 0.8 * 18 + 0.4 * 10)) < 2 * spacing * (2 * 10 + 2)
+    # Within half a gap of its closed end balls touch the end.
+    assert 2 * (14 - 0.25 * 2 - spacing * 2 * (7 + 2)) < slot <= 2 * 14
+
+
+def test_only_what_stands_on_a_wall_is_a_rib():
+    """Limbs hang on limbs; a block of the same width as a rib stands on no plate."""
+    assert check(medialis.organic_shape(60))["ribs"] == []
+    block = blocks((0, 20, 0, 20, 0, 20), (0, 20, 9, 11, 20, 28))
+    assert check(block)["ribs"] == []
 
 
 def test_a_rib_with_fillets_and_one_with_draft():

@@ -4,11 +4,14 @@ The foot of a rib is where the surface bends inward, sharply or in a fillet. Bes
 sample lies on the wall and one on the rib, and the ball of each tells its thickness. What tells
 rib from wall is the other side: across the rib there is a foot again, across the wall there is
 none. At a corner of two walls neither has one; where walls cross, both have, and the thinner one
-counts as the rib.
+counts as the rib. A boss that is bored right through has no foot inside either, but its own goes
+round it, with the wall outside. What they stand on must be a wall (`even_walls.py`): limbs are no
+ribs.
 """
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import dataclass
 from typing import Literal
@@ -16,10 +19,12 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from medialis.fields.even_walls import faces_in_walls
 from medialis.fields.tapers import signed_bends
 from medialis.kept import Described
 from medialis.model.medial_cloud import MedialCloud
 from medialis.model.shape import Shape
+from medialis.model.topology import piece_labels
 from medialis.validation import FloatArray, IntArray
 
 LEAST_BEND = math.radians(3.0)
@@ -31,11 +36,14 @@ SHARP, SMALL_TURN = math.radians(30.0), math.radians(1.0)
 FILLET = 2.0
 """A foot may have a fillet of at most so many times the thickness there: curvature 1 / (2 t)."""
 
-NEIGHBOURS = 48
-"""Samples of walls that are looked at round a sample of a foot."""
+NEAREST = 3
+"""Samples of walls that face each way that are looked at round a sample of a foot."""
+
+NEIGHBOURS, BESIDE = 48, 8
+"""Samples of feet that are looked at round one of them: over a gap in a foot, and beside it."""
 
 APART = math.cos(math.radians(45.0))
-"""Rib and wall enclose at least 45 degrees more than nothing."""
+"""Rib and wall enclose at least 45 degrees, on both sides."""
 
 ALONG = math.cos(math.radians(50.0))
 """A foot goes on where both normals turn by less: round a boss, but not round a corner of ribs."""
@@ -44,8 +52,35 @@ ACROSS = 0.45
 """Thicknesses that the foot across a rib may lie off its mirror image: less than half, so that the
 foot itself never counts."""
 
+OPPOSITE = math.cos(math.radians(120.0))
+"""The foot across a rib faces the other way, at least by this."""
+
+EVEN = 0.1
+"""Share of a thickness, for each radian, by which that of a wall that bends may change: over the
+last 5 degrees of the fillet of a rib it changes by more, and more still below."""
+
+BENT = 1.1
+"""A wall that bends keeps its thickness at the bend up to this factor; over a foot balls are wider,
+in a T with a fillet of half the thickness 1.2 times."""
+
 ROUND = 1.5
-"""A boss is at most so many times longer than it is thick."""
+"""A boss is at most so many times longer than wide or thick."""
+
+WIDEST = 8.0
+"""Of its walls a bored boss is at most so wide. Moulding guides ask for twice to 2.4 times the
+bore, which is 3.4 to 4 walls."""
+
+STANDING = 0.3
+"""Share of a foot beside which there is a wall, at least: that in a blind bore may be too small."""
+
+LEAST_AREA = 2.0
+"""Squares of its thickness that one side of a wall has at least."""
+
+LEVEL = math.cos(math.radians(30.0))
+"""The wall round a boss faces one way, up to this."""
+
+NO_GAP = math.radians(60.0)
+"""A foot goes round a boss where no part of the circle as large as this has none: ribs may join."""
 
 EQUAL, TIE = 0.02, np.array([0.36, 0.79, 0.49])
 """Of walls that cross and differ in thickness by a smaller share, the one whose normal is farther
@@ -92,17 +127,20 @@ class Rib(Described):
 
 @dataclass(frozen=True, eq=False)
 class _Feet:
-    """What is beside each sample of a foot: rib and wall, and the place across the rib."""
+    """What is beside each sample of a foot: rib and wall, and the foot across the rib, or -1."""
 
     vertices: NDArray[np.int64]
     rib: FloatArray
     wall: FloatArray
     rib_normal: FloatArray
     wall_normal: FloatArray
+    wall_sample: NDArray[np.int64]
     across: NDArray[np.int64]
 
 
-def ribs(cloud: MedialCloud, values: FloatArray, walls: NDArray[np.int64]) -> list[Rib]:
+def ribs(
+    cloud: MedialCloud, values: FloatArray, walls: NDArray[np.int64], balls: MedialCloud
+) -> list[Rib]:
     """Return what stands on walls, the highest ratio first.
 
     Parameters
@@ -112,24 +150,38 @@ def ribs(cloud: MedialCloud, values: FloatArray, walls: NDArray[np.int64]) -> li
         Thickness at each sample.
     walls : (w,) int64
         Rows of the balls between two walls.
+    balls : MedialCloud
+        Inner balls, row i that of sample i.
     """
     surface = cloud.surface
     if surface.faces is None or len(walls) == 0:
         return []
-    edges, sharp = _foot_edges(surface, values)
+    own = np.full(surface.point_count, np.nan)
+    own[cloud.source[walls]] = 2.0 * cloud.radii[walls]
+    edges, sharp = _foot_edges(surface, values, own)
     if len(edges) == 0:
         return []
-    feet = _beside(cloud, walls, edges, sharp)
-    found = [_rib(surface, feet, rows) for rows in _joined(surface, feet, edges)]
+    even = _even_walls(cloud, own, balls)
+    if len(even) == 0:
+        return []
+    feet = _beside(cloud, walls, edges, sharp, even)
+    if len(feet.vertices) == 0:
+        return []
+    stand = _on_walls(feet, surface, own, even)
+    groups = [rows for rows in _joined(surface, feet, edges) if stand[rows].mean() > STANDING]
+    found = [_rib(surface, feet, rows) for rows in groups]
     found = [rib for rib in found if rib.length >= LEAST_SHARE * rib.thickness]
     found = _whole_bosses(found)
     return sorted(found, key=lambda rib: (-rib.ratio, int(rib.vertices[0])))
 
 
-def _foot_edges(surface: Shape, values: FloatArray) -> tuple[IntArray, NDArray[np.bool_]]:
+def _foot_edges(
+    surface: Shape, values: FloatArray, own: FloatArray
+) -> tuple[IntArray, NDArray[np.bool_]]:
     """Return the edges (e, 2) along which the surface bends inward within a thickness.
 
-    And which samples lie on sharp bends, (n,).
+    And which samples lie on sharp bends, (n,). Where a wall bends as a whole it keeps its thickness
+    `own` (n,), NaN where no wall is: over a fillet it grows.
     """
     bends, inward = signed_bends(surface)
     first, second, _ = surface.edge_table.pairs
@@ -148,11 +200,21 @@ def _foot_edges(surface: Shape, values: FloatArray) -> tuple[IntArray, NDArray[n
     closing = -np.einsum("ej,ej->e", turn, along)  # curvature x long^2, above 0 where it is hollow
     round_ = closing * FILLET * values[ends].min(axis=1) > long**2
     round_ &= (closing > SMALL_TURN * long) & ~sharp[ends].any(axis=1)
-    return np.asarray(ends[bent | round_]), sharp
+    ends = ends[bent | round_]
+    one, two = surface.edges.T
+    turns = np.linalg.norm(surface.normals[two] - surface.normals[one], axis=1)
+    even = np.abs(np.log(own[two] / own[one])) < EVEN * turns
+    across = np.where(turns > SMALL_TURN, np.where(even, 1.0, -1.0), 0.0)
+    hollow = np.bincount(surface.edges.ravel(), np.repeat(across, 2), surface.point_count) > 0
+    return np.asarray(ends[~hollow[ends].any(axis=1)]), sharp
 
 
 def _beside(
-    cloud: MedialCloud, walls: NDArray[np.int64], edges: IntArray, sharp: NDArray[np.bool_]
+    cloud: MedialCloud,
+    walls: NDArray[np.int64],
+    edges: IntArray,
+    sharp: NDArray[np.bool_],
+    even: NDArray[np.int64],
 ) -> _Feet:
     """Find rib and wall beside each sample of the feet; leave out corners of walls."""
     from scipy.spatial import cKDTree
@@ -168,52 +230,204 @@ def _beside(
     samples = cloud.source[own].astype(np.int64)
     if len(samples) == 0:
         return _no_feet()
-    count = min(NEIGHBOURS, len(samples))
-    _, near = cKDTree(points[samples]).query(points[vertices], k=[*range(1, count + 1)])
+    # Only what is near a real wall can stand on one.
+    farthest = (FILLET + 1.0) * 2.0 * float(cloud.radii[walls].max()) + 2.0 * surface.spacing
+    apart = cKDTree(points[even]).query(points[vertices], distance_upper_bound=farthest)[0]
+    vertices = vertices[np.isfinite(apart)]
+    near, distance = _nearest_each_way(points[samples], normals[samples], points[vertices])
     away = points[samples[near]] - points[vertices][:, None]
-    distance = np.linalg.norm(away, axis=2)
     ahead = np.einsum("vkj,vj->vk", away, normals[vertices])
     seen = (distance > 0) & (ahead >= -0.2 * distance)  # not what lies behind a thin wall
-    rows = np.arange(len(vertices))
-    first = np.argmax(seen, axis=1)
     facing = normals[samples[near]]
-    turned = np.einsum("vkj,vj->vk", facing, facing[rows, first]) < APART
-    second = np.argmax(seen & turned, axis=1)
+    # Nor the far side of a bore.
+    seen &= np.einsum("vkj,vj->vk", facing, normals[vertices]) > OPPOSITE
+    seen &= distance < FILLET * 2.0 * cloud.radii[own[near]] + 2.0 * surface.spacing
+    rows = np.arange(len(vertices))
+    first = np.argmin(np.where(seen, distance, np.inf), axis=1)
+    cosine = np.einsum("vkj,vj->vk", facing, facing[rows, first])
+    turned = np.abs(cosine) < APART
+    second = np.argmin(np.where(seen & turned, distance, np.inf), axis=1)
     good = seen.any(axis=1) & (seen & turned).any(axis=1)
     rows, first, second = rows[good], first[good], second[good]
-    sides = [near[rows, which] for which in (first, second)]
-    thick = np.stack([2.0 * cloud.radii[own[side]] for side in sides], axis=1)
-    mirrored = [
-        points[vertices[rows]] + cloud.contacts[own[side]] - points[samples[side]] for side in sides
-    ]
-    across, stands = zip(
-        *(
-            _foot_at(surface, edges, place, ACROSS * thick[:, j])
-            for j, place in enumerate(mirrored)
-        ),
-        strict=True,
+    sides = np.stack([near[rows, which] for which in (first, second)], axis=1)
+    direction, thick = normals[samples[sides]], 2.0 * cloud.radii[own[sides]]
+    bent = _bends(cloud, walls, points[vertices[rows]], direction, thick.min(axis=1))
+    hollow = np.zeros(surface.point_count, np.bool_)
+    hollow[vertices[rows[bent]]] = True
+    edges = edges[~hollow[edges].any(axis=1)]
+    vertices, sides, direction, thick = (
+        values[~bent] for values in (vertices[rows], sides, direction, thick)
     )
-    direction = np.stack([normals[samples[side]] for side in sides], axis=1)
+    if len(edges) == 0 or len(vertices) == 0:
+        return _no_feet()
+    row = np.full(surface.point_count, -1, np.int64)
+    row[vertices] = np.arange(len(vertices))
+    mirrored = points[vertices][:, None] + cloud.contacts[own[sides]] - points[samples[sides]]
+    across = np.empty(sides.shape, np.int64)
+    stands = np.empty(sides.shape, np.bool_)
+    for j in (0, 1):
+        across[:, j], stands[:, j] = _foot_at(surface, edges, mirrored[:, j], ACROSS * thick[:, j])
+        # There the rib faces the other way, and the wall the same.
+        there = row[across[:, j]]
+        facing = np.einsum("va,vka->vk", direction[:, j], direction[there])
+        level = np.einsum("va,vka->vk", direction[:, 1 - j], direction[there][:, ::-1])
+        stands[:, j] &= (there >= 0) & ((facing < OPPOSITE) & (level > ALONG)).any(axis=1)
     # Of two walls that cross the thinner one; of equal ones always the same.
     alike = np.abs(thick[:, 1] - thick[:, 0]) <= EQUAL * thick.max(axis=1)
     tie = np.abs(direction @ TIE)
     thinner = np.where(alike, tie[:, 1] < tie[:, 0], thick[:, 1] < thick[:, 0])
-    rib = np.where(stands[0] & stands[1], thinner, stands[1]).astype(np.int64)
-    kept = stands[0] | stands[1]
-    rows, rib, wall = np.flatnonzero(kept), rib[kept], 1 - rib[kept]
+    rib = np.where(stands.all(axis=1), thinner, stands[:, 1]).astype(np.int64)
+    across[~stands] = -1
+    round_ = _outside_of_bosses(points[vertices], direction, thick)
+    rib = np.where(round_ >= 0, round_, rib)
+    rows = np.flatnonzero(stands.any(axis=1) | (round_ >= 0))
+    rib, wall = rib[rows], 1 - rib[rows]
     return _Feet(
-        vertices[good][rows],
+        vertices[rows],
         thick[rows, rib],
         thick[rows, wall],
         direction[rows, rib],
         direction[rows, wall],
-        np.stack(across, axis=1)[rows, rib],
+        samples[sides[rows, wall]],
+        across[rows, rib],
     )
 
 
+def _bends(
+    cloud: MedialCloud,
+    walls: NDArray[np.int64],
+    places: FloatArray,
+    sides: FloatArray,
+    thick: FloatArray,
+) -> NDArray[np.bool_]:
+    """Tell where both sides (v, 2, 3) of a foot are one wall that bends, as in a bore, (v,).
+
+    It is as thick where it faces between them as it is beside; a fillet is not.
+    """
+    from scipy.spatial import cKDTree
+
+    samples = cloud.source[walls]
+    points, normals = cloud.surface.points[samples], cloud.surface.normals[samples]
+    middle = sides.sum(axis=1) / np.linalg.norm(sides.sum(axis=1), axis=1, keepdims=True)
+    scale = FILLET * float(np.median(thick)) if len(thick) else 1.0
+    tree = cKDTree(np.concatenate([points / scale, normals], axis=1))
+    wanted = np.concatenate([places / scale, middle], axis=1)
+    near = tree.query(wanted, k=[*range(1, min(NEAREST, len(samples)) + 1)])[1]
+    away = np.linalg.norm(points[near] - places[:, None], axis=2)
+    turn = np.arccos(np.clip(np.einsum("va,va->v", sides[:, 0], sides[:, 1]), -1.0, 1.0))
+    cosine = np.einsum("vka,vja->vkj", normals[near], sides)
+    between = (cosine < np.cos(turn / 4)[:, None, None]).all(axis=2)
+    between &= np.einsum("vka,va->vk", normals[near], middle) > np.cos(turn / 2)[:, None]
+    between &= away < FILLET * thick[:, None]
+    between &= 2 * cloud.radii[walls[near]] < BENT * thick[:, None]
+    return np.asarray(between.any(axis=1))
+
+
+def _nearest_each_way(
+    points: FloatArray, normals: FloatArray, places: FloatArray
+) -> tuple[NDArray[np.int64], FloatArray]:
+    """Return for some places (v) the nearest points that face each of 26 ways, and how far.
+
+    The nearest of all would lie on one face where samples are fine. (v, 26 NEAREST) rows of points,
+    inf for none.
+    """
+    from scipy.spatial import cKDTree
+
+    ways = np.array([way for way in itertools.product((-1.0, 0.0, 1.0), repeat=3) if any(way)])
+    ways /= np.linalg.norm(ways, axis=1, keepdims=True)
+    facing = np.argmax(normals @ ways.T, axis=1)
+    shape = len(places), len(ways), NEAREST
+    near = np.zeros(shape, np.int64)
+    distance = np.full(shape, np.inf)
+    for way in np.unique(facing):
+        rows = np.flatnonzero(facing == way)
+        count = min(NEAREST, len(rows))
+        away, which = cKDTree(points[rows]).query(places, k=[*range(1, count + 1)])
+        near[:, way, :count], distance[:, way, :count] = rows[which], away
+    flat = len(places), len(ways) * NEAREST
+    return near.reshape(flat), distance.reshape(flat)
+
+
 def _no_feet() -> _Feet:
-    none, rows = np.zeros(0), np.zeros((0, 3))
-    return _Feet(np.zeros(0, np.int64), none, none, rows, rows, np.zeros(0, np.int64))
+    none, rows, places = np.zeros(0), np.zeros((0, 3)), np.zeros(0, np.int64)
+    return _Feet(places, none, none, rows, rows, places, places)
+
+
+def _outside_of_bosses(
+    places: FloatArray, directions: FloatArray, thick: FloatArray
+) -> NDArray[np.int64]:
+    """Return which of two sides is that of a boss whose foot goes round it; -1: none.
+
+    Parameters
+    ----------
+    places : (v, 3) float64
+    directions : (v, 2, 3) float64
+        Normals of both sides.
+    thick : (v, 2) float64
+    """
+    from scipy.spatial import cKDTree
+
+    result = np.full(len(places), -1, np.int64)
+    if len(places) < 3:
+        return result
+    count = min(NEIGHBOURS, len(places))
+    away, near = cKDTree(places).query(places, k=[*range(1, count + 1)])
+    # Linked where they have a side in common, so that the corners of a square bore are none of it.
+    alike = np.einsum("vja,vkla->vkjl", directions, directions[near]).max(axis=(2, 3)) > ALONG
+    one, which = np.nonzero(alike & (away < ROUND * thick.min(axis=1)[:, None]))
+    label = piece_labels(len(places), np.stack([one, near[one, which]], axis=1).astype(np.int64))
+    order = np.argsort(label, kind="stable")
+    sizes = np.bincount(label)
+    for rows in np.split(order, np.cumsum(sizes[sizes > 0])[:-1]):
+        axis = directions[rows].sum(axis=(0, 1))
+        axis /= max(float(np.linalg.norm(axis)), 1e-300)
+        rib = np.argmin(directions[rows] @ axis, axis=1)
+        out = places[rows] - places[rows].mean(axis=0)
+        out -= (out @ axis)[:, None] * axis
+        wide = float(np.linalg.norm(out, axis=1).max())
+        faces_out = np.einsum("va,va->v", directions[rows, rib], out) > 0
+        faces_out &= directions[rows, 1 - rib] @ axis > LEVEL
+        if (
+            2 * wide <= WIDEST * float(np.median(thick[rows, rib]))
+            and _largest_gap(out[faces_out], axis) < NO_GAP
+        ):
+            result[rows[faces_out]] = rib[faces_out]
+    return result
+
+
+def _largest_gap(out: FloatArray, axis: FloatArray) -> float:
+    """Return the largest angle between neighbours of directions round an axis."""
+    across = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
+    angle = np.sort(np.arctan2(out @ np.cross(axis, across), out @ across))
+    return float(np.diff(angle, append=angle[:1] + 2 * math.pi).max(initial=0.0)) or math.inf
+
+
+def _even_walls(cloud: MedialCloud, own: FloatArray, balls: MedialCloud) -> NDArray[np.int64]:
+    """Return the samples of real walls, which are of even thickness."""
+    surface = cloud.surface
+    faces, wide = np.asarray(surface.faces), np.isfinite(own)
+    core = wide[faces].all(axis=1)
+    inside = faces_in_walls(balls, core, float(np.median(own[wide])) / 2)
+    first, second, _ = surface.edge_table.pairs
+    links = np.stack([first // 3, second // 3], axis=1).astype(np.int64)
+    piece = piece_labels(len(faces), links[inside[links].all(axis=1)])
+    share = surface.face_areas / own[faces].mean(axis=1) ** 2
+    size = np.bincount(piece[inside], share[inside], minlength=len(faces))
+    return np.unique(faces[inside & (size[piece] > LEAST_AREA)]).astype(np.int64)
+
+
+def _on_walls(
+    feet: _Feet, surface: Shape, own: FloatArray, even: NDArray[np.int64]
+) -> NDArray[np.bool_]:
+    """Tell which feet stand on a real wall, (v,)."""
+    near, away = _nearest_each_way(
+        surface.points[even], surface.normals[even], surface.points[feet.wall_sample]
+    )
+    found = even[near]
+    alike = np.einsum("vka,va->vk", surface.normals[found], feet.wall_normal) > ALONG
+    step = np.abs(np.log(own[found] / feet.wall[:, None]))
+    alike &= (step < math.log(BENT)) & (away < feet.wall[:, None])
+    return np.asarray(alike.any(axis=1))
 
 
 def _foot_at(
@@ -237,29 +451,31 @@ def _foot_at(
 
 
 def _joined(surface: Shape, feet: _Feet, edges: IntArray) -> list[NDArray[np.int64]]:
-    """Return the rows of each connected foot: along its edges and across its rib."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
+    """Return the rows of each connected foot: along its edges, beside it and across its rib."""
+    from scipy.spatial import cKDTree
 
-    row = np.full(surface.point_count, -1, np.int64)
-    row[feet.vertices] = np.arange(len(feet.vertices))
-    along = row[edges]
-    along = along[(along >= 0).all(axis=1)]
-    across = np.stack([np.arange(len(feet.vertices)), row[feet.across]], axis=1)
-    across = across[across[:, 1] >= 0]
-    a, b = along.T
-    same = np.einsum("ij,ij->i", feet.rib_normal[a], feet.rib_normal[b]) > ALONG
-    same &= np.einsum("ij,ij->i", feet.wall_normal[a], feet.wall_normal[b]) > ALONG
-    c, d = across.T
-    level = np.einsum("ij,ij->i", feet.wall_normal[c], feet.wall_normal[d]) > ALONG
-    links = np.concatenate([along[same], across[level]])
     count = len(feet.vertices)
-    if count == 0:
-        return []
-    graph = coo_array((np.ones(len(links), np.int8), tuple(links.T)), shape=(count, count))
-    _, label = connected_components(graph, directed=False)
+    row = np.full(surface.point_count + 1, -1, np.int64)  # the last one is none
+    row[feet.vertices] = np.arange(count)
+    rows = np.arange(count)
+    places = surface.points[feet.vertices]
+    away, near = cKDTree(places).query(places, k=[*range(1, min(BESIDE, count) + 1)])
+    one, which = np.nonzero(away < 0.5 * feet.rib[:, None])
+    along = np.concatenate([row[edges], np.stack([one, near[one, which]], axis=1)])
+    a, b = along[(along >= 0).all(axis=1)].T
+    same = np.einsum("ij,ij->i", feet.rib_normal[a], feet.rib_normal[b]) > ALONG
+    # Or round the corner of a boss, which turns outward; that of two ribs does so inward.
+    step = places[b] - places[a]
+    outward = np.einsum("ij,ij->i", feet.rib_normal[b] - feet.rib_normal[a], step) > 0
+    same |= outward & (np.abs(np.log(feet.rib[b] / feet.rib[a])) < math.log(BENT))
+    c, d = np.stack([rows, row[feet.across]])[:, row[feet.across] >= 0]
+    links = np.concatenate([np.stack([a[same], b[same]], axis=1), np.stack([c, d], axis=1)])
+    normals = feet.wall_normal[links]
+    level = np.einsum("ij,ij->i", normals[:, 0], normals[:, 1]) > ALONG
+    label = piece_labels(count, links[level])
     order = np.argsort(label, kind="stable")
-    return np.split(order, np.cumsum(np.bincount(label))[:-1])
+    sizes = np.bincount(label)
+    return np.split(order, np.cumsum(sizes[sizes > 0])[:-1])
 
 
 def _whole_bosses(found: list[Rib]) -> list[Rib]:
@@ -283,6 +499,12 @@ def _rib(surface: Shape, feet: _Feet, rows: NDArray[np.int64]) -> Rib:
     far = places[np.argmax(np.linalg.norm(places - middle, axis=1))]
     long = float(np.linalg.norm(places - far, axis=1).max())
     thick, wall = float(np.median(feet.rib[rows])), float(np.median(feet.wall[rows]))
+    side = np.cross(far - middle, feet.wall_normal[rows].mean(axis=0))
+    side = side / max(float(np.linalg.norm(side)), 1e-300)
+    wide = float(np.ptp(places @ side)) if long <= WIDEST * thick else 0.0
     at = int(np.argmin(np.linalg.norm(places - middle, axis=1)))
-    kind: RibKind = "boss" if long <= ROUND * thick else "rib"
+    kind: RibKind = "boss" if long <= ROUND * max(thick, wide) else "rib"
+    outside = np.einsum("va,va->v", feet.rib_normal[rows], places - middle) > 0
+    if kind == "boss" and outside.any():  # the floor of a bore may be thinner than the wall
+        wall = float(np.median(feet.wall[rows[outside]]))
     return Rib(kind, places[at], thick, wall, thick / wall, long, middle, np.sort(vertices))

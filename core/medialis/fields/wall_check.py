@@ -157,7 +157,7 @@ def check_walls(
         regions += run_patiently(lambda: _thick(walls, values, rows, maximum, limits), progress)
     if outer is not None and limits.gap > 0:
         regions += run_patiently(lambda: _gaps(outer, limits, wall_angle), progress)
-    standing = run_patiently(lambda: ribs(walls, values, rows), progress)
+    standing = run_patiently(lambda: ribs(walls, values, rows, cloud.inner.own), progress)
     order: tuple[RegionKind, ...] = ("too thin", "too thick", "gap", "overlap")
     regions.sort(key=lambda region: order.index(region.kind))
     edge = np.zeros(len(values), np.bool_)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from medialis.midsurfaces.even_walls import faces_in_walls
+from medialis.fields.even_walls import faces_in_walls
 from medialis.model.medial_cloud import MedialCloud
 from medialis.model.shape import Shape
 from medialis.model.topology import piece_labels
