@@ -200,11 +200,11 @@ def sphere_shell(outer=50.0, inner=46.0, levels=5):
     return np.concatenate([p, q]), np.concatenate([f, g[:, ::-1] + len(p)])
 
 
-def cone_shell(thickness=4.0, around=96, rows=24):
-    """Frustum between radii 30 and 50 over a height of 60, `thickness` across the wall."""
-    slope = np.array([20.0, 60.0])
+def cone_shell(thickness=4.0, around=96, rows=24, low=(30.0, 0.0), high=(50.0, 60.0)):
+    """Frustum between two radii and heights in the middle, `thickness` across the wall."""
+    low, high = np.array(low), np.array(high)
+    slope = high - low
     normal = np.array([slope[1], -slope[0]]) / np.linalg.norm(slope)
-    low, high = np.array([30.0, 0.0]), np.array([50.0, 60.0])
     line = low + np.linspace(0, 1, rows + 1)[:, None] * (high - low)
     outline = [*(line + normal * thickness / 2), *(line - normal * thickness / 2)[::-1]]
     return revolved(outline, around)
@@ -218,9 +218,13 @@ def bent_sheet(thickness=3.0, radius=20.0, steps=24, layers=20):
     return extruded(wall(curve, thickness), 60.0, layers=layers)
 
 
-def corrugated(thickness=2.0, waves=3, steps=48):
+def wave(x):
+    return np.column_stack([x, 6 * np.sin(2 * np.pi * x / 40)])
+
+
+def corrugated(thickness=2.0, waves=3, steps=48, width=80.0):
     x = np.linspace(0, waves * 40.0, waves * steps + 1)
-    return extruded(wall(np.column_stack([x, 6 * np.sin(2 * np.pi * x / 40)]), thickness), 80.0)
+    return extruded(wall(wave(x), thickness), width)
 
 
 def shape_of(mesh):
