@@ -89,9 +89,16 @@ class _Diffusion:
         parted = ends[0] != ends[1]
         self.ends = ends[0][parted], ends[1][parted]
         self.flow = (narrow**2 * np.maximum(links.data, 0.0) * step / apart)[parted]
+        self.factors: dict[float, Any] = {}
 
     def spread(self, values: FloatArray, width: float) -> FloatArray:
         """Return values (n, k) spread by a width in half thicknesses, those of the cells."""
+        if width not in self.factors:
+            self.factors[width] = self._factors(width)
+        held = np.stack([np.bincount(self.cell, self.mass * v) for v in values.T], axis=1)
+        return np.asarray(self.factors[width].solve(held)[self.cell])
+
+    def _factors(self, width: float) -> Any:
         from scipy.sparse import coo_array, diags_array
         from scipy.sparse.linalg import splu
 
@@ -99,8 +106,7 @@ class _Diffusion:
         between = coo_array((flow, (one, two)), shape=(count, count)).tocsr()
         between = between + between.T
         matrix: Any = diags_array(self.area + between.sum(axis=1)) - between
-        held = np.stack([np.bincount(self.cell, self.mass * v) for v in values.T], axis=1)
-        return np.asarray(splu(matrix.tocsc()).solve(held)[self.cell])
+        return splu(matrix.tocsc())
 
 
 def _linear(moments: FloatArray, places: FloatArray) -> FloatArray:
