@@ -207,6 +207,25 @@ def test_a_pipe_junction_has_two_sheets_and_one_closed_weld(cell):
     assert np.bincount(found.weld_edges.ravel()).max() == 2
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("across", [3, 12])
+def test_a_small_pipe_junction_is_exact_with_few_and_many_samples(across):
+    """Radii of 6 and 4, walls of 2; rims and what is next to the weld are left out."""
+    cell = 2.0 / across
+    mesh = plates.pipe_tee(cell, main=6.0, branch=4.0, thickness=2.0, half_length=11.0, height=12.0)
+    shape = medialis.make_shape(*mesh)
+    found = medialis.midsurface(shape, edge=1.0 / shape.diagonal)
+    assert (found.sheets, found.welds) == (2, 1)
+    x, y, z = found.points.T
+    main = np.abs(np.hypot(y, z) - 6)
+    branch = np.where(z > 0, np.abs(np.hypot(x, y) - 4), np.inf)
+    rim = (np.abs(x) > 11 - 2 * cell) | (z > 12 - 2 * cell)  # which marching rounds
+    beside = cKDTree(found.points[np.unique(found.weld_edges)]).query(found.points)[0] < 2.0
+    # A chord of a cell over a radius of 3 is off by its square / 24; the same behind a ball.
+    chords = cell**2 / 24 if across == 3 else 0.0
+    assert np.minimum(main, branch)[~rim & ~beside].max() < 0.005 * 2.0 + chords
+
+
 @pytest.mark.parametrize("name", ["tee", "angle", "bracket", "box"])
 def test_slivers_beside_large_triangles_change_nothing(name):
     make, thickness, sheets, welds, area, _, off = FLAT[name]
