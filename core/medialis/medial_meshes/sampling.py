@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from medialis.medial_meshes.solid import Solid
+from medialis.threads import run_together
 from medialis.validation import FloatArray
 
 CANDIDATES = 4
@@ -101,8 +102,11 @@ def take_samples(solid: Solid, count: int, seed: int) -> Samples:
     surface = solid.surface
     area = float(surface.face_areas[solid.walls].sum())
     spacing = 0.81 * math.sqrt(area / count)
-    pieces = _cut(solid, 2 * spacing, PIECES * count)
-    corners = _corner_normals(solid)
+    pieces, corners, _ = run_together(
+        lambda: _cut(solid, 2 * spacing, PIECES * count),
+        lambda: _corner_normals(solid),
+        lambda: solid.boxes,  # for the rays
+    )
     middles = _places(solid, pieces.face, pieces.weights.mean(axis=1))
     normals = surface.face_normals[pieces.face]
     thickness, opposite = _thickness(solid, middles, normals, pieces.face, spacing)

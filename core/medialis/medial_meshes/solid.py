@@ -79,7 +79,8 @@ class Solid:
         return [(view, Boxes.over(view[self.faces])) for view in views]
 
     @cached_property
-    def _boxes(self) -> Boxes:
+    def boxes(self) -> Boxes:
+        """The tree of the faces."""
         return Boxes.over(self.points[self.faces])
 
     def winding(self, places: FloatArray) -> FloatArray:
@@ -126,7 +127,7 @@ class Solid:
         """
         from medialis.medial_meshes._ray_kernels import ray_lengths
 
-        boxes = self._boxes
+        boxes = self.boxes
         length, met = np.empty(len(origins)), np.empty(len(origins), np.int64)
 
         def work(begin: int, end: int) -> None:
