@@ -259,6 +259,20 @@ def test_what_stands_on_a_wall_is_the_same_with_few_and_many_samples(name, acros
 
 
 @pytest.mark.parametrize("across", [3, 12])
+def test_bosses_bored_through_keep_their_ratio_where_a_rib_joins_them(across):
+    """With few samples the walls of the bosses are too narrow to tell that the rib stands there."""
+    second = [(a + 20, b + 20, *rest) for a, b, *rest in SQUARE]
+    plate = [(0, 34, 0, 5.2, 0, 2), (0, 34, 8.8, 14, 0, 2), (0, 5.2, 5.2, 8.8, 0, 2),
+             (8.8, 25.2, 5.2, 8.8, 0, 2), (28.8, 34, 5.2, 8.8, 0, 2)]  # fmt: skip
+    shape = blocks(*plate, *SQUARE, *second, (10, 24, 6.5, 7.5, 2, 6))
+    found = check(shape, refine=1.5 / across / shape.diagonal)["ribs"]
+    bosses = [rib["ratio"] for rib in found if rib["kind"] == "boss"]
+    assert bosses == pytest.approx([0.6, 0.6], rel=0.005)
+    on_plate = [rib["ratio"] for rib in found if rib["wall"] == pytest.approx(2, rel=0.005)]
+    assert sorted(on_plate) == pytest.approx([0.5, 0.6, 0.6], rel=0.005)
+
+
+@pytest.mark.parametrize("across", [3, 12])
 def test_regions_gaps_and_thickness_are_the_same_with_few_and_many_samples(across):
     """A slot of 0.5 in a plate of 2 with a thin and a thick place."""
     shape = blocks((0, 6, 0, 10, 0, 2), (6.5, 12, 0, 10, 0, 2), (0, 12, 0, 3, 0, 2),

@@ -279,6 +279,8 @@ def _beside(
     rib = np.where(stands.all(axis=1), thinner, stands[:, 1]).astype(np.int64)
     across[~stands] = -1
     round_ = _outside_of_bosses(points[vertices], direction, thick)
+    alone = np.flatnonzero(~stands.any(axis=1) & (round_ < 0))  # ribs may join bosses
+    round_[alone] = _outside_of_bosses(points[vertices[alone]], direction[alone], thick[alone])
     rib = np.where(round_ >= 0, round_, rib)
     rows = np.flatnonzero(stands.any(axis=1) | (round_ >= 0))
     rib, wall = rib[rows], 1 - rib[rows]
