@@ -11,6 +11,7 @@ import clouds
 import medialis
 from closed_forms import unit
 from medialis.clouds._curved_patch_kernels import bend_patch
+from medialis.clouds._neighbour_kernels import find_strips
 from medialis.clouds._patch_kernels import PATCHES, find_patches
 from medialis.clouds.smoothing import jitter
 from medialis.model.manifold_set import PointClass
@@ -174,6 +175,24 @@ def test_rings_of_a_scanner_are_one_floor():
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(
+    "others, strip",
+    [
+        ([(0, 0, 0), (1, 1, 0), (1, 2, 0), (1, 3, 0), (1, 4, 0)], True),  # one on the point itself
+        ([(0, 0, 0), (1, 1, 0), (1, 2, 0), (2, 4, 1), (3, -1, 2)], False),
+        ([(1, 0, 0), (2, 0, 0), (0, 1, 0), (0, 1, 0), (0, 1, 0)], True),
+        ([(0, 0, 0)] * 5, True),
+    ],
+)
+def test_places_on_each_other_may_be_a_strip(others, strip):
+    """They divided by zero (fixed; found by fuzzing)."""
+    points = np.array([(0, 0, 0), *others], float)
+    near, found = np.array([[1, 2, 3, 4, 5]], np.int32), np.zeros(1, bool)
+    size, bits = np.array([5], np.int32), np.array([0b11111], np.uint64)
+    find_strips(points, near, 1, size, bits, 0.05, found)
+    assert found[0] == strip
+
+
 @pytest.mark.parametrize("noise", [0.001, 0.0025, 0.01])
 def test_a_laser_room_has_its_faces(noise):
     """Close to the scanner points scatter by more than their distances (broke to pieces, fixed).

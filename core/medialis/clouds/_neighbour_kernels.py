@@ -63,9 +63,12 @@ def spread_neighbours(points, rows, wide, apart, out_near):
 
 @kernel
 def _square_off(x, y, z, a, b, c):
-    """Square of the distance of a place from the line through 0 and (x, y, z)."""
+    """Square of the distance of a place from the line through 0 and (x, y, z); of 0 from itself."""
+    square = x * x + y * y + z * z
+    if square == 0.0:
+        return a * a + b * b + c * c
     u, v, w = b * z - c * y, c * x - a * z, a * y - b * x
-    return (u * u + v * v + w * w) / (x * x + y * y + z * z)
+    return (u * u + v * v + w * w) / square
 
 
 @kernel
@@ -80,13 +83,13 @@ def _is_strip(sides, count, thin, rest):
                 for axis in range(3):
                     rest[left, axis] = sides[j, axis] - (rest[0, axis] if left else 0.0)
                 left += 1
-        longest, farthest = 0.0, -1
+        longest, farthest = 0.0, 0
         for j in range(1, left):
             length = rest[j, 0] ** 2 + rest[j, 1] ** 2 + rest[j, 2] ** 2
             if length > longest:
                 longest, farthest = length, j
         off = 0.0
-        for j in range(1, left):
+        for j in range(1, left if longest > 0.0 else 0):
             x, y, z = rest[farthest, 0], rest[farthest, 1], rest[farthest, 2]
             off = max(off, _square_off(x, y, z, rest[j, 0], rest[j, 1], rest[j, 2]))
         if off <= thin * thin * longest:
