@@ -1,11 +1,12 @@
 """What a fit looks at: distances of moving balls, balls that stick out, hollows."""
 
 import numpy as np
+import pytest
 
 from closed_forms import box_mesh, icosphere
 from medialis.medial_meshes.envelope import Envelope, primitives_of
 from medialis.medial_meshes.fine_complex import fine_complex
-from medialis.medial_meshes.fitting import Bounds, Fit, Target, _Follower
+from medialis.medial_meshes.fitting import BALLS_A_LISTED, Bounds, Fit, Target, _Follower
 from medialis.medial_meshes.hollows import Hollows
 from medialis.medial_meshes.solid import Solid
 from medialis.model.medial_mesh import Complex
@@ -20,12 +21,14 @@ def shell(radius, thickness):
     return Complex(balls, edges, np.sort(sphere.faces.astype(np.int64), axis=1))
 
 
-def test_distances_that_follow_moving_balls_are_those_of_a_search():
+@pytest.mark.parametrize("listed", [6, 24])
+def test_distances_that_follow_moving_balls_are_those_of_a_search(listed):
     """Balls all move alike, by random steps of up to a tenth of their radius."""
     given, rng = shell(1.0, 0.2), np.random.default_rng(3)
     rows = primitives_of(given)
     places = 2.6 * rng.random((500, 3)) - 1.3
-    follower, balls = _Follower(places), given.balls
+    follower, balls = _Follower(places, listed * BALLS_A_LISTED), given.balls
+    assert follower.listed == listed
     for step in (0.02, 0.02, 0.001, 0.02, 0.0001):
         envelope = Envelope(balls, rows)
         distance, row, shares = follower.distances(envelope).done()

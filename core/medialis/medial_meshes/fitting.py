@@ -28,8 +28,11 @@ Found = TypeVar("Found")
 
 SMALLEST_RADIUS = 1e-5
 
-LISTED = 6
-"""Primitives that a place keeps in its list."""
+LISTED, MOST_LISTED = 6, 24
+"""Primitives that a place keeps in its list: of many balls more are near."""
+
+BALLS_A_LISTED = 160
+"""Balls for each of a list between these."""
 
 PLACES_A_CHUNK = 512
 
@@ -202,10 +205,11 @@ class Target:
 class _Follower:
     """Distances of fixed places to an envelope whose balls move step by step."""
 
-    def __init__(self, places: FloatArray) -> None:
+    def __init__(self, places: FloatArray, balls: int) -> None:
         self.places = places
-        self._near = np.full((len(places), LISTED), -1)
-        self._values = np.full((len(places), LISTED), np.inf)
+        self.listed = min(max(LISTED, balls // BALLS_A_LISTED), MOST_LISTED)
+        shape = len(places), self.listed
+        self._near, self._values = np.full(shape, -1), np.full(shape, np.inf)
         self._others = np.tile([-np.inf, 0.0], (len(places), 1))
         self._before: list[FloatArray] = []
 
@@ -283,7 +287,7 @@ class Fit:
         self._corners = np.where(self.rows < 0, 0, self.rows)[self.lattice_row]
         self._known: Overshoot | None = None
         self._boxes: Boxes | None = None
-        self._follower = _Follower(target.places)
+        self._follower = _Follower(target.places, len(given))
         self.weight = 1.0 / len(target.rows)
         self.equations = Equations(len(given), given.edges, self.rows)
 
