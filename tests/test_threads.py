@@ -15,6 +15,7 @@ from medialis.threads import (
     interrupts_held,
     run_chunks,
     run_patiently,
+    run_together,
     thread_count,
     thread_limit,
 )
@@ -182,6 +183,72 @@ def test_what_is_still_moves_no_bar_and_cancels():
     assert seen == [(0.5, "views")] * 4 + [(0.6, "views"), (1.0, "views")]
     with pytest.raises(Cancelled):
         Progress(lambda fraction, text: False).still.update(0.0)
+
+
+@pytest.mark.parametrize("failure", [None, OSError("of the host")])
+def test_calls_at_the_same_time_are_cancelled_together(failure):
+    """The callback is called on the calling thread alone; the other one stops when it cancels."""
+    callers, ended, both = [], [], threading.Barrier(2)
+
+    def tell(fraction, text):
+        callers.append(threading.current_thread())
+        if len(callers) < 5:
+            return True
+        if failure is not None:
+            raise failure
+        return False
+
+    still = Progress(tell).still
+
+    def work():
+        both.wait(timeout=20)
+        try:
+            for _ in range(20_000):  # 20 s at least
+                still.update(0.5)
+                time.sleep(0.001)
+        except BaseException as error:
+            ended.append((threading.current_thread(), type(error)))
+            raise
+
+    with thread_limit(2), pytest.raises(Cancelled if failure is None else OSError):
+        run_together(work, work, progress=still)
+    assert set(callers) == {threading.main_thread()}
+    assert len(ended) == 2
+    own = dict(ended)[threading.main_thread()]
+    assert own is (Cancelled if failure is None else OSError)
+    assert Cancelled in dict(ended).values()
+
+
+def test_a_call_goes_on_while_the_callback_works():
+    """It was taken for cancelled as long as a slow callback had not returned (fixed)."""
+    told, ended = threading.Event(), threading.Event()
+
+    def tell(fraction, text):
+        told.set()
+        return ended.wait(timeout=20)
+
+    still = Progress(tell).still
+
+    def work():
+        if threading.current_thread() is threading.main_thread():
+            still.update(0.5)
+        else:
+            assert told.wait(timeout=20)
+            for _ in range(100):
+                still.update(0.5)
+            ended.set()
+
+    with thread_limit(2):
+        run_together(work, work, progress=still)
+    assert ended.is_set()
+
+
+def test_calls_at_the_same_time_keep_their_order():
+    for threads in (1, 2, 5):
+        with thread_limit(threads):
+            assert run_together(*(lambda k=k: k * k for k in range(7))) == [
+                0, 1, 4, 9, 16, 25, 36
+            ]  # fmt: skip
 
 
 @pytest.mark.parametrize("threads", [1, 2])

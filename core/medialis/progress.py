@@ -8,6 +8,7 @@ returns False. Functions accept the plain callback, an existing `Progress`, or N
 from __future__ import annotations
 
 import logging
+import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -20,6 +21,8 @@ logger = logging.getLogger("medialis")
 logger.addHandler(logging.NullHandler())  # silent unless the host configures a log
 
 ProgressCallback = Callable[[float, str], "bool | None"]
+
+CANCELLED = "Cancelled: nothing was written or changed."
 
 
 class Message(str):
@@ -133,7 +136,7 @@ class Progress:
         self._reached = min(max(overall, self._reached), 1.0)
         label = self._text if text is None else text
         if self._callback(self._reached, label) is False:
-            raise Cancelled("Cancelled: nothing was written or changed.")
+            raise Cancelled(CANCELLED)
 
     @property
     def unnamed(self) -> Progress:
@@ -142,8 +145,26 @@ class Progress:
 
     @property
     def still(self) -> Progress:
-        """What a part of this span reports to that may be cancelled but moves no bar."""
-        return Progress(lambda fraction, text: self.update(0.0))
+        """What a part of this span reports to that may be cancelled but moves no bar.
+
+        Other threads than the one that asks for it may report to it as well: they call nothing,
+        and stop when it was cancelled.
+        """
+        owner, cancelled = threading.get_ident(), False
+
+        def report(fraction: float, text: str) -> None:
+            nonlocal cancelled
+            if cancelled:
+                raise Cancelled(CANCELLED)
+            if threading.get_ident() != owner:
+                return
+            try:
+                self.update(0.0)
+            except BaseException:
+                cancelled = True
+                raise
+
+        return Progress(report)
 
     @contextmanager
     def stage(self, name: str, begin: float, end: float) -> Iterator[Progress]:

@@ -236,14 +236,17 @@ def run_chunks(
         _run_chunks(work, count, chunk, progress, failures)
 
 
-def run_together(*works: Callable[[], object]) -> list[Any]:
-    """Return what calls give that do not depend on each other, made at the same time."""
+def run_together(*works: Callable[[], object], progress: Progress | None = None) -> list[Any]:
+    """Return what calls give that do not depend on each other, made at the same time.
+
+    Calls that take long report to the same `progress`, which is a `Progress.still`.
+    """
     results: list[Any] = [None] * len(works)
 
     def work(which: int, _: int) -> None:
         results[which] = works[which]()
 
-    run_chunks(work, len(works), 1)
+    run_chunks(work, len(works), 1, progress=progress)
     return results
 
 

@@ -192,6 +192,19 @@ def test_more_balls_are_nearer(organic):
     assert error(mesh, shape) < error(few, shape) < 0.1
 
 
+def test_best_is_never_farther_off_than_the_default():
+    shape = medialis.organic_shape(56)
+    default, best = (
+        [
+            error(medialis.medial_mesh(shape, balls=9, samples=800, seed=k, quality=quality), shape)
+            for k in range(3)
+        ]
+        for quality in ("balanced", "best")
+    )
+    gains = np.subtract(default, best)
+    assert gains.min() >= 0 and gains.max() > 0, (default, best)
+
+
 def test_an_error_is_reached(organic):
     shape, _ = organic
     mesh = medialis.medial_mesh(shape, error=0.02, quality="fast")

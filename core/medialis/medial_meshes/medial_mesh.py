@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from medialis.errors import InvalidShapeError
 from medialis.kept import kept
 from medialis.medial_meshes.collapse import collapse, planes_of
-from medialis.medial_meshes.envelope import Envelope
 from medialis.medial_meshes.fine_complex import FineComplex, fine_complex
 from medialis.medial_meshes.fitting import Bounds
 from medialis.medial_meshes.search import Base, Search, coarser
@@ -200,7 +199,7 @@ def _smallest(base: Base, options: MedialMeshOptions, progress: Progress) -> Com
     """
     low, high = 0, base.sequence.fewest
     best = _fitted(base, high, "fast", options, progress)
-    errors = [_error(base, best)]
+    errors = [base.error(best)]
     while errors[-1] > options.error:
         stuck = len(errors) > STUCK and errors[-1] > NO_BETTER * errors[-1 - STUCK]
         if stuck or len(best) == len(base.sequence.start):
@@ -208,18 +207,18 @@ def _smallest(base: Base, options: MedialMeshOptions, progress: Progress) -> Com
             return best
         low, high = high, 2 * high
         best = _fitted(base, high, "fast", options, progress)
-        errors.append(_error(base, best))
+        errors.append(base.error(best))
     while high - low > max(1, high // 16):
         middle = (low + high) // 2
         found = _fitted(base, middle, "fast", options, progress)
-        if _error(base, found) <= options.error:
+        if base.error(found) <= options.error:
             best, high = found, middle
         else:
             low = middle
     while options.quality != "fast" and len(best) > base.sequence.fewest:
         fewer = int(FEWER * len(best))
         found = _fitted(base, fewer, options.quality, options, progress)
-        if len(found) >= len(best) or _error(base, found) > options.error:
+        if len(found) >= len(best) or base.error(found) > options.error:
             break
         best = found
     return best
@@ -233,9 +232,3 @@ def _note_error(found: float, balls: int, wanted: float, progress: Progress) -> 
         error=found,
         wanted=wanted,
     )
-
-
-def _error(base: Base, found: Complex) -> float:
-    from medialis.medial_meshes.distances import measure
-
-    return measure(base.solid, Envelope.of(found)).largest

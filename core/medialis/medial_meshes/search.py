@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from medialis.medial_meshes.collapse import collapse, planes_of
+from medialis.medial_meshes.distances import measure
 from medialis.medial_meshes.envelope import Envelope
 from medialis.medial_meshes.fine_complex import FineComplex
 from medialis.medial_meshes.fitting import DAMPING, Bounds, Fit, Target
@@ -18,6 +19,7 @@ from medialis.medial_meshes.sampling import Samples
 from medialis.medial_meshes.solid import Solid
 from medialis.model.medial_mesh import Collapse, Complex
 from medialis.progress import Progress
+from medialis.threads import run_together
 from medialis.validation import FloatArray
 
 Index = NDArray[np.int64]
@@ -46,11 +48,12 @@ START = 0.8
 ROUNDS, AGAIN = 3, 2
 """In which the rest is added: at first, and when balls are moved."""
 
-SWAPS = {"balanced": 2, "best": 12}
-"""How often balls that matter least are taken away and others put where the fit is worst."""
+SHARES = ((0.15, 0.08), (0.2, 0.05), (0.12, 0.25), (0.03, 0.1))
+"""Shares of the balls, of those that matter least: a pair is taken away at the same time, each from
+the same mesh, and put where the fit is worst."""
 
-SHARES = (0.15, 0.08, 0.2, 0.05, 0.12, 0.25, 0.03, 0.1)
-"""Share of the balls that are taken away, one after the other."""
+MORE = 5
+"""Pairs of shares that `best` tries after the first, one after the other."""
 
 LAST = 3
 """How often the last fit is made, as long as it gets nearer."""
@@ -89,6 +92,10 @@ class Base:
         """The ball of each candidate, (c, 4)."""
         return self.fine.balls[self.fine.pole]
 
+    def error(self, found: Complex) -> float:
+        """Return the two-sided distance of an envelope and the surface."""
+        return measure(self.solid, Envelope.of(found)).largest
+
     @cached_property
     def hollows(self) -> Hollows:
         """What finds hollows."""
@@ -109,7 +116,7 @@ class Search:
     """The search for a number of balls; the seed chooses the samples."""
 
     def __init__(self, base: Base, balls: int, seed: int, progress: Progress) -> None:
-        self.base, self.balls, self.progress = base, balls, progress
+        self.base, self.balls, self.progress, self._still = base, balls, progress, progress.still
         samples, rng = base.fine.samples, np.random.default_rng(seed)
         own = np.flatnonzero(samples.areas > 0)
         count = min(max(RESIDUALS, A_BALL * balls), MOST_RESIDUALS, len(own))
@@ -138,14 +145,21 @@ class Search:
         start, _ = self.base.sequence.level(int(START * self.balls))
         now = self._grown(self._fitted(start, self._early, "first"), ROUNDS).mesh
         best = self._measured(now, self._with_worst(now, self._all.within), "round")
-        for k in range(SWAPS[quality]):
-            self.progress.update((k + 1) / (SWAPS[quality] + 2))
-            best = self._swapped(best, SHARES[k % len(SHARES)])
-        return self._last(best)
+        steps = 3 + (MORE if quality == "best" else 0)
+        self.progress.update(1 / steps)
+        best = self._swapped(best, SHARES[0])
+        self.progress.update(2 / steps)
+        found = self._last(best)
+        if quality == "best":
+            for k in range(MORE):
+                self.progress.update((3 + k) / steps)
+                best = self._swapped(best, SHARES[(k + 1) % len(SHARES)])
+            found = min(found, self._last(best), key=self.base.error)
+        return found
 
     def _fitted(self, start: Complex, target: Target, plan: str, damping: float = DAMPING) -> Fit:
         """Fit a complex by one of the plans."""
-        return Fit(start, target, damping, self.progress.still).run(PLANS[plan])
+        return Fit(start, target, damping, self._still).run(PLANS[plan])
 
     def _measured(
         self,
@@ -182,7 +196,13 @@ class Search:
             fit = self._fitted(now, self._early.with_within(places), "round")
         return fit
 
-    def _swapped(self, best: _Found, share: float) -> _Found:
+    def _swapped(self, best: _Found, shares: tuple[float, float]) -> _Found:
+        """Try two shares at the same time; return what is nearest."""
+        works = (partial(self._with_moved, best, share) for share in shares)
+        found = run_together(*works, progress=self._still)
+        return min(best, *found, key=lambda one: one.error)
+
+    def _with_moved(self, best: _Found, share: float) -> _Found:
         """Take balls away and put others where the fit is worst; return what is nearer."""
         removed = max(1, int(share * self.balls))
         fewer, _ = coarser(self.base.fine.samples, best.mesh).level(self.balls - removed)
