@@ -29,7 +29,7 @@ LENGTHS = frozenset(
     {"thickness", "radius", "importance", "edge_radius", "length", "y_length", "mean_radius"}
     | {"straight_distance", "diagonal", "spacing", "value", "noise", "moved", "feature_radius"}
     | {"minimum", "maximum", "typical", "wall", "least", "most"}
-    | {"rib_thickness", "wall_thickness"}
+    | {"rib_thickness", "wall_thickness", "weld_length"}
     | {"distance", "largest_error", "mean_error", "surface_to_envelope", "envelope_to_surface"}
 )
 AREAS = frozenset({"area"})

@@ -15,6 +15,7 @@ from medialis.cli.commands import main
 from medialis.cli.completion import completion_script
 from medialis.cli.summary import file_meanings, summary_lines
 from medialis.files.ply_attributes import write_ply
+from medialis.operations.quantities import value_text
 from medialis.operations.registry import OPERATIONS
 from medialis.surface.samples import SAMPLES
 
@@ -152,6 +153,21 @@ def test_a_result_is_told_on_one_screen_with_all_its_files(chosen, here, capsys)
     assert {p.name for p in folder.iterdir()} <= set(listed)
     wrapped = list(summary_lines(manifest, WIDE))
     assert len(wrapped) <= SCREEN and max(map(len, wrapped)) <= WIDE
+
+
+def test_what_is_no_graph_and_has_no_bones_is_not_told_so(here):
+    """The envelope and the balls for robots were, by their endings (fixed)."""
+    shape = medialis.organic_shape(56)
+    result = medialis.run("medial_mesh", shape, balls=6, quality="fast", samples=500, cover=True)
+    medialis.write_result(result, "out")
+    manifest = json.loads(Path("out/manifest.json").read_text())
+    meanings = file_meanings(manifest)
+    assert {"medial_mesh_envelope.glb", "ball_cover.json", "ball_cover.urdf"} <= set(meanings)
+    assert all(text and "graph" not in text and "bones" not in text for text in meanings.values())
+
+
+def test_the_length_of_welds_has_a_unit():
+    assert value_text("weld_length", 2.5, "mm") == "2.5 mm"
 
 
 def test_thin_spots_are_a_table_with_units(here, capsys):
