@@ -28,14 +28,17 @@ Index = NDArray[np.int64]
 BLOCK = 8
 """Cells of a block: far from the envelope whole blocks are left out."""
 
-FINER = 1
-"""How often cells are halved where the topology is not that of the mesh."""
-
 THREAD = 0.867
 """Cells: places this near to a line are corners of cells that hang together, however it lies."""
 
-MOVED = (0.25, -0.25, 0.5, -0.5, 0.75, -0.75)
-"""Cells that a surface moves, one after the other, which closes slits or opens what touches."""
+MOVED, FAR = (0.25, -0.25, 0.5, -0.5), (0.75, -0.75)
+"""Cells that a surface moves, one after the other, which closes slits or opens what touches.
+
+Between balls it gets in up to twice as deep: far in halved cells, and in others if all else fails.
+"""
+
+VARIANTS = 2 * (2 + len(MOVED)) + 2 * len(FAR)
+"""Of a surface, at most."""
 
 MOST_CELLS = 1_000_000
 """Cells that the surface goes through, about, at most."""
@@ -135,7 +138,7 @@ def envelope_surface(
     -----
     Vertices lie on the envelope up to a part of the square of the cells. Where its topology is not
     that of the mesh, radii of less than 0.87 cells are that large, else the surface moves by up to
-    three quarters of a cell, else the cells are halved. Cost: O(a log n) for an area of a cells.
+    half a cell, else the cells are halved. Cost: O(a log n) for an area of a cells.
 
     Examples
     --------
@@ -161,16 +164,12 @@ def envelope_surface(
             cell=cell / diagonal,
         )
     best: Surface | None = None
-    for attempt in range(1 + FINER):
-        progress.update(attempt / (1 + FINER))
-        if best is not None and cell / 2**attempt < finest:
-            break
-        width = cell / 2**attempt
-        for found in _variants(envelope, low, high, width):
-            if best is None or _off(found, mesh) < _off(best, mesh):
-                best = found
-            if _off(best, mesh) == 0:
-                return best
+    for k, found in enumerate(_variants(envelope, low, high, cell, finest)):
+        progress.update(k / VARIANTS)
+        if best is None or _off(found, mesh) < _off(best, mesh):
+            best = found
+        if _off(best, mesh) == 0:
+            return best
     assert best is not None
     progress.note(
         f"The surface of the envelope has {best.part_count} pieces and {_handles(best)} "
@@ -185,16 +184,29 @@ def envelope_surface(
 
 
 def _variants(
-    envelope: Envelope, low: FloatArray, high: FloatArray, cell: float
+    envelope: Envelope, low: FloatArray, high: FloatArray, cell: float, finest: float
 ) -> Iterator[Surface]:
-    """Yield the surface of an envelope, then with its threads thickened, then moved out and in."""
-    yield _Field.of(envelope, low, high, cell).surface(0.0)
-    balls = envelope.balls.copy()
-    balls[:, 3] = np.maximum(balls[:, 3], THREAD * cell)
-    yield _Field.of(Envelope(balls, envelope.rows), low, high, cell).surface(0.0)
-    field = _Field.of(envelope, low, high, cell, max(MOVED))
-    for moved in MOVED:
-        yield field.surface(moved * cell)
+    """Yield the surface of an envelope, then with its threads thickened, then moved out and in.
+
+    Then the same with cells of half the width, unless that is less than `finest`.
+    """
+    box = low, high
+    for width in (cell, 0.5 * cell) if 0.5 * cell >= finest else (cell,):
+        yield _Field.of(envelope, *box, width).surface(0.0)
+        balls = envelope.balls.copy()
+        balls[:, 3] = np.maximum(balls[:, 3], THREAD * width)
+        yield _Field.of(Envelope(balls, envelope.rows), *box, width).surface(0.0)
+        yield from _moved(envelope, *box, width, MOVED if width == cell else MOVED + FAR)
+    yield from _moved(envelope, *box, cell, FAR)
+
+
+def _moved(
+    envelope: Envelope, low: FloatArray, high: FloatArray, cell: float, moves: tuple[float, ...]
+) -> Iterator[Surface]:
+    """Yield surfaces that are moved by cells."""
+    field = _Field.of(envelope, low, high, cell, max(moves))
+    for move in moves:
+        yield field.surface(move * cell)
 
 
 def _handles(surface: Surface) -> int:
