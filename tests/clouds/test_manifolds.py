@@ -174,7 +174,6 @@ def test_rings_of_a_scanner_are_one_floor():
     assert found.count == 1 and (found.labels() == 0).mean() > 0.98
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     "others, strip",
     [
@@ -193,6 +192,7 @@ def test_places_on_each_other_may_be_a_strip(others, strip):
     assert found[0] == strip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("noise", [0.001, 0.0025, 0.01])
 def test_a_laser_room_has_its_faces(noise):
     """Close to the scanner points scatter by more than their distances (broke to pieces, fixed).
