@@ -90,6 +90,7 @@ blender-repository: blender
 
 meshlab-plugin: $(VENV)/installed
 	$(RUN) meshlab_plugin/build.py
+	$(RUN) -m pip install --quiet --no-deps --editable ./meshlab_plugin
 
 meshlab-plugins: $(VENV)/installed
 	$(RUN) meshlab_plugin/build.py --all

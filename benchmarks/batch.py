@@ -25,11 +25,10 @@ from pathlib import Path
 import numpy as np
 
 import medialis
+from medialis.batches.batch import csv_text
 from medialis.batches.engine import run_jobs
-from medialis.batches.jobs import DONE, Job, Row, plan
-from medialis.batches.table import csv_text
-from medialis.batches.work import run_job
-from medialis.files.ply_attributes import write_ply
+from medialis.batches.jobs import DONE, Job, Row, plan, run_job
+from medialis.formats.ply_attributes import write_ply
 
 OPERATIONS = ("surface_skeleton",)
 

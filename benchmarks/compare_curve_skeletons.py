@@ -32,7 +32,7 @@ def main(paths: list[str]) -> None:
         for name in ("curve_skeleton", "view_curve_skeleton"):
             clock = time.process_time()
             result = medialis.run(name, shape)
-            graphs[name], seconds[name] = result.graph, time.process_time() - clock
+            graphs[name], seconds[name] = result.extras["graph"], time.process_time() - clock
             if name == "curve_skeleton":
                 samples = result.shape.points
                 valid = result.arrays["status"] == medialis.BallStatus.OK

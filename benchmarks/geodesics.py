@@ -17,9 +17,8 @@ from scipy.spatial import cKDTree
 from surface_skeleton import REAL, best_seconds, table
 
 import medialis
-from medialis.render.camera import Camera
-from medialis.render.picture import Curves, Points, draw
-from medialis.render.png import write_png
+from medialis.show.camera import Camera
+from medialis.show.picture import Curves, Points, draw, write_png
 
 RESULTS = Path(__file__).resolve().parent / "results"
 ACCURACY = ("fertility", "rockerarm", "cow", "fandisk", "bunny", "horse")

@@ -32,8 +32,8 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 import medialis
-from medialis.medial_meshes.solid import Solid
-from medialis.reports.distances import distance_to_surface
+from medialis.medial_meshes.sampling import Solid
+from medialis.show.reports.measures import distance_to_surface
 
 JOBS = (
     "bug:30", "bug:60", "bug:120", "dolphin:30", "dolphin:60", "dolphin:120", "fertility:79",

@@ -21,9 +21,9 @@ from pathlib import Path
 from typing import Any
 
 import medialis
-from medialis.files.meshes import read_mesh
-from medialis.files.ply_attributes import write_ply
-from medialis.hosts.handover import write_for_host
+from medialis.formats.meshes import read_mesh
+from medialis.formats.ply_attributes import write_ply
+from medialis.hosts.menu import write_for_host
 from medialis.operations.registry import operation
 
 RUNS = 5

@@ -5,7 +5,7 @@ python benchmarks/parts.py [people] [copies] [left_out] [--method auto] [--only 
 people: 1 - Rand index against each person, in the mean over people, models and classes (76 models
 of the benchmark of Chen, Golovinskiy and Funkhouser, in ../shared/segmentation, which is left out
 where it is absent). copies: adjusted Rand index of the parts of turned, split, decimated and noisy
-copies with those of the shape, on its vertices. left_out: the weights of segments/pairs.py chosen
+copies with those of the shape, on its vertices. left_out: the weights of segments/sites.py chosen
 anew, from all classes and three times from two thirds of them, and 1 - Rand of the others; always
 with the generated bodies of known_bodies.py, and so that copies of the last model of each class
 that is not left out have the same sums. Seconds are processor time.
@@ -26,11 +26,10 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 import medialis
-from medialis.operations.parts import PartsRun
-from medialis.progress import Progress
-from medialis.segments.pairs import mean_quantities
+from medialis.base.progress import Progress
+from medialis.segments.operation import PartsRun
 from medialis.segments.parts import PartsOptions, SeenSites, as_seen, extent_share
-from medialis.segments.sites import Sites, all_placements
+from medialis.segments.sites import Sites, all_placements, mean_quantities
 
 ROOT = Path(__file__).resolve().parents[1]
 SHARED = ROOT.parent / "shared"

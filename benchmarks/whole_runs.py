@@ -29,9 +29,9 @@ from accuracy_suite.sections import lathe, turned_out
 from scipy.spatial import cKDTree
 
 import medialis
-from medialis.files import write_ply
-from medialis.operations.writing import Pictures, write_result
-from medialis.progress import Progress
+from medialis.base.progress import Progress
+from medialis.formats import write_ply
+from medialis.show.writing import Pictures, write_result
 
 HERE = Path(__file__).parent
 STORED, PAGE = HERE / "whole_runs.json", HERE.parent / "docs" / "whole_runs.md"

@@ -5,17 +5,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import bpy
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from medialis import InvalidShapeError
-from medialis.hosts import MISSING, to_linear
-
-if TYPE_CHECKING:
-    from .transfer import Rows
+from medialis.hosts import to_linear
 
 VECTORS = {2: ("FLOAT2", "vector"), 3: ("FLOAT_VECTOR", "vector"), 4: ("FLOAT_COLOR", "color")}
 
@@ -29,13 +26,10 @@ class Column:
     key: str
     values: NDArray[Any]
 
-    def rows(self, rows: Rows, domain: str) -> Column:
-        """Return the column for the mesh that these are the rows of."""
-        width = next((n for n, (kind, _) in VECTORS.items() if kind == self.type), 1)
-        own = rows.of(self.values.reshape(-1, width), domain)
-        if self.type == "FLOAT_COLOR":
-            own = np.where(np.isnan(own), np.float32([*to_linear(MISSING), 1.0]), own)
-        return Column(self.name, self.type, self.key, np.ascontiguousarray(own).ravel())
+    @property
+    def width(self) -> int:
+        """Numbers of a row."""
+        return next((n for n, (kind, _) in VECTORS.items() if kind == self.type), 1)
 
 
 def columns(attributes: Mapping[str, ArrayLike]) -> list[Column]:

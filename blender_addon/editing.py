@@ -15,10 +15,7 @@ from medialis import operation as find_operation
 from medialis.hosts import Parameter, takes_back, write_edited
 
 from . import folders, jobs, properties, reading
-from .reading import OPERATION, RESULT
-
-FORMATS = "medialis_formats"
-"""Custom property of results: the endings of files that they can be written to."""
+from .reading import FORMATS, OPERATION, RESULT
 
 
 class Edited(NamedTuple):

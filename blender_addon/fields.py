@@ -165,7 +165,7 @@ def write_field(
     by_domain = (("POINT", plan.on_points), ("FACE", plan.on_faces))
     columns = [(domain, column) for domain, some in by_domain for column in some]
     for domain, column in columns:
-        attributes.write(data, column if rows is None else column.rows(rows, domain), domain)
+        attributes.write(data, column if rows is None else rows.column(column, domain), domain)
     written = [column.name for _, column in columns]
     if plan.colors is not None:
         _write_colors(plan, data, rows)
@@ -215,7 +215,7 @@ def _corners(mesh: bpy.types.Mesh) -> tuple[NDArray[np.int32], NDArray[np.int32]
 def _write_colors(plan: FieldPlan, data: Any, rows: Rows | None) -> None:
     column, by_face = plan.colors, plan.color_by_face
     if rows is not None:
-        column = column.rows(rows, "FACE" if by_face else "POINT")
+        column = rows.column(column, "FACE" if by_face else "POINT")
     rgba = column.values.reshape(-1, 4)
     if rows is not None and not by_face and plan.shown is not None and plan.shown.is_label:
         # Modifiers mix the colours of points: segments would be blurred.

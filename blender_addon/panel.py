@@ -147,7 +147,7 @@ def draw_editing(layout: Any, active: bpy.types.Object) -> None:
     if editing.option_of(active) is not None:
         layout.operator_context = "INVOKE_DEFAULT"
         layout.operator("medialis.rebuild", icon="MOD_REMESH")
-    if active.get(editing.FORMATS):
+    if active.get(reading.FORMATS):
         layout.operator("medialis.export_layer", icon="EXPORT")
 
 

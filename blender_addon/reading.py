@@ -22,6 +22,8 @@ RESULT = "medialis_result"
 """Custom property that marks the objects that operations have added: the layer that they show."""
 OPERATION = "medialis_operation"
 """Custom property of these objects: the operation that added them."""
+FORMATS = "medialis_formats"
+"""Custom property of these objects: the endings of files that they can be written to."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,13 +7,15 @@ has the vector of a vertex exactly where it is this vertex, or a copy of it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import bpy
 import numpy as np
 from numpy.typing import NDArray
 
-from . import attributes
+from medialis.hosts import MISSING, to_linear
+
+from .attributes import Column, write
 from .reading import corner_vertices
 
 TAGS = {"POINT": "medialis tag", "FACE": "medialis tag of face"}
@@ -37,6 +39,13 @@ class Rows:
         found[rows < 0] = np.nan if values.dtype.kind == "f" else -1
         return found
 
+    def column(self, column: Column, domain: str) -> Column:
+        """Return the column of an attribute of what is seen, for the own mesh."""
+        own = self.of(column.values.reshape(-1, column.width), domain)
+        if column.type == "FLOAT_COLOR":
+            own = np.where(np.isnan(own), np.float32([*to_linear(MISSING), 1.0]), own)
+        return replace(column, values=np.ascontiguousarray(own).ravel())
+
 
 def own_rows(
     context: bpy.types.Context, chosen: bpy.types.Object, topology: NDArray[np.int32]
@@ -54,8 +63,8 @@ def own_rows(
     tags = {d: random.random((n, 3), np.float32) for d, n in counts.items()}
     try:
         for domain, values in tags.items():
-            column = attributes.Column(TAGS[domain], "FLOAT_VECTOR", "vector", values.ravel())
-            attributes.write(mesh, column, domain)
+            column = Column(TAGS[domain], "FLOAT_VECTOR", "vector", values.ravel())
+            write(mesh, column, domain)
         mesh.update_tag()
         seen = _tags_seen(context, chosen, topology)
     finally:

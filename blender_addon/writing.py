@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 from medialis import InvalidShapeError, Result, Shape
 from medialis.hosts import Rig, legend_of, numbers_of, rig_of, title
 
-from . import armatures, editing, fields, layers, legends, looks, placing, removing, summary
+from . import armatures, fields, layers, legends, looks, placing, removing, summary
 from .changes import Changes
-from .reading import OPERATION, RESULT, Source, positions
+from .reading import FORMATS, OPERATION, RESULT, Source, positions
 from .removing import Record
 
 
@@ -169,7 +169,7 @@ def _make(
             carrier.show_in_front = plan.shows not in ("faces", "sheets", "balls")
             carrier.hide_render = plan.layer.role == "hidden"
             if plan.layer.formats:
-                carrier[editing.FORMATS] = ",".join(plan.layer.formats)
+                carrier[FORMATS] = ",".join(plan.layer.formats)
         if carrier != run.chosen and carrier not in made.values():
             run.adopt(carrier, plan.title, plan.layer.name)
         made[plan.layer.name] = carrier

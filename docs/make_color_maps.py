@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from medialis.render.colors import PALETTE_SIZE, TABLE_SIZE, to_linear, to_srgb
-from medialis.validation import FloatArray
+from medialis.base.validation import FloatArray
+from medialis.show.colors import PALETTE_SIZE, TABLE_SIZE, to_linear, to_srgb
 
 TARGET = Path(__file__).resolve().parents[1] / "core" / "medialis" / "render" / "colors.npz"
 _WHITE = np.array([0.95047, 1.0, 1.08883])  # D65

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 from scipy.ndimage import distance_transform_edt
 
-from medialis.render.font import CAP, REACH, UNKNOWN
+from medialis.show.annotation import CAP, REACH, UNKNOWN
 
 FONT = Path(matplotlib.get_data_path()) / "fonts" / "ttf" / "DejaVuSans.ttf"
 TARGET = Path(__file__).resolve().parents[1] / "core" / "medialis" / "render" / "font.npz"

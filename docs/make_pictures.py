@@ -16,13 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 import medialis
-from medialis.operations.pictures import IN_DEGREES, draw_result, draw_turntable
-from medialis.render.annotation import ColorBar, contact_sheet
-from medialis.render.camera import Camera
-from medialis.render.colors import value_range
-from medialis.render.picture import Balls, Curves, Points, Surface, draw
-from medialis.render.png import write_png
-from medialis.render.shading import Style
+from medialis.show.annotation import ColorBar, contact_sheet
+from medialis.show.camera import Camera
+from medialis.show.colors import value_range
+from medialis.show.picture import Balls, Curves, Points, Surface, draw, write_png
+from medialis.show.pictures import IN_DEGREES, draw_result, draw_turntable
+from medialis.show.raster import Style
 
 Image = NDArray[np.uint8]
 FOLDER = Path(__file__).resolve().parent / "pictures"

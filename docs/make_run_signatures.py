@@ -9,19 +9,19 @@ from pathlib import Path
 from typing import Any
 
 import medialis
+from medialis.base.options import Kind, Parameter
 from medialis.operations.declaration import Operation
-from medialis.options import Kind, Parameter
 
-STUB = Path(medialis.__file__).parent / "operations" / "typed_run.pyi"
+STUB = Path(medialis.__file__).parent / "show" / "run.pyi"
 TYPES = {Kind.INT: "int", Kind.BOOL: "bool", Kind.FILE: "str", Kind.LENGTH: "float | str | Length"}
 HEAD = """\
 # Made by docs/make_run_signatures.py from the registry.
 from typing import Any, Literal, overload
 
-from medialis.operations.result import Result
-from medialis.progress import Progress, ProgressCallback
-from medialis.surface.given_shapes import ShapeLike
-from medialis.units import Length
+from medialis.base.progress import Progress, ProgressCallback
+from medialis.base.units import Length
+from medialis.shape.reading import ShapeLike
+from medialis.show.result import Result
 
 """
 LONGEST = 101

@@ -13,7 +13,7 @@ from pathlib import Path
 from check_site import browser_command, find_browser
 
 import medialis
-from medialis.viewer.showing import frame
+from medialis.show.viewer.page import frame
 
 PICTURES = Path(__file__).resolve().parent / "pictures"
 PICK = """<script>medialisViewer.ready.then(({viewer, panel}) => {

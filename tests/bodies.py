@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from medialis.model.shape import Shape
-from medialis.surface.normals import vertex_normals
-from medialis.surface.surface_nets import make_unambiguous, surface_nets
+from medialis.shape.normals import vertex_normals
+from medialis.shape.shape import Shape
+from medialis.shape.surface_nets import make_unambiguous, surface_nets
 
 
 def meshed(field, low, high, cell):

@@ -25,14 +25,14 @@ ROOT = Path(__file__).resolve().parents[1]
 VERSION = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]["version"]
 OF_THE_REPOSITORY = re.compile(r"\.git\w+|\.(ci|github)/.*|docs/pictures/.*")
 OF_THE_BUILD = re.compile(
-    r"PKG-INFO|setup\.cfg|\w+(/\w+)*\.egg-info/.*|core/medialis/viewer/three\.js|build/long_description\.md"
+    r"PKG-INFO|setup\.cfg|\w+(/\w+)*\.egg-info/.*|core/medialis/show/viewer/three\.js|build/long_description\.md"
 )
 CORE_FILES = re.compile(
     r"medialis/.*\.pyi?|medialis/py\.typed|medialis_after_import\.py"
     r"|medialis/(batches|hosts|render|reports|viewer)/\w+\.(css|html|js|npz|txt)"
 )
 MESHLAB_FILES = re.compile(
-    r"medialis_(meshlab|meshset)/.*\.py|medialis_meshlab\.pth"
+    r"medialis_(meshlab|meshlab_plugin|meshset)/.*\.py|medialis_meshlab\.pth"
     r"|medialis_meshset/plugins/[\w.-]+/(\w+\.(so|dylib|dll)|medialis-plugin\.json)"
 )
 LARGEST_SDIST = 5_000_000

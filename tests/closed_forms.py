@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import Delaunay, cKDTree
 
-from medialis.model.shape import Shape
-from medialis.surface.normals import vertex_normals
-from medialis.surface.refinement import refine
+from medialis.shape.normals import vertex_normals
+from medialis.shape.refinement import refine
+from medialis.shape.shape import Shape
 
 
 @dataclass(frozen=True)

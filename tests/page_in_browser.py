@@ -15,8 +15,7 @@ from pathlib import Path
 import pytest
 from check_site import browser_command, find_browser
 
-from medialis.viewer.page import has_library
-from medialis.viewer.showing import frame
+from medialis.show.viewer.page import frame, has_library
 
 PATIENCE = 120
 """Seconds until a browser that says nothing is given up."""

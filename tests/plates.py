@@ -3,7 +3,7 @@
 import numpy as np
 
 from medialis.operations import registry
-from medialis.surface.reading import make_shape
+from medialis.shape.reading import make_shape
 
 
 def _cross(a, b):

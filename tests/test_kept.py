@@ -10,11 +10,12 @@ import pytest
 
 import closed_forms as forms
 import medialis
-from medialis.balls import surface_skeleton as preparation
-from medialis.errors import Cancelled, InvalidOptionError
-from medialis.kept import DEFAULT_LIMIT, LIMIT_VARIABLE, Bound, _first_limit, kept
-from medialis.paths import connectivity, importance
-from medialis.progress import Progress
+from medialis.base.errors import Cancelled, InvalidOptionError
+from medialis.base.kept import DEFAULT_LIMIT, LIMIT_VARIABLE, Bound, _first_limit, kept
+from medialis.base.progress import Progress
+from medialis.skeleton import surface_skeleton as preparation
+from medialis.skeleton.importance import importance
+from medialis.skeleton.importance import importance as connectivity
 
 ROOM = 1 << 30
 

@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from medialis.errors import Cancelled
-from medialis.progress import Progress
+from medialis.base.errors import Cancelled
+from medialis.base.progress import Progress
 
 
 def test_nested_stages_span_their_share():

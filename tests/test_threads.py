@@ -8,11 +8,11 @@ import time
 import numpy as np
 import pytest
 
-from medialis.errors import Cancelled, InvalidOptionError
-from medialis.progress import Progress
-from medialis.threads import (
-    _openblas,
+from medialis.base.errors import Cancelled, InvalidOptionError
+from medialis.base.progress import Progress
+from medialis.base.threads import (
     interrupts_held,
+    linear_algebra,
     run_chunks,
     run_patiently,
     run_together,
@@ -308,13 +308,13 @@ def test_linear_algebra_keeps_to_the_thread_of_long_work():
     """Its libraries have their threads again when the last of several works is done."""
     import scipy.linalg  # noqa: F401 - its library is one of them
 
-    def counts():
-        return [get() for get, _ in _openblas()]
+    libraries = linear_algebra(True, True)
 
-    given = counts()
-    for (_, put), count in zip(_openblas(), given, strict=True):
-        put(2)
-        assert count >= 1
+    def counts():
+        return [library["num_threads"] for library in libraries.info()]
+
+    assert min(counts()) >= 1
+    given = libraries.limit(limits=2)
     try:
         before, inside, begun, go_on = counts(), [], threading.Event(), threading.Event()
 
@@ -329,11 +329,10 @@ def test_linear_algebra_keeps_to_the_thread_of_long_work():
         run_patiently(lambda: inside.append(counts()), Progress())
         go_on.set()
         other.join()
-        assert inside == [[1] * len(given)] * 2
+        assert inside == [[1] * len(before)] * 2
         assert counts() == before
         with pytest.raises(ZeroDivisionError):
             run_patiently(lambda: 1 / 0, Progress())
         assert counts() == before
     finally:
-        for (_, put), count in zip(_openblas(), given, strict=True):
-            put(count)
+        given.restore_original_limits()

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 import medialis
+from medialis.base.units import METERS, Length, Size, as_length, nearest_unit, unit_name
 from medialis.cli.commands import main
-from medialis.files.ply_attributes import write_ply
-from medialis.reports.report import report_texts
-from medialis.reports.wording import number
-from medialis.units import METERS, Length, Size, as_length, nearest_unit, unit_name
+from medialis.formats.ply_attributes import write_ply
+from medialis.show.reports.page import number
+from medialis.show.reports.report import report_texts
 
 BOX = [[0, 0, 0], [30, 0, 0], [0, 40, 0], [30, 40, 0]]
 FACES = [[0, 1, 2], [1, 3, 2]]

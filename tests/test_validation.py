@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from medialis.errors import InvalidOptionError, InvalidShapeError, MedialisError
-from medialis.validation import (
+from medialis.base.errors import InvalidOptionError, InvalidShapeError, MedialisError
+from medialis.base.validation import (
     as_choice,
     as_faces,
     as_field,

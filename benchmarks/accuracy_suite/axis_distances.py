@@ -8,7 +8,7 @@ from scipy.spatial import cKDTree
 import medialis
 from accuracy_suite.known import Truth
 from accuracy_suite.poke_out import poke_out
-from medialis.reports.distances import reconstruction_error
+from medialis.show.reports.measures import reconstruction_error
 
 
 def axis_distances(cloud: medialis.MedialCloud, truth: Truth) -> dict[str, float]:
@@ -53,7 +53,7 @@ def union_row(shape: medialis.Shape, refine: float = 0.005) -> dict[str, float]:
 
     ``out``: of the surface from the union (also the depth below it), ``back``: of the boundary of
     the union from the surface; maxima, and means by area. See
-    `medialis.reports.distances.reconstruction_error`.
+    `medialis.show.reports.measures.reconstruction_error`.
     """
     cloud = medialis.surface_skeleton(shape, refine=refine, fans=True)
     inner = cloud.subset(cloud.valid & (cloud.side > 0))

@@ -22,7 +22,7 @@ def curve_row(shape: medialis.Shape, known: KnownShape) -> dict[str, float]:
     None where it is not known.
     """
     result = medialis.run("curve_skeleton", shape)
-    graph = result.graph
+    graph = result.extras["graph"]
     row: dict[str, float] = {
         "samples": graph.cloud.surface.point_count,
         "loops": graph.loops,
@@ -80,7 +80,7 @@ def patch_row(shape: medialis.Shape) -> dict[str, float]:
     edge = np.flatnonzero(side >= 0)
     normals = fine.face_normals
     level = (normals[edge // 3] * normals[side[edge] // 3]).sum(axis=1) > 1 - 1e-9
-    from medialis.model.topology import piece_labels
+    from medialis.shape.surface import piece_labels
 
     links = np.stack([edge[level] // 3, side[edge[level]] // 3], axis=1)
     face = piece_labels(fine.face_count, links)

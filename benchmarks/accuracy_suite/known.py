@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 import medialis
-from medialis.surface.normals import vertex_normals
+from medialis.shape.normals import vertex_normals
 
 NEIGHBOURS = 6
 """Places of the truth that may be the nearest one to a point."""

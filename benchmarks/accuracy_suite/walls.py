@@ -8,7 +8,7 @@ from scipy.spatial import cKDTree
 import medialis
 from accuracy_suite.known import KnownShape
 from accuracy_suite.poke_out import fan_normals
-from medialis.reports.distances import distance_to_balls, distance_to_surface
+from medialis.show.reports.measures import distance_to_balls, distance_to_surface
 
 CLOSE = 0.02
 """Relative error of a thickness that is right."""

@@ -16,8 +16,8 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from medialis.model.shape import Shape
-from medialis.reports.distances import distance_to_balls
+from medialis.shape.shape import Shape
+from medialis.show.reports.measures import distance_to_balls
 
 NAMES = (
     *("torus", "tentacle", "knot", "snake", "hourglass", "bead ring"),

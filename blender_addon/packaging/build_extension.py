@@ -4,9 +4,10 @@
     python blender_addon/packaging/build_extension.py                    # all, into dist/blender
     python blender_addon/packaging/build_extension.py --here --offline   # this machine's only
 
-The wheels of numba, llvmlite and scipy are pinned by version and hash in the `wheels-*.txt` beside
-this file and bundled unmodified. numpy is Blender's own. The core's wheel is built from its
-sources. The same sources and the same setuptools give the same bytes. This folder is not shipped.
+The wheels of numba, llvmlite, scipy and threadpoolctl are pinned by version and hash in the
+`wheels-*.txt` beside this file and bundled unmodified. numpy is Blender's own. The core's wheel is
+built from its sources. The same sources and the same setuptools give the same bytes. This folder is
+not shipped.
 """
 
 from __future__ import annotations

@@ -38,7 +38,7 @@ Clouds:
     estimate_normals, surface_of_cloud, manifolds, ManifoldSet, PointClass, manifold_surfaces
 Operations:
     run, operation, Operation, Selection, OPERATIONS, Options, Parameter, Kind, Result, Outcome,
-    Layer, FilterUnit, Length, mm, inch, percent, batch, Row
+    Layer, Format, FilterUnit, Length, mm, inch, percent, batch, Row
 Files and pictures:
     write_result, read_result, write_mesh, Pictures, draw_result, Camera, Style,
     read_curve_skeleton, write_curve_skeleton, reconstruct_image, progressive, Comparison
@@ -70,7 +70,7 @@ __all__ = sorted(_HOMES)
 def __getattr__(name: str) -> Any:
     """Load a public name when it is first used: commands and scripts load only what they need."""
     if name == "__version__":
-        value: Any = importlib.import_module("medialis.version").package_version()
+        value: Any = importlib.import_module("medialis.base.version").package_version()
     elif name in _HOMES:
         value = getattr(importlib.import_module(_HOMES[name]), name)
     else:

@@ -2,7 +2,8 @@
 
 python core/viewer_library/build.py    (needs npm; `make viewer` does it)
 
-The script lies in the package, `core/medialis/viewer/three.js`; git ignores it, wheels have it.
+The script lies in the package, `core/medialis/show/viewer/three.js`; git ignores it, wheels have
+it.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from pathlib import Path
 FOLDER = Path(__file__).resolve().parent
 ROOT = FOLDER.parent.parent
 WORK = ROOT / "build" / "viewer-library"
-SCRIPT = ROOT / "core" / "medialis" / "viewer" / "three.js"
+SCRIPT = ROOT / "core" / "medialis" / "show" / "viewer" / "three.js"
 SOURCES = ("package.json", "package-lock.json", "parts.js")
 NPM = ("ci", "--ignore-scripts", "--no-audit", "--no-fund", "--loglevel=error")
 BUNDLE = ("parts.js", "--bundle", "--minify", "--format=iife", "--global-name=THREE")

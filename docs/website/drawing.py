@@ -12,9 +12,9 @@ from pathlib import Path
 import make_pictures
 import make_thesis_figures
 
+from medialis.base.threads import thread_limit
 from medialis.operations.registry import OPERATIONS
-from medialis.render.png import write_png
-from medialis.threads import thread_limit
+from medialis.show.picture import write_png
 from website.strips import default_picture, default_viewer, tiles
 
 PAGE_PICTURES = {**make_pictures.PICTURES, **make_thesis_figures.FIGURES}

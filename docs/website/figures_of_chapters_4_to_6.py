@@ -9,10 +9,10 @@ from make_pictures import Image, _dented_plate
 from numpy.typing import ArrayLike, NDArray
 
 import medialis
-from medialis.operations.pictures import draw_result
-from medialis.render.annotation import contact_sheet
-from medialis.render.camera import Camera
-from medialis.render.picture import Curves, Points, Surface, draw
+from medialis.show.annotation import contact_sheet
+from medialis.show.camera import Camera
+from medialis.show.picture import Curves, Points, Surface, draw
+from medialis.show.pictures import draw_result
 
 SIZE = {"width": 420, "height": 340}
 GREY = (0.75, 0.75, 0.78)

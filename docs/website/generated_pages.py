@@ -11,7 +11,7 @@ from typing import Any
 import medialis
 from medialis.operations.declaration import Kind, Operation, Parameter
 from medialis.operations.registry import OPERATIONS
-from medialis.render.annotation import number_text
+from medialis.show.annotation import number_text
 from website.pages import operation_of
 from website.strips import (
     Panel,

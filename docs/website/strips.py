@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 
 import medialis
 from medialis.operations.declaration import Operation, Parameter
-from medialis.operations.pictures import draw_result
-from medialis.render.png import write_png
-from medialis.viewer.page import has_library
+from medialis.show.picture import write_png
+from medialis.show.pictures import draw_result
+from medialis.show.viewer.page import has_library
 from website.pages import ROOT
 from website.parameter_values import BASE, default_shape, example_of
 

@@ -9,20 +9,20 @@ from hypothesis import strategies as st
 from scipy.spatial import cKDTree
 
 import closed_forms as forms
-from medialis.balls import ball_shrinking
-from medialis.balls.ball_shrinking import (
+from medialis.base.errors import Cancelled, InvalidOptionError, InvalidShapeError
+from medialis.base.progress import Progress
+from medialis.base.threads import thread_limit
+from medialis.shape.reading import read_shape
+from medialis.shape.shape import Shape
+from medialis.skeleton import ball_shrinking
+from medialis.skeleton.ball_shrinking import (
     CLEARANCE,
     COINCIDENT,
     DEFAULT_TOLERANCE,
     LARGEST_RADIUS,
     shrink_balls,
 )
-from medialis.errors import Cancelled, InvalidOptionError, InvalidShapeError
-from medialis.model.medial_cloud import BallStatus
-from medialis.model.shape import Shape
-from medialis.progress import Progress
-from medialis.surface.reading import read_shape
-from medialis.threads import thread_limit
+from medialis.skeleton.medial_cloud import BallStatus
 from oracles import brute_force_balls, deepest, depth_radii, thesis_algorithm_1
 
 EPS = np.finfo(float).eps

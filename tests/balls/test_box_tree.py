@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from medialis._kernels.box_tree import build_box_tree
-from medialis._kernels.box_tree_kernels import FAN, LEAF
-from medialis.threads import thread_limit
+from medialis.base._box_tree_kernels import FAN, LEAF
+from medialis.base.box_tree import build_box_tree
+from medialis.base.threads import thread_limit
 
 SIZES = [1, 2, 15, 16, 17, 31, 32, 33, 127, 128, 129, 130, 1025, 5000]
 FLOAT32 = np.finfo(np.float32).eps

@@ -5,7 +5,7 @@ import time
 import numpy as np
 
 from fuzz.nasty_shapes import grid
-from medialis._kernels.nearest import NearestTree, nearest_on_triangles
+from medialis.base.box_tree import NearestTree, nearest_on_triangles
 
 
 def test_nearest_triangles_are_those_of_a_search_of_all():

@@ -5,7 +5,7 @@ import pytest
 
 import closed_forms as forms
 import medialis
-from medialis.balls.surface_skeleton import FEW
+from medialis.skeleton.surface_skeleton import FEW
 
 
 @pytest.fixture(scope="module")

@@ -8,11 +8,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import closed_forms as forms
-from medialis.balls.ball_shrinking import shrink_balls
-from medialis.balls.subsampling import uniform_subsample
-from medialis.errors import InvalidOptionError, InvalidShapeError
-from medialis.model.medial_cloud import BallStatus, MedialCloud
-from medialis.model.shape import Shape
+from medialis.base.errors import InvalidOptionError, InvalidShapeError
+from medialis.shape.shape import Shape
+from medialis.skeleton.ball_shrinking import shrink_balls
+from medialis.skeleton.medial_cloud import BallStatus, MedialCloud
+from medialis.skeleton.surface_skeleton import uniform_subsample
 from oracles import greedy_subsample
 
 

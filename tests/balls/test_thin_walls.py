@@ -8,10 +8,15 @@ import pytest
 import closed_forms as forms
 import medialis
 from medialis import MedialCloud, Progress, Shape, make_shape, shrink_balls
-from medialis.balls.ball_shrinking import DEFAULT_TOLERANCE, shrink
-from medialis.balls.hidden_walls import THINNEST, hidden_walls, touches_from_outside
-from medialis.balls.thin_walls import BallOptions, _with_lower_tolerance, maximal_balls
-from medialis.threads import thread_limit
+from medialis.base.threads import thread_limit
+from medialis.skeleton.ball_shrinking import (
+    DEFAULT_TOLERANCE,
+    THINNEST,
+    hidden_walls,
+    shrink,
+    touches_from_outside,
+)
+from medialis.skeleton.surface_skeleton import BallOptions, _with_lower_tolerance, maximal_balls
 from oracles import winding_numbers
 
 FIELDS = ("centers", "radii", "features", "status", "spoke_angles")

@@ -6,12 +6,12 @@ import pytest
 import closed_forms as forms
 import medialis
 from medialis import make_shape
-from medialis._kernels.nearest import NearestTree
-from medialis.balls.ball_shrinking import DEFAULT_TOLERANCE, sample_tree
-from medialis.balls.triangle_balls import Walls
-from medialis.progress import Progress
-from medialis.surface.creases import find_creases
-from medialis.threads import thread_limit
+from medialis.base.box_tree import NearestTree
+from medialis.base.progress import Progress
+from medialis.base.threads import thread_limit
+from medialis.shape.creases import find_creases
+from medialis.skeleton.ball_shrinking import DEFAULT_TOLERANCE, sample_tree
+from medialis.skeleton.triangle_balls import Walls
 from oracles import winding_numbers
 
 ROTATION = np.linalg.qr(np.random.default_rng(5).normal(size=(3, 3)))[0]
@@ -241,7 +241,7 @@ def test_clouds_have_no_creases():
 def test_hulls_of_slivers_are_as_thin_as_the_slivers():
     """The disc round a sliver is as wide as that is long: 41,000 outer balls of a tube of 160 sides
     were each compared with thousands of faces that they do not touch, 13 s (fixed)."""
-    from medialis.balls import _triangle_kernels as kernels
+    from medialis.skeleton import _triangle_kernels as kernels
 
     rng = np.random.default_rng(3)
     for high in (1.0, 0.3, 0.1, 1e-3, 1e-6, 0.0):

@@ -18,17 +18,12 @@ import numpy as np
 import pytest
 
 import medialis
-from medialis.batches.engine import cluster, hand_out, run_jobs
-from medialis.batches.files import find_files
-from medialis.batches.jobs import DONE, FAILED, Job, Row, plan
-from medialis.batches.lock import locked_folder
-from medialis.batches.page import html_text
-from medialis.batches.processes import Processes, Worker
-from medialis.batches.table import csv_text, write_table
-from medialis.batches.work import run_job
+from medialis.batches.batch import csv_text, html_text, locked_folder, write_table
+from medialis.batches.engine import Processes, Worker, cluster, hand_out, run_jobs
+from medialis.batches.jobs import DONE, FAILED, Job, Row, find_files, plan, run_job
 from medialis.cli.commands import main
-from medialis.files.ply_attributes import write_ply
-from medialis.viewer.page import has_library
+from medialis.formats.ply_attributes import write_ply
+from medialis.show.viewer.page import has_library
 from mortal_work import mortal_work
 from png_files import read_png
 
@@ -131,7 +126,7 @@ def test_operations_share_what_is_kept_and_the_next_shape_starts_without(
     shapes, tmp_path, monkeypatch
 ):
     """One worker runs the operations of a shape one after the other: balls are shrunk once."""
-    from medialis.balls import surface_skeleton
+    from medialis.skeleton import surface_skeleton
 
     shrunk, shrink = [], surface_skeleton.maximal_balls
 
@@ -197,7 +192,7 @@ def test_a_request_to_end_waits_until_a_worker_has_begun(monkeypatch):
 
     before = signal.signal(signal.SIGTERM, stop)
     try:
-        monkeypatch.setattr("medialis.batches.processes.Worker", Interrupted)
+        monkeypatch.setattr("medialis.batches.engine.Worker", Interrupted)
         with pytest.raises(KeyboardInterrupt), Processes(2):
             raise AssertionError("the block must not begin")
         assert len(begun) == 1 and signal.getsignal(signal.SIGTERM) is stop

@@ -11,14 +11,11 @@ import sys
 import pytest
 
 import medialis
+from medialis.base.progress import Progress
+from medialis.batches.batch import csv_text, locked_folder
 from medialis.batches.engine import warn_if_open
-from medialis.batches.files import find_files, unique_names
-from medialis.batches.jobs import DONE, plan
-from medialis.batches.lock import locked_folder
-from medialis.batches.table import csv_text
-from medialis.batches.work import run_job
-from medialis.files.ply_attributes import write_ply
-from medialis.progress import Progress
+from medialis.batches.jobs import DONE, find_files, plan, run_job, unique_names
+from medialis.formats.ply_attributes import write_ply
 
 
 @pytest.fixture
@@ -97,8 +94,8 @@ KILLED = """
 import os, pathlib, sys
 import medialis
 from medialis.batches.jobs import plan
-from medialis.files.output_folder import OutputFolder
-from medialis.operations.writing import write_result
+from medialis.formats.output_folder import OutputFolder
+from medialis.show.writing import write_result
 
 file, output, fatal = sys.argv[1:]
 left, move, replace = int(fatal), OutputFolder._move, pathlib.Path.replace
@@ -118,7 +115,7 @@ def moving(self):
         os._exit(9)
 
 OutputFolder._move = moving
-from medialis.batches.work import run_job
+from medialis.batches.jobs import run_job
 given = {"thickness": {"refine": 0.0, "threshold": 0.3}}
 (job,) = plan(["thickness"], [file], output, parameters=given, picture=False)
 run_job(job)

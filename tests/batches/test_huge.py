@@ -8,7 +8,8 @@ import pytest
 
 import closed_forms as forms
 import medialis
-from medialis.batches import mapped_files, ranges
+from medialis.batches import huge as mapped_files
+from medialis.batches import huge as ranges
 
 
 @pytest.fixture(scope="module")
@@ -29,7 +30,7 @@ def same_bits(one, two):
 def test_the_same_bits_as_the_single_run(sampled, tmp_path, monkeypatch, tolerance):
     """Also when rows are copied in many blocks."""
     monkeypatch.setattr(mapped_files, "ROWS_A_BLOCK", 700)
-    monkeypatch.setattr("medialis._kernels.box_tree.ROWS_A_BLOCK", 900)
+    monkeypatch.setattr("medialis.base.box_tree.ROWS_A_BLOCK", 900)
     shape = medialis.Shape(*sampled)
     single = medialis.shrink_balls(shape, tolerance=tolerance)
     cloud = medialis.huge_surface_skeleton(*sampled, tmp_path / "out", tolerance=tolerance)

@@ -13,8 +13,8 @@ from accuracy_suite.suite import SECTIONS, mesh
 from accuracy_suite.table import PAGE, page, read_table
 from accuracy_suite.walls import ray_thickness
 
-from medialis.reports.distances import distance_to_balls
-from medialis.surface.diagnosis import diagnose
+from medialis.shape.diagnosis import diagnose
+from medialis.show.reports.measures import distance_to_balls
 
 QUICK = {
     "axis": ("sphere, 4 across", "box, as drawn", "hourglass, 4 across", "leaf, 4 across"),

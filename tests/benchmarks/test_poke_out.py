@@ -7,7 +7,7 @@ from accuracy_suite.poke_out import fan_normals, poke_out
 
 import closed_forms
 import medialis
-from medialis.model.medial_cloud import BallStatus
+from medialis.skeleton.medial_cloud import BallStatus
 
 
 def cloud_of(shape, centers, radii, features):

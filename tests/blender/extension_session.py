@@ -38,7 +38,7 @@ def run_operator() -> dict[str, object]:
         "files": _found_in(("medialis", "numba", "llvmlite", "scipy", "numpy")),
         "version": version("medialis"),
         "numba here": "numba" in sys.modules,
-        "updated": hasattr(medialis.errors, "UPDATED"),
+        "updated": hasattr(medialis.base.errors, "UPDATED"),
     }
 
 

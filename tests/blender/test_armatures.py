@@ -17,9 +17,13 @@ def creature():
     points = made.points.astype(np.float32).astype(float)
     shape = medialis.make_shape(points, made.faces, repair=True)
     result = medialis.run("armature", shape)
-    bones = shape.on_input_points(result.skin.bones, -1)  # repair merges two vertices
-    weights = shape.on_input_points(result.skin.weights, 0.0)
-    return points, made.faces, replace(result, skin=medialis.SkinWeights(bones, weights))
+    bones = shape.on_input_points(result.extras["skin"].bones, -1)  # repair merges two vertices
+    weights = shape.on_input_points(result.extras["skin"].weights, 0.0)
+    return (
+        points,
+        made.faces,
+        replace(result, extras={**result.extras, "skin": medialis.SkinWeights(bones, weights)}),
+    )
 
 
 def seen(chosen):
@@ -44,7 +48,10 @@ def weights_of(chosen, count):
 
 
 def expected_weights(result):
-    return np.stack([result.skin.of_bone(bone) for bone in range(result.rig.count)], axis=1)
+    return np.stack(
+        [result.extras["skin"].of_bone(bone) for bone in range(result.extras["bones"].count)],
+        axis=1,
+    )
 
 
 def test_bones_and_weights_are_those_of_the_core(creature, scene, tmp_path):
@@ -57,7 +64,7 @@ def test_bones_and_weights_are_those_of_the_core(creature, scene, tmp_path):
     path = str(tmp_path / "file.blend")
     for _ in range(2):
         armature, chosen = bpy.data.objects["creature armature"], bpy.data.objects["creature"]
-        rig, bones = result.rig, armature.data.bones
+        rig, bones = result.extras["bones"], armature.data.bones
         assert [bone.name for bone in bones] == list(rig.names)
         for number, bone in enumerate(bones):
             assert np.allclose(bone.head_local, rig.heads[number], atol=1e-5)
@@ -68,7 +75,7 @@ def test_bones_and_weights_are_those_of_the_core(creature, scene, tmp_path):
         assert np.abs(weights_of(chosen, rig.count) - expected_weights(result)).max() < 1e-6
         assert groups_of(chosen)["mine"] == [3, 4]
         assert armature.parent == chosen and list(chosen.modifiers.keys()) == ["Medialis look"]
-        assert (read_back(chosen.data, "bone") == result.skin.bones[:, 0]).all()
+        assert (read_back(chosen.data, "bone") == result.extras["skin"].bones[:, 0]).all()
         bpy.ops.wm.save_as_mainfile(filepath=path, check_existing=False)
         bpy.ops.wm.open_mainfile(filepath=path)
 
@@ -79,7 +86,7 @@ def test_again_from_the_result_replaces_the_groups(creature, scene):
     bpy.ops.medialis.armature(bone_length=5.0)
     many = len(chosen.vertex_groups)
     bpy.ops.medialis.armature()  # the active armature stands for its source
-    assert len(chosen.vertex_groups) == result.rig.count < many
+    assert len(chosen.vertex_groups) == result.extras["bones"].count < many
     assert bpy.data.armatures.keys() == ["creature armature"]
 
 
@@ -127,8 +134,11 @@ def test_undo_and_redo(creature, scene):
     assert chosen.parent is None
     bpy.ops.ed.redo()
     chosen = bpy.data.objects["creature"]
-    assert counts() == after and len(chosen.vertex_groups) == result.rig.count
-    assert chosen.parent.type == "ARMATURE" and len(chosen.parent.data.bones) == result.rig.count
+    assert counts() == after and len(chosen.vertex_groups) == result.extras["bones"].count
+    assert (
+        chosen.parent.type == "ARMATURE"
+        and len(chosen.parent.data.bones) == result.extras["bones"].count
+    )
 
 
 def test_failures_change_nothing(creature, scene, monkeypatch):
@@ -179,13 +189,13 @@ def test_below_modifiers_the_object_itself_is_rigged(creature, scene):
 
 def test_bones_are_turned_as_the_core_says(creature, scene):
     """Their z axes are those of the core; so equal turns about x bend both sides alike."""
-    from medialis.rigging.rolls import roll_axes
+    from medialis.rigging.naming import roll_axes
 
     points, faces, result = creature
     add_mesh("creature", points, faces)
     bpy.ops.medialis.armature()
     bones = bpy.context.active_object.data.bones
-    for bone, axis in zip(bones, roll_axes(result.rig), strict=True):
+    for bone, axis in zip(bones, roll_axes(result.extras["bones"]), strict=True):
         assert np.allclose(np.array(bone.matrix_local)[:3, 2], axis, atol=1e-3)
 
 
@@ -198,4 +208,4 @@ def test_names_of_rigify(creature, scene):
     assert {"spine", "thigh.L", "thigh.R", "front_shin.L", "tail"} <= set(names)
     assert [group.name for group in chosen.vertex_groups] == names
     bpy.ops.medialis.armature()
-    assert [group.name for group in chosen.vertex_groups] == list(result.rig.names)
+    assert [group.name for group in chosen.vertex_groups] == list(result.extras["bones"].names)

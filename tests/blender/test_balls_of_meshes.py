@@ -38,7 +38,7 @@ def drawn(made):
 
 def check(made, centers, radii):
     """What is drawn lies in the envelope, and the envelope lies near what is drawn."""
-    from medialis._kernels.nearest import NearestTree
+    from medialis.base.box_tree import NearestTree
 
     points, faces = drawn(made)
     wanted = envelope(centers, radii)

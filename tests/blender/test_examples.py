@@ -10,8 +10,8 @@ import pytest
 bpy = pytest.importorskip("bpy", reason="bpy is not installed: make hosts")
 
 import medialis
-from medialis.files.meshes import read_mesh
-from medialis.files.ply_attributes import write_ply
+from medialis.formats.meshes import read_mesh
+from medialis.formats.ply_attributes import write_ply
 
 ROOT = Path(__file__).resolve().parents[2]
 

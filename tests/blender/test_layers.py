@@ -8,7 +8,7 @@ import medialis
 from blender_scenes import add_mesh, counts, evaluated, groups_of, read_back, world
 from medialis import Layer, Result
 from medialis.hosts import FilterUnit
-from medialis.render.colors import label_colors, to_linear
+from medialis.show.colors import label_colors, to_linear
 
 RNG = np.random.default_rng(7)
 POINTS = RNG.normal(size=(12, 3))

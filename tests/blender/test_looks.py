@@ -9,7 +9,7 @@ bpy = pytest.importorskip("bpy", reason="bpy is not installed: make hosts")
 import medialis
 from blender_scenes import add_mesh, counts, evaluated, read_back
 from medialis.operations.registry import OPERATIONS
-from medialis.render.colors import to_linear
+from medialis.show.colors import to_linear
 from plates import tee
 
 GIVEN = {"geodesic_path": {"end": 900}}

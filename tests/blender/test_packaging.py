@@ -138,7 +138,9 @@ def test_pins_are_exact_and_without_numpy(pins: Path) -> None:
     dependencies = {re.match(r"\w+", line)[0] for line in project["dependencies"]}
     assert set(names) == dependencies - {"numpy"} | {"llvmlite"}
     platforms = [bundle for bundle in build.BUNDLES if bundle.pins == pins.name]
-    assert {len(sums) for sums in hashes.values()} == {len(platforms)}
+    any_platform = "threadpoolctl"  # pure Python: one wheel for all
+    for requirement, sums in hashes.items():
+        assert len(sums) == (1 if requirement.startswith(any_platform) else len(platforms))
 
 
 def test_changed_wheel_is_not_bundled(tmp_path: Path) -> None:

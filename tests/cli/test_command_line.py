@@ -15,8 +15,8 @@ import pytest
 import medialis
 from medialis.cli.arguments import with_dashes
 from medialis.cli.commands import main
-from medialis.files.ply_attributes import read_ply_attributes, write_ply
-from medialis.files.results import read_npz
+from medialis.formats.json_npz import read_npz
+from medialis.formats.ply_attributes import read_ply_attributes, write_ply
 from medialis.operations.registry import OPERATIONS
 from plates import tee
 
@@ -463,7 +463,7 @@ def test_an_unknown_attribute_is_refused_with_and_without_a_picture(creature, tm
 @pytest.mark.slow
 def test_warmup_comes_to_its_end_and_is_remembered(capsys):
     """It drew pictures too narrow for their legend, and failed after the first operation."""
-    from medialis._kernels.cache_folder import kernels_are_compiled
+    from medialis.base.cache_folder import kernels_are_compiled
 
     assert main(["warmup"]) == 0
     assert "Kernels ready in" in capsys.readouterr().out and kernels_are_compiled()

@@ -9,12 +9,12 @@ from pathlib import Path
 
 import pytest
 
+from medialis.base.version import package_version
 from medialis.cli import doctor
 from medialis.cli.commands import main
-from medialis.cli.machine import EXTENSION, Machine
-from medialis.cli.meshlab_notes import FILTER_NOTE, PROGRAM_NOTE, write_notes
 from medialis.hosts import menu_entries
-from medialis.version import package_version
+from medialis.hosts.machine import EXTENSION, Machine
+from medialis.hosts.menu import FILTER_NOTE, PROGRAM_NOTE, write_notes
 
 posix = pytest.mark.skipif(os.name == "nt", reason="plays programs by shell scripts")
 

@@ -12,12 +12,11 @@ import pytest
 
 import medialis
 from medialis.cli.commands import main
-from medialis.cli.completion import completion_script
-from medialis.cli.summary import file_meanings, summary_lines
-from medialis.files.ply_attributes import write_ply
-from medialis.operations.quantities import value_text
+from medialis.cli.operation_command import file_meanings, summary_lines
+from medialis.formats.ply_attributes import write_ply
 from medialis.operations.registry import OPERATIONS
-from medialis.surface.samples import SAMPLES
+from medialis.operations.result import value_text
+from medialis.shape.samples import SAMPLES
 
 SCREEN, WIDE = 40, 100
 QUICK = {"view_curve_skeleton": ["--pairs", "40", "--size", "128"]}
@@ -129,7 +128,7 @@ def test_an_overwriting_that_fails_leaves_the_old_result(here, monkeypatch):
     (here / "out" / "samples.npz").mkdir()
     other = medialis.run("point_types", medialis.organic_shape(56))
     monkeypatch.setattr(
-        "medialis.operations.writing.write_json", lambda *_: (_ for _ in ()).throw(OSError(28, "x"))
+        "medialis.show.writing.write_json", lambda *_: (_ for _ in ()).throw(OSError(28, "x"))
     )
     with pytest.raises(OSError, match="x"):
         medialis.write_result(other, "out", overwrite=True)
@@ -222,6 +221,11 @@ def test_every_operation_says_what_it_writes_and_gives_an_example():
             assert Path(arguments.split()[0]).stem in SAMPLES and meaning
 
 
+def completion_script(shell: str, capsys) -> str:
+    assert run("completion", shell) == 0
+    return capsys.readouterr().out
+
+
 @pytest.mark.skipif(shutil.which("bash") is None, reason="needs bash")
 @pytest.mark.parametrize(
     ("words", "expected"),
@@ -235,20 +239,29 @@ def test_every_operation_says_what_it_writes_and_gives_an_example():
         (["sample", "sc"], {"scan"}),
     ],
 )
-def test_bash_completes(words, expected, here):
-    Path("script").write_text(completion_script("bash"))
+def test_bash_completes(words, expected, here, capsys):
+    pytest.importorskip("shtab")
+    Path("script").write_text(completion_script("bash", capsys))
     typed = " ".join(f"'{word}'" for word in words)
-    code = f"source ./script; COMP_WORDS=(medialis {typed}); COMP_CWORD={len(words)}; _medialis; "
-    code += 'printf "%s\\n" "${COMPREPLY[@]}"'
+    code = f"source ./script; COMP_WORDS=(medialis {typed}); COMP_CWORD={len(words)}; "
+    code += '_shtab_medialis; printf "%s\\n" "${COMPREPLY[@]}"'
     done = subprocess.run(["bash", "-c", code], capture_output=True, text=True, check=True)
     assert set(done.stdout.split()) == expected
 
 
-def test_other_shells_get_all_commands():
+def test_other_shells_get_all_commands(capsys):
+    pytest.importorskip("shtab")
     for shell in ("zsh", "fish"):
-        script = completion_script(shell)
+        script = completion_script(shell, capsys)
         assert all(o.name.replace("_", "-") in script for o in OPERATIONS)
-    assert "-l kind -x -a 'diameter radius'" in completion_script("fish")
+    (kind,) = (line for line in script.splitlines() if "thickness" in line and "-l kind" in line)
+    assert '"diameter radius"' in kind
+
+
+def test_completion_without_its_library_is_one_sentence(capsys, monkeypatch):
+    monkeypatch.setitem(sys.modules, "shtab", None)
+    assert run("completion", "bash") == 2
+    assert 'Completion needs shtab: pip install "medialis[completion]"' in capsys.readouterr().err
 
 
 def test_help_computes_nothing():

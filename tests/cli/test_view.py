@@ -4,7 +4,7 @@ import pytest
 
 import medialis
 from medialis.cli.commands import main
-from medialis.viewer import page as viewer_page
+from medialis.show.viewer import page as viewer_page
 
 
 @pytest.fixture(autouse=True)

@@ -10,11 +10,10 @@ from scipy.spatial import cKDTree
 import clouds
 import medialis
 from closed_forms import unit
-from medialis.clouds._curved_patch_kernels import bend_patch
-from medialis.clouds._neighbour_kernels import find_strips
-from medialis.clouds._patch_kernels import PATCHES, find_patches
+from medialis.clouds._kernels import find_strips
+from medialis.clouds._patch_kernels import PATCHES, bend_patch, find_patches
+from medialis.clouds.manifolds import PointClass
 from medialis.clouds.smoothing import jitter
-from medialis.model.manifold_set import PointClass
 
 # Points within a neighbourhood (10 points: a radius of 0.05 at 1000 points a unit square) of a
 # crossing of length 2 may go either way: 2 * 0.05 * 2 / 4 = 5 % of a square, of which few do. An
@@ -371,7 +370,7 @@ def test_late_options_find_the_patches_again(monkeypatch):
     fresh = medialis.manifolds(rough.points, max_turn=9.0, min_points=30)
     with medialis.memory_limit(1 << 30):
         medialis.manifolds(rough)
-        for early in ("places.jitter", "manifolds.nearest_points"):
+        for early in ("manifolds.jitter", "manifolds.nearest_points"):
             monkeypatch.delattr(f"medialis.clouds.{early}")
         late = medialis.manifolds(rough, max_turn=9.0, min_points=30)
     assert (late.labels() == fresh.labels()).all() and late.points is rough.points

@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 
 import closed_forms as forms
 import medialis
-from medialis.errors import InvalidOptionError, InvalidShapeError
+from medialis.base.errors import InvalidOptionError, InvalidShapeError
 from tubes import arc, circle, dense_curve, distance_to, segment, tube
 
 
@@ -255,7 +255,7 @@ def test_bad_input_gives_a_sentence(fork):
 )
 def test_real_shapes_have_the_right_topology(name, genus, real_shapes):
     result = medialis.run("curve_skeleton", medialis.read_shape(real_shapes / f"{name}.ply"))
-    graph, shape = result.graph, result.shape
+    graph, shape = result.extras["graph"], result.shape
     cloud = medialis.MedialCloud(
         **{
             key: result.arrays[key]

@@ -3,13 +3,14 @@ import pytest
 from scipy.special import ellipe
 
 import medialis
-from medialis.curves.graph.finishing import (
+from medialis.curves.curve_skeleton import CurveSkeleton
+from medialis.curves.graph.growth import (
     merge_junctions,
+    overestimate,
+    prune_spurs,
     sample_branches,
     smooth_nodes,
 )
-from medialis.curves.graph.pruning import overestimate, prune_spurs
-from medialis.model.curve_skeleton import CurveSkeleton
 
 
 def path(points, radius=0.3):

@@ -4,14 +4,11 @@ import numpy as np
 import pytest
 
 import medialis
-from medialis.curves.graph.ground import link_balls
+from medialis.base.arrays import follow
+from medialis.curves.curve_skeleton import CurveSkeleton
+from medialis.curves.graph.ground import GraphTree, link_balls
 from medialis.curves.graph.growth import grow_graph
-from medialis.curves.graph.handles import find_handles
-from medialis.curves.graph.loops import link_turns
-from medialis.curves.graph.spanning import SpanningSurface
-from medialis.curves.graph.tree import GraphTree
-from medialis.model.curve_skeleton import CurveSkeleton
-from medialis.model.polylines import follow
+from medialis.curves.graph.loops import SpanningSurface, find_handles, link_turns
 from tubes import circle, segment, tube
 
 

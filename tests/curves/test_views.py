@@ -14,12 +14,10 @@ from scipy.spatial import cKDTree
 
 import closed_forms
 import medialis
-from medialis.curves.from_views.cameras import camera_axes, camera_pairs, sphere_of
-from medialis.curves.from_views.pairing import pair_points
-from medialis.curves.from_views.silhouettes import silhouette_skeleton
-from medialis.curves.from_views.view_batches import GivenViews, PackedViews
-from medialis.curves.from_views.views import _match, _sharpen
-from medialis.model.shape import Shape
+from medialis.curves.from_views.silhouettes import pair_points, silhouette_skeleton
+from medialis.curves.from_views.skeleton import GivenViews, PackedViews, _match, _sharpen
+from medialis.curves.from_views.view import camera_axes, camera_pairs, sphere_of
+from medialis.shape.shape import Shape
 
 QUICK = {"pairs": 60, "size": 128}
 
@@ -376,8 +374,7 @@ def test_cancelling():
 
 def test_clouds_that_fill_a_volume_are_linked_coarsely():
     """With saliency 0 a nested ball had 195,000 nodes in 300 pieces: 42 s to join them (fixed)."""
-    from medialis.curves.from_views.cloud_nodes import merge_to
-    from medialis.curves.from_views.linking import link_points
+    from medialis.curves.from_views.linking import link_points, merge_to
 
     points = np.random.default_rng(0).random((60_000, 3))
     weights = np.full(len(points), 20.0)

@@ -17,12 +17,14 @@ COPIED = ("core/medialis", "meshlab_plugin", "blender_addon")
 
 
 def extended_checkout(folder: Path) -> Path:
-    """Copy the core and the adapters, and add the module of the page."""
+    """Copy the core and the adapters, and add the folder of the page."""
     for name in COPIED:
         shutil.copytree(ROOT / name, folder / name, ignore=shutil.ignore_patterns("__pycache__"))
-    operations = folder / "core" / "medialis" / "operations"
-    module, test = (code for language, code in blocks(PAGE) if language == "python")
-    (operations / f"{NAME}.py").write_text(module)
+    feature = folder / "core" / "medialis" / NAME
+    feature.mkdir()
+    *files, test = (code for language, code in blocks(PAGE) if language == "python")
+    for name, code in zip(("__init__", "_kernels", "operation"), files, strict=True):
+        (feature / f"{name}.py").write_text(code)
     (folder / f"test_{NAME}.py").write_text(test)
     return folder
 

@@ -1,4 +1,4 @@
-"""The walk-through of CONTRIBUTING.md: one file more in a checkout, and every host has it.
+"""The walk-through of CONTRIBUTING.md: one folder more in a checkout, and every host has it.
 
 Blender has it too: tests/blender/test_contributing.py.
 """
@@ -11,7 +11,7 @@ from code_blocks import blocks, run_bash
 from extended_checkout import NAME, PAGE, extended_checkout, python_path, run_in
 
 import medialis
-from medialis.files.ply_attributes import read_ply_attributes, write_ply
+from medialis.formats.ply_attributes import read_ply_attributes, write_ply
 
 
 @pytest.fixture(scope="module")
@@ -32,13 +32,15 @@ def test_the_command_line_has_it(checkout):
     layer = read_ply_attributes(checkout / "out" / f"{NAME}.ply")
     radius = layer.attributes["radius"]
     assert values["places"] == len(layer.points) == 3
+    table = (checkout / "out" / f"{NAME}.csv").read_text().splitlines()
+    assert [float(x) for x in table[1].split(",")] == [*values["widest"], radius[0]]
     assert list(radius) == sorted(radius, reverse=True) and values["radius_max"] == radius[0]
 
 
 @pytest.mark.slow
 def test_its_test_passes(checkout):
     printed = run_in(checkout, "-m", "pytest", "-q", "-p", "no:cacheprovider", f"test_{NAME}.py")
-    assert "1 passed" in printed
+    assert "2 passed" in printed
 
 
 @pytest.mark.slow
@@ -57,7 +59,7 @@ def test_batches_have_it(checkout):
 
 
 def test_the_table_of_the_meshlab_plugin_has_it(checkout):
-    run_in(checkout, "-m", "medialis.cli.meshlab_notes", ".")
+    run_in(checkout, "-c", "from medialis.hosts import write_notes; write_notes('.')")
     table = json.loads((checkout / "medialis-filters.json").read_text())["filters"]
     entry = next(entry for entry in table if entry["name"] == "generate_widest_places")
     assert entry["title"] == "Generate Medial Widest Places"

@@ -10,10 +10,10 @@ from website.generated_pages import gallery, parameter_page, reference
 from website.parameter_values import BASE, EXAMPLES, SHAPES, example_of, values_of
 
 import medialis
+from medialis.base.options import Options, file, length
 from medialis.operations.declaration import Kind, Operation, Parameter
 from medialis.operations.registry import OPERATIONS
 from medialis.operations.result import Layer, Outcome
-from medialis.options import Options, file, length
 
 ALL = [(o, p) for o in OPERATIONS for p in o.parameters]
 

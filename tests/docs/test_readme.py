@@ -13,7 +13,7 @@ from website.pages import DOCS, ROOT
 
 from medialis.cli import main
 from medialis.operations.registry import OPERATIONS
-from medialis.viewer.page import has_library
+from medialis.show.viewer.page import has_library
 
 README = ROOT / "README.md"
 SCREEN = 55

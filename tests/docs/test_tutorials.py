@@ -10,7 +10,7 @@ from code_blocks import blocks, run_bash, run_python
 from website.pages import DOCS
 
 import medialis
-from medialis.files.ply_attributes import write_ply
+from medialis.formats.ply_attributes import write_ply
 
 TUTORIALS = sorted((DOCS / "tutorials").glob("*.md"))
 LANGUAGES = {"python", "bash"}

@@ -5,9 +5,9 @@ import pytest
 
 import closed_forms as forms
 import medialis
-from medialis.balls.ball_shrinking import DEFAULT_TOLERANCE
-from medialis.fields.enclosure import Enclosure
-from medialis.reports.distances import distance_to_surface
+from medialis.shape.graph import Enclosure
+from medialis.show.reports.measures import distance_to_surface
+from medialis.skeleton.ball_shrinking import DEFAULT_TOLERANCE
 
 
 def solid(points, faces):

@@ -4,15 +4,11 @@ import numpy as np
 import pytest
 
 import closed_forms as forms
-from medialis.balls.ball_shrinking import shrink_balls
-from medialis.errors import InvalidOptionError, InvalidShapeError
-from medialis.fields.feature_transform import (
-    feature_transform,
-    field_on_skeleton,
-    field_on_surface,
-)
-from medialis.model.medial_cloud import BallStatus, MedialCloud
-from medialis.model.shape import Shape
+from medialis.base.errors import InvalidOptionError, InvalidShapeError
+from medialis.shape.shape import Shape
+from medialis.skeleton.ball_shrinking import shrink_balls
+from medialis.skeleton.medial_cloud import BallStatus, MedialCloud
+from medialis.walls.thickness import feature_transform, field_on_skeleton, field_on_surface
 
 REDUCE = {"min": np.nanmin, "max": np.nanmax, "mean": np.nanmean}
 

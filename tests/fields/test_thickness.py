@@ -8,16 +8,20 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 
 import closed_forms as forms
-from medialis.balls.ball_shrinking import DEFAULT_TOLERANCE, shrink_balls
-from medialis.errors import InvalidOptionError, InvalidShapeError
-from medialis.fields import completion as module
-from medialis.fields.completion import complete, complete_again
-from medialis.fields.feature_transform import field_on_surface
-from medialis.fields.thickness import WALL_ANGLE, thickness
-from medialis.model.shape import Shape
-from medialis.surface.generate import organic_shape
-from medialis.surface.reading import read_shape
-from medialis.threads import thread_limit
+from medialis.base.errors import InvalidOptionError, InvalidShapeError
+from medialis.base.threads import thread_limit
+from medialis.shape.generate import organic_shape
+from medialis.shape.reading import read_shape
+from medialis.shape.shape import Shape
+from medialis.skeleton.ball_shrinking import DEFAULT_TOLERANCE, shrink_balls
+from medialis.walls import thickness as module
+from medialis.walls.thickness import (
+    WALL_ANGLE,
+    complete,
+    complete_again,
+    field_on_surface,
+    thickness,
+)
 
 
 def measured(shape, **options):

@@ -8,9 +8,9 @@ import pytest
 import closed_forms as forms
 import medialis
 from medialis.cli.commands import main
-from medialis.files.ply_attributes import write_ply
+from medialis.formats.ply_attributes import write_ply
 from medialis.operations.declaration import Kind, Parameter
-from medialis.render.colors import color_table
+from medialis.show.colors import color_table
 
 
 @pytest.fixture(scope="module")

@@ -6,13 +6,12 @@ import numpy as np
 import pytest
 
 import closed_forms as forms
-from medialis.balls.ball_shrinking import DEFAULT_TOLERANCE, shrink_balls
-from medialis.errors import InvalidOptionError, InvalidShapeError
-from medialis.fields.low_places import PlaceGraph, low_places
-from medialis.fields.thickness import thickness
-from medialis.fields.thin_spots import thin_spots
-from medialis.model.shape import Shape
-from medialis.surface.generate import organic_shape
+from medialis.base.errors import InvalidOptionError, InvalidShapeError
+from medialis.shape.generate import organic_shape
+from medialis.shape.shape import Shape
+from medialis.skeleton.ball_shrinking import DEFAULT_TOLERANCE, shrink_balls
+from medialis.walls.thickness import thickness
+from medialis.walls.thin_spots import PlaceGraph, low_places, thin_spots
 
 STEP = 0.05
 NO_WALLS = np.empty((0, 2), np.int32)

@@ -9,9 +9,9 @@ import pytest
 import medialis
 import plates
 from closed_forms import disc_outline, prism, revolved
-from medialis.fields.materials import MATERIALS
-from medialis.reports.measures import measure
-from medialis.reports.report import report_page
+from medialis.show.reports.measures import measure
+from medialis.show.reports.report import report_page
+from medialis.walls.wall_check import MATERIALS
 
 QUIET = {"refine": 0.012}
 

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 import medialis
-from medialis.files import meshes, read_mesh, read_npz, read_ply_attributes, results, write_ply
+from medialis.formats import json_npz as results
+from medialis.formats import meshes, read_mesh, read_npz, read_ply_attributes, write_ply
 
 unix = pytest.mark.skipif(os.name == "nt", reason="needs pipes and devices of Unix")
 
@@ -328,7 +329,7 @@ def polygons(corners):
 @pytest.mark.parametrize("corners", [8, 2000])
 def test_polygons_of_many_corners_are_cut_as_before_and_fast(tmp_path, corners):
     """A polygon of 2,000 corners took 9 seconds and more (fixed); the triangles are the same."""
-    from medialis.files._polygon_kernels import clip_ears
+    from medialis.formats._kernels import clip_ears
 
     clip_ears(np.array([[0.0, 0], [2, 0], [2, 2], [1, 0.5]]), np.empty((2, 3), np.int64))
     for name, polygon in polygons(corners):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import medialis
-from medialis.errors import FileError, InvalidShapeError
+from medialis.base.errors import FileError, InvalidShapeError
 
 
 def test_a_mesh_comes_back_to_the_last_digit(tmp_path):

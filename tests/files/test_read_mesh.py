@@ -11,8 +11,8 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from medialis.errors import FileError, InvalidShapeError, MedialisError
-from medialis.files import read_mesh
+from medialis.base.errors import FileError, InvalidShapeError, MedialisError
+from medialis.formats import read_mesh
 
 POINTS = np.array(
     [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1.5]]

@@ -10,8 +10,8 @@ from enum import Enum
 import numpy as np
 import pytest
 
-from medialis.errors import FileError, InvalidOptionError, InvalidShapeError, MedialisError
-from medialis.files import (
+from medialis.base.errors import FileError, InvalidOptionError, InvalidShapeError, MedialisError
+from medialis.formats import (
     OutputFolder,
     json_text,
     read_mesh,
@@ -21,7 +21,7 @@ from medialis.files import (
     write_npz,
     write_ply,
 )
-from medialis.files._files import complete_file
+from medialis.formats.files import complete_file
 
 
 def names_in(folder):
@@ -294,7 +294,7 @@ def test_output_folder_puts_everything_back_when_moving_fails(tmp_path, monkeypa
 
 KILLED = """
 import os, sys
-from medialis.files.output_folder import OutputFolder
+from medialis.formats.output_folder import OutputFolder
 with OutputFolder(sys.argv[1]) as folder:
     folder.file("half.txt").write_text("half")
     print("here", flush=True)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import medialis
-from medialis.files.rigged_gltf import bone_frames, write_rigged_gltf
+from medialis.rigging.formats import bone_frames, write_rigged_gltf
 
 TYPES = {5121: np.uint8, 5123: np.uint16, 5125: np.uint32, 5126: np.float32}
 WIDTHS = {"SCALAR": 1, "VEC3": 3, "VEC4": 4, "MAT4": 16}
@@ -95,7 +95,7 @@ def written(result, folder, unit=None):
     layer = next(one for one in result.layers if one.role == "skin")
     surface = medialis.Surface(layer.points, layer.faces)
     normals = result.shape.normals[: len(layer.points)]
-    write_rigged_gltf(folder / "a.glb", surface, normals, result.skin, unit=unit)
+    write_rigged_gltf(folder / "a.glb", surface, normals, result.extras["skin"], unit=unit)
     return Scene((folder / "a.glb").read_bytes()), surface
 
 
@@ -115,7 +115,7 @@ def test_the_rest_pose_is_the_shape_in_metres(result, tmp_path):
 
 def test_joints_are_the_bones_with_their_names_parents_and_ends(result, tmp_path):
     scene, _ = written(result, tmp_path)
-    rig, nodes, places = result.rig, scene.json["nodes"], scene.places()
+    rig, nodes, places = result.extras["bones"], scene.json["nodes"], scene.places()
     joints = scene.json["skins"][0]["joints"]
     assert [nodes[j]["name"] for j in joints] == list(rig.names)
     parents = {child: n for n, node in enumerate(nodes) for child in node.get("children", [])}
@@ -131,7 +131,7 @@ def test_joints_are_the_bones_with_their_names_parents_and_ends(result, tmp_path
 
 def test_turning_a_bone_moves_what_hangs_on_it_and_nothing_else(result, tmp_path):
     scene, surface = written(result, tmp_path)
-    rig, skin = result.rig, result.skin
+    rig, skin = result.extras["bones"], result.extras["skin"]
     bone = int(np.setdiff1d(np.arange(rig.count), rig.parents)[0])  # an end
     half = np.eye(4)
     half[:3, :3] = turned(1, 0, 0, 0)  # half a turn about its x axis
@@ -145,7 +145,7 @@ def test_turning_a_bone_moves_what_hangs_on_it_and_nothing_else(result, tmp_path
 
 
 def test_frames_are_turns_with_y_along_the_bone(result):
-    frames, rig = bone_frames(result.rig), result.rig
+    frames, rig = bone_frames(result.extras["bones"]), result.extras["bones"]
     turns = frames[:, :3, :3]
     assert np.allclose(turns @ turns.transpose(0, 2, 1), np.eye(3), atol=1e-12)
     assert np.allclose(np.linalg.det(turns), 1.0)
@@ -174,13 +174,13 @@ def test_names_are_those_that_were_asked_for(tmp_path, naming, spine):
     scene = Scene((tmp_path / "out" / "armature.glb").read_bytes())
     nodes = scene.json["nodes"]
     names = [nodes[joint]["name"] for joint in scene.json["skins"][0]["joints"]]
-    assert names == list(result.rig.names) and spine in names
+    assert names == list(result.extras["bones"].names) and spine in names
 
 
 def test_pygltflib_finds_skin_joints_and_matrices(result, tmp_path):
     gltf = pytest.importorskip("pygltflib", reason="pygltflib is not installed")
     written(result, tmp_path)
-    scene, rig = gltf.GLTF2().load(str(tmp_path / "a.glb")), result.rig
+    scene, rig = gltf.GLTF2().load(str(tmp_path / "a.glb")), result.extras["bones"]
     (skin,) = scene.skins
     assert [scene.nodes[joint].name for joint in skin.joints] == list(rig.names)
     accessor = scene.accessors[skin.inverseBindMatrices]
@@ -204,7 +204,7 @@ def test_blender_finds_an_armature_that_moves_the_mesh(tmp_path, naming):
     bpy.ops.import_scene.gltf(filepath=str(tmp_path / "a.glb"))
     (armature,) = [one for one in bpy.data.objects if one.type == "ARMATURE"]
     mesh = next(one for one in bpy.data.objects if one.find_armature() is armature)
-    rig, layer = result.rig, next(one for one in result.layers if one.role == "skin")
+    rig, layer = result.extras["bones"], next(one for one in result.layers if one.role == "skin")
     assert set(rig.names) <= set(armature.data.bones.keys())
     parents = {bone.name: bone.parent.name if bone.parent else None for bone in armature.data.bones}
     for name, parent in zip(rig.names, rig.parents.tolist(), strict=True):
@@ -225,7 +225,7 @@ def test_blender_finds_an_armature_that_moves_the_mesh(tmp_path, naming):
     armature.pose.bones[rig.names[bone]].rotation_euler = (1.0, 0.0, 0.0)
     bpy.context.view_layer.update()
     away = np.linalg.norm(vertices() - rest, axis=1)
-    share = result.skin.of_bone(bone)
+    share = result.extras["skin"].of_bone(bone)
     assert away[share > 0.5].max() > 0.02 and away[share == 0].max() < 1e-5
 
 
@@ -241,7 +241,7 @@ def test_graph_files_of_an_armature_hold_the_bones(result, tmp_path):
     """They held the curve skeleton, which has other nodes and may have loops."""
     medialis.write_result(result, tmp_path / "out")
     graph = medialis.read_curve_skeleton(tmp_path / "out" / "armature.json")
-    rig = result.rig
+    rig = result.extras["bones"]
     assert len(graph.edges) == rig.count and len(graph.nodes) == rig.count + len(rig.roots)
     assert graph.loops == 0 and graph.component_count == len(rig.roots)
     ends = {tuple(sorted(map(tuple, graph.nodes[edge].tolist()))) for edge in graph.edges}

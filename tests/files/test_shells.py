@@ -8,10 +8,8 @@ import pytest
 import medialis
 from calculix import blocks_of, deflection, needs_ccx, nodes_of
 from medialis.cli.commands import main
-from medialis.files.abaqus import write_inp
-from medialis.files.msh import write_msh
-from medialis.files.shells import ShellMesh
-from medialis.files.vtu import write_vtu
+from medialis.formats.shells import ShellMesh, write_inp, write_msh
+from medialis.formats.vtk import write_vtu
 
 needs_gmsh = pytest.mark.skipif(
     importlib.util.find_spec("gmsh") is None, reason="Gmsh is not installed (pip install gmsh)"

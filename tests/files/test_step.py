@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import medialis
-from medialis.files.meshes import read_mesh
-from medialis.files.step import _unit_of
+from medialis.formats.meshes import read_mesh
+from medialis.formats.step import _unit_of
 
 PLATE = Path(__file__).parent / "data" / "plate_with_hole.step"
 METRIC = b"( LENGTH_UNIT() NAMED_UNIT(*) SI_UNIT(.MILLI.,.METRE.) )"
@@ -118,6 +118,6 @@ def test_without_cascadio_a_sentence_says_what_to_install():
 
 
 def test_cad_files_are_known_by_their_beginning(monkeypatch):
-    monkeypatch.setattr("medialis.files.step.parse_step", lambda data: pytest.fail("parsed"))
+    monkeypatch.setattr("medialis.formats.step.parse_step", lambda data: pytest.fail("parsed"))
     with pytest.raises(pytest.fail.Exception, match="parsed"):
         read_mesh(PLATE)

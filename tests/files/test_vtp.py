@@ -7,7 +7,7 @@ import pytest
 
 import medialis
 from medialis.cli.commands import main
-from medialis.files.vtp import write_vtp
+from medialis.formats.vtk import write_vtp
 
 KINDS = {"Int": "i", "UInt": "u", "Float": "f"}
 TETRAHEDRON = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1.0]])

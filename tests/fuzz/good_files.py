@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fuzz.nasty_shapes import grid_box, tube
-from medialis.files import write_curve_skeleton, write_ply
-from medialis.model.curve_skeleton import CurveSkeleton
+from medialis.curves.curve_skeleton import CurveSkeleton
+from medialis.curves.formats import write_curve_skeleton
+from medialis.formats import write_ply
 
 
 @dataclass(frozen=True)

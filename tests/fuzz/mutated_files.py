@@ -18,12 +18,11 @@ import medialis
 from fuzz.good_files import GoodFile, good_files, small_tube
 from fuzz.kinds import GIGABYTE, Case, Fault, Kind
 from fuzz.mutations import mutated
-from medialis.batches.files import find_files
-from medialis.batches.jobs import Job, plan
-from medialis.batches.table import write_table
-from medialis.batches.work import run_job
+from medialis.batches.batch import write_table
+from medialis.batches.jobs import Job, find_files, plan, run_job
 from medialis.cli.commands import main
-from medialis.files import read_npz, read_ply_attributes, write_curve_skeleton, write_ply
+from medialis.curves.formats import write_curve_skeleton
+from medialis.formats import read_npz, read_ply_attributes, write_ply
 
 MOST_MEMORY = GIGABYTE
 """Bytes that a case may take from the system: its files have at most some megabytes."""

@@ -18,12 +18,12 @@ from scipy.spatial import cKDTree
 import medialis
 from fuzz.kinds import GIGABYTE, Case, Fault, Kind
 from fuzz.nasty_shapes import nasty_mesh, nasty_normals
-from medialis.files import write_ply
-from medialis.files.results import json_text
+from medialis.base.options import Kind as Option
+from medialis.base.options import Parameter
+from medialis.formats import write_ply
+from medialis.formats.json_npz import json_text
 from medialis.operations.declaration import Operation
 from medialis.operations.result import Result
-from medialis.options import Kind as Option
-from medialis.options import Parameter
 
 SECONDS = 10.0
 """Processor time of an operation on fewer than 1,000 vertices with options no dearer than usual."""
@@ -282,8 +282,8 @@ def _check_written(result: Result, folder: Path) -> None:
     if missing:
         raise Fault("files of a manifest are missing", f"{missing}")
     for layer in result.layers:
-        medialis.files.read_ply_attributes(folder / f"{layer.name}.ply")
-    arrays = medialis.files.read_npz(folder / f"{result.operation}.npz")
+        medialis.formats.read_ply_attributes(folder / f"{layer.name}.ply")
+    arrays = medialis.formats.read_npz(folder / f"{result.operation}.npz")
     if any(not _same(np.asarray(result.arrays[name]), arrays[name]) for name in result.arrays):
         raise Fault("arrays are others after writing and reading")
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 import medialis
-from medialis._kernels import cache_folder
+from medialis.base import cache_folder
 from medialis.hosts import compile_ahead
 
 STALE = "write the list anew: python benchmarks/record_kernels.py"
@@ -39,7 +39,7 @@ def test_every_operation_is_listed():
 RUN = """
 import sys, medialis
 from medialis.hosts.compile_ahead import compile_ahead, is_needed
-from medialis._kernels.cache_folder import kernel_cache
+from medialis.base.cache_folder import kernel_cache
 count = lambda: sum(1 for _ in kernel_cache().rglob("*.nbi"))
 assert is_needed("smooth")
 seen = []

@@ -7,7 +7,7 @@ import pytest
 
 import medialis
 from medialis.hosts import Computer, computing
-from medialis.hosts.parcels import pack, unpack
+from medialis.hosts.computing_child import pack, unpack
 
 
 @pytest.fixture

@@ -62,12 +62,12 @@ def test_a_rig_is_found_by_the_roles_of_its_layers():
     shape = medialis.make_shape(points, faces, repair=True)
     result = medialis.run("armature", shape)
     rig = rig_of(result, shape)
-    assert rig.bones is result.rig
+    assert rig.bones is result.extras["bones"]
     assert (rig.layer.name, rig.skin_layer.name) == ("armature", "skin")
     kept = shape.vertex_map >= 0
     assert rig.weights.weights.shape == (len(points), 4)
     assert (rig.weights.bones[~kept] == -1).all() and (rig.weights.weights[~kept] == 0).all()
     np.testing.assert_array_equal(
-        rig.weights.weights[kept], result.skin.weights[shape.vertex_map[kept]]
+        rig.weights.weights[kept], result.extras["skin"].weights[shape.vertex_map[kept]]
     )
     assert rig_of(medialis.run("thickness", shape), shape) is None

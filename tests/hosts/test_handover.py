@@ -7,7 +7,7 @@ import pytest
 
 import medialis
 from medialis.cli.commands import main
-from medialis.files.ply_attributes import read_ply_attributes, write_ply
+from medialis.formats.ply_attributes import read_ply_attributes, write_ply
 from medialis.hosts import filters, host_layers, on_input, write_for_host
 from medialis.operations.registry import OPERATIONS
 from medialis.operations.result import Layer
@@ -83,7 +83,7 @@ def test_auxiliary_layers_come_on_request_and_failure_leaves_nothing(tmp_path, m
     def fail(*arguments, **options):
         raise medialis.FileError("Cannot write: disk full.")
 
-    monkeypatch.setattr("medialis.hosts.handover.write_json", fail)
+    monkeypatch.setattr("medialis.hosts.menu.write_json", fail)
     with pytest.raises(medialis.FileError):
         write_for_host(result, shape, tmp_path / "other")
     assert [p.name for p in tmp_path.iterdir()] == ["out"]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import medialis
-from medialis.hosts.label_volumes import label_volume
+from medialis.exchange.label_volumes import label_volume
 
 skimage = pytest.importorskip("skimage", reason="scikit-image makes the surfaces")
 GRID = np.indices((40, 30, 30))

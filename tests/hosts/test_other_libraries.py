@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import medialis
-from medialis.surface.given_shapes import as_shape
+from medialis.shape.reading import as_shape
 
 
 @pytest.fixture(scope="module")

@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 import medialis
-from medialis.fields.enclosure import ENCLOSED, Enclosure
-from medialis.reports.distances import distance_to_surface
-from medialis.surface.given_shapes import as_shape
+from medialis.shape.graph import ENCLOSED, Enclosure
+from medialis.shape.reading import as_shape
+from medialis.show.reports.measures import distance_to_surface
 
 
 @pytest.fixture(scope="module")
@@ -189,8 +189,8 @@ def test_12_vtp(result, curve, tmp_path):
 def test_importing_medialis_loads_none_of_them():
     names = "trimesh pyvista vtk open3d meshio pymeshlab pandas networkx navis SimpleITK nibabel"
     program = (
-        "import sys, medialis, medialis.hosts.graph_libraries, medialis.hosts.label_volumes, "
-        "medialis.hosts.tables, medialis.hosts.other_libraries\n"
+        "import sys, medialis, medialis.exchange.libraries, medialis.exchange.label_volumes, "
+        "medialis.exchange.libraries, medialis.exchange.libraries\n"
         f"print([n for n in '{names} skimage numba scipy'.split() if n in sys.modules])"
     )
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)

@@ -4,7 +4,7 @@ import numpy as np
 
 import medialis
 from medialis.hosts import FilterUnit, Layer, hidden_apart, shown
-from medialis.render.colors import label_colors, map_colors
+from medialis.show.colors import label_colors, map_colors
 
 POINTS = np.eye(3)
 

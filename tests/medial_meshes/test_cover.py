@@ -8,7 +8,7 @@ import pytest
 
 import medialis
 from closed_forms import box_mesh, icosphere
-from medialis.errors import InvalidOptionError, InvalidShapeError
+from medialis.base.errors import InvalidOptionError, InvalidShapeError
 from medialis.medial_meshes.cover import _given
 
 

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 import medialis
-import medialis.medial_meshes.envelope_surface as envelope_surfaces
+import medialis.medial_meshes.envelope as envelope_surfaces
 from closed_forms import icosphere, random_directions
-from medialis.errors import InvalidShapeError
+from medialis.base.errors import InvalidShapeError
 from medialis.medial_meshes.distances import boundary_points
 from medialis.medial_meshes.envelope import Envelope, primitives_of
-from medialis.model.medial_mesh import Complex
+from medialis.medial_meshes.mesh import Complex
 
 
 def random_complex(rng, count=9):

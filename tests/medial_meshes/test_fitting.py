@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 
 from closed_forms import box_mesh, icosphere
+from medialis.base.progress import Progress
 from medialis.medial_meshes.envelope import Envelope, primitives_of
 from medialis.medial_meshes.fine_complex import fine_complex
 from medialis.medial_meshes.fitting import BALLS_A_LISTED, Bounds, Fit, Target, _Follower
-from medialis.medial_meshes.hollows import Hollows
-from medialis.medial_meshes.solid import Solid
-from medialis.model.medial_mesh import Complex
-from medialis.progress import Progress
+from medialis.medial_meshes.mesh import Complex
+from medialis.medial_meshes.sampling import Solid
+from medialis.medial_meshes.search import Hollows
 
 
 def shell(radius, thickness):

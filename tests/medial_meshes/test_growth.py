@@ -6,10 +6,8 @@ import numpy as np
 import pytest
 
 from closed_forms import box_mesh, icosphere, torus_mesh
-from medialis.medial_meshes.fine_complex import _build, _Cells
-from medialis.medial_meshes.growth import grown
-from medialis.medial_meshes.sampling import take_samples
-from medialis.medial_meshes.solid import Solid
+from medialis.medial_meshes.fine_complex import _build, _Cells, grown
+from medialis.medial_meshes.sampling import Solid, take_samples
 
 
 def cells_of(shape, samples=800):

@@ -5,7 +5,7 @@ import pytest
 
 import medialis
 from closed_forms import torus_mesh
-from medialis.errors import InvalidShapeError
+from medialis.base.errors import InvalidShapeError
 
 
 def book(pages=3, length=4):

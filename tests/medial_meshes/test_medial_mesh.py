@@ -5,11 +5,11 @@ import pytest
 
 import medialis
 from closed_forms import box_mesh, icosphere, torus_mesh
-from medialis.errors import InvalidOptionError, InvalidShapeError
-from medialis.kept import memory_limit
-from medialis.medial_meshes.solid import Solid
-from medialis.model.betti import betti_numbers
-from medialis.threads import thread_limit
+from medialis.base.errors import InvalidOptionError, InvalidShapeError
+from medialis.base.kept import memory_limit
+from medialis.base.threads import thread_limit
+from medialis.medial_meshes.mesh import betti_numbers
+from medialis.medial_meshes.sampling import Solid
 from tubes import arc, capsules, circle, distance_to, segment, tube
 
 

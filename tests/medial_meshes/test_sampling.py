@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from medialis.medial_meshes.sampling import CANDIDATES, FINEST, PIECES, _cut, take_samples
-from medialis.medial_meshes.solid import Solid
+from medialis.medial_meshes.sampling import CANDIDATES, FINEST, PIECES, Solid, _cut, take_samples
 
 
 def needle(width):

@@ -5,13 +5,12 @@ import pytest
 
 import closed_forms as forms
 import medialis
-from medialis.balls.ball_shrinking import shrink_balls as surface_skeleton
-from medialis.errors import Cancelled, InvalidOptionError, InvalidShapeError
-from medialis.mesh._skeleton_mesh_kernels import in_balls
-from medialis.mesh.skeleton_mesh import SLACK
-from medialis.model.shape import Shape
-from medialis.model.skeleton_mesh import SkeletonMesh
-from medialis.threads import thread_limit
+from medialis.base.errors import Cancelled, InvalidOptionError, InvalidShapeError
+from medialis.base.threads import thread_limit
+from medialis.shape.shape import Shape
+from medialis.skeleton._mesh_kernels import in_balls
+from medialis.skeleton.ball_shrinking import shrink_balls as surface_skeleton
+from medialis.skeleton.skeleton_mesh import SLACK, SkeletonMesh
 
 ALL = {"min_spoke_angle": 0.0, "smallest_piece": 0.0}
 GRID = np.linspace(0, 1, 6)
@@ -201,7 +200,7 @@ def test_radius_rises_no_steeper_than_on_a_sheet(monkeypatch):
         slope = (np.cos(cloud.spoke_angles[a] / 2) + np.cos(cloud.spoke_angles[b] / 2)) / 2
         rise = np.abs(cloud.radii[a] - cloud.radii[b])
         assert (rise <= slope * run + SLACK * step + 1e-12).all()
-    monkeypatch.setattr("medialis.mesh.skeleton_mesh.SLACK", 1000.0)
+    monkeypatch.setattr("medialis.skeleton.skeleton_mesh.SLACK", 1000.0)
     more = skeleton_mesh(cloud, bridge=0)
     assert len(more.faces) >= len(mesh.faces)
 
@@ -283,7 +282,7 @@ def test_another_smallest_piece_takes_the_same_triangles(monkeypatch):
     fresh = skeleton_mesh(cloud, smallest_piece=0.01)
     with medialis.memory_limit(1 << 30):
         skeleton_mesh(cloud)
-        monkeypatch.setattr("medialis.mesh.skeleton_mesh._lift_side", None)  # not called again
+        monkeypatch.setattr("medialis.skeleton.skeleton_mesh._lift_side", None)  # not called again
         again = skeleton_mesh(cloud, smallest_piece=0.01)
     assert np.array_equal(again.faces, fresh.faces) and np.array_equal(again.rows, fresh.rows)
 

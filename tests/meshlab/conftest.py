@@ -12,10 +12,10 @@ from typing import Any
 import pytest
 
 import medialis
+from medialis.base.options import Options
 from medialis.operations import registry
 from medialis.operations.declaration import Operation
 from medialis.operations.result import Outcome
-from medialis.options import Options
 
 ROOT = Path(__file__).resolve().parents[2]
 

@@ -7,7 +7,7 @@ import pytest
 
 import medialis
 from medialis.operations.result import Layer
-from medialis.render.colors import label_colors, map_colors
+from medialis.show.colors import label_colors, map_colors
 
 pymeshlab = pytest.importorskip("pymeshlab", reason="needs pymeshlab (the extra meshlab)")
 

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 import medialis
+from medialis.base.threads import run_chunks
 from medialis.operations.result import Layer
-from medialis.render.colors import label_colors, map_colors
-from medialis.threads import run_chunks
+from medialis.show.colors import label_colors, map_colors
 
 pymeshlab = pytest.importorskip("pymeshlab", reason="needs pymeshlab (the extra meshlab)")
 import medialis_meshset.filters as filters  # noqa: E402

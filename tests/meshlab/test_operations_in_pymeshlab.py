@@ -111,7 +111,7 @@ def test_thickness_becomes_attribute_quality_and_colour(mesh_set, creature):
 
 
 def medialis_colors(values, layer):
-    from medialis.render.colors import map_colors
+    from medialis.show.colors import map_colors
 
     return map_colors(values, layer.color_map, *layer.color_limits)
 

@@ -52,8 +52,8 @@ def test_a_library_of_each_system_is_found_and_says_its_release(build, tmp_path,
 
 
 def test_a_packaged_plugin_is_one_that_the_installer_takes(build, tmp_path, monkeypatch):
-    from medialis.cli.machine import Machine
-    from medialis.cli.meshlab_install import built_plugins, this_system
+    from medialis.hosts import Machine
+    from medialis_meshlab_plugin.install import built_plugins, this_system
 
     machine = Machine()
     folder = tmp_path / "build" / "plugin-2020.09"

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import medialis
-from medialis.files.ply_attributes import write_ply
+from medialis.formats.ply_attributes import write_ply
 from medialis.hosts import menu_entries, shown
 from real_meshlab import PROJECT, build_plugin, medialis_program
 

@@ -9,7 +9,7 @@ import pytest
 
 import closed_forms as forms
 import medialis
-from medialis.files.ply_attributes import read_ply_attributes, write_ply
+from medialis.formats.ply_attributes import read_ply_attributes, write_ply
 from medialis.hosts import filters, host_layers, shown
 from plates import tee
 from real_meshlab import MeshLab, filter_named, make_meshlab, x_server

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import medialis
-from medialis.files.ply_attributes import write_ply
+from medialis.formats.ply_attributes import write_ply
 from meshlab_screen import ABOVE_DEFAULT, APPLY, meshlab_window
 from real_meshlab import make_meshlab, need, x_server
 

@@ -114,7 +114,7 @@ def test_the_selection_of_a_run_is_not_in_its_script(mesh_set, creature, tmp_pat
 
 def test_attributes_survive_saving(mesh_set, creature, tmp_path):
     """pymeshlab leaves custom attributes out of PLY files unless it is told."""
-    from medialis.files.ply_attributes import read_ply_attributes
+    from medialis.formats.ply_attributes import read_ply_attributes
 
     mesh_set.compute_scalar_by_medial_thickness_per_vertex()
     mesh_set.current_mesh().add_vertex_custom_scalar_attribute(np.ones(creature.point_count), "b")

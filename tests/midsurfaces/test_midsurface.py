@@ -6,7 +6,7 @@ from scipy.spatial import cKDTree
 
 import medialis
 import plates
-from medialis.errors import InvalidShapeError
+from medialis.base.errors import InvalidShapeError
 
 TURN = np.linalg.qr(np.array([[0.8, 0.3, -0.5], [0.2, 0.9, 0.4], [0.6, -0.4, 0.7]]))[0]
 

@@ -3,8 +3,8 @@ import itertools
 import numpy as np
 import pytest
 
-from medialis.errors import InvalidShapeError
-from medialis.model.curve_skeleton import CurveSkeleton
+from medialis.base.errors import InvalidShapeError
+from medialis.curves.curve_skeleton import CurveSkeleton
 
 
 def lollipop():

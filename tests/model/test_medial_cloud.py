@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 import closed_forms as forms
-from medialis.balls.ball_shrinking import shrink_balls
-from medialis.errors import InvalidShapeError
-from medialis.model.medial_cloud import COLUMNS, BallStatus, MedialCloud
-from medialis.model.shape import Shape
+from medialis.base.errors import InvalidShapeError
+from medialis.shape.shape import Shape
+from medialis.skeleton.ball_shrinking import shrink_balls
+from medialis.skeleton.medial_cloud import COLUMNS, BallStatus, MedialCloud
 
 
 def surface(n):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import medialis
-from medialis.model.polylines import polylines
+from medialis.base.arrays import polylines
 
 
 def lines(edges, count):

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from medialis.errors import InvalidShapeError
-from medialis.model.ragged import Ragged
+from medialis.base.arrays import Ragged
+from medialis.base.errors import InvalidShapeError
 
 
 @settings(max_examples=100, deadline=None, derandomize=True)

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 
 import closed_forms as forms
 import medialis
-from medialis.errors import InvalidShapeError
-from medialis.model.shape import Shape
+from medialis.base.errors import InvalidShapeError
+from medialis.shape.shape import Shape
 from oracles import component_labels, edge_uses, face_neighbours
 
 SOME = np.random.default_rng(0).normal(size=(6, 3))

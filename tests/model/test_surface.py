@@ -10,10 +10,9 @@ from hypothesis import strategies as st
 
 import closed_forms as forms
 import medialis
-from medialis.errors import InvalidShapeError
-from medialis.model.edge_table import EdgeTable
-from medialis.model.surface import Surface, link_matrix
-from medialis.model.topology import piece_labels
+from medialis.base.arrays import EdgeTable
+from medialis.base.errors import InvalidShapeError
+from medialis.shape.surface import Surface, link_matrix, piece_labels
 from oracles import component_labels, edge_uses
 
 QUANTITIES = (

@@ -8,8 +8,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 import medialis
-from medialis.model.surface import Surface
-from medialis.model.topology import Topology, piece_labels
+from medialis.shape.surface import Surface, Topology, piece_labels
 
 
 @pytest.mark.parametrize("links", [0, 1, 40, 90, 400])

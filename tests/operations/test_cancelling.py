@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 import medialis
-from medialis import threads
-from medialis.files.ply_attributes import write_ply
+from medialis.base import threads
+from medialis.base.threads import thread_limit
+from medialis.formats.ply_attributes import write_ply
 from medialis.operations.registry import OPERATIONS
-from medialis.threads import thread_limit
 from plates import with_walls
 
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import medialis
+from medialis.base.options import Kind
 from medialis.operations.result import FilterUnit, Layer
-from medialis.options import Kind
 
 
 @pytest.mark.parametrize(

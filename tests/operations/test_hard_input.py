@@ -7,11 +7,11 @@ import pytest
 
 import closed_forms as forms
 import medialis
+from medialis.curves.curve_skeleton import CurveSkeleton
 from medialis.hosts import shown
-from medialis.model.curve_skeleton import CurveSkeleton
-from medialis.operations.common import summary
 from medialis.operations.result import Outcome
-from medialis.render.colors import value_range
+from medialis.show.colors import value_range
+from medialis.skeleton.layers import summary
 
 
 def faceted_ball(turns=8):
@@ -57,7 +57,7 @@ def test_a_round_part_has_its_node_in_the_middle():
     largest; its importance was NaN, or that of another part."""
     ball = faceted_ball()
     result = medialis.run("curve_skeleton", ball)
-    graph = result.graph
+    graph = result.extras["graph"]
     assert len(graph.nodes) == 1
     # The ball inside the facets has the radius cos(pi / 16) = 0.98; refinement leaves 2 % edges.
     assert np.linalg.norm(graph.nodes[0]) < 0.1 and graph.radii[0] > 0.85
@@ -65,7 +65,7 @@ def test_a_round_part_has_its_node_in_the_middle():
     assert np.allclose(graph.importance, area, rtol=1e-9)
     bar = forms.box_mesh((4.0, 0.4, 0.4), 0.2)
     result = medialis.run("curve_skeleton", together(bar, ball, [0, 5, 0]))
-    both, fine = result.graph, result.shape
+    both, fine = result.extras["graph"], result.shape
     area = fine.face_areas[fine.points[fine.faces[:, 0], 1] > 3].sum()
     alone = both.degrees == 0
     assert alone.sum() == 1 and np.allclose(both.importance[alone], area, rtol=1e-9)
@@ -120,9 +120,9 @@ def test_parts_are_moved_by_their_own_bones_only():
     """Bones of one part were smoothed over all others: 10000 parts took many minutes."""
     bar = forms.box_mesh((2.0, 0.5, 0.4), 0.2)
     result = medialis.run("armature", together(bar, bar, [0, 4, 0]), refine=0)
-    assert np.allclose(result.skin.weights.sum(axis=1), 1, rtol=0, atol=1e-12)
-    there = result.rig.heads[:, 1] > 2
+    assert np.allclose(result.extras["skin"].weights.sum(axis=1), 1, rtol=0, atol=1e-12)
+    there = result.extras["bones"].heads[:, 1] > 2
     assert there.any() and not there.all()
     for part in range(2):
-        own = result.skin.bones[part * bar.point_count : (part + 1) * bar.point_count]
+        own = result.extras["skin"].bones[part * bar.point_count : (part + 1) * bar.point_count]
         assert (there[own[own >= 0]] == part).all()

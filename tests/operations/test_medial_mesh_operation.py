@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import medialis
-from medialis.errors import FileError, InvalidShapeError
-from medialis.operations.mesh_levels import MeshLevels
+from medialis.base.errors import FileError, InvalidShapeError
+from medialis.medial_meshes.levels import MeshLevels
 
 FAST = {"balls": 24, "quality": "fast", "cell": 0.03}
 

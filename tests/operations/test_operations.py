@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import medialis
+from medialis.operations import names
 from medialis.operations.names import named_operations
 from medialis.operations.registry import OPERATIONS
 from plates import with_walls
@@ -179,7 +180,7 @@ def test_write_result_is_all_or_nothing(creature, tmp_path, monkeypatch):
     def fail(*arguments, **options):
         raise medialis.FileError("disk full")
 
-    monkeypatch.setattr("medialis.operations.writing.write_png", fail)
+    monkeypatch.setattr("medialis.show.writing.write_png", fail)
     with pytest.raises(medialis.FileError):
         medialis.write_result(result, tmp_path / "deep" / "out")
     assert list(tmp_path.iterdir()) == []
@@ -234,19 +235,21 @@ def test_names_are_read_without_loading_what_they_name():
 
 
 def test_a_name_that_is_not_written_out_is_found_by_loading(monkeypatch, tmp_path):
-    (tmp_path / "made_by_code.py").write_text(
+    (tmp_path / "made_by_code").mkdir()
+    (tmp_path / "made_by_code" / "operation.py").write_text(
         "from dataclasses import replace\n"
-        "from medialis.operations import thickness\n"
-        "OPERATION = replace(thickness.OPERATION, name='made_by_code')\n"
+        "from medialis.walls.operation import THICKNESS\n"
+        "OPERATION = replace(THICKNESS, name='made_by_code')\n"
     )
-    medialis.operation("thickness")  # loaded while its folder is still the package's
-    monkeypatch.setattr(medialis.operations, "__path__", [str(tmp_path)])
+    monkeypatch.setattr(names, "PACKAGE", tmp_path)
+    monkeypatch.setattr(medialis, "__path__", [*medialis.__path__, str(tmp_path)])
     named_operations.cache_clear()
     try:
         assert [n.name for n in named_operations()] == ["made_by_code"]
     finally:
         named_operations.cache_clear()
-        sys.modules.pop("medialis.operations.made_by_code", None)
+        for module in [name for name in sys.modules if name.startswith("medialis.made_by_code")]:
+            del sys.modules[module]
 
 
 def test_points_that_belong_to_no_sample_are_drawn():

@@ -22,8 +22,9 @@ def test_results_come_back(name, tmp_path):
         assert np.array_equal(ours.points, theirs.points)
         for key, values in theirs.attributes.items():
             assert np.array_equal(ours.attributes[key], values, equal_nan=values.dtype.kind == "f")
-    if result.graph is not None:
-        assert np.array_equal(again.graph.edges, result.graph.edges)
+    assert again.extras.keys() == result.extras.keys() & {"graph"}
+    if "graph" in result.extras:
+        assert np.array_equal(again.extras["graph"].edges, result.extras["graph"].edges)
 
 
 def test_a_folder_without_a_result_is_named(tmp_path):

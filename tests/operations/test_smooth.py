@@ -81,8 +81,9 @@ def test_an_old_name_still_works_and_says_so(rough):
 
 def test_triples_name_neighbours_that_are_there(monkeypatch):
     """A few dense points among scattered ones: their neighbourhoods are smaller than others."""
-    from medialis.clouds import _smoothing_kernels, smoothing
-    from medialis.progress import Progress
+    from medialis.base.progress import Progress
+    from medialis.clouds import _kernels as _smoothing_kernels
+    from medialis.clouds import smoothing
 
     seen = []
 
@@ -101,8 +102,8 @@ def test_triples_name_neighbours_that_are_there(monkeypatch):
 
 @pytest.mark.parametrize("count", [1, 2, 3])
 def test_fewer_points_than_name_a_plane_stay(count):
+    from medialis.base.progress import Progress
     from medialis.clouds.smoothing import without_jitter
-    from medialis.progress import Progress
 
     points = np.eye(3)[:count]
     moved = without_jitter(points, np.arange(count), 10.0, Progress())

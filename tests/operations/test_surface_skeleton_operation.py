@@ -108,6 +108,6 @@ def test_pictures_leave_hidden_points_out():
     size = {"width": 200, "height": 150, "style": medialis.Style(legend=False)}
     kept = replace(kept, color_limits=layer.color_limits)
     alone = medialis.Result(found.shape, (kept,), operation="surface_skeleton")
-    camera = medialis.render.camera.Camera.framing(shape.points, width=200, height=150)
+    camera = medialis.show.camera.Camera.framing(shape.points, width=200, height=150)
     pictures = [medialis.draw_result(r, camera=camera, **size) for r in (found, alone)]
     np.testing.assert_array_equal(*pictures)

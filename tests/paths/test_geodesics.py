@@ -9,9 +9,9 @@ from scipy.sparse.csgraph import dijkstra
 
 import closed_forms as forms
 import medialis
-from medialis.errors import InvalidOptionError, InvalidShapeError
-from medialis.model.geodesic_paths import PathStatus
-from medialis.paths import geodesics
+from medialis.base.errors import InvalidOptionError, InvalidShapeError
+from medialis.skeleton.importance import geodesics
+from medialis.skeleton.importance.geodesics import PathStatus
 
 # Shortening ends with a round that gains less than 5e-5 of the length (see straighten).
 NEARLY = 1.0002

@@ -10,14 +10,18 @@ from scipy.sparse.csgraph import connected_components
 
 import closed_forms as forms
 import medialis
-from medialis.errors import InvalidOptionError, InvalidShapeError
-from medialis.model.geodesic_paths import PathStatus
-from medialis.paths._plane_kernels import record_cut
-from medialis.paths._straightening_kernels import make_room, straighten
-from medialis.paths._trail_kernels import PLACES, walk_beside, write_trail
-from medialis.paths.geodesics import cut_by_planes, surface_walk, trace
-from medialis.paths.importance import relax
-from medialis.progress import Progress
+from medialis.base.errors import InvalidOptionError, InvalidShapeError
+from medialis.base.progress import Progress
+from medialis.skeleton.importance._plane_kernels import record_cut
+from medialis.skeleton.importance._strip_kernels import (
+    PLACES,
+    make_room,
+    straighten,
+    walk_beside,
+    write_trail,
+)
+from medialis.skeleton.importance.geodesics import PathStatus, cut_by_planes, surface_walk, trace
+from medialis.skeleton.importance.importance import relax
 
 
 def test_importance_of_a_flat_box_is_the_path_round_its_rim():

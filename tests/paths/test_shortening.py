@@ -10,7 +10,7 @@ from scipy.sparse.csgraph import dijkstra
 
 import closed_forms as forms
 import medialis
-from medialis.model.geodesic_paths import PathStatus
+from medialis.skeleton.importance.geodesics import PathStatus
 
 
 def grid(n):

@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from medialis.errors import InvalidOptionError, InvalidShapeError
-from medialis.render.camera import Camera, default_view, turntable
-from medialis.render.raster import rasterize
+from medialis.base.errors import InvalidOptionError, InvalidShapeError
+from medialis.show.camera import Camera, default_view, turntable
+from medialis.show.raster import rasterize
 
 
 def test_projection_of_known_points():

@@ -7,8 +7,8 @@ import pytest
 
 import closed_forms
 import medialis
-from medialis.model.shape import Shape
-from medialis.model.view import OrthographicCamera, View
+from medialis.curves.from_views.view import OrthographicCamera, View
+from medialis.shape.shape import Shape
 
 
 def camera(size=32, extent=2.5, seed=0):

@@ -8,10 +8,18 @@ import pytest
 from make_color_maps import lab_of_rgb, rgb_of_lab
 
 import medialis
-from medialis.errors import FileError, InvalidOptionError, InvalidShapeError
-from medialis.render.annotation import ColorBar, contact_sheet, number_text, round_steps
-from medialis.render.camera import Camera
-from medialis.render.colors import (
+from medialis.base.errors import FileError, InvalidOptionError, InvalidShapeError
+from medialis.base.threads import thread_limit
+from medialis.show.annotation import (
+    ColorBar,
+    contact_sheet,
+    draw_text,
+    number_text,
+    round_steps,
+    text_width,
+)
+from medialis.show.camera import Camera
+from medialis.show.colors import (
     MISSING,
     color_table,
     label_colors,
@@ -20,12 +28,18 @@ from medialis.render.colors import (
     to_linear,
     to_srgb,
 )
-from medialis.render.discs import disc_mesh, lifted_faces, sheet_discs
-from medialis.render.font import draw_text, text_width
-from medialis.render.picture import Balls, Curves, Points, Surface, draw
-from medialis.render.png import encode_png, reduced, write_png
-from medialis.render.shading import Style, corner_normals
-from medialis.threads import thread_limit
+from medialis.show.picture import (
+    Balls,
+    Curves,
+    Points,
+    Surface,
+    draw,
+    encode_png,
+    reduced,
+    write_png,
+)
+from medialis.show.pictures import disc_mesh, lifted_faces, sheet_discs
+from medialis.show.raster import Style, corner_normals
 from png_files import read_png
 
 CUBE = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)

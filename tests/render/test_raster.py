@@ -5,11 +5,11 @@ import math
 import numpy as np
 import pytest
 
-from medialis.errors import Cancelled, InvalidShapeError
-from medialis.render import raster
-from medialis.render.camera import Camera
-from medialis.render.raster import rasterize
-from medialis.threads import thread_limit
+from medialis.base.errors import Cancelled, InvalidShapeError
+from medialis.base.threads import thread_limit
+from medialis.show import raster
+from medialis.show.camera import Camera
+from medialis.show.raster import rasterize
 
 
 def view(perspective=False, width=120, height=90, extent=3.0, eye=(0.3, -0.2, 5.0)):

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from medialis.errors import Cancelled, InvalidOptionError, InvalidShapeError
-from medialis.model.medial_cloud import BallStatus, MedialCloud
-from medialis.model.shape import Shape
-from medialis.render.camera import Camera
-from medialis.render.reconstruction import inner_balls, progressive, reconstruct_image
+from medialis.base.errors import Cancelled, InvalidOptionError, InvalidShapeError
+from medialis.shape.shape import Shape
+from medialis.show.camera import Camera
+from medialis.show.reconstruction import inner_balls, progressive, reconstruct_image
+from medialis.skeleton.medial_cloud import BallStatus, MedialCloud
 
 
 def capsule(around=64, along=40, faces=True):

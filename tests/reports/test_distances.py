@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 import closed_forms as forms
 import medialis
-from medialis.reports.distances import (
+from medialis.show.reports.measures import (
     distance_to_balls,
     distance_to_surface,
     reconstruction_error,

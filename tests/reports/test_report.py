@@ -13,15 +13,14 @@ import pytest
 import closed_forms as forms
 import medialis
 from medialis.cli.commands import main
-from medialis.files.ply_attributes import write_ply
-from medialis.model.curve_skeleton import CurveSkeleton
+from medialis.curves.curve_skeleton import CurveSkeleton
+from medialis.formats.ply_attributes import write_ply
 from medialis.operations.registry import OPERATIONS
 from medialis.operations.result import Layer, Result
-from medialis.reports import report
-from medialis.reports.balls import along
-from medialis.reports.measures import histogram, measure
-from medialis.reports.report import report_page, report_texts
-from medialis.viewer import page as viewer_page
+from medialis.show.reports import report
+from medialis.show.reports.measures import along, histogram, measure
+from medialis.show.reports.report import report_page, report_texts
+from medialis.show.viewer import page as viewer_page
 from plates import tee
 
 VOID = {"meta", "img", "rect", "path", "line"}
@@ -124,7 +123,9 @@ def test_loops_and_centredness_of_a_ring():
     assert lines["Loops"]["text"] == "1 expected (one for each handle), 1 found."
     assert lines["Loops"]["state"] == lines["Components"]["state"] == "good"
     assert found["centredness"]["median"] == pytest.approx(1, abs=0.1 + 1 - np.cos(np.pi / 24))
-    cut = replace(result, graph=CurveSkeleton.of(result.graph.nodes[:9], [], np.ones(9)))
+    cut = replace(
+        result, extras={"graph": CurveSkeleton.of(result.extras["graph"].nodes[:9], [], np.ones(9))}
+    )
     lines = {line["about"]: line for line in measure(cut)["verdict"]}
     assert lines["Loops"]["state"] == lines["Components"]["state"] == "look"
 

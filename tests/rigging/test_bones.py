@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import medialis
-from medialis.model.curve_skeleton import CurveSkeleton
+from medialis.curves.curve_skeleton import CurveSkeleton
 from medialis.rigging import skinning
 from medialis.rigging.skinning import _laplacian
 from tubes import circle, segment, tube
@@ -163,7 +163,7 @@ def result(creature):
 @pytest.mark.slow
 def test_turned_and_scaled_shapes_have_the_same_bones_and_weights(result):
     """The curve skeleton is turned with the shape, so only rounding differs."""
-    curve, shape = result.graph, result.shape
+    curve, shape = result.extras["graph"], result.shape
     turn, _ = np.linalg.qr(np.random.default_rng(3).normal(size=(3, 3)))
     turn *= np.sign(np.linalg.det(turn))
     turned = medialis.Shape(7 * shape.points @ turn.T, shape.normals @ turn.T, shape.faces)
@@ -179,7 +179,7 @@ def test_turned_and_scaled_shapes_have_the_same_bones_and_weights(result):
 
 def test_the_creature_can_be_rigged(result, creature):
     """Four legs, head, tail: a root on the trunk, all weights, neighbours alike."""
-    rig, skin = result.rig, result.skin
+    rig, skin = result.extras["bones"], result.extras["skin"]
     assert len(rig.roots) == 1 and rig.cut == 0 and len(skin.bones) == creature.point_count
     assert (rig.parents < np.arange(rig.count)).all()
     used = skin.bones >= 0
@@ -205,7 +205,7 @@ def test_limbs_of_a_fork_do_not_move_each_other():
     ends = [np.array([0, -1.6, 0]), np.array([1.2, 1.2, 0]), np.array([-1.2, 1.2, 0])]
     shape = tube([segment([0, 0, 0], end) for end in ends], 0.2, 0.05)
     result = medialis.run("armature", shape)
-    rig, skin = result.rig, result.skin
+    rig, skin = result.extras["bones"], result.extras["skin"]
     assert len(rig.roots) == 1 and rig.limbs.max() == 2
     tips = [rig.tails[rig.limbs == limb][-1] for limb in range(3)]
     of_end = [int(np.argmin([np.linalg.norm(tip - end) for end in ends])) for tip in tips]
@@ -272,7 +272,7 @@ def test_bad_input_is_a_sentence(creature, result):
     with pytest.raises(medialis.InvalidShapeError, match="a row for each of the"):
         on_surface(line([0, 1]), creature, [0, 1])
     with pytest.raises(medialis.InvalidOptionError, match="skin_smoothing"):
-        medialis.skin_weights(result.rig, skin_smoothing=-1)
+        medialis.skin_weights(result.extras["bones"], skin_smoothing=-1)
     with pytest.raises(medialis.InvalidShapeError, match=r"shape \(n, 4\)"):
         medialis.SkinWeights(np.zeros((3, 4), int), np.zeros((3, 3)))
     cloud = medialis.Shape(creature.points, creature.normals)
@@ -296,9 +296,9 @@ def test_what_was_cut_and_split_is_said():
 
 def test_solving_for_bones_together_changes_nothing(monkeypatch, result):
     """More bones than are solved for at once, against one after the other."""
-    rig = medialis.bones(result.graph, bone_length=0.03)
+    rig = medialis.bones(result.extras["graph"], bone_length=0.03)
     assert rig.count > 2 * skinning.AT_ONCE
-    together = skinning._skin(rig, result.graph.surface, 0.3)
+    together = skinning._skin(rig, result.extras["graph"].surface, 0.3)
     monkeypatch.setattr(skinning, "AT_ONCE", 1)
-    alone = skinning._skin(rig, result.graph.surface, 0.3)
+    alone = skinning._skin(rig, result.extras["graph"].surface, 0.3)
     assert np.abs(dense(together, rig.count) - dense(alone, rig.count)).max() < 1e-12

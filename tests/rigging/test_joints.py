@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import medialis
-from medialis.model.curve_skeleton import CurveSkeleton
+from medialis.curves.curve_skeleton import CurveSkeleton
 from tubes import capsules, dense_curve, segment, tube
 
 
@@ -201,7 +201,9 @@ def test_every_bone_begins_at_an_end_of_its_parent():
 
 
 def test_a_rod_of_triangles_has_one_bone():
-    rig = medialis.run("armature", tube([segment([0, 0, 0], [4, 1, 0.5])], 0.3, 0.08)).rig
+    rig = medialis.run("armature", tube([segment([0, 0, 0], [4, 1, 0.5])], 0.3, 0.08)).extras[
+        "bones"
+    ]
     assert rig.count == 1
 
 
@@ -219,7 +221,7 @@ def test_a_quadruped_of_capsules(seed):
             radii.append(0.3)
     turn = np.eye(3) if seed is None else rotation(seed)
     shape = capsules([curve @ turn.T for curve in curves], radii, 0.1)
-    rig = medialis.run("armature", shape).rig
+    rig = medialis.run("armature", shape).extras["bones"]
     left = paired(rig)
     assert len(left) >= 4
     heads = rig.heads @ turn

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 import medialis
-from medialis.rigging.naming import mixamo_names, rigify_names
-from medialis.rigging.rolls import roll_axes
+from medialis.rigging.naming import mixamo_names, rigify_names, roll_axes
 
 
 def figure(*limbs):

@@ -9,7 +9,7 @@ import pytest
 
 import closed_forms as forms
 import medialis
-from medialis.model.topology import piece_labels
+from medialis.shape.surface import piece_labels
 
 STEP = 0.08
 HYPOTENUSE = math.hypot(3, 2.4)

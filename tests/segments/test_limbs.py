@@ -7,14 +7,13 @@ from scipy.spatial import cKDTree
 import closed_forms as forms
 import medialis
 from clouds import adjusted_rand
-from medialis.model.ragged import Ragged
-from medialis.segments.limbs import find_limbs
-from medialis.segments.parts import extent_share
-from medialis.surface import labels as labels_module
-from medialis.surface.labels import connected_labels, diffused_labels
-from medialis.surface.normals import vertex_normals
-from medialis.surface.surface_nets import make_unambiguous, surface_nets
-from medialis.threads import thread_limit
+from medialis.base.arrays import Ragged
+from medialis.base.threads import thread_limit
+from medialis.segments.parts import extent_share, find_limbs
+from medialis.shape import labels as labels_module
+from medialis.shape.labels import connected_labels, diffused_labels
+from medialis.shape.normals import vertex_normals
+from medialis.shape.surface_nets import make_unambiguous, surface_nets
 from tubes import AXES, FORK, hub
 
 

@@ -7,8 +7,7 @@ import pytest
 
 import clouds
 import medialis
-from medialis.segments.mean_shift import MOST_STEPS, SIGMA, STILL
-from medialis.segments.mean_shift_segments import seed_points
+from medialis.segments.mean_shift import MOST_STEPS, SIGMA, STILL, seed_points
 
 
 def blobs(distance, n=300, seed=0):

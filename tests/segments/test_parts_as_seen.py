@@ -9,22 +9,21 @@ import bodies
 import closed_forms as forms
 import medialis
 from clouds import adjusted_rand
-from medialis.segments.clusters import divide_sites, join_tree
-from medialis.segments.pairs import (
-    NAMES,
-    WEIGHTS,
-    mean_quantities,
-    pair_quantities,
-    share_together,
-)
+from medialis.base.threads import thread_limit
+from medialis.segments.parts import into_valleys
 from medialis.segments.sites import (
     CAP,
+    NAMES,
+    WEIGHTS,
     all_placements,
+    divide_sites,
     even_places,
+    join_tree,
+    mean_quantities,
+    pair_quantities,
     principal_axes,
+    share_together,
 )
-from medialis.segments.valleys import into_valleys
-from medialis.threads import thread_limit
 
 
 def hammer(cell=0.05):

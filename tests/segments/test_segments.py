@@ -10,12 +10,12 @@ import pytest
 
 import closed_forms as forms
 import medialis
+from medialis.base.arrays import Ragged
+from medialis.base.threads import thread_limit
 from medialis.cli.commands import main
-from medialis.files.ply_attributes import write_ply
-from medialis.model.ragged import Ragged
-from medialis.surface.labels import merge_small, numbered_by_weight, piece_counts, without_islands
-from medialis.surface.surface_graph import surface_graph
-from medialis.threads import thread_limit
+from medialis.formats.ply_attributes import write_ply
+from medialis.shape.graph import surface_graph
+from medialis.shape.labels import merge_small, numbered_by_weight, piece_counts, without_islands
 
 SIDES = (2.0, 1.5, 1.0)
 OPERATIONS = ("point_types", "medial_sheets", "soft_edges", "patches", "parts")
@@ -201,9 +201,9 @@ def test_late_options_compute_nothing_early_again(monkeypatch):
             raise AssertionError
 
         for module, early in (
-            ("balls.surface_skeleton", "maximal_balls"),
-            ("paths.importance", "trace"),
-            ("sheets.extended_features", "_find"),
+            ("skeleton.surface_skeleton", "maximal_balls"),
+            ("skeleton.importance.importance", "trace"),
+            ("sheets.feature_sets", "_find"),
             ("segments.parts", "share_together"),
             ("segments.mean_shift", "_paths"),
         ):

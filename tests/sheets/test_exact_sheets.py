@@ -13,7 +13,7 @@ from accuracy_suite.suite import mesh
 
 import closed_forms as forms
 import medialis
-from medialis.surface.creases import find_creases
+from medialis.shape.creases import find_creases
 
 SIDES = (2.0, 1.5, 1.0)
 
@@ -152,8 +152,8 @@ def test_concave_creases_end_the_outer_sheets():
 
 def test_labelled_points_keep_their_labels_where_others_lie_in_the_same_place():
     """The balls of a fan share their sample: the nearest seed of one must be itself."""
-    from medialis.model.ragged import Ragged
-    from medialis.surface.labels import spread_labels
+    from medialis.base.arrays import Ragged
+    from medialis.shape.labels import spread_labels
 
     graph = Ragged([0, 1, 3, 4], [1, 0, 2, 1])
     found = spread_labels(np.zeros((3, 3)), graph, np.array([4, 7, -1], np.int32))

@@ -7,9 +7,9 @@ from scipy.spatial import cKDTree
 import closed_forms as forms
 import medialis
 import oracles
-from medialis.progress import Progress
-from medialis.surface.surface_graph import local_spacing
-from medialis.threads import thread_limit
+from medialis.base.progress import Progress
+from medialis.base.threads import thread_limit
+from medialis.shape.graph import local_spacing
 
 
 def typed(shape):

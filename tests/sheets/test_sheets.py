@@ -11,9 +11,9 @@ from scipy.spatial import cKDTree
 
 import closed_forms as forms
 import medialis
-from medialis.progress import Progress
+from medialis.base.progress import Progress
+from medialis.base.threads import thread_limit
 from medialis.sheets import y_network
-from medialis.threads import thread_limit
 
 SIDES = (2.0, 1.5, 1.0)
 

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 import closed_forms as forms
-from medialis.errors import Cancelled, InvalidOptionError, InvalidShapeError
-from medialis.progress import Progress
-from medialis.surface import cloud_normals
-from medialis.surface.cloud_normals import estimate_normals
-from medialis.threads import thread_limit
+from medialis.base.errors import Cancelled, InvalidOptionError, InvalidShapeError
+from medialis.base.progress import Progress
+from medialis.base.threads import thread_limit
+from medialis.shape import normals as cloud_normals
+from medialis.shape.normals import estimate_normals
 
 
 def cosines(shape, **options):

@@ -5,7 +5,7 @@ import pytest
 
 import closed_forms as forms
 import medialis
-from medialis.errors import InvalidShapeError
+from medialis.base.errors import InvalidShapeError
 
 
 def scattered_torus():

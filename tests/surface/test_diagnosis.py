@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from medialis.errors import InvalidShapeError
-from medialis.files import read_mesh
-from medialis.surface.diagnosis import diagnose
+from medialis.base.errors import InvalidShapeError
+from medialis.formats import read_mesh
+from medialis.shape.diagnosis import diagnose
 
 SHAPES = Path(__file__).resolve().parents[3] / "shared" / "shapes"
 

@@ -9,8 +9,8 @@ from scipy.sparse.linalg import splu
 
 import closed_forms as forms
 import medialis
-from medialis.model.surface import link_matrix
-from medialis.surface.dissection import LEAF, dissected
+from medialis.shape.graph import LEAF, dissected
+from medialis.shape.surface import link_matrix
 
 
 def _filled(shape: medialis.Shape, order: np.ndarray) -> int:

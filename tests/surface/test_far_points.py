@@ -5,7 +5,7 @@ import pytest
 
 import closed_forms as forms
 import medialis
-from medialis.surface.far_points import FAR, far_points
+from medialis.shape.shape import FAR, far_points
 
 
 def joined(*shapes):

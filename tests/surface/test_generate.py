@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from medialis.errors import InvalidOptionError
-from medialis.surface.generate import organic_shape
-from medialis.threads import thread_limit
+from medialis.base.errors import InvalidOptionError
+from medialis.base.threads import thread_limit
+from medialis.shape.generate import organic_shape
 from oracles import edge_uses, euler_number
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import medialis
-from medialis.surface.given_shapes import as_shape
+from medialis.shape.reading import as_shape
 
 CORNERS = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0.5, 0.5, 1]], float)
 TRIANGLES = np.array([[0, 2, 1], [0, 3, 2], [0, 1, 4], [1, 2, 4], [2, 3, 4], [3, 0, 4]])

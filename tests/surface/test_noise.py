@@ -6,8 +6,8 @@ from scipy.spatial.transform import Rotation
 
 import closed_forms as forms
 import medialis
-from medialis.balls.surface_skeleton import NOISY
-from medialis.errors import InvalidOptionError, InvalidShapeError
+from medialis.base.errors import InvalidOptionError, InvalidShapeError
+from medialis.skeleton.surface_skeleton import NOISY
 from tubes import circle, segment, tube
 
 RADIUS = 0.25

@@ -7,8 +7,8 @@ import pytest
 from scipy.spatial import ConvexHull
 
 import closed_forms as forms
-from medialis.errors import InvalidShapeError
-from medialis.surface.normals import mean_normals, vertex_normals
+from medialis.base.errors import InvalidShapeError
+from medialis.shape.normals import mean_normals, vertex_normals
 
 EPS = np.finfo(float).eps
 

@@ -9,10 +9,10 @@ import pytest
 from scipy.spatial import cKDTree
 
 import closed_forms as forms
-from medialis.errors import InvalidOptionError, InvalidShapeError
-from medialis.model.shape import Shape
-from medialis.surface import refinement
-from medialis.surface.refinement import affordable_edge, refine, refine_where
+from medialis.base.errors import InvalidOptionError, InvalidShapeError
+from medialis.shape import refinement
+from medialis.shape.refinement import affordable_edge, refine, refine_where
+from medialis.shape.shape import Shape
 from oracles import edge_uses, euler_number
 
 EPS = np.finfo(float).eps

@@ -5,13 +5,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from medialis.errors import InvalidShapeError
-from medialis.files import read_mesh
-from medialis.model.equal_rows import first_equal_row
-from medialis.surface._orientation import winding_numbers
-from medialis.surface._signs import propagate_signs
-from medialis.surface.diagnosis import diagnose
-from medialis.surface.repair import repair
+from medialis.base.arrays import first_equal_row
+from medialis.base.errors import InvalidShapeError
+from medialis.formats import read_mesh
+from medialis.shape.diagnosis import diagnose, propagate_signs, winding_numbers
+from medialis.shape.repair import repair
 
 SHAPES = Path(__file__).resolve().parents[3] / "shared" / "shapes"
 

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 import medialis
-from medialis.errors import InvalidOptionError
-from medialis.surface.samples import SAMPLES, sample_shape
-from medialis.surface.surface_nets import make_unambiguous, surface_nets
+from medialis.base.errors import InvalidOptionError
+from medialis.shape.samples import SAMPLES, sample_shape
+from medialis.shape.surface_nets import make_unambiguous, surface_nets
 
 HANDLES = {"molecule": 1, "gear": 1, "bracket": 3}
 

@@ -7,9 +7,8 @@ import pytest
 
 import closed_forms as forms
 import medialis
-from medialis.surface.creases import find_creases
-from medialis.surface.refinement import refine
-from medialis.surface.smooth_refinement import on_smooth_surface
+from medialis.shape.creases import find_creases
+from medialis.shape.refinement import on_smooth_surface, refine
 
 
 def refined(shape, longest=0.02, angle=30.0):

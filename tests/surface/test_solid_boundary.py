@@ -5,8 +5,8 @@ import pytest
 from scipy import ndimage
 
 import medialis
-from medialis.curves.graph.handles import find_handles
-from medialis.surface.solid_boundary import solid_boundary
+from medialis.curves.graph.loops import find_handles
+from medialis.shape.solid_boundary import solid_boundary
 
 
 def voxel_surface(full):

@@ -6,7 +6,7 @@ import zlib
 import numpy as np
 import pytest
 
-from medialis.viewer.packing import INFINITE, LEVELS, MISSING, Packer, point_codes, value_codes
+from medialis.show.viewer.page import INFINITE, LEVELS, MISSING, Packer, point_codes, value_codes
 
 
 def unpacked(packer: Packer, where: dict) -> np.ndarray:

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 import medialis
-from medialis.viewer import page as viewer_page
-from medialis.viewer.scene import scene_of
+from medialis.show.viewer import page as viewer_page
+from medialis.show.viewer.page import scene_of
 from plates import with_walls
 
 

@@ -7,7 +7,7 @@ import pytest
 
 import medialis
 import page_in_browser as browser
-from medialis.viewer.page import write_viewer
+from medialis.show.viewer.page import write_viewer
 
 HOSTILE = "</script><script>window.hacked = 1</script><img src=x onerror='hacked = 2'>\"&.ply"
 

@@ -1,21 +1,265 @@
-"""Run operations over many files: plan, hand out, collect the table."""
+"""Run operations over many files: plan, hand out, collect the table.
+
+There is one batch at a time in an output folder (`locked_folder`), and none where nothing can be
+written. The table is CSV for programs and spreadsheets (`csv_text`), and a page for people
+(`html_text`): what failed comes first, then one table for each operation.
+"""
 
 from __future__ import annotations
 
+import csv
+import html
+import io
+import math
 import os
-from collections.abc import Mapping, Sequence
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
+from medialis.base.errors import FileError
+from medialis.base.progress import Progress, ProgressCallback
+from medialis.base.threads import thread_count
+from medialis.base.validation import as_whole_number
 from medialis.batches.engine import run_jobs, warn_if_open
-from medialis.batches.jobs import FAILED, Job, Row, plan
-from medialis.batches.lock import locked_folder
-from medialis.batches.table import write_table
-from medialis.batches.work import run_job
-from medialis.files.output_folder import remove_left
-from medialis.progress import Progress, ProgressCallback
-from medialis.threads import thread_count
-from medialis.validation import as_whole_number
+from medialis.batches.jobs import DONE, FAILED, TABLES, Job, Row, plan, run_job
+from medialis.formats.files import complete_file, reason, take_lock
+from medialis.formats.output_folder import remove_left
+from medialis.operations.result import quantity
+from medialis.show.reports.page import data_text, page
+from medialis.show.viewer.page import has_library
+
+OPEN_ROWS = 2000
+"""Longer pages start with their tables closed, so that they open at once."""
+
+
+def html_text(rows: Sequence[Row]) -> str:
+    """Return the table of a batch as one HTML page; pictures and reports are links.
+
+    What failed comes first, the same sentence once for each shape. Tables can be sorted by any
+    column, and searched by the names of shapes.
+    """
+    groups: dict[str, list[Row]] = {}
+    for row in rows:
+        groups.setdefault(row.operation, []).append(row)
+    bad = [row for row in rows if row.status == FAILED]
+    shapes = len({row.name for row in rows})
+    summary = f"{_count(shapes, 'shape')}: {_count(len(rows) - len(bad), 'result')}"
+    summary += f", {len(bad)} failed" if bad else ", none failed"
+    links = "".join(
+        f'<a href="#{name}">{_words(name)} <small>{_done(group)}</small></a>'
+        for name, group in groups.items()
+    )
+    if bad:
+        links = f'<a class="bad" href="#failed">failed <small>{len(bad)}</small></a>' + links
+    is_open = " open" if len(rows) <= OPEN_ROWS else ""
+    tables = "\n".join(_operation(name, group, is_open) for name, group in groups.items())
+    find = '<input type="search" placeholder="find a shape" aria-label="find a shape">'
+    return page(
+        f"medialis batch: {summary}",
+        data_text("medialis.batches", "batch.css"),
+        f"<header><h1>medialis batch</h1><p>{summary}.</p></header>",
+        f"<nav>{links}{find}</nav>",
+        _failed(bad, len(groups)) + tables,
+        f"<script>\n{data_text('medialis.batches', 'batch.js')}</script>",
+    )
+
+
+def _failed(rows: Sequence[Row], operations: int) -> str:
+    if not rows:
+        return ""
+    groups: dict[tuple[str, str, str], list[str]] = {}
+    for row in rows:
+        key = row.name, row.file, row.sentence
+        groups.setdefault(key, []).append(_words(row.operation))
+    lines = "\n".join(
+        f'<tr data-shape="{_text(name)}"><th scope="row" title="{_text(file)}">{_text(name)}</th>'
+        f"<td>{'all' if len(found) == operations > 1 else ', '.join(found)}</td>"
+        f"<td>{_text(sentence)}</td></tr>"
+        for (name, file, sentence), found in groups.items()
+    )
+    return (
+        f'<details id="failed" open><summary><h2>Failed <small>{len(rows)}</small></h2></summary>\n'
+        '<div class="wide"><table><thead><tr><th>shape</th><th>operations</th>'
+        f"<th>why</th></tr></thead>\n<tbody>{lines}</tbody></table></div></details>\n"
+    )
+
+
+def _operation(name: str, rows: Sequence[Row], is_open: str) -> str:
+    done = [row for row in rows if row.status == DONE]
+    columns = list(dict.fromkeys(key for row in done for key in row.numbers))
+    heads = ["shape", "seconds", *map(_heading, columns), "what was said"]
+    head = "".join(f'<th aria-sort="none"><button>{text}</button></th>' for text in heads)
+    lines = "\n".join(_line(row, columns) for row in done)
+    table = (
+        f'<div class="wide"><table class="sortable"><thead><tr>{head}</tr></thead>\n'
+        f"<tbody>{lines}</tbody></table></div>"
+    )
+    return (
+        f'<details id="{name}"{is_open}><summary><h2>{_words(name)} <small>{_done(rows)}</small>'
+        f"</h2></summary>\n{table if done else ''}</details>"
+    )
+
+
+def _line(row: Row, columns: Sequence[str]) -> str:
+    name, links = _text(row.name), []
+    folder = _link(f"{row.name}/{row.operation}/")
+    image = ""
+    if row.picture is not None:
+        small = _link(row.thumbnail or row.picture)
+        image = (
+            f'<a href="{_link(row.picture)}"><img loading="lazy" width="112" height="84" '
+            f'src="{small}" alt="{_words(row.operation)} of {name}"></a>'
+        )
+    if row.report is not None:
+        links.append(f'<a href="{_link(row.report)}">report</a>')
+        if has_library():
+            links.append(f'<a href="{_link(row.report)}#viewer">3D</a>')
+    links.append(f'<a href="{folder}">files</a>')
+    seconds = "" if row.seconds is None else f"{row.seconds:.2f}"
+    said = f'<p tabindex="0">{_text(row.sentence)}</p>' if row.sentence else ""
+    values = "".join(_cell(column, row.numbers.get(column)) for column in columns)
+    return (
+        f'<tr data-shape="{name}"><th scope="row" title="{_text(row.file)}"><div>{image}'
+        f"<span>{name}<br><small>{' '.join(links)}</small></span></div></th>"
+        f"<td>{seconds}</td>{values}<td>{said}</td></tr>"
+    )
+
+
+def _heading(column: str) -> str:
+    return _words(column) + (" in degrees" if quantity(column) == "angle" else "")
+
+
+def _cell(column: str, value: Any) -> str:
+    if isinstance(value, float) and quantity(column) == "angle":
+        value = math.degrees(value)
+    if isinstance(value, bool):
+        return f"<td>{'yes' if value else 'no'}</td>"
+    if isinstance(value, float):
+        return f'<td data-value="{value!r}">{value:.5g}</td>'
+    return f"<td>{'' if value is None else _text(value)}</td>"
+
+
+def _link(path: str) -> str:
+    return quote(os.fsencode(path))  # as bytes: a name may be no text
+
+
+def _done(rows: Sequence[Row]) -> str:
+    done = sum(row.status == DONE for row in rows)
+    return str(done) if done == len(rows) else f"{done} of {len(rows)}"
+
+
+def _count(number: int, noun: str) -> str:
+    return f"{number} {noun}" + ("" if number == 1 else "s")
+
+
+def _words(name: str) -> str:
+    return _text(name.replace("_", " "))
+
+
+def _text(value: Any) -> str:
+    return html.escape(str(value), quote=True)
+
+
+LOCK = ".medialis-batch"
+
+
+@contextmanager
+def locked_folder(folder: str | os.PathLike[str]) -> Iterator[None]:
+    """Hold an output folder; it is made when missing, and removed again when it stays empty.
+
+    The system gives the lock back when the process ends in whatever way, so a killed batch leaves
+    none behind.
+
+    Raises
+    ------
+    FileError
+        When another batch holds the folder, or it cannot be made or written.
+    """
+    path = Path(folder) / LOCK
+    try:
+        made = [p for p in (path.parent, *path.parent.parents) if not p.exists()]
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
+    except (OSError, ValueError) as error:
+        raise FileError(f"Cannot write results to {folder}: {reason(error)}.") from None
+    try:
+        if not _take(handle, path):
+            raise FileError(
+                f"Another batch is writing to {folder}: wait until it has ended, or name another "
+                "folder."
+            )
+        try:
+            yield
+        finally:
+            if sys.platform != "win32":  # before the next one can open and lock it
+                path.unlink(missing_ok=True)
+    finally:
+        os.close(handle)
+        if sys.platform == "win32":  # an open file cannot be removed: not that of another batch
+            with suppress(OSError):
+                path.unlink()
+        with suppress(OSError):  # something is in it
+            for new in made:
+                new.rmdir()
+
+
+def _take(handle: int, path: Path) -> bool:
+    """Lock an open file without waiting; False when another process has it."""
+    if take_lock(handle) is False:
+        return False
+    # The one who had it may have removed it between our opening and locking.
+    return path.exists() and os.path.samestat(os.fstat(handle), path.stat())
+
+
+FORMULA = ("=", "+", "-", "@", "\t", "\r")
+FIRST = ("shape", "operation", "status", "seconds", "file", "sentence")
+
+
+def write_table(rows: Sequence[Row], folder: str | os.PathLike[str]) -> tuple[str, str]:
+    """Write ``results.csv`` and ``results.html`` into the folder of a batch.
+
+    Returns
+    -------
+    (str, str)
+        The two paths.
+
+    Raises
+    ------
+    FileError
+        When they cannot be written; each file is complete or as it was.
+    """
+    csv_path, page_path = (Path(folder) / name for name in TABLES)
+    for path, text in ((csv_path, csv_text(rows)), (page_path, html_text(rows))):
+        for left in path.parent.glob(f".{path.name}-????????"):  # of a batch that was killed
+            left.unlink(missing_ok=True)
+        with complete_file(path) as stream:
+            stream.write(text.encode("utf-8", "backslashreplace"))  # names that are no text
+    return str(csv_path), str(page_path)
+
+
+def csv_text(rows: Sequence[Row]) -> str:
+    """Return the table as CSV: one line a result, one column a value that any result has."""
+    numbers = [row.numbers for row in rows]
+    names = list(dict.fromkeys(name for values in numbers for name in values))
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow([*FIRST, *names])
+    for row, values in zip(rows, numbers, strict=True):
+        seconds = "" if row.seconds is None else f"{row.seconds:.3f}"
+        first = [row.name, row.operation, row.status, seconds, row.file, row.sentence]
+        cells = [*first, *(values.get(name, "") for name in names)]
+        writer.writerow([_plain(cell) for cell in cells])
+    return text.getvalue()
+
+
+def _plain(cell: Any) -> Any:
+    """Mark a text that spreadsheets would take for a formula, such as a file called `=1+1.ply`."""
+    return f"'{cell}" if isinstance(cell, str) and cell.startswith(FORMULA) else cell
+
 
 MOST_WORKERS = 1024
 

@@ -5,35 +5,202 @@ samples are shrunk in ranges of tree order: spatial blocks. A ball never reaches
 diameter, and the traversal touches only the nodes that the ball meets, so the halo of a block is
 loaded page by page as its balls need it, however wide that is, and never twice computed. Ranges
 hold whole chunks of the single run, and warm starts and certificates do not cross chunks: the
-result is the same bit for bit, on threads here or on the workers of a cluster.
+result is the same bit for bit, on threads here (`shrink_chunks`) or on the workers of a cluster
+(`shrink_there`).
 """
 
 from __future__ import annotations
 
+import errno
 import math
 import os
+import shutil
+from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from medialis.balls.ball_shrinking import (
+from medialis.base.errors import FileError, InvalidShapeError
+from medialis.base.progress import Progress, ProgressCallback
+from medialis.base.threads import run_chunks
+from medialis.base.validation import as_normals, as_points
+from medialis.batches.engine import cluster, hand_out, warn_if_open
+from medialis.formats.files import reason
+from medialis.formats.output_folder import OutputFolder
+from medialis.skeleton.ball_shrinking import (
+    SAMPLES_A_CHUNK,
     Shrinking,
     ShrinkOptions,
     shrink_options,
 )
-from medialis.batches.mapped_files import MEASURES, RESULTS, Files, blocks
-from medialis.batches.ranges import shrink_chunks, shrink_there
-from medialis.errors import FileError, InvalidShapeError
-from medialis.files.output_folder import OutputFolder
-from medialis.model.medial_cloud import Balls
-from medialis.paths.importance import measures_of_points
-from medialis.progress import Progress, ProgressCallback
-from medialis.validation import as_normals, as_points
+from medialis.skeleton.importance.importance import measures_of_points
+from medialis.skeleton.medial_cloud import Balls
 
 if TYPE_CHECKING:
-    from medialis._kernels.box_tree import BoxTree
+    from medialis.base.box_tree import BoxTree
+
+ROWS_A_BLOCK = 1 << 20
+"""What is checked, scaled or copied at a time: 24 MB of coordinates."""
+
+RESULTS = {
+    "centers": (np.float64, 3),
+    "radii": (np.float64, 0),
+    "features": (np.int32, 2),
+    "source": (np.int32, 0),
+    "status": (np.int8, 0),
+    "spoke_angles": (np.float64, 0),
+    "side": (np.int8, 0),
+}
+MEASURES = ("feature_radius", "radius_ratio")
+
+
+class Files:
+    """Arrays in .npy files of one folder; those of the tree are temporary."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.temporary = folder / "tree"
+        self.temporary.mkdir(exist_ok=True)
+
+    def new(self, name: str, shape: tuple[int, ...], dtype: Any) -> NDArray[Any]:
+        """Create a temporary array, mapped for writing."""
+        return create_mapped(self.temporary / f"{name}.npy", shape, dtype)
+
+    def result(self, name: str, shape: tuple[int, ...], dtype: Any) -> NDArray[Any]:
+        """Create an array that stays."""
+        return create_mapped(self.folder / f"{name}.npy", shape, dtype)
+
+    def remove_temporary(self) -> None:
+        """Remove the files of the tree."""
+        shutil.rmtree(self.temporary)
+
+
+def blocks(n: int) -> Iterator[slice]:
+    """Give the rows 0..n in parts of `ROWS_A_BLOCK`."""
+    for begin in range(0, n, ROWS_A_BLOCK):
+        yield slice(begin, min(begin + ROWS_A_BLOCK, n))
+
+
+def create_mapped(path: Path, shape: tuple[int, ...], dtype: Any) -> NDArray[Any]:
+    """Create a .npy file and map it for writing.
+
+    Its place on the disk is taken now: writing to mapped pages that have none kills the process.
+
+    Raises
+    ------
+    FileError
+        When the disk is full or the file cannot be written.
+    """
+    try:
+        array = np.lib.format.open_memmap(path, "w+", dtype, shape)
+        if hasattr(os, "posix_fallocate"):
+            _reserve(path)
+    except OSError as error:
+        raise FileError(f"Cannot write {path.name}: {reason(error)}.") from None
+    return as_plain(array)
+
+
+def _reserve(path: Path) -> None:
+    """Let the disk set the size of a file aside, where the file system can."""
+    try:
+        with path.open("r+b") as stream:
+            os.posix_fallocate(stream.fileno(), 0, path.stat().st_size)
+    except OSError as error:
+        if error.errno not in (errno.EOPNOTSUPP, errno.EINVAL):
+            raise
+
+
+def as_plain(mapped: NDArray[Any]) -> NDArray[Any]:
+    """View a mapped array as a plain one, which is what kernels are compiled for."""
+    return mapped.view(np.ndarray)
+
+
+AGAIN = "Nothing was written: see to the cluster, and call it again."
+CHUNKS_A_JOB = 256
+"""Chunks that a cluster worker is given at a time: about half a second of work."""
+
+
+@dataclass(frozen=True)
+class Range:
+    """A job of a cluster worker: chunks first..last of the samples in tree order."""
+
+    name: str
+    folder: str
+    options: Shrinking
+    center: tuple[float, ...]
+    depth: int
+    begin: int
+    end: int
+
+
+def shrink_range(job: Range) -> int:
+    """Run on a worker: map the files, shrink the balls of a range, return how many."""
+    from medialis.base.box_tree import BoxTree
+
+    folder = Path(job.folder)
+    parts = {
+        name: as_plain(np.load(folder / "tree" / f"{name}.npy", mmap_mode="r+"))
+        for name in ("points", "normals", "order", "blocks", "bounds", "child")
+    }
+    tree = BoxTree(np.array(job.center), **parts, depth=job.depth)
+    results = {
+        name: as_plain(np.load(folder / place, mmap_mode="r+"))
+        for name, place in (
+            ("centers", "centers.npy"),
+            ("radii", "radii.npy"),
+            ("second", "tree/second.npy"),
+            ("status", "status.npy"),
+            ("spoke_angles", "spoke_angles.npy"),
+        )
+    }
+    shrink_chunks(tree, job.options, results, job.begin, job.end, None)
+    return job.end - job.begin
+
+
+def shrink_chunks(
+    tree: BoxTree,
+    options: Shrinking,
+    results: dict[str, NDArray[Any]],
+    first: int,
+    last: int,
+    progress: Progress | None,
+) -> None:
+    """Shrink the balls of the samples first..last, in tree order, on threads."""
+    names = ("centers", "radii", "second", "status", "spoke_angles")
+    out = tuple(results[name] for name in names)
+
+    def work(begin: int, end: int) -> None:
+        options.run(tree, first + begin, first + end, 1, out)
+
+    run_chunks(work, last - first, SAMPLES_A_CHUNK, progress=progress)
+
+
+def shrink_there(
+    files: Files, tree: BoxTree, options: Shrinking, scheduler: str, progress: Progress
+) -> None:
+    """Hand ranges of whole chunks to the workers of a cluster; they write into the same files."""
+    n = len(tree.points)
+    step = CHUNKS_A_JOB * SAMPLES_A_CHUNK
+    jobs = [
+        Range(
+            f"range-{begin}", str(files.folder.absolute()), options, tuple(tree.center.tolist()),
+            tree.depth, begin, min(begin + step, n),
+        )
+        for begin in range(0, n, step)
+    ]  # fmt: skip
+    done = 0
+    warn_if_open(scheduler, progress)
+    with cluster(scheduler) as (client, slots):
+        for job, count in hand_out(client, jobs, shrink_range, slots, AGAIN):
+            if count is None:
+                raise FileError(
+                    f"A worker died at {job.name}: out of memory, or a crash in a library. {AGAIN}"
+                )
+            done += count
+            progress.update(done / n)
 
 
 def huge_surface_skeleton(
@@ -103,7 +270,7 @@ def huge_surface_skeleton(
     True
     """
     # Imported here: compiled code takes half a second to load, and `medialis --help` needs none.
-    from medialis._kernels.box_tree import build_box_tree
+    from medialis.base.box_tree import build_box_tree
 
     chosen = ShrinkOptions(tolerance=tolerance, largest_radius=largest_radius)
     samples, directions = _mapped(points, "points"), _mapped(normals, "normals")

@@ -1,28 +1,145 @@
-"""What a batch does: one job for each file, and what is finished already."""
+"""What a batch does: one job for each file, what is finished already, what a worker does.
+
+`plan` finds the files and names their shapes; `Job` knows where results go and which are there;
+`run_job` reads one shape, runs the operations, and writes each result all or nothing.
+"""
 
 from __future__ import annotations
 
 import json
+import logging
 import os
-from collections.abc import Mapping, Sequence
+import time
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from medialis.batches.files import READABLE, find_files, is_folder, unique_names
-from medialis.errors import FileError, InvalidOptionError
-from medialis.files.output_folder import MANIFEST
-from medialis.kept import Described
-from medialis.operations.existing_results import as_given, input_stamp, parameters_given
-from medialis.operations.registry import operation
-from medialis.operations.writing import THUMBNAIL, content
-from medialis.progress import Progress
-from medialis.units import as_unit
-from medialis.version import package_version
+from medialis.base.arrays import Described
+from medialis.base.errors import Cancelled, FileError, InvalidOptionError, MedialisError
+from medialis.base.kept import forget
+from medialis.base.progress import Message, Progress
+from medialis.base.threads import thread_limit
+from medialis.base.units import as_unit
+from medialis.base.version import package_version
+from medialis.formats.files import absolute
+from medialis.formats.json_npz import json_text
+from medialis.formats.output_folder import MANIFEST
+from medialis.operations.registry import operation, run
+from medialis.shape.reading import read_shape
+from medialis.shape.shape import Shape
+from medialis.show.writing import (
+    THUMBNAIL,
+    Pictures,
+    Written,
+    as_given,
+    content,
+    input_stamp,
+    parameters_given,
+    write_files,
+)
+
+READABLE = (
+    *(".ply", ".obj", ".off", ".stl", ".xyz", ".pts", ".glb", ".gltf", ".3mf", ".dae"),
+    *(".step", ".stp"),
+)
+"""Files that are taken from a folder; a file that is named itself may have any ending."""
+
+TABLES = ("results.csv", "results.html")
+"""Files beside the folders of the shapes."""
+
+
+def find_files(entries: Sequence[str | os.PathLike[str]], output: Path) -> list[Path]:
+    """Return the files of a batch, each once; a folder stands for the meshes in it, sorted.
+
+    Left out of folders: what is hidden, the output, and results of medialis.
+    """
+    found: dict[Path, Path] = {}
+    for entry in map(Path, entries):
+        for path in sorted(_meshes(entry, output)) if is_folder(entry) else [entry]:
+            found.setdefault(absolute(path), path)
+    return list(found.values())
+
+
+def is_folder(path: Path) -> bool:
+    """Whether there is a folder of this name; one that no system takes names none."""
+    try:
+        return path.is_dir()
+    except (OSError, ValueError):
+        return False
+
+
+def _meshes(entry: Path, output: Path) -> Iterator[Path]:
+    top, out = absolute(entry).resolve(), absolute(output).resolve()
+    for name, inner, files in os.walk(entry):
+        folder = Path(name)
+        inside = top / folder.relative_to(entry)
+        inner[:] = [n for n in inner if not n.startswith(".") and inside / n != out]
+        results = _results(folder)
+        for file in files:
+            path = folder / file
+            if path.suffix.lower() not in READABLE or file.startswith(".") or file in results:
+                continue
+            if path.is_file():
+                yield path
+
+
+def _results(folder: Path) -> set[str]:
+    """Return the names of the files that medialis has written here: its manifest tells."""
+    try:
+        manifest = json.loads((folder / "manifest.json").read_bytes())
+        return {Path(file).name for file in manifest["files"]} if "medialis" in manifest else set()
+    except (OSError, ValueError, TypeError, KeyError, RecursionError):
+        return set()
+
+
+def unique_names(paths: Sequence[Path]) -> list[str]:
+    """Name each file by its stem; where stems are the same, by what tells the files apart.
+
+    That is the ending (a_ply, a_stl), else the folders (x_a, y_a), else both, else a number. Names
+    are compared without case, as some file systems do.
+    """
+    groups: dict[str, list[int]] = {}
+    for place, path in enumerate(paths):
+        groups.setdefault(path.stem.casefold(), []).append(place)
+    result = [""] * len(paths)
+    taken = set(TABLES)
+    for members in groups.values():
+        bases = _told_apart([paths[place] for place in members])
+        for place, base in zip(members, bases, strict=True):
+            # `...ply` has the stem `..`, which is the folder above.
+            base = base if base.strip(".") else paths[place].name.replace(".", "_")
+            name, number = base, 1
+            while name.casefold() in taken:
+                number += 1
+                name = f"{base}_{number}"
+            taken.add(name.casefold())
+            result[place] = name
+    return result
+
+
+def _told_apart(paths: Sequence[Path]) -> list[str]:
+    if len(paths) == 1:
+        return [paths[0].stem]
+    parents = [path.absolute().parent.parts for path in paths]
+    levels = enumerate(zip(*parents, strict=False))
+    shared = next((k for k, level in levels if len(set(level)) > 1), min(map(len, parents)))
+    folders = ["".join(f"{part.rstrip(':/' + os.sep)}_" for part in p[shared:]) for p in parents]
+    endings = [path.name.replace(".", "_") for path in paths]
+    names = endings
+    for names in (
+        endings,
+        [folder + path.stem for folder, path in zip(folders, paths, strict=True)],
+        [folder + ending for folder, ending in zip(folders, endings, strict=True)],
+    ):
+        if len({name.casefold() for name in names}) == len(names):
+            break
+    return names
+
 
 DONE, FAILED = "done", "failed"
 REPORT = "report.html"
-"""The page of `medialis.reports.report.report_texts`."""
+"""The page of `medialis.show.reports.report.report_texts`."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -216,14 +333,92 @@ def plan(
             "none was found."
         )
     return [
-        Job(
-            name,
-            str(path),
-            os.fspath(output),
-            chosen,
-            unit,
-            picture=picture,
-            report=report,
-        )
+        Job(name, str(path), os.fspath(output), chosen, unit, picture=picture, report=report)
         for name, path in zip(unique_names(paths), paths, strict=True)
     ]
+
+
+logger = logging.getLogger(__name__)
+
+NO_MEMORY = "There is not enough memory for this shape and these options."
+
+
+@dataclass(frozen=True)
+class Source:
+    """A shape as it was read, and what identifies its file."""
+
+    shape: Shape
+    messages: tuple[Message, ...]
+    seconds: float
+    stamp: list[str | int]
+
+
+def run_job(job: Job) -> list[Row]:
+    """Run what is not finished of a job; an error becomes a row, and never leaves here.
+
+    The shape is read once, and what one operation computed on it is found by the next one; nothing
+    is kept for the next shape. Returns one row for each operation.
+    """
+    try:
+        return _rows(job)
+    finally:
+        forget()
+
+
+def _rows(job: Job) -> list[Row]:
+    rows: list[Row] = []
+    source: Source | None = None
+    unreadable: str | None = None
+    for name in job.operations:
+        row = job.finished(name)
+        if row is None and unreadable is None:
+            try:
+                with thread_limit(job.threads):
+                    source = source or _read(job)
+                    row = _run_operation(job, name, source)
+            except Exception as error:  # noqa: BLE001 - one shape never stops the others
+                row = job.failed(name, _sentence(error))
+                unreadable = row.sentence if source is None else None
+        rows.append(row or job.failed(name, unreadable or ""))
+    return rows
+
+
+def _read(job: Job) -> Source:
+    clock, progress = time.perf_counter(), Progress()
+    try:
+        here = input_stamp(job.file)
+    except (OSError, ValueError):
+        here = []  # reading tells what is wrong
+    shape = read_shape(job.file, unit=job.unit, progress=progress)
+    return Source(shape, tuple(progress.messages), time.perf_counter() - clock, here)
+
+
+def _run_operation(job: Job, name: str, source: Source) -> Row:
+    clock, progress = time.perf_counter(), Progress()
+    progress.messages.extend(source.messages)
+    result = run(name, source.shape, threads=job.threads, progress=progress, **job.operations[name])
+    texts = None
+    if job.report:
+        from medialis.show.reports.report import report_texts
+
+        texts = report_texts(result, source=job.file)
+    progress.seconds["total"] = source.seconds + time.perf_counter() - clock
+    wanted = Written(
+        job.file,
+        Pictures(main=job.picture, thumbnail=job.picture),
+        texts=texts or {},
+        record={"input_stamp": source.stamp, "input_unit": job.unit},
+        overwrite=True,  # a batch owns its folder, and computes anew what is not as it should be
+    )
+    manifest = write_files(result, job.folder(name), wanted, progress)
+    # As it is read back: a resumed batch must give the same table.
+    return job.row(json.loads(json_text(manifest)))
+
+
+def _sentence(error: Exception) -> str:
+    if isinstance(error, MedialisError) and not isinstance(error, Cancelled):
+        return str(error)
+    if isinstance(error, MemoryError):
+        return NO_MEMORY
+    logger.exception("unexpected error")
+    return f"Unexpected error, please report it: {type(error).__name__}: {error}"

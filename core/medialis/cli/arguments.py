@@ -10,9 +10,8 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from medialis.base.errors import InvalidOptionError
 from medialis.cli.display import STYLES, say
-from medialis.cli.view_command import add_view_arguments
-from medialis.errors import InvalidOptionError
 from medialis.operations.names import named_operations
 
 if TYPE_CHECKING:
@@ -29,6 +28,21 @@ some of its results failed (the table says why); 130 cancelled.
 Lengths are shares of the size (0.5% of the bounding-box diagonal; 0.005 is the same) or real ones
 (1mm, 0.2in), for which the unit of the file must be known: STEP, 3MF, glTF and Collada say it, for
 others add --unit mm."""
+
+
+SHOWN = "surface_skeleton,thickness,curve_skeleton"
+"""Operations whose results are shown of a mesh or point cloud."""
+
+_VIEW = (
+    "Write one HTML file that shows a shape and its results in three dimensions: turn it, switch\n"
+    "layers, hide values, cut it open, click for the numbers of a place. It needs no network and\n"
+    "no server: open it by a double click, or send it to somebody."
+)
+_VIEW_EXAMPLES = """examples:
+  medialis view bunny.ply                     the shape with its skeletons and its thickness
+  medialis view bunny.ply --show parts        with its parts
+  medialis view bunny-medialis                all results in a folder, nothing is computed
+  medialis view bunny-medialis/thickness/thickness.ply   one layer with its values"""
 
 
 def number(text: str) -> float | str:
@@ -81,7 +95,7 @@ class _Version(argparse.Action):
     """Looks the version up when it is asked for."""
 
     def __call__(self, parser: argparse.ArgumentParser, *rest: Any) -> None:
-        from medialis.version import package_version
+        from medialis.base.version import package_version
 
         say(f"medialis {package_version()}")
         parser.exit()
@@ -134,7 +148,7 @@ def build_parser(
     describe.add_argument("--json", action="store_true", help="print JSON (for programs)")
     _add_batch(add("batch", "Run operations over many files, in parallel; --help tells how."))
     warmup = add("warmup", "Compile all kernels now, so that the first run is fast.")
-    add_progress(warmup)
+    _add_progress(warmup)
     doctor = add("doctor", "Say what is installed, what is missing, and how to get it.")
     doctor.add_argument("--json", action="store_true", help="print JSON (for programs)")
     install = add("meshlab-install", "Put the plugin into the MeshLab of this machine.")
@@ -149,15 +163,42 @@ def build_parser(
     demo = add("demo", "Compute the surface skeleton of a built-in shape, and of yours.")
     demo.add_argument("file", nargs="?", help="a mesh or point cloud of your own")
     demo.add_argument("-o", "--output", default="medialis-demo", help="output folder")
-    add_progress(demo)
+    _add_progress(demo)
     sample = add("sample", "Write a shape to try things on; without a name: list them.")
     sample.add_argument("name", nargs="?", help="its name")
     sample.add_argument("-o", "--output", metavar="FILE", help="(default: NAME.ply, here)")
     view = add("view", "Show a shape and its results in three dimensions, in one HTML file.")
-    add_view_arguments(view)
+    _add_view(view)
     completion = add("completion", "Print the script by which a shell completes commands.")
     completion.add_argument("shell", choices=SHELLS)
     return parser
+
+
+def add_completions(
+    parser: argparse.ArgumentParser, file: Any, first: Mapping[str, Iterable[str]]
+) -> None:
+    """Tell shtab what values a parser of `every` operation takes: known words, or files.
+
+    Parameters
+    ----------
+    parser : ArgumentParser
+    file
+        What shtab has for files.
+    first : mapping
+        Words of the first argument of a command, by its name.
+    """
+    operations = [named.command for named in named_operations()]
+    words = {"batch": operations, "describe": operations, **first}
+    group = next(a for a in parser._actions if isinstance(a, argparse._SubParsersAction))
+    for name, sub in group.choices.items():
+        for action in sub._actions:
+            metavar = str(action.metavar)
+            if metavar.startswith("{"):  # choices that the operation checks
+                action.choices = metavar[1:-1].split(",")
+            elif not action.option_strings and name in words:
+                action.choices = list(words.pop(name))
+            elif action.nargs != 0 and action.choices is None:
+                action.complete = file
 
 
 def with_dashes(arguments: Sequence[str]) -> list[str]:
@@ -179,8 +220,6 @@ def with_dashes(arguments: Sequence[str]) -> list[str]:
 
 
 def _add_operation(sub: argparse.ArgumentParser, chosen: Operation, run: Command) -> None:
-    from medialis.operations.declaration import GRAPH_FORMATS
-
     sub.description, sub.epilog = _wrapped(chosen.full_help), f"{_examples(chosen)}\n\n{_EPILOG}"
     sub.formatter_class = argparse.RawDescriptionHelpFormatter
     sub.add_argument(
@@ -212,7 +251,7 @@ def _add_operation(sub: argparse.ArgumentParser, chosen: Operation, run: Command
     )
     sub.add_argument(
         "--host", action="store_true", help=argparse.SUPPRESS
-    )  # for host programs, see hosts/handover.py; and with it:
+    )  # for host programs, see hosts/menu.py; and with it:
     for more in ("--auxiliary", "--solid", "--select"):
         sub.add_argument(more, action="store_true", help=argparse.SUPPRESS)
     layers = (
@@ -221,15 +260,15 @@ def _add_operation(sub: argparse.ArgumentParser, chosen: Operation, run: Command
     )
     sub.add_argument(
         "--formats",
-        default=",".join(GRAPH_FORMATS if chosen.makes_graph else ()),
+        default=",".join(chosen.offered),
         metavar="LIST",
         help="formats to write besides PLY, with commas between them; '' for none (default: "
         f"%(default)s). {layers}; the others: the graph. SWC holds a tree: loops are cut, see "
         "its comments"
-        if chosen.makes_graph
+        if chosen.offered
         else f"formats to write besides PLY, with commas between them. {layers}",
     )
-    add_progress(sub)
+    _add_progress(sub)
     sub.set_defaults(command=run, operation=chosen, parser=sub)
 
 
@@ -287,11 +326,32 @@ def _add_batch(sub: argparse.ArgumentParser) -> None:
     sub.add_argument("--no-picture", action="store_true", help="draw no pictures")
     _add_report(sub, "of each result")
     sub.add_argument("--json", action="store_true", help="print the table as JSON")
-    add_progress(sub)
+    _add_progress(sub)
+
+
+def _add_view(sub: argparse.ArgumentParser) -> None:
+    sub.description, sub.epilog = _VIEW, _VIEW_EXAMPLES
+    sub.formatter_class = argparse.RawDescriptionHelpFormatter
+    sub.add_argument(
+        "source",
+        metavar="FILE|FOLDER",
+        help="a mesh or point cloud, a layer or graph that medialis wrote, or a folder of results",
+    )
+    sub.add_argument("-o", "--output", help="the page (default: NAME-view.html, here)")
+    sub.add_argument(
+        "--show",
+        default=SHOWN,
+        metavar="OPERATION[,OPERATION...]",
+        help="what to compute of a mesh or point cloud; the first is seen at first; '' for the "
+        "shape alone (default: %(default)s)",
+    )
+    sub.add_argument("--open", action="store_true", help="open the page in the browser")
+    sub.add_argument("--threads", type=int, help="use at most this many threads")
+    _add_progress(sub)
 
 
 def _add_parameter(group: Any, parameter: Parameter) -> None:
-    from medialis.options import Kind
+    from medialis.base.options import Kind
 
     flag = "--" + parameter.name.replace("_", "-")
     text = f"{parameter.help} (default: {parameter.default})".replace("%", "%%")
@@ -332,7 +392,7 @@ def _add_report(sub: argparse.ArgumentParser, of_what: str) -> None:
     )
 
 
-def add_progress(sub: argparse.ArgumentParser) -> None:
+def _add_progress(sub: argparse.ArgumentParser) -> None:
     """Give a command the options of its progress."""
     sub.add_argument(
         "--progress",

@@ -10,20 +10,19 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from medialis.base.errors import Cancelled, InvalidOptionError
+from medialis.base.options import NUMBERS, Kind
 from medialis.cli.arguments import EXIT_CANCELLED, EXIT_OK, EXIT_SOME_FAILED, number
 from medialis.cli.display import clear_bar, say, shown_progress
-from medialis.errors import Cancelled, InvalidOptionError
 from medialis.operations.declaration import Operation
 from medialis.operations.registry import operation
-from medialis.options import NUMBERS, Kind
 
 
 def run_batch(options: argparse.Namespace) -> int:
     """Run a batch and return the exit code."""
     from medialis.batches.batch import batch
-    from medialis.batches.files import TABLES
-    from medialis.batches.jobs import FAILED
-    from medialis.files.results import json_text
+    from medialis.batches.jobs import FAILED, TABLES
+    from medialis.formats.json_npz import json_text
 
     progress = shown_progress(options.progress, batch=True)
     try:

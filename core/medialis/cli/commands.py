@@ -1,4 +1,8 @@
-"""The command line: what its commands do (`cli/arguments.py` says what they take)."""
+"""The command line: what its commands do; `cli/arguments.py` says what they take.
+
+What is long has a file of its own, which is loaded when its command runs: an operation, a batch,
+a page in three dimensions, the doctor.
+"""
 
 from __future__ import annotations
 
@@ -13,19 +17,52 @@ import threading
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
+from pathlib import Path
 from types import FrameType
 from typing import Any
 
+from medialis.base.errors import (
+    Cancelled,
+    FileError,
+    InvalidOptionError,
+    InvalidShapeError,
+    MedialisError,
+)
 from medialis.cli.arguments import (
     EXIT_BAD_INPUT,
     EXIT_CANCELLED,
     EXIT_OK,
+    add_completions,
     build_parser,
+    nearest,
     with_dashes,
 )
 from medialis.cli.display import clear_bar, say, shown_progress
-from medialis.errors import Cancelled, FileError, InvalidShapeError, MedialisError
+from medialis.formats.ply_attributes import write_ply
 from medialis.operations.names import RENAMED, named_operations, renamed_note
+from medialis.shape.samples import SAMPLES, sample_shape
+
+
+def write_sample(options: argparse.Namespace) -> int:
+    """Write a sample, or list them all; return the exit code."""
+    name = options.name
+    if name is None:
+        for known, text in SAMPLES.items():
+            say(f"{known:10} {text}")
+        return EXIT_OK
+    if name not in SAMPLES:
+        raise InvalidOptionError(
+            f"There is no sample {name}{nearest(name, SAMPLES) or '.'} There are "
+            f"{', '.join(SAMPLES)}."
+        )
+    path = Path(options.output or f"{name}.ply")
+    shape = sample_shape(name)
+    if path.exists():
+        raise FileError(f"Nothing was written: there is a file {path} already; name another.")
+    write_ply(path, shape.points, faces=shape.faces)
+    faces = f", {shape.face_count:,} triangles" if shape.face_count else ""
+    say(f"{path}: {SAMPLES[name]} ({shape.point_count:,} points{faces})")
+    return EXIT_OK
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -124,14 +161,13 @@ def _operation(options: argparse.Namespace) -> int:
 def _info(options: argparse.Namespace) -> int:
     import numpy as np
 
-    from medialis.files.meshes import read_mesh
-    from medialis.files.results import json_text
-    from medialis.model.shape import Shape
-    from medialis.progress import Message, Progress
-    from medialis.surface.diagnosis import diagnose
-    from medialis.surface.far_points import far_points
-    from medialis.surface.repair import repair
-    from medialis.threads import run_patiently
+    from medialis.base.progress import Message, Progress
+    from medialis.base.threads import run_patiently
+    from medialis.formats.json_npz import json_text
+    from medialis.formats.meshes import read_mesh
+    from medialis.shape.diagnosis import diagnose
+    from medialis.shape.repair import repair
+    from medialis.shape.shape import Shape, far_points
 
     progress, repaired = Progress(), None
     mesh = run_patiently(lambda: read_mesh(options.file), progress)
@@ -189,10 +225,10 @@ def _describe(options: argparse.Namespace) -> int:
 
 
 def _warmup(options: argparse.Namespace) -> int:
-    from medialis.operations.pictures import draw_result
     from medialis.operations.registry import OPERATIONS, run
-    from medialis.surface.generate import organic_shape
-    from medialis.surface.samples import sample_shape
+    from medialis.shape.generate import organic_shape
+    from medialis.shape.samples import sample_shape
+    from medialis.show.pictures import draw_result
 
     clock = time.perf_counter()
     creature, progress = organic_shape(56), shown_progress(options.progress)
@@ -203,7 +239,7 @@ def _warmup(options: argparse.Namespace) -> int:
             shape = creature if entry.sample == "creature" else sample_shape(entry.sample)
             result = run(entry.name, shape, progress=progress, **given)
             draw_result(result, width=320, height=240)
-    from medialis._kernels.cache_folder import kernel_cache, mark_compiled
+    from medialis.base.cache_folder import kernel_cache, mark_compiled
 
     mark_compiled()
     say(f"Kernels ready in {time.perf_counter() - clock:.1f} s; cache: {kernel_cache()}")
@@ -225,26 +261,19 @@ def _doctor(options: argparse.Namespace) -> int:
 
 
 def _meshlab_install(options: argparse.Namespace) -> int:
-    from medialis.cli import meshlab_install as plugins
-    from medialis.cli.machine import Machine
-
-    machine, problems, done = Machine(), [], 0
-    chosen = plugins.wanted_hosts(options.release, options.meshlab, machine)
-    with plugins.built_plugins(options.plugins, machine) as built:
-        for host in chosen:
-            try:
-                files = (
-                    plugins.install(options.plugin, host.folder, machine=machine)
-                    if options.plugin
-                    else plugins.install_for(host, built, machine)
-                )
-            except FileError as error:
-                problems.append(error)
-                continue
-            done += 1
-            say(f"{host.name}: {files[0]}")
-    if not done:
-        raise problems[0]
+    try:
+        from medialis_meshlab_plugin.install import install_wanted
+    except ModuleNotFoundError as error:
+        if not (error.name or "").startswith("medialis_meshlab_plugin"):
+            raise
+        raise FileError(
+            "The plugin of MeshLab is a package of its own: pip install medialis-meshlab, then run "
+            "medialis meshlab-install."
+        ) from None
+    wanted = options.plugins, options.plugin, options.release, options.meshlab
+    done, problems = install_wanted(*wanted)
+    for name, file in done.items():
+        say(f"{name}: {file}")
     for problem in problems:
         say(problem, file=sys.stderr)
     say("Start MeshLab again: its menu Filters has the filters of medialis, search for: medial.")
@@ -257,16 +286,19 @@ def _demo(options: argparse.Namespace) -> int:
     return run_demo(options)
 
 
-def _sample(options: argparse.Namespace) -> int:
-    from medialis.cli.samples import write_sample
-
-    return write_sample(options)
-
-
 def _completion(options: argparse.Namespace) -> int:
-    from medialis.cli.completion import print_script
-
-    return print_script(options)
+    """Print the script that a shell reads."""
+    try:
+        import shtab
+    except ImportError as error:
+        raise InvalidOptionError(
+            'Completion needs shtab: pip install "medialis[completion]" (importing it says: '
+            f"{error})."
+        ) from None
+    parser = build_parser(_operation, COMMANDS, every=True)
+    add_completions(parser, shtab.FILE, {"sample": SAMPLES})
+    say(shtab.complete(parser, options.shell).removesuffix("\n"))
+    return EXIT_OK
 
 
 def _view(options: argparse.Namespace) -> int:
@@ -283,7 +315,7 @@ COMMANDS = {
     "batch": _batch,
     "warmup": _warmup,
     "demo": _demo,
-    "sample": _sample,
+    "sample": write_sample,
     "completion": _completion,
     "doctor": _doctor,
     "meshlab-install": _meshlab_install,

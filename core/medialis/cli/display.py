@@ -1,4 +1,4 @@
-"""Progress of the command line: a bar on a terminal, lines in a log, lines for programs."""
+"""What a person sees of a running command: a bar on a terminal, lines in a log or for programs."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import sys
 import time
 from typing import TextIO
 
-from medialis.progress import Progress, ProgressCallback
+from medialis.base.progress import Progress, ProgressCallback
 
 STYLES = ("auto", "bar", "log", "lines", "none")
 BAR_WIDTH, BAR_SECONDS = 30, 0.05

@@ -18,19 +18,14 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-from medialis._kernels.cache_folder import (
-    kernel_cache,
-    kernels_are_compiled,
-    written_by_others,
-)
-from medialis.cli.machine import Machine
-from medialis.cli.meshlab_install import HOW_TO_GET
-from medialis.cli.meshlab_notes import FILTER_NOTE, PROGRAM_NOTE
-from medialis.errors import FileError
-from medialis.files._files import reason
-from medialis.threads import thread_count
-from medialis.version import package_version
-from medialis.viewer.page import has_library
+from medialis.base.cache_folder import kernel_cache, kernels_are_compiled, written_by_others
+from medialis.base.errors import FileError
+from medialis.base.threads import thread_count
+from medialis.base.version import package_version
+from medialis.formats.files import reason
+from medialis.hosts.machine import Machine
+from medialis.hosts.menu import FILTER_NOTE, PROGRAM_NOTE
+from medialis.show.viewer.page import has_library
 
 NEEDED = {"numpy": "numpy", "scipy": "scipy.spatial", "llvmlite": "llvmlite", "numba": "numba"}
 """Package and the module that must load."""
@@ -39,6 +34,7 @@ EXTRAS = {
     "cad": ("STEP", ("cascadio",)),
     "io": ("glTF, 3MF, Collada and more", ("trimesh", "networkx", "lxml", "pycollada")),
     "dask": ("batches on a cluster", ("dask", "distributed")),
+    "completion": ("completion in shells", ("shtab",)),
     "meshlab": ("filters of pymeshlab", ("pymeshlab",)),
     "blender": ("Blender as a Python module (Python 3.11 or 3.13)", ("bpy",)),
 }
@@ -247,8 +243,12 @@ def _meshlab(machine: Machine) -> list[Finding]:
         found = [Finding("MeshLab", "missing", text, advice)]
     installed = machine.plugins()
     if not installed:
-        found.append(Finding("  plugin", "missing", "not installed; for filters in MeshLab's menu",
-                             HOW_TO_GET))  # fmt: skip
+        text = "not installed; for filters in MeshLab's menu"
+        advice = (
+            "install the built ones (pip install medialis-meshlab), then run medialis "
+            "meshlab-install"
+        )
+        found.append(Finding("  plugin", "missing", text, advice))
     for plugin in installed:
         found += [Finding("  plugin", "ok", str(plugin)), _filters_of(plugin), _program_of(plugin)]
     return found

@@ -7,55 +7,17 @@ import webbrowser
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from medialis.base.errors import InvalidOptionError, MedialisError
 from medialis.cli.display import say, shown_progress
-from medialis.errors import InvalidOptionError, MedialisError
 
 if TYPE_CHECKING:
+    from medialis.base.progress import Progress
     from medialis.operations.result import Outcome
-    from medialis.progress import Progress
-
-SHOWN = "surface_skeleton,thickness,curve_skeleton"
-"""Operations whose results are shown of a mesh or point cloud."""
-
-ABOUT = (
-    "Write one HTML file that shows a shape and its results in three dimensions: turn it, switch\n"
-    "layers, hide values, cut it open, click for the numbers of a place. It needs no network and\n"
-    "no server: open it by a double click, or send it to somebody."
-)
-EPILOG = """examples:
-  medialis view bunny.ply                     the shape with its skeletons and its thickness
-  medialis view bunny.ply --show parts        with its parts
-  medialis view bunny-medialis                all results in a folder, nothing is computed
-  medialis view bunny-medialis/thickness/thickness.ply   one layer with its values"""
-
-
-def add_view_arguments(sub: argparse.ArgumentParser) -> None:
-    """Give the command its arguments."""
-    from medialis.cli.arguments import add_progress
-
-    sub.description, sub.epilog = ABOUT, EPILOG
-    sub.formatter_class = argparse.RawDescriptionHelpFormatter
-    sub.add_argument(
-        "source",
-        metavar="FILE|FOLDER",
-        help="a mesh or point cloud, a layer or graph that medialis wrote, or a folder of results",
-    )
-    sub.add_argument("-o", "--output", help="the page (default: NAME-view.html, here)")
-    sub.add_argument(
-        "--show",
-        default=SHOWN,
-        metavar="OPERATION[,OPERATION...]",
-        help="what to compute of a mesh or point cloud; the first is seen at first; '' for the "
-        "shape alone (default: %(default)s)",
-    )
-    sub.add_argument("--open", action="store_true", help="open the page in the browser")
-    sub.add_argument("--threads", type=int, help="use at most this many threads")
-    add_progress(sub)
 
 
 def run_view(options: argparse.Namespace) -> int:
     """Make the page and say where it is."""
-    from medialis.viewer.page import write_viewer
+    from medialis.show.viewer.page import write_viewer
 
     source = Path(options.source)
     output = Path(options.output or f"{source.resolve().stem}-view.html")
@@ -85,8 +47,8 @@ def _of_folder(folder: Path) -> list[Outcome]:
     InvalidOptionError
         When there is none, or they are of several shapes.
     """
-    from medialis.files.output_folder import MANIFEST
-    from medialis.operations.reading import read_result
+    from medialis.formats.output_folder import MANIFEST
+    from medialis.show.reading import read_result
 
     folders = sorted(
         path.parent for path in [*folder.glob(MANIFEST), *folder.glob(f"*/{MANIFEST}")]
@@ -106,9 +68,9 @@ def _of_folder(folder: Path) -> list[Outcome]:
 
 def _of_layer(file: Path) -> Outcome | None:
     """Read a layer or a graph that medialis wrote; None for any other file."""
-    from medialis.files.curve_graphs import read_curve_skeleton
-    from medialis.files.ply_attributes import read_ply_attributes
-    from medialis.hosts.other_libraries import Drawn
+    from medialis.curves.formats import read_curve_skeleton
+    from medialis.exchange.libraries import Drawn
+    from medialis.formats.ply_attributes import read_ply_attributes
 
     if file.suffix.lower() in (".swc", ".json"):
         drawn = Drawn.of(read_curve_skeleton(file))
@@ -140,7 +102,7 @@ def _computed(file: Path, options: argparse.Namespace, progress: Progress) -> li
     """
     from medialis.operations.registry import operation, run
     from medialis.operations.result import Outcome
-    from medialis.surface.reading import read_shape
+    from medialis.shape.reading import read_shape
 
     names = [operation(name).name for name in filter(None, options.show.split(","))]
     with progress.stage("input", 0.0, 0.05):

@@ -1,5 +1,8 @@
 """What adapters for host programs need; they import this module and `medialis`, nothing else.
 
+Hosts only translate: what has to be computed, named or coloured is here, once for all of them. Read
+`menu.py` first, then `computing.py`. What another host needs is exported and described below.
+
 An adapter reads the user's data into a shape (`medialis.make_shape` with ``repair=True`` and
 `progress`), runs an operation (`medialis.run`), and shows the layers of the result:
 
@@ -33,19 +36,52 @@ Edited layers
     `takes_back` names the option of an operation that takes a layer as its user has edited it,
     `write_edited` writes it to a file; `unpacked_levels` are the `Levels` of a layer that was kept.
 Files
-    `write_ply` for one layer, `write_for_host` for a result that another program adds.
+    `write_ply` for one layer, `write_for_host` for a result that another program adds;
+    `complete_file` for any other file, and `reason` says why one cannot be written.
+Programs
+    `Machine` tells where this system and its user keep Blender and MeshLab; `write_notes` writes
+    the menu for a plugin that is no Python, with the Python that it runs.
 Computing
     `Computer` runs operations in a process of its own, where what was computed is kept;
     `Computation` is one of them.
+
+Read `menu.py` first: operations as hosts list them; `fields.py` and `drawing.py` show results.
 """
 
-from medialis.files.ply_attributes import write_ply
-from medialis.hosts.computation import Computation
-from medialis.hosts.computing import Computer
-from medialis.hosts.drawing import Legend, Numbers, drawn_radius, legend_of, numbers_of
-from medialis.hosts.edited import takes_back, unpacked_levels, write_edited
-from medialis.hosts.fields import InputFields, Rig, on_input, rig_of
-from medialis.hosts.handover import write_for_host
+from medialis.base.arrays import polylines
+from medialis.base.options import Kind, Parameter
+from medialis.base.units import nearest_unit
+from medialis.formats.files import complete_file, reason
+from medialis.formats.ply_attributes import write_ply
+from medialis.hosts.computing import Computation, Computer
+from medialis.hosts.drawing import (
+    Legend,
+    Numbers,
+    Shown,
+    as_typed,
+    distinct_names,
+    drawn_radius,
+    free_name,
+    hidden_apart,
+    identifier,
+    label_name,
+    legend_of,
+    numbers_of,
+    picked_lines,
+    shown,
+    title,
+    with_labels,
+)
+from medialis.hosts.fields import (
+    InputFields,
+    Rig,
+    on_input,
+    rig_of,
+    takes_back,
+    unpacked_levels,
+    write_edited,
+)
+from medialis.hosts.machine import Machine
 from medialis.hosts.menu import (
     AUXILIARY,
     HIDE_SOURCE,
@@ -56,33 +92,13 @@ from medialis.hosts.menu import (
     filters,
     host_layers,
     menu_entries,
+    write_for_host,
+    write_notes,
 )
-from medialis.hosts.shown import Shown, hidden_apart, shown
 from medialis.hosts.solid import solid
-from medialis.hosts.words import (
-    as_typed,
-    distinct_names,
-    free_name,
-    identifier,
-    label_name,
-    picked_lines,
-    title,
-    with_labels,
-)
-from medialis.model.polylines import polylines
 from medialis.operations.declaration import Operation
-from medialis.operations.quantities import value_lines
-from medialis.operations.result import FilterUnit, Layer, Levels, Outcome, Result
-from medialis.options import Kind, Parameter
-from medialis.render.colors import (
-    MISSING,
-    color_table,
-    label_colors,
-    palette,
-    to_linear,
-    value_range,
-)
-from medialis.units import nearest_unit
+from medialis.operations.result import FilterUnit, Layer, Levels, Outcome, Result, value_lines
+from medialis.show.colors import MISSING, color_table, label_colors, palette, to_linear, value_range
 
 __all__ = [
     "AUXILIARY",
@@ -100,6 +116,7 @@ __all__ = [
     "Layer",
     "Legend",
     "Levels",
+    "Machine",
     "Numbers",
     "Operation",
     "Outcome",
@@ -109,6 +126,7 @@ __all__ = [
     "Shown",
     "as_typed",
     "color_table",
+    "complete_file",
     "distinct_names",
     "drawn_radius",
     "filters",
@@ -126,6 +144,7 @@ __all__ = [
     "palette",
     "picked_lines",
     "polylines",
+    "reason",
     "rig_of",
     "shown",
     "solid",
@@ -138,5 +157,6 @@ __all__ = [
     "with_labels",
     "write_edited",
     "write_for_host",
+    "write_notes",
     "write_ply",
 ]

@@ -22,9 +22,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from medialis._kernels.cache_folder import kernel_cache, make_kernel_cache
-from medialis.progress import Progress
-from medialis.threads import thread_count
+from medialis.base.cache_folder import kernel_cache, make_kernel_cache
+from medialis.base.progress import Progress
+from medialis.base.threads import thread_count
 
 LIST = Path(__file__).with_name("kernels.txt")
 CODE = "from medialis.hosts.compile_ahead import take_turns; take_turns()"

@@ -4,13 +4,18 @@ It reads orders from the pipe that is its standard input, and ends when nobody i
 Orders are tuples that begin with a word: ``("run", Task)``, ``("cancel",)``, ``("answer",
 parcel)``. It tells ``("ready", version)`` first, then ``("progress", fraction, text)``, ``("ask",
 parcel)``, ``("done", parcel)`` and ``("failed", error)``.
+
+Large arrays do not go through the pipe, where the sender would wait for the receiver: `pack` writes
+them to a file of a folder that both know, and `unpack` reads them from there in one piece.
 """
 
 from __future__ import annotations
 
 import os
+import pickle
 import queue
 import sys
+import tempfile
 import threading
 import time
 import traceback
@@ -19,23 +24,101 @@ from contextlib import nullcontext, suppress
 from dataclasses import dataclass, replace
 from hashlib import blake2b
 from multiprocessing.connection import Connection
-from typing import Any
+from pathlib import Path
+from typing import Any, NamedTuple
 
-from medialis._kernels.cache_folder import kernel_cache
-from medialis.curves.from_views.views import view_source
-from medialis.errors import Cancelled, MedialisError
+import numpy as np
+
+from medialis.base.cache_folder import kernel_cache
+from medialis.base.errors import Cancelled, FileError, MedialisError
+from medialis.base.kept import Bound, kept
+from medialis.base.progress import Progress
+from medialis.base.validation import FloatArray, IntArray
+from medialis.base.version import package_version
+from medialis.curves.from_views.skeleton import view_source
+from medialis.curves.from_views.view import ViewSource, rasterizer
 from medialis.hosts.compile_ahead import compile_ahead, is_needed
-from medialis.hosts.parcels import Parcel, pack, unpack
-from medialis.kept import Bound, kept
-from medialis.model.shape import Shape
-from medialis.model.view import ViewSource
 from medialis.operations.registry import run
 from medialis.operations.result import Result
-from medialis.progress import Progress
-from medialis.render.depth_range import rasterizer
-from medialis.surface.reading import make_shape
-from medialis.validation import FloatArray, IntArray
-from medialis.version import package_version
+from medialis.shape.reading import make_shape
+from medialis.shape.shape import Shape
+
+ALIGNMENT = 64
+"""Bytes: where an array may begin."""
+
+
+class Parcel(NamedTuple):
+    """An object on its way: all of it but its arrays, the file of these, and where each lies."""
+
+    pickled: bytes
+    file: str
+    spans: tuple[tuple[int, int], ...]
+
+
+def pack(thing: Any, folder: str | os.PathLike[str]) -> Parcel:
+    """Write the arrays of an object to a new file of a folder.
+
+    Raises
+    ------
+    FileError
+        When the folder cannot be written, or the disk is full.
+    """
+    buffers: list[pickle.PickleBuffer] = []
+    pickled = pickle.dumps(thing, protocol=5, buffer_callback=buffers.append)
+    if not buffers:
+        return Parcel(pickled, "", ())
+    path = None
+    try:
+        handle, path = tempfile.mkstemp(".arrays", "medialis-", folder)
+        with os.fdopen(handle, "wb") as file:
+            spans = tuple(_write(file, buffer) for buffer in buffers)
+    except OSError as error:
+        if path is not None:
+            discard(path)
+        raise FileError(
+            f"Cannot hand arrays over in {folder}: {error.strerror or error}. Free some space, or "
+            "choose another folder."
+        ) from None
+    return Parcel(pickled, path, spans)
+
+
+def _write(file: Any, buffer: pickle.PickleBuffer) -> tuple[int, int]:
+    file.seek(-file.tell() % ALIGNMENT, os.SEEK_CUR)
+    begin = file.tell()
+    with buffer.raw() as content:
+        file.write(content)
+        return begin, content.nbytes
+
+
+def unpack(parcel: Parcel) -> Any:
+    """Return the object, its arrays read-only; the file is gone then.
+
+    Raises
+    ------
+    FileError
+        When the file cannot be read.
+    """
+    if not parcel.file:
+        return pickle.loads(parcel.pickled)
+    try:
+        content = np.fromfile(parcel.file, np.uint8)
+    except OSError as error:
+        raise FileError(f"Cannot read what was handed over: {error}.") from None
+    finally:
+        discard(parcel.file)
+    content.flags.writeable = False
+    view = content.data
+    return pickle.loads(
+        parcel.pickled, buffers=[view[begin : begin + size] for begin, size in parcel.spans]
+    )
+
+
+def discard(file: str) -> None:
+    """Remove the file of a parcel that nobody will unpack."""
+    if file:
+        with suppress(OSError):
+            Path(file).unlink()
+
 
 PAUSE = 0.04
 """Seconds between two words about progress."""
@@ -207,7 +290,12 @@ def compute(task: Task, host: Host) -> tuple[Shape, Result]:
     with views, progress.stage("compute", begin + 0.1, 1.0):
         result = run(task.name, shape, threads=task.threads, progress=progress, **task.parameters)
     values = {"spacing": result.shape.spacing, **result.values}  # hosts draw points as large
-    return shape, replace(result, shape=shape, values=values, arrays={}, shown=(), graph=None)
+    extras = {name: part for name, part in result.extras.items() if name in HANDED_OVER}
+    return shape, replace(result, shape=shape, values=values, arrays={}, shown=(), extras=extras)
+
+
+HANDED_OVER = ("bones", "skin")
+"""Extra outputs that hosts use."""
 
 
 def _repaired(given: Given, unit: str | None, progress: Progress) -> Shape:

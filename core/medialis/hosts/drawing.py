@@ -1,21 +1,308 @@
-"""What hosts draw beside the values of a layer: sizes of points, legends, numbers at places."""
+"""What hosts show of a layer: names and numbers as people read them, colours, and what is beside.
+
+Names of layers, segments and options; what was typed or picked; the attribute that a layer shows
+first with its colours (`Shown`), and what it hides (`hidden_apart`); sizes of points, legends, and
+numbers at places.
+"""
 
 from __future__ import annotations
 
+import itertools
 import math
-from dataclasses import dataclass
+import re
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
+from decimal import Decimal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from medialis.hosts.shown import Shown
-from medialis.hosts.words import title
-from medialis.model.shape import Shape
-from medialis.operations.quantities import quantity
-from medialis.operations.result import Layer, Outcome
-from medialis.render.annotation import number_text
-from medialis.render.colors import label_colors, map_colors
-from medialis.validation import FloatArray
+from medialis.base.errors import InvalidOptionError
+from medialis.base.options import Kind, Parameter
+from medialis.base.validation import FloatArray
+from medialis.operations.result import Layer, Outcome, quantity
+from medialis.shape.shape import Shape
+from medialis.show.annotation import number_text
+from medialis.show.colors import label_colors, map_colors, value_range
+
+MOST_PICKED = 100
+"""Vertices that are taken as the ends of paths: nobody picks more by hand."""
+
+
+def title(name: str) -> str:
+    """Return the name of a layer, attribute or image for people.
+
+    Examples
+    --------
+    >>> title("curve_skeleton")
+    'curve skeleton'
+    """
+    return name.replace("_", " ")
+
+
+def label_name(name: str, label: int) -> str:
+    """Return the name of a segment, for groups and materials.
+
+    Examples
+    --------
+    >>> label_name("part", 3), label_name("part", -1)
+    ('part 003', 'part none')
+    """
+    return f"{name} none" if label < 0 else f"{name} {label:03d}"
+
+
+def identifier(name: str) -> str:
+    """Return a name as expressions can hold it: letters, digits, underscores.
+
+    Examples
+    --------
+    >>> identifier("3 % of size")
+    '_3___of_size'
+    """
+    word = re.sub(r"\W", "_", name, flags=re.ASCII)
+    return f"_{word}" if word[:1].isdigit() else word
+
+
+def free_name(name: str, taken: Collection[str]) -> str:
+    """Return the name, or with _2, _3, ... when it is taken in any case of letters.
+
+    Examples
+    --------
+    >>> free_name("radius", ["Radius", "radius_2"])
+    'radius_3'
+    """
+    known = {other.lower() for other in taken}
+    number, free = 1, name
+    while free.lower() in known:
+        number += 1
+        free = f"{name}_{number}"
+    return free
+
+
+def distinct_names(
+    attributes: Mapping[str, Any], face_attributes: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Return the face attributes under names that those of the points do not have.
+
+    Examples
+    --------
+    >>> distinct_names({"part": 0}, {"part": 1, "side": 2})
+    {'part_of_face': 1, 'side': 2}
+    """
+    return {
+        f"{name}_of_face" if name in attributes else name: values
+        for name, values in face_attributes.items()
+    }
+
+
+def picked_lines(parameter: Parameter, vertices: Sequence[int] | NDArray[np.int64]) -> str:
+    r"""Return the file of an option that lists vertices, or pairs of them, for picked ones.
+
+    A path runs from each to the next.
+
+    Raises
+    ------
+    InvalidOptionError
+        When there is no pair, or there are too many for hand-picked ones.
+
+    Examples
+    --------
+    >>> import medialis
+    >>> options = medialis.operation("geodesic_path").parameters
+    >>> (pairs,) = [option for option in options if option.selection]
+    >>> picked_lines(pairs, [3, 8, 5])
+    '3 8\n8 5\n'
+    """
+    rows = [int(row) for row in vertices]
+    if parameter.selection != "pair":
+        return "".join(f"{row}\n" for row in rows)
+    if not 2 <= len(rows) <= MOST_PICKED:
+        raise InvalidOptionError(
+            f"Select 2 to {MOST_PICKED} vertices, the ends of paths, one after the other; "
+            f"{len(rows)} {'is' if len(rows) == 1 else 'are'} selected."
+        )
+    return "".join(f"{one} {other}\n" for one, other in itertools.pairwise(rows))
+
+
+def as_typed(value: float, *, percent: bool = False) -> float:
+    """Return the number that a user typed into a widget that keeps single precision.
+
+    Parameters
+    ----------
+    value : float
+        What the widget holds.
+    percent : bool
+        It holds per cent, and the fraction is wanted.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> as_typed(np.float32(0.03)), as_typed(np.float32(0.03), percent=True)
+    (0.03, 0.0003)
+    """
+    meant = Decimal(str(np.float32(value)))  # the shortest decimal that it stands for
+    return float(meant / 100 if percent else meant)
+
+
+def with_labels(text: str, parameters: Sequence[Parameter]) -> str:
+    """Return a message in the words that people see in a host: labels and their values.
+
+    Messages name options as Python has them, ``denoise = off``.
+
+    Parameters
+    ----------
+    text : str
+    parameters : sequence of Parameter
+        Of the operation.
+
+    Examples
+    --------
+    >>> import medialis
+    >>> options = medialis.operation("surface_skeleton").parameters
+    >>> with_labels("A smoothed copy was used (denoise = off turns this off).", options)
+    'A smoothed copy was used (Noise: Off turns this off).'
+    >>> with_labels("Use refine = 0.01.", options)
+    'Use Refine edges above: 1 %.'
+    """
+    by_name = {p.name: p for p in parameters}
+    names = "|".join(map(re.escape, by_name))
+    given = re.compile(rf"\b({names})\s*=\s*([\w%-]+(?:\.\d+)?)")
+    return given.sub(lambda found: _labelled(by_name[found[1]], found[2]), text) if names else text
+
+
+def _labelled(parameter: Parameter, value: str) -> str:
+    words = title(value).capitalize()
+    if parameter.kind is Kind.BOOL:
+        words = {"True": "On", "False": "Off"}.get(value, words)
+    elif parameter.kind is Kind.LENGTH and re.fullmatch(r"[\d.]+", value):
+        words = f"{100 * float(value):g} %"
+    return f"{parameter.label}: {words}"
+
+
+HIDDEN_SUFFIX = "_hidden"
+
+
+@dataclass(frozen=True, eq=False)
+class Shown:
+    """One attribute of a layer with its colours.
+
+    Attributes
+    ----------
+    name : str
+    values : (rows,) array
+        One row a point, or a face.
+    on_faces : bool
+    is_label : bool
+        They number segments, which have distinct colours (`medialis.hosts.label_colors`); else
+        the colours are those of
+    color_map : str
+        with its first and last colour at the
+    limits : (float, float)
+    """
+
+    name: str
+    values: NDArray[Any]
+    on_faces: bool
+    is_label: bool
+    color_map: str
+    limits: tuple[float, float]
+
+    @property
+    def rgb(self) -> FloatArray:
+        """SRGB colours (rows, 3) in 0..1; grey where there is no value."""
+        if self.is_label:
+            return label_colors(self.values)
+        return map_colors(self.values, self.color_map, *self.limits)
+
+    @property
+    def rgba_bytes(self) -> NDArray[np.uint8]:
+        """The colours in 8 bits with full opacity, (rows, 4)."""
+        colors = np.full((len(self.values), 4), 255, np.uint8)
+        colors[:, :3] = np.rint(255 * self.rgb)
+        return colors
+
+    @property
+    def finite(self) -> FloatArray:
+        """The values (rows,), NaN as the lowest finite one and infinity as the highest."""
+        low, high = value_range(self.values)
+        values = np.asarray(self.values, np.float64)
+        return np.clip(np.where(np.isnan(values), low, values), low, high)
+
+    def rows(self, chosen: NDArray[np.bool_]) -> Shown:
+        """Return what is shown of some rows, in the same colours."""
+        return replace(self, values=self.values[chosen])
+
+
+def shown(
+    layer: Layer,
+    attributes: Mapping[str, NDArray[Any]] | None = None,
+    face_attributes: Mapping[str, NDArray[Any]] | None = None,
+) -> Shown | None:
+    """Return what hosts show first of a layer: its `color_by`.
+
+    Parameters
+    ----------
+    layer : Layer
+    attributes, face_attributes : dict, optional
+        The layer's own as a host has them, such as those that `on_input` returns.
+
+    Returns
+    -------
+    Shown or None
+        None when there is no `color_by`, or it holds vectors.
+
+    Examples
+    --------
+    >>> import medialis
+    >>> layer = medialis.run("thickness", medialis.organic_shape(56)).layers[0]
+    >>> found = shown(layer)
+    >>> found.name, found.rgba_bytes.shape == (len(layer.points), 4)
+    ('thickness', True)
+    """
+    name = layer.color_by
+    on_points = layer.attributes if attributes is None else attributes
+    on_faces = layer.face_attributes if face_attributes is None else face_attributes
+    if name is None or name not in {**on_faces, **on_points}:
+        return None
+    by_face = name not in on_points
+    values = np.asarray((on_faces if by_face else on_points)[name])
+    if values.ndim != 1:
+        return None
+    is_label = name in layer.labels and values.dtype.kind in "iub"
+    limits = value_range(values, *layer.color_limits)
+    return Shown(name, values, by_face, is_label, layer.color_map, limits)
+
+
+def hidden_apart(layer: Layer) -> tuple[Layer, ...]:
+    """Split a layer of points into those that it shows and those that it hides at first.
+
+    For hosts without a slider: the second, whose name ends in "_hidden", is added invisible.
+    Colours mean the same in both.
+
+    Returns
+    -------
+    tuple of Layer
+        One, the layer itself, when it hides nothing or has faces or edges.
+    """
+    hidden = layer.hidden
+    if not hidden.any() or layer.faces is not None or layer.edges is not None:
+        return (layer,)
+    found = shown(layer)
+    limits = layer.color_limits if found is None else found.limits
+    return tuple(
+        replace(
+            layer,
+            name=layer.name + suffix,
+            points=layer.points[rows],
+            attributes={name: np.asarray(v)[rows] for name, v in layer.attributes.items()},
+            color_limits=limits,
+            filter_default=0.0,
+            role=role,
+        )
+        for suffix, rows, role in (("", ~hidden, layer.role), (HIDDEN_SUFFIX, hidden, "hidden"))
+    )
+
 
 LARGEST_DOT = 0.012
 """Radius of drawn points at most, as a share of the diagonal: a few points are still points."""

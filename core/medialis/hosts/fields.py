@@ -1,20 +1,28 @@
-"""Fields that lie on the input: their values on the rows that the host gave, and rigs on it."""
+"""Layers that go back to what the host gave: values on its rows, rigs on it, and edited layers.
+
+`on_input` and `rig_of` undo repair and refinement. `write_edited` writes a layer as its user has
+edited it, for the option of an operation that takes it back (`takes_back`).
+"""
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from medialis.errors import InvalidShapeError
-from medialis.model.armature import Bones, SkinWeights
-from medialis.model.shape import Shape, missing_value
-from medialis.operations.result import Layer, Outcome
-from medialis.rigging.rolls import roll_axes
-from medialis.validation import FloatArray
+from medialis.base.errors import InvalidShapeError
+from medialis.base.options import Kind, Parameter
+from medialis.base.validation import FloatArray
+from medialis.operations.declaration import Operation
+from medialis.operations.result import Layer, Levels, Outcome
+from medialis.rigging.bones import Bones, SkinWeights
+from medialis.rigging.naming import roll_axes
+from medialis.shape.shape import Shape, missing_value
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,15 +150,75 @@ def rig_of(result: Outcome, shape: Shape) -> Rig | None:
     shape : Shape
         What it was run on, as read.
     """
-    if result.rig is None:
+    bones, skin = result.extras.get("bones"), result.extras.get("skin")
+    if bones is None:
         return None
     by_role = {layer.role: layer for layer in result.layers if layer.role}
     weights = None
-    if result.skin is not None:
+    if skin is not None:
         weights = SkinWeights(
-            shape.on_input_points(result.skin.bones, -1),
-            shape.on_input_points(result.skin.weights, 0.0),
+            shape.on_input_points(skin.bones, -1),
+            shape.on_input_points(skin.weights, 0.0),
         )
-    return Rig(
-        result.rig, roll_axes(result.rig), by_role.get("bones"), by_role.get("skin"), weights
-    )
+    return Rig(bones, roll_axes(bones), by_role.get("bones"), by_role.get("skin"), weights)
+
+
+def unpacked_levels(data: bytes) -> Levels:
+    """Return the levels of a layer from what their `packed` gave."""
+    from medialis.medial_meshes.levels import MeshLevels
+
+    return MeshLevels.unpacked(data)
+
+
+def takes_back(operation: Operation, layer: str) -> Parameter | None:
+    """Return the option of an operation that takes a layer of its result as it was edited.
+
+    Examples
+    --------
+    >>> from medialis import operation
+    >>> takes_back(operation("medial_mesh"), "medial_mesh").name
+    'edited'
+    """
+    files = (p for p in operation.parameters if p.kind is Kind.FILE and p.layer)
+    return next((p for p in files if p.layer == layer), None)
+
+
+def write_edited(
+    path: str | os.PathLike[str],
+    points: ArrayLike,
+    faces: ArrayLike | None,
+    edges: ArrayLike | None,
+    attributes: Mapping[str, Any],
+    *,
+    unit: str | None = None,
+) -> None:
+    """Write points, triangles and edges as they are in a host, in the format of the file's ending.
+
+    Parameters
+    ----------
+    path : path
+        Ends in one of `Layer.formats`.
+    points : (p, 3) float
+    faces : (m, 3) int or None
+    edges : (e, 2) int or None
+    attributes : dict
+        Of points: `radius` where they are balls.
+    unit : str, optional
+        What one unit of the points is.
+
+    Raises
+    ------
+    InvalidOptionError
+        For another ending, and where the format needs what is not there, such as a radius.
+    InvalidShapeError
+        When a number is not finite.
+    FileError
+        When the file cannot be written.
+    """
+    from medialis.show.writing import write_layer
+
+    given = None if faces is None else np.asarray(faces, np.int32).reshape(-1, 3)
+    lines = None if edges is None else np.asarray(edges, np.int32).reshape(-1, 2)
+    places = np.asarray(points, np.float64).reshape(-1, 3)
+    layer = Layer("edited", places, given, lines, attributes)
+    write_layer(Path(path), layer, unit)

@@ -1,27 +1,52 @@
-"""Operations as the filters of a host with menus and dialogs, and what such a host adds of them.
+"""Operations as the filters of a host with menus and dialogs, and results for hosts of files.
 
 A filter is an operation under its name, or the selection that it tells. `menu_entries` describes
-all of them as plain data, from which the MeshLab plugin makes its menu and its dialogs.
+all of them as plain data, from which the MeshLab plugin makes its menu and its dialogs;
+`write_notes` writes them beside it.
+
+A host without arrays in Python (the MeshLab plugin) writes the user's layer to a file, runs the
+command line on it with ``--host``, and adds what the manifest lists. It must not compute: layers
+are in colours, and fields on the rows of the file that it wrote, not on the repaired and refined
+shape.
 """
 
 from __future__ import annotations
 
+import os
+import sys
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from medialis.hosts.shown import hidden_apart
+from medialis.base.options import Kind, Options, Parameter
+from medialis.base.progress import Progress, ProgressCallback
+from medialis.base.threads import run_patiently
+from medialis.base.version import package_version
+from medialis.formats.files import complete_file
+from medialis.formats.json_npz import json_text, write_json
+from medialis.formats.output_folder import OutputFolder
+from medialis.formats.ply_attributes import write_ply
+from medialis.hosts.drawing import hidden_apart, shown
+from medialis.hosts.fields import on_input
 from medialis.hosts.solid import solid
-from medialis.model.shape import Shape
 from medialis.operations import registry
 from medialis.operations.declaration import Operation
+from medialis.operations.registry import operation
 from medialis.operations.result import Layer, Result
-from medialis.options import Kind, Options, Parameter
+from medialis.shape.shape import Shape
+from medialis.show.writing import describe_result
 
 LOWER_CASE = ("by", "of", "per", "with", "from", "to", "on", "the", "without")
 SELECTED = "selected"
+
+PROGRAM_NOTE = "medialis-program.txt"
+"""File beside the MeshLab plugin: the interpreter that has medialis, one line."""
+
+FILTER_NOTE = "medialis-filters.json"
+"""File beside it: its menu and its dialogs, and the medialis that they are of."""
 
 HIDE_SOURCE = Parameter(
     "hide_source",
@@ -215,3 +240,117 @@ def host_layers(
             layer = solid(layer, result.shape.diagonal)
         layers += hidden_apart(layer)
     return tuple(layers)
+
+
+COLOR_NAMES = ("red", "green", "blue", "alpha")
+
+
+def write_for_host(
+    result: Result,
+    shape: Shape,
+    folder: str | os.PathLike[str],
+    *,
+    source: str | None = None,
+    selects: bool = False,
+    auxiliary: bool = False,
+    draw_solid: bool = False,
+    progress: Progress | ProgressCallback | None = None,
+) -> dict[str, Any]:
+    """Write the layers of a result and the manifest as a host program adds them.
+
+    Layers have colours: the columns ``red green blue alpha`` of points, or of faces when
+    `color_by` is one of their attributes. An `on_input` layer has the vertices and faces of the
+    input in their order (see `on_input`) and no faces of its own: a host that wrote the input has
+    them. Which layers there are is said by `host_layers`. There are no pictures and no NPZ file;
+    nothing is left when anything fails.
+
+    Parameters
+    ----------
+    result : Result
+        From `medialis.run`.
+    shape : Shape
+        What it was run on, as read.
+    folder : path
+        Created when missing.
+    source : str, optional
+        Name of the input, for the manifest.
+    selects : bool
+        Write the selection that the operation tells, and nothing else.
+    auxiliary, draw_solid : bool
+        As for `host_layers`.
+    progress : callable, optional
+        Called with (fraction, text); returning False cancels.
+
+    Returns
+    -------
+    dict
+        The manifest; each of its layers has its "file" in the folder.
+
+    Raises
+    ------
+    FileError
+        When the folder cannot be written.
+    """
+    progress = Progress.of(progress)
+    entry = filter_of(operation(result.operation), selects=selects)
+    chosen = host_layers(result, shape, entry, auxiliary=auxiliary, draw_solid=draw_solid)
+    manifest = describe_result(replace(result, layers=chosen), input=source)
+    if selects:
+        manifest["values"] = {SELECTED: int(chosen[0].attributes[SELECTED].sum())}
+    manifest["layers"] = [{**about, "file": f"{about['name']}.ply"} for about in manifest["layers"]]
+    with OutputFolder(folder) as out, progress.stage("write", 0.0, 1.0):
+        for number, layer in enumerate(chosen):
+            _write_layer(out, layer, shape, progress)
+            progress.update((number + 1) / len(chosen))
+        write_json(out.file("manifest.json"), manifest)
+    return manifest
+
+
+def _write_layer(out: OutputFolder, layer: Layer, shape: Shape, progress: Progress) -> None:
+    points, faces, attributes, face_attributes = run_patiently(
+        lambda: _columns(layer, shape), progress
+    )
+    file = out.file(f"{layer.name}.ply")
+    write_ply(file, points, faces, layer.edges, attributes, face_attributes)
+
+
+def _columns(layer: Layer, shape: Shape) -> tuple[Any, Any, dict[str, Any], dict[str, Any]]:
+    """Return points, faces and the attributes of both, colours with them, of a layer's file."""
+    points, faces = layer.points, layer.faces
+    attributes, face_attributes = dict(layer.attributes), dict(layer.face_attributes)
+    if layer.on_input:
+        fields = on_input(layer, shape)
+        attributes, face_attributes = dict(fields.attributes), dict(fields.face_attributes)
+        points = shape.on_input_points(points, np.nan)
+        faces = None
+        if face_attributes:  # PLY hangs the values on faces; their corners mean nothing
+            rows = len(next(iter(face_attributes.values())))
+            faces = np.zeros((rows, 3), np.int32)
+    first = shown(layer, attributes, face_attributes)
+    if first is not None:
+        columns = zip(COLOR_NAMES, first.rgba_bytes.T, strict=True)
+        (face_attributes if first.on_faces else attributes).update(columns)
+    return points, faces, attributes, face_attributes
+
+
+def write_notes(
+    folder: str | os.PathLike[str], python: str | os.PathLike[str] = sys.executable
+) -> list[Path]:
+    """Write what lies beside the plugin into a folder: the Python that it runs, and the filters.
+
+    Returns
+    -------
+    list of paths
+        `PROGRAM_NOTE` and `FILTER_NOTE` in that folder.
+
+    Raises
+    ------
+    FileError
+        When the folder cannot be written.
+    """
+    table = json_text({"medialis": package_version(), "filters": menu_entries()})
+    texts = {PROGRAM_NOTE: str(Path(python).absolute()), FILTER_NOTE: table}
+    for name, text in texts.items():
+        with complete_file(Path(folder) / name) as stream:
+            stream.write(f"{text}\n".encode())
+    return [Path(folder) / name for name in texts]

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from medialis.base.arrays import polylines
+from medialis.base.validation import FloatArray
 from medialis.hosts.drawing import LARGEST_DOT, TUBE
-from medialis.model.polylines import polylines
 from medialis.operations.result import Layer
-from medialis.render.colors import value_range
-from medialis.validation import FloatArray
+from medialis.show.colors import value_range
 
 SIDES = 8
 OF_RADIUS = 0.15

@@ -1,4 +1,4 @@
-"""Collapse of a complex, edge by edge, under a condition that keeps the homotopy type.
+"""Kernels of the collapse of a complex, edge by edge, under a condition that keeps its topology.
 
 Let L be what the links of u and v share: a graph on the common neighbours, with an edge w x where
 u w x and v w x are both triangles. Edge u v may be contracted when each component of L is a tree
@@ -12,62 +12,114 @@ edge e, end 3 t + k of triangle t. Ends of v move to u as a whole.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
+from numpy.typing import NDArray
 
-from medialis._kernels.heap_kernels import pop, push
-from medialis._kernels.jit import kernel
+from medialis.base._kernels import pop, push
+from medialis.base.jit import kernel
+
+LAZY = 0.97
+"""Edges that must not be contracted are looked at again when this share of the vertices is left."""
+
+
+class Hung(NamedTuple):
+    """Edges or triangles, and the lists of their ends at each of n vertices; -1 ends a list.
+
+    Attributes
+    ----------
+    rows : (m, 2) or (m, 3) int32
+    live : (m,) bool
+    heads : (n,) int32
+        The first end at each vertex.
+    after, before : (2 m,) or (3 m,) int32
+        The next end at the same vertex, and the one before.
+    """
+
+    rows: NDArray[np.int32]
+    live: NDArray[np.bool_]
+    heads: NDArray[np.int32]
+    after: NDArray[np.int32]
+    before: NDArray[np.int32]
+
+
+class Room(NamedTuple):
+    """Scratch for e edges: a heap of 2 e + 1 costs and edges, and as many that wait."""
+
+    keys: NDArray[np.float64]
+    names: NDArray[np.int32]
+    waiting: NDArray[np.int32]
+
+
+class Steps(NamedTuple):
+    """Step s merged vertex removed[s] into into[s], which became the ball after[s], (4,)."""
+
+    removed: NDArray[np.int64]
+    into: NDArray[np.int64]
+    after: NDArray[np.float64]
 
 
 @kernel
-def _link(end, vertex, heads, after, before):
+def _link(end, vertex, lists):
     """Hang an end on the list of a vertex."""
-    first = heads[vertex]
-    after[end], before[end] = first, -1
+    first = lists.heads[vertex]
+    lists.after[end], lists.before[end] = first, -1
     if first >= 0:
-        before[first] = end
-    heads[vertex] = end
+        lists.before[first] = end
+    lists.heads[vertex] = end
 
 
 @kernel
-def _unlink(end, vertex, heads, after, before):
+def _unlink(end, vertex, lists):
     """Take an end off the list of its vertex."""
-    if before[end] >= 0:
-        after[before[end]] = after[end]
+    after, before = lists.after[end], lists.before[end]
+    if before >= 0:
+        lists.after[before] = after
     else:
-        heads[vertex] = after[end]
-    if after[end] >= 0:
-        before[after[end]] = before[end]
+        lists.heads[vertex] = after
+    if after >= 0:
+        lists.before[after] = before
 
 
 @kernel
-def link_all(rows, heads, after, before):
-    """Hang all ends of edges (e, 2) or triangles (f, 3) on their vertices."""
-    width = rows.shape[1]
-    heads[:] = -1
-    for i in range(len(rows)):
+def link_all(lists):
+    """Hang all ends on their vertices."""
+    width = lists.rows.shape[1]
+    lists.heads[:] = -1
+    for i in range(len(lists.rows)):
         for k in range(width):
-            _link(width * i + k, rows[i, k], heads, after, before)
+            _link(width * i + k, lists.rows[i, k], lists)
 
 
 @kernel
-def _drop(row, rows, live, heads, after, before):
+def _drop(row, lists):
     """Take an edge or a triangle out of the complex."""
-    width = rows.shape[1]
-    live[row] = False
+    width = lists.rows.shape[1]
+    lists.live[row] = False
     for k in range(width):
-        _unlink(width * row + k, rows[row, k], heads, after, before)
+        _unlink(width * row + k, lists.rows[row, k], lists)
 
 
 @kernel
-def _triangle_of(u, a, b, faces, heads, after):
+def _mark_around(u, edges, mark, value):
+    """Mark the neighbours of a vertex."""
+    end = edges.heads[u]
+    while end >= 0:
+        mark[edges.rows[end >> 1, 1 - (end & 1)]] = value
+        end = edges.after[end]
+
+
+@kernel
+def _triangle_of(u, a, b, faces):
     """Triangle u a b, -1 where there is none."""
-    end = heads[u]
+    end = faces.heads[u]
     while end >= 0:
         t, k = end // 3, end % 3
-        x, y = faces[t, (k + 1) % 3], faces[t, (k + 2) % 3]
+        x, y = faces.rows[t, (k + 1) % 3], faces.rows[t, (k + 2) % 3]
         if (x == a and y == b) or (x == b and y == a):
             return t
-        end = after[end]
+        end = faces.after[end]
     return -1
 
 
@@ -79,41 +131,36 @@ def _root(forest, w):
 
 
 @kernel
-def may_contract(u, v, edge_lists, face_lists, mark, forest, flag):
+def may_contract(u, v, edges, faces, mark, forest, flag):
     """Tell whether contracting edge u v keeps the homotopy type; see the top of this file.
 
     `mark` (n,) is 0 and is so again afterwards, `forest` and `flag` (n,) are scratch.
     """
-    edges, edge_heads, edge_after = edge_lists
-    faces, face_heads, face_after = face_lists
-    end = edge_heads[u]
-    while end >= 0:
-        mark[edges[end >> 1, 1 - (end & 1)]] = 1
-        end = edge_after[end]
+    _mark_around(u, edges, mark, 1)
     components, flagged = 0, 0
-    end = edge_heads[v]
+    end = edges.heads[v]
     while end >= 0:
-        w = edges[end >> 1, 1 - (end & 1)]
+        w = edges.rows[end >> 1, 1 - (end & 1)]
         if mark[w] == 1:
             forest[w], flag[w] = w, 0
             mark[w] = 2
             components += 1
-        end = edge_after[end]
-    end = face_heads[v]
+        end = edges.after[end]
+    end = faces.heads[v]
     while end >= 0:
         t, k = end // 3, end % 3
-        a, b = faces[t, (k + 1) % 3], faces[t, (k + 2) % 3]
+        a, b = faces.rows[t, (k + 1) % 3], faces.rows[t, (k + 2) % 3]
         if a == u or b == u:
             flag[a + b - u] = 1
             flagged += 1
-        end = face_after[end]
+        end = faces.after[end]
     good = True
-    end = face_heads[v]
+    end = faces.heads[v]
     while end >= 0 and good:
         t, k = end // 3, end % 3
-        a, b = faces[t, (k + 1) % 3], faces[t, (k + 2) % 3]
+        a, b = faces.rows[t, (k + 1) % 3], faces.rows[t, (k + 2) % 3]
         common = a != u and b != u and mark[a] == 2 and mark[b] == 2
-        if common and _triangle_of(u, a, b, faces, face_heads, face_after) >= 0:
+        if common and _triangle_of(u, a, b, faces) >= 0:
             a, b = _root(forest, a), _root(forest, b)
             if a == b or flag[a] + flag[b] > 1:
                 good = False
@@ -121,53 +168,42 @@ def may_contract(u, v, edge_lists, face_lists, mark, forest, flag):
                 forest[b] = a
                 flag[a] += flag[b]
                 components -= 1
-        end = face_after[end]
-    end = edge_heads[u]
-    while end >= 0:
-        mark[edges[end >> 1, 1 - (end & 1)]] = 0
-        end = edge_after[end]
+        end = faces.after[end]
+    _mark_around(u, edges, mark, 0)
     return good and components == flagged
 
 
 @kernel
-def contract(u, v, edge_data, face_data, mark):
+def contract(u, v, edges, faces, mark):
     """Move all that hangs on v to u; what becomes a point, or is there twice, goes.
 
     `mark` (n,) int64 is 0 and is so again afterwards.
     """
-    edges, live_edges, edge_heads, edge_after, edge_before = edge_data
-    faces, live_faces, face_heads, face_after, face_before = face_data
-    end = face_heads[v]
+    end = faces.heads[v]
     while end >= 0:
-        t, k, following = end // 3, end % 3, face_after[end]
-        a, b = faces[t, (k + 1) % 3], faces[t, (k + 2) % 3]
-        if a == u or b == u or _triangle_of(u, a, b, faces, face_heads, face_after) >= 0:
-            _drop(t, faces, live_faces, face_heads, face_after, face_before)
+        t, k, following = end // 3, end % 3, faces.after[end]
+        a, b = faces.rows[t, (k + 1) % 3], faces.rows[t, (k + 2) % 3]
+        if a == u or b == u or _triangle_of(u, a, b, faces) >= 0:
+            _drop(t, faces)
         else:
-            _unlink(end, v, face_heads, face_after, face_before)
-            faces[t, k] = u
-            _link(end, u, face_heads, face_after, face_before)
+            _unlink(end, v, faces)
+            faces.rows[t, k] = u
+            _link(end, u, faces)
         end = following
-    end = edge_heads[u]
+    _mark_around(u, edges, mark, 1)
+    end = edges.heads[v]
     while end >= 0:
-        mark[edges[end >> 1, 1 - (end & 1)]] = 1
-        end = edge_after[end]
-    end = edge_heads[v]
-    while end >= 0:
-        e, k, following = end >> 1, end & 1, edge_after[end]
-        w = edges[e, 1 - k]
+        e, k, following = end >> 1, end & 1, edges.after[end]
+        w = edges.rows[e, 1 - k]
         if w == u or mark[w] == 1:
-            _drop(e, edges, live_edges, edge_heads, edge_after, edge_before)
+            _drop(e, edges)
         else:
-            _unlink(end, v, edge_heads, edge_after, edge_before)
-            edges[e, k] = u
-            _link(end, u, edge_heads, edge_after, edge_before)
+            _unlink(end, v, edges)
+            edges.rows[e, k] = u
+            _link(end, u, edges)
         end = following
     mark[v] = 0
-    end = edge_heads[u]
-    while end >= 0:
-        mark[edges[end >> 1, 1 - (end & 1)]] = 0
-        end = edge_after[end]
+    _mark_around(u, edges, mark, 0)
 
 
 @kernel
@@ -267,26 +303,21 @@ def _merged(u, v, balls, quadrics, largest, scratch, factors, out):
 
 
 @kernel
-def collapse(
-    balls, quadrics, edge_data, face_data, target, largest, keys, names, waiting, out_removed,
-    out_into, out_balls,
-):  # fmt: skip
+def collapse(balls, quadrics, edges, faces, target, largest, room, out):
     """Contract the cheapest edges until `target` vertices are left; returns the steps made.
 
-    `edge_data` and `face_data` are (rows, live, heads, after, before), linked. Each edge is on the
-    heap `keys`, `names`, or waits: all at first, later those that must not be contracted, until
-    one of their ends changes or 3 % of the vertices are gone. Where an end changes and the cost can
-    only grow, it is computed anew when it is the lowest. `waiting` has room for two entries an
-    edge, the heap for some that hold no more. Step s merged out_removed[s] into out_into[s], which
-    became the ball out_balls[s].
+    Each edge is on the heap of `room`, or waits: all at first, later those that must not be
+    contracted, until one of their ends changes or 3 % of the vertices are gone. Where an end
+    changes and the cost can only grow, it is computed anew when it is the lowest. There is room for
+    two entries an edge, on the heap for some that hold no more. No merged ball is larger than
+    `largest`.
     """
-    edges, live, edge_heads, edge_after = edge_data[:4]
-    faces, face_heads, face_after = face_data[0], face_data[2], face_data[3]
-    n, total = len(balls), len(edges)
+    keys, names, waiting = room
+    live = edges.live
+    n, total = len(balls), len(edges.rows)
     mark, forest, flag = np.zeros(n, np.int64), np.empty(n, np.int64), np.empty(n, np.int64)
-    out = np.empty(4)
-    given = (balls, quadrics, largest, np.empty(15), np.empty((4, 4)), out)
-    edge_lists, face_lists = (edges, edge_heads, edge_after), (faces, face_heads, face_after)
+    ball = np.empty(4)
+    given = (balls, quadrics, largest, np.empty(15), np.empty((4, 4)), ball)
     changed, known = np.zeros(n, np.int64), np.zeros(total, np.int64)  # steps
     cost, grows = np.zeros(total), np.ones(total, np.bool_)
     waits = np.ones(total, np.bool_)
@@ -294,14 +325,14 @@ def collapse(
         waiting[e] = e
     left, looked_at, size, last, steps = n, n + 1, 0, total, 0
     while left > target:
-        if size == 0 or last == len(waiting) or (last > 0 and left < 0.97 * looked_at):
+        if size == 0 or last == len(waiting) or (last > 0 and left < LAZY * looked_at):
             if size == 0 and looked_at == left:
                 break
             for i in range(last):
                 e = waiting[i]
                 if live[e] and waits[e]:
                     waits[e], known[e] = False, steps
-                    cost[e], grows[e] = _merged(edges[e, 0], edges[e, 1], *given)
+                    cost[e], grows[e] = _merged(edges.rows[e, 0], edges.rows[e, 1], *given)
                     size = push(keys, names, size, cost[e], e)
             last, looked_at = 0, left
             if size == 0:
@@ -311,34 +342,34 @@ def collapse(
         e = names[size]
         if not live[e] or keys[size] != cost[e]:
             continue
-        u, v = edges[e, 0], edges[e, 1]
+        u, v = edges.rows[e, 0], edges.rows[e, 1]
         if known[e] < max(changed[u], changed[v]):
             known[e] = steps
             cost[e], grows[e] = _merged(u, v, *given)
             size = push(keys, names, size, cost[e], e)
             continue
-        if not may_contract(u, v, edge_lists, face_lists, mark, forest, flag):
+        if not may_contract(u, v, edges, faces, mark, forest, flag):
             waiting[last], waits[e] = e, True
             last += 1
             continue
         _merged(u, v, *given)
-        contract(u, v, edge_data, face_data, mark)
+        contract(u, v, edges, faces, mark)
         for k in range(15):
             quadrics[u, k] += quadrics[v, k]
         for k in range(4):
-            balls[u, k] = out[k]
-            out_balls[steps, k] = out[k]
-        out_removed[steps], out_into[steps] = v, u
+            balls[u, k] = ball[k]
+            out.after[steps, k] = ball[k]
+        out.removed[steps], out.into[steps] = v, u
         steps += 1
         left -= 1
         changed[u] = steps
-        end = edge_heads[u]
+        end = edges.heads[u]
         while end >= 0:
             e = end >> 1
             if waits[e] or not grows[e]:
-                now, best = _merged(edges[e, 0], edges[e, 1], *given)
+                now, best = _merged(edges.rows[e, 0], edges.rows[e, 1], *given)
                 if (waits[e] or now < cost[e]) and size < len(keys):
                     waits[e], cost[e], grows[e], known[e] = False, now, best, steps
                     size = push(keys, names, size, now, e)
-            end = edge_after[end]
+            end = edges.after[end]
     return steps

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from medialis._kernels.nearest import NearestTree
-from medialis.errors import InvalidShapeError
-from medialis.medial_meshes.solid import Solid
-from medialis.model.medial_mesh import BallCover, MedialMesh
-from medialis.model.shape import Shape
-from medialis.validation import FloatArray
+from medialis.base.box_tree import NearestTree
+from medialis.base.errors import InvalidShapeError
+from medialis.base.validation import FloatArray
+from medialis.medial_meshes.mesh import BallCover, MedialMesh
+from medialis.medial_meshes.sampling import Solid
+from medialis.shape.shape import Shape
 
 PIECE = 0.01
 """Longest side of a piece of the surface, in diagonals: each piece lies in one ball."""

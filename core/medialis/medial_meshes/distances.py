@@ -8,13 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from medialis.errors import InvalidShapeError
-from medialis.kept import Described
+from medialis.base.arrays import Described
+from medialis.base.errors import InvalidShapeError
+from medialis.base.validation import FloatArray
 from medialis.medial_meshes.envelope import Envelope
-from medialis.medial_meshes.solid import Solid
-from medialis.model.medial_mesh import MedialMesh
-from medialis.model.shape import Shape
-from medialis.validation import FloatArray
+from medialis.medial_meshes.mesh import MedialMesh
+from medialis.medial_meshes.sampling import Solid
+from medialis.shape.shape import Shape
 
 Index = NDArray[np.int64]
 
@@ -123,7 +123,7 @@ def envelope_distance(mesh: MedialMesh, shape: Shape) -> EnvelopeDistance:
 
 def measure(solid: Solid, envelope: Envelope) -> EnvelopeDistance:
     """Measure the distances at diagonal 1."""
-    from medialis._kernels.nearest import NearestTree
+    from medialis.base.box_tree import NearestTree
 
     places, areas = surface_places(solid)
     out, _, _ = envelope.distances(places)
@@ -221,7 +221,7 @@ def _step_for(most: int, parts: Parts, which: NDArray[np.bool_], step: float) ->
 
 
 def _counts(parts: Parts, steps: FloatArray) -> Index:
-    from medialis.medial_meshes._envelope_sample_kernels import count_points
+    from medialis.medial_meshes._sampling_kernels import count_points
 
     counts = np.empty(len(steps), np.int64)
     count_points(*parts, steps, FEWEST, MOST, counts)
@@ -230,7 +230,7 @@ def _counts(parts: Parts, steps: FloatArray) -> Index:
 
 def _spread(parts: Parts, steps: FloatArray) -> tuple[FloatArray, Index]:
     """Return points on all parts, and the part of each."""
-    from medialis.medial_meshes._envelope_sample_kernels import put_points
+    from medialis.medial_meshes._sampling_kernels import put_points
 
     counts = _counts(parts, steps)
     starts = np.concatenate([[0], np.cumsum(counts)])

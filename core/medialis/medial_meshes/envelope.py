@@ -1,21 +1,88 @@
-"""The envelope of a medial mesh: the union of its balls, cones and slabs, and distances to it."""
+"""The envelope of a medial mesh: the union of its balls, cones and slabs.
+
+1. `primitives_of`: what triangles, edges and lone balls a complex has.
+2. `Envelope.distances`: signed distances to it in closed form, by a tree of boxes.
+3. `envelope_surface`: the envelope as a closed triangle mesh. A grid of cells, each cut into six
+   tetrahedra, meets the signed distance; the surface where it changes sign is a closed manifold by
+   construction (marching tetrahedra).
+"""
 
 from __future__ import annotations
 
+import itertools
+import logging
+import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from medialis.medial_meshes.boxes import Boxes
-from medialis.model.medial_mesh import Complex
-from medialis.threads import run_chunks
-from medialis.validation import FloatArray
+from medialis.base.errors import InvalidShapeError
+from medialis.base.options import Options, algorithm, length
+from medialis.base.progress import Progress
+from medialis.base.threads import run_chunks
+from medialis.base.validation import FloatArray, frozen
+from medialis.medial_meshes.mesh import Complex, MedialMesh
+from medialis.shape.surface import Surface
+
+if TYPE_CHECKING:
+    from medialis.medial_meshes._envelope_kernels import Primitives, Tree
 
 Index = NDArray[np.int64]
 
+LEAF = 4
+"""Items of a leaf of a tree of boxes, at most."""
+
 PLACES_A_CHUNK = 1024
+
+BLOCK = 8
+"""Cells of a block: far from the envelope whole blocks are left out."""
+
+THREAD = 0.867
+"""Cells: places this near to a line are corners of cells that hang together, however it lies."""
+
+MOVED, FAR = (0.25, -0.25, 0.5, -0.5), (0.75, -0.75)
+"""Cells that a surface moves, one after the other, which closes slits or opens what touches.
+
+Between balls it gets in up to twice as deep: far in halved cells, and in others if all else fails.
+"""
+
+VARIANTS = 2 * (2 + len(MOVED)) + 2 * len(FAR)
+"""Of a surface, at most."""
+
+MOST_CELLS = 1_000_000
+"""Cells that the surface goes through, about, at most."""
+
+COARSEST = 1 / 32
+"""Diagonals: the cells that a count begins with."""
+
+CUBE = np.array(list(itertools.product((0, 1), repeat=3)))
+"""Corners of a cell, (8, 3); corner 4 x + 2 y + z."""
+
+
+def box_tree(corners: FloatArray, radii: FloatArray | None = None) -> Tree:
+    """Return a tree over items with these corners (n, k, 3), each with its largest radius."""
+    from medialis.medial_meshes._envelope_kernels import split_items
+
+    n = len(corners)
+    depth = 0
+    while (n - 1) >> depth >= LEAF:
+        depth += 1
+    order, middles = np.arange(n), 0.5 * (corners.min(axis=1) + corners.max(axis=1))
+    split_items(middles, depth, order, np.empty(n))
+    return _bounded(order, depth, corners, np.zeros(n) if radii is None else radii)
+
+
+def _bounded(order: Index, depth: int, corners: FloatArray, radii: FloatArray) -> Tree:
+    """Return a tree of this order; less good when the items have moved far since it was made."""
+    from medialis.medial_meshes._envelope_kernels import Tree, bound_nodes
+
+    order, bounds = frozen(order, np.int64), np.empty((2 << depth, 7))
+    bound_nodes(frozen(corners, np.float64), radii, order, depth, bounds)
+    return Tree(order, frozen(bounds, np.float64), depth)
 
 
 def primitives_of(given: Complex) -> Index:
@@ -43,13 +110,13 @@ class Envelope:
     balls : (n, 4) float64
     rows : (s, 3) int64
         See `primitives_of`.
-    before : Boxes or None
+    before : Tree or None
         The tree of an envelope of the same rows whose balls were near these.
     """
 
     balls: FloatArray
     rows: Index
-    before: Boxes | None = None
+    before: Tree | None = None
 
     @classmethod
     def of(cls, given: Complex) -> Envelope:
@@ -57,21 +124,21 @@ class Envelope:
         return cls(given.balls, primitives_of(given))
 
     @cached_property
-    def boxes(self) -> Boxes:
+    def tree(self) -> Tree:
         """The tree of the primitives."""
-        own = np.where(self.rows < 0, self.rows[:, :1], self.rows)
-        balls = self.balls[own]
-        build = Boxes.over if self.before is None else self.before.over_moved
-        return build(balls[:, :, :3], balls[:, :, 3].max(axis=1))
+        own = self.balls[np.where(self.rows < 0, self.rows[:, :1], self.rows)]
+        items = own[:, :, :3], own[:, :, 3].max(axis=1)
+        before = self.before
+        return _bounded(before.order, before.depth, *items) if before else box_tree(*items)
 
     @cached_property
-    def table(self) -> FloatArray:
-        """What distances to the primitives need of them; see `_primitive_kernels.py`."""
-        from medialis.medial_meshes._primitive_kernels import WIDTH, prepare
+    def primitives(self) -> Primitives:
+        """What distances to the primitives need of them."""
+        from medialis.medial_meshes._envelope_kernels import WIDTH, Primitives, prepare
 
         table = np.empty((len(self.rows), WIDTH))
-        prepare(self.balls, self.rows, table)
-        return table
+        prepare(frozen(self.balls, np.float64), self.rows, table)
+        return Primitives(self.rows, table, self.tree)
 
     def distances(
         self, places: FloatArray, enough: float = -np.inf
@@ -82,17 +149,290 @@ class Envelope:
         first primitive nearer than that ends the search, and without any the distance is `enough`.
         Shares (q, 3) are those of the balls.
         """
-        from medialis.medial_meshes._envelope_kernels import nearest_primitive
+        from medialis.medial_meshes._envelope_kernels import Nearest, nearest_primitive
 
-        count, boxes, table = len(places), self.boxes, self.table
-        distance, shares = np.empty(count), np.empty((count, 3))
-        row = np.empty(count, np.int64)
+        count = len(places)
+        found = Nearest(np.empty(count), np.empty(count, np.int64), np.empty((count, 3)))
+        given = frozen(places, np.float64), self.primitives, enough, found
+        run_chunks(lambda begin, end: nearest_primitive(begin, end, *given), count, PLACES_A_CHUNK)
+        return found
 
-        def work(begin: int, end: int) -> None:
-            nearest_primitive(
-                begin, end, places, table, boxes.order, boxes.bounds, boxes.depth, enough,
-                distance, row, shares,
-            )  # fmt: skip
 
-        run_chunks(work, count, PLACES_A_CHUNK)
-        return distance, row, shares
+def _tetrahedra() -> Index:
+    """Six tetrahedra from corner 0 to corner 7 of a cell, all positive, (6, 4)."""
+    rows = []
+    for order in itertools.permutations(range(3)):
+        corners = [0]
+        for axis in order:
+            corners.append(corners[-1] + (4 >> axis))
+        a, b, c, d = (CUBE[i] for i in corners)
+        if np.linalg.det(np.stack([b - a, c - a, d - a])) < 0:
+            corners[1], corners[2] = corners[2], corners[1]
+        rows.append(corners)
+    return np.array(rows)
+
+
+def _cuts() -> list[list[tuple[tuple[int, int], ...]]]:
+    """Triangles for each mask of inside corners: each corner of one lies on an edge (in, out)."""
+    cuts: list[list[tuple[tuple[int, int], ...]]] = []
+    place = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], float)
+    for mask in range(16):
+        inside = [i for i in range(4) if mask >> i & 1]
+        outside = [i for i in range(4) if not mask >> i & 1]
+        if len(inside) == 2:
+            (i, j), (k, m) = inside, outside
+            found = [((i, k), (i, m), (j, m)), ((i, k), (j, m), (j, k))]
+        else:
+            edges = tuple((i, k) for i in inside for k in outside)
+            found = [edges] if len(edges) == 3 else []
+        cuts.append([_outward(triangle, inside, outside, place) for triangle in found])
+    return cuts
+
+
+def _outward(
+    triangle: tuple[tuple[int, int], ...], inside: list[int], outside: list[int], place: FloatArray
+) -> tuple[tuple[int, int], ...]:
+    """Turn a triangle so that its normal points from the inside corners to the outside ones."""
+    a, b, c = (0.5 * (place[i] + place[k]) for i, k in triangle)
+    way = place[outside].mean(axis=0) - place[inside].mean(axis=0)
+    return triangle if np.cross(b - a, c - a) @ way > 0 else triangle[::-1]
+
+
+TETRAHEDRA, CUTS = _tetrahedra(), _cuts()
+
+
+@dataclass(frozen=True, kw_only=True)
+class EnvelopeSurfaceOptions(Options):
+    """Options of `envelope_surface`."""
+
+    cell: float = length(
+        0.01,
+        "Cell",
+        "Width of the cells that the surface of the envelope is made of; halved where its topology "
+        "needs that.",
+        low=0.0005,
+        high=0.2,
+    )
+
+
+@algorithm(EnvelopeSurfaceOptions)
+def envelope_surface(
+    mesh: MedialMesh, options: EnvelopeSurfaceOptions, progress: Progress
+) -> Surface:
+    """Return the envelope of a medial mesh as a closed, outward triangle mesh.
+
+    Parameters
+    ----------
+    mesh : MedialMesh
+        Lengths are fractions of the diagonal of its envelope's bounding box.
+
+    Returns
+    -------
+    Surface
+        Every edge has two faces. A message says where its parts, handles and cavities are not
+        those of the mesh: the union of balls may close a loop or leave a hollow.
+
+    Raises
+    ------
+    InvalidShapeError
+        When all balls have radius 0.
+
+    See Also
+    --------
+    medial_mesh : makes such meshes.
+    envelope_distance : how far they are from a surface.
+
+    Notes
+    -----
+    Vertices lie on the envelope up to a part of the square of the cells. Where its topology is not
+    that of the mesh, radii of less than 0.87 cells are that large, else the surface moves by up to
+    half a cell, else the cells are halved. Cost: O(a log n) for an area of a cells.
+
+    Examples
+    --------
+    >>> import medialis
+    >>> ball = medialis.MedialMesh([[0, 0, 0]], [1.0], [], [])
+    >>> surface = medialis.envelope_surface(ball, cell=0.05)
+    >>> surface.border_edges, bool(abs(surface.area - 12.57) < 0.2)
+    (0, True)
+    """
+    if not (mesh.radii > 0).any():
+        raise InvalidShapeError("All balls of the medial mesh have radius 0: it has no envelope.")
+    envelope = Envelope.of(mesh.complex)
+    low = (mesh.centers - mesh.radii[:, None]).min(axis=0)
+    high = (mesh.centers + mesh.radii[:, None]).max(axis=0)
+    diagonal = float(np.linalg.norm(high - low))
+    cell, finest = _cells(envelope, low, high, options.cell * diagonal)
+    if cell > options.cell * diagonal:
+        progress.note(
+            f"Cells of {options.cell:g} diagonals would be more than {MOST_CELLS:,}: they are "
+            f"{cell / diagonal:.2g} diagonals wide instead.",
+            "cell_enlarged",
+            wanted=options.cell,
+            cell=cell / diagonal,
+        )
+    best: Surface | None = None
+    for k, found in enumerate(_variants(envelope, low, high, cell, finest)):
+        progress.update(k / VARIANTS)
+        if best is None or _off(found, mesh) < _off(best, mesh):
+            best = found
+        if _off(best, mesh) == 0:
+            return best
+    assert best is not None
+    progress.note(
+        f"The surface of the envelope has {best.part_count} pieces and {_handles(best)} "
+        f"handles, the medial mesh {mesh.betti[0] + mesh.betti[2]} and {mesh.betti[1]}: balls "
+        "that no edge joins touch, or leave a hollow.",
+        "envelope_topology",
+        level=logging.WARNING,
+        pieces=best.part_count,
+        handles=_handles(best),
+    )
+    return best
+
+
+def _variants(
+    envelope: Envelope, low: FloatArray, high: FloatArray, cell: float, finest: float
+) -> Iterator[Surface]:
+    """Yield the surface of an envelope, then with its threads thickened, then moved out and in.
+
+    Then the same with cells of half the width, unless that is less than `finest`.
+    """
+    box = low, high
+    for width in (cell, 0.5 * cell) if 0.5 * cell >= finest else (cell,):
+        yield _Field.of(envelope, *box, width).surface(0.0)
+        balls = envelope.balls.copy()
+        balls[:, 3] = np.maximum(balls[:, 3], THREAD * width)
+        yield _Field.of(Envelope(balls, envelope.rows), *box, width).surface(0.0)
+        yield from _moved(envelope, *box, width, MOVED if width == cell else MOVED + FAR)
+    yield from _moved(envelope, *box, cell, FAR)
+
+
+def _moved(
+    envelope: Envelope, low: FloatArray, high: FloatArray, cell: float, moves: tuple[float, ...]
+) -> Iterator[Surface]:
+    """Yield surfaces that are moved by cells."""
+    field = _Field.of(envelope, low, high, cell, max(moves))
+    for move in moves:
+        yield field.surface(move * cell)
+
+
+def _handles(surface: Surface) -> int:
+    """Count the handles of a closed surface, over all its pieces."""
+    euler = surface.point_count - len(surface.edges) + surface.face_count
+    return surface.part_count - euler // 2
+
+
+def _off(surface: Surface, mesh: MedialMesh) -> int:
+    """How far the topology of a surface is from that of the mesh."""
+    parts, loops, hollows = mesh.betti
+    return abs(surface.part_count - parts - hollows) + abs(_handles(surface) - loops)
+
+
+def _cells(
+    envelope: Envelope, low: FloatArray, high: FloatArray, wanted: float
+) -> tuple[float, float]:
+    """Return the width of cells, the wanted one if there are not too many, and the least width.
+
+    Those that the surface goes through are counted, wider at first: halved, they are four times as
+    many.
+    """
+    cell = max(wanted, COARSEST * float(np.linalg.norm(high - low)))
+    while True:
+        found = len(_crossed(envelope, *_grid_of(low, high, cell)))
+        finest = cell * math.sqrt(found / MOST_CELLS)
+        if cell <= wanted or finest >= 0.5 * cell:
+            return max(wanted, finest), finest
+        cell = max(wanted, 0.5 * cell)
+
+
+def _grid_of(low: FloatArray, high: FloatArray, cell: float) -> tuple[FloatArray, float, Index]:
+    """Return first corner, width and number of the cells of a grid round a box."""
+    # Off the balls by an irrational part of a cell: no corner lies on an axis of the shape.
+    origin = low - cell * np.array([2.618, 2.414, 2.732])
+    return origin, cell, np.ceil((high - origin) / cell).astype(np.int64) + 3
+
+
+@dataclass(frozen=True, eq=False)
+class _Field:
+    """Signed distances at the corners of the cells near an envelope.
+
+    Attributes
+    ----------
+    grid : (g, 3) float64
+    values : (g,) float64
+    cells : (c, 8) int64
+        Rows of the grid.
+    """
+
+    grid: FloatArray
+    values: FloatArray
+    cells: Index
+
+    @classmethod
+    def of(
+        cls,
+        envelope: Envelope,
+        low: FloatArray,
+        high: FloatArray,
+        cell: float,
+        moved: float = 0.0,
+    ) -> _Field:
+        """Measure the distances where the envelope, moved by so many cells, may cross cells."""
+        origin, _, count = _grid_of(low, high, cell)
+        sizes = -(-count // BLOCK) * BLOCK + 1
+        cells = _crossed(envelope, origin, cell, count, moved)
+        keys = (cells[:, None] + CUBE) @ np.array([sizes[1] * sizes[2], sizes[2], 1])
+        unique, where = np.unique(keys, return_inverse=True)
+        x, rest = np.divmod(unique, sizes[1] * sizes[2])
+        y, z = np.divmod(rest, sizes[2])
+        grid = origin + cell * np.stack([x, y, z], axis=1)
+        return cls(grid, envelope.distances(grid)[0], where.reshape(-1, 8))
+
+    def surface(self, level: float) -> Surface:
+        """March through the cells that this distance to the envelope crosses.
+
+        It is that of the envelope whose radii are all larger by so much.
+        """
+        return Surface(*_marched(self.grid, self.values - level, self.cells))
+
+
+def _crossed(
+    envelope: Envelope, origin: FloatArray, cell: float, count: Index, moved: float = 0.0
+) -> Index:
+    """Return the cells (c, 3) that the envelope may cross.
+
+    The distance changes no faster than its place does, so it is 0 in a block only if it is at most
+    half the diagonal in the middle, and a surface that moves is as much farther. Blocks are halved
+    down to cells.
+    """
+    width = BLOCK
+    blocks = np.stack(
+        np.meshgrid(*(np.arange(-(-n // width)) for n in count), indexing="ij"), axis=-1
+    ).reshape(-1, 3)
+    while True:
+        middles = origin + cell * width * (blocks + 0.5)
+        near = np.abs(envelope.distances(middles)[0]) <= (0.8661 * width + moved) * cell
+        blocks = blocks[near]
+        if width == 1:
+            return blocks
+        blocks = (2 * blocks[:, None] + CUBE).reshape(-1, 3)
+        width //= 2
+
+
+def _marched(grid: FloatArray, values: FloatArray, cells: Index) -> tuple[FloatArray, Index]:
+    """Return the vertices and triangles where the values change sign in cells (c, 8)."""
+    tetrahedra = cells[:, TETRAHEDRA].reshape(-1, 4)
+    inside = values[tetrahedra] < 0
+    mask = inside @ np.array([1, 2, 4, 8])
+    parts = []
+    for case, triangles in enumerate(CUTS):
+        rows = tetrahedra[mask == case]
+        parts += [np.stack([rows[:, list(edge)] for edge in t], axis=1) for t in triangles]
+    ends = np.concatenate(parts).reshape(-1, 2)  # inside end, outside end
+    keys = ends[:, 0] * len(values) + ends[:, 1]
+    _, first, faces = np.unique(keys, return_index=True, return_inverse=True)
+    a, b = ends[first].T
+    share = values[a] / (values[a] - values[b])
+    points = grid[a] + share[:, None] * (grid[b] - grid[a])
+    return points, faces.reshape(-1, 3).astype(np.int32)

@@ -1,28 +1,38 @@
 """The fine complex: circumcenters inside a solid, connected as the Voronoi cells of its samples.
 
-The Delaunay tetrahedra of the samples whose circumcenters lie inside are the vertices, faces
-between two of them the edges, and Delaunay edges with inside tetrahedra all round the polygons. On
-a dense sampling the solid retracts onto that complex (duality), so its Betti numbers are right.
+1. `_Cells`: the Delaunay tetrahedra of the samples, and which are inside.
+2. `_build`: those whose circumcenters lie inside are the vertices, faces between two of them the
+   edges, and Delaunay edges with inside tetrahedra all round the polygons. On a dense sampling the
+   solid retracts onto that complex (duality), so its Betti numbers are right. Small bumps leave
+   spikes, which are pruned.
+3. `fine_complex`: more samples, other draws, until they are.
+4. `grown`: if all that fails, the inside is chosen for its topology, whatever the samples are. From
+   the deepest one on, inside tetrahedra join where the topology of the dual stays: one part without
+   loops or hollows, up to seams where it meets itself. The seams that close the longest loops are
+   then closed, as many as the solid has handles. What stays out are single tetrahedra at places
+   where samples are too few, mostly along sharp edges.
 """
 
 from __future__ import annotations
 
 import logging
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from medialis.errors import InvalidShapeError
-from medialis.medial_meshes.growth import Tetrahedra, grown
-from medialis.medial_meshes.sampling import Samples, take_samples
-from medialis.medial_meshes.solid import BESIDE, Solid
-from medialis.model.betti import betti_numbers
-from medialis.model.ragged import Ragged
-from medialis.model.topology import piece_labels
-from medialis.progress import Progress
-from medialis.threads import run_patiently, run_together
-from medialis.validation import FloatArray
+from medialis.base.arrays import Ragged
+from medialis.base.errors import InvalidShapeError
+from medialis.base.progress import Progress
+from medialis.base.threads import run_patiently, run_together
+from medialis.base.validation import FloatArray
+from medialis.medial_meshes.mesh import betti_numbers
+from medialis.medial_meshes.sampling import BESIDE, Samples, Solid, take_samples
+from medialis.shape.surface import piece_labels
+
+if TYPE_CHECKING:
+    from medialis.medial_meshes._complex_kernels import Live
 
 Index = NDArray[np.int64]
 
@@ -47,6 +57,33 @@ SLIGHTLY = 1e-3
 
 LONGEST_RING = 4096
 """Tetrahedra round one edge; more than that are left without a polygon."""
+
+INFINITE = 1e3
+"""Diagonals: larger circumscribed balls are those of flat tetrahedra."""
+
+PAIRS = ((0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3))
+
+NEVER = 1 << 40
+"""Tetrahedra that are missing round edges and samples on the hull."""
+
+
+@dataclass(frozen=True, eq=False)
+class Tetrahedra:
+    """Delaunay tetrahedra.
+
+    Attributes
+    ----------
+    corners, neighbours : (t, 4) int64
+        Neighbour k is across from corner k, -1 for none.
+    centers, radii : (t, 3), (t,) float64
+    inside : (t,) bool
+    """
+
+    corners: Index
+    neighbours: Index
+    centers: FloatArray
+    radii: FloatArray
+    inside: NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
@@ -307,7 +344,7 @@ def _circumballs(points: FloatArray, corners: Index) -> tuple[FloatArray, FloatA
     with np.errstate(all="ignore"):
         offset = (squares[0] * cd + squares[1] * db + squares[2] * bc) / twice[:, None]
         radii = np.linalg.norm(offset, axis=1)
-    radii[~(radii < 1e3)] = np.inf  # in diagonals: far outside, and finite squares
+    radii[~(radii < INFINITE)] = np.inf  # far outside, and finite squares
     return a + offset, radii
 
 
@@ -342,7 +379,7 @@ def _fill(
 
 
 def _dual(corners: Index, neighbours: Index, number: Index) -> tuple[Index, Index]:
-    from medialis.medial_meshes._dual_kernels import dual_edges, dual_triangles
+    from medialis.medial_meshes._complex_kernels import dual_edges, dual_triangles
 
     count = len(corners)
     edges = np.empty((2 * count, 5), np.int64)
@@ -374,9 +411,9 @@ def _opened(faces: Index, proper: NDArray[np.bool_]) -> Index:
 
 def _pruned(
     edges: Index, faces: Index, points: FloatArray, normals: FloatArray, count: int, limit: float
-) -> tuple[NDArray[np.bool_], NDArray[np.bool_], NDArray[np.bool_]]:
-    """Collapse what small bumps made: masks of vertices, edges and triangles that stay."""
-    from medialis.medial_meshes._dual_kernels import prune, reliefs, sides_of
+) -> Live:
+    """Collapse what small bumps made; return what stays."""
+    from medialis.medial_meshes._complex_kernels import Dual, Live, prune, reliefs, sides_of
 
     by_vertex = Ragged.group(edges[:, :2].ravel(), count)
     items = np.asarray(by_vertex.indices, np.int64) // 2
@@ -385,12 +422,9 @@ def _pruned(
     edge_relief, relief = np.empty(len(edges)), np.empty(len(faces))
     reliefs(edges, 2, points, normals, edge_relief)
     reliefs(faces, 3, points, normals, relief)
-    live, live_edges, live_faces = (np.ones(n, bool) for n in (count, len(edges), len(faces)))
-    prune(
-        edges, sides, edge_relief, relief, limit, by_vertex.offsets, items, live, live_edges,
-        live_faces,
-    )  # fmt: skip
-    return live, live_edges, live_faces
+    live = Live(*(np.ones(n, bool) for n in (count, len(edges), len(faces))))
+    prune(Dual(edges, sides, by_vertex.offsets, items), edge_relief, relief, limit, live)
+    return live
 
 
 def _poles(
@@ -406,3 +440,94 @@ def _poles(
     if len(lost):
         pole[lost] = cKDTree(balls[:, :3]).query(points[lost])[1]
     return pole
+
+
+def grown(cells: Tetrahedra, loops: int) -> NDArray[np.bool_]:
+    """Return the tetrahedra (t,) of a dual of one part with this many loops and without hollows.
+
+    There are fewer loops where no more can be closed. Cost: O(t log t), and a shortest way for each
+    loop that could be closed.
+    """
+    growth = _Growth(cells)
+    growth.add(int(np.where(cells.inside, growth.tables.depth, -1.0).argmax()))
+    for _ in range(loops):
+        t = growth.longest()
+        if t < 0:
+            break
+        growth.add(t)
+    return growth.state.member
+
+
+class _Growth:
+    """The set, and what its kernels need."""
+
+    def __init__(self, cells: Tetrahedra) -> None:
+        from medialis.medial_meshes._complex_kernels import Grown, Heap, Tables
+
+        self.cells = cells
+        corners, count = cells.corners, int(cells.corners.max()) + 1
+        ends = np.sort(corners[:, PAIRS], axis=2)
+        edges = np.unique((ends[..., 0] * count + ends[..., 1]).ravel(), return_inverse=True)[1]
+        edges = edges.reshape(-1, 6).astype(np.int64)
+        left, around = np.bincount(edges.ravel()), np.bincount(corners.ravel())
+        rim, across = np.nonzero(cells.neighbours < 0)
+        for slot, (a, b) in enumerate(PAIRS):
+            left[edges[rim[(across != a) & (across != b)], slot]] = NEVER
+        for k in range(4):
+            around[corners[rim[across != k], k]] = NEVER
+        depth = np.where(np.isfinite(cells.radii), cells.radii, 0.0)
+        self.tables = Tables(corners, cells.neighbours, edges, cells.inside, depth)
+        self.state = Grown(left, around, np.zeros(len(corners), bool))
+        room = 8 * len(corners) + 64  # each pushes its four neighbours once, and waits
+        self.heap = Heap(np.empty(room), np.empty(room, np.int64))
+        self.waiting = np.empty(len(corners), np.int64)
+        self._way = np.full(len(corners), np.inf)
+        self._known: dict[int, float] = {}
+
+    def add(self, t: int) -> None:
+        """Let a tetrahedron join, and all that may then."""
+        from medialis.medial_meshes._complex_kernels import grow, join
+
+        size = join(t, self.tables, self.state, self.heap, 0)
+        grow(self.tables, self.state, self.heap, size, self.waiting)
+
+    def longest(self) -> int:
+        """Return the tetrahedron that closes the longest loop, -1 where none closes any.
+
+        One of each seam is looked at, the deepest. Loops only get shorter as the set grows, so a
+        length known before is an upper bound.
+        """
+        from medialis.medial_meshes._complex_kernels import closers
+
+        rest = np.flatnonzero(self.cells.inside & ~self.state.member)
+        ends = np.empty((len(rest), 2), np.int64)
+        closers(rest, self.tables, self.state, ends)
+        closing = ends[:, 1] >= 0
+        if not closing.any():
+            return -1
+        seam, depth = self._seams(rest), self.tables.depth
+        order = np.flatnonzero(closing)
+        order = order[np.argsort(-depth[rest[order]], kind="stable")]
+        order = order[np.unique(seam[order], return_index=True)[1]]
+        bound = np.array([self._known.get(int(rest[i]), np.inf) for i in order])
+        fresh = np.zeros(len(order), bool)
+        while not fresh[k := int(bound.argmax())]:
+            bound[k], fresh[k] = self._length(*ends[order[k]]), True
+            self._known[int(rest[order[k]])] = bound[k]
+        return int(rest[order[k]])
+
+    def _length(self, a: int, b: int) -> float:
+        from medialis.medial_meshes._complex_kernels import way_between
+
+        cells, member = self.cells, self.state.member
+        length = way_between(a, b, cells.neighbours, cells.centers, member, self.heap, self._way)
+        return float(length)
+
+    def _seams(self, rest: Index) -> Index:
+        """Return the connected piece of each of some tetrahedra."""
+        place = np.full(len(self.cells.corners), -1)
+        place[rest] = np.arange(len(rest))
+        beside = self.cells.neighbours[rest]
+        row, side = np.nonzero((beside >= 0) & (place[beside] >= 0))
+        links = np.stack([row, place[beside[row, side]]], axis=1)
+        return np.asarray(piece_labels(len(rest), links), np.int64)

@@ -3,6 +3,9 @@
 Levenberg-Marquardt on all centers and radii. A sample of the surface gives the signed distance to
 its nearest cone or slab; a place of the complex whose ball sticks out of the surface gives by how
 much. Weights that grow with a power of the distance lead from least squares to the least maximum.
+
+`Fit` is one fit, `Target` what it looks at, `Bounds` the surface that balls must not stick out of,
+and `Equations` the normal equations, by the balls and edges of the complex, and their solution.
 """
 
 from __future__ import annotations
@@ -10,18 +13,20 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import Any, Generic, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from medialis.medial_meshes.boxes import Boxes
-from medialis.medial_meshes.envelope import Envelope, primitives_of
-from medialis.medial_meshes.equations import Equations
-from medialis.model.medial_mesh import Complex
-from medialis.progress import Progress
-from medialis.threads import run_together
-from medialis.validation import FloatArray
+from medialis.base.progress import Progress
+from medialis.base.threads import run_together
+from medialis.base.validation import FloatArray, frozen
+from medialis.medial_meshes.envelope import Envelope, box_tree, primitives_of
+from medialis.medial_meshes.mesh import Complex
+
+if TYPE_CHECKING:
+    from medialis.medial_meshes._envelope_kernels import Nearest, Overshoot, Tree
+    from medialis.medial_meshes._fit_kernels import Sums
 
 Index = NDArray[np.int64]
 Found = TypeVar("Found")
@@ -39,9 +44,9 @@ PLACES_A_CHUNK = 512
 BEYOND = 0.05
 """Balls with a center this far outside, in diagonals, are found however small they are."""
 
-LIMITS = BEYOND, 0.02, 0.003
-"""That, a length that no point of the surface is farther from others than half of, and how much
-farther than a ball its list of points reaches; in diagonals."""
+SPARSE, MARGIN = 0.02, 0.003
+"""Diagonals: no point of the surface is farther from others than half of the first; the list of
+points of a ball reaches farther than the ball by the second."""
 
 LISTED_POINTS = 12
 """Points of the surface that a ball keeps in its list."""
@@ -63,6 +68,90 @@ SLOW = 1e-3
 
 TRIES = 7
 """Of a step, each with more damping."""
+
+EVEN = 10.0
+"""Share of the mean diagonal in the damping: balls that few samples tell about hold still."""
+
+SIDES = ((0, 1), (0, 2), (1, 2))
+
+ON_DIAGONAL = (0, 4, 7, 9)
+"""Where the diagonal is among the ten numbers of a symmetric block."""
+
+
+class Equations:
+    """Symmetric equations whose blocks belong to the vertices and edges of a complex.
+
+    Which blocks of the factor there are, and the order of the vertices that makes them few, is the
+    same for all values.
+
+    Attributes
+    ----------
+    row_edges : (s, 3) int64
+        The edges of each primitive, -1 for none.
+    """
+
+    def __init__(self, count: int, edges: Index, rows: Index) -> None:
+        from medialis.medial_meshes._fit_kernels import Sums
+
+        self.row_edges = _edges_of(rows, edges, count)
+        self.sums = Sums(np.zeros((count, 10)), np.zeros((len(edges), 10)), np.zeros((count, 4)))
+        self._place, self._starts, self._rows = _factor_of(count, edges)
+        self._order = np.argsort(self._place)
+        ends = np.sort(self._place[edges], axis=1)
+        columns = np.repeat(np.arange(count), np.diff(self._starts))
+        self._slots = np.searchsorted(columns * count + self._rows, ends @ [count, 1])
+
+    def cleared(self) -> Sums:
+        """Return the sums, all zero."""
+        for array in self.sums:
+            array[:] = 0.0
+        return self.sums
+
+    def solve(self, damping: float) -> FloatArray:
+        """Return the step (n, 4) of the damped equations."""
+        from medialis.medial_meshes._fit_kernels import solve
+
+        damped, step = self.sums.diagonal[self._order], self.sums.gradient[self._order]
+        main = damped[:, ON_DIAGONAL]
+        damped[:, ON_DIAGONAL] += damping * (main + EVEN * main.mean()) + 1e-6 * main.max()
+        factors = np.empty((len(self._rows), 4, 4))
+        solve(damped, self.sums.blocks, self._slots, self._starts, self._rows, step, factors)
+        return np.asarray(step[self._place])
+
+
+def _factor_of(count: int, edges: Index) -> tuple[Index, Index, Index]:
+    """Return the places of vertices in the factor, and its columns: where they start, their rows.
+
+    Those are read off the factor of the Laplacian with a little on its diagonal, whose entries
+    neither cancel nor get too small.
+    """
+    from scipy.sparse import csc_array
+    from scipy.sparse.linalg import splu
+
+    vertices = np.arange(count)
+    i, j = (np.concatenate([vertices, edges[:, k], edges[:, 1 - k]]) for k in (0, 1))
+    degrees = np.bincount(edges.ravel(), minlength=count) + 1.0 / count
+    values = np.concatenate([degrees, np.full(2 * len(edges), -1.0)])
+    found = splu(
+        csc_array((values, (i, j)), shape=(count, count)), permc_spec="MMD_AT_PLUS_A",
+        diag_pivot_thresh=0.0, options={"SymmetricMode": True},
+    )  # fmt: skip
+    lower = found.L
+    lower.sort_indices()
+    place, starts, rows = found.perm_c, lower.indptr, lower.indices
+    return place.astype(np.int64), starts.astype(np.int64), rows.astype(np.int64)
+
+
+def _edges_of(rows: Index, edges: Index, count: int) -> Index:
+    """Return the edges (s, 3) between the vertices 01, 02, 12 of primitives; -1 for none."""
+    keys = np.sort(edges, axis=1) @ [count, 1]
+    order = np.argsort(keys, kind="stable")
+    result = np.full((len(rows), 3), -1)
+    for column, (a, b) in enumerate(SIDES):
+        has = rows[:, b] >= 0
+        pair = np.sort(rows[has][:, [a, b]], axis=1) @ [count, 1]
+        result[has, column] = order[np.searchsorted(keys[order], pair)]
+    return result
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,73 +186,38 @@ class Bounds:
     """
 
     def __init__(self, points: FloatArray, normals: FloatArray) -> None:
-        self.boxes = Boxes.over(points[:, None])
-        self.points, self.normals = points[self.boxes.order], normals[self.boxes.order]
+        from medialis.medial_meshes._envelope_kernels import SurfacePoints
+
+        self._order, bounds, depth = box_tree(points[:, None])
+        self.points = frozen(points[self._order], np.float64)
+        normals = frozen(normals[self._order], np.float64)
+        self._surface = SurfacePoints(self.points, normals, bounds, depth)
 
     def nearest(self, places: FloatArray) -> tuple[FloatArray, Index]:
         """Return how far places (q, 3) are from the nearest point as given, and its row."""
         from medialis.medial_meshes._envelope_kernels import nearest_points
 
-        boxes, shape = self.boxes, (len(places), 1)
-        near, far = np.empty(shape, np.int64), np.empty(shape)
-
-        def work(begin: int, end: int) -> None:
-            nearest_points(begin, end, places, self.points, boxes.bounds, boxes.depth, near, far)
-
-        look_up(Lookup(work, len(places), near))
-        return far[:, 0], boxes.order[near[:, 0]]
+        near, far = np.empty((len(places), 1), np.int64), np.empty((len(places), 1))
+        given = frozen(places, np.float64), self._surface, near, far
+        look_up(Lookup(lambda begin, end: nearest_points(begin, end, *given), len(places), near))
+        return far[:, 0], self._order[near[:, 0]]
 
     def overshoot(self, balls: FloatArray, known: Overshoot | None = None) -> Lookup[Overshoot]:
         """Look up by how much balls (q, 4) stick out; `known` was found before they moved.
 
         A ball that has moved little since has its nearest point among those that were found then.
         """
-        from medialis.medial_meshes._envelope_kernels import find_overshoot
+        from medialis.medial_meshes._envelope_kernels import Overshoot, find_overshoot
 
-        boxes, count = self.boxes, len(balls)
-        found = Overshoot.unknown(count) if known is None else known.copied()
-
-        def work(begin: int, end: int) -> None:
-            find_overshoot(
-                begin, end, balls, self.points, self.normals, boxes.bounds, boxes.depth, LIMITS,
-                found.over, found.near, found.lists, found.far, found.others, found.at,
-            )  # fmt: skip
-
-        return Lookup(work, count, found)
-
-
-@dataclass(frozen=True, eq=False)
-class Overshoot:
-    """By how much balls stick out of a surface.
-
-    Attributes
-    ----------
-    over : (q,) float64
-        Depth of the center minus radius where that is negative, else 0.
-    near : (q,) int64
-        The nearest points of the surface, -1 for none.
-    lists, far : (q, k) int64, float64
-        The nearest points of centers `at` (q, 3), and their distances; all others are at least
-        `others` (q,) from those.
-    """
-
-    over: FloatArray
-    near: Index
-    lists: Index
-    far: FloatArray
-    others: FloatArray
-    at: FloatArray
-
-    @classmethod
-    def unknown(cls, count: int) -> Overshoot:
-        """Return what is known of balls before any search."""
-        near, lists = np.full(count, -1), np.full((count, LISTED_POINTS), -1)
-        far, others = np.zeros(lists.shape), np.full(count, -1.0)
-        return cls(np.zeros(count), near, lists, far, others, np.zeros((count, 3)))
-
-    def copied(self) -> Overshoot:
-        """Return a copy."""
-        return Overshoot(*(x.copy() for x in vars(self).values()))
+        count = len(balls)
+        if known is None:
+            far, others = np.zeros((count, LISTED_POINTS)), np.full(count, -1.0)
+            none = np.full(count, -1), np.full(far.shape, -1)
+            found = Overshoot(np.zeros(count), *none, far, others, np.zeros((count, 3)))
+        else:
+            found = Overshoot._make(x.copy() for x in known)
+        given = frozen(balls, np.float64), self._surface, BEYOND, SPARSE, MARGIN, found
+        return Lookup(lambda begin, end: find_overshoot(begin, end, *given), count, found)
 
 
 class Target:
@@ -206,32 +260,26 @@ class _Follower:
     """Distances of fixed places to an envelope whose balls move step by step."""
 
     def __init__(self, places: FloatArray, balls: int) -> None:
-        self.places = places
+        from medialis.medial_meshes._envelope_kernels import Listed
+
+        self.places = frozen(places, np.float64)
         self.listed = min(max(LISTED, balls // BALLS_A_LISTED), MOST_LISTED)
         shape = len(places), self.listed
-        self._near, self._values = np.full(shape, -1), np.full(shape, np.inf)
-        self._others = np.tile([-np.inf, 0.0], (len(places), 1))
+        others = np.tile([-np.inf, 0.0], (len(places), 1))
+        self._lists = Listed(np.full(shape, -1), np.full(shape, np.inf), others)
         self._before: list[FloatArray] = []
 
-    def distances(self, envelope: Envelope) -> Lookup[tuple[FloatArray, Index, FloatArray]]:
+    def distances(self, envelope: Envelope) -> Lookup[Nearest]:
         """Look up what `Envelope.distances` gives."""
-        from medialis.medial_meshes._envelope_kernels import follow_primitives
+        from medialis.medial_meshes._envelope_kernels import Nearest, follow_primitives
 
-        balls, count, boxes = envelope.balls, len(self.places), envelope.boxes
-        table = envelope.table
+        balls, count = envelope.balls, len(self.places)
         self._before.append(balls)
         change = np.stack(self._before) - balls
         movement = np.sqrt((change[..., :3] ** 2).sum(axis=2)) + np.abs(change[..., 3])
-        distance, shares, row = np.empty(count), np.empty((count, 3)), np.empty(count, np.int64)
-
-        def work(begin: int, end: int) -> None:
-            follow_primitives(
-                begin, end, self.places, table, envelope.rows, boxes.order, boxes.bounds,
-                boxes.depth, movement, self._near, self._values, self._others, distance, row,
-                shares,
-            )  # fmt: skip
-
-        return Lookup(work, count, (distance, row, shares))
+        found = Nearest(np.empty(count), np.empty(count, np.int64), np.empty((count, 3)))
+        given = self.places, envelope.primitives, movement, self._lists, found
+        return Lookup(lambda begin, end: follow_primitives(begin, end, *given), count, found)
 
 
 @dataclass(frozen=True, eq=False)
@@ -286,7 +334,7 @@ class Fit:
         self.lattice_row, self.lattice = _lattice(self.rows)
         self._corners = np.where(self.rows < 0, 0, self.rows)[self.lattice_row]
         self._known: Overshoot | None = None
-        self._boxes: Boxes | None = None
+        self._tree: Tree | None = None
         self._follower = _Follower(target.places, len(given))
         self.weight = 1.0 / len(target.rows)
         self.equations = Equations(len(given), given.edges, self.rows)
@@ -308,8 +356,8 @@ class Fit:
 
     def residuals(self, balls: FloatArray) -> Residuals:
         """Measure the distances of balls."""
-        envelope = Envelope(balls, self.rows, self._boxes)
-        self._boxes = envelope.boxes
+        envelope = Envelope(balls, self.rows, self._tree)
+        self._tree = envelope.tree
         near = self._follower.distances(envelope)
         out_of = self.target.bounds.overshoot(self.between(balls), self._known)
         look_up(near, out_of)
@@ -362,39 +410,32 @@ class Fit:
     def _weighed(
         self, found: Residuals, power: float, scale: float
     ) -> list[tuple[float, FloatArray]]:
+        """Return the weighted sum and the weights of the samples, and of what sticks out."""
         from medialis.medial_meshes._fit_kernels import weigh
 
         parts = []
-        each = (
-            (found.distance, self.weight),
-            (found.over, 1.0 / len(self.lattice)),
-        )
+        each = (found.distance, self.weight), (found.over, 1.0 / len(self.lattice))
         for distances, weight in each:
             weights = np.empty(len(distances))
-            total = weigh(distances, np.full(len(distances), weight), power, scale, weights)
-            parts.append((total, weights))
+            parts.append((weigh(distances, weight, power, scale, weights), weights))
         return parts
 
     def _linearized(self, balls: FloatArray, now: Residuals, power: float, scale: float) -> float:
         """Set up the equations; return the weighted sum."""
-        from medialis.medial_meshes._fit_kernels import add_rows
+        from medialis.medial_meshes._fit_kernels import Points, add_rows
 
         (first, sample_weights), (second, over_weights) = self._weighed(now, power, scale)
+        target, at = self.target, now.over_at
+        sample_weights[len(target.rows) :] *= target.within[:, 4]  # also in the distance
+        signs = np.ones(len(now.distance))
+        samples = Points(target.places, signs, now.distance, now.row, now.shares, sample_weights)
+        signs = np.where(self._outside(balls, now), -1.0, 1.0)
+        deep = target.bounds.points[now.near]
+        out = Points(deep, signs, now.over, self.lattice_row[at], self.lattice[at], over_weights)
+        given = frozen(balls, np.float64), self.rows, self.equations.row_edges
         sums = self.equations.cleared()
-        ones = np.ones(len(now.distance))
-        sample_weights[len(self.target.rows) :] *= self.target.within[:, 4]  # also in the distance
-        rows = self.rows, self.equations.row_edges
-        add_rows(
-            self.target.places, ones, balls, *rows, now.distance, now.row, now.shares,
-            sample_weights, *sums,
-        )  # fmt: skip
-        deep = self.target.bounds.points[now.near]
-        sign = np.ones(len(now.over))
-        sign[self._outside(balls, now)] = -1.0
-        add_rows(
-            deep, sign, balls, *rows, now.over, self.lattice_row[now.over_at],
-            self.lattice[now.over_at], over_weights, *sums,
-        )  # fmt: skip
+        add_rows(samples, *given, sums)
+        add_rows(out, *given, sums)
         return first + second
 
     def _outside(self, balls: FloatArray, now: Residuals) -> NDArray[np.bool_]:

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from medialis.errors import InvalidShapeError
-from medialis.model.medial_cloud import MedialCloud
-from medialis.model.medial_mesh import MedialMesh
-from medialis.validation import FloatArray
+from medialis.base.errors import InvalidShapeError
+from medialis.base.validation import FloatArray
+from medialis.medial_meshes.mesh import MedialMesh
+from medialis.skeleton.medial_cloud import MedialCloud
 
 
 def values_on_balls(mesh: MedialMesh, cloud: MedialCloud, values: ArrayLike) -> FloatArray:

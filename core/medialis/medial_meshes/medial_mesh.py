@@ -8,18 +8,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from medialis.errors import InvalidShapeError
-from medialis.kept import kept
-from medialis.medial_meshes.collapse import collapse, planes_of
+from medialis.base.errors import InvalidShapeError
+from medialis.base.kept import kept
+from medialis.base.options import Options, algorithm, choice, length, whole
+from medialis.base.progress import Progress, counted
+from medialis.base.threads import run_together
 from medialis.medial_meshes.fine_complex import FineComplex, fine_complex
 from medialis.medial_meshes.fitting import Bounds
-from medialis.medial_meshes.search import Base, Search, coarser
-from medialis.medial_meshes.solid import Solid
-from medialis.model.medial_mesh import Complex, LateCollapse, MedialMesh
-from medialis.model.shape import Shape
-from medialis.options import Options, algorithm, choice, length, whole
-from medialis.progress import Progress, counted
-from medialis.threads import run_together
+from medialis.medial_meshes.mesh import Complex, LateCollapse, MedialMesh
+from medialis.medial_meshes.sampling import Solid
+from medialis.medial_meshes.search import Base, Search, coarser, collapse, planes_of
+from medialis.shape.shape import Shape
 
 QUALITIES = ("balanced", "fast", "best")
 

@@ -1,28 +1,73 @@
-"""The search for the balls of a medial mesh: fits, with balls put to where they are needed."""
+"""The search for the balls of a medial mesh: fits, with balls put to where they are needed.
+
+1. `collapse`: from the many balls of the fine complex to few, edge by edge.
+2. `refined`: new balls where a fitted complex is worst, by stellar subdivision, which keeps the
+   topology.
+3. `Hollows`: places within the solid that an envelope leaves out, which samples of the surface do
+   not tell. Where a part of the boundary of the envelope lies deep in the solid, the balls leave a
+   hollow, however near the surface all samples are.
+4. `Search`: these and fits (`fitting.py`) after each other, by quality.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from medialis.medial_meshes.collapse import collapse, planes_of
-from medialis.medial_meshes.distances import measure
+from medialis.base.progress import Progress
+from medialis.base.threads import run_together
+from medialis.base.validation import FloatArray
+from medialis.medial_meshes.distances import boundary_points, measure
 from medialis.medial_meshes.envelope import Envelope
 from medialis.medial_meshes.fine_complex import FineComplex
 from medialis.medial_meshes.fitting import DAMPING, Bounds, Fit, Target
-from medialis.medial_meshes.hollows import Hollows
-from medialis.medial_meshes.refinement import APART, Fault, faults_of, refined
-from medialis.medial_meshes.sampling import Samples
-from medialis.medial_meshes.solid import Solid
-from medialis.model.medial_mesh import Collapse, Complex
-from medialis.progress import Progress
-from medialis.threads import run_together
-from medialis.validation import FloatArray
+from medialis.medial_meshes.mesh import Collapse, Complex
+from medialis.medial_meshes.sampling import Samples, Solid
 
 Index = NDArray[np.int64]
+
+HOLD = 1e-3
+"""Weight of staying in place against the planes of the surface, which alone leave slack."""
+
+LEAST_WEIGHT = 1e-9
+"""Share of the whole area that each ball counts as, so that none is free."""
+
+LARGEST = 0.5
+"""No merged ball is larger, in diagonals."""
+
+PART = 0.12
+"""Share of a ball from which on a place belongs to it: else it lies on the others alone."""
+
+APART = 0.04
+"""Places that get new balls at the same time are at least this far apart, in diagonals."""
+
+NEARLY_WORST = 0.6
+"""Part of the largest error from which on a place gets a ball in the same round."""
+
+TRIED = 100
+"""Faults that are looked at for each ball to be added, at most: the worst."""
+
+NEAR_RADII, NEAR = 0.5, 0.02
+"""Parts of its radius, and diagonals, up to which the wanted ball may lie off its place."""
+
+HOLLOWS_LOOKED_AT = 40_000
+"""Points of the envelope that are looked at by default, about."""
+
+MOST = 600
+"""Places that join a fit, at most: the deepest."""
+
+SHALLOW = 0.3
+"""Places of less than this part of the largest depth do not join."""
+
+FROM = 0.9
+"""Places join from this part of the error at the samples on."""
+
+LEAST, MOST_HELD = 0.1, 0.5
+"""How deep the envelope has to hold a place, as parts of its depth."""
 
 RESIDUALS, MOST_RESIDUALS = 4000, 40_000
 """Samples that a fit looks at, and at most where there are many balls."""
@@ -76,6 +121,176 @@ PLANS = {
     "closed": ((6, 4),),
 }
 """Powers and steps of the fits."""
+
+
+def planes_of(samples: Samples, balls: FloatArray, owner: Index) -> FloatArray:
+    """Return the quadric of each ball: the planes of the candidates that belong to it, (v, 15)."""
+    from medialis.medial_meshes._collapse_kernels import add_places, add_planes
+
+    quadrics = np.zeros((len(balls), 15))
+    add_planes(samples.points, samples.normals, samples.areas, owner, quadrics)
+    weights = np.bincount(owner, samples.areas, len(balls))
+    add_places(balls, HOLD * (weights + LEAST_WEIGHT * weights.sum()), quadrics)
+    return quadrics
+
+
+def collapse(start: Complex, quadrics: FloatArray, target: int) -> Collapse:
+    """Merge vertices, the cheapest pair first, until `target` are left or none may be merged."""
+    from medialis.medial_meshes._collapse_kernels import Hung, Room, Steps, link_all
+    from medialis.medial_meshes._collapse_kernels import collapse as run
+
+    count = len(start)
+    lists = []
+    for given in (start.edges, start.faces):
+        rows = given.astype(np.int32)  # half as much memory is gone through in half the time
+        heads, after, before = (np.empty(n, np.int32) for n in (count, rows.size, rows.size))
+        lists.append(Hung(rows, np.ones(len(rows), bool), heads, after, before))
+        link_all(lists[-1])
+    size = 2 * len(start.edges) + 1
+    room = Room(np.empty(size), np.empty(size, np.int32), np.empty(size, np.int32))
+    steps = Steps(np.empty(count, np.int64), np.empty(count, np.int64), np.empty((count, 4)))
+    made = run(start.balls.copy(), quadrics.copy(), *lists, target, LARGEST, room, steps)
+    return Collapse(start, *Steps._make(values[:made].copy() for values in steps))
+
+
+def subdivided(given: Complex, row: Index, shares: FloatArray, ball: FloatArray) -> Complex:
+    """Put a ball on a primitive: on its triangle, on an edge, or as a leaf at one of its balls."""
+    new = len(given)
+    there = row >= 0
+    corners = row[there][shares[there] > PART]
+    edges, faces = given.edges, given.faces
+    more_edges = [(int(v), new) for v in corners]
+    more_faces: list[tuple[int, ...]] = []
+    if len(corners) == 2:
+        a, b = (int(v) for v in corners)
+        edges = edges[~((edges == a).any(axis=1) & (edges == b).any(axis=1))]
+        around = (faces == a).any(axis=1) & (faces == b).any(axis=1)
+        for face in faces[around]:
+            c = int(face.sum()) - a - b
+            more_edges.append((c, new))
+            more_faces += [(a, c, new), (b, c, new)]
+        faces = faces[~around]
+    elif len(corners) == 3:
+        a, b, c = (int(v) for v in corners)
+        faces = faces[~(faces == np.sort(corners)).all(axis=1)]
+        more_faces = [(a, b, new), (b, c, new), (a, c, new)]
+    return Complex(
+        np.vstack([given.balls, ball]),
+        np.concatenate([edges, np.array(more_edges, np.int64).reshape(-1, 2)]),
+        np.sort(np.concatenate([faces, np.array(more_faces, np.int64).reshape(-1, 3)]), axis=1),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Fault:
+    """Places where a fitted complex is wrong, and the balls that would be right there.
+
+    Attributes
+    ----------
+    places : (q, 3) float64
+    errors : (q,) float64
+    balls : (q, 4) float64
+    feet : (q, 3) float64
+        Where in the complex the ball belongs: near the primitive next to this place.
+    """
+
+    places: FloatArray
+    errors: FloatArray
+    balls: FloatArray
+    feet: FloatArray
+
+    @classmethod
+    def joined(cls, faults: list[Fault]) -> Fault:
+        """Put several together."""
+        names = ("places", "errors", "balls", "feet")
+        return cls(*(np.concatenate([getattr(one, name) for one in faults]) for name in names))
+
+
+def faults_of(fit: Fit, fine: FloatArray) -> Fault:
+    """Return samples off the envelope, and places of the complex whose balls stick out.
+
+    `fine` (c, 4) are the balls of all points of the surface.
+    """
+    now, rows = fit.now, fit.target.rows
+    places = fit.target.points[rows]
+    off = Fault(places, np.abs(now.distance[: len(rows)]), fine[rows], places)
+    between = fit.between(fit.balls, now.over_at)
+    shrunk = between.copy()
+    shrunk[:, 3] = np.maximum(between[:, 3] + now.over, 0.0)
+    out = Fault(fit.target.bounds.points[now.near], -now.over, shrunk, between[:, :3])
+    return Fault.joined([off, out])
+
+
+def refined(given: Complex, faults: Fault, most: int, apart: float = APART) -> Complex:
+    """Add at most this many balls to a complex, where the faults are worst."""
+    order = np.argsort(-faults.errors, kind="stable")[: TRIED * most]
+    done: list[FloatArray] = []
+    result = given
+    for i in order:
+        if len(done) == most or faults.errors[i] < NEARLY_WORST * faults.errors[order[0]]:
+            break
+        place = faults.places[i]
+        if any(((place - other) ** 2).sum() < apart**2 for other in done):
+            continue
+        row, shares = _foot(result, faults.feet[i])
+        result = subdivided(result, row, shares, _new_ball(result, row, shares, faults.balls[i]))
+        done.append(place)
+    return result
+
+
+def _foot(given: Complex, place: FloatArray) -> tuple[Index, FloatArray]:
+    """Return the primitive nearest to a place, and the shares of its balls there."""
+    envelope = Envelope.of(given)
+    _, row, shares = envelope.distances(place[None])
+    return envelope.rows[row[0]], shares[0]
+
+
+def _new_ball(given: Complex, row: Index, shares: FloatArray, wanted: FloatArray) -> FloatArray:
+    """Return the wanted ball where it is near its place in the complex, else the one there."""
+    there = row >= 0
+    here = shares[there] @ given.balls[row[there]]
+    near = np.linalg.norm(wanted[:3] - here[:3]) < NEAR_RADII * here[3] + NEAR
+    leaf = (shares[there] > PART).sum() == 1
+    return wanted if near or leaf else here
+
+
+class Hollows:
+    """What finds the hollows of envelopes in a solid, which its fine complex tells."""
+
+    def __init__(self, fine: FineComplex, surface: Bounds) -> None:
+        self.samples, self.balls, self.surface = fine.samples, fine.balls, surface
+
+    @cached_property
+    def _centers(self) -> Any:
+        from scipy.spatial import cKDTree
+
+        return cKDTree(self.balls[:, :3])
+
+    def of(
+        self, given: Complex, off: float, points: int = HOLLOWS_LOOKED_AT
+    ) -> tuple[FloatArray, float]:
+        """Return places (i, 5) as a `Target` takes them, and the largest depth.
+
+        An envelope that is nowhere farther than `off` from the surface holds a place by its depth
+        less `off`. What is missing counts as the depth where the envelope ends at the place: that
+        is the error then. The largest depth is told whether or not places join.
+        """
+        places, _ = boundary_points(Envelope.of(given), points)
+        _, near = self.surface.nearest(places)
+        way = self.samples.points[near] - places
+        depth = np.maximum(np.einsum("ij,ij->i", way, self.samples.normals[near]), 0.0)
+        deepest = float(depth.max(initial=0.0))
+        deep = np.flatnonzero(depth > max(SHALLOW * deepest, FROM * off))
+        worst = deep[np.argsort(-depth[deep], kind="stable")[:MOST]]
+        places, depth = places[worst], depth[worst]
+        held = np.clip(depth - off, LEAST * depth, MOST_HELD * depth)
+        return np.column_stack([places, held, depth / held]), deepest
+
+    def faults(self, places: FloatArray) -> Fault:
+        """Return faults at such places, each with the fine ball nearest to it."""
+        points = places[:, :3]
+        depth, _ = self.surface.nearest(points)
+        return Fault(points, depth, self.balls[self._centers.query(points)[1]], points)
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,36 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from medialis.errors import InvalidOptionError
-from medialis.kept import Described
-from medialis.model.shape import Shape
+from medialis.base.arrays import Described
+from medialis.base.errors import InvalidOptionError
+from medialis.base.options import Kind, Options, Parameter
+from medialis.base.progress import Progress
+from medialis.operations.names import LAST
 from medialis.operations.result import Outcome, Result
-from medialis.options import Kind, Options, Parameter
-from medialis.progress import Progress
+from medialis.shape.shape import Shape
 
-__all__ = [
-    "GRAPH_FORMATS",
-    "LAYER_FORMATS",
-    "SHELL_FORMATS",
-    "Kind",
-    "Operation",
-    "Parameter",
-    "Selection",
-]
-
-GRAPH_FORMATS = ("swc", "graphml", "json", "obj")
-"""Of a result with a graph; its layer is a PLY file in any case."""
-
-SHELL_FORMATS = ("msh", "inp", "ccx")
-"""Of layers with triangles, as shell elements: for Gmsh, Abaqus and CalculiX."""
-
-LAYER_FORMATS = ("vtp", "vtu", *SHELL_FORMATS)
-"""Of every layer that they can hold, besides PLY."""
+__all__ = ["Format", "Kind", "Operation", "Parameter", "Selection"]
 
 THESIS = (
     "J. Kustra: Medial Descriptors for 3D Shape Segmentation, Reconstruction and Analysis. "
@@ -62,6 +47,32 @@ class Selection(Described):
 
 
 @dataclass(frozen=True, repr=False)
+class Format(Described):
+    """A kind of file that a feature brings, besides those of every layer and its arrays.
+
+    Attributes
+    ----------
+    name : str
+        What `formats` calls it, and how its files end.
+    write : callable
+        ``write(path, result)``; of layers ``write(path, layer, unit)``.
+    of : str
+        Which one of `Outcome.extras` it holds; empty: those layers that name it in
+        `Layer.formats`.
+    read : callable or None
+        ``read(path)`` gives that extra output back.
+    unasked : bool
+        Always written.
+    """
+
+    name: str
+    write: Callable[..., object]
+    of: str = ""
+    read: Callable[[Path], Any] | None = None
+    unasked: bool = False
+
+
+@dataclass(frozen=True, repr=False)
 class Operation(Described):
     """One algorithm as hosts see it.
 
@@ -83,8 +94,8 @@ class Operation(Described):
         Where hosts list it: the lowest first.
     needs_faces : bool
         Hosts do not offer it for point clouds; called with one it raises a sentence.
-    makes_graph : bool
-        Its outcome has a graph; hosts offer the graph formats.
+    formats : tuple of Format
+        Kinds of files of its own.
     makes_images : bool
         Its result is pictures; hosts without a place for them leave it out.
     thin_lines : bool
@@ -109,9 +120,9 @@ class Operation(Described):
     options: type[Options]
     run: Callable[[Shape, Any, Progress], Outcome]
     source: str | None = None
-    order: float = 1000.0
+    order: float = LAST
     needs_faces: bool = False
-    makes_graph: bool = False
+    formats: tuple[Format, ...] = ()
     makes_images: bool = False
     thin_lines: bool = False
     lies_on_shape: bool = False
@@ -124,6 +135,11 @@ class Operation(Described):
     def parameters(self) -> tuple[Parameter, ...]:
         """What is known of each option, in the order in which hosts show them."""
         return self.options.parameters()
+
+    @property
+    def offered(self) -> tuple[str, ...]:
+        """Names of its own formats that users choose from; all of them are written by default."""
+        return tuple(one.name for one in self.formats if one.of and not one.unasked)
 
     @property
     def full_help(self) -> str:
@@ -159,6 +175,6 @@ class Operation(Described):
             "help": self.help,
             "source": self.source,
             "needs_faces": self.needs_faces,
-            "makes_graph": self.makes_graph,
+            "formats": list(self.offered),
             "parameters": [{**asdict(p), "kind": p.kind.value} for p in self.parameters],
         }

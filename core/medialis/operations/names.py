@@ -4,13 +4,10 @@ from __future__ import annotations
 
 import ast
 import importlib
-import importlib.util
-import pkgutil
 import re
 from functools import cache
+from pathlib import Path
 from typing import NamedTuple
-
-import medialis.operations
 
 RENAMED = {"denoise": "remove_outliers"}
 """Names of older versions that still work, and what they are now."""
@@ -21,13 +18,24 @@ def renamed_note(name: str) -> str:
     return f"The operation {name} is called {RENAMED[name]} now; smooth moves points instead."
 
 
-_DECLARATION = re.compile(r"^OPERATION\b", re.MULTILINE)
+_DECLARATION = re.compile(
+    r"^(\w+) = (Operation\(\n.*?^\))|^(OPERATION) = ", re.MULTILINE | re.DOTALL
+)
+"""A constant and its call; an `OPERATION` that is made in another way is loaded to be known."""
+
+LAST = 1000.0
+"""Where hosts list an operation that says nothing of it."""
+
+PACKAGE = Path(__file__).resolve().parents[1]
+DECLARED_IN = "*operation.py"
+"""Files of features that declare operations."""
 
 
 class Named(NamedTuple):
-    """Module, name and first line of help of an operation, and where hosts list it."""
+    """Module, constant, name and first line of help of an operation, and where hosts list it."""
 
     module: str
+    constant: str
     name: str
     first_line: str
     order: float
@@ -41,26 +49,23 @@ class Named(NamedTuple):
 @cache
 def named_operations() -> tuple[Named, ...]:
     """Return all operations in the order in which hosts list them, without loading them."""
-    modules = (module.name for module in pkgutil.iter_modules(medialis.operations.__path__))
-    found = (_named(f"medialis.operations.{module}") for module in modules)
-    return tuple(sorted(filter(None, found), key=lambda named: (named.order, named.name)))
+    found = [named for path in PACKAGE.rglob(DECLARED_IN) for named in _declared(path)]
+    return tuple(sorted(found, key=lambda named: (named.order, named.name)))
 
 
-def _named(module: str) -> Named | None:
-    """Read the declaration of a module; load it where its names are not written out."""
-    spec = importlib.util.find_spec(module)
-    source = spec.loader.get_source(module) if spec and spec.loader else None  # type: ignore[attr-defined]
-    declaration = None if source is None else _DECLARATION.search(source)
-    if source is not None and declaration is None:
-        return None
-    try:
-        call = ast.parse(source[declaration.start() :]).body[0].value  # type: ignore
-        about = {word.arg: word.value for word in call.keywords}
-        name, help = ast.literal_eval(about["name"]), ast.literal_eval(about["help"])
-        order = ast.literal_eval(about["order"])
-    except (TypeError, ValueError, KeyError, AttributeError, SyntaxError):
-        declared = getattr(importlib.import_module(module), "OPERATION", None)
-        if declared is None:
-            return None
-        name, help, order = declared.name, declared.help, declared.order
-    return Named(module, name, help.splitlines()[0], order)
+def _declared(path: Path) -> list[Named]:
+    """Read the declarations of a file; load it where its names are not written out."""
+    parts = path.relative_to(PACKAGE).with_suffix("").parts
+    module = ".".join(("medialis", *parts))
+    found = []
+    for constant, call, made in _DECLARATION.findall(path.read_text(encoding="utf-8")):
+        words = ast.parse(call, mode="eval").body.keywords if call else ()
+        about = {word.arg: word.value for word in words}
+        try:
+            name, help = (ast.literal_eval(about[word]) for word in ("name", "help"))
+            order = ast.literal_eval(about["order"]) if "order" in about else LAST
+        except (ValueError, KeyError):
+            declared = getattr(importlib.import_module(module), constant or made)
+            name, help, order = declared.name, declared.help, declared.order
+        found.append(Named(module, constant or made, name, help.splitlines()[0], order))
+    return found

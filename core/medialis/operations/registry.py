@@ -7,19 +7,19 @@ import time
 from dataclasses import fields, replace
 from typing import Any
 
-from medialis.errors import InvalidOptionError, InvalidShapeError
-from medialis.kept import kept
-from medialis.model.shape import Shape
+from medialis.base.errors import InvalidOptionError, InvalidShapeError
+from medialis.base.kept import kept
+from medialis.base.progress import Progress, ProgressCallback
+from medialis.base.threads import thread_limit
 from medialis.operations.declaration import Operation
-from medialis.operations.far import moved, near_origin, offset_of
 from medialis.operations.names import RENAMED, Named, named_operations, renamed_note
+from medialis.operations.positions import moved, near_origin, offset_of
 from medialis.operations.result import Outcome, Result
-from medialis.progress import Progress, ProgressCallback
-from medialis.surface.given_shapes import ShapeLike, as_shape
-from medialis.threads import thread_limit
+from medialis.shape.reading import ShapeLike, as_shape
+from medialis.shape.shape import Shape
 
 OPERATIONS: tuple[Operation, ...]
-"""Every module of this package with an `OPERATION`, in the order in which hosts list them."""
+"""Every `Operation(...)` that a feature declares, in the order in which hosts list them."""
 
 
 def __getattr__(name: str) -> Any:
@@ -31,7 +31,7 @@ def __getattr__(name: str) -> Any:
 
 
 def _loaded(named: Named) -> Operation:
-    declared = importlib.import_module(named.module).OPERATION
+    declared = getattr(importlib.import_module(named.module), named.constant)
     assert isinstance(declared, Operation)
     return declared
 
@@ -139,7 +139,7 @@ def run(
     near = kept(near_origin, data, None, lambda: near_origin(data), progress) if far else data
     with thread_limit(threads):
         outcome = chosen.run(near, options, progress)
-    outcome = moved(outcome, offset) if far else outcome
+    outcome = moved(outcome, offset)
     outcome = _with_patches(outcome, data)
     progress.seconds["total"] = time.perf_counter() - clock
     return Result(

@@ -1,25 +1,107 @@
-"""Results as every host can show them: layers of points, triangles or curves with attributes."""
+"""Values of results for people: what is a length, an area or an angle, and how it is written.
+
+Results as every host can show them: layers of points, triangles or curves with attributes.
+"""
 
 from __future__ import annotations
 
-import html
 import math
-import os
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from medialis.errors import InvalidShapeError
-from medialis.kept import Described
-from medialis.model.armature import Bones, SkinWeights
-from medialis.model.curve_skeleton import CurveSkeleton
-from medialis.model.shape import Shape
-from medialis.options import Kind
-from medialis.validation import as_faces, as_points
+from medialis.base.arrays import Described
+from medialis.base.errors import InvalidShapeError
+from medialis.base.options import Kind
+from medialis.base.units import AREAS, LENGTHS, RADIANS, with_unit
+from medialis.base.validation import Positions, as_faces, as_points
+from medialis.operations.positions import Place, Triple
+from medialis.shape.shape import Shape
+
+_PARTS = ("_min", "_median", "_max")
+
+
+def quantity(name: str) -> str:
+    """Return "length", "area" or "angle" (in radians) for the name of a value, else nothing.
+
+    Examples
+    --------
+    >>> quantity("radius_max"), quantity("area"), quantity("spoke_angle"), quantity("nodes")
+    ('length', 'area', 'angle', '')
+    """
+    stem = next((name.removesuffix(part) for part in _PARTS if name.endswith(part)), name)
+    kinds = {"length": LENGTHS, "area": AREAS, "angle": RADIANS}
+    return next((kind for kind, names in kinds.items() if stem in names), "")
+
+
+def value_text(name: str, value: Any, unit: str | None = None) -> str:
+    """Return a value of a result for people, with its unit; `unit` is that of the shape.
+
+    Examples
+    --------
+    >>> value_text("radius_max", 0.5, "mm"), value_text("spoke_angle_min", math.pi / 3)
+    ('0.5 mm', '60.0 degrees')
+    >>> value_text("samples", 35779), value_text("area", None)
+    ('35,779', 'not defined')
+    """
+    what = quantity(name)
+    if value is None:
+        return "not defined"
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, Mapping):
+        return ", ".join(f"{key}: {value_text('', part, unit)}" for key, part in value.items())
+    if isinstance(value, float) and what == "angle":
+        return f"{math.degrees(value):.1f} degrees"
+    if isinstance(value, float):
+        own = unit if what else "%" if name.endswith("_percent") else None
+        return with_unit(value, own, 2 if what == "area" else 1)
+    return f"{value:,}" if isinstance(value, int) else str(value)
+
+
+def value_rows(values: Mapping[str, Any], unit: str | None = None) -> Iterator[tuple[str, str]]:
+    """Yield the values of a result in words; tables are for programs and left out.
+
+    Smallest, median and largest of a quantity share a row.
+
+    Examples
+    --------
+    >>> list(value_rows({"points": 3, "radius_min": 1.0, "radius_median": 1.5, "radius_max": 3.0}))
+    [('points', '3'), ('radius', '1 to 3, median 1.5')]
+    """
+    stems = [name.removesuffix("_min") for name in values if name.endswith("_min")]
+    threes = {stem: [f"{stem}{part}" for part in _PARTS] for stem in stems}
+    whole = {a: b for a, b in threes.items() if all(isinstance(values.get(c), float) for c in b)}
+    done = {one for three in whole.values() for one in three[1:]}
+    for name, value in values.items():
+        parts = value.values() if isinstance(value, Mapping) else ()
+        if name in done or isinstance(value, list):
+            continue
+        if any(isinstance(part, list | Mapping) for part in parts):
+            continue
+        stem = name.removesuffix("_min")
+        if stem != name and stem in whole:
+            low, median, high = (value_text(one, values[one], unit) for one in whole[stem])
+            ending = low.removeprefix(low.split(" ")[0])
+            if ending and high.endswith(ending):
+                low = low.removesuffix(ending)
+            yield stem.replace("_", " "), f"{low} to {high}, median {median}"
+        else:
+            yield name.removesuffix("_percent").replace("_", " "), value_text(name, value, unit)
+
+
+def value_lines(values: Mapping[str, Any], unit: str | None = None) -> list[str]:
+    """Return the values of a result as lines for people.
+
+    Examples
+    --------
+    >>> value_lines({"points": 3, "spoke_angle_max": math.pi, "spots": [{}], "area": None})
+    ['points: 3', 'spoke angle max: 180.0 degrees', 'area: not defined']
+    """
+    return [f"{name}: {text}" for name, text in value_rows(values, unit)]
 
 
 @dataclass(frozen=True)
@@ -128,8 +210,8 @@ class Layer(Described):
     auxiliary : bool
         What the other layers refer to, such as the samples: hosts add it on request only.
     role : str
-        "bones": hosts with armatures add `Outcome.rig` in its place; "skin": it shows the weights
-        of `Outcome.skin`; "hidden": hosts add it invisible; "shape": it takes the place of the
+        "bones": hosts with armatures add its bones in its place; "skin": it shows the weights
+        of its skin; "hidden": hosts add it invisible; "shape": it takes the place of the
         shape, which hosts hide; "balls": hosts draw the points with their radius, and where edges
         and faces join them the cones and slabs between them, also when users move them;
         "selection": hosts select the points whose `selected` is 1, and add nothing.
@@ -143,7 +225,7 @@ class Layer(Described):
     """
 
     name: str
-    points: NDArray[np.float64]
+    points: Positions
     faces: NDArray[np.int32] | None = None
     edges: NDArray[np.int32] | None = None
     attributes: Mapping[str, NDArray[Any]] = field(default_factory=dict)
@@ -207,15 +289,12 @@ class Outcome(Described):
         The full result, also of masked rows; goes to the NPZ file.
     images : dict of (h, w, 3) uint8
         Pictures that are themselves the result.
-    graph : CurveSkeleton or None
-        A graph that is written in graph formats as well.
-    rig : Bones or None
-        Bones for hosts that have armatures, and
-    skin : SkinWeights or None
-        their weights on the points of the given shape.
     shown : tuple of Layer
         What pictures show instead of the first layer inside the shape: a layer in its colours, and
         layers of points marked on it.
+    extras : dict
+        What else the feature gives, for its formats and for hosts that have a place for it, such
+        as "graph", "bones" and "skin" (weights on the points of the given shape).
     """
 
     shape: Shape
@@ -224,9 +303,7 @@ class Outcome(Described):
     arrays: Mapping[str, NDArray[Any]] = field(default_factory=dict)
     images: Mapping[str, NDArray[np.uint8]] = field(default_factory=dict)
     shown: tuple[Layer, ...] = ()
-    graph: CurveSkeleton | None = None
-    rig: Bones | None = None
-    skin: SkinWeights | None = None
+    extras: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "values", _defined(dict(self.values)))
@@ -238,6 +315,8 @@ def _defined(value: Any) -> Any:
         return None
     if isinstance(value, Mapping):
         return {name: _defined(part) for name, part in value.items()}
+    if isinstance(value, Place | Triple):
+        return type(value)(_defined(part) for part in value)
     if isinstance(value, list | tuple):
         return [_defined(part) for part in value]
     return value
@@ -263,56 +342,7 @@ class Result(Outcome, Described):
     seconds: Mapping[str, float] = field(default_factory=dict)
     messages: tuple[str, ...] = ()
 
-    def viewer_html(
-        self, path: str | os.PathLike[str], *others: Outcome, title: str | None = None
-    ) -> None:
-        """Write one HTML file that shows the result in three dimensions, by itself.
-
-        Parameters
-        ----------
-        path : path
-            An existing file is replaced.
-        *others : Result
-            Of the same shape: more layers to switch on.
-        title : str, optional
-            Of the page; the operation when missing.
-
-        Raises
-        ------
-        FileError
-            When the page cannot be written, or the library that it draws with is missing.
-        """
-        from medialis.viewer.page import write_viewer
-
-        write_viewer(path, (self, *others), title or self.title)
-
-    def show(self, *others: Outcome) -> Path | None:
-        """Show the result in three dimensions: in the notebook, else in the browser.
-
-        Returns
-        -------
-        Path or None
-            The page that the browser was given; None in a notebook.
-        """
-        from medialis.viewer.page import viewer_page
-        from medialis.viewer.showing import show_page
-
-        return show_page(viewer_page((self, *others), self.title), self.operation)
-
     @property
     def title(self) -> str:
         """The operation in words."""
         return self.operation.replace("_", " ").capitalize()
-
-    def _repr_html_(self) -> str:
-        """Return what notebooks show: a small picture beside the values."""
-        from medialis.operations.pictures import picture_html
-        from medialis.operations.quantities import value_lines
-
-        lines = [*value_lines(self.values, self.shape.unit), *map(str, self.messages)]
-        told = "<br>".join(html.escape(line) for line in lines)
-        return (
-            '<div style="display:flex;gap:1em;align-items:flex-start;flex-wrap:wrap">'
-            f"{picture_html(self)}<div style='flex:1 1 20em'><b>{html.escape(self.title)}</b><br>"
-            f"{told}</div></div>"
-        )

@@ -7,15 +7,15 @@ from typing import Any
 
 import numpy as np
 
-from medialis.errors import InvalidShapeError
-from medialis.model.armature import MOST_BONES, Bones, SkinWeights
-from medialis.model.curve_skeleton import CurveSkeleton
-from medialis.model.surface import Surface
-from medialis.options import Options, algorithm, number
-from medialis.progress import Progress
-from medialis.surface.dissection import dissected
-from medialis.threads import run_patiently
-from medialis.validation import FloatArray, IntArray
+from medialis.base.errors import InvalidShapeError
+from medialis.base.options import Options, algorithm, number
+from medialis.base.progress import Progress
+from medialis.base.threads import run_patiently
+from medialis.base.validation import FloatArray, IntArray
+from medialis.curves.curve_skeleton import CurveSkeleton
+from medialis.rigging.bones import MOST_BONES, Bones, SkinWeights
+from medialis.shape.graph import dissected
+from medialis.shape.surface import Surface
 
 LEAST = 0.01
 """Weights below this are left out: the tails of the smoothing would run over the whole shape."""

@@ -1,38 +1,393 @@
-"""Parts of a shape: as people see them, its limbs, or its sheets (thesis 6.3.3)."""
+"""Parts of a shape: as people see them, its limbs, or its sheets (thesis 6.3.3).
+
+As people see them (method auto): clusters of sites (`sites.py`), whose borders are then drawn into
+the valleys of the surface. Labels diffuse over it for a while, implicitly: each part has a share f
+of every sample, and the shares minimise the integral of (f - p)^2 + d^2 g |grad f|^2, with p = 1
+where the sample was given to the part and 0 elsewhere. The conductance g is small across a valley,
+so f drops from 1 to 0 within it; elsewhere it drops where a part is thinnest. Each sample goes to
+the part with the largest share. One system of equations, with one factor, serves all parts. Along
+an edge the way counts as longer by `LONGER * d` for each radian that the surface bends inwards. As
+that adds up along a way, finer triangles change nothing.
+
+Limbs: told apart from bodies on the curve skeleton. A core is the stretch of it within the ball of
+a body: that of a junction, or of a thick place beside a neck. What lies between the cores and
+beyond them are arms. Arms that do not stick out belong to their core, arms and cores as thick as it
+go on as its trunk, and the others are limbs.
+
+Sheets: each sample belongs to the sheet of its ball.
+"""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from medialis.balls.surface_skeleton import as_cloud
-from medialis.curves.from_balls.curve_skeleton import CurveSkeletonOptions, curve_skeleton
-from medialis.errors import InvalidShapeError
-from medialis.kept import kept
-from medialis.model.medial_cloud import MedialCloud
-from medialis.model.segmentation import Segmentation
-from medialis.model.shape import Shape
-from medialis.options import Options, algorithm, changed, choice, number, whole
-from medialis.progress import Progress
-from medialis.segments.clusters import divide_sites, join_tree
-from medialis.segments.connected import tell_pieces
-from medialis.segments.limbs import find_limbs, node_widths
-from medialis.segments.pairs import share_together
-from medialis.segments.sites import APART, Sites, all_placements
-from medialis.segments.valleys import into_valleys, without_strips
-from medialis.sheets.sheets import MedialSheetOptions, medial_sheets
-from medialis.surface.labels import (
+from medialis.base.errors import InvalidShapeError
+from medialis.base.kept import kept
+from medialis.base.options import Options, algorithm, changed, choice, number, whole
+from medialis.base.progress import Progress
+from medialis.base.threads import run_patiently
+from medialis.base.validation import FloatArray, IntArray, frozen
+from medialis.curves.curve_skeleton import CurveSkeleton
+from medialis.curves.from_balls.skeleton import CurveSkeletonOptions, curve_skeleton
+from medialis.segments.sites import (
+    APART,
+    Sites,
+    all_placements,
+    divide_sites,
+    join_tree,
+    share_together,
+)
+from medialis.shape.graph import dissected, surface_graph
+from medialis.shape.labels import (
+    Segmentation,
     completed,
     connected_labels,
     diffused_labels,
     merge_small,
     spread_labels,
+    tell_pieces,
 )
-from medialis.surface.surface_graph import surface_graph
-from medialis.threads import run_patiently
-from medialis.validation import FloatArray, IntArray, frozen
+from medialis.shape.shape import Shape
+from medialis.shape.surface import piece_labels
+from medialis.sheets.sheets import MedialSheetOptions, medial_sheets
+from medialis.skeleton.medial_cloud import MedialCloud
+from medialis.skeleton.surface_skeleton import as_cloud
+
+CORE = 0.92
+"""Share of the width of a body up to which its core goes: there a limb 0.4 times as wide comes out
+of its ball."""
+
+NECK = 0.6
+"""A place is a body when the branch just outside its ball is less than this share as wide."""
+
+TRUNK = 0.75
+"""Share of its width: a core goes on into arms at least as wide as this, and into another core when
+neither is narrower where they meet. Limbs of real shapes are 0.1 to 0.7 as wide as their body, what
+goes on in a trunk is 0.85 or more."""
+
+LONG = 1.5
+"""Widths of the core by which the end of a limb is away from its border. The corners of a cube are
+1.1 long, a half ball is 1."""
+
+
+def node_widths(skeleton: CurveSkeleton) -> FloatArray:
+    """Return how far the surface is from each node, (v,): the mean over the samples round it.
+
+    The samples are those of all nodes in its ball. At least the radius; much larger in flat places
+    such as the palm of a hand.
+    """
+    from scipy.spatial import cKDTree
+
+    v, nodes, radii = len(skeleton.nodes), skeleton.nodes, skeleton.radii
+    node, area, distance = _samples_with_node(skeleton)
+    weight = np.bincount(node, area, minlength=v)
+    total = np.bincount(node, area * distance, minlength=v)
+    inside = cKDTree(nodes).query_ball_point(nodes, radii, return_sorted=True)
+    ball = np.repeat(np.arange(v), [len(one) for one in inside])
+    member = np.concatenate([np.asarray(one, np.int64) for one in inside])
+    same = skeleton.components[ball] == skeleton.components[member]
+    ball, member = ball[same], member[same]
+    around = np.bincount(ball, weight[member], minlength=v)
+    width = radii.copy()
+    np.divide(np.bincount(ball, total[member], minlength=v), around, out=width, where=around > 0)
+    return np.maximum(width, radii)
+
+
+def _samples_with_node(skeleton: CurveSkeleton) -> tuple[IntArray, FloatArray, FloatArray]:
+    """Return the node of each sample that has one, the sample's area and its distance to it."""
+    surface, node = skeleton.surface, skeleton.vertex_node
+    assert surface is not None and node is not None
+    rows = np.flatnonzero(node >= 0)
+    distance = np.linalg.norm(surface.points[rows] - skeleton.nodes[node[rows]], axis=1)
+    return node[rows], surface.point_areas[rows], distance
+
+
+def find_limbs(graph: CurveSkeleton, width: FloatArray) -> IntArray:
+    """Divide a curve skeleton into limbs and bodies.
+
+    Parameters
+    ----------
+    graph : CurveSkeleton
+        v nodes.
+    width : (v,) float64
+        Distance of the surface, as of `node_widths`.
+
+    Returns
+    -------
+    (v,) int32
+        Part of each node; -1 for the nodes of a core where three or more arms meet that are as
+        thick as it: they belong to no arm more than to another.
+    """
+    piece, is_core = _pieces(graph, _cores(graph, width))
+    links = _links(graph, piece, width)
+    wide = _mean_widths(graph, piece, width)
+    widest = np.zeros(len(is_core))
+    np.maximum.at(widest, piece, width)
+    into = np.arange(len(is_core))
+
+    def join(core: int, other: int) -> None:
+        into[into == into[other]] = into[core]
+
+    shared = np.zeros(len(is_core), bool)
+    for core in np.flatnonzero(is_core).tolist():
+        trunk = []
+        for other, passage in sorted(links[core].items()):
+            if len(links[other]) == 1 and not _sticks_out(
+                graph, width, piece == core, piece == other
+            ):
+                join(core, other)
+            elif is_core[other]:
+                if passage >= TRUNK * max(widest[core], widest[other]):
+                    trunk.append(other)
+            elif wide[other] >= TRUNK * widest[core]:
+                trunk.append(other)
+        shared[core] = len(trunk) > 2
+        if not shared[core]:
+            for other in trunk:
+                join(core, other)
+    return np.where(shared[piece], -1, into[piece]).astype(np.int32)
+
+
+def _cores(graph: CurveSkeleton, width: FloatArray) -> IntArray:
+    """Core of each node, -1 for arms: those that overlap are one."""
+    near, places = _neighbours(graph), graph.nodes.tolist()
+    core = np.full(len(graph.nodes), -1, np.int32)
+    for node in np.lexsort((np.arange(len(width)), -width)).tolist():
+        junction = graph.degrees[node] >= 3
+        if core[node] >= 0 and not junction:
+            continue
+        radius = float(width[node])
+        if not junction:
+            rim = _stretch(places, near, node, radius)[1]
+            if not any(core[b] < 0 and width[b] < NECK * radius for b in rim):
+                continue
+        inside = _stretch(places, near, node, CORE * radius)[0]
+        old = np.unique(core[inside])
+        core[np.isin(core, old[old >= 0])] = node
+        core[inside] = node
+    return core
+
+
+def _neighbours(graph: CurveSkeleton) -> list[list[int]]:
+    near: list[list[int]] = [[] for _ in range(len(graph.nodes))]
+    for a, b in graph.edges.tolist():
+        near[a].append(b)
+        near[b].append(a)
+    return near
+
+
+def _stretch(
+    places: list[list[float]], near: list[list[int]], start: int, radius: float
+) -> tuple[list[int], list[int]]:
+    """Nodes of the stretch round a node that lies in a ball, and the first ones outside."""
+    stretch, rim, waiting = {start}, set(), [start]
+    while waiting:
+        for b in near[waiting.pop()]:
+            if b in stretch or b in rim:
+                continue
+            if math.dist(places[b], places[start]) > radius:
+                rim.add(b)
+            else:
+                stretch.add(b)
+                waiting.append(b)
+    return sorted(stretch), sorted(rim)
+
+
+def _pieces(graph: CurveSkeleton, core: IntArray) -> tuple[IntArray, NDArray[np.bool_]]:
+    """Cut the graph round its cores: piece of each node, and which pieces are cores."""
+    uncut = core[graph.edges[:, 0]] == core[graph.edges[:, 1]]
+    piece = piece_labels(len(graph.nodes), graph.edges[uncut])
+    is_core = np.zeros(int(piece.max(initial=-1)) + 1, bool)
+    is_core[piece[core >= 0]] = True
+    return piece, is_core
+
+
+def _links(graph: CurveSkeleton, piece: IntArray, width: FloatArray) -> list[dict[int, float]]:
+    """Neighbours of each piece, and how wide the passage to each is."""
+    links: list[dict[int, float]] = [{} for _ in range(int(piece.max(initial=-1)) + 1)]
+    passage = width[graph.edges].min(axis=1).tolist()
+    for (a, b), wide in zip(piece[graph.edges].tolist(), passage, strict=True):
+        if a != b:
+            links[a][b] = links[b][a] = max(wide, links[a].get(b, 0.0))
+    return links
+
+
+def _mean_widths(graph: CurveSkeleton, piece: IntArray, width: FloatArray) -> FloatArray:
+    """Mean width of each piece along its length."""
+    share = np.full(len(width), 1e-12 * (graph.length or 1.0))  # pieces of no length
+    share += np.bincount(graph.edges.ravel(), graph.edge_lengths.repeat(2), minlength=len(width))
+    return np.asarray(np.bincount(piece, share * width) / np.bincount(piece, share))
+
+
+def _sticks_out(
+    graph: CurveSkeleton, width: FloatArray, core: NDArray[np.bool_], arm: NDArray[np.bool_]
+) -> bool:
+    """Tell whether an arm with a free end is long for its width; one that returns is."""
+    a, b = graph.edges.T
+    feet = np.concatenate([a[arm[a] & core[b]], b[arm[b] & core[a]]])
+    if len(feet) != 1:
+        return True
+    away = np.linalg.norm(graph.nodes[arm] - graph.nodes[feet[0]], axis=1) + graph.radii[arm]
+    return bool(away.max() >= LONG * width[feet[0]])
+
+
+LONGER = 5.0
+"""Distances for a radian: as 0.2 of it let 1 / e of the heat pass between sites."""
+
+SMOOTH = 0.2
+"""Distances over which normals are averaged, so that noise is no valley."""
+
+ROUNDS = 50
+"""Of conjugate gradients, for normals: where triangles are slivers they need not be exact."""
+
+BAND = 2.0
+"""Distances from a border beyond which samples keep their part."""
+
+
+def into_valleys(surface: Shape, labels: IntArray, distance: float) -> IntArray:
+    """Return labels whose borders lie in valleys up to about a distance away.
+
+    Parameters
+    ----------
+    surface : Shape
+        n samples and faces.
+    labels : (n,) int32
+        -1 takes no part.
+    distance : float
+        In units of the points.
+
+    Returns
+    -------
+    (n,) int32
+    """
+    from scipy.sparse import triu
+
+    near = np.isfinite(_from_borders(surface, labels, BAND * distance))
+    rows = np.flatnonzero(near & (labels >= 0))
+    if len(rows) == 0:
+        return labels
+    links = triu(surface.cotangent_weights, 1).tocoo()
+    ends = links.row, links.col
+    flow = np.maximum(links.data, 0.0)
+    step = surface.points[ends[1]] - surface.points[ends[0]]
+    length = np.maximum(np.linalg.norm(step, axis=1), 1e-6 * distance)
+    heat = _Diffusion(surface, rows, ends)
+    smooth = heat.spread((SMOOTH * distance) ** 2 * flow, surface.normals, near=True)
+    smooth /= np.maximum(np.linalg.norm(smooth, axis=1), 1e-300)[:, None]
+    turn = ((smooth[ends[1]] - smooth[ends[0]]) * step).sum(axis=1) / length
+    longer = length + LONGER * distance * np.maximum(-turn, 0.0)
+    used = np.unique(labels[labels >= 0])
+    given = (labels[:, None] == used[None, :]).astype(np.float64)
+    share = heat.spread(distance**2 * flow * length / longer, given)
+    result = labels.copy()
+    result[rows] = used[share[rows].argmax(axis=1)]
+    return result
+
+
+def without_strips(surface: Shape, labels: IntArray, distance: float) -> IntArray:
+    """Merge parts that are nowhere farther than a distance from their border with a neighbour.
+
+    Such as the ring where a shaft meets its head. The neighbour is as in `merge_small`.
+    """
+    away = _from_borders(surface, labels, np.inf)
+    farthest = np.zeros(int(labels.max(initial=-1)) + 1)
+    known = labels >= 0
+    np.maximum.at(farthest, labels[known], away[known])
+    weight = np.where(known & (farthest[labels] < distance), 0.5 / len(labels), 1.0)
+    return merge_small(labels, weight, surface_graph(surface), 1.0)
+
+
+def _from_borders(surface: Shape, labels: IntArray, limit: float) -> FloatArray:
+    """Return how far each sample is from an edge between two parts, along edges; inf: farther."""
+    from scipy.sparse.csgraph import dijkstra
+
+    i, j = surface.edges.T
+    border = (labels[i] != labels[j]) & (labels[i] >= 0) & (labels[j] >= 0)
+    ends = np.unique(np.concatenate([i[border], j[border]]))
+    if len(ends) == 0:
+        return np.full(len(labels), np.inf)
+    links = surface.edge_matrix.tocoo()
+    links.data = np.linalg.norm(surface.points[links.row] - surface.points[links.col], axis=1)
+    return np.asarray(dijkstra(links.tocsr(), indices=ends, limit=limit, min_only=True))
+
+
+class _Diffusion:
+    """Systems of equations on the samples near borders; the others keep their values."""
+
+    def __init__(self, surface: Shape, rows: NDArray[np.int64], ends: tuple[Any, Any]) -> None:
+        self.area = surface.point_areas
+        place = np.full(surface.point_count, -1)
+        place[rows] = np.arange(len(rows))
+        inside = (place[ends[0]] >= 0) & (place[ends[1]] >= 0)
+        pairs = np.stack([place[end[inside]] for end in ends], axis=1)
+        self.rows = rows[dissected(surface.points[rows], pairs)]
+        place[self.rows] = np.arange(len(rows))
+        self.ends = place[ends[0]], place[ends[1]], ends[0], ends[1]
+
+    def spread(self, flow: FloatArray, values: FloatArray, *, near: bool = False) -> FloatArray:
+        """Return f with area (f - values) = the flow into each sample.
+
+        Near: heat goes no farther than some samples; a few rounds of conjugate gradients do.
+        """
+        from scipy.sparse import csc_array
+        from scipy.sparse.linalg import splu
+
+        one, two, first, second = self.ends
+        k, inside = len(self.rows), (one >= 0) & (two >= 0)
+        area = np.maximum(self.area[self.rows], 1e-12 * self.area.max())
+        total = area + np.bincount(one[one >= 0], flow[one >= 0], k)
+        total += np.bincount(two[two >= 0], flow[two >= 0], k)
+        diagonal = np.arange(k)
+        matrix = csc_array(
+            (
+                np.concatenate([total, -flow[inside], -flow[inside]]),
+                (
+                    np.concatenate([diagonal, one[inside], two[inside]]),
+                    np.concatenate([diagonal, two[inside], one[inside]]),
+                ),
+            ),
+            shape=(k, k),
+        )
+        held = area[:, None] * values[self.rows]
+        for here, there in ((one, second), (two, first)):
+            edge = (here >= 0) & ~inside
+            np.add.at(held, here[edge], flow[edge, None] * values[there[edge]])
+        if near:
+            found = _conjugate_gradients(matrix, total[:, None], held, values[self.rows])
+        else:
+            found = splu(
+                matrix, permc_spec="NATURAL", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
+            ).solve(held)
+        result = values.copy()
+        result[self.rows] = found
+        return result
+
+
+def _conjugate_gradients(
+    matrix: Any, scale: FloatArray, held: FloatArray, start: FloatArray
+) -> FloatArray:
+    """Solve systems of equations with one matrix for all columns at once, to 1 / 1000."""
+    found = start.copy()
+    left = held - matrix @ found
+    way = left / scale
+    size = enough = (left * way).sum()
+    for _ in range(ROUNDS):
+        if not size > 1e-6 * enough:
+            break
+        across = matrix @ way
+        step = size / (way * across).sum()
+        found += step * way
+        left -= step * across
+        across = left / scale
+        before, size = size, (left * across).sum()
+        way = across + size / before * way
+    return found
+
 
 DIFFUSION = 5
 """Steps of diffusion in a round."""
@@ -126,13 +481,13 @@ def parts(cloud: MedialCloud, options: PartsOptions, progress: Progress) -> Segm
     is one part with it, and large bodies have several sheets.
 
     Limbs need a mesh and its whole inner cloud; each sample belongs to the part of its node. See
-    `segments/limbs.py`.
+    `segments/parts.py`.
 
     The method "auto" needs the same. It spreads 500 sites over the surface, four times
     (`segments/sites.py`), says for each two how many people would put them into one part
-    (`segments/pairs.py`), and joins them (`segments/clusters.py`): at level 0.5 to the division
+    (`segments/sites.py`), and joins them (`segments/sites.py`): at level 0.5 to the division
     with which most people are expected to agree. Samples have the part with which the sites round
-    them have most in common, and borders are drawn into valleys (`segments/valleys.py`).
+    them have most in common, and borders are drawn into valleys (`segments/parts.py`).
 
     A round of smoothing is five steps of diffusion of the labels, near the borders; that of "auto"
     is by lengths. Limbs are connected. A sheet may have its two walls in two pieces of the surface:

@@ -1,42 +1,337 @@
-"""Medial sheets: the smooth pieces of a surface skeleton (thesis 6.2.2.1).
+"""MedialSheets: the smooth pieces of a surface skeleton, and where they meet (thesis 6.2.2).
 
-Two balls lie on one sheet when both contacts of one are close to those of the other. Where sheets
-run into a convex edge or corner this holds across sheets as well, because there all contacts are
-close together. At a crease it is known which side each contact is on. At soft edges only balls
-whose contacts are clearly apart are linked; the others, those of the rim, are attached to the
-nearest sheet along the surface afterwards.
+**Which balls lie on one sheet** (thesis 6.2.2.1). Two do when both contacts of one are close to
+those of the other. Where sheets run into a convex edge or corner this holds across sheets as well,
+because there all contacts are close together. At a crease it is known which side each contact is
+on. At soft edges only balls whose contacts are clearly apart are linked; the others, those of the
+rim, are attached to the nearest sheet along the surface afterwards.
+
+**Where sheets meet** on the edges and in the triangles of the unfolded surface (thesis 6.2.2.2).
+Each ball knows its second contact and the plane that touches the surface there. How the radius
+would change if that plane were the only wall is known beside the sample as well, so the sheet of a
+ball can be followed a little further. Along an edge between balls of two sheets, both sheets are
+followed until they meet: that is a point of the Y-curve, exact where the surface is flat. In a
+triangle between three sheets, all three meet at a point.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from medialis.balls.surface_skeleton import as_cloud
-from medialis.balls.thin_walls import BallOptions
-from medialis.kept import kept
-from medialis.model.feature_sets import FeatureSets
-from medialis.model.medial_cloud import MedialCloud
-from medialis.model.medial_sheets import MedialSheets
-from medialis.model.unfolded import Unfolded
-from medialis.options import Options, algorithm, changed, number
-from medialis.progress import Progress
-from medialis.sheets.borders import parts_to_border
-from medialis.sheets.extended_features import extended_feature_transform
-from medialis.sheets.linking import clear_balls, pieces
-from medialis.sheets.unfolding import unfold
-from medialis.surface.labels import (
-    fill_components,
-    merge_small,
-    numbered_by_weight,
-    spread_labels,
-)
-from medialis.surface.surface_graph import surface_graph
-from medialis.threads import run_patiently
-from medialis.validation import IntArray
+from medialis.base.arrays import EdgeTable
+from medialis.base.kept import Bound, kept
+from medialis.base.options import Options, algorithm, changed, number
+from medialis.base.progress import Progress
+from medialis.base.threads import run_chunks, run_patiently
+from medialis.base.validation import FloatArray, IntArray, hold
+from medialis.shape.graph import local_spacing, surface_graph
+from medialis.shape.labels import fill_components, merge_small, numbered_by_weight, spread_labels
+from medialis.sheets.feature_sets import FeatureSets, extended_feature_transform
+from medialis.sheets.unfolding import Unfolded, unfold
+from medialis.skeleton.medial_cloud import MedialCloud
+from medialis.skeleton.surface_skeleton import BallOptions, as_cloud
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class MedialSheets(Bound):
+    """Partition of the balls of a cloud into sheets.
+
+    Attributes
+    ----------
+    labels : (k,) int32
+        Sheet of each ball: 0, 1, ... from the one that covers most of the surface to the least;
+        -1 for masked balls.
+    linked : (k,) bool
+        True where the ball itself was linked to its sheet; False where it was attached afterwards:
+        on the rim of a sheet its feature points are too close together to tell.
+    front : (k,) bool
+        True on one of the two sides of each sheet: the samples of these balls cover it once (those
+        of a tube, which has no two sides, all around).
+    node_labels, node_front : (u,) int32 and bool
+        The same for the nodes of the unfolded surface: at a crease, those on its two sides are on
+        the two sides of a sheet.
+    unfolded : Unfolded
+        The surface of the k balls, with u nodes.
+
+    Raises
+    ------
+    InvalidShapeError
+        When there is not one value a ball, or a node.
+    """
+
+    labels: IntArray
+    linked: NDArray[np.bool_]
+    front: NDArray[np.bool_]
+    node_labels: IntArray
+    node_front: NDArray[np.bool_]
+    unfolded: Unfolded = field(kw_only=True)
+
+    def __post_init__(self) -> None:
+        k, u = len(self.cloud), len(self.unfolded)
+        hold(self, labels=(np.int32, k), linked=(np.bool_, k), front=(np.bool_, k))
+        hold(self, node_labels=(np.int32, u), node_front=(np.bool_, u))
+
+    @property
+    def cloud(self) -> MedialCloud:
+        """The k balls."""
+        return self.unfolded.cloud
+
+    def __len__(self) -> int:
+        return len(self.labels)
+
+    def __repr__(self) -> str:
+        return f"MedialSheets({self.count} sheets, {len(self)} balls)"
+
+    @property
+    def count(self) -> int:
+        """Number of sheets."""
+        return int(self.labels.max(initial=-1)) + 1
+
+    @property
+    def sizes(self) -> IntArray:
+        """Number of balls of each sheet, (count,)."""
+        return np.bincount(self.labels[self.labels >= 0], minlength=self.count).astype(np.int32)
+
+
+Index = NDArray[np.int64]
+
+LONGEST_JUMP = 4.0
+"""Sample spacings between two balls on different sheets that still lie on both sides of a Y-curve.
+Behind a right edge, balls are 1.4 spacings apart; ligatures and jumps stretch them further."""
+
+PARALLEL = 1e-6
+"""1 - cosine between two spokes: walls that are hardly inclined say nothing about a radius."""
+
+FARTHEST = 0.75
+"""Distances between two balls, from their middle to where their sheets meet; flat ones: 0.5."""
+
+SINGULAR, BESIDE, BEYOND = 1e-9, 0.05, 1.0
+"""Determinant of three walls that meet nowhere; how far beyond a side of a triangle a place where
+they do still lies in it, and may lie at all: shares of the height."""
+
+
+@dataclass(frozen=True)
+class Borders:
+    """Where sheets meet on the unfolded surface.
+
+    Attributes
+    ----------
+    ends : (b, 2) int64
+        Nodes of each edge between two sheets.
+    points, radii : (b, 3) and (b,) float64
+        Where the two meet, and the radius of the ball there.
+    sides : (t, 3) int64
+        Row above for the sides of the triangles, from corner j to the next; -1: within a sheet, -2:
+        the balls lie too far apart.
+    triple : (j,) int64
+        Triangles between three sheets.
+    middles, middle_radii : (j, 3) and (j,) float64
+        Where these meet.
+    """
+
+    ends: Index
+    points: FloatArray
+    radii: FloatArray
+    sides: Index
+    triple: Index
+    middles: FloatArray
+    middle_radii: FloatArray
+
+
+def find_borders(sheets: MedialSheets) -> Borders:
+    """Find where the sheets meet on the edges of the unfolded surface."""
+    unfolded, labels = sheets.unfolded, sheets.node_labels
+    table = EdgeTable.of(np.asarray(unfolded.faces), len(unfolded))
+    crossed = np.flatnonzero(labels[table.low] != labels[table.high])
+    ends = np.stack([table.low[crossed], table.high[crossed]], axis=1)
+    a, b = ends.T
+    spacing = local_spacing(unfolded.cloud.surface)[unfolded.samples[ends]].max(axis=1)
+    gap = np.linalg.norm(unfolded.centers[a] - unfolded.centers[b], axis=1)
+    near = gap <= LONGEST_JUMP * spacing
+    number = np.full(len(table.low), -1, np.int64)
+    number[crossed] = np.where(near, np.cumsum(near) - 1, -2)
+    ends = ends[near]
+    points, radii = _meeting(unfolded, ends)
+    sides = number[table.edge_of].reshape(-1, 3)
+    triple = np.flatnonzero((sides >= 0).all(axis=1))
+    middles, middle_radii, hidden = _meeting_of_three(unfolded, triple)
+    # Where three sheets meet beyond a side, two of them have not met there: the third hides it.
+    which, side = np.nonzero(hidden)
+    points[sides[triple[which], side]] = middles[which]
+    radii[sides[triple[which], side]] = middle_radii[which]
+    middle = np.isnan(middle_radii)
+    middles[middle] = points[sides[triple[middle]]].mean(axis=1)
+    middle_radii[middle] = radii[sides[triple[middle]]].mean(axis=1)
+    return Borders(ends, points, radii, sides, triple, middles, middle_radii)
+
+
+def followed(unfolded: Unfolded, walls: Index, nodes: Index) -> tuple[FloatArray, FloatArray]:
+    """Follow the sheets of some nodes to other nodes: return radius and center of the balls there.
+
+    The ball at a node p with the spoke n touches the plane through q with the normal m where
+    ((q - p + r n) m = r, so r = (q - p) m / (1 - n m).
+    """
+    n, m = unfolded.spokes[0][nodes], unfolded.spokes[1][walls]
+    off = 1.0 - np.einsum("...j,...j->...", n, m)
+    height = np.einsum("...j,...j->...", unfolded.contacts[walls] - unfolded.points[nodes], m)
+    radius = np.full(off.shape, np.nan)
+    np.divide(height, off, out=radius, where=off > PARALLEL)
+    return radius, unfolded.points[nodes] - radius[..., None] * n
+
+
+def parts_to_border(unfolded: Unfolded, ends: Index) -> FloatArray:
+    """Return which part of each edge (e, 2) lies before the place where the two sheets meet, (e,).
+
+    A half where following the sheets leads nowhere.
+    """
+    return _parts(unfolded, ends)[0]
+
+
+def _parts(unfolded: Unfolded, ends: Index) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return these parts, and radii (2, 2, e) and centers of walls (first) at nodes (second)."""
+    walls, nodes = np.broadcast_arrays(ends.T[:, None], ends.T[None])
+    radius, center = followed(unfolded, walls, nodes)
+    # What the wall of the other end would leave more than the ball there has.
+    more = np.maximum(radius[1, 0] - radius[0, 0], 0)
+    beyond = np.maximum(radius[0, 1] - radius[1, 1], 0)
+    total = more + beyond
+    return (
+        np.divide(more, total, out=np.full(len(ends), 0.5), where=total > 0),
+        radius,
+        center,
+    )
+
+
+def _meeting(unfolded: Unfolded, ends: Index) -> tuple[FloatArray, FloatArray]:
+    """Follow the sheets of both ends of edges to where they meet; the middle if that is far off.
+
+    The contacts of a ball surround its center. So two sheets that meet face the surface at a right
+    angle or more, and the place lies within half their distance from the middle of the two balls.
+    """
+    part, radius, center = _parts(unfolded, ends)
+    weights = 0.5 * np.stack([1.0 - part, part])
+    points = np.einsum("ne,wnea->ea", weights, center)
+    radii = np.einsum("ne,wne->e", weights, radius)
+    one, other = unfolded.centers[ends[:, 0]], unfolded.centers[ends[:, 1]]
+    middle, gap = (one + other) / 2, np.linalg.norm(one - other, axis=1)
+    near = np.linalg.norm(points - middle, axis=1) <= FARTHEST * gap  # not where NaN
+    points[~near], radii[~near] = middle[~near], unfolded.radii[ends[~near]].mean(axis=1)
+    return points, radii
+
+
+def _meeting_of_three(
+    unfolded: Unfolded, triangles: Index
+) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
+    """Follow the sheets of all corners of triangles to where three of them meet.
+
+    Returns
+    -------
+    points, radii : (j, 3) and (j,) float64
+        NaN where the three do not meet in the triangle nor just beyond one side.
+    hidden : (j, 3) bool
+        The side, from that corner to the next, beyond which they meet.
+    """
+    corners = np.asarray(unfolded.faces)[triangles].astype(np.int64)
+    walls, nodes = np.broadcast_arrays(corners[:, :, None], corners[:, None, :])
+    radii, centers = followed(unfolded, walls, nodes)
+    # Weights of the corners with which all walls leave the same radius.
+    system = np.ones((len(triangles), 3, 3))
+    system[:, :2] = radii[:, :2] - radii[:, 2:]
+    size = np.abs(system[:, :2]).max(axis=(1, 2))
+    system[:, :2] /= np.where(size > 0, size, 1.0)[:, None, None]
+    usable = np.isfinite(system).all(axis=(1, 2))
+    system[~usable] = np.eye(3)
+    usable &= np.abs(np.linalg.det(system)) > SINGULAR
+    system[~usable] = np.eye(3)
+    right = np.broadcast_to([[0.0], [0.0], [1.0]], (len(triangles), 3, 1))
+    weights = np.linalg.solve(system, right)[..., 0]
+    outside = weights < -BESIDE
+    usable &= (weights > -BEYOND).all(axis=1) & (outside.sum(axis=1) <= 1)
+    points = np.einsum("tn,twna->ta", weights, centers) / 3
+    radius = np.einsum("tn,twn->t", weights, radii) / 3
+    own = unfolded.centers[corners]
+    gap = np.linalg.norm(own - own[:, [1, 2, 0]], axis=2).max(axis=1)
+    with np.errstate(invalid="ignore"):
+        usable &= np.linalg.norm(points - own.mean(axis=1), axis=1) <= 2 * gap
+    points[~usable], radius[~usable] = np.nan, np.nan
+    return points, radius, (outside & usable[:, None])[:, [2, 0, 1]]
+
+
+CLEARLY_APART = 2.0
+"""Sample spacings between the two feature points from which a ball can be linked. A box of sides 2,
+1.5 and 1 has 13 sheets at spacings from 0.03 to 0.17 (six samples across its smallest side) with
+2, and fewer at 0.17 with 3, because too few balls are left."""
+
+LARGEST_TURN = 0.75
+"""Radii: the chord by which a feature point may move from ball to ball, an angle of 44 degrees.
+Near the corner of a box the feature points of two sheets come as close as one likes, but stay 90
+degrees apart as seen from the center."""
+
+WALL = -0.5
+"""Cosine between the normals at the two feature points of a ball in a wall: 120 degrees or more."""
+
+NODES_A_CHUNK = 8192
+
+
+def clear_balls(
+    sets: FeatureSets, unfolded: Unfolded
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Return which balls can be linked, and which lie in walls or at creases; two (u,) arrays.
+
+    A ball can be linked when its contacts are clearly apart, or on the two sides of a wall or of a
+    crease.
+    """
+    rows, parted = unfolded.rows, unfolded.parted
+    spacing = local_spacing(unfolded.cloud.surface)[unfolded.cloud.features[rows]].max(axis=1)
+    gap = np.linalg.norm(unfolded.points - unfolded.contacts, axis=1)
+    cosine = np.einsum("ij,ij->i", unfolded.normals, unfolded.contact_normals)
+    wall = cosine < WALL
+    clear = ((gap >= CLEARLY_APART * spacing) | wall) & ~sets.rim[rows]
+    return clear | parted, wall | parted
+
+
+def pieces(
+    sets: FeatureSets,
+    unfolded: Unfolded,
+    clear: NDArray[np.bool_],
+    wall: NDArray[np.bool_],
+    threshold: float,
+) -> tuple[IntArray, IntArray, IntArray]:
+    """Return the lowest node that each node is linked to, directly or through others, (u,).
+
+    Also the same for links along the surface alone, and the partner of each ball across its sheet.
+    """
+    from medialis.sheets._kernels import join_links, link_across, link_neighbours
+
+    graph, u, rows = unfolded.graph, len(unfolded), unfolded.rows
+    touched = unfolded.cloud.features[rows].T.ravel()
+    contacts = (
+        np.concatenate([unfolded.points, unfolded.contacts]),
+        np.concatenate([unfolded.normals, unfolded.contact_normals]),
+        touched,
+        unfolded.regions.T.ravel(),
+        local_spacing(unfolded.cloud.surface)[touched],
+    )
+    closed = sets.closed[rows] & ~unfolded.parted
+    balls = rows, unfolded.centers, unfolded.radii, closed, wall
+    members = sets.samples.offsets, sets.samples.indices, sets.clusters
+    rules = *contacts, *balls, threshold - 1.0, LARGEST_TURN, *members
+    links, partner = np.zeros(len(graph.indices), np.bool_), np.full(u, -1, np.int32)
+
+    def work(begin: int, end: int) -> None:
+        link_neighbours(begin, end, graph.offsets, graph.indices, clear, *rules, links)
+        link_across(begin, end, unfolded.across, clear, *rules, partner)
+
+    run_chunks(work, u, NODES_A_CHUNK)
+    piece, region = np.arange(u, dtype=np.int32), np.arange(u, dtype=np.int32)
+    join_links(graph.offsets, graph.indices, links, partner, piece)
+    join_links(graph.offsets, graph.indices, links, np.full_like(partner, -1), region)
+    return piece, region, partner
+
 
 LEAST_BALLS, ON_BORDER = 8, 0.1
 """A piece of fewer linked balls is no sheet, not counting those that lie on its border: nearer than

@@ -1,17 +1,24 @@
-"""Saliency skeleton of a silhouette, with sub-pixel positions (thesis 3.7.3)."""
+"""Saliency skeletons of silhouettes, and the matching of two by depth (thesis 3.7.3, 3.7.4).
+
+A silhouette skeleton is known by where the rows of the picture cross it, at sub-pixel columns
+(`skeletonize`). Two views of a pair have the same rows: crossings whose depths agree are points
+near the curve skeleton (`pair_points`).
+"""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from medialis.errors import InvalidShapeError
-from medialis.kept import Described
-from medialis.options import Options, algorithm, number
-from medialis.progress import Progress
-from medialis.validation import FloatArray, IntArray
+from medialis.base.arrays import Described
+from medialis.base.errors import InvalidShapeError
+from medialis.base.options import Options, algorithm, number
+from medialis.base.progress import Progress
+from medialis.base.validation import FloatArray, IntArray
+from medialis.curves.from_views.view import View
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -96,7 +103,7 @@ def skeletonize(
     The border of the picture must be outside. A `field` (h, w) gets the distance transform:
     negative at pixels beside the skeleton; what lies outside stays as it is.
     """
-    from medialis.curves.from_views._silhouette_kernels import (
+    from medialis.curves.from_views._kernels import (
         column_offsets,
         saliency_skeleton,
         trace_contours,
@@ -183,3 +190,37 @@ def silhouette_skeleton(
     return Crossings(
         framed.begin[1 : height + 2], framed.column - 1, framed.importance, framed.distance
     )
+
+
+def pair_points(first: View, second: View, left: Crossings, right: Crossings) -> FloatArray:
+    """Return the 3D points of two silhouette skeletons whose rows correspond.
+
+    Parameters
+    ----------
+    first, second : View
+        With the same center, extent and up-axis (`check_views`).
+    left, right : Crossings
+        Of the one and of the other.
+
+    Returns
+    -------
+    (k, 3) float64
+        In the units and axes of the shape.
+
+    Notes
+    -----
+    Each crossing of the first view takes the crossing in the same row of the second whose depth is
+    nearest to the middle of its depth range. A point outside the depth range of either is dropped.
+    Source: thesis 3.7.4.2, Eq. 3.9, 3.10, with the early stop.
+    """
+    from medialis.curves.from_views._kernels import pair_crossings
+
+    a, b = first.camera, second.camera
+    angle = math.atan2(-float(b.axes[0] @ a.axes[2]), float(b.axes[0] @ a.axes[0]))
+    out = np.empty((len(left.column), 3))
+    count = pair_crossings(
+        left.begin, left.column, first.near, first.far,
+        right.begin, right.column, second.near, second.far,
+        a.pixel, math.cos(angle), math.sin(angle), out,
+    )  # fmt: skip
+    return np.einsum("ij,jk->ik", out[:count], a.axes) + a.center

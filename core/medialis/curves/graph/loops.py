@@ -1,8 +1,20 @@
-"""Closing one loop for each handle while a graph grows (thesis 3.6.3).
+"""Loops: the handles of a surface, and a graph that goes round each once (thesis 3.6.3).
 
-How often a closed path goes round each handle is a vector of whole numbers, its turns. A loop is
-new when its turns are no sum of those of the loops before. To tell this for every link at once,
-turns are weighed by random numbers whose sums over all loops so far are 0: a loop that weighs
+Handles. A closed surface of genus g bounds a solid with g independent loops. The surface itself has
+2 g: a tree of vertices and a tree of faces leave 2 g sides, each of which closes a loop over the
+surface (tree-cotree, Eppstein 2003). The faces are joined where loops would be longest first, so
+that those which are left are the shortest through the root (Erickson and Whittlesey 2005): each
+lies at its handle.
+
+Turns. A closed path inside is contractible in homology exactly when it is linked with none of these
+loops: when it crosses a surface that a loop spans as often one way as the other. Any surface with
+that border will do; `SpanningSurface` is a binary tree of triangles: from both ends of a piece of
+the loop to its middle, and so on for the two halves. Most triangles are as small as the steps of
+the loop, and boxes round pieces tell which of them are near a ball.
+
+Closing. How often a closed path goes round each handle is a vector of whole numbers, its turns. A
+loop is new when its turns are no sum of those of the loops before. To tell this for every link at
+once, turns are weighed by random numbers whose sums over all loops so far are 0: a loop that weighs
 something is new, and what each path weighs takes one number a ball, not one for each handle.
 """
 
@@ -15,11 +27,206 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from medialis.curves.graph.ground import BallLinks
-from medialis.curves.graph.handles import Handles
-from medialis.curves.graph.spanning import SpanningSurface
-from medialis.curves.graph.tree import GraphTree, pairs
-from medialis.model.polylines import follow
+from medialis.base.arrays import Described, Ragged, follow
+from medialis.base.threads import run_chunks
+from medialis.base.validation import FloatArray, frozen
+from medialis.curves.graph.ground import BallLinks, GraphTree, pairs
+from medialis.shape.shape import Shape
+from medialis.shape.solid_boundary import SolidBoundary, solid_boundary
+from medialis.shape.surface import piece_labels
+
+MOST_HANDLES = 2048
+
+JITTER = 1e-9
+"""Fraction of the diagonal by which points of loops move."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Handles(Described):
+    """Loops over one component of a surface.
+
+    Attributes
+    ----------
+    genus : int
+        Number of independent loops inside.
+    loops : list of (l,) int64
+        2 genus closed polylines: indices into `points`. None for more than 2048 handles, which
+        would take minutes.
+    points : (n, 3) float64
+        Those of the boundary of the solid, which are the vertices first; moved by 1e-9 of the size,
+        since centers of symmetric shapes lie in triangles that loops span.
+    seams, unclear : int
+        Where the surface touches itself, and where the solid is a guess (`SolidBoundary`).
+    """
+
+    genus: int
+    loops: list[NDArray[np.int64]]
+    points: FloatArray
+    seams: int = 0
+    unclear: int = 0
+
+
+def find_handles(shape: Shape) -> dict[int, Handles]:
+    """Find the loops over each component of a surface.
+
+    Parameters
+    ----------
+    shape : Shape
+        A mesh.
+
+    Returns
+    -------
+    dict
+        Handles of the solid (`solid_boundary`) by the number of the component
+        (`Shape.components`). What touches in a vertex or an edge is one component.
+    """
+    if shape.faces is None or shape.face_count == 0:
+        return {}
+    boundary = solid_boundary(shape)
+    parent, sides = _sides_left(boundary)
+    corners = np.ascontiguousarray(boundary.faces.ravel())
+    of_side = boundary.component[corners[sides]]
+    move = np.random.default_rng(0).uniform(-1, 1, boundary.points.shape)
+    points = frozen(boundary.points + JITTER * shape.diagonal * move, np.float64)
+    result = {}
+    for number in np.unique(shape.components[shape.faces[:, 0]]).tolist():
+        mine = sides[of_side == number]
+        usable = mine if len(mine) <= 2 * MOST_HANDLES else mine[:0]
+        loops = [_loop(corners, int(h), parent) for h in usable]
+        seams, unclear = int(boundary.seams[number]), int(boundary.unclear[number])
+        result[number] = Handles(len(mine) // 2, loops, points, seams, unclear)
+    return result
+
+
+def _sides_left(boundary: SolidBoundary) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Tree of vertices, by parents, and the sides that are in no tree of vertices nor of faces."""
+    from medialis.curves.graph._kernels import join_faces, steps_from
+
+    twins, n = boundary.twins, len(boundary.points)
+    a, b = boundary.faces.ravel(), np.roll(boundary.faces, -1, axis=1).ravel()
+    near, neighbours = Ragged.group(a, n), np.ascontiguousarray(b, np.int64)
+    steps, parent = np.full(n, -1, np.int64), np.full(n, -1, np.int64)
+    piece = piece_labels(n, np.stack([a, b], axis=1))
+    starts = np.unique(piece, return_index=True)[1]
+    steps_from(starts, near.offsets, neighbours[near.indices], np.empty(n, np.int64), steps, parent)
+    # Two edges may have the same ends: one of them is in the tree.
+    down = np.flatnonzero(parent[b] == a)
+    first = down[np.unique(b[down], return_index=True)[1]]
+    free = twins > np.arange(len(twins))
+    free[first] = free[twins[first]] = False
+    sides = np.flatnonzero(free)
+    longest_first = np.argsort(-(steps[a[sides]] + steps[b[sides]]), kind="stable")
+    sides = sides[longest_first]
+    left = np.zeros(len(sides), bool)
+    join_faces(sides, twins, np.arange(len(boundary.faces)), left)
+    return parent, sides[left]
+
+
+def _loop(corners: NDArray[np.int32], h: int, parent: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Side h and the paths of both its ends up the tree, as far as they differ."""
+    a, b = (follow(parent, int(corners[h])) for h in (h, h - 2 if h % 3 == 2 else h + 1))
+    while len(a) > 1 and len(b) > 1 and a[-2] == b[-2]:
+        a.pop()
+        b.pop()
+    loop = [*a, *b[-2::-1]]
+    return np.array([*loop, loop[0]], np.int64)
+
+
+BALLS_A_CHUNK = 4096
+
+SLACK = 1e-9
+"""Share of the largest coordinate by which boxes and planes are wider than they are: rounding."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class SpanningSurface(Described):
+    """Triangles whose border is a loop.
+
+    Attributes
+    ----------
+    points : (l, 3) float64
+        Those of the loop.
+    corners : (l - 1, 3) int64
+        Of each triangle, in the order of the loop; the first one has no area.
+    children : (l - 1, 2) int64
+        Triangles that lie at its first and second side, -1 for none.
+    boxes : (l - 1, 6) float64
+        Lowest and highest corner round a triangle and all below it.
+    planes : (l - 1, 4) float64
+        Unit normal and offset.
+    """
+
+    points: FloatArray
+    corners: NDArray[np.int64]
+    children: NDArray[np.int64]
+    boxes: FloatArray
+    planes: FloatArray
+
+    @classmethod
+    def of(cls, points: FloatArray) -> SpanningSurface:
+        """Span a loop of points (l, 3), each given once."""
+        from medialis.curves.graph._kernels import fill_boxes
+
+        spans, children = _halved(len(points))
+        corners = np.insert(spans, 1, spans.sum(axis=1) // 2, axis=1) % len(points)
+        boxes, planes = np.empty((len(spans), 6)), np.empty((len(spans), 4))
+        points = np.ascontiguousarray(points)
+        fill_boxes(points, corners, children, boxes, planes)
+        return cls(points, corners, children, boxes, planes)
+
+    @property
+    def bounds(self) -> FloatArray:
+        """The lowest and the highest corner of its box, (2, 3)."""
+        return np.stack([self.points.min(axis=0), self.points.max(axis=0)])
+
+    def count_crossings(
+        self, links: BallLinks, rows: NDArray[np.int64], reach: FloatArray, turns: NDArray[np.int64]
+    ) -> None:
+        """Count how often links cross the surface against its normals, into ``turns``.
+
+        Parameters
+        ----------
+        links : BallLinks
+            Only those between balls that overlap are followed.
+        rows : (r,) int
+            Balls.
+        reach : (k,) float64
+            Length of the longest such link of each ball.
+        turns : (links,) int64
+            Comes with 0.
+
+        Notes
+        -----
+        Cost: rows times the triangles near each, of which there are some tens at most as a rule.
+        """
+        from medialis.curves.graph._kernels import cross_links
+
+        slack = SLACK * float(np.abs(self.points).max(initial=0.0))
+
+        def work(begin: int, end: int) -> None:
+            cross_links(
+                begin, end, rows, reach, links.centers, links.radii, links.offsets,
+                links.neighbours, links.length, self.points, self.corners, self.children,
+                self.boxes, self.planes, slack, turns,
+            )  # fmt: skip
+
+        run_chunks(work, len(rows), BALLS_A_CHUNK)
+
+
+def _halved(count: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """First and last point of each piece of a loop of more than one step, and its two halves."""
+    level = np.array([[0, count]], np.int64)
+    spans, children, known = [], [], 0
+    while len(level):
+        middle = level.sum(axis=1) // 2
+        halves = np.stack([level[:, 0], middle, middle, level[:, 1]], axis=1).reshape(-1, 2)
+        whole = halves[:, 1] - halves[:, 0] > 1
+        number = known + len(level) + np.cumsum(whole) - 1
+        spans.append(level)
+        children.append(np.where(whole, number, -1).reshape(-1, 2))
+        known, level = known + len(level), halves[whole]
+    return np.concatenate(spans), np.concatenate(children)
+
 
 Index = NDArray[np.int64]
 
@@ -79,8 +286,7 @@ def link_turns(links: BallLinks, one: Handles, rows: Index) -> LinkTurns:
     rows : (r,) int
         Balls of the component.
     """
-    from medialis.curves.graph._crossing_kernels import take_turns
-    from medialis.curves.graph._growth_kernels import farthest_ends
+    from medialis.curves.graph._kernels import farthest_ends, take_turns
 
     reach, turns = np.zeros(len(links)), np.zeros(len(links.length), np.int64)
     farthest_ends(rows, links.radii, links.offsets, links.neighbours, links.length, reach)
@@ -118,7 +324,7 @@ def close_loops(graph: GraphTree, turns: LinkTurns, rows: Index, root: int, most
     (l, c) int64
         How often each loop goes round each handle, up to sums of loops: independent rows.
     """
-    from medialis.curves.graph._growth_kernels import cheapest_closing_link, weigh_paths
+    from medialis.curves.graph._kernels import cheapest_closing_link, weigh_paths
 
     links, random = graph.links, np.random.default_rng(0)
     net = (links.radii, links.offsets, links.neighbours, links.length)

@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from medialis.model.curve_skeleton import CurveSkeleton
-from medialis.model.polylines import places_along
-from medialis.options import Options, algorithm, length
-from medialis.progress import Progress
-from medialis.validation import FloatArray
+from medialis.base.arrays import places_along
+from medialis.base.options import Options, algorithm, length
+from medialis.base.progress import Progress
+from medialis.base.validation import FloatArray
+from medialis.curves.curve_skeleton import CurveSkeleton
 
 INSIDE = 0.9
 """Share of its radius by which a branch may move away from a node."""

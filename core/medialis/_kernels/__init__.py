@@ -1,1 +1,0 @@
-"""Numba kernels that several stages share. Only kernel modules import numba."""

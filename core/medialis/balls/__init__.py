@@ -1,1 +1,0 @@
-"""Maximal balls: shrinking, thin walls, subsampling (thesis 3.2)."""

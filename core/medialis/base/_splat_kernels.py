@@ -1,0 +1,338 @@
+"""Kernels of thesis 3.4: z-buffered balls (exact sphere depth at each pixel) and triangles.
+
+Strategy. Everything is in view space: x right, y up, z the distance along the viewing axis. The
+image is cut into horizontal bands; `fill_bins` lists for each band the primitives that touch it, in
+ascending order, and a band is drawn by one call that writes only its own rows. So there are no
+races, and because a pixel changes only for a strictly smaller depth, ties go to the lowest index
+whatever the number of threads.
+
+`lens` is (pixels per unit, center column, center row, focal length in pixels or 0 for orthographic,
+near plane, sign): sign +1 keeps the nearest surface, -1 the furthest. The depth buffer holds
+sign * z while drawing, with +inf for nothing. Pixel (row, col) has its center at (col + 0.5,
+row + 0.5).
+"""
+
+import math
+
+from medialis.base.jit import kernel
+
+
+@kernel
+def fill_bins(first, last, cursor, out_items):
+    """List item i in the bins first[i]..last[i]; `cursor` holds each bin's next free slot."""
+    for i in range(len(first)):
+        for b in range(first[i], last[i] + 1):
+            out_items[cursor[b]] = i
+            cursor[b] += 1
+
+
+@kernel
+def pixel_of(position):
+    """Return the pixel that holds a position; -1 and 10^6 stand for all that is far outside."""
+    return math.floor(min(max(position, -1.0), 1e6))
+
+
+@kernel
+def pixel_range(low, high, begin, end):
+    """Return first and last pixel of begin..end whose center is in low..high.
+
+    The clamp comes before the rounding: 1e300 has no integer.
+    """
+    first = math.ceil(min(max(low - 0.5, float(begin)), float(end)))
+    last = math.floor(max(min(high - 0.5, end - 1.0), begin - 1.0))
+    return first, last
+
+
+@kernel
+def splat_balls(items, view, radii, boxes, lens, begin, end, out_depth, out_index):
+    """Draw the balls `items` into rows begin..end; boxes (k, 4) = first, last row, first, last col.
+
+    The boxes lie within the image.
+    """
+    for i in items:
+        row0, row1 = max(boxes[i, 0], begin), min(boxes[i, 1], end - 1)
+        if lens[3] > 0:
+            _perspective_ball(i, view, radii[i], row0, row1, boxes, lens, out_depth, out_index)
+        else:
+            _orthographic_ball(i, view, radii[i], row0, row1, boxes, lens, out_depth, out_index)
+
+
+@kernel
+def _orthographic_ball(i, view, radius, row0, row1, boxes, lens, out_depth, out_index):
+    # Depth at the offset (dx, dy) from the center: z - sqrt(r^2 - dx^2 - dy^2). It wins over the
+    # depth d when z < d or when the root exceeds z - d, which mostly spares the square root.
+    scale = lens[0]
+    unit = 1.0 / scale
+    x, y = lens[1] + scale * view[i, 0], lens[2] - scale * view[i, 1]
+    key = lens[5] * view[i, 2]
+    center_row, center_col = pixel_of(y), pixel_of(x)
+    for row in range(row0, row1 + 1):
+        dy = (row + 0.5 - y) * unit
+        chord = radius * radius - dy * dy
+        half = math.sqrt(max(chord, 0.0)) * scale
+        col0, col1 = pixel_range(x - half, x + half, boxes[i, 2], boxes[i, 3] + 1)
+        if row == center_row and boxes[i, 2] <= center_col <= boxes[i, 3]:
+            # A ball between pixel centers still covers the pixel that it lies in.
+            col0, col1 = min(col0, center_col), max(col1, center_col)
+        for col in range(col0, col1 + 1):
+            dx = (col + 0.5 - x) * unit
+            q = chord - dx * dx
+            if q < 0:
+                if row != center_row or col != center_col:
+                    continue
+                q = 0.0
+            gap = key - out_depth[row, col]
+            if gap < 0 or q > gap * gap:
+                depth = key - math.sqrt(q)
+                if depth < out_depth[row, col]:
+                    out_depth[row, col] = depth
+                    out_index[row, col] = i
+
+
+@kernel
+def _perspective_ball(i, view, radius, row0, row1, boxes, lens, out_depth, out_index):
+    # The ray of a pixel is t (u, v, 1); it meets the sphere where |t d - c|^2 = r^2, that is
+    # t = (d.c -+ sqrt(d.d r^2 - |c x d|^2)) / d.d. The cross product avoids the cancellation of
+    # (d.c)^2 - d.d (c.c - r^2) for small balls far away.
+    x, y, z = view[i, 0], view[i, 1], view[i, 2]
+    focal, near, sign = lens[3], lens[4], lens[5]
+    center_row, center_col = -1, -1
+    if z > near:
+        center_row = pixel_of(lens[2] - focal * y / z)
+        center_col = pixel_of(lens[1] + focal * x / z)
+    unit = 1.0 / focal
+    whole = z - radius >= near
+    for row in range(row0, row1 + 1):
+        v = (lens[2] - row - 0.5) * unit
+        a = y - z * v
+        rest = a * a
+        for col in range(boxes[i, 2], boxes[i, 3] + 1):
+            u = (col + 0.5 - lens[1]) * unit
+            b = z * u - x
+            c = x * v - y * u
+            dd = u * u + v * v + 1.0
+            q = dd * radius * radius - (rest + b * b + c * c)
+            if q < 0:
+                if row != center_row or col != center_col:
+                    continue
+                q = 0.0
+            along = u * x + v * y + z
+            if whole:  # most pixels are hidden: know it without a root and a division
+                gap = sign * along - out_depth[row, col] * dd
+                if gap >= 0 and q <= gap * gap:
+                    continue
+            root = math.sqrt(q)
+            t = (along - sign * root) / dd
+            if t < near:  # the eye is inside the ball: its far side
+                t = (along + root) / dd
+                if t < near:
+                    continue
+            if sign * t < out_depth[row, col]:
+                out_depth[row, col] = sign * t
+                out_index[row, col] = i
+
+
+@kernel
+def edge(ax, ay, bx, by):
+    """Return origin, direction and tie flag of the edge a -> b with the triangle at its left.
+
+    The side of p is dx (py - oy) - dy (px - ox). The origin is the same end whichever triangle asks
+    and b - a is exactly -(a - b), so two triangles that share the edge get opposite numbers, bit
+    for bit; a zero belongs to the one whose tie flag is set. Hence no gaps and no double hits.
+    """
+    dx, dy = bx - ax, by - ay
+    closed = dy > 0 or (dy == 0 and dx < 0)
+    if bx < ax or (bx == ax and by < ay):
+        return bx, by, dx, dy, closed
+    return ax, ay, dx, dy, closed
+
+
+@kernel
+def covers(e0, e1, e2, closed0, closed1, closed2):
+    """Tell whether a pixel with these sides of the three edges belongs to the triangle (`edge`)."""
+    if e0 < 0 or e1 < 0 or e2 < 0:
+        return False
+    tie = (e0 == 0 and not closed0) or (e1 == 0 and not closed1) or (e2 == 0 and not closed2)
+    return not tie
+
+
+@kernel
+def orient(corners, screen):
+    """Return the corners of a triangle in the order of positive area, and twice that area."""
+    a, b, c = corners[0], corners[1], corners[2]
+    area = (screen[b, 0] - screen[a, 0]) * (screen[c, 1] - screen[a, 1]) - (
+        screen[b, 1] - screen[a, 1]
+    ) * (screen[c, 0] - screen[a, 0])
+    if area < 0:
+        return a, c, b, -area
+    return a, b, c, area
+
+
+@kernel
+def triangle_rows(screen, corners, height, width, out_first, out_last):
+    """First and last row of the pixels whose centers a triangle may cover; 1 and 0 for none."""
+    for i in range(len(corners)):
+        a, b, c = screen[corners[i, 0]], screen[corners[i, 1]], screen[corners[i, 2]]
+        col0, col1 = pixel_range(min(a[0], b[0], c[0]), max(a[0], b[0], c[0]), 0, width)
+        row0, row1 = pixel_range(min(a[1], b[1], c[1]), max(a[1], b[1], c[1]), 0, height)
+        none = col0 > col1 or row0 > row1
+        out_first[i], out_last[i] = (1, 0) if none else (row0, row1)
+
+
+@kernel
+def draw_triangles(
+    items, screen, corners, names, lens, begin, end, glass, mesh, out_depth, out_index, out_glass
+):
+    """Draw the triangles `items` into rows begin..end, by the rule that counts pixel centers.
+
+    screen (n, 3) holds column, row, and z (orthographic) or 1/z (perspective), which is linear on
+    the screen. Triangle i is known as names[i]. With `glass`, nothing hides: the optical density of
+    each layer in front of `out_depth` is added to `out_glass` (h, w, 4) by `add_layer`.
+    """
+    width = out_depth.shape[1]
+    for i in items:
+        a, b, c, area = orient(corners[i], screen)
+        if not area > 0:
+            continue
+        xa, ya, xb, yb = screen[a, 0], screen[a, 1], screen[b, 0], screen[b, 1]
+        xc, yc = screen[c, 0], screen[c, 1]
+        col0, col1 = pixel_range(min(xa, xb, xc), max(xa, xb, xc), 0, width)
+        row0, row1 = pixel_range(min(ya, yb, yc), max(ya, yb, yc), begin, end)
+        if col0 > col1 or row0 > row1:
+            continue
+        ox0, oy0, dx0, dy0, closed0 = edge(xb, yb, xc, yc)
+        ox1, oy1, dx1, dy1, closed1 = edge(xc, yc, xa, ya)
+        ox2, oy2, dx2, dy2, closed2 = edge(xa, ya, xb, yb)
+        wa, wb, wc = screen[a, 2], screen[b, 2], screen[c, 2]
+        low, high = min(wa, wb, wc), max(wa, wb, wc)
+        for row in range(row0, row1 + 1):
+            s0, s1, s2 = (
+                dx0 * (row + 0.5 - oy0),
+                dx1 * (row + 0.5 - oy1),
+                dx2 * (row + 0.5 - oy2),
+            )
+            for col in range(col0, col1 + 1):
+                e0 = s0 - dy0 * (col + 0.5 - ox0)
+                e1 = s1 - dy1 * (col + 0.5 - ox1)
+                e2 = s2 - dy2 * (col + 0.5 - ox2)
+                if not covers(e0, e1, e2, closed0, closed1, closed2):
+                    continue
+                w = min(max((e0 * wa + e1 * wb + e2 * wc) / area, low), high)
+                depth = lens[5] / w if lens[3] > 0 else lens[5] * w
+                if depth < out_depth[row, col]:
+                    if glass:
+                        add_layer(row, col, depth, names[i], lens, mesh, out_glass)
+                    else:
+                        out_depth[row, col] = depth
+                        out_index[row, col] = names[i]
+
+
+@kernel
+def hit_point(row, col, depth, lens):
+    """Return the view-space point at a pixel's center and depth."""
+    if lens[3] > 0:
+        return (
+            depth * (col + 0.5 - lens[1]) / lens[3],
+            depth * (lens[2] - row - 0.5) / lens[3],
+            depth,
+        )
+    return (col + 0.5 - lens[1]) / lens[0], (lens[2] - row - 0.5) / lens[0], depth
+
+
+@kernel
+def weights(px, py, pz, a, b, c):
+    """Return the barycentric coordinates of p in the triangle a, b, c, clipped to it."""
+    ux, uy, uz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
+    vx, vy, vz = c[0] - a[0], c[1] - a[1], c[2] - a[2]
+    wx, wy, wz = px - a[0], py - a[1], pz - a[2]
+    uu, uv, vv = (
+        ux * ux + uy * uy + uz * uz,
+        ux * vx + uy * vy + uz * vz,
+        vx * vx + vy * vy + vz * vz,
+    )
+    wu, wv = wx * ux + wy * uy + wz * uz, wx * vx + wy * vy + wz * vz
+    det = uu * vv - uv * uv
+    if not det > 0:
+        return 1.0, 0.0, 0.0
+    s = min(max((vv * wu - uv * wv) / det, 0.0), 1.0)
+    t = min(max((uu * wv - uv * wu) / det, 0.0), 1.0 - s)
+    return 1.0 - s - t, s, t
+
+
+@kernel
+def facing(nx, ny, nz, px, py, pz, perspective):
+    """Return the unit normal turned to the viewer, and the cosine of its angle to the viewer."""
+    vx, vy, vz = 0.0, 0.0, -1.0
+    if perspective:
+        far = math.sqrt(px * px + py * py + pz * pz)
+        vx, vy, vz = -px / far, -py / far, -pz / far
+    length = math.sqrt(nx * nx + ny * ny + nz * nz)
+    if not length > 0:
+        return vx, vy, vz, 1.0
+    cosine = (nx * vx + ny * vy + nz * vz) / length
+    if cosine < 0:
+        length, cosine = -length, -cosine
+    return nx / length, ny / length, nz / length, cosine
+
+
+@kernel
+def triangle_hit(face, px, py, pz, perspective, mesh):
+    """Return facing normal, cosine and base color where the point p lies in a triangle.
+
+    mesh = (points (n, 3) in view space, faces (m, 3), corner normals (m, 3, 3), corner colors
+    (m, 3, 3), density of a see-through face (m,)).
+    """
+    points, faces, normals, colors, _ = mesh
+    a, b, c = faces[face, 0], faces[face, 1], faces[face, 2]
+    s, t, u = weights(px, py, pz, points[a], points[b], points[c])
+    n, k = normals[face], colors[face]
+    nx, ny, nz, cosine = facing(
+        s * n[0, 0] + t * n[1, 0] + u * n[2, 0],
+        s * n[0, 1] + t * n[1, 1] + u * n[2, 1],
+        s * n[0, 2] + t * n[1, 2] + u * n[2, 2],
+        px,
+        py,
+        pz,
+        perspective,
+    )
+    red = s * k[0, 0] + t * k[1, 0] + u * k[2, 0]
+    green = s * k[0, 1] + t * k[1, 1] + u * k[2, 1]
+    blue = s * k[0, 2] + t * k[1, 2] + u * k[2, 2]
+    return nx, ny, nz, cosine, red, green, blue
+
+
+@kernel
+def add_layer(row, col, depth, face, lens, mesh, out_glass):
+    """Add one see-through layer: light passes as exp(-density), more density at silhouettes.
+
+    Densities add up, so the order of the layers does not matter. Lighting is a gentle headlight.
+    """
+    px, py, pz = hit_point(row, col, depth, lens)
+    _, ny, _, cosine, red, green, blue = triangle_hit(face, px, py, pz, lens[3] > 0, mesh)
+    rim = 1.0 - cosine
+    density = mesh[4][face] * (1.0 + 9.0 * rim * rim * rim)
+    light = density * (0.45 + 0.45 * cosine + 0.1 * ny)
+    out_glass[row, col, 0] += light * red
+    out_glass[row, col, 1] += light * green
+    out_glass[row, col, 2] += light * blue
+    out_glass[row, col, 3] += density
+
+
+@kernel
+def surface_normals(depth, index, lens, begin, end, view, radii, mesh, out_normals):
+    """Write the view-space normal, turned to the viewer, of each pixel in rows begin..end."""
+    balls = len(radii)
+    for row in range(begin, end):
+        for col in range(depth.shape[1]):
+            i = index[row, col]
+            if i < 0:
+                continue
+            px, py, pz = hit_point(row, col, depth[row, col], lens)
+            if i < balls:
+                nx, ny, nz, _ = facing(
+                    px - view[i, 0], py - view[i, 1], pz - view[i, 2], px, py, pz, lens[3] > 0
+                )
+            else:
+                nx, ny, nz, _, _, _, _ = triangle_hit(i - balls, px, py, pz, lens[3] > 0, mesh)
+            out_normals[row, col, 0], out_normals[row, col, 1] = nx, ny
+            out_normals[row, col, 2] = nz

@@ -1,0 +1,370 @@
+"""A bounding tree over samples, and what is found by it: nearest balls, triangles and neighbours.
+
+Ball shrinking walks the tree (thesis 3.2); `NearestTree` finds the nearest of many balls or
+triangles exactly, `nearest_others` the nearest points of a set to each of its points.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from medialis.base._box_tree_kernels import (
+    BOUND_ROWS,
+    FAN,
+    LEAF,
+    bound_nodes,
+    fill_leaves,
+    split_nodes,
+)
+from medialis.base.errors import InvalidShapeError
+from medialis.base.progress import Progress
+from medialis.base.threads import run_chunks, run_patiently
+from medialis.base.validation import FloatArray, IntArray, as_field, as_points
+
+SERIAL_LEVELS = 3  # the top levels are split one by one; below, 8 subtrees go to the threads
+NODES_A_CHUNK = 64
+LEAVES_A_CHUNK = 1024
+ROWS_A_BLOCK = 1 << 20  # what is copied at a time, so that mapped input needs no second copy
+
+Allocate = Callable[[str, tuple[int, ...], Any], NDArray[Any]]
+
+
+def _in_memory(name: str, shape: tuple[int, ...], dtype: Any) -> NDArray[Any]:
+    return np.empty(shape, dtype)
+
+
+@dataclass(frozen=True, eq=False)
+class BoxTree:
+    """Samples in tree order with a box and a slab for every node.
+
+    Coordinates are relative to `center`, so that float32 bounds are good to 1e-7 of the diagonal
+    wherever the shape lies.
+
+    Attributes
+    ----------
+    center : (3,) float64
+        Middle of the bounding box, subtracted from all coordinates below.
+    points, normals : (n, 3) float64
+        Samples in tree order.
+    order : (n,) int32
+        Original index of each sample in tree order.
+    blocks : (leaves, 3, LEAF) float64
+        Leaf coordinates side by side; a short leaf repeats its last sample.
+    bounds : (nodes, 11, 8) float32
+        For the 8 children of a node: box low, box high, slab direction, slab low, slab high. A slab
+        is the range of offsets of the samples along their mean normal: thinner than the box where
+        the surface is nearly flat. Unused children have an empty box.
+    child : (nodes,) int64
+        First child: a node number, or ~leaf where the children are leaves.
+    depth : int
+        Binary levels: leaf j covers samples (n*j >> depth) .. (n*(j+1) >> depth).
+    """
+
+    center: NDArray[np.float64]
+    points: NDArray[np.float64]
+    normals: NDArray[np.float64]
+    order: NDArray[np.int32]
+    blocks: NDArray[np.float64]
+    bounds: NDArray[np.float32]
+    child: NDArray[np.int64]
+    depth: int
+
+    @cached_property
+    def place(self) -> NDArray[np.int32]:
+        """Where each sample lies in tree order, (n,)."""
+        place = np.empty(len(self.order), np.int32)
+        place[self.order] = np.arange(len(place), dtype=np.int32)
+        return place
+
+
+def build_box_tree(
+    points: NDArray[np.float64],
+    normals: NDArray[np.float64],
+    *,
+    unit: float = 1.0,
+    allocate: Allocate = _in_memory,
+) -> BoxTree:
+    """Build the tree; deterministic, O(n log n), parallel below the top levels.
+
+    Parameters
+    ----------
+    points, normals : (n, 3) float64
+    unit : float
+        A power of two that coordinates are divided by, which changes no digit.
+    allocate : callable
+        Gives an array for (name, shape, dtype): in memory, or mapped from a file.
+    """
+    n = len(points)
+    center = 0.5 * (points.min(axis=0) / unit + points.max(axis=0) / unit)
+    rows = allocate("rows", (n, 4), np.float64)
+    for begin in range(0, n, ROWS_A_BLOCK):
+        here = slice(begin, begin + ROWS_A_BLOCK)
+        np.subtract(points[here] / unit, center, out=rows[here, :3])
+        rows[here, 3] = np.arange(begin, begin + len(rows[here]))
+    depth = max(0, int(np.ceil(np.log2(n / LEAF)))) if n > LEAF else 0
+    while -(-n // (1 << depth)) > LEAF:
+        depth += 1
+
+    top = min(SERIAL_LEVELS, depth)
+    for level in range(top):
+        run_chunks(lambda a, b, lv=level: split_nodes(rows, lv, lv + 1, a, b), 1 << level, 1)
+    run_chunks(lambda a, b: split_nodes(rows, top, depth, a, b), 1 << top, 1)
+
+    leaves = 1 << depth
+    tree_points = allocate("points", (n, 3), np.float64)
+    tree_normals = allocate("normals", (n, 3), np.float64)
+    order = allocate("order", (n,), np.int32)
+    blocks = allocate("blocks", (leaves, 3, LEAF), np.float64)
+    run_chunks(
+        lambda a, b: fill_leaves(
+            rows, normals, depth, a, b, tree_points, tree_normals, order, blocks
+        ),
+        leaves,
+        LEAVES_A_CHUNK,
+    )
+
+    # Wide levels: the root takes what is left over when the depth is no multiple of 3.
+    root_bits = depth % 3 if depth % 3 or depth == 0 else 3
+    child_depths = list(range(root_bits, depth + 1, 3))
+    counts = [1] + [1 << d for d in child_depths[:-1]]
+    first = np.concatenate([[0], np.cumsum(counts)])
+    bounds = allocate("bounds", (int(first[-1]), BOUND_ROWS, FAN), np.float32)
+    bounds[:, :3], bounds[:, 9:] = np.inf, np.inf
+    bounds[:, 3:6] = -np.inf
+    bounds[:, 6:9] = 0.0
+    child = allocate("child", (int(first[-1]),), np.int64)
+    for level, (count, child_depth) in enumerate(zip(counts, child_depths, strict=True)):
+        begin, fan = int(first[level]), 1 << (root_bits if level == 0 else 3)
+        here = slice(begin, begin + count)
+        last = level == len(counts) - 1
+        children = fan * np.arange(count)
+        child[here] = ~children if last else int(first[level + 1]) + children
+        run_chunks(
+            lambda a, b, d=child_depth, f=fan, s=here: bound_nodes(
+                tree_points, tree_normals, d, f, a, b, bounds[s]
+            ),
+            count,
+            NODES_A_CHUNK,
+        )
+    return BoxTree(center, tree_points, tree_normals, order, blocks, bounds, child, depth)
+
+
+def wide_levels(nodes: int, depth: int) -> list[tuple[slice, int, int]]:
+    """Return nodes of each wide level, the binary level of their children, and children each."""
+    bits = depth % 3 if depth % 3 or depth == 0 else 3
+    result, first, count, child_depth, fan = [], 0, 1, bits, 1 << bits
+    while first < nodes:
+        result.append((slice(first, first + count), child_depth, fan))
+        first, count = first + count, 1 << child_depth
+        child_depth, fan = child_depth + 3, 8
+    return result
+
+
+QUERIES_A_CHUNK = 512
+
+
+@dataclass(frozen=True, eq=False)
+class NearestTree:
+    """A box tree over the centers of k balls, or of balls round k triangles.
+
+    Attributes
+    ----------
+    tree : BoxTree
+    radii : (k,) float64
+        In tree order.
+    largest : (nodes, 8) float64
+        Largest radius below each child of a tree of balls; boxes of triangles hold them whole: 0.
+    corners : (k, 3, 3) or (0, 3, 3) float64
+        Corners of triangles in tree order, relative to the tree's center.
+    """
+
+    tree: BoxTree
+    radii: FloatArray
+    largest: FloatArray
+    corners: FloatArray
+
+    @classmethod
+    def of_balls(cls, centers: ArrayLike, radii: ArrayLike) -> NearestTree:
+        """Build the tree of balls.
+
+        Raises
+        ------
+        InvalidShapeError
+            For arrays of a wrong shape, no ball, or a radius that is negative or not finite.
+        """
+        middles = as_points(centers, "centers")
+        sizes = as_field(radii, len(middles), "radii")
+        if not np.isfinite(sizes).all() or (sizes < 0).any():
+            raise InvalidShapeError("radii must be finite and not negative.")
+        return cls._of(middles, sizes, np.empty((0, 3, 3)))
+
+    @classmethod
+    def of_triangles(cls, points: FloatArray, faces: IntArray) -> NearestTree:
+        """Build the tree of the triangles of a mesh."""
+        corners = points[faces]
+        middles = corners.mean(axis=1)
+        sizes = np.linalg.norm(corners - middles[:, None], axis=2).max(axis=1)
+        return cls._of(middles, sizes, corners)
+
+    @classmethod
+    def _of(cls, middles: FloatArray, sizes: FloatArray, corners: FloatArray) -> NearestTree:
+        from medialis.base._box_tree_kernels import largest_radii
+
+        tree = build_box_tree(middles, np.zeros_like(middles))
+        ordered = sizes[tree.order]
+        largest = np.zeros((len(tree.child), tree.bounds.shape[2]))
+        for nodes, child_depth, fan in wide_levels(len(tree.child), tree.depth):
+            count = nodes.stop - nodes.start
+            if len(corners):
+                _bound_corners(tree, corners, nodes, child_depth, fan)
+                continue
+            largest_radii(ordered, child_depth, fan, 0, count, largest[nodes])
+        placed = corners[tree.order] - tree.center if len(corners) else corners
+        return cls(tree, ordered, largest, placed)
+
+    def distances(
+        self,
+        queries: FloatArray,
+        *,
+        enough: float = -np.inf,
+    ) -> tuple[FloatArray, IntArray]:
+        """Return the distance of points to the nearest item, and its row.
+
+        Parameters
+        ----------
+        queries : (q, 3) float
+        enough : float
+            The search of a point ends at the first item that is nearer than this.
+
+        Returns
+        -------
+        distance : (q,) float64
+            To balls |x - c| - r, negative inside; to triangles >= 0.
+        row : (q,) int32
+            Ties go either way, but always the same way. (inf, any row) where nothing counts.
+
+        Notes
+        -----
+        Cost: about O(log k) a point near the items; more far inside a hollow shape, where many
+        items are equally far.
+        """
+        from medialis.base._box_tree_kernels import nearest_item
+
+        points, tree = as_points(queries, "queries"), self.tree
+        # Bounds are float32 of coordinates relative to the middle: good to 1e-7 of their size,
+        # twice.
+        shifted = points - tree.center
+        reach = float(np.abs(tree.points).max(initial=0.0) + np.abs(shifted).max())
+        distance, row = np.empty(len(points)), np.empty(len(points), np.int64)
+
+        def work(begin: int, end: int) -> None:
+            nearest_item(
+                begin, end, shifted, tree.points, self.radii, self.corners,
+                tree.bounds, tree.child, self.largest, tree.depth, 4e-7 * reach, enough, distance,
+                row,
+            )  # fmt: skip
+
+        run_chunks(work, len(points), QUERIES_A_CHUNK)
+        return distance, tree.order[row]
+
+
+def nearest_on_triangles(queries: FloatArray, corners: FloatArray) -> FloatArray:
+    """Return the barycentric coordinates of the place of one triangle nearest to each point.
+
+    Parameters
+    ----------
+    queries : (q, 3) float64
+    corners : (q, 3, 3) float64
+
+    Returns
+    -------
+    (q, 3) float64
+        Not negative, sum 1; exactly 0 for the corners that an edge or a corner does not have.
+    """
+    from medialis.base._box_tree_kernels import nearest_places
+
+    places = np.empty((len(queries), 2))
+    nearest_places(queries, corners, places)
+    first = np.where(places.sum(axis=1) >= 1.0, 0.0, 1.0 - places.sum(axis=1))
+    return np.column_stack([first, places])
+
+
+def _bound_corners(
+    tree: BoxTree, corners: FloatArray, nodes: slice, child_depth: int, fan: int
+) -> None:
+    """Let the boxes of some nodes hold whole triangles, in place of their middles.
+
+    Far from a flat surface, boxes of middles that are widened by the size of triangles leave
+    thousands of triangles that may be the nearest.
+    """
+    n, count = len(corners), nodes.stop - nodes.start
+    first = (n * np.arange(count * fan)) >> child_depth
+    placed = corners[tree.order] - tree.center
+    for rows, ufunc, ends in (
+        (slice(0, 3), np.minimum, placed.min(axis=1)),
+        (slice(3, 6), np.maximum, placed.max(axis=1)),
+    ):
+        boxes = ufunc.reduceat(ends, first, axis=0).reshape(count, fan, 3)
+        tree.bounds[nodes, rows, :fan] = boxes.transpose(0, 2, 1)
+
+
+NEIGHBOUR_LEAVES_A_CHUNK = 128
+
+
+def nearest_others(
+    points: NDArray[np.float64], count: int, progress: Progress | None = None
+) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
+    """Find the nearest other points of each point: indices and distances, nearest first.
+
+    Parameters
+    ----------
+    points : (n, 3) float64
+    count : int
+    progress : Progress, optional
+
+    Returns
+    -------
+    (n, count) int32
+        Equally near ones in either order. With fewer than count + 1 points there are fewer columns.
+    (n, count) float64
+
+    Notes
+    -----
+    Cost O(n log n); a third of a kd-tree of scipy for 10 neighbours.
+
+    Examples
+    --------
+    >>> near, distance = nearest_others(np.array([[0.0, 0, 0], [1, 0, 0], [3, 0, 0]]), 1)
+    >>> near.ravel().tolist(), distance.ravel().tolist()
+    ([1, 0, 1], [1.0, 1.0, 2.0])
+    """
+    from medialis.base._box_tree_kernels import nearest_in_tree
+
+    still = Progress() if progress is None else progress
+    n, columns = len(points), max(min(count, len(points) - 1), 0)
+    near, distance = np.empty((n, columns), np.int32), np.empty((n, columns))
+    if columns == 0:
+        return near, distance
+    tree = run_patiently(
+        lambda: build_box_tree(points, np.zeros_like(points), allocate=_exactly), still
+    )
+
+    def work(begin: int, end: int) -> None:
+        nearest_in_tree(
+            begin, end, tree.points, tree.order, tree.blocks, tree.bounds, tree.child, tree.depth,
+            distance, near,
+        )  # fmt: skip
+
+    run_chunks(work, len(tree.blocks), NEIGHBOUR_LEAVES_A_CHUNK, progress=progress)
+    return near, distance
+
+
+def _exactly(name: str, shape: tuple[int, ...], dtype: Any) -> NDArray[Any]:
+    """Give an array; bounds in double precision, for points closer than single can tell."""
+    return np.empty(shape, np.float64 if name == "bounds" else dtype)

@@ -1,0 +1,384 @@
+"""Options of algorithms: each is said once, and all else follows from it.
+
+An algorithm has a frozen class of options. A field says name, type, unit, range, default, label and
+help of one option; the checks, the Python signature, the command line, the hosts and the pages of
+parameters are derived from it:
+
+    @dataclass(frozen=True, kw_only=True)
+    class SmoothOptions(Options):
+        strength: float = number(0.7, "Strength", "Bends shorter than this are smoothed.", high=10)
+
+    @algorithm(SmoothOptions)
+    def smooth(cloud: MedialCloud, options: SmoothOptions, progress: Progress) -> MedialCloud:
+        ...
+
+    smooth(cloud, strength=0.5)              # keywords, completed by editors and known to mypy
+    smooth.of(cloud, options, progress)      # with options of an operation, by their names
+
+Units are the same everywhere: lengths are fractions of the bounding-box diagonal, angles degrees.
+A length may be given as text or with a unit ("1mm", "0.5%"; see `medialis.base.units`):
+options hold it as it was given until they meet the data (`Options.measured`).
+"""
+
+from __future__ import annotations
+
+import functools
+import inspect
+import os
+import re
+import textwrap
+from collections.abc import Callable
+from dataclasses import dataclass, field, fields, replace
+from enum import StrEnum
+from typing import Any, Generic, ParamSpec, Protocol, Self, TypeVar, cast, overload
+
+from medialis.base.errors import InvalidOptionError
+from medialis.base.kept import kept
+from medialis.base.progress import Progress, ProgressCallback
+from medialis.base.units import Length, Size, as_length
+from medialis.base.validation import as_choice, as_number, as_whole_number
+
+
+class Kind(StrEnum):
+    """Type of an option; hosts choose the widget by it."""
+
+    FLOAT = "float"
+    INT = "int"
+    BOOL = "bool"
+    CHOICE = "choice"
+    LENGTH = "length"
+    """Fraction of the bounding-box diagonal; hosts show per cent."""
+    ANGLE = "angle"
+    """Degrees."""
+    FILE = "file"
+    """Path of a file to read; empty: none."""
+
+
+NUMBERS = (Kind.FLOAT, Kind.INT, Kind.LENGTH, Kind.ANGLE)
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """What is known of one option.
+
+    Attributes
+    ----------
+    name : str
+        Python keyword; the command line writes it with dashes.
+    kind : Kind
+    default : float, int, bool or str
+    label, help : str
+        For people; the help is one or two sentences.
+    low, high : float
+        Range of numbers, both included.
+    choices : tuple of str
+        Values of a CHOICE.
+    advanced : bool
+        Hosts fold it away.
+    selection : str
+        What hosts may write of selected vertices into a FILE: "pair" (two, in one line),
+        "each" (one a line), or nothing.
+    layer : str
+        Layer of the result that hosts may write into a FILE as their user has edited it.
+    """
+
+    name: str
+    kind: Kind
+    default: Any
+    label: str
+    help: str
+    low: float = 0.0
+    high: float = 1.0
+    choices: tuple[str, ...] = ()
+    advanced: bool = False
+    selection: str = ""
+    layer: str = ""
+
+    def type_text(self) -> str:
+        """Return type and default as docstrings tell them."""
+        if self.kind is Kind.CHOICE:
+            return "{" + ", ".join(f'"{word}"' for word in self.choices) + "}"
+        names = {
+            Kind.LENGTH: 'float (fraction of the diagonal) or text such as "1mm", "0.5%"',
+            Kind.ANGLE: "float, degrees",
+            Kind.FILE: "path",
+        }
+        return f"{names.get(self.kind, self.kind.value)}, default {self.default!r}"
+
+    def sentence(self) -> str:
+        """Return help and range as docstrings tell them."""
+        if self.kind in (Kind.CHOICE, Kind.BOOL, Kind.FILE):
+            return self.help
+        return f"{self.help} {self.low:g} to {self.high:g}."
+
+    def check(self, value: Any) -> Any:
+        """Return the value in its proper type.
+
+        Raises
+        ------
+        InvalidOptionError
+            When it is of another type or out of range.
+        """
+        if self.kind is Kind.CHOICE:
+            return as_choice(value, self.name, self.choices)
+        if self.kind is Kind.FILE:
+            if not isinstance(value, str | os.PathLike):
+                raise InvalidOptionError(f"{self.name} must be the path of a file, got {value!r}.")
+            return os.fspath(value)
+        if self.kind is Kind.BOOL:
+            if not isinstance(value, bool):
+                raise InvalidOptionError(f"{self.name} must be True or False, got {value!r}.")
+            return value
+        if self.kind is Kind.INT:
+            return as_whole_number(value, self.name, low=int(self.low), high=int(self.high))
+        if self.kind is Kind.LENGTH and isinstance(value, str | Length):
+            return as_length(value, self.name, self.low, self.high)
+        if self.kind is Kind.LENGTH and type(value) in (int, float) and value > self.high:
+            return as_length(f"{value:g}", self.name, self.low, self.high)  # says what to write
+        return as_number(value, self.name, low=self.low, high=self.high)
+
+
+def _option(kind: Kind, default: Any, label: str, help: str, **about: Any) -> Any:
+    known = Parameter("", kind, default, label, help, **about)
+    return field(default=default, metadata={"parameter": known})
+
+
+def number(default: float, label: str, help: str, **about: Any) -> Any:
+    """Declare a number without a unit; `about`: low, high, advanced (see `Parameter`)."""
+    return _option(Kind.FLOAT, default, label, help, **about)
+
+
+def whole(default: int, label: str, help: str, **about: Any) -> Any:
+    """Declare a whole number."""
+    return _option(Kind.INT, default, label, help, **about)
+
+
+def length(default: float, label: str, help: str, **about: Any) -> Any:
+    """Declare a length: a fraction of the bounding-box diagonal."""
+    return _option(Kind.LENGTH, default, label, help, **about)
+
+
+def angle(default: float, label: str, help: str, **about: Any) -> Any:
+    """Declare an angle in degrees."""
+    return _option(Kind.ANGLE, default, label, help, **{"high": 180.0, **about})
+
+
+def flag(default: bool, label: str, help: str, **about: Any) -> Any:
+    """Declare a choice between yes and no."""
+    return _option(Kind.BOOL, default, label, help, **about)
+
+
+def choice(default: str, label: str, help: str, choices: tuple[str, ...], **about: Any) -> Any:
+    """Declare a choice between words."""
+    return _option(Kind.CHOICE, default, label, help, choices=choices, **about)
+
+
+def file(label: str, help: str, **about: Any) -> Any:
+    """Declare the path of a file to read; empty: none."""
+    return _option(Kind.FILE, "", label, help, **about)
+
+
+def changed(options: type[Options], name: str, **changes: Any) -> Any:
+    """Declare an option as another class does, with another default or help."""
+    known = {p.name: p for p in options.parameters()}[name]
+    new = replace(known, **changes)
+    return field(default=new.default, metadata={"parameter": new})
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    """Options of an algorithm, checked; a subclass has a field for each.
+
+    Hosts show the options that a class adds itself first, then those of its bases in their order.
+
+    Attributes
+    ----------
+    progress : callable, optional
+        Called with (fraction, text); returning False cancels. It changes no result and takes no
+        part in comparing options.
+
+    Raises
+    ------
+    InvalidOptionError
+        When a value is of another type or out of range.
+    """
+
+    progress: Progress | ProgressCallback | None = field(default=None, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        for parameter in self.parameters():
+            checked = parameter.check(getattr(self, parameter.name))
+            object.__setattr__(self, parameter.name, checked)
+
+    @classmethod
+    def parameters(cls) -> tuple[Parameter, ...]:
+        """Return what is known of each option, in the order in which hosts show them."""
+        return _parameters(cls)  # type: ignore[arg-type]
+
+    @classmethod
+    def taken_from(cls, other: Options, **more: Any) -> Self:
+        """Return options with the values that `other` has of the same names, and `more`."""
+        names = {p.name for p in cls.parameters()} & {p.name for p in other.parameters()}
+        return cls(**{**{name: getattr(other, name) for name in names}, **more})
+
+    def measured(self, data: Any, progress: Progress) -> Self:
+        """Return options whose lengths are fractions of the diagonal of `data`; tell those given.
+
+        Raises
+        ------
+        InvalidOptionError
+            When one is out of its range there, or real and the unit of the data is unknown.
+        """
+        given = [p for p in self.parameters() if isinstance(getattr(self, p.name), Length)]
+        if not given:
+            return self
+        size = Size.of(data)
+        fractions: dict[str, Any] = {}
+        for parameter in given:
+            length, name = getattr(self, parameter.name), parameter.name
+            fraction = fractions[name] = size.fraction(length, name)
+            sentence = size.sentence(length, name)
+            if not parameter.low <= fraction <= parameter.high:
+                limits = f"{100 * parameter.low:g} % to {100 * parameter.high:g} %"
+                raise InvalidOptionError(f"{sentence} It must be {limits}.")
+            told: dict[str, Any] = {"given": str(length), "fraction": fraction, "unit": size.unit}
+            progress.note(sentence, "length", option=name, **told)
+        return replace(self, **fractions)
+
+    def values(self) -> dict[str, Any]:
+        """Return all options by name."""
+        return {p.name: getattr(self, p.name) for p in self.parameters()}
+
+
+@functools.cache
+def _parameters(options: type[Options]) -> tuple[Parameter, ...]:
+    known = {f.name: f.metadata["parameter"] for f in fields(options) if f.metadata}
+    own_first = (name for base in options.__mro__ for name in inspect.get_annotations(base))
+    return tuple(
+        replace(known[name], name=name) for name in dict.fromkeys(own_first) if name in known
+    )
+
+
+P = ParamSpec("P")
+Input = TypeVar("Input")
+Given = TypeVar("Given")
+InputIn = TypeVar("InputIn", contravariant=True)
+Chosen = TypeVar("Chosen", bound=Options)
+Found = TypeVar("Found")
+FoundOut = TypeVar("FoundOut", covariant=True)
+
+
+class Algorithm(Protocol, Generic[InputIn, P, FoundOut]):
+    """A function of one thing and of options, as `algorithm` makes it."""
+
+    def __call__(self, data: InputIn, /, *args: P.args, **kwargs: P.kwargs) -> FoundOut:
+        """Compute with options as keywords."""
+
+    def of(self, data: InputIn, options: Options, progress: Progress) -> FoundOut:
+        """Compute with those options of another class that have the same names."""
+
+
+@overload
+def algorithm(
+    options: Callable[P, Chosen], *, keep: bool = True
+) -> Callable[[Callable[[Input, Chosen, Progress], Found]], Algorithm[Input, P, Found]]: ...
+@overload
+def algorithm(
+    options: Callable[P, Chosen], *, keep: bool = True, door: Callable[[Given, Progress], Input]
+) -> Callable[[Callable[[Input, Chosen, Progress], Found]], Algorithm[Given, P, Found]]: ...
+def algorithm(
+    options: Callable[P, Chosen], *, keep: bool = True, door: Any = None
+) -> Callable[[Callable[[Input, Chosen, Progress], Found]], Algorithm[Any, P, Found]]:
+    """Make a public function of one that takes (data, options, progress).
+
+    The signature has the fields of the options class as keywords, and the docstring says what they
+    are: its own Parameters tell of the data alone. Results are kept with what they were computed
+    from (see `medialis.base.kept`) unless `keep` is False, as for results that take no longer to
+    compute than to look up. A `door` makes the data of anything else that stands for it, as a path
+    does.
+    """
+    chosen = cast(type[Chosen], options)
+
+    def decorate(
+        compute: Callable[[Input, Chosen, Progress], Found],
+    ) -> Algorithm[Any, P, Found]:
+        def of(data: Input, given: Options, progress: Progress) -> Found:
+            own = given if type(given) is chosen else chosen.taken_from(given)
+            if own.progress is not None:
+                own = replace(own, progress=None)  # nothing that is kept holds a host's callback
+
+            def work() -> Found:
+                return compute(data, own, progress)
+
+            return kept(compute, data, own, work, progress) if keep else work()
+
+        @functools.wraps(compute)
+        def public(data: Input, /, *args: P.args, **kwargs: P.kwargs) -> Found:
+            unknown = sorted(set(kwargs) - {f.name for f in fields(chosen)})
+            if unknown:
+                known = ", ".join(p.name for p in chosen.parameters())
+                raise TypeError(
+                    f"{compute.__name__} has no option {', '.join(unknown)}; it has {known}."
+                )
+            given = options(*args, **kwargs)
+            progress = Progress.of(given.progress)
+            data = data if door is None else door(data, progress)
+            return of(data, given.measured(data, progress), progress)
+
+        public.__doc__ = _documented(inspect.getdoc(compute) or "", chosen)
+        first = next(iter(inspect.signature(compute).parameters.values()))
+        first = first.replace(kind=inspect.Parameter.POSITIONAL_ONLY)
+        signature = inspect.signature(chosen)
+        public.__signature__ = signature.replace(  # type: ignore[attr-defined]
+            parameters=[first, *_in_order(signature, chosen)],
+            return_annotation=inspect.signature(compute).return_annotation,
+        )
+        public.of = of  # type: ignore[attr-defined]
+        return cast(Algorithm[Any, P, Found], public)
+
+    return decorate
+
+
+def _in_order(signature: inspect.Signature, options: type[Options]) -> list[inspect.Parameter]:
+    """Parameters of a signature: more data, options as hosts show them, `progress` last."""
+    names = [p.name for p in options.parameters()]
+    data = [name for name in signature.parameters if name not in (*names, "progress")]
+    return [signature.parameters[name] for name in (*data, *names, "progress")]
+
+
+_INDENTED: Any = {"initial_indent": "    ", "subsequent_indent": "    "}
+
+
+def _documented(text: str, options: type[Options]) -> str:
+    """Return a docstring with the options behind its parameters and what they raise."""
+    told = "\n".join(
+        f"{p.name} : {p.type_text()}\n{textwrap.fill(p.sentence(), 96, **_INDENTED)}"
+        for p in options.parameters()
+    )
+    about = (
+        "progress : callable, optional\n    Called with (fraction, text); returning False cancels."
+    )
+    raised = "Cancelled\n    When `progress` asks for it."
+    if told:
+        raised = f"InvalidOptionError\n    When an option is out of its range.\n{raised}"
+        about = f"{told}\n{about}"
+    for section, more in (("Parameters", about), ("Raises", raised)):
+        text = _extended(text, section, more)
+    return text
+
+
+def _extended(text: str, section: str, more: str) -> str:
+    """Put more into a section of a numpydoc text; a new one comes where numpydoc wants it."""
+    lines = text.split("\n")
+    titles = [i for i in range(len(lines) - 1) if re.fullmatch("-{3,}", lines[i + 1])]
+    names = {lines[i]: i for i in titles}
+    after = [i for i in titles if i > names.get(section, -1)]
+    if section not in names:  # only Raises may be missing
+        later = ("Warns", "See Also", "Notes", "References", "Examples")
+        after = [i for i in titles if lines[i] in later]
+        more = f"{section}\n{'-' * len(section)}\n{more}"
+    end = after[0] if after else len(lines) + 1
+    head = "\n".join(lines[:end]).rstrip()
+    gap = "\n" if section in names else "\n\n"
+    rest = "\n".join(lines[end:])
+    return f"{head}{gap}{more}\n" + (f"\n{rest}" if rest else "")

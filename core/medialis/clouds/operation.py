@@ -1,0 +1,401 @@
+"""Operation: the manifolds of a noisy cloud (thesis 4.2).
+
+Operation: a cloud without the points that lie in no manifold (thesis 4.2.4.2).
+
+Operation: a shape without the noise of its points, none of which goes.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from medialis.base.errors import InvalidShapeError
+from medialis.base.kept import kept
+from medialis.base.options import Options, changed, choice, flag, length
+from medialis.base.progress import Progress, counted
+from medialis.base.threads import run_patiently
+from medialis.base.units import with_unit
+from medialis.base.validation import FloatArray
+from medialis.clouds.manifolds import (
+    ManifoldSet,
+    ManifoldsOptions,
+    PointClass,
+    manifold_surfaces,
+    manifolds,
+)
+from medialis.clouds.smoothing import dense_points, jitter, without_jitter
+from medialis.operations.declaration import Operation
+from medialis.operations.positions import places
+from medialis.operations.result import FilterUnit, Layer, Outcome
+from medialis.shape.noise import noise_level, smooth_noise
+from medialis.shape.shape import Shape
+from medialis.shape.surface import Surface
+from medialis.skeleton.layers import summary
+from medialis.skeleton.medial_cloud import MedialCloud
+from medialis.skeleton.surface_skeleton import Preparation, surface_skeleton
+
+CLOUDS = ("points", "skeleton")
+
+MOSTLY = 0.5
+"""Share of noise above which a warning doubts the sampling: the thesis adds at most 40 % of
+outliers to its clouds (4.2.4.2)."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ManifoldsRun(ManifoldsOptions, Preparation):
+    """Options of the operation `manifolds`."""
+
+    cloud: str = choice(
+        "points",
+        "Cloud",
+        "The points of the shape, or the points of its surface skeleton.",
+        CLOUDS,
+    )
+    surfaces: bool = flag(
+        False,
+        "Surfaces",
+        "Build triangles through the points of each manifold; holes and borders stay open.",
+    )
+
+
+def run_manifolds(shape: Shape, options: ManifoldsRun, progress: Progress) -> Outcome:
+    """Segment the points of the shape or its skeleton."""
+    if options.cloud == "skeleton":
+        return _of_skeleton(shape, options, progress)
+    with progress.stage("manifolds", 0.0, 1.0):
+        found = manifolds.of(shape, options, progress)
+    note_mostly_noise(found, progress)
+    layer = Layer(
+        "manifolds",
+        shape.points,
+        shape.faces,
+        attributes=_attributes(found),
+        color_by="manifold",
+        labels=("manifold",),
+        on_input=True,
+    )
+    return Outcome(
+        shape=shape,
+        layers=(layer, *_surfaces(found, options, progress)),
+        values=manifold_values(found),
+        arrays={"points": places(shape.points), **manifold_arrays(found)},
+        shown=(layer,),
+    )
+
+
+def note_mostly_noise(found: ManifoldSet, progress: Progress) -> None:
+    """Warn where the answer says more of the sampling than of the shape."""
+    share = float((found.point_class == PointClass.NOISE).mean())
+    if share > MOSTLY:
+        progress.note(
+            f"{100 * share:.0f} % of the points are noise: they lie on no surface, or too far "
+            "apart for its curvature. Refine a coarse mesh first, or try larger angles.",
+            "mostly_noise",
+            level=logging.WARNING,
+            share=share,
+        )
+
+
+def _of_skeleton(shape: Shape, options: ManifoldsRun, progress: Progress) -> Outcome:
+    with progress.stage("skeleton", 0.0, 0.5):
+        cloud = surface_skeleton.of(shape, options, progress)
+    fine = cloud.surface
+    cloud, centers = kept(_skeleton_points, cloud, None, lambda: _skeleton_points(cloud), progress)
+    with progress.stage("manifolds", 0.5, 1.0):
+        found = manifolds.of(centers, options, progress)
+    layer = Layer(
+        "skeleton_manifolds",
+        cloud.centers,
+        attributes={
+            **_attributes(found),
+            "radius": cloud.radii,
+            "feature_1": cloud.features[:, 0],
+            "feature_2": cloud.features[:, 1],
+        },
+        color_by="manifold",
+        labels=("manifold",),
+        filter_by="radius",
+        filter_unit=FilterUnit.length(fine.diagonal),
+    )
+    return Outcome(
+        shape=fine,
+        layers=(layer, *_surfaces(found, options, progress)),
+        values={"samples": fine.point_count, **manifold_values(found)},
+        arrays={"centers": places(cloud.centers), "source": cloud.source, **manifold_arrays(found)},
+    )
+
+
+def _skeleton_points(cloud: MedialCloud) -> tuple[MedialCloud, Surface]:
+    valid = cloud.subset(cloud.valid)
+    return valid, Surface(valid.centers)
+
+
+def _surfaces(found: ManifoldSet, options: ManifoldsRun, progress: Progress) -> tuple[Layer, ...]:
+    """Layer of the triangles of all manifolds, when wanted: points of several are repeated."""
+    if not options.surfaces or found.count == 0:
+        return ()
+    faces, owner = manifold_surfaces.of(found, options, progress)
+    corners, place = np.unique(
+        np.stack([np.repeat(owner, 3), faces.reshape(-1)], axis=1), axis=0, return_inverse=True
+    )
+    layer = Layer(
+        "manifold_surfaces",
+        found.points[corners[:, 1]],
+        place.reshape(-1, 3).astype(np.int32),
+        attributes={"manifold": corners[:, 0], "source": corners[:, 1]},
+        face_attributes={"manifold_of_face": owner},
+        color_by="manifold",
+        labels=("manifold",),
+    )
+    return (layer,)
+
+
+def _attributes(found: ManifoldSet) -> dict[str, NDArray[Any]]:
+    return {
+        "manifold": found.labels(),
+        "point_class": found.point_class,
+        "patches": found.patch_counts,
+    }
+
+
+def manifold_values(found: ManifoldSet) -> dict[str, Any]:
+    """Return the result values of a segmentation."""
+    kinds = np.bincount(found.point_class, minlength=3)
+    return {
+        "points": len(found),
+        "manifolds": found.count,
+        "noise_points": int(kinds[PointClass.NOISE]),
+        "intersection_points": int(kinds[PointClass.INTERSECTION]),
+        "noise_percent": 100.0 * float(kinds[PointClass.NOISE]) / len(found),
+        "patches": int(found.patch_counts.sum()),
+        "largest": found.sizes[:10].tolist(),
+    }
+
+
+def manifold_arrays(found: ManifoldSet) -> dict[str, NDArray[Any]]:
+    """Return the result arrays of a segmentation."""
+    return {
+        "membership_offsets": found.manifolds.offsets,
+        "membership_manifolds": found.manifolds.indices,
+        **_attributes(found),
+    }
+
+
+MANIFOLDS = Operation(
+    name="manifolds",
+    filter_name="compute_scalar_by_medial_manifolds_per_vertex",
+    label="Manifolds",
+    group="Segment",
+    help="Divide a point cloud into smooth surfaces, which may cross, and noise.\n\n"
+    "Works on any cloud, without normals, and on the vertices or the skeleton of a mesh. Each "
+    "point belongs to no surface (noise), to one, or to several where they cross.",
+    source="thesis 4.2",
+    examples=(("scan.ply", "which smooth surface each point of a scan lies on"),),
+    layers={
+        "manifolds": "the points with the number of their surface; -1 is noise",
+        "skeleton_manifolds": "the skeleton with the number of the surface of each point",
+        "manifold_surfaces": "the surfaces as triangles",
+    },
+    options=ManifoldsRun,
+    run=run_manifolds,
+    order=150,
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class RemoveOutliersRun(ManifoldsOptions):
+    """Options of the operation `remove_outliers`."""
+
+    max_bend: float = changed(ManifoldsOptions, "max_bend", default=18.0)
+    max_turn: float = changed(ManifoldsOptions, "max_turn", default=12.0)
+
+
+def run_remove_outliers(shape: Shape, options: RemoveOutliersRun, progress: Progress) -> Outcome:
+    """Keep the points that belong to a manifold."""
+    with progress.stage("manifolds", 0.0, 1.0):
+        found = manifolds.of(shape, options, progress)
+    noise = found.point_class == PointClass.NOISE
+    dense = dense_points(shape.points, noise, options.min_points, progress)
+    kept = ~noise | dense
+    if not kept.any():
+        least = options.min_points
+        advice = "Try larger angles or more neighbours."
+        if shape.point_count < least:
+            advice = f"A surface needs {least} points or more (min_points): give more, or lower it."
+        raise InvalidShapeError(
+            f"None of the {shape.point_count} points lies on a smooth surface: nothing is left. "
+            + advice
+        )
+    _note_removed(found, kept, dense, progress)
+    note_mostly_noise(found, progress)
+    clean = Layer(
+        "without_outliers",
+        shape.points[kept],
+        attributes={
+            "manifold": found.labels()[kept],
+            "source": np.flatnonzero(kept).astype(np.int32),
+        },
+        color_by="manifold",
+        labels=("manifold",),
+        role="shape",
+    )
+    noise = Layer(
+        "noise",
+        shape.points,
+        shape.faces,
+        attributes={"noise": np.where(kept, -1, 0).astype(np.int32)},
+        color_by="noise",
+        labels=("noise",),
+        on_input=True,
+    )
+    return Outcome(
+        shape=shape,
+        layers=(clean, noise),
+        values={"kept_points": int(kept.sum()), **manifold_values(found)},
+        arrays={"points": places(shape.points), "kept": kept, **manifold_arrays(found)},
+        shown=(clean,),
+    )
+
+
+def _note_removed(
+    found: ManifoldSet, kept: NDArray[np.bool_], dense: NDArray[np.bool_], progress: Progress
+) -> None:
+    """Say how many points go, and why, and how many stay although they lie on no smooth patch."""
+    removed = int((~kept).sum())
+    rough = int((~kept & (found.patch_counts == 0)).sum())
+    small = removed - rough
+    text = f"{counted(removed, 'point', of=len(kept), verbs=('is', 'are'))} noise"
+    if removed:
+        text += f": {rough} on no smooth patch, {small} on pieces smaller than min_points"
+    counts = {"points": removed, "of": len(kept), "no_patch": rough, "small_pieces": small}
+    progress.note(f"{text}.", "noise_removed", **counts)
+    if stay := int(dense.sum()):
+        progress.note(
+            f"{counted(stay, 'point', verbs=('lies', 'lie'))} on no smooth surface, but as close "
+            "together as the surface beside them: kept, as thin or sharp parts of it.",
+            "dense_kept",
+            points=stay,
+        )
+
+
+REMOVE_OUTLIERS = Operation(
+    name="remove_outliers",
+    filter_name="generate_point_cloud_without_outliers",
+    label="Remove outliers",
+    group="Segment",
+    help="Remove the outliers of a cloud: points that lie on no smooth surface.\n\n"
+    "Keeps what belongs to a manifold, also where surfaces cross, and thin or sharp parts that are "
+    "as dense as the surface beside them. No point is moved: smooth does that.",
+    source="thesis 4.2.4.2",
+    examples=(("scan.ply", "the scan without the points that lie on no surface"),),
+    layers={
+        "without_outliers": "the points that are kept",
+        "noise": "all points, with those that go marked",
+    },
+    options=RemoveOutliersRun,
+    run=run_remove_outliers,
+    order=160,
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SmoothRun(Options):
+    """Options of the operation `smooth`."""
+
+    noise: float = length(
+        0.0,
+        "Noise",
+        "How far points lie off the surface: the standard deviation, along the normal. What bends "
+        "no more than that is smoothed. 0 measures it.",
+        high=0.1,
+    )
+
+
+def run_smooth(shape: Shape, options: SmoothRun, progress: Progress) -> Outcome:
+    """Measure the noise, and move the points of a mesh or a cloud by what it is."""
+    given = options.noise * shape.diagonal
+    with progress.stage("noise", 0.0, 0.5):
+        level = given or run_patiently(lambda: _measured(shape), progress)
+    with progress.stage("smoothing", 0.5, 1.0):
+        points = _smoothed(shape, level, progress)
+    moved = np.linalg.norm(points - shape.points, axis=1)
+    limit = with_unit(level, shape.unit)
+    if level == 0.0:
+        progress.note("No noise was found: no point is moved.", "no_noise")
+    else:
+        progress.note(
+            f"The noise {'is taken as' if given else 'was measured as'} {limit}; points were moved "
+            f"by {with_unit(math.sqrt(np.mean(moved**2)), shape.unit)} (root mean square).",
+            "smoothed",
+            noise=level,
+        )
+    return Outcome(
+        shape=shape,
+        layers=(
+            Layer(
+                "smooth",
+                points,
+                shape.faces,
+                attributes={"moved": moved},
+                color_by="moved",
+                role="shape",
+            ),
+        ),
+        values={
+            "points": len(points),
+            "noise": level,
+            **summary(moved, "moved"),
+            "diagonal": shape.diagonal,
+            "spacing": shape.spacing,
+        },
+        arrays={"points": places(points), "moved": moved},
+    )
+
+
+def _measured(shape: Shape) -> float:
+    return noise_level(shape) if shape.faces is not None else jitter(_distinct(shape)[0])
+
+
+def _smoothed(shape: Shape, level: float, progress: Progress) -> FloatArray:
+    """Return the points moved onto the smooth surface; where they are when there is no noise."""
+    if level == 0.0:
+        return shape.points
+    if shape.faces is not None:
+        return run_patiently(lambda: smooth_noise(shape, level)[0].points, progress)
+    points, place = _distinct(shape)
+    if len(points) < 4:  # no plane to move them to
+        return shape.points
+    return without_jitter(points, np.arange(len(points)), level, progress)[place]
+
+
+def _distinct(shape: Shape) -> tuple[FloatArray, np.ndarray]:
+    """Return the different points of a cloud, and which of them each point is."""
+    order = np.lexsort(shape.points.T)
+    new = np.ones(len(order), bool)
+    new[1:] = (shape.points[order[1:]] != shape.points[order[:-1]]).any(axis=1)
+    place = np.empty(len(order), np.int64)
+    place[order] = np.cumsum(new) - 1
+    return np.ascontiguousarray(shape.points[order[new]]), place
+
+
+SMOOTH = Operation(
+    name="smooth",
+    filter_name="generate_smooth_copy_by_noise_level",
+    label="Smooth",
+    group="Segment",
+    help="Smooth a noisy mesh or point cloud by as much as it is noisy.\n\n"
+    "The noise is measured, so that clean shapes stay as they are, and sharp edges as far as the "
+    "noise allows. Points move, none goes: remove_outliers does that.",
+    source=None,
+    examples=(("scan.ply", "the scan with its points on the surface"),),
+    layers={"smooth": "the shape with its points moved, and how far"},
+    options=SmoothRun,
+    run=run_smooth,
+    order=165,
+)

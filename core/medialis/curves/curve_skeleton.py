@@ -1,0 +1,375 @@
+"""CurveSkeleton: a curve skeleton as a graph of nodes, edges and branches (thesis 3.6)."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from medialis.base.arrays import Described
+from medialis.base.errors import InvalidShapeError
+from medialis.base.kept import Bound
+from medialis.base.validation import FloatArray, IntArray, Positions, check_range, frozen, hold
+from medialis.shape.shape import Shape
+from medialis.shape.surface import piece_labels
+from medialis.skeleton.medial_cloud import MedialCloud
+
+if TYPE_CHECKING:
+    from medialis.curves.from_balls.candidates import CandidateMeasure
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class CurveEvidence(Described):
+    """What a curve skeleton from balls was made of.
+
+    Attributes
+    ----------
+    measured : CandidateMeasure
+        Of all k skeleton points.
+    candidates : (c,) int32
+        Rows of the skeleton points that are candidates.
+    importance : (c,) float64
+        Their mu, an area, each the median over itself and its neighbours.
+    kept : (c,) bool
+        Candidates whose importance is not below the threshold.
+    genus : dict
+        Handles of the solid that each component of the surface encloses.
+    closed_loops : dict
+        Loops that were closed, by the same components.
+    missing : tuple of (l, 3) float64
+        Where loops are missing: closed lines over the surface, round the handles that no loop of
+        the graph goes round.
+    seams, unclear : int
+        Edges of three or more faces and vertices where the surface touches itself; and edges at
+        which the solid is a guess: a wall ends there, or there is no outside.
+    """
+
+    measured: CandidateMeasure
+    candidates: IntArray
+    importance: FloatArray
+    kept: NDArray[np.bool_]
+    genus: dict[int, int]
+    closed_loops: dict[int, int]
+    missing: tuple[FloatArray, ...] = ()
+    seams: int = 0
+    unclear: int = 0
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ViewPoints(Described):
+    """The points that a curve skeleton from views was linked from.
+
+    Attributes
+    ----------
+    points : (k, 3) float64
+        Sharpened points, those in one pixel merged.
+    weights : (k,) float64
+        Number of matched pairs that each point stands for.
+    """
+
+    points: Positions
+    weights: FloatArray
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class CurveSkeleton(Bound):
+    """A graph of points along the middle of a shape; loops are kept.
+
+    A branch is a chain of edges between two nodes that are not of degree 2, or a closed chain. Use
+    `of` to have the branches found.
+
+    Attributes
+    ----------
+    nodes : (v, 3) float64
+        Positions in the units of the shape.
+    edges : (e, 2) int32
+        Pairs of different nodes, no pair twice.
+    radii : (v,) float64
+        Radius of the ball round each node, same units.
+    importance : (v,) float64
+        How much of the surface hangs on the skeleton here (the mu of the thesis, an area, for
+        skeletons from the surface skeleton); NaN where it was not measured.
+    branch : (e,) int32
+        Branch of each edge, 0, 1, ...
+    vertex_node : (n,) int32 or None
+        Node of each vertex of the surface; -1: none.
+    vertex_branch : (n,) int32 or None
+        Branch of each vertex of the surface; -1: none (also where the skeleton is one point).
+    cloud : MedialCloud or None
+        The balls that it was computed from.
+    evidence : CurveEvidence or None
+        What it was made of, when it was computed from balls.
+    view_points : ViewPoints or None
+        The same, when it was computed from views.
+
+    Raises
+    ------
+    InvalidShapeError
+        When the arrays do not fit together, an edge is no pair of two nodes or comes twice, a
+        branch is no chain of edges, or nodes or radii lie beyond 1e151.
+
+    Examples
+    --------
+    >>> import medialis
+    >>> points = [[0, 0, 0], [1, 0, 0], [2, 1, 0], [2, -1, 0]]
+    >>> fork = medialis.CurveSkeleton.of(points, [[0, 1], [1, 2], [1, 3]], [1, 1, 1, 1])
+    >>> fork.branch.tolist(), fork.junctions.tolist(), fork.end_points.tolist(), fork.loops
+    ([0, 1, 2], [1], [0, 2, 3], 0)
+    """
+
+    nodes: Positions
+    edges: IntArray
+    radii: FloatArray
+    importance: FloatArray
+    branch: IntArray
+    vertex_node: IntArray | None = None
+    vertex_branch: IntArray | None = None
+    cloud: MedialCloud | None = field(default=None, kw_only=True)
+    evidence: CurveEvidence | None = field(default=None, kw_only=True)
+    view_points: ViewPoints | None = field(default=None, kw_only=True)
+
+    def __post_init__(self) -> None:
+        v, e = len(self.nodes), len(self.edges)
+        hold(
+            self,
+            nodes=(np.float64, v, 3),
+            edges=(np.int32, e, 2),
+            radii=(np.float64, v),
+            importance=(np.float64, v),
+            branch=(np.int32, e),
+        )
+        check_range(self.nodes, "nodes")
+        check_range(self.radii, "radii")
+        _check_edges(self.edges, v)
+        _check_branches(self.branch, _branch_of_edges(self.edges, v))
+        branches = int(self.branch.max(initial=-1)) + 1
+        rows = None if self.surface is None else self.surface.point_count
+        for name, count in (("vertex_node", v), ("vertex_branch", branches)):
+            given = getattr(self, name)
+            if given is None:
+                continue
+            value = np.asarray(given)
+            if value.ndim != 1 or (len(value) and not -1 <= value.min() <= value.max() < count):
+                raise InvalidShapeError(
+                    f"{name} must be a row of numbers from -1 to {count - 1}, got {value.shape}."
+                )
+            if rows not in (None, len(value)):
+                raise InvalidShapeError(
+                    f"{name} must have a row for each of the {rows} points of the surface, got "
+                    f"{len(value)}."
+                )
+            object.__setattr__(self, name, frozen(value, np.int32))
+
+    @classmethod
+    def of(
+        cls,
+        nodes: ArrayLike,
+        edges: ArrayLike,
+        radii: ArrayLike,
+        *,
+        importance: ArrayLike | None = None,
+        vertex_node: ArrayLike | None = None,
+        cloud: MedialCloud | None = None,
+    ) -> CurveSkeleton:
+        """Find the branches of a graph and return it as a curve skeleton.
+
+        Parameters
+        ----------
+        nodes : (v, 3) float
+        edges : (e, 2) int
+            Undirected.
+        radii : (v,) float
+        importance : (v,) float, optional
+            NaN when missing.
+        vertex_node : (n,) int, optional
+            Node of each vertex of the surface. Its branch is the one that the node lies on; at a
+            junction the thickest one.
+        cloud : MedialCloud, optional
+            Balls on that surface.
+
+        Raises
+        ------
+        InvalidShapeError
+            As the class.
+        """
+        points = np.asarray(nodes, np.float64).reshape(-1, 3)
+        pairs = np.asarray(edges, np.int32).reshape(-1, 2)
+        _check_edges(pairs, len(points))
+        branch = _branch_of_edges(pairs, len(points))
+        measured = np.full(len(points), np.nan) if importance is None else np.asarray(importance)
+        bare = cls(points, pairs, np.asarray(radii, np.float64), measured, branch, cloud=cloud)
+        if vertex_node is None:
+            return bare
+        node = np.asarray(vertex_node, np.int32)
+        # Written from the thinnest to the thickest, so that the thickest remains.
+        of_node = np.full(len(points) + 1, -1, np.int32)  # one more row: the branch of node -1
+        for number in np.argsort(bare.mean_radii, kind="stable").tolist():
+            of_node[bare.branches[number]] = number
+        return replace(bare, vertex_node=node, vertex_branch=of_node[node])
+
+    def __repr__(self) -> str:
+        return (
+            f"CurveSkeleton({len(self.nodes)} nodes, {self.branch_count} branches, "
+            f"{self.loops} loops)"
+        )
+
+    def subset(self, stays: NDArray[np.bool_]) -> CurveSkeleton:
+        """Return the chosen nodes (v,), their radii, and the edges between them."""
+        number = np.cumsum(stays) - 1
+        edges = number[self.edges[stays[self.edges].all(axis=1)]]
+        return CurveSkeleton.of(self.nodes[stays], edges, self.radii[stays])
+
+    @property
+    def surface(self) -> Shape | None:
+        """The surface whose points `vertex_node` and `vertex_branch` refer to, if known."""
+        return None if self.cloud is None else self.cloud.surface
+
+    @cached_property
+    def diagonal(self) -> float:
+        """The unit of lengths: the diagonal of the surface, or of the nodes where it is unknown."""
+        if self.surface is not None:
+            return self.surface.diagonal
+        if len(self.nodes) == 0:
+            return 0.0
+        return math.dist(self.nodes.min(axis=0), self.nodes.max(axis=0))
+
+    @cached_property
+    def degrees(self) -> IntArray:
+        """Number of edges at each node, (v,)."""
+        return frozen(np.bincount(self.edges.ravel(), minlength=len(self.nodes)), np.int32)
+
+    @property
+    def junctions(self) -> IntArray:
+        """Nodes where three or more edges meet."""
+        return frozen(np.flatnonzero(self.degrees >= 3), np.int32)
+
+    @property
+    def end_points(self) -> IntArray:
+        """Nodes with one edge."""
+        return frozen(np.flatnonzero(self.degrees == 1), np.int32)
+
+    @property
+    def branch_count(self) -> int:
+        """Number of branches b."""
+        return int(self.branch.max(initial=-1)) + 1
+
+    @cached_property
+    def branches(self) -> tuple[IntArray, ...]:
+        """Nodes along each branch, from end to end; a closed branch ends with its first node."""
+        from medialis.base._kernels import walk_chains
+
+        order = np.argsort(self.branch, kind="stable")
+        starts = np.searchsorted(self.branch[order], np.arange(self.branch_count + 1))
+        nodes = np.empty(len(order) + self.branch_count, np.int32)
+        walk_chains(self.edges, order, starts, self.degrees, nodes)
+        ends = starts[1:] + np.arange(1, self.branch_count + 1)
+        return tuple(frozen(nodes[a:b], np.int32) for a, b in itertools.pairwise([0, *ends]))
+
+    @cached_property
+    def components(self) -> IntArray:
+        """Connected component of each node, (v,), numbered by their lowest node."""
+        return piece_labels(len(self.nodes), self.edges)
+
+    @property
+    def component_count(self) -> int:
+        """Number of connected components."""
+        return int(self.components.max(initial=-1)) + 1
+
+    @property
+    def loops(self) -> int:
+        """Number of independent loops: edges - nodes + components (the first Betti number)."""
+        return len(self.edges) - len(self.nodes) + self.component_count
+
+    @cached_property
+    def edge_lengths(self) -> FloatArray:
+        """Length of each edge, (e,)."""
+        a, b = self.edges.T
+        return frozen(np.linalg.norm(self.nodes[a] - self.nodes[b], axis=1), np.float64)
+
+    @cached_property
+    def branch_lengths(self) -> FloatArray:
+        """Length of each branch, (b,)."""
+        total = np.bincount(self.branch, self.edge_lengths, minlength=self.branch_count)
+        return frozen(total, np.float64)
+
+    @property
+    def length(self) -> float:
+        """Length of all edges."""
+        return float(self.edge_lengths.sum())
+
+    @cached_property
+    def tortuosity(self) -> FloatArray:
+        """Length of each branch over the distance of its ends, (b,): 1 straight, inf closed."""
+        chord = np.array(
+            [np.linalg.norm(self.nodes[row[-1]] - self.nodes[row[0]]) for row in self.branches]
+        )
+        result = np.full(self.branch_count, np.inf)
+        np.divide(self.branch_lengths, chord, out=result, where=chord > 0)
+        return frozen(result, np.float64)
+
+    @cached_property
+    def mean_radii(self) -> FloatArray:
+        """Mean radius along each branch, (b,), by length."""
+        a, b = self.edges.T
+        middle = (self.radii[a] + self.radii[b]) / 2
+        total = np.bincount(self.branch, middle * self.edge_lengths, minlength=self.branch_count)
+        count = np.bincount(self.branch, minlength=self.branch_count)
+        plain = np.bincount(self.branch, middle, minlength=self.branch_count) / count
+        length = self.branch_lengths
+        return frozen(np.where(length > 0, total / np.where(length > 0, length, 1), plain), float)
+
+    def surface_part(self, branch: int) -> IntArray:
+        """Return the vertices of the surface that belong to a branch.
+
+        Raises
+        ------
+        InvalidShapeError
+            When the skeleton has no map from the surface.
+        """
+        if self.vertex_branch is None:
+            raise InvalidShapeError("This curve skeleton has no map from a surface to branches.")
+        return frozen(np.flatnonzero(self.vertex_branch == branch), np.int32)
+
+
+def _check_edges(edges: IntArray, count: int) -> None:
+    if len(edges) == 0:
+        return
+    if edges.min() < 0 or edges.max() >= count:
+        raise InvalidShapeError(
+            f"Edges must name nodes 0..{count - 1}, got {edges.min()}..{edges.max()}."
+        )
+    if (edges[:, 0] == edges[:, 1]).any():
+        row = int((edges[:, 0] == edges[:, 1]).argmax())
+        raise InvalidShapeError(f"An edge must join two nodes; edge {row} joins one with itself.")
+    low, high = edges.min(axis=1).astype(np.int64), edges.max(axis=1)
+    if len(np.unique(low * count + high)) < len(edges):
+        raise InvalidShapeError("An edge must not come twice: merge equal edges first.")
+
+
+def _check_branches(branch: IntArray, chain: IntArray) -> None:
+    """Hold given branches (e,) against the chains of the edges: any numbers, none left out."""
+    pairs = np.unique(np.stack([branch, chain], axis=1), axis=0)
+    if not all(np.array_equal(np.sort(row), np.arange(len(pairs))) for row in pairs.T):
+        raise InvalidShapeError(
+            f"branch must number the {int(chain.max(initial=-1)) + 1} chains of edges between "
+            "nodes that have not two edges, from 0, one number each."
+        )
+
+
+def _branch_of_edges(edges: IntArray, count: int) -> IntArray:
+    """Join edges that meet at a node of degree 2 into chains, numbered by their lowest edge."""
+    e = len(edges)
+    if e == 0:
+        return np.empty(0, np.int32)
+    ends = edges.ravel()
+    order = np.argsort(ends, kind="stable")
+    degree = np.bincount(ends, minlength=count)
+    first = np.cumsum(degree) - degree
+    at = first[degree == 2]
+    a, b = order[at] // 2, order[at + 1] // 2
+    return piece_labels(e, np.stack([a, b], axis=1))

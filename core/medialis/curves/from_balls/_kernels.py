@@ -1,0 +1,349 @@
+"""Kernels of the candidates of the curve skeleton and of their importance (see candidates.py).
+
+Candidates (thesis 3.6.1): how far the tangents of geodesics turn from ball to ball, and balls that
+touch the surface all round. Importance (thesis 3.6.2): lengths of geodesics in all directions, and
+the area of the smaller part that they cut off.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from medialis.base.jit import kernel
+from medialis.skeleton.importance._plane_kernels import trace_plane, way_out
+
+TINY = 1e-12
+SAME_PLACE = 0.3  # radii: centers this close belong to one ball as far as its contacts go
+HOPS = 8  # balls that are followed from contact to contact
+WIDEST_GAP = 5.0 * math.pi / 6.0
+
+
+@kernel
+def project_tangents(
+    begin, stop, points, features, rows, starts, ends, out_tangent, out_feature
+):  # fmt: skip
+    """Tangent t and unit feature vector F of the balls rows[begin..stop] (Eq. 3.2).
+
+    Both tangents of the geodesic are taken pointing away from the ball: t_s as it leaves f1, and
+    -t_e, the way back from f2. Their sum without its part along F points to where the geodesic
+    runs; it is zero where they cancel.
+    """
+    for i in range(begin, stop):
+        row = rows[i]
+        a, b = features[row, 0], features[row, 1]
+        size = 0.0
+        for k in range(3):
+            out_feature[i, k] = points[a, k] - points[b, k]
+            size += out_feature[i, k] ** 2
+        size = math.sqrt(size)
+        along = 0.0
+        for k in range(3):
+            out_feature[i, k] = out_feature[i, k] / size if size > 0.0 else 0.0
+            out_tangent[i, k] = starts[row, k] - ends[row, k]
+            along += out_feature[i, k] * out_tangent[i, k]
+        size = 0.0
+        for k in range(3):
+            out_tangent[i, k] -= along * out_feature[i, k]
+            size += out_tangent[i, k] ** 2
+        size = math.sqrt(size)
+        for k in range(3):
+            out_tangent[i, k] = out_tangent[i, k] / size if size > TINY else 0.0
+
+
+@kernel
+def median_of(values):
+    """Median of a few values, which are sorted in place; 0 of none."""
+    k = len(values)
+    if k == 0:
+        return 0.0
+    for i in range(1, k):
+        value = values[i]
+        j = i - 1
+        while j >= 0 and values[j] > value:
+            values[j + 1] = values[j]
+            j -= 1
+        values[j + 1] = value
+    if k % 2:
+        return values[k // 2]
+    return (values[k // 2 - 1] + values[k // 2]) / 2
+
+
+@kernel
+def measure_spread(
+    begin, stop, near, distance, length, tangent, feature, smallest, out_spread
+):  # fmt: skip
+    """How far tangents turn: (1 - cos) / 2 of the second largest angle to those of the neighbours.
+
+    0 where all point the same way, 1 where two neighbours' point the opposite way. A neighbour with
+    a tangent counts as far as its line of contacts is parallel and its geodesic as long.
+    """
+    reach = np.empty(near.shape[1])
+    for i in range(begin, stop):
+        for c in range(len(reach)):
+            reach[c] = distance[i, c]
+        sigma = max(median_of(reach), smallest)
+        largest, out_spread[i] = 0.0, 0.0
+        for c in range(near.shape[1]):
+            j = near[i, c]
+            same, ahead, side = 0.0, 0.0, 0.0
+            for k in range(3):
+                same += feature[i, k] * feature[j, k]
+                ahead += tangent[i, k] * tangent[j, k]
+                side += abs(tangent[j, k])
+            if side == 0.0 or abs(length[i] - length[j]) > 2.0 * distance[i, c] + sigma:
+                continue
+            value = abs(same) * (1.0 - ahead) / 2.0
+            if value > largest:
+                largest, out_spread[i] = value, largest
+            elif value > out_spread[i]:
+                out_spread[i] = value
+
+
+@kernel
+def _add_spokes(row, centers, points, features, spokes, names, count):
+    """Append the unit directions from a ball to both its contacts, and their samples."""
+    for side in range(2):
+        names[count] = features[row, side]
+        size = 0.0
+        for k in range(3):
+            spokes[count, k] = points[names[count], k] - centers[row, k]
+            size += spokes[count, k] ** 2
+        size = max(math.sqrt(size), 1e-300)
+        for k in range(3):
+            spokes[count, k] /= size
+        count += 1
+    return count
+
+
+@kernel
+def _is_near(centers, a, b, reach):
+    gap = 0.0
+    for k in range(3):
+        gap += (centers[a, k] - centers[b, k]) ** 2
+    return gap <= reach * reach
+
+
+@kernel
+def find_rings(
+    begin, stop, near, distance, rows, ball_of, centers, radii, points, features, out_ring,
+    out_opposite, out_tangent,
+):  # fmt: skip
+    """Balls that touch the surface all round: gaps between contacts stay below 150 degrees.
+
+    The contacts are those of the ball and of others at the same place: its neighbours, and the
+    ball of its second contact, that of the second contact of that one, and so on (`ball_of` has the
+    ball of each sample, or -1). Each is seen from its own ball. `out_opposite` receives the contact
+    farthest from f1, `out_tangent` a direction across, both for rings only.
+    """
+    most = 2 * (near.shape[1] + 1 + HOPS)
+    spokes, names = np.empty((most, 3)), np.empty(most, np.int64)
+    angles, across = np.empty(most), np.empty(3)
+    for i in range(begin, stop):
+        out_ring[i] = False
+        count, reach, row = 0, SAME_PLACE * radii[rows[i]], rows[i]
+        for _ in range(1 + HOPS):
+            count = _add_spokes(row, centers, points, features, spokes, names, count)
+            row = ball_of[features[row, 1]]
+            if row < 0 or not _is_near(centers, row, rows[i], reach):
+                break
+        for c in range(near.shape[1]):
+            if distance[i, c] <= reach:
+                row = rows[near[i, c]]
+                count = _add_spokes(row, centers, points, features, spokes, names, count)
+        if count < 6:
+            continue
+        best, best_size, lowest = 0, 0.0, 2.0
+        for c in range(1, count):
+            along = _dot3(spokes[c], spokes[0])
+            if 1.0 - along * along > best_size:
+                best, best_size = c, 1.0 - along * along
+            if along < lowest:
+                lowest = along
+                out_opposite[i] = names[c]
+        if best_size < 0.25:
+            continue
+        along = _dot3(spokes[best], spokes[0])
+        for k in range(3):
+            across[k] = (spokes[best, k] - along * spokes[0, k]) / math.sqrt(best_size)
+        used = 0
+        for c in range(count):
+            x, y = _dot3(spokes[c], spokes[0]), _dot3(spokes[c], across)
+            if x * x + y * y > 0.25:
+                angle = math.atan2(y, x)
+                at = used
+                while at > 0 and angles[at - 1] > angle:
+                    angles[at] = angles[at - 1]
+                    at -= 1
+                angles[at] = angle
+                used += 1
+        gap = angles[0] + 2.0 * math.pi - angles[used - 1]
+        for c in range(1, used):
+            gap = max(gap, angles[c] - angles[c - 1])
+        if gap < WIDEST_GAP:
+            out_ring[i] = True
+            for k in range(3):
+                out_tangent[i, k] = across[k]
+
+
+@kernel
+def _dot3(a, b):
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@kernel
+def trace_all_round(
+    begin, stop, points, corners, twins, fan_offsets, fan, ends, tangent, longest, out_length
+):  # fmt: skip
+    """Lengths of the straightest geodesics that leave f1 in evenly spread directions.
+
+    Direction 0 is the tangent of the ball; a plane through f1 and f2 serves two directions, half a
+    turn apart. A direction whose plane cut does not arrive, or is longer than `longest`, gets inf.
+    """
+    half = out_length.shape[1] // 2
+    first, second, axis, normal = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
+    nothing, last = np.empty(0, np.int64), np.empty(3)
+    for i in range(begin, stop):
+        start, end = ends[i, 0], ends[i, 1]
+        size = 0.0
+        for k in range(3):
+            axis[k] = points[end, k] - points[start, k]
+            size += axis[k] * axis[k]
+        size = math.sqrt(size)
+        out_length[i] = np.inf
+        if size == 0.0:
+            continue
+        along = 0.0
+        for k in range(3):
+            axis[k] /= size
+            along += axis[k] * tangent[i, k]
+        size = 0.0
+        for k in range(3):
+            first[k] = tangent[i, k] - along * axis[k]
+            size += first[k] * first[k]
+        size = math.sqrt(size)
+        if size < 1e-9:
+            continue
+        for k in range(3):
+            first[k] /= size
+        _cross(axis, first, second)
+        for turn in range(half):
+            angle = math.pi * turn / half
+            for k in range(3):
+                last[k] = math.cos(angle) * first[k] + math.sin(angle) * second[k]
+            dx, dy, dz = last[0], last[1], last[2]
+            _cross(axis, last, normal)
+            offset = 0.0
+            for k in range(3):
+                offset += normal[k] * points[start, k]
+            for at in range(fan_offsets[start], fan_offsets[start + 1]):
+                across, x, y, z = way_out(points, corners, fan[at], normal, offset)
+                if across < 0:
+                    continue
+                ux, uy, uz = x - points[start, 0], y - points[start, 1], z - points[start, 2]
+                ahead = ux * dx + uy * dy + uz * dz >= 0.0
+                column = turn if ahead else turn + half
+                length, count = trace_plane(
+                    points, corners, twins, across, x, y, z,
+                    math.sqrt(ux * ux + uy * uy + uz * uz), normal, offset, start, end,
+                    min(longest, out_length[i, column]), nothing, last,
+                )  # fmt: skip
+                if count >= 0 and length < out_length[i, column]:
+                    out_length[i, column] = length
+
+
+@kernel
+def find_ties(
+    begin, stop, points, corners, twins, fan_offsets, fan, ends, tangent, longest, slack, out_tied
+):  # fmt: skip
+    """Whether geodesics to both sides in the plane of the tangent are equally long.
+
+    Both are plane cuts, so that they are comparable; what is longer than `longest` does not count.
+    """
+    axis, normal = np.empty(3), np.empty(3)
+    nothing, last = np.empty(0, np.int64), np.empty(3)
+    for i in range(begin, stop):
+        start, end = ends[i, 0], ends[i, 1]
+        for k in range(3):
+            axis[k] = points[end, k] - points[start, k]
+        _cross(axis, tangent[i], normal)
+        offset = 0.0
+        for k in range(3):
+            offset += normal[k] * points[start, k]
+        ahead, behind = longest[i], longest[i]
+        for at in range(fan_offsets[start], fan_offsets[start + 1]):
+            across, x, y, z = way_out(points, corners, fan[at], normal, offset)
+            if across < 0:
+                continue
+            ux, uy, uz = x - points[start, 0], y - points[start, 1], z - points[start, 2]
+            length, _ = trace_plane(
+                points, corners, twins, across, x, y, z, math.sqrt(ux * ux + uy * uy + uz * uz),
+                normal, offset, start, end, longest[i], nothing, last,
+            )  # fmt: skip
+            if ux * tangent[i, 0] + uy * tangent[i, 1] + uz * tangent[i, 2] > 0.0:
+                ahead = min(ahead, length)
+            else:
+                behind = min(behind, length)
+        longer = max(ahead, behind)
+        out_tied[i] = longer < longest[i] and longer <= (1.0 + slack) * min(ahead, behind)
+
+
+@kernel
+def _cross(a, b, out):
+    out[0] = a[1] * b[2] - a[2] * b[1]
+    out[1] = a[2] * b[0] - a[0] * b[2]
+    out[2] = a[0] * b[1] - a[1] * b[0]
+
+
+@kernel
+def spheroid_wedge(half_width, long_axis, angle):
+    """Area of the wedge of an oblate spheroid with radii a and c >= a (Eq. 3.4)."""
+    a, c = half_width, max(long_axis, half_width)
+    if a < 1e-8 * c or c == 0.0:  # e is 1, its atanh infinite, and a a times it below rounding
+        return angle * c * c
+    e = math.sqrt(max(0.0, 1.0 - (a / c) ** 2))
+    # ln((1 + e) / (1 - e)) / (2 e) = 1 + e^2/3 + ...: 1 for a sphere.
+    stretch = math.atanh(e) / e if e > 1e-4 else 1.0 + e * e / 3.0
+    return angle * (c * c + a * a * stretch)
+
+
+@kernel
+def least_half(begin, stop, length, half_width, out_area):
+    """Smallest area of half a turn of wedges between geodesics (Eq. 3.5).
+
+    Directions without a length take that of the nearest one that has; without any the area is 0.
+    """
+    count = length.shape[1]
+    beta = 2.0 * math.pi / count
+    axis, wedge = np.empty(count), np.empty(count)
+    for i in range(begin, stop):
+        a = half_width[i]
+        for k in range(count):
+            # The half perimeter of an ellipse is close to pi (a + b) / 2.
+            axis[k] = max(a, 2.0 * length[i, k] / math.pi - a)
+        out_area[i] = 0.0
+        if _known(axis, 0, count) == np.inf:
+            continue
+        for k in range(count):
+            b, following = _known(axis, k, count), _known(axis, (k + 1) % count, count)
+            wedge[k] = spheroid_wedge(a, (b + following) / 2.0, beta)
+        total = 0.0
+        for k in range(count // 2):
+            total += wedge[k]
+        least = total
+        for k in range(count):
+            total += wedge[(k + count // 2) % count] - wedge[k]
+            least = min(least, total)
+        out_area[i] = least
+
+
+@kernel
+def _known(axis, k, count):
+    """Value at k, else at the nearest place round the circle that has one, else inf."""
+    for step in range(count // 2 + 1):
+        if axis[(k + step) % count] < np.inf:
+            return axis[(k + step) % count]
+        if axis[(k - step) % count] < np.inf:
+            return axis[(k - step) % count]
+    return np.inf

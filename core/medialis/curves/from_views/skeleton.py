@@ -1,0 +1,468 @@
+"""Curve skeletons from views of a shape (thesis 3.7).
+
+Steps: views in pairs, their silhouette skeletons matched to points (`_match`, 3.7.3 and 3.7.4);
+points that some view sees outside dropped and the others moved to where views agree (`_sharpen`,
+3.7.5); points linked to a graph (`linking.py`, 3.7.6). A few views are held at a time, side by side
+(`ViewBatch`); those that are needed again are packed (`PackedViews`).
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from medialis.base.errors import InvalidOptionError, InvalidShapeError
+from medialis.base.kept import room
+from medialis.base.options import Options, algorithm, angle, changed, whole
+from medialis.base.progress import Progress
+from medialis.base.threads import run_chunks, run_patiently
+from medialis.base.validation import FloatArray
+from medialis.curves.curve_skeleton import CurveSkeleton, ViewPoints
+from medialis.curves.from_views.linking import link_points, merge_to
+from medialis.curves.from_views.silhouettes import (
+    NO_FIELD,
+    Crossings,
+    Scratch,
+    SilhouetteOptions,
+    check_border,
+    pair_points,
+    skeletonize,
+)
+from medialis.curves.from_views.view import (
+    CameraPair,
+    OrthographicCamera,
+    Rasterizer,
+    View,
+    ViewSource,
+    camera_pairs,
+    rasterizer,
+    sphere_of,
+)
+from medialis.shape.shape import Shape
+
+BATCH = 16
+"""Views held at a time: a constant, so that memory and results do not depend on the threads."""
+POINTS_A_CHUNK = 4096
+
+
+class GivenViews:
+    """The source of views that the caller has."""
+
+    def __init__(self, pairs: Sequence[tuple[View, View]]) -> None:
+        self._views = {id(view.camera): view for pair in pairs for view in pair}
+
+    def __call__(self, cameras: Sequence[OrthographicCamera]) -> list[View]:
+        """Return the given view of each camera."""
+        return [self._views[id(camera)] for camera in cameras]
+
+
+class PackedViews:
+    """Views with their distance fields, for stages that look at them again.
+
+    Parameters
+    ----------
+    room : int
+        Bytes that they may take; views that do not fit are not kept.
+    """
+
+    def __init__(self, room: int) -> None:
+        self._room = room
+        self._views: dict[int, tuple[NDArray[np.uint8], NDArray[np.float32]]] = {}
+
+    def keep(self, view: View, field: NDArray[np.float32]) -> None:
+        """Keep a view and its field, if there is room."""
+        from medialis.curves.from_views._kernels import BITS, pack_view
+
+        pixels = view.near.size - int(np.isnan(view.near).sum())
+        mask = np.zeros(-(-view.near.size // BITS), np.uint8)
+        size = mask.nbytes + 12 * pixels
+        if size > self._room:
+            return
+        self._room -= size
+        values = np.empty((pixels, 3), np.float32)
+        pack_view(view.near, view.far, field, mask, values)
+        self._views[id(view.camera)] = mask, values
+
+    def has(self, camera: OrthographicCamera) -> bool:
+        """Tell whether the view of a camera is kept."""
+        return id(camera) in self._views
+
+    def unpack(
+        self,
+        camera: OrthographicCamera,
+        near: NDArray[np.float32],
+        far: NDArray[np.float32],
+        field: NDArray[np.float32],
+    ) -> None:
+        """Write the view of a camera into pictures (h, w); the field comes with 0."""
+        from medialis.curves.from_views._kernels import unpack_view
+
+        unpack_view(*self._views[id(camera)], near, far, field)
+
+
+class ViewBatch:
+    """Depths and distance fields of a few views side by side, as the kernels read them."""
+
+    def __init__(
+        self,
+        source: ViewSource,
+        cameras: Sequence[OrthographicCamera],
+        saliency: float,
+        packed: PackedViews,
+        progress: Progress,
+    ) -> None:
+        size, count = cameras[0].size, len(cameras)
+        self.cameras = np.stack(
+            [np.r_[camera.center, camera.axes.ravel(), camera.pixel] for camera in cameras]
+        )
+        self.near = np.empty((count, size, size), np.float32)
+        self.far = np.empty_like(self.near)
+        self.field = np.zeros_like(self.near)
+        fresh = [at for at, camera in enumerate(cameras) if not packed.has(camera)]
+        for begin in range(0, len(fresh), BATCH):
+            rows = fresh[begin : begin + BATCH]
+            views = render_views(source, [cameras[at] for at in rows], progress)
+            for at, view in zip(rows, views, strict=True):
+                self.near[at], self.far[at] = view.near, view.far
+
+        def skeletons(begin: int, end: int) -> None:
+            scratch = Scratch(size) if fresh else None
+            for at in range(begin, end):
+                pictures = self.near[at], self.far[at], self.field[at]
+                if packed.has(cameras[at]):
+                    packed.unpack(cameras[at], *pictures)
+                else:
+                    assert scratch is not None
+                    skeletonize(self.near[at], saliency, scratch, self.field[at])
+
+        run_chunks(skeletons, count, 1, progress=progress.still)
+
+    def measure(self, points: FloatArray) -> FloatArray:
+        """Return the radius of the ball round each point, 0 where a view sees it outside."""
+        from medialis.curves.from_views._kernels import measure_radii
+
+        positions = np.ascontiguousarray(points)
+        radii = np.full(len(positions), np.inf)
+        run_chunks(
+            lambda a, b: measure_radii(
+                self.cameras, self.near, self.far, self.field, a, b, positions, radii
+            ),
+            len(positions),
+            POINTS_A_CHUNK,
+        )
+        return radii
+
+
+def render_views(
+    source: ViewSource, cameras: Sequence[OrthographicCamera], progress: Progress
+) -> Sequence[View]:
+    """Return the views of a source, checked: the kernels rely on them."""
+    if isinstance(source, Rasterizer):
+        source = functools.partial(source, progress=progress.still)
+    views = source(cameras)
+    if len(views) != len(cameras):
+        raise InvalidShapeError(
+            f"The view source must return one view a camera: {len(views)} came for {len(cameras)}."
+        )
+    for view, camera in zip(views, cameras, strict=True):
+        if view.near.shape != (camera.size, camera.size):
+            raise InvalidShapeError(
+                f"The view source must return pictures of {camera.size} x {camera.size} pixels, "
+                f"got {view.near.shape}."
+            )
+        check_border(view.near)
+    return views
+
+
+def check_views(views: Sequence[tuple[View, View]]) -> list[tuple[View, View]]:
+    """Return the pairs, when they can be used."""
+    pairs = [tuple(pair) for pair in views]
+    if not pairs or any(
+        len(pair) != 2 or not all(isinstance(view, View) for view in pair) for pair in pairs
+    ):
+        raise InvalidShapeError("A Shape or at least one pair of Views (first, second) is needed.")
+    size = pairs[0][0].camera.size
+    for number, (first, second) in enumerate(pairs):
+        a, b = first.camera, second.camera
+        fits = a.extent == b.extent and np.allclose(a.center, b.center, rtol=0, atol=a.pixel / 100)
+        if not (a.size == b.size == size and fits):
+            raise InvalidShapeError(
+                f"Pair {number}: both cameras must have the same center and extent, and all views "
+                f"the same size in pixels (the first has {size})."
+            )
+        if not np.allclose(a.axes[1], b.axes[1], rtol=0, atol=1e-6):
+            raise InvalidShapeError(
+                f"Pair {number}: the up-axes must be the same, got {a.axes[1]} and {b.axes[1]}."
+            )
+        between = math.acos(min(max(float(a.axes[2] @ b.axes[2]), -1.0), 1.0))
+        if not math.radians(0.99) <= between <= math.radians(90.01):
+            raise InvalidOptionError(
+                f"Pair {number}: the cameras must be 1 to 90 degrees apart, got "
+                f"{math.degrees(between):g}."
+            )
+    return pairs  # type: ignore[return-value]
+
+
+PROBES = 32
+"""Views that measure radii and tell inside from outside while the points are linked."""
+MOST_POINTS, MOST_NODES = 250, 40
+"""Points that are sharpened, and nodes that are linked, at most: so many times the view size. Real
+shapes have 75 to 120 and 5 to 15; with a low saliency points fill the volume."""
+CELL = 2.0
+"""Cell of the linking in pixels: the scatter of sharpened points is one or two pixels."""
+TRAVEL = 0.2
+"""How far sharpening may move a point in all, as a share of the picture. Points also drift toward
+thicker parts, along their branch: 500 steps of a pixel emptied thin bridges."""
+
+_factory: ContextVar[Callable[[Shape], ViewSource]] = ContextVar(
+    "medialis_view_source", default=rasterizer
+)
+
+
+@contextmanager
+def view_source(factory: Callable[[Shape], ViewSource]) -> Iterator[None]:
+    """Let all views inside the block come from another renderer, also those of `medialis.run`.
+
+    Parameters
+    ----------
+    factory : callable
+        Called with the shape; returns its `ViewSource`.
+
+    See Also
+    --------
+    view_curve_skeleton : what asks for views.
+    rasterizer : the one that is used by itself.
+
+    Examples
+    --------
+    >>> import medialis
+    >>> shape = medialis.organic_shape(56)
+    >>> with medialis.view_source(medialis.rasterizer):
+    ...     result = medialis.run("view_curve_skeleton", shape, pairs=2, size=64)
+    >>> result.graph is not None
+    True
+    """
+    token = _factory.set(factory)
+    try:
+        yield
+    finally:
+        _factory.reset(token)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ViewCurveSkeletonOptions(Options):
+    """Options of `view_curve_skeleton`.
+
+    Attributes
+    ----------
+    source : ViewSource, optional
+        Who renders the views of a shape; the core's rasterizer when missing (see `view_source`).
+    """
+
+    pairs: int = whole(
+        500,
+        "Pairs of views",
+        "Number of directions that the shape is seen from, two views each.",
+        low=1,
+        high=100_000,
+    )
+    size: int = whole(
+        1024,
+        "View size",
+        "Width and height of a view in pixels. Parts thinner than two pixels are lost.",
+        low=32,
+        high=8192,
+    )
+    saliency: float = changed(SilhouetteOptions, "saliency")
+    angle: float = angle(
+        20.0,
+        "Angle of a pair",
+        "Angle between the two cameras of a pair: small ones place points less exactly, large ones "
+        "match wrong points.",
+        low=1.0,
+        high=90.0,
+        advanced=True,
+    )
+    source: ViewSource | None = None
+
+
+def _match(
+    source: ViewSource,
+    pairs: Sequence[CameraPair],
+    saliency: float,
+    packed: PackedViews,
+    progress: Progress,
+) -> tuple[FloatArray, FloatArray]:
+    """Return the points of all pairs of views, those in one pixel merged, and their weights.
+
+    The first views of the pairs are packed for the next stages.
+    """
+    places: list[FloatArray] = []
+    for begin in range(0, len(pairs), BATCH // 2):
+        progress.update(begin / len(pairs))
+        batch = pairs[begin : begin + BATCH // 2]
+        views = render_views(source, [camera for pair in batch for camera in pair], progress)
+        crossings: list[Crossings] = [None] * len(views)  # type: ignore[list-item]
+
+        def skeletons(
+            first: int, last: int, views: Sequence[View] = views, out: list[Crossings] = crossings
+        ) -> None:
+            scratch = Scratch(views[0].camera.size)
+            for at in range(first, last):
+                field = NO_FIELD if at % 2 else np.zeros_like(views[at].near)
+                out[at] = skeletonize(views[at].near, saliency, scratch, field)
+                if at % 2 == 0:
+                    packed.keep(views[at], field)
+
+        run_chunks(skeletons, len(views), 1, progress=progress.still)
+        places += [
+            pair_points(views[at], views[at + 1], crossings[at], crossings[at + 1])
+            for at in range(0, len(views), 2)
+        ]
+    points = np.concatenate(places)
+    pixel, most = max(first.pixel for first, _ in pairs), MOST_POINTS * pairs[0][0].size
+    merged = run_patiently(lambda: merge_to(points, np.ones(len(points)), pixel, most), progress)
+    return merged[:2]
+
+
+def _sharpen(
+    source: ViewSource,
+    cameras: Sequence[OrthographicCamera],
+    points: FloatArray,
+    weights: FloatArray,
+    saliency: float,
+    packed: PackedViews,
+    progress: Progress,
+) -> tuple[FloatArray, FloatArray]:
+    """Return the points that no view sees outside, moved to the middle of what the views show."""
+    from medialis.curves.from_views._kernels import cull_and_sharpen
+
+    # Steps that shrink let the points settle: the last views must not have the last word.
+    usual = min(0.625, TRAVEL * cameras[0].size / len(cameras))
+    steps = usual * (1.6 - 1.2 * (np.arange(len(cameras)) + 0.5) / len(cameras))
+    for begin in range(0, len(cameras), BATCH):
+        if len(points) == 0:
+            break
+        progress.update(begin / len(cameras))
+        batch = ViewBatch(source, cameras[begin : begin + BATCH], saliency, packed, progress)
+        alive = np.ones(len(points), bool)
+
+        def work(
+            first: int, last: int, batch: ViewBatch = batch,
+            at: slice = slice(begin, begin + BATCH), points: FloatArray = points,
+            alive: np.ndarray = alive,
+        ) -> None:  # fmt: skip
+            cull_and_sharpen(
+                batch.cameras, batch.near, batch.far, batch.field, steps[at], first, last,
+                points, alive,
+            )  # fmt: skip
+
+        run_chunks(work, len(points), POINTS_A_CHUNK, progress=progress.still)
+        points, weights = points[alive], weights[alive]
+    return points, weights
+
+
+@algorithm(ViewCurveSkeletonOptions, keep=False)
+def view_curve_skeleton(
+    shape_or_views: Shape | Sequence[tuple[View, View]],
+    options: ViewCurveSkeletonOptions,
+    progress: Progress,
+) -> CurveSkeleton:
+    """Compute a curve skeleton from silhouettes and depths of a shape.
+
+    Parameters
+    ----------
+    shape_or_views : Shape, or sequence of (View, View)
+        A mesh, open or closed, or a point cloud with normals. Or pairs of views: the cameras of a
+        pair have the same center, extent and up-axis; `pairs`, `size` and `angle` are then theirs.
+    source : ViewSource, optional
+        Who renders the views of a shape; the core's rasterizer when missing (see `view_source`).
+
+    Returns
+    -------
+    CurveSkeleton
+        With its ``view_points``. Radii come from the views: distance to the nearest contour or
+        depth that any of 32 shows.
+
+    Raises
+    ------
+    InvalidShapeError
+        When the shape has no size, views do not fit together, or no point is left.
+
+    See Also
+    --------
+    curve_skeleton : from the surface skeleton; with the node of each sample of the surface.
+    silhouette_skeleton : the skeleton of one silhouette.
+
+    Notes
+    -----
+    Cost: two renderings of each pair and two silhouette skeletons; memory for 16 views at a time,
+    and for the first views of all pairs, packed, as far as `memory_limit` allows (1 GiB): others
+    are drawn again.
+    Parts that no view shows, such as handles inside a cavity, are not found. Source: thesis 3.7,
+    with N pairs of P x P pixels, alpha apart. Deviates: saliency is a plain ratio of lengths, the
+    steps of the sharpening shrink, and only views that see a point in the middle of their depth
+    range move it (docs/view_curve_skeleton.md).
+
+    Examples
+    --------
+    >>> import medialis
+    >>> shape = medialis.organic_shape(56)
+    >>> curve = medialis.view_curve_skeleton(shape, pairs=40, size=128)
+    >>> curve.component_count, len(curve.end_points) >= 3
+    (1, True)
+    """
+    source, pairs = _source_and_cameras(shape_or_views, options)
+    saliency, firsts = options.saliency, [first for first, _ in pairs]
+    packed = PackedViews(room())
+    with progress.stage("pairs", 0.0, 0.5):
+        points, weights = _match(source, pairs, saliency, packed, progress)
+    matched = len(points)
+    with progress.stage("sharpen", 0.5, 0.9):
+        points, weights = _sharpen(source, firsts, points, weights, saliency, packed, progress)
+    with progress.stage("link", 0.9, 1.0):
+        probes = ViewBatch(source, firsts[:PROBES], saliency, packed, progress)
+        cell = CELL * firsts[0].pixel
+        most = MOST_NODES * firsts[0].size
+        curve = run_patiently(
+            lambda: link_points(points, weights, cell, probes.measure, most=most), progress
+        )
+    if len(curve.nodes) == 0:
+        why = "no place was found in any pair of views"
+        if matched:
+            why = f"{matched} places were found in pairs of views, all outside in some other view"
+        raise InvalidShapeError(
+            f"No curve skeleton is left: {why}. A solid shape at least two pixels thick is needed: "
+            "check that it is closed, raise size, or use surface_skeleton, which finds thin sheets."
+        )
+    return replace(curve, view_points=ViewPoints(points, weights))
+
+
+def _source_and_cameras(
+    shape_or_views: Shape | Sequence[tuple[View, View]], options: ViewCurveSkeletonOptions
+) -> tuple[ViewSource, list[CameraPair]]:
+    """Return who draws the views, and the cameras in pairs."""
+    if not isinstance(shape_or_views, Shape):
+        given = check_views(shape_or_views)
+        return GivenViews(given), [(first.camera, second.camera) for first, second in given]
+    shape = shape_or_views
+    center, radius = sphere_of(shape.points)
+    if not radius > 0:
+        raise InvalidShapeError(
+            f"All {shape.point_count} points of the shape are the same: views need a solid."
+        )
+    renderer = _factory.get()(shape) if options.source is None else options.source
+    if shape.faces is None:  # whoever draws them, the discs of a cloud reach beyond its samples
+        discs = renderer if isinstance(renderer, Rasterizer) else rasterizer(shape)
+        center, radius = sphere_of(discs.points)
+    between = math.radians(options.angle)
+    return renderer, camera_pairs(
+        center, radius, pairs=options.pairs, angle=between, size=options.size
+    )

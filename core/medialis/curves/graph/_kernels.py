@@ -1,0 +1,329 @@
+"""Kernels that link balls, grow a graph along the links, and close its loops (thesis 3.6.3).
+
+Links (ground.py): candidates for links are listed from both ends, sorted, and weighed. Growth
+(ground.py): the cheapest path of each ball to the graph. Handles (loops.py): trees of vertices and
+of faces. Loops: links that cross a surface which a loop spans, and the cheapest link that closes a
+loop.
+
+A spanned surface is a binary tree of triangles. All tests are signs of volumes of four points,
+computed in one order wherever they are asked for: so a path crosses the surface as often as it
+should, also where it goes through the side of two triangles, or where one of its points lies in a
+triangle.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from medialis.base._kernels import find_root, pop, push
+from medialis.base.jit import kernel
+
+
+@kernel
+def spread_from_tree(
+    sources, offsets, neighbours, length, cost, keys, names, spent, parent, path, base
+):  # fmt: skip
+    """Dijkstra's search from new sources: the cheapest path of each ball to the tree so far.
+
+    `spent` is the cost of that path, `parent` the next ball on it, `path` its length, `base` where
+    it ends. They come with the answer for the sources before (inf and -1 at first), so that only
+    balls that the new sources serve better are visited. A ball enters the heap at most once
+    for each of its links in one search: `keys` and `names` have room for all links and sources.
+    """
+    size = 0
+    for v in sources:
+        spent[v], path[v], parent[v], base[v] = 0.0, 0.0, -1, v
+        size = push(keys, names, size, 0.0, v)
+    while size > 0:
+        size = pop(keys, names, size)
+        here, v = keys[size], names[size]
+        if here > spent[v]:
+            continue
+        for link in range(offsets[v], offsets[v + 1]):
+            w = neighbours[link]
+            there = here + cost[link]
+            if there < spent[w]:
+                spent[w], path[w] = there, path[v] + length[link]
+                parent[w], base[w] = v, base[v]
+                size = push(keys, names, size, there, w)
+
+
+@kernel
+def weigh_paths(
+    order, parent, radii, offsets, neighbours, length, weight, prime, path, anchor
+):  # fmt: skip
+    """Weigh the turns of the path from each ball to the root, in rising cost.
+
+    `weight` is that of each link, modulo the prime. Balls of the tree (no parent) keep theirs.
+    `anchor` becomes the last ball on the path that does not overlap the one after it, else that of
+    the root: links between balls that are apart may leave the shape, so that turns are certain
+    between balls of the same anchor only.
+    """
+    for v in order:
+        p = parent[v]
+        if p < 0:
+            continue
+        anchor[v] = anchor[p]
+        for at in range(offsets[p], offsets[p + 1]):
+            if neighbours[at] == v:
+                if length[at] >= radii[v] + radii[p]:
+                    anchor[v] = v
+                path[v] = (path[p] + weight[at]) % prime
+                break
+
+
+@kernel
+def cheapest_closing_link(
+    rows, radii, offsets, neighbours, length, cost, spent, weight, prime, path, anchor
+):  # fmt: skip
+    """Return the cheapest link that closes a path which weighs something, -1 for none.
+
+    Only links between balls that overlap count, and whose turns are certain (`weigh_paths`).
+    """
+    best, least = -1, np.inf
+    for v in rows:
+        for at in range(offsets[v], offsets[v + 1]):
+            w = neighbours[at]
+            total = spent[v] + cost[at] + spent[w]
+            if w <= v or total >= least:
+                continue
+            if length[at] >= radii[v] + radii[w] or anchor[v] != anchor[w]:
+                continue
+            if (path[v] + weight[at] - path[w]) % prime != 0:
+                best, least = at, total
+    return best
+
+
+@kernel
+def farthest_ends(rows, radii, offsets, neighbours, length, out_far):
+    """Length of the longest link of each ball to one that it overlaps, 0 for none."""
+    for v in rows:
+        for at in range(offsets[v], offsets[v + 1]):
+            if length[at] < radii[v] + radii[neighbours[at]]:
+                out_far[v] = max(out_far[v], length[at])
+
+
+@kernel
+def steps_from(starts, offsets, neighbours, queue, steps, parent):
+    """Breadth-first trees from vertices: steps to the root, and the next vertex on the way there.
+
+    `steps` and `parent` come with -1, and keep it at the roots' `parent` and where no way leads.
+    """
+    count, done = len(starts), 0
+    for i in range(count):
+        queue[i] = starts[i]
+        steps[starts[i]] = 0
+    while done < count:
+        v = queue[done]
+        done += 1
+        for at in range(offsets[v], offsets[v + 1]):
+            w = neighbours[at]
+            if steps[w] < 0:
+                steps[w], parent[w] = steps[v] + 1, v
+                queue[count] = w
+                count += 1
+
+
+@kernel
+def join_faces(sides, twins, group, out_left):
+    """Join the faces on both sides of each side in turn; marks the sides that joined nothing.
+
+    With the sides of no tree of vertices (tree-cotree, Eppstein 2003) 2 g are left on a closed
+    surface of genus g. `group` comes with the number of each face.
+    """
+    for at in range(len(sides)):
+        a, b = find_root(group, sides[at] // 3), find_root(group, twins[sides[at]] // 3)
+        out_left[at] = a == b
+        group[max(a, b)] = min(a, b)
+
+
+DEEPEST = 64  # the tree halves its loop again and again
+
+
+@kernel
+def fill_boxes(points, corners, children, out_boxes, out_planes):
+    """Box round each triangle and all below it, and its plane: unit normal and offset.
+
+    Children come after their parents.
+    """
+    for t in range(len(corners) - 1, -1, -1):
+        a, b, c = points[corners[t, 0]], points[corners[t, 1]], points[corners[t, 2]]
+        for axis in range(3):
+            low, high = (
+                min(a[axis], b[axis], c[axis]),
+                max(a[axis], b[axis], c[axis]),
+            )
+            for j in range(2):
+                child = children[t, j]
+                if child >= 0:
+                    low = min(low, out_boxes[child, axis])
+                    high = max(high, out_boxes[child, 3 + axis])
+            out_boxes[t, axis], out_boxes[t, 3 + axis] = low, high
+        ux, uy, uz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
+        vx, vy, vz = c[0] - a[0], c[1] - a[1], c[2] - a[2]
+        x, y, z = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+        size = max(math.sqrt(x * x + y * y + z * z), 1e-300)
+        out_planes[t, 0], out_planes[t, 1], out_planes[t, 2] = x / size, y / size, z / size
+        out_planes[t, 3] = (x * a[0] + y * a[1] + z * a[2]) / size
+
+
+@kernel
+def _volume(p, q, a, b):
+    """Six times the signed volume of four points."""
+    ux, uy, uz = q[0] - p[0], q[1] - p[1], q[2] - p[2]
+    vx, vy, vz = a[0] - p[0], a[1] - p[1], a[2] - p[2]
+    wx, wy, wz = b[0] - p[0], b[1] - p[1], b[2] - p[2]
+    return ux * (vy * wz - vz * wy) + uy * (vz * wx - vx * wz) + uz * (vx * wy - vy * wx)
+
+
+@kernel
+def _passes(p, q, points, i, j):
+    """Tell on which side of a directed edge a line passes: the other one for the edge reversed."""
+    if i < j:
+        return _volume(p, q, points[i], points[j]) > 0.0
+    return not _volume(p, q, points[j], points[i]) > 0.0
+
+
+@kernel
+def _crossing(p, q, points, corner):
+    """Whether the segment from p to q crosses a triangle: 1 along its normal, -1 against it."""
+    a, b, c = points[corner[0]], points[corner[1]], points[corner[2]]
+    above = _volume(a, b, c, p) > 0.0
+    if above == (_volume(a, b, c, q) > 0.0):
+        return 0
+    side = _passes(p, q, points, corner[0], corner[1])
+    if side != _passes(p, q, points, corner[1], corner[2]):
+        return 0
+    if side != _passes(p, q, points, corner[2], corner[0]):
+        return 0
+    return -1 if above else 1
+
+
+@kernel
+def cross_links(
+    begin, stop, rows, reach, centers, radii, offsets, neighbours, length, points, corners,
+    children, boxes, planes, slack, out_turns,
+):  # fmt: skip
+    """Count how often links between balls that overlap cross the surface, against its normals.
+
+    `reach` is the length of the longest such link of each ball (r,). `out_turns` has one place for
+    each link and comes with 0.
+    """
+    stack = np.empty(DEEPEST, np.int64)
+    for i in range(begin, stop):
+        v = rows[i]
+        x, y, z, far = centers[v, 0], centers[v, 1], centers[v, 2], reach[v] + slack
+        stack[0], size = 0, 1
+        while size > 0:
+            size -= 1
+            t = stack[size]
+            if x + far < boxes[t, 0] or y + far < boxes[t, 1] or z + far < boxes[t, 2]:
+                continue
+            if x - far > boxes[t, 3] or y - far > boxes[t, 4] or z - far > boxes[t, 5]:
+                continue
+            for j in range(2):
+                if children[t, j] >= 0:
+                    stack[size] = children[t, j]
+                    size += 1
+            off = planes[t, 0] * x + planes[t, 1] * y + planes[t, 2] * z - planes[t, 3]
+            if abs(off) > far:
+                continue
+            for at in range(offsets[v], offsets[v + 1]):
+                w = neighbours[at]
+                if length[at] >= radii[v] + radii[w]:
+                    continue
+                if v < w:
+                    out_turns[at] -= _crossing(centers[v], centers[w], points, corners[t])
+                else:
+                    out_turns[at] += _crossing(centers[w], centers[v], points, corners[t])
+
+
+@kernel
+def take_turns(rows, offsets, turns, out_links, out_turns):
+    """List the links of some balls that have turns, and set those to 0; returns how many."""
+    count = 0
+    for v in rows:
+        for at in range(offsets[v], offsets[v + 1]):
+            if turns[at] != 0:
+                out_links[count], out_turns[count] = at, turns[at]
+                turns[at] = 0
+                count += 1
+    return count
+
+
+@kernel
+def _apart(centers, a, b):
+    x, y, z = (
+        centers[a, 0] - centers[b, 0],
+        centers[a, 1] - centers[b, 1],
+        centers[a, 2] - centers[b, 2],
+    )
+    return math.sqrt(x * x + y * y + z * z)
+
+
+@kernel
+def list_links(ends, others, needed, groups, centers, radii, places, out_neighbours):
+    """List links from both their ends, at the places of each ball, which then move on.
+
+    Row i of `others` are balls that ball ``ends[i]`` may be linked to: of the same group, and where
+    the link is not needed, each within the other. Without room in `out_neighbours` they are only
+    counted.
+    """
+    for i in range(len(ends)):
+        a = ends[i]
+        for j in range(others.shape[1]):
+            b = others[i, j]
+            if a == b or groups[a] != groups[b] or groups[a] < 0:
+                continue
+            if not needed and not _apart(centers, a, b) < min(radii[a], radii[b]):
+                continue
+            if len(out_neighbours) > 0:
+                out_neighbours[places[a]], out_neighbours[places[b]] = b, a
+            places[a] += 1
+            places[b] += 1
+
+
+@kernel
+def sort_links(offsets, neighbours, out_offsets, out_neighbours):
+    """Write links that are listed from both ends in ascending order, each once; return how many.
+
+    Passing on the lists of each ball in turn to the other ends sorts those.
+    """
+    k = len(offsets) - 1
+    last = offsets[:-1].copy()
+    for v in range(k):
+        for at in range(offsets[v], offsets[v + 1]):
+            w = neighbours[at]
+            if last[w] == offsets[w] or out_neighbours[last[w] - 1] != v:
+                out_neighbours[last[w]] = v
+                last[w] += 1
+    count = 0
+    for v in range(k):
+        out_offsets[v] = count
+        for at in range(offsets[v], last[v]):
+            out_neighbours[count] = out_neighbours[at]
+            count += 1
+    out_offsets[k] = count
+    return count
+
+
+@kernel
+def weigh_links(
+    begin, end, offsets, neighbours, centers, radii, density, spacing, short, overlap_only, apart,
+    out_length, out_cost,
+):  # fmt: skip
+    """Length and cost of the links of the balls begin..end (see `link_balls`)."""
+    for v in range(begin, end):
+        for at in range(offsets[v], offsets[v + 1]):
+            w = neighbours[at]
+            distance, smaller = _apart(centers, v, w), min(radii[v], radii[w])
+            long = 1.0 + distance / max(short * smaller, spacing)
+            cost = distance * long * (density[v] + density[w]) / 2.0
+            if distance >= radii[v] + radii[w]:
+                cost *= apart
+            elif distance >= smaller:
+                cost *= overlap_only
+            # Coincident centers: the path with fewer links.
+            out_length[at], out_cost[at] = distance, cost + 1e-9 * spacing

@@ -1,1 +1,0 @@
-"""Fields on the surface from its balls: feature transform, thickness, thin spots (thesis 3.5)."""

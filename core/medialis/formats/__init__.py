@@ -1,0 +1,30 @@
+"""Files in and out that no single feature owns.
+
+In come meshes, point clouds and CAD models: `read_mesh` takes any of them and gives `MeshData`
+(meshes.py, then one parser a format: ply, text_meshes for OFF, OBJ, STL and point lists, step). Out
+go layers of results with named values: PLY without loss (ply_attributes), VTK (vtk), shell models
+for solvers (shells), glTF (gltf), and arrays and text (json_npz). What is written appears whole or
+not at all: a file by `complete_file` of files.py, a folder by `OutputFolder`.
+
+Read meshes.py first. A new mesh format is a parser that returns a `ParsedMesh`, entered in
+meshes.py; a format of one feature belongs to that feature. Sources: the manuals that the modules
+name.
+"""
+
+from medialis.formats.json_npz import json_text, read_npz, write_json, write_npz
+from medialis.formats.meshes import MeshData, read_mesh
+from medialis.formats.output_folder import OutputFolder
+from medialis.formats.ply_attributes import PlyData, read_ply_attributes, write_ply
+
+__all__ = [
+    "MeshData",
+    "OutputFolder",
+    "PlyData",
+    "json_text",
+    "read_mesh",
+    "read_npz",
+    "read_ply_attributes",
+    "write_json",
+    "write_npz",
+    "write_ply",
+]

@@ -1,0 +1,422 @@
+"""PLY in: ascii and binary, any element, any property, lists of any length; viewpoints of scans.
+
+Strategy: both encodings are seen as one flat stream - of bytes, or of numbers for ascii - through
+which elements are walked by the same code. An element whose lists all have the length of its first
+row (a triangle mesh) is one numpy view; otherwise one light pass over the rows finds where each
+list starts, and everything is gathered at once. Counts in the header are never trusted with
+memory: they are held against what the stream can contain first.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from medialis.base.errors import InvalidShapeError
+from medialis.base.progress import Message, counted
+from medialis.formats.files import ParsedMesh, no_polygons, numbers, ragged_rows, shown, whole
+
+_TYPES = {
+    **{"char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4"},
+    **{"float": "f4", "double": "f8", "int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2"},
+    **{"int32": "i4", "uint32": "u4", "int64": "i8", "uint64": "u8"},
+    **{"float32": "f4", "float64": "f8"},
+}
+
+
+@dataclass
+class PlyProperty:
+    """A property of an element: a scalar, or a list when `count` is given."""
+
+    name: str
+    dtype: np.dtype[Any]
+    count: np.dtype[Any] | None = None
+
+
+@dataclass
+class PlyElement:
+    """An element of the header."""
+
+    name: str
+    rows: int
+    by_name: dict[str, PlyProperty] = field(default_factory=dict)
+
+    @property
+    def properties(self) -> list[PlyProperty]:
+        """Its properties in their order."""
+        return list(self.by_name.values())
+
+
+@dataclass
+class PlyHeader:
+    """The header: encoding, comments, elements, and where the body starts."""
+
+    encoding: str
+    comments: list[str]
+    body: int
+    by_name: dict[str, PlyElement] = field(default_factory=dict)
+
+    @property
+    def elements(self) -> list[PlyElement]:
+        """Its elements in their order."""
+        return list(self.by_name.values())
+
+
+def read_ply_header(data: bytes) -> PlyHeader:
+    """Read the header lines.
+
+    Raises
+    ------
+    InvalidShapeError
+        When a line makes no sense or the header does not end.
+    """
+    end = re.search(rb"[\r\n][ \t]*end_header[ \t]*(\r\n|\n|\r)", data)
+    if not end:
+        raise InvalidShapeError("the PLY header does not end with a line 'end_header'.")
+    header = PlyHeader("", [], end.end())
+    element: PlyElement | None = None
+    for line in re.split(rb"[\r\n]+", data[: end.start()])[1:]:
+        try:
+            element = _header_line(header, element, line.decode("latin-1"))
+        except (ValueError, KeyError, IndexError):
+            raise InvalidShapeError(
+                f"the PLY header line {shown(line)} cannot be understood."
+            ) from None
+    if header.encoding not in ("ascii", "binary_little_endian", "binary_big_endian"):
+        raise InvalidShapeError(
+            f"the PLY format is {shown(header.encoding.encode('latin-1'))}; ascii, "
+            "binary_little_endian and binary_big_endian are supported."
+        )
+    return header
+
+
+def _header_line(header: PlyHeader, element: PlyElement | None, line: str) -> PlyElement | None:
+    """Take in a line; return the element that the properties after it belong to."""
+    words = line.split()
+    if not words or words[0] == "obj_info":
+        return element
+    if words[0] == "comment":
+        header.comments.append(line.strip()[len("comment") :].strip())
+    elif words[0] == "format":
+        header.encoding = words[1]
+    elif words[0] == "element":
+        rows = int(words[2])
+        if not 0 <= rows < 2**63 or words[1] in header.by_name:
+            raise ValueError
+        element = header.by_name[words[1]] = PlyElement(words[1], rows)
+    elif words[0] == "property":
+        new = PlyProperty(words[-1], np.dtype(_TYPES[words[-2]]))
+        if words[1] == "list":
+            new.count = np.dtype(_TYPES[words[2]])
+            if len(words) != 5 or new.count.kind == "f":
+                raise ValueError
+        elif len(words) != 3:
+            raise ValueError
+        if element is None or new.name in element.by_name:
+            raise ValueError
+        element.by_name[new.name] = new
+    else:
+        raise ValueError
+    return element
+
+
+_SAID = re.compile(r"(?i)^\W*(?:viewpoint|(?:scanner|sensor)[ _](?:position|origin))\b[\s:=]*(.*)$")
+
+
+def said_viewpoints(comments: Iterable[str]) -> NDArray[np.float64]:
+    """Return the positions in comments such as `VIEWPOINT x y z`, (v, 3).
+
+    What follows x y z, a direction in files of the Point Cloud Library, is passed over.
+
+    Examples
+    --------
+    >>> said_viewpoints(["VIEWPOINT 0 1.5 2 1 0 0 0", "scanner position: 4 5 6", "viewpoint lost"])
+    array([[0. , 1.5, 2. ],
+           [4. , 5. , 6. ]])
+    """
+    places = []
+    for comment in comments:
+        if said := _SAID.match(comment):
+            try:
+                place = [float(word) for word in re.split(r"[\s,;]+", said[1].strip())[:3]]
+            except ValueError:
+                continue
+            if len(place) == 3 and np.isfinite(place).all():
+                places.append(place)
+    return np.array(places).reshape(-1, 3)
+
+
+def for_each_point(
+    points: NDArray[np.float64], places: NDArray[np.float64]
+) -> tuple[NDArray[np.float64] | None, tuple[Message, ...]]:
+    """Return the viewpoint of each point, the nearest of several, and what to tell."""
+    if len(places) == 0:
+        return None, ()
+    nearest, least = np.zeros(len(points), np.intp), np.full(len(points), np.inf)
+    for i, place in enumerate(places):
+        with np.errstate(all="ignore"):  # points may be NaN or huge
+            distance = np.abs(points - place).max(axis=1)
+        closer = distance < least
+        nearest[closer], least[closer] = i, distance[closer]
+    text = f"The file names {counted(len(places), 'viewpoint')}."
+    if len(places) > 1:
+        text += " Each point is taken as seen from the nearest one."
+    return places[nearest], (Message(text, "viewpoints", viewpoints=len(places)),)
+
+
+@dataclass(eq=False)
+class PlyList:
+    """A list property: `counts` items for each row, all `items` one after another."""
+
+    counts: NDArray[np.int64]
+    items: NDArray[Any]
+
+
+PlyTable = dict[str, "NDArray[Any] | PlyList"]
+
+
+def parse_ply(data: bytes) -> ParsedMesh:
+    """Parse a PLY file's vertices, normals, polygons and viewpoints; the rest is passed over.
+
+    Viewpoints are the vertex properties vp_x, vp_y, vp_z, comments such as `VIEWPOINT x y z`, or
+    the element `camera`, which the Point Cloud Library writes with zeros when it has none.
+
+    Raises
+    ------
+    InvalidShapeError
+        When the file is damaged, cut short, or has no vertices.
+    """
+    header, tables = read_ply_elements(data)
+    vertices = tables.get("vertex")
+    if vertices is None:
+        raise InvalidShapeError("the PLY header has no element 'vertex'.")
+    points = ply_columns(vertices, ("x", "y", "z"))
+    if points is None:
+        raise InvalidShapeError("the PLY vertices lack one of the properties x, y, z.")
+    if "tristrips" in tables:
+        raise InvalidShapeError(
+            "the PLY file stores triangle strips, which are not supported; save it with faces."
+        )
+    counts, corners = _polygons(tables.get("face", {}))
+    told: tuple[Message, ...] = ()
+    viewpoints = ply_columns(vertices, ("vp_x", "vp_y", "vp_z"))
+    if viewpoints is None:
+        places = said_viewpoints(header.comments)
+        camera = ply_columns(tables.get("camera", {}), ("view_px", "view_py", "view_pz"))
+        if len(places) == 0 and camera is not None:
+            places = camera[camera.any(axis=1) & np.isfinite(camera).all(axis=1)]
+        viewpoints, told = for_each_point(points, places)
+    normals = ply_columns(vertices, ("nx", "ny", "nz"))
+    return ParsedMesh(points, counts, corners, normals, told, viewpoints)
+
+
+def ply_columns(table: PlyTable, names: tuple[str, ...]) -> NDArray[np.float64] | None:
+    """Return scalar properties side by side, (rows, names) float64; None when one is missing."""
+    columns = [table.get(name) for name in names]
+    if any(column is None or isinstance(column, PlyList) for column in columns):
+        return None
+    result = np.empty((len(columns[0]), len(names)))  # type: ignore[arg-type]
+    with np.errstate(invalid="ignore"):  # signalling NaN in a damaged file
+        for i, column in enumerate(columns):
+            result[:, i] = column  # type: ignore[assignment]
+    return result
+
+
+def _polygons(table: PlyTable) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    for name in ("vertex_indices", "vertex_index"):
+        polygons = table.get(name)
+        if isinstance(polygons, PlyList):
+            return polygons.counts, whole(polygons.items, "PLY face indices")
+    if any(len(t.counts if isinstance(t, PlyList) else t) for t in table.values()):
+        raise InvalidShapeError("the PLY faces lack the list property 'vertex_indices'.")
+    return no_polygons()
+
+
+def read_ply_elements(data: bytes) -> tuple[PlyHeader, dict[str, PlyTable]]:
+    """Read all elements: for each element name, each property's column or list.
+
+    Raises
+    ------
+    InvalidShapeError
+        When the header makes no sense or the body is cut short.
+    """
+    header = read_ply_header(data)
+    stream: NDArray[Any]
+    if header.encoding == "ascii":
+        stream = numbers(data[header.body :], "PLY data")
+    else:
+        stream = np.frombuffer(data, np.uint8, offset=header.body)
+    order: Literal["<", ">"] = ">" if header.encoding == "binary_big_endian" else "<"
+    tables: dict[str, PlyTable] = {}
+    at = 0
+    for element in header.elements:
+        layout = _layout(element, order, header.encoding == "ascii")
+        table, at = _read_element(stream, at, element, layout)
+        tables[element.name] = table
+    if header.encoding == "ascii" and at != len(stream):
+        raise InvalidShapeError(
+            f"the PLY header announces {at} numbers, but {len(stream)} follow it."
+        )
+    return header, tables
+
+
+@dataclass
+class _Slot:
+    """Where a property lies: `unit` stream items for a value, `count_unit` for a list's count."""
+
+    name: str
+    dtype: np.dtype[Any]
+    unit: int
+    count: np.dtype[Any] | None
+    count_unit: int
+
+
+def _layout(element: PlyElement, order: Literal["<", ">"], ascii_text: bool) -> list[_Slot]:
+    slots = []
+    for p in element.properties:
+        dtype, count = p.dtype.newbyteorder(order), p.count and p.count.newbyteorder(order)
+        unit, count_unit = dtype.itemsize, count.itemsize if count else 0
+        if ascii_text:
+            unit, count_unit = 1, 1 if count else 0
+        slots.append(_Slot(p.name, dtype, unit, count, count_unit))
+    return slots
+
+
+def _read_element(
+    stream: NDArray[Any], at: int, element: PlyElement, layout: list[_Slot]
+) -> tuple[PlyTable, int]:
+    """Read the rows of one element from position `at`; return its columns and where it ends."""
+    least = sum(s.count_unit if s.count else s.unit for s in layout)
+    rows = element.rows if least else 0
+    room = (len(stream) - at) // least if least else 0
+    lists = [s for s in layout if s.count]
+    if room < rows and not lists:
+        raise _cut_short(element, room)
+    lengths = _first_lengths(stream, at, layout) if rows else [0] * len(lists)
+    if lengths is not None:
+        table, size = _read_even(stream, at, rows, layout, lengths)
+        if table is not None:
+            return table, at + size * rows
+    return _read_uneven(stream, at, element, layout)
+
+
+def _cut_short(element: PlyElement, found: int) -> InvalidShapeError:
+    other = f"rows of {shown(element.name.encode('latin-1'))}"
+    plural = {"vertex": "vertices", "face": "faces"}.get(element.name, other)
+    return InvalidShapeError(
+        f"the file is cut short: the PLY header announces {element.rows} {plural}, "
+        f"only {found} were found."
+    )
+
+
+def _value(stream: NDArray[Any], at: int, dtype: np.dtype[Any], unit: int) -> int | None:
+    """Return the list count at a position, or None when the stream ends before it."""
+    if at + unit > len(stream):
+        return None
+    value = stream[at] if unit == 1 else stream[at : at + unit].view(dtype)[0]
+    if stream.dtype.kind == "f" and value != np.rint(value):
+        raise InvalidShapeError(f"a PLY list has a count of {float(value):g}.")
+    if stream.dtype == np.uint8 and unit == 1:
+        value = stream[at : at + 1].view(dtype)[0]
+    if value < 0:
+        raise InvalidShapeError(f"a PLY list has a count of {int(value)}.")
+    return int(value) if np.isfinite(value) else None
+
+
+def _first_lengths(stream: NDArray[Any], at: int, layout: list[_Slot]) -> list[int] | None:
+    """Return the list lengths in the row at a position, or None when the stream ends in it."""
+    lengths = []
+    for slot in layout:
+        if slot.count:
+            length = _value(stream, at, slot.count, slot.count_unit)
+            if length is None:
+                return None
+            lengths.append(length)
+            at += slot.count_unit + length * slot.unit
+        else:
+            at += slot.unit
+    return lengths if at <= len(stream) else None
+
+
+def _read_even(
+    stream: NDArray[Any], at: int, rows: int, layout: list[_Slot], lengths: list[int]
+) -> tuple[PlyTable | None, int]:
+    """Read rows as if all lists were as long as in the first row; None when that is not so."""
+    left = list(lengths)
+    size = sum(s.count_unit + left.pop(0) * s.unit if s.count else s.unit for s in layout)
+    if at + rows * size > len(stream):
+        return None, size
+    block = stream[at : at + rows * size].reshape(rows, size)
+    table: PlyTable = {}
+    place = 0
+    left = list(lengths)
+    for slot in layout:
+        if slot.count is None:
+            table[slot.name] = _cast(block[:, place : place + slot.unit], slot)[:, 0]
+            place += slot.unit
+            continue
+        length = left.pop(0)
+        end = place + slot.count_unit
+        # In bytes too: a count of the same value has the same bytes.
+        if rows and (block[:, place:end] != block[0, place:end]).any():
+            return None, size
+        items = _cast(block[:, end : end + length * slot.unit], slot).reshape(-1)
+        table[slot.name] = PlyList(np.full(rows, length, np.int64), items)
+        place = end + length * slot.unit
+    return table, size
+
+
+def _cast(block: NDArray[Any], slot: _Slot) -> NDArray[Any]:
+    """Return (rows, values) of the slot's type from (rows, bytes); ascii numbers stay doubles."""
+    if block.dtype != np.uint8:
+        return np.ascontiguousarray(block)
+    if block.shape[1] == 0:
+        return np.empty((len(block), 0), slot.dtype.newbyteorder("="))
+    values = np.ascontiguousarray(block).view(slot.dtype)
+    return values.astype(slot.dtype.newbyteorder("="), copy=False)
+
+
+def _read_uneven(
+    stream: NDArray[Any], at: int, element: PlyElement, layout: list[_Slot]
+) -> tuple[PlyTable, int]:
+    """Read rows whose lists differ in length: find all starts in one pass, then gather."""
+    starts: list[list[int]] = [[] for _ in layout]
+    counts: list[list[int]] = [[] for _ in layout]
+    end = len(stream)
+    quick: Any = stream.tolist() if stream.dtype != np.uint8 else stream.tobytes()
+    for row in range(element.rows):
+        for i, slot in enumerate(layout):
+            count = 1
+            if slot.count is not None:
+                plain = slot.count_unit == 1 and slot.count.kind == "u" and at < end
+                if plain and isinstance(quick, bytes):
+                    count = quick[at]
+                else:
+                    value = _value(stream, at, slot.count, slot.count_unit)
+                    count = end if value is None else value
+                at += slot.count_unit
+            starts[i].append(at)
+            counts[i].append(count)
+            at += count * slot.unit
+        if at > end:
+            raise _cut_short(element, row)
+    table: PlyTable = {}
+    for i, slot in enumerate(layout):
+        length = np.array(counts[i], np.int64)
+        values = _gather(stream, np.array(starts[i], np.int64), length, slot)
+        table[slot.name] = values if slot.count is None else PlyList(length, values)
+    return table, at
+
+
+def _gather(
+    stream: NDArray[Any], starts: NDArray[np.int64], counts: NDArray[np.int64], slot: _Slot
+) -> NDArray[Any]:
+    taken = stream[ragged_rows(starts, counts * slot.unit)]
+    if stream.dtype != np.uint8:
+        return taken
+    return taken.view(slot.dtype).astype(slot.dtype.newbyteorder("="), copy=False)

@@ -1,0 +1,205 @@
+"""STEP in: faces of a CAD model as triangles, through the optional cascadio (MIT).
+
+cascadio cuts the faces of Open CASCADE into triangles and hands them on as binary glTF, one
+primitive a face, in metres and single precision. Neighbouring faces have the same points along
+their common edge. The triangles follow the model to within `CHORD` of its size, and turn by at most
+`TURN` from one to the next, so that they are facets of a smooth surface and no creases.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import re
+import struct
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from medialis.base.errors import InvalidShapeError
+from medialis.base.units import METERS
+from medialis.base.validation import FloatArray
+from medialis.formats.files import ParsedMesh
+
+CHORD = 3e-4
+"""Share of the diagonal that a triangle may lie off its face: the tolerance of the balls."""
+
+TURN = 0.2
+"""Radians between neighbouring triangles, some 11 degrees: creases begin at 30."""
+
+COARSE = 1e6
+"""A distance, in the millimetres of cascadio, that limits nothing: for the size of the model."""
+
+CHILD = """
+import json, math, sys
+package, given, made, coarse, chord, turn = sys.argv[1:]
+sys.path.append(package)
+import cascadio
+
+def tessellated(chord, turn):
+    return cascadio.load(
+        data, file_type="step", tol_linear=chord, tol_angular=turn, merge_primitives=False
+    )
+
+with open(given, "rb") as stream:
+    data = stream.read()
+packed = tessellated(float(coarse), 1.0)
+if len(packed) > 20:
+    scene = json.loads(packed[20 : 20 + int.from_bytes(packed[12:16], "little")])
+    boxes = [a for a in scene["accessors"] if len(a.get("min", ())) == 3]
+    low = [min(box["min"][d] for box in boxes) for d in range(3)]
+    high = [max(box["max"][d] for box in boxes) for d in range(3)]
+    packed = tessellated(max(float(chord) * 1000.0 * math.dist(low, high), 1e-9), float(turn))
+    with open(made, "wb") as stream:
+        stream.write(packed)
+"""
+"""What the process runs: faces cut into triangles roughly, for the size, and then finely."""
+
+SINGLE = 2.0**-24
+"""Relative rounding of the numbers in binary glTF."""
+
+_PREFIXES = {b"MILLI": "mm", b"CENTI": "cm", b"DECI": "dm", b"MICRO": "um", b"KILO": "km"}
+_SI = re.compile(
+    rb"LENGTH_UNIT\s*\(\s*\)[^;]{0,200}?SI_UNIT\s*\(\s*(?:\.(\w+)\.|\$)\s*,\s*\.METRE\.\s*\)"
+)
+_NAMED = re.compile(rb"CONVERSION_BASED_UNIT\s*\(\s*'(\w+)'[^;]{0,200}?LENGTH_UNIT")
+_WORDS = {b"INCH": "in", b"FOOT": "ft"}
+
+_INDICES = {5121: "u1", 5123: "<u2", 5125: "<u4"}
+
+
+def parse_step(data: bytes) -> tuple[ParsedMesh, NDArray[np.int32], str]:
+    """Return the triangles of a STEP file, the face of each in the model, and the unit.
+
+    Raises
+    ------
+    InvalidShapeError
+        When cascadio is not installed, or finds nothing to cut into triangles.
+    """
+    if importlib.util.find_spec("cascadio") is None:
+        raise InvalidShapeError(
+            "STEP files are read through cascadio, which is not installed; "
+            'install it with: pip install "medialis[cad]".'
+        )
+    unit, faces = _unit_of(data), list(_faces(data))
+    starts = np.cumsum([0, *(len(points) for points, _ in faces)])
+    corners = np.concatenate([tri + start for (_, tri), start in zip(faces, starts, strict=False)])
+    patches = np.repeat(np.arange(len(faces), dtype=np.int32), [len(tri) for _, tri in faces])
+    places = np.concatenate([points for points, _ in faces]) / METERS[unit]
+    counts = np.full(len(corners), 3, np.int64)
+    return ParsedMesh(_rounded(places), counts, corners.ravel()), patches, unit
+
+
+def _unit_of(data: bytes) -> str:
+    """Return the unit that a STEP file draws in; millimetres where it says none or several."""
+    found = {
+        "m" if prefix is None else _PREFIXES.get(prefix.upper(), "")
+        for prefix in (match[1] for match in _SI.finditer(data))
+    }
+    # A unit such as the inch is defined by a metric one, which is then not that of the model.
+    named = {_WORDS.get(match[1].upper(), "") for match in _NAMED.finditer(data)}
+    found = named or found
+    unit = next(iter(found)) if len(found) == 1 else ""
+    return unit or "mm"
+
+
+def _rounded(points: FloatArray) -> FloatArray:
+    """Drop the digits that single precision made: 100.00000149 becomes 100."""
+    diagonal = float(np.linalg.norm(np.ptp(points, axis=0)))
+    largest = max(float(np.abs(points).max()), diagonal)
+    if largest == 0.0:
+        return points
+    digits = -int(np.ceil(np.log10(largest * SINGLE)))
+    return np.round(points, digits)
+
+
+def _faces(data: bytes) -> Iterator[tuple[FloatArray, NDArray[np.int64]]]:
+    """Give points in metres and triangles of each face of the model.
+
+    Raises
+    ------
+    InvalidShapeError
+        When there is none.
+    """
+    packed = _tessellated(data)
+    if len(packed) < 20:
+        raise InvalidShapeError("no faces were found in this STEP file: it is damaged.")
+    length = struct.unpack("<I", packed[12:16])[0]
+    scene, binary = json.loads(packed[20 : 20 + length]), packed[28 + length :]
+    meshes, found = scene.get("meshes", []), False
+    for mesh, place in _placed(scene):
+        for primitive in meshes[mesh]["primitives"]:
+            if primitive.get("mode", 4) != 4:
+                continue
+            points = _array(scene, binary, primitive["attributes"]["POSITION"], "<f4", 3)
+            corners = _array(scene, binary, primitive["indices"], "", 3)
+            found = True
+            yield points @ place[:3, :3].T + place[:3, 3], corners.astype(np.int64)
+    if not found:
+        raise InvalidShapeError("this STEP file has no faces, only curves or points.")
+
+
+def _tessellated(data: bytes) -> bytes:
+    """Return the faces as binary glTF; nothing where the library fails or dies of a damaged file.
+
+    It runs in a process of its own, since damaged files crash it, and it prints to our output.
+    """
+    found = importlib.util.find_spec("cascadio")
+    assert found is not None and found.submodule_search_locations
+    package = str(Path(found.submodule_search_locations[0]).parent)
+    with tempfile.TemporaryDirectory() as folder:
+        given, made = Path(folder, "given"), Path(folder, "made")
+        given.write_bytes(data)
+        words = [package, str(given), str(made), *map(repr, (COARSE, CHORD, TURN))]
+        subprocess.run(
+            [sys.executable, "-P", "-c", CHILD, *words],
+            stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+            check=False,
+        )  # fmt: skip
+        return made.read_bytes() if made.exists() else b""
+
+
+def _placed(scene: Mapping[str, Any]) -> Iterator[tuple[int, FloatArray]]:
+    """Give the meshes of a scene, each with where it lies: a part may be there several times."""
+    nodes = scene.get("nodes", [])
+    children = {child for node in nodes for child in node.get("children", ())}
+    waiting = [(row, np.eye(4)) for row in range(len(nodes)) if row not in children][::-1]
+    while waiting:
+        row, above = waiting.pop()
+        node = nodes[row]
+        here = above @ _matrix(node)
+        if "mesh" in node:
+            yield node["mesh"], here
+        waiting += [(child, here) for child in reversed(node.get("children", ()))]
+
+
+def _matrix(node: Mapping[str, Any]) -> FloatArray:
+    """Return the transform of a node: its matrix, or scale, turn and shift."""
+    if "matrix" in node:
+        return np.array(node["matrix"], float).reshape(4, 4).T
+    x, y, z, w = node.get("rotation", (0.0, 0.0, 0.0, 1.0))
+    result = np.eye(4)
+    result[:3, :3] = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+    ]
+    result[:3, :3] *= np.array(node.get("scale", (1.0, 1.0, 1.0)))
+    result[:3, 3] = node.get("translation", (0.0, 0.0, 0.0))
+    return result
+
+
+def _array(scene: Mapping[str, Any], binary: bytes, row: int, kind: str, width: int) -> Any:
+    """Return the rows of an accessor."""
+    about = scene["accessors"][row]
+    view = scene["bufferViews"][about["bufferView"]]
+    kind = kind or _INDICES[about["componentType"]]
+    count = about["count"] * (width if about["type"] == "VEC3" else 1)
+    start = view.get("byteOffset", 0) + about.get("byteOffset", 0)
+    return np.frombuffer(binary, kind, count, start).reshape(-1, width).astype(np.float64)

@@ -1,0 +1,376 @@
+"""Meshes and clouds as text, and STL: OFF, OBJ, STL, and lists of points (.xyz, .pts, .txt, .csv).
+
+Each parser takes the bytes of a file. Lines of OBJ are told apart by their first characters in
+numpy, the bytes of all lines of one kind are joined, and each kind is parsed as one block of
+numbers. STL gives three new vertices for each facet; `medialis.shape.repair` welds them.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+
+import numpy as np
+from numpy.typing import NDArray
+
+from medialis.base.errors import InvalidShapeError
+from medialis.base.progress import Message
+from medialis.formats.files import (
+    ParsedMesh,
+    blocks,
+    complete_file,
+    no_polygons,
+    numbers,
+    numbers_by_line,
+    places_of,
+    ragged_rows,
+    replaced,
+    rows_of,
+    shown,
+    unix_lines,
+    whole,
+    without_comments,
+)
+from medialis.formats.ply import for_each_point, said_viewpoints
+
+KEYWORD = re.compile(rb"\s*(ST)?(C)?(N)?(4)?(n)?OFF")
+
+
+def parse_off(data: bytes) -> ParsedMesh:
+    """Parse vertices, normals and polygons; colours and texture coordinates are ignored.
+
+    Raises
+    ------
+    InvalidShapeError
+        When the file is binary, four-dimensional, damaged or cut short.
+    """
+    text = without_comments(unix_lines(data))
+    keyword = KEYWORD.match(text)
+    has_normals = False
+    if keyword:
+        if keyword[4] or keyword[5]:
+            raise InvalidShapeError("the OFF file is not three-dimensional (4OFF or nOFF).")
+        has_normals = bool(keyword[3])
+        text = text[keyword.end() :]
+        if re.match(rb"\s*BINARY", text):
+            raise InvalidShapeError("binary OFF is not supported; save it as text OFF or PLY.")
+    values, words = numbers_by_line(text, "OFF data")
+    if len(words) == 0 or words[0] < 2:
+        raise InvalidShapeError("the OFF file does not start with its vertex and face counts.")
+    n, m = (int(v) for v in whole(values[:2], "OFF counts"))
+    if n < 0 or m < 0:
+        raise InvalidShapeError(f"the OFF file announces {n} vertices and {m} faces.")
+    starts = np.cumsum(words) - words
+    found = len(words) - 1
+    if found < n + m:
+        raise InvalidShapeError(
+            f"the file is cut short: the OFF header announces {n} vertices and {m} faces, only "
+            f"{min(found, n)} vertices and {max(found - n, 0)} faces were found."
+        )
+    width = 6 if has_normals else 3
+    if (words[1 : n + 1] < width).any():
+        row = int((words[1 : n + 1] < width).argmax())
+        raise InvalidShapeError(
+            f"expected at least {width} numbers for each OFF vertex, vertex {row} has "
+            f"{words[1 + row]}."
+        )
+    rows = (
+        rows_of(values[starts[1] :][: words[1 : n + 1].sum()], words[1 : n + 1], width)
+        if n
+        else np.empty((0, width))
+    )
+    first = starts[n + 1 : n + 1 + m]
+    counts = whole(values[first], "OFF face sizes")
+    if (counts < 0).any() or (counts > words[n + 1 : n + 1 + m] - 1).any():
+        row = int(((counts < 0) | (counts > words[n + 1 : n + 1 + m] - 1)).argmax())
+        raise InvalidShapeError(
+            f"OFF face {row} announces {counts[row]} corners, its line has "
+            f"{words[n + 1 + row] - 1} numbers."
+        )
+    corners = whole(values[ragged_rows(first + 1, counts)], "OFF faces")
+    normals = rows[:, 3:6] if has_normals else None
+    return ParsedMesh(rows[:, :3], counts, corners, normals)
+
+
+def parse_obj(data: bytes) -> ParsedMesh:
+    """Parse v, vn and f lines; colours, weights, lines, points and materials are ignored.
+
+    Raises
+    ------
+    InvalidShapeError
+        When there are no vertices or a line cannot be understood.
+    """
+    text = _plain_lines(data)
+    lines = _Lines(text)
+    points = _triples(lines.block(lines.vertex), "OBJ vertices (v)")
+    if len(points) == 0:
+        raise InvalidShapeError("the OBJ file has no vertices (no line 'v x y z').")
+    vectors = _triples(lines.block(lines.normal), "OBJ normals (vn)")
+    block = lines.block(lines.face)
+    corners_only = replaced(rb"/[^\s]*", b"", block) if b"/" in block else block
+    values, counts = numbers_by_line(corners_only, "OBJ faces (f)", keep_empty=True)
+    counts = counts[:-1]  # the block ends with a line end
+    defined = np.cumsum(lines.vertex)[lines.face]
+    corners = _from_obj_index(values, np.repeat(defined, counts), "OBJ faces (f)")
+    normals = None
+    if len(vectors):
+        seen = np.cumsum(lines.normal)[lines.face]
+        normals = _vertex_normals(block, corners, np.repeat(seen, counts), vectors, len(points))
+    return ParsedMesh(points, counts, corners, normals)
+
+
+def _plain_lines(data: bytes) -> bytes:
+    text = without_comments(unix_lines(data))
+    if b"\\" in text:
+        text = re.sub(rb"\\[ \t]*\n", b" ", text)
+    if any(re.search(rb"(?m)^[ \t]+\S", block) for block in blocks(text)):
+        text = replaced(rb"(?m)^[ \t]+", b"", text)
+    return text.replace(b"\t", b" ") + b"\n   "
+
+
+class _Lines:
+    """The lines of a text by kind: boolean (lines,) masks, and the bytes of a kind."""
+
+    def __init__(self, text: bytes) -> None:
+        self.bytes = np.frombuffer(text, np.uint8)
+        ends = np.flatnonzero(self.bytes == 10)
+        self.start = np.concatenate([[0], ends[:-1] + 1]) if len(ends) else np.array([0])
+        self.length = np.diff(np.append(self.start, len(text) - 3))
+        # The padding of three blanks at the end keeps start + 2 in range.
+        first, second, third = (self.bytes[self.start + i] for i in range(3))
+        blank = second <= 32
+        self.vertex = (first == ord("v")) & blank
+        self.normal = (first == ord("v")) & (second == ord("n")) & (third <= 32)
+        self.face = (first == ord("f")) & blank
+
+    def block(self, kind: NDArray[np.bool_]) -> bytes:
+        """Return the lines of a kind with their keyword blanked out."""
+        keep = np.repeat(kind, self.length)
+        text = self.bytes[: len(keep)].copy()
+        text[self.start[kind]] = 32
+        named = self.start[kind & self.normal]
+        text[named + 1] = 32
+        return text[keep].tobytes()
+
+
+def _triples(block: bytes, what: str) -> NDArray[np.float64]:
+    values, counts = numbers_by_line(block, what)
+    if (counts < 3).any():
+        row = int((counts < 3).argmax())
+        raise InvalidShapeError(
+            f"expected at least 3 numbers in the {what}, found {counts[row]} in number {row + 1}."
+        )
+    return rows_of(values, counts, 3) if len(counts) else np.empty((0, 3))
+
+
+def _from_obj_index(
+    values: NDArray[np.float64], defined: NDArray[np.int64], what: str
+) -> NDArray[np.int64]:
+    """Return indices from 0: OBJ counts from 1, and negative ones back from the last defined."""
+    index = whole(values, what)
+    if (index == 0).any():
+        raise InvalidShapeError(f"the {what} name vertex 0, but OBJ files count from 1.")
+    if (index < 0).any():
+        index = np.where(index < 0, index + defined, index - 1)
+        if (index < 0).any():
+            raise InvalidShapeError(f"the {what} count back beyond the first vertex.")
+        return index
+    return index - 1
+
+
+def _vertex_normals(
+    block: bytes,
+    corners: NDArray[np.int64],
+    seen: NDArray[np.int64],
+    vectors: NDArray[np.float64],
+    n: int,
+) -> NDArray[np.float64] | None:
+    """Return the sum of the normals that a vertex has at its corners (several at a sharp edge)."""
+    if len(corners) == 0:
+        return vectors if len(vectors) == n else None
+    # From the start of a word, and no part takes a slash: a word of many slashes costs no more.
+    words = places_of(rb"(?<!\S)[^\s/]+/[^\s/]*/([-+]?\d+)(?=\s)", block)
+    if len(words) != len(corners):
+        return None
+    index = _from_obj_index(numbers(b" ".join(words), "OBJ normal indices"), seen, "OBJ normals")
+    if (corners >= n).any() or (index >= len(vectors)).any():
+        return None
+    with np.errstate(all="ignore"):
+        sums = [np.bincount(corners, weights=vectors[index, i], minlength=n) for i in range(3)]
+    return np.stack(sums, axis=1)
+
+
+_HEADER = 84
+_FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+
+
+def is_binary_stl(data: bytes) -> bool:
+    """Return whether the size is exactly that of the announced facets (also after "solid")."""
+    return len(data) >= _HEADER and len(data) == _HEADER + _FACET.itemsize * _announced(data)
+
+
+def is_ascii_stl(data: bytes) -> bool:
+    """Return whether the text starts like an ascii STL and holds a facet or an end."""
+    start = data[:400].lstrip().lower()
+    return start.startswith(b"solid") and bool(
+        re.search(rb"(?i)\bfacet\s+normal\b|\bendsolid\b", data[:100_000])
+    )
+
+
+def parse_stl(data: bytes) -> ParsedMesh:
+    """Parse facets; their normals and attributes are ignored, three new vertices for each.
+
+    Raises
+    ------
+    InvalidShapeError
+        When the file is damaged, cut short or has no facets.
+    """
+    if not is_binary_stl(data) and is_ascii_stl(data):
+        return _soup(_ascii_corners(data), ())
+    return _parse_binary(data)
+
+
+def _announced(data: bytes) -> int:
+    return int.from_bytes(data[80:84], "little")
+
+
+def _parse_binary(data: bytes) -> ParsedMesh:
+    if len(data) < _HEADER:
+        raise InvalidShapeError(
+            f"an STL file is text that starts with 'solid' or has a header of {_HEADER} bytes; "
+            f"this file has {len(data)} bytes."
+        )
+    announced, found = _announced(data), (len(data) - _HEADER) // _FACET.itemsize
+    if found < announced:
+        raise InvalidShapeError(
+            f"the file is cut short: the STL header announces {announced} faces, "
+            f"only {found} were found."
+        )
+    extra = len(data) - _HEADER - announced * _FACET.itemsize
+    text = f"Ignored {extra} bytes after the last STL face."
+    messages = (Message(text, "bytes_ignored", bytes=extra),) if extra else ()
+    facets = np.frombuffer(data, _FACET, count=announced, offset=_HEADER)
+    with np.errstate(invalid="ignore"):  # signalling NaN in a damaged file
+        return _soup(facets["corners"].astype(np.float64).reshape(-1, 3), messages)
+
+
+def _ascii_corners(data: bytes) -> NDArray[np.float64]:
+    text = unix_lines(data)
+    lines = places_of(rb"(?im)^[ \t]*vertex[ \t]([^\n]*)", text)
+    facets = len(places_of(rb"(?im)^[ \t]*facet\b", text))
+    values, counts = numbers_by_line(b"\n".join(lines), "STL vertices")
+    if len(counts) != len(lines) or (counts != 3).any():
+        raise InvalidShapeError("expected three numbers for each STL vertex.")
+    if len(lines) != 3 * facets or not re.search(rb"(?i)\bendsolid\b", text[-100_000:]):
+        raise InvalidShapeError(
+            f"the file is cut short or damaged: {facets} STL faces with {len(lines)} vertices "
+            "(three each are needed) and a last line 'endsolid' were expected."
+        )
+    return values.reshape(-1, 3)
+
+
+def _soup(points: NDArray[np.float64], messages: tuple[Message, ...]) -> ParsedMesh:
+    if len(points) == 0:
+        raise InvalidShapeError("the STL file has no faces.")
+    counts = np.full(len(points) // 3, 3, np.int64)
+    return ParsedMesh(points, counts, np.arange(len(points)), None, messages)
+
+
+# A normal written with two digits is off by at most 0.01 in length; colours 0..255 are far away.
+_NORMAL_SLACK = 0.02
+
+
+def parse_point_text(data: bytes) -> ParsedMesh:
+    """Parse x y z in the first three columns; columns 4 to 6 are normals if all have length 1 or 0.
+
+    Columns are separated by blanks, commas or semicolons; one heading line and the point count of
+    a .pts file are passed over; further columns (colour, intensity) are ignored with a message.
+    Comments such as `# VIEWPOINT x y z` say where the points were seen from.
+
+    Raises
+    ------
+    InvalidShapeError
+        When a line is no point or there are no points.
+    """
+    lines = unix_lines(data)
+    comments = [line.decode("latin-1") for line in re.findall(rb"(?:#|//)([^\n]*)", lines)]
+    text = without_comments(without_comments(lines), b"//")
+    text = text.translate(bytes.maketrans(b",;", b"  ")).lstrip()
+    first, _, rest = text.partition(b"\n")
+    messages: list[Message] = []
+    if first and not _is_numbers(first):
+        if not _is_numbers(rest.lstrip().partition(b"\n")[0]):
+            raise InvalidShapeError(f"expected lines with the numbers x y z, found {shown(first)}.")
+        passed = f"Passed over the heading {shown(first.strip())}."
+        messages.append(Message(passed, "heading"))
+        text = rest
+    values, counts = numbers_by_line(text, "point list")
+    if len(counts) > 1 and counts[0] == 1:
+        _check_point_count(values[0], len(counts) - 1)
+        values, counts = values[1:], counts[1:]
+    if len(counts) == 0:
+        raise InvalidShapeError("the file has no points.")
+    if (counts < 3).any():
+        row = int((counts < 3).argmax())
+        raise InvalidShapeError(
+            f"expected at least the numbers x y z for each point, point {row + 1} has "
+            f"{counts[row]}."
+        )
+    width = int(counts.min())
+    rows = rows_of(values, counts, width)
+    normals = _normals(rows)
+    used = 3 if normals is None else 6
+    if counts.max() > used:
+        more = int(counts.max()) - used
+        ignored = f"Ignored {more} columns after the first {used}."
+        messages.append(Message(ignored, "columns_ignored", columns=more))
+    viewpoints, told = for_each_point(rows[:, :3], said_viewpoints(comments))
+    messages.extend(told)
+    return ParsedMesh(rows[:, :3], *no_polygons(), normals, tuple(messages), viewpoints)
+
+
+def starts_with_numbers(data: bytes) -> bool:
+    """Return whether the first or second line that is no comment holds only numbers."""
+    text = without_comments(without_comments(unix_lines(data[:4000])), b"//")
+    lines = [line for line in re.split(rb"\n+", text) if line.strip()]
+    return any(_is_numbers(re.sub(rb"[,;]", b" ", line)) for line in lines[:2])
+
+
+def _is_numbers(line: bytes) -> bool:
+    try:
+        return bool([float(word) for word in line.split()])
+    except ValueError:
+        return False
+
+
+def _check_point_count(announced: float, found: int) -> None:
+    if announced != found:
+        raise InvalidShapeError(
+            f"the first line announces {announced:g} points, but {found} follow."
+        )
+
+
+def _normals(rows: NDArray[np.float64]) -> NDArray[np.float64] | None:
+    if rows.shape[1] < 6:
+        return None
+    with np.errstate(all="ignore"):
+        length = np.linalg.norm(rows[:, 3:6], axis=1)
+    unit = np.abs(length - 1) <= _NORMAL_SLACK
+    missing = ~(length > 0)
+    return rows[:, 3:6] if unit.any() and (unit | missing).all() else None
+
+
+def write_obj(
+    path: str | os.PathLike[str], points: NDArray[np.float64], faces: NDArray[np.int32]
+) -> None:
+    """Write triangles as OBJ, with all digits.
+
+    Raises
+    ------
+    FileError
+        When the file cannot be written.
+    """
+    lines = [f"v {x!r} {y!r} {z!r}" for x, y, z in points.tolist()]
+    lines += [f"f {a} {b} {c}" for a, b, c in (faces + 1).tolist()]
+    with complete_file(path) as stream:
+        stream.write(("\n".join(lines) + "\n").encode("ascii"))

@@ -1,0 +1,233 @@
+"""Points, triangles and lines with named values as VTK's XML files, PolyData and UnstructuredGrid.
+
+ParaView, VTK and PyVista read .vtp; solvers and their post-processors (meshio, FEniCS, Elmer) read
+.vtu. The numbers stand as they are behind the text (raw, appended), so files are as small as PLY.
+Attributes of any number of columns are kept, int64 and NaN as well.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Mapping
+from typing import Any
+from xml.sax.saxutils import quoteattr
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from medialis.base.errors import InvalidOptionError
+from medialis.base.validation import as_points
+from medialis.formats.files import complete_file
+
+_TYPES = {
+    **{f"i{size}": f"Int{8 * size}" for size in (1, 2, 4, 8)},
+    **{f"u{size}": f"UInt{8 * size}" for size in (1, 2, 4, 8)},
+    **{"f4": "Float32", "f8": "Float64"},
+}
+"""Names of types by those of numpy, without the order of bytes."""
+
+
+def cell_rows(rows: ArrayLike | None, corners: int) -> NDArray[np.int64]:
+    """Return rows of corners; none for None."""
+    return np.asarray([] if rows is None else rows, np.int64).reshape(-1, corners)
+
+
+def as_column(name: str, values: ArrayLike, count: int) -> NDArray[Any]:
+    """Return an attribute as a column or as columns of numbers that the format has.
+
+    Raises
+    ------
+    InvalidOptionError
+        When it has another number of rows, or other things than numbers.
+    """
+    array = np.asarray(values)
+    if array.dtype.kind == "b":
+        array = array.astype(np.uint8)
+    if array.ndim == 0 or len(array) != count:
+        raise InvalidOptionError(
+            f"attribute {name!r} has shape {array.shape}; {count} rows are expected."
+        )
+    if array.dtype.str[1:] not in _TYPES:
+        raise InvalidOptionError(
+            f"attribute {name!r} has type {array.dtype}; bool, whole numbers, float32 and float64 "
+            "can be written."
+        )
+    return array if array.ndim == 1 else array.reshape(count, -1)
+
+
+class Appended:
+    """The arrays behind the text, and where each begins."""
+
+    def __init__(self) -> None:
+        self._arrays: list[NDArray[Any]] = []
+        self._end = 0
+
+    def add(self, name: str, values: NDArray[Any]) -> str:
+        """Store an array and return the element that names it."""
+        array = np.ascontiguousarray(values, values.dtype.newbyteorder("<"))
+        start, self._end = self._end, self._end + 8 + array.nbytes
+        self._arrays.append(array)
+        width = f' NumberOfComponents="{array.shape[1]}"' if array.ndim > 1 else ""
+        return (
+            f'<DataArray type="{_TYPES[array.dtype.str[1:]]}" Name={quoteattr(name)}{width} '
+            f'format="appended" offset="{start}"/>'
+        )
+
+    def parts(self) -> Iterable[bytes]:
+        """Give the bytes of each array after the number of them."""
+        for array in self._arrays:
+            yield np.uint64(array.nbytes).astype("<u8").tobytes()
+            yield array.tobytes()
+
+
+class Layer:
+    """A layer as VTK's files have it: checked, with the elements that all kinds of them share.
+
+    Parameters
+    ----------
+    points, faces, edges, attributes, face_attributes, show
+        As in `write_vtp`, with its errors.
+
+    Attributes
+    ----------
+    points : (n, 3) float
+    vertices, lines, triangles : (k, 1), (e, 2) and (m, 3) int64
+        The cells. Points without faces and edges are vertices, so that programs draw them.
+    data : Appended
+    """
+
+    def __init__(
+        self,
+        points: ArrayLike,
+        faces: ArrayLike | None,
+        edges: ArrayLike | None,
+        attributes: Mapping[str, ArrayLike] | None,
+        face_attributes: Mapping[str, ArrayLike] | None,
+        show: str | None,
+    ) -> None:
+        self.points = as_points(points)
+        self.lines, self.triangles = cell_rows(edges, 2), cell_rows(faces, 3)
+        own = 0 if len(self.lines) or len(self.triangles) else len(self.points)
+        self.vertices = np.arange(own, dtype=np.int64)[:, None]
+        n, m = len(self.points), len(self.triangles)
+        self._at_points = {k: as_column(k, v, n) for k, v in (attributes or {}).items()}
+        self._at_cells = {
+            k: self._behind_others(as_column(k, v, m)) for k, v in (face_attributes or {}).items()
+        }
+        self._show, self.data = show, Appended()
+
+    def _behind_others(self, values: NDArray[Any]) -> NDArray[Any]:
+        """Put rows that say nothing, those of the other cells, before those of the triangles."""
+        nothing = np.nan if values.dtype.kind == "f" else 0
+        others = len(self.vertices) + len(self.lines)
+        return np.concatenate([np.full((others, *values.shape[1:]), nothing, values.dtype), values])
+
+    def places(self) -> list[str]:
+        """Return the elements of the points."""
+        return ["<Points>", self.data.add("Points", self.points), "</Points>"]
+
+    def values(self) -> list[str]:
+        """Return the elements of the attributes."""
+        given = self._at_points
+        one = self._show in given and given[self._show].ndim == 1
+        first = f" Scalars={quoteattr(str(self._show))}" if one else ""
+        inside = [f"<PointData{first}>", *self._columns(given), "</PointData>"]
+        return [*inside, "<CellData>", *self._columns(self._at_cells), "</CellData>"]
+
+    def _columns(self, given: Mapping[str, NDArray[Any]]) -> list[str]:
+        return [self.data.add(name, values) for name, values in given.items()]
+
+    def write(self, path: str | os.PathLike[str], kind: str, elements: Iterable[str]) -> None:
+        """Write a file of a kind of VTK's: its elements, and the numbers behind them."""
+        about = 'version="1.0" byte_order="LittleEndian" header_type="UInt64"'
+        head = ('<?xml version="1.0"?>', f'<VTKFile type="{kind}" {about}>', f"<{kind}>")
+        with complete_file(path) as stream:
+            for line in (*head, *elements, f"</{kind}>"):
+                stream.write(line.encode() + b"\n")
+            stream.write(b'<AppendedData encoding="raw">\n_')
+            stream.writelines(self.data.parts())
+            stream.write(b"\n</AppendedData>\n</VTKFile>\n")
+
+
+def write_vtp(
+    path: str | os.PathLike[str],
+    points: ArrayLike,
+    faces: ArrayLike | None = None,
+    edges: ArrayLike | None = None,
+    attributes: Mapping[str, ArrayLike] | None = None,
+    face_attributes: Mapping[str, ArrayLike] | None = None,
+    *,
+    show: str | None = None,
+) -> None:
+    """Write a layer as a .vtp file.
+
+    Parameters
+    ----------
+    path : path
+        Replaced when it is there.
+    points : (n, 3) float
+    faces : (m, 3) int, optional
+    edges : (e, 2) int, optional
+        Points without faces and edges are cells of their own, so that programs draw them.
+    attributes : dict of (n,) or (n, ...) arrays, optional
+        Point data. Arrays of more than two axes become columns, row by row; bool becomes 0 and 1.
+    face_attributes : dict of (m,) or (m, ...) arrays, optional
+        Cell data of the triangles; edges beside them have NaN, or 0 in whole numbers.
+    show : str, optional
+        The attribute that programs colour by at first.
+
+    Raises
+    ------
+    InvalidShapeError
+        When the points are none.
+    InvalidOptionError
+        When an attribute has another number of rows, or holds no numbers.
+    FileError
+        When the file cannot be written.
+    """
+    layer = Layer(points, faces, edges, attributes, face_attributes, show)
+    cells = {"Verts": layer.vertices, "Lines": layer.lines, "Polys": layer.triangles}
+    counts = {"Points": layer.points, **cells}
+    about = " ".join(f'NumberOf{name}="{len(rows)}"' for name, rows in counts.items())
+    inside = [f'<Piece {about} NumberOfStrips="0">', *layer.places()]
+    for name, rows in cells.items():
+        ends = rows.shape[1] * np.arange(1, len(rows) + 1, dtype=np.int64)
+        columns = [("connectivity", rows.ravel()), ("offsets", ends)]
+        inside += [f"<{name}>", *(layer.data.add(*column) for column in columns), f"</{name}>"]
+    layer.write(path, "PolyData", [*inside, *layer.values(), "</Piece>"])
+
+
+VERTEX, LINE, TRIANGLE = 1, 3, 5
+"""VTK's numbers of the kinds of cells."""
+
+
+def write_vtu(
+    path: str | os.PathLike[str],
+    points: ArrayLike,
+    faces: ArrayLike | None = None,
+    edges: ArrayLike | None = None,
+    attributes: Mapping[str, ArrayLike] | None = None,
+    face_attributes: Mapping[str, ArrayLike] | None = None,
+    *,
+    show: str | None = None,
+) -> None:
+    """Write a layer as a .vtu file.
+
+    Arguments and errors are those of `write_vtp`; cells are the edges, then the triangles.
+    """
+    layer = Layer(points, faces, edges, attributes, face_attributes, show)
+    cells = {VERTEX: layer.vertices, LINE: layer.lines, TRIANGLE: layer.triangles}
+    counts = [len(rows) for rows in cells.values()]
+    kinds = np.repeat(np.array(list(cells), np.uint8), counts)
+    sizes = np.repeat([rows.shape[1] for rows in cells.values()], counts)
+    columns = [
+        ("connectivity", np.concatenate([rows.ravel() for rows in cells.values()])),
+        ("offsets", np.cumsum(sizes, dtype=np.int64)),
+        ("types", kinds),
+    ]
+    inside = [
+        f'<Piece NumberOfPoints="{len(layer.points)}" NumberOfCells="{len(kinds)}">',
+        *layer.places(),
+        *("<Cells>", *(layer.data.add(*column) for column in columns), "</Cells>"),
+    ]
+    layer.write(path, "UnstructuredGrid", [*inside, *layer.values(), "</Piece>"])

@@ -1,1 +1,0 @@
-"""The surface skeleton as triangles (thesis 3.4.1)."""

@@ -1,1 +1,0 @@
-"""Midsurfaces: the sheets between opposite walls of a solid (not in the thesis)."""

@@ -1,1 +1,0 @@
-"""Shortest paths on a surface and the importance that they give (thesis 3.3)."""

@@ -1,0 +1,366 @@
+"""Kernels of mean shift (thesis 5.3.2) and of even sites on a surface (mean_shift.py, sites.py).
+
+Mean shift: paths of seeds over a cloud, and the votes along them. Points lie in the cells of a
+grid, sorted by cell; what is within reach of a place lies in the cells up to `reach / width` away.
+Sums run in that order.
+
+Sites: where lines of a lattice cross faces, places that are apart, caps round them, and what two
+caps have in common; then the cheapest paths between sites and clusters of them.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from medialis.base._kernels import pop, push
+from medialis.base.jit import kernel
+
+FLAT, GAUSSIAN = 0, 1
+
+
+@kernel
+def _cell(x, low, width, size):
+    """Cell along one axis; far outside the grid it is held where no cell of it is near."""
+    return int(min(max(math.floor((x - low) / width), -1e6), size + 1e6))
+
+
+@kernel
+def _shift(points, starts, low, width, shape, reach, sigma, place, out):
+    """Weighted mean of the points within reach (Eq. 5.1); return the sum of the weights.
+
+    `sigma` is the width of the Gaussian (Eq. 5.2 without its constant), 0 for equal weights.
+    """
+    total = x = y = z = 0.0
+    a, b, c = (
+        _cell(place[0], low[0], width, shape[0]),
+        _cell(place[1], low[1], width, shape[1]),
+        _cell(place[2], low[2], width, shape[2]),
+    )
+    span = math.ceil(reach / width)
+    first, last = max(c - span, 0), min(c + span, shape[2] - 1)
+    for i in range(max(a - span, 0), min(a + span + 1, shape[0])):
+        for j in range(max(b - span, 0), min(b + span + 1, shape[1])):
+            row = (i * shape[1] + j) * shape[2]
+            if first > last:
+                continue
+            for p in range(starts[row + first], starts[row + last + 1]):
+                dx = points[p, 0] - place[0]
+                dy = points[p, 1] - place[1]
+                dz = points[p, 2] - place[2]
+                square = dx * dx + dy * dy + dz * dz
+                if square > reach * reach:
+                    continue
+                weight = 1.0
+                if sigma > 0.0:
+                    weight = math.exp(-0.5 * square / (sigma * sigma))
+                total += weight
+                x += weight * dx
+                y += weight * dy
+                z += weight * dz
+    if total > 0.0:
+        x, y, z = x / total, y / total, z / total
+    out[0], out[1], out[2] = place[0] + x, place[1] + y, place[2] + z
+    return total
+
+
+@kernel
+def follow_seeds(
+    points, starts, low, width, shape, reach, sigma, still, seeds, begin, end, out_paths, out_counts
+):
+    """Shift the seeds begin..end until a step is at most `still`; rows of the paths from 0.
+
+    `out_paths` (seeds, most, 3) holds the places after each step, `out_counts` how many.
+    """
+    place = np.empty(3)
+    for s in range(begin, end):
+        place[:] = seeds[s]
+        row, count = s - begin, 0
+        while count < out_paths.shape[1]:
+            moved = out_paths[row, count]
+            _shift(points, starts, low, width, shape, reach, sigma, place, moved)
+            count += 1
+            step = 0.0
+            for axis in range(3):
+                step += (moved[axis] - place[axis]) ** 2
+            place[:] = moved
+            if step <= still * still:
+                break
+        out_counts[row] = count
+
+
+@kernel
+def weigh_places(points, starts, low, width, shape, reach, sigma, places, begin, end, out):
+    """Sum of the weights of the points about each place: the density there."""
+    moved = np.empty(3)
+    for s in range(begin, end):
+        out[s] = _shift(points, starts, low, width, shape, reach, sigma, places[s], moved)
+
+
+@kernel
+def count_votes(
+    steps, owner, starts, low, width, shape, reach, sigma, clusters, points, begin, end, out, share
+):
+    """Cluster whose paths came nearest to each point, by the weights K(|y - m(x)|) of their steps.
+
+    The grid holds the steps; `owner` is the cluster of each. -1 where no step is within reach;
+    `share` is the part of all votes that the winner got. Ties: the lowest cluster.
+    """
+    span = math.ceil(reach / width)
+    votes = np.zeros(clusters)
+    touched = np.empty(clusters, np.int64)
+    for q in range(begin, end):
+        count = 0
+        place = points[q]
+        a, b, c = (
+            _cell(place[0], low[0], width, shape[0]),
+            _cell(place[1], low[1], width, shape[1]),
+            _cell(place[2], low[2], width, shape[2]),
+        )
+        first, last = max(c - span, 0), min(c + span, shape[2] - 1)
+        for i in range(max(a - span, 0), min(a + span + 1, shape[0])):
+            for j in range(max(b - span, 0), min(b + span + 1, shape[1])):
+                row = (i * shape[1] + j) * shape[2]
+                if first > last:
+                    continue
+                for p in range(starts[row + first], starts[row + last + 1]):
+                    square = 0.0
+                    for axis in range(3):
+                        square += (steps[p, axis] - place[axis]) ** 2
+                    if square > reach * reach:
+                        continue
+                    weight = 1.0
+                    if sigma > 0.0:
+                        weight = math.exp(-0.5 * square / (sigma * sigma))
+                    if votes[owner[p]] == 0.0:
+                        touched[count] = owner[p]
+                        count += 1
+                    votes[owner[p]] += weight
+        best, total = -1, 0.0
+        for t in range(count):
+            name = touched[t]
+            total += votes[name]
+            if (
+                best < 0
+                or votes[name] > votes[best]
+                or (votes[name] == votes[best] and name < best)
+            ):
+                best = name
+        out[q] = best
+        share[q] = votes[best] / total if best >= 0 else 0.0
+        for t in range(count):
+            votes[touched[t]] = 0.0
+
+
+@kernel
+def mark_crossed(first, last, cells, faces, out_crossed):
+    """Mark the axes along which a line of the lattice may cross each of the faces first..last.
+
+    `cells` numbers the gap between two planes of lines that each vertex lies in, along each axis.
+    """
+    for f in range(first, last):
+        a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
+        x = cells[a, 0] != cells[b, 0] or cells[a, 0] != cells[c, 0]
+        y = cells[a, 1] != cells[b, 1] or cells[a, 1] != cells[c, 1]
+        z = cells[a, 2] != cells[b, 2] or cells[a, 2] != cells[c, 2]
+        out_crossed[f, 0], out_crossed[f, 1], out_crossed[f, 2] = y and z, z and x, x and y
+
+
+@kernel
+def count_crossings(first, last, points, faces, axis, step, out_count):
+    """Lines of a square lattice along an axis that cross each of the faces first..last."""
+    place = np.empty(3)
+    for f in range(first, last):
+        out_count[f] = _cross(points, faces[f], axis, step, place, np.empty((0, 3)), 0)
+
+
+@kernel
+def list_crossings(first, last, points, faces, axis, step, offsets, out_places):
+    """Where they cross: rows offsets[f] and on of `out_places` for face f."""
+    place = np.empty(3)
+    for f in range(first, last):
+        _cross(points, faces[f], axis, step, place, out_places, offsets[f])
+
+
+@kernel
+def _cross(points, face, axis, step, place, out_places, row):
+    """Count the lines that cross one face; list the places where there is room for them.
+
+    A side belongs to the face on one side of it only, so no place is there twice.
+    """
+    u, v, count = (axis + 1) % 3, (axis + 2) % 3, 0
+    a, b, c = points[face[0]], points[face[1]], points[face[2]]
+    twice = (b[u] - a[u]) * (c[v] - a[v]) - (b[v] - a[v]) * (c[u] - a[u])
+    if twice == 0.0:
+        return 0
+    i = math.ceil(min(a[u], b[u], c[u]) / step - 0.5)
+    while (i + 0.5) * step < max(a[u], b[u], c[u]):
+        x = (i + 0.5) * step
+        low, high = math.inf, -math.inf
+        for side in range(3):
+            p, q = points[face[side]], points[face[(side + 1) % 3]]
+            if (p[u] <= x) != (q[u] <= x):
+                y = p[v] + (x - p[u]) / (q[u] - p[u]) * (q[v] - p[v])
+                low, high = min(low, y), max(high, y)
+        if low < high:
+            j = math.ceil(low / step - 0.5)
+            while (j + 0.5) * step < high:
+                if len(out_places) > 0:
+                    y = (j + 0.5) * step - a[v]
+                    s = ((x - a[u]) * (c[v] - a[v]) - y * (c[u] - a[u])) / twice
+                    t = ((b[u] - a[u]) * y - (b[v] - a[v]) * (x - a[u])) / twice
+                    for k in range(3):
+                        place[k] = a[k] + s * (b[k] - a[k]) + t * (c[k] - a[k])
+                    out_places[row + count] = place
+                count += 1
+                j += 1
+        i += 1
+    return count
+
+
+@kernel
+def choose_apart(places, distance, out_chosen):
+    """Choose each place that is at least a distance from all chosen before; return their number."""
+    n, size = places.shape
+    count, least = 0, distance * distance
+    for i in range(n):
+        free = True
+        for k in range(count):
+            total = 0.0
+            for c in range(size):
+                away = places[i, c] - places[out_chosen[k], c]
+                total += away * away
+            if total < least:
+                free = False
+                break
+        if free:
+            out_chosen[count] = i
+            count += 1
+    return count
+
+
+@kernel
+def near_sites(first, last, points, offsets, neighbours, starts, gaps, radius, out_count):
+    """Return the vertices along edges within a radius of the sites first..last, and how far.
+
+    Those of one site after those of another, `out_count` of each. A site lies `gaps` beside its
+    vertex `starts`.
+    """
+    n, used = len(points), 0
+    distance = np.full(n, np.inf)
+    vertex, far = np.empty(256 * (last - first), np.int32), np.empty(256 * (last - first))
+    keys, names = np.empty(len(neighbours) + 1), np.empty(len(neighbours) + 1, np.int32)
+    for s in range(first, last):
+        begin = used
+        distance[starts[s]] = gaps[s]
+        size = push(keys, names, 0, gaps[s], starts[s])
+        while size > 0:
+            size = pop(keys, names, size)
+            v = names[size]
+            if keys[size] > distance[v]:
+                continue
+            if used == len(vertex):
+                vertex = np.concatenate((vertex, np.empty_like(vertex)))
+                far = np.concatenate((far, np.empty_like(far)))
+            vertex[used], far[used] = v, distance[v]
+            used += 1
+            for at in range(offsets[v], offsets[v + 1]):
+                w = neighbours[at]
+                x = points[v, 0] - points[w, 0]
+                y = points[v, 1] - points[w, 1]
+                z = points[v, 2] - points[w, 2]
+                length = distance[v] + math.sqrt(x * x + y * y + z * z)
+                if length < radius and length < distance[w]:
+                    distance[w] = length
+                    size = push(keys, names, size, length, w)
+        out_count[s] = used - begin
+        for k in range(begin, used):
+            distance[vertex[k]] = np.inf
+    return vertex[:used].copy(), far[:used].copy()
+
+
+@kernel
+def add_in_common(
+    rows, others, weights, offsets, sites, shares, other_offsets, other_sites, other_shares,
+    out_common,
+):  # fmt: skip
+    """Add the weight of each pair of samples to the sites with shares in the one and the other."""
+    for k in range(len(rows)):
+        i, j = rows[k], others[k]
+        for a in range(offsets[i], offsets[i + 1]):
+            share = weights[k] * shares[a]
+            for b in range(other_offsets[j], other_offsets[j + 1]):
+                out_common[sites[a], other_sites[b]] += share * other_shares[b]
+
+
+@kernel
+def least_sums(costs, most):
+    """Replace symmetric costs of steps by the least sums on the way between all pairs.
+
+    Ways that cost more than `most` need not be found.
+    """
+    n = len(costs)
+    row = np.empty_like(costs[0])
+    for k in range(n):
+        for j in range(n):
+            row[j] = costs[k, j] if j < k else costs[j, k]
+        for i in range(n):
+            if row[i] >= most:
+                continue
+            for j in range(i):
+                through, known = row[i] + row[j], costs[i, j]
+                costs[i, j] = through if through < known else known
+    for i in range(n):
+        costs[i, i] = 0.0
+        for j in range(i):
+            costs[j, i] = costs[i, j]
+
+
+@kernel
+def average_linkage(shares, weights, out_pairs, out_shares):
+    """Join the two clusters with the largest mean share, again and again; return how often.
+
+    `shares` and `weights` are used up. Ties: the lowest indices. A joined cluster has the lower
+    index of the two. Clusters whose mean share is 0 are not joined.
+    """
+    n = len(shares)
+    alive = np.ones(n, np.bool_)
+    best, partner = np.zeros(n), np.full(n, -1)
+    for i in range(n):
+        _find_partner(shares, alive, i, best, partner)
+    for turn in range(n - 1):
+        one, largest = -1, 0.0
+        for i in range(n):
+            if alive[i] and best[i] > largest:
+                one, largest = i, best[i]
+        if one < 0:
+            return turn
+        other = partner[one]
+        if other < one:
+            one, other = other, one
+        out_pairs[turn, 0], out_pairs[turn, 1], out_shares[turn] = one, other, largest
+        alive[other] = False
+        total = weights[one] + weights[other]
+        for k in range(n):
+            if alive[k] and k != one:
+                mean = (weights[one] * shares[one, k] + weights[other] * shares[other, k]) / total
+                shares[one, k] = mean
+                shares[k, one] = mean
+        weights[one] = total
+        for k in range(n):
+            if not alive[k]:
+                continue
+            if k == one or partner[k] == one or partner[k] == other:
+                _find_partner(shares, alive, k, best, partner)
+            elif shares[k, one] > best[k]:
+                best[k], partner[k] = shares[k, one], one
+    return n - 1
+
+
+@kernel
+def _find_partner(shares, alive, i, best, partner):
+    best[i], partner[i] = 0.0, -1
+    for j in range(len(shares)):
+        if alive[j] and j != i and shares[i, j] > best[i]:
+            best[i], partner[i] = shares[i, j], j

@@ -1,0 +1,310 @@
+"""Operation: convex and concave edges of a surface, sharp or soft, as fields (thesis 6.3.1).
+
+Operation: patches of a surface between its sharp or soft edges (thesis 6.3.2).
+
+Operation: parts of a shape, as people see them, its limbs, or its sheets (thesis 6.3.3).
+
+Operation: segments of a surface by mean shift of its medial cloud (thesis 5.3).
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from medialis.base.errors import InvalidOptionError, InvalidShapeError
+from medialis.base.options import Options, file
+from medialis.base.progress import Progress
+from medialis.formats.files import number_lines
+from medialis.operations.declaration import Operation
+from medialis.operations.result import Outcome
+from medialis.segments.mean_shift import MeanShiftSegmentsOptions, mean_shift_segments
+from medialis.segments.parts import PartsOptions, extent_share, parts
+from medialis.segments.patches import PatchesOptions, SoftEdgeOptions, patches, soft_edges
+from medialis.shape.shape import Shape
+from medialis.skeleton.layers import (
+    EdgePreparation,
+    SheetPreparation,
+    border_layer,
+    cloud_arrays,
+    computed,
+    note_unseen,
+    segmentation_outcome,
+    summary,
+    surface_layers,
+)
+from medialis.skeleton.surface_skeleton import Preparation
+
+
+@dataclass(frozen=True, kw_only=True)
+class SoftEdgesRun(SoftEdgeOptions, EdgePreparation):
+    """Options of the operation `soft_edges`."""
+
+
+def run_soft_edges(shape: Shape, options: SoftEdgesRun, progress: Progress) -> Outcome:
+    """Refine, shrink balls, find the rim of the skeleton, bring it back to the surface."""
+    cloud = computed(shape, options.on_side, progress)
+    with progress.stage("soft edges", 0.4, 1.0):
+        edges = soft_edges.of(cloud, options, progress)
+    on_edge = np.isfinite(edges.radius)
+    if not on_edge.any():
+        progress.note(
+            "No edge was found: the surface is smooth at the scale of its samples.", "no_edges"
+        )
+    fields = {
+        "sharpness": edges.sharpness,
+        "edge_angle": edges.angle,
+        # The largest radius stands for "no edge": hosts cannot show infinity.
+        "edge_radius": np.where(on_edge, edges.radius, edges.radius[on_edge].max(initial=0.0)),
+    }
+    fine = cloud.surface
+    layers = surface_layers(
+        "soft_edges", shape, fine, fields, color_by="sharpness", color_limits=(0.0, 1.0)
+    )
+    return Outcome(
+        shape=fine,
+        layers=layers,
+        values={
+            "a3_points": int(edges.rim.sum()),
+            "edge_samples": int(on_edge.sum()),
+            "samples": fine.point_count,
+            **summary(edges.radius, "edge_radius"),
+            "diagonal": fine.diagonal,
+            "spacing": fine.spacing,
+        },
+        arrays={
+            **cloud_arrays(cloud),
+            "edge_radius": edges.radius,
+            "edge_angle": edges.angle,
+        },
+        shown=layers[-1:],
+    )
+
+
+SOFT_EDGES = Operation(
+    name="soft_edges",
+    filter_name="compute_scalar_by_medial_edge_sharpness_per_vertex",
+    label="Soft edges",
+    group="Segment",
+    help="Find the edges of a surface, sharp or blunt, with no scale to choose.\n\n"
+    "Edges are where the skeleton ends. Each vertex on an edge has the radius of the smallest ball "
+    "there (how blunt the edge is), the angle by which the surface turns across it, and the "
+    "sharpness: this angle as a share of a right angle. Vertices off all edges have the sharpness "
+    "0 and the largest radius.",
+    source="thesis 6.3.1",
+    examples=(("creature.ply", "radius and angle of every edge, sharp or blunt"),),
+    layers={
+        "soft_edges": "the surface with the sharpness of its edges",
+        "samples": "the same on the refined surface",
+    },
+    options=SoftEdgesRun,
+    run=run_soft_edges,
+    order=120,
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PatchesRun(PatchesOptions, EdgePreparation):
+    """Options of the operation `patches`."""
+
+
+def run_patches(shape: Shape, options: PatchesRun, progress: Progress) -> Outcome:
+    """Refine, shrink balls on both sides, find edges, divide along them."""
+    cloud = computed(shape, options.on_side, progress)
+    with progress.stage("patches", 0.4, 1.0):
+        found = patches.of(cloud, options, progress)
+    return segmentation_outcome("patches", shape, cloud, found, progress)
+
+
+PATCHES = Operation(
+    name="patches",
+    filter_name="compute_scalar_by_medial_patches_per_vertex",
+    label="Patches",
+    group="Segment",
+    help="Divide a surface into patches along its edges, sharp or soft.\n\n"
+    "Edges are where the skeleton ends. Convex edges show in the inner skeleton, concave ones in "
+    "the outer one. Small patches are merged.",
+    source="thesis 6.3.2",
+    examples=(("creature.ply", "patches between the edges, numbered"),),
+    layers={
+        "patches": "the surface with the number of the patch of each vertex and face",
+        "samples": "the same on the refined surface",
+        "borders": "curves between the segments",
+    },
+    options=PatchesRun,
+    run=run_patches,
+    order=130,
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PartsRun(PartsOptions, SheetPreparation):
+    """Options of the operation `parts`."""
+
+
+def run_parts(shape: Shape, options: PartsRun, progress: Progress) -> Outcome:
+    """Refine, shrink balls, divide."""
+    cloud = computed(shape, _turning(shape, options), progress)
+    with progress.stage("parts", 0.4, 1.0):
+        found = parts.of(cloud, options, progress)
+    outcome = segmentation_outcome("parts", shape, cloud, found, progress, method=found.method)
+    if found.joins is None or found.join_levels is None:
+        return outcome
+    arrays = {**outcome.arrays, "joins": found.joins, "join_levels": found.join_levels}
+    return replace(outcome, arrays=arrays)
+
+
+def _turning(shape: Shape, options: PartsRun) -> PartsRun:
+    """Measure by the box that turns with the shape, as the parts do, where no one asks for more."""
+    if options.method != "auto" or shape.faces is None:
+        return options
+    usual, share = PartsRun(), extent_share(shape)
+    if options.refine == usual.refine:
+        options = replace(options, refine=min(options.refine * share, 1.0))
+    if options.tolerance == usual.tolerance:
+        options = replace(options, tolerance=options.tolerance * share)
+    return options
+
+
+PARTS = Operation(
+    name="parts",
+    filter_name="compute_scalar_by_medial_parts_per_vertex",
+    label="Parts",
+    group="Segment",
+    help="Divide a shape into parts: as people see them, by its limbs, or by its sheets.\n\n"
+    "Parts are cut where a shape bends inwards or gets thinner: 500 places on the surface are put "
+    "together where most people are expected to do so. Limbs are cut off where they leave the ball "
+    "of a body; sheets are those of the medial surface. Small parts are merged and borders "
+    "smoothed.",
+    source="thesis 6.3.3",
+    examples=(("creature.ply", "body, head, limbs and tail, numbered"),),
+    layers={
+        "parts": "the surface with the number of the part of each vertex and face",
+        "samples": "the same on the refined surface",
+        "borders": "curves between the segments",
+    },
+    options=PartsRun,
+    run=run_parts,
+    order=140,
+)
+
+_LINES = "Text file with a vertex number, or the x y z of a point near a vertex, in each line: "
+
+
+@dataclass(frozen=True, kw_only=True)
+class SeedFiles(Options):
+    """Files of points that a user picked."""
+
+    add_seeds: str = file("Add seeds", _LINES + "each is a seed.", selection="each")
+    remove_seeds: str = file(
+        "Remove seeds", _LINES + "seeds within the search radius of it are none."
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class MeanShiftSegmentsRun(MeanShiftSegmentsOptions, SeedFiles, Preparation):
+    """Options of the operation `mean_shift_segments`."""
+
+
+def run_mean_shift_segments(
+    shape: Shape, options: MeanShiftSegmentsRun, progress: Progress
+) -> Outcome:
+    """Refine, shrink balls, shift seeds, carry the clusters to the surface."""
+    add, remove = (_read_picks(path, shape) for path in (options.add_seeds, options.remove_seeds))
+    picked = MeanShiftSegmentsOptions.taken_from(options, add=add, remove=remove)
+    cloud = computed(shape, options, progress)
+    with progress.stage("segments", 0.4, 1.0):
+        segments = mean_shift_segments.of(cloud, picked, progress)
+    if segments.count == 0:
+        raise InvalidShapeError(
+            "No sample got a segment: try a larger search radius or more last steps."
+        )
+    fine, labels = cloud.surface, segments.labels
+    layers = surface_layers(
+        "mean_shift_segments",
+        shape,
+        fine,
+        {"segment": labels},
+        color_by="segment",
+        labels=("segment",),
+    )
+    note_unseen(layers[0], segments.count, progress)
+    return Outcome(
+        shape=fine,
+        layers=(*layers, *border_layer(segments)),
+        values={
+            "samples": fine.point_count,
+            "segments": segments.count,
+            "unassigned_samples": int((labels < 0).sum()),
+            "areas": segments.areas.tolist(),
+        },
+        arrays={**cloud_arrays(cloud), "segment": labels},
+        shown=layers[-1:],
+    )
+
+
+def _read_picks(path: str, shape: Shape) -> NDArray[np.int64]:
+    """Vertices in a file: a number of the input, or three coordinates, a line; # is a comment."""
+    if not path:
+        return np.empty(0, np.int64)
+    numbers: list[int] = []
+    places: list[list[float]] = []
+    for line_number, line, words in number_lines(path):
+        try:
+            if len(words) == 1 and re.fullmatch("-?[0-9]{1,18}", words[0]):
+                numbers.append(int(words[0]))
+                continue
+            x, y, z = (float(word) for word in words)
+        except ValueError:
+            raise InvalidOptionError(
+                f"Line {line_number} of {path} must hold a vertex number or x y z, got {line!r}."
+            ) from None
+        places.append([x, y, z])
+    if not numbers and not places:
+        raise InvalidOptionError(f"{path} holds no vertex number and no point.")
+    return np.concatenate([_in_shape(numbers, shape), _nearest(places, shape)])
+
+
+def _in_shape(numbers: list[int], shape: Shape) -> NDArray[np.int64]:
+    """Numbers in the repaired shape of vertices of the input."""
+    known = shape.point_count if shape.vertex_map is None else len(shape.vertex_map)
+    outside = [number for number in numbers if not 0 <= number < known]
+    if outside:
+        raise InvalidOptionError(f"Vertices are numbered 0..{known - 1}, got {outside[0]}.")
+    picked = np.array(numbers, np.int64)
+    mapped = picked if shape.vertex_map is None else shape.vertex_map[picked].astype(np.int64)
+    if (mapped < 0).any():
+        raise InvalidOptionError(f"Vertex {picked[mapped < 0][0]} is used by no face: no seed.")
+    return mapped
+
+
+def _nearest(places: list[list[float]], shape: Shape) -> NDArray[np.int64]:
+    if not places:
+        return np.empty(0, np.int64)
+    if not np.isfinite(places).all():
+        raise InvalidOptionError("Points of seeds must be finite numbers.")
+    return shape.tree.query(np.array(places))[1].astype(np.int64)
+
+
+MEAN_SHIFT_SEGMENTS = Operation(
+    name="mean_shift_segments",
+    filter_name="compute_scalar_by_medial_bumps_per_vertex",
+    label="Bump segments",
+    group="Segment",
+    help="Segment a surface into its convex bumps, such as the teeth of a dental cast.\n\n"
+    "Bumps are where the medial cloud is dense: seeds are shifted to the densest places, and "
+    "the samples along their path are their segment.",
+    source="thesis 5.3",
+    examples=(("teeth.ply --search-radius 5%", "one segment for each tooth"),),
+    layers={
+        "mean_shift_segments": "the surface with the number of the segment of each vertex",
+        "samples": "the same on the refined surface",
+        "borders": "curves between the segments",
+    },
+    options=MeanShiftSegmentsRun,
+    run=run_mean_shift_segments,
+    order=170,
+)

@@ -1,0 +1,434 @@
+"""Kernels over the faces, edges and vertices of a surface: one pass each, where numpy makes many.
+
+In the order of the file: fans and pieces, measures of faces and edges, the graph of the vertices
+with searches along it, bulges of faces, triangles in strips, and how often a surface is wound round
+a place.
+
+A graph is two arrays, as in `Ragged`: the neighbours of vertex v are
+``neighbours[offsets[v]:offsets[v + 1]]``. Every link is listed from both ends.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from medialis.base._kernels import join, number_pieces, pop, push
+from medialis.base.jit import kernel
+
+
+@kernel
+def label_corner_fans(half, twin, opposite, parent, out_label):
+    """Fan of each corner: corners of a vertex joined across edges of two faces.
+
+    As a corner, a half-edge is the vertex where it starts; that is where its twin ends when the two
+    run opposite ways.
+    """
+    for k in range(len(half)):
+        a, b = half[k], twin[k]
+        after_a, after_b = a + 1 - 3 * (a % 3 == 2), b + 1 - 3 * (b % 3 == 2)
+        join(parent, a, after_b if opposite[k] else b)
+        join(parent, after_a, b if opposite[k] else after_b)
+    number_pieces(parent, out_label)
+
+
+@kernel
+def label_face_pieces(half, twin, parent, out_label):
+    """Piece of each face: faces joined across edges of two faces."""
+    for k in range(len(half)):
+        join(parent, half[k] // 3, twin[k] // 3)
+    number_pieces(parent, out_label)
+
+
+@kernel
+def cross_faces(points, faces, out_vectors):
+    """Write the normal of each face times twice its area, (m, 3)."""
+    for f in range(len(faces)):
+        a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
+        x, y, z = points[a, 0], points[a, 1], points[a, 2]
+        ux, uy, uz = points[b, 0] - x, points[b, 1] - y, points[b, 2] - z
+        vx, vy, vz = points[c, 0] - x, points[c, 1] - y, points[c, 2] - z
+        out_vectors[f, 0] = uy * vz - uz * vy
+        out_vectors[f, 1] = uz * vx - ux * vz
+        out_vectors[f, 2] = ux * vy - uy * vx
+
+
+@kernel
+def scale_vectors(vectors, out_areas, out_units):
+    """Half the length of each vector, (m,), and its direction, (m, 3): zero without a length.
+
+    `out_units` may be `vectors`.
+    """
+    for f in range(len(vectors)):
+        x, y, z = vectors[f, 0], vectors[f, 1], vectors[f, 2]
+        length = math.sqrt(x * x + y * y + z * z)
+        out_areas[f] = 0.5 * length
+        share = length if length > 0.0 else math.inf
+        out_units[f, 0], out_units[f, 1], out_units[f, 2] = x / share, y / share, z / share
+
+
+@kernel
+def measure_bends(first, second, units, out_bends):
+    """Angle between the faces of two half-edges each, (p,); 0 where one has no area."""
+    for k in range(len(first)):
+        a, b = first[k] // 3, second[k] // 3
+        ax, ay, az = units[a, 0], units[a, 1], units[a, 2]
+        bx, by, bz = units[b, 0], units[b, 1], units[b, 2]
+        x, y, z = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+        out_bends[k] = math.atan2(math.sqrt(x * x + y * y + z * z), ax * bx + ay * by + az * bz)
+
+
+@kernel
+def measure_edges(points, edges, out_lengths):
+    """Length of each edge, (e,)."""
+    for k in range(len(edges)):
+        a, b = edges[k, 0], edges[k, 1]
+        x = points[a, 0] - points[b, 0]
+        y = points[a, 1] - points[b, 1]
+        z = points[a, 2] - points[b, 2]
+        out_lengths[k] = math.sqrt(x * x + y * y + z * z)
+
+
+@kernel
+def find_flat_faces(points, faces, areas, height, out_flat):
+    """Whether twice the area of a face is at most `height` times its longest edge squared, (m,)."""
+    for f in range(len(faces)):
+        longest = 0.0
+        for j in range(3):
+            a, b = faces[f, j], faces[f, j - 1]
+            x = points[b, 0] - points[a, 0]
+            y = points[b, 1] - points[a, 1]
+            z = points[b, 2] - points[a, 2]
+            longest = max(longest, x * x + y * y + z * z)
+        out_flat[f] = 2 * areas[f] <= height * longest
+
+
+@kernel
+def sum_pieces(corner, vectors, areas, pieces, apex, out_sums):
+    """Signed and absolute volume of the tetrahedra to the apex of a piece, and area, (3, c)."""
+    for f in range(len(corner)):
+        p = pieces[f]
+        x, y, z = corner[f, 0] - apex[p, 0], corner[f, 1] - apex[p, 1], corner[f, 2] - apex[p, 2]
+        volume = (x * vectors[f, 0] + y * vectors[f, 1] + z * vectors[f, 2]) / 6.0
+        out_sums[0, p] += volume
+        out_sums[1, p] += abs(volume)
+        out_sums[2, p] += areas[f]
+
+
+@kernel
+def count_corners(faces, wanted, out_offsets):
+    """Room for the neighbours of every vertex, by the faces with a wanted corner: 2 a corner."""
+    for f in range(len(faces)):
+        if wanted[faces[f, 0]] or wanted[faces[f, 1]] or wanted[faces[f, 2]]:
+            for j in range(3):
+                out_offsets[faces[f, j] + 1] += 2
+    for v in range(len(out_offsets) - 1):
+        out_offsets[v + 1] += out_offsets[v]
+
+
+@kernel
+def list_neighbours(faces, wanted, cursor, out_neighbours):
+    """Enter the other two corners at each corner; `cursor` starts as the offsets and moves on."""
+    for f in range(len(faces)):
+        if wanted[faces[f, 0]] or wanted[faces[f, 1]] or wanted[faces[f, 2]]:
+            for j in range(3):
+                v = faces[f, j]
+                for other in range(1, 3):
+                    out_neighbours[cursor[v]] = faces[f, (j + other) % 3]
+                    cursor[v] += 1
+
+
+@kernel
+def drop_repeats(offsets, neighbours):
+    """List every neighbour once, moving the lists together in place; return the new length.
+
+    Rows have about 12 entries, so looking through the row is faster than sorting it.
+    """
+    filled, begin = 0, 0
+    for v in range(len(offsets) - 1):
+        end = offsets[v + 1]
+        offsets[v] = filled
+        for at in range(begin, end):
+            w = neighbours[at]
+            known = w == v
+            for earlier in range(offsets[v], filled):
+                if neighbours[earlier] == w:
+                    known = True
+                    break
+            if not known:
+                neighbours[filled] = w
+                filled += 1
+        begin = end
+    offsets[-1] = filled
+    return filled
+
+
+@kernel
+def _apart(points, v, w):
+    """Distance of two points."""
+    x, y, z = points[v, 0] - points[w, 0], points[v, 1] - points[w, 1], points[v, 2] - points[w, 2]
+    return math.sqrt(x * x + y * y + z * z)
+
+
+@kernel
+def spread_from_seeds(points, offsets, neighbours, keys, names, out_distance, out_seed):
+    """Dijkstra's search from all seeds at once: the nearest seed along edges, and its distance.
+
+    On entry `out_seed` is the vertex itself and `out_distance` 0 at the seeds, -1 and inf
+    elsewhere; what cannot be reached stays so. Equally near seeds: the lowest index wins. A vertex
+    is entered in the heap once at most for each of its listed neighbours, so `keys` and `names`
+    need len(neighbours) places.
+    """
+    size, turn, count = 0, 0, len(out_seed)
+    while turn < count or size > 0:
+        if turn < count:  # the seeds first, which need no heap
+            v = turn
+            turn += 1
+            if out_distance[v] > 0.0:
+                continue
+        else:
+            size = pop(keys, names, size)
+            v = names[size]
+            if keys[size] > out_distance[v]:
+                continue  # a shorter way was found since
+        for at in range(offsets[v], offsets[v + 1]):
+            w = neighbours[at]
+            reach = out_distance[v] + _apart(points, v, w)
+            if reach < out_distance[w]:
+                out_distance[w], out_seed[w] = reach, out_seed[v]
+                size = push(keys, names, size, reach, w)
+            elif reach == out_distance[w] and out_seed[v] < out_seed[w]:
+                out_seed[w] = out_seed[v]
+
+
+@kernel
+def spread_again(rows, wanted, points, offsets, neighbours, keys, names, out_distance, out_seed):
+    """Find the nearest seeds of some rows from those of all others, which stay.
+
+    On entry rows have the seed -1 and the distance inf; `wanted` tells which vertices they are. A
+    row enters the heap once at first, and then once at most for each of its neighbours.
+    """
+    size = 0
+    for i in range(len(rows)):
+        v = rows[i]
+        for at in range(offsets[v], offsets[v + 1]):
+            w = neighbours[at]
+            if wanted[w] or out_seed[w] < 0:
+                continue
+            reach = out_distance[w] + _apart(points, v, w)
+            if reach < out_distance[v] or (reach == out_distance[v] and out_seed[w] < out_seed[v]):
+                out_distance[v], out_seed[v] = reach, out_seed[w]
+        if out_seed[v] >= 0:
+            size = push(keys, names, size, out_distance[v], v)
+    while size > 0:
+        size = pop(keys, names, size)
+        v = names[size]
+        if keys[size] > out_distance[v]:
+            continue
+        for at in range(offsets[v], offsets[v + 1]):
+            w = neighbours[at]
+            if not wanted[w]:
+                continue
+            reach = out_distance[v] + _apart(points, v, w)
+            if reach < out_distance[w]:
+                out_distance[w], out_seed[w] = reach, out_seed[v]
+                size = push(keys, names, size, reach, w)
+            elif reach == out_distance[w] and out_seed[v] < out_seed[w]:
+                out_seed[w] = out_seed[v]
+
+
+@kernel
+def _link_rows(rows, offsets, neighbours, most, out_first, out_links):
+    """Neighbours of each row that are rows themselves, by their row; `most` is that of vertices."""
+    row_of = np.full(most, -1, np.int32)
+    for row in range(len(rows)):
+        row_of[rows[row]] = row
+    filled = 0
+    for row in range(len(rows)):
+        out_first[row] = filled
+        for at in range(offsets[rows[row]], offsets[rows[row] + 1]):
+            other = row_of[neighbours[at]]
+            if other >= 0:
+                out_links[filled] = other
+                filled += 1
+    out_first[len(rows)] = filled
+
+
+@kernel
+def make_harmonic(rows, offsets, neighbours, most_steps, accuracy, values):
+    """Change the values at `rows` until each is the mean of its neighbours; all others stay.
+
+    Conjugate gradients, preconditioned by the number of neighbours: a step carries a change one
+    edge further, but unlike averaging (which needs the square of the steps to smooth as far) it
+    needs few of them for a smooth field. The sums run in the order of the rows. Of the graph only
+    what joins rows is gone through again and again.
+    """
+    count = len(rows)
+    first, links = np.empty(count + 1, np.int64), np.empty(len(neighbours), np.int32)
+    _link_rows(rows, offsets, neighbours, len(values), first, links)
+    residual, degree, direction = np.empty(count), np.empty(count), np.empty(count)
+    change, size = np.empty(count), 0.0
+    for row in range(count):
+        v = rows[row]
+        total = 0.0  # of the differences to the neighbours: 0 where the field is harmonic
+        for at in range(offsets[v], offsets[v + 1]):
+            total += values[neighbours[at]] - values[v]
+        residual[row], degree[row] = total, offsets[v + 1] - offsets[v]
+        direction[row] = total / degree[row]
+        size += total * direction[row]
+    enough = accuracy * accuracy * size
+    for _ in range(most_steps):
+        if size <= enough:
+            return
+        bend = 0.0
+        for row in range(count):
+            total = -degree[row] * direction[row]
+            for at in range(first[row], first[row + 1]):
+                total += direction[links[at]]
+            change[row] = total
+            bend -= direction[row] * total
+        step = size / bend
+        before, size = size, 0.0
+        for row in range(count):
+            values[rows[row]] += step * direction[row]
+            residual[row] += step * change[row]
+            size += residual[row] * residual[row] / degree[row]
+        for row in range(count):
+            direction[row] = residual[row] / degree[row] + size / before * direction[row]
+
+
+@kernel
+def _first_of(corners, least):
+    """Where the first corner from `least` on stands in the ascending `corners`."""
+    low, high = 0, len(corners)
+    while low < high:
+        middle = (low + high) // 2
+        if corners[middle] < least:
+            low = middle + 1
+        else:
+            high = middle
+    return low
+
+
+@kernel
+def bulge_faces(
+    begin, end, points, faces, normals, units, corners, sector, beside, smoothness,
+    out_bulges, out_cosines,
+):  # fmt: skip
+    """Bulges over the sides of the faces begin..end, and their least cosine (`Creases`).
+
+    `normals` are those of the vertices, `units` those of the faces. At the corners 3 f + j that
+    `corners` lists, the normal is that of their sector, in `beside`, and the cosine the
+    `smoothness` of the vertex.
+    """
+    n = np.empty((3, 3))
+    at = _first_of(corners, 3 * begin)
+    for f in range(begin, end):
+        flat = units[f, 0] == 0.0 and units[f, 1] == 0.0 and units[f, 2] == 0.0
+        out_cosines[f] = 0.0 if flat else 1.0
+        for j in range(3):
+            v = faces[f, j]
+            cosine = 0.0
+            for axis in range(3):
+                n[j, axis] = normals[v, axis]
+                cosine += n[j, axis] * units[f, axis]
+            if n[j, 0] == 0.0 and n[j, 1] == 0.0 and n[j, 2] == 0.0:
+                cosine = 1.0
+            if at < len(corners) and corners[at] == 3 * f + j:
+                cosine = smoothness[v]
+                for axis in range(3):
+                    n[j, axis] = beside[sector[at], axis]
+                at += 1
+            out_cosines[f] = max(min(cosine, out_cosines[f]), 0.0)
+        for j in range(3):
+            k = j + 1 if j < 2 else 0
+            u, v = faces[f, j], faces[f, k]
+            one, other = 0.0, 0.0
+            for axis in range(3):
+                side = points[v, axis] - points[u, axis]
+                one -= n[j, axis] * side
+                other += n[k, axis] * side
+            out_bulges[f, j] = 2.0 * one * other / (one + other) if one * other > 0.0 else 0.0
+
+
+@kernel
+def _off_line(points, a, b):
+    return (
+        (points[a, 0] - points[b, 0]) ** 2
+        + (points[a, 1] - points[b, 1]) ** 2
+        + (points[a, 2] - points[b, 2]) ** 2
+    )
+
+
+@kernel
+def zip_strips(points, ring, first, below, out_faces):
+    """Triangles of each strip: its rim is ring[first[s]:first[s + 1]], its base comes first.
+
+    `below` is the number of pieces of the base, which both other sides face; b pieces there and a
+    on the other sides make a + b - 2 triangles. One end after the other moves on, that with the
+    shorter way across. No new vertex is needed, and no triangle lies on one side alone.
+    """
+    at = 0
+    for s in range(len(below)):
+        base, count, b = first[s], first[s + 1] - first[s], below[s]
+        a = count - b
+        i, j = 1, 1
+        low, up = ring[base + 1], ring[base + count - 1]
+        out_faces[at, 0], out_faces[at, 1], out_faces[at, 2] = ring[base], low, up
+        at += 1
+        while i < b - 1 or j < a - 1:
+            next_low, next_up = ring[base + i + 1], ring[base + count - j - 1]
+            move_low = i < b - 1 and (
+                j == a - 1 or _off_line(points, next_low, up) <= _off_line(points, low, next_up)
+            )
+            out_faces[at, 0] = low
+            if move_low:
+                out_faces[at, 1], out_faces[at, 2] = next_low, up
+                low, i = next_low, i + 1
+            else:
+                out_faces[at, 1], out_faces[at, 2] = next_up, up
+                up, j = next_up, j + 1
+            at += 1
+        out_faces[at, 0], out_faces[at, 1], out_faces[at, 2] = low, ring[base + b], up
+        at += 1
+
+
+@kernel
+def _straddles(a, b, c):
+    return not ((a > 0.0 and b > 0.0 and c > 0.0) or (a < 0.0 and b < 0.0 and c < 0.0))
+
+
+@kernel
+def _cross(corners, axis, out_counts):
+    """Count a face for the two rays from the origin along an axis, where it meets one of them."""
+    u, v = (axis + 1) % 3, (axis + 2) % 3
+    a = corners[1, u] * corners[2, v] - corners[1, v] * corners[2, u]
+    b = corners[2, u] * corners[0, v] - corners[2, v] * corners[0, u]
+    c = corners[0, u] * corners[1, v] - corners[0, v] * corners[1, u]
+    facing = 1 if a > 0.0 else -1
+    if not (facing * a > 0.0 and facing * b > 0.0 and facing * c > 0.0):
+        return
+    height = a * corners[0, axis] + b * corners[1, axis] + c * corners[2, axis]
+    if height / (a + b + c) > 0.0:
+        out_counts[2 * axis] += facing
+    else:
+        out_counts[2 * axis + 1] -= facing
+
+
+@kernel
+def count_crossings(points, faces, place, corners, out_counts):
+    """Faces that the six rays from a place along the axes leave through, less those they enter.
+
+    `corners` (3, 3) is room.
+    """
+    for f in range(len(faces)):
+        met = 0
+        for axis in range(3):
+            for j in range(3):
+                corners[j, axis] = points[faces[f, j], axis] - place[axis]
+            if _straddles(corners[0, axis], corners[1, axis], corners[2, axis]):
+                met += 1 << axis
+        for axis in range(3):
+            if met | (1 << axis) == 7:
+                _cross(corners, axis, out_counts)

@@ -1,0 +1,306 @@
+"""Kernels that fit quadrics to rings of vertices: normals (normals.py) and noise (noise.py).
+
+Strategy of normals. Where the faces go all round a vertex without parting at creases, the surface
+through its neighbours tells the normal. In a frame (s, t, n) at the vertex a neighbour at
+(x, y, z), l away, satisfies
+
+    z = g x + h y + c l^2 / 2 + a (x^2 - y^2) / 2 + b x y
+
+to second order: the term of l^2 alone is a sphere through the vertex, exactly and in every frame;
+a and b tell how the curvatures differ. Five unknowns, solved by least squares of the slopes z / l.
+A ring of few or badly placed neighbours leaves some of them open: there a and b are kept small, and
+the surface is a sphere; a and b enter as one square, so the result turns with the mesh. The normal
+is that of the surface at the vertex, (-g, -h, 1). Elsewhere it is the mean of the faces.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from medialis.base._kernels import solve
+from medialis.base.jit import kernel
+
+MOST_CORNERS = 64  # of a ring that is walked round; each step looks at all corners
+UNEVEN = 1e-2  # weight of a and b against that of a neighbour
+EXACT = 1e-10  # weight of all unknowns: rings on one line have solutions without number
+SAME_PLACE = 1e-12  # part of the mean squared length of spokes: no direction
+
+
+@kernel
+def _gather_ring(vertex, begin, end, corners, points, faces, units, out_ring, out_ends):
+    """Mean of the faces at a vertex by angle, not of unit length; its first corners are noted.
+
+    `out_ring` has the normal of the face of each corner, and the spoke to the vertex after it;
+    `out_ends` the vertices after and before the corner.
+    """
+    nx, ny, nz = 0.0, 0.0, 0.0
+    x, y, z = points[vertex, 0], points[vertex, 1], points[vertex, 2]
+    for i in range(begin, end):
+        f = corners[i] // 3
+        j = corners[i] - 3 * f
+        after, before = faces[f, (j + 1) % 3], faces[f, (j + 2) % 3]
+        ux, uy, uz = points[after, 0] - x, points[after, 1] - y, points[after, 2] - z
+        vx, vy, vz = points[before, 0] - x, points[before, 1] - y, points[before, 2] - z
+        cx, cy, cz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+        across = math.sqrt(cx * cx + cy * cy + cz * cz)
+        angle = math.atan2(across, ux * vx + uy * vy + uz * vz)
+        nx, ny, nz = nx + angle * units[f, 0], ny + angle * units[f, 1], nz + angle * units[f, 2]
+        k = i - begin
+        if k < MOST_CORNERS:
+            out_ends[k, 0], out_ends[k, 1] = after, before
+            out_ring[k, 0], out_ring[k, 1], out_ring[k, 2] = units[f, 0], units[f, 1], units[f, 2]
+            out_ring[k, 3], out_ring[k, 4], out_ring[k, 5] = ux, uy, uz
+    return nx, ny, nz
+
+
+@kernel
+def _least_cosine(begin, end, corners, units, nx, ny, nz):
+    """Least cosine between a direction and the faces at some corners; those without area are 0."""
+    least = 1.0
+    for i in range(begin, end):
+        f = corners[i] // 3
+        least = min(least, nx * units[f, 0] + ny * units[f, 1] + nz * units[f, 2])
+    return least
+
+
+@kernel
+def _goes_round(count, ring, ends, crease):
+    """Tell whether the faces at a vertex form one ring that creases do not part.
+
+    `crease` is the cosine of the bend of a crease. A single one ends at the vertex and parts none.
+    """
+    if count > MOST_CORNERS:
+        return False
+    at, creases = 0, 0
+    for step in range(count):
+        found = -1
+        for other in range(count):
+            if ends[other, 0] == ends[at, 1]:
+                if found >= 0:
+                    return False  # three faces at an edge
+                found = other
+        if found < 0:
+            return False
+        here, there, cosine = 0.0, 0.0, 0.0
+        for axis in range(3):
+            here += abs(ring[at, axis])
+            there += abs(ring[found, axis])
+            cosine += ring[at, axis] * ring[found, axis]
+        creases += here > 0.0 and there > 0.0 and cosine < crease
+        at = found
+        if at == 0:
+            return step == count - 1 and creases < 2
+    return False
+
+
+@kernel
+def _of_surface(count, ring, nx, ny, nz, matrix, x, row):
+    """Compute the normal of the surface through a ring; nx, ny, nz is about the normal."""
+    if abs(nx) < 0.6:
+        sx, sy, sz = 0.0, nz, -ny
+    else:
+        sx, sy, sz = -nz, 0.0, nx
+    length = math.sqrt(sx * sx + sy * sy + sz * sz)
+    sx, sy, sz = sx / length, sy / length, sz / length
+    tx, ty, tz = ny * sz - nz * sy, nz * sx - nx * sz, nx * sy - ny * sx
+    mean2 = 0.0
+    for i in range(count):
+        mean2 += ring[i, 3] * ring[i, 3] + ring[i, 4] * ring[i, 4] + ring[i, 5] * ring[i, 5]
+    mean2 /= count
+    unit = math.sqrt(mean2)
+    for j in range(5):
+        x[j, 0] = 0.0
+        for k in range(j + 1):
+            matrix[j, k] = 0.0
+    even = 0.0
+    for i in range(count):
+        dx, dy, dz = ring[i, 3], ring[i, 4], ring[i, 5]
+        length2 = dx * dx + dy * dy + dz * dz
+        if length2 <= SAME_PLACE * mean2:
+            continue
+        length = math.sqrt(length2)
+        row[0] = (dx * sx + dy * sy + dz * sz) / length
+        row[1] = (dx * tx + dy * ty + dz * tz) / length
+        z = (dx * nx + dy * ny + dz * nz) / length
+        part = length / unit
+        row[2] = part / 2
+        row[3] = part * (row[0] * row[0] - row[1] * row[1]) / 2
+        row[4] = part * row[0] * row[1]
+        even += part * part
+        for j in range(5):
+            x[j, 0] += row[j] * z
+            for k in range(j + 1):
+                matrix[j, k] += row[j] * row[k]
+    for j in range(5):
+        matrix[j, j] += EXACT * count
+    matrix[3, 3] += UNEVEN * even
+    matrix[4, 4] += UNEVEN * even
+    solve(matrix, x)
+    g, h = x[0, 0], x[1, 0]
+    ox, oy, oz = nx - g * sx - h * tx, ny - g * sy - h * ty, nz - g * sz - h * tz
+    length = math.sqrt(ox * ox + oy * oy + oz * oz)
+    return ox / length, oy / length, oz / length
+
+
+@kernel
+def fill_normals(
+    begin, end, points, faces, units, offsets, all_corners, crease, away, smooth, out_normals
+):
+    """Compute the normals of the vertices begin..end; left as they are (zero) where there is none.
+
+    `units` has the unit normals of the faces, zero without an area. `away` is how far below zero
+    the cosine to a face that looks away is. `smooth`: take surfaces through rings.
+    """
+    matrix, x, row = np.empty((5, 5)), np.empty((5, 1)), np.empty(5)
+    ring, ends = np.empty((MOST_CORNERS, 6)), np.empty((MOST_CORNERS, 2), np.int64)
+    for v in range(begin, end):
+        first, last = offsets[v], offsets[v + 1]
+        count = last - first
+        nx, ny, nz = _gather_ring(v, first, last, all_corners, points, faces, units, ring, ends)
+        length = math.sqrt(nx * nx + ny * ny + nz * nz)
+        if length <= 1e-12:  # the faces cancel out (a fin): rounding decides
+            continue
+        nx, ny, nz = nx / length, ny / length, nz / length
+        least = _least_cosine(first, last, all_corners, units, nx, ny, nz)
+        if least < -away:
+            continue
+        if smooth and _goes_round(count, ring, ends, crease):
+            sx, sy, sz = _of_surface(count, ring, nx, ny, nz, matrix, x, row)
+            lowest = _least_cosine(first, last, all_corners, units, sx, sy, sz)
+            if lowest >= min(least, 0.0):
+                nx, ny, nz = sx, sy, sz
+        out_normals[v, 0], out_normals[v, 1], out_normals[v, 2] = nx, ny, nz
+
+
+SINGULAR = 1e-9  # weight of the six terms: neighbours on one line or conic
+
+
+@kernel
+def list_links(edges, used, out_offsets, out_neighbours):
+    """Neighbours of each vertex along the edges between used ones; `out_offsets` (n + 2,) is 0."""
+    for e in range(len(edges)):
+        a, b = edges[e, 0], edges[e, 1]
+        if used[a] and used[b]:
+            out_offsets[a + 2] += 1
+            out_offsets[b + 2] += 1
+    for v in range(1, len(out_offsets)):
+        out_offsets[v] += out_offsets[v - 1]
+    for e in range(len(edges)):
+        a, b = edges[e, 0], edges[e, 1]
+        if used[a] and used[b]:
+            out_neighbours[out_offsets[a + 1]] = b
+            out_neighbours[out_offsets[b + 1]] = a
+            out_offsets[a + 1] += 1
+            out_offsets[b + 1] += 1
+
+
+@kernel
+def mark_bent(half_edges, bends, least, faces, out_flat):
+    """Tell that the vertices of edges that bend by `least` or more are not flat, (n,)."""
+    for k in range(len(half_edges)):
+        if bends[k] >= least:
+            f = half_edges[k] // 3
+            j = half_edges[k] - 3 * f
+            out_flat[faces[f, j]] = out_flat[faces[f, (j + 1) % 3]] = False
+
+
+@kernel
+def find_rings(rows, steps, offsets, neighbours, seen, out_rings, out_counts):
+    """Vertices within some steps of each row, without itself; one more than fit: too many.
+
+    `seen` (n,) int32 is -1 for each vertex.
+    """
+    most = out_rings.shape[1]
+    for k in range(len(rows)):
+        seen[rows[k]] = k
+        count, begin, end = 0, 0, 0
+        for step in range(steps):
+            for at in range(begin - (step == 0), end):
+                v = rows[k] if step == 0 else out_rings[k, at]
+                for i in range(offsets[v], offsets[v + 1]):
+                    w = neighbours[i]
+                    if seen[w] == k:
+                        continue
+                    seen[w] = k
+                    if count < most:
+                        out_rings[k, count] = w
+                    count += 1
+                    if count > most:
+                        break
+                if count > most:
+                    break
+            if count > most:
+                break
+            begin, end = end, count
+        out_counts[k] = count
+
+
+@kernel
+def measure_spread(points, rows, rings, counts, out_spread):
+    """Covariance of each ring round its mean; `out_spread` (k, 4, 3), the mean as last row."""
+    for k in range(len(rows)):
+        count = counts[k]
+        for axis in range(3):
+            total = 0.0
+            for i in range(count):
+                total += points[rings[k, i], axis]
+            out_spread[k, 3, axis] = total / count
+        for a in range(3):
+            for b in range(3):
+                total = 0.0
+                for i in range(count):
+                    v = rings[k, i]
+                    x = points[v, a] - out_spread[k, 3, a]
+                    total += x * (points[v, b] - out_spread[k, 3, b])
+                out_spread[k, a, b] = total / count
+
+
+@kernel
+def _fill_terms(u, v, terms):
+    terms[0], terms[1], terms[2], terms[3], terms[4], terms[5] = 1.0, u, v, u * u, u * v, v * v
+
+
+@kernel
+def measure_off_quadrics(
+    points, rows, rings, counts, means, axes, sizes, matrix, right, terms, out_away
+):
+    """Distance of each row from the quadric through its ring, in deviations of equal noise.
+
+    `axes` (k, 3, 3) has the normal as its first column, `sizes` (k,) the extent of the ring. What
+    the noise of the ring makes of the quadric divides the distance. `matrix` (6, 6), `right` (6, 2)
+    and `terms` (6,) are room.
+    """
+    for k in range(len(rows)):
+        for a in range(6):
+            right[a, 0] = 0.0
+            for b in range(a + 1):
+                matrix[a, b] = 0.0
+        count, size = counts[k], sizes[k]
+        for i in range(count + 1):
+            v = rings[k, i] if i < count else rows[k]
+            x, y, z = (
+                points[v, 0] - means[k, 0],
+                points[v, 1] - means[k, 1],
+                points[v, 2] - means[k, 2],
+            )
+            h = (x * axes[k, 0, 0] + y * axes[k, 1, 0] + z * axes[k, 2, 0]) / size
+            s = (x * axes[k, 0, 2] + y * axes[k, 1, 2] + z * axes[k, 2, 2]) / size
+            t = (x * axes[k, 0, 1] + y * axes[k, 1, 1] + z * axes[k, 2, 1]) / size
+            _fill_terms(s, t, terms)
+            if i == count:
+                break
+            for a in range(6):
+                right[a, 0] += terms[a] * h
+                for b in range(a + 1):
+                    matrix[a, b] += terms[a] * terms[b]
+        for a in range(6):
+            matrix[a, a] += SINGULAR * count
+            right[a, 1] = terms[a]  # of the row itself
+        solve(matrix, right)
+        away, carried = h, 0.0
+        for a in range(6):
+            away -= right[a, 0] * terms[a]
+            carried += right[a, 1] * terms[a]
+        out_away[k] = abs(away) / math.sqrt(1.0 + max(carried, 0.0)) * size

@@ -1,0 +1,374 @@
+"""Repair that never moves a vertex: weld, drop what is useless, face outward (before 3.2).
+
+A flat face a, b, c of three different corners has c on the segment a b. Dropping it would open a
+slit between its neighbours. Its neighbour b, a, d across the longest edge covers the same segment,
+so replacing both by c, a, d and d, b, c leaves the surface exactly as it is, with no flat face.
+Flat faces are rare, so this is a plain loop over them; each round turns edges of faces not yet
+touched in it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from medialis.base.arrays import Described, EdgeTable, Index, Mask
+from medialis.base.errors import InvalidShapeError
+from medialis.base.progress import Message
+from medialis.base.validation import FloatArray, IntArray, as_faces, as_normals, as_points, frozen
+from medialis.shape.diagnosis import (
+    agreeing_flips,
+    faces_to_drop,
+    flipped,
+    outward_flips,
+    piece_volumes,
+    scaled,
+    solid_pieces,
+)
+from medialis.shape.surface import Surface, Topology
+
+_ROUNDS = 30
+_APART = np.arange(6).reshape(2, 3)
+
+
+def flip_flat_faces(surface: Surface, flat: Mask) -> tuple[IntArray, Index, int]:
+    """Turn edges of flat faces where that helps.
+
+    Returns
+    -------
+    faces : (m, 3) int32
+    source : (m,) int64
+        The given face that each face lies in.
+    turned : int
+        How many flat faces were merged into a neighbour.
+    """
+    faces = np.array(surface.faces)
+    source = np.arange(len(faces))
+    turned = 0
+    for _ in range(_ROUNDS):
+        done = _turn_once(surface.points, faces, source, np.flatnonzero(flat))
+        turned += done
+        if done == 0:
+            break
+        flat = Surface(surface.points, faces).flat_faces
+    return faces, source, turned
+
+
+def _turn_once(points: FloatArray, faces: IntArray, source: Index, flat: Index) -> int:
+    """Turn one edge of each flat face where both new faces are fine; change faces in place."""
+    table = EdgeTable.of(faces, len(points))
+    a_half, b_half, opposite = table.pairs
+    partner = np.full(3 * len(faces), -1, np.int64)
+    partner[a_half[opposite]], partner[b_half[opposite]] = b_half[opposite], a_half[opposite]
+    edges = set(zip(table.low.tolist(), table.high.tolist(), strict=True)) if len(flat) else set()
+    touched: set[int] = set()
+    done = 0
+    for face in flat.tolist():
+        corners = points[faces[face]]
+        lengths = ((np.roll(corners, -1, axis=0) - corners) ** 2).sum(axis=1)
+        j = int(lengths.argmax())
+        other = int(partner[3 * face + j])
+        if other < 0 or face in touched or other // 3 in touched:
+            continue
+        a, b, c = (int(faces[face, (j + i) % 3]) for i in range(3))
+        d = int(faces[other // 3, (other % 3 + 2) % 3])
+        new = np.array([[c, a, d], [d, b, c]], faces.dtype)
+        if c == d or (min(c, d), max(c, d)) in edges:
+            continue
+        if Surface(points[new.ravel()], _APART).flat_faces.any():
+            continue
+        faces[[face, other // 3]] = new
+        source[face] = source[other // 3]
+        edges.add((min(c, d), max(c, d)))
+        touched.update((face, other // 3))
+        done += 1
+    return done
+
+
+PLURALS = {"vertex": "vertices", "cavity": "cavities"}
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Repair(Described):
+    """A repaired mesh or cloud and where its parts come from.
+
+    Attributes
+    ----------
+    points : (n, 3) float64
+        The kept points, in their old order, none moved.
+    faces : (m, 3) int32 or None
+        None when no faces were given.
+    normals : (n, 3) float64 or None
+        Unit normals, a zero row where a point has none; None when none were given.
+    vertex_map : (n_in,) int32
+        The point that each input point became, -1 for a dropped one.
+    face_map : (m,) int32
+        The input face that each face comes from (lies in).
+    messages : tuple of Message
+        One sentence for each thing done or noticed; empty for a clean input.
+    """
+
+    points: FloatArray
+    faces: IntArray | None
+    normals: FloatArray | None
+    vertex_map: IntArray
+    face_map: IntArray
+    messages: tuple[Message, ...]
+
+
+def repair(
+    points: ArrayLike, faces: ArrayLike | None = None, normals: ArrayLike | None = None
+) -> Repair:
+    """Repair a mesh or cloud without moving a vertex, in this order.
+
+    - Drop points with NaN or infinity.
+    - Make points at exactly the same place one; the first stays, with the first normal that is not
+      zero.
+    - Drop faces with a repeated corner. A face of three different corners without height (at most
+      1e-12 of its longest edge) is merged into its neighbour by turning their common edge, which
+      changes no surface; it is dropped where that is impossible.
+    - Keep one of the faces with the same corners. Small folds - faces lying on their own back that
+      hang on a surface - are dropped whole, so that no boundary appears.
+    - Drop vertices that no face uses (never the points of a cloud).
+    - Flip faces so that neighbours across edges of exactly two faces agree on the outside; the side
+      with more faces wins.
+    - Turn pieces (faces joined across such edges, and open pieces that close each other) outward:
+      closed ones by their signed volume, except cavities, which are inward pieces directly inside
+      an outward one; open ones when their volume, closed by cones from the middle of the boundary,
+      is more than a fifth of what its parts add up to without signs and more than 0.001 area^(3/2).
+      Normals that then disagree with the faces of a turned piece are turned too.
+
+    Parameters
+    ----------
+    points : (n, 3) array of numbers
+        NaN and infinity only in points that no face uses.
+    faces : (m, 3) integers, optional
+    normals : (n, 3) array of numbers, optional
+
+    Returns
+    -------
+    Repair
+        Of a clean input: the same arrays, no messages.
+
+    Raises
+    ------
+    InvalidShapeError
+        When an array has a wrong shape or is out of range, a face uses a point that is not finite,
+        or no point or face is left.
+
+    See Also
+    --------
+    diagnose : says what is wrong.
+    read_shape : does both.
+
+    Examples
+    --------
+    >>> fixed = repair([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 0, 0]], [[0, 1, 2], [0, 3, 1]])
+    >>> fixed.faces.tolist(), fixed.vertex_map.tolist()
+    ([[0, 1, 2]], [0, 1, 2, 1])
+    """
+    return repaired(points, faces, normals)[0]
+
+
+def repaired(
+    points: ArrayLike,
+    faces: ArrayLike | None,
+    normals: ArrayLike | None,
+    examined: Surface | None = None,
+) -> tuple[Repair, Topology]:
+    """Repair, given what `examine` found of the same arrays; return what is then known as well."""
+    work = _Work.begin(points, faces, normals)
+    if examined is not None and np.array_equal(work.faces, examined.topology.faces):
+        work.faces, work.measured = examined.topology.faces, examined
+    work.weld()
+    if len(work.faces):
+        work.drop_degenerate()
+        work.drop_duplicate_faces()
+        if len(work.faces) == 0:
+            raise InvalidShapeError(
+                f"none of the {work.given_faces} faces has an area: all are degenerate or lie on "
+                "each other; check the mesh."
+            )
+        work.drop_unused()
+        work.agree()
+        work.turn_outward()
+    return work.result(faces is not None), work.surface().topology
+
+
+@dataclass(eq=False)
+class _Work:
+    """The state between the steps."""
+
+    points: FloatArray
+    faces: IntArray
+    normals: FloatArray | None
+    vertex_map: IntArray
+    face_map: IntArray
+    given_faces: int
+    messages: list[Message]
+    measured: Surface | None = None
+
+    @classmethod
+    def begin(cls, points: ArrayLike, faces: ArrayLike | None, normals: ArrayLike | None) -> _Work:
+        """Check the arrays, and drop points that are not finite."""
+        raw = np.asarray(points)
+        triangles: ArrayLike = np.empty((0, 3), np.int32) if faces is None else faces
+        keep = np.ones(0, bool)
+        if raw.dtype.kind == "f" and raw.ndim == 2 and raw.shape[1] == 3:
+            keep = np.asarray(np.isfinite(raw).all(axis=1))
+            used = np.zeros(len(raw), bool)
+            used[as_faces(triangles, len(raw))] = True
+            if not keep.any() or (used & ~keep).any():
+                keep = np.ones(0, bool)  # as_points says what is wrong
+        partial = len(keep) and not keep.all()
+        xyz = as_points(np.where(keep[:, None], raw, 0.0) if partial else points)
+        n = len(xyz)
+        checked = as_faces(triangles, n)
+        vectors = None if normals is None else as_normals(normals, n)
+        identity = np.arange(max(n, len(checked)), dtype=np.int32)
+        work = cls(xyz, checked, vectors, identity[:n], identity[: len(checked)], len(checked), [])
+        if partial:
+            work._note("Dropped {} with NaN or infinity.", "not_finite_dropped", "point", ~keep)
+            work._keep_points(keep)
+        return work
+
+    def _note(self, text: str, code: str, noun: str, counted: ArrayLike) -> None:
+        """Record a sentence about what a mask or a number counts; the noun names its data."""
+        number, plural = int(np.sum(counted)), PLURALS.get(noun, f"{noun}s")
+        words = f"{number} {noun if number == 1 else plural}"
+        self.messages.append(Message(text.format(words), code, **{plural.split()[-1]: number}))
+
+    def weld(self) -> None:
+        first = self.surface().first_equal_point
+        keep = first == np.arange(len(first))
+        if keep.all():
+            return
+        self._note("Welded {} lying exactly on another one.", "welded", "point", ~keep)
+        if self.normals is not None:
+            self.normals = _first_normals(self.normals, first)
+        self._keep_points(keep, first)
+
+    def drop_degenerate(self) -> None:
+        a, b, c = self.faces.T
+        keep = (a != b) & (b != c) & (c != a)
+        if not keep.all():
+            self._note("Dropped {} with a repeated corner.", "repeated_corners", "face", ~keep)
+            self._keep_faces(keep)
+        if len(self.faces) == 0:
+            return
+        surface = self.surface()
+        flat = surface.flat_faces
+        if not flat.any():
+            return
+        faces, source, turned = flip_flat_faces(surface, flat)
+        if turned:
+            text = "Merged {} without area into neighbours by turning an edge."
+            self._note(text, "flat_faces_merged", "face", turned)
+            self.faces, self.face_map = faces, self.face_map[source]
+        keep = ~self.surface().flat_faces
+        if not keep.all():
+            self._note("Dropped {} without area.", "flat_faces_dropped", "face", ~keep)
+            self._keep_faces(keep)
+
+    def surface(self) -> Surface:
+        """Return the mesh as it is now, at a scale of about 1."""
+        if self.measured is None or self.measured.topology.faces is not self.faces:
+            self.measured = scaled(self.points, frozen(self.faces, np.int32))
+            self.faces = self.measured.topology.faces
+        return self.measured
+
+    def drop_duplicate_faces(self) -> None:
+        repeated, folds = faces_to_drop(self.surface().topology)
+        if repeated.any():
+            self._note("Dropped {}.", "duplicates_dropped", "duplicate face", repeated)
+        if folds.any():
+            text = "Dropped {} of small folds that lie on their own back."
+            self._note(text, "folds_dropped", "face", folds)
+        if repeated.any() or folds.any():
+            self._keep_faces(~(repeated | folds))
+
+    def drop_unused(self) -> None:
+        used = np.zeros(len(self.points), bool)
+        used[self.faces] = True
+        if not used.all():
+            self._note("Dropped {} that no face uses.", "unused_dropped", "vertex", ~used)
+            self._keep_points(used)
+
+    def agree(self) -> None:
+        flip, one_sided = agreeing_flips(self.surface())
+        if flip.any():
+            text = "Flipped {} to agree with the neighbours on the outside."
+            self._note(text, "faces_flipped", "face", flip)
+            self.faces = flipped(self.faces, flip)
+        if one_sided.any():
+            text = "{} in one-sided pieces, like a Moebius band, have no outside."
+            self._note(text, "one_sided", "face", one_sided)
+
+    def turn_outward(self) -> None:
+        surface = self.surface()
+        piece = solid_pieces(surface)
+        measured = piece_volumes(surface, piece)
+        one_sided = np.zeros(len(measured.closed), bool)
+        a, _, opposite = surface.edge_table.pairs
+        one_sided[piece[a[~opposite] // 3]] = True
+        flip, cavity = outward_flips(surface, measured, one_sided, piece)
+        closed, opened = flip & measured.closed, flip & ~measured.closed
+        if closed.any():
+            self._note("Turned {} outward.", "closed_turned", "closed piece", closed)
+        if opened.any():
+            text = "Turned {} outward, judging by the volume under the surface."
+            self._note(text, "open_turned", "open piece", opened)
+        if cavity.any():
+            self._note("Kept {} facing inward.", "cavities_kept", "cavity", cavity)
+        if flip.any():
+            self.faces = flipped(self.faces, flip[piece])
+            self._turn_normals(surface, flip, piece)
+
+    def _turn_normals(self, before: Surface, flip: NDArray[np.bool_], piece: IntArray) -> None:
+        """Turn the normals of turned pieces where they disagree with the turned faces."""
+        if self.normals is None:
+            return
+        double = np.where(flip[piece][:, None], -before.face_vectors, before.face_vectors)
+        alike = sum(np.einsum("ij,ij->i", self.normals[self.faces[:, i]], double) for i in range(3))
+        wrong = flip & (np.bincount(piece, alike, len(flip)) < 0)
+        turn = np.zeros(len(self.points), bool)
+        turn[self.faces[wrong[piece]]] = True
+        self.normals = np.where(turn[:, None], -self.normals, self.normals) + 0.0
+
+    def _keep_points(
+        self, keep: NDArray[np.bool_], stand_in: NDArray[np.int64] | None = None
+    ) -> None:
+        """Drop points; `stand_in` names the kept point that takes a dropped one's place."""
+        place = np.where(keep, np.cumsum(keep) - 1, -1).astype(np.int32)
+        if stand_in is not None:
+            place = place[stand_in]
+        self.points = self.points[keep]
+        self.normals = None if self.normals is None else self.normals[keep]
+        self.faces = place[self.faces]
+        self.vertex_map = np.where(self.vertex_map < 0, -1, place[self.vertex_map])
+
+    def _keep_faces(self, keep: NDArray[np.bool_]) -> None:
+        self.faces, self.face_map = self.faces[keep], self.face_map[keep]
+
+    def result(self, with_faces: bool) -> Repair:
+        return Repair(
+            frozen(self.points, np.float64),
+            frozen(self.faces, np.int32) if with_faces else None,
+            None if self.normals is None else frozen(self.normals, np.float64),
+            frozen(self.vertex_map, np.int32),
+            frozen(self.face_map, np.int32),
+            tuple(self.messages),
+        )
+
+
+def _first_normals(normals: FloatArray, first: NDArray[np.int64]) -> FloatArray:
+    """Give each first point the first normal among its equals that is not zero."""
+    result = normals.copy()
+    known = np.flatnonzero((normals != 0).any(axis=1))
+    # Written from last to first, so the first one stays.
+    missing = ~(normals[first[known]] != 0).any(axis=1)
+    late = known[missing][::-1]
+    result[first[late]] = normals[late]
+    return result

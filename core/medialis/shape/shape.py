@@ -1,0 +1,244 @@
+"""Shape: surface samples with outward normals and, for meshes, triangles.
+
+All lengths are fractions of the diagonal of the bounding box. One stray point at a thousand times
+the size of a shape makes the default lengths larger than the shape; `far_points` says so.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import logging
+from collections.abc import Hashable
+from dataclasses import dataclass, fields
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from medialis.base.errors import InvalidShapeError
+from medialis.base.progress import Message
+from medialis.base.units import as_unit
+from medialis.base.validation import (
+    Directions,
+    FloatArray,
+    IntArray,
+    Positions,
+    as_faces,
+    as_normals,
+    as_points,
+    owned,
+)
+from medialis.shape.surface import Surface
+
+if TYPE_CHECKING:
+    from medialis.shape.diagnosis import Diagnosis
+
+
+def missing_value(values: NDArray[Any]) -> float | int:
+    """Return what stands for none among such values: NaN, -1, or 0 where no type has a minus."""
+    return {"f": np.nan, "i": -1}.get(np.asarray(values).dtype.kind, 0)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Shape(Surface):
+    """A sampled surface: the input of every operation.
+
+    Built directly it checks its arrays and takes them as they are; `medialis.make_shape` estimates
+    missing normals and `medialis.read_shape` repairs a file first. A shape never changes: arrays
+    that the caller could still write to are copied.
+
+    Attributes
+    ----------
+    points : (n, 3) float64
+        Surface samples in the caller's units.
+    normals : (n, 3) float64
+        Unit outward normals; a zero row means that the sample has none.
+    faces : (m, 3) int32 or None
+        Triangles, counter-clockwise seen from outside; None for a point cloud.
+    origin : (n,) int32 or None
+        After `medialis.refine`: the vertex of the unrefined shape that this point is, -1 for an
+        inserted one. None when the shape was not refined.
+    face_origin : (m,) int32 or None
+        After `medialis.refine`: the face of the unrefined shape that this face lies in.
+    diagnosis : Diagnosis or None
+        What the input was like before repair (`medialis.read_shape`).
+    vertex_map : (n_in,) int32 or None
+        After repair: the point that each input vertex became, -1 if it was dropped. It stays right
+        after `medialis.refine`, which keeps the points and adds new ones behind them.
+    face_map : (m,) int32 or None
+        After repair: the input face of each face.
+    unit : str or None
+        What one unit of the points is, such as "mm"; None where nobody said.
+    patches : (m,) int32 or None
+        The patch that each face lies on, such as the face of a CAD model that was read; None where
+        nobody said.
+
+    Raises
+    ------
+    InvalidShapeError
+        When an array has the wrong shape, is not finite, or a face index is out of range.
+    """
+
+    points: Positions
+    normals: Directions
+    faces: IntArray | None = None
+    origin: IntArray | None = None
+    face_origin: IntArray | None = None
+    diagnosis: Diagnosis | None = None
+    vertex_map: IntArray | None = None
+    face_map: IntArray | None = None
+    unit: str | None = None
+    patches: IntArray | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "unit", as_unit(self.unit))
+        points = owned(as_points(self.points))
+        object.__setattr__(self, "points", points)
+        object.__setattr__(self, "normals", owned(as_normals(self.normals, len(points))))
+        if self.faces is not None:
+            faces = owned(as_faces(self.faces, len(points)))
+            object.__setattr__(self, "faces", faces if len(faces) else None)
+        for name, count in (
+            ("origin", len(points)),
+            ("face_origin", self.face_count),
+            ("face_map", self.face_count),
+            ("patches", self.face_count),
+            ("vertex_map", 0 if self.vertex_map is None else np.size(self.vertex_map)),
+        ):
+            value = getattr(self, name)
+            if value is not None:
+                if np.shape(value) != (count,):
+                    raise InvalidShapeError(
+                        f"{name} must have shape ({count},), got {np.shape(value)}."
+                    )
+                object.__setattr__(self, name, owned(np.asarray(value, np.int32)))
+
+    @property
+    def identity(self) -> Hashable:
+        """A checksum of all that the shape holds: equal shapes share what is kept."""
+        known = self.__dict__.get("_identity")
+        if known is None:
+            digest = hashlib.blake2b(digest_size=20)
+            for one in fields(self):
+                value = getattr(self, one.name)
+                if isinstance(value, np.ndarray):
+                    digest.update(f"{one.name} {value.shape} {value.dtype}".encode())
+                    digest.update(value.data)
+                else:
+                    digest.update(f"{one.name} {value!r}".encode())
+            known = digest.digest()
+            self.__dict__["_identity"] = known
+        return known
+
+    def on_input_points(self, values: NDArray[Any], missing: Any = None) -> NDArray[Any]:
+        """Bring values of the points back to the vertices of the input before repair.
+
+        Parameters
+        ----------
+        values : (n, ...) array
+            Of this shape, or of the first n points of a refined one.
+        missing : scalar, optional
+            For vertices that were dropped; else `missing_value`.
+
+        Returns
+        -------
+        (n_in, ...) array
+            In the same dtype; merged vertices have the same value.
+        """
+        if self.vertex_map is None:
+            return np.array(values)
+        missing = missing_value(values) if missing is None else missing
+        result = np.full((len(self.vertex_map), *np.shape(values)[1:]), missing, values.dtype)
+        kept = self.vertex_map >= 0
+        result[kept] = values[self.vertex_map[kept]]
+        return result
+
+    def on_input_faces(self, values: NDArray[Any], count: int, missing: Any = None) -> NDArray[Any]:
+        """Bring values of the faces back to the `count` faces of the input before repair.
+
+        Parameters
+        ----------
+        values : (m, ...) array
+            One row a face of this shape.
+        count : int
+            Number of faces of the input.
+        missing : scalar, optional
+            For faces that were dropped; else `missing_value`.
+
+        Returns
+        -------
+        (count, ...) array
+            In the same dtype. Several faces of one input face: the last one counts.
+        """
+        if self.face_map is None:
+            return np.array(values)
+        missing = missing_value(values) if missing is None else missing
+        result = np.full((count, *np.shape(values)[1:]), missing, values.dtype)
+        result[self.face_map] = values
+        return result
+
+
+FAR = 50.0
+"""Diagonals of what is meant: at this distance the whole of it is no longer than one edge that the
+default refinement leaves (2 % of the diagonal)."""
+
+TAILS = 0.1, 0.9
+"""Quantiles of each coordinate that bound the bulk of the points: fewer than a tenth are strays."""
+
+
+def far_points(shape: Shape) -> Message | None:
+    """Return a sentence about points, or parts of a mesh, that lie far from the rest, or None.
+
+    Parameters
+    ----------
+    shape : Shape
+        A cloud, or a mesh whose points are all in use.
+
+    Returns
+    -------
+    Message or None
+        What lies where, what it does to the lengths, and what to do.
+    """
+    low, high = np.quantile(shape.points, TAILS, axis=0)
+    bulk = float(np.linalg.norm(high - low))
+    harm = (
+        f"the diagonal is {shape.diagonal:.3g}, and lengths such as tolerance and refine are "
+        "fractions of it, too coarse for the"
+    )
+    if 0 < bulk < shape.diagonal / FAR:
+        away = ((shape.points < low - bulk) | (shape.points > high + bulk)).any(axis=1)
+        first = ", ".join(f"{x:.6g}" for x in shape.points[int(away.argmax())])
+        count = int(away.sum())
+        return Message(
+            f"{count} of {shape.point_count} points lie far from the rest, which is "
+            f"about {bulk:.3g} large (the first at {first}): {harm} rest. Delete the far points if "
+            "they are strays.",
+            "far_points",
+            logging.WARNING,
+            points=count,
+            of=shape.point_count,
+            size=bulk,
+        )
+    largest = _largest_part(shape)
+    if 0 < largest < shape.diagonal / FAR:
+        parts = int(shape.components.max()) + 1
+        return Message(
+            f"The {parts} parts lie far apart, the largest is {largest:.3g} large: {harm} parts. "
+            "Delete parts that are strays, or run the parts one by one.",
+            "far_parts",
+            logging.WARNING,
+            parts=parts,
+            size=largest,
+        )
+    return None
+
+
+def _largest_part(shape: Shape) -> float:
+    """Return the diagonal of the largest component."""
+    if not shape.components.any():
+        return shape.diagonal
+    order = np.argsort(shape.components, kind="stable")
+    starts = np.flatnonzero(np.diff(shape.components[order], prepend=-1))
+    points: FloatArray = shape.points[order]
+    size = np.maximum.reduceat(points, starts) - np.minimum.reduceat(points, starts)
+    return float(np.linalg.norm(size, axis=1).max())

@@ -1,0 +1,461 @@
+"""Surface: triangles, or points alone, with each geometric quantity named and computed once.
+
+`Topology` is the part that follows from the faces alone, whatever their points.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from medialis.base.arrays import EdgeTable, Ragged, first_equal_row
+from medialis.base.kept import Bound
+from medialis.base.validation import FloatArray, IntArray, Positions, as_faces, as_points, frozen
+
+if TYPE_CHECKING:
+    from scipy.spatial import cKDTree
+
+
+class Topology:
+    """How triangles hang together; each quantity is computed when it is first asked for, once.
+
+    Half-edge 3 f + j is side j of face f, from its corner j to the next one.
+
+    Parameters
+    ----------
+    faces : (m, 3) int32
+        May be empty.
+    point_count : int
+    """
+
+    def __init__(self, faces: IntArray, point_count: int) -> None:
+        self.faces = faces
+        self.point_count = point_count
+
+    @cached_property
+    def edge_table(self) -> EdgeTable:
+        """The half-edges of each edge, sorted once for all that needs them."""
+        return EdgeTable.of(self.faces, self.point_count)
+
+    @cached_property
+    def edges(self) -> IntArray:
+        """Undirected edges (e, 2), see `Surface.edges`."""
+        edges = self.edge_table.ends
+        loops = edges[:, 0] == edges[:, 1]
+        return frozen(edges[~loops] if loops.any() else edges, np.int32)
+
+    @cached_property
+    def edge_twins(self) -> IntArray:
+        """The same edge in the neighbouring face, (3m,), see `Surface.edge_twins`."""
+        a, b, _ = self.edge_table.pairs
+        apart = a // 3 != b // 3
+        result = np.full(3 * len(self.faces), -1, np.int32)
+        result[a[apart]], result[b[apart]] = b[apart], a[apart]
+        return frozen(result, np.int32)
+
+    @cached_property
+    def fans(self) -> Ragged:
+        """For each point the half-edges that leave it, ascending: one for each face there."""
+        return Ragged.group(self.faces.ravel(), self.point_count)
+
+    @cached_property
+    def components(self) -> IntArray:
+        """Connected component of each point, (n,), numbered by their lowest vertex."""
+        return piece_labels(self.point_count, self.edges)
+
+    @cached_property
+    def part_count(self) -> int:
+        """Number of components that have faces."""
+        return int(np.count_nonzero(np.bincount(self.components[self.faces[:, 0]])))
+
+    @cached_property
+    def face_pieces(self) -> IntArray:
+        """Piece of each face, (m,), see `Surface.face_pieces`."""
+        from medialis.shape._kernels import label_face_pieces
+
+        a, b, _ = self.edge_table.pairs
+        label = np.empty(len(self.faces), np.int32)
+        label_face_pieces(a, b, np.arange(len(label), dtype=np.int32), label)
+        return frozen(label, np.int32)
+
+    def corner_fans(self) -> IntArray:
+        """Fan of each corner, (3m,): corners of one vertex joined across edges of two faces."""
+        from medialis.shape._kernels import label_corner_fans
+
+        label = np.empty(3 * len(self.faces), np.int32)
+        label_corner_fans(*self.edge_table.pairs, np.arange(len(label), dtype=np.int32), label)
+        return frozen(label, np.int32)
+
+    @cached_property
+    def first_equal_face(self) -> NDArray[np.int64]:
+        """The first face with the same three corners in any order, (m,); mostly the face itself."""
+        # Three at a time: numpy goes along the short axis one by one.
+        a, b, c = (self.faces[:, j].astype(np.int64) for j in range(3))
+        low, high = np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c)
+        middle = a + b + c - low - high
+        return first_equal_row(np.stack([low, middle, high], axis=1))
+
+
+def piece_labels(count: int, links: NDArray[Any]) -> IntArray:
+    """Return the connected piece of each of `count` nodes, numbered by their lowest node.
+
+    Parameters
+    ----------
+    count : int
+    links : (e, 2) int
+        Pairs of nodes in any order.
+
+    Examples
+    --------
+    >>> piece_labels(5, np.array([[0, 3], [1, 4]])).tolist()
+    [0, 1, 2, 0, 1]
+    """
+    from medialis.base._kernels import label_pieces
+
+    pairs = np.ascontiguousarray(np.asarray(links).reshape(-1, 2), np.int64)
+    label = np.empty(count, np.int32)
+    label_pieces(pairs, np.arange(count, dtype=np.int32), label)
+    return frozen(label, np.int32)
+
+
+FLAT_HEIGHT = 1e-12
+"""A face is flat when its height is at most this part of its longest edge. Rounding of the
+differences leaves a height of about 1e-16 to an exactly flat face; no real face is that thin."""
+
+
+class Surface(Bound):
+    """A triangle mesh, or a cloud of points, and what its geometry tells.
+
+    Every quantity is computed when it is first asked for, once. Half-edge 3 f + j is side j of face
+    f, from its corner j to the next one.
+
+    Parameters
+    ----------
+    points : (n, 3) float
+        Vertices in the caller's units.
+    faces : (m, 3) int, optional
+        Triangles; None or no rows: a cloud.
+
+    Raises
+    ------
+    InvalidShapeError
+        When an array has the wrong shape, is not finite, or a face index is out of range.
+
+    Examples
+    --------
+    >>> import medialis
+    >>> square = medialis.Surface([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]],
+    ...                           [[0, 1, 2], [0, 2, 3]])
+    >>> square.area, square.edges.tolist(), square.border_edges
+    (1.0, [[0, 1], [0, 2], [0, 3], [1, 2], [2, 3]], 4)
+    """
+
+    points: Positions
+    faces: IntArray | None
+
+    def __init__(self, points: ArrayLike, faces: ArrayLike | None = None) -> None:
+        self.points = as_points(points)
+        given = None if faces is None else as_faces(faces, len(self.points))
+        self.faces = None if given is None or len(given) == 0 else given
+
+    def __repr__(self) -> str:
+        faces = "a cloud" if self.faces is None else f"{self.face_count} faces"
+        counts = f"{self.point_count} points, {faces}, diagonal {self.diagonal:.6g}"
+        return f"{type(self).__name__}({counts})"
+
+    @property
+    def point_count(self) -> int:
+        """Number of points n."""
+        return len(self.points)
+
+    @property
+    def face_count(self) -> int:
+        """Number of triangles m (0 for a cloud)."""
+        return 0 if self.faces is None else len(self.faces)
+
+    @cached_property
+    def bounds(self) -> tuple[FloatArray, FloatArray]:
+        """Lower and upper corner of the bounding box, two (3,) arrays."""
+        # Column by column: numpy is ten times slower along rows of three.
+        low, high = ([end(column) for column in self.points.T] for end in (np.min, np.max))
+        return frozen(np.array(low), np.float64), frozen(np.array(high), np.float64)
+
+    @cached_property
+    def diagonal(self) -> float:
+        """Length of the bounding-box diagonal: the unit of every length option."""
+        low, high = self.bounds
+        return math.hypot(*(high - low))  # the square of 1e-200 would be 0
+
+    @cached_property
+    def offset(self) -> FloatArray:
+        """What was taken from all points so that they lie near the origin, (3,); mostly zero."""
+        return frozen(np.zeros(3), np.float64)
+
+    # Faces
+
+    @cached_property
+    def face_vectors(self) -> FloatArray:
+        """Normal of each face times twice its area, (m, 3)."""
+        return frozen(_face_vectors(self), np.float64)
+
+    @property
+    def face_areas(self) -> FloatArray:
+        """Area of each face, (m,)."""
+        return self._face_units[0]
+
+    @property
+    def face_normals(self) -> FloatArray:
+        """Unit normal of each face, (m, 3); zero where a face has no area."""
+        return self._face_units[1]
+
+    @cached_property
+    def _face_units(self) -> tuple[FloatArray, FloatArray]:
+        from medialis.shape._kernels import scale_vectors
+
+        known = self.__dict__.get("face_vectors")
+        units = _face_vectors(self) if known is None else np.array(known)
+        areas = np.empty(len(units))
+        scale_vectors(units, areas, units)
+        return frozen(areas, np.float64), frozen(units, np.float64)
+
+    @cached_property
+    def flat_faces(self) -> NDArray[np.bool_]:
+        """True for faces with (nearly) no height, (m,), see `FLAT_HEIGHT`."""
+        if self.faces is None:
+            return frozen(np.zeros(0), np.bool_)
+        from medialis.shape._kernels import find_flat_faces
+
+        flat = np.empty(self.face_count, np.bool_)
+        find_flat_faces(self.points, self.faces, self.face_areas, FLAT_HEIGHT, flat)
+        return frozen(flat, np.bool_)
+
+    @property
+    def area(self) -> float:
+        """Area of all faces."""
+        return float(self.face_areas.sum())
+
+    @cached_property
+    def point_areas(self) -> FloatArray:
+        """Area that each point stands for, (n,): a third of its faces; 1 in a cloud."""
+        if self.faces is None:
+            return frozen(np.ones(self.point_count), np.float64)
+        third = np.repeat(self.face_areas / 3, 3)
+        return frozen(np.bincount(self.faces.ravel(), third, self.point_count), np.float64)
+
+    # Edges
+
+    @cached_property
+    def topology(self) -> Topology:
+        """What follows from the faces alone."""
+        none = np.empty((0, 3), np.int32)
+        return Topology(none if self.faces is None else self.faces, self.point_count)
+
+    def adopt(self, known: Topology) -> Self:
+        """Use what is known of the same faces, where they are the same; return this surface."""
+        own = self.topology
+        if own.point_count == known.point_count and np.array_equal(own.faces, known.faces):
+            self.__dict__["topology"] = known
+        return self
+
+    @property
+    def edge_table(self) -> EdgeTable:
+        """The half-edges of each edge, sorted once for all that needs them."""
+        return self.topology.edge_table
+
+    @property
+    def edges(self) -> IntArray:
+        """Undirected edges (e, 2), lower index first, in ascending order; empty for a cloud.
+
+        A face that names a vertex twice has no edge from the vertex to itself.
+        """
+        return self.topology.edges
+
+    @cached_property
+    def edge_lengths(self) -> FloatArray:
+        """Length of each edge, (e,)."""
+        from medialis.shape._kernels import measure_edges
+
+        lengths = np.empty(len(self.edges))
+        measure_edges(self.points, self.edges, lengths)
+        return frozen(lengths, np.float64)
+
+    @cached_property
+    def edge_bends(self) -> FloatArray:
+        """Angle in radians between the two faces at each edge of two, in the order of its pairs.
+
+        0 in one plane, and where a face has no area; see `EdgeTable.pairs`.
+        """
+        from medialis.shape._kernels import measure_bends
+
+        first, second, _ = self.edge_table.pairs
+        bends = np.empty(len(first))
+        measure_bends(first, second, self.face_normals, bends)
+        return frozen(bends, np.float64)
+
+    @property
+    def edge_twins(self) -> IntArray:
+        """The same edge in the neighbouring face, (3m,), for each half-edge.
+
+        -1 at a border, at a non-manifold edge (three or more faces) and where a face that names a
+        vertex twice meets itself.
+        """
+        return self.topology.edge_twins
+
+    @cached_property
+    def face_adjacency(self) -> IntArray:
+        """Face across each side, (m, 3); side j joins corners j and j + 1; -1: see `edge_twins`."""
+        twins = self.edge_twins.reshape(-1, 3)
+        return frozen(np.where(twins < 0, -1, twins // 3), np.int32)
+
+    @property
+    def fans(self) -> Ragged:
+        """For each point the half-edges that leave it, ascending: one for each face there."""
+        return self.topology.fans
+
+    @property
+    def border_edges(self) -> int:
+        """Edges with a single face, where all others have two: 0 for a closed surface."""
+        return 2 * len(self.edges) - 3 * self.face_count
+
+    @cached_property
+    def used_points(self) -> NDArray[np.bool_]:
+        """True for the points that faces use, (n,); for all of a cloud."""
+        used = np.full(self.point_count, self.faces is None)
+        if self.faces is not None:
+            used[self.faces] = True
+        return frozen(used, np.bool_)
+
+    # Neighbours
+
+    @cached_property
+    def spacing(self) -> float:
+        """Mean distance of neighbouring samples: the mean edge length.
+
+        For a cloud, or a mesh whose vertices carry no edges, it is the mean distance to the
+        nearest other sample (0 when all samples coincide).
+        """
+        if len(self.edges):
+            return float(self.edge_lengths.mean())
+        return float(self.nearest_distances.mean()) if self.point_count > 1 else 0.0
+
+    @cached_property
+    def nearest_distances(self) -> FloatArray:
+        """Distance of each point to the nearest other one, (n,): 0 where points coincide.
+
+        inf where there is no other point. A search costs as much as points coincide with the one
+        that it starts from, so each place is looked at once.
+        """
+        first = self.first_equal_point
+        if (first == np.arange(self.point_count)).all():
+            return frozen(_nearest_others(self.tree, self.points), np.float64)
+        from scipy.spatial import cKDTree
+
+        count = np.bincount(first, minlength=self.point_count)
+        places, alone = self.points[count > 0], count == 1
+        result = np.zeros(self.point_count)
+        if alone.any():
+            result[alone] = _nearest_others(cKDTree(places), self.points[alone])
+        return frozen(result, np.float64)
+
+    @cached_property
+    def first_equal_point(self) -> NDArray[np.int64]:
+        """The first point at exactly the same place, (n,); mostly the point itself."""
+        return first_equal_row(self.points)
+
+    @cached_property
+    def tree(self) -> cKDTree:
+        """The kd-tree of the points."""
+        from scipy.spatial import cKDTree
+
+        return cKDTree(self.points)
+
+    @cached_property
+    def edge_matrix(self) -> Any:
+        """Sparse (n, n) float64 array with 1 for each edge, in both directions."""
+        return link_matrix(self.point_count, self.edges)
+
+    @cached_property
+    def cotangent_weights(self) -> Any:
+        """Sparse (n, n) float64 array: half the cotangents of the angles across each edge.
+
+        Faces with nearly no area count as a little larger, so that weights stay in range: at least
+        1e-12 of the largest face, and of the square of the diagonal where no face has an area.
+        """
+        from scipy.sparse import coo_array
+
+        n = self.point_count
+        if self.faces is None:
+            return coo_array((n, n)).tocsr()
+        corners, rows, columns, values = self.points[self.faces], [], [], []
+        twice = 2 * self.face_areas
+        largest = float(twice.max(initial=0)) or self.diagonal**2 or 1.0
+        safe = np.maximum(twice, 1e-12 * largest)
+        for corner in range(3):
+            left, right = (corner + 1) % 3, (corner + 2) % 3
+            u, v = corners[:, left] - corners[:, corner], corners[:, right] - corners[:, corner]
+            rows.append(self.faces[:, left])
+            columns.append(self.faces[:, right])
+            values.append(0.5 * (u * v).sum(axis=1) / safe)
+        i, j, weights = (np.concatenate(part) for part in (rows, columns, values))
+        one_way = coo_array((weights, (i, j)), shape=(n, n)).tocsr()
+        return (one_way + one_way.T).tocsr()
+
+    @cached_property
+    def components(self) -> IntArray:
+        """Connected component of each point, (n,), numbered by their lowest vertex.
+
+        Faces connect their corners. In a cloud every point has number 0.
+        """
+        if self.faces is None:
+            return frozen(np.zeros(self.point_count), np.int32)
+        return self.topology.components
+
+    @property
+    def part_count(self) -> int:
+        """Number of components that have faces."""
+        return 0 if self.faces is None else self.topology.part_count
+
+    @property
+    def face_pieces(self) -> IntArray:
+        """Piece of each face, (m,), numbered by their lowest face.
+
+        Faces are joined across edges of exactly two faces, so pieces may touch at vertices and at
+        non-manifold edges.
+        """
+        return self.topology.face_pieces
+
+    @cached_property
+    def closed_components(self) -> NDArray[np.bool_]:
+        """True for the components that have faces and no border, one row a component."""
+        closed = np.zeros(int(self.components.max(initial=-1)) + 1, np.bool_)
+        if self.faces is not None:
+            table = self.edge_table
+            closed[self.components[self.faces[:, 0]]] = True
+            closed[self.components[table.ends[table.counts != 2, 0]]] = False
+        return frozen(closed, np.bool_)
+
+
+def _face_vectors(surface: Surface) -> NDArray[np.float64]:
+    from medialis.shape._kernels import cross_faces
+
+    vectors = np.empty((surface.face_count, 3))
+    if surface.faces is not None:
+        cross_faces(surface.points, surface.faces, vectors)
+    return vectors
+
+
+def _nearest_others(tree: cKDTree, points: FloatArray) -> FloatArray:
+    """Return how far the second nearest point of a tree is, the nearest being the point itself."""
+    return np.asarray(tree.query(points, k=2)[0][:, 1])
+
+
+def link_matrix(count: int, links: NDArray[Any]) -> Any:
+    """Return a sparse (count, count) float64 array with 1 for each link (e, 2), both ways."""
+    from scipy.sparse import csr_array
+
+    a, b = links.T
+    return csr_array((np.ones(2 * len(a)), (np.r_[a, b], np.r_[b, a])), shape=(count, count))

@@ -1,0 +1,324 @@
+"""Kernels of feature sets and of the links of medial sheets (thesis 6.2.1 and 6.2.2.1).
+
+**Feature sets** (see feature_sets.py). All samples in the ball of radius r + tau round a center are
+found by one walk down the box tree that ball shrinking uses. They are clustered by the graph of the
+surface: each found sample stamps itself and its neighbours, and is joined (union-find) with whoever
+has stamped them before, so a set of s samples costs O(s), not O(s^2). Each chunk of balls grows a
+list of its own, which `place_sets` moves to the rows of the result.
+
+**Links** (Eq. 6.4-6.5; see sheets.py): which balls lie on one sheet.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from medialis.base._box_tree_kernels import LEAF, lowest_bit, test_children
+from medialis.base._kernels import find_root
+from medialis.base.jit import kernel
+
+MOST = 1024
+"""Samples of one set at most. A flat contact holds about 0.6 r / h of them (tau = 0.1 h), so only a
+ball that touches a piece of a sphere or a tube with thousands of samples has more."""
+
+
+@kernel
+def _scan_leaf(block, begin, size, x, y, z, limit, order, count, found):
+    """Append the samples of a leaf within the squared distance `limit`; return the new count."""
+    inside = 0
+    for slot in range(LEAF):
+        dx, dy, dz = x - block[0, slot], y - block[1, slot], z - block[2, slot]
+        inside += dx * dx + dy * dy + dz * dz <= limit
+    if inside == 0:
+        return count
+    for slot in range(size):  # behind them, the last sample is repeated
+        dx, dy, dz = x - block[0, slot], y - block[1, slot], z - block[2, slot]
+        if dx * dx + dy * dy + dz * dz <= limit:
+            if count == MOST:
+                return MOST + 1
+            found[count] = order[begin + slot]
+            count += 1
+    return count
+
+
+@kernel
+def _find_in_ball(
+    x, y, z, reach, margin, n, order, blocks, bounds, child, depth, stack, found
+):  # fmt: skip
+    """List the samples within `reach` of a point; return how many, MOST + 1 if more than MOST."""
+    count = 0
+    stack[0] = 0
+    top = 1
+    while top > 0:
+        top -= 1
+        node = stack[top]
+        base = child[node]
+        bits = test_children(bounds[node], x, y, z, reach + margin)
+        while bits > 0:
+            j = lowest_bit(bits)
+            bits &= bits - 1
+            if base >= 0:
+                stack[top] = base + j
+                top += 1
+                continue
+            leaf = ~base + j
+            begin, end = (n * leaf) >> depth, (n * (leaf + 1)) >> depth
+            count = _scan_leaf(
+                blocks[leaf], begin, end - begin, x, y, z, reach * reach, order, count, found
+            )
+            if count > MOST:
+                return count
+    return count
+
+
+@kernel
+def _cluster(found, count, offsets, neighbours, stamp, parent, out_cluster):
+    """Find the clusters of the listed samples, numbered in their order; return how many.
+
+    `stamp` holds -1 everywhere on entry and on return.
+    """
+    for a in range(count):
+        parent[a] = a
+    for a in range(count):
+        i = found[a]
+        for at in range(offsets[i] - 1, offsets[i + 1]):
+            near = i if at < offsets[i] else neighbours[at]
+            b = stamp[near]
+            if b < 0:
+                stamp[near] = a
+                continue
+            p, q = find_root(parent, a), find_root(parent, b)
+            if p != q:
+                parent[max(p, q)] = min(p, q)
+    clusters = 0
+    for a in range(count):
+        root = find_root(parent, a)
+        if root == a:
+            out_cluster[a] = clusters
+            clusters += 1
+        else:
+            out_cluster[a] = out_cluster[root]
+        stamp[found[a]] = -1
+        for at in range(offsets[found[a]], offsets[found[a] + 1]):
+            stamp[neighbours[at]] = -1
+    return clusters
+
+
+@kernel
+def _mean_normal(found, count, normals):
+    """Length of the mean of the normals at the found samples, without those that have none."""
+    x, y, z, known = 0.0, 0.0, 0.0, 0
+    for a in range(count):
+        i = found[a]
+        x += normals[i, 0]
+        y += normals[i, 1]
+        z += normals[i, 2]
+        known += normals[i, 0] != 0.0 or normals[i, 1] != 0.0 or normals[i, 2] != 0.0
+    return math.sqrt(x * x + y * y + z * z) / known if known > 0 else 1.0
+
+
+@kernel
+def _put_first(found, count, sample, place):
+    """Move a sample to a place of the list; one that rounding left out is added."""
+    at = place
+    while at < count and found[at] != sample:
+        at += 1
+    if at == count:
+        if count > MOST:
+            return count
+        count += 1
+    found[at] = found[place]
+    found[place] = sample
+    return count
+
+
+@kernel
+def find_sets(
+    begin, end, rows, normals, centers, radii, features, taus, margin,
+    order, blocks, bounds, child, depth, offsets, neighbours,
+    out_size, out_clusters, out_agreement,
+):  # fmt: skip
+    """Feature sets of the balls rows[begin:end]: samples and clusters, one after the other.
+
+    Coordinates are relative to the middle of the tree. The first two samples of a set are the
+    feature points of the ball. A set of more than MOST samples is cut to these two, in one cluster
+    with an agreement of 0: it goes round the ball.
+    """
+    n = len(normals)
+    stack = np.empty(8 * 12 + 8, np.int64)  # 8 children on each of at most 11 wide levels
+    found, cluster = np.empty(MOST + 2, np.int32), np.empty(MOST + 2, np.int16)
+    parent, stamp = np.empty(MOST + 2, np.int32), np.full(n, -1, np.int32)
+    samples, labels = np.empty(32 * (end - begin), np.int32), np.empty(32 * (end - begin), np.int16)
+    filled = 0
+    for turn in range(begin, end):
+        row = rows[turn]
+        x, y, z = centers[row, 0], centers[row, 1], centers[row, 2]
+        count = _find_in_ball(
+            x, y, z, radii[row] + taus[row], margin, n, order, blocks, bounds, child, depth,
+            stack, found,
+        )  # fmt: skip
+        if count > MOST:
+            found[0], found[1] = features[row, 0], features[row, 1]
+            cluster[0] = cluster[1] = 0
+            count, clusters, agreement = 2, 1, 0.0
+        else:
+            count = _put_first(found, count, features[row, 0], 0)
+            count = _put_first(found, count, features[row, 1], 1)
+            clusters = _cluster(found, count, offsets, neighbours, stamp, parent, cluster)
+            agreement = _mean_normal(found, count, normals)
+        if filled + count > len(samples):
+            room = 2 * (filled + count)
+            wider, wider_labels = np.empty(room, np.int32), np.empty(room, np.int16)
+            wider[:filled], wider_labels[:filled] = samples[:filled], labels[:filled]
+            samples, labels = wider, wider_labels
+        samples[filled : filled + count] = found[:count]
+        labels[filled : filled + count] = cluster[:count]
+        filled += count
+        out_size[row], out_clusters[row], out_agreement[row] = count, clusters, agreement
+    return samples[:filled].copy(), labels[:filled].copy()
+
+
+@kernel
+def place_sets(rows, offsets, samples, labels, out_samples, out_labels):
+    """Move the sets of consecutive rows of a chunk to their places in the result."""
+    at = 0
+    for turn in range(len(rows)):
+        row = rows[turn]
+        for place in range(offsets[row], offsets[row + 1]):
+            out_samples[place], out_labels[place] = samples[at], labels[at]
+            at += 1
+
+
+@kernel
+def smallest_at_samples(wanted, radii, turns, offsets, samples, out_radius, out_turn):
+    """Smallest radius and largest turn of the wanted balls at each sample of their sets."""
+    for row in range(len(wanted)):
+        if not wanted[row]:
+            continue
+        for at in range(offsets[row], offsets[row + 1]):
+            i = samples[at]
+            out_radius[i] = min(out_radius[i], radii[row])
+            out_turn[i] = max(out_turn[i], turns[row])
+
+
+SAME_SIDE = 0.7
+"""Cosine between normals on one side of a wall: less than 45 degrees apart."""
+
+
+@kernel
+def _distance(points, i, j):
+    dx = points[i, 0] - points[j, 0]
+    dy = points[i, 1] - points[j, 1]
+    dz = points[i, 2] - points[j, 2]
+    return math.sqrt(dx * dx + dy * dy + dz * dz)
+
+
+@kernel
+def _cluster_of(sample, row, offsets, samples, clusters):
+    """Cluster of a sample in the feature set of a ball; -1 when it is not in the set."""
+    for at in range(offsets[row], offsets[row + 1]):
+        if samples[at] == sample:
+            return clusters[at]
+    return -1
+
+
+@kernel
+def _agree(normals, a, b):
+    cosine = 0.0
+    for axis in range(3):
+        cosine += normals[a, axis] * normals[b, axis]
+    return cosine > SAME_SIDE
+
+
+@kernel
+def _matches(
+    i, j, a, b, places, normals, touched, regions, spacing, rows, centers, radii, closed, wall,
+    tau, turn, offsets, samples, clusters,
+):  # fmt: skip
+    """Tell whether contact b (of the ball of node j) is what contact a is for node i.
+
+    Never, where a crease lies between them. They are when b is close to a, nearer than tau
+    spacings, and seen from the center under a small angle (the chord is `turn` radii at most). In
+    walls thinner than the samples are apart, and at creases, that angle says nothing: there the
+    normals must agree. They are also when the normals agree and b lies in the cluster of a. Of
+    balls that touch all round, contacts are arbitrary: two are the same when they nearly coincide.
+    """
+    reach = tau * max(spacing[a], spacing[b])
+    if closed[i] and closed[j]:
+        return _distance(centers, i, j) + abs(radii[i] - radii[j]) <= reach
+    if regions[a] != regions[b]:
+        return False
+    gap = _distance(places, a, b)
+    if gap <= reach and gap <= turn * min(radii[i], radii[j]):
+        return True
+    if not _agree(normals, a, b):
+        return False
+    if gap <= reach and wall[i] and wall[j]:
+        return True
+    mine = _cluster_of(touched[a], rows[i], offsets, samples, clusters)
+    return mine >= 0 and mine == _cluster_of(touched[b], rows[i], offsets, samples, clusters)
+
+
+@kernel
+def link_neighbours(
+    begin, end, graph_offsets, graph, clear, places, normals, touched, regions, spacing, rows,
+    centers, radii, closed, wall, tau, turn, offsets, samples, clusters, out_links,
+):  # fmt: skip
+    """Set out_links where the balls of two neighbouring nodes lie on one sheet.
+
+    Contacts 0..u - 1 are the first ones of the nodes, u..2 u - 1 the second ones. The first ones
+    are neighbours already; the second ones must match, seen from one ball at least (single
+    linkage).
+    """
+    u = len(rows)
+    for i in range(begin, end):
+        if not clear[i]:
+            continue
+        for at in range(graph_offsets[i], graph_offsets[i + 1]):
+            j = graph[at]
+            if clear[j]:
+                out_links[at] = _matches(
+                    i, j, u + i, u + j, places, normals, touched, regions, spacing, rows, centers,
+                    radii, closed, wall, tau, turn, offsets, samples, clusters,
+                ) or _matches(
+                    j, i, u + j, u + i, places, normals, touched, regions, spacing, rows, centers,
+                    radii, closed, wall, tau, turn, offsets, samples, clusters,
+                )  # fmt: skip
+
+
+@kernel
+def link_across(
+    begin, end, across, clear, places, normals, touched, regions, spacing, rows,
+    centers, radii, closed, wall, tau, turn, offsets, samples, clusters, out_partner,
+):  # fmt: skip
+    """Node at the second contact, where its ball is the same ball seen from there; -1.
+
+    Its second contact must match the first one of this ball.
+    """
+    u = len(rows)
+    for i in range(begin, end):
+        j = across[i]
+        if clear[i] and j >= 0 and clear[j] and _matches(
+            i, j, i, u + j, places, normals, touched, regions, spacing, rows, centers, radii,
+            closed, wall, tau, turn, offsets, samples, clusters,
+        ):  # fmt: skip
+            out_partner[i] = j
+
+
+@kernel
+def join_links(graph_offsets, graph, links, partner, parent):
+    """Union-find over the links; the root of a piece is its lowest node."""
+    for i in range(len(parent)):
+        for at in range(graph_offsets[i], graph_offsets[i + 1]):
+            if links[at]:
+                a, b = find_root(parent, i), find_root(parent, graph[at])
+                if a != b:
+                    parent[max(a, b)] = min(a, b)
+        if partner[i] >= 0:
+            a, b = find_root(parent, i), find_root(parent, partner[i])
+            if a != b:
+                parent[max(a, b)] = min(a, b)
+    for i in range(len(parent)):
+        parent[i] = find_root(parent, i)

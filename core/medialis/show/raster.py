@@ -1,0 +1,664 @@
+"""Balls and triangles drawn: projected, into depth and index buffers, and lit (thesis 3.4).
+
+A camera makes pixel boxes of balls and clips triangles at its near plane (`see_balls`,
+`see_triangles`); bands of rows are drawn on all threads (`rasterize`); `render_layers` adds Phong
+shading with two lamps and a headlight, anti-aliasing and see-through surfaces.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from medialis.base.errors import InvalidOptionError, InvalidShapeError
+from medialis.base.progress import Progress, ProgressCallback
+from medialis.base.threads import run_chunks, run_patiently
+from medialis.base.validation import (
+    FloatArray,
+    IntArray,
+    as_faces,
+    as_field,
+    as_number,
+    as_points,
+    as_whole_number,
+    frozen,
+)
+from medialis.shape.surface import Surface
+from medialis.show.camera import MAX_PIXELS, Camera
+from medialis.show.colors import to_linear, to_srgb
+
+
+@dataclass(frozen=True, eq=False)
+class BallSet:
+    """Balls seen by one camera: view-space centers, drawn radii, pixel boxes."""
+
+    view: FloatArray
+    radii: FloatArray
+    boxes: IntArray
+
+
+@dataclass(frozen=True, eq=False)
+class TriangleSet:
+    """Triangles seen by one camera, clipped at the near plane; piece i belongs to face names[i]."""
+
+    screen: FloatArray
+    corners: IntArray
+    names: IntArray
+
+
+def lens(camera: Camera, sign: float = 1.0) -> FloatArray:
+    """Return the camera as the six numbers that the kernels read."""
+    focal = camera.scale * camera.distance if camera.perspective else 0.0
+    near = camera.near if camera.perspective else 0.0
+    return np.array([camera.scale, camera.width / 2, camera.height / 2, focal, near, sign])
+
+
+def _span(center: FloatArray, depth: FloatArray, radii: FloatArray) -> tuple[FloatArray, ...]:
+    """Return the range of slopes x / z at which rays in the plane (x, z) meet each disc."""
+    away = np.hypot(center, depth)
+    around = np.arctan2(center, depth)
+    half = np.arcsin(np.minimum(radii / np.maximum(away, 1e-300), 1.0))
+    low, high = around - half, around + half
+    wide = away <= radii
+    with np.errstate(over="ignore"):
+        first = np.where(wide | (low <= -math.pi / 2), -np.inf, np.tan(low))
+        last = np.where(wide | (high >= math.pi / 2), np.inf, np.tan(high))
+    return first, last
+
+
+def _pixel_box(low: FloatArray, high: FloatArray, center: FloatArray, size: int) -> list[IntArray]:
+    """Return first and last pixel whose center lies in low..high, or that holds the center."""
+    first = np.minimum(np.ceil(low - 0.5), np.floor(center))
+    last = np.maximum(np.floor(high - 0.5), np.floor(center))
+    return [
+        np.clip(first, 0, size).astype(np.int32),
+        np.clip(last, -1, size - 1).astype(np.int32),
+    ]
+
+
+def see_balls(
+    camera: Camera, centers: FloatArray, radii: FloatArray, smallest: float | FloatArray = 0.0
+) -> BallSet:
+    """Project balls; one smaller than `smallest` pixels on screen is drawn with that radius."""
+    view = camera.to_view(centers)
+    x, y, z = view.T
+    seen = np.full(len(view), True)
+    if camera.perspective:
+        focal = camera.scale * camera.distance
+        drawn = np.maximum(radii, smallest * np.maximum(z, camera.near) / focal)
+        seen = z + drawn > camera.near
+        columns, rows = _span(x, z, drawn), _span(-y, z, drawn)
+        ahead = np.where(z > camera.near, z, np.inf)
+        middle = focal * x / ahead, -focal * y / ahead
+        bounds = [focal * value for value in (*columns, *rows)]
+        # A ball round the near plane has no center pixel: its box is its span.
+        middle = tuple(
+            np.where(z > camera.near, value, np.clip(0.0, low, high))
+            for value, low, high in zip(middle, bounds[::2], bounds[1::2], strict=True)
+        )
+    else:
+        drawn = np.maximum(radii, smallest / camera.scale)
+        middle = camera.scale * x, -camera.scale * y
+        half = camera.scale * drawn
+        bounds = [middle[0] - half, middle[0] + half, middle[1] - half, middle[1] + half]
+    w, h = camera.width, camera.height
+    boxes = np.stack(
+        [
+            *_pixel_box(bounds[2] + h / 2, bounds[3] + h / 2, middle[1] + h / 2, h),
+            *_pixel_box(bounds[0] + w / 2, bounds[1] + w / 2, middle[0] + w / 2, w),
+        ],
+        axis=1,
+    )
+    boxes[~seen | (boxes[:, 2] > boxes[:, 3]), 1] = -1
+    return BallSet(np.ascontiguousarray(view), np.ascontiguousarray(drawn), boxes)
+
+
+def see_triangles(camera: Camera, view: FloatArray, faces: IntArray, base: int = 0) -> TriangleSet:
+    """Project triangles given in view space; face f is named base + f in the index buffer."""
+    names = np.arange(base, base + len(faces), dtype=np.int32)
+    if not camera.perspective:
+        screen = np.empty_like(view)
+        screen[:, 0] = camera.width / 2 + camera.scale * view[:, 0]
+        screen[:, 1] = camera.height / 2 - camera.scale * view[:, 1]
+        screen[:, 2] = view[:, 2]
+        return TriangleSet(screen, faces, names)
+    view, faces, names = _clip(view, faces, names, camera.near)
+    inverse = 1.0 / np.maximum(view[:, 2], camera.near)
+    focal = camera.scale * camera.distance
+    screen = np.empty_like(view)
+    screen[:, 0] = camera.width / 2 + focal * view[:, 0] * inverse
+    screen[:, 1] = camera.height / 2 - focal * view[:, 1] * inverse
+    screen[:, 2] = inverse
+    return TriangleSet(screen, faces, names)
+
+
+def _clip(
+    view: FloatArray, faces: IntArray, names: IntArray, near: float
+) -> tuple[FloatArray, IntArray, IntArray]:
+    """Cut triangles at the near plane: those across it become one or two pieces in front of it."""
+    front = view[:, 2] >= near
+    count = front[faces].sum(axis=1) if len(faces) else np.zeros(0, np.int64)
+    if (count == 3).all():
+        return view, faces, names
+    kept = count == 3
+    points, pieces, owners = [view], [faces[kept]], [names[kept]]
+    total = len(view)
+    for inside in (1, 2):
+        cut = faces[count == inside]
+        if len(cut) == 0:
+            continue
+        lone = front[cut] if inside == 1 else ~front[cut]
+        turn = (lone.argmax(axis=1)[:, None] + np.arange(3)) % 3
+        a, b, c = np.take_along_axis(cut, turn, axis=1).T
+        on_ab, on_ac = _at_near(view, a, b, near), _at_near(view, a, c, near)
+        p = np.arange(total, total + len(cut), dtype=np.int32)
+        q = (p + len(cut)).astype(np.int32)
+        points += [on_ab, on_ac]
+        total += 2 * len(cut)
+        new = [(a, p, q)] if inside == 1 else [(p, b, c), (p, c, q)]
+        for corners in new:
+            pieces.append(np.stack(corners, axis=1).astype(np.int32))
+            owners.append(names[count == inside])
+    owner = np.concatenate(owners)
+    order = np.argsort(owner, kind="stable")
+    return np.concatenate(points), np.concatenate(pieces)[order], owner[order]
+
+
+def _at_near(view: FloatArray, a: IntArray, b: IntArray, near: float) -> FloatArray:
+    # From the lower vertex to the higher, so that neighbours cut their common edge at one point.
+    low, high = view[np.minimum(a, b)], view[np.maximum(a, b)]
+    share = (near - low[:, 2]) / (high[:, 2] - low[:, 2])
+    points = low + (high - low) * share[:, None]
+    points[:, 2] = near
+    return points
+
+
+BAND = 32
+"""Rows drawn by one kernel call: a constant, so that results do not depend on the threads."""
+
+BALLS_A_STEP, PIXELS_A_STEP, TRIANGLES_A_STEP = 1 << 16, 1 << 23, 1 << 14
+"""Drawn by one kernel call at most: some 30 ms."""
+
+Mesh = tuple[NDArray[Any], NDArray[Any], NDArray[Any], NDArray[Any], NDArray[Any]]
+
+
+@dataclass(frozen=True, eq=False)
+class Buffers:
+    """What each pixel shows.
+
+    Attributes
+    ----------
+    depth : (h, w) float64
+        Distance along the viewing axis, in the caller's units; +inf where nothing is.
+    index : (h, w) int32
+        The ball, or the number of balls plus the face; -1 where nothing is.
+    normals : (h, w, 3) float64
+        Unit world-space normal turned to the viewer; 0 where nothing is. None when not asked for.
+    """
+
+    depth: FloatArray
+    index: IntArray
+    normals: FloatArray | None = None
+
+    @property
+    def mask(self) -> NDArray[np.bool_]:
+        """True where something is, (h, w)."""
+        return self.index >= 0
+
+
+def _bands(
+    first_row: NDArray[Any], last_row: NDArray[Any], height: int
+) -> tuple[NDArray[np.int64], IntArray]:
+    """Return, as compressed rows, the primitives that touch each band, ascending."""
+    from medialis.base._splat_kernels import fill_bins
+
+    bands = -(-height // BAND)
+    first, last = first_row // BAND, last_row // BAND
+    outside = last_row < first_row
+    first, last = np.where(outside, 1, first), np.where(outside, 0, last)
+    change = np.bincount(first[~outside], minlength=bands + 1)[: bands + 1]
+    change -= np.bincount(last[~outside] + 1, minlength=bands + 1)[: bands + 1]
+    offsets = np.zeros(bands + 1, np.int64)
+    np.cumsum(np.cumsum(change[:bands]), out=offsets[1:])
+    items = np.empty(offsets[-1], np.int32)
+    fill_bins(first.astype(np.int32), last.astype(np.int32), offsets[:-1].copy(), items)
+    return offsets, items
+
+
+def draw_balls(
+    balls: BallSet,
+    numbers: FloatArray,
+    depth: FloatArray,
+    index: IntArray,
+    progress: Progress | None = None,
+) -> None:
+    """Draw balls into depth and index; `numbers` is the `lens`."""
+    from medialis.base._splat_kernels import splat_balls
+
+    height = len(depth)
+    offsets, items = _bands(balls.boxes[:, 0], balls.boxes[:, 1], height)
+
+    def band(begin: int, end: int) -> Iterator[None]:
+        listed = items[offsets[begin // BAND] : offsets[begin // BAND + 1]]
+        for part in _steps(listed, balls.boxes, begin, end):
+            splat_balls(
+                part, balls.view, balls.radii, balls.boxes, numbers, begin, end, depth, index
+            )
+            yield
+
+    run_chunks(band, height, BAND, progress=progress)
+
+
+def _steps(listed: IntArray, boxes: IntArray, begin: int, end: int) -> Iterator[IntArray]:
+    """Give the balls of a band in parts that take about as long to draw, however large they are."""
+    for first in range(0, len(listed), BALLS_A_STEP):
+        balls = listed[first : first + BALLS_A_STEP]
+        row0, row1, column0, column1 = boxes[balls].T.astype(np.int64)
+        rows = np.minimum(row1 + 1, end) - np.maximum(row0, begin)
+        pixels = np.cumsum(rows * (column1 + 1 - column0))
+        cuts = np.flatnonzero(np.diff(pixels // PIXELS_A_STEP)) + 1
+        yield from np.split(balls, cuts)
+
+
+def draw_mesh(
+    triangles: TriangleSet,
+    numbers: FloatArray,
+    depth: FloatArray,
+    index: IntArray,
+    *,
+    glass: NDArray[np.float32] | None = None,
+    mesh: Mesh | None = None,
+    progress: Progress | None = None,
+) -> None:
+    """Draw triangles into depth and index, or, with `glass`, add see-through layers to it."""
+    from medialis.base._splat_kernels import draw_triangles, triangle_rows
+
+    height = len(depth)
+    count = len(triangles.corners)
+    first, last = np.empty(count, np.int32), np.empty(count, np.int32)
+    triangle_rows(triangles.screen, triangles.corners, height, depth.shape[1], first, last)
+    offsets, items = _bands(first, last, height)
+    layers = np.zeros((0, 0, 4), np.float32) if glass is None else glass
+    known = empty_mesh() if mesh is None else mesh
+
+    def band(begin: int, end: int) -> Iterator[None]:
+        listed = items[offsets[begin // BAND] : offsets[begin // BAND + 1]]
+        for place in range(0, len(listed), TRIANGLES_A_STEP):
+            draw_triangles(
+                listed[place : place + TRIANGLES_A_STEP],
+                triangles.screen,
+                triangles.corners,
+                triangles.names,
+                numbers,
+                begin,
+                end,
+                glass is not None,
+                known,
+                depth,
+                index,
+                layers,
+            )
+            yield
+
+    run_chunks(band, height, BAND, progress=progress)
+
+
+def empty_mesh() -> Mesh:
+    """Return the mesh tuple of the kernels without a face."""
+    corner = np.zeros((0, 3, 3), np.float32)
+    none = np.zeros((0, 3))
+    return none, np.zeros((0, 3), np.int32), corner, corner, np.zeros(0, np.float32)
+
+
+def as_radii(radii: ArrayLike, count: int) -> FloatArray:
+    """Return radii (k,), or one number for all balls, as finite non-negative float64.
+
+    Raises
+    ------
+    InvalidShapeError
+        For another shape, NaN, infinity or negative radii.
+    """
+    values = np.full(count, radii) if np.ndim(radii) == 0 else radii
+    result = as_field(values, count, "radii")
+    if not (np.isfinite(result).all() and (result >= 0).all()):
+        raise InvalidShapeError("radii must be finite and at least 0: leave failed balls out.")
+    return result
+
+
+def rasterize(
+    camera: Camera,
+    *,
+    centers: ArrayLike | None = None,
+    radii: ArrayLike | None = None,
+    points: ArrayLike | None = None,
+    faces: ArrayLike | None = None,
+    furthest: bool = False,
+    normals: bool = False,
+    progress: Progress | ProgressCallback | None = None,
+) -> Buffers:
+    """Return what a camera sees of balls and triangles: depth, index and, if asked, normals.
+
+    A ball has its exact sphere depth at each pixel center and covers at least the pixel of its
+    center. Triangles show both sides; neighbours leave no gap and share no pixel. Equal depths go
+    to the lowest index. The result does not depend on the number of threads.
+
+    Parameters
+    ----------
+    camera : Camera
+    centers, radii : (k, 3) and (k,) float, optional
+        Balls, in the units of the camera.
+    points, faces : (n, 3) float and (m, 3) int, optional
+        Triangles.
+    furthest : bool
+        Keep the furthest instead of the nearest surface.
+    normals : bool
+        Also return unit normals.
+
+    Raises
+    ------
+    InvalidShapeError
+        When an array cannot be used.
+    Cancelled
+        When the progress callback asks for it.
+
+    Notes
+    -----
+    Source: thesis 3.4 (billboards with a ball's height, depth test). Deviates: the height is
+    evaluated at each pixel, not read from a texture, and perspective balls are exact.
+
+    Examples
+    --------
+    >>> camera = Camera([0, 0, 5], [0, 0, 0], [0, 1, 0], extent=4.0, width=64, height=64)
+    >>> seen = rasterize(camera, centers=[[0, 0, 0]], radii=[1.0])
+    >>> round(float(seen.depth.min()), 2), int(seen.mask.sum()) == 812
+    (4.0, True)
+    """
+    from medialis.base._splat_kernels import surface_normals
+
+    steps = Progress.of(progress)
+    sign = -1.0 if furthest else 1.0
+    numbers = lens(camera, sign)
+    depth = np.full((camera.height, camera.width), np.inf)
+    index = np.full(depth.shape, -1, np.int32)
+    balls = see_balls(camera, np.zeros((0, 3)), np.zeros(0))
+    mesh = empty_mesh()
+    if centers is not None:
+        data = as_points(centers, "centers")
+        sizes = as_radii(0.0 if radii is None else radii, len(data))
+        with steps.stage("balls", 0.0, 0.5):
+            balls = run_patiently(lambda: see_balls(camera, data, sizes), steps)
+            draw_balls(balls, numbers, depth, index, steps)
+    if points is not None:
+        corners = as_points(points)
+        triangles = as_faces(np.zeros((0, 3)) if faces is None else faces, len(corners))
+        view, count = camera.to_view(corners), len(balls.radii)
+        with steps.stage("triangles", 0.5, 0.9):
+            seen = run_patiently(lambda: see_triangles(camera, view, triangles, count), steps)
+            draw_mesh(seen, numbers, depth, index, progress=steps)
+            normals_of = run_patiently(lambda: Surface(view, triangles).face_normals, steps)
+        flat = np.repeat(normals_of[:, None], 3, axis=1).astype(np.float32)
+        mesh = view, triangles, flat, flat, np.zeros(len(triangles), np.float32)
+    if furthest:
+        depth = np.where(index >= 0, -depth, np.inf)
+    turned = None
+    if normals:
+        found = np.zeros((*depth.shape, 3))
+
+        def band(begin: int, end: int) -> None:
+            surface_normals(depth, index, numbers, begin, end, balls.view, balls.radii, mesh, found)
+
+        run_chunks(band, camera.height, BAND)
+        turned = np.einsum("hwk,kj->hwj", found, camera.axes)
+    return Buffers(depth, index, turned)
+
+
+SMOOTH_COSINE = 0.75
+"""A corner takes the vertex normal where that is within 41 degrees of the face normal."""
+
+FACES_A_CHUNK = 1 << 16
+
+_LAMPS = np.array(
+    [
+        [-0.45, 0.65, -0.62, 0.62],  # key: upper left, in front
+        [0.80, 0.10, -0.50, 0.18],  # fill: right
+        [0.0, 0.0, -1.0, 0.22],  # headlight
+    ]
+)
+
+
+@dataclass(frozen=True)
+class Style:
+    """How a picture is lit and framed.
+
+    Attributes
+    ----------
+    ambient, diffuse, specular : float
+        Weights 0..2 of the Phong model, in linear light.
+    shadow : float
+        Darkening 0..1 of what lies closely behind something else; it makes point clouds readable.
+    supersampling : int
+        Samples a pixel along each axis, 1..4; 2 gives smooth edges.
+    background : float or None
+        Grey of the background, 0..1 (1 is white); None leaves it see-through (RGBA).
+    crop : bool
+        Cut off what is empty round the items: the picture is then smaller than its camera says, and
+        title and legend stand close to them.
+    legend : bool
+        Say which colour is which value, where a picture has values.
+    limits : (float, float), optional
+        Values of the first and last colour; by default those of the item that is drawn.
+
+    Raises
+    ------
+    InvalidOptionError
+        When a number is out of range.
+    """
+
+    ambient: float = 0.3
+    diffuse: float = 0.8
+    specular: float = 0.14
+    shadow: float = 0.45
+    supersampling: int = 2
+    background: float | None = 1.0
+    crop: bool = False
+    legend: bool = True
+    limits: tuple[float, float] | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("ambient", "diffuse", "specular"):
+            as_number(getattr(self, name), name, low=0, high=2)
+        as_number(self.shadow, "shadow", low=0, high=1)
+        if self.background is not None:
+            as_number(self.background, "background", low=0, high=1)
+        as_whole_number(self.supersampling, "supersampling", low=1, high=4)
+
+
+@dataclass(frozen=True, eq=False)
+class BallLayer:
+    """Balls (k): world centers, radii, linear light (k, 3), least screen radius in pixels."""
+
+    centers: FloatArray
+    radii: FloatArray
+    colors: FloatArray
+    smallest: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class MeshLayer:
+    """Triangles: points (n, 3), faces (m, 3), linear light (m, 3, 3) at corners, opacity 0..1."""
+
+    points: FloatArray
+    faces: IntArray
+    colors: FloatArray
+    opacity: float = 1.0
+    smooth: bool = True
+
+
+def corner_normals(points: FloatArray, faces: IntArray, smooth: bool = True) -> NDArray[np.float32]:
+    """Return a shading normal for each corner of each face, (m, 3, 3) float32.
+
+    The mean of the faces round the vertex, weighted by their angle there (so that it does not
+    matter how a flat side is cut into triangles), unless that is more than 41 degrees off the face:
+    curved surfaces look smooth and sharp edges stay sharp.
+    """
+    from medialis.show._kernels import pick_normals, sum_normals
+
+    flat = Surface(points, faces).face_normals
+    if not smooth:
+        return np.repeat(flat[:, None], 3, axis=1).astype(np.float32)
+    vertex, corners = np.zeros((len(points), 3)), np.empty((len(faces), 3, 3), np.float32)
+    sum_normals(points, faces, flat, vertex)
+    length = np.sqrt(np.einsum("ij,ij->i", vertex, vertex))[:, None]
+    np.divide(vertex, length, out=vertex, where=length > 0)
+
+    def pick(begin: int, end: int) -> None:
+        pick_normals(begin, end, faces, flat, vertex, SMOOTH_COSINE, corners)
+
+    run_chunks(pick, len(faces), FACES_A_CHUNK)
+    return corners
+
+
+@lru_cache(maxsize=1)
+def _encoding() -> NDArray[np.uint8]:
+    """Return the table linear light 0..1 (8192 steps) -> sRGB 0..255."""
+    return frozen(np.rint(255 * to_srgb(np.linspace(0, 1, 8192))), np.uint8)
+
+
+def _balls_of(
+    layers: list[BallLayer], camera: Camera, supersampling: int
+) -> tuple[BallSet, NDArray[np.float32]]:
+    """Join ball layers into what the camera sees, and the colors."""
+    centers = np.concatenate([np.zeros((0, 3)), *(layer.centers for layer in layers)])
+    radii = np.concatenate([np.zeros(0), *(layer.radii for layer in layers)])
+    colors = np.concatenate([np.zeros((0, 3)), *(layer.colors for layer in layers)])
+    smallest = np.repeat(
+        [supersampling * layer.smallest for layer in layers],
+        [len(layer.radii) for layer in layers],
+    )
+    return see_balls(camera, centers, radii, smallest), colors.astype(np.float32)
+
+
+def _mesh_of(layers: list[MeshLayer], camera: Camera, base: int) -> tuple[Mesh, TriangleSet]:
+    """Join mesh layers into the tuple that the kernels read, and what the camera sees of it."""
+    mesh = _joined(layers, camera)
+    return mesh, see_triangles(camera, mesh[0], mesh[1], base)
+
+
+def _joined(layers: list[MeshLayer], camera: Camera) -> Mesh:
+    """Join mesh layers in view space."""
+    if not layers:
+        return empty_mesh()
+    counts = np.cumsum([0, *(len(layer.points) for layer in layers[:-1])])
+    views = [camera.to_view(layer.points) for layer in layers]
+    normals = [
+        corner_normals(view, layer.faces, layer.smooth)
+        for view, layer in zip(views, layers, strict=True)
+    ]
+    faces = [layer.faces + count for layer, count in zip(layers, counts, strict=True)]
+    density = [
+        np.full(len(layer.faces), -np.log1p(-min(layer.opacity, 0.999)), np.float32)
+        for layer in layers
+    ]
+    return (
+        np.concatenate(views),
+        np.concatenate(faces).astype(np.int32),
+        np.concatenate(normals),
+        np.concatenate([layer.colors.astype(np.float32) for layer in layers]),
+        np.concatenate(density),
+    )
+
+
+def _within_range(
+    balls: list[BallLayer], meshes: list[MeshLayer], camera: Camera
+) -> tuple[list[BallLayer], list[MeshLayer], Camera]:
+    """Return huge or tiny scenes in a unit in which products of lengths stay in range.
+
+    A power of two, so that the picture does not change.
+    """
+    unit = 2.0 ** math.frexp(camera.extent)[1]
+    if 1e-30 < unit < 1e30:
+        return balls, meshes, camera
+    return (
+        [replace(x, centers=x.centers / unit, radii=x.radii / unit) for x in balls],
+        [replace(x, points=x.points / unit) for x in meshes],
+        replace(
+            camera, eye=camera.eye / unit, target=camera.target / unit, extent=camera.extent / unit
+        ),
+    )
+
+
+def render_layers(
+    balls: list[BallLayer],
+    meshes: list[MeshLayer],
+    camera: Camera,
+    style: Style,
+    progress: Progress | None = None,
+) -> NDArray[np.uint8]:
+    """Return the picture (h, w, 3) uint8 of ball and mesh layers; (h, w, 4) without background.
+
+    Opaque layers go to one depth buffer; a see-through layer (opacity below 1) then veils what lies
+    behind it, facing parts by `opacity` a layer and silhouettes up to ten times denser, so that the
+    inside stays visible and the outline is clear.
+
+    Raises
+    ------
+    InvalidOptionError
+        When the picture times the supersampling is larger than 16384 pixels.
+    """
+    from medialis.show._kernels import shade
+
+    balls, meshes, camera = _within_range(balls, meshes, camera)
+    n = style.supersampling
+    if max(camera.width, camera.height) * n > MAX_PIXELS:
+        raise InvalidOptionError(
+            f"A picture of {camera.width} x {camera.height} with supersampling {n} is larger than "
+            f"{MAX_PIXELS} samples; use a smaller picture or supersampling."
+        )
+    fine = camera.resized(camera.width * n, camera.height * n)
+    numbers = lens(fine)
+    depth = np.full((fine.height, fine.width), np.inf)
+    index = np.full(depth.shape, -1, np.int32)
+    opaques = [layer for layer in meshes if layer.opacity >= 1]
+    veils = [layer for layer in meshes if 0 < layer.opacity < 1]
+    steps = Progress.of(progress)
+    with steps.stage("balls", 0.0, 0.5):
+        seen, tints = run_patiently(lambda: _balls_of(balls, fine, n), steps)
+        draw_balls(seen, numbers, depth, index, steps)
+    with steps.stage("triangles", 0.5, 0.7):
+        solid, opaque = run_patiently(lambda: _mesh_of(opaques, fine, len(seen.radii)), steps)
+        draw_mesh(opaque, numbers, depth, index, progress=steps)
+    glass = np.zeros((0, 0, 4), np.float32)
+    if any(len(layer.faces) for layer in veils):
+        glass = np.zeros((*depth.shape, 4), np.float32)
+        with steps.stage("see-through", 0.7, 0.9):
+            veil, clear = run_patiently(lambda: _mesh_of(veils, fine, 0), steps)
+            draw_mesh(clear, numbers, depth, index, glass=glass, mesh=veil, progress=steps)
+    lamps = _LAMPS.copy()
+    lamps[:, :3] /= np.linalg.norm(lamps[:, :3], axis=1, keepdims=True)
+    material = np.array(
+        [
+            style.ambient,
+            style.diffuse,
+            style.specular,
+            style.shadow,
+            0.05 * camera.extent,
+            0.0 if style.background is None else float(to_linear(style.background)),
+        ]
+    )
+    picture = np.empty((camera.height, camera.width, 3 + (style.background is None)), np.uint8)
+
+    def band(begin: int, end: int) -> None:
+        shade(
+            depth, index, glass, numbers, seen.view, seen.radii, tints, solid, lamps, material,
+            begin, end, n, _encoding(), picture,
+        )  # fmt: skip
+
+    with steps.stage("light", 0.9, 1.0):
+        run_chunks(band, camera.height, BAND, progress=steps)
+    return picture

@@ -1,0 +1,552 @@
+"""The page of the viewer, in four steps: scene, short text of arrays, page, and where it is seen.
+
+The scene is what is shown of results: surfaces, points and curves with values, and thin spots.
+Layers that lie on the same surface become one surface with all their values; where no layer lies on
+the surface, the shape itself is shown see-through.
+
+Arrays become text: points and values are rounded to 16 bits of their range. Neighbours in a mesh
+are alike, so that the differences between rows are small: their low and high bytes, each in a row,
+deflate well. The page undoes it (`unpack.js`). It has everything inside and loads nothing from
+elsewhere; it is shown where the user is, in a notebook or in the browser.
+"""
+
+from __future__ import annotations
+
+import base64
+import functools
+import html
+import importlib
+import json
+import math
+import os
+import re
+import sys
+import tempfile
+import webbrowser
+import zlib
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from importlib import resources
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from medialis.base.errors import FileError
+from medialis.base.units import AREAS, LENGTHS, RADIANS
+from medialis.base.validation import FloatArray, IntArray
+from medialis.formats.files import complete_file
+from medialis.show.camera import default_view
+from medialis.show.colors import color_table, palette, value_range
+
+if TYPE_CHECKING:
+    from medialis.operations.result import Layer, Outcome
+    from medialis.shape.shape import Shape
+
+LEVELS = 65_533
+"""The largest code of a finite value."""
+
+INFINITE, MISSING = 65_534, 65_535
+
+
+@dataclass
+class Packer:
+    """Collects arrays of whole numbers; the text of all of them goes into the page."""
+
+    blocks: list[bytes] = field(default_factory=list)
+    size: int = 0
+
+    def add(self, values: ArrayLike, *, differences: bool = True) -> dict[str, int]:
+        """Add (n,) or (n, d) whole numbers within 2^31; return where they lie.
+
+        Each column is stored as differences from row to row, or as it is. Small numbers of either
+        sign become small ones from 0; first come their lowest bytes, then the next ones.
+        """
+        table = np.asarray(values, np.int64)
+        columns = table[:, None] if table.ndim == 1 else table
+        steps = np.diff(columns, axis=0, prepend=0) if differences else columns
+        flat = steps.T.ravel()
+        folded = ((flat << 1) ^ (flat >> 63)).astype("<u8")
+        width = max(1, (int(folded.max(initial=0)).bit_length() + 7) // 8)
+        block = folded.view(np.uint8).reshape(-1, 8).T[:width].tobytes()
+        where = {"at": self.size, "rows": len(columns), "columns": columns.shape[1], "bytes": width}
+        self.blocks.append(block)
+        self.size += len(block)
+        return {**where, "differences": int(differences)}
+
+    def add_faces(self, faces: NDArray[np.int32]) -> list[dict[str, int]]:
+        """Add triangles, sorted by their lowest corner, and turned so that it comes first.
+
+        The other two corners are stored as what they lie above it: a sixth of the text.
+        """
+        first = faces.argmin(axis=1)[:, None]
+        turned = np.take_along_axis(faces.astype(np.int64), (first + np.arange(3)) % 3, axis=1)
+        turned = turned[np.lexsort((turned[:, 1], turned[:, 0]))]
+        return [self.add(turned[:, 0]), self.add(turned[:, 1:] - turned[:, :1], differences=False)]
+
+    def text(self) -> str:
+        """Return all of them, deflated, as base64."""
+        return base64.b64encode(zlib.compress(b"".join(self.blocks), 7)).decode()
+
+
+def point_codes(points: NDArray[np.float64]) -> tuple[NDArray[np.int64], dict[str, Any]]:
+    """Return points (n, 3) as whole numbers up to 65535, and how to get them back.
+
+    Points are `low + step * code`; a step is the longest side of their box over 65535.
+    """
+    low = points.min(axis=0, initial=np.inf) if len(points) else np.zeros(3)
+    size = float((points.max(axis=0) - low).max()) if len(points) else 0.0
+    step = size / 65_535 or 1.0
+    return np.rint((points - low) / step).astype(np.int64), {"low": low.tolist(), "step": step}
+
+
+def value_codes(values: NDArray[Any]) -> tuple[NDArray[np.int64], dict[str, Any]]:
+    """Return numbers (n,) as codes of their finite range, with codes for infinity and NaN."""
+    numbers = np.asarray(values, np.float64)
+    finite = np.isfinite(numbers)
+    known = numbers[finite] if finite.any() else np.array([0.0, 1.0])
+    low, high = float(known.min()), float(known.max())
+    share = np.zeros(len(numbers))
+    share[finite] = (numbers[finite] - low) / ((high - low) or 1.0)
+    codes = np.rint(LEVELS * share).astype(np.int64)
+    codes[~finite] = np.where(numbers[~finite] == np.inf, INFINITE, MISSING)
+    return codes, {"low": low, "high": high}
+
+
+NUMBERS_ONLY = ("feature_1", "feature_2", "source", "node", "pair")
+"""Attributes that name rows of other arrays: as colours they say nothing."""
+
+SPOTS = "thin_spots"
+
+Kind = Literal["surface", "points", "curves"]
+
+
+@dataclass(frozen=True, eq=False)
+class Field:
+    """Values of the points of a part, in the unit that people read.
+
+    Attributes
+    ----------
+    name : str
+    values : (n,) array
+    unit : {"length", "area", "degrees", ""}
+    is_label : bool
+        They number segments.
+    color_map : str
+    limits : (float, float) or None
+        Values of the first and last colour; all of them where None.
+    shown_from : float
+        Points below are hidden at first; -inf hides none.
+    """
+
+    name: str
+    values: NDArray[Any]
+    unit: str = ""
+    is_label: bool = False
+    color_map: str = "sequential"
+    limits: tuple[float | None, float | None] = (None, None)
+    shown_from: float = -math.inf
+
+
+@dataclass(eq=False)
+class Part:
+    """One thing that can be switched on and off."""
+
+    title: str
+    kind: Kind
+    points: FloatArray
+    faces: IntArray | None = None
+    edges: IntArray | None = None
+    fields: list[Field] = field(default_factory=list)
+    color_by: str | None = None
+    filter_by: str | None = None
+    visible: bool = True
+    opacity: float = 1.0
+
+    def lies_on(self, points: FloatArray, faces: IntArray | None) -> bool:
+        """Tell whether these are the same points and faces."""
+        if (self.faces is None) != (faces is None) or self.points.shape != points.shape:
+            return False
+        same = self.faces is None or np.array_equal(self.faces, faces)  # type: ignore[arg-type]
+        return bool(same and np.array_equal(self.points, points))
+
+
+@dataclass(frozen=True, eq=False)
+class Spot:
+    """A thin spot: its two ends, the second NaN where there is none, and its value."""
+
+    position: FloatArray
+    opposite: FloatArray
+    value: float
+    kind: str
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """All that a page shows.
+
+    Attributes
+    ----------
+    title : str
+    parts : list of Part
+    spots : list of Spot
+    shape : Shape
+        Gives the size, and the first view.
+    notes : list of str
+        What the results say: shown as text.
+    """
+
+    title: str
+    parts: list[Part]
+    spots: list[Spot]
+    shape: Shape
+    notes: list[str]
+
+
+def scene_of(results: Sequence[Outcome], title: str) -> Scene:
+    """Return what is shown of one or more results of the same shape; of the later ones, hidden.
+
+    Points and fields of the first result are seen at first.
+    """
+    parts: list[Part] = []
+    spots: list[Spot] = []
+    for number, result in enumerate(results):
+        for layer in _layers(result):
+            if layer.name == SPOTS:
+                continue
+            _add(parts, layer, visible=number == 0)
+        spots = spots or _spots(result)
+    shape = results[0].shape
+    if not any(_stands_for(part, shape) for part in parts):
+        parts.insert(0, _bare(shape))
+    _choose(parts, shape)
+    notes = [str(note) for result in results for note in getattr(result, "messages", ())]
+    return Scene(title, parts, spots, shape, list(dict.fromkeys(notes)))
+
+
+def _layers(result: Outcome) -> list[Layer]:
+    """Layers that are worth showing; where pictures show a finer copy of one, that one."""
+    finer = result.shown[0] if result.shown and result.shown[0].auxiliary else None
+    found = []
+    for layer in result.layers:
+        if layer.on_input and finer is not None:
+            found.append(finer)
+            finer = None
+        elif not layer.auxiliary:
+            found.append(layer)
+    return found
+
+
+def _add(parts: list[Part], layer: Layer, visible: bool) -> None:
+    """Add a layer, or its values to the part that has its points and faces already."""
+    if len(layer.points) == 0:
+        return
+    fields = _fields(layer)
+    for part in parts:
+        if layer.faces is not None and part.lies_on(layer.points, layer.faces):
+            known = {one.name for one in part.fields}
+            part.fields += [one for one in fields if one.name not in known]
+            return
+    kind: Kind = "points"
+    if layer.faces is not None:
+        kind = "surface"
+    elif layer.edges is not None:
+        kind = "curves"
+    names = [one.name for one in fields]
+    parts.append(
+        Part(
+            _title(layer, parts),
+            kind,
+            layer.points,
+            layer.faces,
+            layer.edges,
+            fields,
+            layer.color_by if layer.color_by in names else next(iter(names), None),
+            layer.filter_by if layer.filter_by in names else None,
+            visible,
+        )
+    )
+
+
+def _title(layer: Layer, parts: list[Part]) -> str:
+    on_surface = layer.on_input or layer.name == "samples"
+    if on_surface and not any(part.title == "surface" for part in parts):
+        return "surface"
+    return layer.name.replace("_", " ")
+
+
+def _fields(layer: Layer) -> list[Field]:
+    found = []
+    for name, values in layer.attributes.items():
+        array = np.asarray(values)
+        if array.ndim != 1 or array.dtype.kind not in "fiub" or name in NUMBERS_ONLY:
+            continue
+        if name == "side" and len(np.unique(array)) == 1:
+            continue
+        own = name == layer.color_by
+        first, unit = -math.inf, _unit(layer, name)
+        if name == layer.filter_by and layer.filter_default:
+            first = layer.filter_unit.attribute(layer.filter_default)
+        if unit == "degrees":
+            array, first = np.degrees(array), math.degrees(first)
+        found.append(
+            Field(
+                name,
+                array,
+                unit,
+                name in layer.labels and array.dtype.kind in "iub",
+                layer.color_map if own else "sequential",
+                layer.color_limits if own else (None, None),
+                first,
+            )
+        )
+    return found
+
+
+def _unit(layer: Layer, name: str) -> str:
+    if name in RADIANS:
+        return "degrees"
+    if name in AREAS or (name == layer.filter_by and layer.filter_unit.power == 2):
+        return "area"
+    return "length" if name in LENGTHS else ""
+
+
+def _spots(result: Outcome) -> list[Spot]:
+    """Thin spots as the values of a result tell them, numbered from the thinnest."""
+    rows = result.values.get("spots")
+    if not isinstance(rows, list | tuple):
+        return []
+    none = [math.nan] * 3
+    return [
+        Spot(
+            np.array(row["position"], float),
+            np.array(row.get("opposite") or none, float),
+            float(row["value"]),
+            str(row.get("kind", "wall")),
+        )
+        for row in rows
+        if isinstance(row, dict) and row.get("value") is not None
+    ]
+
+
+def _stands_for(part: Part, shape: Shape) -> bool:
+    """Tell whether a part is the surface of the shape, and not one inside of it, or its points."""
+    if part.kind != "surface":
+        return shape.faces is None and part.points.shape == shape.points.shape
+    size = part.points.max(axis=0) - part.points.min(axis=0)
+    low, high = shape.bounds
+    return bool(np.abs(size - (high - low)).max() < 0.02 * shape.diagonal)
+
+
+def _bare(shape: Shape) -> Part:
+    kind: Kind = "points" if shape.faces is None else "surface"
+    return Part("shape" if shape.faces is None else "surface", kind, shape.points, shape.faces)
+
+
+def _choose(parts: list[Part], shape: Shape) -> None:
+    """Let the shape be see-through where something inside it is shown.
+
+    Where there are triangles inside, the points that they are made of are hidden.
+    """
+    inner = [part for part in parts if part.kind == "surface" and not _stands_for(part, shape)]
+    if any(part.visible for part in inner):
+        for part in parts:
+            part.visible &= part.kind != "points"
+    inside = [part for part in parts if part.visible and part.kind != "surface"]
+    surfaces = [part for part in parts if part.kind == "surface"]
+    for part in surfaces[:1]:
+        if inside or any(other.visible for other in surfaces[1:]):
+            part.opacity, part.visible = 0.2, True
+            if inside and inside[0].fields:
+                part.color_by = None
+    if inside and not any(part.kind == "surface" for part in parts):
+        inside[0].opacity = 1.0
+
+
+LIBRARY = "three.js"
+SCRIPTS = ("unpack", "shaders", "parts", "viewer", "picking", "legend", "panel", "start")
+COLORS = 256
+
+
+def write_viewer(
+    path: str | os.PathLike[str], results: Sequence[Outcome], title: str = "medialis"
+) -> None:
+    """Write a page that shows results of one shape; the first one is seen at first.
+
+    Raises
+    ------
+    FileError
+        When the page cannot be written, or the library that it draws with is missing.
+    """
+    text = viewer_page(results, title)
+    with complete_file(path) as stream:
+        stream.write(text.encode("utf-8", "backslashreplace"))
+
+
+def viewer_page(results: Sequence[Outcome], title: str = "medialis") -> str:
+    """Return the page as text.
+
+    Raises
+    ------
+    FileError
+        When the library that it draws with is missing.
+    """
+    library = _library()
+    packer = Packer()
+    scene = json.dumps(_described(scene_of(results, title), packer), allow_nan=False)
+    scene = scene.replace("<", "\\u003c")  # a name must not end the script
+    data = {"scene": scene, "arrays": packer.text(), "library": library}
+    scripts = "\n".join(_text(f"{name}.js") for name in SCRIPTS)
+    return (
+        '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">\n'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
+        f"<title>{html.escape(title)}</title><style>\n{_text('viewer.css')}</style></head><body>\n"
+        f"{_text('page.html')}"
+        + "".join(
+            f'<script type="text/plain" id="{id}">{text}</script>\n' for id, text in data.items()
+        )
+        + f"<script>\n{scripts}</script>\n</body></html>\n"
+    )
+
+
+def has_library() -> bool:
+    """Tell whether pages can be made: checkouts build the library first."""
+    return (resources.files(__package__) / LIBRARY).is_file()
+
+
+@functools.lru_cache(maxsize=1)
+def _library() -> str:
+    """Return the library deflated, as base64."""
+    if not has_library():
+        raise FileError(
+            "The viewer draws with three.js, which this installation lacks: in a checkout, "
+            "`make viewer` fetches it (npm is needed, which comes with Node.js); wheels have it."
+        )
+    data = (resources.files(__package__) / LIBRARY).read_bytes()
+    return base64.b64encode(zlib.compress(data, 9)).decode()
+
+
+def _text(name: str) -> str:
+    return (resources.files(__package__) / name).read_text("utf-8")
+
+
+def _described(scene: Scene, packer: Packer) -> dict[str, Any]:
+    """Return the scene as plain data; its arrays go to the packer.
+
+    All places are relative to the middle of the shape: graphics cards have single precision.
+    """
+    low, high = scene.shape.bounds
+    origin = (low + high) / 2
+    direction, up = default_view(scene.shape.points)
+    parts = [_part(part, origin, packer) for part in scene.parts]
+    maps = {field["map"] for part in parts for field in part["fields"]}
+    return {
+        "title": scene.title,
+        "notes": scene.notes,
+        "unit": scene.shape.unit,
+        "diagonal": scene.shape.diagonal or 1.0,
+        "origin": origin.tolist(),
+        "half": ((high - low) / 2).tolist(),
+        "direction": np.asarray(direction).tolist(),
+        "up": np.asarray(up).tolist(),
+        "parts": parts,
+        "spots": [_spot(spot, origin) for spot in scene.spots],
+        "maps": {name: _colors(color_table(name), COLORS) for name in sorted(maps)},
+        "palette": _colors(palette()),
+    }
+
+
+def _part(part: Part, origin: FloatArray, packer: Packer) -> dict[str, Any]:
+    names = [field.name for field in part.fields]
+    codes, place = point_codes(part.points - origin)
+    return {
+        "title": part.title,
+        "kind": part.kind,
+        "visible": part.visible,
+        "opacity": part.opacity,
+        "points": {**place, "codes": packer.add(codes)},
+        "faces": None if part.faces is None else packer.add_faces(part.faces),
+        "edges": None if part.edges is None else packer.add(part.edges),
+        "fields": [_field(field, packer) for field in part.fields],
+        "colorBy": None if part.color_by is None else names.index(part.color_by),
+        "filterBy": None if part.filter_by is None else names.index(part.filter_by),
+    }
+
+
+def _field(field: Field, packer: Packer) -> dict[str, Any]:
+    if field.is_label:
+        codes, place = np.asarray(field.values, np.int64) + 1, {"low": 0.0, "high": 1.0}
+    else:
+        codes, place = value_codes(field.values)
+    low, high = place["low"], place["high"]
+    begin = (field.shown_from - low) / ((high - low) or 1.0)
+    return {
+        "name": field.name,
+        "title": field.name.replace("_", " "),
+        "unit": field.unit,
+        "label": field.is_label,
+        "map": field.color_map,
+        **place,
+        "limits": list(value_range([low, high], *field.limits)),
+        "infinite": bool(np.isposinf(np.asarray(field.values, float)).any()),
+        "from": float(np.clip(begin, 0.0, 1.0)),
+        "codes": packer.add(codes),
+    }
+
+
+def _spot(spot: Spot, origin: FloatArray) -> dict[str, Any]:
+    known = not np.isnan(spot.opposite).any()
+    return {
+        "position": (spot.position - origin).tolist(),
+        "opposite": (spot.opposite - origin).tolist() if known else None,
+        "value": spot.value if math.isfinite(spot.value) else 0.0,
+        "kind": spot.kind,
+    }
+
+
+def _colors(rgb: Any, count: int | None = None) -> str:
+    """Return colours (n, 3) in 0..1 as base64 of their bytes; `count` of them."""
+    if count is not None:
+        rgb = rgb[np.linspace(0, len(rgb) - 1, count).round().astype(int)]
+    return base64.b64encode(np.rint(255 * np.asarray(rgb)).astype(np.uint8).tobytes()).decode()
+
+
+HEIGHT = 560
+"""Pixels in a notebook."""
+
+
+def show_page(text: str, name: str) -> Path | None:
+    """Show a page in the notebook that asks, else in the browser.
+
+    Returns
+    -------
+    Path or None
+        The file that the browser was given; None in a notebook.
+    """
+    shell = _notebook()
+    if shell is not None:
+        display = importlib.import_module("IPython.display")
+        display.display(display.HTML(frame(text)))
+        return None
+    words = re.sub(r"\W+", "-", name).strip("-") or "view"
+    path = Path(tempfile.mkdtemp(prefix="medialis-")) / f"{words}.html"
+    path.write_text(text, encoding="utf-8")
+    webbrowser.open(path.as_uri())
+    return path
+
+
+def frame(text: str, height: int = HEIGHT) -> str:
+    """Return a page as a frame for another page, with all that it needs inside."""
+    return (
+        f'<iframe srcdoc="{html.escape(text)}" width="100%" height="{height}" '
+        'style="border:0;border-radius:10px" allow="fullscreen"></iframe>'
+    )
+
+
+def _notebook() -> Any:
+    """Return the shell of the notebook that runs this, None elsewhere (IPython in a terminal)."""
+    if "IPython" not in sys.modules:
+        return None
+    shell = importlib.import_module("IPython").get_ipython()
+    return shell if hasattr(shell, "kernel") else None

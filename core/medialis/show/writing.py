@@ -1,0 +1,527 @@
+"""What a folder holds already: no result is overwritten or mixed with another one unawares.
+
+Writing results: PLY layers, NPZ arrays, PNG pictures and a JSON manifest, all or nothing.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import logging
+import os
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from medialis.base.errors import FileError, InvalidOptionError
+from medialis.base.options import Options
+from medialis.base.progress import Message, Progress, ProgressCallback
+from medialis.base.units import Length
+from medialis.base.validation import IntArray, as_choice
+from medialis.base.version import package_version
+from medialis.formats.files import absolute, complete_file
+from medialis.formats.gltf import write_gltf
+from medialis.formats.json_npz import write_json, write_npz
+from medialis.formats.output_folder import MANIFEST, OutputFolder
+from medialis.formats.ply_attributes import write_ply
+from medialis.formats.shells import CALCULIX, write_inp, write_msh
+from medialis.formats.text_meshes import write_obj
+from medialis.formats.vtk import write_vtp, write_vtu
+from medialis.operations import registry
+from medialis.operations.declaration import Format
+from medialis.operations.result import Layer, Result
+from medialis.shape.shape import Shape
+from medialis.shape.surface import Surface
+from medialis.show.picture import reduced, write_png
+from medialis.show.pictures import draw_result, draw_turntable, require_attribute
+from medialis.show.raster import Style
+
+DIFFERENCES = {
+    "operation": "of the operation {}",
+    "input_stamp": "of another input or an older state of it",
+    "shape": "of another shape",
+    "input_unit": "in another unit",
+    "medialis": "of medialis {}",
+}
+"""What tells results apart, and what is said of the one that is there."""
+
+
+def input_stamp(file: str | os.PathLike[str]) -> list[str | int]:
+    """Path, size and time of change of a file: another input under a name is another input.
+
+    Raises
+    ------
+    OSError
+        When there is no such file.
+    """
+    found = Path(file).stat()
+    return [str(absolute(file)), found.st_size, found.st_mtime_ns]
+
+
+def as_given(options: Options) -> dict[str, Any]:
+    """Return all options by name, lengths with a unit as text."""
+    return {n: str(v) if isinstance(v, Length) else v for n, v in options.values().items()}
+
+
+def parameters_given(manifest: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the parameters of a result as they were given, lengths with a unit as text."""
+    return {**manifest["parameters"], **manifest.get("lengths", {})}
+
+
+def manifest_in(folder: str | os.PathLike[str]) -> dict[str, Any] | None:
+    """Return the manifest in a folder; empty where it is damaged, None where there is none."""
+    try:
+        text = (Path(folder) / MANIFEST).read_bytes()
+    except (OSError, ValueError):
+        return None
+    try:
+        found = json.loads(text)
+        return found if isinstance(found, dict) else {}
+    except (ValueError, RecursionError):
+        return {}
+
+
+def check_same(folder: str | os.PathLike[str], about: Mapping[str, Any]) -> None:
+    """Refuse a folder with a result that is not the one that is about to be written there.
+
+    Parameters
+    ----------
+    folder : path
+    about : dict
+        Entries of the new manifest, "parameters" as they were given.
+
+    Raises
+    ------
+    FileError
+    """
+    there = manifest_in(folder)
+    if there is None:
+        return
+    told = [
+        text.format(there.get(name, "unknown"))
+        for name, text in DIFFERENCES.items()
+        if name in about and there.get(name) != about[name]
+    ]
+    if not told:
+        before, now = parameters_given(there), dict(about["parameters"])
+        names = [name for name in {**before, **now} if before.get(name) != now.get(name)]
+        told = [f"with another {', '.join(names)}"] if names else []
+    if told:
+        raise _refused(folder, f"it holds a result {', '.join(told)}")
+
+
+def check_free(folder: str | os.PathLike[str], names: Iterable[str]) -> None:
+    """Refuse a folder that has files of these names which belong to no result.
+
+    Raises
+    ------
+    FileError
+    """
+    own = set(files_of(manifest_in(folder)))
+    taken = [name for name in names if name not in own and (Path(folder) / name).exists()]
+    if taken:
+        raise _refused(folder, f"there is a file {taken[0]} already, which is of no result")
+
+
+def files_of(manifest: Mapping[str, Any] | None) -> list[str]:
+    """Return the names of the files of a result, its manifest included."""
+    try:
+        return [Path(name).name for name in (manifest or {}).get("files", [])]
+    except TypeError:  # damaged
+        return []
+
+
+def _refused(folder: str | os.PathLike[str], why: str) -> FileError:
+    return FileError(
+        f"Nothing was written to {os.fspath(folder)}: {why}. Name another folder, or say that it "
+        "may be replaced: --overwrite (in Python overwrite=True)."
+    )
+
+
+WIDTH, HEIGHT = 2000, 1500
+"""Pixels of the main picture before what is empty is cut off."""
+
+LAYER_FORMATS: dict[str, tuple[str, Callable[..., None]]] = {
+    "vtp": (".vtp", write_vtp),
+    "vtu": (".vtu", write_vtu),
+    "msh": (".msh", write_msh),
+    "inp": (".inp", write_inp),
+    "ccx": (CALCULIX, write_inp),
+}
+"""Endings and writers of what each layer may be written as besides PLY."""
+
+SHELLS = ("msh", "inp", "ccx")
+"""Those for layers with triangles, as shell elements: for Gmsh, Abaqus and CalculiX."""
+
+
+def _write_obj(path: Path, layer: Layer, unit: str | None) -> None:
+    write_obj(path, layer.points, _triangles(layer))
+
+
+def _write_glb(path: Path, layer: Layer, unit: str | None) -> None:
+    write_gltf(path, Surface(layer.points, _triangles(layer)), path.stem, unit=unit)
+
+
+def _triangles(layer: Layer) -> IntArray:
+    if layer.faces is None or not len(layer.faces):
+        raise InvalidOptionError("There are no triangles to write.")
+    return layer.faces
+
+
+TRIANGLE_FORMATS = (Format("obj", _write_obj), Format("glb", _write_glb))
+"""For layers that name them in `Layer.formats`; those of features stand with their operations."""
+
+
+THUMBNAIL, THUMBNAIL_WIDTH = "thumbnail.png", 250
+
+
+def describe_result(result: Result, **more: Any) -> dict[str, Any]:
+    """Return the manifest: operation, parameters, seconds per stage, values, messages."""
+    return {
+        "medialis": package_version(),
+        "operation": result.operation,
+        "parameters": dict(result.parameters),
+        "lengths": lengths_given(result.messages),
+        "unit": result.shape.unit,
+        "shape": shape_checksum(result.shape),
+        "seconds": dict(result.seconds),
+        "values": dict(result.values),
+        "messages": [str(message) for message in result.messages],
+        "notes": [_note(message) for message in result.messages],
+        "layers": [
+            {
+                "name": layer.name,
+                "points": len(layer.points),
+                "faces": 0 if layer.faces is None else len(layer.faces),
+                "edges": 0 if layer.edges is None else len(layer.edges),
+                "attributes": list(layer.attributes),
+                "face_attributes": list(layer.face_attributes),
+                "labels": list(layer.labels),
+                "color_by": layer.color_by,
+                "color_map": layer.color_map,
+                "color_limits": list(layer.color_limits),
+                "filter_by": layer.filter_by,
+                "filter_unit": asdict(layer.filter_unit),
+                "filter_default": layer.filter_default,
+                "number_by": layer.number_by,
+                "on_input": layer.on_input,
+                "auxiliary": layer.auxiliary,
+                "role": layer.role,
+                "formats": list(layer.formats),
+                "facts": dict(layer.facts),
+            }
+            for layer in result.layers
+        ],
+        "shown": [layer.name for layer in result.shown],
+        **more,
+    }
+
+
+def shape_checksum(shape: Shape) -> str:
+    """Return a checksum of a shape as computed on, by which results of others are told."""
+    known = shape.identity
+    return known.hex() if isinstance(known, bytes) else ""
+
+
+def lengths_given(messages: Sequence[str]) -> dict[str, str]:
+    """Return the lengths that were given with a unit, as text, by the name of their option."""
+    notes = [m.data for m in messages if isinstance(m, Message) and m.code == "length"]
+    return {str(data["option"]): str(data["given"]) for data in notes}
+
+
+def _note(message: str) -> dict[str, Any]:
+    """Return what programs read of a message: its code, counts, and whether it is a warning."""
+    if not isinstance(message, Message):
+        message = Message(message)
+    warning = message.level >= logging.WARNING
+    return {"code": message.code, "warning": warning, "data": dict(message.data)}
+
+
+@dataclass(frozen=True)
+class Pictures:
+    """Which pictures of a result are written.
+
+    Attributes
+    ----------
+    main : bool
+        Draw ``<operation>.png`` (the result's own images are written in any case).
+    color_by : str or None
+        Attribute to colour by; the layer's own choice when None.
+    turntable : int
+        Number of turntable views.
+    thumbnail : bool
+        Write the main picture also small, as ``thumbnail.png``.
+    """
+
+    main: bool = True
+    color_by: str | None = None
+    turntable: int = 0
+    thumbnail: bool = False
+
+
+@dataclass(frozen=True)
+class Written:
+    """What is written of a result.
+
+    Attributes
+    ----------
+    source : str or None
+        Name of the input.
+    pictures : Pictures
+    formats : sequence of str or None
+        As in `write_result`.
+    texts : dict
+        More files: their text by name.
+    record : dict
+        More entries for the manifest.
+    overwrite : bool
+        Replace what is there.
+    """
+
+    source: str | None = None
+    pictures: Pictures = Pictures()
+    formats: Sequence[str] | None = None
+    texts: Mapping[str, str] = field(default_factory=dict)
+    record: Mapping[str, Any] = field(default_factory=dict)
+    overwrite: bool = False
+
+
+def write_result(
+    result: Result,
+    folder: str | os.PathLike[str],
+    *,
+    source: str | None = None,
+    pictures: Pictures = Pictures(),
+    formats: Sequence[str] | None = None,
+    overwrite: bool = False,
+    progress: Progress | ProgressCallback | None = None,
+) -> dict[str, Any]:
+    """Write a result into a folder; when anything fails nothing is left behind.
+
+    Parameters
+    ----------
+    result : Result
+        From `medialis.run`.
+    folder : path
+        Created when missing. It may hold the same result, which is replaced.
+    source : str, optional
+        Name of the input, for titles and the manifest.
+    pictures : Pictures
+        Which pictures to draw.
+    formats : sequence of str, optional
+        Formats of the operation's own (of a graph: swc, graphml, json, obj), all when missing; and
+        of its layers: vtp and vtu, each with its attributes for ParaView; msh (Gmsh), inp (Abaqus)
+        and ccx (CalculiX), those with triangles as shell elements.
+    overwrite : bool
+        Replace another result, with all its files, and other files of the same names.
+    progress : callable, optional
+        Called with (fraction, text); returning False cancels.
+
+    Returns
+    -------
+    dict
+        The manifest, with "files": the paths written, "contents": bytes and sha256 of each file by
+        its name, and "picture": the main one or None.
+
+    Raises
+    ------
+    InvalidOptionError
+        When the first layer has no attribute ``pictures.color_by``, or a format is unknown, or
+        is one of shell elements and no layer has triangles.
+    FileError
+        When the folder cannot be written, or holds something else and `overwrite` is False.
+
+    See Also
+    --------
+    run : makes results.
+    draw_result : the picture alone.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import medialis
+    >>> result = medialis.run("thickness", medialis.organic_shape(56))
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     manifest = medialis.write_result(result, f"{folder}/out")
+    >>> manifest["operation"], manifest["picture"].endswith("thickness.png")
+    ('thickness', True)
+    """
+    wanted = Written(source, pictures, formats, overwrite=overwrite)
+    return write_files(result, folder, wanted, Progress.of(progress))
+
+
+def write_files(
+    result: Result, folder: str | os.PathLike[str], wanted: Written, progress: Progress
+) -> dict[str, Any]:
+    """Write what is wanted of a result; see `write_result`."""
+    pictures = wanted.pictures
+    if pictures.color_by is not None:
+        require_attribute(result.layers, pictures.color_by)
+    formats = chosen_formats(result.operation, wanted.formats)
+    for ending in formats:
+        if ending in SHELLS and all(layer.faces is None for layer in result.layers):
+            raise InvalidOptionError(
+                f"The result of {result.operation} has no triangles that could be shell elements "
+                f"({ending}); vtu holds all it has."
+            )
+    about = describe_result(result, input=wanted.source, **wanted.record)
+    if not wanted.overwrite:
+        check_same(folder, {**about, "parameters": parameters_given(about)})
+    drawn: list[str] = []
+    with OutputFolder(folder, replaced=files_of(manifest_in(folder))) as out:
+        names = _write_data(out, result, formats, progress)
+
+        def new(name: str) -> Path:
+            names.append(name)
+            return out.file(name)
+
+        with progress.stage("picture", 0.5, 0.95):
+            title = _title(result, wanted.source)
+            for name, image in _main_pictures(result, pictures, title, progress.unnamed):
+                drawn.append(name)
+                write_png(new(name), image)
+                if pictures.thumbnail and drawn == [name]:
+                    write_png(new(THUMBNAIL), reduced(image, THUMBNAIL_WIDTH))
+            count, color_by = pictures.turntable, pictures.color_by
+            views = draw_turntable(result, count, color_by=color_by, progress=progress.unnamed)
+            for number, image in enumerate(views if count else ()):
+                write_png(new(f"turntable_{number:03d}.png"), image)
+        for name, text in wanted.texts.items():
+            with complete_file(new(name)) as stream:
+                stream.write(text.encode("utf-8", "backslashreplace"))  # as in write_json
+        with progress.stage("check", 0.95, 1.0):
+            contents = {name: content(out.file(name), progress) for name in names}
+        names.append(MANIFEST)
+        if not wanted.overwrite:
+            check_free(folder, names)
+        base = Path(folder)
+        manifest = about | {
+            "files": [str(base / name) for name in names],
+            "contents": contents,
+            "picture": str(base / drawn[0]) if drawn else None,
+        }
+        write_json(out.file(MANIFEST), manifest)
+    return manifest
+
+
+def chosen_formats(name: str, wanted: Sequence[str] | None) -> Sequence[str]:
+    """Return what is wanted of an operation; a format that only others have writes nothing.
+
+    Raises
+    ------
+    InvalidOptionError
+        For a format that none has.
+    """
+    own = _formats_of(name)
+    if wanted is None:
+        return [one.name for one in own if one.of and not one.unasked]
+    known = [*(one.name for one in own if one.of and not one.unasked), *LAYER_FORMATS]
+    for ending in wanted:
+        if ending not in known and all(ending not in one.offered for one in registry.OPERATIONS):
+            as_choice(ending, "formats", known)
+    return wanted
+
+
+def _formats_of(name: str) -> tuple[Format, ...]:
+    """Return the formats of an operation; a result made by hand has none."""
+    return registry.operation(name).formats if name else ()
+
+
+def write_layer(path: Path, layer: Layer, unit: str | None) -> None:
+    """Write a layer in the format that a file name ends in, of a feature or of triangles.
+
+    Raises
+    ------
+    InvalidOptionError
+        For another ending, and where the layer has not what the format is for.
+    FileError
+        When the file cannot be written.
+    """
+    every = (*TRIANGLE_FORMATS, *(one for other in registry.OPERATIONS for one in other.formats))
+    formats = {one.name: one for one in every if not one.of}
+    ending = path.suffix.lower().removeprefix(".")
+    if ending not in formats:
+        raise InvalidOptionError(f"Files end in {', '.join(formats)}, got {path.name!r}.")
+    formats[ending].write(path, layer, unit)
+
+
+def _title(result: Result, source: str | None) -> str:
+    return result.operation.replace("_", " ") + (f" of {Path(source).name}" if source else "")
+
+
+def _write_data(
+    out: OutputFolder, result: Result, formats: Sequence[str], progress: Progress
+) -> list[str]:
+    """Write layers, graph and arrays; return the names of the files."""
+    names: list[str] = []
+
+    def new(name: str) -> Path:
+        names.append(name)
+        return out.file(name)
+
+    with progress.stage("write", 0.0, 0.5):
+        for number, layer in enumerate(result.layers):
+            write_ply(
+                new(f"{layer.name}.ply"),
+                layer.points,
+                faces=layer.faces,
+                edges=layer.edges,
+                attributes=layer.attributes,
+                face_attributes=layer.face_attributes,
+            )
+            for name in filter(LAYER_FORMATS.__contains__, formats):
+                if name not in SHELLS or layer.faces is not None:
+                    ending, write = LAYER_FORMATS[name]
+                    write(
+                        new(layer.name + ending), layer.points, layer.faces, layer.edges,
+                        layer.attributes, layer.face_attributes, show=layer.color_by,
+                    )  # fmt: skip
+            for ending in layer.formats:
+                file = new(f"{layer.name}.{ending}")
+                write_layer(file, layer, result.shape.unit)
+            progress.update((number + 1) / (len(result.layers) + 1))
+        for own in _formats_of(result.operation):
+            if own.of in result.extras and (own.unasked or own.name in formats):
+                own.write(new(f"{result.operation}.{own.name}"), result)
+        write_npz(new(f"{result.operation}.npz"), result.arrays)
+    return names
+
+
+def content(file: Path, progress: Progress) -> dict[str, Any]:
+    """Return the size and the checksum of a file, by which a manifest knows its own.
+
+    Raises
+    ------
+    OSError
+        When it cannot be read.
+    """
+    checksum, size = hashlib.sha256(), 0
+    with file.open("rb") as stream:
+        while part := stream.read(1 << 24):
+            checksum.update(part)
+            size += len(part)
+            progress.update(0.0)
+    return {"bytes": size, "sha256": checksum.hexdigest()}
+
+
+def _main_pictures(
+    result: Result, pictures: Pictures, title: str, progress: Progress
+) -> Iterator[tuple[str, NDArray[np.uint8]]]:
+    """Give file names and images: the result's own ones, or one of its first layer if wanted."""
+    for name, image in result.images.items():
+        yield f"{name}.png", image
+    if pictures.main and result.layers and not result.images:
+        image = draw_result(
+            result,
+            color_by=pictures.color_by,
+            width=WIDTH,
+            height=HEIGHT,
+            title=title,
+            style=Style(background=None, crop=True),
+            progress=progress,
+        )
+        yield f"{result.operation}.png", image

@@ -1,0 +1,270 @@
+"""Kernels of balls that samples constrain (thesis 3.2; see ball_shrinking.py).
+
+**Ball shrinking** in one pass. The balls tangent at p with one normal are nested, and the depth
+r - |q - c| of a sample q grows with the radius. So "the largest ball in which no sample lies deeper
+than a" has the radius min r_a(q), where r_a(q) is the radius at which q lies exactly a deep: with
+num = |q - p|^2 and den = 2 n.(p - q), |q - c|^2 = r^2 + num - r den = (r - a)^2 gives
+
+    r_a(q) = (num - a^2) / (den - 2 a),    den > 2 a, num > a^2.
+
+One traversal that replaces the ball by a smaller one whenever a sample lies too deep finds the
+minimum: what was outside a larger ball stays outside a smaller one, nothing is visited twice. For
+a = 0 it is the maximal ball through p and q. For a > 0 samples that lie less than a below the
+tangent plane, relief of the surface no higher than a, cannot shrink the ball, and where many
+samples are nearly equidistant (tubes, spheres) the one farthest from p wins. The result is the
+ball through p and the winner: it is smaller, so no sample lies deeper than a in it either.
+
+Depth test without square root or division: deeper than a is num < r den - a (2 r - a); eight
+samples are tested by one vector instruction. Nodes are skipped when their box or slab lies outside
+the ball of radius r - a. The float32 bounds are good to `margin`, which is added to that radius, so
+a skip is always right.
+
+Certificate. After a traversal every sample is known to lie at least r0 - a from the center c0. By
+the triangle inequality a ball (c, r) holds no sample deeper than a + |c - c0| + r - r0. Where the
+warm start of a later sample gets this down to the tolerance, which is larger than a, no traversal
+is needed: samples of a sphere cost O(1).
+
+**Uniform subsampling** (thesis 3.2.1; see surface_skeleton.py). Points are visited in the given
+order; a point is kept when no kept point lies within delta. Kept points live in a hash grid with
+cells of edge at least delta, so only the 27 cells around a point can hold one that is near. A cell
+chains its kept points; at most 8 points of a cell of edge delta can be delta apart, so a chain is
+short. Open addressing in a table of at least twice the number of points: an empty slot is always
+found.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from medialis.base._box_tree_kernels import LEAF, lowest_bit, test_children
+from medialis.base.jit import kernel
+
+
+@kernel
+def touch_from_outside(
+    rows, centers, features, contact_faces, contact_weights, points, normals, faces, face_normals,
+    out,
+):  # fmt: skip
+    """Mark the balls whose center lies in front of the surface at their second contact."""
+    for row in rows:
+        face, outward = contact_faces[row], 0.0
+        for axis in range(3):
+            if face >= 0:
+                place = 0.0
+                for j in range(3):
+                    place += contact_weights[row, j] * points[faces[face, j], axis]
+                normal = face_normals[face, axis]
+            else:
+                sample = features[row, 1]
+                place, normal = points[sample, axis], normals[sample, axis]
+            outward += (place - centers[row, axis]) * normal
+        out[row] = outward < 0.0
+
+
+OK, OPEN, NO_NORMAL = 0, 1, 2
+KNOWN = 16  # certificates kept: a leaf of a tube lies on about four rings, whose balls are the same
+
+
+@kernel
+def _scan_leaf(block, px, py, pz, nx, ny, nz, r, a, near2):
+    """Smallest r_a(q) of a leaf's samples, if any lies deeper than a in the ball.
+
+    Returns (radius, slot); slot is -1 when no sample does. `near2` >= a^2 is the squared distance
+    below which a sample counts as p itself.
+    """
+    slack = a * (2.0 * r - a) if r > a else r * r
+    inside = 0
+    for j in range(LEAF):
+        dx, dy, dz = px - block[0, j], py - block[1, j], pz - block[2, j]
+        num = dx * dx + dy * dy + dz * dz
+        den = 2.0 * (nx * dx + ny * dy + nz * dz)
+        inside += num < r * den - slack
+    slot = -1
+    if inside:
+        for j in range(LEAF):
+            dx, dy, dz = px - block[0, j], py - block[1, j], pz - block[2, j]
+            num = dx * dx + dy * dy + dz * dz
+            den = 2.0 * (nx * dx + ny * dy + nz * dz)
+            if num > near2 and num - a * a < r * (den - 2.0 * a):
+                r = (num - a * a) / (den - 2.0 * a)
+                slot = j
+    return r, slot
+
+
+@kernel
+def _is_certain(known, cx, cy, cz, rest):
+    """Tell whether a certificate shows that no sample lies too deep: |c - c0| + a - r0 <= rest."""
+    certain = 0
+    for j in range(KNOWN):
+        dx, dy, dz = cx - known[0, j], cy - known[1, j], cz - known[2, j]
+        room = rest - known[3, j]
+        certain += (room >= 0.0) & (dx * dx + dy * dy + dz * dz <= room * room)
+    return certain > 0
+
+
+@kernel
+def _remember(feature, blocks, recent, names, spare):
+    """Keep a second feature point where no other of its leaf is kept; return the next place.
+
+    The warm start of a ball: samples that others nearby touch, side by side as in a leaf. On a
+    relief, balls go back and forth between a few places: one of them alone leaves seven more
+    steps, 16 of them one.
+    """
+    leaf, slot, known = feature // LEAF, feature % LEAF, 0
+    for j in range(LEAF):
+        known += names[j] // LEAF == leaf
+    if known > 0:
+        return spare
+    for axis in range(3):
+        recent[axis, spare] = blocks[leaf, axis, slot]
+    names[spare] = feature
+    return (spare + 1) % LEAF
+
+
+@kernel
+def shrink_balls(
+    begin, end, sign, tolerance, a, largest, near2, margin,
+    points, normals, samples, order, blocks, bounds, child, depth,
+    out_centers, out_radii, out_features, out_status, out_angles,
+):  # fmt: skip
+    """Maximal balls of the samples begin..end (tree order); outputs are in the original order.
+
+    Or of the balls begin..end where `samples` tells the sample of each: `normals` are those of the
+    balls then, and so are the outputs.
+    """
+    n = len(points)
+    stack = np.empty(8 * 12 + 8, np.int64)  # 8 children on each of at most 11 wide levels
+    recent, names = np.empty((3, LEAF)), np.empty(LEAF, np.int64)  # see `_remember`
+    spare, fresh = 0, True
+    previous = -1  # leaf of the last second feature point: on tubes those of neighbours are near
+    known = np.full((4, KNOWN), np.inf)  # certificates: last centers x, y, z and a - r0
+    turn = 0
+    for ball in range(begin, end):
+        i = samples[ball] if len(samples) else ball
+        source = ball if len(samples) else order[i]
+        px, py, pz = points[i, 0], points[i, 1], points[i, 2]
+        nx, ny, nz = sign * normals[ball, 0], sign * normals[ball, 1], sign * normals[ball, 2]
+        if nx == 0.0 and ny == 0.0 and nz == 0.0:
+            out_status[source] = NO_NORMAL
+            continue
+        r, feature = largest, -1
+        own = ((i + 1) << depth) // n  # a leaf close to the sample: its own or a neighbour
+        own = min(own, (1 << depth) - 1)
+        r, slot = _scan_leaf(blocks[own], px, py, pz, nx, ny, nz, r, a, near2)
+        if slot >= 0:
+            feature = own * LEAF + slot
+        if fresh:
+            for j in range(LEAF):
+                names[j] = own * LEAF + j
+                for axis in range(3):
+                    recent[axis, j] = blocks[own, axis, j]
+            fresh = False
+        if previous >= 0:
+            r, slot = _scan_leaf(blocks[previous], px, py, pz, nx, ny, nz, r, a, near2)
+            if slot >= 0:
+                feature = previous * LEAF + slot
+        r, slot = _scan_leaf(recent, px, py, pz, nx, ny, nz, r, a, near2)
+        if slot >= 0:
+            leaf = names[slot] // LEAF
+            feature = names[slot]
+            r, slot = _scan_leaf(blocks[leaf], px, py, pz, nx, ny, nz, r, a, near2)
+            if slot >= 0:
+                feature = leaf * LEAF + slot
+        cx, cy, cz = px - r * nx, py - r * ny, pz - r * nz
+        if not _is_certain(known, cx, cy, cz, tolerance - r):
+            stack[0] = 0
+            top = 1
+            while top > 0:
+                top -= 1
+                node = stack[top]
+                reach = r - a + margin
+                if reach <= 0.0:
+                    break
+                bits = test_children(bounds[node], cx, cy, cz, reach)
+                base = child[node]
+                while bits > 0:
+                    j = lowest_bit(bits)
+                    bits &= bits - 1
+                    if base >= 0:
+                        stack[top] = base + j
+                        top += 1
+                        continue
+                    leaf = ~base + j
+                    r, slot = _scan_leaf(blocks[leaf], px, py, pz, nx, ny, nz, r, a, near2)
+                    if slot >= 0:
+                        feature = leaf * LEAF + slot
+                        cx, cy, cz = px - r * nx, py - r * ny, pz - r * nz
+            known[0, turn], known[1, turn], known[2, turn] = cx, cy, cz
+            known[3, turn] = a - r
+            turn = (turn + 1) % KNOWN
+        if feature < 0:
+            out_centers[source, 0], out_centers[source, 1], out_centers[source, 2] = cx, cy, cz
+            out_radii[source] = r
+            out_status[source] = OPEN
+            continue
+        spare = _remember(feature, blocks, recent, names, spare)
+        leaf, slot = feature // LEAF, feature % LEAF
+        previous = leaf
+        dx = px - blocks[leaf, 0, slot]
+        dy = py - blocks[leaf, 1, slot]
+        dz = pz - blocks[leaf, 2, slot]
+        num = dx * dx + dy * dy + dz * dz
+        r = num / (2.0 * (nx * dx + ny * dy + nz * dz))
+        out_centers[source, 0] = px - r * nx
+        out_centers[source, 1] = py - r * ny
+        out_centers[source, 2] = pz - r * nz
+        out_radii[source] = r
+        out_angles[source] = 2.0 * math.asin(min(1.0, math.sqrt(num) / (2.0 * r)))
+        first = (n * leaf) >> depth  # a padded slot stands for the last sample of its leaf
+        out_features[source] = order[min(first + slot, ((n * (leaf + 1)) >> depth) - 1)]
+        out_status[source] = OK
+
+
+@kernel
+def _slot(table_key, key):
+    mask = len(table_key) - 1
+    slot = ((key * 0x9E3779B97F4A7C1) >> 20) & mask
+    while table_key[slot] != key and table_key[slot] != -1:
+        slot = (slot + 1) & mask
+    return slot
+
+
+@kernel
+def _has_neighbour(points, i, limit, cx, cy, cz, cells, table_key, table_head, chain):
+    """Tell whether a kept point of the 27 cells around (cx, cy, cz) is nearer than the limit."""
+    for a in range(max(cx - 1, 0), cx + 2):
+        for b in range(max(cy - 1, 0), cy + 2):
+            for c in range(max(cz - 1, 0), cz + 2):
+                slot = _slot(table_key, (a * cells[1] + b) * cells[2] + c)
+                if table_key[slot] == -1:
+                    continue
+                j = table_head[slot]
+                while j >= 0:
+                    dx = points[i, 0] - points[j, 0]
+                    dy = points[i, 1] - points[j, 1]
+                    dz = points[i, 2] - points[j, 2]
+                    if dx * dx + dy * dy + dz * dz < limit:
+                        return True
+                    j = chain[j]
+    return False
+
+
+@kernel
+def keep_apart(points, order, delta, cell, cells, table_key, table_head, chain, out_keep):
+    """Set out_keep where a point is kept. Points are >= 0; `cells`: cells along x, y, z."""
+    limit = delta * delta
+    for turn in range(len(order)):
+        i = order[turn]
+        cx = np.int64(math.floor(points[i, 0] / cell))
+        cy = np.int64(math.floor(points[i, 1] / cell))
+        cz = np.int64(math.floor(points[i, 2] / cell))
+        if _has_neighbour(points, i, limit, cx, cy, cz, cells, table_key, table_head, chain):
+            continue
+        out_keep[i] = True
+        key = (cx * cells[1] + cy) * cells[2] + cz
+        slot = _slot(table_key, key)
+        table_key[slot] = key
+        chain[i] = table_head[slot]
+        table_head[slot] = i

@@ -1,0 +1,457 @@
+"""Kernels of balls that triangles constrain (thesis 3.2; see triangle_balls.py).
+
+Strategy. A mesh stands for a smooth surface through its vertices, so a facet T may lie as deep in a
+ball as that surface bulges over it, and a tolerance a besides. With the normals n_i at the corners
+v_i, the surface of second order over the place x = sum w_i v_i lies
+
+    h(x) = sum over sides ij of w_i w_j b_ij,    b_ij = (n_j - n_i).(v_j - v_i) / 2
+
+above T: for a sphere of radius R with n = v / R it is |v|^2 - |x|^2 = 2 R h(x), exactly. So T
+constrains the ball (c, r) where for a place x of T
+
+    |c - x|^2 < (k r - a)^2 - 2 r h(x),
+
+for h = 0 and k = 1 the ball of samples. A facet is relief to balls that see it as a part of a
+smooth surface, no more of it than the angle A of a crease: h is at most r sin^2 A / 2. k is less
+than 1 where the ball is tangent at a corner of T: the cosine of the angle between the smooth
+surface there and T, or T would be a wall to a ball that leaves it at that corner; there h is 0. The
+ball tangent at p with normal n has its center at p - r n. With num = |x - p|^2 and
+den = 2 n.(p - x), T lies just at its depth where
+
+    (1 - k^2) r^2 - (den - 2 k a - 2 h) r + num - a^2 = 0,
+
+whose lower root is the radius that x allows. The ball shrinks to that of the deepest place, which
+is looked for again, until T constrains it no more: each step is a root below the last one, and the
+places converge as quickly as in Newton's method. In the end the ball is the one for a = 0.
+
+Triangles hang on the leaves of the tree of samples, at the leaf of their first corner. Bounds of
+their own (box and slab, float32, good to `margin`) hold them whole. Within a leaf, the hull of each
+triangle is tested first, side by side: the disc round it, or for a sliver, whose disc would reach
+far beside it and into balls that it does not touch, the cylinder round its longest side.
+
+Certificate. After a traversal no T lies deeper in (c0, r0) than h + a. By the triangle inequality
+none lies deeper than h + tolerance in a ball (c, r) where |c - c0| + max(r - r0, 0) is at most
+tolerance - a.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from medialis.base._box_tree_kernels import FAN, dot, lowest_bit, nearest_place, test_children
+from medialis.base.jit import kernel
+
+KNOWN = 16  # certificates kept, as for samples
+STEPS = 60  # of the iteration; each shrinks the ball, and it ends where rounding decides
+MIDDLE, BREADTH, AXIS = 0, 3, 4  # rows of `hulls`: middle, radius and axis of disc or cylinder;
+THICK = 7  # half the height of the cylinder, 0 for a disc
+ROWS = 8
+SLIM = 8.0  # a face is a sliver where it is so many times as long as it is high
+COSINE = 3  # column of `reliefs`, after the bulges b of the sides: the smallest one at the corners
+NOWHERE = -1e15  # radius of the disc of a slot left over: never near, whatever the margins
+BLOCK = 16  # faces side by side; the last block of a leaf is filled up with faces that are nowhere
+
+
+@kernel
+def count_blocks(faces, place, n, depth, out_leaf, out_first):
+    """Leaf of the first corner of each face in tree order, and where the blocks of leaves start."""
+    count = np.zeros(len(out_first) - 1, np.int64)
+    for f in range(len(faces)):
+        first = min(place[faces[f, 0]], place[faces[f, 1]], place[faces[f, 2]])
+        out_leaf[f] = (((first + 1) << depth) + n - 1) // n - 1
+        count[out_leaf[f]] += 1
+    for leaf in range(len(count)):
+        out_first[leaf + 1] = out_first[leaf] + (count[leaf] + BLOCK - 1) // BLOCK
+
+
+@kernel
+def fill_blocks(leaf, first, out_order):
+    """Sort faces into the blocks of their leaves, in their order; -1 in slots left over."""
+    slot = first[:-1] * BLOCK
+    for f in range(len(leaf)):
+        out_order[slot[leaf[f]]] = f
+        slot[leaf[f]] += 1
+
+
+@kernel
+def fill_hulls(
+    begin, end, order, faces, place, points, bulges, cosines, unit,
+    out_corners, out_reliefs, out_hulls,
+):  # fmt: skip
+    """Corners (in tree order of samples), relief and discs of faces, for the blocks begin..end.
+
+    `bulges` are in units of the input, of which the tree has one for each `unit`.
+    """
+    for block in range(begin, end):
+        for slot in range(BLOCK):
+            i = block * BLOCK + slot
+            f = order[i]
+            if f < 0:
+                out_corners[i, 0] = -1
+                for j in range(COSINE + 1):
+                    out_reliefs[i, j] = 0.0
+                for row in range(ROWS):
+                    out_hulls[block, row, slot] = 0.0
+                out_hulls[block, BREADTH, slot] = NOWHERE
+                continue
+            a, b, c = place[faces[f, 0]], place[faces[f, 1]], place[faces[f, 2]]
+            out_corners[i, 0], out_corners[i, 1], out_corners[i, 2] = a, b, c
+            for j in range(3):
+                out_reliefs[i, j] = bulges[f, j] / unit
+            out_reliefs[i, COSINE] = cosines[f]
+            _fill_hull(points, a, b, c, out_hulls[block, :, slot])
+
+
+@kernel
+def _fill_hull(points, a, b, c, out):
+    ax, ay, az = points[a, 0], points[a, 1], points[a, 2]
+    ux, uy, uz = points[b, 0] - ax, points[b, 1] - ay, points[b, 2] - az
+    vx, vy, vz = points[c, 0] - ax, points[c, 1] - ay, points[c, 2] - az
+    nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+    length = math.sqrt(nx * nx + ny * ny + nz * nz)
+    if length > 0.0:
+        nx, ny, nz = nx / length, ny / length, nz / length
+    out[AXIS], out[AXIS + 1], out[AXIS + 2] = nx, ny, nz
+    for axis in range(3):
+        out[MIDDLE + axis] = (points[a, axis] + points[b, axis] + points[c, axis]) / 3.0
+    out[THICK] = 0.0
+    _lay_along(points, a, b, c, length, out)
+    along, beside = 0.0, 0.0
+    for corner in (a, b, c):
+        off, d2 = 0.0, 0.0
+        for axis in range(3):
+            d = points[corner, axis] - np.float64(out[MIDDLE + axis])
+            off += d * np.float64(out[AXIS + axis])
+        off *= out[THICK]
+        for axis in range(3):
+            d = points[corner, axis] - np.float64(out[MIDDLE + axis])
+            d -= off * np.float64(out[AXIS + axis])
+            d2 += d * d
+        along, beside = max(along, abs(off)), max(beside, d2)
+    out[THICK], out[BREADTH] = along, math.sqrt(beside)
+
+
+@kernel
+def _lay_along(points, a, b, c, twice_area, out):
+    """Lay the middle and the axis of a sliver along its longest side; 1 in THICK tells that."""
+    longest, first, second, third = 0.0, a, b, c
+    for i, j, k in ((a, b, c), (b, c, a), (c, a, b)):
+        d2 = 0.0
+        for axis in range(3):
+            d2 += (points[j, axis] - points[i, axis]) ** 2
+        if d2 > longest:
+            longest, first, second, third = d2, i, j, k
+    if SLIM * twice_area >= longest:
+        return
+    share = 0.0  # of the longest side, where the third corner stands over it
+    for axis in range(3):
+        side = points[second, axis] - points[first, axis]
+        share += side * (points[third, axis] - points[first, axis]) / longest
+    for axis in range(3):
+        side = points[second, axis] - points[first, axis]
+        height = points[third, axis] - points[first, axis] - share * side
+        out[AXIS + axis] = side / math.sqrt(longest)
+        out[MIDDLE + axis] = points[first, axis] + 0.5 * (side + height)
+    out[THICK] = 1.0
+
+
+@kernel
+def bound_faces(points, corners, first, child_depth, depth, fan, begin, end, out_bounds):
+    """Bounds of the faces below the children of wide nodes begin..end of one level.
+
+    The slab is that of the sum of their normals, each as long as its face is large.
+    """
+    for node in range(begin, end):
+        for slot in range(fan):
+            child = node * fan + slot
+            low = BLOCK * first[child << (depth - child_depth)]
+            high = BLOCK * first[(child + 1) << (depth - child_depth)]
+            out = out_bounds[node]
+            mx, my, mz = 0.0, 0.0, 0.0
+            for i in range(low, high):
+                a, b, c = corners[i, 0], corners[i, 1], corners[i, 2]
+                if a < 0:
+                    continue
+                ax, ay, az = points[a, 0], points[a, 1], points[a, 2]
+                ux, uy, uz = points[b, 0] - ax, points[b, 1] - ay, points[b, 2] - az
+                vx, vy, vz = points[c, 0] - ax, points[c, 1] - ay, points[c, 2] - az
+                mx += uy * vz - uz * vy
+                my += uz * vx - ux * vz
+                mz += ux * vy - uy * vx
+            length = math.sqrt(mx * mx + my * my + mz * mz)
+            if length > 0.0:
+                mx = np.float64(np.float32(mx / length))
+                my = np.float64(np.float32(my / length))
+                mz = np.float64(np.float32(mz / length))
+            lx, ly, lz, ls = math.inf, math.inf, math.inf, math.inf
+            hx, hy, hz, hs = -math.inf, -math.inf, -math.inf, -math.inf
+            for i in range(low, high):
+                for j in range(3 if corners[i, 0] >= 0 else 0):
+                    v = corners[i, j]
+                    x, y, z = points[v, 0], points[v, 1], points[v, 2]
+                    s = mx * x + my * y + mz * z
+                    lx, ly, lz, ls = min(lx, x), min(ly, y), min(lz, z), min(ls, s)
+                    hx, hy, hz, hs = max(hx, x), max(hy, y), max(hz, z), max(hs, s)
+            out[0, slot], out[1, slot], out[2, slot] = lx, ly, lz
+            out[3, slot], out[4, slot], out[5, slot] = hx, hy, hz
+            out[6, slot], out[7, slot], out[8, slot] = mx, my, mz
+            out[9, slot], out[10, slot] = ls, hs
+
+
+@kernel
+def _lowest(d1, d2, aa, ab, cc):
+    """Lowest place (s, t) of s^2 aa + 2 s t ab + t^2 cc - 2 s d1 - 2 t d2 within a triangle.
+
+    With the sides u and v of the triangle from one corner, aa = u.u, ab = u.v, cc = v.v, d1 = u.w
+    and d2 = v.w it is the place nearest to w: the regions of its plane, in turn. Where a bulge
+    makes the form fall on both sides of a line, the lowest place is a corner, or on a side.
+    """
+    d3, d4, d5, d6 = d1 - aa, d2 - ab, d1 - ab, d2 - cc
+    va, vb, vc = d3 * d6 - d5 * d4, d5 * d2 - d1 * d6, d1 * d4 - d3 * d2
+    if d1 <= 0.0 and d2 <= 0.0:
+        return 0.0, 0.0
+    if d3 >= 0.0 and d4 <= d3:
+        return 1.0, 0.0
+    if vc <= 0.0 and d1 >= 0.0 and d3 <= 0.0 and d1 > d3:
+        return d1 / (d1 - d3), 0.0
+    if d6 >= 0.0 and d5 <= d6:
+        return 0.0, 1.0
+    if vb <= 0.0 and d2 >= 0.0 and d6 <= 0.0 and d2 > d6:
+        return 0.0, d2 / (d2 - d6)
+    if va <= 0.0 and d4 >= d3 and d5 >= d6 and d4 - d3 + d5 - d6 > 0.0:
+        t = (d4 - d3) / (d4 - d3 + d5 - d6)
+        return 1.0 - t, t
+    if va >= 0.0 and vb >= 0.0 and vc >= 0.0 and va + vb + vc > 0.0:
+        return vb / (va + vb + vc), vc / (va + vb + vc)
+    return 0.0, 0.0
+
+
+@kernel
+def _shrink_to(i, n, sign, r, relief, least, highest, points, own, bulges):
+    """Shrink the ball tangent at sample i until a triangle lies no deeper in it than it may.
+
+    `own` has the corners of the triangle, `bulges` its row of `reliefs`; `sign` is that of the side
+    of the ball, and `highest` the most that h may be of r. The deepest place is that of the least
+    |c - x|^2 + 2 r h(x): as the place nearest to c, with all squared lengths of sides less 2 r b.
+    All that depends on r does so linearly.
+
+    Returns (radius, s, t): the same radius when it lies no deeper already; else s and t tell the
+    place corner0 + s (corner1 - corner0) + t (corner2 - corner0) that it touches.
+    """
+    p, o = points[i], points[own[0]]
+    ux, uy, uz = points[own[1], 0] - o[0], points[own[1], 1] - o[1], points[own[1], 2] - o[2]
+    vx, vy, vz = points[own[2], 0] - o[0], points[own[2], 1] - o[1], points[own[2], 2] - o[2]
+    wx, wy, wz = p[0] - o[0], p[1] - o[1], p[2] - o[2]
+    uu, uv, vv = (
+        dot(ux, uy, uz, ux, uy, uz),
+        dot(ux, uy, uz, vx, vy, vz),
+        dot(vx, vy, vz, vx, vy, vz),
+    )
+    uw, vw, ww = (
+        dot(ux, uy, uz, wx, wy, wz),
+        dot(vx, vy, vz, wx, wy, wz),
+        dot(wx, wy, wz, wx, wy, wz),
+    )
+    un, vn = dot(ux, uy, uz, n[0], n[1], n[2]), dot(vx, vy, vz, n[0], n[1], n[2])
+    wn = dot(wx, wy, wz, n[0], n[1], n[2])
+    k, b0, b1, b2 = 1.0, 0.0, 0.0, 0.0
+    if own[0] == i or own[1] == i or own[2] == i:
+        k = bulges[COSINE]
+    else:
+        b0, b1, b2 = (
+            max(sign * bulges[0], 0.0),
+            max(sign * bulges[1], 0.0),
+            max(sign * bulges[2], 0.0),
+        )
+    best_s, best_t = -1.0, -1.0
+    for _ in range(STEPS):
+        s, t = _lowest(
+            uw - r * (un + b0), vw - r * (vn + b2),
+            uu - 2.0 * r * b0, uv - r * (b0 + b2 - b1), vv - 2.0 * r * b2,
+        )  # fmt: skip
+        h = (1.0 - s - t) * (s * b0 + t * b2) + s * t * b1
+        num = ww - 2.0 * (s * uw + t * vw) + s * s * uu + 2.0 * s * t * uv + t * t * vv
+        den = 2.0 * (wn - s * un - t * vn)
+        a = least if num >= 2.0 * r * r else relief
+        may = k * r - a
+        square, linear, rest = 1.0 - k * k, den - 2.0 * (k * a + h), num - a * a
+        if h > highest * r:
+            square, linear = square + 2.0 * highest, linear + 2.0 * h
+        if may <= 0.0 or square * r * r - linear * r + rest >= 0.0:
+            break
+        if rest <= 0.0 or linear <= 0.0:
+            break
+        root = math.sqrt(max(linear * linear - 4.0 * square * rest, 0.0))
+        less = 2.0 * rest / (linear + root)
+        if less >= r:
+            break
+        r, best_s, best_t = less, s, t
+    return r, best_s, best_t
+
+
+@kernel
+def _is_near(hull, f, px, py, pz, x, y, z, r, relief, least):
+    """Tell whether face f of a block may constrain the ball with center x, y, z, tangent at px, ...
+
+    The hull of a face is no farther than the face. All is float32, good to `margin`: `relief`
+    and `least` are those of `_shrink_to` less the margin. The distance at right angles to the axis
+    is that of the foot, without squares that cancel out.
+    """
+    mx, my, mz = hull[MIDDLE, f], hull[MIDDLE + 1, f], hull[MIDDLE + 2, f]
+    nx, ny, nz = hull[AXIS, f], hull[AXIS + 1, f], hull[AXIS + 2, f]
+    size = hull[BREADTH, f] + hull[THICK, f]
+    dx, dy, dz = px - mx, py - my, pz - mz
+    # Faces wholly nearer to p than sqrt(2) r are relief; |d| + size < sqrt(2) r by squares.
+    wide2 = dx * dx + dy * dy + dz * dz + size * (r + r + r + size)
+    may = r - (relief if wide2 < r * (r + r) else least)
+    dx, dy, dz = x - mx, y - my, z - mz
+    off = nx * dx + ny * dy + nz * dz
+    dx, dy, dz = dx - off * nx, dy - off * ny, dz - off * nz
+    beside = math.sqrt(dx * dx + dy * dy + dz * dz) - hull[BREADTH, f]
+    beside = beside if beside > 0 else np.float32(0.0)
+    off = abs(off) - hull[THICK, f]
+    off = off if off > 0 else np.float32(0.0)
+    return (off * off + beside * beside < may * may) & (may > 0)
+
+
+@kernel
+def _are_within(bound, px, py, pz, r2):
+    """Children whose boxes lie wholly within a distance (squared) of p: a bit for each."""
+    bits, limit = np.int32(0), np.float32(r2)
+    for j in range(FAN):
+        ax, bx = px - bound[0, j], bound[3, j] - px
+        ay, by = py - bound[1, j], bound[4, j] - py
+        az, bz = pz - bound[2, j], bound[5, j] - pz
+        dx = ax if ax > bx else bx
+        dy = ay if ay > by else by
+        dz = az if az > bz else bz
+        bits += np.int32(dx * dx + dy * dy + dz * dz < limit) << np.int32(j)
+    return bits
+
+
+@kernel
+def _near_faces(hull, px, py, pz, x, y, z, r, relief, least):
+    """Faces of a block that may constrain a ball: a bit for each."""
+    bits = np.int32(0)
+    for f in range(BLOCK):
+        near = _is_near(hull, f, px, py, pz, x, y, z, r, relief, least)
+        bits += np.int32(near) << np.int32(f)
+    return bits
+
+
+@kernel
+def shrink_to_triangles(
+    begin, end, samples, directions, signs, at_own, tolerance, a, margin, least, highest,
+    points, bounds, child, first, corners, reliefs, hulls,
+    radii, out_face, out_places,
+):  # fmt: skip
+    """Shrink the balls begin..end, tangent at samples (tree order), to fit between triangles.
+
+    Faces that meet at the sample itself take part where `at_own` says so: with a normal of its
+    sector none of them constrains a ball. `radii` is changed in place. `out_face` is the slot of
+    the face that a ball touches, -1 where none constrains it, and `out_places` the weights of the
+    place at its corners.
+    """
+    stack = np.empty(8 * 12 + 8, np.int64)
+    most, fewest = np.float32(a - margin), np.float32(least - margin)
+    known = np.full((4, KNOWN), np.inf)  # certificates: centers and radii
+    turn = 0
+    for i in range(begin, end):
+        r = radii[i]
+        if not r > 0.0:
+            continue
+        i0, sign = samples[i], np.float64(signs[i])
+        p, n = points[i0], directions[i]
+        px, py, pz = np.float32(p[0]), np.float32(p[1]), np.float32(p[2])
+        cx, cy, cz = p[0] - r * n[0], p[1] - r * n[1], p[2] - r * n[2]
+        certain = 0
+        for j in range(KNOWN):
+            dx, dy, dz = cx - known[0, j], cy - known[1, j], cz - known[2, j]
+            room = tolerance - a - max(r - known[3, j], 0.0)
+            certain += (room >= 0.0) & (dx * dx + dy * dy + dz * dz <= room * room)
+        if certain > 0:
+            continue
+        face, best_s, best_t = -1, 0.0, 0.0
+        stack[0] = 0
+        top = 1
+        while top > 0:
+            top -= 1
+            node = stack[top]
+            bits = test_children(bounds[node], cx, cy, cz, max(r - least + margin, 0.0))
+            base = child[node]
+            if base < 0 and bits > 0:  # leaves that are relief must come as near as relief
+                relief = _are_within(bounds[node], px, py, pz, (2.0 - 1e-5) * r * r)
+                if bits & relief > 0:
+                    closer = test_children(bounds[node], cx, cy, cz, max(r - a + margin, 0.0))
+                    bits &= closer | ~relief
+            while bits > 0:
+                j = lowest_bit(bits)
+                bits &= bits - 1
+                if base >= 0:
+                    stack[top] = base + j
+                    top += 1
+                    continue
+                leaf = ~base + j
+                for block in range(first[leaf], first[leaf + 1]):
+                    fx, fy, fz, fr = np.float32(cx), np.float32(cy), np.float32(cz), np.float32(r)
+                    near = _near_faces(hulls[block], px, py, pz, fx, fy, fz, fr, most, fewest)
+                    while near > 0:
+                        slot = BLOCK * block + lowest_bit(near)
+                        near &= near - 1
+                        own = corners[slot]
+                        if not at_own and (own[0] == i0 or own[1] == i0 or own[2] == i0):
+                            continue
+                        less, s, t = _shrink_to(
+                            i0, n, sign, r, a, least, highest, points, own, reliefs[slot]
+                        )
+                        if s >= 0.0:
+                            r, best_s, best_t = less, s, t
+                            face = slot
+                            cx, cy, cz = p[0] - r * n[0], p[1] - r * n[1], p[2] - r * n[2]
+        known[0, turn], known[1, turn], known[2, turn], known[3, turn] = cx, cy, cz, r
+        turn = (turn + 1) % KNOWN
+        if face >= 0:
+            own, bulges = corners[face], reliefs[face]
+            less, s, t = _shrink_to(i0, n, sign, r, 0.0, 0.0, highest, points, own, bulges)
+            if s >= 0.0:
+                r, best_s, best_t = less, s, t
+            radii[i] = r
+            out_face[i] = face
+            out_places[i, 0] = 1.0 - best_s - best_t
+            out_places[i, 1], out_places[i, 2] = best_s, best_t
+
+
+@kernel
+def measure_room(
+    begin, end, centers, margin, points, bounds, child, first, corners, hulls, radii
+):  # fmt: skip
+    """Lower the radii begin..end to the distance of the nearest triangle, where that is less."""
+    stack = np.empty(8 * 12 + 8, np.int64)
+    slack = np.float32(-margin)
+    for i in range(begin, end):
+        x, y, z, r = centers[i, 0], centers[i, 1], centers[i, 2], radii[i]
+        fx, fy, fz = np.float32(x), np.float32(y), np.float32(z)
+        stack[0] = 0
+        top = 1
+        while top > 0:
+            top -= 1
+            node = stack[top]
+            bits = test_children(bounds[node], x, y, z, r + margin)
+            base = child[node]
+            while bits > 0:
+                j = lowest_bit(bits)
+                bits &= bits - 1
+                if base >= 0:
+                    stack[top] = base + j
+                    top += 1
+                    continue
+                leaf = ~base + j
+                for slot in range(BLOCK * first[leaf], BLOCK * first[leaf + 1]):
+                    hull, f, fr = hulls[slot // BLOCK], slot % BLOCK, np.float32(r)
+                    if _is_near(hull, f, fx, fy, fz, fx, fy, fz, fr, slack, slack):
+                        a, b, c = corners[slot, 0], corners[slot, 1], corners[slot, 2]
+                        apart = nearest_place(x, y, z, points[a], points[b], points[c])[2]
+                        r = min(r, math.sqrt(apart))
+        radii[i] = r

@@ -1,0 +1,498 @@
+"""Kernels that shorten a plane cut to a locally shortest path, and walk beside one that is known.
+
+**Straighten** (thesis 3.3.2; see geodesics.py). A path is the strip of half-edges through which it
+leaves the faces that it crosses. Two steps alternate. Tighten: the strip is laid into the plane,
+where the funnel algorithm (Lee and Preparata 1984) finds the shortest path between its sides; it
+bends at vertices. Reroute: where less than pi lies on the other side of such a vertex, the strip
+goes round it on that side. Angles are products of complex numbers, which take no arc tangents.
+Shortening ends where no vertex is left out or a round gains less than GAIN. This is what
+`_path_kernels.shorten` does for polylines, which may pass through vertices, at a tenth of its cost:
+paths here begin as plane cuts, which cross edges only.
+
+**Walk beside** (see _geodesic_kernels.py). A trail is some places along a locally shortest path:
+where they lie, which way is across the path on the surface, and how far along the path they are. A
+pair close by moves them with its ends and walks towards one after the other, in the plane through
+the next one that is as good as at right angles to the way across. The faces that it crosses are
+nearly those of its own locally shortest path. Planes through both ends miss it, since paths bend
+sideways.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from medialis.base.jit import kernel
+from medialis.skeleton.importance._plane_kernels import (
+    dot,
+    next_side,
+    previous_side,
+    way_out,
+    way_towards,
+)
+
+ROOM = 16384
+"""Half-edges of the longest strip that is shortened."""
+
+WIDEST = 256
+"""Half-edges that a path may cross round a vertex."""
+
+GAIN = 2e-5
+"""Share of its length that a round must gain for another one."""
+
+ROUNDS = 16
+"""At most."""
+
+STRAIGHT = 0.01
+"""Radians by which the other side of a vertex must have less than pi. Leaving one out that has more
+gains less than a^2 / 8 of the length."""
+
+
+@kernel
+def make_room(faces):
+    """Return the arrays that `straighten` works in.
+
+    For strips, their ends and places in the plane, half-edges round a vertex; and what it leaves
+    there of a path: its points next to both ends and the place of its end in the plane, how many
+    half-edges it crosses and how often it bends.
+    """
+    size = min(faces + 1, ROOM)
+    return (
+        np.empty((2, size), np.int64), np.empty((4, size), np.int64), np.empty((4, size)),
+        np.empty(WIDEST, np.int64), np.empty((3, 3)), np.zeros(2, np.int64),
+    )  # fmt: skip
+
+
+@kernel
+def _first_portal(points, a, b, start, ends, flat):
+    """Lay the half-edge a-b, seen from the start, into the plane: a on the axis, b left of it."""
+    aa = ab = bb = 0.0
+    for i in range(3):
+        u, w = points[a, i] - points[start, i], points[b, i] - points[start, i]
+        aa += u * u
+        ab += u * w
+        bb += w * w
+    size = math.sqrt(aa)
+    ends[0, 0], ends[1, 0] = b, a
+    flat[2, 0], flat[3, 0] = size, 0.0
+    if size > 0.0:
+        flat[0, 0], flat[1, 0] = ab / size, math.sqrt(max(aa * bb - ab * ab, 0.0)) / size
+    else:
+        flat[0, 0], flat[1, 0] = 0.0, math.sqrt(bb)
+
+
+@kernel
+def _unfold(points, corners, twins, strip, count, start, ends, flat):
+    """Lay a strip into the plane, with the start at the origin; returns the place of the end.
+
+    Rows of `ends`: the left and the right end of each half-edge; of `flat`: x and y of both.
+    """
+    h = strip[0]
+    _first_portal(points, corners[h], corners[next_side(h)], start, ends, flat)
+    left, right = ends[0, 0], ends[1, 0]
+    lx, ly, rx, ry = flat[0, 0], flat[1, 0], flat[2, 0], flat[3, 0]
+    px, py, pz = points[left, 0], points[left, 1], points[left, 2]
+    qx, qy, qz = points[right, 0], points[right, 1], points[right, 2]
+    x = y = 0.0
+    for k in range(count):
+        c = corners[previous_side(twins[strip[k]])]
+        cx, cy, cz = points[c, 0], points[c, 1], points[c, 2]
+        ex, ey, ez = qx - px, qy - py, qz - pz
+        wx, wy, wz = cx - px, cy - py, cz - pz
+        ee = ex * ex + ey * ey + ez * ez
+        along, high = ex * wx + ey * wy + ez * wz, 0.0
+        if ee > 0.0:
+            high = math.sqrt(max((wx * wx + wy * wy + wz * wz) * ee - along * along, 0.0)) / ee
+            along /= ee
+        fx, fy = rx - lx, ry - ly
+        x, y = lx + along * fx - high * fy, ly + along * fy + high * fx
+        if k + 1 == count:
+            break
+        g = strip[k + 1]
+        if corners[g] == right or corners[next_side(g)] == right:
+            left, lx, ly, px, py, pz = c, x, y, cx, cy, cz
+        else:
+            right, rx, ry, qx, qy, qz = c, x, y, cx, cy, cz
+        ends[0, k + 1], ends[1, k + 1] = left, right
+        flat[0, k + 1], flat[1, k + 1], flat[2, k + 1], flat[3, k + 1] = lx, ly, rx, ry
+    return x, y
+
+
+@kernel
+def _left_of(ox, oy, ax, ay, bx, by):
+    """Positive where b lies left of the ray from o through a."""
+    return (ax - ox) * (by - oy) - (ay - oy) * (bx - ox)
+
+
+@kernel
+def _funnel(count, ends, flat, x, y):
+    """Length of the shortest path in a strip, and how many times it bends.
+
+    Row 2 of `ends` tells at which half-edges, row 3 on which side: 0 left, 1 right.
+    """
+    ax = ay = length = 0.0
+    bends, k, at_left, at_right = 0, 1, 0, 0
+    lx, ly, rx, ry = flat[0, 0], flat[1, 0], flat[2, 0], flat[3, 0]
+    while k <= count:
+        nlx, nly, nrx, nry = x, y, x, y
+        if k < count:
+            nlx, nly, nrx, nry = flat[0, k], flat[1, k], flat[2, k], flat[3, k]
+        side = -1
+        if _left_of(ax, ay, rx, ry, nrx, nry) >= 0.0:
+            if _left_of(ax, ay, lx, ly, nrx, nry) <= 0.0:
+                rx, ry, at_right = nrx, nry, k
+            else:
+                side = 0
+        if side < 0 and _left_of(ax, ay, lx, ly, nlx, nly) <= 0.0:
+            if _left_of(ax, ay, rx, ry, nlx, nly) >= 0.0:
+                lx, ly, at_left = nlx, nly, k
+            else:
+                side = 1
+        k += 1
+        if side < 0:
+            continue
+        bend = at_left if side == 0 else at_right
+        bx, by = flat[2 * side, bend], flat[2 * side + 1, bend]
+        length += math.sqrt((bx - ax) ** 2 + (by - ay) ** 2)
+        ends[2, bends], ends[3, bends] = bend, side
+        bends += 1
+        ax, ay = bx, by
+        k = bend + 1
+        while k < count and ends[side, k] == ends[side, bend]:
+            k += 1
+        if k >= count:
+            break
+        lx, ly, rx, ry, at_left, at_right = flat[0, k], flat[1, k], flat[2, k], flat[3, k], k, k
+        k += 1
+    return length + math.sqrt((x - ax) ** 2 + (y - ay) ** 2), bends
+
+
+@kernel
+def _other_side(points, corners, twins, v, h, last, re, im, re_end, im_end, out):
+    """Half-edges that a path round the other side of v crosses (in `out`), 0 if it is not shorter.
+
+    It begins in the face of half-edge h and ends in the face `last`; re and im are the rotation
+    from the way in to the rim of the first face, re_end and im_end that from the last one on.
+    """
+    count = 0
+    while count < len(out):
+        out[count] = previous_side(h) if corners[h] == v else next_side(h)
+        t = twins[out[count]]
+        count += 1
+        if t < 0:
+            return 0
+        if t // 3 == last:
+            x, y = re * re_end - im * im_end, re * im_end + im * re_end
+            shorter = y > -STRAIGHT * x if x < 0.0 else y >= 0.0
+            return count if shorter else 0
+        a, b = corners[t], corners[previous_side(t)]
+        if a == v:
+            a = corners[next_side(t)]
+        uu = ww = along = 0.0
+        for i in range(3):
+            u, w = points[a, i] - points[v, i], points[b, i] - points[v, i]
+            uu += u * u
+            ww += w * w
+            along += u * w
+        across = math.sqrt(max(uu * ww - along * along, 0.0))
+        re, im = re * along - im * across, re * across + im * along
+        if im < 0.0 or (im == 0.0 and re < 0.0):
+            return 0
+        size = abs(re) + im
+        if size > 0.0:
+            re, im = re / size, im / size
+        h = t
+    return 0
+
+
+@kernel
+def _rotation(vx, vy, ax, ay, bx, by, side):
+    """Rotation about v from a to b, as a complex number; on the left it runs clockwise."""
+    ax, ay, bx, by = ax - vx, ay - vy, bx - vx, by - vy
+    turn = ax * by - ay * bx
+    return ax * bx + ay * by, max(turn if side == 1 else -turn, 0.0)  # below 0 by rounding alone
+
+
+@kernel
+def _reroute(points, corners, twins, strip, count, ends, flat, x, y, bends, turned, out):
+    """Lead a strip round the other side of its bends where that is shorter; returns its size or -1.
+
+    Of two bends at the same half-edge only the first one is left out.
+    """
+    written = done = 0
+    changed = False
+    old_x = old_y = 0.0
+    for i in range(bends):
+        bend, side = ends[2, i], ends[3, i]
+        v, vx, vy = ends[side, bend], flat[2 * side, bend], flat[2 * side + 1, bend]
+        next_x, next_y = x, y
+        if i + 1 < bends:
+            at, row = ends[2, i + 1], 2 * ends[3, i + 1]
+            next_x, next_y = flat[row, at], flat[row + 1, at]
+        begin = stop = bend
+        while begin > 0 and ends[side, begin - 1] == v:
+            begin -= 1
+        while stop + 1 < count and ends[side, stop + 1] == v:
+            stop += 1
+        before_x, before_y, old_x, old_y = old_x, old_y, vx, vy
+        if begin < done:
+            continue
+        in_x = in_y = 0.0
+        if begin > 0:
+            in_x, in_y = flat[2 * side, begin - 1], flat[2 * side + 1, begin - 1]
+        out_x, out_y = x, y
+        if stop + 1 < count:
+            out_x, out_y = flat[2 * side, stop + 1], flat[2 * side + 1, stop + 1]
+        re, im = _rotation(vx, vy, before_x, before_y, in_x, in_y, side)
+        re_end, im_end = _rotation(vx, vy, out_x, out_y, next_x, next_y, side)
+        crossed = _other_side(
+            points, corners, twins, v, strip[begin], twins[strip[stop]] // 3, re, im,
+            re_end, im_end, turned,
+        )  # fmt: skip
+        if crossed == 0 or written + begin - done + crossed + count - stop > len(out):
+            continue
+        for k in range(done, begin):
+            out[written] = strip[k]
+            written += 1
+        for k in range(crossed):
+            out[written] = turned[k]
+            written += 1
+        done, changed = stop + 1, True
+    for k in range(done, count):
+        if written == len(out):
+            return -1
+        out[written] = strip[k]
+        written += 1
+    return written if changed else -1
+
+
+@kernel
+def _trim(corners, twins, start, end, strip, count):
+    """Take out ways there and back, and half-edges at both ends; returns how many are left."""
+    kept = 0
+    for k in range(count):
+        if kept > 0 and twins[strip[kept - 1]] == strip[k]:
+            kept -= 1
+        else:
+            strip[kept] = strip[k]
+            kept += 1
+    begin = 0
+    for k in range(kept):
+        if corners[strip[k]] == start or corners[next_side(strip[k])] == start:
+            begin = k + 1
+    stop = begin
+    while stop < kept and corners[strip[stop]] != end and corners[next_side(strip[stop])] != end:
+        strip[stop - begin] = strip[stop]
+        stop += 1
+    return stop - begin
+
+
+@kernel
+def place_on(points, ends, flat, k, x, y, ux, uy, out):
+    """Where the line through (x, y) in direction u crosses half-edge k of a strip."""
+    right_x, right_y = flat[2, k] - x, flat[3, k] - y
+    along = ux * (flat[1, k] - flat[3, k]) - uy * (flat[0, k] - flat[2, k])
+    share = 0.0
+    if along != 0.0:
+        share = min(max(-(ux * right_y - uy * right_x) / along, 0.0), 1.0)
+    left, right = ends[0, k], ends[1, k]
+    for i in range(3):
+        out[i] = points[right, i] + share * (points[left, i] - points[right, i])
+
+
+@kernel
+def _next_to_ends(points, count, ends, flat, x, y, bends, near):
+    """Write the points of a path next to its start and its end."""
+    first_x, first_y, last_x, last_y = x, y, 0.0, 0.0
+    if bends > 0:
+        at, row = ends[2, 0], 2 * ends[3, 0]
+        first_x, first_y = flat[row, at], flat[row + 1, at]
+        at, row = ends[2, bends - 1], 2 * ends[3, bends - 1]
+        last_x, last_y = flat[row, at], flat[row + 1, at]
+    place_on(points, ends, flat, 0, 0.0, 0.0, first_x, first_y, near[0])
+    place_on(points, ends, flat, count - 1, x, y, x - last_x, y - last_y, near[1])
+
+
+@kernel
+def straighten(points, corners, twins, start, end, count, room):
+    """Length of a locally shortest path near a strip, row 0 of room[0].
+
+    The first rows of room[4] receive its points next to the start and the end.
+    """
+    strips, ends, flat, turned, near, last = room
+    last[0] = 0
+    here, length, rounds = 0, math.inf, ROUNDS
+    while count > 0:
+        rounds -= 1
+        x, y = _unfold(points, corners, twins, strips[here], count, start, ends, flat)
+        found, bends = _funnel(count, ends, flat, x, y)
+        gained = length - found
+        length = min(length, found)
+        written = -1
+        if bends > 0 and gained > GAIN * length and rounds > 0:
+            written = _reroute(
+                points, corners, twins, strips[here], count, ends, flat, x, y, bends, turned,
+                strips[1 - here],
+            )  # fmt: skip
+        if written < 0:
+            _next_to_ends(points, count, ends, flat, x, y, bends, near)
+            last[0], last[1], near[2, 0], near[2, 1] = count, bends, x, y
+            return length
+        here = 1 - here
+        count = _trim(corners, twins, start, end, strips[here], written)
+    length = 0.0
+    for i in range(3):  # both ends in one face
+        near[0, i], near[1, i] = points[end, i], points[start, i]
+        length += (points[end, i] - points[start, i]) ** 2
+    return math.sqrt(length)
+
+
+PLACES = 8
+"""Of a trail; paths that cross hardly more half-edges have none."""
+
+SPAN = 3
+"""Half-edges over which the direction of a path is taken."""
+
+
+@kernel
+def _across(normals, ends, k, there, place):
+    """Write the unit vector across a path from one place to another at half-edge k; False: none."""
+    u, v, w = place[0] - there[0], place[1] - there[1], place[2] - there[2]
+    left, right = ends[0, k], ends[1, k]
+    p = normals[left, 0] + normals[right, 0]
+    q = normals[left, 1] + normals[right, 1]
+    r = normals[left, 2] + normals[right, 2]
+    x, y, z = q * w - r * v, r * u - p * w, p * v - q * u
+    size = math.sqrt(x * x + y * y + z * z)
+    if size > 0.0:
+        place[3], place[4], place[5] = x / size, y / size, z / size
+    return size > 0.0
+
+
+@kernel
+def write_trail(points, normals, room, trail):
+    """Write the trail of the path that was straightened last; False if that is too short for it.
+
+    A row holds a place, the unit vector across, and how long the path is to there, which needs to
+    be known to an edge length or so: it is that to the middle of the half-edge.
+    """
+    ends, flat, near, last = room[1], room[2], room[4], room[5]
+    count, bends, number = last[0], last[1], len(trail)
+    if count <= number + 1:
+        return False
+    bend, x, y, length, there = 0, 0.0, 0.0, 0.0, np.empty(3)
+    for i in range(number):
+        k = (i + 1) * count // (number + 1)
+        while bend < bends and ends[2, bend] < k:
+            at, row = ends[2, bend], 2 * ends[3, bend]
+            length += math.sqrt((flat[row, at] - x) ** 2 + (flat[row + 1, at] - y) ** 2)
+            x, y = flat[row, at], flat[row + 1, at]
+            bend += 1
+        ahead_x, ahead_y = near[2, 0] - x, near[2, 1] - y
+        if bend < bends:
+            at, row = ends[2, bend], 2 * ends[3, bend]
+            ahead_x, ahead_y = flat[row, at] - x, flat[row + 1, at] - y
+        size = math.sqrt(ahead_x * ahead_x + ahead_y * ahead_y)
+        if size == 0.0:
+            return False
+        place_on(points, ends, flat, k, x, y, ahead_x, ahead_y, trail[i])
+        place_on(points, ends, flat, max(k - SPAN, 0), x, y, ahead_x, ahead_y, there)
+        if not _across(normals, ends, k, there, trail[i]):
+            return False
+        middle_x, middle_y = flat[0, k] + flat[2, k], flat[1, k] + flat[3, k]
+        along = (0.5 * middle_x - x) * ahead_x + (0.5 * middle_y - y) * ahead_y
+        trail[i, 6] = length + along / size
+    return True
+
+
+@kernel
+def _aim(points, trail, moved, end, number, x, y, z, plane):
+    """Write the normal of the plane from (x, y, z) to a place of a trail; False: already there."""
+    before, after = max(number - 1, 0), min(number, PLACES - 1)
+    share = (number + 1.0) / (PLACES + 1.0)
+    u, v, w = points[end, 0] - x, points[end, 1] - y, points[end, 2] - z
+    if number < PLACES:
+        u = trail[number, 0] + (1.0 - share) * moved[0, 0] + share * moved[1, 0] - x
+        v = trail[number, 1] + (1.0 - share) * moved[0, 1] + share * moved[1, 1] - y
+        w = trail[number, 2] + (1.0 - share) * moved[0, 2] + share * moved[1, 2] - z
+    size = u * u + v * v + w * w
+    if size == 0.0:
+        return False
+    for a in range(3):
+        plane[a] = trail[before, 3 + a] + trail[after, 3 + a]
+    along = (plane[0] * u + plane[1] * v + plane[2] * w) / size
+    plane[0] -= along * u
+    plane[1] -= along * v
+    plane[2] -= along * w
+    return True
+
+
+@kernel
+def walk_beside(
+    points, corners, twins, fan_offsets, fan, start, end, trail, moved, slope, limit, strip
+):  # fmt: skip
+    """Length of the path between two vertices that follows a trail, and how much it crosses.
+
+    The half-edges go to `strip`. `moved` tells how far both ends are from those of the trail,
+    `slope` in which direction that begins. The length is inf where the path does not arrive before
+    the limit.
+    """
+    plane, number = np.empty(3), 0
+    x, y, z = points[start, 0], points[start, 1], points[start, 2]
+    if not _aim(points, trail, moved, end, 0, x, y, z, plane):
+        return math.inf, 0
+    way = way_towards(points, corners, fan_offsets, fan, start, plane, slope)
+    if way < 0:
+        return math.inf, 0
+    h, px, py, pz = way_out(points, corners, way, plane, dot(plane, points[start]))
+    length = math.sqrt((px - x) ** 2 + (py - y) ** 2 + (pz - z) ** 2)
+    x, y, z = px, py, pz
+    a = corners[h]
+    b = corners[h - 2 if h % 3 == 2 else h + 1]
+    nx, ny, nz = plane[0], plane[1], plane[2]
+    offset = nx * x + ny * y + nz * z
+    da = nx * points[a, 0] + ny * points[a, 1] + nz * points[a, 2] - offset
+    db = nx * points[b, 0] + ny * points[b, 1] + nz * points[b, 2] - offset
+    if (da >= 0.0) == (db >= 0.0):
+        return math.inf, 0
+    for count in range(len(strip)):
+        strip[count] = h
+        t = twins[h]
+        if t < 0 or length >= limit:
+            return math.inf, 0
+        j = t % 3
+        after = t - 2 if j == 2 else t + 1
+        before = t + 2 if j == 0 else t - 1
+        c = corners[before]
+        if c == end:
+            u, v, w = points[end, 0] - x, points[end, 1] - y, points[end, 2] - z
+            return length + math.sqrt(u * u + v * v + w * w), count + 1
+        if c == start:
+            return math.inf, 0
+        if corners[t] != a:
+            a, b, da, db = b, a, db, da
+        dc = nx * points[c, 0] + ny * points[c, 1] + nz * points[c, 2] - offset
+        if (dc >= 0.0) == (da >= 0.0):
+            h, a, da = after, b, db
+            b, db = c, dc
+        else:
+            h, b, db = before, a, da
+            a, da = c, dc
+        share = da / (da - db)
+        qx = points[a, 0] + share * (points[b, 0] - points[a, 0])
+        qy = points[a, 1] + share * (points[b, 1] - points[a, 1])
+        qz = points[a, 2] + share * (points[b, 2] - points[a, 2])
+        length += math.sqrt((qx - x) ** 2 + (qy - y) ** 2 + (qz - z) ** 2)
+        x, y, z = qx, qy, qz
+        if number < PLACES and length >= trail[number, 6]:
+            number += 1
+            if not _aim(points, trail, moved, end, number, x, y, z, plane):
+                return math.inf, 0
+            nx, ny, nz = plane[0], plane[1], plane[2]
+            offset = nx * x + ny * y + nz * z
+            da = nx * points[a, 0] + ny * points[a, 1] + nz * points[a, 2] - offset
+            db = nx * points[b, 0] + ny * points[b, 1] + nz * points[b, 2] - offset
+            if (da >= 0.0) == (db >= 0.0):
+                return math.inf, 0
+    return math.inf, 0

@@ -1,0 +1,490 @@
+"""Shortest straightest geodesics between vertices of a mesh (thesis 3.3.1-3.3.2).
+
+`trace` measures many pairs: plane cuts in all directions, the best of them shortened; where none
+arrives, the shortest path along the edges, found by a search of its own or through landmarks.
+`GeodesicPaths` holds the lengths and the directions at both ends, `Importance` those of the balls
+of a cloud.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from enum import IntEnum
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from medialis.base.errors import InvalidShapeError
+from medialis.base.kept import Bound
+from medialis.base.options import Options, whole
+from medialis.base.progress import Progress, ProgressCallback
+from medialis.base.threads import run_chunks, run_patiently
+from medialis.base.validation import FloatArray, IntArray, hold
+from medialis.shape.reading import ShapeLike, as_shape
+from medialis.shape.shape import Shape
+from medialis.skeleton.medial_cloud import MedialCloud
+
+
+class PathStatus(IntEnum):
+    """How the length of a geodesic was found."""
+
+    NONE = 0
+    """There is no path, as the ends lie in different components, or the pair is masked."""
+    PLANE = 1
+    """A cut of the surface by a plane through the ends, shortened to a locally shortest path (or a
+    common edge)."""
+    EDGES = 2
+    """The shortest path along the edges, where no plane cut arrives (holes, non-manifold edges).
+    For a polyline: it was shortened from the path along the edges, as that is shorter."""
+    NEIGHBOUR = 3
+    """Along edges to the ends of a neighbouring path, and along that; shorter than its own."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class GeodesicPaths(Bound):
+    """One geodesic for each of k pairs of vertices.
+
+    Attributes
+    ----------
+    length : (k,) float64
+        Length of the path in the units of the shape. +inf: there is no path, the ends lie in
+        different components. NaN: the pair is masked (a ball without a second feature point).
+    start_tangent, end_tangent : (k, 3) float64
+        Unit direction of the path as it leaves the first vertex (t_s of the thesis) and as it
+        arrives at the second one (t_e); NaN where there is no path or the ends coincide.
+    status : (k,) int8
+        A `PathStatus`.
+
+    Raises
+    ------
+    InvalidShapeError
+        When the arrays do not have the same number of rows.
+    """
+
+    length: FloatArray
+    start_tangent: FloatArray
+    end_tangent: FloatArray
+    status: NDArray[np.int8]
+
+    def __post_init__(self) -> None:
+        k = len(self.length)
+        hold(
+            self,
+            length=(np.float64, k),
+            start_tangent=(np.float64, k, 3),
+            end_tangent=(np.float64, k, 3),
+            status=(np.int8, k),
+        )
+
+    def __len__(self) -> int:
+        return len(self.length)
+
+    @property
+    def reached(self) -> NDArray[np.bool_]:
+        """True where a path was found, (k,)."""
+        return self.status != PathStatus.NONE
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({len(self)} paths, {int(self.reached.sum())} arrive)"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Importance(GeodesicPaths):
+    """Geodesics between the feature points of the balls of a cloud: their lengths are importance.
+
+    Attributes
+    ----------
+    cloud : MedialCloud
+        The k skeleton points. After `medialis.connected_importance`, ``length`` is lower than the
+        path on islands, and higher on bridges.
+    """
+
+    cloud: MedialCloud = field(kw_only=True)
+
+
+FIRST_LIMIT = 1.7
+"""Times the straight line between the ends, where the search for plane cuts begins; a half circle
+has pi / 2."""
+
+NEAR = 3.4
+"""Times the straight line: pairs without a plane cut as short as this are looked at anew."""
+
+NEAR_EDGES = 16
+"""Or this many spacings, where pairs follow others: in thin walls the straight line is short."""
+
+OPEN_SHARE, MOST_BOUNDED = 0.1, 100_000
+"""Where more pairs than this part of the vertices are open then, as on crumpled surfaces and thin
+plates, paths through landmarks tell how long their plane cuts may be. On more vertices than that
+the landmarks take too long."""
+
+BOUNDING, DETOUR = 16, 1.25
+"""Landmarks that do, and how many times as long as a path along the edges through one of them plane
+cuts may be: longer ones are not straight, they go the wrong way round."""
+
+PAIRS_A_CHUNK, FOLLOWING_A_CHUNK = 256, 1024
+SEARCHES_A_CHUNK = 16
+
+CELLS = 1024
+"""Along the largest side of the box, for the order of pairs."""
+
+SETTLED, SETTLED_A_VERTEX, MOST_SETTLED = 1_000_000, 110, 10_000_000
+"""Vertices that all searches along edges may look at: so many, so many for each vertex of the shape
+besides, and in all, some seconds. Of 21 real shapes the one with most pairs that no plane cut joins
+(115 on 62,251 vertices) needs seven million at most."""
+
+SETTLED_ALONG_BORDERS = 1000
+"""Vertices that a search along edges may look at where a hole is between the ends of a pair."""
+
+MANY_LOST = 0.02
+"""Part of the vertices: where more pairs have no plane cut, as on surfaces that are crumpled or not
+manifold, searches look at no more for large shapes, and most pairs go through landmarks."""
+
+USUAL_FACES = 12.0
+"""Faces at a vertex, twice as many as usual, from which on fewer vertices are looked at."""
+
+LANDMARKS = 64
+"""Vertices that paths lead through where the searches along edges are too long."""
+
+Walk = tuple[NDArray[Any], ...]
+"""What `surface_walk` returns."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class GeodesicOptions(Options):
+    """Options of all that measures geodesics; `directions` is M of the thesis."""
+
+    directions: int = whole(
+        20,
+        "Directions",
+        "Directions in which each geodesic is tried. More find shorter paths in strongly folded "
+        "places and take longer.",
+        low=2,
+        high=1000,
+        advanced=True,
+    )
+
+
+def geodesic_lengths(
+    shape: ShapeLike,
+    pairs: ArrayLike,
+    *,
+    directions: int = GeodesicOptions.directions,
+    progress: Progress | ProgressCallback | None = None,
+) -> GeodesicPaths:
+    """Compute shortest straightest geodesics for pairs of vertices.
+
+    Parameters
+    ----------
+    shape : Shape
+        A mesh of n vertices.
+    pairs : (k, 2) int
+        Vertex indices 0..n-1; a negative one masks its pair (length NaN).
+    directions : int
+        Directions round the line between the ends, 2 to 1000: more find shorter paths in strongly
+        folded places and take longer.
+    progress : callable, optional
+        Called with (fraction, text); returning False cancels.
+
+    Returns
+    -------
+    GeodesicPaths
+        Lengths are never below the exact geodesic distance, but for rounding.
+
+    Raises
+    ------
+    InvalidShapeError
+        When the shape has no faces, or the pairs are not (k, 2) vertex indices.
+    InvalidOptionError
+        When `directions` is out of its range.
+    Cancelled
+        When `progress` asks for it.
+
+    See Also
+    --------
+    geodesics : the polylines, shortened.
+    geodesic_importance : between the feature points of balls.
+
+    Notes
+    -----
+    Cost: directions times the faces that a path crosses, O(sqrt(n)) each, and some rounds over
+    those of the best one. The result does not depend on the order of the pairs or the number of
+    threads.
+
+    Source: thesis 3.3.1-3.3.2, Eq. 3.1. Deviates: planes are spread from the plane of the two
+    vertex normals; the best cut, and up to three others at most 1.1 times as long, are shortened to
+    locally shortest paths; a path is dropped when its length plus the
+    straight line that remains exceeds the best length (the thesis compares the length so far);
+    where no plane cut arrives, the shortest path along the edges is taken. All these searches
+    together look at a million vertices, and 110 for each of the shape, 10 million at most; a pair
+    with a longer one gets the shortest path along the edges through one of 64 vertices spread over
+    the starts of such pairs. Where many pairs have no cut of less than 3.4 times the straight line,
+    one that is 1.25 times as long as such a path is given up.
+
+    Examples
+    --------
+    >>> import medialis
+    >>> square = medialis.make_shape([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]],
+    ...                              [[0, 1, 2], [0, 2, 3]])
+    >>> medialis.geodesic_lengths(square, [[1, 3], [0, 0]]).length.round(6).tolist()
+    [1.414214, 0.0]
+    """
+    options = GeodesicOptions(directions=directions)
+    steps = Progress.of(progress)
+    shape = as_shape(shape, steps)
+    ends = as_pairs(pairs, shape.point_count)
+    return trace(shape, ends, options.directions, False, steps)
+
+
+def surface_walk(shape: Shape) -> Walk:
+    """Return the arrays that kernels need to walk over a mesh.
+
+    Points, corners (3m,), half-edge twins (3m,), and the half-edges that leave each vertex as
+    offsets (n + 1,) and a list (3m,).
+
+    Raises
+    ------
+    InvalidShapeError
+        When the shape has no faces.
+    """
+    if shape.faces is None:
+        raise InvalidShapeError(
+            "Geodesics need a surface: this shape is a point cloud without faces. Use the "
+            "local measures (spoke angle, radius), or reconstruct a mesh first."
+        )
+    fans = shape.fans
+    return shape.points, shape.faces.ravel(), shape.edge_twins, fans.offsets, fans.indices
+
+
+def trace(
+    shape: Shape, ends: NDArray[np.int32], directions: int, following: bool, progress: Progress
+) -> GeodesicPaths:
+    """Cut all pairs by planes, with `following` few in all directions and the others as these.
+
+    Where no plane cut arrives, follow the edges.
+    """
+    with progress.stage("geodesics", 0.0, 0.9):
+        out = cut_by_planes(shape, ends, directions, progress, following)
+        if following and (shape.edge_twins < 0).any():
+            _along_borders(shape, ends, out, progress.still)
+    components = shape.components
+    starts, goals = ends.T
+    with progress.stage("edge paths", 0.9, 1.0):
+        lost = out["status"] == PathStatus.NONE
+        lost &= (ends >= 0).all(axis=1) & (components[starts] == components[goals])
+        rows = np.flatnonzero(lost)
+        few = len(rows) <= MANY_LOST * shape.point_count
+        most = _most_settled(shape, SETTLED_A_VERTEX if few else 0) // max(len(rows), 1)
+        with progress.stage("edge paths", 0.0, 0.6):
+            _follow_edges(shape, ends, rows, most, out, progress)
+        rows = rows[out["status"][rows] == PathStatus.NONE]
+        with progress.stage("edge paths", 0.6, 0.9):
+            _through_landmarks(shape, ends, rows, out, progress)
+        rows = rows[out["status"][rows] == PathStatus.NONE]
+        with progress.stage("edge paths", 0.9, 1.0):
+            _follow_edges(shape, ends, rows, shape.point_count, out, progress)
+    return GeodesicPaths(out["length"], out["start_tangent"], out["end_tangent"], out["status"])
+
+
+def _along_borders(
+    shape: Shape, ends: NDArray[np.int32], out: dict[str, NDArray[Any]], progress: Progress
+) -> None:
+    """Search along the edges for pairs whose plane cuts, which end at borders, lead far round."""
+    starts, goals = ends.T
+    straight = np.linalg.norm(shape.points[starts] - shape.points[goals], axis=1)
+    far = (out["length"] > 2.0 * NEAR * straight) & (out["status"] == PathStatus.PLANE)
+    rows = np.flatnonzero(far)
+    if len(rows) > MANY_LOST * shape.point_count:
+        return
+    found = {name: values[rows] for name, values in out.items()}
+    every = np.arange(len(rows))
+    _follow_edges(shape, ends[rows], every, SETTLED_ALONG_BORDERS, found, progress)
+    shorter = found["length"] < out["length"][rows]
+    for name, values in found.items():
+        out[name][rows[shorter]] = values[shorter]
+
+
+def _most_settled(shape: Shape, a_vertex: int) -> int:
+    """Return how many vertices all searches along edges may look at.
+
+    A vertex with hundreds of faces costs as many times what another one does, and searches pass
+    through it: the fewer vertices, the more faces there are at the vertices of a face, in the mean.
+    """
+    faces = shape.fans.lengths.astype(np.float64)
+    busy = float(faces @ faces) / max(float(faces.sum()), 1.0) / USUAL_FACES
+    most = min(MOST_SETTLED, SETTLED + a_vertex * shape.point_count)
+    return int(most / max(1.0, busy))
+
+
+def _follow_edges(
+    shape: Shape,
+    ends: NDArray[np.int32],
+    rows: NDArray[np.int64],
+    most: int,
+    out: dict[str, NDArray[Any]],
+    progress: Progress,
+) -> None:
+    """Search the shortest paths along edges of some pairs, each among `most` vertices."""
+    from medialis.skeleton.importance._path_kernels import edge_paths
+
+    starts, goals = np.ascontiguousarray(ends[:, 0]), np.ascontiguousarray(ends[:, 1])
+    points, corners, _, offsets, fan = surface_walk(shape)
+
+    def search(begin: int, end: int) -> None:
+        edge_paths(
+            begin, end, rows, most, points, corners, offsets, fan, starts, goals, out["length"],
+            out["start_tangent"], out["end_tangent"], out["status"],
+        )  # fmt: skip
+
+    run_chunks(search, len(rows), SEARCHES_A_CHUNK, progress=progress)
+
+
+def _through_landmarks(
+    shape: Shape,
+    ends: NDArray[np.int32],
+    rows: NDArray[np.int64],
+    out: dict[str, NDArray[Any]],
+    progress: Progress,
+) -> None:
+    """Give some pairs the shortest path along edges that passes through a landmark.
+
+    One search from each landmark serves all pairs. The landmarks are start vertices, each the
+    farthest from those before.
+    """
+    if len(rows) == 0:
+        return
+    points = shape.points
+    starts, goals = ends[rows].T
+    for landmark, distance, before in _from_landmarks(shape, starts, LANDMARKS, progress):
+        length = distance[starts] + distance[goals]
+        shorter = np.flatnonzero(length < out["length"][rows])
+        for side, name, sign in ((starts, "start_tangent", 1), (goals, "end_tangent", -1)):
+            here, other = side[shorter], (starts + goals - side)[shorter]
+            there = np.array(before[here])
+            for k in np.flatnonzero(here == landmark):  # the path begins or ends in the landmark
+                there[k] = other[k]
+                while before[there[k]] != landmark:
+                    there[k] = before[there[k]]
+            step = sign * (points[there] - points[here])
+            size = np.linalg.norm(step, axis=1, keepdims=True)
+            out[name][rows[shorter]] = np.divide(
+                step, size, out=np.full_like(step, np.nan), where=size > 0
+            )
+        out["length"][rows[shorter]] = length[shorter]
+        out["status"][rows[shorter]] = PathStatus.EDGES
+
+
+def _from_landmarks(
+    shape: Shape, starts: IntArray, count: int, progress: Progress
+) -> Iterator[tuple[int, FloatArray, IntArray]]:
+    """Yield start vertices, each the farthest from those before, and the paths along edges to them.
+
+    Each with the distance of all n vertices, and the vertex that comes before each on the way.
+    """
+    from scipy.sparse import csr_array
+    from scipy.sparse.csgraph import dijkstra
+
+    (a, b), n = shape.edges.T, shape.point_count
+    size = np.maximum(shape.edge_lengths, 1e-300)  # a stored zero is no edge
+    graph = csr_array((np.r_[size, size], (np.r_[a, b], np.r_[b, a])), shape=(n, n))
+    far, landmark = np.full(len(starts), np.inf), int(starts[0])
+    for number in range(count):
+        progress.update(number / count)
+        distance, before = dijkstra(graph, indices=landmark, return_predecessors=True)
+        yield landmark, distance, before
+        far = np.minimum(far, distance[starts])
+        landmark = int(starts[far.argmax()])
+        if far.max() == 0.0:
+            break
+
+
+def cut_by_planes(
+    shape: Shape,
+    ends: NDArray[np.int32],
+    directions: int,
+    progress: Progress,
+    following: bool = False,
+) -> dict[str, NDArray[Any]]:
+    """Shortest plane cut of each pair, shortened; the normal of its plane (NaN: an edge)."""
+    from medialis.skeleton.importance._geodesic_kernels import OPEN, trace_geodesics
+
+    k = len(ends)
+    out: dict[str, NDArray[Any]] = {
+        "length": np.full(k, np.inf),
+        "start_tangent": np.full((k, 3), np.nan),
+        "end_tangent": np.full((k, 3), np.nan),
+        "normal": np.full((k, 3), np.nan),
+        "status": np.zeros(k, np.int8),
+    }
+    starts, goals = np.ascontiguousarray(ends[:, 0]), np.ascontiguousarray(ends[:, 1])
+    points, *connectivity = run_patiently(lambda: surface_walk(shape), progress)
+    components = run_patiently(lambda: shape.components, progress)
+
+    def trace_all(rows: NDArray[np.int64], limits: FloatArray, longest: FloatArray) -> None:
+        def trace(begin: int, end: int) -> None:
+            trace_geodesics(
+                begin, end, rows, limits, longest, points, shape.normals, *connectivity, components,
+                starts, goals, math.ceil(directions / 2), following, *out.values(),
+            )  # fmt: skip
+
+        size = FOLLOWING_A_CHUNK if following else PAIRS_A_CHUNK
+        run_chunks(trace, len(rows), size, progress=progress)
+
+    with progress.stage("geodesics", 0.0, 0.8):
+        straight = np.linalg.norm(points[starts] - points[goals], axis=1)
+        least = NEAR_EDGES * shape.spacing if following else 0.0
+        order = run_patiently(
+            lambda: np.argsort(along_space(points)[starts], kind="stable"), progress
+        )
+        trace_all(order, FIRST_LIMIT * straight, np.maximum(NEAR * straight, least))
+    rows = order[out["status"][order] == OPEN]
+    with progress.stage("geodesics", 0.8, 1.0):
+        longest = _longest_cuts(shape, ends, rows, progress)
+        usual = np.where(np.isfinite(longest), longest / 2, 0.0)
+        trace_all(rows, np.maximum(usual, 2 * NEAR * straight), longest)
+    out["status"][rows] = np.maximum(out["status"][rows], PathStatus.NONE)
+    return out
+
+
+def along_space(points: FloatArray) -> NDArray[np.int64]:
+    """Return the places of points along a Z-curve: those of points close together are close."""
+    low, high = points.min(axis=0, initial=np.inf), points.max(axis=0, initial=-np.inf)
+    cell = (points - low) * (CELLS / max(float((high - low).max(initial=0.0)), 1e-300))
+    code = np.zeros(len(points), np.int64)
+    for axis in range(3):
+        part = np.minimum(cell[:, axis], CELLS - 1).astype(np.int64)
+        for shift, mask in ((16, 0x30000FF), (8, 0x300F00F), (4, 0x30C30C3), (2, 0x9249249)):
+            part = (part | part << shift) & mask
+        code |= part << axis
+    return code
+
+
+def _longest_cuts(
+    shape: Shape, ends: NDArray[np.int32], rows: NDArray[np.int64], progress: Progress
+) -> FloatArray:
+    """Return how long the plane cuts of some pairs may be, for all k pairs."""
+    longest = np.full(len(ends), np.inf)
+    if OPEN_SHARE * shape.point_count < len(rows) and shape.point_count <= MOST_BOUNDED:
+        starts, goals = ends[rows].T
+        for _, distance, _ in _from_landmarks(shape, starts, BOUNDING, progress.still):
+            through = DETOUR * (distance[starts] + distance[goals])
+            longest[rows] = np.minimum(longest[rows], through)
+    return longest
+
+
+def as_pairs(pairs: ArrayLike, count: int) -> NDArray[np.int32]:
+    """Return pairs of vertices (k, 2) int32, checked; negative ones are masked."""
+    array = np.asarray(pairs)
+    if array.size == 0:
+        array = np.empty((0, 2), np.int64)
+    if array.ndim != 2 or array.shape[1] != 2 or array.dtype.kind not in "iu":
+        raise InvalidShapeError(
+            f"pairs must be a (k, 2) array of vertex indices, got {array.dtype} {array.shape}."
+        )
+    if array.size and array.max() >= count:
+        raise InvalidShapeError(
+            f"pairs must name vertices 0..{count - 1} (negative: masked), got {array.max()}."
+        )
+    return np.ascontiguousarray(array, dtype=np.int32)

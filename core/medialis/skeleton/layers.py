@@ -1,0 +1,239 @@
+"""What operations on balls, sheets and segments share: options, arrays, layers, notes, summary."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from medialis.base.options import Options, changed, choice
+from medialis.base.progress import Progress
+from medialis.operations.positions import numbers, places
+from medialis.operations.result import FilterUnit, Layer, Outcome
+from medialis.shape.labels import Segmentation
+from medialis.shape.shape import Shape
+from medialis.skeleton.ball_shrinking import Side
+from medialis.skeleton.medial_cloud import COLUMNS, MedialCloud
+from medialis.skeleton.surface_skeleton import Preparation, SurfaceSkeletonOptions, surface_skeleton
+
+SURFACE = ("points", "normals", "faces", "origin", "face_origin", "vertex_map", "face_map")
+
+
+def cloud_arrays(cloud: MedialCloud) -> dict[str, NDArray[Any]]:
+    """All arrays of a medial cloud and its surface, masked rows included, for the NPZ file."""
+    arrays = {name: getattr(cloud.surface, name) for name in SURFACE}
+    arrays |= {name: getattr(cloud, name) for name in COLUMNS}
+    marked = {"points": places, "centers": places, "normals": numbers, "contact_weights": numbers}
+    return {
+        name: marked.get(name, np.asarray)(values)
+        for name, values in arrays.items()
+        if values is not None
+    }
+
+
+def cloud_layer(
+    name: str,
+    cloud: MedialCloud,
+    first: Mapping[str, NDArray[Any]] | None = None,
+    *,
+    unit: FilterUnit | None = None,
+    hidden_below: float = 0.0,
+) -> Layer:
+    """Layer of a cloud without its masked rows; `source` tells the sample of each ball.
+
+    It is coloured and filtered by the first of the `first` attributes, in this unit, else by radius
+    and spoke angle.
+    """
+    first = first or {}
+    return Layer(
+        name,
+        cloud.centers,
+        attributes={
+            **first,
+            "radius": cloud.radii,
+            "spoke_angle": cloud.spoke_angles,
+            "feature_1": cloud.features[:, 0],
+            "feature_2": cloud.features[:, 1],
+            "source": cloud.source,
+            "side": cloud.side,
+        },
+        color_by=next(iter(first), "radius"),
+        filter_by=next(iter(first), "spoke_angle"),
+        filter_unit=unit or (FilterUnit() if first else FilterUnit.degrees()),
+        filter_default=hidden_below,
+    )
+
+
+def samples_layer(shape: Shape) -> Layer:
+    """Layer of the surface as computed on: feature points and sources index its points."""
+    return Layer(
+        "samples",
+        shape.points,
+        shape.faces,
+        attributes={"normal": numbers(shape.normals)},
+        auxiliary=True,
+    )
+
+
+def summary(values: NDArray[np.float64], name: str) -> dict[str, float | None]:
+    """Smallest, median and largest of the finite values, as result values; None without any."""
+    finite = values[np.isfinite(values)]
+    return {
+        f"{name}_{word}": float(measure(finite)) if len(finite) else None
+        for word, measure in (("min", np.min), ("median", np.median), ("max", np.max))
+    }
+
+
+SIDE_OF_EDGES: dict[str, Side] = {"convex": "inner", "concave": "outer", "both": "both"}
+
+
+@dataclass(frozen=True, kw_only=True)
+class SheetPreparation(Preparation):
+    """Preparation of what needs several samples across every face."""
+
+    tolerance: float = changed(Preparation, "tolerance", advanced=True)
+    refine: float = changed(
+        Preparation,
+        "refine",
+        default=0.01,
+        help="Split edges longer than this share of the size for the computation, so "
+        "that flat faces get samples; flat faces stay the same. 0 computes with the"
+        " given vertices only. Sheets and edges need several samples across every "
+        "face.",
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class EdgePreparation(SheetPreparation):
+    """Preparation of what finds edges: balls inside of convex, outside of concave ones."""
+
+    edges: str = choice(
+        "both",
+        "Edges",
+        "Convex edges, concave ones, or both (takes twice as long as one).",
+        tuple(SIDE_OF_EDGES),
+    )
+
+    @property
+    def on_side(self) -> SurfaceSkeletonOptions:
+        """Options of the balls that lie behind these edges."""
+        return SurfaceSkeletonOptions.taken_from(self, side=SIDE_OF_EDGES[self.edges])
+
+
+def computed(shape: Shape, options: Options, progress: Progress) -> MedialCloud:
+    """Refine and shrink balls, the first part of all these operations."""
+    with progress.stage("skeleton", 0.0, 0.4):
+        return surface_skeleton.of(shape, options, progress)
+
+
+def surface_layers(
+    name: str,
+    shape: Shape,
+    fine: Shape,
+    attributes: Mapping[str, NDArray[Any]],
+    segmentation: Segmentation | None = None,
+    **options: Any,
+) -> tuple[Layer, ...]:
+    """Layers of fields on the surface: on the input, and on the samples if there are more."""
+    layers = []
+    for target in (shape,) if fine is shape else (shape, fine):
+        on_input = target is shape
+        faces: dict[str, NDArray[Any]] = {}
+        if segmentation is not None and target.faces is not None:
+            # Hosts keep vertex and face attributes in one list, where names are unique.
+            faces[f"face_{name}"] = (
+                _input_face_labels(shape, segmentation) if on_input else segmentation.of_faces()
+            )
+        layers.append(
+            Layer(
+                name if on_input else "samples",
+                target.points,
+                target.faces,
+                attributes={k: v[: target.point_count] for k, v in attributes.items()},
+                face_attributes=faces,
+                on_input=on_input,
+                auxiliary=not on_input,
+                **options,
+            )
+        )
+    return tuple(layers)
+
+
+def _input_face_labels(shape: Shape, segmentation: Segmentation) -> NDArray[np.int32]:
+    """Return the segment of each face of the shape that was given, (m,)."""
+    if segmentation.surface.face_count == shape.face_count:
+        return segmentation.of_faces()
+    if shape.face_origin is None:
+        return segmentation.of_input_faces()
+    # Refined by the caller and again: the origin of its faces is that of the first refinement.
+    return Segmentation(segmentation.labels[: shape.point_count], surface=shape).of_faces()
+
+
+def note_unseen(layer: Layer, count: int, progress: Progress) -> None:
+    """Say how many of `count` segments a layer on a coarse input shows nowhere."""
+    fields = (*layer.attributes.values(), *layer.face_attributes.values())
+    labels = np.unique(np.concatenate(fields))
+    unseen = count - int((labels >= 0).sum())
+    if unseen:
+        progress.note(
+            f"{unseen} of {count} segments hold no vertex of the input and no whole face, since it "
+            "is coarse: the layer samples shows them.",
+            "segments_unseen",
+            unseen=unseen,
+            segments=count,
+        )
+
+
+def border_layer(segmentation: Segmentation) -> tuple[Layer, ...]:
+    """Layer of the curves between segments; none where there are none."""
+    points, edges = segmentation.borders
+    return (Layer("borders", points, edges=edges, auxiliary=True),) if len(edges) else ()
+
+
+def segmentation_outcome(
+    name: str,
+    shape: Shape,
+    cloud: MedialCloud,
+    segmentation: Segmentation,
+    progress: Progress,
+    **values: Any,
+) -> Outcome:
+    """Return the outcome of an operation whose result is a segmentation."""
+    fine, labels = segmentation.surface, segmentation.labels
+    missing = int((labels < 0).sum())
+    if missing:
+        progress.note(
+            f"{missing} of {fine.point_count} samples have no label (-1): they lie in components "
+            "of the surface without any inner ball (open or flat pieces).",
+            "samples_unlabelled",
+            level=logging.WARNING,
+            unlabelled=missing,
+            samples=fine.point_count,
+        )
+    layers = surface_layers(
+        name, shape, fine, {name: labels}, segmentation, color_by=name, labels=(name,)
+    )
+    note_unseen(layers[0], segmentation.count, progress)
+    return Outcome(
+        shape=fine,
+        layers=(*layers, *border_layer(segmentation)),
+        values={
+            name: segmentation.count,
+            "areas": segmentation.areas.tolist(),
+            "unlabelled": missing,
+            "samples": fine.point_count,
+            **values,
+            "diagonal": fine.diagonal,
+            "spacing": fine.spacing,
+        },
+        arrays={
+            **cloud_arrays(cloud),
+            name: labels,
+            f"face_{name}": segmentation.of_faces(),
+        },
+        shown=layers[-1:],
+    )

@@ -1,0 +1,614 @@
+"""The surface skeleton of a shape: one preparation and one set of balls for everything after it.
+
+1. `prepared`: a mesh is smoothed where it is noisy, and refined where its faces are too large to
+   hold samples.
+2. `maximal_balls`: each sample gets its maximal ball (thesis 3.2), which samples and triangles
+   constrain. Ball shrinking sees samples and a tolerance, so a ball may pass a thin wall in two
+   ways: its other side looks like relief, or the ball slips between the samples there. Such balls
+   get a lower tolerance (deviation from thesis 3.2).
+3. `with_fans`: at a sharp concave edge balls with any normal between those of the two faces are
+   tangent. The balls of the samples have one each; the sheet that belongs to the edge lies between.
+
+`uniform_subsample` thins a cloud to points a distance apart (thesis 3.2.1, Figure 3.3). Every
+operation takes its balls from here.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from medialis.base.errors import InvalidShapeError
+from medialis.base.kept import kept
+from medialis.base.options import Options, algorithm, angle, changed, choice, flag
+from medialis.base.progress import Progress, counted
+from medialis.base.threads import run_chunks, run_patiently
+from medialis.base.validation import FloatArray, as_field, as_number
+from medialis.shape.creases import Creases, find_creases
+from medialis.shape.noise import noise_above, smooth_noise
+from medialis.shape.reading import ShapeLike, as_shape
+from medialis.shape.refinement import RefineOptions, affordable_edge, on_smooth_surface, refine
+from medialis.shape.shape import Shape
+from medialis.skeleton.ball_shrinking import (
+    SAMPLES_A_CHUNK,
+    THINNEST,
+    ShrinkOptions,
+    blank_balls,
+    hidden_walls,
+    note_outcome,
+    sample_tree,
+    shrink,
+    shrink_options,
+)
+from medialis.skeleton.medial_cloud import COLUMNS, MedialCloud
+from medialis.skeleton.triangle_balls import Walls, between_samples, with_edge_balls
+
+if TYPE_CHECKING:
+    from medialis.base.box_tree import BoxTree
+
+
+def uniform_subsample(
+    cloud: MedialCloud, distance: float, *, priority: ArrayLike | None = None
+) -> NDArray[np.bool_]:
+    """Select valid skeleton points at least `distance` apart that cover all others.
+
+    Points are taken by falling priority; each one kept removes all points closer to it than
+    `distance`. Inner and outer points are thinned together.
+
+    Parameters
+    ----------
+    cloud : MedialCloud
+        k skeleton points; those that are not valid are never selected.
+    distance : float
+        Fraction of the bounding-box diagonal of the surface, >= 0. 0 selects every valid point.
+    priority : (k,) array, optional
+        Larger is kept first; ties go to the lowest index. Default: the spoke angle, so that points
+        with well separated feature points survive.
+
+    Returns
+    -------
+    (k,) bool
+        For ``cloud.subset(mask)``.
+
+    Raises
+    ------
+    InvalidOptionError
+        When the distance is negative or not finite.
+    InvalidShapeError
+        When the priority has not k rows.
+
+    See Also
+    --------
+    important_points : selects points by their importance.
+
+    Notes
+    -----
+    Cost O(k). Source: thesis 3.2.1. Deviates: the order, which the thesis leaves open, is stated.
+
+    Examples
+    --------
+    >>> import medialis
+    >>> cloud = medialis.surface_skeleton(medialis.organic_shape(56))
+    >>> mask = medialis.uniform_subsample(cloud, 0.01)
+    >>> 100 < len(cloud.subset(mask)) < len(cloud)
+    True
+    """
+    distance = as_number(distance, "distance", low=0.0) * cloud.surface.diagonal
+    if priority is None:
+        priority = cloud.spoke_angles
+    rank = as_field(priority, len(cloud), "priority")
+    rows = np.flatnonzero(cloud.valid)
+    if distance == 0.0 or len(rows) == 0:
+        return cloud.valid.copy()
+    order = np.argsort(-rank[rows], kind="stable")
+    selected = np.zeros(len(cloud), np.bool_)
+    selected[rows[points_apart(cloud.centers[rows], order, distance)]] = True
+    return selected
+
+
+def points_apart(
+    points: FloatArray, order: NDArray[np.int64], distance: float
+) -> NDArray[np.bool_]:
+    """Select points at least a distance > 0 apart that cover all others, in the given order.
+
+    Parameters
+    ----------
+    points : (n, 3) float64
+    order : (n,) int64
+        Which are taken first.
+    distance : float
+
+    Returns
+    -------
+    (n,) bool
+    """
+    from medialis.skeleton._ball_kernels import keep_apart
+
+    points = points - points.min(axis=0)
+    # Cells smaller than a millionth of the extent would overflow the cell number; larger cells
+    # than `distance` are still right.
+    cell = max(distance, float(points.max()) * 1e-6)
+    cells = np.floor(points.max(axis=0) / cell).astype(np.int64) + 2
+    slots = 1 << int(2 * len(points)).bit_length()
+    table_key, table_head = np.full(slots, -1, np.int64), np.full(slots, -1, np.int64)
+    chain, keep = np.full(len(points), -1, np.int64), np.zeros(len(points), np.bool_)
+    keep_apart(points, order, distance, cell, cells, table_key, table_head, chain, keep)
+    return keep
+
+
+@dataclass(frozen=True, kw_only=True)
+class BallOptions(ShrinkOptions):
+    """Options of `maximal_balls`."""
+
+    creases: float = angle(
+        30.0,
+        "Creases",
+        "Edges that bend by more than this are sharp, and what bends less is a smooth surface "
+        "through the vertices. 0: every edge is sharp, the mesh is an exact polyhedron; 180: none "
+        "is.",
+        advanced=True,
+    )
+
+
+def maximal_balls(
+    shape: Shape, options: BallOptions, progress: Progress, out_walls: list[Walls] | None = None
+) -> MedialCloud:
+    """Shrink balls to what samples, triangles and thin walls leave room for.
+
+    Triangles constrain the balls of a mesh as well as its samples (`Walls`). Inner balls that the
+    tolerance lets through a wall get the largest of tolerance / 10, tolerance / 100, ... that does
+    not; only those balls are computed again, on the same tree. A sample on
+    a convex crease gets the ball that fits into the crease just beside it. `out_walls` gets the
+    walls of a mesh, for `with_fans`.
+    """
+    with progress.stage("samples", 0.0, 0.45):
+        cloud, tree = shrink(shape, options, progress)
+    if shape.faces is None:
+        cloud = _with_lower_tolerance(cloud, tree, None, options, progress)
+    else:
+        with progress.stage("triangles", 0.45, 1.0):
+            walls = run_patiently(lambda: _walls(shape, options.creases, tree), progress)
+            cloud = walls.constrain(cloud, options.tolerance, progress)
+        cloud = _with_lower_tolerance(cloud, tree, walls, options, progress)
+        cloud = with_edge_balls(cloud, walls.creases, options.tolerance)
+        if out_walls is not None:
+            out_walls.append(walls)
+    note_outcome(cloud, options.tolerance, progress)
+    return cloud
+
+
+def _walls(shape: Shape, angle: float, tree: BoxTree) -> Walls:
+    return Walls.of(find_creases(shape, angle), tree)
+
+
+def _with_lower_tolerance(
+    cloud: MedialCloud,
+    tree: BoxTree,
+    walls: Walls | None,
+    options: BallOptions,
+    progress: Progress,
+) -> MedialCloud:
+    """Give the balls that the tolerance lets through a wall a lower one."""
+    tolerance = options.tolerance
+
+    def went_through(balls: MedialCloud) -> NDArray[np.bool_]:
+        return run_patiently(lambda: hidden_walls(balls, tolerance), progress)
+
+    def shrink_again(rows: NDArray[np.int64], finer: float) -> MedialCloud:
+        balls = _shrink_again(cloud.surface, tree, rows, finer, options.largest_radius, progress)
+        return balls if walls is None else walls.constrain(balls, finer, progress)
+
+    hidden = np.flatnonzero(went_through(cloud))
+    hidden = hidden[np.argsort(tree.place[hidden])]  # neighbours share what they find
+    if len(hidden) == 0:
+        return cloud
+    exact = shrink_again(hidden, 0.0)
+    curable = ~went_through(exact)  # others have another reason
+    hidden, exact, finer = hidden[curable], exact.subset(curable), tolerance
+    count, rows, cured = len(hidden), [], []
+    while len(hidden):
+        finer = finer / 10 if finer > THINNEST else 0.0
+        balls = exact
+        if finer > 0:
+            balls = shrink_again(hidden, finer)
+        seen = ~went_through(balls)
+        rows.append(hidden[seen])
+        cured.append(balls.subset(seen))
+        hidden, exact = hidden[~seen], exact.subset(~seen)
+    if count:
+        columns = {n: np.concatenate([getattr(one, n) for one in cured]) for n in COLUMNS}
+        cloud = cloud.with_rows(np.concatenate(rows), **columns)
+        of = cloud.surface.point_count
+        progress.note(
+            f"{counted(count, 'sample', of=of, verbs=('lies', 'lie'))} on a wall thinner than the "
+            f"tolerance of {100 * tolerance:.3g} % of the diagonal. The balls there were computed "
+            f"with a tolerance of down to {100 * finer:.3g} %.",
+            "thin_walls",
+            level=logging.WARNING,
+            samples=count,
+            of=of,
+            tolerance=finer,
+        )
+    return cloud
+
+
+def _shrink_again(
+    shape: Shape,
+    tree: BoxTree,
+    rows: NDArray[np.int64],
+    tolerance: float,
+    largest: float,
+    progress: Progress,
+) -> MedialCloud:
+    """Return the inner balls of some samples, on the same tree."""
+    options = shrink_options(shape.diagonal, tolerance, largest)
+    arrays, tangents = blank_balls(len(rows)), (tree.place[rows], shape.normals[rows])
+
+    def work(begin: int, end: int) -> None:
+        options.run(tree, begin, end, 1, arrays, tangents)
+
+    run_chunks(work, len(rows), SAMPLES_A_CHUNK, progress=progress.still)
+    side = np.ones(len(rows), np.int8)
+    return options.to_cloud(shape, tree, arrays, rows.astype(np.int32), side)
+
+
+MOST_BALLS = 32
+"""Balls of a fan at a sample, at most."""
+
+SMOOTH = 0.94
+"""Cosine: where faces lean from the normals of their sectors by 20 degrees, as in folds and rough
+surfaces, normals between those of the sides mean nothing."""
+
+
+def with_fans(
+    cloud: MedialCloud, options: BallOptions, progress: Progress, walls: Sequence[Walls] = ()
+) -> MedialCloud:
+    """Append balls at creases between those of the samples.
+
+    Creases that are concave on their side get fans, as close as the samples are apart; convex ones
+    balls between the samples (`between_samples`).
+
+    Parameters
+    ----------
+    cloud : MedialCloud
+        The balls of all samples of a mesh, with these options.
+    options : BallOptions
+    progress : Progress
+    walls : sequence of Walls
+        What constrained these balls, where that is known; found again where it is empty.
+
+    Returns
+    -------
+    MedialCloud
+        The rows given, then those of fans, then those between samples: `source` tells the sample at
+        the crease. The cloud itself where there is no crease.
+    """
+    shape = cloud.surface
+    if shape.faces is None:
+        return cloud
+    if walls:
+        creases = walls[0].creases
+    else:
+        creases = run_patiently(lambda: find_creases(shape, options.creases), progress)
+    if len(creases.half_edges) == 0:
+        return cloud
+    if not walls:
+        tree = sample_tree(shape, progress)
+        walls = [run_patiently(lambda: Walls.of(creases, tree), progress)]
+    signs = [one for one in np.unique(cloud.side) if (creases.concave == (one > 0)).any()]
+    parts = [cloud]
+    for sign in signs:
+        sources, directions = _directions(cloud, creases, int(sign))
+        parts.append(_balls(walls[0], sources, directions, int(sign), options, progress))
+    parts.append(between_samples(cloud, walls[0], options.tolerance))
+    if sum(map(len, parts)) == len(cloud):
+        return cloud
+    columns: dict[str, Any] = {
+        name: np.concatenate([getattr(part, name) for part in parts]) for name in COLUMNS
+    }
+    result = replace(cloud, **columns)
+    result.__dict__["own"] = cloud  # the same cloud, so that what is kept of it serves both
+    return result
+
+
+def _directions(
+    cloud: MedialCloud, creases: Creases, sign: int
+) -> tuple[NDArray[np.int32], FloatArray]:
+    """Return samples at creases concave on a side, and outward directions between the faces."""
+    surface = cloud.surface
+    pairs = creases.pairs[creases.concave == (sign > 0)]
+    vertex = creases.vertices[pairs[:, 0]]
+    first, second = creases.normals[pairs[:, 0]], creases.normals[pairs[:, 1]]
+    bend = np.arccos(np.clip(np.einsum("ij,ij->i", first, second), -1.0, 1.0))
+    radius = np.zeros(surface.point_count)
+    own = cloud.valid & (cloud.side == sign)
+    radius[cloud.source[own]] = cloud.radii[own]
+    usable = first.any(axis=1) & second.any(axis=1) & (radius[vertex] > 0) & (bend < 3.0)
+    usable &= creases.smoothness[vertex] > SMOOTH
+    vertex, first, second, bend = vertex[usable], first[usable], second[usable], bend[usable]
+    with np.errstate(over="ignore"):
+        steps = np.ceil(bend * radius[vertex] / max(surface.spacing, 1e-300))
+    steps = np.clip(steps, 1, MOST_BALLS).astype(np.int64)
+    pair = np.repeat(np.arange(len(vertex)), steps + 1)
+    turn = np.arange(len(pair)) - np.repeat(np.cumsum(steps + 1) - steps - 1, steps + 1)
+    part, angle = turn / steps[pair], bend[pair]
+    weights = np.sin((1.0 - part) * angle)[:, None], np.sin(part * angle)[:, None]
+    directions = (weights[0] * first[pair] + weights[1] * second[pair]) / np.sin(angle)[:, None]
+    return vertex[pair], directions / np.linalg.norm(directions, axis=1, keepdims=True)
+
+
+def _balls(
+    walls: Walls,
+    sources: NDArray[np.int32],
+    directions: FloatArray,
+    sign: int,
+    options: ShrinkOptions,
+    progress: Progress,
+) -> MedialCloud:
+    """Return the balls of some samples with outward normals of their own."""
+    shape, count = walls.shape, len(sources)
+    place = walls.tree.place
+    order = np.argsort(place[sources], kind="stable")  # neighbours share what they find
+    sources, directions = sources[order], directions[order]
+    run = shrink_options(shape.diagonal, options.tolerance, options.largest_radius)
+    arrays, tangents = blank_balls(count), (place[sources], directions)
+
+    def work(begin: int, end: int) -> None:
+        run.run(walls.tree, begin, end, sign, arrays, tangents)
+
+    run_chunks(work, count, SAMPLES_A_CHUNK, progress=progress)
+    balls = run.to_cloud(shape, walls.tree, arrays, sources, np.full(count, sign, np.int8))
+    balls = walls.constrain(balls, options.tolerance, progress, directions=sign * directions)
+    at_own = balls.radii <= options.tolerance * shape.diagonal
+    outside = ((balls.contacts - balls.centers) * balls.contact_normals).sum(axis=1) * sign < 0
+    return balls.subset(balls.valid & ~at_own & ~outside)  # in folds a direction may look outward
+
+
+DENOISE = ("auto", "off")
+
+NOISY = 0.04
+"""Spacings: deviation of noise from which on a surface is smoothed. It tilts normals by 5 degrees.
+Of 21 real meshes only one has more, a noisy scan with 0.043."""
+
+FEW = 0.02
+"""Share of the area. A dense mesh with so few faces of too long edges, none twice too long, is not
+refined: it keeps its samples, and all operations on it share their balls. 0.13 % more samples
+(horse2, refine = 0.01) would cost as much as computing everything a second time."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Preparation(Options):
+    """Options of what comes before everything that rests on balls."""
+
+    denoise: str = choice(
+        "auto",
+        "Noise",
+        "auto: measure the noise of the surface and compute on a smoothed copy where it disturbs "
+        "the normals; clean surfaces stay as they are, also with sharp edges. off: never.",
+        DENOISE,
+    )
+    tolerance: float = changed(ShrinkOptions, "tolerance")
+    refine: float = changed(
+        RefineOptions,
+        "longest_edge",
+        help="Split edges longer than this share of the size for the computation, so that flat "
+        "faces get samples; flat faces stay the same, on rounded ones new samples lie on the "
+        "smooth surface. 0 computes with the given vertices only.",
+    )
+    creases: float = changed(BallOptions, "creases")
+
+
+@dataclass(frozen=True, kw_only=True)
+class SurfaceSkeletonOptions(ShrinkOptions, Preparation):
+    """Options of `surface_skeleton`."""
+
+    fans: bool = flag(
+        False,
+        "Fans",
+        "Add balls at sharp edges: at concave ones with normals between those of the two faces, so "
+        "that the skeleton has no gap there, at convex ones small balls between the samples, so "
+        "that the union of the balls has none.",
+        advanced=True,
+    )
+
+
+@algorithm(SurfaceSkeletonOptions, door=as_shape)
+def surface_skeleton(
+    shape: Shape, options: SurfaceSkeletonOptions, progress: Progress
+) -> MedialCloud:
+    """Compute the surface skeleton (medial axis) of a shape as a cloud of maximal balls.
+
+    Every sample of the surface gets the largest ball that touches the surface there and lies inside
+    the shape, constrained by the triangles of a mesh as well as by its samples. A noisy mesh is
+    smoothed first, a coarse one refined. Creases, where the mesh bends by more than `creases`, are
+    sharp edges; what bends less stands for a smooth surface through the vertices.
+
+    Parameters
+    ----------
+    shape : Shape
+        n samples with unit outward normals; samples without a normal get no ball.
+
+    Returns
+    -------
+    MedialCloud
+        One row for each sample of ``cloud.surface``, the surface as computed on, whose first n
+        points are those of the shape; for both sides, twice as many rows. With `fans`, their rows
+        come last.
+
+    Raises
+    ------
+    InvalidShapeError
+        When all points coincide, no sample has a normal, or no ball meets a second sample; the
+        sentence says why.
+
+    See Also
+    --------
+    shrink_balls : the balls of exactly the samples given, constrained by samples alone.
+    geodesic_importance : tells what matters in a skeleton from what bumps and noise made.
+    thickness, curve_skeleton, medial_sheets, parts : what rests on the balls.
+
+    Notes
+    -----
+    Cost: O(n log n), about 400 bytes a sample. Source: thesis 3.2.1-3.2.2, Algorithm 1; see
+    `shrink_balls`, `medialis.skeleton.triangle_balls` and the top of this module for where it
+    deviates.
+
+    Examples
+    --------
+    >>> import medialis
+    >>> cloud = medialis.surface_skeleton(medialis.organic_shape(56))
+    >>> len(cloud) == cloud.surface.point_count, bool(cloud.valid.mean() > 0.99)
+    (True, True)
+    """
+    fine, tolerance = prepared(shape, options, progress)
+    shrinking = BallOptions.taken_from(options, tolerance=tolerance)
+
+    walls: list[Walls] = []
+
+    def shrink() -> MedialCloud:
+        cloud = maximal_balls(fine, shrinking, progress, walls)
+        _require_balls(cloud)
+        return cloud
+
+    with progress.stage("balls", 0.1, 1.0):
+        # Another refine or denoise that leads to the same surface finds the same balls.
+        cloud = kept(maximal_balls, fine, shrinking, shrink, progress)
+    if not options.fans:
+        return cloud
+    return kept(
+        with_fans, cloud, shrinking, lambda: with_fans(cloud, shrinking, progress, walls), progress
+    )
+
+
+CloudLike: TypeAlias = MedialCloud | ShapeLike
+
+
+def as_cloud(given: CloudLike, progress: Progress) -> MedialCloud:
+    """Return a cloud as it is, and the surface skeleton of whatever stands for a shape.
+
+    Raises
+    ------
+    InvalidShapeError
+        When it is neither; the sentence says what came.
+    """
+    if isinstance(given, MedialCloud):
+        return given
+    return surface_skeleton.of(as_shape(given, progress), SurfaceSkeletonOptions(), progress)
+
+
+def prepared(shape: Shape, options: Preparation, progress: Progress) -> tuple[Shape, float]:
+    """Return the surface to compute on, and the tolerance that it needs; say what was done."""
+    clean, tolerance = _denoised(shape, options, progress)
+    return _refined(clean, options, progress), tolerance
+
+
+def _denoised(shape: Shape, options: Preparation, progress: Progress) -> tuple[Shape, float]:
+    """Smooth a noisy mesh, and raise the tolerance to what noise is left."""
+    tolerance = options.tolerance
+    if options.denoise == "off" or shape.faces is None or shape.diagonal == 0.0:
+        return shape, tolerance
+    smooth, level, left = kept(
+        _without_noise,
+        shape,
+        None,
+        lambda: run_patiently(lambda: _without_noise(shape), progress),
+        progress,
+    )
+    if smooth is shape:
+        return shape, tolerance
+    highest = next(p.high for p in Preparation.parameters() if p.name == "tolerance")
+    raised = min(max(tolerance, left / shape.diagonal), highest)
+    text = f", with a tolerance of {100 * raised:.3f} %" if raised > tolerance else ""
+    progress.note(
+        f"The surface is noisy: its vertices lie {100 * level / shape.diagonal:.2g} % of the "
+        f"diagonal off a smooth surface ({level / shape.spacing:.2g} of the spacing). A smoothed "
+        f"copy was used{text} (denoise = off turns this off).",
+        "denoised",
+        noise=level / shape.diagonal,
+        tolerance=raised,
+    )
+    return smooth, raised
+
+
+def _without_noise(shape: Shape) -> tuple[Shape, float, float]:
+    """Return a smooth copy of a noisy shape, the noise before, and what is left of it."""
+    least = NOISY * shape.spacing
+    level = noise_above(shape, least)
+    if level == 0.0 or level < least:
+        return shape, level, 0.0
+    smooth, left = smooth_noise(shape, level)
+    return (smooth, level, left) if smooth.diagonal > 0 else (shape, level, 0.0)
+
+
+def _refined(shape: Shape, options: Preparation, progress: Progress) -> Shape:
+    """Refine a coarse mesh and say so."""
+    fraction = options.refine
+    if fraction == 0.0 or shape.faces is None:
+        return shape
+    if run_patiently(lambda: _dense(shape, fraction * shape.diagonal), progress):
+        return shape
+    asked, fraction = fraction, affordable_edge(shape, fraction)
+    with progress.stage("refine", 0.0, 0.1):
+        fine = refine.of(shape, RefineOptions(longest_edge=fraction), progress)
+    if fine is not shape:
+        if shape.face_origin is None:
+            fine = run_patiently(
+                lambda: on_smooth_surface(shape, fine, find_creases(shape, options.creases)),
+                progress,
+            )
+        instead = (
+            ""
+            if fraction == asked
+            else (
+                f", not {100 * asked:g} %, which would make many more samples than so small a mesh "
+                f"needs (refine below {100 * RefineOptions().longest_edge:g} % makes more)"
+            )
+        )
+        progress.note(
+            f"The mesh was refined for the computation: {shape.point_count:,} vertices became "
+            f"{fine.point_count:,} samples. Edges longer than {100 * fraction:.3g} % of the "
+            f"diagonal were split{instead}; flat faces are unchanged, on rounded ones new samples "
+            "lie on the smooth surface through the vertices (refine = 0 turns this off).",
+            "refined",
+            vertices=shape.point_count,
+            samples=fine.point_count,
+            longest_edge=fraction,
+        )
+    return fine
+
+
+def _dense(shape: Shape, longest: float) -> bool:
+    """Tell whether edges longer than `longest` are few and not much longer."""
+    lengths = shape.edge_lengths
+    if lengths.max(initial=0.0) <= longest:
+        return True
+    if lengths.max() > 2 * longest:
+        return False
+    ends = np.zeros(shape.point_count, np.bool_)
+    ends[shape.edges[lengths > longest]] = True
+    faces = np.flatnonzero(ends[shape.faces].sum(axis=1) > 1)
+    corners = shape.points[np.asarray(shape.faces)[faces]]
+    sides = np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=2).max(axis=1)
+    coarse = faces[sides > longest]
+    return bool(shape.face_areas[coarse].sum() <= FEW * shape.area)
+
+
+def _require_balls(cloud: MedialCloud) -> None:
+    """Raise a sentence that says why there is no skeleton, when there is none."""
+    if cloud.valid.any():
+        return
+    shape = cloud.surface
+    spread = np.linalg.svd(shape.points - shape.points.mean(axis=0), compute_uv=False)
+    flat = spread[-1] <= 1e-9 * spread[0]
+    why = "the shape is flat" if flat else "nothing faces them on this side"
+    if not flat and shape.faces is None:
+        why += " (if the normals of this cloud point inward, turn them or leave them out)"
+    raise InvalidShapeError(
+        f"No ball of the {shape.point_count} samples meets a second sample: {why}. A skeleton "
+        "needs a surface that encloses a volume, at least partly."
+    )

@@ -1,0 +1,369 @@
+"""Balls of a mesh that its triangles constrain, not its samples alone (thesis 3.2).
+
+Between samples, balls that only samples constrain poke out of the surface. `Walls` shrinks them to
+what the triangles leave room for. What counts as surface is said in `shape/creases.py`; how a
+triangle constrains a ball, in `_triangle_kernels.py`. At convex creases nothing but the smallest
+balls fits: `with_edge_balls` gives samples there the ends of the sheets that come out of the
+creases, `between_samples` puts more of them between the samples.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from medialis.base.progress import Progress
+from medialis.base.threads import run_chunks
+from medialis.base.validation import FloatArray, IntArray
+from medialis.shape.creases import STEEPER, Creases
+from medialis.shape.shape import Shape
+from medialis.shape.surface import Surface
+from medialis.skeleton.ball_shrinking import SAMPLES_A_CHUNK, shrink_options
+from medialis.skeleton.medial_cloud import BallStatus, MedialCloud
+
+if TYPE_CHECKING:
+    from medialis.base.box_tree import BoxTree
+
+BLOCKS_A_CHUNK, NODES_A_CHUNK = 1024, 64
+
+ROUNDING = 1e-10
+"""Fraction of the diagonal: a place less deep than this in a ball is on it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Walls:
+    """The triangles of a mesh as what constrains balls, hung on the tree of its samples.
+
+    Attributes
+    ----------
+    creases : Creases
+        Of the mesh.
+    tree : BoxTree
+        Of the samples.
+    faces : (16 b,) int32
+        Faces in blocks of 16, those of each leaf in blocks of their own; -1 where a slot is left.
+    first : (leaves + 1,) int64
+        Where the blocks of each leaf start.
+    corners : (16 b, 3) int32
+        Their corners as samples in tree order.
+    reliefs : (16 b, 4) float64
+        Bulges of their sides, and the smallest cosine at their corners (see `Creases`).
+    hulls : (b, 8, 16) float32
+        Disc or cylinder round each face.
+    bounds : (nodes, 11, 8) float32
+        As those of the tree, round faces.
+    """
+
+    creases: Creases
+    tree: BoxTree
+    faces: IntArray
+    first: NDArray[np.int64]
+    corners: IntArray
+    reliefs: FloatArray
+    hulls: NDArray[np.float32]
+    bounds: NDArray[np.float32]
+
+    @classmethod
+    def of(cls, creases: Creases, tree: BoxTree) -> Walls:
+        """Hang the triangles of a mesh on the tree of its samples. Cost O(m), parallel."""
+        from medialis.base.box_tree import wide_levels
+        from medialis.skeleton._triangle_kernels import (
+            BLOCK,
+            ROWS,
+            bound_faces,
+            count_blocks,
+            fill_blocks,
+            fill_hulls,
+        )
+
+        shape, place = creases.shape, tree.place
+        n, m, depth = shape.point_count, shape.face_count, tree.depth
+        faces = np.asarray(shape.faces)
+        leaf, first = np.empty(m, np.int32), np.zeros((1 << depth) + 1, np.int64)
+        count_blocks(faces, place, n, depth, leaf, first)
+        blocks = int(first[-1])
+        order = np.full(BLOCK * blocks, -1, np.int32)
+        fill_blocks(leaf, first, order)
+        corners = np.empty((len(order), 3), np.int32)
+        hulls = np.empty((blocks, ROWS, BLOCK), np.float32)
+        reliefs, unit = np.empty((len(order), 4)), shrink_options(shape.diagonal, 0.0, 0.0).unit
+        bulges, cosines = creases.bulges, creases.least_cosines
+
+        def fill(begin: int, end: int) -> None:
+            fill_hulls(
+                begin, end, order, faces, place, tree.points, bulges, cosines, unit,
+                corners, reliefs, hulls,
+            )  # fmt: skip
+
+        run_chunks(fill, blocks, BLOCKS_A_CHUNK)
+        bounds = np.empty_like(tree.bounds)
+        bounds[:, :3], bounds[:, 3:6], bounds[:, 6:9], bounds[:, 9:] = np.inf, -np.inf, 0.0, np.inf
+        for nodes, child_depth, fan in wide_levels(len(tree.child), depth):
+
+            def bound(
+                begin: int, end: int, at: slice = nodes, d: int = child_depth, f: int = fan
+            ) -> None:
+                bound_faces(tree.points, corners, first, d, depth, f, begin, end, bounds[at])
+
+            run_chunks(bound, nodes.stop - nodes.start, NODES_A_CHUNK)
+        return cls(creases, tree, order, first, corners, reliefs, hulls, bounds)
+
+    @property
+    def shape(self) -> Shape:
+        """The mesh."""
+        return self.creases.shape
+
+    def room(self, centers: FloatArray, most: FloatArray) -> NDArray[np.float64]:
+        """Return how far places (k, 3) are from the nearest triangle, but at most `most` (k,)."""
+        from medialis.skeleton._triangle_kernels import measure_room
+
+        lengths = shrink_options(self.shape.diagonal, 0.0, 0.0)
+        places = centers / lengths.unit - self.tree.center
+        radii = most / lengths.unit
+
+        def work(begin: int, end: int) -> None:
+            measure_room(
+                begin, end, places, lengths.margin, self.tree.points, self.bounds,
+                self.tree.child, self.first, self.corners, self.hulls, radii,
+            )  # fmt: skip
+
+        run_chunks(work, len(places), SAMPLES_A_CHUNK)
+        radii *= lengths.unit
+        return radii
+
+    def constrain(
+        self,
+        cloud: MedialCloud,
+        tolerance: float,
+        progress: Progress,
+        *,
+        directions: FloatArray | None = None,
+    ) -> MedialCloud:
+        """Shrink balls until no triangle lies deeper in them than it may.
+
+        Parameters
+        ----------
+        cloud : MedialCloud
+            k balls of this shape.
+        tolerance : float
+            Fraction of the diagonal.
+        progress : Progress
+        directions : (k, 3) float64, optional
+            From the center to the sample; else the outward normal there, turned for outer balls.
+            Where it is given, the faces that meet at the sample constrain the ball too.
+
+        Returns
+        -------
+        MedialCloud
+            A ball that changed touches a face between its corners, or at one of them.
+        """
+        from medialis.skeleton._triangle_kernels import shrink_to_triangles
+
+        tree, shape = self.tree, self.shape
+        at_own = directions is not None
+        samples = tree.place[cloud.source]
+        # Neighbours share certificates; inner balls, the first, are the same with outer ones.
+        order = _in_tree_order(cloud, tree)
+        samples, signs = samples[order], cloud.side[order]
+        if directions is None:
+            direction = tree.normals[samples]
+            direction *= signs[:, None]
+        else:
+            direction = np.ascontiguousarray(directions[order])
+        largest = float(np.nanmax(cloud.radii, initial=0.0)) / shape.diagonal
+        lengths = shrink_options(shape.diagonal, tolerance, largest)
+        radii = cloud.radii[order] / lengths.unit
+        face, places = np.full(len(order), -1, np.int64), np.zeros((len(order), 3))
+        least = max(ROUNDING * shape.diagonal / lengths.unit, lengths.tolerance / 16)
+        highest = math.sin(math.radians(min(self.creases.angle, 90.0))) ** 2 / 2
+
+        def work(begin: int, end: int) -> None:
+            shrink_to_triangles(
+                begin, end, samples, direction, signs, at_own, lengths.tolerance,
+                lengths.clearance, lengths.margin, least, highest, tree.points, self.bounds,
+                tree.child, self.first, self.corners, self.reliefs, self.hulls, radii, face,
+                places,
+            )  # fmt: skip
+
+        run_chunks(work, len(order), SAMPLES_A_CHUNK, progress=progress)
+        touching = np.flatnonzero(face >= 0)
+        rows = order[touching]
+        radii = radii[touching] * lengths.unit
+        faces, weights = self.faces[face[touching]], places[touching]
+        return _touching_faces(cloud, rows, direction[touching], radii, faces, weights)
+
+
+def _in_tree_order(cloud: MedialCloud, tree: BoxTree) -> NDArray[np.int64]:
+    """Return the inner balls in the order of the tree, then the outer ones."""
+    n, k = len(tree.order), len(cloud)
+    if k % n == 0 and (cloud.source.reshape(-1, n) == np.arange(n)).all():
+        return (n * np.arange(k // n)[:, None] + tree.order).ravel()
+    return np.lexsort((tree.place[cloud.source], -cloud.side))
+
+
+def _touching_faces(
+    cloud: MedialCloud,
+    rows: NDArray[np.int64],
+    directions: FloatArray,
+    radii: FloatArray,
+    faces: IntArray,
+    weights: FloatArray,
+) -> MedialCloud:
+    """Return a cloud whose balls in some rows are tangent to their sample and touch a face."""
+    surface = cloud.surface
+    corners = np.asarray(surface.faces)[faces]
+    own = surface.points[cloud.source[rows]]
+    contact = np.einsum("ij,ija->ia", weights, surface.points[corners])
+    second = corners[np.arange(len(rows)), _nearest_corner(surface, corners, contact)]
+    centers = own - radii[:, None] * directions
+    return cloud.with_rows(
+        rows,
+        centers=centers,
+        radii=radii,
+        features=np.stack([cloud.source[rows], second], axis=1),
+        status=np.full(len(rows), BallStatus.OK),
+        spoke_angles=_angles(directions, contact - centers),
+        contact_faces=faces,
+        contact_weights=weights,
+    )
+
+
+def _nearest_corner(surface: Surface, corners: IntArray, places: FloatArray) -> NDArray[np.int64]:
+    apart = np.linalg.norm(surface.points[corners] - places[:, None], axis=2)
+    return np.asarray(apart.argmin(axis=1))
+
+
+def _angles(one: FloatArray, other: FloatArray) -> FloatArray:
+    """Return the angle between vectors, row by row, in radians."""
+    across = np.linalg.norm(np.cross(one, other), axis=1)
+    return np.arctan2(across, np.einsum("ij,ij->i", one, other))
+
+
+EDGE = 1e-6
+"""Fraction of the diagonal: how far the ball at a crease lies from it, at least."""
+
+GAP, MOST_BETWEEN = 1e-3, 3
+"""Fraction of the diagonal: no place of a convex crease is farther than this from a ball; and how
+many balls there are between two samples for that, at most: enough for edges of 0.8 %."""
+
+DEEP, FITS = 0.55, 0.9
+"""How deep balls between samples lie, in lengths of their edge: in a right angle half-way to where
+the balls of the next samples begin. And the share of the radius that two walls would allow that
+they have at least, or they lie where those of the samples do: other walls are near."""
+
+
+def with_edge_balls(cloud: MedialCloud, creases: Creases, tolerance: float) -> MedialCloud:
+    """Give samples on convex creases the ball that fits into the crease beside them.
+
+    A ball tangent at such a sample cuts a face whatever its normal: its radius is 0. The ball whose
+    center lies the tolerance deep, on the line of the mean normal, touches the faces next to the
+    sample instead: the end of the sheet that comes out of the crease. Both of its feature points
+    are the sample; its spoke angle is that of the crease.
+    """
+    surface = cloud.surface
+    depth = _depth(cloud, tolerance)
+    cut = np.zeros((surface.point_count, 2), np.bool_)
+    for column, sign in enumerate((1, -1)):
+        cut[creases.cut_vertices(sign), column] = True
+    rows = np.flatnonzero(cut[cloud.source, (cloud.side < 0).astype(np.int64)])
+    lowest = np.ones(surface.point_count)
+    cosines = np.einsum("ij,ij->i", creases.normals, surface.normals[creases.vertices])
+    np.minimum.at(lowest, creases.vertices, cosines)
+    source = cloud.source[rows]
+    rows = rows[(lowest[source] > 0) & (lowest[source] < 1 - STEEPER)]
+    source = cloud.source[rows]
+    inward = -surface.normals[source] * cloud.side[rows, None]
+    return cloud.with_rows(
+        rows,
+        centers=surface.points[source] + depth * inward,
+        radii=depth * lowest[source],
+        features=np.stack([source, source], axis=1),
+        status=np.full(len(rows), BallStatus.OK),
+        spoke_angles=2.0 * np.arccos(lowest[source]),
+        contact_faces=np.full(len(rows), -1),
+        contact_weights=np.zeros((len(rows), 3)),
+    )
+
+
+def between_samples(cloud: MedialCloud, walls: Walls, tolerance: float) -> MedialCloud:
+    """Return balls of convex creases between the samples there, and one beside each sample.
+
+    Without them the union of the balls lacks the crease between any two samples. Each lies where
+    the sheet comes out of the crease, and has the distance of the surface as its radius; its
+    feature points are the sample nearest to its contact, the place of the crease below it.
+    """
+    surface, creases = cloud.surface, walls.creases
+    parts = [
+        _on_edges(cloud, creases, sign)
+        for sign in (1, -1)
+        if surface.faces is not None and (cloud.side == sign).any()
+    ]
+    first, second, sign, part = (np.concatenate(columns) for columns in zip(*parts, strict=True))
+    if len(first) == 0:
+        return cloud.subset(first)
+    face, side = np.divmod(first, 3)
+    corners = np.asarray(surface.faces)[face]
+    rows = np.arange(len(face))
+    weights = np.zeros((len(face), 3))
+    weights[rows, side], weights[rows, (side + 1) % 3] = 1.0 - part, part
+    source = corners[rows, np.where(part < 0.5, side, (side + 1) % 3)]
+    one, other = surface.face_normals[face], surface.face_normals[second // 3]
+    middle = one + other
+    length = np.linalg.norm(middle, axis=1, keepdims=True)
+    middle = np.divide(middle, length, out=np.zeros_like(middle), where=length > STEEPER)
+    cosine = np.clip(np.einsum("ij,ij->i", middle, one), 0.0, 1.0)
+    place = np.einsum("ij,ijk->ik", weights, surface.points[corners])
+    ends = surface.points[corners[rows, side]] - surface.points[corners[rows, (side + 1) % 3]]
+    small = _depth(cloud, tolerance)
+    depth = np.minimum(
+        DEEP * np.linalg.norm(ends, axis=1),
+        GAP * surface.diagonal / np.maximum(1.0 - cosine, STEEPER),
+    )
+    depth = np.maximum(depth, small)
+    # They lie `depth` off a place of the surface, which is no nearer than that.
+    radii = walls.room(place - (depth * sign)[:, None] * middle, depth)
+    fits = radii >= FITS * depth * cosine
+    depth, radii = np.where(fits, depth, small), np.where(fits, radii, small * cosine)
+    balls = MedialCloud(
+        place - (depth * sign)[:, None] * middle,
+        radii,
+        np.stack([source, source], axis=1),
+        source,
+        np.full(len(face), BallStatus.OK),
+        2.0 * np.arccos(cosine),
+        sign,
+        face,
+        weights,
+        surface=surface,
+    )
+    return balls.subset(fits | (part > 0))  # the sample itself has the small one
+
+
+def _depth(cloud: MedialCloud, tolerance: float) -> float:
+    return max(tolerance, EDGE) * cloud.surface.diagonal
+
+
+def _on_edges(
+    cloud: MedialCloud, creases: Creases, sign: int
+) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int8], FloatArray]:
+    """Return half-edges of creases convex on a side, their twins, the side, and shares of them."""
+    surface = cloud.surface
+    mine = cloud.valid & (cloud.side == sign) & (cloud.features[:, 0] == cloud.features[:, 1])
+    has_ball = np.zeros(surface.point_count, np.bool_)
+    has_ball[cloud.source[mine]] = True
+    first, second = creases.half_edges[creases.inward == (sign < 0)].T
+    corners = np.asarray(surface.faces)
+    start, end = corners[first // 3, first % 3], corners[first // 3, (first + 1) % 3]
+    both = has_ball[start] & has_ball[end]
+    first, second, start, end = first[both], second[both], start[both], end[both]
+    length = np.linalg.norm(surface.points[end] - surface.points[start], axis=1)
+    count = np.ceil(length / (2 * GAP * surface.diagonal)).astype(np.int64)
+    count = np.where(count > 1, np.minimum(count, 1 + MOST_BETWEEN), 0)
+    edge = np.repeat(np.arange(len(first)), count)
+    turn = np.arange(len(edge)) - np.repeat(np.cumsum(count) - count, count)
+    part = turn / count[edge]
+    return first[edge], second[edge], np.full(len(edge), sign, np.int8), part

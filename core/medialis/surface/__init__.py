@@ -1,1 +1,0 @@
-"""Shapes before balls: diagnosis, repair, normals, noise, refinement, graphs and labels."""

@@ -1,0 +1,676 @@
+"""Walls: which faces of a surface lie opposite to which, and how thick the solid is there.
+
+The raw sheet between the two sides of a wall, extended to the rim and into junctions.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from medialis.base.box_tree import NearestTree, nearest_on_triangles
+from medialis.base.validation import FloatArray, IntArray
+from medialis.shape.creases import Creases, find_creases
+from medialis.shape.shape import Shape
+from medialis.shape.surface import piece_labels
+from medialis.skeleton.medial_cloud import MedialCloud
+from medialis.walls.ribs import faces_in_walls
+
+LEAST_WEIGHT = 1e-6
+"""Of a contact in a corner of its face: below, the ball does not touch that far from the edge."""
+
+TANGENT = math.cos(math.radians(15.0))
+"""Cosine: a ball touches a wall where its spoke is the normal there, else it touches an edge."""
+
+STRAIGHT = math.cos(math.radians(15.0))
+"""Cosine: sides go on over faces that turn by less from the nearest part that has an opposite."""
+
+FOLDED = math.cos(math.radians(12.0))
+"""Cosine: a face that is more inclined to the mean of what is round it lies at an edge."""
+
+SPREAD = 3.0
+"""Steps from face to face in which a mean spreads by an edge length, squared: a step is a third."""
+
+MOST_STEPS = 80
+"""Of these; with samples more than five to half a thickness the mean spreads less far."""
+
+FARTHEST = 4.0
+"""Half thicknesses: how far sides go on over faces without an opposite, over a rib, or a rim."""
+
+ROWS = 3.0
+"""Spacings of samples that they go on in any case: faces at the end of a wall have no opposite."""
+
+NEIGHBOURS = 8
+"""Balls at each of three places, one behind the other, that tell how the thickness goes on: they
+lie as far apart as it goes on, so that what scatters a little is not magnified."""
+
+ALIKE = 0.05
+"""Share of the half thickness by which two sides that go on may differ where they meet."""
+
+FLUSH = 0.15
+"""The same for the distance of the middles that both give: 0.17 where they bend by 10 degrees."""
+
+LEAST_FACES = 6
+"""Fewer faces that have an opposite are no side of a wall."""
+
+
+@dataclass(frozen=True, eq=False)
+class Sides:
+    """The sides of walls: connected faces between creases, and the ball behind each vertex.
+
+    Attributes
+    ----------
+    cloud : MedialCloud
+        Of n samples; its surface has m faces.
+    wide : (n,) bool
+        Samples whose ball touches the opposite wall, not an edge.
+    label : (m,) int32
+        The side of each face; -1: none.
+    core : (m,) bool
+        Faces of sides whose three corners are wide.
+    abrupt : (s,) bool
+        Sides that end before another one of a different thickness, on the same smooth face.
+    """
+
+    cloud: MedialCloud
+    wide: NDArray[np.bool_]
+    label: IntArray
+    core: NDArray[np.bool_]
+    abrupt: NDArray[np.bool_]
+
+    @property
+    def shape(self) -> Shape:
+        """The surface as computed on."""
+        return self.cloud.surface
+
+    @property
+    def count(self) -> int:
+        """How many there are."""
+        return len(self.abrupt)
+
+    @cached_property
+    def opposite(self) -> IntArray:
+        """The side that the ball of each wide sample touches, (n,); -1: none."""
+        cloud, n = self.cloud, self.shape.point_count
+        faces = np.asarray(self.shape.faces)
+        of_vertex = np.full(n, -1, np.int32)
+        of_vertex[faces] = self.label[:, None]
+        result = of_vertex[cloud.features[:n, 1]]
+        touched = cloud.contact_faces[:n]
+        result = np.where(touched >= 0, self.label[touched], result)
+        return np.where(self.wide, result, -1).astype(np.int32)
+
+
+@dataclass(frozen=True, eq=False)
+class Side:
+    """One side: its k vertices, and the middle of the wall behind each.
+
+    Attributes
+    ----------
+    vertices : (k,) int64
+        Of the surface.
+    faces : (f, 3) int64
+        Of these vertices, outward.
+    rows : (f,) int64
+        The same as faces of the surface.
+    middle : (k, 3) float64
+    half : (k,) float64
+        Half the thickness.
+    """
+
+    vertices: NDArray[np.int64]
+    faces: NDArray[np.int64]
+    rows: NDArray[np.int64]
+    middle: FloatArray
+    half: FloatArray
+
+
+def find_sides(cloud: MedialCloud, least_angle: float, crease: float) -> Sides:
+    """Find the sides of walls.
+
+    Parameters
+    ----------
+    cloud : MedialCloud
+        Inner balls, row i that of sample i, of a mesh.
+    least_angle : float
+        Radians: balls with a wider spoke angle lie between opposite walls.
+    crease : float
+        Degrees: sides end at edges that bend by more.
+    """
+    shape = cloud.surface
+    creases = find_creases(shape, crease)
+    wide = wide_samples(cloud, creases, least_angle)
+    links = _smooth_links(shape, creases)
+    core = wide[np.asarray(shape.faces)].all(axis=1)
+    if core.any():
+        half = float(np.median(balls_of(core, cloud)))
+        core &= ~folded_faces(shape, links, half)
+        core = faces_in_walls(cloud, core, half)
+    label = _pieces(core, links)
+    grown, source = _grown(shape, cloud, label, links)
+    return _united(cloud, wide, core & (label >= 0), grown, source, links)
+
+
+def balls_of(chosen: NDArray[np.bool_], cloud: MedialCloud) -> FloatArray:
+    """Return the radii of the balls at the corners of chosen faces."""
+    return cloud.radii[np.unique(np.asarray(cloud.surface.faces)[chosen])]
+
+
+def folded_faces(shape: Shape, links: NDArray[np.int64], width: float) -> NDArray[np.bool_]:
+    """Tell the faces beside edges that are sharp at the scale of a wall, (m,), though no crease is.
+
+    Chamfers and small fillets turn in steps. Each face takes the mean normal of its neighbours, so
+    often that this spreads over `width`: beside an edge of 50 degrees it is 25 degrees off, on a
+    cylinder none, and where a bend of the inner radius of two widths begins 7.
+    """
+    from scipy.sparse import csr_array, diags_array
+
+    m, steps = shape.face_count, round((width / max(shape.spacing, 1e-300)) ** 2 * SPREAD)
+    one, two = links.T
+    ones = np.ones(2 * len(links))
+    matrix = csr_array((ones, (np.r_[one, two], np.r_[two, one])), shape=(m, m))
+    mean = diags_array(1.0 / (1.0 + matrix.sum(axis=1))) @ (matrix + diags_array(np.ones(m)))
+    normals = np.array(shape.face_normals)
+    for _ in range(min(max(steps, 1), MOST_STEPS)):
+        normals = mean @ normals
+    length = np.linalg.norm(normals, axis=1)
+    cosine = np.einsum("fa,fa->f", normals, shape.face_normals) / np.where(length > 0, length, 1.0)
+    return np.asarray(cosine < FOLDED)
+
+
+def wide_samples(cloud: MedialCloud, creases: Creases, least_angle: float) -> NDArray[np.bool_]:
+    """Tell the samples whose ball touches an opposite wall, (n,), and no edge of it."""
+    shape, n = cloud.surface, cloud.surface.point_count
+    sharp = np.zeros(n, np.bool_)
+    sharp[creases.vertices] = True
+    wide = cloud.valid[:n] & ~sharp & (np.nan_to_num(cloud.spoke_angles[:n]) > least_angle)
+    spoke = cloud.contacts[:n] - cloud.centers[:n]
+    along = np.einsum("ij,ij->i", spoke, cloud.contact_normals[:n])
+    wide &= np.nan_to_num(along) > TANGENT * cloud.radii[:n]
+    second, face = cloud.features[:n, 1], cloud.contact_faces[:n]
+    held = cloud.contact_weights[:n] > LEAST_WEIGHT
+    corners = np.asarray(shape.faces)[np.maximum(face, 0)]
+    on_edge = (held.sum(axis=1) < 3) & (sharp[corners] | ~held).all(axis=1)
+    edge = np.where(face >= 0, on_edge, sharp[np.maximum(second, 0)])
+    return np.asarray(wide & ~edge)
+
+
+def _smooth_links(shape: Shape, creases: Creases) -> NDArray[np.int64]:
+    """Return the pairs of faces (e, 2) that hang together across edges that are no creases."""
+    first, second, _ = shape.edge_table.pairs
+    parted = np.zeros(3 * shape.face_count, np.bool_)
+    parted[creases.half_edges.ravel()] = True
+    smooth = ~parted[first]
+    return np.stack([first[smooth] // 3, second[smooth] // 3], axis=1).astype(np.int64)
+
+
+def _pieces(chosen: NDArray[np.bool_], links: NDArray[np.int64]) -> IntArray:
+    """Give numbers to the connected pieces of chosen faces; -1: tiny ones, and all others."""
+    inner = links[chosen[links].all(axis=1)]
+    piece = np.where(chosen, piece_labels(len(chosen), inner), -1)
+    size = np.bincount(piece[chosen], minlength=1)
+    piece[(piece >= 0) & (size[piece] < LEAST_FACES)] = -1
+    result = np.full(len(chosen), -1, np.int32)
+    result[piece >= 0] = np.unique(piece[piece >= 0], return_inverse=True)[1]
+    return result
+
+
+def _grown(
+    shape: Shape, cloud: MedialCloud, label: IntArray, links: NDArray[np.int64]
+) -> tuple[IntArray, NDArray[np.int64]]:
+    """Let sides go on over smooth faces, each face with the nearest one that has an opposite."""
+    faces, normals = np.asarray(shape.faces), shape.face_normals
+    middle = shape.points[faces].mean(axis=1)
+    half = cloud.radii[: shape.point_count][faces].mean(axis=1)
+    limit = FARTHEST * half + ROWS * shape.spacing
+    both = np.concatenate([links, links[:, ::-1]])
+    source = np.where(label >= 0, np.arange(len(label)), -1)
+    distance = np.where(label >= 0, 0.0, np.inf)
+    moved = label >= 0
+    while True:
+        rows = np.flatnonzero(moved[both[:, 0]])
+        here, there = both[rows].T
+        origin = source[here]
+        new = np.linalg.norm(middle[there] - middle[origin], axis=1)
+        better = (new < distance[there]) & (new < limit[origin])
+        better &= np.einsum("ij,ij->i", normals[origin], normals[there]) > STRAIGHT
+        there, new, origin = there[better], new[better], origin[better]
+        if len(there) == 0:
+            break
+        order = np.lexsort((origin, new, there))
+        first = np.unique(there[order], return_index=True)[1]
+        chosen = order[first]
+        moved = np.zeros(len(label), np.bool_)
+        moved[there[chosen]] = True
+        distance[there[chosen]], source[there[chosen]] = new[chosen], origin[chosen]
+    return np.where(source >= 0, label[source], -1).astype(np.int32), source
+
+
+def _united(
+    cloud: MedialCloud,
+    wide: NDArray[np.bool_],
+    core: NDArray[np.bool_],
+    label: IntArray,
+    source: NDArray[np.int64],
+    links: NDArray[np.int64],
+) -> Sides:
+    """Join sides that go on into each other with the same thickness; mark those that do not."""
+    count = int(label.max(initial=-1)) + 1
+    sides = Sides(cloud, wide, label, core, np.zeros(count, np.bool_))
+    ends = label[links]
+    meeting = links[(ends[:, 0] != ends[:, 1]) & (ends >= 0).all(axis=1)]
+    if len(meeting) == 0:
+        return sides
+    corners = np.asarray(cloud.surface.faces)[meeting]
+    shared = (corners[:, 0][:, :, None] == corners[:, 1][:, None, :]).any(axis=2)
+    edge = np.argsort(~shared, axis=1, kind="stable")[:, :2]  # the two corners both faces have
+    vertex = np.take_along_axis(corners[:, 0], edge, axis=1)
+    pair = label[meeting]
+    middle, half = np.full((2, *vertex.shape, 3), np.nan), np.full((2, *vertex.shape), np.nan)
+    row = np.empty(cloud.surface.point_count, np.int64)
+    for number in np.unique(pair):
+        one = side_of(sides, int(number))
+        row[one.vertices] = np.arange(len(one.vertices))
+        for k in (0, 1):
+            mine = pair[:, k] == number
+            middle[k, mine], half[k, mine] = (
+                one.middle[row[vertex[mine]]],
+                one.half[row[vertex[mine]]],
+            )
+    thinner = np.minimum(half[0], half[1])
+    steps = np.abs(half[0] - half[1]) / thinner
+    folds = np.linalg.norm(middle[0] - middle[1], axis=2) / thinner
+    fits = ((steps < ALIKE) & (folds < FLUSH)).all(axis=1)
+    pairs, which = np.unique(np.sort(pair, axis=1), axis=0, return_inverse=True)
+    alike = np.bincount(which.ravel(), np.where(fits, 1.0, -1.0)) > 0
+    new = piece_labels(count, pairs[alike])
+    number = np.unique(new, return_inverse=True)[1].astype(np.int32)
+    abrupt = np.zeros(int(number.max()) + 1, np.bool_)
+    apart = pairs[~alike]
+    abrupt[number[apart[new[apart[:, 0]] != new[apart[:, 1]]]]] = True
+    joined = np.where(label >= 0, number[label], -1).astype(np.int32)
+    return Sides(cloud, wide, joined, core, abrupt)
+
+
+def side_of(sides: Sides, number: int) -> Side:
+    """Return one side with the middle of the wall behind each of its vertices.
+
+    Behind a wide vertex it is the center of its ball. Elsewhere half the thickness goes on as a
+    linear function of the place, fitted to the nearest balls, along the normal of the side.
+    """
+    shape, cloud = sides.shape, sides.cloud
+    rows = np.flatnonzero(sides.label == number)
+    corners = np.asarray(shape.faces)[rows]
+    vertices, faces = np.unique(corners, return_inverse=True)
+    faces = faces.reshape(-1, 3)
+    inside = np.zeros(shape.point_count, np.bool_)
+    inside[np.asarray(shape.faces)[rows[sides.core[rows]]]] = True
+    known = inside[vertices] & sides.wide[vertices]
+    points, half = shape.points[vertices], np.array(cloud.radii[vertices])
+    normals = _side_normals(points, faces, shape, rows)
+    half[~known] = _extended(points[known], half[known], points[~known], normals[~known])
+    middle = points - half[:, None] * normals
+    middle[known] = cloud.centers[vertices[known]]
+    return Side(vertices.astype(np.int64), faces.astype(np.int64), rows, middle, half)
+
+
+def _side_normals(
+    points: FloatArray, faces: NDArray[Any], shape: Shape, rows: NDArray[np.int64]
+) -> FloatArray:
+    """Return unit normals of the vertices by the faces of the side alone, weighted by angle."""
+    corners = points[faces]
+    total = np.zeros_like(points)
+    for j in range(3):
+        left = corners[:, (j + 1) % 3] - corners[:, j]
+        right = corners[:, (j + 2) % 3] - corners[:, j]
+        cross = np.linalg.norm(np.cross(left, right), axis=1)
+        weight = np.arctan2(cross, np.einsum("ij,ij->i", left, right))
+        np.add.at(total, faces[:, j], weight[:, None] * shape.face_normals[rows])
+    length = np.linalg.norm(total, axis=1, keepdims=True)
+    return total / np.where(length > 0, length, 1.0)
+
+
+def _extended(
+    known: FloatArray, values: FloatArray, places: FloatArray, normals: FloatArray
+) -> FloatArray:
+    """Return values at places by linear functions through those at the nearest known points.
+
+    The slope is at most that of the steepest wall that counts as one, tan 15 degrees.
+    """
+    from scipy.spatial import cKDTree
+
+    if len(places) == 0:
+        return np.empty(0)
+    tree, k = cKDTree(known), min(NEIGHBOURS, len(known))
+    distance, first = tree.query(places)
+    back = (known[first] - places) / np.where(distance > 0, distance, 1.0)[:, None]
+    step = np.maximum(distance, values[first] / 2)[:, None]
+    behind = [known[first] + turn * step * back for turn in range(3)]
+    near = np.concatenate([tree.query(place, k=[*range(1, k + 1)])[1] for place in behind], axis=1)
+    away = known[near] - places[:, None]
+    away = away - np.einsum("qka,qa->qk", away, normals)[..., None] * normals[:, None]
+    middle, mean = away.mean(axis=1), values[near].mean(axis=1)
+    shifted = away - middle[:, None]
+    spread = np.einsum("qka,qkb->qab", shifted, shifted)
+    size = np.trace(spread, axis1=1, axis2=2)[:, None, None] + 1e-300
+    right = np.einsum("qka,qk->qa", shifted, values[near] - mean[:, None])
+    slope = np.linalg.solve(spread + 1e-9 * size * np.eye(3), right[..., None])[..., 0]
+    steep = np.linalg.norm(slope, axis=1)
+    slope *= np.minimum(1.0, math.tan(math.radians(15.0)) / np.maximum(steep, 1e-300))[:, None]
+    result = mean - np.einsum("qa,qa->q", slope, middle)
+    return np.maximum(result, 0.1 * mean)
+
+
+ABRUPT = 0.9
+"""Factor of the area of a side that ends before another one of a different thickness: where the
+opposite side ends at an edge of the step, that one tells better where the sheet ends."""
+
+UNCOVERED = 0.3
+"""Share of the opposite of a side that no sheet has yet, from which on it makes one."""
+
+ON_RIM = 0.02
+"""Half thicknesses: so near to the surface a sheet has come to the rim."""
+
+FARTHEST_PIECE = 3.0
+"""Largest half thickness of all walls, as the unit: how far sheets are extended at most."""
+
+ROUND = 0.95
+"""Cosine of 18 degrees: a face whose corners have normals that differ by more is not rounded."""
+
+ALONG_RIM = 0.7
+"""Cosine: a rim that leads on more steeply than this is a ragged one, and leads nowhere."""
+
+NEAREST = 24
+"""Faces whose mean normal tells the plane in which a border is extended."""
+
+SMOOTHINGS = 4
+"""Of the directions in which a border is extended, along the border."""
+
+OUT_OF_WALL = 2.5
+"""Half thicknesses: how far from the border of a sheet the rim of its wall may be; what is extended
+farther must lead to another sheet."""
+
+LEAST_AREA = 2.0
+"""Squares of its thickness: what lies between opposite walls of a sheet, at least."""
+
+GROWN, CORE, OUT, AHEAD = 0, 1, 2, 3
+"""What the faces of a sheet are."""
+
+STEPS = 48
+"""Of the march to the surface; each ends at the sphere of the distance."""
+
+
+@dataclass(frozen=True, eq=False)
+class RawSheet:
+    """A sheet with all that may have to be cut off.
+
+    Attributes
+    ----------
+    points : (k, 3) float64
+    faces : (f, 3) int32
+    half : (k,) float64
+        Half the thickness.
+    kind : (f,) int32
+        CORE: between two opposite walls; GROWN: where a side goes on; OUT: extended straight on to
+        the surface; AHEAD: extended, and it came to no surface.
+    """
+
+    points: FloatArray
+    faces: IntArray
+    half: FloatArray
+    kind: IntArray
+
+    @property
+    def core(self) -> NDArray[np.bool_]:
+        """Faces between two opposite walls, (f,)."""
+        return np.asarray(self.kind == CORE)
+
+    @cached_property
+    def tree(self) -> NearestTree:
+        """The tree of the triangles."""
+        return NearestTree.of_triangles(self.points, self.faces)
+
+    @cached_property
+    def normals(self) -> FloatArray:
+        """Unit normals of the faces; zero where they have no area."""
+        a, b, c = (self.points[self.faces[:, j]] for j in range(3))
+        cross = np.cross(b - a, c - a)
+        length = np.linalg.norm(cross, axis=1, keepdims=True)
+        return np.divide(cross, length, out=np.zeros_like(cross), where=length > 0)
+
+    @cached_property
+    def vertex_normals(self) -> FloatArray:
+        """Unit normals of the vertices, by the areas of their faces."""
+        a, b, c = (self.points[self.faces[:, j]] for j in range(3))
+        cross, total = np.cross(b - a, c - a), np.zeros_like(self.points)
+        for j in range(3):
+            np.add.at(total, self.faces[:, j], cross)
+        length = np.linalg.norm(total, axis=1, keepdims=True)
+        return np.divide(total, length, out=np.zeros_like(total), where=length > 0)
+
+    @property
+    def areas(self) -> FloatArray:
+        """Area of each face."""
+        a, b, c = (self.points[self.faces[:, j]] for j in range(3))
+        return np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
+
+    @cached_property
+    def thickness(self) -> float:
+        """Mean thickness of its core."""
+        weight = self.areas * self.core
+        return float(2 * (weight * self.half[self.faces].mean(axis=1)).sum() / weight.sum())
+
+    def offsets(self, places: FloatArray) -> tuple[FloatArray, FloatArray, IntArray]:
+        """Return the signed heights of places over the nearest face, distances, and the face."""
+        distance, row = self.tree.distances(places)
+        away = places - self.points[self.faces[row, 0]]
+        return np.einsum("qa,qa->q", away, self.normals[row]), distance, row
+
+    def at(self, places: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return places on the smooth sheet near some others, and half the thickness there."""
+        _, row = self.tree.distances(places)
+        weights = nearest_on_triangles(places, self.points[self.faces[row]])
+        corners = self.faces[row]
+        flat = np.einsum("qj,qja->qa", weights, self.points[corners])
+        # The plane through each corner: half the way there is the quadric through all three.
+        normals = self.vertex_normals[corners]
+        height = np.einsum("qja,qja->qj", self.points[corners] - flat[:, None], normals)
+        smooth = np.einsum("qja,qa->qj", normals, self.normals[row]).min(axis=1) > ROUND
+        bulge = np.einsum("qj,qj,qja->qa", weights, height, normals) / 2
+        half = np.einsum("qj,qj->q", weights, self.half[corners])
+        return flat + smooth[:, None] * bulge, half
+
+
+def raw_sheets(sides: Sides) -> list[RawSheet]:
+    """Return a sheet for each wall, made from the side that tells most of it, extended."""
+    shape = sides.shape
+    chosen = [_as_sheet(side, sides) for side in _chosen_sides(sides)]
+    chosen = [sheet for sheet in chosen if _large(sheet)]
+    if not chosen:
+        return []
+    surface = NearestTree.of_triangles(shape.points, np.asarray(shape.faces))
+    farthest = FARTHEST_PIECE * max(float(sheet.half.max()) for sheet in chosen)
+    return [extended(sheet, surface, farthest) for sheet in chosen]
+
+
+def _large(sheet: RawSheet) -> bool:
+    return float((sheet.areas * sheet.core).sum()) > LEAST_AREA * sheet.thickness**2
+
+
+def _chosen_sides(sides: Sides) -> list[Side]:
+    """Return sides whose opposites cover all others, the largest middles first."""
+    shape, count = sides.shape, sides.count
+    faces = np.asarray(shape.faces)
+    every = [side_of(sides, number) for number in range(count)]
+    areas = np.array([_area(side.middle, side.faces) for side in every])
+    areas[sides.abrupt] *= ABRUPT
+    core = sides.core & (sides.label >= 0)
+    own = sides.label[core]
+    across = sides.opposite[faces[core]]
+    weight = np.repeat(shape.face_areas[core] / 3, 3)
+    table = np.zeros((count, count + 1))
+    np.add.at(table, (np.repeat(own, 3), across.ravel()), weight)
+    chosen: list[int] = []
+    for number in np.lexsort((np.arange(count), -areas)):
+        total = table[number, :count].sum()
+        left = total - table[number, chosen].sum()
+        if total > 0 and left > UNCOVERED * total:
+            chosen.append(int(number))
+    return [every[number] for number in chosen]
+
+
+def _area(points: FloatArray, faces: NDArray[np.int64]) -> float:
+    a, b, c = (points[faces[:, j]] for j in range(3))
+    return float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2)
+
+
+def _as_sheet(side: Side, sides: Sides) -> RawSheet:
+    core = sides.core[side.rows]
+    a, b, c = (side.middle[side.faces[:, j]] for j in range(3))
+    fine = np.linalg.norm(np.cross(b - a, c - a), axis=1) > 0
+    kind = np.where(core[fine], CORE, GROWN).astype(np.int32)
+    return RawSheet(side.middle, side.faces[fine].astype(np.int32), side.half, kind)
+
+
+def extended(sheet: RawSheet, surface: NearestTree, farthest: float) -> RawSheet:
+    """Extend a sheet straight on wherever it ends within the solid, up to the surface.
+
+    Where its border has come to the surface, it is the rim. Elsewhere each vertex of the border is
+    moved on in the plane of its faces, at right angles to the border; at the ends of such a piece
+    of the border along the rim. The march stops at the surface, or after `farthest`.
+    """
+    from medialis.shape.surface import Topology
+
+    points, faces = sheet.points, sheet.faces
+    twins = Topology(faces, len(points)).edge_twins
+    border = np.flatnonzero(twins < 0)
+    if len(border) == 0:
+        return sheet
+    corners = faces.ravel()
+    a, b = corners[border], corners[border - border % 3 + (border + 1) % 3]
+    middle = (points[a] + points[b]) / 2
+    half = (sheet.half[a] + sheet.half[b]) / 2
+    inner = surface.distances(middle)[0] > ON_RIM * half
+    count = np.bincount(np.r_[a, b], minlength=len(points))
+    inner &= (count[a] == 2) & (count[b] == 2)
+    if not inner.any():
+        return sheet
+    along = points[b] - points[a]
+    length = np.linalg.norm(along, axis=1, keepdims=True)
+    along = along / np.where(length > 0, length, 1.0)
+    outward = np.cross(along, _normals_of_core(sheet, middle))
+    direction, weight = np.zeros_like(points), np.zeros(len(points))
+    for ends in (a, b):
+        np.add.at(direction, ends[inner], outward[inner])
+        np.add.at(weight, ends[inner], 1.0)
+    moving = np.flatnonzero(weight)
+    direction = _smoothed(direction, a[inner], b[inner])
+    # At the end of a piece the way on is that of the rim.
+    ending = np.zeros(len(points), np.bool_)
+    for ends, sign in ((a, -1.0), (b, 1.0)):
+        rim = ~inner & (weight[ends] == 1)
+        on = sign * along[rim]
+        fits = np.einsum("ia,ia->i", on, direction[ends[rim]]) > ALONG_RIM
+        direction[ends[rim][fits]] = on[fits]
+        direction[ends[rim][~fits]] = 0.0  # a ragged rim: the end stays where it is
+        ending[ends[rim]] = True
+    reach = _march(points, direction, moving[~ending[moving]], surface, farthest)
+    _reach_of_ends(reach, direction, ending, a[inner], b[inner])
+    moving = np.flatnonzero((weight > 0) & (reach > 0))
+    ahead = reach > OUT_OF_WALL * sheet.half
+    far = points + reach[:, None] * direction
+    return _with_strip(sheet, far, moving, a[inner], b[inner], ahead)
+
+
+def _normals_of_core(sheet: RawSheet, places: FloatArray) -> FloatArray:
+    """Return the mean normals of the nearest faces between opposite walls: no blend bends them."""
+    from scipy.spatial import cKDTree
+
+    rows = np.flatnonzero(sheet.core)
+    tree = cKDTree(sheet.points[sheet.faces[rows]].mean(axis=1))
+    near = tree.query(places, k=np.arange(1, min(NEAREST, len(rows)) + 1))[1]
+    total = sheet.normals[rows[near]].sum(axis=1)
+    length = np.linalg.norm(total, axis=1, keepdims=True)
+    return np.asarray(total / np.where(length > 0, length, 1.0))
+
+
+def _smoothed(direction: FloatArray, a: IntArray, b: IntArray) -> FloatArray:
+    """Return unit vectors at the ends of edges a, b, each with those of its neighbours."""
+    for _ in range(SMOOTHINGS):
+        size = np.linalg.norm(direction, axis=1, keepdims=True)
+        direction = direction / np.where(size > 0, size, 1.0)
+        total = 2.0 * direction
+        np.add.at(total, a, direction[b])
+        np.add.at(total, b, direction[a])
+        direction = total
+    size = np.linalg.norm(direction, axis=1, keepdims=True)
+    return np.asarray(direction / np.where(size > 0, size, 1.0))
+
+
+def _march(
+    points: FloatArray,
+    direction: FloatArray,
+    moving: NDArray[np.int64],
+    surface: NearestTree,
+    farthest: float,
+) -> FloatArray:
+    """Return how far it is to the surface from some points (0 for all others), at most."""
+    reach = np.zeros(len(points))
+    going = moving
+    for _ in range(STEPS if len(moving) else 0):
+        places = points[going] + reach[going, None] * direction[going]
+        step = surface.distances(places)[0]
+        reach[going] = np.minimum(reach[going] + step, farthest)
+        going = going[(step > 1e-4 * farthest) & (reach[going] < farthest)]
+        if len(going) == 0:
+            break
+    return reach
+
+
+def _reach_of_ends(
+    reach: FloatArray, direction: FloatArray, ending: NDArray[np.bool_], a: IntArray, b: IntArray
+) -> None:
+    """Let ends on the rim go as far as their neighbours do."""
+    for end, other in ((a, b), (b, a)):
+        rows = ending[end] & ~ending[other] & direction[end].any(axis=1)
+        cosine = np.einsum("ia,ia->i", direction[end[rows]], direction[other[rows]])
+        reach[end[rows]] = reach[other[rows]] / np.maximum(cosine, 0.5)
+
+
+def _with_strip(
+    sheet: RawSheet,
+    far: FloatArray,
+    moving: NDArray[np.int64],
+    a: IntArray,
+    b: IntArray,
+    ahead: NDArray[np.bool_],
+) -> RawSheet:
+    """Return a sheet with two faces more at each edge a, b of which both or one end has moved."""
+    n = len(sheet.points)
+    new = np.full(n, -1, np.int64)
+    new[moving] = n + np.arange(len(moving))
+    both = (new[a] >= 0) & (new[b] >= 0)
+    only_a, only_b = (new[a] >= 0) & ~both, (new[b] >= 0) & ~both
+    strips = [
+        np.stack([b[both], a[both], new[a[both]]], axis=1),
+        np.stack([b[both], new[a[both]], new[b[both]]], axis=1),
+        np.stack([b[only_a], a[only_a], new[a[only_a]]], axis=1),
+        np.stack([b[only_b], a[only_b], new[b[only_b]]], axis=1),
+    ]
+    more = np.concatenate(strips).astype(np.int32)
+    stays = ahead[a] | ahead[b]
+    kind = np.concatenate([stays[both], stays[both], stays[only_a], stays[only_b]])
+    points = np.concatenate([sheet.points, far[moving]])
+    x, y, z = (points[more[:, j]] for j in range(3))
+    fine = np.linalg.norm(np.cross(y - x, z - x), axis=1) > 0
+    return RawSheet(
+        points,
+        np.concatenate([sheet.faces, more[fine]]),
+        np.concatenate([sheet.half, sheet.half[moving]]),
+        np.concatenate([sheet.kind, np.where(kind[fine], AHEAD, OUT).astype(np.int32)]),
+    )

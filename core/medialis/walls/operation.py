@@ -1,0 +1,630 @@
+"""Operation: thickness of the wall behind every point of the surface, and the thinnest places.
+
+Operation: walls against a least and a largest thickness, ribs, and gaps between walls.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from medialis.base.errors import InvalidOptionError
+from medialis.base.options import changed, choice, length, number, whole
+from medialis.base.progress import Progress, counted
+from medialis.base.units import Length, Size, with_unit
+from medialis.base.validation import FloatArray, IntArray
+from medialis.operations.declaration import Operation, Selection
+from medialis.operations.positions import place
+from medialis.operations.result import Layer, Outcome, Result
+from medialis.shape.graph import ENCLOSED, Enclosure
+from medialis.shape.shape import Shape
+from medialis.skeleton.layers import cloud_arrays, summary
+from medialis.skeleton.medial_cloud import MedialCloud
+from medialis.skeleton.surface_skeleton import Preparation, SurfaceSkeletonOptions, surface_skeleton
+from medialis.walls.ribs import Rib
+from medialis.walls.thickness import thickness, unresolved_walls, wall_balls
+from medialis.walls.thin_spots import ThinSpot, ThinSpotOptions, thin_spots
+from medialis.walls.wall_check import (
+    LARGEST_SHARE,
+    LEAST_SHARE,
+    MATERIALS,
+    WallCheck,
+    WallLimits,
+    WallRegion,
+    check_walls,
+)
+
+SHOWN_SHARE = 98.0
+"""Per cent of the vertices that the colours span, from the thinnest up: a few very thick places do
+not make everything else look thin."""
+
+PLACES = 15
+"""Balls that are looked at to tell whether a cloud or an open mesh encloses anything."""
+
+MOST = 0.5
+"""Share of the surface from which on a threshold that calls it thin is worth a warning."""
+
+UNRESOLVED_SHARE = 0.02
+"""Share of the samples from which on walls thinner than the sampling are worth a warning."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ThicknessRun(ThinSpotOptions, Preparation):
+    """Options of the operation `thickness`."""
+
+    refine: float = changed(
+        Preparation,
+        "refine",
+        default=0.01,
+        help="Split edges longer than this share of the size for the computation, so that flat "
+        "faces get samples; flat faces stay the same. 0 computes with the given vertices only. A "
+        "wall is seen where the samples are closer together than it is thick.",
+    )
+
+
+def run_thickness(shape: Shape, options: ThicknessRun, progress: Progress) -> Outcome:
+    """Refine, shrink balls, measure, complete, list the thinnest places."""
+    with progress.stage("skeleton", 0.0, 0.7):
+        cloud = surface_skeleton.of(shape, options, progress)
+    fine = cloud.surface
+    # A length means the shape that was given; smooth refinement may bulge out of its box.
+    same = options.threshold * shape.diagonal / fine.diagonal
+    given, options = options, replace(options, threshold=min(same, 1.0))
+    with progress.stage("thickness", 0.7, 0.85):
+        values = thickness.of(cloud, options, progress)
+    with progress.stage("thin spots", 0.85, 1.0):
+        spots = thin_spots.of(cloud, options, progress)
+    note_resolution(cloud, progress)
+    note_enclosure(cloud, progress)
+    _note_share(values, options, fine, progress)
+    _note_thinnest(spots, given, shape, progress)
+    labels = np.full(fine.point_count, -1, np.int32)
+    for row, spot in enumerate(spots):
+        labels[spot.vertices] = row
+    surface = _surface_layer("thickness", shape, values, labels)
+    marks = (_spots_layer(spots, surface),) if spots else ()
+    samples = () if fine is shape else (_surface_layer("samples", fine, values, labels),)
+    return Outcome(
+        shape=fine,
+        layers=(surface, *marks, *samples),
+        values={
+            "samples": fine.point_count,
+            **summary(values, "thickness"),
+            "thin_spots": len(spots),
+            "overlaps": sum(spot.kind == "overlap" for spot in spots),
+            "spots": [_spot_values(spot) for spot in spots],
+            "diagonal": fine.diagonal,
+            "spacing": fine.spacing,
+        },
+        arrays={**cloud_arrays(cloud), "thickness": values, "thin_spot": labels},
+        shown=(samples or (surface,)) + marks,
+    )
+
+
+def _surface_layer(name: str, shape: Shape, values: FloatArray, labels: IntArray) -> Layer:
+    """Layer of the first points of the refined shape: all of them, or the vertices of the input."""
+    n = shape.point_count
+    return Layer(
+        name,
+        shape.points,
+        shape.faces,
+        attributes={"thickness": values[:n], "thin_spot": labels[:n]},
+        color_by="thickness",
+        color_map="diverging_reversed",
+        color_limits=(float(values.min()), float(np.percentile(values, SHOWN_SHARE))),
+        labels=("thin_spot",),
+        on_input=name != "samples",
+        auxiliary=name == "samples",
+    )
+
+
+def _spots_layer(spots: tuple[ThinSpot, ...], surface: Layer) -> Layer:
+    """Layer of the places, in the colours of the surface."""
+    area = np.array([spot.area for spot in spots])
+    return Layer(
+        "thin_spots",
+        np.array([spot.position for spot in spots]),
+        attributes={
+            "value": np.array([spot.value for spot in spots]),
+            **({} if np.isnan(area).all() else {"area": area}),  # a cloud has no areas
+            "vertices": np.array([len(spot.vertices) for spot in spots], np.int32),
+            "overlap": np.array([spot.kind == "overlap" for spot in spots], np.int32),
+        },
+        color_by="value",
+        color_map=surface.color_map,
+        color_limits=surface.color_limits,
+        number_by="value",
+    )
+
+
+def _thin(result: Result, shape: Shape) -> NDArray[np.bool_]:
+    """Which vertices lie on a wall below the threshold."""
+    limit = result.parameters["threshold"] * shape.diagonal
+    return np.asarray(result.layers[0].attributes["thickness"]) < limit
+
+
+def _spot_values(spot: ThinSpot) -> dict[str, Any]:
+    return {
+        "kind": spot.kind,
+        "position": place(spot.position),
+        "opposite": None if np.isnan(spot.opposite).any() else place(spot.opposite),
+        "value": spot.value,
+        "area": spot.area,
+        "vertices": len(spot.vertices),
+    }
+
+
+def _note_share(
+    values: FloatArray, options: ThicknessRun, surface: Shape, progress: Progress
+) -> None:
+    """Say so where the threshold calls most of the shape thin."""
+    thin = values < options.threshold * surface.diagonal
+    area = surface.point_areas if surface.faces is not None else np.ones(len(values))
+    share = float(area[thin].sum() / area.sum())
+    if share > MOST:
+        limit = with_unit(options.threshold * surface.diagonal, surface.unit)
+        median = with_unit(float(np.median(values)), surface.unit)
+        progress.note(
+            f"{100 * share:.0f} % of the shape is thinner than the threshold of {limit}; its "
+            f"median {options.kind} is {median}. Check the unit of the threshold.",
+            "mostly_thin",
+            level=logging.WARNING,
+            share=share,
+        )
+
+
+def _note_thinnest(
+    spots: tuple[ThinSpot, ...], options: ThicknessRun, shape: Shape, progress: Progress
+) -> None:
+    below = options.threshold * shape.diagonal
+    limit = with_unit(below, shape.unit)
+    if not spots:
+        text = f"No place is thinner than {limit}." if below else "No thin spot was found."
+        progress.note(text, "no_thin_spot", threshold=below)
+        return
+    walls = [spot for spot in spots if spot.kind == "wall"]
+    more = f" below {limit}" if below else ""
+    if walls:
+        place = ", ".join(f"{x:.6g}" for x in walls[0].position + shape.offset)
+        progress.note(
+            f"{counted(len(walls), 'thin spot', verbs=('was', 'were'))} found{more}. The thinnest "
+            f"has a {options.kind} of {with_unit(walls[0].value, shape.unit)} at ({place}).",
+            "thin_spots",
+            spots=len(walls),
+            thinnest=walls[0].value,
+        )
+    if len(walls) < len(spots):
+        count = len(spots) - len(walls)
+        progress.note(
+            f"{counted(count, 'place', verbs=('is', 'are'))} thin{more} because parts of the mesh "
+            "overlap there, or one part crosses itself: the values tell how deep, not how thick a "
+            "wall is. They come last and have the kind overlap.",
+            "overlaps",
+            level=logging.WARNING,
+            spots=count,
+        )
+
+
+def note_enclosure(cloud: MedialCloud, progress: Progress) -> None:
+    """Say so where the balls of a cloud or an open mesh lie inside nothing."""
+    shape = cloud.surface
+    if shape.faces is not None and shape.closed_components.all():
+        return
+    rows = wall_balls(cloud)
+    if len(rows) == 0:
+        rows = np.flatnonzero(cloud.valid & (cloud.side > 0))
+    rows = rows[np.linspace(0, len(rows) - 1, min(PLACES, len(rows))).astype(np.int64)]
+    outside = int((Enclosure(shape).times(cloud.centers[rows]) < ENCLOSED).sum())
+    if 2 * outside > len(rows):
+        progress.note(
+            f"The {'cloud' if shape.faces is None else 'surface'} encloses nothing at "
+            f"{counted(outside, 'place', of=len(rows))} that were looked at. Thickness there is "
+            "the distance to whatever lies behind the surface, not that of a wall.",
+            "encloses_nothing",
+            level=logging.WARNING,
+            places=outside,
+            of=len(rows),
+        )
+
+
+def note_resolution(cloud: MedialCloud, progress: Progress) -> None:
+    """Say so where walls may be thinner than the samples are apart."""
+    count, of = int(unresolved_walls(cloud).sum()), cloud.surface.point_count
+    if count > UNRESOLVED_SHARE * of:
+        progress.note(
+            f"{counted(count, 'sample', of=of, verbs=('lies', 'lie'))} on a wall that may be "
+            "thinner than the spacing of its samples; its thickness is uncertain. Try a smaller "
+            "refine.",
+            "unresolved_walls",
+            level=logging.WARNING,
+            samples=count,
+            of=of,
+        )
+
+
+THICKNESS = Operation(
+    name="thickness",
+    filter_name="compute_scalar_by_medial_thickness_per_vertex",
+    label="Thickness",
+    group="Thickness",
+    help="Measure how thick a shape is at every point of its surface, and list the thinnest "
+    "places.\n\n"
+    "The thickness is the diameter of the largest ball that fits into the wall behind the point. "
+    "Convex edges, bumps and noise do not count as thin: there, the thickness of the wall around "
+    "is taken, so that every vertex has a value. Thin spots are listed with both ends, value, area "
+    "and vertices, one entry for each place; overlaps of parts are told from walls.",
+    source="thesis 3.5.1",
+    examples=(
+        ("creature.ply --unit mm --threshold 0.1mm", "where the wall is thinner than 0.1 mm"),
+        ("creature.ply -o report --report", "the thinnest places, with a page on how sure that is"),
+    ),
+    layers={
+        "thickness": "the surface with the thickness behind each vertex, and its thin spot",
+        "thin_spots": "one point for each thin spot, the thinnest first",
+        "samples": "the same on the refined surface",
+    },
+    options=ThicknessRun,
+    run=run_thickness,
+    thin_lines=True,
+    selection=Selection(
+        "compute_selection_by_medial_thickness_per_vertex",
+        "Select the vertices where a shape is thinner than a length.",
+        _thin,
+        {"threshold": 0.02},
+    ),
+    order=40,
+)
+
+CHECKS = ("within", "too thin", "too thick", "edge", "overlap", "gap")
+"""What the numbers 0, 1, ... of the attribute `check` mean."""
+
+NONE = "none"
+
+
+@dataclass(frozen=True, kw_only=True)
+class WallCheckRun(Preparation):
+    """Options of the operation `wall_check`."""
+
+    minimum: float = length(
+        0.0,
+        "Minimum",
+        "Walls thinner than this are too thin. 0: as the material says, else not checked; half of "
+        "the typical wall where there is no limit at all.",
+    )
+    maximum: float = length(
+        0.0,
+        "Maximum",
+        "Walls thicker than this are too thick. 0: as the material says, else not checked; one and "
+        "a half times the typical wall where there is no limit at all.",
+    )
+    material: str = choice(
+        NONE,
+        "Material",
+        "Take the limits that are usual for injection moulding of a plastic; the unit of the shape "
+        "must be known.",
+        (NONE, *MATERIALS),
+    )
+    gap: float = length(
+        0.0,
+        "Gap",
+        "Walls that face each other across less room than this are too close. 0: not checked.",
+    )
+    rib_ratio: float = number(
+        0.6,
+        "Rib ratio",
+        "Ribs and bosses thicker than this share of the wall that they stand on are counted.",
+        high=100.0,
+    )
+    min_spoke_angle: float = changed(
+        ThicknessRun,
+        "min_spoke_angle",
+        default=150.0,
+        help="Faces that enclose less than 180 degrees minus this are two sides of a wall, others "
+        "an edge.",
+    )
+    regions: int = whole(
+        100,
+        "Regions",
+        "List at most this many regions of each kind, and as many ribs.",
+        low=1,
+        high=100_000,
+        advanced=True,
+    )
+    refine: float = changed(ThicknessRun, "refine")
+
+
+def run_wall_check(shape: Shape, options: WallCheckRun, progress: Progress) -> Outcome:
+    """Refine, shrink balls, measure, collect regions, ribs and gaps."""
+    limits = _limits(shape, options, progress)
+    gaps = limits.gap > 0
+    with progress.stage("skeleton", 0.0, 0.4 if gaps else 0.7):
+        cloud = surface_skeleton.of(shape, options, progress)
+    outer = None
+    if gaps:
+        with progress.stage("outside", 0.4, 0.7):
+            outside = SurfaceSkeletonOptions.taken_from(options, side="outer")
+            outer = surface_skeleton.of(shape, outside, progress)
+    with progress.stage("walls", 0.7, 1.0):
+        check = check_walls(cloud, outer, limits, options.min_spoke_angle, progress)
+    fine = cloud.surface
+    note_resolution(cloud, progress)
+    note_enclosure(cloud, progress)
+    _note_limits(check, limits, options, shape, progress)
+    _note_regions(check, shape, progress)
+    _note_ribs(check, options, progress)
+    codes, numbers = _codes(check)
+    surface = _wall_surface_layer("wall_check", shape, check, codes, numbers)
+    marks = tuple(filter(None, (_places_layer(check), _ribs_layer(check, options))))
+    samples = (
+        () if fine is shape else (_wall_surface_layer("samples", fine, check, codes, numbers),)
+    )
+    failed = sum(region.kind != "overlap" for region in check.regions)
+    return Outcome(
+        shape=fine,
+        layers=(surface, *marks, *samples),
+        values={
+            "passed": failed == 0,
+            "minimum": check.minimum,
+            "maximum": None if math.isinf(check.maximum) else check.maximum,
+            "typical": check.typical,
+            **summary(check.thickness, "thickness"),
+            "too_thin": len(check.of_kind("too thin")),
+            "too_thick": len(check.of_kind("too thick")),
+            "narrow_gaps": len(check.of_kind("gap")) if gaps else None,
+            "overlaps": len(check.of_kind("overlap")),
+            "thick_ribs": _thick_ribs(check, options),
+            "regions": [_region_values(region) for region in check.regions],
+            "ribs": [_rib_values(rib) for rib in check.ribs[: options.regions]],
+            "samples": fine.point_count,
+            "diagonal": fine.diagonal,
+            "spacing": fine.spacing,
+        },
+        arrays={
+            **cloud_arrays(cloud),
+            "thickness": check.thickness,
+            "check": codes,
+            "region": numbers,
+        },
+        shown=(samples or (surface,)) + marks[:1],
+    )
+
+
+def _limits(shape: Shape, options: WallCheckRun, progress: Progress) -> WallLimits:
+    """Return the limits in the units of the shape.
+
+    Raises
+    ------
+    InvalidOptionError
+        When the minimum is above the maximum, or a material is named and the unit is not known.
+    """
+    given = [value * shape.diagonal or None for value in (options.minimum, options.maximum)]
+    if options.material != NONE:
+        size = Size.of(shape)
+        for place, amount in enumerate(MATERIALS[options.material]):
+            known = size.fraction(Length(amount, "mm"), f"the limit of {options.material}")
+            given[place] = given[place] or known * shape.diagonal
+    low, high = given
+    if low is not None and high is not None and low > high:
+        raise InvalidOptionError(
+            f"The minimum of {with_unit(low, shape.unit)} is above the maximum of "
+            f"{with_unit(high, shape.unit)}."
+        )
+    return WallLimits(low, high, options.gap * shape.diagonal, options.regions)
+
+
+def _codes(check: WallCheck) -> tuple[IntArray, IntArray]:
+    """Return `check` and `region` of each sample; the first region counts."""
+    count = len(check.thickness)
+    codes, numbers = np.zeros(count, np.int32), np.full(count, -1, np.int32)
+    codes[check.edge] = CHECKS.index("edge")
+    for row, region in reversed(list(enumerate(check.regions))):
+        codes[region.vertices] = CHECKS.index(region.kind)
+        numbers[region.vertices] = row
+    return codes, numbers
+
+
+def _wall_surface_layer(
+    name: str, shape: Shape, check: WallCheck, codes: IntArray, numbers: IntArray
+) -> Layer:
+    """Layer of the first points of the refined shape, in colours from minimum to maximum."""
+    n = shape.point_count
+    low = check.minimum if check.minimum > 0 else float(check.thickness.min())
+    high = float(check.thickness.max()) if math.isinf(check.maximum) else check.maximum
+    return Layer(
+        name,
+        shape.points,
+        shape.faces,
+        attributes={"thickness": check.thickness[:n], "check": codes[:n], "region": numbers[:n]},
+        color_by="thickness",
+        color_map="diverging_reversed",
+        color_limits=(low, max(high, low)),
+        labels=("region",),
+        on_input=name != "samples",
+        auxiliary=name == "samples",
+    )
+
+
+def _places_layer(check: WallCheck) -> Layer | None:
+    if not check.regions:
+        return None
+    return Layer(
+        "wall_regions",
+        np.array([region.position for region in check.regions]),
+        attributes={
+            "value": np.array([region.value for region in check.regions]),
+            "check": np.array([CHECKS.index(region.kind) for region in check.regions], np.int32),
+            "area": np.array([region.area for region in check.regions]),
+        },
+        color_by="value",
+        color_map="diverging_reversed",
+        number_by="value",
+    )
+
+
+def _ribs_layer(check: WallCheck, options: WallCheckRun) -> Layer | None:
+    if not check.ribs:
+        return None
+    return Layer(
+        "ribs",
+        np.array([rib.position for rib in check.ribs]),
+        attributes={
+            "ratio": np.array([rib.ratio for rib in check.ribs]),
+            "rib_thickness": np.array([rib.thickness for rib in check.ribs]),
+            "wall_thickness": np.array([rib.wall for rib in check.ribs]),
+            "boss": np.array([rib.kind == "boss" for rib in check.ribs], np.int32),
+        },
+        color_by="ratio",
+        color_limits=(0.0, max(2.0 * options.rib_ratio, 1e-9)),
+        number_by="ratio",
+    )
+
+
+def _region_values(region: WallRegion) -> dict[str, Any]:
+    return {
+        "kind": region.kind,
+        "value": region.value,
+        "least": region.least,
+        "most": region.most,
+        "area": None if math.isnan(region.area) else region.area,
+        "position": place(region.position),
+        "opposite": None if np.isnan(region.opposite).any() else place(region.opposite),
+        "vertices": len(region.vertices),
+    }
+
+
+def _rib_values(rib: Rib) -> dict[str, Any]:
+    return {
+        "kind": rib.kind,
+        "ratio": rib.ratio,
+        "thickness": rib.thickness,
+        "wall": rib.wall,
+        "length": rib.length,
+        "position": place(rib.position),
+    }
+
+
+def _thick_ribs(check: WallCheck, options: WallCheckRun) -> int:
+    return sum(rib.ratio > options.rib_ratio for rib in check.ribs)
+
+
+def _note_limits(
+    check: WallCheck, limits: WallLimits, options: WallCheckRun, shape: Shape, progress: Progress
+) -> None:
+    unit = shape.unit
+    low, high = with_unit(check.minimum, unit), with_unit(check.maximum, unit)
+    if limits.minimum is None and limits.maximum is None:
+        text = (
+            f"No limit was given: walls were compared with {low} and {high}, {LEAST_SHARE:g} and "
+            f"{LARGEST_SHARE:g} times the typical wall of {with_unit(check.typical, unit)}. Say "
+            "--minimum, --maximum or --material."
+        )
+    elif limits.maximum is None:
+        text = f"Walls are to be at least {low} thick."
+    elif limits.minimum is None:
+        text = f"Walls are to be at most {high} thick."
+    else:
+        text = f"Walls are to be {low} to {high} thick."
+    if options.material != NONE:
+        text += f" What is not given is usual for {options.material}, injection moulded."
+    told: dict[str, Any] = {"minimum": check.minimum, "material": options.material}
+    progress.note(text, "wall_limits", **told)
+
+
+def _note_regions(check: WallCheck, shape: Shape, progress: Progress) -> None:
+    words = {
+        "too thin": ("region", "too thin, the worst {} thick"),
+        "too thick": ("region", "too thick, the worst {} thick"),
+        "gap": ("gap", "too narrow, the worst {} wide"),
+    }
+    failed = False
+    for kind, (noun, text) in words.items():
+        regions = check.of_kind(kind)  # type: ignore[arg-type]
+        if not regions:
+            continue
+        failed = True
+        worst = regions[0]
+        place = ", ".join(f"{x:.6g}" for x in worst.position + shape.offset)
+        progress.note(
+            f"{counted(len(regions), noun, verbs=('is', 'are'))} "
+            f"{text.format(with_unit(worst.value, shape.unit))} at ({place}).",
+            kind.replace(" ", "_"),
+            level=logging.WARNING,
+            regions=len(regions),
+            worst=worst.value,
+        )
+    if not failed:
+        progress.note("All walls are within the limits.", "walls_pass")
+    if overlaps := len(check.of_kind("overlap")):
+        progress.note(
+            f"{counted(overlaps, 'place', verbs=('is', 'are'))} thin because parts of the mesh "
+            "overlap there: the values tell how deep, not how thick a wall is.",
+            "overlaps",
+            level=logging.WARNING,
+            places=overlaps,
+        )
+    if check.flaws:
+        progress.note(
+            f"{counted(check.flaws, 'ball', verbs=('was', 'were'))} left out that folds of the "
+            "mesh make far smaller than the samples are apart.",
+            "specks",
+            balls=check.flaws,
+        )
+    if count := int(check.edge.sum()):
+        progress.note(
+            f"{counted(count, 'sample', of=len(check.edge), verbs=('lies', 'lie'))} at sharp "
+            "edges, which are no thin walls.",
+            "sharp_edges",
+            samples=count,
+        )
+
+
+def _note_ribs(check: WallCheck, options: WallCheckRun, progress: Progress) -> None:
+    if not check.ribs:
+        return
+    worst, count = check.ribs[0], _thick_ribs(check, options)
+    progress.note(
+        f"{count} of {len(check.ribs)} ribs and bosses {'is' if count == 1 else 'are'} thicker "
+        f"than {options.rib_ratio:g} of the wall beside them, {worst.ratio:.3g} at most.",
+        "ribs",
+        ribs=len(check.ribs),
+        thick=count,
+        ratio=worst.ratio,
+    )
+
+
+WALL_CHECK = Operation(
+    name="wall_check",
+    filter_name="compute_scalar_by_medial_wall_check_per_vertex",
+    label="Wall Check",
+    group="Thickness",
+    help="Check the walls of a part against a least and a largest thickness, for moulding, casting "
+    "and printing.\n\n"
+    "Lists the regions that are too thin or too thick with area, place and values, ribs and bosses "
+    "with their ratio to the wall that they stand on, and gaps between walls that are too narrow. "
+    "Sharp edges, fillets and parts that overlap are told from thin walls. Limits are given as "
+    "lengths, such as 1mm, or by the name of a plastic.",
+    source="thesis 3.5.1",
+    examples=(
+        ("bracket.ply --unit in --minimum 1.5mm --maximum 4mm", "walls outside of 1.5 to 4 mm"),
+        (
+            "bracket.ply --unit in --material ABS --gap 0.8mm -o abs",
+            "what is usual for ABS, and gaps",
+        ),
+    ),
+    layers={
+        "wall_check": "the surface with thickness, check (0 within, 1 too thin, 2 too thick, "
+        "3 edge, 4 overlap, 5 gap) and region at each vertex",
+        "wall_regions": "one point for each region, at its worst place",
+        "ribs": "one point for each rib or boss, with its ratio to the wall",
+        "samples": "the same on the refined surface",
+    },
+    options=WallCheckRun,
+    run=run_wall_check,
+    thin_lines=True,
+    order=42,
+)

@@ -1,0 +1,380 @@
+"""How thick moulded walls are, for each plastic, in millimetres.
+
+The ranges that moulding services recommend for injection moulding; several publish the same table,
+in inches (0.045 to 0.140 for ABS). They are starting points: grade, flow length and part decide.
+Source: Protolabs, "Improving part design with uniform wall thickness"; the same numbers in the
+design guidelines of Xcentric Mold and of UpMold.
+
+Gaps: the room between walls that face each other, by balls outside of the shape.
+
+Wall check: walls that are too thin or too thick, gaps that are too narrow (for thesis 3.5.1).
+
+A wall lies between two opposite faces: the two feature points of its balls are far apart, as seen
+from the center, and their planes meet at no sharp edge (`walls/ribs.py`). All other samples have
+the thickness of the wall that they belong to (`walls/thickness.py`), so that neither edges nor
+fillets are thin. A region is what is connected below the minimum, or above the maximum, along the
+surface and across the wall.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from medialis.base.arrays import Described
+from medialis.base.progress import Progress
+from medialis.base.threads import run_patiently
+from medialis.base.validation import FloatArray, IntArray
+from medialis.shape.graph import ENCLOSED, Enclosure
+from medialis.skeleton.medial_cloud import MedialCloud
+from medialis.walls.ribs import Rib, edge_balls, ribs
+from medialis.walls.thickness import ThicknessOptions, thickness
+from medialis.walls.thin_spots import (
+    LowPlace,
+    PlaceGraph,
+    ThinSpot,
+    ThinSpotOptions,
+    low_places,
+    thin_spots,
+)
+
+INCH = 25.4
+
+_INCHES = {
+    "ABS": (0.045, 0.140),
+    "LCP": (0.030, 0.120),
+    "PA": (0.030, 0.115),
+    "PBT/PET": (0.025, 0.125),
+    "PC": (0.040, 0.150),
+    "PE": (0.030, 0.200),
+    "PMMA": (0.025, 0.500),
+    "POM": (0.030, 0.120),
+    "PP": (0.025, 0.150),
+    "PPS": (0.020, 0.180),
+    "PS": (0.035, 0.150),
+    "PUR": (0.080, 0.750),
+}
+"""Polyamide is nylon, POM acetal, PMMA acrylic, PBT/PET polyester, LCP liquid crystal polymer."""
+
+MATERIALS = {
+    name: (round(low * INCH, 2), round(high * INCH, 2)) for name, (low, high) in _INCHES.items()
+}
+"""Least and largest thickness of a wall in millimetres."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Gap(Described):
+    """A connected region of surface across from other surface that is too near.
+
+    Attributes
+    ----------
+    position, opposite : (3,) float64
+        Both ends at its narrowest sample.
+    value : float
+        How wide it is there.
+    vertices : (v,) int32
+        Samples on both sides, ascending.
+    widths : (v,) float64
+        Before each of them.
+    """
+
+    position: FloatArray
+    opposite: FloatArray
+    value: float
+    vertices: IntArray
+    widths: FloatArray
+
+
+def gap_widths(cloud: MedialCloud, least_angle: float) -> tuple[FloatArray, IntArray]:
+    """Return how wide the gap before each sample is, inf for none, and its ball, -1 for none.
+
+    Outer balls count whose two contacts face each other: seen from the center at least
+    `least_angle` (radians) apart, and with normals as far apart. Those of concave edges do not.
+    """
+    n = cloud.surface.point_count
+    widths, balls = np.full(n, np.inf), np.full(n, -1, np.int32)
+    chosen = cloud.valid & (cloud.side < 0) & (cloud.wall_angles >= least_angle)
+    rows = np.flatnonzero(chosen & ~edge_balls(cloud))
+    widths[cloud.source[rows]] = 2.0 * cloud.radii[rows]
+    balls[cloud.source[rows]] = rows
+    return widths, balls
+
+
+def narrow_gaps(cloud: MedialCloud, least: float, least_angle: float) -> list[Gap]:
+    """Return the connected regions where a gap is narrower than a length, the narrowest first.
+
+    Inside of another part an outer ball spans no gap: parts that overlap have none there.
+    """
+    widths, balls = gap_widths(cloud, least_angle)
+    widths = np.where(widths < least, widths, np.inf)
+    used = balls[np.isfinite(widths)]
+    if len(used) == 0:
+        return []
+    graph = PlaceGraph(cloud.surface, cloud.features[used])
+    enclosure = Enclosure(cloud.surface)
+    found = []
+    for place in low_places(graph, widths, level=least):
+        row = int(balls[place.vertex])
+        if enclosure.times(cloud.centers[row][None])[0] >= ENCLOSED:
+            continue
+        ends = cloud.surface.points[place.vertex], cloud.contacts[row]
+        found.append(Gap(*ends, place.value, place.vertices, widths[place.vertices]))
+    return found
+
+
+RegionKind = Literal["too thin", "too thick", "gap", "overlap"]
+
+LEAST_SHARE, LARGEST_SHARE = 0.5, 1.5
+"""Of the typical wall, where no limit is given. Moulding guides ask for no wall below 40 to 60 % of
+the one beside it; a rib as thick as its wall makes 1.25 times the thickness where they meet."""
+
+FLAW, BESIDE = 0.25, 3
+"""A ball smaller than this share of the spacing counts where so many neighbours have a ball within
+twice its size: along a fold there are two."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class WallRegion(Described):
+    """A connected region that fails the check.
+
+    Attributes
+    ----------
+    kind : {"too thin", "too thick", "gap", "overlap"}
+        "overlap": parts of the mesh overlap, by a value that is no thickness.
+    position, opposite : (3,) float64
+        Both ends at the worst place; the second is NaN where no wall is there.
+    value : float
+        The thickness, or the width of the gap, there.
+    most, least : float
+        Over its samples.
+    area : float
+        Of the surface, both sides of a wall; NaN in a cloud of points.
+    vertices : (v,) int
+        Samples, ascending.
+    """
+
+    kind: RegionKind
+    position: FloatArray
+    opposite: FloatArray
+    value: float
+    least: float
+    most: float
+    area: float
+    vertices: NDArray[np.integer]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class WallCheck(Described):
+    """What a check of walls found.
+
+    Attributes
+    ----------
+    thickness : (n,) float64
+        At each sample.
+    edge : (n,) bool
+        Samples at a sharp edge: their own ball, thinner than the minimum, counts for no wall.
+    flaws : int
+        Balls of folds of the mesh, which were left out.
+    minimum, maximum, gap : float
+        The limits in the units of the shape; inf for no maximum, 0 for no minimum or gap.
+    typical : float
+        The thickness that half of the area is thinner than.
+    regions : tuple of WallRegion
+        Too thin, too thick, gaps, overlaps; the worst of each first.
+    ribs : tuple of Rib
+        The highest ratio first.
+    """
+
+    thickness: FloatArray
+    edge: NDArray[np.bool_]
+    flaws: int
+    minimum: float
+    maximum: float
+    gap: float
+    typical: float
+    regions: tuple[WallRegion, ...]
+    ribs: tuple[Rib, ...]
+
+    def of_kind(self, kind: RegionKind) -> list[WallRegion]:
+        """Return the regions of a kind."""
+        return [region for region in self.regions if region.kind == kind]
+
+
+@dataclass(frozen=True)
+class WallLimits:
+    """Limits in the units of the shape; None where none is given."""
+
+    minimum: float | None
+    maximum: float | None
+    gap: float
+    most_regions: int
+
+
+def check_walls(
+    cloud: MedialCloud,
+    outer: MedialCloud | None,
+    limits: WallLimits,
+    wall_angle: float,
+    progress: Progress,
+) -> WallCheck:
+    """Check the walls of a shape.
+
+    Parameters
+    ----------
+    cloud : MedialCloud
+        Inner balls.
+    outer : MedialCloud or None
+        Outer balls of the same samples, for gaps.
+    limits : WallLimits
+        Without minimum and maximum they follow from the typical wall.
+    wall_angle : float
+        Degrees: least spoke angle of a ball between two sides of a wall.
+
+    Raises
+    ------
+    InvalidShapeError
+        When no inner ball is valid.
+    """
+    angle = math.radians(wall_angle)
+    at_edge = run_patiently(lambda: edge_balls(cloud), progress)
+    flaws = run_patiently(lambda: _flaws(cloud, ~at_edge & (cloud.wall_angles >= angle)), progress)
+    walls = _without(cloud, at_edge | flaws)
+    values = thickness.of(walls, ThicknessOptions(min_spoke_angle=wall_angle), progress)
+    typical = _typical(walls, values)
+    least, largest = limits.minimum, limits.maximum
+    if least is None and largest is None:
+        least, largest = LEAST_SHARE * typical, LARGEST_SHARE * typical
+    minimum, maximum = least or 0.0, largest or math.inf
+    regions = _thin(walls, values, minimum, limits, wall_angle, progress)
+    rows = np.flatnonzero((walls.side > 0) & (walls.wall_angles >= angle))
+    if maximum < math.inf:
+        regions += run_patiently(lambda: _thick(walls, values, rows, maximum, limits), progress)
+    if outer is not None and limits.gap > 0:
+        regions += run_patiently(lambda: _gaps(outer, limits, wall_angle), progress)
+    standing = run_patiently(lambda: ribs(walls, values, rows, cloud.inner.own), progress)
+    order: tuple[RegionKind, ...] = ("too thin", "too thick", "gap", "overlap")
+    regions.sort(key=lambda region: order.index(region.kind))
+    edge = np.zeros(len(values), np.bool_)
+    edge[cloud.source[at_edge & (2.0 * cloud.radii < minimum)]] = True
+    return WallCheck(
+        *(values, edge, int(flaws.sum()), minimum, maximum, limits.gap, typical),
+        *(tuple(regions), tuple(standing)),
+    )
+
+
+def _flaws(cloud: MedialCloud, walls: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return the balls (k,) of folds: far smaller than the spacing, with few of their like beside.
+
+    A wall that thin is known from the triangles of its sides alone, and has samples all round.
+    """
+    surface, result = cloud.surface, np.zeros(len(cloud), np.bool_)
+    small = np.flatnonzero(walls & (cloud.side > 0))
+    small = small[2.0 * cloud.radii[small] < FLAW * surface.spacing]
+    if surface.faces is None or len(small) == 0:
+        return result
+    sizes = np.full(surface.point_count, np.nan)
+    sizes[cloud.source[small]] = cloud.radii[small]
+    a, b = surface.edges.T
+    alike = np.abs(np.log(sizes[a] / sizes[b])) <= math.log(2.0)
+    beside = np.bincount(np.concatenate([a[alike], b[alike]]), minlength=surface.point_count)
+    result[small] = beside[cloud.source[small]] < BESIDE
+    return result
+
+
+def _without(cloud: MedialCloud, left_out: NDArray[np.bool_]) -> MedialCloud:
+    """Leave out the balls of sharp edges and flaws, unless nothing else is left."""
+    left = cloud.valid & (cloud.side > 0) & ~left_out
+    return cloud.subset(~left_out) if left_out.any() and left.any() else cloud
+
+
+def _typical(cloud: MedialCloud, values: FloatArray) -> float:
+    """Return the median over the area."""
+    surface = cloud.surface
+    weights = np.ones(len(values)) if surface.faces is None else surface.point_areas
+    order = np.argsort(values, kind="stable")
+    below = np.cumsum(weights[order])
+    return float(values[order[np.searchsorted(below, 0.5 * below[-1])]])
+
+
+def _thin(
+    cloud: MedialCloud,
+    values: FloatArray,
+    minimum: float,
+    limits: WallLimits,
+    wall_angle: float,
+    progress: Progress,
+) -> list[WallRegion]:
+    if minimum <= 0.0 or not (values < minimum).any():
+        return []
+    options = ThinSpotOptions(
+        min_spoke_angle=wall_angle,
+        threshold=min(minimum / cloud.surface.diagonal, 1.0),
+        spots=limits.most_regions,
+    )
+    spots = thin_spots.of(cloud, options, progress)
+    return [_of_spot(spot, values) for spot in spots]
+
+
+def _of_spot(spot: ThinSpot, values: FloatArray) -> WallRegion:
+    kind: RegionKind = "too thin" if spot.kind == "wall" else "overlap"
+    most = float(values[spot.vertices].max())
+    ends = spot.position, spot.opposite
+    return WallRegion(kind, *ends, spot.value, spot.value, most, spot.area, spot.vertices)
+
+
+def _thick(
+    cloud: MedialCloud,
+    values: FloatArray,
+    rows: NDArray[np.int64],
+    maximum: float,
+    limits: WallLimits,
+) -> list[WallRegion]:
+    if not (values > maximum).any():
+        return []
+    graph = PlaceGraph(cloud.surface, cloud.features[rows])
+    ball = np.full(len(values), -1, np.int64)
+    ball[cloud.source[rows]] = rows
+    found = []
+    for place in low_places(graph, maximum / values, level=1.0):
+        row = int(ball[place.vertex])
+        opposite = cloud.contacts[row] if row >= 0 else np.full(3, np.nan)
+        value = float(values[place.vertex])
+        found.append(_region("too thick", cloud, place, opposite, value, values))
+        if len(found) == limits.most_regions:
+            break
+    return found
+
+
+def _gaps(outer: MedialCloud, limits: WallLimits, wall_angle: float) -> list[WallRegion]:
+    found = []
+    for gap in narrow_gaps(outer, limits.gap, math.radians(wall_angle))[: limits.most_regions]:
+        most = float(gap.widths.max())
+        area = _area(outer, gap.vertices)
+        ends = gap.position, gap.opposite
+        region = WallRegion("gap", *ends, gap.value, gap.value, most, area, gap.vertices)
+        found.append(region)
+    return found
+
+
+def _region(
+    kind: RegionKind,
+    cloud: MedialCloud,
+    place: LowPlace,
+    opposite: FloatArray,
+    value: float,
+    values: FloatArray,
+) -> WallRegion:
+    inside = values[place.vertices]
+    position = cloud.surface.points[place.vertex]
+    area = _area(cloud, place.vertices)
+    extremes = float(inside.min()), float(inside.max())
+    return WallRegion(kind, position, opposite, value, *extremes, area, place.vertices)
+
+
+def _area(cloud: MedialCloud, vertices: NDArray[np.integer]) -> float:
+    surface = cloud.surface
+    return math.nan if surface.faces is None else float(surface.point_areas[vertices].sum())

@@ -1,0 +1,150 @@
+"""The house: which module may import what, no circles, and rooms that stay few."""
+
+import ast
+from pathlib import Path
+
+import pytest
+
+from medialis.base import cache_folder
+
+ROOT = Path(__file__).resolve().parents[1]
+PACKAGE = Path(cache_folder.PACKAGE)
+# fmt: off
+FLOORS = [
+    "base", "formats", "shape", "operations",
+    "skeleton", "sheets", "curves", "medial_meshes", "walls", "segments", "clouds", "rigging",
+    "show", "exchange", "hosts", "batches", "cli", "__main__",
+]
+# fmt: on
+"""Each imports from itself and from those before it."""
+
+PACKAGES = {
+    "medialis": PACKAGE,
+    "blender_addon": ROOT / "blender_addon",
+    "medialis_meshset": ROOT / "meshlab_plugin" / "medialis_meshset",
+    "medialis_meshlab": ROOT / "meshlab_plugin" / "medialis_meshlab",
+}
+AROUND_KERNELS = {"box_tree.py", "cache_folder.py", "jit.py"}
+"""Python code that kernels need, or that needs numba."""
+
+MOST_FILES, MOST_IN_A_FOLDER = 207, 20
+
+
+def modules(package="medialis"):
+    folder = PACKAGES[package]
+    left_out = {"packaging", "examples"}  # scripts, each for itself
+    paths = sorted(folder.rglob("*.py"))
+    return [path for path in paths if not left_out & set(path.relative_to(folder).parts)]
+
+
+def is_kernel_module(path):
+    return path.name.endswith("_kernels.py")
+
+
+def dotted(path, package):
+    parts = path.relative_to(PACKAGES[package]).with_suffix("").parts
+    return ".".join((package, *parts)).removesuffix(".__init__")
+
+
+def imports(path, package="medialis"):
+    """Modules and names that a file imports anywhere, TYPE_CHECKING blocks left out."""
+    found = set()
+    own = dotted(path, package).split(".")
+    if path.name != "__init__.py":
+        own = own[:-1]
+
+    def visit(node):
+        if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.dump(node.test):
+            return
+        if isinstance(node, ast.Import):
+            found.update(alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            above = own[: len(own) - node.level + 1] if node.level else []
+            module = ".".join([*above, *([node.module] if node.module else [])])
+            found.add(module)
+            found.update(f"{module}.{alias.name}" for alias in node.names)
+        for child in ast.iter_child_nodes(node):
+            visit(child)
+
+    visit(ast.parse(path.read_text(encoding="utf-8")))
+    return found
+
+
+@pytest.mark.parametrize("path", modules(), ids=lambda path: path.relative_to(PACKAGE).as_posix())
+def test_imports_point_downwards(path):
+    relative = path.relative_to(PACKAGE)
+    if relative.as_posix() == "__init__.py":
+        return
+    own = FLOORS.index(relative.parts[0].removesuffix(".py"))
+    for name in imports(path):
+        parts = name.split(".")
+        if parts[0] != "medialis":
+            continue
+        assert len(parts) > 1, f"{relative} imports the public package"
+        assert FLOORS.index(parts[1]) <= own, f"{relative} imports {name}"
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_no_module_imports_itself_by_way_of_others(package):
+    """Six circles were there in 2.0, three of them in the adapters (mended)."""
+    known = {dotted(path, package): path for path in modules(package)}
+    arrows = {
+        name: {other for other in imports(path, package) if other in known and other != name}
+        for name, path in known.items()
+    }
+    if package == "medialis":
+        del arrows["medialis"]  # the public names, which are loaded when they are asked for
+    done, open_ = set(), []
+
+    def walk(name):
+        if name in open_:
+            raise AssertionError(" -> ".join([*open_[open_.index(name) :], name]))
+        if name in done or name not in arrows:
+            return
+        open_.append(name)
+        for other in sorted(arrows[name]):
+            # A package that re-exports its modules is above them: importing one of them from
+            # beside it is no circle.
+            if not name.startswith(f"{other}."):
+                walk(other)
+        open_.pop()
+        done.add(name)
+
+    for name in sorted(arrows):
+        walk(name)
+
+
+@pytest.mark.parametrize("path", modules(), ids=lambda path: path.relative_to(PACKAGE).as_posix())
+def test_only_kernel_modules_import_numba(path):
+    """And kernels use only numpy, numba and each other: all they compile is in the cache's hash."""
+    names = {name.split(".")[0] for name in imports(path)}
+    if not is_kernel_module(path) and path.name not in AROUND_KERNELS:
+        assert "numba" not in names
+    if not is_kernel_module(path):
+        return
+    assert path in cache_folder.kernel_sources()
+    allowed = {".".join(("medialis", *p.relative_to(PACKAGE).with_suffix("").parts))
+               for p in modules() if is_kernel_module(p) or p.name == "jit.py"}  # fmt: skip
+    for name in imports(path):
+        root = name.split(".")[0]
+        if root == "medialis":
+            assert any(name == one or name.startswith(f"{one}.") for one in allowed), name
+        else:
+            assert root in {"numpy", "numba", "math", "typing", "__future__"}, name
+
+
+def test_rooms_stay_few():
+    """2.0 had 405 files; one that is added has an idea of its own, or goes into another."""
+    files = modules()
+    assert len(files) <= MOST_FILES
+    for folder in {path.parent for path in files}:
+        inside = [path for path in files if path.parent == folder]
+        assert len(inside) <= MOST_IN_A_FOLDER, folder
+
+
+@pytest.mark.parametrize("folder", sorted({path.parent for path in modules()} - {PACKAGE}))
+def test_each_folder_says_what_it_is(folder):
+    text = ast.get_docstring(ast.parse((folder / "__init__.py").read_text(encoding="utf-8")))
+    assert text and len(text.splitlines()) >= 5, "what it is, in about ten lines"
+    files = [path.stem for path in folder.glob("*.py") if path.name != "__init__.py"]
+    assert any(name in text for name in files), "which file to read first"
