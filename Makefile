@@ -48,7 +48,7 @@ $(VENV)/installed-dev: pyproject.toml meshlab_plugin/pyproject.toml
 demo: $(VENV)/installed
 	$(RUN) -m medialis demo $(if $(SHAPE),"$(SHAPE)") --output "$(OUT)"
 
-# PYTEST="tests/files -k ply" runs only these of the core's tests; for Blender's there is test-blender.
+# PYTEST="tests/formats -k ply" runs only these of the core's tests; for Blender's there is test-blender.
 PARALLEL = -n auto --dist worksteal
 
 test: $(VENV)/installed-dev

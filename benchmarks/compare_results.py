@@ -4,7 +4,7 @@
     python benchmarks/compare_results.py record ../shared/shapes after.json
     python benchmarks/compare_results.py compare before.json after.json
 
-A record holds a checksum of each array and every value, so that a redesign can show that it
+A record holds a checksum of each array, every value and message, so that a redesign can show that it
 changes no bit, and a sample of each array, so that the table can tell how large a difference is.
 Operations that raise are recorded by their sentence. A record that is there is continued.
 """
@@ -45,6 +45,7 @@ def checksum(values: Any) -> dict[str, Any]:
 def described(result: medialis.Result) -> dict[str, Any]:
     """Describe a result by names: its values, its arrays and those of its layers."""
     found: dict[str, Any] = {f"values/{name}": value for name, value in result.values.items()}
+    found["messages"] = [str(message) for message in result.messages]
     for name, array in result.arrays.items():
         found[f"arrays/{name}"] = checksum(array)
     for name, image in result.images.items():

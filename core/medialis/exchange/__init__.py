@@ -7,5 +7,5 @@ first: what can be drawn at all is `Drawn.of`. `mesh_files` writes the same thin
 No library is imported before it is asked for, and none is needed: one that is missing is one
 sentence with what to install (`library`). What reads a shape from a path, arrays or a foreign mesh
 is `medialis.shape.reading`. Another library: a function `to_NAME` that begins with `Drawn.of`, its
-name in `medialis/__init__.pyi`, and a test in `tests/hosts/test_other_libraries.py`.
+name in `medialis/__init__.pyi`, and a test in `tests/exchange/test_other_libraries.py`.
 """
