@@ -46,9 +46,9 @@ from medialis.curves.from_views.view import Rasterizer as Rasterizer
 from medialis.curves.from_views.view import View as View
 from medialis.curves.from_views.view import ViewSource as ViewSource
 from medialis.curves.from_views.view import rasterizer as rasterizer
-from medialis.curves.graph.growth import point_graph as point_graph
+from medialis.curves.graph.finishing import point_graph as point_graph
+from medialis.curves.graph.finishing import simplify_branches as simplify_branches
 from medialis.curves.graph.loops import Handles as Handles
-from medialis.curves.graph.simplification import simplify_branches as simplify_branches
 from medialis.exchange.label_volumes import label_surfaces as label_surfaces
 from medialis.exchange.libraries import as_curve_skeleton as as_curve_skeleton
 from medialis.exchange.libraries import to_meshio as to_meshio
