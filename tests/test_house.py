@@ -1,6 +1,7 @@
 """The house: which module may import what, no circles, and rooms that stay few."""
 
 import ast
+import re
 from pathlib import Path
 
 import pytest
@@ -111,3 +112,13 @@ def test_each_folder_says_what_it_is(folder):
 def test_the_picture_of_the_folders_is_what_the_imports_say():
     """`python docs/make_house.py` draws it anew."""
     assert PICTURE.read_text(encoding="utf-8") == picture()
+
+
+def test_the_way_of_a_shape_names_functions_that_are_there():
+    text = (PICTURE.parents[1] / "architecture.md").read_text(encoding="utf-8")
+    steps = re.findall(r"^\| \d+ \|.*\| `(.*)` \| `(.*)` \|$", text, re.MULTILINE)
+    assert len(steps) == 12
+    for file, function in steps:
+        path = next(p for p in (PACKAGE / file, PICTURE.parents[2] / file) if p.exists())
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+        assert function in {node.name for node in tree.body if hasattr(node, "name")}, file
