@@ -181,7 +181,8 @@ class _Mover:
             raise MedialisError(
                 f"{place} has {value.shape[-1]} columns, and nothing says whether they are "
                 "positions: mark it as places(...), balls(...) or numbers(...) of "
-                "medialis.operations.positions, or declare the field as Positions, BallRows, Directions or Measures."
+                "medialis.operations.positions, or declare the field as Positions, BallRows, "
+                "Directions or Measures."
             )
         return plain
 
