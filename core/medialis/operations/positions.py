@@ -94,7 +94,7 @@ def place(values: Iterable[float]) -> Place:
     return Place(float(x) for x in values)
 
 
-def of_array(value: NDArray[Any] | np.generic) -> Any:
+def of_array(value: Any) -> Any:
     """Return an array that stands among values as lists, with what it is marked as."""
     if value.ndim == 1 and isinstance(value, Places | Numbers):
         return Place(value.tolist()) if isinstance(value, Places) else Listed(value.tolist())
