@@ -2,7 +2,7 @@
 
     python benchmarks/record_kernels.py     # writes core/medialis/hosts/kernels.txt
 
-It runs all operations on small shapes, `midsurface` on one with walls: two minutes where all kernels
+It runs all operations on small shapes, `midsurface` on one with walls: two minutes where kernels
 are compiled, as after the tests. What an operation calls is in memory after it; the kernels
 that these call, and for which types, numba's type inference tells.
 """
