@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from medialis.base.arrays import polylines
+from medialis.base.arrays import Index, Mask, polylines
 from medialis.base.errors import InvalidOptionError
 from medialis.base.options import Kind, Parameter
 from medialis.base.validation import FloatArray
@@ -98,7 +98,7 @@ def distinct_names(
     }
 
 
-def picked_lines(parameter: Parameter, vertices: Sequence[int] | NDArray[np.int64]) -> str:
+def picked_lines(parameter: Parameter, vertices: Sequence[int] | Index) -> str:
     r"""Return the file of an option that lists vertices, or pairs of them, for picked ones.
 
     A path runs from each to the next.
@@ -231,7 +231,7 @@ class Shown:
         values = np.asarray(self.values, np.float64)
         return np.clip(np.where(np.isnan(values), low, values), low, high)
 
-    def rows(self, chosen: NDArray[np.bool_]) -> Shown:
+    def rows(self, chosen: Mask) -> Shown:
         """Return what is shown of some rows, in the same colours."""
         return replace(self, values=self.values[chosen])
 
@@ -427,7 +427,7 @@ class Numbers:
 
     places: FloatArray
     texts_at: FloatArray
-    values: NDArray[np.float64]
+    values: FloatArray
     quantity: str
 
 
@@ -459,7 +459,7 @@ OF_RADIUS = 0.15
 DARK_SHARE = 0.6
 """How much longer the colour scale of a tube begins before its values: without its dark third."""
 
-Solid = tuple[FloatArray, NDArray[np.int64], NDArray[np.int64]]
+Solid = tuple[FloatArray, Index, Index]
 """Points, faces, and the row of the layer that each point comes from."""
 
 
@@ -548,7 +548,7 @@ def _balls(centers: FloatArray, radius: float) -> Solid:
     return points, all_faces, np.repeat(np.arange(count), n)
 
 
-def _unit_ball(rounds: int) -> tuple[FloatArray, NDArray[np.int64]]:
+def _unit_ball(rounds: int) -> tuple[FloatArray, Index]:
     points = np.concatenate([np.eye(3), -np.eye(3)])
     signs = [(a, b, c) for a in (0, 3) for b in (1, 4) for c in (2, 5)]
     outward = [row if sum(i > 2 for i in row) % 2 == 0 else row[::-1] for row in signs]
@@ -580,7 +580,7 @@ def _tubes(points: FloatArray, edges: NDArray[Any], radii: FloatArray) -> Solid:
     return columns[0], columns[1], columns[2]
 
 
-def _tube(line: FloatArray, radii: FloatArray) -> tuple[FloatArray, NDArray[np.int64]]:
+def _tube(line: FloatArray, radii: FloatArray) -> tuple[FloatArray, Index]:
     """Return the rings round a polyline, the two ends, and the faces between them."""
     count = len(line)
     across, beside = _frames(line)

@@ -9,9 +9,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from medialis.base.arrays import Described
+from medialis.base.arrays import Described, Index, Mask
 from medialis.base.box_tree import NearestTree
 from medialis.base.errors import InvalidShapeError
 from medialis.base.validation import FloatArray
@@ -19,8 +18,6 @@ from medialis.medial_meshes.envelope import Envelope
 from medialis.medial_meshes.mesh import BallCover, MedialMesh
 from medialis.medial_meshes.sampling import Solid
 from medialis.shape.shape import Shape
-
-Index = NDArray[np.int64]
 
 ON_SURFACE = 60_000
 """Places of the surface that are looked at besides its vertices, about."""
@@ -215,7 +212,7 @@ def boundary_points(envelope: Envelope, wanted: int = ON_ENVELOPE) -> tuple[Floa
 Parts = tuple[FloatArray, Index, Index]
 
 
-def _step_for(most: int, parts: Parts, which: NDArray[np.bool_], step: float) -> float:
+def _step_for(most: int, parts: Parts, which: Mask, step: float) -> float:
     """Return a step, smaller and smaller, at which some parts have this many points."""
     for _ in range(60):
         if _counts(parts, np.full(len(which), step))[which].sum() >= most:
@@ -342,9 +339,7 @@ def _split(count: int) -> FloatArray:
     return np.concatenate([1 - steps.sum(axis=2, keepdims=True), steps], axis=2)
 
 
-def _given(
-    pieces: FloatArray, centers: FloatArray, radii: FloatArray
-) -> tuple[NDArray[np.int64], FloatArray]:
+def _given(pieces: FloatArray, centers: FloatArray, radii: FloatArray) -> tuple[Index, FloatArray]:
     """Return the ball of each piece, that which has to grow least, and the radius it needs.
 
     The ball nearest to the middle of a piece bounds how much one has to grow, and so the balls that
@@ -373,7 +368,7 @@ def _given(
 
 
 def _shrunk(
-    pieces: FloatArray, owner: NDArray[np.int64], need: FloatArray, centers: FloatArray
+    pieces: FloatArray, owner: Index, need: FloatArray, centers: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Move balls to where they may be smallest: step by step towards their farthest corner."""
     order = np.argsort(owner, kind="stable")

@@ -14,16 +14,14 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from medialis.base.arrays import Described
+from medialis.base.arrays import Described, Index, Mask
 from medialis.base.errors import InvalidShapeError
 from medialis.base.kept import Bound
 from medialis.base.validation import BallRows, FloatArray, IntArray, Positions, frozen, hold
 from medialis.shape.surface import piece_labels
 from medialis.skeleton.medial_cloud import MedialCloud
-
-Index = NDArray[np.int64]
 
 
 def betti_numbers(count: int, edges: Index, faces: Index) -> tuple[int, int, int]:
@@ -466,7 +464,7 @@ def important_mesh(mesh: MedialMesh, importance: ArrayLike, threshold: float) ->
     value = np.asarray(importance, np.float64)
     if value.shape != (len(mesh),):
         raise InvalidShapeError(f"There are {len(mesh)} balls and values of shape {value.shape}.")
-    low: NDArray[np.bool_] = np.less(value, threshold)  # NaN is not
+    low: Mask = np.less(value, threshold)  # NaN is not
     edges, faces = _triangles_taken(mesh, low)
     balls = _ends_taken(mesh, low, edges, faces)
     number = np.cumsum(balls) - 1
@@ -476,19 +474,17 @@ def important_mesh(mesh: MedialMesh, importance: ArrayLike, threshold: float) ->
     )  # fmt: skip
 
 
-def _sides(mesh: MedialMesh) -> NDArray[np.int64]:
+def _sides(mesh: MedialMesh) -> Index:
     """Return the edge that each side of each triangle is, (f, 3)."""
     powers = np.array([len(mesh), 1], np.int64)
     keys = mesh.edges @ powers
     order = np.argsort(keys, kind="stable")
     wanted = mesh.faces[:, [[0, 1], [0, 2], [1, 2]]] @ powers
-    found: NDArray[np.int64] = order[np.searchsorted(keys, wanted, sorter=order)]
+    found: Index = order[np.searchsorted(keys, wanted, sorter=order)]
     return found
 
 
-def _triangles_taken(
-    mesh: MedialMesh, low: NDArray[np.bool_]
-) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+def _triangles_taken(mesh: MedialMesh, low: Mask) -> tuple[Mask, Mask]:
     """Collapse triangles from free sides with an end of low importance.
 
     Returns
@@ -516,9 +512,7 @@ def _triangles_taken(
     return edges, faces
 
 
-def _ends_taken(
-    mesh: MedialMesh, low: NDArray[np.bool_], edges: NDArray[np.bool_], faces: NDArray[np.bool_]
-) -> NDArray[np.bool_]:
+def _ends_taken(mesh: MedialMesh, low: Mask, edges: Mask, faces: Mask) -> Mask:
     """Take balls of low importance at the one edge that they have; tell those that stay.
 
     `edges` are those that stay so far; those that go are marked in it.

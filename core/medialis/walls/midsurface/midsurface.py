@@ -13,9 +13,8 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
-from medialis.base.arrays import Described
+from medialis.base.arrays import Described, Index
 from medialis.base.box_tree import NearestTree, nearest_on_triangles
 from medialis.base.errors import InvalidShapeError
 from medialis.base.options import Options, algorithm, angle, length
@@ -114,7 +113,7 @@ class Midsurface(Described):
         return int(self.weld.max(initial=-1)) + 1
 
     @cached_property
-    def areas(self) -> NDArray[np.float64]:
+    def areas(self) -> FloatArray:
         """Area of each face, (m,)."""
         a, b, c = (self.points[self.faces[:, j]] for j in range(3))
         return np.asarray(np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2)
@@ -189,7 +188,7 @@ def find_lumps(shape: Shape, sheets: Midsurface) -> tuple[tuple[Lump, ...], floa
     return tuple(found), 1.0 - len(outside) / len(inside)
 
 
-def _pieces(cells: NDArray[np.int64], count: NDArray[np.int64]) -> IntArray:
+def _pieces(cells: Index, count: Index) -> IntArray:
     """Give a number to each piece of cells of a grid that hang together through their sides."""
     row = np.full(int(np.prod(count)), -1)
     row[cells] = np.arange(len(cells))
@@ -274,9 +273,7 @@ def assembled(
     return Midsurface(every[used], mesh_faces, 2 * half[used], 2 * mean, label, edges, weld)
 
 
-def _weld_edges(
-    curves: list[Curve], nodes: int, new: NDArray[np.int64]
-) -> tuple[IntArray, IntArray]:
+def _weld_edges(curves: list[Curve], nodes: int, new: Index) -> tuple[IntArray, IntArray]:
     """Return the edges of all curves of several sheets, and the curve of each."""
     result, of_edge = [], []
     first = _first_numbers(curves, nodes)
