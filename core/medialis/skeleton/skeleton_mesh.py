@@ -21,8 +21,8 @@ from medialis.base.threads import run_chunks
 from medialis.base.validation import IntArray, Positions, as_faces, frozen, hold
 from medialis.shape.shape import Shape
 from medialis.shape.surface import Surface
-from medialis.skeleton.importance.geodesics import Importance
 from medialis.skeleton.importance.importance import (
+    Importance,
     connected_importance,
     geodesic_importance,
     important_points,

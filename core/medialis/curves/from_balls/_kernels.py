@@ -12,7 +12,7 @@ import math
 import numpy as np
 
 from medialis.base.jit import kernel
-from medialis.skeleton.importance._plane_kernels import trace_plane, way_out
+from medialis.skeleton.importance._walk_kernels import trace_plane, way_out
 
 TINY = 1e-12
 SAME_PLACE = 0.3  # radii: centers this close belong to one ball as far as its contacts go

@@ -17,7 +17,7 @@ to it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,7 +31,6 @@ from medialis.base.validation import FloatArray, frozen
 from medialis.skeleton.importance.geodesics import (
     GeodesicOptions,
     GeodesicPaths,
-    Importance,
     PathStatus,
     along_space,
     as_pairs,
@@ -40,6 +39,21 @@ from medialis.skeleton.importance.geodesics import (
 )
 from medialis.skeleton.medial_cloud import Balls, MedialCloud
 from medialis.skeleton.surface_skeleton import as_cloud
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Importance(GeodesicPaths):
+    """Geodesics between the feature points of the balls of a cloud: their lengths are importance.
+
+    Attributes
+    ----------
+    cloud : MedialCloud
+        The k skeleton points. After `medialis.connected_importance`, ``length`` is lower than the
+        path on islands, and higher on bridges.
+    """
+
+    cloud: MedialCloud = field(kw_only=True)
+
 
 LARGE = 0.002
 """Share of the skeleton points from which an island is worth a bridge: at most 500 bridges."""
@@ -404,24 +418,12 @@ def relax(cloud: MedialCloud, paths: GeodesicPaths) -> GeodesicPaths:
 
     k, shape = len(cloud), cloud.surface
     length, origin = np.array(paths.length), np.arange(k)
-    points, corners, _, offsets, fan = surface_walk(shape)
-    starts, goals = cloud.features[:, 0].copy(), cloud.features[:, 1].copy()
+    walk, ends = surface_walk(shape), np.array(cloud.features)
     for side in (1, -1):
         rows = np.flatnonzero(cloud.valid & (cloud.side == side))
         row_of = np.full(shape.point_count, -1, np.int64)
         row_of[cloud.source[rows]] = rows
-        relax_lengths(
-            row_of[row_of >= 0],
-            row_of,
-            points,
-            corners,
-            offsets,
-            fan,
-            starts,
-            goals,
-            length,
-            origin,
-        )
+        relax_lengths(row_of[row_of >= 0], row_of, walk, ends, length, origin)
     shorter = np.flatnonzero(length < paths.length)
     # A path of length 0 has no direction.
     origin = np.where(np.isnan(paths.start_tangent[origin, 0]), np.arange(k), origin)

@@ -23,7 +23,12 @@ from medialis.operations.positions import numbers
 from medialis.operations.result import FilterUnit, Layer, Outcome
 from medialis.shape.reading import surface_of_cloud
 from medialis.shape.shape import Shape
-from medialis.skeleton.importance.geodesics import GeodesicOptions, PathStatus
+from medialis.skeleton.importance.geodesics import (
+    Geodesic,
+    GeodesicOptions,
+    PathStatus,
+    geodesics,
+)
 from medialis.skeleton.importance.importance import (
     ImportanceOptions,
     ThresholdOptions,
@@ -32,7 +37,6 @@ from medialis.skeleton.importance.importance import (
     important_points,
     local_measures,
 )
-from medialis.skeleton.importance.polylines import Geodesic, geodesics
 from medialis.skeleton.layers import cloud_arrays, cloud_layer, samples_layer, summary
 from medialis.skeleton.surface_skeleton import Preparation, surface_skeleton
 
