@@ -35,36 +35,49 @@ found.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from medialis.base._box_tree_kernels import LEAF, lowest_bit, test_children
 from medialis.base.jit import kernel
 
-
-@kernel
-def touch_from_outside(
-    rows, centers, features, contact_faces, contact_weights, points, normals, faces, face_normals,
-    out,
-):  # fmt: skip
-    """Mark the balls whose center lies in front of the surface at their second contact."""
-    for row in rows:
-        face, outward = contact_faces[row], 0.0
-        for axis in range(3):
-            if face >= 0:
-                place = 0.0
-                for j in range(3):
-                    place += contact_weights[row, j] * points[faces[face, j], axis]
-                normal = face_normals[face, axis]
-            else:
-                sample = features[row, 1]
-                place, normal = points[sample, axis], normals[sample, axis]
-            outward += (place - centers[row, axis]) * normal
-        out[row] = outward < 0.0
-
-
 OK, OPEN, NO_NORMAL = 0, 1, 2
-KNOWN = 16  # certificates kept: a leaf of a tube lies on about four rings, whose balls are the same
+"""What becomes of a ball: `BallStatus`."""
+
+KNOWN = 16
+"""Certificates kept: a leaf of a tube lies on about four rings, whose balls are the same."""
+
+
+class SampleTree(NamedTuple):
+    """A tree of n samples to walk down; see `BoxTree`."""
+
+    points: NDArray[np.float64]
+    order: NDArray[np.int32]
+    blocks: NDArray[np.float64]
+    bounds: NDArray[np.float32]
+    child: NDArray[np.int64]
+    depth: int
+
+
+class Columns(NamedTuple):
+    """What shrinking finds of k balls; `second` is their second feature point, a sample.
+
+    Attributes
+    ----------
+    centers, radii : (k, 3) and (k,) float64
+        In units of the tree.
+    second : (k,) int32
+    status : (k,) int8
+    angles : (k,) float64
+    """
+
+    centers: NDArray[np.float64]
+    radii: NDArray[np.float64]
+    second: NDArray[np.int32]
+    status: NDArray[np.int8]
+    angles: NDArray[np.float64]
 
 
 @kernel
@@ -124,16 +137,14 @@ def _remember(feature, blocks, recent, names, spare):
 
 
 @kernel
-def shrink_balls(
-    begin, end, sign, tolerance, a, largest, near2, margin,
-    points, normals, samples, order, blocks, bounds, child, depth,
-    out_centers, out_radii, out_features, out_status, out_angles,
-):  # fmt: skip
+def shrink_balls(begin, end, sign, lengths, tree, normals, samples, out):
     """Maximal balls of the samples begin..end (tree order); outputs are in the original order.
 
     Or of the balls begin..end where `samples` tells the sample of each: `normals` are those of the
     balls then, and so are the outputs.
     """
+    points, order, blocks, bounds, child, depth = tree
+    _, tolerance, a, largest, near2, margin = lengths
     n = len(points)
     stack = np.empty(8 * 12 + 8, np.int64)  # 8 children on each of at most 11 wide levels
     recent, names = np.empty((3, LEAF)), np.empty(LEAF, np.int64)  # see `_remember`
@@ -147,7 +158,7 @@ def shrink_balls(
         px, py, pz = points[i, 0], points[i, 1], points[i, 2]
         nx, ny, nz = sign * normals[ball, 0], sign * normals[ball, 1], sign * normals[ball, 2]
         if nx == 0.0 and ny == 0.0 and nz == 0.0:
-            out_status[source] = NO_NORMAL
+            out.status[source] = NO_NORMAL
             continue
         r, feature = largest, -1
         own = ((i + 1) << depth) // n  # a leaf close to the sample: its own or a neighbour
@@ -200,9 +211,9 @@ def shrink_balls(
             known[3, turn] = a - r
             turn = (turn + 1) % KNOWN
         if feature < 0:
-            out_centers[source, 0], out_centers[source, 1], out_centers[source, 2] = cx, cy, cz
-            out_radii[source] = r
-            out_status[source] = OPEN
+            out.centers[source, 0], out.centers[source, 1], out.centers[source, 2] = cx, cy, cz
+            out.radii[source] = r
+            out.status[source] = OPEN
             continue
         spare = _remember(feature, blocks, recent, names, spare)
         leaf, slot = feature // LEAF, feature % LEAF
@@ -212,59 +223,80 @@ def shrink_balls(
         dz = pz - blocks[leaf, 2, slot]
         num = dx * dx + dy * dy + dz * dz
         r = num / (2.0 * (nx * dx + ny * dy + nz * dz))
-        out_centers[source, 0] = px - r * nx
-        out_centers[source, 1] = py - r * ny
-        out_centers[source, 2] = pz - r * nz
-        out_radii[source] = r
-        out_angles[source] = 2.0 * math.asin(min(1.0, math.sqrt(num) / (2.0 * r)))
+        out.centers[source, 0] = px - r * nx
+        out.centers[source, 1] = py - r * ny
+        out.centers[source, 2] = pz - r * nz
+        out.radii[source] = r
+        out.angles[source] = 2.0 * math.asin(min(1.0, math.sqrt(num) / (2.0 * r)))
         first = (n * leaf) >> depth  # a padded slot stands for the last sample of its leaf
-        out_features[source] = order[min(first + slot, ((n * (leaf + 1)) >> depth) - 1)]
-        out_status[source] = OK
+        out.second[source] = order[min(first + slot, ((n * (leaf + 1)) >> depth) - 1)]
+        out.status[source] = OK
+
+
+class Grid(NamedTuple):
+    """Points kept so far, in a hash table of cells: the first one of each and the next of each.
+
+    Attributes
+    ----------
+    cell : float
+        Edge of a cell.
+    cells : (3,) int64
+        Along x, y and z.
+    keys, heads : (slots,) int64
+        Number of the cell of each slot, -1: none; the point in it that was kept last.
+    chain : (n,) int64
+        The point kept before in the cell of each, -1: none.
+    """
+
+    cell: float
+    cells: NDArray[np.int64]
+    keys: NDArray[np.int64]
+    heads: NDArray[np.int64]
+    chain: NDArray[np.int64]
 
 
 @kernel
-def _slot(table_key, key):
-    mask = len(table_key) - 1
+def _slot(keys, key):
+    mask = len(keys) - 1
     slot = ((key * 0x9E3779B97F4A7C1) >> 20) & mask
-    while table_key[slot] != key and table_key[slot] != -1:
+    while keys[slot] != key and keys[slot] != -1:
         slot = (slot + 1) & mask
     return slot
 
 
 @kernel
-def _has_neighbour(points, i, limit, cx, cy, cz, cells, table_key, table_head, chain):
+def _has_neighbour(points, i, limit, cx, cy, cz, grid):
     """Tell whether a kept point of the 27 cells around (cx, cy, cz) is nearer than the limit."""
     for a in range(max(cx - 1, 0), cx + 2):
         for b in range(max(cy - 1, 0), cy + 2):
             for c in range(max(cz - 1, 0), cz + 2):
-                slot = _slot(table_key, (a * cells[1] + b) * cells[2] + c)
-                if table_key[slot] == -1:
+                slot = _slot(grid.keys, (a * grid.cells[1] + b) * grid.cells[2] + c)
+                if grid.keys[slot] == -1:
                     continue
-                j = table_head[slot]
+                j = grid.heads[slot]
                 while j >= 0:
                     dx = points[i, 0] - points[j, 0]
                     dy = points[i, 1] - points[j, 1]
                     dz = points[i, 2] - points[j, 2]
                     if dx * dx + dy * dy + dz * dz < limit:
                         return True
-                    j = chain[j]
+                    j = grid.chain[j]
     return False
 
 
 @kernel
-def keep_apart(points, order, delta, cell, cells, table_key, table_head, chain, out_keep):
-    """Set out_keep where a point is kept. Points are >= 0; `cells`: cells along x, y, z."""
-    limit = delta * delta
-    for turn in range(len(order)):
-        i = order[turn]
-        cx = np.int64(math.floor(points[i, 0] / cell))
-        cy = np.int64(math.floor(points[i, 1] / cell))
-        cz = np.int64(math.floor(points[i, 2] / cell))
-        if _has_neighbour(points, i, limit, cx, cy, cz, cells, table_key, table_head, chain):
+def keep_apart(points, order, distance, grid, out_keep):
+    """Set out_keep where a point is kept. Points are >= 0."""
+    limit = distance * distance
+    for i in order:
+        cx = np.int64(math.floor(points[i, 0] / grid.cell))
+        cy = np.int64(math.floor(points[i, 1] / grid.cell))
+        cz = np.int64(math.floor(points[i, 2] / grid.cell))
+        if _has_neighbour(points, i, limit, cx, cy, cz, grid):
             continue
         out_keep[i] = True
-        key = (cx * cells[1] + cy) * cells[2] + cz
-        slot = _slot(table_key, key)
-        table_key[slot] = key
-        chain[i] = table_head[slot]
-        table_head[slot] = i
+        key = (cx * grid.cells[1] + cy) * grid.cells[2] + cz
+        slot = _slot(grid.keys, key)
+        grid.keys[slot] = key
+        grid.chain[i] = grid.heads[slot]
+        grid.heads[slot] = i

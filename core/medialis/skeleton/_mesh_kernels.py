@@ -14,25 +14,47 @@ samples and depend on the order of their items, so they run on one thread.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from medialis.base.jit import kernel
+from medialis.skeleton.importance._walk_kernels import distance
 
 SAME_SHEET = 0.7
 """Cosine: chords less than 45 degrees apart belong to one sheet. Where three sheets meet under
 equal angles, as at a corner of a box, their chords are 60 degrees apart."""
+
 CERTAIN = 0.9
 """Cosine: chords that agree this well are joined first, so that a contradiction falls where the
 sheet is least certain."""
 
+SEGMENT = 1e-12
+"""Squared height of a triangle, in squared lengths of its side: to rounding it is a segment."""
 
-@kernel
-def _length(points, i, j):
-    dx = points[i, 0] - points[j, 0]
-    dy = points[i, 1] - points[j, 1]
-    dz = points[i, 2] - points[j, 2]
-    return math.sqrt(dx * dx + dy * dy + dz * dz)
+
+class SheetBalls(NamedTuple):
+    """The k balls of n samples.
+
+    Attributes
+    ----------
+    points : (n, 3) float64
+    source : (k,) int32
+        Sample of each ball.
+    centers, radii : (k, 3) and (k,) float64
+    chords : (k, 3) float64
+        Unit vectors from the second to the first feature point: the normal of the sheet.
+    slopes : (k,) float64
+        Cosines of half the spoke angles.
+    """
+
+    points: NDArray[np.float64]
+    source: NDArray[np.int32]
+    centers: NDArray[np.float64]
+    radii: NDArray[np.float64]
+    chords: NDArray[np.float64]
+    slopes: NDArray[np.float64]
 
 
 @kernel
@@ -55,7 +77,7 @@ def in_balls(la, lb, lc, ra, rb, rc):
         return True
     cx = (lb * lb + lc * lc - la * la) / (2.0 * lc)
     cy2 = lb * lb - cx * cx
-    if cy2 <= 1e-12 * lc * lc:  # the triangle is a segment to rounding
+    if cy2 <= SEGMENT * lc * lc:
         return True
     cy = math.sqrt(cy2)
     x = (lc * lc + ra * ra - rb * rb) / (2.0 * lc)
@@ -79,33 +101,31 @@ def bridge_gaps(faces, points, source, row_near, out_row_near):
                 continue
             old = out_row_near[s]
             if old >= 0:
-                gain = _length(points, s, source[old]) - _length(points, s, source[row])
+                gain = distance(points, s, source[old]) - distance(points, s, source[row])
                 if gain < 0.0 or (gain == 0.0 and old <= row):
                     continue
             out_row_near[s] = row
 
 
 @kernel
-def _reach(rows, points, source):
-    """Longest side of the surface triangle of three rows: the sample spacing there."""
-    a, b, c = source[rows[0]], source[rows[1]], source[rows[2]]
-    return max(_length(points, a, b), _length(points, b, c), _length(points, c, a))
+def _inside(rows, sampled, balls):
+    """Tell whether the balls of three rows cover the triangle of their centers.
 
-
-@kernel
-def _inside(rows, centers, radii, reach):
-    """Tell whether the balls of three rows, larger by `reach`, cover the triangle of centers."""
+    They are larger by the longest side of the surface triangle of the rows `sampled`, the sample
+    spacing there.
+    """
+    points, source, centers, radii = balls.points, balls.source, balls.centers, balls.radii
+    a, b, c = source[sampled[0]], source[sampled[1]], source[sampled[2]]
+    reach = max(distance(points, a, b), distance(points, b, c), distance(points, c, a))
     a, b, c = rows[0], rows[1], rows[2]
     return in_balls(
-        _length(centers, b, c), _length(centers, c, a), _length(centers, a, b),
+        distance(centers, b, c), distance(centers, c, a), distance(centers, a, b),
         radii[a] + reach, radii[b] + reach, radii[c] + reach,
     )  # fmt: skip
 
 
 @kernel
-def test_faces(
-    begin, end, slack, faces, row_near, points, source, centers, radii, slopes, out_rows, out_ok
-):  # fmt: skip
+def test_faces(begin, end, slack, faces, row_near, balls, out_rows, out_ok):
     """Rows of the corners, and whether the centers of faces begin..end form a skeleton triangle."""
     for f in range(begin, end):
         for j in range(3):
@@ -116,13 +136,11 @@ def test_faces(
         good = True
         for j in range(3):
             i, k = out_rows[f, j], out_rows[f, (j + 1) % 3]
-            rise = abs(radii[i] - radii[k])
-            run = _length(centers, i, k)
-            step = _length(points, source[i], source[k])
-            good &= rise <= 0.5 * (slopes[i] + slopes[k]) * run + slack * step
-        out_ok[f] = good and _inside(
-            out_rows[f], centers, radii, _reach(out_rows[f], points, source)
-        )
+            rise = abs(balls.radii[i] - balls.radii[k])
+            run = distance(balls.centers, i, k)
+            step = distance(balls.points, balls.source[i], balls.source[k])
+            good &= rise <= 0.5 * (balls.slopes[i] + balls.slopes[k]) * run + slack * step
+        out_ok[f] = good and _inside(out_rows[f], out_rows[f], balls)
 
 
 @kernel
@@ -132,13 +150,13 @@ def longest_edges(rows, ok, centers, out_longest):
         if ok[f]:
             for j in range(3):
                 i, k = rows[f, j], rows[f, (j + 1) % 3]
-                length = _length(centers, i, k)
+                length = distance(centers, i, k)
                 out_longest[i] = max(out_longest[i], length)
                 out_longest[k] = max(out_longest[k], length)
 
 
 @kernel
-def find_partners(usable, across, centers, chords, longest, out_partner):
+def find_partners(usable, across, balls, longest, out_partner):
     """Row of the second feature point, where it holds nearly the same ball seen from there; -1.
 
     The true contact lies within one sample spacing of the second feature point, so the two centers
@@ -146,10 +164,9 @@ def find_partners(usable, across, centers, chords, longest, out_partner):
     """
     for i in range(len(usable)):
         j = across[i]
-        if (
-            usable[i] and j >= 0 and usable[j]
-            and _length(centers, i, j) <= longest[j] and _agreement(chords, i, j) < 0.0
-        ):  # fmt: skip
+        if not (usable[i] and j >= 0 and usable[j]):
+            continue
+        if distance(balls.centers, i, j) <= longest[j] and _agreement(balls.chords, i, j) < 0.0:
             out_partner[i] = j
 
 
@@ -206,15 +223,14 @@ def join_sides(rows, ok, partner, chords, parent, parity, out_second):
 
 
 @kernel
-def lift_faces(
-    rows, ok, partner, second, points, source, centers, radii, chords, out_rows, out_keep
-):  # fmt: skip
+def lift_faces(rows, ok, partner, second, balls, out_rows, out_keep):
     """Lift faces with the second side replaced; keep those that are not covered from the first.
 
     A face whose corners all stand for themselves is kept. One with a replaced corner lies on the
     first side's triangles, unless its corners belong to several sheets (where sheets meet) or to
     both sides (a seam): there it closes the gap.
     """
+    chords = balls.chords
     for f in range(len(rows)):
         if not ok[f]:
             continue
@@ -236,6 +252,4 @@ def lift_faces(
             and _agreement(chords, b, c) > SAME_SHEET
             and _agreement(chords, c, a) > SAME_SHEET
         )
-        out_keep[f] = not covered and _inside(
-            out_rows[f], centers, radii, _reach(rows[f], points, source)
-        )
+        out_keep[f] = not covered and _inside(out_rows[f], rows[f], balls)

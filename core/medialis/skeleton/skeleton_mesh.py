@@ -295,40 +295,34 @@ def _lift_side(
 
     shape, k, m = cloud.surface, len(cloud), cloud.surface.face_count
     row_near = _rows_of_samples(cloud, usable, bridge)
-    chords, slopes = _chords(cloud)
+    # The sheet bisects the two feature points. Zero and NaN rows belong to masked balls, which are
+    # never used.
+    chords = shape.points[cloud.features[:, 0]] - shape.points[cloud.features[:, 1]]
+    length = np.linalg.norm(chords, axis=1, keepdims=True)
+    np.divide(chords, length, out=chords, where=length > 0)
+    slopes = np.cos(cloud.spoke_angles / 2)
+    balls = kernels.SheetBalls(
+        shape.points, cloud.source, cloud.centers, cloud.radii, chords, slopes
+    )
     rows, ok = np.empty((m, 3), np.int32), np.zeros(m, np.bool_)
-    balls = shape.points, cloud.source, cloud.centers, cloud.radii
 
     def work(begin: int, end: int) -> None:
-        kernels.test_faces(begin, end, SLACK, shape.faces, row_near, *balls, slopes, rows, ok)
+        kernels.test_faces(begin, end, SLACK, shape.faces, row_near, balls, rows, ok)
 
     run_chunks(work, m, FACES_A_CHUNK, progress=progress)
     longest = np.zeros(k)
     kernels.longest_edges(rows, ok, cloud.centers, longest)
     across = np.where(usable, row_near[cloud.features[:, 1]], np.int32(-1))
     partner = np.full(k, -1, np.int32)
-    kernels.find_partners(usable, across, cloud.centers, chords, longest, partner)
+    kernels.find_partners(usable, across, balls, longest, partner)
     second = np.zeros(k, np.bool_)
     kernels.join_sides(
         rows, ok, partner, chords, np.arange(k, dtype=np.int32), np.zeros(k, np.int8), second
     )
     lifted, stays = np.empty((m, 3), np.int32), np.zeros(m, np.bool_)
-    kernels.lift_faces(rows, ok, partner, second, *balls, chords, lifted, stays)
+    kernels.lift_faces(rows, ok, partner, second, balls, lifted, stays)
     origin = np.flatnonzero(stays).astype(np.int32)
     return _without_duplicates(lifted[origin], origin)
-
-
-def _chords(cloud: MedialCloud) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return unit vectors from the f2 to f1, and cosines of half the spoke angles.
-
-    The chord is the normal of the sheet: the sheet bisects the two feature points. Zero and NaN
-    rows belong to masked balls, which are never used.
-    """
-    points = cloud.surface.points
-    chords = points[cloud.features[:, 0]] - points[cloud.features[:, 1]]
-    length = np.linalg.norm(chords, axis=1, keepdims=True)
-    np.divide(chords, length, out=chords, where=length > 0)
-    return chords, np.cos(cloud.spoke_angles / 2)
 
 
 def _without_duplicates(triangles: IntArray, origin: IntArray) -> tuple[IntArray, IntArray]:
