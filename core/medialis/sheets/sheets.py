@@ -183,16 +183,12 @@ def followed(unfolded: Unfolded, walls: Index, nodes: Index) -> tuple[FloatArray
     return radius, unfolded.points[nodes] - radius[..., None] * n
 
 
-def parts_to_border(unfolded: Unfolded, ends: Index) -> FloatArray:
+def _parts(unfolded: Unfolded, ends: Index) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return which part of each edge (e, 2) lies before the place where the two sheets meet, (e,).
 
-    A half where following the sheets leads nowhere.
+    A half where following the sheets leads nowhere. Also radii (2, 2, e) and centers of the balls
+    of walls (first) at nodes (second).
     """
-    return _parts(unfolded, ends)[0]
-
-
-def _parts(unfolded: Unfolded, ends: Index) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return these parts, and radii (2, 2, e) and centers of walls (first) at nodes (second)."""
     walls, nodes = np.broadcast_arrays(ends.T[:, None], ends.T[None])
     radius, center = followed(unfolded, walls, nodes)
     # What the wall of the other end would leave more than the ball there has.
@@ -527,7 +523,7 @@ def _shared_walls(
     node = np.repeat(np.arange(len(graph)), graph.lengths)
     apart = clear[node] & clear[graph.indices] & (piece[node] != piece[graph.indices])
     ends = np.stack([node[apart], graph.indices[apart].astype(np.int64)], axis=1)
-    part = parts_to_border(unfolded, ends)
+    part, _, _ = _parts(unfolded, ends)
     shared = part < ON_BORDER
     return ends[shared][np.argsort(-part[shared], kind="stable")]
 

@@ -2,7 +2,7 @@
 
 The map from a surface point to the center of its maximal ball is continuous. So the surface's own
 triangles, lifted to the centers of their corners, are a mesh of the skeleton: the surface, deflated
-until its two sides meet. `_mesh_kernels.py` says how the two sides become one.
+until its two sides meet. `_ball_kernels.py` says how the two sides become one.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from medialis.base.arrays import first_equal_row
 from medialis.base.errors import InvalidShapeError
 from medialis.base.kept import kept
 from medialis.base.options import Options, algorithm, angle, length, whole
@@ -272,7 +273,7 @@ def _lift(
 
 def _rows_of_samples(cloud: MedialCloud, usable: NDArray[np.bool_], bridge: int) -> IntArray:
     """Row that stands for each sample: of its own ball, else of a near sample's, else -1."""
-    from medialis.skeleton._mesh_kernels import bridge_gaps
+    from medialis.skeleton._ball_kernels import bridge_gaps
 
     shape, rows = cloud.surface, np.flatnonzero(usable).astype(np.int32)
     row_near = np.full(shape.point_count, -1, np.int32)
@@ -291,7 +292,7 @@ def _lift_side(
 ) -> tuple[IntArray, IntArray]:
     """Triangles of one side as rows of the cloud, and the face each comes from."""
     # Imported here: compiled code takes half a second to load, and `medialis --help` needs none.
-    from medialis.skeleton import _mesh_kernels as kernels
+    from medialis.skeleton import _ball_kernels as kernels
 
     shape, k, m = cloud.surface, len(cloud), cloud.surface.face_count
     row_near = _rows_of_samples(cloud, usable, bridge)
@@ -327,10 +328,8 @@ def _lift_side(
 
 def _without_duplicates(triangles: IntArray, origin: IntArray) -> tuple[IntArray, IntArray]:
     """Drop triangles with the same three corners as an earlier one."""
-    order = np.lexsort(np.sort(triangles, axis=1).T)
-    corners = np.sort(triangles, axis=1)[order]
-    first = np.r_[True, (corners[1:] != corners[:-1]).any(axis=1)][: len(order)]
-    chosen = np.sort(order[first])  # lexsort is stable: the first of equals is the earliest
+    first = first_equal_row(np.sort(triangles, axis=1))
+    chosen = np.flatnonzero(first == np.arange(len(first)))
     return triangles[chosen], origin[chosen]
 
 

@@ -22,6 +22,7 @@ from dataclasses import dataclass, field, fields, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from medialis.base.arrays import follow
 from medialis.base.errors import InvalidShapeError
 from medialis.base.kept import kept
 from medialis.base.options import Options, algorithm, length
@@ -183,14 +184,11 @@ def _raise_bridges(
     parent = breadth_first_order(joined, n, directed=False)[1]
     for first, second in bridges.tolist():
         level = min(values[first], values[second])
-        climbed = [first]
-        while climbed[-1] != n:
-            climbed.append(int(parent[climbed[-1]]))
-        place = {point: index for index, point in enumerate(climbed)}
-        path = [second]
-        while path[-1] not in place:
-            path.append(int(parent[path[-1]]))
-        path += climbed[: place[path[-1]]]
+        path, other = follow(parent, first), follow(parent, second)
+        while path[-2:] == other[-2:] and len(path) > 1:  # the way that both have in common
+            path.pop()
+            other.pop()
+        path += other[:-1]
         values[path] = np.maximum(values[path], level)
 
 
