@@ -1,13 +1,14 @@
 """The house: which module may import what, no circles, and rooms that stay few."""
 
 import ast
+import re
 from pathlib import Path
 
 import pytest
+from make_house import PACKAGES, PICTURE, dotted, imports, modules, picture
 
 from medialis.base import cache_folder
 
-ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = Path(cache_folder.PACKAGE)
 # fmt: off
 FLOORS = [
@@ -18,56 +19,14 @@ FLOORS = [
 # fmt: on
 """Each imports from itself and from those before it."""
 
-PACKAGES = {
-    "medialis": PACKAGE,
-    "blender_addon": ROOT / "blender_addon",
-    "medialis_meshset": ROOT / "meshlab_plugin" / "medialis_meshset",
-    "medialis_meshlab": ROOT / "meshlab_plugin" / "medialis_meshlab",
-}
 AROUND_KERNELS = {"box_tree.py", "cache_folder.py", "jit.py"}
 """Python code that kernels need, or that needs numba."""
 
 MOST_FILES, MOST_IN_A_FOLDER = 207, 20
 
 
-def modules(package="medialis"):
-    folder = PACKAGES[package]
-    left_out = {"packaging", "examples"}  # scripts, each for itself
-    paths = sorted(folder.rglob("*.py"))
-    return [path for path in paths if not left_out & set(path.relative_to(folder).parts)]
-
-
 def is_kernel_module(path):
     return path.name.endswith("_kernels.py")
-
-
-def dotted(path, package):
-    parts = path.relative_to(PACKAGES[package]).with_suffix("").parts
-    return ".".join((package, *parts)).removesuffix(".__init__")
-
-
-def imports(path, package="medialis"):
-    """Modules and names that a file imports anywhere, TYPE_CHECKING blocks left out."""
-    found = set()
-    own = dotted(path, package).split(".")
-    if path.name != "__init__.py":
-        own = own[:-1]
-
-    def visit(node):
-        if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.dump(node.test):
-            return
-        if isinstance(node, ast.Import):
-            found.update(alias.name for alias in node.names)
-        elif isinstance(node, ast.ImportFrom):
-            above = own[: len(own) - node.level + 1] if node.level else []
-            module = ".".join([*above, *([node.module] if node.module else [])])
-            found.add(module)
-            found.update(f"{module}.{alias.name}" for alias in node.names)
-        for child in ast.iter_child_nodes(node):
-            visit(child)
-
-    visit(ast.parse(path.read_text(encoding="utf-8")))
-    return found
 
 
 @pytest.mark.parametrize("path", modules(), ids=lambda path: path.relative_to(PACKAGE).as_posix())
@@ -148,3 +107,18 @@ def test_each_folder_says_what_it_is(folder):
     assert text and len(text.splitlines()) >= 5, "what it is, in about ten lines"
     files = [path.stem for path in folder.glob("*.py") if path.name != "__init__.py"]
     assert any(name in text for name in files), "which file to read first"
+
+
+def test_the_picture_of_the_folders_is_what_the_imports_say():
+    """`python docs/make_house.py` draws it anew."""
+    assert PICTURE.read_text(encoding="utf-8") == picture()
+
+
+def test_the_way_of_a_shape_names_functions_that_are_there():
+    text = (PICTURE.parents[1] / "architecture.md").read_text(encoding="utf-8")
+    steps = re.findall(r"^\| \d+ \|.*\| `(.*)` \| `(.*)` \|$", text, re.MULTILINE)
+    assert len(steps) == 12
+    for file, function in steps:
+        path = next(p for p in (PACKAGE / file, PICTURE.parents[2] / file) if p.exists())
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+        assert function in {node.name for node in tree.body if hasattr(node, "name")}, file

@@ -29,6 +29,7 @@ SECTIONS = {
     "Project": (
         "promises",
         "architecture*",
+        "decisions",
         "accuracy",
         "peers",
         "benchmarks*",

@@ -81,7 +81,7 @@ def test_staged_pages_link_to_what_is_there(tmp_path):
 
 
 @whole
-@pytest.mark.parametrize("name", ["architecture", "promises", "thesis_map"])
+@pytest.mark.parametrize("name", ["architecture", "decisions", "promises", "thesis_map"])
 def test_files_that_pages_name_are_there(name):
     """Paths in backticks: of the core, of the tests, or of the repository."""
     text = pages.FENCE.sub("", SOURCES[name].read_text(encoding="utf-8"))
@@ -90,3 +90,5 @@ def test_files_that_pages_name_are_there(name):
     assert named
     missing = {path for path in named if not any((root / path).exists() for root in roots)}
     assert not missing
+    files = {path.name for root in roots for path in root.rglob("*.py")}
+    assert set(re.findall(r"`(\w+\.py)`", text)) <= files

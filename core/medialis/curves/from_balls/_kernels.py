@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from medialis.base.jit import kernel
-from medialis.skeleton.importance._plane_kernels import trace_plane, way_out
+from medialis.skeleton.importance._walk_kernels import trace_plane, way_out
 
 SAME_PLACE = 0.3
 """Radii: centers this close belong to one ball as far as its contacts go."""

@@ -20,8 +20,8 @@ from medialis.base.progress import Progress, ProgressCallback
 from medialis.base.threads import run_chunks, run_patiently
 from medialis.base.validation import Directions, FloatArray, IntArray, frozen
 from medialis.curves.graph.growth import NEIGHBOURS
-from medialis.skeleton.importance.geodesics import Importance, surface_walk
-from medialis.skeleton.importance.importance import geodesic_importance
+from medialis.skeleton.importance.geodesics import surface_walk
+from medialis.skeleton.importance.importance import Importance, geodesic_importance
 from medialis.skeleton.medial_cloud import MedialCloud
 from medialis.skeleton.surface_skeleton import as_cloud
 
