@@ -255,7 +255,7 @@ def classified_places(
     if size == 0.0:
         nowhere = np.zeros(len(points), np.int64)
         return np.empty((0, 3)), Speakers(nowhere, np.empty((0, 3)), nowhere[:0], 0.0)
-    places, place = run_patiently(lambda: _different(points), progress)
+    places, place = run_patiently(lambda: different_rows(points, points.T[::-1]), progress)
     places = (places - 0.5 * (low + high)) / size
     every = np.arange(len(places))
     scatter = 0.0
@@ -275,12 +275,13 @@ def classified_places(
     return moved, Speakers(place, places, chosen, apart)
 
 
-def _different(points: FloatArray) -> tuple[FloatArray, NDArray[np.int64]]:
-    """Return the different rows, sorted, and which of them each point is.
+def different_rows(points: FloatArray, keys: FloatArray) -> tuple[FloatArray, NDArray[np.int64]]:
+    """Return the different rows, and which of them each point is.
 
-    As `numpy.unique`, which lets no other thread run while it sorts rows.
+    As `numpy.unique`, which lets no other thread run while it sorts rows. They are sorted by keys,
+    which are their columns in any order; the last one counts most.
     """
-    order = np.lexsort(points.T[::-1])
+    order = np.lexsort(keys)
     rising = points[order]
     fresh = np.ones(len(points), bool)
     fresh[1:] = (rising[1:] != rising[:-1]).any(axis=1)

@@ -244,6 +244,15 @@ class CurveSkeleton(Bound):
         return frozen(np.bincount(self.edges.ravel(), minlength=len(self.nodes)), np.int32)
 
     @property
+    def neighbours(self) -> list[list[int]]:
+        """Nodes at the other ends of the edges of each node, in the order of the edges."""
+        near: list[list[int]] = [[] for _ in range(len(self.nodes))]
+        for a, b in self.edges.tolist():
+            near[a].append(b)
+            near[b].append(a)
+        return near
+
+    @property
     def junctions(self) -> IntArray:
         """Nodes where three or more edges meet."""
         return frozen(np.flatnonzero(self.degrees >= 3), np.int32)

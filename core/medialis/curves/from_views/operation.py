@@ -25,6 +25,7 @@ from medialis.skeleton.layers import summary
 
 FAR_RADII = 2.5
 """A place of the surface further than this many radii from the skeleton lies on a sheet."""
+
 SHEET_SHARE = 0.2
 """Share of such places from which on a curve is a poor description."""
 
