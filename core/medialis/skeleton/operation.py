@@ -1,4 +1,4 @@
-"""Operations: the skeleton as balls, as triangles, with importance; geodesics (thesis 3.2-3.4)."""
+"""Operations: the skeleton as balls, with importance, as triangles; geodesics (thesis 3.2-3.4)."""
 
 from __future__ import annotations
 
