@@ -295,7 +295,7 @@ def close_loops(graph: GraphTree, turns: Any, rows: Index, root: int, most: int)
 
 
 def _along(turns: Any, link: int) -> Index:
-    """Turns of one link, (loops,)."""
+    """Return the turns of one link, (loops,)."""
     return np.asarray(turns[[link]].toarray()[0])
 
 

@@ -31,7 +31,7 @@ curve skeleton: the cross-section is there more than four times as wide (2 4 r) 
 
 SHEET_SHARE = 0.2
 """Share of its area on sheets from which a shape is called sheet-like. Shoulder blade: 29 %; thin
-plates: 57 %; rocker arm, a mechanical part with flat arms: 14 %; gears, a screwdriver: below 6 %."""
+plates: 57 %; rocker arm, a mechanical part with flat arms: 14 %; gears, screwdriver: below 6 %."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -256,9 +256,9 @@ def _note_result(graph: CurveSkeleton, sheet: float, progress: Progress) -> None
         )
     if sheet > SHEET_SHARE:
         progress.note(
-            f"{100 * sheet:.0f} % of the surface reaches more than {SHEET_RADII:g} radii off the curve "
-            "skeleton. Thin sheets have no meaningful curve skeleton (use surface_skeleton), and "
-            "thin limbs need smaller candidates.",
+            f"{100 * sheet:.0f} % of the surface reaches more than {SHEET_RADII:g} radii off the "
+            "curve skeleton. Thin sheets have no meaningful curve skeleton (use surface_skeleton), "
+            "and thin limbs need smaller candidates.",
             "thin_sheets",
             level=logging.WARNING,
             share=sheet,

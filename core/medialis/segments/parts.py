@@ -6,8 +6,8 @@ of every sample, and the shares minimise the integral of (f - p)^2 + d^2 g |grad
 where the sample was given to the part and 0 elsewhere. The conductance g is small across a valley,
 so f drops from 1 to 0 within it; elsewhere it drops where a part is thinnest. Each sample goes to
 the part with the largest share. One system of equations, with one factor, serves all parts. Along
-an edge the way counts as longer by `LONGER_BENT * d` for each radian that the surface bends inwards. As
-that adds up along a way, finer triangles change nothing.
+an edge the way counts as longer by `LONGER_BENT * d` for each radian that the surface bends inwards.
+As that adds up along a way, finer triangles change nothing.
 
 Limbs: told apart from bodies on the curve skeleton. A core is the stretch of it within the ball of
 a body: that of a junction, or of a thick place beside a neck. What lies between the cores and

@@ -513,7 +513,7 @@ def _smooth_logarithms(sites: Sites) -> FloatArray:
 
 
 def _least(cost: FloatArray, ends: tuple[Any, Any], s: int) -> FloatArray:
-    """Cost of the cheapest path between all pairs, `LARGEST_COST` where there is none; ends both ways."""
+    """Cost of the cheapest path between all pairs, at most `LARGEST_COST`; ends both ways."""
     from medialis.segments._kernels import least_sums
 
     costs = np.full((s, s), np.inf, np.float32)

@@ -49,7 +49,7 @@ NEAREST = 16
 """Nodes of a piece that are tried to be joined with others."""
 
 LEAST_CELLS = 1.8
-"""Links up to this many cells long lie in the shape whatever the radii say: pixels are as coarse."""
+"""Links up to this many cells long lie in the shape whatever radii say: pixels are as coarse."""
 
 DENSE_COST = 0.2
 """A link costs at least this many times its length where points are dense."""
