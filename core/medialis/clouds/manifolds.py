@@ -35,7 +35,6 @@ from medialis.base.validation import FloatArray, IntArray, as_points, as_whole_n
 from medialis.clouds.smoothing import (
     SCATTERS_APART,
     jitter,
-    nearest_points,
     neighbours_of,
     without_jitter,
 )
@@ -179,11 +178,8 @@ class ManifoldSet(Bound):
         """Return the set of the given points (r,), in their order; they may repeat."""
         lengths = self.manifolds.lengths[rows]
         offsets = np.concatenate([[0], np.cumsum(lengths)])
-        inside = np.arange(offsets[-1]) - np.repeat(offsets[:-1], lengths)
-        taken = np.repeat(self.manifolds.offsets[:-1][rows], lengths) + inside
-        chosen = Ragged(offsets, self.manifolds.indices[taken])
-        counts = self.patch_counts[rows]
-        return ManifoldSet(chosen, self.count, counts, points=self.points[rows])
+        chosen = Ragged(offsets, self.manifolds.joined(rows))
+        return ManifoldSet(chosen, self.count, self.patch_counts[rows], points=self.points[rows])
 
     def points_of(self, manifold: int) -> NDArray[np.int64]:
         """Return the points of a manifold, ascending.
@@ -406,7 +402,7 @@ def _find_patches(places: FloatArray, options: ManifoldsOptions, progress: Progr
 
     n = len(places)
     k = min(options.neighbours, n - 1)
-    near = nearest_points(places, min(round(BENT * k), n - 1), progress)
+    near = neighbours_of(places, places, min(round(BENT * k), n - 1), progress)
     line = np.zeros(n, bool)
     find_lines(places, near, k, line)
     rows, wide = np.flatnonzero(line), WIDE * near.shape[1]
@@ -420,12 +416,11 @@ def _find_patches(places: FloatArray, options: ManifoldsOptions, progress: Progr
         np.zeros((n, 3)), np.zeros((n, 3, 3)), np.zeros(n, np.uint64),
     )  # fmt: skip
     least = math.cos(math.radians(options.max_bend))
-    run_chunks(
-        lambda begin, end: find_patches(places, begin, end, least, patches),
-        n,
-        CHUNK,
-        progress=progress,
-    )
+
+    def work(begin: int, end: int) -> None:
+        find_patches(places, begin, end, least, patches)
+
+    run_chunks(work, n, CHUNK, progress=progress)
     return _frozen(patches)
 
 
@@ -541,7 +536,7 @@ def _triangulate(points: FloatArray) -> NDArray[np.int64]:
     size = float(np.ptp(points, axis=0).max())
     places = (points - points.mean(axis=0)) / size
     n, k = len(points), min(STAR_NEIGHBOURS, len(points) - 1)
-    near = nearest_points(places, k, Progress())
+    near = neighbours_of(places, places, k, Progress())
     sides = places[near] - places[:, None]
     spread = sides - sides.mean(axis=1, keepdims=True)
     axes = np.linalg.eigh(np.einsum("nki,nkj->nij", spread, spread))[1]

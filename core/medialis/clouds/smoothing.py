@@ -90,14 +90,6 @@ CHUNK = 512
 """Points."""
 
 
-def nearest_points(points: FloatArray, count: int, progress: Progress) -> NDArray[np.int32]:
-    """Return the `count` nearest other points of each, (n, count), by distance.
-
-    The points must differ.
-    """
-    return neighbours_of(points, points, count, progress)
-
-
 def jitter(points: FloatArray) -> float:
     """Measure how far points scatter about the surfaces they sample.
 
@@ -185,7 +177,7 @@ def without_jitter(
     count = min(PLANE_NEIGHBOURS, len(chosen) - 1)
     if count < LEAST_NEIGHBOURS:
         return moved
-    near = nearest_points(moved, count, progress)
+    near = neighbours_of(moved, moved, count, progress)
     last = moved[near[:, min(SIZES[0], count) - 1]]
     # Of points on a disc of radius r the rms distance is r / sqrt 2.
     radius = np.linalg.norm(last - moved, axis=1) / np.sqrt(2.0)
@@ -223,7 +215,10 @@ def _in_the_middle(
 def neighbours_of(
     points: FloatArray, queries: FloatArray, count: int, progress: Progress
 ) -> NDArray[np.int32]:
-    """Return the `count` nearest points of each query but itself, (q, count), by distance."""
+    """Return the `count` nearest points of each query but itself, (q, count), by distance.
+
+    The points must differ.
+    """
     from scipy.spatial import cKDTree
 
     tree = run_patiently(lambda: cKDTree(points), progress)
@@ -272,12 +267,12 @@ def dense_points(
     surface, candidates = np.flatnonzero(~rest), np.flatnonzero(rest)
     if len(candidates) == 0 or len(surface) <= AROUND:
         return np.zeros(len(points), bool)
-    near = nearest_points(places, DENSE_NEIGHBOURS, progress)
+    near = neighbours_of(places, places, DENSE_NEIGHBOURS, progress)
     last = np.linalg.norm(places[near[:, -1]] - places, axis=1)
     beside = neighbours_of(places[surface], places[candidates], AROUND, progress)
     dense = last[candidates] <= FARTHER * np.median(last[surface][beside], axis=1)
     if len(candidates) > AROUND:
-        around = nearest_points(places[candidates], AROUND, progress)
+        around = neighbours_of(places[candidates], places[candidates], AROUND, progress)
         dense &= dense[around].mean(axis=1) >= DENSE_AROUND
     good = ~rest
     good[candidates[dense]] = True

@@ -6,8 +6,8 @@ of every sample, and the shares minimise the integral of (f - p)^2 + d^2 g |grad
 where the sample was given to the part and 0 elsewhere. The conductance g is small across a valley,
 so f drops from 1 to 0 within it; elsewhere it drops where a part is thinnest. Each sample goes to
 the part with the largest share. One system of equations, with one factor, serves all parts. Along
-an edge the way counts as longer by `LONGER_BENT * d` for each radian that the surface bends inwards.
-As that adds up along a way, finer triangles change nothing.
+an edge the way counts as longer by `LONGER_BENT * d` for each radian that the surface bends
+inwards. As that adds up along a way, finer triangles change nothing.
 
 Limbs: told apart from bodies on the curve skeleton. A core is the stretch of it within the ball of
 a body: that of a junction, or of a thick place beside a neck. What lies between the cores and
@@ -599,8 +599,16 @@ def _with_tree(found: Segmentation, seen: SeenSites) -> Segmentation:
 def _by_limbs(inner: MedialCloud, options: PartsOptions, progress: Progress) -> Segmentation:
     """Divide a mesh by its limbs."""
     limbs = kept(_limbs, inner, None, lambda: _limbs(inner, progress), progress)
-    labels = _main_limbs(inner.surface, limbs, progress)
-    return run_patiently(lambda: _straightened(inner.surface, labels, options, "limbs"), progress)
+    surface = inner.surface
+    labels = _main_limbs(surface, limbs, progress)
+
+    def straightened() -> Segmentation:
+        graph = surface_graph(surface)
+        smooth = diffused_labels(labels, graph, DIFFUSION * options.smoothing)
+        connected = connected_labels(smooth, graph)
+        return completed(surface, connected, options.smallest, method="limbs")
+
+    return run_patiently(straightened, progress)
 
 
 def _sheet_parts(cloud: MedialCloud, options: PartsOptions, progress: Progress) -> Segmentation:
@@ -661,15 +669,6 @@ def _main_limbs(surface: Shape, labels: IntArray, progress: Progress) -> IntArra
             left=left,
         )
     return merged
-
-
-def _straightened(
-    surface: Shape, labels: IntArray, options: PartsOptions, method: str
-) -> Segmentation:
-    """Smooth the borders of connected parts, and merge small ones."""
-    graph = surface_graph(surface)
-    labels = connected_labels(diffused_labels(labels, graph, DIFFUSION * options.smoothing), graph)
-    return completed(surface, labels, options.smallest, method=method)
 
 
 def _has_curves(cloud: MedialCloud) -> bool:

@@ -91,6 +91,12 @@ SHORTEST_JUMP = 0.2
 LARGEST_COST = 9.0
 """Of what cannot be reached; the largest that quantities have elsewhere."""
 
+LEAST_IN_CAP = 0.1
+"""Root of the weight of a site at the rim of its cap: no sample in it counts for nothing."""
+
+LEAST_RESISTANCE = 0.1
+"""Added to resistances of which the logarithm is taken: that of places next to each other."""
+
 LEAST_STEP = 1e-3
 """Spacings between two sites at least: of those at one place nothing can be said."""
 
@@ -299,21 +305,20 @@ def _crossings(
     from medialis.segments._kernels import count_crossings, list_crossings, mark_crossed
 
     cells, crossed = np.ceil(points / step - 0.5), np.empty((len(faces), 3), np.bool_)
-    run_chunks(
-        lambda begin, end: mark_crossed(begin, end, cells, faces, crossed),
-        len(faces),
-        FACES_A_CHUNK,
-    )
+
+    def mark(begin: int, end: int) -> None:
+        mark_crossed(begin, end, cells, faces, crossed)
+
+    run_chunks(mark, len(faces), FACES_A_CHUNK)
     found = []
     for axis in range(3):
         rows = np.flatnonzero(crossed[:, axis])
-        few, m = faces[rows], len(rows)
-        counts, offsets = np.zeros(m, np.int64), np.zeros(m + 1, np.int64)
-        count_crossings(0, m, points, few, axis, step, counts)
-        offsets[1:] = np.cumsum(counts)
+        few, counts = faces[rows], np.zeros(len(rows), np.int64)
+        count_crossings(points, few, axis, step, counts)
+        offsets = np.concatenate([[0], np.cumsum(counts)])
         places = np.empty((offsets[-1], 3))
         if len(places):
-            list_crossings(0, m, points, few, axis, step, offsets, places)
+            list_crossings(points, few, axis, step, offsets, places)
         found.append((places, np.repeat(rows, counts)))
     return found
 
@@ -367,7 +372,7 @@ def _caps(
     run_chunks(search, s, SITES_A_CHUNK)
     rows[1:] = np.cumsum(counts)
     samples, distance = (np.concatenate(part) for part in zip(*found, strict=True))
-    weight = np.maximum(1.0 - np.minimum(distance / radius, 1.0) ** 2, 0.1) ** 2
+    weight = np.maximum(1.0 - np.minimum(distance / radius, 1.0) ** 2, LEAST_IN_CAP) ** 2
     caps = csr_array(csc_array((weight, samples, rows), shape=(n, s)))
     alone = np.diff(caps.indptr) == 0
     if not alone.any():
@@ -551,7 +556,8 @@ def _heat(flow: FloatArray, ends: tuple[Any, Any], area: FloatArray) -> list[Flo
     slow = mode[:, moving] * np.exp(-HEAT[0] * s * rate[moving] / 2) / np.sqrt(rate[moving])
     inner = slow @ slow.T
     own = np.diag(inner)
-    found.append(np.log(np.maximum(own[:, None] + own[None, :] - 2 * inner, 0.0) + 0.1))
+    resistance = np.maximum(own[:, None] + own[None, :] - 2 * inner, 0.0)
+    found.append(np.log(resistance + LEAST_RESISTANCE))
     return found
 
 
