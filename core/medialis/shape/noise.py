@@ -167,8 +167,7 @@ class _Links:
 
         rings = np.empty((len(rows), MOST_NEIGHBOURS), np.int32)
         counts = np.empty(len(rows), np.int64)
-        seen = np.full(len(self.points), -1, np.int32)
-        find_rings(rows, steps, self.offsets, self.neighbours, seen, rings, counts)
+        find_rings(rows, steps, self.offsets, self.neighbours, rings, counts)
         return rings, counts
 
     def lie_ahead(self, rows: NDArray[np.int64], normals: FloatArray) -> NDArray[np.bool_]:
@@ -195,10 +194,8 @@ class _Links:
         measure_spread(self.points, known, rings, counts, spread)
         size, axes = np.linalg.eigh(spread[:, :3])  # the normal first
         size, off = np.sqrt(np.maximum(size[:, 2], 1e-300)), np.empty(len(known))
-        room = np.empty((6, 6)), np.empty((6, 2)), np.empty(6)
-        measure_off_quadrics(
-            self.points, known, rings, counts, spread[:, 3].copy(), axes, size, *room, off
-        )
+        means = spread[:, 3].copy()
+        measure_off_quadrics(self.points, known, rings, counts, means, axes, size, off)
         away = np.full(len(rows), np.nan)
         away[use] = np.where(self.flat[known], 0.0, off)
         return away

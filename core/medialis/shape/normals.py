@@ -90,7 +90,7 @@ def mean_normals(points: FloatArray, faces: IntArray) -> FloatArray:
 def _normals(points: FloatArray, faces: IntArray, *, smooth: bool) -> FloatArray:
     # Imported here: compiled code takes half a second to load, and `medialis --help` needs none.
     from medialis.shape._kernels import cross_faces
-    from medialis.shape._normal_kernels import fill_normals
+    from medialis.shape._normal_kernels import Fans, fill_normals
 
     points = as_points(points)
     faces = as_faces(faces, len(points))
@@ -102,13 +102,11 @@ def _normals(points: FloatArray, faces: IntArray, *, smooth: bool) -> FloatArray
     length = np.sqrt(np.einsum("ij,ij->i", units, units))[:, None]
     np.divide(units, length, out=units, where=length > 0)
     fans = Ragged.group(faces.ravel(), len(points))
+    mesh = Fans(local, faces, units, fans.offsets, fans.indices)
     normals, crease = np.zeros((len(points), 3)), math.cos(math.radians(SHARP))
 
     def fill(begin: int, end: int) -> None:
-        fill_normals(
-            begin, end, local, faces, units, fans.offsets, fans.indices, crease, FACING_AWAY,
-            smooth, normals,
-        )  # fmt: skip
+        fill_normals(begin, end, mesh, crease, FACING_AWAY, smooth, normals)
 
     run_chunks(fill, len(points), VERTICES_A_CHUNK)
     return frozen(normals, np.float64)
