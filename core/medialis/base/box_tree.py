@@ -196,16 +196,16 @@ class NearestTree:
         Cost: about O(log k) a point near the items; more far inside a hollow shape, where many
         items are equally far.
         """
-        points, tree = as_points(queries, "queries"), self.tree
-        shifted = points - tree.center
-        reach = float(np.abs(tree.points).max(initial=0.0) + np.abs(shifted).max())
-        out = distance, row = np.empty(len(points)), np.empty(len(points), np.int64)
+        tree, count = self.tree, len(queries)
+        shifted = np.subtract(queries, tree.center, order="C")
+        reach = float(np.abs(tree.points).max(initial=0.0) + np.abs(shifted).max(initial=0.0))
+        out = distance, row = np.empty(count), np.empty(count, np.int64)
         margin = ROUNDING * reach
 
         def work(begin: int, end: int) -> None:
             nearest_item(begin, end, shifted, tree, self.items, margin, enough, out)
 
-        run_chunks(work, len(points), QUERIES_A_CHUNK)
+        run_chunks(work, count, QUERIES_A_CHUNK)
         return distance, tree.order[row]
 
 

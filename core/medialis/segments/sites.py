@@ -280,7 +280,7 @@ def _unit_surface(cloud: MedialCloud) -> Surface:
     surface = cloud.surface
     low, high = surface.bounds
     middle = low + (high - low) / 2
-    return Surface((surface.points - middle) / surface.diagonal, surface.faces)
+    return Surface.of_checked((surface.points - middle) / surface.diagonal, surface.faces)
 
 
 def _caps(

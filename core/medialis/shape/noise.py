@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from medialis.base.errors import InvalidShapeError
 from medialis.base.validation import FloatArray, IntArray, as_number
-from medialis.shape.normals import vertex_normals
+from medialis.shape.normals import ring_normals
 from medialis.shape.reading import ShapeLike, as_shape
 from medialis.shape.shape import Shape
 
@@ -304,4 +304,4 @@ def _plate(shape: Shape, length: float) -> Shape:
         before, size = size, np.einsum("ij,ij->j", rest, ready)
         step = ready + size / np.maximum(before, 1e-300) * step
     points = shape.points + change
-    return replace(shape, points=points, normals=vertex_normals(points, shape.faces))
+    return replace(shape, points=points, normals=ring_normals(points, shape.faces))

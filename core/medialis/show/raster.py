@@ -385,7 +385,9 @@ def rasterize(
         with steps.stage("triangles", 0.5, 0.9):
             seen = run_patiently(lambda: see_triangles(camera, view, triangles, count), steps)
             draw_mesh(seen, lens, mesh, canvas, steps)
-            normals_of = run_patiently(lambda: Surface(view, triangles).face_normals, steps)
+            normals_of = run_patiently(
+                lambda: Surface.of_checked(view, triangles).face_normals, steps
+            )
         flat = np.repeat(normals_of[:, None], 3, axis=1).astype(np.float32)
         mesh = mesh_of(view, triangles, flat)
     if furthest:
@@ -496,7 +498,7 @@ def corner_normals(points: FloatArray, faces: IntArray, smooth: bool = True) -> 
     """
     from medialis.show._kernels import pick_normals, sum_normals
 
-    flat = Surface(points, faces).face_normals
+    flat = Surface.of_checked(points, faces).face_normals
     if not smooth:
         return np.repeat(flat[:, None], 3, axis=1).astype(np.float32)
     vertex, corners = np.zeros((len(points), 3)), np.empty((len(faces), 3, 3), np.float32)
