@@ -1,7 +1,7 @@
 """The command line: what its commands do; `cli/arguments.py` says what they take.
 
-What is long has a file of its own, which is loaded when its command runs: an operation, a batch,
-a page in three dimensions, the doctor.
+The command of an operation and the doctor are long and have files of their own. What a command
+needs is loaded when it runs.
 """
 
 from __future__ import annotations
@@ -15,11 +15,13 @@ import signal
 import sys
 import threading
 import time
+import webbrowser
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
+from dataclasses import asdict
 from pathlib import Path
 from types import FrameType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from medialis.base.errors import (
     Cancelled,
@@ -32,19 +34,211 @@ from medialis.cli.arguments import (
     EXIT_BAD_INPUT,
     EXIT_CANCELLED,
     EXIT_OK,
+    EXIT_SOME_FAILED,
     add_completions,
     build_parser,
     nearest,
+    number,
     with_dashes,
 )
 from medialis.cli.display import clear_bar, say, shown_progress
-from medialis.formats.ply_attributes import write_ply
+from medialis.formats.ply_attributes import read_ply_attributes, write_ply
 from medialis.operations.names import RENAMED, named_operations, renamed_note
-from medialis.shape.samples import SAMPLES, sample_shape
+
+if TYPE_CHECKING:
+    from medialis.base.progress import Progress
+    from medialis.operations.declaration import Operation
+    from medialis.operations.result import Outcome
+
+
+def run_batch(options: argparse.Namespace) -> int:
+    """Run a batch and return the exit code."""
+    from medialis.batches.batch import batch
+    from medialis.batches.jobs import FAILED, TABLES
+    from medialis.formats.json_npz import json_text
+
+    progress = shown_progress(options.progress, batch=True)
+    try:
+        rows = batch(
+            [name.strip() for name in options.operations.split(",")],
+            options.files,
+            options.output,
+            parameters={**settings(options.set), "read_shape": {"unit": options.unit}},
+            workers=options.scheduler or options.workers,
+            picture=not options.no_picture,
+            report=options.report,
+            progress=progress,
+        )
+    except (KeyboardInterrupt, Cancelled):
+        clear_bar()
+        say(
+            "medialis: cancelled; what is finished stays, the same command goes on from there.",
+            file=sys.stderr,
+        )
+        return EXIT_CANCELLED
+    for message in progress.messages:
+        if message.level >= logging.WARNING:
+            say(f"warning: {message}", file=sys.stderr)
+    bad = [row for row in rows if row.status == FAILED]
+    if options.json:
+        say(json_text([asdict(row) for row in rows]))
+    else:
+        groups: dict[tuple[str, str], list[str]] = {}
+        for row in bad:
+            groups.setdefault((row.file, row.sentence), []).append(row.operation)
+        for (file, sentence), names in groups.items():
+            say(f"failed: {', '.join(names)} of {file}: {sentence}")
+        say(f"{len(rows) - len(bad)} results, {len(bad)} failed")
+        for name in TABLES:
+            say(Path(options.output) / name)
+    return EXIT_SOME_FAILED if bad else EXIT_OK
+
+
+def settings(given: Sequence[str]) -> dict[str, dict[str, Any]]:
+    """Parse OPERATION.PARAMETER=VALUE into the parameters of each operation.
+
+    Raises
+    ------
+    InvalidOptionError
+        For another form, or an unknown operation.
+    """
+    from medialis.operations.registry import operation
+
+    result: dict[str, dict[str, Any]] = {}
+    for text in given:
+        place, equals, value = text.partition("=")
+        name, dot, key = place.partition(".")
+        if not equals or not dot:
+            raise InvalidOptionError(
+                f"--set must be OPERATION.PARAMETER=VALUE, such as thickness.threshold=0.02; got "
+                f"{text!r}."
+            )
+        chosen = operation(name)
+        key = key.replace("-", "_")
+        result.setdefault(chosen.name, {})[key] = _value(chosen, key, value)
+    return result
+
+
+def _value(chosen: Operation, key: str, text: str) -> Any:
+    """Convert the text of a parameter; what is no value of its kind goes on to the check."""
+    from medialis.base.options import NUMBERS, Kind
+
+    kind = next((p.kind for p in chosen.parameters if p.name == key), None)
+    if kind is Kind.BOOL:
+        return {"true": True, "yes": True, "1": True, "false": False, "no": False, "0": False}.get(
+            text.lower(), text
+        )
+    return number(text) if kind in NUMBERS and kind is not Kind.LENGTH else text
+
+
+def run_view(options: argparse.Namespace) -> int:
+    """Make the page and say where it is."""
+    from medialis.show.viewer.page import write_viewer
+
+    source = Path(options.source)
+    output = Path(options.output or f"{source.resolve().stem}-view.html")
+    progress = shown_progress(options.progress)
+    results = _results(source, options, progress)
+    with progress.stage("page", 0.95, 1.0):
+        write_viewer(output, results, source.resolve().name)
+    say(f"{output} ({output.stat().st_size / 1e6:.1f} MB): open it in a browser.")
+    if options.open:
+        webbrowser.open(output.resolve().as_uri())
+    return 0
+
+
+def _results(source: Path, options: argparse.Namespace, progress: Progress) -> list[Outcome]:
+    if source.is_dir():
+        return _of_folder(source)
+    if (layer := _of_layer(source)) is not None:
+        return [layer]
+    return _computed(source, options, progress)
+
+
+def _of_folder(folder: Path) -> list[Outcome]:
+    """Read the result of a folder, or those of the folders in it.
+
+    Raises
+    ------
+    InvalidOptionError
+        When there is none, or they are of several shapes.
+    """
+    from medialis.formats.output_folder import MANIFEST
+    from medialis.show.reading import read_result
+
+    folders = sorted(
+        path.parent for path in [*folder.glob(MANIFEST), *folder.glob(f"*/{MANIFEST}")]
+    )
+    if not folders:
+        inside = sorted({path.parents[1] for path in folder.glob(f"*/*/{MANIFEST}")})
+        more = f" Name one shape, such as {inside[0]}." if inside else ""
+        raise InvalidOptionError(f"{folder} holds no results.{more}")
+    results = [read_result(path) for path in folders]
+    size = results[0].shape.diagonal
+    if any(abs(result.shape.diagonal - size) > 0.01 * size for result in results):
+        raise InvalidOptionError(
+            f"{folder} holds results of several shapes. Name one, such as {folders[0]}."
+        )
+    return list(results)
+
+
+def _of_layer(file: Path) -> Outcome | None:
+    """Read a layer or a graph that medialis wrote; None for any other file."""
+    from medialis.curves.formats import read_curve_skeleton
+    from medialis.exchange.libraries import Drawn
+
+    if file.suffix.lower() in (".swc", ".json"):
+        drawn = Drawn.of(read_curve_skeleton(file))
+    elif file.suffix.lower() == ".ply" and _is_ours(file):
+        data = read_ply_attributes(file)
+        if not any(values.ndim == 1 for values in data.attributes.values()):
+            return None  # a shape that `write_mesh` wrote
+        drawn = Drawn(data.points, data.faces, data.edges, data.attributes, data.face_attributes)
+    else:
+        return None
+    return drawn.outcome(file.stem)
+
+
+def _is_ours(file: Path) -> bool:
+    try:
+        with file.open("rb") as stream:
+            return b"\ncomment medialis " in stream.read(2000)
+    except OSError:
+        return False  # the reader says why
+
+
+def _computed(file: Path, options: argparse.Namespace, progress: Progress) -> list[Outcome]:
+    """Run the operations; those that cannot be done are said and left out.
+
+    Raises
+    ------
+    MedialisError
+        When none can be done.
+    """
+    from medialis.operations.registry import operation, run
+    from medialis.operations.result import Outcome
+    from medialis.shape.reading import read_shape
+
+    names = [operation(name).name for name in filter(None, options.show.split(","))]
+    with progress.stage("input", 0.0, 0.05):
+        shape = read_shape(file, progress=progress)
+    results: list[Outcome] = []
+    for row, name in enumerate(names):
+        start, width = 0.05 + 0.9 * row / len(names), 0.9 / len(names)
+        try:
+            with progress.stage(name, start, start + width):
+                results.append(run(name, shape, threads=options.threads, progress=progress))
+        except MedialisError as error:
+            if row == len(names) - 1 and not results:
+                raise
+            say(f"note: {name} was left out: {error}")
+    return results or [Outcome(shape=shape)]
 
 
 def write_sample(options: argparse.Namespace) -> int:
     """Write a sample, or list them all; return the exit code."""
+    from medialis.shape.samples import SAMPLES, sample_shape
+
     name = options.name
     if name is None:
         for known, text in SAMPLES.items():
@@ -246,12 +440,6 @@ def _warmup(options: argparse.Namespace) -> int:
     return EXIT_OK
 
 
-def _batch(options: argparse.Namespace) -> int:
-    from medialis.cli.batch_command import run_batch
-
-    return run_batch(options)
-
-
 def _doctor(options: argparse.Namespace) -> int:
     from medialis.cli.doctor import as_data, as_text, examine
 
@@ -295,24 +483,20 @@ def _completion(options: argparse.Namespace) -> int:
             'Completion needs shtab: pip install "medialis[completion]" (importing it says: '
             f"{error})."
         ) from None
+    from medialis.shape.samples import SAMPLES
+
     parser = build_parser(_operation, COMMANDS, every=True)
     add_completions(parser, shtab.FILE, {"sample": SAMPLES})
     say(shtab.complete(parser, options.shell).removesuffix("\n"))
     return EXIT_OK
 
 
-def _view(options: argparse.Namespace) -> int:
-    from medialis.cli.view_command import run_view
-
-    return run_view(options)
-
-
 COMMANDS = {
-    "view": _view,
+    "view": run_view,
     "info": _info,
     "list": _list,
     "describe": _describe,
-    "batch": _batch,
+    "batch": run_batch,
     "warmup": _warmup,
     "demo": _demo,
     "sample": write_sample,

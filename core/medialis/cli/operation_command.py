@@ -26,11 +26,9 @@ from medialis.base.version import package_version
 from medialis.cli.arguments import EXIT_OK, number
 from medialis.cli.display import say, shown_progress
 from medialis.formats.json_npz import json_text
-from medialis.hosts.menu import write_for_host
 from medialis.operations.declaration import Operation
 from medialis.operations.registry import operation, run
 from medialis.operations.result import value_rows, value_text
-from medialis.shape.generate import organic_shape
 from medialis.shape.reading import read_shape
 from medialis.show.writing import (
     Pictures,
@@ -289,11 +287,18 @@ def _compute(task: Task, about: dict[str, Any]) -> dict[str, Any]:
     progress = shown_progress(options.progress)
     with progress.stage("input", 0.0, 0.1):
         unit = about["input_unit"]
-        shape = organic_shape() if file is None else read_shape(file, unit=unit, progress=progress)
+        if file is None:
+            from medialis.shape.generate import organic_shape
+
+            shape = organic_shape()
+        else:
+            shape = read_shape(file, unit=unit, progress=progress)
     with progress.stage("compute", 0.1, 0.7):
         result = run(task.chosen.name, shape, threads=threads, progress=progress, **task.given)
     source = "organic shape" if file is None else file
     if task.option("host"):
+        from medialis.hosts.menu import write_for_host
+
         with progress.stage("output", 0.7, 1.0):
             return write_for_host(
                 result, shape, task.folder, source=source, selects=options.select,

@@ -69,6 +69,7 @@ from medialis.hosts.drawing import (
     numbers_of,
     picked_lines,
     shown,
+    solid,
     title,
     with_labels,
 )
@@ -95,7 +96,6 @@ from medialis.hosts.menu import (
     write_for_host,
     write_notes,
 )
-from medialis.hosts.solid import solid
 from medialis.operations.declaration import Operation
 from medialis.operations.result import FilterUnit, Layer, Levels, Outcome, Result, value_lines
 from medialis.show.colors import MISSING, color_table, label_colors, palette, to_linear, value_range

@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from medialis.base.arrays import Mask
 from medialis.base.errors import InvalidOptionError
 from medialis.base.options import changed, choice, length, number, whole
 from medialis.base.progress import Progress, counted
@@ -142,7 +142,7 @@ def _spots_layer(spots: tuple[ThinSpot, ...], surface: Layer) -> Layer:
     )
 
 
-def _thin(result: Result, shape: Shape) -> NDArray[np.bool_]:
+def _thin(result: Result, shape: Shape) -> Mask:
     """Which vertices lie on a wall below the threshold."""
     limit = result.parameters["threshold"] * shape.diagonal
     return np.asarray(result.layers[0].attributes["thickness"]) < limit

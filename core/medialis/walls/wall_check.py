@@ -25,7 +25,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from medialis.base.arrays import Described
+from medialis.base.arrays import Described, Index, Mask
 from medialis.base.progress import Progress
 from medialis.base.threads import run_patiently
 from medialis.base.validation import FloatArray, IntArray
@@ -190,7 +190,7 @@ class WallCheck(Described):
     """
 
     thickness: FloatArray
-    edge: NDArray[np.bool_]
+    edge: Mask
     flaws: int
     minimum: float
     maximum: float
@@ -266,7 +266,7 @@ def check_walls(
     )
 
 
-def _flaws(cloud: MedialCloud, walls: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _flaws(cloud: MedialCloud, walls: Mask) -> Mask:
     """Return the balls (k,) of folds: far smaller than the spacing, with few of their like beside.
 
     A wall that thin is known from the triangles of its sides alone, and has samples all round.
@@ -285,7 +285,7 @@ def _flaws(cloud: MedialCloud, walls: NDArray[np.bool_]) -> NDArray[np.bool_]:
     return result
 
 
-def _without(cloud: MedialCloud, left_out: NDArray[np.bool_]) -> MedialCloud:
+def _without(cloud: MedialCloud, left_out: Mask) -> MedialCloud:
     """Leave out the balls of sharp edges and flaws, unless nothing else is left."""
     left = cloud.valid & (cloud.side > 0) & ~left_out
     return cloud.subset(~left_out) if left_out.any() and left.any() else cloud
@@ -327,11 +327,7 @@ def _of_spot(spot: ThinSpot, values: FloatArray) -> WallRegion:
 
 
 def _thick(
-    cloud: MedialCloud,
-    values: FloatArray,
-    rows: NDArray[np.int64],
-    maximum: float,
-    limits: WallLimits,
+    cloud: MedialCloud, values: FloatArray, rows: Index, maximum: float, limits: WallLimits
 ) -> list[WallRegion]:
     if not (values > maximum).any():
         return []
