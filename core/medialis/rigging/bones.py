@@ -2,8 +2,8 @@
 
 Steps: limbs of the tree of shortest paths, and pairs of mirrored ones (`limbs.py`); joints where a
 limb bends or its thickness changes (`_joints`); bones from joint to joint, and where on them every
-node and edge of the curve skeleton lies (`_lay_bones`), which is what skin weights rest on (`_skin`); these are smoothed
-along the surface.
+node and edge of the curve skeleton lies (`_lay_bones`), which is what skin weights rest on
+(`_skin`); these are smoothed along the surface.
 """
 
 from __future__ import annotations
