@@ -4,8 +4,8 @@
     python benchmarks/compare_results.py record ../shared/shapes after.json
     python benchmarks/compare_results.py compare before.json after.json
 
-A record holds a checksum of each array, every value and message, so that a redesign can show that it
-changes no bit, and a sample of each array, so that the table can tell how large a difference is.
+A record holds a checksum of each array, every value and message, so that a redesign can show that
+it changes no bit, and a sample of each array, so that the table can tell how large a difference is.
 Operations that raise are recorded by their sentence. A record that is there is continued.
 """
 

@@ -8,7 +8,7 @@ import pytest
 import closed_forms as forms
 import medialis
 from medialis.base.options import Options
-from medialis.base.validation import BallRows, Directions, FloatArray, Positions, Weights
+from medialis.base.validation import BallRows, Directions, FloatArray, Measures, Positions
 from medialis.operations import registry
 from medialis.operations.declaration import Operation
 from medialis.operations.positions import balls, near_origin, numbers, offset_of, place, places
@@ -87,7 +87,8 @@ class Crate:
     lids: Positions
     bungs: BallRows
     grain: Directions
-    staves: Weights
+    staves: Measures
+    hoops: tuple[Positions, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -126,10 +127,12 @@ def crates(shape):
         values={
             "narrowest": place(spot),
             "extent": numbers([1.0, 2.0, 3.0]),
+            "ends": places(rows[:2]),
+            "slopes": numbers(shape.normals[:2]),
             "table": [{"deep": {"down": place(spot)}, "none": None, "counts": [1, 2, 3]}],
         },
         arrays={"bungs": balls(tanks), "knots": places(rows), "slant": numbers(shape.normals[:5])},
-        extras={"crate": Crate(rows, tanks, shape.normals[:5], tanks)},
+        extras={"crate": Crate(rows, tanks, shape.normals[:5], tanks, (rows, rows[:2]))},
     )  # fmt: skip
 
 
@@ -143,6 +146,8 @@ def test_positions_are_put_back_wherever_they_stand_and_whatever_they_are_called
     tanks = np.column_stack([rows, np.arange(5.0)])
     assert result.values["narrowest"] == result.values["table"][0]["deep"]["down"] == spot
     assert result.values["extent"] == [1.0, 2.0, 3.0]
+    assert result.values["ends"] == rows[:2].tolist()
+    assert result.values["slopes"] == far.normals[:2].tolist()
     assert result.values["table"][0]["counts"] == [1, 2, 3]
     np.testing.assert_array_equal(result.arrays["bungs"], tanks)
     np.testing.assert_array_equal(result.arrays["knots"], rows)
@@ -154,6 +159,7 @@ def test_positions_are_put_back_wherever_they_stand_and_whatever_they_are_called
     crate = result.extras["crate"]
     np.testing.assert_array_equal(crate.lids, rows)
     np.testing.assert_array_equal(crate.bungs, tanks)
+    np.testing.assert_array_equal(np.concatenate(crate.hoops), np.concatenate([rows, rows[:2]]))
     np.testing.assert_array_equal(crate.grain, far.normals[:5])
     np.testing.assert_array_equal(crate.staves[:, 3], np.arange(5.0))
     for held in (*result.arrays.values(), *layer.attributes.values()):
@@ -165,7 +171,12 @@ def test_positions_are_put_back_wherever_they_stand_and_whatever_they_are_called
     ("changed", "place_named"),
     [
         (lambda x: {"arrays": {"knots": x.points}}, "'knots'"),
+        (lambda x: {"arrays": {"two": x.points[:, :2]}}, "'two'"),
         (lambda x: {"values": {"narrowest": x.points[0].tolist()}}, "'narrowest'"),
+        (lambda x: {"values": {"narrowest": x.points[0]}}, "'narrowest'"),
+        (lambda x: {"values": {"narrowest": tuple(x.points[0])}}, "'narrowest'"),
+        (lambda x: {"values": {"ends": x.points[:2]}}, "'ends'"),
+        (lambda x: {"values": {"areas": [0.5, 0.25]}}, "'areas'"),
         (lambda x: {"values": {"rows": [{"at": x.points[0].tolist()}]}}, "'at'"),
         (lambda x: {"extras": {"crate": Loose(x.points)}}, "lids of Loose"),
         (lambda x: {"layers": (Layer("a", x.points, attributes={"end": x.points}),)}, "'end'"),

@@ -22,8 +22,8 @@ BallRows = Annotated[FloatArray, "BallRows"]
 """The type of a field of centers with their radii (k, 4)."""
 Directions = Annotated[FloatArray, "Directions"]
 """The type of a field of directions (n, 3), which are the same wherever the shape lies."""
-Weights = Annotated[FloatArray, "Weights"]
-"""The type of a field with three or four columns of other numbers."""
+Measures = Annotated[FloatArray, "Measures"]
+"""The type of a field with several columns of other numbers."""
 IntArray = NDArray[np.int32]
 
 LARGEST_COORDINATE = 1e151

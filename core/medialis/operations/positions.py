@@ -6,12 +6,13 @@ such a shape to its own first point, and moves every position of the outcome bac
 are positions is said where they are made, never guessed from names:
 
 - a field of a dataclass is declared as `Positions` (n, 3), as `BallRows` (k, 4), centers with their
-  radii, or as `Directions` or `Weights` where it is none of them (`base/validation.py`);
+  radii, or as `Directions` or `Measures` where it is none of them (`base/validation.py`);
 - arrays and attributes of layers are `places(...)`, `balls(...)` or `numbers(...)`;
-- a single one in values, also deep in tables, is `place(...)`, or `numbers(...)` for three numbers
-  that are none.
+- a single one in values, also deep in tables, is `place(...)`; a list of numbers that is none,
+  `numbers(...)`.
 
-What has three columns and says nothing is refused at the first run, near the origin or far.
+Columns or a list of numbers that say nothing are refused at the first run, however many they are,
+near the origin or far.
 The marks end with `run`: results hold plain arrays and lists.
 """
 
@@ -33,8 +34,8 @@ FAR = 16.0
 coordinates on that axis are within a factor of two, so their differences are exact (Sterbenz), and
 so is the way back."""
 
-NO_POSITIONS = ("Directions", "Weights")
-"""Types of fields with three or four columns that stay."""
+NO_POSITIONS = ("Directions", "Measures")
+"""Types of fields with columns that stay."""
 
 T = TypeVar("T")
 
@@ -63,8 +64,8 @@ class Place(list[float]):
     """A single position among values."""
 
 
-class Triple(list[float]):
-    """Three numbers among values that are no position."""
+class Listed(list[float]):
+    """Numbers among values that are no position."""
 
 
 def places(values: ArrayLike) -> NDArray[np.float64]:
@@ -84,13 +85,22 @@ def balls(values: ArrayLike) -> NDArray[np.float64]:
 
 
 def numbers(values: Any) -> Any:
-    """Mark an array with three or four columns, or a list of three numbers, as no positions."""
-    return Triple(values) if isinstance(values, list | tuple) else np.asarray(values).view(Numbers)
+    """Mark an array of several columns, or a list of numbers, as no positions."""
+    return Listed(values) if isinstance(values, list | tuple) else np.asarray(values).view(Numbers)
 
 
 def place(values: Iterable[float]) -> Place:
     """Mark one position among the values of an outcome, also in a table: ``place(center)``."""
     return Place(float(x) for x in values)
+
+
+def of_array(value: Any) -> Any:
+    """Return an array that stands among values as lists, with what it is marked as."""
+    if value.ndim == 1 and isinstance(value, Places | Numbers):
+        return Place(value.tolist()) if isinstance(value, Places) else Listed(value.tolist())
+    if value.ndim > 1:
+        return [of_array(part) for part in value]
+    return value.tolist()
 
 
 def offset_of(shape: Shape) -> FloatArray:
@@ -139,15 +149,15 @@ class _Mover:
         if isinstance(value, type):
             return value
         if id(value) not in self._known:  # kept with the result, so that its number stays its own
-            self._known[id(value)] = value, self._whole(value, place)
+            self._known[id(value)] = value, self._whole(value, declared, place)
         return self._known[id(value)][1]
 
-    def _whole(self, value: Any, place: str) -> Any:
+    def _whole(self, value: Any, declared: str, place: str) -> Any:
         if isinstance(value, Mapping):
             new = {key: self.moved(part, "", f"{place} {key!r}") for key, part in value.items()}
             return new if any(new[key] is not value[key] for key in new) else value
         if isinstance(value, tuple):
-            parts = [self.moved(part, "", place) for part in value]
+            parts = [self.moved(part, declared, place) for part in value]
             if all(a is b for a, b in zip(parts, value, strict=True)):
                 return value
             return value._make(parts) if hasattr(value, "_make") else tuple(parts)
@@ -166,12 +176,13 @@ class _Mover:
         if isinstance(value, BallArray) or "BallRows" in declared:
             return plain + np.append(self._offset, 0.0) if self._far else plain
         said = isinstance(value, Numbers) or any(name in declared for name in NO_POSITIONS)
-        columns = value.shape[-1] if value.ndim > 1 else 0
-        if not said and columns in (3, 4) and value.dtype.kind == "f":
+        # Whatever the number of columns is this time: it may follow from the shape.
+        if not said and value.ndim > 1 and value.dtype.kind == "f":
             raise MedialisError(
-                f"{place} has {columns} columns, and nothing says whether they are positions: "
-                "mark it as places(...), balls(...) or numbers(...) of medialis.operations."
-                "positions, or declare the field as Positions, BallRows, Directions or Weights."
+                f"{place} has {value.shape[-1]} columns, and nothing says whether they are "
+                "positions: mark it as places(...), balls(...) or numbers(...) of "
+                "medialis.operations.positions, or declare the field as Positions, BallRows, "
+                "Directions or Measures."
             )
         return plain
 
@@ -180,11 +191,11 @@ class _Mover:
             return [
                 x + float(d) if self._far else x for x, d in zip(value, self._offset, strict=True)
             ]
-        if isinstance(value, Triple):
+        if isinstance(value, Listed):
             return list(value)
-        if len(value) == 3 and all(isinstance(x, float | np.floating) for x in value):
+        if value and all(isinstance(x, float | np.floating) for x in value):
             raise MedialisError(
-                f"{place} is a list of three numbers, and nothing says whether it is a position: "
+                f"{place} is a list of numbers, and nothing says whether it is a position: "
                 "mark it as place(...) or numbers(...) of medialis.operations.positions."
             )
         parts = [self.moved(part, "", place) for part in value]

@@ -18,7 +18,7 @@ from medialis.base.errors import InvalidShapeError
 from medialis.base.options import Kind
 from medialis.base.units import AREAS, LENGTHS, RADIANS, with_unit
 from medialis.base.validation import Positions, as_faces, as_points
-from medialis.operations.positions import Place, Triple
+from medialis.operations.positions import Listed, Place, of_array
 from medialis.shape.shape import Shape
 
 _PARTS = ("_min", "_median", "_max")
@@ -310,12 +310,14 @@ class Outcome(Described):
 
 
 def _defined(value: Any) -> Any:
-    """Return plain data with None in the place of NaN and infinity."""
+    """Return plain data with None in the place of NaN and infinity; arrays become lists."""
+    if isinstance(value, np.ndarray | np.generic):
+        value = of_array(value)
     if isinstance(value, float) and not math.isfinite(value):
         return None
     if isinstance(value, Mapping):
         return {name: _defined(part) for name, part in value.items()}
-    if isinstance(value, Place | Triple):
+    if isinstance(value, Place | Listed):
         return type(value)(_defined(part) for part in value)
     if isinstance(value, list | tuple):
         return [_defined(part) for part in value]

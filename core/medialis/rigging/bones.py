@@ -18,7 +18,7 @@ from medialis.base.kept import Bound
 from medialis.base.options import Options, algorithm, length, number
 from medialis.base.progress import Progress
 from medialis.base.threads import run_patiently
-from medialis.base.validation import FloatArray, IntArray, Positions, Weights, frozen
+from medialis.base.validation import FloatArray, IntArray, Measures, Positions, frozen
 from medialis.curves.curve_skeleton import CurveSkeleton
 from medialis.rigging.limbs import (
     Limb,
@@ -86,7 +86,7 @@ class Bones(Bound):
     before: FloatArray
     after: FloatArray
     edge_limbs: IntArray
-    edge_spans: FloatArray
+    edge_spans: Measures
     node_limbs: IntArray
     node_places: FloatArray
     curve: CurveSkeleton = field(kw_only=True)
@@ -168,7 +168,7 @@ class SkinWeights(Bound):
     """
 
     bones: IntArray
-    weights: Weights
+    weights: Measures
     rig: Bones | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:

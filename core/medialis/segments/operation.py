@@ -20,6 +20,7 @@ from medialis.base.options import Options, file
 from medialis.base.progress import Progress
 from medialis.formats.files import number_lines
 from medialis.operations.declaration import Operation
+from medialis.operations.positions import numbers
 from medialis.operations.result import Outcome
 from medialis.segments.mean_shift import MeanShiftSegmentsOptions, mean_shift_segments
 from medialis.segments.parts import PartsOptions, extent_share, parts
@@ -239,7 +240,7 @@ def run_mean_shift_segments(
             "samples": fine.point_count,
             "segments": segments.count,
             "unassigned_samples": int((labels < 0).sum()),
-            "areas": segments.areas.tolist(),
+            "areas": numbers(segments.areas.tolist()),
         },
         arrays={**cloud_arrays(cloud), "segment": labels},
         shown=layers[-1:],

@@ -223,7 +223,7 @@ def segmentation_outcome(
         layers=(*layers, *border_layer(segmentation)),
         values={
             name: segmentation.count,
-            "areas": segmentation.areas.tolist(),
+            "areas": numbers(segmentation.areas.tolist()),
             "unlabelled": missing,
             "samples": fine.point_count,
             **values,

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from medialis.base.arrays import Ragged
 from medialis.base.errors import InvalidShapeError
 from medialis.base.kept import Bound
-from medialis.base.validation import FloatArray, IntArray, Positions, Weights, frozen, hold
+from medialis.base.validation import FloatArray, IntArray, Measures, Positions, frozen, hold
 from medialis.shape.shape import Shape
 
 
@@ -72,7 +72,7 @@ class Balls(Bound):
     spoke_angles: FloatArray
     side: NDArray[np.int8]
     contact_faces: IntArray = None  # type: ignore[assignment]
-    contact_weights: Weights = None  # type: ignore[assignment]
+    contact_weights: Measures = None  # type: ignore[assignment]
 
     def __post_init__(self) -> None:
         k = len(self.centers)

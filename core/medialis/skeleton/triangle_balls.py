@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +27,7 @@ from medialis.skeleton.medial_cloud import BallStatus, MedialCloud
 
 if TYPE_CHECKING:
     from medialis.base.box_tree import BoxTree
+    from medialis.skeleton._triangle_kernels import Hung
 
 BLOCKS_A_CHUNK, NODES_A_CHUNK = 1024, 64
 
@@ -46,71 +47,52 @@ class Walls:
         Of the samples.
     faces : (16 b,) int32
         Faces in blocks of 16, those of each leaf in blocks of their own; -1 where a slot is left.
-    first : (leaves + 1,) int64
-        Where the blocks of each leaf start.
-    corners : (16 b, 3) int32
-        Their corners as samples in tree order.
-    reliefs : (16 b, 4) float64
-        Bulges of their sides, and the smallest cosine at their corners (see `Creases`).
-    hulls : (b, 8, 16) float32
-        Disc or cylinder round each face.
-    bounds : (nodes, 11, 8) float32
-        As those of the tree, round faces.
+    hung : Hung
+        Where they lie, in that order.
     """
 
     creases: Creases
     tree: BoxTree
     faces: IntArray
-    first: NDArray[np.int64]
-    corners: IntArray
-    reliefs: FloatArray
-    hulls: NDArray[np.float32]
-    bounds: NDArray[np.float32]
+    hung: Hung
 
     @classmethod
     def of(cls, creases: Creases, tree: BoxTree) -> Walls:
         """Hang the triangles of a mesh on the tree of its samples. Cost O(m), parallel."""
         from medialis.base.box_tree import wide_levels
-        from medialis.skeleton._triangle_kernels import (
-            BLOCK,
-            ROWS,
-            bound_faces,
-            count_blocks,
-            fill_blocks,
-            fill_hulls,
-        )
+        from medialis.skeleton import _triangle_kernels as kernels
 
         shape, place = creases.shape, tree.place
         n, m, depth = shape.point_count, shape.face_count, tree.depth
         faces = np.asarray(shape.faces)
         leaf, first = np.empty(m, np.int32), np.zeros((1 << depth) + 1, np.int64)
-        count_blocks(faces, place, n, depth, leaf, first)
+        kernels.count_blocks(faces, place, n, depth, leaf, first)
         blocks = int(first[-1])
-        order = np.full(BLOCK * blocks, -1, np.int32)
-        fill_blocks(leaf, first, order)
-        corners = np.empty((len(order), 3), np.int32)
-        hulls = np.empty((blocks, ROWS, BLOCK), np.float32)
-        reliefs, unit = np.empty((len(order), 4)), shrink_options(shape.diagonal, 0.0, 0.0).unit
-        bulges, cosines = creases.bulges, creases.least_cosines
+        order = np.full(kernels.BLOCK * blocks, -1, np.int32)
+        kernels.fill_blocks(leaf, first, order)
+        used = order >= 0
+        corners, reliefs = np.full((len(order), 3), -1, np.int32), np.zeros((len(order), 4))
+        corners[used] = place[faces[order[used]]]
+        unit = shrink_options(shape.diagonal, 0.0, 0.0).unit
+        reliefs[used, : kernels.COSINE] = creases.bulges[order[used]] / unit
+        reliefs[used, kernels.COSINE] = creases.least_cosines[order[used]]
+        hulls = np.empty((blocks, kernels.ROWS, kernels.BLOCK), np.float32)
 
         def fill(begin: int, end: int) -> None:
-            fill_hulls(
-                begin, end, order, faces, place, tree.points, bulges, cosines, unit,
-                corners, reliefs, hulls,
-            )  # fmt: skip
+            kernels.fill_hulls(begin, end, tree.points, corners, hulls)
 
         run_chunks(fill, blocks, BLOCKS_A_CHUNK)
         bounds = np.empty_like(tree.bounds)
         bounds[:, :3], bounds[:, 3:6], bounds[:, 6:9], bounds[:, 9:] = np.inf, -np.inf, 0.0, np.inf
         for nodes, child_depth, fan in wide_levels(len(tree.child), depth):
+            level = fan, 1 << (depth - child_depth), bounds[nodes]
 
-            def bound(
-                begin: int, end: int, at: slice = nodes, d: int = child_depth, f: int = fan
-            ) -> None:
-                bound_faces(tree.points, corners, first, d, depth, f, begin, end, bounds[at])
+            def bound(begin: int, end: int, level: tuple[Any, ...] = level) -> None:
+                kernels.bound_faces(begin, end, tree.points, corners, first, *level)
 
             run_chunks(bound, nodes.stop - nodes.start, NODES_A_CHUNK)
-        return cls(creases, tree, order, first, corners, reliefs, hulls, bounds)
+        hung = kernels.Hung(tree.points, bounds, tree.child, first, corners, reliefs, hulls)
+        return cls(creases, tree, order, hung)
 
     @property
     def shape(self) -> Shape:
@@ -126,10 +108,7 @@ class Walls:
         radii = most / lengths.unit
 
         def work(begin: int, end: int) -> None:
-            measure_room(
-                begin, end, places, lengths.margin, self.tree.points, self.bounds,
-                self.tree.child, self.first, self.corners, self.hulls, radii,
-            )  # fmt: skip
+            measure_room(begin, end, places, lengths.margin, self.hung, radii)
 
         run_chunks(work, len(places), SAMPLES_A_CHUNK)
         radii *= lengths.unit
@@ -161,11 +140,10 @@ class Walls:
         MedialCloud
             A ball that changed touches a face between its corners, or at one of them.
         """
-        from medialis.skeleton._triangle_kernels import shrink_to_triangles
+        from medialis.skeleton._triangle_kernels import Depths, TangentBalls, shrink_to_triangles
 
         tree, shape = self.tree, self.shape
-        at_own = directions is not None
-        samples = tree.place[cloud.source]
+        at_own, samples = directions is not None, tree.place[cloud.source]
         # Neighbours share certificates; inner balls, the first, are the same with outer ones.
         order = _in_tree_order(cloud, tree)
         samples, signs = samples[order], cloud.side[order]
@@ -180,14 +158,11 @@ class Walls:
         face, places = np.full(len(order), -1, np.int64), np.zeros((len(order), 3))
         least = max(ROUNDING * shape.diagonal / lengths.unit, lengths.tolerance / 16)
         highest = math.sin(math.radians(min(self.creases.angle, 90.0))) ** 2 / 2
+        depths = Depths(lengths.tolerance, lengths.clearance, lengths.margin, least, highest)
+        balls = TangentBalls(samples, direction, signs, at_own, radii, face, places)
 
         def work(begin: int, end: int) -> None:
-            shrink_to_triangles(
-                begin, end, samples, direction, signs, at_own, lengths.tolerance,
-                lengths.clearance, lengths.margin, least, highest, tree.points, self.bounds,
-                tree.child, self.first, self.corners, self.reliefs, self.hulls, radii, face,
-                places,
-            )  # fmt: skip
+            shrink_to_triangles(begin, end, balls, depths, self.hung)
 
         run_chunks(work, len(order), SAMPLES_A_CHUNK, progress=progress)
         touching = np.flatnonzero(face >= 0)
