@@ -86,7 +86,7 @@ def run_thickness(shape: Shape, options: ThicknessRun, progress: Progress) -> Ou
     labels = np.full(fine.point_count, -1, np.int32)
     for row, spot in enumerate(spots):
         labels[spot.vertices] = row
-    fields: dict[str, NDArray[Any]] = {"thickness": values, "thin_spot": labels}
+    fields: dict[str, Any] = {"thickness": values, "thin_spot": labels}
     limits = float(values.min()), float(np.percentile(values, SHOWN_SHARE))
     surface = _surface_layer("thickness", shape, fields, "thin_spot", limits)
     marks = (_spots_layer(spots, surface),) if spots else ()
@@ -362,7 +362,7 @@ def run_wall_check(shape: Shape, options: WallCheckRun, progress: Progress) -> O
     _note_limits(check, limits, options, shape, progress)
     _note_regions(check, shape, progress)
     _note_ribs(check, options, progress)
-    fields: dict[str, NDArray[Any]] = {"thickness": check.thickness, **_codes(check)}
+    fields: dict[str, Any] = {"thickness": check.thickness, **_codes(check)}
     low = check.minimum if check.minimum > 0 else float(check.thickness.min())
     high = float(check.thickness.max()) if math.isinf(check.maximum) else check.maximum
     colors = low, max(high, low)
