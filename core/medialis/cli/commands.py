@@ -163,7 +163,7 @@ def _of_folder(folder: Path) -> list[Outcome]:
     InvalidOptionError
         When there is none, or they are of several shapes.
     """
-    from medialis.formats.output_folder import MANIFEST
+    from medialis.formats.files import MANIFEST
     from medialis.show.reading import read_result
 
     folders = sorted(
@@ -422,7 +422,7 @@ def _warmup(options: argparse.Namespace) -> int:
     from medialis.operations.registry import OPERATIONS, run
     from medialis.shape.generate import organic_shape
     from medialis.shape.samples import sample_shape
-    from medialis.show.pictures import draw_result
+    from medialis.show.picture import draw_result
 
     clock = time.perf_counter()
     creature, progress = organic_shape(56), shown_progress(options.progress)
