@@ -123,7 +123,7 @@ from medialis.sheets.sheets import MedialSheets as MedialSheets
 from medialis.sheets.sheets import medial_sheets as medial_sheets
 from medialis.sheets.unfolding import Unfolded as Unfolded
 from medialis.show.camera import Camera as Camera
-from medialis.show.pictures import draw_result as draw_result
+from medialis.show.picture import draw_result as draw_result
 from medialis.show.raster import Style as Style
 from medialis.show.reading import read_result as read_result
 from medialis.show.reconstruction import Comparison as Comparison

@@ -100,7 +100,7 @@ def link_balls(
     """
     from medialis.curves._kernels import BallLinks, list_links, sort_links, weigh_links
 
-    k = len(radii)
+    k, centers, radii = len(radii), frozen(centers, np.float64), frozen(radii, np.float64)
     groups = np.zeros(k, np.int32) if groups is None else groups
     given = [
         (np.ascontiguousarray(ends, np.int32), np.ascontiguousarray(others, np.int32), kind)
@@ -117,14 +117,13 @@ def link_balls(
     offsets, neighbours = np.empty(k + 1, np.int64), np.empty(len(listed), np.int32)
     neighbours = neighbours[: sort_links(starts, listed, offsets, neighbours)].copy()
     links = BallLinks(
-        frozen(centers, np.float64), frozen(radii, np.float64), frozen(offsets, np.int64),
-        frozen(neighbours, np.int32), np.empty(len(neighbours)), np.empty(len(neighbours)),
-        spacing, frozen(np.full(k, np.inf) if widths is None else widths, np.float64),
+        centers, radii, frozen(offsets, np.int64), frozen(neighbours, np.int32),
+        np.empty(len(neighbours)), np.empty(len(neighbours)), spacing,
+        frozen(np.full(k, np.inf) if widths is None else widths, np.float64),
     )  # fmt: skip
     dearness = 1 / (1 / OFF_CURVE + closeness)
     run_chunks(lambda begin, end: weigh_links(begin, end, links, dearness), k, BALLS_A_CHUNK)
-    length, cost = frozen(links.length, np.float64), frozen(links.cost, np.float64)
-    return links._replace(length=length, cost=cost)
+    return links._replace(length=frozen(links.length, float), cost=frozen(links.cost, float))
 
 
 class GraphTree:

@@ -294,7 +294,7 @@ def _write_rig(path: Path, result: Result) -> None:
     skin = result.extras["skin"]
     count = len(skin.bones)  # a refined shape has the given points first
     given = next(layer for layer in result.layers if layer.role == "skin")
-    surface, normals = Surface(given.points, given.faces), result.shape.normals[:count]
+    surface, normals = Surface.of_checked(given.points, given.faces), result.shape.normals[:count]
     write_rigged_gltf(path, surface, normals, skin, unit=result.shape.unit)
 
 

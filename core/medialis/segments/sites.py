@@ -345,7 +345,7 @@ def _unit_surface(cloud: MedialCloud) -> Surface:
     surface = cloud.surface
     low, high = surface.bounds
     middle = low + (high - low) / 2
-    return Surface((surface.points - middle) / surface.diagonal, surface.faces)
+    return Surface.of_checked((surface.points - middle) / surface.diagonal, surface.faces)
 
 
 def _caps(
@@ -379,11 +379,7 @@ def _caps(
         return caps
     seed, away = np.full(n, -1, np.int32), np.full(n, np.inf)
     seed[starts], away[starts] = starts, 0.0
-    room = len(graph.indices) + 1
-    spread_from_seeds(
-        surface.points, graph.offsets, graph.indices, np.empty(room), np.empty(room, np.int32),
-        away, seed,
-    )  # fmt: skip
+    spread_from_seeds(surface.points, graph.offsets, graph.indices, away, seed)
     site_of = np.full(n, -1)
     site_of[starts[::-1]] = np.arange(s)[::-1]
     rest = np.flatnonzero(alone & (seed >= 0))

@@ -2,8 +2,7 @@
 
 Steps: candidates and their importance (`candidates.py`), links between balls, loops round handles,
 and growth along the links (`curves/growth.py`); then each node gets its distance to the surface and
-its importance, and each sample its node. All that does not depend on the threshold is kept
-(`_Ground`).
+its importance, and each sample its node. What does not depend on the threshold is kept (`_Ground`).
 
 A loop runs along balls round a handle. Where the handle, or the hole in it, is thinner than the
 samples are apart, no balls go round it: its samples lie on creases alone, or far apart. There
