@@ -382,6 +382,7 @@ def manifolds(
             lambda: classified_places(points, options.smooth, progress),
             progress,
         )
+    places = frozen(places, np.float64)  # kernels are compiled for read-only ones alone
     if len(places) < FEWEST_PLACES:
         none = Ragged(np.zeros(len(points) + 1, np.int64), np.empty(0, np.int32))
         return ManifoldSet(none, 0, np.zeros(len(points), np.int32), points=points)

@@ -135,7 +135,7 @@ def _group_jitter(points: FloatArray, rows: NDArray[np.int64]) -> tuple[float, f
 
     before, least, rough = np.inf, np.inf, 0.0
     for size, step in zip(SIZES, SAMPLE_STEPS, strict=True):
-        rows = rows[::step]
+        rows = np.ascontiguousarray(rows[::step])
         if size >= len(points):
             break
         near = neighbours_of(points, points[rows], size, Progress())
