@@ -1,136 +1,162 @@
 """List the kernels of each operation and their types, for `medialis.hosts.compile_ahead`.
 
-    python benchmarks/record_kernels.py     # writes core/medialis/hosts/kernels.txt; some minutes
+    python benchmarks/record_kernels.py     # writes core/medialis/hosts/kernels.txt
 
-It runs all operations on a small shape with nothing compiled, then each alone; `midsurface` on one
-with walls.
+It runs all operations on small shapes, `midsurface` on one with walls: two minutes where kernels
+are compiled, as after the tests. What an operation calls is in memory after it; the kernels
+that these call, and for which types, numba's type inference tells.
 """
 
-import os
-import subprocess
+import json
 import sys
-import tempfile
+import warnings
+from functools import cache
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(ROOT / "core"))
+
+import numpy as np  # noqa: E402
+from numba import types  # noqa: E402
+from numba.core import compiler, compiler_machinery, errors, typed_passes  # noqa: E402
+from numba.core.dispatcher import Dispatcher  # noqa: E402
+from numba.np.numpy_support import as_dtype  # noqa: E402
+
+import medialis  # noqa: E402
+from medialis.base.kept import forget  # noqa: E402
+
 LIST = ROOT / "core" / "medialis" / "hosts" / "kernels.txt"
 
 
-def word(numba_type):
-    """Return a type as `compile_ahead.example` reads it; None for what it has no word for."""
-    import numpy as np
-    from numba import types
-    from numba.core.errors import NumbaError
-    from numba.np.numpy_support import as_dtype
+@compiler_machinery.register_pass(mutates_CFG=False, analysis_only=True)
+class _Stop(compiler_machinery.FunctionPass):
+    """The end of a pipeline that infers types and compiles nothing."""
 
+    _name = "stop_after_types"
+
+    def __init__(self):
+        super().__init__()
+
+    def run_pass(self, state):
+        raise compiler._EarlyPipelineCompletion(compiler.compile_result(typing_error=None))
+
+
+class _TypesOnly(compiler.CompilerBase):
+    def define_pipelines(self):
+        passes = compiler.DefaultPassBuilder.define_untyped_pipeline(self.state, "types only")
+        passes.add_pass(typed_passes.NopythonTypeInference, "types")
+        passes.add_pass(_Stop, "stop")
+        passes.finalize()
+        return [passes]
+
+
+def word(numba_type):
+    """Return a type as `compile_ahead.example` reads it.
+
+    Raises
+    ------
+    NotImplementedError
+        There is no word for it.
+    """
+    if isinstance(numba_type, types.BaseTuple):
+        record = getattr(numba_type, "instance_class", None)
+        return [name_of(record) if record else "", *map(word, numba_type.types)]
     layout = ""
     if isinstance(numba_type, types.Array):
         layout = f":{numba_type.ndim}{numba_type.layout}{'' if numba_type.mutable else 'r'}"
         numba_type = numba_type.dtype
     try:
         return np.dtype(as_dtype(numba_type)).str[1:] + layout
-    except (NotImplementedError, NumbaError):
-        return None
+    except errors.NumbaError as error:
+        raise NotImplementedError(numba_type) from error
 
 
-def name_of(dispatcher):
-    """Return a kernel as the list writes it."""
-    return f"{dispatcher.py_func.__module__.removeprefix('medialis.')}:{dispatcher.__name__}"
+def name_of(thing):
+    """Return a kernel or the class of a record as the list writes it."""
+    module = getattr(thing, "py_func", thing).__module__
+    return f"{module.removeprefix('medialis.')}:{thing.__name__}"
 
 
-def callees(dispatcher):
-    """Return the kernels that a kernel calls."""
-    from numba.core.dispatcher import Dispatcher
-
-    function = dispatcher.py_func
-    called = (function.__globals__.get(name) for name in function.__code__.co_names)
-    return [found for found in called if isinstance(found, Dispatcher)]
+def kernels():
+    """Return all kernels of the modules that are loaded."""
+    modules = [vars(m) for name, m in sys.modules.items() if name.startswith("medialis.")]
+    found = {id(v): v for names in modules for v in names.values() if isinstance(v, Dispatcher)}
+    return sorted(found.values(), key=name_of)
 
 
-def height(dispatcher):
+def in_memory():
+    """Return the kernels that are in memory, each with types of its arguments."""
+    return [(kernel, arguments) for kernel in kernels() for arguments in kernel.signatures]
+
+
+def clear_memory():
+    """Let no kernel be in memory: it is found compiled when it is called."""
+    for kernel in kernels():
+        kernel._reset_overloads()
+
+
+@cache
+def callees(kernel, arguments):
+    """Return the kernels that a kernel calls for some types, and their types."""
+    clear_memory()
+    usual = kernel._compiler.pipeline_class
+    kernel._compiler.pipeline_class = _TypesOnly
+    try:
+        kernel._compiler._compile_core(arguments, None)
+    finally:
+        kernel._compiler.pipeline_class = usual
+    return [called for called in in_memory() if called != (kernel, arguments)]
+
+
+@cache
+def height(kernel, arguments):
     """Return how many levels of kernels are below one."""
-    return max((1 + height(found) for found in callees(dispatcher)), default=0)
+    return max((1 + height(*called) for called in callees(kernel, arguments)), default=0)
 
 
 def shape_for(operation):
     """Return the shape that an operation runs on."""
-    import medialis
-
-    sample = medialis.operation(operation).sample
-    small = sample == "creature"
-    shape = medialis.organic_shape(56) if small else medialis.sample_shape(sample)
+    small = operation.sample == "creature"
+    shape = medialis.organic_shape(56) if small else medialis.sample_shape(operation.sample)
     return medialis.make_shape(shape.points, shape.faces, repair=True)
 
 
-def record_all():
-    """Run all operations and print what is compiled: height, kernel, types."""
-    from numba.core import event
-
-    import medialis
-
-    class Listener(event.Listener):
-        def on_start(self, started):
-            pass
-
-        def on_end(self, ended):
-            dispatcher = ended.data["dispatcher"]
-            if not dispatcher.py_func.__module__.startswith("medialis."):
-                return
-            words = [word(one) for one in ended.data["args"]]
-            if None not in words:
-                print("KERNEL", height(dispatcher), name_of(dispatcher), *words, flush=True)
-
-    with event.install_listener("numba:compile", Listener()):
-        for operation in medialis.OPERATIONS:
-            medialis.run(operation.name, shape_for(operation.name))
-
-
-def record_one(operation):
-    """Run one operation and print the kernels that it calls, and those that they call."""
-    from numba.core.dispatcher import Dispatcher
-
-    import medialis
-
-    medialis.run(operation, shape_for(operation))
-    modules = [m for name, m in sys.modules.items() if name.startswith("medialis.")]
-    found = [v for m in modules for v in vars(m).values() if isinstance(v, Dispatcher)]
-    waiting, seen = [one for one in found if one.signatures], set()
+def used_by(operation):
+    """Return the kernels that an operation calls, and those that they call, with their types."""
+    forget()
+    clear_memory()
+    medialis.run(operation.name, shape_for(operation))
+    waiting, seen = in_memory(), set()
     while waiting:
         one = waiting.pop()
-        if name_of(one) not in seen:
-            seen.add(name_of(one))
-            waiting += callees(one)
-    print("USED", *sorted(seen))
-
-
-def said(folder, *arguments):
-    """Return what this script says in a process of its own, with its kernels in a folder."""
-    environment = dict(os.environ, MEDIALIS_CACHE_DIR=folder, PYTHONPATH=str(ROOT / "core"))
-    command = [sys.executable, __file__, *arguments]
-    run = subprocess.run(command, env=environment, stdout=subprocess.PIPE, text=True, check=True)
-    return [line.split()[1:] for line in run.stdout.splitlines() if line[:4] in ("KERN", "USED")]
+        if one not in seen:
+            seen.add(one)
+            waiting += callees(*one)
+    return seen
 
 
 def main():
-    """Write the list."""
-    from medialis import OPERATIONS
-
-    with tempfile.TemporaryDirectory() as folder:
-        kernels = said(folder, "all")
-        used = {o.name: set(said(folder, o.name)[0]) for o in OPERATIONS}
+    """Write the list: kernel, operations, and types as JSON; what others call comes first."""
     lines = {}
-    for _, name, *types in sorted(kernels, key=lambda kernel: int(kernel[0])):
-        operations = [operation for operation, names in used.items() if name in names]
-        lines[f"{name}|{' '.join(operations)}|{' '.join(types)}"] = None
-    LIST.write_text("".join(f"{line}\n" for line in lines), encoding="ascii")
+    for operation in medialis.OPERATIONS:
+        for kernel, arguments in used_by(operation):
+            try:
+                words = json.dumps([word(one) for one in arguments], separators=(",", ":"))
+            except NotImplementedError as error:
+                print(f"{name_of(kernel)}: no word for {error}")
+                continue
+            place = height(kernel, arguments), name_of(kernel), words
+            lines.setdefault(place, set()).add(operation.name)
+    LIST.write_text(
+        "".join(
+            f"{name}|{' '.join(sorted(operations))}|{words}\n"
+            for (_, name, words), operations in sorted(lines.items())
+        ),
+        encoding="ascii",
+    )
     print(f"{len(lines)} kernels in {LIST}")
 
 
 if __name__ == "__main__":
-    if sys.argv[1:] == ["all"]:
-        record_all()
-    elif sys.argv[1:]:
-        record_one(sys.argv[1])
-    else:
-        sys.path.insert(0, str(ROOT / "core"))
-        main()
+    warnings.simplefilter("ignore", errors.NumbaWarning)
+    main()

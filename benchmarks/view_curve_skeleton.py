@@ -19,7 +19,7 @@ from scipy.spatial import cKDTree
 from surface_skeleton import REAL, table
 
 import medialis
-from medialis.curves.from_views.view import camera_pairs, sphere_of
+from medialis.curves.from_views.views import camera_pairs, sphere_of
 
 RESULTS = Path(__file__).resolve().parent / "results"
 SHAPES = ("hand", "horse", "fertility", "elephant", "armadillo", "rockerarm", "cow")

@@ -234,7 +234,7 @@ def _updated(extension: Path, folder: Path, monkeypatch: pytest.MonkeyPatch) -> 
     shutil.copy(ROOT / "core" / "medialis_after_import.py", copy / "core")
     for name in ("pyproject.toml", "build_backend.py", "README.md", "LICENSE"):
         shutil.copy(ROOT / name, copy)
-    with (copy / "core" / "medialis" / "errors.py").open("a") as file:
+    with (copy / "core" / "medialis" / "base" / "errors.py").open("a") as file:
         file.write("\nUPDATED = True\n")
     monkeypatch.setattr(build, "ROOT", copy)
     core = build.build_core(folder)

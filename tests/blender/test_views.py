@@ -11,7 +11,7 @@ bpy = pytest.importorskip("bpy", reason="bpy is not installed")
 from blender_addon import views
 
 import medialis
-from medialis.curves.from_views.view import camera_pairs, sphere_of
+from medialis.curves.from_views.views import camera_pairs, sphere_of
 
 REAL = Path(__file__).resolve().parents[3] / "shared" / "shapes"
 

@@ -6,9 +6,8 @@ import pytest
 import medialis
 from medialis.base.arrays import follow
 from medialis.curves.curve_skeleton import CurveSkeleton
-from medialis.curves.graph.ground import GraphTree, link_balls
-from medialis.curves.graph.growth import grow_graph
-from medialis.curves.graph.loops import SpanningSurface, find_handles, link_turns
+from medialis.curves.growth import GraphTree, grow_graph, link_balls
+from medialis.curves.loops import count_crossings, find_handles, link_turns, span_loop
 from tubes import circle, segment, tube
 
 
@@ -27,7 +26,7 @@ def random_links(seed=0, k=300):
 def matrix(links):
     from scipy.sparse import csr_array
 
-    k = len(links)
+    k = len(links.radii)
     return csr_array((links.cost, links.neighbours, links.offsets), shape=(k, k))
 
 
@@ -54,8 +53,8 @@ def test_links_come_from_both_ends_once_and_near_ones_stay_in_both_balls():
     links = random_links()
     table = matrix(links).toarray()
     assert (table == table.T).all() and (table.diagonal() == 0).all()
-    ends = np.repeat(np.arange(len(links)), np.diff(links.offsets))
-    assert len(np.unique(ends * len(links) + links.neighbours)) == len(ends)
+    ends = np.repeat(np.arange(300), np.diff(links.offsets))
+    assert len(np.unique(ends * 300 + links.neighbours)) == len(ends)
     near = link_balls(
         np.array([[0, 0, 0], [1, 0, 0], [3, 0, 0.0]]),
         np.array([1.1, 1.2, 9.0]),
@@ -97,7 +96,7 @@ def test_a_loop_spans_a_surface(count):
     """Against the solid angle of a circle from its axis; inner sides have two triangles."""
     turn = np.linspace(0, 2 * np.pi, count + 1)[:-1]
     ring = np.stack([np.cos(turn), np.sin(turn), 0 * turn], axis=1)
-    spanned = SpanningSurface.of(ring)
+    spanned = span_loop(ring)
     triangles = spanned.corners
     assert len(triangles) == count - 1 and triangles[0, 0] == triangles[0, 2] == 0
     after = np.roll(triangles, -1, axis=1)
@@ -109,7 +108,7 @@ def test_a_loop_spans_a_surface(count):
         true = np.sign(z) * (1 - abs(z) / np.sqrt(z**2 + 1)) / 2
         seen = solid_angles(ring, triangles, z[:, None] * [0, 0, 1])
         assert abs(abs(seen) - abs(true)).max() < 1e-5
-    boxes = np.concatenate([spanned.boxes[:, :3], -spanned.boxes[:, 3:]], axis=1)
+    boxes = np.concatenate([spanned.lowest, -spanned.highest], axis=1)
     below = spanned.children >= 0
     above = np.repeat(np.arange(count - 1), 2)[below.ravel()]
     assert (boxes[above] <= boxes[spanned.children[below]]).all()
@@ -142,7 +141,7 @@ def test_handles_and_how_often_ways_go_round_them(curves, genus):
 
 
 def angles(handles, places):
-    spanned = [SpanningSurface.of(handles.points[loop[:-1]]) for loop in handles.loops]
+    spanned = [span_loop(handles.points[loop[:-1]]) for loop in handles.loops]
     return np.stack([solid_angles(one.points, one.corners, places) for one in spanned], axis=1)
 
 
@@ -194,8 +193,8 @@ def test_links_that_cross_a_large_surface_are_all_found():
     centers = random.uniform(points.min(axis=0), points.max(axis=0), (400, 3))
     pairs = random.integers(0, 400, (2000, 2))
     links = link_balls(centers, np.full(400, 9.0), np.ones(400), listed(pairs), [], spacing=1.0)
-    spanned, turns = SpanningSurface.of(points), np.zeros(len(links.length), np.int64)
-    spanned.count_crossings(links, np.arange(400), np.full(400, links.length.max()), turns)
+    spanned, turns = span_loop(points), np.zeros(len(links.length), np.int64)
+    count_crossings(spanned, links, np.arange(400), np.full(400, links.length.max()), turns)
     a, b, c = points[spanned.corners].transpose(1, 0, 2)
     starts, total = np.repeat(np.arange(400), np.diff(links.offsets)), 0
     for link, (v, w) in enumerate(zip(starts, links.neighbours, strict=True)):

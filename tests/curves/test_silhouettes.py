@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import medialis
-from medialis.curves.from_views.silhouettes import Scratch, silhouette_skeleton, skeletonize
+from medialis.curves.from_views.views import Scratch, silhouette_skeleton, skeletonize
 
 
 def disc(size, center, radius):

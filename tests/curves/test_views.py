@@ -14,9 +14,14 @@ from scipy.spatial import cKDTree
 
 import closed_forms
 import medialis
-from medialis.curves.from_views.silhouettes import pair_points, silhouette_skeleton
 from medialis.curves.from_views.skeleton import GivenViews, PackedViews, _match, _sharpen
-from medialis.curves.from_views.view import camera_axes, camera_pairs, sphere_of
+from medialis.curves.from_views.views import (
+    camera_axes,
+    camera_pairs,
+    pair_points,
+    silhouette_skeleton,
+    sphere_of,
+)
 from medialis.shape.shape import Shape
 
 QUICK = {"pairs": 60, "size": 128}

@@ -9,7 +9,7 @@ import pytest
 import medialis
 from closed_forms import box_mesh, icosphere
 from medialis.base.errors import InvalidOptionError, InvalidShapeError
-from medialis.medial_meshes.cover import _given
+from medialis.medial_meshes.distances import _given
 
 
 def single(center=(0, 0, 0), radius=0.1):

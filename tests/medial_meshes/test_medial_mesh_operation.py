@@ -8,7 +8,7 @@ import pytest
 
 import medialis
 from medialis.base.errors import FileError, InvalidShapeError
-from medialis.medial_meshes.levels import MeshLevels
+from medialis.medial_meshes.operation import MeshLevels
 
 FAST = {"balls": 24, "quality": "fast", "cell": 0.03}
 

@@ -88,6 +88,7 @@ class Crate:
     bungs: BallRows
     grain: Directions
     staves: Measures
+    hoops: tuple[Positions, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -131,7 +132,7 @@ def crates(shape):
             "table": [{"deep": {"down": place(spot)}, "none": None, "counts": [1, 2, 3]}],
         },
         arrays={"bungs": balls(tanks), "knots": places(rows), "slant": numbers(shape.normals[:5])},
-        extras={"crate": Crate(rows, tanks, shape.normals[:5], tanks)},
+        extras={"crate": Crate(rows, tanks, shape.normals[:5], tanks, (rows, rows[:2]))},
     )  # fmt: skip
 
 
@@ -158,6 +159,7 @@ def test_positions_are_put_back_wherever_they_stand_and_whatever_they_are_called
     crate = result.extras["crate"]
     np.testing.assert_array_equal(crate.lids, rows)
     np.testing.assert_array_equal(crate.bungs, tanks)
+    np.testing.assert_array_equal(np.concatenate(crate.hoops), np.concatenate([rows, rows[:2]]))
     np.testing.assert_array_equal(crate.grain, far.normals[:5])
     np.testing.assert_array_equal(crate.staves[:, 3], np.arange(5.0))
     for held in (*result.arrays.values(), *layer.attributes.values()):

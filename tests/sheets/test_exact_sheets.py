@@ -162,7 +162,7 @@ def test_labelled_points_keep_their_labels_where_others_lie_in_the_same_place():
 
 def test_curves_are_smoothed_without_shrinking():
     """A circle of 40 nodes keeps its length, and loses the zigzag of a tenth of a step."""
-    from medialis.sheets.y_network import smoothed_curves
+    from medialis.sheets.scaffold import smoothed_curves
 
     turn = 2 * np.pi * np.arange(40) / 40
     circle = np.stack([np.cos(turn), np.sin(turn), 0 * turn], axis=1)

@@ -7,7 +7,7 @@ import pytest
 
 import closed_forms
 import medialis
-from medialis.curves.from_views.view import OrthographicCamera, View
+from medialis.curves.from_views.views import OrthographicCamera, View
 from medialis.shape.shape import Shape
 
 

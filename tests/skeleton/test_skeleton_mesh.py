@@ -8,7 +8,7 @@ import medialis
 from medialis.base.errors import Cancelled, InvalidOptionError, InvalidShapeError
 from medialis.base.threads import thread_limit
 from medialis.shape.shape import Shape
-from medialis.skeleton._mesh_kernels import in_balls
+from medialis.skeleton._ball_kernels import in_balls
 from medialis.skeleton.ball_shrinking import shrink_balls as surface_skeleton
 from medialis.skeleton.skeleton_mesh import SLACK, SkeletonMesh
 

@@ -26,10 +26,9 @@ from numpy.typing import ArrayLike, NDArray
 from medialis.base.errors import FileError, InvalidShapeError
 from medialis.base.progress import Progress, ProgressCallback
 from medialis.base.threads import run_chunks
-from medialis.base.validation import as_normals, as_points
+from medialis.base.validation import FloatArray, as_normals, as_points
 from medialis.batches.engine import cluster, hand_out, warn_if_open
-from medialis.formats.files import reason
-from medialis.formats.output_folder import OutputFolder
+from medialis.formats.files import OutputFolder, reason
 from medialis.skeleton.ball_shrinking import (
     SAMPLES_A_CHUNK,
     Shrinking,
@@ -327,7 +326,7 @@ def open_medial_cloud(folder: str | os.PathLike[str]) -> Balls:
         raise FileError(f"Cannot read a medial cloud in {os.fspath(folder)}: {error}.") from None
 
 
-def _mapped(values: Any, name: str) -> NDArray[np.float64]:
+def _mapped(values: Any, name: str) -> FloatArray:
     if isinstance(values, str | os.PathLike):
         try:
             values = np.load(values, mmap_mode="r")
@@ -342,10 +341,7 @@ def _mapped(values: Any, name: str) -> NDArray[np.float64]:
 
 
 def _check(
-    points: NDArray[np.float64],
-    normals: NDArray[np.float64],
-    out_normals: NDArray[np.float64],
-    progress: Progress,
+    points: FloatArray, normals: FloatArray, out_normals: FloatArray, progress: Progress
 ) -> float:
     """Check all rows, make the normals unit, and return the diagonal of the bounding box."""
     if len(points) != len(normals):
@@ -387,7 +383,7 @@ def _finish(
         progress.update(here.stop / n)
 
 
-def _measure(points: NDArray[np.float64], files: Files, results: dict[str, NDArray[Any]]) -> None:
+def _measure(points: FloatArray, files: Files, results: dict[str, NDArray[Any]]) -> None:
     n = len(points)
     out = {name: files.result(name, (n,), np.float64) for name in MEASURES}
     for here in blocks(n):

@@ -55,7 +55,7 @@ class CurveEvidence(Described):
     kept: NDArray[np.bool_]
     genus: dict[int, int]
     closed_loops: dict[int, int]
-    missing: tuple[FloatArray, ...] = ()
+    missing: tuple[Positions, ...] = ()
     seams: int = 0
     unclear: int = 0
 

@@ -9,6 +9,7 @@ listed is compiled when it is called. `benchmarks/record_kernels.py` writes the 
 from __future__ import annotations
 
 import importlib
+import json
 import os
 import subprocess
 import sys
@@ -40,17 +41,17 @@ class Listed(NamedTuple):
     """
 
     kernel: str
-    arguments: tuple[str, ...]
-    operations: tuple[str, ...]
+    arguments: list[Any]
+    operations: list[str]
 
 
 @cache
 def all_listed() -> tuple[Listed, ...]:
-    """Return what `kernels.txt` lists: the kernel, operations, and types, parted by ``|``."""
+    """Return what `kernels.txt` lists: kernel, operations, and types as JSON, parted by ``|``."""
     if not LIST.is_file():
         return ()
     lines = (line.split("|") for line in LIST.read_text(encoding="ascii").splitlines())
-    return tuple(Listed(k, tuple(types.split()), tuple(ops.split())) for k, ops, types in lines)
+    return tuple(Listed(kernel, json.loads(words), names.split()) for kernel, names, words in lines)
 
 
 def listed(operation: str) -> list[Listed]:
@@ -122,19 +123,31 @@ def _end_with_parent() -> None:
 
 def compile_one(one: Listed) -> None:
     """Compile a kernel for its types, or find it compiled."""
-    module, _, name = one.kernel.partition(":")
-    kernel = getattr(importlib.import_module(f"medialis.{module}"), name)
+    kernel = named(one.kernel)
     kernel.compile(tuple(kernel.typeof_pyval(example(word)) for word in one.arguments))
 
 
-def example(word: str) -> Any:
+def named(name: str) -> Any:
+    """Return a kernel, or the class of a record, by its module and its name."""
+    module, _, name = name.partition(":")
+    return getattr(importlib.import_module(f"medialis.{module}"), name)
+
+
+def example(word: str | list[Any]) -> Any:
     """Return a value of a type: ``f8`` a number, ``f8:2C`` an array, ``f8:2Cr`` one read-only.
+
+    A record is a list of its class and the words of its fields; a tuple has no class.
 
     Examples
     --------
     >>> int(example("i4")), example("f8:2C").shape, example("f8:1Ar").flags.writeable
     (0, (2, 2), False)
+    >>> example(["walls._kernels:Links", "i4:1C", "i4:1C", "i4:1C"]).neighbours.dtype
+    dtype('int32')
     """
+    if isinstance(word, list):
+        values = [example(field) for field in word[1:]]
+        return named(word[0])(*values) if word[0] else tuple(values)
     kind, _, about = word.partition(":")
     if not about:
         return np.dtype(kind).type(0)

@@ -22,7 +22,7 @@ from typing import Any
 from medialis.base.errors import Cancelled, MedialisError
 from medialis.base.validation import FloatArray, IntArray
 from medialis.base.version import package_version
-from medialis.curves.from_views.view import OrthographicCamera, ViewSource
+from medialis.curves.from_views.views import OrthographicCamera, ViewSource
 from medialis.hosts.computing_child import Task, pack, unpack
 from medialis.operations.result import Result
 from medialis.shape.shape import Shape

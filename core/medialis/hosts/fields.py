@@ -165,7 +165,7 @@ def rig_of(result: Outcome, shape: Shape) -> Rig | None:
 
 def unpacked_levels(data: bytes) -> Levels:
     """Return the levels of a layer from what their `packed` gave."""
-    from medialis.medial_meshes.levels import MeshLevels
+    from medialis.medial_meshes.operation import MeshLevels
 
     return MeshLevels.unpacked(data)
 

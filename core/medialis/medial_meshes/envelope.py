@@ -18,8 +18,8 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from medialis.base.arrays import Index
 from medialis.base.errors import InvalidShapeError
 from medialis.base.options import Options, algorithm, length
 from medialis.base.progress import Progress
@@ -31,7 +31,6 @@ from medialis.shape.surface import Surface
 if TYPE_CHECKING:
     from medialis.medial_meshes._envelope_kernels import Primitives, Tree
 
-Index = NDArray[np.int64]
 
 LEAF = 4
 """Items of a leaf of a tree of boxes, at most."""
@@ -371,12 +370,7 @@ class _Field:
 
     @classmethod
     def of(
-        cls,
-        envelope: Envelope,
-        low: FloatArray,
-        high: FloatArray,
-        cell: float,
-        moved: float = 0.0,
+        cls, envelope: Envelope, low: FloatArray, high: FloatArray, cell: float, moved: float = 0.0
     ) -> _Field:
         """Measure the distances where the envelope, moved by so many cells, may cross cells."""
         origin, _, count = _grid_of(low, high, cell)

@@ -20,9 +20,8 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
-from medialis.base.arrays import Ragged
+from medialis.base.arrays import Index, Mask, Ragged
 from medialis.base.errors import InvalidShapeError
 from medialis.base.progress import Progress
 from medialis.base.threads import run_patiently, run_together
@@ -34,7 +33,6 @@ from medialis.shape.surface import piece_labels
 if TYPE_CHECKING:
     from medialis.medial_meshes._complex_kernels import Live
 
-Index = NDArray[np.int64]
 
 ATTEMPTS = (1.0, 1.0, 0.6, 1.7, 0.6)
 """Factors of the number of samples, each with its own draw, until the topology is right. Where
@@ -83,7 +81,7 @@ class Tetrahedra:
     neighbours: Index
     centers: FloatArray
     radii: FloatArray
-    inside: NDArray[np.bool_]
+    inside: Mask
 
 
 @dataclass(frozen=True, eq=False)
@@ -287,7 +285,7 @@ class _Cells(Tetrahedra):
         return cls(corners, neighbours, centers, radii, inside, samples, chosen)
 
     @property
-    def proper(self) -> NDArray[np.bool_]:
+    def proper(self) -> Mask:
         """Samples with something outside next to them, (n,)."""
         proper = np.zeros(len(self.chosen), bool)
         proper[self.corners[~self.inside]] = True
@@ -349,10 +347,7 @@ def _circumballs(points: FloatArray, corners: Index) -> tuple[FloatArray, FloatA
 
 
 def _fill(
-    inside: NDArray[np.bool_],
-    neighbours: Index,
-    radii: FloatArray,
-    wanted: tuple[int, int, int] | None,
+    inside: Mask, neighbours: Index, radii: FloatArray, wanted: tuple[int, int, int] | None
 ) -> None:
     """Let false cavities be inside and drop crumbs: as many of both as the solid has are left."""
     outside = len(inside)
@@ -391,7 +386,7 @@ def _dual(corners: Index, neighbours: Index, number: Index) -> tuple[Index, Inde
     return np.concatenate([edges, chords[:more]]), faces[:triangles].copy()
 
 
-def _opened(faces: Index, proper: NDArray[np.bool_]) -> Index:
+def _opened(faces: Index, proper: Mask) -> Index:
     """Open the cells of samples that only inside tetrahedra touch: they are no hollows.
 
     Each such cell loses a triangle towards a sample on the way to a `proper` one.
@@ -442,7 +437,7 @@ def _poles(
     return pole
 
 
-def grown(cells: Tetrahedra, loops: int) -> NDArray[np.bool_]:
+def grown(cells: Tetrahedra, loops: int) -> Mask:
     """Return the tetrahedra (t,) of a dual of one part with this many loops and without hollows.
 
     There are fewer loops where no more can be closed. Cost: O(t log t), and a shortest way for each

@@ -16,8 +16,8 @@ from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from medialis.base.arrays import Index, Mask
 from medialis.base.progress import Progress
 from medialis.base.threads import run_together
 from medialis.base.validation import FloatArray, frozen
@@ -28,7 +28,6 @@ if TYPE_CHECKING:
     from medialis.medial_meshes._envelope_kernels import Nearest, Overshoot, Tree
     from medialis.medial_meshes._fit_kernels import Sums
 
-Index = NDArray[np.int64]
 Found = TypeVar("Found")
 
 SMALLEST_RADIUS = 1e-5
@@ -438,7 +437,7 @@ class Fit:
         add_rows(out, *given, sums)
         return first + second
 
-    def _outside(self, balls: FloatArray, now: Residuals) -> NDArray[np.bool_]:
+    def _outside(self, balls: FloatArray, now: Residuals) -> Mask:
         """Tell which places of the complex that stick out have their center outside."""
         radius = self.between(balls, now.over_at)[:, 3]
         return np.asarray(now.over + radius < 0)

@@ -16,8 +16,8 @@ import os
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from medialis.base.arrays import Index
 from medialis.base.errors import InvalidOptionError, InvalidShapeError
 from medialis.base.units import METERS
 from medialis.formats.files import complete_file, number_lines, reading
@@ -148,9 +148,7 @@ def _mesh(
     return MedialMesh.of_rows(balls[kept], edges, faces)
 
 
-def _simplices(
-    rows: list[list[float]], deleted: list[bool], width: int, number: NDArray[np.int64]
-) -> NDArray[np.int64]:
+def _simplices(rows: list[list[float]], deleted: list[bool], width: int, number: Index) -> Index:
     """Return the edges or triangles between balls that are there, in their numbers."""
     found = np.array(rows, np.float64).reshape(-1, width)
     count = len(number)

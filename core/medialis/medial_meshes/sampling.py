@@ -16,8 +16,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from medialis.base.arrays import Index, Mask
 from medialis.base.threads import run_chunks, run_together
-from medialis.base.validation import FloatArray, frozen
+from medialis.base.validation import FloatArray, IntArray, frozen
 from medialis.medial_meshes.envelope import box_tree
 from medialis.shape.graph import VIEW
 from medialis.shape.surface import Surface
@@ -75,8 +76,8 @@ class Solid:
         Outward; closed, or as good as it gets.
     """
 
-    def __init__(self, points: FloatArray, faces: NDArray[np.int32]) -> None:
-        self.surface = Surface(points, faces)
+    def __init__(self, points: FloatArray, faces: IntArray) -> None:
+        self.surface = Surface.of_checked(points, faces)
         self.points, self.faces = self.surface.points, frozen(faces, np.int64)
 
     @cached_property
@@ -86,7 +87,7 @@ class Solid:
         return bool((table.counts == 2).all() and table.pairs[2].all())
 
     @cached_property
-    def walls(self) -> NDArray[np.bool_]:
+    def walls(self) -> Mask:
         """Faces that part inside from outside, (m,); all where none does."""
         if self.whole and len(self._pieces) == 1:
             return np.ones(len(self.faces), bool)
@@ -96,12 +97,12 @@ class Solid:
         return np.asarray(parting if parting.any() else ~parting)
 
     @cached_property
-    def corners(self) -> NDArray[np.int64]:
+    def corners(self) -> Index:
         """The vertices of those."""
         return np.unique(self.faces[self.walls])
 
     @cached_property
-    def _pieces(self) -> NDArray[np.int64]:
+    def _pieces(self) -> Index:
         return np.unique(self.surface.face_pieces).astype(np.int64)
 
     @cached_property
@@ -141,17 +142,13 @@ class Solid:
         counts = np.concatenate([look(k, *seen) for k, seen in enumerate(self._seen)], axis=1)
         return np.asarray(counts[:, 0] if self.whole else np.median(counts, axis=1))
 
-    def contains(self, places: FloatArray) -> NDArray[np.bool_]:
+    def contains(self, places: FloatArray) -> Mask:
         """Tell which places (q, 3) are inside, (q,)."""
         return np.asarray(self.winding(places) > INSIDE)
 
     def free_way(
-        self,
-        origins: FloatArray,
-        directions: FloatArray,
-        own: NDArray[np.int64],
-        longest: FloatArray,
-    ) -> tuple[FloatArray, NDArray[np.int64]]:
+        self, origins: FloatArray, directions: FloatArray, own: Index, longest: FloatArray
+    ) -> tuple[FloatArray, Index]:
         """Return how far rays from places on faces `own` go, and the face met, -1 for none.
 
         No ray goes farther than `longest` (q,).
@@ -198,7 +195,7 @@ class Solid:
             for i, own in held.items()
         ]
 
-    def _part(self, rows: NDArray[np.int64]) -> Solid:
+    def _part(self, rows: Index) -> Solid:
         """Return the solid of some of the faces."""
         used, faces = np.unique(self.faces[rows], return_inverse=True)
         return Solid(self.points[used], faces.reshape(-1, 3).astype(np.int32))
@@ -267,11 +264,11 @@ class Samples:
     points: FloatArray
     normals: FloatArray
     areas: FloatArray
-    owner: NDArray[np.int64]
+    owner: Index
     spacing: float
 
     @property
-    def chosen(self) -> NDArray[np.int64]:
+    def chosen(self) -> Index:
         """The chosen candidates."""
         return np.flatnonzero(self.owner == np.arange(len(self.owner)))
 
@@ -291,7 +288,7 @@ class Samples:
 class _Pieces:
     """Faces cut into pieces that are small against the spacing."""
 
-    face: NDArray[np.int64]
+    face: Index
     weights: FloatArray
     """(p, 3, 3): barycentric coordinates of the corners in their face."""
     areas: FloatArray
@@ -325,7 +322,7 @@ def take_samples(solid: Solid, count: int, seed: int) -> Samples:
     return _thinned(solid, (points, bent, areas, face), local[chosen], order, spacing)
 
 
-def _places(solid: Solid, face: NDArray[np.int64], weights: FloatArray) -> FloatArray:
+def _places(solid: Solid, face: Index, weights: FloatArray) -> FloatArray:
     return np.asarray(np.einsum("cj,cjk->ck", weights, solid.points[solid.faces[face]]))
 
 
@@ -380,7 +377,7 @@ def _halved(pieces: _Pieces, corners: FloatArray, longest: float, most: int) -> 
         )
 
 
-def _joined(values: NDArray[Any], kept: NDArray[np.bool_], half: NDArray[Any]) -> NDArray[Any]:
+def _joined(values: NDArray[Any], kept: Mask, half: NDArray[Any]) -> NDArray[Any]:
     return np.concatenate([values[kept], half, half])
 
 
@@ -400,7 +397,7 @@ def _corner_normals(solid: Solid) -> FloatArray:
 
 
 def _thickness(
-    solid: Solid, places: FloatArray, normals: FloatArray, face: NDArray[np.int64], spacing: float
+    solid: Solid, places: FloatArray, normals: FloatArray, face: Index, spacing: float
 ) -> tuple[FloatArray, FloatArray]:
     """Return the width of wall or gap at places, and the places opposite; NaN where none is near.
 
@@ -425,7 +422,7 @@ def _thickness(
 
 def _candidates(
     pieces: _Pieces, local: FloatArray, rng: np.random.Generator
-) -> tuple[NDArray[np.int64], FloatArray]:
+) -> tuple[Index, FloatArray]:
     """Draw candidates, denser where the spacing is small: pieces and weights in their faces."""
     share = np.cumsum(pieces.areas / local**2)
     count = int(CANDIDATES * share[-1]) + 8
@@ -438,9 +435,9 @@ def _candidates(
 
 def _thinned(
     solid: Solid,
-    candidates: tuple[FloatArray, FloatArray, FloatArray, NDArray[np.int64]],
+    candidates: tuple[FloatArray, FloatArray, FloatArray, Index],
     local: FloatArray,
-    order: NDArray[np.int64],
+    order: Index,
     spacing: float,
 ) -> Samples:
     """Add the mirror images of candidates at thin walls, and choose samples among all."""

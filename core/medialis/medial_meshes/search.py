@@ -16,8 +16,8 @@ from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from medialis.base.arrays import Index
 from medialis.base.progress import Progress
 from medialis.base.threads import run_together
 from medialis.base.validation import FloatArray
@@ -27,8 +27,6 @@ from medialis.medial_meshes.fine_complex import FineComplex
 from medialis.medial_meshes.fitting import DAMPING, Bounds, Fit, Target
 from medialis.medial_meshes.mesh import Collapse, Complex
 from medialis.medial_meshes.sampling import Samples, Solid
-
-Index = NDArray[np.int64]
 
 HOLD = 1e-3
 """Weight of staying in place against the planes of the surface, which alone leave slack."""

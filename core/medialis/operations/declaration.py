@@ -99,7 +99,7 @@ class Operation(Described):
     makes_images : bool
         Its result is pictures; hosts without a place for them leave it out.
     thin_lines : bool
-        It adds curves, or marks places: hosts offer to draw them as solids (`hosts.solid`).
+        It adds curves, or marks places: hosts offer to draw them as solids (`hosts.drawing.solid`).
     lies_on_shape : bool
         What it adds lies on the surface: hosts leave the shape visible.
     selection : Selection or None

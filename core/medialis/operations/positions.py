@@ -149,15 +149,15 @@ class _Mover:
         if isinstance(value, type):
             return value
         if id(value) not in self._known:  # kept with the result, so that its number stays its own
-            self._known[id(value)] = value, self._whole(value, place)
+            self._known[id(value)] = value, self._whole(value, declared, place)
         return self._known[id(value)][1]
 
-    def _whole(self, value: Any, place: str) -> Any:
+    def _whole(self, value: Any, declared: str, place: str) -> Any:
         if isinstance(value, Mapping):
             new = {key: self.moved(part, "", f"{place} {key!r}") for key, part in value.items()}
             return new if any(new[key] is not value[key] for key in new) else value
         if isinstance(value, tuple):
-            parts = [self.moved(part, "", place) for part in value]
+            parts = [self.moved(part, declared, place) for part in value]
             if all(a is b for a, b in zip(parts, value, strict=True)):
                 return value
             return value._make(parts) if hasattr(value, "_make") else tuple(parts)

@@ -6,7 +6,8 @@ touches, and from them the types of medial points), `MedialSheets` (the sheet of
 sheets and curves).
 
 Read `sheets.py` first: it tells which balls are on one sheet, and where sheets meet. It stands on
-`feature_sets.py` and on `unfolding.py`, the surface cut and spread out along creases. Kernels are
-in `_kernels.py`, the operations in `operation.py`. What else can be said of a sheet is a field of
-`SheetMeshes`; what else of a curve, of `YNetwork`.
+`feature_sets.py` and on `unfolding.py`, the surface cut and spread out along creases. Curves,
+meshes and the graph are in `scaffold.py`, kernels in `_kernels.py`, the operations in
+`operation.py`. What else can be said of a sheet is a field of `SheetMeshes`; what else of a curve,
+of `YNetwork`.
 """

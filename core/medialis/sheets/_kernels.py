@@ -12,16 +12,99 @@ list of its own, which `place_sets` moves to the rows of the result.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from medialis.base._box_tree_kernels import LEAF, lowest_bit, test_children
-from medialis.base._kernels import find_root
+from medialis.base._kernels import find_root, join
 from medialis.base.jit import kernel
+from medialis.skeleton.importance._walk_kernels import distance
 
 MOST = 1024
 """Samples of one set at most. A flat contact holds about 0.6 r / h of them (tau = 0.1 h), so only a
 ball that touches a piece of a sphere or a tube with thousands of samples has more."""
+
+SAME_SIDE = 0.7
+"""Cosine between normals on one side of a wall: less than 45 degrees apart."""
+
+
+class TouchingBalls(NamedTuple):
+    """Balls whose samples are looked for, in units of the tree and relative to its middle.
+
+    Attributes
+    ----------
+    centers : (k, 3) float64
+    reach : (k,) float64
+        Radius, and how far outside a sample may lie.
+    features : (k, 2) int32
+        Two samples that are in the set.
+    margin : float
+        What the bounds of the tree may be off.
+    """
+
+    centers: NDArray[np.float64]
+    reach: NDArray[np.float64]
+    features: NDArray[np.int32]
+    margin: float
+
+
+class SetColumns(NamedTuple):
+    """What is found of each ball: samples in its set, clusters of them, agreement; (k,) each."""
+
+    size: NDArray[np.int64]
+    clusters: NDArray[np.int32]
+    agreement: NDArray[np.float64]
+
+
+class Links(NamedTuple):
+    """Rows of indices: those of row i are indices[offsets[i]:offsets[i + 1]], as in `Ragged`."""
+
+    offsets: NDArray[np.int64]
+    indices: NDArray[np.int32]
+
+
+class Contacts(NamedTuple):
+    """The balls of u nodes of an unfolded surface, and their contacts, as links see them.
+
+    Contacts 0..u - 1 are the first ones of the nodes, u..2 u - 1 the second ones.
+
+    Attributes
+    ----------
+    places, normals : (2u, 3) float64
+    touched, regions : (2u,) int32
+        The sample, and the region of the surface, of each contact.
+    spacing : (2u,) float64
+        Of the samples there.
+    rows : (u,) int32
+        Of the ball in the feature sets.
+    centers, radii : (u, 3) and (u,) float64
+    clear, closed, wall : (u,) bool
+        Balls that can be linked, that touch all round, and that lie in walls or at creases.
+    tau : float
+        Spacings up to which contacts are close.
+    turn : float
+        Radii: the longest chord between contacts that are the same.
+    sets, clusters : Links and (entries,) int16
+        The feature sets.
+    """
+
+    places: NDArray[np.float64]
+    normals: NDArray[np.float64]
+    touched: NDArray[np.int32]
+    regions: NDArray[np.int32]
+    spacing: NDArray[np.float64]
+    rows: NDArray[np.int32]
+    centers: NDArray[np.float64]
+    radii: NDArray[np.float64]
+    clear: NDArray[np.bool_]
+    closed: NDArray[np.bool_]
+    wall: NDArray[np.bool_]
+    tau: float
+    turn: float
+    sets: Links
+    clusters: NDArray[np.int16]
 
 
 @kernel
@@ -44,10 +127,10 @@ def _scan_leaf(block, begin, size, x, y, z, limit, order, count, found):
 
 
 @kernel
-def _find_in_ball(
-    x, y, z, reach, margin, n, order, blocks, bounds, child, depth, stack, found
-):  # fmt: skip
+def _find_in_ball(x, y, z, reach, margin, tree, stack, found):
     """List the samples within `reach` of a point; return how many, MOST + 1 if more than MOST."""
+    points, order, blocks, bounds, child, depth = tree
+    n = len(points)
     count = 0
     stack[0] = 0
     top = 1
@@ -74,11 +157,12 @@ def _find_in_ball(
 
 
 @kernel
-def _cluster(found, count, offsets, neighbours, stamp, parent, out_cluster):
+def _cluster(found, count, graph, stamp, parent, out_cluster):
     """Find the clusters of the listed samples, numbered in their order; return how many.
 
     `stamp` holds -1 everywhere on entry and on return.
     """
+    offsets, neighbours = graph
     for a in range(count):
         parent[a] = a
     for a in range(count):
@@ -89,9 +173,7 @@ def _cluster(found, count, offsets, neighbours, stamp, parent, out_cluster):
             if b < 0:
                 stamp[near] = a
                 continue
-            p, q = find_root(parent, a), find_root(parent, b)
-            if p != q:
-                parent[max(p, q)] = min(p, q)
+            join(parent, a, b)
     clusters = 0
     for a in range(count):
         root = find_root(parent, a)
@@ -135,17 +217,13 @@ def _put_first(found, count, sample, place):
 
 
 @kernel
-def find_sets(
-    begin, end, rows, normals, centers, radii, features, taus, margin,
-    order, blocks, bounds, child, depth, offsets, neighbours,
-    out_size, out_clusters, out_agreement,
-):  # fmt: skip
+def find_sets(begin, end, rows, balls, normals, tree, graph, out):
     """Feature sets of the balls rows[begin:end]: samples and clusters, one after the other.
 
-    Coordinates are relative to the middle of the tree. The first two samples of a set are the
-    feature points of the ball. A set of more than MOST samples is cut to these two, in one cluster
-    with an agreement of 0: it goes round the ball.
+    The first two samples of a set are the feature points of the ball. A set of more than MOST
+    samples is cut to these two, in one cluster with an agreement of 0: it goes round the ball.
     """
+    centers, reach, features, margin = balls
     n = len(normals)
     stack = np.empty(8 * 12 + 8, np.int64)  # 8 children on each of at most 11 wide levels
     found, cluster = np.empty(MOST + 2, np.int32), np.empty(MOST + 2, np.int16)
@@ -155,10 +233,7 @@ def find_sets(
     for turn in range(begin, end):
         row = rows[turn]
         x, y, z = centers[row, 0], centers[row, 1], centers[row, 2]
-        count = _find_in_ball(
-            x, y, z, radii[row] + taus[row], margin, n, order, blocks, bounds, child, depth,
-            stack, found,
-        )  # fmt: skip
+        count = _find_in_ball(x, y, z, reach[row], margin, tree, stack, found)
         if count > MOST:
             found[0], found[1] = features[row, 0], features[row, 1]
             cluster[0] = cluster[1] = 0
@@ -166,7 +241,7 @@ def find_sets(
         else:
             count = _put_first(found, count, features[row, 0], 0)
             count = _put_first(found, count, features[row, 1], 1)
-            clusters = _cluster(found, count, offsets, neighbours, stamp, parent, cluster)
+            clusters = _cluster(found, count, graph, stamp, parent, cluster)
             agreement = _mean_normal(found, count, normals)
         if filled + count > len(samples):
             room = 2 * (filled + count)
@@ -176,7 +251,7 @@ def find_sets(
         samples[filled : filled + count] = found[:count]
         labels[filled : filled + count] = cluster[:count]
         filled += count
-        out_size[row], out_clusters[row], out_agreement[row] = count, clusters, agreement
+        out.size[row], out.clusters[row], out.agreement[row] = count, clusters, agreement
     return samples[:filled].copy(), labels[:filled].copy()
 
 
@@ -203,24 +278,13 @@ def smallest_at_samples(wanted, radii, turns, offsets, samples, out_radius, out_
             out_turn[i] = max(out_turn[i], turns[row])
 
 
-SAME_SIDE = 0.7
-"""Cosine between normals on one side of a wall: less than 45 degrees apart."""
-
-
 @kernel
-def _distance(points, i, j):
-    dx = points[i, 0] - points[j, 0]
-    dy = points[i, 1] - points[j, 1]
-    dz = points[i, 2] - points[j, 2]
-    return math.sqrt(dx * dx + dy * dy + dz * dz)
-
-
-@kernel
-def _cluster_of(sample, row, offsets, samples, clusters):
+def _cluster_of(sample, row, contacts):
     """Cluster of a sample in the feature set of a ball; -1 when it is not in the set."""
+    offsets, samples = contacts.sets
     for at in range(offsets[row], offsets[row + 1]):
         if samples[at] == sample:
-            return clusters[at]
+            return contacts.clusters[at]
     return -1
 
 
@@ -233,10 +297,7 @@ def _agree(normals, a, b):
 
 
 @kernel
-def _matches(
-    i, j, a, b, places, normals, touched, regions, spacing, rows, centers, radii, closed, wall,
-    tau, turn, offsets, samples, clusters,
-):  # fmt: skip
+def _matches(i, j, a, b, contacts):
     """Tell whether contact b (of the ball of node j) is what contact a is for node i.
 
     Never, where a crease lies between them. They are when b is close to a, nearer than tau
@@ -245,80 +306,54 @@ def _matches(
     normals must agree. They are also when the normals agree and b lies in the cluster of a. Of
     balls that touch all round, contacts are arbitrary: two are the same when they nearly coincide.
     """
-    reach = tau * max(spacing[a], spacing[b])
-    if closed[i] and closed[j]:
-        return _distance(centers, i, j) + abs(radii[i] - radii[j]) <= reach
-    if regions[a] != regions[b]:
+    spacing, radii, wall = contacts.spacing, contacts.radii, contacts.wall
+    reach = contacts.tau * max(spacing[a], spacing[b])
+    if contacts.closed[i] and contacts.closed[j]:
+        return distance(contacts.centers, i, j) + abs(radii[i] - radii[j]) <= reach
+    if contacts.regions[a] != contacts.regions[b]:
         return False
-    gap = _distance(places, a, b)
-    if gap <= reach and gap <= turn * min(radii[i], radii[j]):
+    gap = distance(contacts.places, a, b)
+    if gap <= reach and gap <= contacts.turn * min(radii[i], radii[j]):
         return True
-    if not _agree(normals, a, b):
+    if not _agree(contacts.normals, a, b):
         return False
     if gap <= reach and wall[i] and wall[j]:
         return True
-    mine = _cluster_of(touched[a], rows[i], offsets, samples, clusters)
-    return mine >= 0 and mine == _cluster_of(touched[b], rows[i], offsets, samples, clusters)
+    row, touched = contacts.rows[i], contacts.touched
+    mine = _cluster_of(touched[a], row, contacts)
+    return mine >= 0 and mine == _cluster_of(touched[b], row, contacts)
 
 
 @kernel
-def link_neighbours(
-    begin, end, graph_offsets, graph, clear, places, normals, touched, regions, spacing, rows,
-    centers, radii, closed, wall, tau, turn, offsets, samples, clusters, out_links,
-):  # fmt: skip
-    """Set out_links where the balls of two neighbouring nodes lie on one sheet.
+def link_nodes(begin, end, graph, across, contacts, out_links, out_partner):
+    """Set out_links where the balls of two neighbouring nodes lie on one sheet, and out_partner.
 
-    Contacts 0..u - 1 are the first ones of the nodes, u..2 u - 1 the second ones. The first ones
-    are neighbours already; the second ones must match, seen from one ball at least (single
-    linkage).
+    The first contacts are neighbours already; the second ones must match, seen from one ball at
+    least (single linkage). The partner is the node at the second contact, where its ball is the
+    same ball seen from there: its second contact must match the first one of this ball.
     """
-    u = len(rows)
+    u, clear = len(contacts.rows), contacts.clear
     for i in range(begin, end):
         if not clear[i]:
             continue
-        for at in range(graph_offsets[i], graph_offsets[i + 1]):
-            j = graph[at]
+        for at in range(graph.offsets[i], graph.offsets[i + 1]):
+            j = graph.indices[at]
             if clear[j]:
-                out_links[at] = _matches(
-                    i, j, u + i, u + j, places, normals, touched, regions, spacing, rows, centers,
-                    radii, closed, wall, tau, turn, offsets, samples, clusters,
-                ) or _matches(
-                    j, i, u + j, u + i, places, normals, touched, regions, spacing, rows, centers,
-                    radii, closed, wall, tau, turn, offsets, samples, clusters,
-                )  # fmt: skip
-
-
-@kernel
-def link_across(
-    begin, end, across, clear, places, normals, touched, regions, spacing, rows,
-    centers, radii, closed, wall, tau, turn, offsets, samples, clusters, out_partner,
-):  # fmt: skip
-    """Node at the second contact, where its ball is the same ball seen from there; -1.
-
-    Its second contact must match the first one of this ball.
-    """
-    u = len(rows)
-    for i in range(begin, end):
+                found = _matches(i, j, u + i, u + j, contacts)
+                out_links[at] = found or _matches(j, i, u + j, u + i, contacts)
         j = across[i]
-        if clear[i] and j >= 0 and clear[j] and _matches(
-            i, j, i, u + j, places, normals, touched, regions, spacing, rows, centers, radii,
-            closed, wall, tau, turn, offsets, samples, clusters,
-        ):  # fmt: skip
+        if j >= 0 and clear[j] and _matches(i, j, i, u + j, contacts):
             out_partner[i] = j
 
 
 @kernel
-def join_links(graph_offsets, graph, links, partner, parent):
+def join_links(graph, links, partner, parent):
     """Union-find over the links; the root of a piece is its lowest node."""
     for i in range(len(parent)):
-        for at in range(graph_offsets[i], graph_offsets[i + 1]):
+        for at in range(graph.offsets[i], graph.offsets[i + 1]):
             if links[at]:
-                a, b = find_root(parent, i), find_root(parent, graph[at])
-                if a != b:
-                    parent[max(a, b)] = min(a, b)
+                join(parent, i, graph.indices[at])
         if partner[i] >= 0:
-            a, b = find_root(parent, i), find_root(parent, partner[i])
-            if a != b:
-                parent[max(a, b)] = min(a, b)
+            join(parent, i, partner[i])
     for i in range(len(parent)):
         parent[i] = find_root(parent, i)

@@ -21,6 +21,7 @@ from medialis.base.threads import run_chunks, run_patiently
 from medialis.base.validation import FloatArray, IntArray, frozen, hold
 from medialis.shape.graph import local_spacing, surface_graph
 from medialis.shape.shape import Shape
+from medialis.skeleton.ball_shrinking import as_walked
 from medialis.skeleton.medial_cloud import MedialCloud
 from medialis.skeleton.surface_skeleton import as_cloud
 
@@ -184,37 +185,34 @@ def _find(
 ) -> FeatureSets:
     # Imported here: compiled code takes half a second to load, and `medialis --help` needs none.
     from medialis.base.box_tree import build_box_tree
-    from medialis.sheets._kernels import find_sets, place_sets
+    from medialis.sheets._kernels import Links, SetColumns, TouchingBalls, find_sets, place_sets
 
     k, shape = len(cloud), cloud.surface
-    size, counts, agreement = np.zeros(k, np.int64), np.zeros(k, np.int32), np.full(k, np.nan)
+    out = SetColumns(np.zeros(k, np.int64), np.zeros(k, np.int32), np.full(k, np.nan))
     chunks: dict[int, tuple[NDArray[np.int32], NDArray[np.int16]]] = {}
     if len(rows):
         # Dividing by a power of two changes no digit and keeps float32 bounds in range.
         unit = math.ldexp(1.0, math.frexp(shape.diagonal)[1] - 1)
         tree = run_patiently(lambda: build_box_tree(shape.points / unit, shape.normals), progress)
         rows = rows[np.argsort(tree.place[cloud.source[rows]], kind="stable")]
-        centers = cloud.centers / unit - tree.center
+        reach, margin = cloud.radii / unit + gaps / unit, FLOAT32_MARGIN * shape.diagonal / unit
+        centers, walked = cloud.centers / unit - tree.center, as_walked(tree)
+        balls = TouchingBalls(centers, reach, cloud.features, margin)
         normals = run_patiently(lambda: _mean_face_normals(shape), progress)
-        balls = normals, centers, cloud.radii / unit, cloud.features, gaps / unit
-        nodes = tree.order, tree.blocks, tree.bounds, tree.child, tree.depth
-        margin = FLOAT32_MARGIN * shape.diagonal / unit
         graph = run_patiently(lambda: surface_graph(shape), progress)
-        links = graph.offsets, graph.indices
+        links = Links(graph.offsets, graph.indices)
 
         def work(begin: int, end: int) -> None:
-            chunks[begin] = find_sets(
-                begin, end, rows, *balls, margin, *nodes, *links, size, counts, agreement
-            )
+            chunks[begin] = find_sets(begin, end, rows, balls, normals, walked, links, out)
 
         run_chunks(work, len(rows), BALLS_A_CHUNK, progress=progress)
-    offsets = np.concatenate([[0], np.cumsum(size)])
+    offsets = np.concatenate([[0], np.cumsum(out.size)])
     samples, clusters = np.empty(offsets[-1], np.int32), np.empty(offsets[-1], np.int16)
     for begin, (touched, labels) in chunks.items():
         progress.update(1.0)
         part = rows[begin : begin + BALLS_A_CHUNK]
         place_sets(part, offsets, touched, labels, samples, clusters)
-    return FeatureSets(Ragged(offsets, samples), clusters, counts, agreement, cloud=cloud)
+    return FeatureSets(Ragged(offsets, samples), clusters, out.clusters, out.agreement, cloud=cloud)
 
 
 class PointType(IntEnum):

@@ -5,9 +5,7 @@ Operation: the sheets of the surface skeleton, the curves where they meet, and t
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -19,9 +17,8 @@ from medialis.operations.positions import places
 from medialis.operations.result import Layer, Outcome
 from medialis.shape.shape import Shape
 from medialis.sheets.feature_sets import PointType, point_types
-from medialis.sheets.sheet_meshes import SheetMeshes, medial_scaffold
+from medialis.sheets.scaffold import medial_scaffold
 from medialis.sheets.sheets import MedialSheetOptions, medial_sheets
-from medialis.sheets.y_network import YNetwork
 from medialis.skeleton.ball_shrinking import ShrinkOptions, Side
 from medialis.skeleton.layers import (
     SheetPreparation,
@@ -30,7 +27,6 @@ from medialis.skeleton.layers import (
     computed,
     samples_layer,
 )
-from medialis.skeleton.medial_cloud import MedialCloud
 from medialis.skeleton.surface_skeleton import Preparation, SurfaceSkeletonOptions
 
 
@@ -132,11 +128,33 @@ def run_medial_sheets(shape: Shape, options: MedialSheetsRun, progress: Progress
         "linked": sheets.linked.astype(np.int32),
         "y_network": network.near.astype(np.int32),
     }
-    layers = [_points_layer(cloud, attributes)]
+    kept = cloud.valid
+    known = {name: values[kept] for name, values in attributes.items()}
+    points = cloud_layer("medial_sheets", cloud.subset(kept), known)
+    layers = [replace(points, labels=("sheet",), filter_by="type")]
     if meshes is not None and len(meshes.mesh.faces):
-        layers.append(_mesh_layer(meshes))
+        layers.append(
+            Layer(
+                "sheet_meshes",
+                meshes.mesh.points,
+                meshes.mesh.faces,
+                attributes={"sheet": meshes.point_sheet, "radius": meshes.radii},
+                face_attributes={"face_sheet": meshes.face_sheet},
+                color_by="sheet",
+                labels=("sheet",),
+            )
+        )
     if len(network.edges):
-        layers.append(_curves_layer(network))
+        layers.append(
+            Layer(
+                "y_network",
+                network.points,
+                edges=network.edges,
+                attributes={"curve": network.curve},
+                color_by="curve",
+                labels=("curve",),
+            )
+        )
     return Outcome(
         shape=fine,
         layers=(*layers, samples_layer(fine)),
@@ -162,44 +180,6 @@ def run_medial_sheets(shape: Shape, options: MedialSheetsRun, progress: Progress
             "y_curve": network.curve,
             "y_sheets": network.meeting,
         },
-    )
-
-
-def _points_layer(cloud: MedialCloud, attributes: Mapping[str, np.ndarray[Any, Any]]) -> Layer:
-    kept = cloud.valid
-    known = {name: values[kept] for name, values in attributes.items()}
-    layer = cloud_layer("medial_sheets", cloud.subset(kept))
-    return Layer(
-        layer.name,
-        layer.points,
-        attributes={**known, **layer.attributes},
-        color_by="sheet",
-        labels=("sheet",),
-        filter_by="type",
-    )
-
-
-def _mesh_layer(meshes: SheetMeshes) -> Layer:
-    mesh = meshes.mesh
-    return Layer(
-        "sheet_meshes",
-        mesh.points,
-        mesh.faces,
-        attributes={"sheet": meshes.point_sheet, "radius": meshes.radii},
-        face_attributes={"face_sheet": meshes.face_sheet},
-        color_by="sheet",
-        labels=("sheet",),
-    )
-
-
-def _curves_layer(network: YNetwork) -> Layer:
-    return Layer(
-        "y_network",
-        network.points,
-        edges=network.edges,
-        attributes={"curve": network.curve},
-        color_by="curve",
-        labels=("curve",),
     )
 
 

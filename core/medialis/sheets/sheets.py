@@ -183,16 +183,12 @@ def followed(unfolded: Unfolded, walls: Index, nodes: Index) -> tuple[FloatArray
     return radius, unfolded.points[nodes] - radius[..., None] * n
 
 
-def parts_to_border(unfolded: Unfolded, ends: Index) -> FloatArray:
+def _parts(unfolded: Unfolded, ends: Index) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return which part of each edge (e, 2) lies before the place where the two sheets meet, (e,).
 
-    A half where following the sheets leads nowhere.
+    A half where following the sheets leads nowhere. Also radii (2, 2, e) and centers of the balls
+    of walls (first) at nodes (second).
     """
-    return _parts(unfolded, ends)[0]
-
-
-def _parts(unfolded: Unfolded, ends: Index) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return these parts, and radii (2, 2, e) and centers of walls (first) at nodes (second)."""
     walls, nodes = np.broadcast_arrays(ends.T[:, None], ends.T[None])
     radius, center = followed(unfolded, walls, nodes)
     # What the wall of the other end would leave more than the ball there has.
@@ -305,31 +301,40 @@ def pieces(
 
     Also the same for links along the surface alone, and the partner of each ball across its sheet.
     """
-    from medialis.sheets._kernels import join_links, link_across, link_neighbours
+    from medialis.sheets import _kernels as kernels
 
-    graph, u, rows = unfolded.graph, len(unfolded), unfolded.rows
-    touched = unfolded.cloud.features[rows].T.ravel()
-    contacts = (
-        np.concatenate([unfolded.points, unfolded.contacts]),
-        np.concatenate([unfolded.normals, unfolded.contact_normals]),
-        touched,
-        unfolded.regions.T.ravel(),
-        local_spacing(unfolded.cloud.surface)[touched],
+    graph, u, rows = (
+        kernels.Links(unfolded.graph.offsets, unfolded.graph.indices),
+        len(unfolded),
+        unfolded.rows,
     )
-    closed = sets.closed[rows] & ~unfolded.parted
-    balls = rows, unfolded.centers, unfolded.radii, closed, wall
-    members = sets.samples.offsets, sets.samples.indices, sets.clusters
-    rules = *contacts, *balls, threshold - 1.0, LARGEST_TURN, *members
+    touched = unfolded.cloud.features[rows].T.ravel()
+    contacts = kernels.Contacts(
+        places=np.concatenate([unfolded.points, unfolded.contacts]),
+        normals=np.concatenate([unfolded.normals, unfolded.contact_normals]),
+        touched=touched,
+        regions=unfolded.regions.T.ravel(),
+        spacing=local_spacing(unfolded.cloud.surface)[touched],
+        rows=rows,
+        centers=unfolded.centers,
+        radii=unfolded.radii,
+        clear=clear,
+        closed=sets.closed[rows] & ~unfolded.parted,
+        wall=wall,
+        tau=threshold - 1.0,
+        turn=LARGEST_TURN,
+        sets=kernels.Links(sets.samples.offsets, sets.samples.indices),
+        clusters=sets.clusters,
+    )
     links, partner = np.zeros(len(graph.indices), np.bool_), np.full(u, -1, np.int32)
 
     def work(begin: int, end: int) -> None:
-        link_neighbours(begin, end, graph.offsets, graph.indices, clear, *rules, links)
-        link_across(begin, end, unfolded.across, clear, *rules, partner)
+        kernels.link_nodes(begin, end, graph, unfolded.across, contacts, links, partner)
 
     run_chunks(work, u, NODES_A_CHUNK)
     piece, region = np.arange(u, dtype=np.int32), np.arange(u, dtype=np.int32)
-    join_links(graph.offsets, graph.indices, links, partner, piece)
-    join_links(graph.offsets, graph.indices, links, np.full_like(partner, -1), region)
+    kernels.join_links(graph, links, partner, piece)
+    kernels.join_links(graph, links, np.full_like(partner, -1), region)
     return piece, region, partner
 
 
@@ -517,7 +522,7 @@ def _shared_walls(
     node = np.repeat(np.arange(len(graph)), graph.lengths)
     apart = clear[node] & clear[graph.indices] & (piece[node] != piece[graph.indices])
     ends = np.stack([node[apart], graph.indices[apart].astype(np.int64)], axis=1)
-    part = parts_to_border(unfolded, ends)
+    part, _, _ = _parts(unfolded, ends)
     shared = part < ON_BORDER
     return ends[shared][np.argsort(-part[shared], kind="stable")]
 

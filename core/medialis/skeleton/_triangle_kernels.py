@@ -37,21 +37,116 @@ tolerance - a.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from medialis.base._box_tree_kernels import FAN, dot, lowest_bit, nearest_place, test_children
 from medialis.base.jit import kernel
 
-KNOWN = 16  # certificates kept, as for samples
-STEPS = 60  # of the iteration; each shrinks the ball, and it ends where rounding decides
-MIDDLE, BREADTH, AXIS = 0, 3, 4  # rows of `hulls`: middle, radius and axis of disc or cylinder;
-THICK = 7  # half the height of the cylinder, 0 for a disc
-ROWS = 8
-SLIM = 8.0  # a face is a sliver where it is so many times as long as it is high
-COSINE = 3  # column of `reliefs`, after the bulges b of the sides: the smallest one at the corners
-NOWHERE = -1e15  # radius of the disc of a slot left over: never near, whatever the margins
-BLOCK = 16  # faces side by side; the last block of a leaf is filled up with faces that are nowhere
+KNOWN = 16
+"""Certificates kept, as for samples."""
+
+STEPS = 60
+"""Of the iteration; each shrinks the ball, and it ends where rounding decides."""
+
+SLIM = 8.0
+"""A face is a sliver where it is so many times as long as it is high."""
+
+NOWHERE = -1e15
+"""Radius of the disc of a slot left over: never near, whatever the margins."""
+
+BLOCK = 16
+"""Faces side by side; the last block of a leaf is filled up with faces that are nowhere."""
+
+MIDDLE, BREADTH, AXIS, THICK, ROWS = 0, 3, 4, 7, 8
+"""Rows of `hulls`: middle, radius and axis of disc or cylinder, half the height of the cylinder (0
+for a disc); how many."""
+
+COSINE = 3
+"""Column of `reliefs`, after the bulges b of the sides: the smallest cosine at the corners."""
+
+
+class Hung(NamedTuple):
+    """Faces hung on the tree of n samples, in b blocks, those of each leaf in blocks of their own.
+
+    Attributes
+    ----------
+    points : (n, 3) float64
+        Samples in tree order, in units of the tree.
+    bounds : (nodes, 11, 8) float32
+        As those of the tree, round faces.
+    child : (nodes,) int64
+        Of the tree.
+    first : (leaves + 1,) int64
+        Where the blocks of each leaf start.
+    corners : (16 b, 3) int32
+        Samples in tree order; -1 where a slot is left.
+    reliefs : (16 b, 4) float64
+        Bulges of the sides, and the smallest cosine at the corners (see `Creases`).
+    hulls : (b, 8, 16) float32
+        Disc or cylinder round each face.
+    """
+
+    points: NDArray[np.float64]
+    bounds: NDArray[np.float32]
+    child: NDArray[np.int64]
+    first: NDArray[np.int64]
+    corners: NDArray[np.int32]
+    reliefs: NDArray[np.float64]
+    hulls: NDArray[np.float32]
+
+
+class TangentBalls(NamedTuple):
+    """Balls tangent at samples, and what they touch.
+
+    Attributes
+    ----------
+    samples : (k,) int32
+        In tree order.
+    directions : (k, 3) float64
+        From the center to the sample.
+    signs : (k,) int8
+        +1 inside, -1 outside.
+    at_own : bool
+        Whether faces that meet at the sample itself take part: with a normal of its sector none of
+        them constrains a ball.
+    radii : (k,) float64
+        Shrunk in place.
+    faces : (k,) int64
+        Slot of the face that a ball touches, -1 where none constrains it.
+    weights : (k, 3) float64
+        Of the place there at its corners.
+    """
+
+    samples: NDArray[np.int32]
+    directions: NDArray[np.float64]
+    signs: NDArray[np.int8]
+    at_own: bool
+    radii: NDArray[np.float64]
+    faces: NDArray[np.int64]
+    weights: NDArray[np.float64]
+
+
+class Depths(NamedTuple):
+    """How deep faces may lie in balls: lengths in units of the tree.
+
+    Attributes
+    ----------
+    tolerance, clearance, margin : float
+        Of `Shrinking`.
+    least : float
+        What is allowed to faces that are no relief.
+    highest : float
+        The most that h may be of r.
+    """
+
+    tolerance: float
+    clearance: float
+    margin: float
+    least: float
+    highest: float
 
 
 @kernel
@@ -76,32 +171,18 @@ def fill_blocks(leaf, first, out_order):
 
 
 @kernel
-def fill_hulls(
-    begin, end, order, faces, place, points, bulges, cosines, unit,
-    out_corners, out_reliefs, out_hulls,
-):  # fmt: skip
-    """Corners (in tree order of samples), relief and discs of faces, for the blocks begin..end.
-
-    `bulges` are in units of the input, of which the tree has one for each `unit`.
-    """
+def fill_hulls(begin, end, points, corners, out_hulls):
+    """Discs and cylinders round the faces of the blocks begin..end."""
     for block in range(begin, end):
         for slot in range(BLOCK):
             i = block * BLOCK + slot
-            f = order[i]
-            if f < 0:
-                out_corners[i, 0] = -1
-                for j in range(COSINE + 1):
-                    out_reliefs[i, j] = 0.0
-                for row in range(ROWS):
-                    out_hulls[block, row, slot] = 0.0
-                out_hulls[block, BREADTH, slot] = NOWHERE
+            a, b, c = corners[i, 0], corners[i, 1], corners[i, 2]
+            if a >= 0:
+                _fill_hull(points, a, b, c, out_hulls[block, :, slot])
                 continue
-            a, b, c = place[faces[f, 0]], place[faces[f, 1]], place[faces[f, 2]]
-            out_corners[i, 0], out_corners[i, 1], out_corners[i, 2] = a, b, c
-            for j in range(3):
-                out_reliefs[i, j] = bulges[f, j] / unit
-            out_reliefs[i, COSINE] = cosines[f]
-            _fill_hull(points, a, b, c, out_hulls[block, :, slot])
+            for row in range(ROWS):
+                out_hulls[block, row, slot] = 0.0
+            out_hulls[block, BREADTH, slot] = NOWHERE
 
 
 @kernel
@@ -158,16 +239,18 @@ def _lay_along(points, a, b, c, twice_area, out):
 
 
 @kernel
-def bound_faces(points, corners, first, child_depth, depth, fan, begin, end, out_bounds):
+def bound_faces(begin, end, points, corners, first, fan, leaves, out_bounds):
     """Bounds of the faces below the children of wide nodes begin..end of one level.
+
+    A node has `fan` children, and each of them so many leaves below it.
 
     The slab is that of the sum of their normals, each as long as its face is large.
     """
+    axis, least, most = np.empty(3, np.float32), np.empty(4), np.empty(4)
     for node in range(begin, end):
         for slot in range(fan):
             child = node * fan + slot
-            low = BLOCK * first[child << (depth - child_depth)]
-            high = BLOCK * first[(child + 1) << (depth - child_depth)]
+            low, high = BLOCK * first[child * leaves], BLOCK * first[(child + 1) * leaves]
             out = out_bounds[node]
             mx, my, mz = 0.0, 0.0, 0.0
             for i in range(low, high):
@@ -180,24 +263,20 @@ def bound_faces(points, corners, first, child_depth, depth, fan, begin, end, out
                 mx += uy * vz - uz * vy
                 my += uz * vx - ux * vz
                 mz += ux * vy - uy * vx
-            length = math.sqrt(mx * mx + my * my + mz * mz)
-            if length > 0.0:
-                mx = np.float64(np.float32(mx / length))
-                my = np.float64(np.float32(my / length))
-                mz = np.float64(np.float32(mz / length))
-            lx, ly, lz, ls = math.inf, math.inf, math.inf, math.inf
-            hx, hy, hz, hs = -math.inf, -math.inf, -math.inf, -math.inf
+            length = max(math.sqrt(mx * mx + my * my + mz * mz), 1e-300)
+            # Rounded first: the offsets below must belong to the stored direction.
+            axis[0], axis[1], axis[2] = mx / length, my / length, mz / length
+            least[:], most[:] = math.inf, -math.inf
             for i in range(low, high):
                 for j in range(3 if corners[i, 0] >= 0 else 0):
-                    v = corners[i, j]
-                    x, y, z = points[v, 0], points[v, 1], points[v, 2]
-                    s = mx * x + my * y + mz * z
-                    lx, ly, lz, ls = min(lx, x), min(ly, y), min(lz, z), min(ls, s)
-                    hx, hy, hz, hs = max(hx, x), max(hy, y), max(hz, z), max(hs, s)
-            out[0, slot], out[1, slot], out[2, slot] = lx, ly, lz
-            out[3, slot], out[4, slot], out[5, slot] = hx, hy, hz
-            out[6, slot], out[7, slot], out[8, slot] = mx, my, mz
-            out[9, slot], out[10, slot] = ls, hs
+                    place = points[corners[i, j]]
+                    s = axis[0] * place[0] + axis[1] * place[1] + axis[2] * place[2]
+                    least[3], most[3] = min(least[3], s), max(most[3], s)
+                    for k in range(3):
+                        least[k], most[k] = min(least[k], place[k]), max(most[k], place[k])
+            for k in range(3):
+                out[k, slot], out[3 + k, slot], out[6 + k, slot] = least[k], most[k], axis[k]
+            out[9, slot], out[10, slot] = least[3], most[3]
 
 
 @kernel
@@ -244,27 +323,17 @@ def _shrink_to(i, n, sign, r, relief, least, highest, points, own, bulges):
     ux, uy, uz = points[own[1], 0] - o[0], points[own[1], 1] - o[1], points[own[1], 2] - o[2]
     vx, vy, vz = points[own[2], 0] - o[0], points[own[2], 1] - o[1], points[own[2], 2] - o[2]
     wx, wy, wz = p[0] - o[0], p[1] - o[1], p[2] - o[2]
-    uu, uv, vv = (
-        dot(ux, uy, uz, ux, uy, uz),
-        dot(ux, uy, uz, vx, vy, vz),
-        dot(vx, vy, vz, vx, vy, vz),
-    )
-    uw, vw, ww = (
-        dot(ux, uy, uz, wx, wy, wz),
-        dot(vx, vy, vz, wx, wy, wz),
-        dot(wx, wy, wz, wx, wy, wz),
-    )
+    uu, vv = dot(ux, uy, uz, ux, uy, uz), dot(vx, vy, vz, vx, vy, vz)
+    uv, uw = dot(ux, uy, uz, vx, vy, vz), dot(ux, uy, uz, wx, wy, wz)
+    vw, ww = dot(vx, vy, vz, wx, wy, wz), dot(wx, wy, wz, wx, wy, wz)
     un, vn = dot(ux, uy, uz, n[0], n[1], n[2]), dot(vx, vy, vz, n[0], n[1], n[2])
     wn = dot(wx, wy, wz, n[0], n[1], n[2])
     k, b0, b1, b2 = 1.0, 0.0, 0.0, 0.0
     if own[0] == i or own[1] == i or own[2] == i:
         k = bulges[COSINE]
     else:
-        b0, b1, b2 = (
-            max(sign * bulges[0], 0.0),
-            max(sign * bulges[1], 0.0),
-            max(sign * bulges[2], 0.0),
-        )
+        b0, b1 = max(sign * bulges[0], 0.0), max(sign * bulges[1], 0.0)
+        b2 = max(sign * bulges[2], 0.0)
     best_s, best_t = -1.0, -1.0
     for _ in range(STEPS):
         s, t = _lowest(
@@ -342,18 +411,11 @@ def _near_faces(hull, px, py, pz, x, y, z, r, relief, least):
 
 
 @kernel
-def shrink_to_triangles(
-    begin, end, samples, directions, signs, at_own, tolerance, a, margin, least, highest,
-    points, bounds, child, first, corners, reliefs, hulls,
-    radii, out_face, out_places,
-):  # fmt: skip
-    """Shrink the balls begin..end, tangent at samples (tree order), to fit between triangles.
-
-    Faces that meet at the sample itself take part where `at_own` says so: with a normal of its
-    sector none of them constrains a ball. `radii` is changed in place. `out_face` is the slot of
-    the face that a ball touches, -1 where none constrains it, and `out_places` the weights of the
-    place at its corners.
-    """
+def shrink_to_triangles(begin, end, balls, depths, hung):
+    """Shrink the balls begin..end to fit between triangles."""
+    samples, directions, signs, at_own, radii, out_face, out_weights = balls
+    tolerance, a, margin, least, highest = depths
+    points, bounds, child, first, corners, reliefs, hulls = hung
     stack = np.empty(8 * 12 + 8, np.int64)
     most, fewest = np.float32(a - margin), np.float32(least - margin)
     known = np.full((4, KNOWN), np.inf)  # certificates: centers and radii
@@ -419,15 +481,14 @@ def shrink_to_triangles(
                 r, best_s, best_t = less, s, t
             radii[i] = r
             out_face[i] = face
-            out_places[i, 0] = 1.0 - best_s - best_t
-            out_places[i, 1], out_places[i, 2] = best_s, best_t
+            out_weights[i, 0] = 1.0 - best_s - best_t
+            out_weights[i, 1], out_weights[i, 2] = best_s, best_t
 
 
 @kernel
-def measure_room(
-    begin, end, centers, margin, points, bounds, child, first, corners, hulls, radii
-):  # fmt: skip
+def measure_room(begin, end, centers, margin, hung, radii):
     """Lower the radii begin..end to the distance of the nearest triangle, where that is less."""
+    points, bounds, child, first, corners, _, hulls = hung
     stack = np.empty(8 * 12 + 8, np.int64)
     slack = np.float32(-margin)
     for i in range(begin, end):

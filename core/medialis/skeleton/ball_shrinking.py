@@ -12,7 +12,7 @@ from __future__ import annotations
 import logging
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,13 +21,14 @@ from medialis.base.errors import InvalidShapeError
 from medialis.base.options import Options, algorithm, choice, length
 from medialis.base.progress import Progress, counted
 from medialis.base.threads import run_chunks, run_patiently
-from medialis.base.validation import FloatArray, frozen
+from medialis.base.validation import FloatArray, IntArray
 from medialis.shape.reading import as_shape
 from medialis.shape.shape import Shape
 from medialis.skeleton.medial_cloud import BallStatus, MedialCloud
 
 if TYPE_CHECKING:
     from medialis.base.box_tree import BoxTree
+    from medialis.skeleton._ball_kernels import SampleTree
 
 HALF = 0.5
 """Fraction of the diagonal: no ball inside a closed shape has a larger radius."""
@@ -83,17 +84,11 @@ def endless(cloud: MedialCloud) -> NDArray[np.bool_]:
 
 def touches_from_outside(cloud: MedialCloud) -> NDArray[np.bool_]:
     """Tell the inner balls whose center lies in front of the wall at their second contact, (k,)."""
-    from medialis.skeleton._ball_kernels import touch_from_outside
-
-    surface, result = cloud.surface, np.zeros(len(cloud), np.bool_)
-    cloudy = surface.faces is None
-    touch_from_outside(
-        np.flatnonzero((cloud.side > 0) & cloud.valid), cloud.centers, cloud.features,
-        cloud.contact_faces, cloud.contact_weights, surface.points, surface.normals,
-        frozen(np.empty((0, 3)), np.int32) if cloudy else surface.faces,
-        frozen(np.empty((0, 3)), np.float64) if cloudy else surface.face_normals, result,
-    )  # fmt: skip
-    return result
+    normals = cloud.contact_normals
+    outward = np.zeros(len(cloud))
+    for axis in range(3):  # in this order: a sum of another one may differ in its last bit
+        outward += (cloud.contacts[:, axis] - cloud.centers[:, axis]) * normals[:, axis]
+    return (cloud.side > 0) & cloud.valid & (outward < 0.0)
 
 
 def in_closed_part(shape: Shape, samples: NDArray[Any]) -> NDArray[np.bool_]:
@@ -244,14 +239,29 @@ def shrink(shape: Shape, options: ShrinkOptions, progress: Progress) -> tuple[Me
             "them (medialis.make_shape)."
         )
     signs = {"inner": (1,), "outer": (-1,), "both": (1, -1)}[options.side]
-    return _shrink(shape, options.tolerance, options.largest_radius, signs, progress)
+    lengths = shrink_options(shape.diagonal, options.tolerance, options.largest_radius)
+    n = shape.point_count
+    arrays = blank_balls(n * len(signs))
+    with progress.stage("tree", 0.0, 0.15):
+        tree = sample_tree(shape, progress)
+    for turn, sign in enumerate(signs):
+        share = 0.85 / len(signs)
+        with progress.stage("balls", 0.15 + share * turn, 0.15 + share * (turn + 1)):
+            out = tuple(values[turn * n : (turn + 1) * n] for values in arrays)
+
+            def work(begin: int, end: int, sign: int = sign, out: tuple = out) -> None:
+                lengths.run(tree, begin, end, sign, out)
+
+            run_chunks(work, n, SAMPLES_A_CHUNK, progress=progress)
+    source = np.tile(np.arange(n, dtype=np.int32), len(signs))
+    side = np.repeat(np.array(signs, np.int8), n)
+    return lengths.to_cloud(shape, tree, arrays, source, side), tree
 
 
 _EVERY = np.empty(0, np.int32)
 
 
-@dataclass(frozen=True)
-class Shrinking:
+class Shrinking(NamedTuple):
     """Lengths of a run in units of the tree, and the call of the kernel; see `shrink_options`."""
 
     unit: float
@@ -272,19 +282,35 @@ class Shrinking:
     ) -> None:
         """Shrink the balls of the samples begin..end (tree order) on one side.
 
-        `out` is centers, radii, second feature points, status and spoke angles in the order of the
-        input. A range that starts at a multiple of SAMPLES_A_CHUNK and holds whole chunks gives the
-        same bits whoever runs the others. With `tangents`, samples (tree order) and outward normals
-        of balls, it shrinks the balls begin..end of these.
+        `out` is what `blank_balls` returns, in the order of the input. A range that starts at a
+        multiple of SAMPLES_A_CHUNK and holds whole chunks gives the same bits whoever runs the
+        others. With `tangents`, samples (tree order) and outward normals of balls, it shrinks the
+        balls begin..end of these.
         """
-        from medialis.skeleton._ball_kernels import shrink_balls
+        from medialis.skeleton._ball_kernels import Columns, shrink_balls
 
         samples, normals = (_EVERY, tree.normals) if tangents is None else tangents
-        shrink_balls(
-            begin, end, float(sign), self.tolerance, self.clearance, self.largest, self.near2,
-            self.margin, tree.points, normals, samples, tree.order, tree.blocks, tree.bounds,
-            tree.child, tree.depth, *out,
-        )  # fmt: skip
+        walked = as_walked(tree)
+        shrink_balls(begin, end, float(sign), self, walked, normals, samples, Columns(*out))
+
+    def shrink(
+        self,
+        shape: Shape,
+        tree: BoxTree,
+        samples: IntArray,
+        normals: FloatArray,
+        sign: int,
+        progress: Progress,
+    ) -> MedialCloud:
+        """Shrink balls of some samples with outward normals of their own (k, 3) on one side."""
+        arrays, tangents = blank_balls(len(samples)), (tree.place[samples], normals)
+
+        def work(begin: int, end: int) -> None:
+            self.run(tree, begin, end, sign, arrays, tangents)
+
+        run_chunks(work, len(samples), SAMPLES_A_CHUNK, progress=progress)
+        side = np.full(len(samples), sign, np.int8)
+        return self.to_cloud(shape, tree, arrays, samples.astype(np.int32), side)
 
     def to_input(self, tree: BoxTree, centers: FloatArray, radii: FloatArray) -> None:
         """Bring centers and radii from the units of the tree to those of the input, in place."""
@@ -334,31 +360,15 @@ def sample_tree(shape: Shape, progress: Progress) -> BoxTree:
     return run_patiently(lambda: build_box_tree(points, normals, unit=unit), progress)
 
 
-def _shrink(
-    shape: Shape, tolerance: float, largest: float, signs: tuple[int, ...], progress: Progress
-) -> tuple[MedialCloud, BoxTree]:
-    options = shrink_options(shape.diagonal, tolerance, largest)
-    n = shape.point_count
-    arrays = blank_balls(n * len(signs))
-    with progress.stage("tree", 0.0, 0.15):
-        tree = sample_tree(shape, progress)
-    for turn, sign in enumerate(signs):
-        share = 0.85 / len(signs)
-        with progress.stage("balls", 0.15 + share * turn, 0.15 + share * (turn + 1)):
-            rows = slice(turn * n, (turn + 1) * n)
-            out = tuple(values[rows] for values in arrays)
+def as_walked(tree: BoxTree) -> SampleTree:
+    """Return a tree as kernels walk down it."""
+    from medialis.skeleton._ball_kernels import SampleTree
 
-            def work(begin: int, end: int, sign: int = sign, out: tuple = out) -> None:
-                options.run(tree, begin, end, sign, out)
-
-            run_chunks(work, n, SAMPLES_A_CHUNK, progress=progress)
-    source = np.tile(np.arange(n, dtype=np.int32), len(signs))
-    side = np.repeat(np.array(signs, np.int8), n)
-    return options.to_cloud(shape, tree, arrays, source, side), tree
+    return SampleTree(tree.points, tree.order, tree.blocks, tree.bounds, tree.child, tree.depth)
 
 
 def blank_balls(count: int) -> tuple[NDArray[Any], ...]:
-    """Return arrays for `Shrinking.run` to fill."""
+    """Return arrays for `Shrinking.run` to fill: see `Columns`."""
     centers, radii = np.full((count, 3), np.nan), np.full(count, np.nan)
     second, status = np.full(count, -1, np.int32), np.zeros(count, np.int8)
     return centers, radii, second, status, np.full(count, np.nan)

@@ -2,7 +2,7 @@
 
 The map from a surface point to the center of its maximal ball is continuous. So the surface's own
 triangles, lifted to the centers of their corners, are a mesh of the skeleton: the surface, deflated
-until its two sides meet. `_mesh_kernels.py` says how the two sides become one.
+until its two sides meet. `_ball_kernels.py` says how the two sides become one.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from medialis.base.arrays import first_equal_row
 from medialis.base.errors import InvalidShapeError
 from medialis.base.kept import kept
 from medialis.base.options import Options, algorithm, angle, length, whole
@@ -21,8 +22,8 @@ from medialis.base.threads import run_chunks
 from medialis.base.validation import IntArray, Positions, as_faces, frozen, hold
 from medialis.shape.shape import Shape
 from medialis.shape.surface import Surface
-from medialis.skeleton.importance.geodesics import Importance
 from medialis.skeleton.importance.importance import (
+    Importance,
     connected_importance,
     geodesic_importance,
     important_points,
@@ -272,7 +273,7 @@ def _lift(
 
 def _rows_of_samples(cloud: MedialCloud, usable: NDArray[np.bool_], bridge: int) -> IntArray:
     """Row that stands for each sample: of its own ball, else of a near sample's, else -1."""
-    from medialis.skeleton._mesh_kernels import bridge_gaps
+    from medialis.skeleton._ball_kernels import bridge_gaps
 
     shape, rows = cloud.surface, np.flatnonzero(usable).astype(np.int32)
     row_near = np.full(shape.point_count, -1, np.int32)
@@ -291,52 +292,44 @@ def _lift_side(
 ) -> tuple[IntArray, IntArray]:
     """Triangles of one side as rows of the cloud, and the face each comes from."""
     # Imported here: compiled code takes half a second to load, and `medialis --help` needs none.
-    from medialis.skeleton import _mesh_kernels as kernels
+    from medialis.skeleton import _ball_kernels as kernels
 
     shape, k, m = cloud.surface, len(cloud), cloud.surface.face_count
     row_near = _rows_of_samples(cloud, usable, bridge)
-    chords, slopes = _chords(cloud)
+    # The sheet bisects the two feature points. Zero and NaN rows belong to masked balls, which are
+    # never used.
+    chords = shape.points[cloud.features[:, 0]] - shape.points[cloud.features[:, 1]]
+    length = np.linalg.norm(chords, axis=1, keepdims=True)
+    np.divide(chords, length, out=chords, where=length > 0)
+    slopes = np.cos(cloud.spoke_angles / 2)
+    balls = kernels.SheetBalls(
+        shape.points, cloud.source, cloud.centers, cloud.radii, chords, slopes
+    )
     rows, ok = np.empty((m, 3), np.int32), np.zeros(m, np.bool_)
-    balls = shape.points, cloud.source, cloud.centers, cloud.radii
 
     def work(begin: int, end: int) -> None:
-        kernels.test_faces(begin, end, SLACK, shape.faces, row_near, *balls, slopes, rows, ok)
+        kernels.test_faces(begin, end, SLACK, shape.faces, row_near, balls, rows, ok)
 
     run_chunks(work, m, FACES_A_CHUNK, progress=progress)
     longest = np.zeros(k)
     kernels.longest_edges(rows, ok, cloud.centers, longest)
     across = np.where(usable, row_near[cloud.features[:, 1]], np.int32(-1))
     partner = np.full(k, -1, np.int32)
-    kernels.find_partners(usable, across, cloud.centers, chords, longest, partner)
+    kernels.find_partners(usable, across, balls, longest, partner)
     second = np.zeros(k, np.bool_)
     kernels.join_sides(
         rows, ok, partner, chords, np.arange(k, dtype=np.int32), np.zeros(k, np.int8), second
     )
     lifted, stays = np.empty((m, 3), np.int32), np.zeros(m, np.bool_)
-    kernels.lift_faces(rows, ok, partner, second, *balls, chords, lifted, stays)
+    kernels.lift_faces(rows, ok, partner, second, balls, lifted, stays)
     origin = np.flatnonzero(stays).astype(np.int32)
     return _without_duplicates(lifted[origin], origin)
 
 
-def _chords(cloud: MedialCloud) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return unit vectors from the f2 to f1, and cosines of half the spoke angles.
-
-    The chord is the normal of the sheet: the sheet bisects the two feature points. Zero and NaN
-    rows belong to masked balls, which are never used.
-    """
-    points = cloud.surface.points
-    chords = points[cloud.features[:, 0]] - points[cloud.features[:, 1]]
-    length = np.linalg.norm(chords, axis=1, keepdims=True)
-    np.divide(chords, length, out=chords, where=length > 0)
-    return chords, np.cos(cloud.spoke_angles / 2)
-
-
 def _without_duplicates(triangles: IntArray, origin: IntArray) -> tuple[IntArray, IntArray]:
     """Drop triangles with the same three corners as an earlier one."""
-    order = np.lexsort(np.sort(triangles, axis=1).T)
-    corners = np.sort(triangles, axis=1)[order]
-    first = np.r_[True, (corners[1:] != corners[:-1]).any(axis=1)][: len(order)]
-    chosen = np.sort(order[first])  # lexsort is stable: the first of equals is the earliest
+    first = first_equal_row(np.sort(triangles, axis=1))
+    chosen = np.flatnonzero(first == np.arange(len(first)))
     return triangles[chosen], origin[chosen]
 
 

@@ -27,7 +27,7 @@ from medialis.base.errors import InvalidShapeError
 from medialis.base.kept import kept
 from medialis.base.options import Options, algorithm, angle, changed, choice, flag
 from medialis.base.progress import Progress, counted
-from medialis.base.threads import run_chunks, run_patiently
+from medialis.base.threads import run_patiently
 from medialis.base.validation import FloatArray, as_field, as_number
 from medialis.shape.creases import Creases, find_creases
 from medialis.shape.noise import noise_above, smooth_noise
@@ -35,10 +35,8 @@ from medialis.shape.reading import ShapeLike, as_shape
 from medialis.shape.refinement import RefineOptions, affordable_edge, on_smooth_surface, refine
 from medialis.shape.shape import Shape
 from medialis.skeleton.ball_shrinking import (
-    SAMPLES_A_CHUNK,
     THINNEST,
     ShrinkOptions,
-    blank_balls,
     hidden_walls,
     note_outcome,
     sample_tree,
@@ -127,7 +125,7 @@ def points_apart(
     -------
     (n,) bool
     """
-    from medialis.skeleton._ball_kernels import keep_apart
+    from medialis.skeleton._ball_kernels import Grid, keep_apart
 
     points = points - points.min(axis=0)
     # Cells smaller than a millionth of the extent would overflow the cell number; larger cells
@@ -135,9 +133,9 @@ def points_apart(
     cell = max(distance, float(points.max()) * 1e-6)
     cells = np.floor(points.max(axis=0) / cell).astype(np.int64) + 2
     slots = 1 << int(2 * len(points)).bit_length()
-    table_key, table_head = np.full(slots, -1, np.int64), np.full(slots, -1, np.int64)
-    chain, keep = np.full(len(points), -1, np.int64), np.zeros(len(points), np.bool_)
-    keep_apart(points, order, distance, cell, cells, table_key, table_head, chain, keep)
+    keys, heads, chain = (np.full(count, -1, np.int64) for count in (slots, slots, len(points)))
+    keep = np.zeros(len(points), np.bool_)
+    keep_apart(points, order, distance, Grid(cell, cells, keys, heads, chain), keep)
     return keep
 
 
@@ -172,7 +170,9 @@ def maximal_balls(
         cloud = _with_lower_tolerance(cloud, tree, None, options, progress)
     else:
         with progress.stage("triangles", 0.45, 1.0):
-            walls = run_patiently(lambda: _walls(shape, options.creases, tree), progress)
+            walls = run_patiently(
+                lambda: Walls.of(find_creases(shape, options.creases), tree), progress
+            )
             cloud = walls.constrain(cloud, options.tolerance, progress)
         cloud = _with_lower_tolerance(cloud, tree, walls, options, progress)
         cloud = with_edge_balls(cloud, walls.creases, options.tolerance)
@@ -180,10 +180,6 @@ def maximal_balls(
             out_walls.append(walls)
     note_outcome(cloud, options.tolerance, progress)
     return cloud
-
-
-def _walls(shape: Shape, angle: float, tree: BoxTree) -> Walls:
-    return Walls.of(find_creases(shape, angle), tree)
 
 
 def _with_lower_tolerance(
@@ -194,13 +190,14 @@ def _with_lower_tolerance(
     progress: Progress,
 ) -> MedialCloud:
     """Give the balls that the tolerance lets through a wall a lower one."""
-    tolerance = options.tolerance
+    shape, tolerance = cloud.surface, options.tolerance
 
     def went_through(balls: MedialCloud) -> NDArray[np.bool_]:
         return run_patiently(lambda: hidden_walls(balls, tolerance), progress)
 
     def shrink_again(rows: NDArray[np.int64], finer: float) -> MedialCloud:
-        balls = _shrink_again(cloud.surface, tree, rows, finer, options.largest_radius, progress)
+        lengths = shrink_options(shape.diagonal, finer, options.largest_radius)
+        balls = lengths.shrink(shape, tree, rows, shape.normals[rows], 1, progress.still)
         return balls if walls is None else walls.constrain(balls, finer, progress)
 
     hidden = np.flatnonzero(went_through(cloud))
@@ -223,7 +220,7 @@ def _with_lower_tolerance(
     if count:
         columns = {n: np.concatenate([getattr(one, n) for one in cured]) for n in COLUMNS}
         cloud = cloud.with_rows(np.concatenate(rows), **columns)
-        of = cloud.surface.point_count
+        of = shape.point_count
         progress.note(
             f"{counted(count, 'sample', of=of, verbs=('lies', 'lie'))} on a wall thinner than the "
             f"tolerance of {100 * tolerance:.3g} % of the diagonal. The balls there were computed "
@@ -235,26 +232,6 @@ def _with_lower_tolerance(
             tolerance=finer,
         )
     return cloud
-
-
-def _shrink_again(
-    shape: Shape,
-    tree: BoxTree,
-    rows: NDArray[np.int64],
-    tolerance: float,
-    largest: float,
-    progress: Progress,
-) -> MedialCloud:
-    """Return the inner balls of some samples, on the same tree."""
-    options = shrink_options(shape.diagonal, tolerance, largest)
-    arrays, tangents = blank_balls(len(rows)), (tree.place[rows], shape.normals[rows])
-
-    def work(begin: int, end: int) -> None:
-        options.run(tree, begin, end, 1, arrays, tangents)
-
-    run_chunks(work, len(rows), SAMPLES_A_CHUNK, progress=progress.still)
-    side = np.ones(len(rows), np.int8)
-    return options.to_cloud(shape, tree, arrays, rows.astype(np.int32), side)
 
 
 MOST_BALLS = 32
@@ -351,18 +328,11 @@ def _balls(
     progress: Progress,
 ) -> MedialCloud:
     """Return the balls of some samples with outward normals of their own."""
-    shape, count = walls.shape, len(sources)
-    place = walls.tree.place
-    order = np.argsort(place[sources], kind="stable")  # neighbours share what they find
+    shape = walls.shape
+    order = np.argsort(walls.tree.place[sources], kind="stable")  # neighbours share what they find
     sources, directions = sources[order], directions[order]
-    run = shrink_options(shape.diagonal, options.tolerance, options.largest_radius)
-    arrays, tangents = blank_balls(count), (place[sources], directions)
-
-    def work(begin: int, end: int) -> None:
-        run.run(walls.tree, begin, end, sign, arrays, tangents)
-
-    run_chunks(work, count, SAMPLES_A_CHUNK, progress=progress)
-    balls = run.to_cloud(shape, walls.tree, arrays, sources, np.full(count, sign, np.int8))
+    lengths = shrink_options(shape.diagonal, options.tolerance, options.largest_radius)
+    balls = lengths.shrink(shape, walls.tree, sources, directions, sign, progress)
     balls = walls.constrain(balls, options.tolerance, progress, directions=sign * directions)
     at_own = balls.radii <= options.tolerance * shape.diagonal
     outside = ((balls.contacts - balls.centers) * balls.contact_normals).sum(axis=1) * sign < 0

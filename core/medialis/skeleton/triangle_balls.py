@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,12 +21,12 @@ from medialis.base.threads import run_chunks
 from medialis.base.validation import FloatArray, IntArray
 from medialis.shape.creases import STEEPER, Creases
 from medialis.shape.shape import Shape
-from medialis.shape.surface import Surface
 from medialis.skeleton.ball_shrinking import SAMPLES_A_CHUNK, shrink_options
 from medialis.skeleton.medial_cloud import BallStatus, MedialCloud
 
 if TYPE_CHECKING:
     from medialis.base.box_tree import BoxTree
+    from medialis.skeleton._triangle_kernels import Hung
 
 BLOCKS_A_CHUNK, NODES_A_CHUNK = 1024, 64
 
@@ -46,71 +46,52 @@ class Walls:
         Of the samples.
     faces : (16 b,) int32
         Faces in blocks of 16, those of each leaf in blocks of their own; -1 where a slot is left.
-    first : (leaves + 1,) int64
-        Where the blocks of each leaf start.
-    corners : (16 b, 3) int32
-        Their corners as samples in tree order.
-    reliefs : (16 b, 4) float64
-        Bulges of their sides, and the smallest cosine at their corners (see `Creases`).
-    hulls : (b, 8, 16) float32
-        Disc or cylinder round each face.
-    bounds : (nodes, 11, 8) float32
-        As those of the tree, round faces.
+    hung : Hung
+        Where they lie, in that order.
     """
 
     creases: Creases
     tree: BoxTree
     faces: IntArray
-    first: NDArray[np.int64]
-    corners: IntArray
-    reliefs: FloatArray
-    hulls: NDArray[np.float32]
-    bounds: NDArray[np.float32]
+    hung: Hung
 
     @classmethod
     def of(cls, creases: Creases, tree: BoxTree) -> Walls:
         """Hang the triangles of a mesh on the tree of its samples. Cost O(m), parallel."""
         from medialis.base.box_tree import wide_levels
-        from medialis.skeleton._triangle_kernels import (
-            BLOCK,
-            ROWS,
-            bound_faces,
-            count_blocks,
-            fill_blocks,
-            fill_hulls,
-        )
+        from medialis.skeleton import _triangle_kernels as kernels
 
         shape, place = creases.shape, tree.place
         n, m, depth = shape.point_count, shape.face_count, tree.depth
         faces = np.asarray(shape.faces)
         leaf, first = np.empty(m, np.int32), np.zeros((1 << depth) + 1, np.int64)
-        count_blocks(faces, place, n, depth, leaf, first)
+        kernels.count_blocks(faces, place, n, depth, leaf, first)
         blocks = int(first[-1])
-        order = np.full(BLOCK * blocks, -1, np.int32)
-        fill_blocks(leaf, first, order)
-        corners = np.empty((len(order), 3), np.int32)
-        hulls = np.empty((blocks, ROWS, BLOCK), np.float32)
-        reliefs, unit = np.empty((len(order), 4)), shrink_options(shape.diagonal, 0.0, 0.0).unit
-        bulges, cosines = creases.bulges, creases.least_cosines
+        order = np.full(kernels.BLOCK * blocks, -1, np.int32)
+        kernels.fill_blocks(leaf, first, order)
+        used = order >= 0
+        corners, reliefs = np.full((len(order), 3), -1, np.int32), np.zeros((len(order), 4))
+        corners[used] = place[faces[order[used]]]
+        unit = shrink_options(shape.diagonal, 0.0, 0.0).unit
+        reliefs[used, : kernels.COSINE] = creases.bulges[order[used]] / unit
+        reliefs[used, kernels.COSINE] = creases.least_cosines[order[used]]
+        hulls = np.empty((blocks, kernels.ROWS, kernels.BLOCK), np.float32)
 
         def fill(begin: int, end: int) -> None:
-            fill_hulls(
-                begin, end, order, faces, place, tree.points, bulges, cosines, unit,
-                corners, reliefs, hulls,
-            )  # fmt: skip
+            kernels.fill_hulls(begin, end, tree.points, corners, hulls)
 
         run_chunks(fill, blocks, BLOCKS_A_CHUNK)
         bounds = np.empty_like(tree.bounds)
         bounds[:, :3], bounds[:, 3:6], bounds[:, 6:9], bounds[:, 9:] = np.inf, -np.inf, 0.0, np.inf
-        for nodes, child_depth, fan in wide_levels(len(tree.child), depth):
+        for nodes, child_depth, fan in wide_levels(depth):
+            level = fan, 1 << (depth - child_depth), bounds[nodes]
 
-            def bound(
-                begin: int, end: int, at: slice = nodes, d: int = child_depth, f: int = fan
-            ) -> None:
-                bound_faces(tree.points, corners, first, d, depth, f, begin, end, bounds[at])
+            def work(begin: int, end: int, level: tuple[Any, ...] = level) -> None:
+                kernels.bound_faces(begin, end, tree.points, corners, first, *level)
 
-            run_chunks(bound, nodes.stop - nodes.start, NODES_A_CHUNK)
-        return cls(creases, tree, order, first, corners, reliefs, hulls, bounds)
+            run_chunks(work, nodes.stop - nodes.start, NODES_A_CHUNK)
+        hung = kernels.Hung(tree.points, bounds, tree.child, first, corners, reliefs, hulls)
+        return cls(creases, tree, order, hung)
 
     @property
     def shape(self) -> Shape:
@@ -126,10 +107,7 @@ class Walls:
         radii = most / lengths.unit
 
         def work(begin: int, end: int) -> None:
-            measure_room(
-                begin, end, places, lengths.margin, self.tree.points, self.bounds,
-                self.tree.child, self.first, self.corners, self.hulls, radii,
-            )  # fmt: skip
+            measure_room(begin, end, places, lengths.margin, self.hung, radii)
 
         run_chunks(work, len(places), SAMPLES_A_CHUNK)
         radii *= lengths.unit
@@ -161,11 +139,10 @@ class Walls:
         MedialCloud
             A ball that changed touches a face between its corners, or at one of them.
         """
-        from medialis.skeleton._triangle_kernels import shrink_to_triangles
+        from medialis.skeleton._triangle_kernels import Depths, TangentBalls, shrink_to_triangles
 
         tree, shape = self.tree, self.shape
-        at_own = directions is not None
-        samples = tree.place[cloud.source]
+        at_own, samples = directions is not None, tree.place[cloud.source]
         # Neighbours share certificates; inner balls, the first, are the same with outer ones.
         order = _in_tree_order(cloud, tree)
         samples, signs = samples[order], cloud.side[order]
@@ -180,14 +157,11 @@ class Walls:
         face, places = np.full(len(order), -1, np.int64), np.zeros((len(order), 3))
         least = max(ROUNDING * shape.diagonal / lengths.unit, lengths.tolerance / 16)
         highest = math.sin(math.radians(min(self.creases.angle, 90.0))) ** 2 / 2
+        depths = Depths(lengths.tolerance, lengths.clearance, lengths.margin, least, highest)
+        balls = TangentBalls(samples, direction, signs, at_own, radii, face, places)
 
         def work(begin: int, end: int) -> None:
-            shrink_to_triangles(
-                begin, end, samples, direction, signs, at_own, lengths.tolerance,
-                lengths.clearance, lengths.margin, least, highest, tree.points, self.bounds,
-                tree.child, self.first, self.corners, self.reliefs, self.hulls, radii, face,
-                places,
-            )  # fmt: skip
+            shrink_to_triangles(begin, end, balls, depths, self.hung)
 
         run_chunks(work, len(order), SAMPLES_A_CHUNK, progress=progress)
         touching = np.flatnonzero(face >= 0)
@@ -218,7 +192,8 @@ def _touching_faces(
     corners = np.asarray(surface.faces)[faces]
     own = surface.points[cloud.source[rows]]
     contact = np.einsum("ij,ija->ia", weights, surface.points[corners])
-    second = corners[np.arange(len(rows)), _nearest_corner(surface, corners, contact)]
+    apart = np.linalg.norm(surface.points[corners] - contact[:, None], axis=2)
+    second = corners[np.arange(len(rows)), apart.argmin(axis=1)]
     centers = own - radii[:, None] * directions
     return cloud.with_rows(
         rows,
@@ -226,18 +201,13 @@ def _touching_faces(
         radii=radii,
         features=np.stack([cloud.source[rows], second], axis=1),
         status=np.full(len(rows), BallStatus.OK),
-        spoke_angles=_angles(directions, contact - centers),
+        spoke_angles=angles_between(directions, contact - centers),
         contact_faces=faces,
         contact_weights=weights,
     )
 
 
-def _nearest_corner(surface: Surface, corners: IntArray, places: FloatArray) -> NDArray[np.int64]:
-    apart = np.linalg.norm(surface.points[corners] - places[:, None], axis=2)
-    return np.asarray(apart.argmin(axis=1))
-
-
-def _angles(one: FloatArray, other: FloatArray) -> FloatArray:
+def angles_between(one: FloatArray, other: FloatArray) -> FloatArray:
     """Return the angle between vectors, row by row, in radians."""
     across = np.linalg.norm(np.cross(one, other), axis=1)
     return np.arctan2(across, np.einsum("ij,ij->i", one, other))

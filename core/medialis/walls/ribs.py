@@ -28,9 +28,8 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-from medialis.base.arrays import Described
+from medialis.base.arrays import Described, Index, Mask
 from medialis.base.validation import FloatArray, IntArray
 from medialis.shape.shape import Shape
 from medialis.shape.surface import piece_labels
@@ -59,7 +58,7 @@ MOST_CELLS = 20_000
 """Of the surface, or a few times as many; equations for more take long."""
 
 
-def faces_in_walls(cloud: MedialCloud, core: NDArray[np.bool_], width: float) -> NDArray[np.bool_]:
+def faces_in_walls(cloud: MedialCloud, core: Mask, width: float) -> Mask:
     """Tell which faces that have an opposite lie in a wall, (m,).
 
     What has an opposite is spread over the surface, by its thickness. In the middle of a strip
@@ -157,7 +156,7 @@ SHARP_TAPER = 60.0
 of 120 and more (`fields.thickness.WALL_ANGLE`)."""
 
 
-def edge_balls(cloud: MedialCloud) -> NDArray[np.bool_]:
+def edge_balls(cloud: MedialCloud) -> Mask:
     """Return which balls belong to a sharp edge that their two sides run into, (k,).
 
     Inner balls and convex edges, or outer balls and concave ones. None in a cloud of points.
@@ -186,7 +185,7 @@ def sharp_edges(surface: Shape, side: int) -> FloatArray:
     return np.asarray(surface.points[ends])
 
 
-def signed_bends(surface: Shape) -> tuple[FloatArray, NDArray[np.bool_]]:
+def signed_bends(surface: Shape) -> tuple[FloatArray, Mask]:
     """Return the angle between the two faces at each edge of two, and whether it bends inward."""
     first, second, _ = surface.edge_table.pairs
     faces = np.asarray(surface.faces)
@@ -197,7 +196,7 @@ def signed_bends(surface: Shape) -> tuple[FloatArray, NDArray[np.bool_]]:
     return surface.edge_bends, np.einsum("ij,ij->i", normals, over) > 0.0
 
 
-def _near(cloud: MedialCloud, rows: NDArray[np.int64], edges: FloatArray) -> NDArray[np.bool_]:
+def _near(cloud: MedialCloud, rows: Index, edges: FloatArray) -> Mask:
     """Tell whether the planes at the two contacts of some balls meet at one of some edges."""
     from scipy.spatial import cKDTree
 
@@ -308,25 +307,23 @@ class Rib(Described):
     ratio: float
     length: float
     middle: FloatArray
-    vertices: NDArray[np.int64]
+    vertices: Index
 
 
 @dataclass(frozen=True, eq=False)
 class _Feet:
     """What is beside each sample of a foot: rib and wall, and the foot across the rib, or -1."""
 
-    vertices: NDArray[np.int64]
+    vertices: Index
     rib: FloatArray
     wall: FloatArray
     rib_normal: FloatArray
     wall_normal: FloatArray
-    wall_sample: NDArray[np.int64]
-    across: NDArray[np.int64]
+    wall_sample: Index
+    across: Index
 
 
-def ribs(
-    cloud: MedialCloud, values: FloatArray, walls: NDArray[np.int64], balls: MedialCloud
-) -> list[Rib]:
+def ribs(cloud: MedialCloud, values: FloatArray, walls: Index, balls: MedialCloud) -> list[Rib]:
     """Return what stands on walls, the highest ratio first.
 
     Parameters
@@ -361,9 +358,7 @@ def ribs(
     return sorted(found, key=lambda rib: (-rib.ratio, int(rib.vertices[0])))
 
 
-def _foot_edges(
-    surface: Shape, values: FloatArray, own: FloatArray
-) -> tuple[IntArray, NDArray[np.bool_]]:
+def _foot_edges(surface: Shape, values: FloatArray, own: FloatArray) -> tuple[IntArray, Mask]:
     """Return the edges (e, 2) along which the surface bends inward within a thickness.
 
     And which samples lie on sharp bends, (n,). Where a wall bends as a whole it keeps its thickness
@@ -395,13 +390,7 @@ def _foot_edges(
     return np.asarray(ends[~hollow[ends].any(axis=1)]), sharp
 
 
-def _beside(
-    cloud: MedialCloud,
-    walls: NDArray[np.int64],
-    edges: IntArray,
-    sharp: NDArray[np.bool_],
-    even: NDArray[np.int64],
-) -> _Feet:
+def _beside(cloud: MedialCloud, walls: Index, edges: IntArray, sharp: Mask, even: Index) -> _Feet:
     """Find rib and wall beside each sample of the feet; leave out corners of walls."""
     from scipy.spatial import cKDTree
 
@@ -482,12 +471,8 @@ def _beside(
 
 
 def _bends(
-    cloud: MedialCloud,
-    walls: NDArray[np.int64],
-    places: FloatArray,
-    sides: FloatArray,
-    thick: FloatArray,
-) -> NDArray[np.bool_]:
+    cloud: MedialCloud, walls: Index, places: FloatArray, sides: FloatArray, thick: FloatArray
+) -> Mask:
     """Tell where both sides (v, 2, 3) of a foot are one wall that bends, as in a bore, (v,).
 
     It is as thick where it faces between them as it is beside; a fillet is not.
@@ -513,7 +498,7 @@ def _bends(
 
 def _nearest_each_way(
     points: FloatArray, normals: FloatArray, places: FloatArray
-) -> tuple[NDArray[np.int64], FloatArray]:
+) -> tuple[Index, FloatArray]:
     """Return for some places (v) the nearest points that face each of 26 ways, and how far.
 
     The nearest of all would lie on one face where samples are fine. (v, 26 NEAREST) rows of points,
@@ -541,9 +526,7 @@ def _no_feet() -> _Feet:
     return _Feet(places, none, none, rows, rows, places, places)
 
 
-def _outside_of_bosses(
-    places: FloatArray, directions: FloatArray, thick: FloatArray
-) -> NDArray[np.int64]:
+def _outside_of_bosses(places: FloatArray, directions: FloatArray, thick: FloatArray) -> Index:
     """Return which of two sides is that of a boss whose foot goes round it; -1: none.
 
     Parameters
@@ -590,7 +573,7 @@ def _largest_gap(out: FloatArray, axis: FloatArray) -> float:
     return float(np.diff(angle, append=angle[:1] + 2 * math.pi).max(initial=0.0)) or math.inf
 
 
-def _even_walls(cloud: MedialCloud, own: FloatArray, balls: MedialCloud) -> NDArray[np.int64]:
+def _even_walls(cloud: MedialCloud, own: FloatArray, balls: MedialCloud) -> Index:
     """Return the samples of real walls, which are of even thickness."""
     surface = cloud.surface
     faces, wide = np.asarray(surface.faces), np.isfinite(own)
@@ -604,9 +587,7 @@ def _even_walls(cloud: MedialCloud, own: FloatArray, balls: MedialCloud) -> NDAr
     return np.unique(faces[inside & (size[piece] > LEAST_AREA)]).astype(np.int64)
 
 
-def _on_walls(
-    feet: _Feet, surface: Shape, own: FloatArray, even: NDArray[np.int64]
-) -> NDArray[np.bool_]:
+def _on_walls(feet: _Feet, surface: Shape, own: FloatArray, even: Index) -> Mask:
     """Tell which feet stand on a real wall, (v,)."""
     near, away = _nearest_each_way(
         surface.points[even], surface.normals[even], surface.points[feet.wall_sample]
@@ -620,7 +601,7 @@ def _on_walls(
 
 def _foot_at(
     surface: Shape, edges: IntArray, places: FloatArray, near: FloatArray
-) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+) -> tuple[Index, Mask]:
     """Return the sample of a foot nearest to each place, and whether its edge is near enough."""
     from scipy.spatial import cKDTree
 
@@ -638,7 +619,7 @@ def _foot_at(
     return vertex.astype(np.int64), np.asarray(off[rows, best] <= near)
 
 
-def _joined(surface: Shape, feet: _Feet, edges: IntArray) -> list[NDArray[np.int64]]:
+def _joined(surface: Shape, feet: _Feet, edges: IntArray) -> list[Index]:
     """Return the rows of each connected foot: along its edges, beside it and across its rib."""
     from scipy.spatial import cKDTree
 
@@ -680,7 +661,7 @@ def _whole_bosses(found: list[Rib]) -> list[Rib]:
     return kept
 
 
-def _rib(surface: Shape, feet: _Feet, rows: NDArray[np.int64]) -> Rib:
+def _rib(surface: Shape, feet: _Feet, rows: Index) -> Rib:
     vertices = feet.vertices[rows]
     places = surface.points[vertices]
     middle = places.mean(axis=0)

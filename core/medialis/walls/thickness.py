@@ -27,9 +27,9 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from medialis.base.arrays import Described, Ragged
+from medialis.base.arrays import Described, Index, Mask, Ragged
 from medialis.base.errors import InvalidShapeError
 from medialis.base.kept import kept
 from medialis.base.options import Options, algorithm, angle, choice
@@ -222,7 +222,7 @@ class CompletedField(Described):
     values: FloatArray
     seed: IntArray
     distance: FloatArray
-    lent: NDArray[np.bool_]
+    lent: Mask
 
 
 def complete(surface: Shape, other: FloatArray, known: FloatArray) -> CompletedField:
@@ -284,9 +284,7 @@ def complete_again(before: CompletedField, other: FloatArray, known: FloatArray)
     return CompletedField(surface, known, values, seed, distance, lent)
 
 
-def _rings(
-    surface: Shape, inside: NDArray[np.bool_], free: NDArray[np.bool_], starts: NDArray[np.int64]
-) -> NDArray[np.bool_]:
+def _rings(surface: Shape, inside: Mask, free: Mask, starts: Index) -> Mask:
     """Return what is inside, and the free samples as many edges from the starts as steps carry."""
     faces = np.asarray(surface.faces)
     result = inside.copy()
@@ -300,22 +298,14 @@ def _rings(
 
 
 def _seed_again(
-    surface: Shape,
-    graph: Ragged,
-    cut: NDArray[np.bool_],
-    seed: NDArray[np.int32],
-    distance: NDArray[np.float64],
+    surface: Shape, graph: Ragged, cut: Mask, seed: IntArray, distance: FloatArray
 ) -> bool:
     """Find the nearest seeds of some samples again, in place; False where one has none."""
     from medialis.shape._kernels import spread_again
 
     rows = np.flatnonzero(cut)
     seed[rows], distance[rows] = -1, np.inf
-    room = int(graph.lengths[rows].sum()) + len(rows)
-    keys, names = np.empty(room), np.empty(room, np.int32)
-    spread_again(
-        rows, cut, surface.points, graph.offsets, graph.indices, keys, names, distance, seed
-    )
+    spread_again(rows, cut, surface.points, graph.offsets, graph.indices, distance, seed)
     return bool((seed[rows] >= 0).all())
 
 
@@ -332,9 +322,7 @@ def _with_other_components(
     return result
 
 
-def _smooth(
-    rows: NDArray[np.int64], values: NDArray[np.float64], known: FloatArray, graph: Ragged
-) -> None:
+def _smooth(rows: Index, values: FloatArray, known: FloatArray, graph: Ragged) -> None:
     """Replace the steps between nearest values by a smooth transition, in place.
 
     Of logarithms: what few steps leave undone is a share of the value then, also in a thin fin on a
@@ -350,7 +338,7 @@ def _smooth(
     values[rows] = np.clip(high * np.exp(logarithms[rows]), low, high)
 
 
-def _nearest_in_space(surface: Shape, values: NDArray[np.float64]) -> None:
+def _nearest_in_space(surface: Shape, values: FloatArray) -> None:
     """Give samples without a value the nearest one in space, in place."""
     from scipy.spatial import cKDTree
 
@@ -473,10 +461,7 @@ def thickness_field(cloud: MedialCloud, options: ThicknessOptions) -> CompletedF
 
 
 def thickness_without(
-    cloud: MedialCloud,
-    samples: NDArray[np.bool_],
-    options: ThicknessOptions,
-    before: CompletedField,
+    cloud: MedialCloud, samples: Mask, options: ThicknessOptions, before: CompletedField
 ) -> CompletedField | None:
     """Return the diameters as if some samples had no ball; None where no ball is left.
 
@@ -487,7 +472,7 @@ def thickness_without(
 
 
 def _diameters(
-    cloud: MedialCloud, without: NDArray[np.bool_], angle: float
+    cloud: MedialCloud, without: Mask, angle: float
 ) -> tuple[FloatArray, FloatArray] | None:
     """Diameter of the inner ball and of the wall at each sample, NaN where there is none."""
     rows = np.flatnonzero(cloud.valid & (cloud.side > 0) & ~without[cloud.source])
@@ -503,12 +488,12 @@ def _diameters(
     return own, values
 
 
-def wall_balls(cloud: MedialCloud) -> NDArray[np.int64]:
+def wall_balls(cloud: MedialCloud) -> Index:
     """Return the rows of the inner balls between two walls (`WALL_ANGLE`)."""
     return np.flatnonzero((cloud.side > 0) & (cloud.wall_angles >= math.radians(WALL_ANGLE)))
 
 
-def unresolved_walls(cloud: MedialCloud) -> NDArray[np.bool_]:
+def unresolved_walls(cloud: MedialCloud) -> Mask:
     """Return whether the two feature points of each ball look like a wall that sampling blurs.
 
     The normals at the two points are opposite (at least `WALL_ANGLE` apart), as on the two sides of

@@ -32,9 +32,8 @@ from itertools import islice
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-from medialis.base.arrays import Described
+from medialis.base.arrays import Described, Index, Mask
 from medialis.base.options import algorithm, length, number, whole
 from medialis.base.progress import Progress, counted
 from medialis.base.threads import run_patiently
@@ -201,9 +200,7 @@ def _without_specks(field: FloatArray, graph: PlaceGraph) -> FloatArray:
     return calm
 
 
-def _prominent(
-    calm: FloatArray, field: FloatArray, graph: PlaceGraph, ratio: float
-) -> NDArray[np.bool_]:
+def _prominent(calm: FloatArray, field: FloatArray, graph: PlaceGraph, ratio: float) -> Mask:
     from medialis.walls._kernels import find_basins, list_passes, prominent_minima
 
     basin, found = np.empty(len(field), np.int32), np.zeros(len(field), np.bool_)
@@ -216,9 +213,7 @@ def _prominent(
 
 
 def _regions(
-    field: FloatArray,
-    starts: tuple[NDArray[np.int64], FloatArray, FloatArray],
-    graph: PlaceGraph,
+    field: FloatArray, starts: tuple[Index, FloatArray, FloatArray], graph: PlaceGraph
 ) -> Iterator[LowPlace]:
     """Collect what lies below its level round each start: samples, values, levels."""
     from medialis.walls._kernels import flood_below
@@ -247,7 +242,7 @@ class Caliper:
     """
 
     ends: FloatArray
-    faces: tuple[NDArray[np.int64], NDArray[np.int64]]
+    faces: tuple[Index, Index]
     thickness: float
 
     @property
@@ -277,7 +272,7 @@ class PatchRoom:
         self._known = np.zeros(shape.point_count, np.int32)
         self._listed = np.empty(shape.face_count, np.int64)
 
-    def around(self, seeds: NDArray[np.int64], rings: int) -> NDArray[np.int64]:
+    def around(self, seeds: Index, rings: int) -> Index:
         """Return some faces and those round them, so many rings, ascending."""
         from medialis.walls._kernels import list_around
 
@@ -287,7 +282,7 @@ class PatchRoom:
         )
         return np.sort(self._listed[:count])
 
-    def side(self, seeds: NDArray[np.int64], outward: FloatArray) -> NDArray[np.int64]:
+    def side(self, seeds: Index, outward: FloatArray) -> Index:
         """Return the faces round some seeds that are of the same side of a wall, ascending."""
         from medialis.walls._kernels import list_side
 
@@ -295,7 +290,7 @@ class PatchRoom:
         count = list_side(near, seeds, outward, self._mesh, LEANING, CONVEX, *room)
         return np.sort(self._listed[:count])
 
-    def patch(self, faces: NDArray[np.int64]) -> Patch:
+    def patch(self, faces: Index) -> Patch:
         """Return some faces as a patch."""
         from medialis.walls._kernels import Patch, fill_patch, list_corners
 
@@ -348,7 +343,7 @@ def close_caliper(room: PatchRoom, start: Caliper) -> Caliper | None:
     return here if _is_least(room, here) or _ends_wall(shape, here) else None
 
 
-def _sharp(shape: Shape, faces: NDArray[np.int64], across: NDArray[np.int32]) -> NDArray[np.bool_]:
+def _sharp(shape: Shape, faces: Index, across: IntArray) -> Mask:
     """Tell the sides (f, 3) of faces that are convex creases."""
     assert shape.faces is not None
     normals, points = shape.face_normals, shape.points
@@ -357,7 +352,7 @@ def _sharp(shape: Shape, faces: NDArray[np.int64], across: NDArray[np.int32]) ->
     return np.asarray(bent & (np.einsum("fa,fja->fj", normals[faces], ahead) < 0))
 
 
-def _faces_at(shape: Shape, patch: NDArray[np.int64], place: FloatArray) -> NDArray[np.int64]:
+def _faces_at(shape: Shape, patch: Index, place: FloatArray) -> Index:
     """Return the faces of a patch that a place lies on."""
     assert shape.faces is not None
     corners = shape.points[shape.faces[patch]]
@@ -393,7 +388,7 @@ def _ends_wall(shape: Shape, caliper: Caliper) -> bool:
 
 
 def _thinnest_places(
-    room: PatchRoom, one: NDArray[np.int64], other: NDArray[np.int64], before: FloatArray
+    room: PatchRoom, one: Index, other: Index, before: FloatArray
 ) -> tuple[FloatArray, float]:
     """Return places of two patches with the smallest ball between them, (2, 3), and its diameter.
 
@@ -458,7 +453,7 @@ class WallBalls:
     def _graph(self) -> PlaceGraph:
         return PlaceGraph(self.surface, self.balls.features)
 
-    def leave_out(self, samples: NDArray[np.bool_]) -> bool:
+    def leave_out(self, samples: Mask) -> bool:
         """Forget the balls of some samples; tell whether there were any."""
         gone = samples[self.balls.source]
         if not gone.any():
@@ -471,7 +466,7 @@ class WallBalls:
         """Go through the low places of a field; balls join the two sides of walls."""
         return low_places(self._graph, values, **how)
 
-    def grown(self, samples: NDArray[np.bool_], rings: int) -> NDArray[np.bool_]:
+    def grown(self, samples: Mask, rings: int) -> Mask:
         """Return some samples of a mesh with so many rings of neighbours, (n,)."""
         result, border = samples.copy(), np.flatnonzero(samples)
         for _ in range(rings):
@@ -480,7 +475,7 @@ class WallBalls:
             result[border] = True
         return result
 
-    def _around(self, vertices: NDArray[np.int64]) -> NDArray[np.int64]:
+    def _around(self, vertices: Index) -> Index:
         """Return the vertices of the faces at some vertices, ascending."""
         surface = self.surface
         if surface.faces is None or len(vertices) == 0:
@@ -516,7 +511,7 @@ class WallBalls:
         bent = np.einsum("fa,fja->fj", normals[faces], normals[across]) < CRUMPLED
         return bool((bent & (across >= 0)).any())
 
-    def touches(self, place: LowPlace, samples: NDArray[np.bool_]) -> bool:
+    def touches(self, place: LowPlace, samples: Mask) -> bool:
         """Tell whether a place is next to some samples: it is the rest of their place."""
         return bool(samples[self._around(place.vertices.astype(np.int64))].any())
 
@@ -538,14 +533,14 @@ class WallBalls:
                 value = self.share * caliper.length
         return position, opposite, value
 
-    def _rows_in(self, vertices: IntArray) -> NDArray[np.int64]:
+    def _rows_in(self, vertices: IntArray) -> Index:
         """Return the balls of some samples, by rising radius."""
         self.marked[vertices] = True
         rows = np.flatnonzero(self.marked[self.balls.source])
         self.marked[vertices] = False
         return rows[np.argsort(self.balls.radii[rows], kind="stable")]
 
-    def _apart(self, rows: NDArray[np.int64]) -> Iterator[int]:
+    def _apart(self, rows: Index) -> Iterator[int]:
         """Go through the smallest of some balls, by rising radius, that are apart."""
         points, chosen = self.surface.points[self.balls.source[rows]], 0
         while len(rows) and chosen < STARTS:

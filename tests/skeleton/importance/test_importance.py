@@ -12,7 +12,6 @@ import closed_forms as forms
 import medialis
 from medialis.base.errors import InvalidOptionError, InvalidShapeError
 from medialis.base.progress import Progress
-from medialis.skeleton.importance._plane_kernels import record_cut
 from medialis.skeleton.importance._strip_kernels import (
     PLACES,
     make_room,
@@ -20,6 +19,7 @@ from medialis.skeleton.importance._strip_kernels import (
     walk_beside,
     write_trail,
 )
+from medialis.skeleton.importance._walk_kernels import record_cut
 from medialis.skeleton.importance.geodesics import PathStatus, cut_by_planes, surface_walk, trace
 from medialis.skeleton.importance.importance import relax
 
@@ -328,9 +328,10 @@ def tall_ring():
 def test_walks_beside_a_trail_need_little_shortening():
     """What a pair finds beside the path of another one is as short as what it finds by itself."""
     shape = tall_ring()
-    points, corners, twins, offsets, fan = surface_walk(shape)
+    walk = surface_walk(shape)
+    points, corners, _, offsets, fan = walk
     pairs = np.random.default_rng(0).integers(shape.point_count, size=(300, 2)).astype(np.int32)
-    normals = cut_by_planes(shape, pairs, 20, Progress())["normal"]
+    normals = cut_by_planes(shape, pairs, 20, Progress()).normal
     room, strip, trail = (
         make_room(len(corners) // 3),
         np.empty(4096, np.int64),
@@ -338,21 +339,19 @@ def test_walks_beside_a_trail_need_little_shortening():
     )
     close, walked, beside = [], [], []
     for (start, end), normal in zip(pairs, normals, strict=True):
-        count = record_cut(points, corners, twins, offsets, fan, start, end, normal, room[0][0])
-        straighten(points, corners, twins, start, end, count, room)
+        count = record_cut(walk, start, end, normal, room.strips[0])
+        straighten(walk, start, end, count, room)
         if not write_trail(points, shape.normals, room, trail):
             continue
         s, e = (corners[3 * (fan[offsets[i]] // 3) :][:3] for i in (start, end))
         s, e = s[s != start][0], e[e != end][0]
         moved = np.stack([points[s] - points[start], points[e] - points[end]])
-        towards = room[4][0] - points[start]
-        length, count = walk_beside(
-            points, corners, twins, offsets, fan, s, e, trail, moved, towards, np.inf, strip
-        )
+        towards = room.near[0] - points[start]
+        length, count = walk_beside(walk, s, e, trail, moved, towards, np.inf, strip)
         close.append([s, e])
         walked.append(length)
-        room[0][0][:count] = strip[:count]
-        straight = straighten(points, corners, twins, s, e, count, room)
+        room.strips[0, :count] = strip[:count]
+        straight = straighten(walk, s, e, count, room)
         beside.append(straight if length < np.inf else np.inf)
     walked, beside = np.array(walked), np.array(beside)
     arrived = np.isfinite(walked)

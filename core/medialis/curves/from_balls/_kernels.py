@@ -8,48 +8,68 @@ the area of the smaller part that they cut off.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from medialis.base.jit import kernel
-from medialis.skeleton.importance._plane_kernels import trace_plane, way_out
+from medialis.skeleton.importance._walk_kernels import trace_plane, way_out
 
-TINY = 1e-12
-SAME_PLACE = 0.3  # radii: centers this close belong to one ball as far as its contacts go
-HOPS = 8  # balls that are followed from contact to contact
+SAME_PLACE = 0.3
+"""Radii: centers this close belong to one ball as far as its contacts go."""
+
+HOPS = 8
+"""Balls that are followed from contact to contact."""
+
+LEAST_SPOKES = 6
+"""Contacts of a ring at least: those of three balls."""
+
+ACROSS = 0.5
+"""Sine of the angle to the axis of a ring from which on a spoke says where round it it lies."""
+
 WIDEST_GAP = 5.0 * math.pi / 6.0
+"""Radians between neighbouring contacts of a ball that touches the surface all round."""
+
+TIE = 0.01
+"""Two geodesics are equally long when they differ by less than this share. A half circle of 30
+edges is 0.2 % shorter than round."""
 
 
-@kernel
-def project_tangents(
-    begin, stop, points, features, rows, starts, ends, out_tangent, out_feature
-):  # fmt: skip
-    """Tangent t and unit feature vector F of the balls rows[begin..stop] (Eq. 3.2).
+class Balls(NamedTuple):
+    """The r of k balls that have a geodesic, and their nearest others.
 
-    Both tangents of the geodesic are taken pointing away from the ball: t_s as it leaves f1, and
-    -t_e, the way back from f2. Their sum without its part along F points to where the geodesic
-    runs; it is zero where they cancel.
+    Attributes
+    ----------
+    rows : (r,) int64
+        Their numbers among all balls.
+    near, distance : (r, c) int32, float64
+        The others, numbered among the r.
+    length : (r,) float64
+        Of the geodesic.
+    tangent : (r, 3) float64
+        Unit direction in which it runs, zero for none.
+    feature : (r, 3) float64
+        Unit direction between the feature points.
+    centers, radii, features : (k, 3), (k,) float64, (k, 2) int32
+        All balls.
+    points : (n, 3) float64
+        The samples.
+    ball_of : (n,) int64
+        The ball of each sample, one of the r, or -1.
     """
-    for i in range(begin, stop):
-        row = rows[i]
-        a, b = features[row, 0], features[row, 1]
-        size = 0.0
-        for k in range(3):
-            out_feature[i, k] = points[a, k] - points[b, k]
-            size += out_feature[i, k] ** 2
-        size = math.sqrt(size)
-        along = 0.0
-        for k in range(3):
-            out_feature[i, k] = out_feature[i, k] / size if size > 0.0 else 0.0
-            out_tangent[i, k] = starts[row, k] - ends[row, k]
-            along += out_feature[i, k] * out_tangent[i, k]
-        size = 0.0
-        for k in range(3):
-            out_tangent[i, k] -= along * out_feature[i, k]
-            size += out_tangent[i, k] ** 2
-        size = math.sqrt(size)
-        for k in range(3):
-            out_tangent[i, k] = out_tangent[i, k] / size if size > TINY else 0.0
+
+    rows: NDArray[np.int64]
+    near: NDArray[np.int32]
+    distance: NDArray[np.float64]
+    length: NDArray[np.float64]
+    tangent: NDArray[np.float64]
+    feature: NDArray[np.float64]
+    centers: NDArray[np.float64]
+    radii: NDArray[np.float64]
+    features: NDArray[np.int32]
+    points: NDArray[np.float64]
+    ball_of: NDArray[np.int64]
 
 
 @kernel
@@ -71,30 +91,24 @@ def median_of(values):
 
 
 @kernel
-def measure_spread(
-    begin, stop, near, distance, length, tangent, feature, smallest, out_spread
-):  # fmt: skip
+def measure_spread(begin, stop, balls, smallest, out_spread):
     """How far tangents turn: (1 - cos) / 2 of the second largest angle to those of the neighbours.
 
     0 where all point the same way, 1 where two neighbours' point the opposite way. A neighbour with
     a tangent counts as far as its line of contacts is parallel and its geodesic as long.
     """
-    reach = np.empty(near.shape[1])
+    near, length = balls.near, balls.length
     for i in range(begin, stop):
-        for c in range(len(reach)):
-            reach[c] = distance[i, c]
-        sigma = max(median_of(reach), smallest)
+        sigma = max(median_of(balls.distance[i].copy()), smallest)
         largest, out_spread[i] = 0.0, 0.0
         for c in range(near.shape[1]):
             j = near[i, c]
-            same, ahead, side = 0.0, 0.0, 0.0
-            for k in range(3):
-                same += feature[i, k] * feature[j, k]
-                ahead += tangent[i, k] * tangent[j, k]
-                side += abs(tangent[j, k])
-            if side == 0.0 or abs(length[i] - length[j]) > 2.0 * distance[i, c] + sigma:
+            here, there = balls.tangent[i], balls.tangent[j]
+            side = abs(there[0]) + abs(there[1]) + abs(there[2])
+            if side == 0.0 or abs(length[i] - length[j]) > 2.0 * balls.distance[i, c] + sigma:
                 continue
-            value = abs(same) * (1.0 - ahead) / 2.0
+            same = abs(_dot3(balls.feature[i], balls.feature[j]))
+            value = same * (1.0 - _dot3(here, there)) / 2.0
             if value > largest:
                 largest, out_spread[i] = value, largest
             elif value > out_spread[i]:
@@ -102,15 +116,13 @@ def measure_spread(
 
 
 @kernel
-def _add_spokes(row, centers, points, features, spokes, names, count):
+def _add_spokes(row, balls, spokes, names, count):
     """Append the unit directions from a ball to both its contacts, and their samples."""
     for side in range(2):
-        names[count] = features[row, side]
-        size = 0.0
+        names[count] = balls.features[row, side]
         for k in range(3):
-            spokes[count, k] = points[names[count], k] - centers[row, k]
-            size += spokes[count, k] ** 2
-        size = max(math.sqrt(size), 1e-300)
+            spokes[count, k] = balls.points[names[count], k] - balls.centers[row, k]
+        size = max(math.sqrt(_dot3(spokes[count], spokes[count])), 1e-300)
         for k in range(3):
             spokes[count, k] /= size
         count += 1
@@ -126,10 +138,7 @@ def _is_near(centers, a, b, reach):
 
 
 @kernel
-def find_rings(
-    begin, stop, near, distance, rows, ball_of, centers, radii, points, features, out_ring,
-    out_opposite, out_tangent,
-):  # fmt: skip
+def find_rings(begin, stop, balls, out_ring, out_opposite, out_tangent):
     """Balls that touch the surface all round: gaps between contacts stay below 150 degrees.
 
     The contacts are those of the ball and of others at the same place: its neighbours, and the
@@ -137,22 +146,23 @@ def find_rings(
     ball of each sample, or -1). Each is seen from its own ball. `out_opposite` receives the contact
     farthest from f1, `out_tangent` a direction across, both for rings only.
     """
+    rows, near = balls.rows, balls.near
     most = 2 * (near.shape[1] + 1 + HOPS)
     spokes, names = np.empty((most, 3)), np.empty(most, np.int64)
     angles, across = np.empty(most), np.empty(3)
     for i in range(begin, stop):
         out_ring[i] = False
-        count, reach, row = 0, SAME_PLACE * radii[rows[i]], rows[i]
+        count, reach, row = 0, SAME_PLACE * balls.radii[rows[i]], rows[i]
         for _ in range(1 + HOPS):
-            count = _add_spokes(row, centers, points, features, spokes, names, count)
-            row = ball_of[features[row, 1]]
-            if row < 0 or not _is_near(centers, row, rows[i], reach):
+            count = _add_spokes(row, balls, spokes, names, count)
+            row = balls.ball_of[balls.features[row, 1]]
+            if row < 0 or not _is_near(balls.centers, row, rows[i], reach):
                 break
         for c in range(near.shape[1]):
-            if distance[i, c] <= reach:
+            if balls.distance[i, c] <= reach:
                 row = rows[near[i, c]]
-                count = _add_spokes(row, centers, points, features, spokes, names, count)
-        if count < 6:
+                count = _add_spokes(row, balls, spokes, names, count)
+        if count < LEAST_SPOKES:
             continue
         best, best_size, lowest = 0, 0.0, 2.0
         for c in range(1, count):
@@ -162,7 +172,7 @@ def find_rings(
             if along < lowest:
                 lowest = along
                 out_opposite[i] = names[c]
-        if best_size < 0.25:
+        if best_size < ACROSS * ACROSS:
             continue
         along = _dot3(spokes[best], spokes[0])
         for k in range(3):
@@ -170,7 +180,7 @@ def find_rings(
         used = 0
         for c in range(count):
             x, y = _dot3(spokes[c], spokes[0]), _dot3(spokes[c], across)
-            if x * x + y * y > 0.25:
+            if x * x + y * y > ACROSS * ACROSS:
                 angle = math.atan2(y, x)
                 at = used
                 while at > 0 and angles[at - 1] > angle:
@@ -193,36 +203,52 @@ def _dot3(a, b):
 
 
 @kernel
-def trace_all_round(
-    begin, stop, points, corners, twins, fan_offsets, fan, ends, tangent, longest, out_length
-):  # fmt: skip
+def _leave(walk, h, start, end, direction, normal, longest, last):
+    """Cut a surface by a plane through two of its points, beginning over the face of half-edge h.
+
+    Returns the length of the cut from one to the other, inf where it does not arrive or is longer
+    than `longest`, and how far it begins along a direction.
+    """
+    points, corners, twins, _, _ = walk
+    offset = _dot3(normal, points[start])
+    across, x, y, z = way_out(points, corners, h, normal, offset)
+    if across < 0:
+        return math.inf, 0.0
+    ux, uy, uz = x - points[start, 0], y - points[start, 1], z - points[start, 2]
+    length, count = trace_plane(
+        points, corners, twins, across, x, y, z, math.sqrt(ux * ux + uy * uy + uz * uz), normal,
+        offset, start, end, longest, np.empty(0, np.int64), last,
+    )  # fmt: skip
+    along = ux * direction[0] + uy * direction[1] + uz * direction[2]
+    return length if count >= 0 else math.inf, along
+
+
+@kernel
+def trace_all_round(begin, stop, walk, ends, tangent, longest, out_length):
     """Lengths of the straightest geodesics that leave f1 in evenly spread directions.
 
     Direction 0 is the tangent of the ball; a plane through f1 and f2 serves two directions, half a
     turn apart. A direction whose plane cut does not arrive, or is longer than `longest`, gets inf.
+    `walk` is that of `surface_walk`.
     """
+    points, _, _, fan_offsets, fan = walk
     half = out_length.shape[1] // 2
     first, second, axis, normal = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
-    nothing, last = np.empty(0, np.int64), np.empty(3)
+    direction, last = np.empty(3), np.empty(3)
     for i in range(begin, stop):
         start, end = ends[i, 0], ends[i, 1]
-        size = 0.0
         for k in range(3):
             axis[k] = points[end, k] - points[start, k]
-            size += axis[k] * axis[k]
-        size = math.sqrt(size)
+        size = math.sqrt(_dot3(axis, axis))
         out_length[i] = np.inf
         if size == 0.0:
             continue
-        along = 0.0
         for k in range(3):
             axis[k] /= size
-            along += axis[k] * tangent[i, k]
-        size = 0.0
+        along = _dot3(axis, tangent[i])
         for k in range(3):
             first[k] = tangent[i, k] - along * axis[k]
-            size += first[k] * first[k]
-        size = math.sqrt(size)
+        size = math.sqrt(_dot3(first, first))
         if size < 1e-9:
             continue
         for k in range(3):
@@ -231,62 +257,36 @@ def trace_all_round(
         for turn in range(half):
             angle = math.pi * turn / half
             for k in range(3):
-                last[k] = math.cos(angle) * first[k] + math.sin(angle) * second[k]
-            dx, dy, dz = last[0], last[1], last[2]
-            _cross(axis, last, normal)
-            offset = 0.0
-            for k in range(3):
-                offset += normal[k] * points[start, k]
+                direction[k] = math.cos(angle) * first[k] + math.sin(angle) * second[k]
+            _cross(axis, direction, normal)
             for at in range(fan_offsets[start], fan_offsets[start + 1]):
-                across, x, y, z = way_out(points, corners, fan[at], normal, offset)
-                if across < 0:
-                    continue
-                ux, uy, uz = x - points[start, 0], y - points[start, 1], z - points[start, 2]
-                ahead = ux * dx + uy * dy + uz * dz >= 0.0
-                column = turn if ahead else turn + half
-                length, count = trace_plane(
-                    points, corners, twins, across, x, y, z,
-                    math.sqrt(ux * ux + uy * uy + uz * uz), normal, offset, start, end,
-                    min(longest, out_length[i, column]), nothing, last,
-                )  # fmt: skip
-                if count >= 0 and length < out_length[i, column]:
-                    out_length[i, column] = length
+                length, ahead = _leave(walk, fan[at], start, end, direction, normal, longest, last)
+                column = turn if ahead >= 0.0 else turn + half
+                out_length[i, column] = min(out_length[i, column], length)
 
 
 @kernel
-def find_ties(
-    begin, stop, points, corners, twins, fan_offsets, fan, ends, tangent, longest, slack, out_tied
-):  # fmt: skip
+def find_ties(begin, stop, walk, ends, tangent, longest, out_tied):
     """Whether geodesics to both sides in the plane of the tangent are equally long.
 
     Both are plane cuts, so that they are comparable; what is longer than `longest` does not count.
     """
-    axis, normal = np.empty(3), np.empty(3)
-    nothing, last = np.empty(0, np.int64), np.empty(3)
+    points, _, _, fan_offsets, fan = walk
+    axis, normal, last = np.empty(3), np.empty(3), np.empty(3)
     for i in range(begin, stop):
         start, end = ends[i, 0], ends[i, 1]
         for k in range(3):
             axis[k] = points[end, k] - points[start, k]
         _cross(axis, tangent[i], normal)
-        offset = 0.0
-        for k in range(3):
-            offset += normal[k] * points[start, k]
         ahead, behind = longest[i], longest[i]
         for at in range(fan_offsets[start], fan_offsets[start + 1]):
-            across, x, y, z = way_out(points, corners, fan[at], normal, offset)
-            if across < 0:
-                continue
-            ux, uy, uz = x - points[start, 0], y - points[start, 1], z - points[start, 2]
-            length, _ = trace_plane(
-                points, corners, twins, across, x, y, z, math.sqrt(ux * ux + uy * uy + uz * uz),
-                normal, offset, start, end, longest[i], nothing, last,
-            )  # fmt: skip
-            if ux * tangent[i, 0] + uy * tangent[i, 1] + uz * tangent[i, 2] > 0.0:
+            length, along = _leave(walk, fan[at], start, end, tangent[i], normal, longest[i], last)
+            if along > 0.0:
                 ahead = min(ahead, length)
             else:
                 behind = min(behind, length)
         longer = max(ahead, behind)
-        out_tied[i] = longer < longest[i] and longer <= (1.0 + slack) * min(ahead, behind)
+        out_tied[i] = longer < longest[i] and longer <= (1.0 + TIE) * min(ahead, behind)
 
 
 @kernel

@@ -19,15 +19,11 @@ from medialis.base.options import Options, algorithm
 from medialis.base.progress import Progress, ProgressCallback
 from medialis.base.threads import run_chunks, run_patiently
 from medialis.base.validation import Directions, FloatArray, IntArray, frozen
-from medialis.curves.graph.ground import NEIGHBOURS
-from medialis.skeleton.importance.geodesics import Importance, surface_walk
-from medialis.skeleton.importance.importance import geodesic_importance
+from medialis.curves.growth import NEIGHBOURS
+from medialis.skeleton.importance.geodesics import surface_walk
+from medialis.skeleton.importance.importance import Importance, geodesic_importance
 from medialis.skeleton.medial_cloud import MedialCloud
 from medialis.skeleton.surface_skeleton import as_cloud
-
-TIE = 0.01
-"""Two geodesics are equally long when they differ by less than this share. A half circle of 30
-edges is 0.2 % shorter than round."""
 
 LONGER = 1.1
 """Times the length of the geodesic up to which a plane cut is followed: where that was shortened
@@ -37,6 +33,9 @@ LEAST_SPREAD, HALF_ROUND = 0.75, 0.58
 """What a tip that tapers by 60 degrees has: blunter ones are corners and edges, sharper ones limbs.
 The tangents of a flat tip turn by 120 degrees from one side to the other: (1 - cos 120) / 2. The
 geodesic half round a cone is 2 r cos 30 / sin 30 sin(90 sin 30) = 0.78 pi r long, times 0.75."""
+
+CANCELLED = 1e-12
+"""Length of the sum of two unit tangents below which they cancel."""
 
 POINTS_A_CHUNK = 2048
 
@@ -173,7 +172,7 @@ def candidate_measure(cloud: MedialCloud, options: Options, progress: Progress) 
     >>> bool(np.nanmin(measured.spread) >= 0 and np.nanmax(measured.spread) <= 1)
     True
     """
-    from medialis.curves.from_balls._kernels import find_rings, measure_spread
+    from medialis.curves.from_balls._kernels import Balls, find_rings, measure_spread
 
     with progress.stage("importance", 0.0, 0.8):
         paths = geodesic_importance.of(cloud, options, progress)
@@ -188,25 +187,27 @@ def candidate_measure(cloud: MedialCloud, options: Options, progress: Progress) 
         near, distance = near_balls(cloud, rows, progress)
         sure, ring, opposite = np.empty(r), np.empty(r, bool), np.empty(r, np.int32)
         turned = turning[rows]
-        smallest = 1e-12 * shape.diagonal
         ball_of = np.full(shape.point_count, -1)
         ball_of[cloud.features[rows, 0]] = rows
-
-        def look_round(begin: int, end: int) -> None:
-            find_rings(
-                begin, end, near, distance, rows, ball_of, cloud.centers, cloud.radii, shape.points,
-                cloud.features, ring, opposite, turned,
-            )  # fmt: skip
-
-        run_chunks(look_round, r, POINTS_A_CHUNK, progress=progress.still)
+        balls = Balls(
+            rows, near, distance, length, tangent, feature, cloud.centers, cloud.radii,
+            cloud.features, shape.points, ball_of,
+        )  # fmt: skip
+        run_chunks(
+            lambda begin, end: find_rings(begin, end, balls, ring, opposite, turned),
+            r,
+            POINTS_A_CHUNK,
+            progress=progress.still,
+        )
         # Which of two equal geodesics was found is chance, and in a round tube with regular samples
         # always the one on the same side: such a point takes no side.
-        tangent = np.where((alike | ring)[:, None], 0.0, tangent)
-
-        def average(begin: int, end: int) -> None:
-            measure_spread(begin, end, near, distance, length, tangent, feature, smallest, sure)
-
-        run_chunks(average, r, POINTS_A_CHUNK, progress=progress.still)
+        sided = balls._replace(tangent=np.where((alike | ring)[:, None], 0.0, tangent))
+        run_chunks(
+            lambda begin, end: measure_spread(begin, end, sided, 1e-12 * shape.diagonal, sure),
+            r,
+            POINTS_A_CHUNK,
+            progress=progress.still,
+        )
         # The second contact of a ball in a round tube is any of its ring; half round it is pi r.
         length = np.where(ring, np.maximum(length, np.pi * cloud.radii[rows]), length)
         sure[alike | ring] = 1.0
@@ -238,7 +239,7 @@ def _find_ties(
     tied, longest = np.empty(len(rows), bool), LONGER * length
 
     def work(begin: int, end: int) -> None:
-        find_ties(begin, end, *walk, ends, tangent, longest, TIE, tied)
+        find_ties(begin, end, walk, ends, tangent, longest, tied)
 
     run_chunks(work, len(rows), POINTS_A_CHUNK, progress=progress.still)
     return tied
@@ -246,24 +247,24 @@ def _find_ties(
 
 def _field(paths: Importance) -> tuple[NDArray[np.int64], FloatArray, FloatArray]:
     """Rows with a geodesic, the tangents of all rows, the unit feature vectors of these rows."""
-    from medialis.curves.from_balls._kernels import project_tangents
-
     cloud, points = paths.cloud, paths.cloud.surface.points
     known = cloud.valid & np.isfinite(paths.length) & (paths.length > 0)
     known &= np.isfinite(paths.start_tangent).all(1) & np.isfinite(paths.end_tangent).all(1)
     rows = np.flatnonzero(known)
-    tangent, feature = np.empty((len(rows), 3)), np.empty((len(rows), 3))
-
-    def work(begin: int, end: int) -> None:
-        project_tangents(
-            begin, end, points, cloud.features, rows, paths.start_tangent, paths.end_tangent,
-            tangent, feature,
-        )  # fmt: skip
-
-    run_chunks(work, len(rows), POINTS_A_CHUNK)
+    first, second = cloud.features[rows].T
+    feature = _unit(points[first] - points[second], 0.0)
+    # Both tangents point away from the ball: at the second end that is the way back.
+    tangent = paths.start_tangent[rows] - paths.end_tangent[rows]
+    tangent -= (feature * tangent).sum(axis=1, keepdims=True) * feature
     tangents = np.full((len(cloud), 3), np.nan)
-    tangents[rows] = tangent
+    tangents[rows] = _unit(tangent, CANCELLED)
     return rows, frozen(tangents, np.float64), feature
+
+
+def _unit(vectors: FloatArray, least: float) -> FloatArray:
+    """Return unit vectors (n, 3), zero for those that are not longer than so much."""
+    length = np.linalg.norm(vectors, axis=1, keepdims=True)
+    return np.divide(vectors, length, out=np.zeros_like(vectors), where=length > least)
 
 
 def near_balls(
@@ -356,7 +357,7 @@ def area_importance(
     longest = LONGEST * shape.diagonal
 
     def work(begin: int, end: int) -> None:
-        trace_all_round(begin, end, *walk, ends, tangent, longest, length)
+        trace_all_round(begin, end, walk, ends, tangent, longest, length)
         least_half(begin, end, length, half, area)
 
     run_chunks(work, len(chosen), CANDIDATES_A_CHUNK, progress=progress)

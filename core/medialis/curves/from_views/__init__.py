@@ -4,8 +4,8 @@ In: a shape, or pairs of `View`s that the caller has. Out: a `CurveSkeleton` wit
 was linked from. The shape need not be clean, closed or a mesh.
 
 - `skeleton.py`: the algorithm from end to end; read it first.
-- `view.py`: cameras, views, and the core's renderer; `silhouettes.py`: skeletons of silhouettes and
-  their matching; `linking.py`: from points to a graph; `_kernels.py`: the inner parts of all.
+- `views.py`: cameras, views, the core's renderer; skeletons of silhouettes and their matching.
+- `linking.py`: from points to a graph; `_kernels.py`: the inner parts of all.
 - `operation.py`: the operation view_curve_skeleton.
 
 Another renderer is a `ViewSource` (`view_source` sets it); hosts bring their own.

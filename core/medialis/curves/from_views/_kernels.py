@@ -28,11 +28,101 @@ result.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from medialis.base._splat_kernels import covers, edge, orient, pixel_range
 from medialis.base.jit import kernel
+
+BITS = 8
+"""Pixels in a byte of a packed mask."""
+
+MIDDLE = 0.25
+"""Share of the depth range up to which a point is in its middle: farther off a view sees it before
+or behind something else."""
+
+TURN = math.sqrt(0.5)
+"""Distance of the midpoints of two cracks that meet at a right angle."""
+
+STAIRS = 6.0
+"""Importance below this many pixels is what the steps of a pixel border make."""
+
+
+class Views(NamedTuple):
+    """Depths and distance fields of v views side by side.
+
+    Attributes
+    ----------
+    centers : (v, 3) float64
+        The points in the middle of the pictures.
+    axes : (v, 3, 3) float64
+        Unit right, up and forward of each camera.
+    pixels : (v,) float64
+        Edge of a pixel in the units of the shape.
+    near, far : (v, h, w) float32
+        Depths of the nearest and the furthest surface; NaN outside the silhouette.
+    field : (v, h, w) float32
+        Distance to the contour in pixels, negative beside the skeleton of the silhouette.
+    """
+
+    centers: NDArray[np.float64]
+    axes: NDArray[np.float64]
+    pixels: NDArray[np.float64]
+    near: NDArray[np.float32]
+    far: NDArray[np.float32]
+    field: NDArray[np.float32]
+
+
+class Rows(NamedTuple):
+    """Where the rows of a view cross the skeleton of its silhouette.
+
+    Attributes
+    ----------
+    begin : (h + 1,) int32
+        Crossings of row r have the numbers begin[r]..begin[r + 1].
+    column : (s,) float64
+        Sub-pixel column, ascending within a row.
+    near, far : (h, w) float32
+        Depths, as of `Views`.
+    """
+
+    begin: NDArray[np.int32]
+    column: NDArray[np.float64]
+    near: NDArray[np.float32]
+    far: NDArray[np.float32]
+
+
+class Contours(NamedTuple):
+    """A silhouette and its contours, chains of cracks.
+
+    Attributes
+    ----------
+    offset : (h, w) int32
+        Rows to the nearest background of the column, negative above; 0 is background.
+    first, last : int
+        The first row and one after the last row of the shape.
+    upright, flat : (h, w) int32
+        Crack at the left side of a pixel, and at its top.
+    arc : (c,) float64
+        Position of each crack on its contour, in pixels between midpoints of cracks: exact along
+        rows, columns and diagonals, at most 8 % too long between.
+    contour : (c,) int32
+    length : (at least as many as contours,) float64
+    longest : float
+        The arc between different contours.
+    """
+
+    offset: NDArray[np.int32]
+    first: int
+    last: int
+    upright: NDArray[np.int32]
+    flat: NDArray[np.int32]
+    arc: NDArray[np.float64]
+    contour: NDArray[np.int32]
+    length: NDArray[np.float64]
+    longest: float
 
 
 @kernel
@@ -112,9 +202,6 @@ def mark_outside(near, far):
                 far[row, col] = math.nan
 
 
-BITS = 8
-
-
 @kernel
 def pack_view(near, far, field, out_mask, out_values):
     """Pack depths and distances (h, w) of the pixels where `near` is a number.
@@ -161,15 +248,15 @@ def middle_depth(near, far, row, column):
 
 
 @kernel
-def best_partner(x, estimate, others, begin, end, middle, pixel, cosine, sine):
+def best_partner(x, estimate, other, row, pixel, cosine, sine):
     """Return the number of the crossing whose depth is nearest to the estimate, and its depth.
 
     Columns ascend, so depths descend: scanned from the right, depths grow, and the scan stops as
     soon as the distance to the estimate grows (thesis 3.7.4.2).
     """
-    best, depth, least = -1, 0.0, math.inf
-    for j in range(end - 1, begin - 1, -1):
-        k = (x * cosine - (others[j] - middle) * pixel) / sine
+    best, depth, least, middle = -1, 0.0, math.inf, 0.5 * (len(other.begin) - 1)
+    for j in range(other.begin[row + 1] - 1, other.begin[row] - 1, -1):
+        k = (x * cosine - (other.column[j] - middle) * pixel) / sine
         gap = abs(estimate - k)
         if gap >= least:
             break
@@ -178,28 +265,23 @@ def best_partner(x, estimate, others, begin, end, middle, pixel, cosine, sine):
 
 
 @kernel
-def pair_crossings(
-    begin_a, column_a, near_a, far_a, begin_b, column_b, near_b, far_b, pixel, cosine, sine, out
-):
+def pair_crossings(first, second, pixel, cosine, sine, out):
     """Write right, up and depth, as the first camera sees them, of the matched points.
 
     A match counts when the point lies within the depth range of both views. Returns the number of
     points.
     """
-    size = len(begin_a) - 1
+    size = len(first.begin) - 1
     middle = 0.5 * size
     count = 0
     for row in range(size):
-        for i in range(begin_a[row], begin_a[row + 1]):
-            x = (column_a[i] - middle) * pixel
-            low, high = middle_depth(near_a, far_a, row, column_a[i])
-            j, k = best_partner(
-                x, 0.5 * (low + high), column_b, begin_b[row], begin_b[row + 1],
-                middle, pixel, cosine, sine,
-            )  # fmt: skip
+        for i in range(first.begin[row], first.begin[row + 1]):
+            x = (first.column[i] - middle) * pixel
+            low, high = middle_depth(first.near, first.far, row, first.column[i])
+            j, k = best_partner(x, 0.5 * (low + high), second, row, pixel, cosine, sine)
             if j < 0 or not low <= k <= high:
                 continue
-            low, high = middle_depth(near_b, far_b, row, column_b[j])
+            low, high = middle_depth(second.near, second.far, row, second.column[j])
             depth = k * cosine + x * sine
             if not low <= depth <= high:
                 continue
@@ -211,27 +293,25 @@ def pair_crossings(
 
 
 @kernel
-def project(point, camera, size):
-    """Return sub-pixel column, row, and depth of a point; camera = center, axes, pixel (13,)."""
-    x, y, z = point[0] - camera[0], point[1] - camera[1], point[2] - camera[2]
-    right = x * camera[3] + y * camera[4] + z * camera[5]
-    up = x * camera[6] + y * camera[7] + z * camera[8]
-    depth = x * camera[9] + y * camera[10] + z * camera[11]
-    return 0.5 * size + right / camera[12], 0.5 * size - up / camera[12], depth
+def _seen(point, views, v):
+    """Return sub-pixel column and row, depth and pixel of a point, and whether it is seen inside.
 
-
-@kernel
-def seen_inside(column, row, depth, near, far):
-    """Return the pixel of a position, and whether it lies in the silhouette and depth range."""
-    size = len(near)
+    Inside: in the silhouette and the depth range.
+    """
+    size, center, axes = len(views.near[v]), views.centers[v], views.axes[v]
+    x, y, z = point[0] - center[0], point[1] - center[1], point[2] - center[2]
+    right = x * axes[0, 0] + y * axes[0, 1] + z * axes[0, 2]
+    up = x * axes[1, 0] + y * axes[1, 1] + z * axes[1, 2]
+    depth = x * axes[2, 0] + y * axes[2, 1] + z * axes[2, 2]
+    column, row = 0.5 * size + right / views.pixels[v], 0.5 * size - up / views.pixels[v]
     if not (1.0 <= column < size - 1.0 and 1.0 <= row < size - 1.0):
-        return 0, 0, False
-    r, c = int(row), int(column)
-    return r, c, near[r, c] <= depth <= far[r, c]  # false for NaN, outside the silhouette
+        return column, row, depth, 0, 0, False
+    r, c = int(row), int(column)  # false for NaN, outside the silhouette
+    return column, row, depth, r, c, views.near[v, r, c] <= depth <= views.far[v, r, c]
 
 
 @kernel
-def cull_and_sharpen(cameras, near, far, field, steps, begin, end, points, alive):
+def cull_and_sharpen(views, steps, begin, end, points, alive):
     """Test and move the points begin..end, in place, by every view of the batch.
 
     A point moves parallel to the picture by steps[v] pixels times the gradient of the distance
@@ -239,27 +319,25 @@ def cull_and_sharpen(cameras, near, far, field, steps, begin, end, points, alive
     far from the middle of the depth range sees it before or behind something else: it may drop the
     point, not move it.
     """
-    size = near.shape[1]
-    for v in range(len(cameras)):  # all points of a range by one view: its pixels stay in the cache
-        camera = cameras[v]
+    for v in range(len(steps)):  # all points of a range by one view: its pixels stay in the cache
+        field, axes, pixel = views.field[v], views.axes[v], views.pixels[v]
         for i in range(begin, end):
             if not alive[i]:
                 continue
             point = points[i]
-            column, row, depth = project(point, camera, size)
-            r, c, inside = seen_inside(column, row, depth, near[v], far[v])
+            _, _, depth, r, c, inside = _seen(point, views, v)
             if not inside:
                 alive[i] = False
                 continue
-            if field[v, r, c] < 0:
+            if field[r, c] < 0:
                 continue
-            low, high = near[v, r, c], far[v, r, c]
-            if abs(depth - 0.5 * (low + high)) > 0.25 * (high - low):
+            low, high = views.near[v, r, c], views.far[v, r, c]
+            if abs(depth - 0.5 * (low + high)) > MIDDLE * (high - low):
                 continue
-            gx = 0.5 * (abs(field[v, r, c + 1]) - abs(field[v, r, c - 1])) * steps[v] * camera[12]
-            gy = 0.5 * (abs(field[v, r - 1, c]) - abs(field[v, r + 1, c])) * steps[v] * camera[12]
+            gx = 0.5 * (abs(field[r, c + 1]) - abs(field[r, c - 1])) * steps[v] * pixel
+            gy = 0.5 * (abs(field[r - 1, c]) - abs(field[r + 1, c])) * steps[v] * pixel
             for j in range(3):
-                point[j] += gx * camera[3 + j] + gy * camera[6 + j]
+                point[j] += gx * axes[0, j] + gy * axes[1, j]
 
 
 @kernel
@@ -278,45 +356,36 @@ def distance_at(field, column, row):
 
 
 @kernel
-def measure_radii(cameras, near, far, field, begin, end, points, out_radii):
+def measure_radii(views, begin, end, points, out_radii):
     """Lower out_radii to the distance to the surface that any view shows; 0 where one is outside.
 
     A ball round a point inside the shape is seen as a disc inside the silhouette and as a depth
     within the range, so the distance to the contour and the ways to both depths are no smaller than
     its radius; over many views the smallest is near it.
     """
-    size = near.shape[1]
-    for v in range(len(cameras)):
+    for v in range(len(views.pixels)):
         for i in range(begin, end):
-            column, row, depth = project(points[i], cameras[v], size)
-            r, c, inside = seen_inside(column, row, depth, near[v], far[v])
+            column, row, depth, r, c, inside = _seen(points[i], views, v)
             if not inside:
                 out_radii[i] = 0.0
                 continue
-            ways = min(depth - near[v, r, c], far[v, r, c] - depth)
-            away = distance_at(field[v], column, row) * cameras[v, 12]
+            ways = min(depth - views.near[v, r, c], views.far[v, r, c] - depth)
+            away = distance_at(views.field[v], column, row) * views.pixels[v]
             out_radii[i] = min(out_radii[i], ways, away)
 
 
-TURN = math.sqrt(0.5)
-"""Distance of the midpoints of two cracks that meet at a right angle."""
-STAIRS = 6.0
-"""Importance below this many pixels is what the steps of a pixel border make."""
-
-
 @kernel
-def column_offsets(near, down, out_offset):
+def column_offsets(near, out_offset):
     """Write rows to the nearest background of the column (negative: above; 0: background).
 
-    Background is where `near` is NaN; the border of the picture must be background. `down` is room
-    for one row. Returns the number of cracks, of shape pixels, the first row and one after the last
-    row of the shape.
+    Background is where `near` is NaN; the border of the picture must be background. The first
+    column of `out_offset` comes with 0. Returns the number of cracks, of shape pixels, the first
+    row and one after the last row of the shape.
     """
     height, width = near.shape
     cracks, pixels, first, last = 0, 0, height, 0
-    for col in range(width):
-        out_offset[0, col] = 0
-        down[col] = 0
+    out_offset[0] = 0
+    down = np.zeros(width, np.int32)
     for row in range(1, height):
         before, here_before = 0, pixels
         for col in range(width):
@@ -337,23 +406,21 @@ def column_offsets(near, down, out_offset):
 
 
 @kernel
-def trace_contours(offset, first, last, out_upright, out_flat, out_arc, out_contour, out_length):
-    """Write number and arc position of every crack; return the number of contours and cracks.
+def trace_contours(contours):
+    """Fill in the cracks of a silhouette; return the number of its contours.
 
-    Crack `out_upright[r, c]` is the left side of pixel (r, c), `out_flat[r, c]` its top. Crack k
-    has the arc position out_arc[k] on contour out_contour[k], which is out_length[...] long. Arcs
-    run between midpoints of cracks, in pixels: exact along rows, columns and diagonals, at most 8 %
-    too long between. Shape pixels that share a corner are connected.
+    Shape pixels that share a corner are connected.
     """
+    offset, upright, flat = contours.offset, contours.upright, contours.flat
     width = offset.shape[1]
-    for row in range(first, last):
+    for row in range(contours.first, contours.last):
         for col in range(1, width):
             if offset[row, col] != 0 and offset[row, col - 1] == 0:
-                out_upright[row, col] = -1
-    contours, cracks = 0, 0
-    for row in range(first, last):
+                upright[row, col] = -1
+    count, cracks = 0, 0
+    for row in range(contours.first, contours.last):
         for col in range(1, width):
-            if offset[row, col] == 0 or offset[row, col - 1] != 0 or out_upright[row, col] >= 0:
+            if offset[row, col] == 0 or offset[row, col - 1] != 0 or upright[row, col] >= 0:
                 continue
             # Up along the left side of the pixel, with the shape at the right hand. (r, c) is the
             # corner we come to: the top left one of the pixel (r, c).
@@ -362,14 +429,14 @@ def trace_contours(offset, first, last, out_upright, out_flat, out_arc, out_cont
             while True:
                 if dc == 0:
                     if dr < 0:
-                        out_upright[r, c] = cracks
+                        upright[r, c] = cracks
                     else:
-                        out_upright[r - 1, c] = cracks
+                        upright[r - 1, c] = cracks
                 elif dc > 0:
-                    out_flat[r, c - 1] = cracks
+                    flat[r, c - 1] = cracks
                 else:
-                    out_flat[r, c] = cracks
-                out_arc[cracks], out_contour[cracks] = arc, contours
+                    flat[r, c] = cracks
+                contours.arc[cracks], contours.contour[cracks] = arc, count
                 cracks += 1
                 # The two pixels ahead, left and right of the way, at the corner (r, c).
                 if dc == 0:
@@ -389,27 +456,28 @@ def trace_contours(offset, first, last, out_upright, out_flat, out_arc, out_cont
                 r, c = r + dr, c + dc
                 if r == row and c == col and dr == -1:
                     break
-            out_length[contours] = arc
-            contours += 1
-    return contours, cracks
+            contours.length[count] = arc
+            count += 1
+    return count
 
 
 @kernel
-def facing_crack(row, col, site_row, site_col, upright, flat):
+def facing_crack(row, col, site_row, site_col, contours):
     """Return the crack of the background pixel `site` that faces a shape pixel."""
     dr, dc = row - site_row, col - site_col
     if abs(dc) >= abs(dr):
-        return upright[site_row, site_col + 1] if dc > 0 else upright[site_row, site_col]
-    return flat[site_row + 1, site_col] if dr > 0 else flat[site_row, site_col]
+        return contours.upright[site_row, site_col + 1 if dc > 0 else site_col]
+    return contours.flat[site_row + 1 if dr > 0 else site_row, site_col]
 
 
 @kernel
-def arc_between(a, b, arc, contour, length, longest):
+def arc_between(a, b, contours):
     """Return the shorter arc between two cracks; different contours count as the longest."""
+    arc, contour = contours.arc, contours.contour
     if contour[a] != contour[b]:
-        return longest
+        return contours.longest
     way = abs(arc[a] - arc[b])
-    return min(way, length[contour[a]] - way)
+    return min(way, contours.length[contour[a]] - way)
 
 
 @kernel
@@ -452,32 +520,21 @@ def bisector(row, ra, ca, rb, cb):
 
 @kernel
 def saliency_skeleton(
-    offset,
-    first,
-    last,
-    cracks,
-    saliency,
-    room,
-    out_begin,
-    out_col,
-    out_importance,
-    out_distance,
-    out_field,
-):
+    contours, saliency, out_begin, out_col, out_importance, out_distance, out_field
+):  # fmt: skip
     """Find where rows cross the saliency skeleton, and, on request, the distance field.
 
-    cracks = (upright, flat, arc, contour, length, longest). room (6, w + 2) int64 holds the
-    envelope and the feature points of this and the last row. Crossings of row r have the numbers
-    out_begin[r] to out_begin[r + 1], ascending; out_col is sub-pixel, with pixel centers at halves,
-    and out_distance the distance to the contour. An `out_field` of the size of the picture gets the
-    distance of every pixel center, negative beside the skeleton (crossings of rows and columns).
-    Returns the number of crossings.
+    Crossings of row r have the numbers out_begin[r] to out_begin[r + 1], ascending; out_col is
+    sub-pixel, with pixel centers at halves, and out_distance the distance to the contour. An
+    `out_field` of the size of the picture gets the distance of every pixel center, negative beside
+    the skeleton (crossings of rows and columns). Returns the number of crossings.
     """
-    upright, flat, arc, contour, length, longest = cracks
+    offset, first, last = contours.offset, contours.first, contours.last
     width = offset.shape[1]
-    stack, start, site_r, site_c, past_r, past_c = (
-        room[0], room[1], room[2], room[3], room[4], room[5],
-    )  # fmt: skip
+    room = width + 2
+    stack, start = np.empty(room, np.int64), np.empty(room, np.int64)  # the envelope
+    site_r, site_c = np.empty(room, np.int64), np.empty(room, np.int64)  # feature points
+    past_r, past_c = np.empty(room, np.int64), np.empty(room, np.int64)  # those of the last row
     with_field = out_field.shape[0] > 0
     found = 0
     for row in range(first):
@@ -496,12 +553,12 @@ def saliency_skeleton(
             crack_before = -1
             for x in range(begin, col):
                 r, c = site_r[x], site_c[x]
-                crack = facing_crack(row, x, r, c, upright, flat)
+                crack = facing_crack(row, x, r, c, contours)
                 away = math.sqrt((row - r) ** 2 + (x - c) ** 2) - 0.5
                 if with_field:
                     out_field[row, x] = away
                 if x > begin and crack != crack_before:
-                    rho = arc_between(crack, crack_before, arc, contour, length, longest)
+                    rho = arc_between(crack, crack_before, contours)
                     if rho > max(saliency * away, STAIRS) and c != site_c[x - 1]:
                         at = bisector(row, site_r[x - 1], site_c[x - 1], r, c)
                         away = math.sqrt((at - c) ** 2 + (row - r) ** 2) - 0.5
@@ -513,9 +570,9 @@ def saliency_skeleton(
                                 out_field[row, x] = -abs(out_field[row, x])
                                 out_field[row, x - 1] = -abs(out_field[row, x - 1])
                 if with_field and offset[row - 1, x] != 0:
-                    above = facing_crack(row - 1, x, past_r[x], past_c[x], upright, flat)
+                    above = facing_crack(row - 1, x, past_r[x], past_c[x], contours)
                     if above != crack:
-                        rho = arc_between(crack, above, arc, contour, length, longest)
+                        rho = arc_between(crack, above, contours)
                         if rho > max(saliency * abs(out_field[row, x]), STAIRS):
                             out_field[row, x] = -abs(out_field[row, x])
                             out_field[row - 1, x] = -abs(out_field[row - 1, x])

@@ -3,7 +3,7 @@
 Steps: views in pairs, their silhouette skeletons matched to points (`_match`, 3.7.3 and 3.7.4);
 points that some view sees outside dropped and the others moved to where views agree (`_sharpen`,
 3.7.5); points linked to a graph (`linking.py`, 3.7.6). A few views are held at a time, side by side
-(`ViewBatch`); those that are needed again are packed (`PackedViews`).
+(`Views`); those that are needed again are packed (`PackedViews`).
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,29 +27,58 @@ from medialis.base.threads import run_chunks, run_patiently
 from medialis.base.validation import FloatArray
 from medialis.curves.curve_skeleton import CurveSkeleton, ViewPoints
 from medialis.curves.from_views.linking import link_points, merge_to
-from medialis.curves.from_views.silhouettes import (
+from medialis.curves.from_views.views import (
     NO_FIELD,
-    Crossings,
-    Scratch,
-    SilhouetteOptions,
-    check_border,
-    pair_points,
-    skeletonize,
-)
-from medialis.curves.from_views.view import (
     CameraPair,
+    Crossings,
     OrthographicCamera,
     Rasterizer,
+    Scratch,
+    SilhouetteOptions,
     View,
     ViewSource,
     camera_pairs,
+    check_border,
+    pair_points,
     rasterizer,
+    skeletonize,
     sphere_of,
 )
 from medialis.shape.shape import Shape
 
+if TYPE_CHECKING:
+    from medialis.curves.from_views._kernels import Views
+
+PROBES = 32
+"""Views that measure radii and tell inside from outside while the points are linked."""
+
+MOST_POINTS = 250
+"""Points that are sharpened at most: so many times the view size. Real shapes have 75 to 120; with
+a low saliency points fill the volume."""
+
+MOST_NODES = 40
+"""Nodes that are linked at most: so many times the view size. Real shapes have 5 to 15."""
+
+CELL = 2.0
+"""Cell of the linking in pixels: the scatter of sharpened points is one or two pixels."""
+
+TRAVEL = 0.2
+"""How far sharpening may move a point in all, as a share of the picture. Points also drift toward
+thicker parts, along their branch: 500 steps of a pixel emptied thin bridges."""
+
+LONGEST_STEP = 0.625
+"""Pixels, the mean of all views: 1 in the first ones."""
+
+FIRST_STEP = 1.6
+"""Times the mean step that the first view takes. Steps that shrink let the points settle: the last
+views must not have the last word."""
+
+FALL = 1.2
+"""By which the last view takes less than the first, so that the mean stays."""
+
 BATCH = 16
 """Views held at a time: a constant, so that memory and results do not depend on the threads."""
+
 POINTS_A_CHUNK = 4096
 
 
@@ -74,7 +104,8 @@ class PackedViews:
 
     def __init__(self, room: int) -> None:
         self._room = room
-        self._views: dict[int, tuple[NDArray[np.uint8], NDArray[np.float32]]] = {}
+        self.views: dict[int, tuple[NDArray[np.uint8], NDArray[np.float32]]] = {}
+        """Packed views by the identity of their cameras."""
 
     def keep(self, view: View, field: NDArray[np.float32]) -> None:
         """Keep a view and its field, if there is room."""
@@ -82,82 +113,60 @@ class PackedViews:
 
         pixels = view.near.size - int(np.isnan(view.near).sum())
         mask = np.zeros(-(-view.near.size // BITS), np.uint8)
-        size = mask.nbytes + 12 * pixels
-        if size > self._room:
-            return
-        self._room -= size
         values = np.empty((pixels, 3), np.float32)
+        if mask.nbytes + values.nbytes > self._room:
+            return
+        self._room -= mask.nbytes + values.nbytes
         pack_view(view.near, view.far, field, mask, values)
-        self._views[id(view.camera)] = mask, values
-
-    def has(self, camera: OrthographicCamera) -> bool:
-        """Tell whether the view of a camera is kept."""
-        return id(camera) in self._views
-
-    def unpack(
-        self,
-        camera: OrthographicCamera,
-        near: NDArray[np.float32],
-        far: NDArray[np.float32],
-        field: NDArray[np.float32],
-    ) -> None:
-        """Write the view of a camera into pictures (h, w); the field comes with 0."""
-        from medialis.curves.from_views._kernels import unpack_view
-
-        unpack_view(*self._views[id(camera)], near, far, field)
+        self.views[id(view.camera)] = mask, values
 
 
-class ViewBatch:
-    """Depths and distance fields of a few views side by side, as the kernels read them."""
+def look(
+    source: ViewSource,
+    cameras: Sequence[OrthographicCamera],
+    saliency: float,
+    packed: PackedViews,
+    progress: Progress,
+) -> Views:
+    """Return depths and distance fields of a few cameras, from what is packed as far as it goes."""
+    from medialis.curves.from_views._kernels import Views, unpack_view
 
-    def __init__(
-        self,
-        source: ViewSource,
-        cameras: Sequence[OrthographicCamera],
-        saliency: float,
-        packed: PackedViews,
-        progress: Progress,
-    ) -> None:
-        size, count = cameras[0].size, len(cameras)
-        self.cameras = np.stack(
-            [np.r_[camera.center, camera.axes.ravel(), camera.pixel] for camera in cameras]
-        )
-        self.near = np.empty((count, size, size), np.float32)
-        self.far = np.empty_like(self.near)
-        self.field = np.zeros_like(self.near)
-        fresh = [at for at, camera in enumerate(cameras) if not packed.has(camera)]
-        for begin in range(0, len(fresh), BATCH):
-            rows = fresh[begin : begin + BATCH]
-            views = render_views(source, [cameras[at] for at in rows], progress)
-            for at, view in zip(rows, views, strict=True):
-                self.near[at], self.far[at] = view.near, view.far
+    size, count = cameras[0].size, len(cameras)
+    near, far = np.empty((2, count, size, size), np.float32)
+    field = np.zeros_like(near)
+    known = [packed.views.get(id(camera)) for camera in cameras]
+    fresh = [at for at in range(count) if known[at] is None]
+    for begin in range(0, len(fresh), BATCH):
+        rows = fresh[begin : begin + BATCH]
+        views = render_views(source, [cameras[at] for at in rows], progress)
+        for at, view in zip(rows, views, strict=True):
+            near[at], far[at] = view.near, view.far
 
-        def skeletons(begin: int, end: int) -> None:
-            scratch = Scratch(size) if fresh else None
-            for at in range(begin, end):
-                pictures = self.near[at], self.far[at], self.field[at]
-                if packed.has(cameras[at]):
-                    packed.unpack(cameras[at], *pictures)
-                else:
-                    assert scratch is not None
-                    skeletonize(self.near[at], saliency, scratch, self.field[at])
+    def skeletons(begin: int, end: int) -> None:
+        scratch = Scratch(size)
+        for at in range(begin, end):
+            if (view := known[at]) is not None:
+                unpack_view(*view, near[at], far[at], field[at])
+            else:
+                skeletonize(near[at], saliency, scratch, field[at])
 
-        run_chunks(skeletons, count, 1, progress=progress.still)
+    run_chunks(skeletons, count, 1, progress=progress.still)
+    centers, axes = (np.stack([getattr(c, name) for c in cameras]) for name in ("center", "axes"))
+    return Views(centers, axes, np.array([c.pixel for c in cameras]), near, far, field)
 
-    def measure(self, points: FloatArray) -> FloatArray:
-        """Return the radius of the ball round each point, 0 where a view sees it outside."""
-        from medialis.curves.from_views._kernels import measure_radii
 
-        positions = np.ascontiguousarray(points)
-        radii = np.full(len(positions), np.inf)
-        run_chunks(
-            lambda a, b: measure_radii(
-                self.cameras, self.near, self.far, self.field, a, b, positions, radii
-            ),
-            len(positions),
-            POINTS_A_CHUNK,
-        )
-        return radii
+def radii_in(views: Views, points: FloatArray) -> FloatArray:
+    """Return the radius of the ball round each point, 0 where a view sees it outside."""
+    from medialis.curves.from_views._kernels import measure_radii
+
+    positions = np.ascontiguousarray(points)
+    radii = np.full(len(positions), np.inf)
+    run_chunks(
+        lambda begin, end: measure_radii(views, begin, end, positions, radii),
+        len(positions),
+        POINTS_A_CHUNK,
+    )
+    return radii
 
 
 def render_views(
@@ -209,17 +218,6 @@ def check_views(views: Sequence[tuple[View, View]]) -> list[tuple[View, View]]:
             )
     return pairs  # type: ignore[return-value]
 
-
-PROBES = 32
-"""Views that measure radii and tell inside from outside while the points are linked."""
-MOST_POINTS, MOST_NODES = 250, 40
-"""Points that are sharpened, and nodes that are linked, at most: so many times the view size. Real
-shapes have 75 to 120 and 5 to 15; with a low saliency points fill the volume."""
-CELL = 2.0
-"""Cell of the linking in pixels: the scatter of sharpened points is one or two pixels."""
-TRAVEL = 0.2
-"""How far sharpening may move a point in all, as a share of the picture. Points also drift toward
-thicker parts, along their branch: 500 steps of a pixel emptied thin bridges."""
 
 _factory: ContextVar[Callable[[Shape], ViewSource]] = ContextVar(
     "medialis_view_source", default=rasterizer
@@ -344,27 +342,22 @@ def _sharpen(
     """Return the points that no view sees outside, moved to the middle of what the views show."""
     from medialis.curves.from_views._kernels import cull_and_sharpen
 
-    # Steps that shrink let the points settle: the last views must not have the last word.
-    usual = min(0.625, TRAVEL * cameras[0].size / len(cameras))
-    steps = usual * (1.6 - 1.2 * (np.arange(len(cameras)) + 0.5) / len(cameras))
+    usual = min(LONGEST_STEP, TRAVEL * cameras[0].size / len(cameras))
+    steps = usual * (FIRST_STEP - FALL * (np.arange(len(cameras)) + 0.5) / len(cameras))
     for begin in range(0, len(cameras), BATCH):
         if len(points) == 0:
             break
         progress.update(begin / len(cameras))
-        batch = ViewBatch(source, cameras[begin : begin + BATCH], saliency, packed, progress)
+        some = slice(begin, begin + BATCH)
+        views = look(source, cameras[some], saliency, packed, progress)
         alive = np.ones(len(points), bool)
-
-        def work(
-            first: int, last: int, batch: ViewBatch = batch,
-            at: slice = slice(begin, begin + BATCH), points: FloatArray = points,
-            alive: np.ndarray = alive,
-        ) -> None:  # fmt: skip
-            cull_and_sharpen(
-                batch.cameras, batch.near, batch.far, batch.field, steps[at], first, last,
-                points, alive,
-            )  # fmt: skip
-
-        run_chunks(work, len(points), POINTS_A_CHUNK, progress=progress.still)
+        work = functools.partial(cull_and_sharpen, views, steps[some])
+        run_chunks(
+            lambda first, last: work(first, last, points, alive),  # noqa: B023
+            len(points),
+            POINTS_A_CHUNK,
+            progress=progress.still,
+        )
         points, weights = points[alive], weights[alive]
     return points, weights
 
@@ -428,11 +421,12 @@ def view_curve_skeleton(
     with progress.stage("sharpen", 0.5, 0.9):
         points, weights = _sharpen(source, firsts, points, weights, saliency, packed, progress)
     with progress.stage("link", 0.9, 1.0):
-        probes = ViewBatch(source, firsts[:PROBES], saliency, packed, progress)
+        probes = look(source, firsts[:PROBES], saliency, packed, progress)
+        measure = functools.partial(radii_in, probes)
         cell = CELL * firsts[0].pixel
         most = MOST_NODES * firsts[0].size
         curve = run_patiently(
-            lambda: link_points(points, weights, cell, probes.measure, most=most), progress
+            lambda: link_points(points, weights, cell, measure, most=most), progress
         )
     if len(curve.nodes) == 0:
         why = "no place was found in any pair of views"

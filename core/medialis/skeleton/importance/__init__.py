@@ -4,9 +4,9 @@ A mesh and pairs of vertices come in; `GeodesicPaths`, lengths and directions at
 `Geodesic` polylines come out. Between the feature points of balls the lengths are their
 `Importance` (thesis 3.3.1-3.3.2).
 
-Read `geodesics.py` first: plane cuts, shortened, and what happens where none arrives. Then
-`importance.py` (thresholds, no islands, paths of neighbours) and `polylines.py`. Kernels:
-`_plane_kernels.py` walks along planes, `_strip_kernels.py` shortens what such a walk crosses,
-`_geodesic_kernels.py` searches and follows, `_path_kernels.py` has paths along edges, polylines and
-the links of connected importance. A new kind of path is a new `PathStatus` and a step of `trace`.
+Read `geodesics.py` first: plane cuts, shortened, what happens where none arrives, and polylines.
+Then `importance.py` (thresholds, no islands, paths of neighbours). Kernels: `_walk_kernels.py`
+walks along planes and edges, `_strip_kernels.py` shortens what such a walk crosses,
+`_geodesic_kernels.py` searches and follows, `_path_kernels.py` has polylines and the links of
+connected importance. A new kind of path is a new `PathStatus` and a step of `trace`.
 """

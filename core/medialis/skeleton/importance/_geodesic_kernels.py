@@ -17,29 +17,36 @@ turned to where it is shortest. Pairs are followed within a chunk.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from medialis.base.jit import kernel
-from medialis.skeleton.importance._plane_kernels import (
+from medialis.skeleton.importance._strip_kernels import (
+    PLACES,
+    Room,
+    make_room,
+    straighten,
+    walk_beside,
+    write_trail,
+)
+from medialis.skeleton.importance._walk_kernels import (
+    NONE,
+    PLANE,
+    Walk,
     cut_from,
     direction,
+    distance,
     dot,
     is_edge,
     set_frame,
     turn,
     way_towards,
 )
-from medialis.skeleton.importance._strip_kernels import (
-    PLACES,
-    make_room,
-    straighten,
-    walk_beside,
-    write_trail,
-)
 
-NONE, PLANE, EDGES = 0, 1, 2  # how a length was found
-OPEN = -1  # no path is short enough, a longer one may arrive
+OPEN = -1
+"""Status of a pair without a path that is short enough: a longer one may arrive."""
 
 RECENT = 128
 """Pairs known last that are looked at for one to follow."""
@@ -47,7 +54,7 @@ RECENT = 128
 SLOPES = 4
 """Shortest cuts of a search that are remembered."""
 
-SLOPE = 3
+BESIDE_SLOPE = 3
 """Directions on both sides of the shortest one that belong to its slope: 54 degrees by default."""
 
 SIMILAR = 1.1
@@ -63,21 +70,102 @@ SHALLOW = 1.05
 """Times the straight line: pairs with a path as short as this in the plane of the normals do not
 look for another one when they follow others; it could not be much shorter."""
 
-ACROSS = 0.5
+LEFT_ACROSS = 0.5
 """Of the normal of a plane what must be left across the line between the ends of another pair."""
 
-BESIDE, CLOSE = math.radians(7.0), math.radians(4.0)
+LIKELY = 0.25
+"""The same, squared, for the plane of the previous pair to tell where a search begins."""
+
+TURN_SEARCHED, TURN_FOLLOWED = math.radians(7.0), math.radians(4.0)
 """Between the three planes of a parabola: of a search, and of a pair that follows another one."""
 
-MANY = 12
-"""Half-edges that a cut must cross for this to be worth while."""
+LEAST_TURNED = 12
+"""Half-edges that a cut must cross for turning its plane to be worth while."""
+
+NORMAL, LENGTH = 3, 6
+"""Columns of a slope, behind the direction at the start: the normal of its plane, and the length
+that a path there has at least."""
+
+
+class Search(NamedTuple):
+    """What paths are looked for.
+
+    Attributes
+    ----------
+    normals : (n, 3) float64
+    components : (n,) int32
+    ends : (k, 2) int32
+        Start and end of each pair, negative: masked.
+    limits, longest : (k,) float64
+        Paths of up to the limit are looked for first, then longer ones, up to the longest.
+    planes : int
+        Through both ends, each of which has two directions.
+    following : bool
+        Whether pairs follow those of their range that are near.
+    """
+
+    normals: NDArray[np.float64]
+    components: NDArray[np.int32]
+    ends: NDArray[np.int32]
+    limits: NDArray[np.float64]
+    longest: NDArray[np.float64]
+    planes: int
+    following: bool
+
+
+class _Pair(NamedTuple):
+    """The pair at hand: the frame of the planes through its ends, and the path it has (`_take`)."""
+
+    walk: Walk
+    normals: NDArray[np.float64]
+    start: int
+    end: int
+    frame: NDArray[np.float64]
+    room: Room
+    tangents: NDArray[np.float64]
+    normal: NDArray[np.float64]
+
+
+class _Directions(NamedTuple):
+    """Length of the cut in each direction, the half-edge it starts with; the shortest ones."""
+
+    length: NDArray[np.float64]
+    way: NDArray[np.int64]
+    place: NDArray[np.int64]
+
+
+class _Known(NamedTuple):
+    """Pairs known of a range, one row each.
+
+    Their row among all; the known one searched in all directions that they follow (`seeds`), and
+    the slope with their trail (-1: none). Of seeds besides the length below which there is no other
+    path (`bounds`), their own, and their slopes and how many.
+    """
+
+    rows: NDArray[np.int64]
+    seeds: NDArray[np.int64]
+    beside: NDArray[np.int64]
+    bounds: NDArray[np.float64]
+    lengths: NDArray[np.float64]
+    counts: NDArray[np.int64]
+    slopes: NDArray[np.float64]
+    trails: NDArray[np.float64]
 
 
 @kernel
-def _try_planes(
-    points, corners, twins, fan_offsets, fan, start, end, frame, planes, likely, limit, around,
-    length, way, near,
-):  # fmt: skip
+def _no_pairs(most, following):
+    rows, seeds, beside = (
+        np.empty(most, np.int64),
+        np.empty(most, np.int64),
+        np.empty(most, np.int64),
+    )
+    bounds, lengths, counts = np.empty(most), np.empty(most), np.empty(most, np.int64)
+    slopes, trails = np.empty((most, SLOPES, 7)), np.empty((most, PLACES if following else 0, 7))
+    return _Known(rows, seeds, beside, bounds, lengths, counts, slopes, trails)
+
+
+@kernel
+def _try_planes(pair, directions, likely, limit, around):
     """Lengths of the cuts in all directions, and the half-edges through whose faces they leave.
 
     Direction k is that of plane k, k + planes the opposite one. The planes are tried from number
@@ -85,6 +173,9 @@ def _try_planes(
     `around` times the best length, is followed: its length is inf. Returns the best length, that
     bound, and the least length that a dropped path would have had.
     """
+    walk, frame, start, near = pair.walk, pair.frame, pair.start, pair.room.near
+    length, way, _ = directions
+    planes = len(length) // 2
     normal, nothing = np.empty(3), np.empty(0, np.int64)
     best, least = math.inf, math.inf
     length[:] = math.inf
@@ -93,10 +184,9 @@ def _try_planes(
         k = (likely + k) % planes
         turn(frame, k * math.pi / planes, normal)
         along, across = math.cos(k * math.pi / planes), math.sin(k * math.pi / planes)
-        for i in range(fan_offsets[start], fan_offsets[start + 1]):
-            found, count = cut_from(
-                points, corners, twins, fan[i], start, end, normal, limit, nothing, near
-            )
+        for i in range(walk.offsets[start], walk.offsets[start + 1]):
+            h = walk.fan[i]
+            found, count = cut_from(walk, h, start, pair.end, normal, limit, nothing, near)
             if count < 0:
                 least = min(least, found)
                 continue
@@ -104,12 +194,11 @@ def _try_planes(
                 continue
             ahead = 0.0
             for a in range(3):
-                ahead += (near[0, a] - points[start, a]) * (
-                    across * frame[0, a] - along * frame[1, a]
-                )
+                step = across * frame[0, a] - along * frame[1, a]
+                ahead += (near[0, a] - walk.points[start, a]) * step
             column = k if ahead >= 0.0 else k + planes
             if found < length[column]:
-                length[column], way[column] = found, fan[i]
+                length[column], way[column] = found, h
                 best = min(best, found)
                 limit = min(limit, around * best)
     return best, limit, least
@@ -141,40 +230,44 @@ def _lowest(length, limit, place):
         near = False
         for i in range(count):
             away = abs(k - place[i])
-            near = near or min(away, size - away) <= SLOPE
+            near = near or min(away, size - away) <= BESIDE_SLOPE
         if not near:
             limit = min(limit, length[k])
     return count, limit
 
 
 @kernel
-def _shorten(points, corners, twins, start, end, length, count, room):
+def _cut(pair, h, plane, best):
+    """Length of the cut that leaves the start through the face of h, and what it crosses."""
+    room = pair.room
+    return cut_from(pair.walk, h, pair.start, pair.end, plane, best, room.strips[0], room.near)
+
+
+@kernel
+def _shorten(pair, length, count):
     """Length of the path in a strip once shortened; one too long for the room stays as it is."""
-    if length == math.inf or count > len(room[0][0]):
+    if length == math.inf or count > pair.room.strips.shape[1]:
         return length
-    return min(length, straighten(points, corners, twins, start, end, count, room))
+    return min(length, straighten(pair.walk, pair.start, pair.end, count, pair.room))
 
 
 @kernel
-def _take(points, start, end, near, plane, tangents, normal):
+def _take(pair, plane):
     """Keep the path at hand: its directions at both ends and the plane that it began with."""
-    direction(points[start], near[0], tangents[0])
-    direction(near[1], points[end], tangents[1])
+    points, near = pair.walk.points, pair.room.near
+    direction(points[pair.start], near[0], pair.tangents[0])
+    direction(near[1], points[pair.end], pair.tangents[1])
     for a in range(3):
-        normal[a] = plane[a]
+        pair.normal[a] = plane[a]
 
 
 @kernel
-def _descend(
-    points, corners, twins, fan_offsets, fan, start, end, frame, angle, length, count, ahead, step,
-    room, normal,
-):  # fmt: skip
+def _descend(pair, angle, length, count, ahead, step, normal):
     """Turn a plane to where a parabola through the lengths of its cut and two others is lowest.
 
     The cut at hand leaves in the direction `ahead`. Returns the length of the shortest, and the
     half-edges that it crosses; `normal` receives its plane's. The length is inf where it is lost.
     """
-    strips, near = room[0], room[4]
     best, low, high, turned, held = length, math.inf, math.inf, angle, True
     for number in range(4):
         shift = step if number == 1 else -step
@@ -187,15 +280,12 @@ def _descend(
             if held:
                 return best, count
             shift = turned - angle
-        turn(frame, angle + shift, normal)
-        way = way_towards(points, corners, fan_offsets, fan, start, normal, ahead)
-        if way < 0:
-            found, crossed = math.inf, 0
-        else:
-            found, crossed = cut_from(
-                points, corners, twins, way, start, end, normal,
-                math.inf if number == 3 else SIMILAR * length, strips[0], near,
-            )  # fmt: skip
+        turn(pair.frame, angle + shift, normal)
+        way = way_towards(pair.walk, pair.start, normal, ahead)
+        found, crossed = math.inf, 0
+        if way >= 0:
+            limit = math.inf if number == 3 else SIMILAR * length
+            found, crossed = _cut(pair, way, normal, limit)
         held = False
         if crossed < 0:
             found = math.inf
@@ -209,23 +299,16 @@ def _descend(
 
 
 @kernel
-def _search(
-    points, normals, corners, twins, fan_offsets, fan, start, end, frame, planes, likely, limit,
-    longest, around, room, length, way, place, tangents, slopes, trail, normal,
-):  # fmt: skip
+def _search(pair, directions, likely, limit, longest, around, slopes, trail):
     """Shortest path found in all directions: its length, its bound, the number of slopes.
 
     The length is NaN if a longer path than `longest` may arrive. For the path itself, see `_take`.
-    Rows of `slopes`: direction at the start, normal of the plane,
-    length at least.
     """
-    near = room[4]
-    limit = min(limit, longest)
+    points, start, frame, near = pair.walk.points, pair.start, pair.frame, pair.room.near
+    length, way, place = directions
+    planes, limit = len(length) // 2, min(limit, longest)
     while True:
-        best, bound, least = _try_planes(
-            points, corners, twins, fan_offsets, fan, start, end, frame, planes, likely, limit,
-            around, length, way, near,
-        )  # fmt: skip
+        best, bound, least = _try_planes(pair, directions, likely, limit, around)
         if best < math.inf:
             break
         if least == math.inf:
@@ -245,252 +328,206 @@ def _search(
             sign = 1.0 if k < planes else -1.0
             for a in range(3):
                 towards = math.sin(angle) * frame[0, a] - math.cos(angle) * frame[1, a]
-                slopes[i, a], slopes[i, 3 + a] = sign * towards, plane[a]
-            slopes[i, 6] = length[k] / SIMILAR
+                slopes[i, a], slopes[i, NORMAL + a] = sign * towards, plane[a]
+            slopes[i, LENGTH] = length[k] / SIMILAR
             continue
-        found, crossed = cut_from(
-            points, corners, twins, way[k], start, end, plane, math.inf, room[0][0], near
-        )
-        if crossed > MANY:
+        found, crossed = _cut(pair, way[k], plane, math.inf)
+        if crossed > LEAST_TURNED:
             direction(points[start], near[0], ahead)
-            found, crossed = _descend(
-                points, corners, twins, fan_offsets, fan, start, end, frame, angle, found, crossed,
-                ahead, BESIDE, room, plane,
-            )  # fmt: skip
+            found, crossed = _descend(pair, angle, found, crossed, ahead, TURN_SEARCHED, plane)
             if found == math.inf:
                 turn(frame, angle, plane)
-                found, crossed = cut_from(
-                    points, corners, twins, way[k], start, end, plane, math.inf, room[0][0], near
-                )
-        found = _shorten(points, corners, twins, start, end, found, crossed, room)
+                found, crossed = _cut(pair, way[k], plane, math.inf)
+        found = _shorten(pair, found, crossed)
         direction(points[start], near[0], ahead)
-        slopes[i, 6] = found
+        slopes[i, LENGTH] = found
         for a in range(3):
-            slopes[i, a], slopes[i, 3 + a] = ahead[a], plane[a]
+            slopes[i, a], slopes[i, NORMAL + a] = ahead[a], plane[a]
         if found < shortest:
             shortest, chosen = found, -1
-            if len(trail) > 0 and write_trail(points, normals, room, trail):
+            if len(trail) > 0 and write_trail(points, pair.normals, pair.room, trail):
                 chosen = i
-            _take(points, start, end, near, plane, tangents, normal)
+            _take(pair, plane)
     return shortest, bound, count, chosen
 
 
 @kernel
-def _plane_along(frame, old, out):
-    """Write the normal of the plane through two vertices that is turned least from another one."""
-    u, w = dot(old, frame[0]), dot(old, frame[1])
+def _along_slope(pair, slope, limit, plane):
+    """Length of the plane cut that leaves as another path does, and the half-edges it crosses.
+
+    `plane` receives the normal of the plane through both ends that is turned least from the other.
+    """
+    u, w = dot(slope[NORMAL:], pair.frame[0]), dot(slope[NORMAL:], pair.frame[1])
     size = math.sqrt(u * u + w * w)
-    if size < ACROSS:
-        return False
-    for a in range(3):
-        out[a] = (u * frame[0, a] + w * frame[1, a]) / size
-    return True
-
-
-@kernel
-def _along_slope(
-    points, corners, twins, fan_offsets, fan, start, end, frame, slope, limit, plane, room
-):  # fmt: skip
-    """Length of the plane cut that leaves as another path does, and the half-edges it crosses."""
-    if not _plane_along(frame, slope[3:], plane):
+    if size < LEFT_ACROSS:
         return math.inf, 0
-    way = way_towards(points, corners, fan_offsets, fan, start, plane, slope)
+    for a in range(3):
+        plane[a] = (u * pair.frame[0, a] + w * pair.frame[1, a]) / size
+    way = way_towards(pair.walk, pair.start, plane, slope)
     if way < 0:
         return math.inf, 0
-    return cut_from(
-        points, corners, twins, way, start, end, plane, limit, room[0][0], room[4]
-    )  # fmt: skip
+    return _cut(pair, way, plane, limit)
 
 
 @kernel
-def _follow(
-    points, normals, corners, twins, fan_offsets, fan, start, end, frame, apart, slopes, count,
-    beside, moved, ahead, old, trail, room, tangents, normal,
-):  # fmt: skip
-    """Length of the shortest path on the slopes of a pair that is `apart`; inf: search anew.
+def _follow(pair, known, near_pair, this, apart, moved, ahead):
+    """Length of the shortest path on the slopes of the seed of a known pair; inf: search anew.
 
-    On slope `beside` a trail is known, `old`. Returns also the slope of the path, -1: no trail.
+    That seed is `apart`; `moved` tells how far the ends are from those of the known pair, `ahead`
+    in which direction its path begins. Returns also the slope of the path, -1: no trail.
     """
-    near, plane, best, chosen = room[4], np.empty(3), math.inf, -1
-    for number in range(count):
+    near, plane, best, chosen = pair.room.near, np.empty(3), math.inf, -1
+    seed, beside = known.seeds[near_pair], known.beside[near_pair]
+    slopes = known.slopes[seed]
+    for number in range(known.counts[seed]):
         i = number
         if beside >= 0:
             i = beside if number == 0 else (number - 1 if number <= beside else number)
-        if slopes[i, 6] - apart >= best:
+        if slopes[i, LENGTH] - apart >= best:
             continue
-        expected = BENT * (slopes[i, 6] + apart)
+        expected = BENT * (slopes[i, LENGTH] + apart)
         found = math.inf
         if i == beside:
             for a in range(3):
-                plane[a] = slopes[i, 3 + a]
+                plane[a] = slopes[i, NORMAL + a]
             found, crossed = walk_beside(
-                points, corners, twins, fan_offsets, fan, start, end, old, moved, ahead, expected,
-                room[0][0],
+                pair.walk, pair.start, pair.end, known.trails[near_pair], moved, ahead, expected,
+                pair.room.strips[0],
             )  # fmt: skip
         if found == math.inf:
-            found, crossed = _along_slope(
-                points, corners, twins, fan_offsets, fan, start, end, frame, slopes[i],
-                min(expected, SIMILAR * best), plane, room,
-            )  # fmt: skip
+            limit = min(expected, SIMILAR * best)
+            found, crossed = _along_slope(pair, slopes[i], limit, plane)
             if crossed < 0 and SIMILAR * best < expected:
                 continue
             if crossed < 0 or found == math.inf:
                 return math.inf, -1
-            if crossed > MANY:
-                direction(points[start], near[0], ahead)
-                angle = math.atan2(dot(plane, frame[1]), dot(plane, frame[0]))
-                found, crossed = _descend(
-                    points, corners, twins, fan_offsets, fan, start, end, frame, angle, found,
-                    crossed, ahead, CLOSE, room, plane,
-                )  # fmt: skip
+            if crossed > LEAST_TURNED:
+                direction(pair.walk.points[pair.start], near[0], ahead)
+                angle = math.atan2(dot(plane, pair.frame[1]), dot(plane, pair.frame[0]))
+                found, crossed = _descend(pair, angle, found, crossed, ahead, TURN_FOLLOWED, plane)
                 if found == math.inf:
                     return math.inf, -1
-        found = _shorten(points, corners, twins, start, end, found, crossed, room)
+        found = _shorten(pair, found, crossed)
         if found < best:
             best, chosen = found, -1
-            if write_trail(points, normals, room, trail):
+            if write_trail(pair.walk.points, pair.normals, pair.room, known.trails[this]):
                 chosen = i
-            _take(points, start, end, near, plane, tangents, normal)
+            _take(pair, plane)
     return best, chosen
 
 
 @kernel
-def _distance(points, a, b):
-    total = 0.0
-    for i in range(3):
-        total += (points[a, i] - points[b, i]) ** 2
-    return math.sqrt(total)
-
-
-@kernel
-def _over_shallow(
-    points, corners, twins, fan_offsets, fan, start, end, frame, room, tangents, normal
-):  # fmt: skip
+def _over_shallow(pair):
     """Length of the path in the plane of the normals; inf where a shorter one may matter."""
     slope, plane = np.empty(6), np.empty(3)
     for a in range(3):
-        slope[a], slope[3 + a] = -frame[1, a], frame[0, a]
-    limit = SHALLOW * _distance(points, start, end)
-    found, crossed = _along_slope(
-        points, corners, twins, fan_offsets, fan, start, end, frame, slope, SIMILAR * limit, plane,
-        room,
-    )  # fmt: skip
+        slope[a], slope[NORMAL + a] = -pair.frame[1, a], pair.frame[0, a]
+    limit = SHALLOW * distance(pair.walk.points, pair.start, pair.end)
+    found, crossed = _along_slope(pair, slope, SIMILAR * limit, plane)
     if crossed < 0 or found == math.inf:
         return math.inf
-    found = _shorten(points, corners, twins, start, end, found, crossed, room)
+    found = _shorten(pair, found, crossed)
     if found > limit:
         return math.inf
-    _take(points, start, end, room[4], plane, tangents, normal)
+    _take(pair, plane)
     return found
 
 
 @kernel
-def _nearest_known(points, start, end, starts, ends, rows, seeds, count, bounds, lengths):
+def _nearest_known(pair, ends, known, count):
     """Nearest known pair whose seed has no other path within its distance, or -1.
 
     Returns also the distance of the ends from those of the seed, both together.
     """
+    points, start, end = pair.walk.points, pair.start, pair.end
     chosen, least, from_seed = -1, math.inf, 0.0
     for k in range(max(0, count - RECENT), count):
-        apart = _distance(points, start, starts[rows[k]])
+        row, seed = known.rows[k], known.seeds[k]
+        apart = distance(points, start, ends[row, 0])
         if apart >= least:
             continue
-        apart += _distance(points, end, ends[rows[k]])
+        apart += distance(points, end, ends[row, 1])
         if apart >= least:
             continue
-        seed, far = seeds[k], apart
+        far = apart
         if seed != k:
-            far = _distance(points, start, starts[rows[seed]])
-            far += _distance(points, end, ends[rows[seed]])
-        if 2.0 * far <= bounds[seed] - lengths[seed]:
+            row = known.rows[seed]
+            far = distance(points, start, ends[row, 0])
+            far += distance(points, end, ends[row, 1])
+        if 2.0 * far <= known.bounds[seed] - known.lengths[seed]:
             chosen, least, from_seed = k, apart, far
     return chosen, from_seed
 
 
 @kernel
-def trace_geodesics(
-    begin, end_row, rows, limits, longest, points, normals, corners, twins, fan_offsets, fan,
-    component, starts, ends, planes, following,
-    out_length, out_start_tangent, out_end_tangent, out_normal, out_status,
-):  # fmt: skip
-    """Shortest straightest geodesics of the pairs rows[begin..end_row].
-
-    They are looked for among paths of up to limits[row] first, then among longer ones, up to
-    longest[row]. With `following` pairs follow those of the range that are near.
-    """
-    frame, tangents, normal = np.empty((2, 3)), np.empty((2, 3)), np.empty(3)
-    length, way = np.empty(2 * planes), np.empty(2 * planes, np.int64)
-    place, room = np.empty(SLOPES, np.int64), make_room(len(corners) // 3)
-    # Known pairs: the one among them that was searched in all directions, its seed, and a trail.
-    most, known = end_row - begin if following else 1, 0
-    known_rows, seeds, beside = np.empty((3, most), np.int64)
-    bounds, lengths, counts = np.empty(most), np.empty(most), np.empty(most, np.int64)
-    slopes, trails = np.empty((most, SLOPES, 7)), np.empty((most, PLACES if following else 0, 7))
+def trace_geodesics(begin, stop, rows, walk, search, out):
+    """Shortest straightest geodesics of the pairs rows[begin..stop]."""
+    normals, components, ends, limits, longest, planes, following = search
+    points, frame, tangents, normal = walk.points, np.empty((2, 3)), np.empty((2, 3)), np.empty(3)
+    room = make_room(len(walk.corners) // 3)
+    directions = _Directions(
+        np.empty(2 * planes), np.empty(2 * planes, np.int64), np.empty(SLOPES, np.int64)
+    )
+    most, count = stop - begin if following else 1, 0
+    known = _no_pairs(most, following)
     moved, ahead = np.empty((2, 3)), np.empty(3)
     old = np.zeros(3)  # plane normal that won for the previous pair
-    for r in range(begin, end_row):
+    for r in range(begin, stop):
         row = rows[r]
-        start, end = starts[row], ends[row]
-        out_length[row], out_status[row] = math.inf, NONE
+        start, end = ends[row, 0], ends[row, 1]
+        out.length[row], out.status[row] = math.inf, NONE
         if start < 0 or end < 0:
-            out_length[row] = math.nan
+            out.length[row] = math.nan
             continue
-        if component[start] != component[end]:
+        if components[start] != components[end]:
             continue
         if start == end or not set_frame(points, normals, start, end, frame):
-            out_length[row], out_status[row] = 0.0, PLANE  # one vertex, or two at the same place
+            out.length[row], out.status[row] = 0.0, PLANE  # one vertex, or two at the same place
             continue
-        if is_edge(corners, fan_offsets, fan, start, end):
-            out_length[row], out_status[row] = _distance(points, start, end), PLANE
-            direction(points[start], points[end], out_start_tangent[row])
-            direction(points[start], points[end], out_end_tangent[row])
+        if is_edge(walk, start, end):
+            out.length[row], out.status[row] = distance(points, start, end), PLANE
+            direction(points[start], points[end], out.start_tangent[row])
+            direction(points[start], points[end], out.end_tangent[row])
             continue
+        pair = _Pair(walk, normals, start, end, frame, room, tangents, normal)
         best, tangents[:] = math.inf, math.nan
         if following:
-            best = _over_shallow(
-                points, corners, twins, fan_offsets, fan, start, end, frame, room, tangents, normal
-            )
-        this = min(known, most - 1)
+            best = _over_shallow(pair)
+        this = min(count, most - 1)
         if following and best == math.inf:
-            near, apart = _nearest_known(
-                points, start, end, starts, ends, known_rows, seeds, known, bounds, lengths
-            )
+            near, apart = _nearest_known(pair, ends, known, count)
             if near >= 0:
-                seed, other = seeds[near], known_rows[near]
-                if counts[seed] == 0:
-                    out_status[row] = OPEN
+                seed, other = known.seeds[near], known.rows[near]
+                if known.counts[seed] == 0:
+                    out.status[row] = OPEN
                     continue
                 for a in range(3):
-                    moved[0, a] = points[start, a] - points[starts[other], a]
-                    moved[1, a] = points[end, a] - points[ends[other], a]
-                    ahead[a] = out_start_tangent[other, a]
-                best, beside[this] = _follow(
-                    points, normals, corners, twins, fan_offsets, fan, start, end, frame, apart,
-                    slopes[seed], counts[seed], beside[near], moved, ahead, trails[near],
-                    trails[this], room, tangents, normal,
-                )  # fmt: skip
-                if best + apart > bounds[seed]:
+                    moved[0, a] = points[start, a] - points[ends[other, 0], a]
+                    moved[1, a] = points[end, a] - points[ends[other, 1], a]
+                    ahead[a] = out.start_tangent[other, a]
+                best, known.beside[this] = _follow(pair, known, near, this, apart, moved, ahead)
+                if best + apart > known.bounds[seed]:
                     best = math.inf
                 else:
-                    known_rows[this], seeds[this] = row, seed
-                    known += 1
+                    known.rows[this], known.seeds[this] = row, seed
+                    count += 1
         if best == math.inf:
             u, w = dot(old, frame[0]), dot(old, frame[1])
-            likely = round(math.atan2(w, u) * planes / math.pi) if u * u + w * w > 0.25 else 0
-            best, bounds[this], counts[this], beside[this] = _search(
-                points, normals, corners, twins, fan_offsets, fan, start, end, frame, planes,
-                likely, limits[row], longest[row], AROUND if following else SIMILAR, room, length,
-                way, place, tangents, slopes[this], trails[this], normal,
+            likely = round(math.atan2(w, u) * planes / math.pi) if u * u + w * w > LIKELY else 0
+            around = AROUND if following else SIMILAR
+            best, known.bounds[this], known.counts[this], known.beside[this] = _search(
+                pair, directions, likely, limits[row], longest[row], around, known.slopes[this],
+                known.trails[this],
             )  # fmt: skip
-            known_rows[this], seeds[this] = row, this
-            lengths[this] = best if best < math.inf else 0.0
+            known.rows[this], known.seeds[this] = row, this
+            known.lengths[this] = best if best < math.inf else 0.0
             if following and best != math.inf:
-                known += 1
+                count += 1
         if math.isnan(best):
-            out_status[row] = OPEN
+            out.status[row] = OPEN
         if best < math.inf:
-            out_length[row], out_status[row] = best, PLANE
+            out.length[row], out.status[row] = best, PLANE
             for a in range(3):
-                old[a] = out_normal[row, a] = normal[a]
-                out_start_tangent[row, a] = tangents[0, a]
-                out_end_tangent[row, a] = tangents[1, a]
+                old[a] = out.normal[row, a] = normal[a]
+                out.start_tangent[row, a] = tangents[0, a]
+                out.end_tangent[row, a] = tangents[1, a]

@@ -1,15 +1,14 @@
-"""Kernels of paths along edges, of polylines, and of importance over links (thesis 3.3).
-
-**Edge paths** (see geodesics.py). A* with the straight line to the end as the estimate, which never
-exceeds what remains. The queue is a binary heap in two arrays; a vertex may stand in it several
-times, only its first removal counts.
+"""Kernels of polylines, and of importance over links between balls (thesis 3.3).
 
 **Polylines** (see polylines.py): a path over a mesh is shortened to a locally shortest geodesic. A
 path is a row of items: the vertices that it passes through, as -1 - vertex, and between them the
 half-edges through which it leaves the faces that it crosses (its strip). Two steps alternate:
 
-- **Tighten.** Between two vertices the path becomes the shortest one in its strip (`tighten` in
-  _plane_kernels.py). Where it bends, it passes through a vertex.
+- **Tighten.** Between two vertices the path becomes the shortest one in its strip. Unfolded into
+  the plane, that is a polygon with its ends at two corners. The funnel algorithm (Lee and Preparata
+  1984) finds the shortest path inside in one sweep: the two sides of the funnel are lines from the
+  last bend to the left and right end of a half-edge; each half-edge of the strip narrows it, until
+  one side crosses the other and the path bends there: it passes through a vertex.
 - **Reroute.** A vertex with less than pi between the ways in and out, measured through the faces on
   one side, is left out: these faces join the strips before and after it. The old path runs along
   the rim of the new strip, so the next one is shorter.
@@ -34,223 +33,203 @@ bridge.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from medialis.base._kernels import find_root, pop, push
 from medialis.base.jit import kernel
-from medialis.skeleton.importance._geodesic_kernels import EDGES
-from medialis.skeleton.importance._plane_kernels import (
-    angle_at,
-    copy,
-    direction,
+from medialis.skeleton.importance._walk_kernels import (
     distance,
+    is_edge,
     next_side,
     previous_side,
-    tighten,
+    trim,
 )
 
+STRAIGHT = math.pi - 1e-7
+"""Cutting a corner of pi - a saves a^2 / 8 at most: 1e-15 of the length."""
+
+LESS = 1.0 - 1e-9
+"""Shorter by rounding alone is not shorter."""
+
+
+class _Unfolded(NamedTuple):
+    """A strip of m half-edges in the plane.
+
+    Node 0 is the start, the last one the goal; `vertex` and `flat` (m + 3) tell which vertex a node
+    is and where it lies, `left` and `right` (m + 1) the nodes at both ends of each half-edge.
+    """
+
+    vertex: NDArray[np.int64]
+    flat: NDArray[np.float64]
+    left: NDArray[np.int64]
+    right: NDArray[np.int64]
+
 
 @kernel
-def _sift_up(key, item, i):
-    while i > 0:
-        up = (i - 1) // 2
-        if key[up] <= key[i]:
-            break
-        key[up], key[i] = key[i], key[up]
-        item[up], item[i] = item[i], item[up]
-        i = up
+def angle_at(a, i, b, j, c, k):
+    """Angle at point b[j] between a[i] and c[k]; rows are not views, which compile slowly."""
+    ux, uy, uz = a[i, 0] - b[j, 0], a[i, 1] - b[j, 1], a[i, 2] - b[j, 2]
+    wx, wy, wz = c[k, 0] - b[j, 0], c[k, 1] - b[j, 1], c[k, 2] - b[j, 2]
+    x, y, z = uy * wz - uz * wy, uz * wx - ux * wz, ux * wy - uy * wx
+    return math.atan2(math.sqrt(x * x + y * y + z * z), ux * wx + uy * wy + uz * wz)
 
 
 @kernel
-def _sift_down(key, item, size):
-    i = 0
+def copy(values, count, out, at):
+    """Copy the first values; a loop compiles ten times faster than slices do."""
+    for k in range(count):
+        out[at + k] = values[k]
+
+
+@kernel
+def _stop_at(v, points, out, line, count):
+    """Write vertex v as an item with its place."""
+    out[count] = -1 - v
+    for a in range(3):
+        line[count, a] = points[v, a]
+
+
+@kernel
+def _unfold(walk, strip):
+    """Lay the faces of a strip into the plane."""
+    points, corners, twins, _, _ = walk
+    m, h = len(strip), strip[0]
+    vertex, flat = np.empty(m + 3, np.int64), np.empty((m + 3, 2))
+    left, right = np.empty(m + 1, np.int64), np.empty(m + 1, np.int64)
+    vertex[0], vertex[1], vertex[2] = corners[previous_side(h)], corners[h], corners[next_side(h)]
+    far = distance(points, vertex[0], vertex[2])
+    angle = angle_at(points, vertex[1], points, vertex[0], points, vertex[2])
+    flat[0, 0], flat[0, 1] = 0.0, 0.0
+    flat[1, 0], flat[1, 1] = distance(points, vertex[0], vertex[1]), 0.0
+    flat[2, 0], flat[2, 1] = far * math.cos(angle), far * math.sin(angle)
+    right[0], left[0] = 1, 2
+    for k in range(m):
+        t = twins[strip[k]]
+        node = k + 3
+        c = corners[previous_side(t)]
+        vertex[node] = c
+        r, l = right[k], left[k]  # noqa: E741
+        ex, ey = flat[l, 0] - flat[r, 0], flat[l, 1] - flat[r, 1]
+        size = math.sqrt(ex * ex + ey * ey)
+        if size > 0.0:
+            ex, ey = ex / size, ey / size
+        angle = angle_at(points, vertex[l], points, vertex[r], points, c)
+        far = distance(points, vertex[r], c)
+        along, across = far * math.cos(angle), far * math.sin(angle)
+        flat[node, 0] = flat[r, 0] + along * ex + across * ey
+        flat[node, 1] = flat[r, 1] + along * ey - across * ex
+        if k + 1 < m:
+            # It runs from c to the corner that t leaves.
+            keeps_first = strip[k + 1] == previous_side(t)
+            if keeps_first == (corners[t] == vertex[l]):
+                right[k + 1], left[k + 1] = node, l
+            else:
+                right[k + 1], left[k + 1] = r, node
+    right[m], left[m] = m + 2, m + 2
+    return _Unfolded(vertex, flat, left, right)
+
+
+@kernel
+def _area(flat, a, b, c):
+    """Twice the area of a triangle of nodes, positive when c lies to the left of a to b."""
+    return (flat[b, 0] - flat[a, 0]) * (flat[c, 1] - flat[a, 1]) - (
+        flat[b, 1] - flat[a, 1]
+    ) * (flat[c, 0] - flat[a, 0])  # fmt: skip
+
+
+@kernel
+def _funnel(unfolded, last, out):
+    """Nodes at which the shortest path through an unfolded strip bends, start and goal included.
+
+    The funnel opens on the first half-edge that does not end at its apex; `last` tells which one of
+    each node precedes it. A side that crosses the other one makes that one's node the next apex.
+    """
+    _, flat, left, right = unfolded
+    count, apex = 0, 0
     while True:
-        low = 2 * i + 1
-        if low >= size:
-            break
-        if low + 1 < size and key[low + 1] < key[low]:
-            low += 1
-        if key[i] <= key[low]:
-            break
-        key[low], key[i] = key[i], key[low]
-        item[low], item[i] = item[i], item[low]
-        i = low
-
-
-@kernel
-def _over(points, v, a, b, w):
-    """Straight way from v over the edge a-b to w, its two faces unfolded; inf when it misses it."""
-    ex, ey, ez = (
-        points[b, 0] - points[a, 0],
-        points[b, 1] - points[a, 1],
-        points[b, 2] - points[a, 2],
-    )
-    size = math.sqrt(ex * ex + ey * ey + ez * ez)
-    if size == 0.0:
-        return math.inf
-    ex, ey, ez = ex / size, ey / size, ez / size
-    vx, vy, vz = (
-        points[v, 0] - points[a, 0],
-        points[v, 1] - points[a, 1],
-        points[v, 2] - points[a, 2],
-    )
-    wx, wy, wz = (
-        points[w, 0] - points[a, 0],
-        points[w, 1] - points[a, 1],
-        points[w, 2] - points[a, 2],
-    )
-    along_v, along_w = ex * vx + ey * vy + ez * vz, ex * wx + ey * wy + ez * wz
-    high_v = math.sqrt(max(vx * vx + vy * vy + vz * vz - along_v * along_v, 0.0))
-    high_w = math.sqrt(max(wx * wx + wy * wy + wz * wz - along_w * along_w, 0.0))
-    at = along_v * high_w + along_w * high_v
-    if not 0.0 < at < size * (high_v + high_w):
-        return math.inf
-    return math.sqrt((along_w - along_v) ** 2 + (high_v + high_w) ** 2)
-
-
-@kernel
-def _search(
-    points,
-    corners,
-    twins,
-    fan_offsets,
-    fan,
-    start,
-    end,
-    r,
-    most,
-    length,
-    parent,
-    reached,
-    settled,
-    heap,
-):
-    """Search number r: fills the lengths and parents of the vertices reached, returns the queue.
-
-    With `twins` (else empty) also straight over half-edges h to the vertex across, whose parent is
-    then -2 - h. The queue holds at most one entry for each improvement of a vertex; it grows by
-    doubling. A vertex is settled once, so a search ends after at most n of them; it is given up
-    after `most`, and then the end is not settled.
-    """
-    key, item = heap
-    length[start] = 0.0
-    reached[start] = r
-    parent[start] = -1
-    key[0], item[0] = 0.0, start
-    size = 1
-    while size > 0:
-        v = item[0]
-        size -= 1
-        key[0], item[0] = key[size], item[size]
-        _sift_down(key, item, size)
-        if settled[v] == r:
-            continue
-        settled[v] = r
-        most -= 1
-        if v == end or most < 0:
-            break
-        for i in range(fan_offsets[v], fan_offsets[v + 1]):
-            h = fan[i]
-            after, before = h - 2 if h % 3 == 2 else h + 1, h + 2 if h % 3 == 0 else h - 1
-            for turn in range(3 if len(twins) > 0 else 2):
-                if turn < 2:
-                    w = corners[after if turn == 0 else before]
-                else:
-                    t = twins[after]
-                    if t < 0:
-                        continue
-                    w = corners[t + 2 if t % 3 == 0 else t - 1]
-                if settled[w] == r:
+        out[count] = apex
+        count += 1
+        k = last[apex] + 1
+        l, r = left[k], right[k]  # noqa: E741
+        turn = -1
+        while turn < 0 and k + 1 < len(left):
+            k += 1
+            if right[k] != r and _area(flat, apex, r, right[k]) >= 0.0:
+                if _area(flat, apex, l, right[k]) > 0.0:
+                    turn = l
                     continue
-                step = 0.0
-                rest = 0.0
-                for a in range(3):
-                    step += (points[w, a] - points[v, a]) ** 2
-                    rest += (points[w, a] - points[end, a]) ** 2
-                step = math.sqrt(step)
-                if turn == 2:
-                    step = _over(points, v, corners[after], corners[before], w)
-                new = length[v] + step
-                if (reached[w] != r or new < length[w]) and new < math.inf:
-                    reached[w] = r
-                    length[w] = new
-                    parent[w] = v if turn < 2 else -2 - after
-                    if size == len(key):
-                        key = np.concatenate((key, np.empty_like(key)))
-                        item = np.concatenate((item, np.empty_like(item)))
-                    key[size], item[size] = new + math.sqrt(rest), w
-                    size += 1
-                    _sift_up(key, item, size - 1)
-    return key, item
+                r = right[k]
+            if left[k] != l and _area(flat, apex, l, left[k]) <= 0.0:
+                if _area(flat, apex, r, left[k]) < 0.0:
+                    turn = r
+                    continue
+                l = left[k]  # noqa: E741
+        if turn < 0:
+            out[count] = len(flat) - 1
+            return count + 1
+        apex = turn
 
 
 @kernel
-def edge_paths(
-    begin, end_row, rows, most, points, corners, fan_offsets, fan, starts, ends,
-    out_length, out_start_tangent, out_end_tangent, out_status,
-):  # fmt: skip
-    """Shortest paths along the edges (A*), an upper bound, for the pairs rows[begin..end_row].
+def _crossing(points, unfolded, k, a, b, line, count):
+    """Where the line from node a to node b crosses half-edge k of the strip."""
+    vertex, flat, left, right = unfolded
+    u, w = _area(flat, a, b, right[k]), _area(flat, a, b, left[k])
+    share = u / (u - w) if u != w else 0.0
+    share = min(max(share, 0.0), 1.0)
+    p, q = vertex[right[k]], vertex[left[k]]
+    for i in range(3):
+        line[count, i] = points[p, i] + share * (points[q, i] - points[p, i])
 
-    A search that settles more than `most` vertices is given up: its pair stays as it is.
+
+@kernel
+def _tighten(walk, items):
+    """Shortest path in every strip of a path: its items and their places.
+
+    They are no more than before: each bend takes the place of a half-edge that ends there.
     """
-    n = len(points)
-    length, parent = np.empty(n), np.empty(n, np.int64)
-    # Search in which a vertex was reached, or settled; saves clearing n entries for each search.
-    reached, settled = np.full(n, -1, np.int64), np.full(n, -1, np.int64)
-    heap, no_twins = (np.empty(1024), np.empty(1024, np.int64)), corners[:0]
-    for r in range(begin, end_row):
-        row = rows[r]
-        start, end = starts[row], ends[row]
-        heap = _search(
-            points, corners, no_twins, fan_offsets, fan, start, end, r, most,
-            length, parent, reached, settled, heap,
-        )  # fmt: skip
-        if settled[end] != r:
+    points = walk.points
+    out, line = np.empty(len(items), np.int64), np.empty((len(items), 3))
+    _stop_at(-1 - items[0], points, out, line, 0)
+    strip = np.empty(len(items), np.int64)
+    count, i = 1, 0
+    while i + 1 < len(items):
+        stop = i + 1
+        while items[stop] >= 0:
+            stop += 1
+        start, goal = -1 - out[count - 1], -1 - items[stop]
+        copy(items[i + 1 :], stop - i - 1, strip, 0)
+        begin, end = trim(walk, start, goal, strip, stop - i - 1)
+        i = stop
+        if start == goal:
             continue
-        out_length[row] = length[end]
-        out_status[row] = EDGES
-        v = end
-        direction(points[parent[v]], points[v], out_end_tangent[row])
-        while parent[v] != start:
-            v = parent[v]
-        direction(points[start], points[v], out_start_tangent[row])
-
-
-@kernel
-def short_path(points, corners, twins, fan_offsets, fan, start, end):
-    """Shortest path along edges and straight over single edges, as items (see `shorten`).
-
-    These are twice as many directions as the edges have: on a mesh of equilateral triangles it is
-    at most 1 / cos(15 degrees), 4 %, too long, not 15 %. Both ends lie in one component.
-    """
-    n = len(points)
-    length, parent = np.empty(n), np.empty(n, np.int64)
-    reached, settled = np.full(n, -1, np.int64), np.full(n, -1, np.int64)
-    heap = np.empty(1024), np.empty(1024, np.int64)
-    _search(
-        points, corners, twins, fan_offsets, fan, start, end, 0, n,
-        length, parent, reached, settled, heap,
-    )  # fmt: skip
-    path = np.empty(2 * n, np.int64)
-    k = len(path)
-    v = end
-    while v != start:
-        k -= 1
-        path[k] = -1 - v
-        if parent[v] < 0:  # half-edge -2 - parent, opposite to the vertex before
-            h = -2 - parent[v]
-            k -= 1
-            path[k] = h
-            v = corners[h + 2 if h % 3 == 0 else h - 1]
-        else:
-            v = parent[v]
-    k -= 1
-    path[k] = -1 - start
-    return path[k:]
-
-
-STRAIGHT = math.pi - 1e-7  # cutting a corner of pi - a saves a^2 / 8 at most: 1e-15 of the length
+        m = end - begin
+        if m > 0:
+            unfolded = _unfold(walk, strip[begin:end])
+            left, right = unfolded.left, unfolded.right
+            first, last = np.empty(m + 3, np.int64), np.empty(m + 3, np.int64)
+            last[0] = -1
+            for k in range(m, -1, -1):
+                first[left[k]], first[right[k]] = k, k
+            for k in range(m + 1):
+                last[left[k]], last[right[k]] = k, k
+            bends = np.empty(m + 2, np.int64)
+            number = _funnel(unfolded, last, bends)
+            for n in range(number - 1):
+                a, b = bends[n], bends[n + 1]
+                for k in range(last[a] + 1, first[b]):
+                    out[count] = strip[begin + k]
+                    _crossing(points, unfolded, k, a, b, line, count)
+                    count += 1
+                if n + 2 < number:
+                    _stop_at(unfolded.vertex[b], points, out, line, count)
+                    count += 1
+        _stop_at(goal, points, out, line, count)
+        count += 1
+    return out[:count], line[:count]
 
 
 @kernel
@@ -268,13 +247,14 @@ def _length(line):
 
 
 @kernel
-def _sector(points, corners, twins, v, h, angle, leaving, ahead, line, i, best, out):
+def _sector(walk, v, h, angle, leaving, ahead, line, i, best, out):
     """Walk round vertex v, from the face into which half-edge h at v leads, to the way out.
 
     The way out is through half-edge `leaving` at line[i + 1], or, where that is -1, along the edge
     to vertex `ahead`. Returns the angle, inf when it reaches `best` or a border comes first, how
     many half-edges are crossed (written to `out`), and the last face.
     """
+    points, corners, twins, _, _ = walk
     count = 0
     while True:
         if corners[h] == v:
@@ -298,17 +278,18 @@ def _sector(points, corners, twins, v, h, angle, leaving, ahead, line, i, best, 
 
 
 @kernel
-def _smallest_sector(points, corners, twins, fan_offsets, fan, items, line, i, sector, out):
+def _smallest_sector(walk, items, line, i, sector, out):
     """Find the side of item i, a vertex, with the smallest angle; inf when none is below pi.
 
     Returns the angle, how many half-edges that side crosses (in `out`), its first and last face.
     """
+    points, corners, twins, offsets, fan = walk
     v = -1 - items[i]
     leaving = items[i + 1] if items[i + 1] >= 0 else -1
     ahead = -1 if leaving >= 0 else -1 - items[i + 1]
     best, count, first, last = math.inf, 0, -1, -1
     limit = STRAIGHT
-    sector = sector[: fan_offsets[v + 1] - fan_offsets[v] + 1]  # no face is walked through twice
+    sector = sector[: offsets[v + 1] - offsets[v] + 1]  # no face is walked through twice
     if items[i - 1] >= 0:  # out of a face: to both sides of it
         t = twins[items[i - 1]]
         for side in range(2):
@@ -322,24 +303,22 @@ def _smallest_sector(points, corners, twins, fan_offsets, fan, items, line, i, s
                 found = angle
             elif twins[exit_edge] >= 0:
                 sector[0] = exit_edge
+                onward = twins[exit_edge]
                 found, crossed, face = _sector(
-                    points, corners, twins, v, twins[exit_edge], angle, leaving, ahead, line, i,
-                    limit, sector[1:],
-                )  # fmt: skip
+                    walk, v, onward, angle, leaving, ahead, line, i, limit, sector[1:]
+                )
                 crossed += 1
             if found < limit:
                 best, limit, count, first, last = found, found, crossed, t // 3, face
                 copy(sector, count, out, 0)
         return best, count, first, last
     behind = -1 - items[i - 1]
-    for k in range(fan_offsets[v], fan_offsets[v + 1]):
+    for k in range(offsets[v], offsets[v + 1]):
         for side in range(2):
             h = fan[k] if side == 0 else previous_side(fan[k])
             if _far(corners, h, v) != behind:
                 continue
-            found, crossed, face = _sector(
-                points, corners, twins, v, h, 0.0, leaving, ahead, line, i, limit, sector
-            )
+            found, crossed, face = _sector(walk, v, h, 0.0, leaving, ahead, line, i, limit, sector)
             if found < limit:
                 best, limit, count, first, last = found, found, crossed, h // 3, face
                 copy(sector, count, out, 0)
@@ -347,12 +326,12 @@ def _smallest_sector(points, corners, twins, fan_offsets, fan, items, line, i, s
 
 
 @kernel
-def _reroute(points, corners, twins, fan_offsets, fan, items, line):
+def _reroute(walk, items, line):
     """Leave out every vertex that has less than pi on one side; returns whether there was one."""
-    room, widest = len(items), 0
+    corners, twins, room, widest = walk.corners, walk.twins, len(items), 0
     for item in items:
         if item < 0:
-            size = fan_offsets[-item] - fan_offsets[-1 - item]
+            size = walk.offsets[-item] - walk.offsets[-1 - item]
             room += size + 2
             widest = max(widest, size + 2)
     out, count, changed = np.empty(room, np.int64), 0, False
@@ -360,9 +339,7 @@ def _reroute(points, corners, twins, fan_offsets, fan, items, line):
     at_vertex, before = False, -1  # whether the item before was left out, and the last face there
     for i in range(len(items)):
         if items[i] < 0 and 0 < i < len(items) - 1:
-            angle, crossed, first, last = _smallest_sector(
-                points, corners, twins, fan_offsets, fan, items, line, i, sector, chosen
-            )
+            angle, crossed, first, last = _smallest_sector(walk, items, line, i, sector, chosen)
             join = -1  # the edge to cross between two left-out vertices that it joins
             if angle < math.inf and at_vertex and before != first:
                 u, v = -1 - items[i - 1], -1 - items[i]
@@ -387,46 +364,28 @@ def _reroute(points, corners, twins, fan_offsets, fan, items, line):
 
 
 @kernel
-def shorten(points, corners, twins, fan_offsets, fan, items):
+def shorten(walk, items):
     """Shorten a path, given as items, until no vertex can be left out; returns its points."""
-    items, line = tighten(points, corners, twins, items)
+    items, line = _tighten(walk, items)
     length = _length(line)
     while True:
-        wider, changed = _reroute(points, corners, twins, fan_offsets, fan, items, line)
+        wider, changed = _reroute(walk, items, line)
         if not changed:
             return line
-        items, shorter = tighten(points, corners, twins, wider)
+        items, shorter = _tighten(walk, wider)
         size = _length(shorter)
         if not size < length:
             return line
         line, length = shorter, size
 
 
-LESS = 1.0 - 1e-9
-"""Shorter by rounding alone is not shorter."""
-
-
 @kernel
-def _adjacent(corners, fan_offsets, fan, a, b):
-    """Whether two vertices share an edge or are the same one."""
-    if a == b:
-        return True
-    for i in range(fan_offsets[a], fan_offsets[a + 1]):
-        h = fan[i]
-        after, before = h - 2 if h % 3 == 2 else h + 1, h + 2 if h % 3 == 0 else h - 1
-        if corners[after] == b or corners[before] == b:
-            return True
-    return False
-
-
-@kernel
-def relax_lengths(
-    rows, row_of, points, corners, fan_offsets, fan, starts, ends, length, origin
-):  # fmt: skip
+def relax_lengths(rows, row_of, walk, ends, length, origin):
     """Lower the lengths of some rows, in place; `origin` becomes the row whose path they take.
 
-    `row_of` tells the row of each vertex, -1: none.
+    `row_of` tells the row of each vertex, -1: none; `ends` (k, 2) the vertices that paths join.
     """
+    points, corners, _, offsets, fan = walk
     keys, names, size = np.empty(1024), np.empty(1024, np.int64), 0
     for turn in range(2):
         at = 0
@@ -441,22 +400,20 @@ def relax_lengths(
                     continue
             if not length[row] < math.inf:
                 continue
-            start = starts[row]
-            for i in range(2 * fan_offsets[start], 2 * fan_offsets[start + 1]):
+            start, end = ends[row, 0], ends[row, 1]
+            for i in range(2 * offsets[start], 2 * offsets[start + 1]):
                 h = fan[i // 2]
-                if i % 2 == 0:
-                    near = row_of[corners[h - 2 if h % 3 == 2 else h + 1]]
-                else:
-                    near = row_of[corners[h + 2 if h % 3 == 0 else h - 1]]
+                near = row_of[corners[next_side(h) if i % 2 == 0 else previous_side(h)]]
                 if near < 0 or length[near] <= length[row]:
                     continue
-                found = length[row] + distance(points, start, starts[near])
+                found = length[row] + distance(points, start, ends[near, 0])
                 if found >= LESS * length[near]:
                     continue
-                found += distance(points, ends[row], ends[near])
-                if found >= LESS * length[near] or not _adjacent(
-                    corners, fan_offsets, fan, ends[row], ends[near]
-                ):
+                other = ends[near, 1]
+                found += distance(points, end, other)
+                if found >= LESS * length[near]:
+                    continue
+                if end != other and not is_edge(walk, end, other):
                     continue
                 if size + 1 >= len(keys):
                     keys = np.concatenate((keys, np.empty_like(keys)))
@@ -469,9 +426,7 @@ def relax_lengths(
 
 
 @kernel
-def join_pieces(
-    links, order, level, strength, large, out_importance, out_tree, out_bridges
-):  # fmt: skip
+def join_pieces(links, order, level, strength, large, out_importance, out_tree, out_bridges):
     """Lower small islands in `out_importance`.
 
     `links` (e, 2) are taken in `order`, with falling strength[level]. `out_tree` receives the links

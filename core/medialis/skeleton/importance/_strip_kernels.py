@@ -20,14 +20,18 @@ sideways.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from medialis.base.jit import kernel
-from medialis.skeleton.importance._plane_kernels import (
+from medialis.skeleton.importance._walk_kernels import (
     dot,
     next_side,
+    on_plane,
     previous_side,
+    trim,
     way_out,
     way_towards,
 )
@@ -48,20 +52,50 @@ STRAIGHT = 0.01
 """Radians by which the other side of a vertex must have less than pi. Leaving one out that has more
 gains less than a^2 / 8 of the length."""
 
+PLACES = 8
+"""Of a trail; paths that cross hardly more half-edges have none."""
+
+SPAN = 3
+"""Half-edges over which the direction of a path is taken."""
+
+ACROSS, FAR = 3, 6
+"""Columns of a trail, (PLACES, 7): behind the place the unit vector across, and how far along."""
+
+
+class Room(NamedTuple):
+    """The arrays that `straighten` works in, and what it leaves there of a path.
+
+    Attributes
+    ----------
+    strips : (2, s) int64
+        Half-edges that a path crosses; the first row is given.
+    ends : (4, s) int64
+        Vertex at the left and at the right end of each half-edge of the strip; then, for each bend,
+        at which half-edge and on which side: 0 left, 1 right.
+    flat : (4, s) float64
+        Place in the plane of both these ends: x, y, x, y.
+    turned : (w,) int64
+        Half-edges round a vertex.
+    near : (3, 3) float64
+        Points next to the start and to the end of the path, and the place of its end in the plane.
+    last : (2,) int64
+        How many half-edges it crosses, and how often it bends.
+    """
+
+    strips: NDArray[np.int64]
+    ends: NDArray[np.int64]
+    flat: NDArray[np.float64]
+    turned: NDArray[np.int64]
+    near: NDArray[np.float64]
+    last: NDArray[np.int64]
+
 
 @kernel
 def make_room(faces):
-    """Return the arrays that `straighten` works in.
-
-    For strips, their ends and places in the plane, half-edges round a vertex; and what it leaves
-    there of a path: its points next to both ends and the place of its end in the plane, how many
-    half-edges it crosses and how often it bends.
-    """
     size = min(faces + 1, ROOM)
-    return (
-        np.empty((2, size), np.int64), np.empty((4, size), np.int64), np.empty((4, size)),
-        np.empty(WIDEST, np.int64), np.empty((3, 3)), np.zeros(2, np.int64),
-    )  # fmt: skip
+    strips, ends = np.empty((2, size), np.int64), np.empty((4, size), np.int64)
+    turned, last = np.empty(WIDEST, np.int64), np.zeros(2, np.int64)
+    return Room(strips, ends, np.empty((4, size)), turned, np.empty((3, 3)), last)
 
 
 @kernel
@@ -83,11 +117,9 @@ def _first_portal(points, a, b, start, ends, flat):
 
 
 @kernel
-def _unfold(points, corners, twins, strip, count, start, ends, flat):
-    """Lay a strip into the plane, with the start at the origin; returns the place of the end.
-
-    Rows of `ends`: the left and the right end of each half-edge; of `flat`: x and y of both.
-    """
+def _unfold(walk, strip, count, start, ends, flat):
+    """Lay a strip into the plane, with the start at the origin; returns the place of the end."""
+    points, corners, twins, _, _ = walk
     h = strip[0]
     _first_portal(points, corners[h], corners[next_side(h)], start, ends, flat)
     left, right = ends[0, 0], ends[1, 0]
@@ -127,10 +159,7 @@ def _left_of(ox, oy, ax, ay, bx, by):
 
 @kernel
 def _funnel(count, ends, flat, x, y):
-    """Length of the shortest path in a strip, and how many times it bends.
-
-    Row 2 of `ends` tells at which half-edges, row 3 on which side: 0 left, 1 right.
-    """
+    """Length of the shortest path in a strip, and how many times it bends."""
     ax = ay = length = 0.0
     bends, k, at_left, at_right = 0, 1, 0, 0
     lx, ly, rx, ry = flat[0, 0], flat[1, 0], flat[2, 0], flat[3, 0]
@@ -169,12 +198,13 @@ def _funnel(count, ends, flat, x, y):
 
 
 @kernel
-def _other_side(points, corners, twins, v, h, last, re, im, re_end, im_end, out):
+def _other_side(walk, v, h, last, re, im, re_end, im_end, out):
     """Half-edges that a path round the other side of v crosses (in `out`), 0 if it is not shorter.
 
     It begins in the face of half-edge h and ends in the face `last`; re and im are the rotation
     from the way in to the rim of the first face, re_end and im_end that from the last one on.
     """
+    points, corners, twins, _, _ = walk
     count = 0
     while count < len(out):
         out[count] = previous_side(h) if corners[h] == v else next_side(h)
@@ -215,11 +245,12 @@ def _rotation(vx, vy, ax, ay, bx, by, side):
 
 
 @kernel
-def _reroute(points, corners, twins, strip, count, ends, flat, x, y, bends, turned, out):
+def _reroute(walk, strip, count, room, x, y, bends, out):
     """Lead a strip round the other side of its bends where that is shorter; returns its size or -1.
 
     Of two bends at the same half-edge only the first one is left out.
     """
+    ends, flat, turned = room.ends, room.flat, room.turned
     written = done = 0
     changed = False
     old_x = old_y = 0.0
@@ -246,10 +277,8 @@ def _reroute(points, corners, twins, strip, count, ends, flat, x, y, bends, turn
             out_x, out_y = flat[2 * side, stop + 1], flat[2 * side + 1, stop + 1]
         re, im = _rotation(vx, vy, before_x, before_y, in_x, in_y, side)
         re_end, im_end = _rotation(vx, vy, out_x, out_y, next_x, next_y, side)
-        crossed = _other_side(
-            points, corners, twins, v, strip[begin], twins[strip[stop]] // 3, re, im,
-            re_end, im_end, turned,
-        )  # fmt: skip
+        last = walk.twins[strip[stop]] // 3
+        crossed = _other_side(walk, v, strip[begin], last, re, im, re_end, im_end, turned)
         if crossed == 0 or written + begin - done + crossed + count - stop > len(out):
             continue
         for k in range(done, begin):
@@ -268,29 +297,9 @@ def _reroute(points, corners, twins, strip, count, ends, flat, x, y, bends, turn
 
 
 @kernel
-def _trim(corners, twins, start, end, strip, count):
-    """Take out ways there and back, and half-edges at both ends; returns how many are left."""
-    kept = 0
-    for k in range(count):
-        if kept > 0 and twins[strip[kept - 1]] == strip[k]:
-            kept -= 1
-        else:
-            strip[kept] = strip[k]
-            kept += 1
-    begin = 0
-    for k in range(kept):
-        if corners[strip[k]] == start or corners[next_side(strip[k])] == start:
-            begin = k + 1
-    stop = begin
-    while stop < kept and corners[strip[stop]] != end and corners[next_side(strip[stop])] != end:
-        strip[stop - begin] = strip[stop]
-        stop += 1
-    return stop - begin
-
-
-@kernel
-def place_on(points, ends, flat, k, x, y, ux, uy, out):
+def _place_on(points, room, k, x, y, ux, uy, out):
     """Where the line through (x, y) in direction u crosses half-edge k of a strip."""
+    ends, flat = room.ends, room.flat
     right_x, right_y = flat[2, k] - x, flat[3, k] - y
     along = ux * (flat[1, k] - flat[3, k]) - uy * (flat[0, k] - flat[2, k])
     share = 0.0
@@ -302,57 +311,49 @@ def place_on(points, ends, flat, k, x, y, ux, uy, out):
 
 
 @kernel
-def _next_to_ends(points, count, ends, flat, x, y, bends, near):
+def _next_to_ends(points, count, room, x, y, bends):
     """Write the points of a path next to its start and its end."""
+    ends, flat, near = room.ends, room.flat, room.near
     first_x, first_y, last_x, last_y = x, y, 0.0, 0.0
     if bends > 0:
         at, row = ends[2, 0], 2 * ends[3, 0]
         first_x, first_y = flat[row, at], flat[row + 1, at]
         at, row = ends[2, bends - 1], 2 * ends[3, bends - 1]
         last_x, last_y = flat[row, at], flat[row + 1, at]
-    place_on(points, ends, flat, 0, 0.0, 0.0, first_x, first_y, near[0])
-    place_on(points, ends, flat, count - 1, x, y, x - last_x, y - last_y, near[1])
+    _place_on(points, room, 0, 0.0, 0.0, first_x, first_y, near[0])
+    _place_on(points, room, count - 1, x, y, x - last_x, y - last_y, near[1])
 
 
 @kernel
-def straighten(points, corners, twins, start, end, count, room):
-    """Length of a locally shortest path near a strip, row 0 of room[0].
-
-    The first rows of room[4] receive its points next to the start and the end.
-    """
-    strips, ends, flat, turned, near, last = room
+def straighten(walk, start, end, count, room):
+    """Length of a locally shortest path near the strip that the room holds."""
+    points = walk.points
+    strips, ends, flat, _, near, last = room
     last[0] = 0
     here, length, rounds = 0, math.inf, ROUNDS
     while count > 0:
         rounds -= 1
-        x, y = _unfold(points, corners, twins, strips[here], count, start, ends, flat)
+        x, y = _unfold(walk, strips[here], count, start, ends, flat)
         found, bends = _funnel(count, ends, flat, x, y)
         gained = length - found
         length = min(length, found)
         written = -1
         if bends > 0 and gained > GAIN * length and rounds > 0:
-            written = _reroute(
-                points, corners, twins, strips[here], count, ends, flat, x, y, bends, turned,
-                strips[1 - here],
-            )  # fmt: skip
+            written = _reroute(walk, strips[here], count, room, x, y, bends, strips[1 - here])
         if written < 0:
-            _next_to_ends(points, count, ends, flat, x, y, bends, near)
+            _next_to_ends(points, count, room, x, y, bends)
             last[0], last[1], near[2, 0], near[2, 1] = count, bends, x, y
             return length
         here = 1 - here
-        count = _trim(corners, twins, start, end, strips[here], written)
+        begin, stop = trim(walk, start, end, strips[here], written)
+        count = stop - begin
+        for k in range(count):
+            strips[here, k] = strips[here, begin + k]
     length = 0.0
     for i in range(3):  # both ends in one face
         near[0, i], near[1, i] = points[end, i], points[start, i]
         length += (points[end, i] - points[start, i]) ** 2
     return math.sqrt(length)
-
-
-PLACES = 8
-"""Of a trail; paths that cross hardly more half-edges have none."""
-
-SPAN = 3
-"""Half-edges over which the direction of a path is taken."""
 
 
 @kernel
@@ -366,7 +367,7 @@ def _across(normals, ends, k, there, place):
     x, y, z = q * w - r * v, r * u - p * w, p * v - q * u
     size = math.sqrt(x * x + y * y + z * z)
     if size > 0.0:
-        place[3], place[4], place[5] = x / size, y / size, z / size
+        place[ACROSS], place[ACROSS + 1], place[ACROSS + 2] = x / size, y / size, z / size
     return size > 0.0
 
 
@@ -374,10 +375,10 @@ def _across(normals, ends, k, there, place):
 def write_trail(points, normals, room, trail):
     """Write the trail of the path that was straightened last; False if that is too short for it.
 
-    A row holds a place, the unit vector across, and how long the path is to there, which needs to
-    be known to an edge length or so: it is that to the middle of the half-edge.
+    How long the path is to a place needs to be known to an edge length or so: it is that to the
+    middle of the half-edge.
     """
-    ends, flat, near, last = room[1], room[2], room[4], room[5]
+    _, ends, flat, _, near, last = room
     count, bends, number = last[0], last[1], len(trail)
     if count <= number + 1:
         return False
@@ -396,13 +397,13 @@ def write_trail(points, normals, room, trail):
         size = math.sqrt(ahead_x * ahead_x + ahead_y * ahead_y)
         if size == 0.0:
             return False
-        place_on(points, ends, flat, k, x, y, ahead_x, ahead_y, trail[i])
-        place_on(points, ends, flat, max(k - SPAN, 0), x, y, ahead_x, ahead_y, there)
+        _place_on(points, room, k, x, y, ahead_x, ahead_y, trail[i])
+        _place_on(points, room, max(k - SPAN, 0), x, y, ahead_x, ahead_y, there)
         if not _across(normals, ends, k, there, trail[i]):
             return False
         middle_x, middle_y = flat[0, k] + flat[2, k], flat[1, k] + flat[3, k]
         along = (0.5 * middle_x - x) * ahead_x + (0.5 * middle_y - y) * ahead_y
-        trail[i, 6] = length + along / size
+        trail[i, FAR] = length + along / size
     return True
 
 
@@ -420,7 +421,7 @@ def _aim(points, trail, moved, end, number, x, y, z, plane):
     if size == 0.0:
         return False
     for a in range(3):
-        plane[a] = trail[before, 3 + a] + trail[after, 3 + a]
+        plane[a] = trail[before, ACROSS + a] + trail[after, ACROSS + a]
     along = (plane[0] * u + plane[1] * v + plane[2] * w) / size
     plane[0] -= along * u
     plane[1] -= along * v
@@ -429,42 +430,37 @@ def _aim(points, trail, moved, end, number, x, y, z, plane):
 
 
 @kernel
-def walk_beside(
-    points, corners, twins, fan_offsets, fan, start, end, trail, moved, slope, limit, strip
-):  # fmt: skip
+def walk_beside(walk, start, end, trail, moved, slope, limit, strip):
     """Length of the path between two vertices that follows a trail, and how much it crosses.
 
     The half-edges go to `strip`. `moved` tells how far both ends are from those of the trail,
     `slope` in which direction that begins. The length is inf where the path does not arrive before
     the limit.
     """
+    points, corners, twins, _, _ = walk
     plane, number = np.empty(3), 0
     x, y, z = points[start, 0], points[start, 1], points[start, 2]
     if not _aim(points, trail, moved, end, 0, x, y, z, plane):
         return math.inf, 0
-    way = way_towards(points, corners, fan_offsets, fan, start, plane, slope)
+    way = way_towards(walk, start, plane, slope)
     if way < 0:
         return math.inf, 0
     h, px, py, pz = way_out(points, corners, way, plane, dot(plane, points[start]))
     length = math.sqrt((px - x) ** 2 + (py - y) ** 2 + (pz - z) ** 2)
     x, y, z = px, py, pz
-    a = corners[h]
-    b = corners[h - 2 if h % 3 == 2 else h + 1]
-    nx, ny, nz = plane[0], plane[1], plane[2]
-    offset = nx * x + ny * y + nz * z
-    da = nx * points[a, 0] + ny * points[a, 1] + nz * points[a, 2] - offset
-    db = nx * points[b, 0] + ny * points[b, 1] + nz * points[b, 2] - offset
-    if (da >= 0.0) == (db >= 0.0):
-        return math.inf, 0
+    a, b = corners[h], corners[next_side(h)]
+    turned = True
     for count in range(len(strip)):
+        if turned:  # the plane leads to another place from here on
+            offset = plane[0] * x + plane[1] * y + plane[2] * z
+            da, db = dot(plane, points[a]) - offset, dot(plane, points[b]) - offset
+            if (da >= 0.0) == (db >= 0.0):
+                return math.inf, 0
         strip[count] = h
         t = twins[h]
         if t < 0 or length >= limit:
             return math.inf, 0
-        j = t % 3
-        after = t - 2 if j == 2 else t + 1
-        before = t + 2 if j == 0 else t - 1
-        c = corners[before]
+        c = corners[previous_side(t)]
         if c == end:
             u, v, w = points[end, 0] - x, points[end, 1] - y, points[end, 2] - z
             return length + math.sqrt(u * u + v * v + w * w), count + 1
@@ -472,27 +468,17 @@ def walk_beside(
             return math.inf, 0
         if corners[t] != a:
             a, b, da, db = b, a, db, da
-        dc = nx * points[c, 0] + ny * points[c, 1] + nz * points[c, 2] - offset
+        dc = dot(plane, points[c]) - offset
         if (dc >= 0.0) == (da >= 0.0):
-            h, a, da = after, b, db
-            b, db = c, dc
+            h, a, b, da, db = next_side(t), b, c, db, dc
         else:
-            h, b, db = before, a, da
-            a, da = c, dc
-        share = da / (da - db)
-        qx = points[a, 0] + share * (points[b, 0] - points[a, 0])
-        qy = points[a, 1] + share * (points[b, 1] - points[a, 1])
-        qz = points[a, 2] + share * (points[b, 2] - points[a, 2])
+            h, a, b, da, db = previous_side(t), c, a, dc, da
+        qx, qy, qz = on_plane(points, a, b, da, db)
         length += math.sqrt((qx - x) ** 2 + (qy - y) ** 2 + (qz - z) ** 2)
         x, y, z = qx, qy, qz
-        if number < PLACES and length >= trail[number, 6]:
+        turned = number < PLACES and length >= trail[number, FAR]
+        if turned:
             number += 1
             if not _aim(points, trail, moved, end, number, x, y, z, plane):
-                return math.inf, 0
-            nx, ny, nz = plane[0], plane[1], plane[2]
-            offset = nx * x + ny * y + nz * z
-            da = nx * points[a, 0] + ny * points[a, 1] + nz * points[a, 2] - offset
-            db = nx * points[b, 0] + ny * points[b, 1] + nz * points[b, 2] - offset
-            if (da >= 0.0) == (db >= 0.0):
                 return math.inf, 0
     return math.inf, 0

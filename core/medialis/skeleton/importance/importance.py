@@ -17,11 +17,12 @@ to it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from medialis.base.arrays import follow
 from medialis.base.errors import InvalidShapeError
 from medialis.base.kept import kept
 from medialis.base.options import Options, algorithm, length
@@ -31,7 +32,6 @@ from medialis.base.validation import FloatArray, frozen
 from medialis.skeleton.importance.geodesics import (
     GeodesicOptions,
     GeodesicPaths,
-    Importance,
     PathStatus,
     along_space,
     as_pairs,
@@ -40,6 +40,21 @@ from medialis.skeleton.importance.geodesics import (
 )
 from medialis.skeleton.medial_cloud import Balls, MedialCloud
 from medialis.skeleton.surface_skeleton import as_cloud
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Importance(GeodesicPaths):
+    """Geodesics between the feature points of the balls of a cloud: their lengths are importance.
+
+    Attributes
+    ----------
+    cloud : MedialCloud
+        The k skeleton points. After `medialis.connected_importance`, ``length`` is lower than the
+        path on islands, and higher on bridges.
+    """
+
+    cloud: MedialCloud = field(kw_only=True)
+
 
 LARGE = 0.002
 """Share of the skeleton points from which an island is worth a bridge: at most 500 bridges."""
@@ -169,14 +184,11 @@ def _raise_bridges(
     parent = breadth_first_order(joined, n, directed=False)[1]
     for first, second in bridges.tolist():
         level = min(values[first], values[second])
-        climbed = [first]
-        while climbed[-1] != n:
-            climbed.append(int(parent[climbed[-1]]))
-        place = {point: index for index, point in enumerate(climbed)}
-        path = [second]
-        while path[-1] not in place:
-            path.append(int(parent[path[-1]]))
-        path += climbed[: place[path[-1]]]
+        path, other = follow(parent, first), follow(parent, second)
+        while path[-2:] == other[-2:] and len(path) > 1:  # the way that both have in common
+            path.pop()
+            other.pop()
+        path += other[:-1]
         values[path] = np.maximum(values[path], level)
 
 
@@ -404,24 +416,12 @@ def relax(cloud: MedialCloud, paths: GeodesicPaths) -> GeodesicPaths:
 
     k, shape = len(cloud), cloud.surface
     length, origin = np.array(paths.length), np.arange(k)
-    points, corners, _, offsets, fan = surface_walk(shape)
-    starts, goals = cloud.features[:, 0].copy(), cloud.features[:, 1].copy()
+    walk, ends = surface_walk(shape), np.array(cloud.features)
     for side in (1, -1):
         rows = np.flatnonzero(cloud.valid & (cloud.side == side))
         row_of = np.full(shape.point_count, -1, np.int64)
         row_of[cloud.source[rows]] = rows
-        relax_lengths(
-            row_of[row_of >= 0],
-            row_of,
-            points,
-            corners,
-            offsets,
-            fan,
-            starts,
-            goals,
-            length,
-            origin,
-        )
+        relax_lengths(row_of[row_of >= 0], row_of, walk, ends, length, origin)
     shorter = np.flatnonzero(length < paths.length)
     # A path of length 0 has no direction.
     origin = np.where(np.isnan(paths.start_tangent[origin, 0]), np.arange(k), origin)

@@ -8,13 +8,12 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from medialis.base.arrays import Index
 from medialis.base.box_tree import NearestTree
-from medialis.base.validation import FloatArray
+from medialis.base.validation import FloatArray, IntArray
 from medialis.shape.surface import piece_labels
 from medialis.walls.midsurface._kernels import FIXED, FREE, SLIDING
 from medialis.walls.midsurface.junctions import NEAR, CutSheet
-
-Index = NDArray[np.int64]
 
 SAME = 0.25
 """Half thicknesses: so near to each other the ends of curves of several sheets are one."""
@@ -66,9 +65,7 @@ class Curve:
         return sorted({chain.sheet for chain, _ in self.chains})
 
 
-def feature_edges(
-    sheet: CutSheet,
-) -> tuple[Index, Index, list[frozenset[int]]]:
+def feature_edges(sheet: CutSheet) -> tuple[Index, Index, list[frozenset[int]]]:
     """Return the edges of all curves of a sheet: their ends, and the other sheets there."""
     mesh = sheet.mesh
     h, a, b = mesh.half_edges()
@@ -126,7 +123,7 @@ def find_chains(sheets: list[CutSheet]) -> tuple[list[Chain], FloatArray]:
     ], np.array(middles).reshape(-1, 3)
 
 
-def _together(places: FloatArray, limits: FloatArray) -> tuple[NDArray[np.int32], list[FloatArray]]:
+def _together(places: FloatArray, limits: FloatArray) -> tuple[IntArray, list[FloatArray]]:
     """Give places nearer to each other than a limit one number; return the middles."""
     from scipy.spatial import cKDTree
 

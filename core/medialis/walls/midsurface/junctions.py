@@ -6,15 +6,13 @@ import math
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from medialis.base.arrays import Index, Mask
 from medialis.base.box_tree import NearestTree
-from medialis.base.validation import FloatArray
+from medialis.base.validation import FloatArray, IntArray
 from medialis.shape.surface import piece_labels
 from medialis.walls.midsurface.remeshing import EditMesh
 from medialis.walls.midsurface.sides import AHEAD, CORE, LEAST_AREA, ON_RIM, RawSheet
-
-Index = NDArray[np.int64]
 
 ACROSS = math.cos(math.radians(20.0))
 """Cosine: sheets that meet at a smaller angle go on into each other, and do not cut."""
@@ -118,7 +116,7 @@ def _crossings(
     at_a: FloatArray,
     at_b: FloatArray,
     h: Index,
-) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
+) -> tuple[FloatArray, FloatArray, Mask]:
     """Return where edges meet the other sheet, at what share of them, and whether they do."""
     if len(a) == 0:
         return np.empty((0, 3)), np.empty(0), np.zeros(0, np.bool_)
@@ -151,14 +149,8 @@ def _face_normals(mesh: EditMesh, rows: Index) -> FloatArray:
 
 
 def _snapped(
-    mesh: EditMesh,
-    h: Index,
-    a: Index,
-    b: Index,
-    place: FloatArray,
-    share: FloatArray,
-    on: set[int],
-) -> NDArray[np.bool_]:
+    mesh: EditMesh, h: Index, a: Index, b: Index, place: FloatArray, share: FloatArray, on: set[int]
+) -> Mask:
     """Move vertices next to the cut onto it; tell the crossings that need no other vertex."""
     done = np.zeros(len(h), np.bool_)
     for i in np.argsort(np.minimum(share, 1 - share), kind="stable").tolist():
@@ -283,7 +275,7 @@ def drop_stubs(sheet: CutSheet) -> None:
     sheet.mesh = mesh.without(ahead & ~meets[label])
 
 
-def _pieces(mesh: EditMesh, chosen: NDArray[np.bool_]) -> NDArray[np.int32]:
+def _pieces(mesh: EditMesh, chosen: Mask) -> IntArray:
     """Give a number to each piece of chosen faces that hang together across no cut."""
     h, _, _ = mesh.half_edges()
     twins = mesh.twins[h]

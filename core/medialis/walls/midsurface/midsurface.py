@@ -1,16 +1,446 @@
-"""The midsurface of a solid of walls: sheets for shell elements, welded where they meet."""
+"""The midsurface of a solid of walls: sheets for shell elements, welded where they meet.
+
+From balls to the midsurface: sides of walls become sheets, which are cut along each other; curves
+are made even, and the sheets inside them. Then all are one mesh with shared vertices at welds,
+sheets numbered through. Lumps are what of the solid is no wall, with their share of the volume.
+"""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections import defaultdict
+from dataclasses import dataclass, replace
+from functools import cached_property
 
+import numpy as np
+
+from medialis.base.arrays import Described, Index
+from medialis.base.box_tree import NearestTree, nearest_on_triangles
 from medialis.base.errors import InvalidShapeError
 from medialis.base.options import Options, algorithm, angle, length
 from medialis.base.progress import Progress
+from medialis.base.threads import run_patiently
+from medialis.base.validation import FloatArray, IntArray, Positions, hold
+from medialis.medial_meshes.sampling import Solid
+from medialis.shape.shape import Shape
+from medialis.shape.surface import piece_labels
 from medialis.skeleton.medial_cloud import MedialCloud
 from medialis.skeleton.surface_skeleton import Preparation, as_cloud
-from medialis.walls.midsurface.sheets import Midsurface
+from medialis.walls.midsurface.curves import (
+    Curve,
+    find_chains,
+    find_curves,
+    forget_lost,
+    lay_curves,
+)
+from medialis.walls.midsurface.junctions import CutSheet, cut_sheets, join_steps, tidy_borders
+from medialis.walls.midsurface.remeshing import remesh
+from medialis.walls.midsurface.sides import find_sides, raw_sheets
+
+
+@dataclass(frozen=True)
+class Lump:
+    """A part of a solid that is no wall.
+
+    Attributes
+    ----------
+    share : float
+        Of the volume of the solid.
+    position : tuple of float
+        A place in its middle.
+    """
+
+    share: float
+    position: tuple[float, float, float]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Midsurface(Described):
+    """Triangles in the middle of walls.
+
+    Attributes
+    ----------
+    points : (n, 3) float64
+        In the units of the shape. Sheets that meet have the same vertices at their weld.
+    faces : (m, 3) int32
+    thickness : (n,) float64
+        Of the wall at each vertex; at a weld that of the thickest one.
+    face_thickness : (m,) float64
+        Of the wall that each face is in.
+    sheet : (m,) int32
+        The sheet of each face, the largest first.
+    weld_edges : (e, 2) int32
+        Edges where sheets meet.
+    weld : (e,) int32
+        The weld curve of each.
+    lumps : tuple of Lump
+        What is no wall, the largest first.
+    wall_share : float or None
+        Share of the volume of the solid that lies in the walls; None: the mesh is open.
+    """
+
+    points: Positions
+    faces: IntArray
+    thickness: FloatArray
+    face_thickness: FloatArray
+    sheet: IntArray
+    weld_edges: IntArray
+    weld: IntArray
+    lumps: tuple[Lump, ...] = ()
+    wall_share: float | None = None
+
+    def __post_init__(self) -> None:
+        n, m, e = len(self.points), len(self.faces), len(self.weld)
+        hold(
+            self,
+            points=(np.float64, n, 3),
+            faces=(np.int32, m, 3),
+            thickness=(np.float64, n),
+            face_thickness=(np.float64, m),
+            sheet=(np.int32, m),
+            weld_edges=(np.int32, e, 2),
+            weld=(np.int32, e),
+        )
+
+    @property
+    def sheets(self) -> int:
+        """How many sheets there are."""
+        return int(self.sheet.max(initial=-1)) + 1
+
+    @property
+    def welds(self) -> int:
+        """How many curves there are at which sheets meet."""
+        return int(self.weld.max(initial=-1)) + 1
+
+    @cached_property
+    def areas(self) -> FloatArray:
+        """Area of each face, (m,)."""
+        a, b, c = (self.points[self.faces[:, j]] for j in range(3))
+        return np.asarray(np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2)
+
+    def of_sheet(self, number: int) -> dict[str, float | int]:
+        """Return area, number of faces, and mean, smallest and largest thickness of one sheet."""
+        mine = self.sheet == number
+        area, values = self.areas[mine], self.face_thickness[mine]
+        return {
+            "sheet": number,
+            "area": float(area.sum()),
+            "faces": int(mine.sum()),
+            "thickness_mean": float((area * values).sum() / max(float(area.sum()), 1e-300)),
+            "thickness_min": float(values.min()),
+            "thickness_max": float(values.max()),
+        }
+
+
+PLACES = 12_000
+"""Of a grid inside of the solid that tell how much of it is wall: shares are good to 1 %."""
+
+MOST_CELLS = 600_000
+"""Of the grid, those outside included: thin shells get fewer places."""
+
+BESIDE = 1.5
+"""Half thicknesses: what is nearer to a sheet is wall, also the outer corner of two at right
+angles, 1.41 away from their weld."""
+
+LEAST_SHARE = 0.005
+"""Of the volume: smaller lumps are fillets and the like, and not named."""
+
+
+def find_lumps(shape: Shape, sheets: Midsurface) -> tuple[tuple[Lump, ...], float]:
+    """Return the lumps of a solid, the largest first, and the share of the volume that is wall.
+
+    Parameters
+    ----------
+    shape : Shape
+        A closed mesh.
+    sheets : Midsurface
+        Of at least one sheet.
+    """
+    low, high = shape.bounds
+    size = shape.diagonal
+    solid = Solid((shape.points - low) / size, np.asarray(shape.faces))
+    volume = abs(float(np.einsum("ia,ia->", shape.points[np.asarray(shape.faces)[:, 0]] - low,
+                                 shape.face_vectors)) / 6) / size**3  # fmt: skip
+    span = (high - low) / size
+    cell = (max(volume / PLACES, float(np.prod(span)) / MOST_CELLS)) ** (1 / 3)
+    count = np.maximum(1, np.ceil(span / cell).astype(np.int64))
+    steps = [(np.arange(n) + 0.5) / n * s for n, s in zip(count, span, strict=True)]
+    grid = np.stack(np.meshgrid(*steps, indexing="ij"), axis=-1).reshape(-1, 3)
+    inside = np.flatnonzero(solid.contains(grid))
+    if len(inside) == 0:
+        return (), 1.0
+    places = grid[inside] * size + low
+    tree = NearestTree.of_triangles(sheets.points, np.asarray(sheets.faces))
+    distance, row = tree.distances(places)
+    corners = np.asarray(sheets.faces)[row]
+    weights = nearest_on_triangles(places, sheets.points[corners])
+    half = np.einsum("qj,qj->q", weights, sheets.thickness[corners]) / 2
+    outside = np.flatnonzero(distance > BESIDE * half)
+    label = _pieces(inside[outside], count)
+    found = []
+    for number in np.unique(label):
+        mine = places[outside[label == number]]
+        share = len(mine) / len(inside)
+        if share >= LEAST_SHARE:
+            x, y, z = mine[np.linalg.norm(mine - mine.mean(axis=0), axis=1).argmin()].tolist()
+            found.append(Lump(share, (x, y, z)))
+    found.sort(key=lambda lump: (-lump.share, lump.position))
+    return tuple(found), 1.0 - len(outside) / len(inside)
+
+
+def _pieces(cells: Index, count: Index) -> IntArray:
+    """Give a number to each piece of cells of a grid that hang together through their sides."""
+    row = np.full(int(np.prod(count)), -1)
+    row[cells] = np.arange(len(cells))
+    place = np.stack(np.unravel_index(cells, tuple(count)), axis=1)
+    links = []
+    for axis in range(3):
+        step = np.zeros(3, np.int64)
+        step[axis] = 1
+        fits = place[:, axis] + 1 < count[axis]
+        there = row[np.ravel_multi_index(tuple((place[fits] + step).T), tuple(count))]
+        links.append(np.stack([np.flatnonzero(fits), there], axis=1)[there >= 0])
+    return np.asarray(piece_labels(len(cells), np.concatenate(links)))
+
+
+STRAIGHT_ON = math.cos(math.radians(15.0))
+"""Cosine of the turn up to which a sheet goes on into another one of the same thickness."""
+
+ALIKE = 0.05
+"""Share of the thickness by which these may differ."""
+
+SAME_CURVE = math.cos(math.radians(30.0))
+"""Cosine of the turn up to which a weld goes on past a place where others meet it."""
+
+
+def assembled(
+    sheets: list[CutSheet],
+    numbers: list[dict[int, int]],
+    places: FloatArray,
+    curves: list[Curve],
+    nodes: int,
+) -> Midsurface:
+    """Put the meshes of all sheets together, vertex by vertex at their curves.
+
+    Parameters
+    ----------
+    sheets : list of CutSheet
+        Remeshed.
+    numbers : list of dict
+        The number of each vertex of a sheet that lies on a curve.
+    places : (k, 3) float64
+        Of these numbers.
+    curves : list of Curve
+    nodes : int
+        How many of the places are nodes, the first ones.
+    """
+    points, faces, owner, count = [places], [], [], len(places)
+    halves = np.zeros(len(places))
+    values = []
+    for s, (sheet, known) in enumerate(zip(sheets, numbers, strict=True)):
+        mesh = sheet.mesh
+        corners = mesh.faces[: mesh.face_count][mesh.alive]
+        used = np.unique(corners)
+        number = np.full(mesh.vertex_count, -1, np.int64)
+        for v, k in known.items():
+            number[v] = k
+        own = used[number[used] < 0]
+        number[own] = count + np.arange(len(own))
+        half = np.zeros(mesh.vertex_count)
+        if len(used):
+            half[used] = sheet.raw.at(mesh.points[used])[1]
+        np.maximum.at(halves, number[used[number[used] < len(places)]],
+                      half[used[number[used] < len(places)]])  # fmt: skip
+        points.append(mesh.points[own])
+        values.append(half[own])
+        faces.append((number[corners], half[corners].mean(axis=1)))
+        owner.append(np.full(len(corners), s, np.int32))
+        count += len(own)
+    every = np.concatenate(points)
+    triangles = np.concatenate([f for f, _ in faces]).reshape(-1, 3)
+    fine = (triangles != np.roll(triangles, 1, axis=1)).all(axis=1)
+    triangles = triangles[fine]
+    used, compact = np.unique(triangles, return_inverse=True)
+    new = np.full(len(every), -1, np.int64)
+    new[used] = np.arange(len(used))
+    half = np.concatenate([halves, *values])
+    mean = np.concatenate([h for _, h in faces])[fine]
+    raw_sheet = np.concatenate(owner)[fine]
+    mesh_faces = compact.reshape(-1, 3).astype(np.int32)
+    edges, of_edge = _weld_edges(curves, nodes, new)
+    label = _numbered(every[used], mesh_faces, raw_sheet, 2 * mean, edges, len(sheets))
+    edges, weld = _weld_curves(every[used], mesh_faces, label, edges, of_edge)
+    return Midsurface(every[used], mesh_faces, 2 * half[used], 2 * mean, label, edges, weld)
+
+
+def _weld_edges(curves: list[Curve], nodes: int, new: Index) -> tuple[IntArray, IntArray]:
+    """Return the edges of all curves of several sheets, and the curve of each."""
+    result, of_edge = [], []
+    first = _first_numbers(curves, nodes)
+    for k, curve in enumerate(curves):
+        if len(curve.chains) < 2:
+            continue
+        inner = first[k] + np.arange(len(curve.places) - 2)
+        line = new[np.concatenate([[curve.nodes[0]], inner, [curve.nodes[1]]])]
+        result.append(np.stack([line[:-1], line[1:]], axis=1))
+        of_edge.append(np.full(len(line) - 1, k, np.int32))
+    if not result:
+        return np.empty((0, 2), np.int32), np.empty(0, np.int32)
+    edges, of_all = np.concatenate(result).astype(np.int32), np.concatenate(of_edge)
+    there = (edges >= 0).all(axis=1) & (edges[:, 0] != edges[:, 1])
+    return edges[there], of_all[there]
+
+
+def _first_numbers(curves: list[Curve], nodes: int) -> list[int]:
+    result, count = [], nodes
+    for curve in curves:
+        result.append(count)
+        count += len(curve.places) - 2
+    return result
+
+
+def _at_edges(faces: IntArray, edges: IntArray, count: int) -> dict[tuple[int, int], list[int]]:
+    """Return the faces at each of some edges."""
+    wanted = {(min(a, b), max(a, b)) for a, b in edges.tolist()}
+    result: dict[tuple[int, int], list[int]] = defaultdict(list)
+    if not wanted:
+        return result
+    on = np.zeros(count, np.bool_)
+    on[edges] = True
+    rows = np.flatnonzero(on[faces].sum(axis=1) >= 2)
+    for row in rows.tolist():
+        corners = faces[row].tolist()
+        for j in range(3):
+            a, b = corners[j], corners[(j + 1) % 3]
+            key = (min(a, b), max(a, b))
+            if key in wanted:
+                result[key].append(row)
+    return result
+
+
+def _numbered(
+    points: FloatArray,
+    faces: IntArray,
+    raw_sheet: IntArray,
+    thickness: FloatArray,
+    edges: IntArray,
+    count: int,
+) -> IntArray:
+    """Give sheets numbers, the largest first; those that go straight on into others share one."""
+    votes: dict[tuple[int, int], float] = defaultdict(float)
+    for (a, b), rows in _at_edges(faces, edges, len(points)).items():
+        along = points[b] - points[a]
+        length = float(np.linalg.norm(along))
+        outward = []
+        for row in rows:
+            tip = points[int(faces[row].sum()) - a - b] - points[a]
+            away = tip - (tip @ along) * along / max(length * length, 1e-300)
+            outward.append(away / max(float(np.linalg.norm(away)), 1e-300))
+        sheets = raw_sheet[rows].tolist()
+        single = [i for i, s in enumerate(sheets) if sheets.count(s) == 1]
+        for p, i in enumerate(single):
+            for j in single[p + 1 :]:
+                pair = (min(sheets[i], sheets[j]), max(sheets[i], sheets[j]))
+                one, two = float(thickness[rows[i]]), float(thickness[rows[j]])
+                on = float(outward[i] @ outward[j]) < -STRAIGHT_ON
+                alike = abs(one - two) <= ALIKE * min(one, two)
+                votes[pair] += length if on and alike else -length
+    links = np.array([pair for pair, vote in votes.items() if vote > 0], np.int64).reshape(-1, 2)
+    joined = piece_labels(count, links)[raw_sheet]
+    x, y, z = (points[faces[:, j]] for j in range(3))
+    area = np.bincount(joined, np.linalg.norm(np.cross(y - x, z - x), axis=1), minlength=count)
+    order = np.lexsort((np.arange(count), -area))
+    rank = np.empty(count, np.int32)
+    rank[order] = np.arange(count)
+    return np.asarray(rank[joined])
+
+
+def _weld_curves(
+    points: FloatArray, faces: IntArray, sheet: IntArray, edges: IntArray, of_edge: IntArray
+) -> tuple[IntArray, IntArray]:
+    """Return the edges at which sheets meet, and the weld of each: curves of the same sheets."""
+    at = _at_edges(faces, edges, len(points))
+    meeting: dict[int, frozenset[int]] = {}
+    keep = []
+    for i, (a, b) in enumerate(edges.tolist()):
+        rows = at.get((min(a, b), max(a, b)), [])
+        labels = frozenset(sheet[rows].tolist())
+        if len(rows) > 2 or len(labels) > 1:
+            keep.append(i)
+            meeting.setdefault(int(of_edge[i]), labels)
+    edges, of_edge = edges[keep], of_edge[keep]
+    pieces = sorted(meeting)
+    index = {k: i for i, k in enumerate(pieces)}
+    ends: dict[int, list[tuple[int, FloatArray]]] = defaultdict(list)
+    for k in pieces:
+        mine = edges[of_edge == k]
+        count = np.bincount(mine.ravel(), minlength=len(points))
+        for v in np.flatnonzero(count == 1).tolist():
+            row = mine[(mine == v).any(axis=1)][0]
+            away = points[int(row.sum()) - v] - points[v]
+            ends[v].append((k, away / max(float(np.linalg.norm(away)), 1e-300)))
+    links = [
+        (index[k], index[q])
+        for around in ends.values()
+        for i, (k, one) in enumerate(around)
+        for q, two in around[i + 1 :]
+        if meeting[k] == meeting[q] and float(one @ two) < -SAME_CURVE
+    ]
+    label = piece_labels(len(pieces), np.array(links, np.int64).reshape(-1, 2))
+    number = np.unique(label, return_inverse=True)[1] if len(label) else label
+    weld = np.array([number[index[int(k)]] for k in of_edge.tolist()], np.int32)
+    return edges.astype(np.int32), weld
+
+
+def middle_of_walls(
+    balls: MedialCloud, least_angle: float, crease: float, edge: float, progress: Progress
+) -> Midsurface:
+    """Return the midsurface of what the balls of a mesh tell.
+
+    Parameters
+    ----------
+    balls : MedialCloud
+        Inner balls, row i that of sample i.
+    least_angle : float
+        Radians: of the spokes of balls in walls.
+    crease : float
+        Degrees: sides of walls end at edges that bend by more.
+    edge : float
+        Length of the edges of triangles, in the units of the shape.
+    """
+    shape = balls.surface
+    progress.update(0.0)
+    sides = find_sides(balls, least_angle, crease)
+    raws = raw_sheets(sides)
+    if not raws:
+        return nothing()
+    progress.update(0.3)
+    sheets = cut_sheets(raws)
+    surface = NearestTree.of_triangles(shape.points, np.asarray(shape.faces))
+    join_steps(sheets, surface)
+    tidy_borders(sheets, surface)
+    forget_lost(sheets)
+    chains, nodes = find_chains(sheets)
+    curves = find_curves(sheets, chains, nodes, edge)
+    kinds, numbers, places = lay_curves(sheets, curves, nodes)
+    for s, (sheet, kind) in enumerate(zip(sheets, kinds, strict=True)):
+        begin, end = (0.5 + 0.5 * (s + step) / len(sheets) for step in (0, 1))
+        with progress.stage("triangles", begin, end):
+            remesh(sheet.mesh, kind, sheet.raw, edge, progress)
+    found = assembled(sheets, numbers, places, curves, len(nodes))
+    if not shape.closed_components.all():
+        return found
+    lumps, share = run_patiently(lambda: find_lumps(shape, found), progress)
+    return replace(found, lumps=lumps, wall_share=share)
+
+
+def nothing() -> Midsurface:
+    """Return a midsurface without sheets."""
+    none = np.empty((0, 3))
+    return Midsurface(
+        none, np.empty((0, 3), np.int32), np.empty(0), np.empty(0), np.empty(0, np.int32),
+        np.empty((0, 2), np.int32), np.empty(0, np.int32),
+    )  # fmt: skip
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -80,8 +510,6 @@ def midsurface(cloud: MedialCloud, options: MidsurfaceOptions, progress: Progres
     shape = cloud.surface
     if shape.faces is None:
         raise InvalidShapeError("A midsurface is computed from a mesh, got a point cloud.")
-    from medialis.walls.midsurface.assembly import middle_of_walls
-
     crease = next(p.default for p in Preparation.parameters() if p.name == "creases")
     edge = options.edge * shape.diagonal
     return middle_of_walls(cloud.inner.own, math.radians(options.angle), crease, edge, progress)

@@ -16,8 +16,7 @@ from medialis.operations.result import Layer, Outcome
 from medialis.shape.shape import Shape
 from medialis.skeleton.layers import summary
 from medialis.skeleton.surface_skeleton import Preparation, surface_skeleton
-from medialis.walls.midsurface.midsurface import MidsurfaceOptions, midsurface
-from medialis.walls.midsurface.sheets import Midsurface
+from medialis.walls.midsurface.midsurface import Midsurface, MidsurfaceOptions, midsurface
 
 
 @dataclass(frozen=True, kw_only=True)

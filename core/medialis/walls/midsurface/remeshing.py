@@ -11,14 +11,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from medialis.base.arrays import Index, Mask
 from medialis.base.progress import Progress
 from medialis.base.validation import FloatArray, IntArray
 from medialis.shape.surface import Topology
 from medialis.walls.midsurface import _kernels as kernels
 from medialis.walls.midsurface._kernels import FREE, SAME_SIDE, Mesh
 from medialis.walls.midsurface.sides import RawSheet
-
-Index = NDArray[np.int64]
 
 ROUNDS = 12
 """Of splitting, collapsing, flipping and smoothing; the angles change little after eight."""
@@ -79,7 +78,7 @@ class EditMesh:
         return int(self.sizes[1])
 
     @property
-    def alive(self) -> NDArray[np.bool_]:
+    def alive(self) -> Mask:
         """Which faces are there, (f,)."""
         return np.asarray(self.faces[: self.face_count, 0] >= 0)
 
@@ -155,7 +154,7 @@ class EditMesh:
         """Return a half-edge from a to b, or from b to a; -1: there is none."""
         return int(kernels.find_edge(self.arrays, a, b))
 
-    def without(self, gone: NDArray[np.bool_]) -> EditMesh:
+    def without(self, gone: Mask) -> EditMesh:
         """Return a mesh without some faces (f,) and those that are gone already, and its marks."""
         rows = np.flatnonzero(self.alive & ~gone)
         used, faces = np.unique(self.faces[rows], return_inverse=True)

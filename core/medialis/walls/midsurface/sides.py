@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from medialis.base.arrays import Index, Mask
 from medialis.base.box_tree import NearestTree, nearest_on_triangles
 from medialis.base.validation import FloatArray, IntArray
 from medialis.shape.creases import Creases, find_creases
@@ -78,10 +79,10 @@ class Sides:
     """
 
     cloud: MedialCloud
-    wide: NDArray[np.bool_]
+    wide: Mask
     label: IntArray
-    core: NDArray[np.bool_]
-    abrupt: NDArray[np.bool_]
+    core: Mask
+    abrupt: Mask
 
     @property
     def shape(self) -> Shape:
@@ -123,9 +124,9 @@ class Side:
         Half the thickness.
     """
 
-    vertices: NDArray[np.int64]
-    faces: NDArray[np.int64]
-    rows: NDArray[np.int64]
+    vertices: Index
+    faces: Index
+    rows: Index
     middle: FloatArray
     half: FloatArray
 
@@ -156,12 +157,12 @@ def find_sides(cloud: MedialCloud, least_angle: float, crease: float) -> Sides:
     return _united(cloud, wide, core & (label >= 0), grown, source, links)
 
 
-def balls_of(chosen: NDArray[np.bool_], cloud: MedialCloud) -> FloatArray:
+def balls_of(chosen: Mask, cloud: MedialCloud) -> FloatArray:
     """Return the radii of the balls at the corners of chosen faces."""
     return cloud.radii[np.unique(np.asarray(cloud.surface.faces)[chosen])]
 
 
-def folded_faces(shape: Shape, links: NDArray[np.int64], width: float) -> NDArray[np.bool_]:
+def folded_faces(shape: Shape, links: Index, width: float) -> Mask:
     """Tell the faces beside edges that are sharp at the scale of a wall, (m,), though no crease is.
 
     Chamfers and small fillets turn in steps. Each face takes the mean normal of its neighbours, so
@@ -183,7 +184,7 @@ def folded_faces(shape: Shape, links: NDArray[np.int64], width: float) -> NDArra
     return np.asarray(cosine < FOLDED)
 
 
-def wide_samples(cloud: MedialCloud, creases: Creases, least_angle: float) -> NDArray[np.bool_]:
+def wide_samples(cloud: MedialCloud, creases: Creases, least_angle: float) -> Mask:
     """Tell the samples whose ball touches an opposite wall, (n,), and no edge of it."""
     shape, n = cloud.surface, cloud.surface.point_count
     sharp = np.zeros(n, np.bool_)
@@ -200,7 +201,7 @@ def wide_samples(cloud: MedialCloud, creases: Creases, least_angle: float) -> ND
     return np.asarray(wide & ~edge)
 
 
-def _smooth_links(shape: Shape, creases: Creases) -> NDArray[np.int64]:
+def _smooth_links(shape: Shape, creases: Creases) -> Index:
     """Return the pairs of faces (e, 2) that hang together across edges that are no creases."""
     first, second, _ = shape.edge_table.pairs
     parted = np.zeros(3 * shape.face_count, np.bool_)
@@ -209,7 +210,7 @@ def _smooth_links(shape: Shape, creases: Creases) -> NDArray[np.int64]:
     return np.stack([first[smooth] // 3, second[smooth] // 3], axis=1).astype(np.int64)
 
 
-def _pieces(chosen: NDArray[np.bool_], links: NDArray[np.int64]) -> IntArray:
+def _pieces(chosen: Mask, links: Index) -> IntArray:
     """Give numbers to the connected pieces of chosen faces; -1: tiny ones, and all others."""
     inner = links[chosen[links].all(axis=1)]
     piece = np.where(chosen, piece_labels(len(chosen), inner), -1)
@@ -221,8 +222,8 @@ def _pieces(chosen: NDArray[np.bool_], links: NDArray[np.int64]) -> IntArray:
 
 
 def _grown(
-    shape: Shape, cloud: MedialCloud, label: IntArray, links: NDArray[np.int64]
-) -> tuple[IntArray, NDArray[np.int64]]:
+    shape: Shape, cloud: MedialCloud, label: IntArray, links: Index
+) -> tuple[IntArray, Index]:
     """Let sides go on over smooth faces, each face with the nearest one that has an opposite."""
     faces, normals = np.asarray(shape.faces), shape.face_normals
     middle = shape.points[faces].mean(axis=1)
@@ -252,12 +253,7 @@ def _grown(
 
 
 def _united(
-    cloud: MedialCloud,
-    wide: NDArray[np.bool_],
-    core: NDArray[np.bool_],
-    label: IntArray,
-    source: NDArray[np.int64],
-    links: NDArray[np.int64],
+    cloud: MedialCloud, wide: Mask, core: Mask, label: IntArray, source: Index, links: Index
 ) -> Sides:
     """Join sides that go on into each other with the same thickness; mark those that do not."""
     count = int(label.max(initial=-1)) + 1
@@ -319,9 +315,7 @@ def side_of(sides: Sides, number: int) -> Side:
     return Side(vertices.astype(np.int64), faces.astype(np.int64), rows, middle, half)
 
 
-def _side_normals(
-    points: FloatArray, faces: NDArray[Any], shape: Shape, rows: NDArray[np.int64]
-) -> FloatArray:
+def _side_normals(points: FloatArray, faces: NDArray[Any], shape: Shape, rows: Index) -> FloatArray:
     """Return unit normals of the vertices by the faces of the side alone, weighted by angle."""
     corners = points[faces]
     total = np.zeros_like(points)
@@ -426,7 +420,7 @@ class RawSheet:
     kind: IntArray
 
     @property
-    def core(self) -> NDArray[np.bool_]:
+    def core(self) -> Mask:
         """Faces between two opposite walls, (f,)."""
         return np.asarray(self.kind == CORE)
 
@@ -524,7 +518,7 @@ def _chosen_sides(sides: Sides) -> list[Side]:
     return [every[number] for number in chosen]
 
 
-def _area(points: FloatArray, faces: NDArray[np.int64]) -> float:
+def _area(points: FloatArray, faces: Index) -> float:
     a, b, c = (points[faces[:, j]] for j in range(3))
     return float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2)
 
@@ -613,11 +607,7 @@ def _smoothed(direction: FloatArray, a: IntArray, b: IntArray) -> FloatArray:
 
 
 def _march(
-    points: FloatArray,
-    direction: FloatArray,
-    moving: NDArray[np.int64],
-    surface: NearestTree,
-    farthest: float,
+    points: FloatArray, direction: FloatArray, moving: Index, surface: NearestTree, farthest: float
 ) -> FloatArray:
     """Return how far it is to the surface from some points (0 for all others), at most."""
     reach = np.zeros(len(points))
@@ -633,7 +623,7 @@ def _march(
 
 
 def _reach_of_ends(
-    reach: FloatArray, direction: FloatArray, ending: NDArray[np.bool_], a: IntArray, b: IntArray
+    reach: FloatArray, direction: FloatArray, ending: Mask, a: IntArray, b: IntArray
 ) -> None:
     """Let ends on the rim go as far as their neighbours do."""
     for end, other in ((a, b), (b, a)):
@@ -643,12 +633,7 @@ def _reach_of_ends(
 
 
 def _with_strip(
-    sheet: RawSheet,
-    far: FloatArray,
-    moving: NDArray[np.int64],
-    a: IntArray,
-    b: IntArray,
-    ahead: NDArray[np.bool_],
+    sheet: RawSheet, far: FloatArray, moving: Index, a: IntArray, b: IntArray, ahead: Mask
 ) -> RawSheet:
     """Return a sheet with two faces more at each edge a, b of which both or one end has moved."""
     n = len(sheet.points)

@@ -1,10 +1,4 @@
-"""Growing a graph along linked balls, pruning and smoothing it (thesis 3.6.3).
-
-Growth: loops first, then branch after branch. Every branch is the cheapest path from a candidate to
-the graph so far, so it runs along the curve skeleton where there is one, crosses gaps along the
-surface skeleton, and joins the graph where it comes near it. One loop is closed for each handle, by
-the cheapest link that goes round it. So the graph has one component by construction, and no loop
-more than were asked for.
+"""Finishing a grown graph: pruning, even nodes, smoothing, fewer nodes (thesis 3.6.3).
 
 Pruning: a spur does not stick out of the ball at its start. A branch beside another one ends at a
 ball that lies on the way of a thicker limb, or on a loop: more of the surface hangs on that ball
@@ -14,171 +8,46 @@ Finishing: the nodes of a grown graph are balls, so it zigzags from sample to sa
 junctions become one, branches are sampled evenly (by their radius) and smoothed. A node moves
 within the ball that it comes from, so it stays inside the shape; edges are shorter than the radii
 at their ends.
+
+`simplify_branches` leaves out nodes later; `point_graph` takes all steps for any points.
 """
 
 from __future__ import annotations
 
-import functools
-from collections.abc import Callable, Mapping
-from dataclasses import replace
-from typing import Any
+import itertools
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from medialis.base.arrays import Ragged, places_along
+from medialis.base.arrays import places_along
+from medialis.base.options import Options, algorithm, length
 from medialis.base.progress import Progress
 from medialis.base.validation import FloatArray, as_field, as_number, as_points
 from medialis.curves.curve_skeleton import CurveSkeleton
-from medialis.curves.graph.ground import BallLinks, GraphTree, link_balls, pairs
-from medialis.curves.graph.loops import Handles, close_loops, link_turns
+from medialis.curves.growth import APART, GraphTree, grow_graph, link_balls, sticks_out
+from medialis.curves.loops import Handles
+from medialis.shape.surface import piece_labels
 
-STICKS_OUT = 0.5
-"""Share of the radius at the start of a branch by which the ball at its end reaches out of it."""
+if TYPE_CHECKING:
+    from medialis.curves._kernels import BallLinks
 
-APART = 0.85
-"""Share of the larger radius by which the centers are apart: else the balls are nearly one."""
+STEP = 0.3
+"""Distance of nodes: share of the radius."""
 
-SHORTEST = 3.0
-"""Spacings: shorter branches are steps between neighbouring balls."""
+SHORTEST_STEP = 0.25
+"""Distance of nodes at least: share of the sample spacing."""
 
-LARGE, KEPT_BRANCHES = 0.25, 4
-"""Share of all balls from which on a component counts as large, and branches of it that are kept:
-the first ones, whose search visits nearly all its balls."""
+END_WEIGHT = 1e6
+"""Weight of free ends in smoothing: they stay."""
 
+ROOM = 0.7
+"""Share of the room inside its ball that smoothing may use."""
 
-Turns = dict[int, NDArray[np.int64]]
-
-Keep = Callable[[tuple[int, ...], Callable[[], Any]], Any]
-"""Returns what a function computes, or what it returned before for the same numbers."""
-
-
-def grow_graph(
-    links: BallLinks,
-    components: NDArray[np.int32],
-    strength: FloatArray,
-    candidates: NDArray[np.bool_],
-    handles: Mapping[int, Handles] | None = None,
-    keep: Keep = lambda _, compute: compute(),
-    progress: Progress | None = None,
-) -> tuple[NDArray[np.int64], Turns]:
-    """Grow a graph in each component of a set of balls.
-
-    Parameters
-    ----------
-    links : BallLinks
-        k balls.
-    components : (k,) int
-        Component of each ball; -1: not to be used.
-    strength : (k,) float64
-        The strongest candidate is where the graph of its component starts; without candidates it
-        starts at the largest ball.
-    candidates : (k,) bool
-        Balls that the graph must reach where they stick out of it.
-    handles : dict, optional
-        Loops to close, by component.
-    keep : callable, optional
-        Keeps the first stages, so that other candidates which lead to them go on from there.
-    progress : Progress, optional
-
-    Returns
-    -------
-    (e, 2) int64
-        Edges between balls, each once; a row (i, i) is a graph of ball i alone.
-    dict
-        Turns of the loops that were closed (`close_loops`), by the number of the component,
-        where handles were given.
-    """
-    groups = Ragged.group(components, int(components.max(initial=-1)) + 1)
-    balls = {number: rows.astype(np.int64) for number, rows in enumerate(groups) if len(rows)}
-    wanted = {number: rows[candidates[rows]] for number, rows in balls.items()}
-    roots = {}
-    for number, pool in wanted.items():
-        # Where no candidate is kept the measure is noise: the middle of the thickest place stays.
-        pool, worth = (pool, strength) if len(pool) else (balls[number], links.radii)
-        roots[number] = int(pool[np.nan_to_num(worth[pool], nan=-np.inf).argmax()])
-    stages = tuple(roots.values())
-    graph, loops = keep(stages, lambda: _rooted(links, balls, roots, handles or {}))
-    mine = False
-    for number in sorted(balls, key=lambda number: len(balls[number]), reverse=True):
-        large, turn = len(balls[number]) >= LARGE * len(links), 0
-        while (tip := next_tip(graph, wanted[number])) is not None:
-            if progress is not None:
-                progress.update(0.0)
-            stages = (*stages, tip)
-            if large and turn < KEPT_BRANCHES:
-                graph, mine = keep(stages, functools.partial(_branched, graph, tip)), False
-            else:
-                graph, mine = graph if mine else graph.copy(), True
-                graph.add(graph.join(tip))
-            turn += 1
-    joined = np.concatenate([np.empty((0, 2), np.int64), *graph.edges])
-    alone = np.setdiff1d(stages[: len(roots)], joined)
-    edges = np.sort(np.concatenate([joined, pairs(alone, alone)]), axis=1)
-    return np.unique(edges, axis=0), loops
-
-
-def _rooted(
-    links: BallLinks,
-    balls: Mapping[int, NDArray[np.int64]],
-    roots: Mapping[int, int],
-    handles: Mapping[int, Handles],
-) -> tuple[GraphTree, Turns]:
-    """Start a graph in each component: its root, and the loops round its handles."""
-    graph, loops = GraphTree(links), {}
-    graph.add(list(roots.values()))
-    for number in handles.keys() & roots.keys():
-        one = handles[number]
-        loops[number] = np.zeros((0, len(one.loops)), np.int64)
-        if one.loops:
-            turns = link_turns(links, one, balls[number])
-            loops[number] = close_loops(graph, turns, balls[number], roots[number], one.genus)
-    return graph, loops
-
-
-def _branched(graph: GraphTree, tip: int) -> GraphTree:
-    """Return a copy of a graph with one more branch."""
-    copy = graph.copy()
-    copy.add(copy.join(tip))
-    return copy
-
-
-def next_tip(graph: GraphTree, candidates: NDArray[np.int64]) -> int | None:
-    """Return the candidate that sticks out of the graph most; None when there is none."""
-    radii = graph.links.radii
-    # Short ways go first: in the end nearly all are, and a noisy shape takes a thousand turns.
-    far = graph.path[candidates] >= SHORTEST * graph.links.spacing
-    reached = candidates[far & (graph.base[candidates] >= 0)]
-    base = graph.base[reached]
-    gap = np.linalg.norm(graph.links.centers[reached] - graph.links.centers[base], axis=1)
-    distance = np.maximum(gap, graph.path[reached] / 2)
-    out = sticks_out(distance, radii[reached], radii[base], graph.links.widths[reached])
-    if not out.any():
-        return None
-    beyond = np.where(out, graph.path[reached] + radii[reached] - radii[base], -np.inf)
-    return int(reached[beyond.argmax()])
-
-
-def sticks_out(
-    distance: FloatArray, tip: FloatArray, base: FloatArray, width: FloatArray
-) -> NDArray[np.bool_]:
-    """Tell branches from spurs.
-
-    The ball at the end of a branch reaches out of the ball where it starts by half of its radius,
-    or by half the width of the branch if that is less: a half ball on a wall reaches out as far.
-    Neither center lies deep in the other ball.
-
-    Parameters
-    ----------
-    distance : (b,) float64
-        Of the ends.
-    tip, base : (b,) float64
-        Radius at the free end and at the other one.
-    width : (b,) float64
-        Half the width at the free end; inf where it is not known.
-    """
-    out = distance + tip > base + np.minimum(STICKS_OUT * base, width)
-    return np.asarray(out & (distance > APART * np.maximum(tip, base)))
+INSIDE = 0.9
+"""Share of its radius by which simplifying may move a branch away from a node."""
 
 
 def prune(
@@ -213,10 +82,12 @@ def prune(
         rows = np.flatnonzero(stays)
         rows = rows[prune_spurs(graph.subset(stays), links.widths[balls[rows]])]
         stays = np.isin(np.arange(len(balls)), rows)
-        nearest = _nearest_on_graph(links, balls[rows])
+        growth = GraphTree(links._replace(cost=links.length))
+        growth.add(balls[rows].tolist())
+        nearest = growth.base
         if importance is None or areas is None:
             return stays, nearest
-        area = np.bincount(nearest[nearest >= 0], areas[nearest >= 0], len(links))
+        area = np.bincount(nearest[nearest >= 0], areas[nearest >= 0], len(links.radii))
         beside = _beside(graph.subset(stays), links.radii, balls[rows], importance, area)
         if not beside.any():
             return stays, nearest
@@ -301,22 +172,6 @@ def _half_spheroid(long: FloatArray) -> FloatArray:
     return np.asarray(long**2 + stretch)
 
 
-def _nearest_on_graph(links: BallLinks, balls: NDArray[np.int64]) -> NDArray[np.int32]:
-    growth = GraphTree(replace(links, cost=links.length))
-    growth.add(balls.tolist())
-    return growth.base
-
-
-STEP, SHORTEST_STEP = 0.3, 0.25
-"""Distance of nodes: share of the radius, at least a share of the sample spacing."""
-
-PINNED = 1e6
-"""Weight of free ends in smoothing."""
-
-ROOM = 0.7
-"""Share of the room inside its ball that smoothing may use."""
-
-
 def finish_graph(
     links: BallLinks,
     edges: NDArray[np.int64],
@@ -353,7 +208,7 @@ def finish_graph(
     merged, into = merge_junctions(raw, raw.radii)
     sampled, node_of = sample_branches(merged, links.spacing)
     nodes = smooth_nodes(sampled.nodes, sampled.edges, sampled.radii, smoothing)
-    node_of_ball = np.full(len(links) + 1, -1, np.int64)  # one more row: no ball
+    node_of_ball = np.full(len(links.radii) + 1, -1, np.int64)  # one more row: no ball
     node_of_ball[balls] = node_of[into]
     moved = np.linalg.norm(nodes - sampled.nodes, axis=1)
     radii = np.maximum(sampled.radii - moved, 0.0)
@@ -443,18 +298,13 @@ def sample_branches(
     nodes, room = [graph.nodes[fixed]], [graph.radii[fixed]]
     edges: list[NDArray[np.int64]] = []
     count = len(fixed)
-    taken: set[tuple[int, int]] = set()
-    for row in graph.branches:
-        closed = row[0] == row[-1]
-        ends = (int(min(row[0], row[-1])), int(max(row[0], row[-1])))
-        least = 3 if closed else 2 if ends in taken else 1
-        taken.add(ends)
+    for row, least in _needed_nodes(graph):
         if node_of[row[0]] < 0:  # a ring: one of its nodes becomes fixed
             node_of[row[0]] = count
             nodes.append(graph.nodes[row[:1]])
             room.append(graph.radii[row[:1]])
             count += 1
-        place, points, free, nearest = _sample(graph, row, spacing, least)
+        place, points, free, nearest = _sample(graph, row, spacing, least + 1)
         inner = np.arange(count, count + len(place) - 2)
         names = np.concatenate([[node_of[row[0]]], inner, [node_of[row[-1]]]])
         node_of[row[1:-1]] = names[nearest[1:-1]]
@@ -464,6 +314,18 @@ def sample_branches(
         count += len(inner)
     joined = np.concatenate(edges) if edges else np.empty((0, 2))
     return CurveSkeleton.of(np.concatenate(nodes), joined, np.concatenate(room)), node_of
+
+
+def _needed_nodes(graph: CurveSkeleton) -> Iterator[tuple[NDArray[np.int32], int]]:
+    """Branches, and how many nodes each needs between its ends.
+
+    Fewer would make a loop of one or two edges, or an edge that comes twice.
+    """
+    taken: set[frozenset[int]] = set()
+    for row in graph.branches:
+        ends = frozenset((int(row[0]), int(row[-1])))
+        yield row, 2 if len(ends) == 1 else int(ends in taken)
+        taken.add(ends)
 
 
 def _sample(
@@ -540,12 +402,114 @@ def smooth_nodes(
         (values, (rows, np.concatenate([a, b, inner]))), shape=(max(1, len(inner)), v)
     ).tocsr()
     mass = np.maximum(mass, tiny)
-    mass[degree == 1] *= PINNED
+    mass[degree == 1] *= END_WEIGHT
     moved = spsolve((diags_array(mass) + bend.T @ bend).tocsc(), mass[:, None] * nodes)
     shift = np.asarray(moved).reshape(v, 3) - nodes
     size = np.linalg.norm(shift, axis=1)
     allowed = np.divide(ROOM * room, size, out=np.ones(v), where=size > ROOM * room)
     return np.asarray(nodes + allowed[:, None] * shift)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SimplifyOptions(Options):
+    """Options of `simplify_branches`."""
+
+    simplify: float = length(
+        0.005,
+        "Simplify",
+        "Leave out nodes where the branch changes by less than this share of the size. 0 keeps "
+        "all; the topology stays the same.",
+    )
+
+
+@algorithm(SimplifyOptions, keep=False)
+def simplify_branches(
+    graph: CurveSkeleton, options: SimplifyOptions, progress: Progress
+) -> CurveSkeleton:
+    """Leave out nodes of degree 2 while the branches stay where they are, up to a tolerance.
+
+    No node that goes is farther than that from the new branch, nor than 0.9 of its radius, so that
+    the branch stays inside the shape.
+
+    Parameters
+    ----------
+    graph : CurveSkeleton
+        v nodes.
+
+    Returns
+    -------
+    CurveSkeleton
+        With the same ends, junctions, components and loops. Vertices of the surface keep their
+        branch; their node is the nearest one along it.
+
+    See Also
+    --------
+    curve_skeleton : has the same option.
+
+    Notes
+    -----
+    Douglas and Peucker's method, branch by branch. Not in the thesis.
+
+    Examples
+    --------
+    >>> import medialis
+    >>> line = medialis.CurveSkeleton.of([[0, 0, 0], [1, 0, 0], [2, 0, 0]], [[0, 1], [1, 2]],
+    ...                                  [1, 1, 1])
+    >>> medialis.simplify_branches(line, simplify=0.05).nodes.tolist()
+    [[0.0, 0.0, 0.0], [2.0, 0.0, 0.0]]
+    """
+    tolerance = options.simplify * graph.diagonal
+    stays = graph.degrees != 2
+    kept_of: list[NDArray[np.int64]] = []
+    for row, least in _needed_nodes(graph):
+        bound = np.minimum(tolerance, INSIDE * graph.radii[row])
+        kept = _kept(graph.nodes[row], bound, least)
+        kept_of.append(kept)
+        stays[row[kept]] = True
+    number = np.cumsum(stays) - 1
+    edges, near = [], np.where(stays, number, -1)
+    for row, kept in zip(graph.branches, kept_of, strict=True):
+        names = number[row[kept]]
+        edges.append(np.stack([names[:-1], names[1:]], axis=1))
+        along = places_along(graph.nodes[row])
+        middle = (along[kept][1:] + along[kept][:-1]) / 2
+        near[row[1:-1]] = names[np.searchsorted(middle, along)][1:-1]
+    joined = np.concatenate(edges) if edges else np.empty((0, 2))
+    node = graph.vertex_node
+    simple = CurveSkeleton.of(
+        graph.nodes[stays],
+        joined,
+        graph.radii[stays],
+        importance=graph.importance[stays],
+        vertex_node=None if node is None else np.where(node >= 0, near[node], -1),
+    )
+    # Branches are numbered by their lowest edge, and edges come branch after branch.
+    return replace(
+        graph, nodes=simple.nodes, edges=simple.edges, radii=simple.radii,
+        importance=simple.importance, branch=simple.branch, vertex_node=simple.vertex_node,
+    )  # fmt: skip
+
+
+def _kept(points: FloatArray, bound: FloatArray, least: int) -> NDArray[np.int64]:
+    """Places along a polyline that stay: both ends, what is needed, and `least` more at least."""
+    last = len(points) - 1
+    # A closed branch has no chord to begin with, and a second branch needs a node: split evenly.
+    kept = set(np.linspace(0, last, least + 2).round().astype(int).tolist())
+    marks = sorted(kept)
+    pieces = list(itertools.pairwise(marks))
+    while pieces:
+        a, b = pieces.pop()
+        if b - a < 2:
+            continue
+        chord = points[b] - points[a]
+        inner = points[a + 1 : b] - points[a]
+        share = np.clip(inner @ chord / max(float(chord @ chord), 1e-300), 0, 1)
+        over = np.linalg.norm(inner - share[:, None] * chord, axis=1) - bound[a + 1 : b]
+        if over.max() > 0:
+            middle = a + 1 + int(over.argmax())
+            kept.add(middle)
+            pieces += [(a, middle), (middle, b)]
+    return np.array(sorted(kept), np.int64)
 
 
 def point_graph(
@@ -622,16 +586,7 @@ def point_graph(
     links = link_balls(centers, radius, closeness, [(every, near)], [], spacing=spacing)
     # Of equally sure points the thickest one comes first.
     first = sure + 1e-9 * radius / max(float(radius.max()), 1e-300) * max(float(sure.max()), 1e-300)
-    pieces = _pieces(links.offsets, links.neighbours)
+    ends = np.repeat(every, np.diff(links.offsets))
+    pieces = piece_labels(len(centers), np.stack([ends, links.neighbours], axis=1))
     edges, _ = grow_graph(links, pieces, first, np.ones(len(centers), bool), handles)
     return finish_graph(links, edges, smoothing)[0]
-
-
-def _pieces(offsets: NDArray[np.int64], neighbours: NDArray[np.int32]) -> NDArray[np.int32]:
-    from scipy.sparse import csr_array
-    from scipy.sparse.csgraph import connected_components
-
-    k = len(offsets) - 1
-    ones = np.ones(len(neighbours), np.int8)
-    graph = csr_array((ones, neighbours, offsets), shape=(k, k))
-    return np.asarray(connected_components(graph, directed=False)[1], np.int32)

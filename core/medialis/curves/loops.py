@@ -23,6 +23,7 @@ from __future__ import annotations
 import itertools
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,15 +31,30 @@ from numpy.typing import NDArray
 from medialis.base.arrays import Described, Ragged, follow
 from medialis.base.threads import run_chunks
 from medialis.base.validation import FloatArray, frozen
-from medialis.curves.graph.ground import BallLinks, GraphTree, pairs
 from medialis.shape.shape import Shape
 from medialis.shape.solid_boundary import SolidBoundary, solid_boundary
 from medialis.shape.surface import piece_labels
 
+if TYPE_CHECKING:
+    from medialis.curves._kernels import BallLinks, SpanningSurface
+    from medialis.curves.growth import GraphTree
+
 MOST_HANDLES = 2048
+"""Of one component that get loops: more would take minutes."""
 
 JITTER = 1e-9
 """Fraction of the diagonal by which points of loops move."""
+
+PRIME = 2**31 - 1
+"""Turns and weights are compared modulo this prime; turns are far smaller. A new loop weighs 0 by
+chance once in so many."""
+
+SLACK = 1e-9
+"""Share of the largest coordinate by which boxes and planes are wider than they are: rounding."""
+
+BALLS_A_CHUNK = 4096
+
+Index = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -100,7 +116,7 @@ def find_handles(shape: Shape) -> dict[int, Handles]:
 
 def _sides_left(boundary: SolidBoundary) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Tree of vertices, by parents, and the sides that are in no tree of vertices nor of faces."""
-    from medialis.curves.graph._kernels import join_faces, steps_from
+    from medialis.curves._kernels import join_faces, steps_from
 
     twins, n = boundary.twins, len(boundary.points)
     a, b = boundary.faces.ravel(), np.roll(boundary.faces, -1, axis=1).ravel()
@@ -132,85 +148,48 @@ def _loop(corners: NDArray[np.int32], h: int, parent: NDArray[np.int64]) -> NDAr
     return np.array([*loop, loop[0]], np.int64)
 
 
-BALLS_A_CHUNK = 4096
+def span_loop(points: FloatArray) -> SpanningSurface:
+    """Span a loop of points (l, 3), each given once."""
+    from medialis.curves._kernels import SpanningSurface, fill_boxes
 
-SLACK = 1e-9
-"""Share of the largest coordinate by which boxes and planes are wider than they are: rounding."""
+    spans, children = _halved(len(points))
+    corners = np.insert(spans, 1, spans.sum(axis=1) // 2, axis=1) % len(points)
+    low, high, normals = (np.empty((len(spans), 3)) for _ in range(3))
+    points, slack = np.ascontiguousarray(points), SLACK * float(np.abs(points).max(initial=0.0))
+    levels = np.empty(len(spans))
+    spanned = SpanningSurface(points, corners, children, low, high, normals, levels, slack)
+    fill_boxes(spanned)
+    return spanned
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class SpanningSurface(Described):
-    """Triangles whose border is a loop.
+def count_crossings(
+    spanned: SpanningSurface, links: BallLinks, rows: Index, reach: FloatArray, turns: Index
+) -> None:
+    """Count how often links cross a surface against its normals, into ``turns``.
 
-    Attributes
+    Parameters
     ----------
-    points : (l, 3) float64
-        Those of the loop.
-    corners : (l - 1, 3) int64
-        Of each triangle, in the order of the loop; the first one has no area.
-    children : (l - 1, 2) int64
-        Triangles that lie at its first and second side, -1 for none.
-    boxes : (l - 1, 6) float64
-        Lowest and highest corner round a triangle and all below it.
-    planes : (l - 1, 4) float64
-        Unit normal and offset.
+    spanned : SpanningSurface
+    links : BallLinks
+        Only those between balls that overlap are followed.
+    rows : (r,) int
+        Balls.
+    reach : (k,) float64
+        Length of the longest such link of each ball.
+    turns : (links,) int64
+        Comes with 0.
+
+    Notes
+    -----
+    Cost: rows times the triangles near each, of which there are some tens at most as a rule.
     """
+    from medialis.curves._kernels import cross_links
 
-    points: FloatArray
-    corners: NDArray[np.int64]
-    children: NDArray[np.int64]
-    boxes: FloatArray
-    planes: FloatArray
-
-    @classmethod
-    def of(cls, points: FloatArray) -> SpanningSurface:
-        """Span a loop of points (l, 3), each given once."""
-        from medialis.curves.graph._kernels import fill_boxes
-
-        spans, children = _halved(len(points))
-        corners = np.insert(spans, 1, spans.sum(axis=1) // 2, axis=1) % len(points)
-        boxes, planes = np.empty((len(spans), 6)), np.empty((len(spans), 4))
-        points = np.ascontiguousarray(points)
-        fill_boxes(points, corners, children, boxes, planes)
-        return cls(points, corners, children, boxes, planes)
-
-    @property
-    def bounds(self) -> FloatArray:
-        """The lowest and the highest corner of its box, (2, 3)."""
-        return np.stack([self.points.min(axis=0), self.points.max(axis=0)])
-
-    def count_crossings(
-        self, links: BallLinks, rows: NDArray[np.int64], reach: FloatArray, turns: NDArray[np.int64]
-    ) -> None:
-        """Count how often links cross the surface against its normals, into ``turns``.
-
-        Parameters
-        ----------
-        links : BallLinks
-            Only those between balls that overlap are followed.
-        rows : (r,) int
-            Balls.
-        reach : (k,) float64
-            Length of the longest such link of each ball.
-        turns : (links,) int64
-            Comes with 0.
-
-        Notes
-        -----
-        Cost: rows times the triangles near each, of which there are some tens at most as a rule.
-        """
-        from medialis.curves.graph._kernels import cross_links
-
-        slack = SLACK * float(np.abs(self.points).max(initial=0.0))
-
-        def work(begin: int, end: int) -> None:
-            cross_links(
-                begin, end, rows, reach, links.centers, links.radii, links.offsets,
-                links.neighbours, links.length, self.points, self.corners, self.children,
-                self.boxes, self.planes, slack, turns,
-            )  # fmt: skip
-
-        run_chunks(work, len(rows), BALLS_A_CHUNK)
+    run_chunks(
+        lambda begin, end: cross_links(begin, end, rows, reach, links, spanned, turns),
+        len(rows),
+        BALLS_A_CHUNK,
+    )
 
 
 def _halved(count: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -226,13 +205,6 @@ def _halved(count: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         children.append(np.where(whole, number, -1).reshape(-1, 2))
         known, level = known + len(level), halves[whole]
     return np.concatenate(spans), np.concatenate(children)
-
-
-Index = NDArray[np.int64]
-
-PRIME = 2**31 - 1
-"""Turns and weights are compared modulo this prime; turns are far smaller. A new loop weighs 0 by
-chance once in so many."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -286,18 +258,18 @@ def link_turns(links: BallLinks, one: Handles, rows: Index) -> LinkTurns:
     rows : (r,) int
         Balls of the component.
     """
-    from medialis.curves.graph._kernels import farthest_ends, take_turns
+    from medialis.curves._kernels import farthest_ends, take_turns
 
-    reach, turns = np.zeros(len(links)), np.zeros(len(links.length), np.int64)
-    farthest_ends(rows, links.radii, links.offsets, links.neighbours, links.length, reach)
+    reach, turns = np.zeros(len(links.radii)), np.zeros(len(links.length), np.int64)
+    farthest_ends(rows, links, reach)
     centers, found = links.centers[rows], np.empty((2, len(turns)), np.int64)
     lists = [np.empty((3, 0), np.int64)]
     for number, loop in enumerate(one.loops):
-        spanned = SpanningSurface.of(one.points[loop[:-1]])
-        low, high = spanned.bounds
+        spanned = span_loop(one.points[loop[:-1]])
+        low, high = spanned.lowest[0], spanned.highest[0]
         away = np.maximum(np.maximum(low - centers, centers - high), 0.0).max(axis=1)
         there = rows[away <= reach[rows]]
-        spanned.count_crossings(links, there, reach, turns)
+        count_crossings(spanned, links, there, reach, turns)
         link, turn = found[:, : take_turns(there, links.offsets, turns, *found)]
         lists.append(np.stack([link, np.full(len(link), number), turn]))
     every = np.concatenate(lists, axis=1)
@@ -324,21 +296,18 @@ def close_loops(graph: GraphTree, turns: LinkTurns, rows: Index, root: int, most
     (l, c) int64
         How often each loop goes round each handle, up to sums of loops: independent rows.
     """
-    from medialis.curves.graph._kernels import cheapest_closing_link, weigh_paths
+    from medialis.curves._kernels import cheapest_closing_link, weigh_paths
 
-    links, random = graph.links, np.random.default_rng(0)
-    net = (links.radii, links.offsets, links.neighbours, links.length)
-    anchor, path = np.full(len(links), -1, np.int64), np.zeros(len(links), np.int64)
+    links, random, k = graph.links, np.random.default_rng(0), len(graph.links.radii)
+    anchor, path = np.full(k, -1, np.int64), np.zeros(k, np.int64)
     known, nodes = np.zeros((0, turns.loops), np.int64), {root: np.zeros(turns.loops, np.int64)}
     for _ in range(most):
         weight = _weights(known, random.integers(1, PRIME, turns.loops))
         path[list(nodes)] = np.stack(list(nodes.values())) @ weight % PRIME
         of_link = turns.weigh(weight, len(links.length))
         order = rows[np.argsort(graph.spent[rows], kind="stable")]
-        weigh_paths(order, graph.parent, *net, of_link, PRIME, path, anchor)
-        link = cheapest_closing_link(
-            rows, *net, links.cost, graph.spent, of_link, PRIME, path, anchor
-        )
+        weigh_paths(order, graph.parent, links, of_link, PRIME, path, anchor)
+        link = cheapest_closing_link(rows, links, graph.spent, of_link, PRIME, path, anchor)
         if link < 0:
             break
         a = int(np.searchsorted(links.offsets, link, side="right")) - 1
@@ -349,7 +318,8 @@ def close_loops(graph: GraphTree, turns: LinkTurns, rows: Index, root: int, most
         # Both may run side by side, as through the stem of an eyelet: one stretch for both.
         first, second = graph.join(a), follow(graph.parent, b)
         second = _apart(links, second, [*first, int(graph.base[a])])
-        graph.edges += [pairs(second[:-1], second[1:]), pairs([a], [b])]
+        graph.take(second)
+        graph.take([a, b])
         new = {*first, *second}
         nodes = {v: turn for v, turn in nodes.items() if graph.parent[v] < 0 or v in new}
         graph.add([*first, *second])
@@ -390,15 +360,10 @@ def _weights(known: Index, free: Index) -> Index:
     return weight
 
 
-def _reduce(row: Index, known: Index) -> Index:
-    """Remainder of a row after elimination by known ones (each with a leading 1)."""
-    row = row % PRIME
-    for basis in known:
-        row = (row - row[(basis != 0).argmax()] * basis) % PRIME
-    return row
-
-
 def _extend(known: Index, row: Index) -> Index:
-    rest = _reduce(row, known)
+    """Add what is left of a row after elimination by known ones, each with a leading 1."""
+    rest = row % PRIME
+    for basis in known:
+        rest = (rest - rest[(basis != 0).argmax()] * basis) % PRIME
     lead = int(rest[(rest != 0).argmax()])
     return np.vstack([known, rest * pow(lead, -1, PRIME) % PRIME])

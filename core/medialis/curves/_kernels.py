@@ -1,9 +1,8 @@
 """Kernels that link balls, grow a graph along the links, and close its loops (thesis 3.6.3).
 
-Links (ground.py): candidates for links are listed from both ends, sorted, and weighed. Growth
-(ground.py): the cheapest path of each ball to the graph. Handles (loops.py): trees of vertices and
-of faces. Loops: links that cross a surface which a loop spans, and the cheapest link that closes a
-loop.
+Links (growth.py): candidates for links are listed from both ends, sorted, and weighed. Growth: the
+cheapest path of each ball to the graph. Handles (loops.py): trees of vertices and of faces. Loops:
+links that cross a surface which a loop spans, and the cheapest link that closes a loop.
 
 A spanned surface is a binary tree of triangles. All tests are signs of volumes of four points,
 computed in one order wherever they are asked for: so a path crosses the surface as often as it
@@ -14,25 +13,106 @@ triangle.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from medialis.base._kernels import find_root, pop, push
 from medialis.base.jit import kernel
 
+SHORT_LINK = 0.3
+"""Share of the smaller radius up to which a link counts as short: the distance of the nodes in the
+end. In a thick body centers are many spacings apart; a path through it must not cost more than one
+along thin balls below its surface."""
+
+OVERLAP_COST = 10.0
+"""Times what a link costs where a center lies outside the other ball."""
+
+APART_COST = 1000.0
+"""Times what a link costs where the balls are apart: a last resort that keeps the graph whole."""
+
+LEAST_COST = 1e-9
+"""Spacings that any link costs: of paths between coincident centers the one with fewer links."""
+
+DEEPEST = 64
+"""Of a tree that halves its loop again and again."""
+
+
+class BallLinks(NamedTuple):
+    """Balls and the links between them; row i of any array belongs to ball i or link i.
+
+    Attributes
+    ----------
+    centers : (k, 3) float64
+    radii : (k,) float64
+    offsets : (k + 1,) int64
+        Links of ball i are numbers offsets[i] to offsets[i + 1]; each is listed from both ends.
+    neighbours : (l,) int32
+        The other end.
+    length : (l,) float64
+        Distance of the centers.
+    cost : (l,) float64
+        What a path along the link costs: low near the curve skeleton.
+    spacing : float
+        Typical distance of neighbouring balls.
+    widths : (k,) float64
+        Half the width of the shape across each ball; inf where it is not known.
+    """
+
+    centers: NDArray[np.float64]
+    radii: NDArray[np.float64]
+    offsets: NDArray[np.int64]
+    neighbours: NDArray[np.int32]
+    length: NDArray[np.float64]
+    cost: NDArray[np.float64]
+    spacing: float
+    widths: NDArray[np.float64]
+
+
+class SpanningSurface(NamedTuple):
+    """Triangles whose border is a loop, in a binary tree.
+
+    Attributes
+    ----------
+    points : (l, 3) float64
+        Those of the loop.
+    corners : (l - 1, 3) int64
+        Of each triangle, in the order of the loop; the first one has no area.
+    children : (l - 1, 2) int64
+        Triangles that lie at its first and second side, -1 for none.
+    lowest, highest : (l - 1, 3) float64
+        Corners of the box round a triangle and all below it.
+    normals : (l - 1, 3) float64
+        Unit normal of the plane of each triangle.
+    levels : (l - 1,) float64
+        The plane holds the points x with normal x = level.
+    slack : float
+        By which boxes and planes are wider than they are: rounding.
+    """
+
+    points: NDArray[np.float64]
+    corners: NDArray[np.int64]
+    children: NDArray[np.int64]
+    lowest: NDArray[np.float64]
+    highest: NDArray[np.float64]
+    normals: NDArray[np.float64]
+    levels: NDArray[np.float64]
+    slack: float
+
 
 @kernel
-def spread_from_tree(
-    sources, offsets, neighbours, length, cost, keys, names, spent, parent, path, base
-):  # fmt: skip
+def spread_from_tree(sources, links, spent, path, parent, base):
     """Dijkstra's search from new sources: the cheapest path of each ball to the tree so far.
 
     `spent` is the cost of that path, `parent` the next ball on it, `path` its length, `base` where
     it ends. They come with the answer for the sources before (inf and -1 at first), so that only
     balls that the new sources serve better are visited. A ball enters the heap at most once
-    for each of its links in one search: `keys` and `names` have room for all links and sources.
+    for each of its links in one search, which bounds its size.
     """
-    size = 0
+    offsets, neighbours = links.offsets, links.neighbours
+    room, size = len(neighbours) + len(sources), 0
+    keys, names = np.empty(room), np.empty(room, np.int32)
     for v in sources:
         spent[v], path[v], parent[v], base[v] = 0.0, 0.0, -1, v
         size = push(keys, names, size, 0.0, v)
@@ -43,17 +123,15 @@ def spread_from_tree(
             continue
         for link in range(offsets[v], offsets[v + 1]):
             w = neighbours[link]
-            there = here + cost[link]
+            there = here + links.cost[link]
             if there < spent[w]:
-                spent[w], path[w] = there, path[v] + length[link]
+                spent[w], path[w] = there, path[v] + links.length[link]
                 parent[w], base[w] = v, base[v]
                 size = push(keys, names, size, there, w)
 
 
 @kernel
-def weigh_paths(
-    order, parent, radii, offsets, neighbours, length, weight, prime, path, anchor
-):  # fmt: skip
+def weigh_paths(order, parent, links, weight, prime, path, anchor):
     """Weigh the turns of the path from each ball to the root, in rising cost.
 
     `weight` is that of each link, modulo the prime. Balls of the tree (no parent) keep theirs.
@@ -61,35 +139,34 @@ def weigh_paths(
     the root: links between balls that are apart may leave the shape, so that turns are certain
     between balls of the same anchor only.
     """
+    offsets, radii = links.offsets, links.radii
     for v in order:
         p = parent[v]
         if p < 0:
             continue
         anchor[v] = anchor[p]
         for at in range(offsets[p], offsets[p + 1]):
-            if neighbours[at] == v:
-                if length[at] >= radii[v] + radii[p]:
+            if links.neighbours[at] == v:
+                if links.length[at] >= radii[v] + radii[p]:
                     anchor[v] = v
                 path[v] = (path[p] + weight[at]) % prime
                 break
 
 
 @kernel
-def cheapest_closing_link(
-    rows, radii, offsets, neighbours, length, cost, spent, weight, prime, path, anchor
-):  # fmt: skip
+def cheapest_closing_link(rows, links, spent, weight, prime, path, anchor):
     """Return the cheapest link that closes a path which weighs something, -1 for none.
 
     Only links between balls that overlap count, and whose turns are certain (`weigh_paths`).
     """
-    best, least = -1, np.inf
+    best, least, radii = -1, np.inf, links.radii
     for v in rows:
-        for at in range(offsets[v], offsets[v + 1]):
-            w = neighbours[at]
-            total = spent[v] + cost[at] + spent[w]
+        for at in range(links.offsets[v], links.offsets[v + 1]):
+            w = links.neighbours[at]
+            total = spent[v] + links.cost[at] + spent[w]
             if w <= v or total >= least:
                 continue
-            if length[at] >= radii[v] + radii[w] or anchor[v] != anchor[w]:
+            if links.length[at] >= radii[v] + radii[w] or anchor[v] != anchor[w]:
                 continue
             if (path[v] + weight[at] - path[w]) % prime != 0:
                 best, least = at, total
@@ -97,11 +174,12 @@ def cheapest_closing_link(
 
 
 @kernel
-def farthest_ends(rows, radii, offsets, neighbours, length, out_far):
+def farthest_ends(rows, links, out_far):
     """Length of the longest link of each ball to one that it overlaps, 0 for none."""
+    length, radii = links.length, links.radii
     for v in rows:
-        for at in range(offsets[v], offsets[v + 1]):
-            if length[at] < radii[v] + radii[neighbours[at]]:
+        for at in range(links.offsets[v], links.offsets[v + 1]):
+            if length[at] < radii[v] + radii[links.neighbours[at]]:
                 out_far[v] = max(out_far[v], length[at])
 
 
@@ -139,34 +217,30 @@ def join_faces(sides, twins, group, out_left):
         group[max(a, b)] = min(a, b)
 
 
-DEEPEST = 64  # the tree halves its loop again and again
-
-
 @kernel
-def fill_boxes(points, corners, children, out_boxes, out_planes):
-    """Box round each triangle and all below it, and its plane: unit normal and offset.
+def fill_boxes(surface):
+    """Fill in the box round each triangle and all below it, and its plane.
 
     Children come after their parents.
     """
+    points, corners, lowest, highest = (
+        surface.points, surface.corners, surface.lowest, surface.highest,
+    )  # fmt: skip
     for t in range(len(corners) - 1, -1, -1):
         a, b, c = points[corners[t, 0]], points[corners[t, 1]], points[corners[t, 2]]
         for axis in range(3):
-            low, high = (
-                min(a[axis], b[axis], c[axis]),
-                max(a[axis], b[axis], c[axis]),
-            )
-            for j in range(2):
-                child = children[t, j]
+            low, high = min(a[axis], b[axis], c[axis]), max(a[axis], b[axis], c[axis])
+            for child in surface.children[t]:
                 if child >= 0:
-                    low = min(low, out_boxes[child, axis])
-                    high = max(high, out_boxes[child, 3 + axis])
-            out_boxes[t, axis], out_boxes[t, 3 + axis] = low, high
+                    low, high = min(low, lowest[child, axis]), max(high, highest[child, axis])
+            lowest[t, axis], highest[t, axis] = low, high
         ux, uy, uz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
         vx, vy, vz = c[0] - a[0], c[1] - a[1], c[2] - a[2]
         x, y, z = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
         size = max(math.sqrt(x * x + y * y + z * z), 1e-300)
-        out_planes[t, 0], out_planes[t, 1], out_planes[t, 2] = x / size, y / size, z / size
-        out_planes[t, 3] = (x * a[0] + y * a[1] + z * a[2]) / size
+        normal = surface.normals[t]
+        normal[0], normal[1], normal[2] = x / size, y / size, z / size
+        surface.levels[t] = (x * a[0] + y * a[1] + z * a[2]) / size
 
 
 @kernel
@@ -202,42 +276,45 @@ def _crossing(p, q, points, corner):
 
 
 @kernel
-def cross_links(
-    begin, stop, rows, reach, centers, radii, offsets, neighbours, length, points, corners,
-    children, boxes, planes, slack, out_turns,
-):  # fmt: skip
+def _is_away(x, y, z, far, low, high):
+    """Whether a box lies farther from a place along an axis than so far."""
+    if x + far < low[0] or y + far < low[1] or z + far < low[2]:
+        return True
+    return x - far > high[0] or y - far > high[1] or z - far > high[2]
+
+
+@kernel
+def cross_links(begin, stop, rows, reach, links, surface, out_turns):
     """Count how often links between balls that overlap cross the surface, against its normals.
 
-    `reach` is the length of the longest such link of each ball (r,). `out_turns` has one place for
+    `reach` is the length of the longest such link of each ball (k,). `out_turns` has one place for
     each link and comes with 0.
     """
+    centers, radii, points, normals = links.centers, links.radii, surface.points, surface.normals
     stack = np.empty(DEEPEST, np.int64)
     for i in range(begin, stop):
         v = rows[i]
-        x, y, z, far = centers[v, 0], centers[v, 1], centers[v, 2], reach[v] + slack
+        x, y, z, far = centers[v, 0], centers[v, 1], centers[v, 2], reach[v] + surface.slack
         stack[0], size = 0, 1
         while size > 0:
             size -= 1
             t = stack[size]
-            if x + far < boxes[t, 0] or y + far < boxes[t, 1] or z + far < boxes[t, 2]:
+            if _is_away(x, y, z, far, surface.lowest[t], surface.highest[t]):
                 continue
-            if x - far > boxes[t, 3] or y - far > boxes[t, 4] or z - far > boxes[t, 5]:
-                continue
-            for j in range(2):
-                if children[t, j] >= 0:
-                    stack[size] = children[t, j]
+            for child in surface.children[t]:
+                if child >= 0:
+                    stack[size] = child
                     size += 1
-            off = planes[t, 0] * x + planes[t, 1] * y + planes[t, 2] * z - planes[t, 3]
+            off = normals[t, 0] * x + normals[t, 1] * y + normals[t, 2] * z - surface.levels[t]
             if abs(off) > far:
                 continue
-            for at in range(offsets[v], offsets[v + 1]):
-                w = neighbours[at]
-                if length[at] >= radii[v] + radii[w]:
+            for at in range(links.offsets[v], links.offsets[v + 1]):
+                w = links.neighbours[at]
+                if links.length[at] >= radii[v] + radii[w]:
                     continue
-                if v < w:
-                    out_turns[at] -= _crossing(centers[v], centers[w], points, corners[t])
-                else:
-                    out_turns[at] += _crossing(centers[w], centers[v], points, corners[t])
+                low, high, sign = (v, w, -1) if v < w else (w, v, 1)
+                corner = surface.corners[t]
+                out_turns[at] += sign * _crossing(centers[low], centers[high], points, corner)
 
 
 @kernel
@@ -255,11 +332,8 @@ def take_turns(rows, offsets, turns, out_links, out_turns):
 
 @kernel
 def _apart(centers, a, b):
-    x, y, z = (
-        centers[a, 0] - centers[b, 0],
-        centers[a, 1] - centers[b, 1],
-        centers[a, 2] - centers[b, 2],
-    )
+    x, y = centers[a, 0] - centers[b, 0], centers[a, 1] - centers[b, 1]
+    z = centers[a, 2] - centers[b, 2]
     return math.sqrt(x * x + y * y + z * z)
 
 
@@ -310,20 +384,17 @@ def sort_links(offsets, neighbours, out_offsets, out_neighbours):
 
 
 @kernel
-def weigh_links(
-    begin, end, offsets, neighbours, centers, radii, density, spacing, short, overlap_only, apart,
-    out_length, out_cost,
-):  # fmt: skip
-    """Length and cost of the links of the balls begin..end (see `link_balls`)."""
+def weigh_links(begin, end, links, dearness):
+    """Fill in length and cost of the links of the balls begin..end (see `link_balls`)."""
+    radii = links.radii
     for v in range(begin, end):
-        for at in range(offsets[v], offsets[v + 1]):
-            w = neighbours[at]
-            distance, smaller = _apart(centers, v, w), min(radii[v], radii[w])
-            long = 1.0 + distance / max(short * smaller, spacing)
-            cost = distance * long * (density[v] + density[w]) / 2.0
+        for at in range(links.offsets[v], links.offsets[v + 1]):
+            w = links.neighbours[at]
+            distance, smaller = _apart(links.centers, v, w), min(radii[v], radii[w])
+            long = 1.0 + distance / max(SHORT_LINK * smaller, links.spacing)
+            cost = distance * long * (dearness[v] + dearness[w]) / 2.0
             if distance >= radii[v] + radii[w]:
-                cost *= apart
+                cost *= APART_COST
             elif distance >= smaller:
-                cost *= overlap_only
-            # Coincident centers: the path with fewer links.
-            out_length[at], out_cost[at] = distance, cost + 1e-9 * spacing
+                cost *= OVERLAP_COST
+            links.length[at], links.cost[at] = distance, cost + LEAST_COST * links.spacing
