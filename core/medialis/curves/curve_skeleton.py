@@ -20,7 +20,7 @@ from medialis.shape.surface import piece_labels
 from medialis.skeleton.medial_cloud import MedialCloud
 
 if TYPE_CHECKING:
-    from medialis.curves.from_balls.candidates import CandidateMeasure
+    from medialis.curves.candidates import CandidateMeasure
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -13,7 +13,7 @@ from medialis.base.options import Options
 from medialis.base.progress import Progress, counted
 from medialis.curves.curve_skeleton import CurveEvidence, CurveSkeleton
 from medialis.curves.formats import GRAPH_FORMATS, node_attributes
-from medialis.curves.from_balls.skeleton import CurveSkeletonOptions, curve_skeleton_of
+from medialis.curves.from_balls import CurveSkeletonOptions, curve_skeleton_of
 from medialis.operations.declaration import Operation
 from medialis.operations.positions import numbers, places
 from medialis.operations.result import FilterUnit, Layer, Outcome

@@ -33,7 +33,7 @@ from medialis.base.progress import Progress
 from medialis.base.threads import run_patiently
 from medialis.base.validation import FloatArray, IntArray, frozen
 from medialis.curves.curve_skeleton import CurveSkeleton
-from medialis.curves.from_balls.skeleton import CurveSkeletonOptions, curve_skeleton
+from medialis.curves.from_balls import CurveSkeletonOptions, curve_skeleton
 from medialis.segments.sites import (
     SITES_APART,
     Sites,

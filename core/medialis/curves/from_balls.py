@@ -25,14 +25,14 @@ from medialis.base.options import Options, algorithm, changed, length, number
 from medialis.base.progress import Progress, counted
 from medialis.base.threads import run_patiently
 from medialis.base.validation import FloatArray, IntArray, frozen
-from medialis.curves.curve_skeleton import CurveEvidence, CurveSkeleton
-from medialis.curves.finishing import SimplifyOptions, finish_graph, simplify_branches
-from medialis.curves.from_balls.candidates import (
+from medialis.curves.candidates import (
     CandidateMeasure,
     candidate_measure,
     near_balls,
     smooth_importance,
 )
+from medialis.curves.curve_skeleton import CurveEvidence, CurveSkeleton
+from medialis.curves.finishing import SimplifyOptions, finish_graph, simplify_branches
 from medialis.curves.growth import Turns, grow_graph, link_balls
 from medialis.curves.loops import Handles, find_handles
 from medialis.shape.refinement import refine_where
