@@ -157,9 +157,8 @@ class GraphTree:
     def copy(self) -> GraphTree:
         """Return the same graph, to grow on by itself."""
         other = GraphTree(self.links)
-        other.edges = list(self.edges)
-        for name in ("spent", "path", "parent", "base"):
-            getattr(other, name)[:] = getattr(self, name)
+        for name in ("edges", "spent", "path", "parent", "base"):
+            setattr(other, name, getattr(self, name).copy())
         return other
 
     def add(self, balls: list[int]) -> None:
@@ -168,6 +167,12 @@ class GraphTree:
 
         sources = np.array(balls, np.int32)
         spread_from_tree(sources, self.links, self.spent, self.path, self.parent, self.base)
+
+    def with_branch(self, tip: int) -> GraphTree:
+        """Return a copy with the cheapest path of a ball as a branch."""
+        other = self.copy()
+        other.add(other.join(tip))
+        return other
 
     def join(self, ball: int) -> list[int]:
         """Take the cheapest path of a ball into the list of edges; return its new balls."""
@@ -234,7 +239,7 @@ def grow_graph(
                 progress.update(0.0)
             stages = (*stages, tip)
             if large and turn < KEPT_BRANCHES:
-                graph, mine = keep(stages, functools.partial(_branched, graph, tip)), False
+                graph, mine = keep(stages, functools.partial(graph.with_branch, tip)), False
             else:
                 graph, mine = graph if mine else graph.copy(), True
                 graph.add(graph.join(tip))
@@ -261,13 +266,6 @@ def _rooted(
             turns = link_turns(links, one, balls[number])
             loops[number] = close_loops(graph, turns, balls[number], roots[number], one.genus)
     return graph, loops
-
-
-def _branched(graph: GraphTree, tip: int) -> GraphTree:
-    """Return a copy of a graph with one more branch."""
-    copy = graph.copy()
-    copy.add(copy.join(tip))
-    return copy
 
 
 def next_tip(graph: GraphTree, candidates: NDArray[np.int64]) -> int | None:

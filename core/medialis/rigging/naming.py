@@ -239,18 +239,10 @@ def _below_the_arms(rig: Bones, spine: list[int], arms: list[IntArray]) -> int:
         return most
     # The spine is a chain, so a bone's upper end is the lower end of the next one.
     ends = np.stack([rig.heads[spine], rig.tails[spine]], axis=1)
-    upper = [
-        ends[row, 1]
-        if row + 1 == len(spine) or _meet(ends[row, 1], ends[row + 1])
-        else ends[row, 0]
-        for row in range(len(spine))
-    ]
-    away = np.linalg.norm(np.array(upper) - rig.heads[arms[0][0]], axis=1)
+    meets = (ends[:-1, 1, None] == ends[1:]).all(axis=2).any(axis=1)
+    upper = np.where(np.append(meets, True)[:, None], ends[:, 1], ends[:, 0])
+    away = np.linalg.norm(upper - rig.heads[arms[0][0]], axis=1)
     return int(away.argmin()) + 1
-
-
-def _meet(place: np.ndarray, ends: np.ndarray) -> bool:
-    return bool((place == ends).all(axis=1).any())
 
 
 def _both_sides(

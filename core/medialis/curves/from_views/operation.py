@@ -60,7 +60,14 @@ def run(shape: Shape, options: ViewCurveSkeletonRun, progress: Progress) -> Outc
                 color_by="radius",
                 labels=("branch",),
             ),
-            _points_layer(points),
+            Layer(
+                "view_points",
+                points.points,
+                attributes={"pairs": points.weights},
+                color_by="pairs",
+                filter_by="pairs",
+                auxiliary=True,
+            ),
         ),
         values={
             "nodes": len(curve.nodes),
@@ -111,18 +118,6 @@ def _note_doubts(shape: Shape, curve: CurveSkeleton, progress: Progress) -> None
             parts=parts,
             components=curve.component_count,
         )
-
-
-def _points_layer(points: ViewPoints) -> Layer:
-    """Points near the curve skeleton that the views agree on."""
-    return Layer(
-        "view_points",
-        points.points,
-        attributes={"pairs": points.weights},
-        color_by="pairs",
-        filter_by="pairs",
-        auxiliary=True,
-    )
 
 
 OPERATION = Operation(
