@@ -212,19 +212,15 @@ def mark_crossed(first, last, cells, faces, out_crossed):
 
 
 @kernel
-def count_crossings(points, faces, axis, step, out_count):
-    """Lines of a square lattice along an axis that cross each face."""
-    place = np.empty(3)
+def list_crossings(points, faces, axis, step):
+    """Where lines of a square lattice along an axis cross faces, and how often each face."""
+    place, counts, row = np.empty(3), np.empty(len(faces), np.int64), 0
     for f in range(len(faces)):
-        out_count[f] = _cross(points, faces[f], axis, step, place, np.empty((0, 3)), 0)
-
-
-@kernel
-def list_crossings(points, faces, axis, step, offsets, out_places):
-    """Where they cross: rows offsets[f] and on of `out_places` for face f."""
-    place = np.empty(3)
+        counts[f] = _cross(points, faces[f], axis, step, place, np.empty((0, 3)), 0)
+    places = np.empty((counts.sum(), 3))
     for f in range(len(faces)):
-        _cross(points, faces[f], axis, step, place, out_places, offsets[f])
+        row += _cross(points, faces[f], axis, step, place, places, row)
+    return places, counts
 
 
 @kernel

@@ -302,7 +302,7 @@ def _crossings(
     points: FloatArray, faces: IntArray, step: float
 ) -> list[tuple[FloatArray, NDArray[np.int64]]]:
     """Return where lines of a lattice along each axis cross faces, and which faces these are."""
-    from medialis.segments._kernels import count_crossings, list_crossings, mark_crossed
+    from medialis.segments._kernels import list_crossings, mark_crossed
 
     cells, crossed = np.ceil(points / step - 0.5), np.empty((len(faces), 3), np.bool_)
 
@@ -313,12 +313,7 @@ def _crossings(
     found = []
     for axis in range(3):
         rows = np.flatnonzero(crossed[:, axis])
-        few, counts = faces[rows], np.zeros(len(rows), np.int64)
-        count_crossings(points, few, axis, step, counts)
-        offsets = np.concatenate([[0], np.cumsum(counts)])
-        places = np.empty((offsets[-1], 3))
-        if len(places):
-            list_crossings(points, few, axis, step, offsets, places)
+        places, counts = list_crossings(points, faces[rows], axis, step)
         found.append((places, np.repeat(rows, counts)))
     return found
 
