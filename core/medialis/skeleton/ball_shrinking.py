@@ -21,7 +21,7 @@ from medialis.base.errors import InvalidShapeError
 from medialis.base.options import Options, algorithm, choice, length
 from medialis.base.progress import Progress, counted
 from medialis.base.threads import run_chunks, run_patiently
-from medialis.base.validation import FloatArray, IntArray
+from medialis.base.validation import FloatArray
 from medialis.shape.reading import as_shape
 from medialis.shape.shape import Shape
 from medialis.skeleton.medial_cloud import BallStatus, MedialCloud
@@ -297,7 +297,7 @@ class Shrinking(NamedTuple):
         self,
         shape: Shape,
         tree: BoxTree,
-        samples: IntArray,
+        samples: NDArray[Any],
         normals: FloatArray,
         sign: int,
         progress: Progress,
