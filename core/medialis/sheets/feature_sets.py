@@ -29,6 +29,11 @@ ROUND = 0.4
 """Agreement below which one cluster goes round its ball: 0 for a circle or a sphere, 0.30 for 3/4
 of a circle, 0.5 for a half sphere, 0.64 for half a circle."""
 
+FLOAT32_MARGIN = 2e-6
+"""Fraction of the diagonal: what the float32 bounds of the tree may be off, with room."""
+
+BALLS_A_CHUNK = 1024
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class FeatureSets(Bound):
@@ -87,12 +92,6 @@ class FeatureSets(Bound):
     def rim(self) -> NDArray[np.bool_]:
         """True where a ball has one contact that does not go round it: on the rim (A3), (k,)."""
         return (self.counts == 1) & ~self.closed
-
-
-FLOAT32_MARGIN = 2e-6
-"""Fraction of the diagonal: what the float32 bounds of the tree may be off, with room."""
-
-BALLS_A_CHUNK = 1024
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -32,6 +32,27 @@ from medialis.shape.surface import piece_labels
 from medialis.sheets.sheets import Borders, Index, MedialSheets, find_borders
 from medialis.skeleton.skeleton_mesh import SkeletonMesh
 
+SMOOTHING_ROUNDS, INWARD, OUTWARD = 48, 0.5, -0.505
+"""Nodes move to the middle of their neighbours by these shares in turn (Taubin 1995): takes the
+zigzag between samples out of curves, and changes circles of 24 nodes or more by less than 1 %."""
+
+SHORTEST = 0.02
+"""Mean distances between two nodes below which they are one place."""
+
+SAME_CURVE = 1.0
+"""Sample spacings within which borders with the same sheets are the same curve."""
+
+MOST, NEARLY_ALL = 0.5, 0.9
+"""Shares of the length of a border."""
+
+OTHERS = 4
+"""Sheets that may meet along a curve besides two: six behind the edges of a hexagonal prism."""
+
+UNKNOWN = np.iinfo(np.int64).max
+"""A sheet that is not known, behind all others."""
+
+GRAPHML = "http://graphml.graphdrawing.org/xmlns"
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class YNetwork(Bound):
@@ -86,26 +107,6 @@ class YNetwork(Bound):
         curve = self.curve[self.edges[:, 0]]
         total = np.bincount(curve, np.linalg.norm(a - b, axis=1), minlength=len(self.meeting))
         return frozen(total, np.float64)
-
-
-SMOOTHING_ROUNDS, INWARD, OUTWARD = 48, 0.5, -0.505
-"""Nodes move to the middle of their neighbours by these shares in turn (Taubin 1995): takes the
-zigzag between samples out of curves, and changes circles of 24 nodes or more by less than 1 %."""
-
-SHORTEST = 0.02
-"""Mean distances between two nodes below which they are one place."""
-
-SAME_CURVE = 1.0
-"""Sample spacings within which borders with the same sheets are the same curve."""
-
-MOST, NEARLY_ALL = 0.5, 0.9
-"""Shares of the length of a border."""
-
-OTHERS = 4
-"""Sheets that may meet along a curve besides two: six behind the edges of a hexagonal prism."""
-
-UNKNOWN = np.iinfo(np.int64).max
-"""A sheet that is not known, behind all others."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -534,9 +535,6 @@ def _boundaries(mesh: SkeletonMesh, point_sheet: Index, count: int) -> NDArray[n
     points = smoothed_curves(mesh.points, links)
     length = np.linalg.norm(points[links[:, 0]] - points[links[:, 1]], axis=1)
     return np.bincount(point_sheet[links[:, 0]], length, count).astype(np.float64)
-
-
-GRAPHML = "http://graphml.graphdrawing.org/xmlns"
 
 
 @dataclass(frozen=True, eq=False, repr=False)

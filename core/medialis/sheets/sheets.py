@@ -35,6 +35,39 @@ from medialis.sheets.unfolding import Unfolded, unfold
 from medialis.skeleton.medial_cloud import MedialCloud
 from medialis.skeleton.surface_skeleton import BallOptions, as_cloud
 
+LONGEST_JUMP = 4.0
+"""Sample spacings between two balls on different sheets that still lie on both sides of a Y-curve.
+Behind a right edge, balls are 1.4 spacings apart; ligatures and jumps stretch them further."""
+
+PARALLEL = 1e-6
+"""1 - cosine between two spokes: walls that are hardly inclined say nothing about a radius."""
+
+FARTHEST = 0.75
+"""Distances between two balls, from their middle to where their sheets meet; flat ones: 0.5."""
+
+SINGULAR, BESIDE, BEYOND = 1e-9, 0.05, 1.0
+"""Determinant of three walls that meet nowhere; how far beyond a side of a triangle a place where
+they do still lies in it, and may lie at all: shares of the height."""
+
+CLEARLY_APART = 2.0
+"""Sample spacings between the two feature points from which a ball can be linked. A box of sides 2,
+1.5 and 1 has 13 sheets at spacings from 0.03 to 0.17 (six samples across its smallest side) with
+2, and fewer at 0.17 with 3, because too few balls are left."""
+
+LARGEST_TURN = 0.75
+"""Radii: the chord by which a feature point may move from ball to ball, an angle of 44 degrees.
+Near the corner of a box the feature points of two sheets come as close as one likes, but stay 90
+degrees apart as seen from the center."""
+
+WALL = -0.5
+"""Cosine between the normals at the two feature points of a ball in a wall: 120 degrees or more."""
+
+NODES_A_CHUNK = 8192
+
+LEAST_BALLS, ON_BORDER = 8, 0.1
+"""A piece of fewer linked balls is no sheet, not counting those that lie on its border: nearer than
+this share of the way to the next sample. It is attached to its surroundings."""
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class MedialSheets(Bound):
@@ -98,20 +131,6 @@ class MedialSheets(Bound):
 
 
 Index = NDArray[np.int64]
-
-LONGEST_JUMP = 4.0
-"""Sample spacings between two balls on different sheets that still lie on both sides of a Y-curve.
-Behind a right edge, balls are 1.4 spacings apart; ligatures and jumps stretch them further."""
-
-PARALLEL = 1e-6
-"""1 - cosine between two spokes: walls that are hardly inclined say nothing about a radius."""
-
-FARTHEST = 0.75
-"""Distances between two balls, from their middle to where their sheets meet; flat ones: 0.5."""
-
-SINGULAR, BESIDE, BEYOND = 1e-9, 0.05, 1.0
-"""Determinant of three walls that meet nowhere; how far beyond a side of a triangle a place where
-they do still lies in it, and may lie at all: shares of the height."""
 
 
 @dataclass(frozen=True)
@@ -257,22 +276,6 @@ def _meeting_of_three(
     return points, radius, (outside & usable[:, None])[:, [2, 0, 1]]
 
 
-CLEARLY_APART = 2.0
-"""Sample spacings between the two feature points from which a ball can be linked. A box of sides 2,
-1.5 and 1 has 13 sheets at spacings from 0.03 to 0.17 (six samples across its smallest side) with
-2, and fewer at 0.17 with 3, because too few balls are left."""
-
-LARGEST_TURN = 0.75
-"""Radii: the chord by which a feature point may move from ball to ball, an angle of 44 degrees.
-Near the corner of a box the feature points of two sheets come as close as one likes, but stay 90
-degrees apart as seen from the center."""
-
-WALL = -0.5
-"""Cosine between the normals at the two feature points of a ball in a wall: 120 degrees or more."""
-
-NODES_A_CHUNK = 8192
-
-
 def clear_balls(
     sets: FeatureSets, unfolded: Unfolded
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
@@ -336,11 +339,6 @@ def pieces(
     kernels.join_links(graph, links, partner, piece)
     kernels.join_links(graph, links, np.full_like(partner, -1), region)
     return piece, region, partner
-
-
-LEAST_BALLS, ON_BORDER = 8, 0.1
-"""A piece of fewer linked balls is no sheet, not counting those that lie on its border: nearer than
-this share of the way to the next sample. It is attached to its surroundings."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -26,6 +26,9 @@ from medialis.skeleton.triangle_balls import angles_between
 TANGENT = 0.95
 """Cosine, of 18 degrees: between a spoke and the normal of the wall that its ball touches."""
 
+SAME_NORMAL = 1e-6
+"""Radians: what rounding turns the normal of a ball of a fan, with room."""
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Unfolded(Bound):
@@ -144,9 +147,6 @@ def _directions(vectors: FloatArray, instead: FloatArray) -> FloatArray:
 
 
 Index = NDArray[np.int64]
-
-SAME_NORMAL = 1e-6
-"""Radians: what rounding turns the normal of a ball of a fan, with room."""
 
 
 @dataclass(frozen=True)

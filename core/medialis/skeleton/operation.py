@@ -66,6 +66,12 @@ not on bumps. Of the surface behind such balls this share stays shown by default
 SHOWN_SHARE = 99.0
 """Per cent of the points that the colours span, from the least important up."""
 
+SHARES = (0.005, 0.01, 0.02, 0.05)
+"""Of the size: thresholds whose points are counted."""
+
+LARGEST_INDEX = 2_147_483_647
+"""Of a vertex: indices are int32."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class SurfaceSkeletonRun(Preparation):
@@ -319,9 +325,6 @@ SKELETON_MESH = Operation(
     order=60,
 )
 
-SHARES = (0.005, 0.01, 0.02, 0.05)
-"""Of the size: thresholds whose points are counted."""
-
 
 @dataclass(frozen=True, kw_only=True)
 class SkeletonImportanceRun(Preparation, ImportanceOptions):
@@ -449,9 +452,6 @@ SKELETON_IMPORTANCE = Operation(
     run=run_skeleton_importance,
     order=20,
 )
-
-LARGEST_INDEX = 2_147_483_647
-"""Of a vertex: indices are int32."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -49,6 +49,24 @@ from medialis.skeleton.triangle_balls import Walls, between_samples, with_edge_b
 if TYPE_CHECKING:
     from medialis.base.box_tree import BoxTree
 
+MOST_BALLS = 32
+"""Balls of a fan at a sample, at most."""
+
+SMOOTH = 0.94
+"""Cosine: where faces lean from the normals of their sectors by 20 degrees, as in folds and rough
+surfaces, normals between those of the sides mean nothing."""
+
+DENOISE = ("auto", "off")
+
+NOISY = 0.04
+"""Spacings: deviation of noise from which on a surface is smoothed. It tilts normals by 5 degrees.
+Of 21 real meshes only one has more, a noisy scan with 0.043."""
+
+FEW = 0.02
+"""Share of the area. A dense mesh with so few faces of too long edges, none twice too long, is not
+refined: it keeps its samples, and all operations on it share their balls. 0.13 % more samples
+(horse2, refine = 0.01) would cost as much as computing everything a second time."""
+
 
 def uniform_subsample(
     cloud: MedialCloud, distance: float, *, priority: ArrayLike | None = None
@@ -234,14 +252,6 @@ def _with_lower_tolerance(
     return cloud
 
 
-MOST_BALLS = 32
-"""Balls of a fan at a sample, at most."""
-
-SMOOTH = 0.94
-"""Cosine: where faces lean from the normals of their sectors by 20 degrees, as in folds and rough
-surfaces, normals between those of the sides mean nothing."""
-
-
 def with_fans(
     cloud: MedialCloud, options: BallOptions, progress: Progress, walls: Sequence[Walls] = ()
 ) -> MedialCloud:
@@ -337,18 +347,6 @@ def _balls(
     at_own = balls.radii <= options.tolerance * shape.diagonal
     outside = ((balls.contacts - balls.centers) * balls.contact_normals).sum(axis=1) * sign < 0
     return balls.subset(balls.valid & ~at_own & ~outside)  # in folds a direction may look outward
-
-
-DENOISE = ("auto", "off")
-
-NOISY = 0.04
-"""Spacings: deviation of noise from which on a surface is smoothed. It tilts normals by 5 degrees.
-Of 21 real meshes only one has more, a noisy scan with 0.043."""
-
-FEW = 0.02
-"""Share of the area. A dense mesh with so few faces of too long edges, none twice too long, is not
-refined: it keeps its samples, and all operations on it share their balls. 0.13 % more samples
-(horse2, refine = 0.01) would cost as much as computing everything a second time."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -33,6 +33,18 @@ BLOCKS_A_CHUNK, NODES_A_CHUNK = 1024, 64
 ROUNDING = 1e-10
 """Fraction of the diagonal: a place less deep than this in a ball is on it."""
 
+EDGE = 1e-6
+"""Fraction of the diagonal: how far the ball at a crease lies from it, at least."""
+
+GAP, MOST_BETWEEN = 1e-3, 3
+"""Fraction of the diagonal: no place of a convex crease is farther than this from a ball; and how
+many balls there are between two samples for that, at most: enough for edges of 0.8 %."""
+
+DEEP, FITS = 0.55, 0.9
+"""How deep balls between samples lie, in lengths of their edge: in a right angle half-way to where
+the balls of the next samples begin. And the share of the radius that two walls would allow that
+they have at least, or they lie where those of the samples do: other walls are near."""
+
 
 @dataclass(frozen=True, eq=False)
 class Walls:
@@ -211,19 +223,6 @@ def angles_between(one: FloatArray, other: FloatArray) -> FloatArray:
     """Return the angle between vectors, row by row, in radians."""
     across = np.linalg.norm(np.cross(one, other), axis=1)
     return np.arctan2(across, np.einsum("ij,ij->i", one, other))
-
-
-EDGE = 1e-6
-"""Fraction of the diagonal: how far the ball at a crease lies from it, at least."""
-
-GAP, MOST_BETWEEN = 1e-3, 3
-"""Fraction of the diagonal: no place of a convex crease is farther than this from a ball; and how
-many balls there are between two samples for that, at most: enough for edges of 0.8 %."""
-
-DEEP, FITS = 0.55, 0.9
-"""How deep balls between samples lie, in lengths of their edge: in a right angle half-way to where
-the balls of the next samples begin. And the share of the radius that two walls would allow that
-they have at least, or they lie where those of the samples do: other walls are near."""
 
 
 def with_edge_balls(cloud: MedialCloud, creases: Creases, tolerance: float) -> MedialCloud:

@@ -29,6 +29,9 @@ from numpy.typing import NDArray
 
 from medialis.base.jit import kernel
 
+NONE, PLANE, EDGES = 0, 1, 2
+"""How a length was found."""
+
 
 class Walk(NamedTuple):
     """A mesh to walk over.
@@ -49,10 +52,6 @@ class Walk(NamedTuple):
     twins: NDArray[np.int32]
     offsets: NDArray[np.int64]
     fan: NDArray[np.int32]
-
-
-NONE, PLANE, EDGES = 0, 1, 2
-"""How a length was found."""
 
 
 class Paths(NamedTuple):

@@ -30,6 +30,53 @@ from medialis.shape.shape import Shape
 if TYPE_CHECKING:
     from medialis.skeleton.importance._walk_kernels import Paths, Walk
 
+FIRST_LIMIT = 1.7
+"""Times the straight line between the ends, where the search for plane cuts begins; a half circle
+has pi / 2."""
+
+NEAR = 3.4
+"""Times the straight line: pairs without a plane cut as short as this are looked at anew."""
+
+NEAR_EDGES = 16
+"""Or this many spacings, where pairs follow others: in thin walls the straight line is short."""
+
+OPEN_SHARE, MOST_BOUNDED = 0.1, 100_000
+"""Where more pairs than this part of the vertices are open then, as on crumpled surfaces and thin
+plates, paths through landmarks tell how long their plane cuts may be. On more vertices than that
+the landmarks take too long."""
+
+BOUNDING, DETOUR = 16, 1.25
+"""Landmarks that do, and how many times as long as a path along the edges through one of them plane
+cuts may be: longer ones are not straight, they go the wrong way round."""
+
+PAIRS_A_CHUNK, FOLLOWING_A_CHUNK = 256, 1024
+
+SEARCHES_A_CHUNK = 16
+
+CELLS = 1024
+"""Along the largest side of the box, for the order of pairs."""
+
+SETTLED, SETTLED_A_VERTEX, MOST_SETTLED = 1_000_000, 110, 10_000_000
+"""Vertices that all searches along edges may look at: so many, so many for each vertex of the shape
+besides, and in all, some seconds. Of 21 real shapes the one with most pairs that no plane cut joins
+(115 on 62,251 vertices) needs seven million at most."""
+
+SETTLED_ALONG_BORDERS = 1000
+"""Vertices that a search along edges may look at where a hole is between the ends of a pair."""
+
+MANY_LOST = 0.02
+"""Part of the vertices: where more pairs have no plane cut, as on surfaces that are crumpled or not
+manifold, searches look at no more for large shapes, and most pairs go through landmarks."""
+
+USUAL_FACES = 12.0
+"""Faces at a vertex, twice as many as usual, from which on fewer vertices are looked at."""
+
+LANDMARKS = 64
+"""Vertices that paths lead through where the searches along edges are too long."""
+
+PATHS_A_CHUNK = 4
+"""Polylines."""
+
 
 class PathStatus(IntEnum):
     """How the length of a geodesic was found."""
@@ -111,53 +158,6 @@ class Geodesic(Described):
     points: Positions
     length: float
     status: PathStatus
-
-
-FIRST_LIMIT = 1.7
-"""Times the straight line between the ends, where the search for plane cuts begins; a half circle
-has pi / 2."""
-
-NEAR = 3.4
-"""Times the straight line: pairs without a plane cut as short as this are looked at anew."""
-
-NEAR_EDGES = 16
-"""Or this many spacings, where pairs follow others: in thin walls the straight line is short."""
-
-OPEN_SHARE, MOST_BOUNDED = 0.1, 100_000
-"""Where more pairs than this part of the vertices are open then, as on crumpled surfaces and thin
-plates, paths through landmarks tell how long their plane cuts may be. On more vertices than that
-the landmarks take too long."""
-
-BOUNDING, DETOUR = 16, 1.25
-"""Landmarks that do, and how many times as long as a path along the edges through one of them plane
-cuts may be: longer ones are not straight, they go the wrong way round."""
-
-PAIRS_A_CHUNK, FOLLOWING_A_CHUNK = 256, 1024
-SEARCHES_A_CHUNK = 16
-
-CELLS = 1024
-"""Along the largest side of the box, for the order of pairs."""
-
-SETTLED, SETTLED_A_VERTEX, MOST_SETTLED = 1_000_000, 110, 10_000_000
-"""Vertices that all searches along edges may look at: so many, so many for each vertex of the shape
-besides, and in all, some seconds. Of 21 real shapes the one with most pairs that no plane cut joins
-(115 on 62,251 vertices) needs seven million at most."""
-
-SETTLED_ALONG_BORDERS = 1000
-"""Vertices that a search along edges may look at where a hole is between the ends of a pair."""
-
-MANY_LOST = 0.02
-"""Part of the vertices: where more pairs have no plane cut, as on surfaces that are crumpled or not
-manifold, searches look at no more for large shapes, and most pairs go through landmarks."""
-
-USUAL_FACES = 12.0
-"""Faces at a vertex, twice as many as usual, from which on fewer vertices are looked at."""
-
-LANDMARKS = 64
-"""Vertices that paths lead through where the searches along edges are too long."""
-
-PATHS_A_CHUNK = 4
-"""Polylines."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -41,6 +41,9 @@ from medialis.skeleton.importance.geodesics import (
 from medialis.skeleton.medial_cloud import Balls, MedialCloud
 from medialis.skeleton.surface_skeleton import as_cloud
 
+LARGE = 0.002
+"""Share of the skeleton points from which an island is worth a bridge: at most 500 bridges."""
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Importance(GeodesicPaths):
@@ -54,10 +57,6 @@ class Importance(GeodesicPaths):
     """
 
     cloud: MedialCloud = field(kw_only=True)
-
-
-LARGE = 0.002
-"""Share of the skeleton points from which an island is worth a bridge: at most 500 bridges."""
 
 
 @dataclass(frozen=True, kw_only=True)
