@@ -260,7 +260,7 @@ def test_hulls_of_slivers_are_as_thin_as_the_slivers():
         places = weights @ corners
         away = np.array([np.linalg.norm(places - p, axis=1).min() for p in to + row[:3]])
         assert (near <= away + 1e-6).all()
-        if high < 1 / kernels.SLIM:
+        if high < 1 / kernels.SLIVER:
             assert (near >= away - high - 1e-2).all()  # 1e-2: between the places that were tried
 
 

@@ -25,7 +25,7 @@ from medialis.skeleton.ball_shrinking import as_walked
 from medialis.skeleton.medial_cloud import MedialCloud
 from medialis.skeleton.surface_skeleton import as_cloud
 
-ROUND = 0.4
+GOES_ROUND = 0.4
 """Agreement below which one cluster goes round its ball: 0 for a circle or a sphere, 0.30 for 3/4
 of a circle, 0.5 for a half sphere, 0.64 for half a circle."""
 
@@ -33,6 +33,7 @@ FLOAT32_MARGIN = 2e-6
 """Fraction of the diagonal: what the float32 bounds of the tree may be off, with room."""
 
 BALLS_A_CHUNK = 1024
+"""Some milliseconds of work."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -86,7 +87,7 @@ class FeatureSets(Bound):
     @property
     def closed(self) -> NDArray[np.bool_]:
         """True where the only cluster goes round the ball, as in a tube or a sphere, (k,)."""
-        return (self.counts == 1) & (self.agreement < ROUND)
+        return (self.counts == 1) & (self.agreement < GOES_ROUND)
 
     @property
     def rim(self) -> NDArray[np.bool_]:

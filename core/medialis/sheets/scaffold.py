@@ -32,20 +32,34 @@ from medialis.shape.surface import piece_labels
 from medialis.sheets.sheets import Borders, Index, MedialSheets, find_borders
 from medialis.skeleton.skeleton_mesh import SkeletonMesh
 
-SMOOTHING_ROUNDS, INWARD, OUTWARD = 48, 0.5, -0.505
-"""Nodes move to the middle of their neighbours by these shares in turn (Taubin 1995): takes the
-zigzag between samples out of curves, and changes circles of 24 nodes or more by less than 1 %."""
+SMOOTHING_ROUNDS = 48
+"""Times that nodes move to the middle of their neighbours by two shares in turn (Taubin 1995)."""
 
-SHORTEST = 0.02
+INWARD = 0.5
+"""The first share: takes the zigzag between samples out of curves."""
+
+OUTWARD = -0.505
+"""The second one: circles of 24 nodes or more change by less than 1 %."""
+
+SAME_NODE = 0.02
 """Mean distances between two nodes below which they are one place."""
 
 SAME_CURVE = 1.0
 """Sample spacings within which borders with the same sheets are the same curve."""
 
-MOST, NEARLY_ALL = 0.5, 0.9
-"""Shares of the length of a border."""
+REPEATED_TWO = 0.5
+"""Share of the length of a border: close to others with two of its sheets, it is the same curve."""
 
-OTHERS = 4
+REPEATED_ONE = 0.9
+"""The same, close to others with one of its sheets."""
+
+POINT_WIDTH = 0.25
+"""Spacings from its middle within which all nodes of a border lie that is a point."""
+
+SEEN_OFTEN = 0.25
+"""Of the votes of the sheet seen most often at the second contacts along a curve."""
+
+OTHER_SHEETS = 4
 """Sheets that may meet along a curve besides two: six behind the edges of a hexagonal prism."""
 
 UNKNOWN = np.iinfo(np.int64).max
@@ -221,7 +235,7 @@ def smoothed_curves(points: FloatArray, links: Index) -> FloatArray:
         return points
     degree = np.bincount(links.ravel(), minlength=n)
     # By the inverse of the length, nodes on a line do not move.
-    weight = np.tile(1.0 / np.maximum(length, SHORTEST * length.mean()), 2)
+    weight = np.tile(1.0 / np.maximum(length, SAME_NODE * length.mean()), 2)
     ends = np.concatenate([links, links[:, ::-1]]).T
     total = np.bincount(ends[0], weight, minlength=n)
     near = coo_array((weight / total[ends[0]], tuple(ends)), shape=(n, n)).tocsr()
@@ -239,7 +253,7 @@ def _other_sheets(
     second: IntArray,
     graph: Ragged,
 ) -> Index:
-    """Return the sheets seen most often at the second contacts along each chain, (c, OTHERS).
+    """Return the sheets seen most often at the second contacts along each chain, (c, OTHER_SHEETS).
 
     -1 behind the last one; a sheet seen a quarter as often as the first of them does not count.
     """
@@ -255,8 +269,8 @@ def _other_sheets(
     chain, sheet, votes = chain[order], sheet[order], votes[order]
     first = np.searchsorted(chain, chain)
     rank = np.arange(len(chain)) - first
-    often = (rank < OTHERS) & (4 * votes > votes[first])
-    result = np.full((len(pair), OTHERS), -1, np.int64)
+    often = (rank < OTHER_SHEETS) & (votes > SEEN_OFTEN * votes[first])
+    result = np.full((len(pair), OTHER_SHEETS), -1, np.int64)
     result[chain[often], rank[often]] = sheet[often]
     return result
 
@@ -288,9 +302,9 @@ def _without_repeats(
             others = taken[near[node]]
             shared[place] = _shared(meeting[others[others >= 0]], meeting[chain])
         two, one = (float(weight[nodes] @ (shared >= least)) for least in (2, 1))
-        if two <= MOST * length[chain] and one <= NEARLY_ALL * length[chain]:
+        if two <= REPEATED_TWO * length[chain] and one <= REPEATED_ONE * length[chain]:
             away = points[nodes] - points[nodes].mean(axis=0)
-            if 4 * np.linalg.norm(away, axis=1).max() < spacing[nodes].max():
+            if np.linalg.norm(away, axis=1).max() < POINT_WIDTH * spacing[nodes].max():
                 continue
             kept.append(chain)
         taken[nodes] = chain  # where many sheets meet, repeats lead from one pair to the next

@@ -39,15 +39,23 @@ LONGEST_JUMP = 4.0
 """Sample spacings between two balls on different sheets that still lie on both sides of a Y-curve.
 Behind a right edge, balls are 1.4 spacings apart; ligatures and jumps stretch them further."""
 
-PARALLEL = 1e-6
+PARALLEL_SPOKES = 1e-6
 """1 - cosine between two spokes: walls that are hardly inclined say nothing about a radius."""
 
-FARTHEST = 0.75
+FARTHEST_MEETING = 0.75
 """Distances between two balls, from their middle to where their sheets meet; flat ones: 0.5."""
 
-SINGULAR, BESIDE, BEYOND = 1e-9, 0.05, 1.0
-"""Determinant of three walls that meet nowhere; how far beyond a side of a triangle a place where
-they do still lies in it, and may lie at all: shares of the height."""
+SINGULAR = 1e-9
+"""Determinant of three walls that meet nowhere."""
+
+JUST_BEYOND = 0.05
+"""Shares of the height of a triangle: a place no farther beyond a side still lies in it."""
+
+FAR_BEYOND = 1.0
+"""And a place that is farther beyond a side is none where three walls meet."""
+
+FARTHEST_TRIPLE = 2.0
+"""Distances between two balls of a triangle, from their middle to where three sheets meet."""
 
 CLEARLY_APART = 2.0
 """Sample spacings between the two feature points from which a ball can be linked. A box of sides 2,
@@ -59,14 +67,18 @@ LARGEST_TURN = 0.75
 Near the corner of a box the feature points of two sheets come as close as one likes, but stay 90
 degrees apart as seen from the center."""
 
-WALL = -0.5
+WALL_COSINE = -0.5
 """Cosine between the normals at the two feature points of a ball in a wall: 120 degrees or more."""
 
 NODES_A_CHUNK = 8192
+"""Some milliseconds of work."""
 
-LEAST_BALLS, ON_BORDER = 8, 0.1
-"""A piece of fewer linked balls is no sheet, not counting those that lie on its border: nearer than
-this share of the way to the next sample. It is attached to its surroundings."""
+LEAST_BALLS = 8
+"""A piece of fewer linked balls is no sheet, not counting those that lie on its border. It is
+attached to its surroundings."""
+
+ON_BORDER = 0.1
+"""Share of the way to the next sample: a ball nearer than this to a border lies on it."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -198,7 +210,7 @@ def followed(unfolded: Unfolded, walls: Index, nodes: Index) -> tuple[FloatArray
     off = 1.0 - np.einsum("...j,...j->...", n, m)
     height = np.einsum("...j,...j->...", unfolded.contacts[walls] - unfolded.points[nodes], m)
     radius = np.full(off.shape, np.nan)
-    np.divide(height, off, out=radius, where=off > PARALLEL)
+    np.divide(height, off, out=radius, where=off > PARALLEL_SPOKES)
     return radius, unfolded.points[nodes] - radius[..., None] * n
 
 
@@ -233,7 +245,7 @@ def _meeting(unfolded: Unfolded, ends: Index) -> tuple[FloatArray, FloatArray]:
     radii = np.einsum("ne,wne->e", weights, radius)
     one, other = unfolded.centers[ends[:, 0]], unfolded.centers[ends[:, 1]]
     middle, gap = (one + other) / 2, np.linalg.norm(one - other, axis=1)
-    near = np.linalg.norm(points - middle, axis=1) <= FARTHEST * gap  # not where NaN
+    near = np.linalg.norm(points - middle, axis=1) <= FARTHEST_MEETING * gap  # not where NaN
     points[~near], radii[~near] = middle[~near], unfolded.radii[ends[~near]].mean(axis=1)
     return points, radii
 
@@ -264,14 +276,14 @@ def _meeting_of_three(
     system[~usable] = np.eye(3)
     right = np.broadcast_to([[0.0], [0.0], [1.0]], (len(triangles), 3, 1))
     weights = np.linalg.solve(system, right)[..., 0]
-    outside = weights < -BESIDE
-    usable &= (weights > -BEYOND).all(axis=1) & (outside.sum(axis=1) <= 1)
+    outside = weights < -JUST_BEYOND
+    usable &= (weights > -FAR_BEYOND).all(axis=1) & (outside.sum(axis=1) <= 1)
     points = np.einsum("tn,twna->ta", weights, centers) / 3
     radius = np.einsum("tn,twn->t", weights, radii) / 3
     own = unfolded.centers[corners]
     gap = np.linalg.norm(own - own[:, [1, 2, 0]], axis=2).max(axis=1)
     with np.errstate(invalid="ignore"):
-        usable &= np.linalg.norm(points - own.mean(axis=1), axis=1) <= 2 * gap
+        usable &= np.linalg.norm(points - own.mean(axis=1), axis=1) <= FARTHEST_TRIPLE * gap
     points[~usable], radius[~usable] = np.nan, np.nan
     return points, radius, (outside & usable[:, None])[:, [2, 0, 1]]
 
@@ -288,7 +300,7 @@ def clear_balls(
     spacing = local_spacing(unfolded.cloud.surface)[unfolded.cloud.features[rows]].max(axis=1)
     gap = np.linalg.norm(unfolded.points - unfolded.contacts, axis=1)
     cosine = np.einsum("ij,ij->i", unfolded.normals, unfolded.contact_normals)
-    wall = cosine < WALL
+    wall = cosine < WALL_COSINE
     clear = ((gap >= CLEARLY_APART * spacing) | wall) & ~sets.rim[rows]
     return clear | parted, wall | parted
 

@@ -48,10 +48,10 @@ from medialis.base.jit import kernel
 KNOWN = 16
 """Certificates kept, as for samples."""
 
-STEPS = 60
+MOST_STEPS = 60
 """Of the iteration; each shrinks the ball, and it ends where rounding decides."""
 
-SLIM = 8.0
+SLIVER = 8.0
 """A face is a sliver where it is so many times as long as it is high."""
 
 NOWHERE = -1e15
@@ -224,7 +224,7 @@ def _lay_along(points, a, b, c, twice_area, out):
             d2 += (points[j, axis] - points[i, axis]) ** 2
         if d2 > longest:
             longest, first, second, third = d2, i, j, k
-    if SLIM * twice_area >= longest:
+    if SLIVER * twice_area >= longest:
         return
     share = 0.0  # of the longest side, where the third corner stands over it
     for axis in range(3):
@@ -335,7 +335,7 @@ def _shrink_to(i, n, sign, r, relief, least, highest, points, own, bulges):
         b0, b1 = max(sign * bulges[0], 0.0), max(sign * bulges[1], 0.0)
         b2 = max(sign * bulges[2], 0.0)
     best_s, best_t = -1.0, -1.0
-    for _ in range(STEPS):
+    for _ in range(MOST_STEPS):
         s, t = _lowest(
             uw - r * (un + b0), vw - r * (vn + b2),
             uu - 2.0 * r * b0, uv - r * (b0 + b2 - b1), vv - 2.0 * r * b2,

@@ -30,17 +30,19 @@ if TYPE_CHECKING:
     from medialis.base.box_tree import BoxTree
     from medialis.skeleton._ball_kernels import SampleTree
 
-HALF = 0.5
+LARGEST_INSIDE = 0.5
 """Fraction of the diagonal: no ball inside a closed shape has a larger radius."""
 
 THINNEST = 1e-7
 """Fraction of the diagonal: surfaces closer together than this lie on each other, with no wall."""
 
-NEIGHBOURS, OPPOSITE = 32, -0.5
-"""Nearest samples among which the other side is looked for, and the largest cosine between the
-normals of two sides: walls that taper by less than 60 degrees."""
+NEIGHBOURS = 32
+"""Nearest samples among which the other side of a wall is looked for."""
 
-FEW = 8
+OPPOSITE = -0.5
+"""Largest cosine between the normals of two sides: walls that taper by less than 60 degrees."""
+
+FEW_ROWS = 8
 """Samples whose neighbours are found among all others sooner than a tree of these is built."""
 
 SIDES = ("inner", "outer", "both")
@@ -107,7 +109,9 @@ def endless(cloud: MedialCloud) -> NDArray[np.bool_]:
     """Tell the inner balls in closed parts that meet no second sample, (k,); there is one."""
     shape = cloud.surface
     result = (cloud.side > 0) & (cloud.status == BallStatus.OPEN)
-    result &= cloud.radii >= HALF * shape.diagonal  # not so where a small largest_radius ends them
+    result &= (
+        cloud.radii >= LARGEST_INSIDE * shape.diagonal
+    )  # not so where a small largest_radius ends them
     return result & in_closed_part(shape, cloud.source) if result.any() else result
 
 
@@ -139,7 +143,7 @@ def _close_behind(shape: Shape, rows: NDArray[np.int32], tolerance: float) -> ND
 def _nearest(shape: Shape, rows: NDArray[np.int32], count: int) -> NDArray[np.int64]:
     """Return the nearest samples of some, themselves among them, (q, count)."""
     points = shape.points
-    if len(rows) > FEW:
+    if len(rows) > FEW_ROWS:
         return np.asarray(shape.tree.query(points[rows], k=np.arange(1, count + 1))[1])
     near = np.empty((len(rows), count), np.int64)
     for at, row in enumerate(rows):

@@ -59,9 +59,12 @@ HIDDEN_BELOW = 0.03
 0.02 leaves fuzz in the bunny's back and the armadillo's head, 0.05 takes the cow's horns and the
 horse's feet. A limb's importance is half its girth, so thin limbs need less: see `_shown_from`."""
 
-ROUND, LIMBS_SHOWN = 2.8, 0.9
-"""A path of this many radii runs nearly half round its ball (pi), as in limbs and behind walls and
-not on bumps. Of the surface behind such balls this share stays shown by default."""
+ROUND_LIMB = 2.8
+"""Radii: a path as long runs nearly half round its ball (pi), as in limbs and behind walls and not
+on bumps."""
+
+LIMBS_SHOWN = 0.9
+"""Of the surface behind the balls of limbs this share stays shown by default."""
 
 SHOWN_SHARE = 99.0
 """Per cent of the points that the colours span, from the least important up."""
@@ -182,7 +185,7 @@ def _measured(
 
 def _shown_from(cloud: MedialCloud, importance: FloatArray) -> float:
     """Return the default threshold, less where it would hide limbs: a fraction of the diagonal."""
-    limbs = np.isfinite(importance) & (importance >= ROUND * cloud.radii)
+    limbs = np.isfinite(importance) & (importance >= ROUND_LIMB * cloud.radii)
     if not limbs.any():
         return HIDDEN_BELOW
     rising = np.flatnonzero(limbs)[np.argsort(importance[limbs], kind="stable")]

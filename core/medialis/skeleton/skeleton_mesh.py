@@ -31,7 +31,7 @@ from medialis.skeleton.importance.importance import (
 from medialis.skeleton.medial_cloud import MedialCloud
 from medialis.skeleton.surface_skeleton import as_cloud
 
-SLACK = 1.0
+RADIUS_SLACK = 1.0
 """Sample spacings by which a radius may change against the slope of the sheet. On horse (48k
 samples, spoke angles above 30 degrees) 0.5 rejects 0.75 % of the faces, 1 0.2 %, 2 0.03 %."""
 
@@ -307,7 +307,7 @@ def _lift_side(
     rows, ok = np.empty((m, 3), np.int32), np.zeros(m, np.bool_)
 
     def work(begin: int, end: int) -> None:
-        kernels.test_faces(begin, end, SLACK, shape.faces, row_near, balls, rows, ok)
+        kernels.test_faces(begin, end, RADIUS_SLACK, shape.faces, row_near, balls, rows, ok)
 
     run_chunks(work, m, FACES_A_CHUNK, progress=progress)
     longest = np.zeros(k)

@@ -49,20 +49,26 @@ from medialis.skeleton.triangle_balls import Walls, between_samples, with_edge_b
 if TYPE_CHECKING:
     from medialis.base.box_tree import BoxTree
 
-MOST_BALLS = 32
+MOST_BALLS_OF_FAN = 32
 """Balls of a fan at a sample, at most."""
 
-SMOOTH = 0.94
+LEAST_SMOOTHNESS = 0.94
 """Cosine: where faces lean from the normals of their sectors by 20 degrees, as in folds and rough
 surfaces, normals between those of the sides mean nothing."""
 
+FOLDED = 3.0
+"""Radians: faces that bend by more lie on each other; nothing lies between their normals."""
+
+FLAT_SHARE = 1e-9
+"""Of the largest spread of points: where the least is below, the shape is flat to rounding."""
+
 DENOISE = ("auto", "off")
 
-NOISY = 0.04
+NOISY_FROM = 0.04
 """Spacings: deviation of noise from which on a surface is smoothed. It tilts normals by 5 degrees.
 Of 21 real meshes only one has more, a noisy scan with 0.043."""
 
-FEW = 0.02
+TOO_LONG_SHARE = 0.02
 """Share of the area. A dense mesh with so few faces of too long edges, none twice too long, is not
 refined: it keeps its samples, and all operations on it share their balls. 0.13 % more samples
 (horse2, refine = 0.01) would cost as much as computing everything a second time."""
@@ -315,12 +321,12 @@ def _directions(
     radius = np.zeros(surface.point_count)
     own = cloud.valid & (cloud.side == sign)
     radius[cloud.source[own]] = cloud.radii[own]
-    usable = first.any(axis=1) & second.any(axis=1) & (radius[vertex] > 0) & (bend < 3.0)
-    usable &= creases.smoothness[vertex] > SMOOTH
+    usable = first.any(axis=1) & second.any(axis=1) & (radius[vertex] > 0) & (bend < FOLDED)
+    usable &= creases.smoothness[vertex] > LEAST_SMOOTHNESS
     vertex, first, second, bend = vertex[usable], first[usable], second[usable], bend[usable]
     with np.errstate(over="ignore"):
         steps = np.ceil(bend * radius[vertex] / max(surface.spacing, 1e-300))
-    steps = np.clip(steps, 1, MOST_BALLS).astype(np.int64)
+    steps = np.clip(steps, 1, MOST_BALLS_OF_FAN).astype(np.int64)
     pair = np.repeat(np.arange(len(vertex)), steps + 1)
     turn = np.arange(len(pair)) - np.repeat(np.cumsum(steps + 1) - steps - 1, steps + 1)
     part, angle = turn / steps[pair], bend[pair]
@@ -505,7 +511,7 @@ def _denoised(shape: Shape, options: Preparation, progress: Progress) -> tuple[S
 
 def _without_noise(shape: Shape) -> tuple[Shape, float, float]:
     """Return a smooth copy of a noisy shape, the noise before, and what is left of it."""
-    least = NOISY * shape.spacing
+    least = NOISY_FROM * shape.spacing
     level = noise_above(shape, least)
     if level == 0.0 or level < least:
         return shape, level, 0.0
@@ -563,7 +569,7 @@ def _dense(shape: Shape, longest: float) -> bool:
     corners = shape.points[np.asarray(shape.faces)[faces]]
     sides = np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=2).max(axis=1)
     coarse = faces[sides > longest]
-    return bool(shape.face_areas[coarse].sum() <= FEW * shape.area)
+    return bool(shape.face_areas[coarse].sum() <= TOO_LONG_SHARE * shape.area)
 
 
 def _require_balls(cloud: MedialCloud) -> None:
@@ -572,7 +578,7 @@ def _require_balls(cloud: MedialCloud) -> None:
         return
     shape = cloud.surface
     spread = np.linalg.svd(shape.points - shape.points.mean(axis=0), compute_uv=False)
-    flat = spread[-1] <= 1e-9 * spread[0]
+    flat = spread[-1] <= FLAT_SHARE * spread[0]
     why = "the shape is flat" if flat else "nothing faces them on this side"
     if not flat and shape.faces is None:
         why += " (if the normals of this cloud point inward, turn them or leave them out)"

@@ -28,22 +28,34 @@ if TYPE_CHECKING:
     from medialis.base.box_tree import BoxTree
     from medialis.skeleton._triangle_kernels import Hung
 
-BLOCKS_A_CHUNK, NODES_A_CHUNK = 1024, 64
+BLOCKS_A_CHUNK = 1024
+"""Of 16 faces."""
+
+NODES_A_CHUNK = 64
+"""Of the tree, each with all faces below it."""
 
 ROUNDING = 1e-10
 """Fraction of the diagonal: a place less deep than this in a ball is on it."""
 
-EDGE = 1e-6
+CREASE_DEPTH = 1e-6
 """Fraction of the diagonal: how far the ball at a crease lies from it, at least."""
 
-GAP, MOST_BETWEEN = 1e-3, 3
-"""Fraction of the diagonal: no place of a convex crease is farther than this from a ball; and how
-many balls there are between two samples for that, at most: enough for edges of 0.8 %."""
+LARGEST_GAP = 1e-3
+"""Fraction of the diagonal: no place of a convex crease is farther than this from a ball."""
 
-DEEP, FITS = 0.55, 0.9
-"""How deep balls between samples lie, in lengths of their edge: in a right angle half-way to where
-the balls of the next samples begin. And the share of the radius that two walls would allow that
-they have at least, or they lie where those of the samples do: other walls are near."""
+MOST_BETWEEN = 3
+"""Balls between two samples of a crease, at most: enough for edges of 0.8 % of the diagonal."""
+
+DEPTH_BETWEEN = 0.55
+"""Lengths of their edge that balls between samples lie deep: in a right angle half-way to where the
+balls of the next samples begin."""
+
+LEAST_FIT = 0.9
+"""Share of the radius that two walls would allow: balls between samples with less lie where those
+of the samples do, since other walls are near."""
+
+LEAST_DEPTH = 1 / 16
+"""Of the tolerance: how deep a face that is no relief may lie in a ball."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,7 +179,7 @@ class Walls:
         lengths = shrink_options(shape.diagonal, tolerance, largest)
         radii = cloud.radii[order] / lengths.unit
         face, places = np.full(len(order), -1, np.int64), np.zeros((len(order), 3))
-        least = max(ROUNDING * shape.diagonal / lengths.unit, lengths.tolerance / 16)
+        least = max(ROUNDING * shape.diagonal / lengths.unit, LEAST_DEPTH * lengths.tolerance)
         highest = math.sin(math.radians(min(self.creases.angle, 90.0))) ** 2 / 2
         depths = Depths(lengths.tolerance, lengths.clearance, lengths.margin, least, highest)
         balls = TangentBalls(samples, direction, signs, at_own, radii, face, places)
@@ -289,13 +301,13 @@ def between_samples(cloud: MedialCloud, walls: Walls, tolerance: float) -> Media
     ends = surface.points[corners[rows, side]] - surface.points[corners[rows, (side + 1) % 3]]
     small = _depth(cloud, tolerance)
     depth = np.minimum(
-        DEEP * np.linalg.norm(ends, axis=1),
-        GAP * surface.diagonal / np.maximum(1.0 - cosine, STEEPER),
+        DEPTH_BETWEEN * np.linalg.norm(ends, axis=1),
+        LARGEST_GAP * surface.diagonal / np.maximum(1.0 - cosine, STEEPER),
     )
     depth = np.maximum(depth, small)
     # They lie `depth` off a place of the surface, which is no nearer than that.
     radii = walls.room(place - (depth * sign)[:, None] * middle, depth)
-    fits = radii >= FITS * depth * cosine
+    fits = radii >= LEAST_FIT * depth * cosine
     depth, radii = np.where(fits, depth, small), np.where(fits, radii, small * cosine)
     balls = MedialCloud(
         place - (depth * sign)[:, None] * middle,
@@ -313,7 +325,7 @@ def between_samples(cloud: MedialCloud, walls: Walls, tolerance: float) -> Media
 
 
 def _depth(cloud: MedialCloud, tolerance: float) -> float:
-    return max(tolerance, EDGE) * cloud.surface.diagonal
+    return max(tolerance, CREASE_DEPTH) * cloud.surface.diagonal
 
 
 def _on_edges(
@@ -330,7 +342,7 @@ def _on_edges(
     both = has_ball[start] & has_ball[end]
     first, second, start, end = first[both], second[both], start[both], end[both]
     length = np.linalg.norm(surface.points[end] - surface.points[start], axis=1)
-    count = np.ceil(length / (2 * GAP * surface.diagonal)).astype(np.int64)
+    count = np.ceil(length / (2 * LARGEST_GAP * surface.diagonal)).astype(np.int64)
     count = np.where(count > 1, np.minimum(count, 1 + MOST_BETWEEN), 0)
     edge = np.repeat(np.arange(len(first)), count)
     turn = np.arange(len(edge)) - np.repeat(np.cumsum(count) - count, count)

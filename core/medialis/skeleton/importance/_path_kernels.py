@@ -51,7 +51,7 @@ from medialis.skeleton.importance._walk_kernels import (
 STRAIGHT = math.pi - 1e-7
 """Cutting a corner of pi - a saves a^2 / 8 at most: 1e-15 of the length."""
 
-LESS = 1.0 - 1e-9
+LESS_THAN = 1.0 - 1e-9
 """Shorter by rounding alone is not shorter."""
 
 
@@ -407,11 +407,11 @@ def relax_lengths(rows, row_of, walk, ends, length, origin):
                 if near < 0 or length[near] <= length[row]:
                     continue
                 found = length[row] + distance(points, start, ends[near, 0])
-                if found >= LESS * length[near]:
+                if found >= LESS_THAN * length[near]:
                     continue
                 other = ends[near, 1]
                 found += distance(points, end, other)
-                if found >= LESS * length[near]:
+                if found >= LESS_THAN * length[near]:
                     continue
                 if end != other and not is_edge(walk, end, other):
                     continue

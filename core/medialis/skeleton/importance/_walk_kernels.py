@@ -29,6 +29,10 @@ from numpy.typing import NDArray
 
 from medialis.base.jit import kernel
 
+OPPOSITE = 1e-6
+"""Sine: where the normals of both ends have less left across the line between them, any plane
+through them will do."""
+
 NONE, PLANE, EDGES = 0, 1, 2
 """How a length was found."""
 
@@ -197,7 +201,7 @@ def set_frame(points, normals, start, end, frame):
     mz = normals[start, 2] + normals[end, 2]
     ux, uy, uz = fy * mz - fz * my, fz * mx - fx * mz, fx * my - fy * mx
     size = math.sqrt(ux * ux + uy * uy + uz * uz)
-    if size < 1e-6:  # the axis that f is least aligned with
+    if size < OPPOSITE:  # the axis that f is least aligned with
         if abs(fx) <= abs(fy) and abs(fx) <= abs(fz):
             ux, uy, uz = 0.0, fz, -fy
         elif abs(fy) <= abs(fz):

@@ -34,32 +34,47 @@ FIRST_LIMIT = 1.7
 """Times the straight line between the ends, where the search for plane cuts begins; a half circle
 has pi / 2."""
 
-NEAR = 3.4
+SHORT_CUT = 3.4
 """Times the straight line: pairs without a plane cut as short as this are looked at anew."""
 
-NEAR_EDGES = 16
+SHORT_SPACINGS = 16
 """Or this many spacings, where pairs follow others: in thin walls the straight line is short."""
 
-OPEN_SHARE, MOST_BOUNDED = 0.1, 100_000
+OPEN_SHARE = 0.1
 """Where more pairs than this part of the vertices are open then, as on crumpled surfaces and thin
-plates, paths through landmarks tell how long their plane cuts may be. On more vertices than that
-the landmarks take too long."""
+plates, paths through landmarks tell how long their plane cuts may be."""
 
-BOUNDING, DETOUR = 16, 1.25
-"""Landmarks that do, and how many times as long as a path along the edges through one of them plane
-cuts may be: longer ones are not straight, they go the wrong way round."""
+MOST_BOUNDED = 100_000
+"""Vertices up to which they do: on more, the landmarks take too long."""
 
-PAIRS_A_CHUNK, FOLLOWING_A_CHUNK = 256, 1024
+BOUNDING_LANDMARKS = 16
+"""Landmarks that tell how long plane cuts may be."""
+
+DETOUR = 1.25
+"""Times a path along the edges through a landmark: longer cuts are not straight, they go the wrong
+way round."""
+
+PAIRS_A_CHUNK = 256
+"""Searched on their own."""
+
+FOLLOWING_A_CHUNK = 1024
+"""That may follow each other."""
 
 SEARCHES_A_CHUNK = 16
+"""Along edges."""
 
 CELLS = 1024
 """Along the largest side of the box, for the order of pairs."""
 
-SETTLED, SETTLED_A_VERTEX, MOST_SETTLED = 1_000_000, 110, 10_000_000
-"""Vertices that all searches along edges may look at: so many, so many for each vertex of the shape
-besides, and in all, some seconds. Of 21 real shapes the one with most pairs that no plane cut joins
-(115 on 62,251 vertices) needs seven million at most."""
+SETTLED_IN_ALL = 1_000_000
+"""Vertices that all searches along edges may look at, on a small shape."""
+
+SETTLED_A_VERTEX = 110
+"""Besides, for each vertex of the shape."""
+
+MOST_SETTLED = 10_000_000
+"""At most, some seconds. Of 21 real shapes the one with most pairs that no plane cut joins (115 on
+62,251 vertices) needs seven million."""
 
 SETTLED_ALONG_BORDERS = 1000
 """Vertices that a search along edges may look at where a hole is between the ends of a pair."""
@@ -298,7 +313,7 @@ def trace(
 def _along_borders(shape: Shape, ends: NDArray[np.int32], out: Paths, progress: Progress) -> None:
     """Search along the edges for pairs whose plane cuts, which end at borders, lead far round."""
     straight = np.linalg.norm(shape.points[ends[:, 0]] - shape.points[ends[:, 1]], axis=1)
-    far = (out.length > 2.0 * NEAR * straight) & (out.status == PathStatus.PLANE)
+    far = (out.length > 2.0 * SHORT_CUT * straight) & (out.status == PathStatus.PLANE)
     rows = np.flatnonzero(far)
     if len(rows) > MANY_LOST * shape.point_count:
         return
@@ -318,7 +333,7 @@ def _most_settled(shape: Shape, a_vertex: int) -> int:
     """
     faces = shape.fans.lengths.astype(np.float64)
     busy = float(faces @ faces) / max(float(faces.sum()), 1.0) / USUAL_FACES
-    most = min(MOST_SETTLED, SETTLED + a_vertex * shape.point_count)
+    most = min(MOST_SETTLED, SETTLED_IN_ALL + a_vertex * shape.point_count)
     return int(most / max(1.0, busy))
 
 
@@ -428,16 +443,16 @@ def cut_by_planes(
 
     with progress.stage("geodesics", 0.0, 0.8):
         straight = np.linalg.norm(shape.points[starts] - shape.points[goals], axis=1)
-        least = NEAR_EDGES * shape.spacing if following else 0.0
+        least = SHORT_SPACINGS * shape.spacing if following else 0.0
         order = run_patiently(
             lambda: np.argsort(along_space(shape.points)[starts], kind="stable"), progress
         )
-        trace_all(order, FIRST_LIMIT * straight, np.maximum(NEAR * straight, least))
+        trace_all(order, FIRST_LIMIT * straight, np.maximum(SHORT_CUT * straight, least))
     rows = order[out.status[order] == OPEN]
     with progress.stage("geodesics", 0.8, 1.0):
         longest = _longest_cuts(shape, ends, rows, progress)
         usual = np.where(np.isfinite(longest), longest / 2, 0.0)
-        trace_all(rows, np.maximum(usual, 2 * NEAR * straight), longest)
+        trace_all(rows, np.maximum(usual, 2 * SHORT_CUT * straight), longest)
     out.status[rows] = np.maximum(out.status[rows], PathStatus.NONE)
     return out
 
@@ -462,7 +477,7 @@ def _longest_cuts(
     longest = np.full(len(ends), np.inf)
     if OPEN_SHARE * shape.point_count < len(rows) and shape.point_count <= MOST_BOUNDED:
         starts, goals = ends[rows].T
-        for _, distance, _ in _from_landmarks(shape, starts, BOUNDING, progress.still):
+        for _, distance, _ in _from_landmarks(shape, starts, BOUNDING_LANDMARKS, progress.still):
             through = DETOUR * (distance[starts] + distance[goals])
             longest[rows] = np.minimum(longest[rows], through)
     return longest

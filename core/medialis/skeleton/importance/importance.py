@@ -41,7 +41,7 @@ from medialis.skeleton.importance.geodesics import (
 from medialis.skeleton.medial_cloud import Balls, MedialCloud
 from medialis.skeleton.surface_skeleton import as_cloud
 
-LARGE = 0.002
+LARGE_ISLAND = 0.002
 """Share of the skeleton points from which an island is worth a bridge: at most 500 bridges."""
 
 
@@ -150,7 +150,7 @@ def _connected(importance: Importance, longest: float) -> FloatArray:
     strength = np.append(values[falling], 0.0)
     level, order = falling_links(links, rank, cloud.centers, longest)
     tree, bridges = np.empty((n, 2), np.int64), np.empty((n, 2), np.int64)
-    large = max(2.0, LARGE * np.count_nonzero(cloud.valid))
+    large = max(2.0, LARGE_ISLAND * np.count_nonzero(cloud.valid))
     joined, count = join_pieces(links, order, level, strength, large, values, tree, bridges)
     _raise_bridges(values, tree[:joined].astype(np.int32), bridges[:count])
     return frozen(values, np.float64)
