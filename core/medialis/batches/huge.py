@@ -28,8 +28,7 @@ from medialis.base.progress import Progress, ProgressCallback
 from medialis.base.threads import run_chunks
 from medialis.base.validation import FloatArray, as_normals, as_points
 from medialis.batches.engine import cluster, hand_out, warn_if_open
-from medialis.formats.files import reason
-from medialis.formats.output_folder import OutputFolder
+from medialis.formats.files import OutputFolder, reason
 from medialis.skeleton.ball_shrinking import (
     SAMPLES_A_CHUNK,
     Shrinking,

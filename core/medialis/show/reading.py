@@ -14,9 +14,8 @@ import numpy as np
 from medialis.base.errors import FileError, InvalidOptionError, InvalidShapeError
 from medialis.base.options import Kind
 from medialis.base.progress import Message
-from medialis.formats.files import file_bytes, reading
+from medialis.formats.files import MANIFEST, file_bytes, reading
 from medialis.formats.json_npz import read_npz
-from medialis.formats.output_folder import MANIFEST
 from medialis.formats.ply_attributes import read_ply_attributes
 from medialis.operations.registry import operation
 from medialis.operations.result import FilterUnit, Layer

@@ -74,7 +74,7 @@ class Result(results.Result):
 
     def _repr_html_(self) -> str:
         """Return what notebooks show: a small picture beside the values."""
-        from medialis.show.pictures import picture_html
+        from medialis.show.picture import picture_html
 
         lines = [*value_lines(self.values, self.shape.unit), *map(str, self.messages)]
         told = "<br>".join(html.escape(line) for line in lines)

@@ -107,7 +107,7 @@ class Walls:
         run_chunks(fill, blocks, BLOCKS_A_CHUNK)
         bounds = np.empty_like(tree.bounds)
         bounds[:, :3], bounds[:, 3:6], bounds[:, 6:9], bounds[:, 9:] = np.inf, -np.inf, 0.0, np.inf
-        for nodes, child_depth, fan in wide_levels(len(tree.child), depth):
+        for nodes, child_depth, fan in wide_levels(depth):
             level = fan, 1 << (depth - child_depth), bounds[nodes]
 
             def work(begin: int, end: int, level: tuple[Any, ...] = level) -> None:
