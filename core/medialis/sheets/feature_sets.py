@@ -13,7 +13,7 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from medialis.base.arrays import Ragged
+from medialis.base.arrays import Mask, Ragged
 from medialis.base.kept import Bound
 from medialis.base.options import Options, algorithm, number
 from medialis.base.progress import Progress
@@ -85,12 +85,12 @@ class FeatureSets(Bound):
         return f"FeatureSets({len(self)} balls, {len(self.samples.indices)} samples)"
 
     @property
-    def closed(self) -> NDArray[np.bool_]:
+    def closed(self) -> Mask:
         """True where the only cluster goes round the ball, as in a tube or a sphere, (k,)."""
         return (self.counts == 1) & (self.agreement < GOES_ROUND)
 
     @property
-    def rim(self) -> NDArray[np.bool_]:
+    def rim(self) -> Mask:
         """True where a ball has one contact that does not go round it: on the rim (A3), (k,)."""
         return (self.counts == 1) & ~self.closed
 
@@ -160,7 +160,7 @@ def extended_feature_transform(
         return _find(cloud, rows, gaps, progress)
 
 
-def _mean_face_normals(shape: Shape) -> NDArray[np.float64]:
+def _mean_face_normals(shape: Shape) -> FloatArray:
     """Mean of the unit normals of the faces at each sample, by area, (n, 3); shorter on a crease.
 
     The normal of the sample itself where it has no face. Faces are turned to agree with those.
@@ -180,16 +180,14 @@ def _mean_face_normals(shape: Shape) -> NDArray[np.float64]:
     return np.where(total[:, None] > 0, mean, shape.normals)
 
 
-def _find(
-    cloud: MedialCloud, rows: NDArray[np.int32], gaps: NDArray[np.float64], progress: Progress
-) -> FeatureSets:
+def _find(cloud: MedialCloud, rows: IntArray, gaps: FloatArray, progress: Progress) -> FeatureSets:
     # Imported here: compiled code takes half a second to load, and `medialis --help` needs none.
     from medialis.base.box_tree import build_box_tree
     from medialis.sheets._kernels import Links, SetColumns, TouchingBalls, find_sets, place_sets
 
     k, shape = len(cloud), cloud.surface
     out = SetColumns(np.zeros(k, np.int64), np.zeros(k, np.int32), np.full(k, np.nan))
-    chunks: dict[int, tuple[NDArray[np.int32], NDArray[np.int16]]] = {}
+    chunks: dict[int, tuple[IntArray, NDArray[np.int16]]] = {}
     if len(rows):
         # Dividing by a power of two changes no digit and keeps float32 bounds in range.
         unit = math.ldexp(1.0, math.frexp(shape.diagonal)[1] - 1)

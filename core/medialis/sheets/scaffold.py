@@ -18,9 +18,8 @@ from typing import Any, NamedTuple
 from xml.etree import ElementTree
 
 import numpy as np
-from numpy.typing import NDArray
 
-from medialis.base.arrays import Ragged
+from medialis.base.arrays import Index, Mask, Ragged
 from medialis.base.errors import InvalidShapeError
 from medialis.base.kept import Bound
 from medialis.base.options import Options, algorithm, whole
@@ -29,7 +28,7 @@ from medialis.base.threads import run_patiently
 from medialis.base.validation import FloatArray, IntArray, Positions, frozen, hold
 from medialis.shape.graph import local_spacing
 from medialis.shape.surface import piece_labels
-from medialis.sheets.sheets import Borders, Index, MedialSheets, find_borders
+from medialis.sheets.sheets import Borders, MedialSheets, find_borders
 from medialis.skeleton.skeleton_mesh import SkeletonMesh
 
 SMOOTHING_ROUNDS = 48
@@ -93,7 +92,7 @@ class YNetwork(Bound):
         When the arrays do not fit together.
     """
 
-    near: NDArray[np.bool_]
+    near: Mask
     points: Positions
     edges: IntArray
     curve: IntArray
@@ -174,7 +173,7 @@ def y_network(sheets: MedialSheets, options: YNetworkOptions, progress: Progress
     return YNetwork(near, points, *whole, sheets=sheets)
 
 
-def _near_points(sheets: MedialSheets, neighbours: int) -> NDArray[np.bool_]:
+def _near_points(sheets: MedialSheets, neighbours: int) -> Mask:
     from scipy.spatial import cKDTree
 
     near = np.zeros(len(sheets), np.bool_)
@@ -187,9 +186,7 @@ def _near_points(sheets: MedialSheets, neighbours: int) -> NDArray[np.bool_]:
     return near
 
 
-def _curves(
-    sheets: MedialSheets,
-) -> tuple[FloatArray, Index, Index, Index]:
+def _curves(sheets: MedialSheets) -> tuple[FloatArray, Index, Index, Index]:
     """Nodes, edges, curve of each node and sheets of each curve."""
     unfolded, labels = sheets.unfolded, sheets.node_labels
     borders = find_borders(sheets)
@@ -246,12 +243,7 @@ def smoothed_curves(points: FloatArray, links: Index) -> FloatArray:
 
 
 def _other_sheets(
-    ends: Index,
-    piece: IntArray,
-    pair: Index,
-    labels: IntArray,
-    second: IntArray,
-    graph: Ragged,
+    ends: Index, piece: IntArray, pair: Index, labels: IntArray, second: IntArray, graph: Ragged
 ) -> Index:
     """Return the sheets seen most often at the second contacts along each chain, (c, OTHER_SHEETS).
 
@@ -276,11 +268,7 @@ def _other_sheets(
 
 
 def _without_repeats(
-    points: FloatArray,
-    weight: FloatArray,
-    spacing: FloatArray,
-    piece: IntArray,
-    meeting: Index,
+    points: FloatArray, weight: FloatArray, spacing: FloatArray, piece: IntArray, meeting: Index
 ) -> Index:
     """Chains to keep, longest first; the same curve seen from two contacts once.
 
@@ -318,11 +306,7 @@ def _shared(meeting: Index, one: Index) -> int:
 
 
 def _compact(
-    points: FloatArray,
-    links: Index,
-    piece: IntArray,
-    kept: Index,
-    triple: Index,
+    points: FloatArray, links: Index, piece: IntArray, kept: Index, triple: Index
 ) -> tuple[FloatArray, Index, Index, Index]:
     number = np.full(int(piece.max(initial=-1)) + 1, -1, np.int64)
     number[kept] = np.arange(len(kept))
@@ -536,13 +520,13 @@ def _piece(
     places: tuple[Index, Index, Index],
     beside: tuple[Index, Index, Index],
     which: Index,
-    chosen: NDArray[np.bool_],
+    chosen: Mask,
 ) -> tuple[Index, Index, Index]:
     """Stack the corners of triangles, and take some of them."""
     return np.stack(places, axis=1)[chosen], np.stack(beside, axis=1)[chosen], which[chosen]
 
 
-def _boundaries(mesh: SkeletonMesh, point_sheet: Index, count: int) -> NDArray[np.float64]:
+def _boundaries(mesh: SkeletonMesh, point_sheet: Index, count: int) -> FloatArray:
     """Length of the edges with one triangle, for each sheet, without the zigzag between samples."""
     table = mesh.edge_table
     links = np.stack([table.low, table.high], axis=1)[table.counts == 1]

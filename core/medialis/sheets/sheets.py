@@ -20,9 +20,8 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from medialis.base.arrays import EdgeTable
+from medialis.base.arrays import EdgeTable, Index, Mask
 from medialis.base.kept import Bound, kept
 from medialis.base.options import Options, algorithm, changed, number
 from medialis.base.progress import Progress
@@ -109,10 +108,10 @@ class MedialSheets(Bound):
     """
 
     labels: IntArray
-    linked: NDArray[np.bool_]
-    front: NDArray[np.bool_]
+    linked: Mask
+    front: Mask
     node_labels: IntArray
-    node_front: NDArray[np.bool_]
+    node_front: Mask
     unfolded: Unfolded = field(kw_only=True)
 
     def __post_init__(self) -> None:
@@ -140,9 +139,6 @@ class MedialSheets(Bound):
     def sizes(self) -> IntArray:
         """Number of balls of each sheet, (count,)."""
         return np.bincount(self.labels[self.labels >= 0], minlength=self.count).astype(np.int32)
-
-
-Index = NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -250,9 +246,7 @@ def _meeting(unfolded: Unfolded, ends: Index) -> tuple[FloatArray, FloatArray]:
     return points, radii
 
 
-def _meeting_of_three(
-    unfolded: Unfolded, triangles: Index
-) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
+def _meeting_of_three(unfolded: Unfolded, triangles: Index) -> tuple[FloatArray, FloatArray, Mask]:
     """Follow the sheets of all corners of triangles to where three of them meet.
 
     Returns
@@ -288,9 +282,7 @@ def _meeting_of_three(
     return points, radius, (outside & usable[:, None])[:, [2, 0, 1]]
 
 
-def clear_balls(
-    sets: FeatureSets, unfolded: Unfolded
-) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+def clear_balls(sets: FeatureSets, unfolded: Unfolded) -> tuple[Mask, Mask]:
     """Return which balls can be linked, and which lie in walls or at creases; two (u,) arrays.
 
     A ball can be linked when its contacts are clearly apart, or on the two sides of a wall or of a
@@ -306,11 +298,7 @@ def clear_balls(
 
 
 def pieces(
-    sets: FeatureSets,
-    unfolded: Unfolded,
-    clear: NDArray[np.bool_],
-    wall: NDArray[np.bool_],
-    threshold: float,
+    sets: FeatureSets, unfolded: Unfolded, clear: Mask, wall: Mask, threshold: float
 ) -> tuple[IntArray, IntArray, IntArray]:
     """Return the lowest node that each node is linked to, directly or through others, (u,).
 
@@ -452,8 +440,8 @@ class _Divided(NamedTuple):
 
     unfolded: Unfolded
     labels: IntArray
-    linked: NDArray[np.bool_]
-    front: NDArray[np.bool_]
+    linked: Mask
+    front: Mask
 
 
 def _numbered(divided: _Divided, smallest: float) -> MedialSheets:
@@ -520,9 +508,7 @@ def _spread(sets: FeatureSets, unfolded: Unfolded, threshold: float) -> _Divided
     return _Divided(unfolded, both // 2, linked, both % 2 == 0)
 
 
-def _shared_walls(
-    unfolded: Unfolded, piece: IntArray, clear: NDArray[np.bool_]
-) -> NDArray[np.int64]:
+def _shared_walls(unfolded: Unfolded, piece: IntArray, clear: Mask) -> Index:
     """Return nodes whose ball touches the wall of a neighbour in another piece too, and these.
 
     Where many sheets meet along a line, as on the axis of a prism, its balls touch all their walls,
@@ -537,7 +523,7 @@ def _shared_walls(
     return ends[shared][np.argsort(-part[shared], kind="stable")]
 
 
-def _everywhere(unfolded: Unfolded, mine: NDArray[np.bool_], both: IntArray) -> IntArray:
+def _everywhere(unfolded: Unfolded, mine: Mask, both: IntArray) -> IntArray:
     """Spread labels over creases too; a component in which nothing is linked is one sheet."""
     surface, samples = unfolded.cloud.surface, unfolded.samples[mine]
     known, usable = np.full((2, surface.point_count), -1, np.int32)
@@ -549,9 +535,7 @@ def _everywhere(unfolded: Unfolded, mine: NDArray[np.bool_], both: IntArray) -> 
     return np.where(both[mine] < 0, number[samples], both[mine])
 
 
-def _backs(
-    piece: IntArray, region: IntArray, partner: IntArray, linked: NDArray[np.bool_]
-) -> NDArray[np.bool_]:
+def _backs(piece: IntArray, region: IntArray, partner: IntArray, linked: Mask) -> Mask:
     """Return which balls lie on the back of their piece: that side with fewer balls, (k,).
 
     A region is what neighbours along the surface alone link: one side of a sheet, mostly all of it.

@@ -17,11 +17,12 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from medialis.base.arrays import Index, Mask
 from medialis.base.errors import InvalidShapeError
 from medialis.base.options import Options, algorithm, choice, length
 from medialis.base.progress import Progress, counted
 from medialis.base.threads import run_chunks, run_patiently
-from medialis.base.validation import FloatArray
+from medialis.base.validation import FloatArray, IntArray
 from medialis.shape.reading import as_shape
 from medialis.shape.shape import Shape
 from medialis.skeleton.medial_cloud import BallStatus, MedialCloud
@@ -75,7 +76,7 @@ SAMPLES_A_CHUNK = 1024
 chunk, which has no warm start, does not count."""
 
 
-def hidden_walls(cloud: MedialCloud, tolerance: float) -> NDArray[np.bool_]:
+def hidden_walls(cloud: MedialCloud, tolerance: float) -> Mask:
     """Tell the inner balls that went through a wall thinner than the tolerance.
 
     Parameters
@@ -105,7 +106,7 @@ def hidden_walls(cloud: MedialCloud, tolerance: float) -> NDArray[np.bool_]:
     return hidden
 
 
-def endless(cloud: MedialCloud) -> NDArray[np.bool_]:
+def endless(cloud: MedialCloud) -> Mask:
     """Tell the inner balls in closed parts that meet no second sample, (k,); there is one."""
     shape = cloud.surface
     result = (cloud.side > 0) & (cloud.status == BallStatus.OPEN)
@@ -115,7 +116,7 @@ def endless(cloud: MedialCloud) -> NDArray[np.bool_]:
     return result & in_closed_part(shape, cloud.source) if result.any() else result
 
 
-def touches_from_outside(cloud: MedialCloud) -> NDArray[np.bool_]:
+def touches_from_outside(cloud: MedialCloud) -> Mask:
     """Tell the inner balls whose center lies in front of the wall at their second contact, (k,)."""
     normals = cloud.contact_normals
     outward = np.zeros(len(cloud))
@@ -124,12 +125,12 @@ def touches_from_outside(cloud: MedialCloud) -> NDArray[np.bool_]:
     return (cloud.side > 0) & cloud.valid & (outward < 0.0)
 
 
-def in_closed_part(shape: Shape, samples: NDArray[Any]) -> NDArray[np.bool_]:
+def in_closed_part(shape: Shape, samples: NDArray[Any]) -> Mask:
     """Tell the samples whose component has faces and no border."""
     return np.asarray(shape.closed_components[shape.components[samples]])
 
 
-def _close_behind(shape: Shape, rows: NDArray[np.int32], tolerance: float) -> NDArray[np.bool_]:
+def _close_behind(shape: Shape, rows: IntArray, tolerance: float) -> Mask:
     """Tell the samples with one that faces the other way less than the tolerance behind them."""
     if len(rows) == 0:
         return np.zeros(0, np.bool_)
@@ -140,7 +141,7 @@ def _close_behind(shape: Shape, rows: NDArray[np.int32], tolerance: float) -> ND
     return ((depth > THINNEST) & (depth <= tolerance) & (facing < OPPOSITE)).any(axis=1)
 
 
-def _nearest(shape: Shape, rows: NDArray[np.int32], count: int) -> NDArray[np.int64]:
+def _nearest(shape: Shape, rows: IntArray, count: int) -> Index:
     """Return the nearest samples of some, themselves among them, (q, count)."""
     points = shape.points
     if len(rows) > FEW_ROWS:
@@ -283,7 +284,7 @@ class Shrinking(NamedTuple):
         end: int,
         sign: int,
         out: tuple[NDArray[Any], ...],
-        tangents: tuple[NDArray[np.int32], FloatArray] | None = None,
+        tangents: tuple[IntArray, FloatArray] | None = None,
     ) -> None:
         """Shrink the balls of the samples begin..end (tree order) on one side.
 
@@ -328,7 +329,7 @@ class Shrinking(NamedTuple):
         shape: Shape,
         tree: BoxTree,
         arrays: tuple[NDArray[Any], ...],
-        source: NDArray[np.int32],
+        source: IntArray,
         side: NDArray[np.int8],
     ) -> MedialCloud:
         """Return what `run` wrote as a cloud, in the units of the input."""

@@ -9,9 +9,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from medialis.base.arrays import places_along
+from medialis.base.arrays import Index, Mask, places_along
 from medialis.base.errors import InvalidOptionError, InvalidShapeError
 from medialis.base.kept import kept
 from medialis.base.options import changed, file, flag, length, whole
@@ -194,7 +193,7 @@ def _shown_from(cloud: MedialCloud, importance: FloatArray) -> float:
     return min(HIDDEN_BELOW, float(importance[first]) / cloud.surface.diagonal)
 
 
-def _important(result: Result, shape: Shape) -> NDArray[np.bool_]:
+def _important(result: Result, shape: Shape) -> Mask:
     """Which vertices have a skeleton point that is shown."""
     layer = result.layers[0]
     samples = layer.attributes["source"][~layer.hidden]
@@ -248,7 +247,7 @@ def run_skeleton_mesh(shape: Shape, options: SkeletonMeshRun, progress: Progress
     require_faces(shape)
     with progress.stage("skeleton", 0.0, 0.5):
         cloud = surface_skeleton.of(shape, options, progress)
-    measured: dict[str, NDArray[np.float64]] = {}
+    measured: dict[str, FloatArray] = {}
     if options.importance > 0:
         with progress.stage("importance", 0.5, 0.8):
             measured["importance"] = measured_importance(cloud, options, progress).length
@@ -294,7 +293,7 @@ def run_skeleton_mesh(shape: Shape, options: SkeletonMeshRun, progress: Progress
 
 
 def mesh_layer(
-    name: str, cloud: MedialCloud, mesh: SkeletonMesh, measured: Mapping[str, NDArray[np.float64]]
+    name: str, cloud: MedialCloud, mesh: SkeletonMesh, measured: Mapping[str, FloatArray]
 ) -> Layer:
     """Layer of a skeleton mesh with what its points know from the cloud and from measures on it."""
     known = cloud_layer(name, cloud.subset(np.asarray(mesh.rows)))
@@ -530,7 +529,7 @@ def _layer(drawn: list[tuple[int, Geodesic]]) -> Layer:
     )
 
 
-def _read_pairs(path: str) -> NDArray[np.int64]:
+def _read_pairs(path: str) -> Index:
     """Two vertex numbers a line, separated by blanks or a comma; # begins a comment."""
     rows = []
     for number, line, words in number_lines(path):
@@ -544,7 +543,7 @@ def _read_pairs(path: str) -> NDArray[np.int64]:
     return np.array(rows, np.int64)
 
 
-def _in_shape(shape: Shape, pairs: NDArray[np.int64]) -> NDArray[np.int64]:
+def _in_shape(shape: Shape, pairs: Index) -> Index:
     """Numbers in the repaired shape of vertices of the input."""
     known = shape.point_count if shape.vertex_map is None else len(shape.vertex_map)
     if pairs.max() >= known:

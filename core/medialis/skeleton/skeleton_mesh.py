@@ -11,9 +11,8 @@ import math
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
-from medialis.base.arrays import first_equal_row
+from medialis.base.arrays import Mask, first_equal_row
 from medialis.base.errors import InvalidShapeError
 from medialis.base.kept import kept
 from medialis.base.options import Options, algorithm, angle, length, whole
@@ -72,7 +71,7 @@ class SkeletonMesh(Surface):
     rows: IntArray
     face_origin: IntArray
     cloud: MedialCloud = field(kw_only=True)
-    selected: NDArray[np.bool_] = field(kw_only=True)
+    selected: Mask = field(kw_only=True)
 
     def __post_init__(self) -> None:
         p, t = len(self.points), len(self.faces)
@@ -88,7 +87,7 @@ class SkeletonMesh(Surface):
 
     @classmethod
     def of_rows(
-        cls, cloud: MedialCloud, triangles: IntArray, origin: IntArray, selected: NDArray[np.bool_]
+        cls, cloud: MedialCloud, triangles: IntArray, origin: IntArray, selected: Mask
     ) -> SkeletonMesh:
         """Make a mesh of triangles that name rows of the cloud; its points keep their order."""
         used = np.zeros(len(cloud), np.bool_)
@@ -245,9 +244,7 @@ def measured_importance(cloud: MedialCloud, options: Options, progress: Progress
     return connected_importance.of(importance, options, progress) if cloud.whole else importance
 
 
-def _selected(
-    cloud: MedialCloud, options: SkeletonMeshOptions, progress: Progress
-) -> NDArray[np.bool_]:
+def _selected(cloud: MedialCloud, options: SkeletonMeshOptions, progress: Progress) -> Mask:
     """Balls with angle and importance enough, (k,)."""
     enough = cloud.valid & (cloud.spoke_angles >= math.radians(options.min_spoke_angle))
     if options.importance > 0:
@@ -256,9 +253,7 @@ def _selected(
     return enough
 
 
-def _lift(
-    cloud: MedialCloud, selected: NDArray[np.bool_], bridge: int, progress: Progress
-) -> SkeletonMesh:
+def _lift(cloud: MedialCloud, selected: Mask, bridge: int, progress: Progress) -> SkeletonMesh:
     """Mesh of all pieces, those of each side apart."""
     parts = [(np.empty((0, 3), np.int32), np.empty(0, np.int32))]
     sides = [sign for sign in (1, -1) if (cloud.side == sign).any()]
@@ -270,7 +265,7 @@ def _lift(
     return SkeletonMesh.of_rows(cloud, triangles, origin, selected)
 
 
-def _rows_of_samples(cloud: MedialCloud, usable: NDArray[np.bool_], bridge: int) -> IntArray:
+def _rows_of_samples(cloud: MedialCloud, usable: Mask, bridge: int) -> IntArray:
     """Row that stands for each sample: of its own ball, else of a near sample's, else -1."""
     from medialis.skeleton._ball_kernels import bridge_gaps
 
@@ -287,7 +282,7 @@ def _rows_of_samples(cloud: MedialCloud, usable: NDArray[np.bool_], bridge: int)
 
 
 def _lift_side(
-    cloud: MedialCloud, usable: NDArray[np.bool_], bridge: int, progress: Progress
+    cloud: MedialCloud, usable: Mask, bridge: int, progress: Progress
 ) -> tuple[IntArray, IntArray]:
     """Triangles of one side as rows of the cloud, and the face each comes from."""
     # Imported here: compiled code takes half a second to load, and `medialis --help` needs none.

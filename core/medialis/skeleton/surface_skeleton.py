@@ -21,14 +21,15 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from medialis.base.arrays import Index, Mask
 from medialis.base.errors import InvalidShapeError
 from medialis.base.kept import kept
 from medialis.base.options import Options, algorithm, angle, changed, choice, flag
 from medialis.base.progress import Progress, counted
 from medialis.base.threads import run_patiently
-from medialis.base.validation import FloatArray, as_field, as_number
+from medialis.base.validation import FloatArray, IntArray, as_field, as_number
 from medialis.shape.creases import Creases, find_creases
 from medialis.shape.noise import noise_above, smooth_noise
 from medialis.shape.reading import ShapeLike, as_shape
@@ -76,7 +77,7 @@ refined: it keeps its samples, and all operations on it share their balls. 0.13 
 
 def uniform_subsample(
     cloud: MedialCloud, distance: float, *, priority: ArrayLike | None = None
-) -> NDArray[np.bool_]:
+) -> Mask:
     """Select valid skeleton points at least `distance` apart that cover all others.
 
     Points are taken by falling priority; each one kept removes all points closer to it than
@@ -133,9 +134,7 @@ def uniform_subsample(
     return selected
 
 
-def points_apart(
-    points: FloatArray, order: NDArray[np.int64], distance: float
-) -> NDArray[np.bool_]:
+def points_apart(points: FloatArray, order: Index, distance: float) -> Mask:
     """Select points at least a distance > 0 apart that cover all others, in the given order.
 
     Parameters
@@ -207,19 +206,15 @@ def maximal_balls(
 
 
 def _with_lower_tolerance(
-    cloud: MedialCloud,
-    tree: BoxTree,
-    walls: Walls | None,
-    options: BallOptions,
-    progress: Progress,
+    cloud: MedialCloud, tree: BoxTree, walls: Walls | None, options: BallOptions, progress: Progress
 ) -> MedialCloud:
     """Give the balls that the tolerance lets through a wall a lower one."""
     shape, tolerance = cloud.surface, options.tolerance
 
-    def went_through(balls: MedialCloud) -> NDArray[np.bool_]:
+    def went_through(balls: MedialCloud) -> Mask:
         return run_patiently(lambda: hidden_walls(balls, tolerance), progress)
 
-    def shrink_again(rows: NDArray[np.int64], finer: float) -> MedialCloud:
+    def shrink_again(rows: Index, finer: float) -> MedialCloud:
         lengths = shrink_options(shape.diagonal, finer, options.largest_radius)
         balls = lengths.shrink(shape, tree, rows, shape.normals[rows], 1, progress.still)
         return balls if walls is None else walls.constrain(balls, finer, progress)
@@ -309,9 +304,7 @@ def with_fans(
     return result
 
 
-def _directions(
-    cloud: MedialCloud, creases: Creases, sign: int
-) -> tuple[NDArray[np.int32], FloatArray]:
+def _directions(cloud: MedialCloud, creases: Creases, sign: int) -> tuple[IntArray, FloatArray]:
     """Return samples at creases concave on a side, and outward directions between the faces."""
     surface = cloud.surface
     pairs = creases.pairs[creases.concave == (sign > 0)]
@@ -337,7 +330,7 @@ def _directions(
 
 def _balls(
     walls: Walls,
-    sources: NDArray[np.int32],
+    sources: IntArray,
     directions: FloatArray,
     sign: int,
     options: ShrinkOptions,

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from medialis.base.arrays import Index
 from medialis.base.progress import Progress
 from medialis.base.threads import run_chunks
 from medialis.base.validation import FloatArray, IntArray
@@ -122,7 +123,7 @@ class Walls:
         """The mesh."""
         return self.creases.shape
 
-    def room(self, centers: FloatArray, most: FloatArray) -> NDArray[np.float64]:
+    def room(self, centers: FloatArray, most: FloatArray) -> FloatArray:
         """Return how far places (k, 3) are from the nearest triangle, but at most `most` (k,)."""
         from medialis.skeleton._triangle_kernels import measure_room
 
@@ -195,7 +196,7 @@ class Walls:
         return _touching_faces(cloud, rows, direction[touching], radii, faces, weights)
 
 
-def _in_tree_order(cloud: MedialCloud, tree: BoxTree) -> NDArray[np.int64]:
+def _in_tree_order(cloud: MedialCloud, tree: BoxTree) -> Index:
     """Return the inner balls in the order of the tree, then the outer ones."""
     n, k = len(tree.order), len(cloud)
     if k % n == 0 and (cloud.source.reshape(-1, n) == np.arange(n)).all():
@@ -205,7 +206,7 @@ def _in_tree_order(cloud: MedialCloud, tree: BoxTree) -> NDArray[np.int64]:
 
 def _touching_faces(
     cloud: MedialCloud,
-    rows: NDArray[np.int64],
+    rows: Index,
     directions: FloatArray,
     radii: FloatArray,
     faces: IntArray,
@@ -330,7 +331,7 @@ def _depth(cloud: MedialCloud, tolerance: float) -> float:
 
 def _on_edges(
     cloud: MedialCloud, creases: Creases, sign: int
-) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int8], FloatArray]:
+) -> tuple[Index, Index, NDArray[np.int8], FloatArray]:
     """Return half-edges of creases convex on a side, their twins, the side, and shares of them."""
     surface = cloud.surface
     mine = cloud.valid & (cloud.side == sign) & (cloud.features[:, 0] == cloud.features[:, 1])

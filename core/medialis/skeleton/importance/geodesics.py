@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from medialis.base.arrays import Described
+from medialis.base.arrays import Described, Index, Mask
 from medialis.base.errors import InvalidShapeError
 from medialis.base.kept import Bound
 from medialis.base.options import Options, whole
@@ -148,7 +148,7 @@ class GeodesicPaths(Bound):
         return len(self.length)
 
     @property
-    def reached(self) -> NDArray[np.bool_]:
+    def reached(self) -> Mask:
         """True where a path was found, (k,)."""
         return self.status != PathStatus.NONE
 
@@ -281,7 +281,7 @@ def surface_walk(shape: Shape) -> Walk:
 
 
 def trace(
-    shape: Shape, ends: NDArray[np.int32], directions: int, following: bool, progress: Progress
+    shape: Shape, ends: IntArray, directions: int, following: bool, progress: Progress
 ) -> GeodesicPaths:
     """Cut all pairs by planes, with `following` few in all directions and the others as these.
 
@@ -310,7 +310,7 @@ def trace(
     return GeodesicPaths(out.length, out.start_tangent, out.end_tangent, out.status)
 
 
-def _along_borders(shape: Shape, ends: NDArray[np.int32], out: Paths, progress: Progress) -> None:
+def _along_borders(shape: Shape, ends: IntArray, out: Paths, progress: Progress) -> None:
     """Search along the edges for pairs whose plane cuts, which end at borders, lead far round."""
     straight = np.linalg.norm(shape.points[ends[:, 0]] - shape.points[ends[:, 1]], axis=1)
     far = (out.length > 2.0 * SHORT_CUT * straight) & (out.status == PathStatus.PLANE)
@@ -338,12 +338,7 @@ def _most_settled(shape: Shape, a_vertex: int) -> int:
 
 
 def _follow_edges(
-    shape: Shape,
-    ends: NDArray[np.int32],
-    rows: NDArray[np.int64],
-    most: int,
-    out: Paths,
-    progress: Progress,
+    shape: Shape, ends: IntArray, rows: Index, most: int, out: Paths, progress: Progress
 ) -> None:
     """Search the shortest paths along edges of some pairs, each among `most` vertices."""
     from medialis.skeleton.importance._walk_kernels import edge_paths
@@ -357,11 +352,7 @@ def _follow_edges(
 
 
 def _through_landmarks(
-    shape: Shape,
-    ends: NDArray[np.int32],
-    rows: NDArray[np.int64],
-    out: Paths,
-    progress: Progress,
+    shape: Shape, ends: IntArray, rows: Index, out: Paths, progress: Progress
 ) -> None:
     """Give some pairs the shortest path along edges that passes through a landmark.
 
@@ -415,11 +406,7 @@ def _from_landmarks(
 
 
 def cut_by_planes(
-    shape: Shape,
-    ends: NDArray[np.int32],
-    directions: int,
-    progress: Progress,
-    following: bool = False,
+    shape: Shape, ends: IntArray, directions: int, progress: Progress, following: bool = False
 ) -> Paths:
     """Shortest plane cut of each pair, shortened."""
     from medialis.skeleton.importance._geodesic_kernels import OPEN, Search, trace_geodesics
@@ -432,7 +419,7 @@ def cut_by_planes(
     components = run_patiently(lambda: shape.components, progress)
     planes = math.ceil(directions / 2)
 
-    def trace_all(rows: NDArray[np.int64], limits: FloatArray, longest: FloatArray) -> None:
+    def trace_all(rows: Index, limits: FloatArray, longest: FloatArray) -> None:
         search = Search(shape.normals, components, ends, limits, longest, planes, following)
         size, count = FOLLOWING_A_CHUNK if following else PAIRS_A_CHUNK, len(rows)
 
@@ -457,7 +444,7 @@ def cut_by_planes(
     return out
 
 
-def along_space(points: FloatArray) -> NDArray[np.int64]:
+def along_space(points: FloatArray) -> Index:
     """Return the places of points along a Z-curve: those of points close together are close."""
     low, high = points.min(axis=0, initial=np.inf), points.max(axis=0, initial=-np.inf)
     cell = (points - low) * (CELLS / max(float((high - low).max(initial=0.0)), 1e-300))
@@ -470,9 +457,7 @@ def along_space(points: FloatArray) -> NDArray[np.int64]:
     return code
 
 
-def _longest_cuts(
-    shape: Shape, ends: NDArray[np.int32], rows: NDArray[np.int64], progress: Progress
-) -> FloatArray:
+def _longest_cuts(shape: Shape, ends: IntArray, rows: Index, progress: Progress) -> FloatArray:
     """Return how long the plane cuts of some pairs may be, for all k pairs."""
     longest = np.full(len(ends), np.inf)
     if OPEN_SHARE * shape.point_count < len(rows) and shape.point_count <= MOST_BOUNDED:
@@ -483,7 +468,7 @@ def _longest_cuts(
     return longest
 
 
-def as_pairs(pairs: ArrayLike, count: int) -> NDArray[np.int32]:
+def as_pairs(pairs: ArrayLike, count: int) -> IntArray:
     """Return pairs of vertices (k, 2) int32, checked; negative ones are masked."""
     array = np.asarray(pairs)
     if array.size == 0:
@@ -598,9 +583,7 @@ def geodesics(
     return paths
 
 
-def _shortest(
-    shape: Shape, walk: Walk, ends: NDArray[np.int32], row: int, out: Paths
-) -> Geodesic | None:
+def _shortest(shape: Shape, walk: Walk, ends: IntArray, row: int, out: Paths) -> Geodesic | None:
     """Shorten the plane cut and the path along the edges; the lower vertex first, for symmetry."""
     from medialis.skeleton.importance._path_kernels import shorten
     from medialis.skeleton.importance._walk_kernels import record_cut, short_path
