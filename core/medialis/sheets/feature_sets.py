@@ -6,7 +6,6 @@ the rim can be filtered out (A3 filter, 6.2.1.3).
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field
 from enum import IntEnum
 
@@ -21,16 +20,13 @@ from medialis.base.threads import run_chunks, run_patiently
 from medialis.base.validation import FloatArray, IntArray, frozen, hold
 from medialis.shape.graph import local_spacing, surface_graph
 from medialis.shape.shape import Shape
-from medialis.skeleton.ball_shrinking import as_walked
+from medialis.skeleton.ball_shrinking import as_walked, sample_tree, shrink_options
 from medialis.skeleton.medial_cloud import MedialCloud
 from medialis.skeleton.surface_skeleton import as_cloud
 
 GOES_ROUND = 0.4
 """Agreement below which one cluster goes round its ball: 0 for a circle or a sphere, 0.30 for 3/4
 of a circle, 0.5 for a half sphere, 0.64 for half a circle."""
-
-FLOAT32_MARGIN = 2e-6
-"""Fraction of the diagonal: what the float32 bounds of the tree may be off, with room."""
 
 BALLS_A_CHUNK = 1024
 """Some milliseconds of work."""
@@ -182,20 +178,18 @@ def _mean_face_normals(shape: Shape) -> FloatArray:
 
 def _find(cloud: MedialCloud, rows: IntArray, gaps: FloatArray, progress: Progress) -> FeatureSets:
     # Imported here: compiled code takes half a second to load, and `medialis --help` needs none.
-    from medialis.base.box_tree import build_box_tree
     from medialis.sheets._kernels import Links, SetColumns, TouchingBalls, find_sets, place_sets
 
     k, shape = len(cloud), cloud.surface
     out = SetColumns(np.zeros(k, np.int64), np.zeros(k, np.int32), np.full(k, np.nan))
     chunks: dict[int, tuple[IntArray, NDArray[np.int16]]] = {}
     if len(rows):
-        # Dividing by a power of two changes no digit and keeps float32 bounds in range.
-        unit = math.ldexp(1.0, math.frexp(shape.diagonal)[1] - 1)
-        tree = run_patiently(lambda: build_box_tree(shape.points / unit, shape.normals), progress)
+        lengths = shrink_options(shape.diagonal, 0.0, 0.0)
+        unit, tree = lengths.unit, sample_tree(shape, progress)
         rows = rows[np.argsort(tree.place[cloud.source[rows]], kind="stable")]
-        reach, margin = cloud.radii / unit + gaps / unit, FLOAT32_MARGIN * shape.diagonal / unit
+        reach = cloud.radii / unit + gaps / unit
         centers, walked = cloud.centers / unit - tree.center, as_walked(tree)
-        balls = TouchingBalls(centers, reach, cloud.features, margin)
+        balls = TouchingBalls(centers, reach, cloud.features, lengths.margin)
         normals = run_patiently(lambda: _mean_face_normals(shape), progress)
         graph = run_patiently(lambda: surface_graph(shape), progress)
         links = Links(graph.offsets, graph.indices)

@@ -150,27 +150,6 @@ class Depths(NamedTuple):
 
 
 @kernel
-def count_blocks(faces, place, n, depth, out_leaf, out_first):
-    """Leaf of the first corner of each face in tree order, and where the blocks of leaves start."""
-    count = np.zeros(len(out_first) - 1, np.int64)
-    for f in range(len(faces)):
-        first = min(place[faces[f, 0]], place[faces[f, 1]], place[faces[f, 2]])
-        out_leaf[f] = (((first + 1) << depth) + n - 1) // n - 1
-        count[out_leaf[f]] += 1
-    for leaf in range(len(count)):
-        out_first[leaf + 1] = out_first[leaf] + (count[leaf] + BLOCK - 1) // BLOCK
-
-
-@kernel
-def fill_blocks(leaf, first, out_order):
-    """Sort faces into the blocks of their leaves, in their order; -1 in slots left over."""
-    slot = first[:-1] * BLOCK
-    for f in range(len(leaf)):
-        out_order[slot[leaf[f]]] = f
-        slot[leaf[f]] += 1
-
-
-@kernel
 def fill_hulls(begin, end, points, corners, out_hulls):
     """Discs and cylinders round the faces of the blocks begin..end."""
     for block in range(begin, end):

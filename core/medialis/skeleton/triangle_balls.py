@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from medialis.base.arrays import Index
+from medialis.base.arrays import Index, Ragged
 from medialis.base.progress import Progress
 from medialis.base.threads import run_chunks
 from medialis.base.validation import FloatArray, IntArray
@@ -87,13 +87,17 @@ class Walls:
         from medialis.skeleton import _triangle_kernels as kernels
 
         shape, place = creases.shape, tree.place
-        n, m, depth = shape.point_count, shape.face_count, tree.depth
-        faces = np.asarray(shape.faces)
-        leaf, first = np.empty(m, np.int32), np.zeros((1 << depth) + 1, np.int64)
-        kernels.count_blocks(faces, place, n, depth, leaf, first)
+        n, depth, faces = shape.point_count, tree.depth, np.asarray(shape.faces)
+        one, two, three = place[faces].T.astype(np.int64)
+        # The leaf of the first corner of each, and the blocks of each leaf.
+        leaf = (((np.minimum(np.minimum(one, two), three) + 1) << depth) + n - 1) // n - 1
+        hung_on = Ragged.group(leaf, 1 << depth)
+        filled = -(-hung_on.lengths // kernels.BLOCK)
+        first = np.concatenate([[0], np.cumsum(filled)])
         blocks = int(first[-1])
         order = np.full(kernels.BLOCK * blocks, -1, np.int32)
-        kernels.fill_blocks(leaf, first, order)
+        begin = kernels.BLOCK * first[:-1] - hung_on.offsets[:-1]
+        order[np.arange(len(faces)) + np.repeat(begin, hung_on.lengths)] = hung_on.indices
         used = order >= 0
         corners, reliefs = np.full((len(order), 3), -1, np.int32), np.zeros((len(order), 4))
         corners[used] = place[faces[order[used]]]
