@@ -129,7 +129,7 @@ def _scan_leaf(block, begin, size, x, y, z, limit, order, count, found):
 @kernel
 def _find_in_ball(x, y, z, reach, margin, tree, stack, found):
     """List the samples within `reach` of a point; return how many, MOST_SAMPLES + 1 if more."""
-    points, order, blocks, bounds, child, depth = tree
+    _, points, _, order, blocks, bounds, child, depth = tree
     n = len(points)
     count = 0
     stack[0] = 0

@@ -20,7 +20,7 @@ from medialis.base.threads import run_chunks, run_patiently
 from medialis.base.validation import FloatArray, IntArray, frozen, hold
 from medialis.shape.graph import local_spacing, surface_graph
 from medialis.shape.shape import Shape
-from medialis.skeleton.ball_shrinking import as_walked, sample_tree, shrink_options
+from medialis.skeleton.ball_shrinking import sample_tree, shrink_options
 from medialis.skeleton.medial_cloud import MedialCloud
 from medialis.skeleton.surface_skeleton import as_cloud
 
@@ -188,14 +188,14 @@ def _find(cloud: MedialCloud, rows: IntArray, gaps: FloatArray, progress: Progre
         unit, tree = lengths.unit, sample_tree(shape, progress)
         rows = rows[np.argsort(tree.place[cloud.source[rows]], kind="stable")]
         reach = cloud.radii / unit + gaps / unit
-        centers, walked = cloud.centers / unit - tree.center, as_walked(tree)
+        centers = cloud.centers / unit - tree.center
         balls = TouchingBalls(centers, reach, cloud.features, lengths.margin)
         normals = run_patiently(lambda: _mean_face_normals(shape), progress)
         graph = run_patiently(lambda: surface_graph(shape), progress)
         links = Links(graph.offsets, graph.indices)
 
         def work(begin: int, end: int) -> None:
-            chunks[begin] = find_sets(begin, end, rows, balls, normals, walked, links, out)
+            chunks[begin] = find_sets(begin, end, rows, balls, normals, tree, links, out)
 
         run_chunks(work, len(rows), BALLS_A_CHUNK, progress=progress)
     offsets = np.concatenate([[0], np.cumsum(out.size)])

@@ -29,7 +29,6 @@ from medialis.skeleton.medial_cloud import BallStatus, MedialCloud
 
 if TYPE_CHECKING:
     from medialis.base.box_tree import BoxTree
-    from medialis.skeleton._ball_kernels import SampleTree
 
 LARGEST_INSIDE = 0.5
 """Fraction of the diagonal: no ball inside a closed shape has a larger radius."""
@@ -296,8 +295,7 @@ class Shrinking(NamedTuple):
         from medialis.skeleton._ball_kernels import Columns, shrink_balls
 
         samples, normals = (_EVERY, tree.normals) if tangents is None else tangents
-        walked = as_walked(tree)
-        shrink_balls(begin, end, float(sign), self, walked, normals, samples, Columns(*out))
+        shrink_balls(begin, end, float(sign), self, tree, normals, samples, Columns(*out))
 
     def shrink(
         self,
@@ -364,13 +362,6 @@ def sample_tree(shape: Shape, progress: Progress) -> BoxTree:
     points, normals = shape.points, shape.normals
     unit = shrink_options(shape.diagonal, 0.0, 0.0).unit
     return run_patiently(lambda: build_box_tree(points, normals, unit=unit), progress)
-
-
-def as_walked(tree: BoxTree) -> SampleTree:
-    """Return a tree as kernels walk down it."""
-    from medialis.skeleton._ball_kernels import SampleTree
-
-    return SampleTree(tree.points, tree.order, tree.blocks, tree.bounds, tree.child, tree.depth)
 
 
 def blank_balls(count: int) -> tuple[NDArray[Any], ...]:
