@@ -129,26 +129,6 @@ class TangentBalls(NamedTuple):
     weights: NDArray[np.float64]
 
 
-class Depths(NamedTuple):
-    """How deep faces may lie in balls: lengths in units of the tree.
-
-    Attributes
-    ----------
-    tolerance, clearance, margin : float
-        Of `Shrinking`.
-    least : float
-        What is allowed to faces that are no relief.
-    highest : float
-        The most that h may be of r.
-    """
-
-    tolerance: float
-    clearance: float
-    margin: float
-    least: float
-    highest: float
-
-
 @kernel
 def fill_hulls(begin, end, points, corners, out_hulls):
     """Discs and cylinders round the faces of the blocks begin..end."""
@@ -390,10 +370,13 @@ def _near_faces(hull, px, py, pz, x, y, z, r, relief, least):
 
 
 @kernel
-def shrink_to_triangles(begin, end, balls, depths, hung):
-    """Shrink the balls begin..end to fit between triangles."""
+def shrink_to_triangles(begin, end, balls, lengths, least, highest, hung):
+    """Shrink the balls begin..end to fit between triangles; lengths are those of `Shrinking`.
+
+    `least` is how deep a face may lie that is no relief, `highest` the most that h may be of r.
+    """
     samples, directions, signs, at_own, radii, out_face, out_weights = balls
-    tolerance, a, margin, least, highest = depths
+    _, tolerance, a, _, _, margin = lengths
     points, bounds, child, first, corners, reliefs, hulls = hung
     stack = np.empty(8 * 12 + 8, np.int64)
     most, fewest = np.float32(a - margin), np.float32(least - margin)

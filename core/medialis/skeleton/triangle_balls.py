@@ -168,7 +168,7 @@ class Walls:
         MedialCloud
             A ball that changed touches a face between its corners, or at one of them.
         """
-        from medialis.skeleton._triangle_kernels import Depths, TangentBalls, shrink_to_triangles
+        from medialis.skeleton._triangle_kernels import TangentBalls, shrink_to_triangles
 
         tree, shape = self.tree, self.shape
         at_own, samples = directions is not None, tree.place[cloud.source]
@@ -186,11 +186,10 @@ class Walls:
         face, places = np.full(len(order), -1, np.int64), np.zeros((len(order), 3))
         least = max(ROUNDING * shape.diagonal / lengths.unit, LEAST_DEPTH * lengths.tolerance)
         highest = math.sin(math.radians(min(self.creases.angle, 90.0))) ** 2 / 2
-        depths = Depths(lengths.tolerance, lengths.clearance, lengths.margin, least, highest)
         balls = TangentBalls(samples, direction, signs, at_own, radii, face, places)
 
         def work(begin: int, end: int) -> None:
-            shrink_to_triangles(begin, end, balls, depths, self.hung)
+            shrink_to_triangles(begin, end, balls, lengths, least, highest, self.hung)
 
         run_chunks(work, len(order), SAMPLES_A_CHUNK, progress=progress)
         touching = np.flatnonzero(face >= 0)

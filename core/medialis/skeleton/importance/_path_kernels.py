@@ -1,6 +1,6 @@
 """Kernels of polylines, and of importance over links between balls (thesis 3.3).
 
-**Polylines** (see polylines.py): a path over a mesh is shortened to a locally shortest geodesic. A
+**Polylines** (see geodesics.py): a path over a mesh is shortened to a locally shortest geodesic. A
 path is a row of items: the vertices that it passes through, as -1 - vertex, and between them the
 half-edges through which it leaves the faces that it crosses (its strip). Two steps alternate:
 
