@@ -229,9 +229,7 @@ def _with_lower_tolerance(
     count, rows, cured = len(hidden), [], []
     while len(hidden):
         finer = finer / 10 if finer > THINNEST else 0.0
-        balls = exact
-        if finer > 0:
-            balls = shrink_again(hidden, finer)
+        balls = shrink_again(hidden, finer) if finer > 0 else exact
         seen = ~went_through(balls)
         rows.append(hidden[seen])
         cured.append(balls.subset(seen))
@@ -479,13 +477,11 @@ def _denoised(shape: Shape, options: Preparation, progress: Progress) -> tuple[S
     tolerance = options.tolerance
     if options.denoise == "off" or shape.faces is None or shape.diagonal == 0.0:
         return shape, tolerance
-    smooth, level, left = kept(
-        _without_noise,
-        shape,
-        None,
-        lambda: run_patiently(lambda: _without_noise(shape), progress),
-        progress,
-    )
+
+    def smoothed() -> tuple[Shape, float, float]:
+        return run_patiently(lambda: _without_noise(shape), progress)
+
+    smooth, level, left = kept(_without_noise, shape, None, smoothed, progress)
     if smooth is shape:
         return shape, tolerance
     highest = next(p.high for p in Preparation.parameters() if p.name == "tolerance")
@@ -528,14 +524,12 @@ def _refined(shape: Shape, options: Preparation, progress: Progress) -> Shape:
                 lambda: on_smooth_surface(shape, fine, find_creases(shape, options.creases)),
                 progress,
             )
-        instead = (
-            ""
-            if fraction == asked
-            else (
+        instead = ""
+        if fraction != asked:
+            instead = (
                 f", not {100 * asked:g} %, which would make many more samples than so small a mesh "
                 f"needs (refine below {100 * RefineOptions().longest_edge:g} % makes more)"
             )
-        )
         progress.note(
             f"The mesh was refined for the computation: {shape.point_count:,} vertices became "
             f"{fine.point_count:,} samples. Edges longer than {100 * fraction:.3g} % of the "
