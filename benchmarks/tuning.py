@@ -54,8 +54,6 @@ FEATURES = {
     "skeleton/importance": ("skeleton_importance",),
     "sheets": ("point_types", "medial_sheets"),
     "curves": ("curve_skeleton",),
-    "curves/from_balls": ("curve_skeleton",),
-    "curves/graph": ("curve_skeleton",),
     "curves/from_views": ("view_curve_skeleton",),
     "medial_meshes": ("medial_mesh",),
     "walls": ("thickness", "wall_check"),

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from website.figures_of_chapters_4_to_6 import LATER_FIGURES
 
 import medialis
-from medialis.curves.from_balls.candidates import tangent_field
+from medialis.curves.candidates import tangent_field
 from medialis.curves.from_views.views import camera_pairs, pair_points, sphere_of
 from medialis.show.annotation import contact_sheet
 from medialis.show.camera import Camera

@@ -27,6 +27,10 @@ from medialis.clouds.manifolds import ManifoldSet as ManifoldSet
 from medialis.clouds.manifolds import PointClass as PointClass
 from medialis.clouds.manifolds import manifold_surfaces as manifold_surfaces
 from medialis.clouds.manifolds import manifolds as manifolds
+from medialis.curves.candidates import CandidateMeasure as CandidateMeasure
+from medialis.curves.candidates import area_importance as area_importance
+from medialis.curves.candidates import candidate_measure as candidate_measure
+from medialis.curves.candidates import tangent_field as tangent_field
 from medialis.curves.curve_skeleton import CurveEvidence as CurveEvidence
 from medialis.curves.curve_skeleton import CurveSkeleton as CurveSkeleton
 from medialis.curves.curve_skeleton import ViewPoints as ViewPoints
@@ -34,11 +38,7 @@ from medialis.curves.finishing import point_graph as point_graph
 from medialis.curves.finishing import simplify_branches as simplify_branches
 from medialis.curves.formats import read_curve_skeleton as read_curve_skeleton
 from medialis.curves.formats import write_curve_skeleton as write_curve_skeleton
-from medialis.curves.from_balls.candidates import CandidateMeasure as CandidateMeasure
-from medialis.curves.from_balls.candidates import area_importance as area_importance
-from medialis.curves.from_balls.candidates import candidate_measure as candidate_measure
-from medialis.curves.from_balls.candidates import tangent_field as tangent_field
-from medialis.curves.from_balls.skeleton import curve_skeleton as curve_skeleton
+from medialis.curves.from_balls import curve_skeleton as curve_skeleton
 from medialis.curves.from_views.skeleton import view_curve_skeleton as view_curve_skeleton
 from medialis.curves.from_views.skeleton import view_source as view_source
 from medialis.curves.from_views.views import Crossings as Crossings

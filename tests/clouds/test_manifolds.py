@@ -371,7 +371,7 @@ def test_late_options_find_the_patches_again(monkeypatch):
     fresh = medialis.manifolds(rough.points, max_turn=9.0, min_points=30)
     with medialis.memory_limit(1 << 30):
         medialis.manifolds(rough)
-        for early in ("manifolds.jitter", "manifolds.nearest_points"):
+        for early in ("manifolds.jitter", "manifolds.neighbours_of"):
             monkeypatch.delattr(f"medialis.clouds.{early}")
         late = medialis.manifolds(rough, max_turn=9.0, min_points=30)
     assert (late.labels() == fresh.labels()).all() and late.points is rough.points

@@ -47,6 +47,9 @@ neighbours tell where a manifold goes on through an intersection, where its own 
 TERMS = 6
 """Coefficients of a quadric."""
 
+LEVEL, U, V, UU, UV, VV = range(TERMS)
+"""Their places: that of 1, of u, of v, and so on."""
+
 CHANCE = 2.0
 """Deviation of a corner from its quadric, in units of the largest mean deviation."""
 
@@ -118,7 +121,8 @@ def _terms(sides, m, frame, radius, row):
     """Terms of the quadric at a neighbour, in units of the radius."""
     u = (sides[m, 0] * frame[0, 0] + sides[m, 1] * frame[0, 1] + sides[m, 2] * frame[0, 2]) / radius
     v = (sides[m, 0] * frame[1, 0] + sides[m, 1] * frame[1, 1] + sides[m, 2] * frame[1, 2]) / radius
-    row[0], row[1], row[2], row[3], row[4], row[5] = 1.0, u, v, u * u, u * v, v * v
+    row[LEVEL], row[U], row[V] = 1.0, u, v
+    row[UU], row[UV], row[VV] = u * u, u * v, v * v
 
 
 @kernel
@@ -246,15 +250,15 @@ def bend_patch(sides, flattest, drops, axis, out_bend):
             if not _fit(sides, used, axis, frame, radius, row, matrix, right):
                 return np.uint64(0)
             misfit, worst = _misfit(sides, used, axis, frame, radius, row, right)
-            offset = right[0]
-            length = math.sqrt(1.0 + right[1] ** 2 + right[2] ** 2)
+            offset = right[LEVEL]
+            length = math.sqrt(1.0 + right[U] ** 2 + right[V] ** 2)
             for c in range(3):
-                axis[c] = (axis[c] - right[1] * frame[0, c] - right[2] * frame[1, c]) / length
+                axis[c] = (axis[c] - right[U] * frame[0, c] - right[V] * frame[1, c]) / length
                 for b in range(3):
                     out_bend[c, b] = (
-                        2.0 * right[3] * frame[0, c] * frame[0, b]
-                        + right[4] * (frame[0, c] * frame[1, b] + frame[1, c] * frame[0, b])
-                        + 2.0 * right[5] * frame[1, c] * frame[1, b]
+                        2.0 * right[UU] * frame[0, c] * frame[0, b]
+                        + right[UV] * (frame[0, c] * frame[1, b] + frame[1, c] * frame[0, b])
+                        + 2.0 * right[VV] * frame[1, c] * frame[1, b]
                     ) / (radius * length)
         if misfit <= flattest:
             break

@@ -35,7 +35,6 @@ from medialis.base.validation import FloatArray, IntArray, as_points, as_whole_n
 from medialis.clouds.smoothing import (
     SCATTERS_APART,
     jitter,
-    nearest_points,
     neighbours_of,
     without_jitter,
 )
@@ -179,11 +178,8 @@ class ManifoldSet(Bound):
         """Return the set of the given points (r,), in their order; they may repeat."""
         lengths = self.manifolds.lengths[rows]
         offsets = np.concatenate([[0], np.cumsum(lengths)])
-        inside = np.arange(offsets[-1]) - np.repeat(offsets[:-1], lengths)
-        taken = np.repeat(self.manifolds.offsets[:-1][rows], lengths) + inside
-        chosen = Ragged(offsets, self.manifolds.indices[taken])
-        counts = self.patch_counts[rows]
-        return ManifoldSet(chosen, self.count, counts, points=self.points[rows])
+        chosen = Ragged(offsets, self.manifolds.joined(rows))
+        return ManifoldSet(chosen, self.count, self.patch_counts[rows], points=self.points[rows])
 
     def points_of(self, manifold: int) -> NDArray[np.int64]:
         """Return the points of a manifold, ascending.
@@ -255,7 +251,7 @@ def classified_places(
     if size == 0.0:
         nowhere = np.zeros(len(points), np.int64)
         return np.empty((0, 3)), Speakers(nowhere, np.empty((0, 3)), nowhere[:0], 0.0)
-    places, place = run_patiently(lambda: _different(points), progress)
+    places, place = run_patiently(lambda: different_rows(points, points.T[::-1]), progress)
     places = (places - 0.5 * (low + high)) / size
     every = np.arange(len(places))
     scatter = 0.0
@@ -275,12 +271,13 @@ def classified_places(
     return moved, Speakers(place, places, chosen, apart)
 
 
-def _different(points: FloatArray) -> tuple[FloatArray, NDArray[np.int64]]:
-    """Return the different rows, sorted, and which of them each point is.
+def different_rows(points: FloatArray, keys: FloatArray) -> tuple[FloatArray, NDArray[np.int64]]:
+    """Return the different rows, and which of them each point is.
 
-    As `numpy.unique`, which lets no other thread run while it sorts rows.
+    As `numpy.unique`, which lets no other thread run while it sorts rows. They are sorted by keys,
+    which are their columns in any order; the last one counts most.
     """
-    order = np.lexsort(points.T[::-1])
+    order = np.lexsort(keys)
     rising = points[order]
     fresh = np.ones(len(points), bool)
     fresh[1:] = (rising[1:] != rising[:-1]).any(axis=1)
@@ -385,6 +382,7 @@ def manifolds(
             lambda: classified_places(points, options.smooth, progress),
             progress,
         )
+    places = frozen(places, np.float64)  # kernels are compiled for read-only ones alone
     if len(places) < FEWEST_PLACES:
         none = Ragged(np.zeros(len(points) + 1, np.int64), np.empty(0, np.int32))
         return ManifoldSet(none, 0, np.zeros(len(points), np.int32), points=points)
@@ -405,7 +403,7 @@ def _find_patches(places: FloatArray, options: ManifoldsOptions, progress: Progr
 
     n = len(places)
     k = min(options.neighbours, n - 1)
-    near = nearest_points(places, min(round(BENT * k), n - 1), progress)
+    near = neighbours_of(places, places, min(round(BENT * k), n - 1), progress)
     line = np.zeros(n, bool)
     find_lines(places, near, k, line)
     rows, wide = np.flatnonzero(line), WIDE * near.shape[1]
@@ -419,12 +417,11 @@ def _find_patches(places: FloatArray, options: ManifoldsOptions, progress: Progr
         np.zeros((n, 3)), np.zeros((n, 3, 3)), np.zeros(n, np.uint64),
     )  # fmt: skip
     least = math.cos(math.radians(options.max_bend))
-    run_chunks(
-        lambda begin, end: find_patches(places, begin, end, least, patches),
-        n,
-        CHUNK,
-        progress=progress,
-    )
+
+    def work(begin: int, end: int) -> None:
+        find_patches(places, begin, end, least, patches)
+
+    run_chunks(work, n, CHUNK, progress=progress)
     return _frozen(patches)
 
 
@@ -540,7 +537,7 @@ def _triangulate(points: FloatArray) -> NDArray[np.int64]:
     size = float(np.ptp(points, axis=0).max())
     places = (points - points.mean(axis=0)) / size
     n, k = len(points), min(STAR_NEIGHBOURS, len(points) - 1)
-    near = nearest_points(places, k, Progress())
+    near = neighbours_of(places, places, k, Progress())
     sides = places[near] - places[:, None]
     spread = sides - sides.mean(axis=1, keepdims=True)
     axes = np.linalg.eigh(np.einsum("nki,nkj->nij", spread, spread))[1]

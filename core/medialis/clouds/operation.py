@@ -1,8 +1,7 @@
-"""Operation: the manifolds of a noisy cloud (thesis 4.2).
+"""Operations on clouds: manifolds, remove_outliers, smooth (thesis 4.2).
 
-Operation: a cloud without the points that lie in no manifold (thesis 4.2.4.2).
-
-Operation: a shape without the noise of its points, none of which goes.
+The manifolds of a noisy cloud; a cloud without the points that lie in no manifold (thesis 4.2.4.2);
+a shape without the noise of its points, none of which goes.
 """
 
 from __future__ import annotations
@@ -26,6 +25,7 @@ from medialis.clouds.manifolds import (
     ManifoldSet,
     ManifoldsOptions,
     PointClass,
+    different_rows,
     manifold_surfaces,
     manifolds,
 )
@@ -42,7 +42,7 @@ from medialis.skeleton.surface_skeleton import Preparation, surface_skeleton
 
 CLOUDS = ("points", "skeleton")
 
-MOSTLY = 0.5
+MOSTLY_NOISE = 0.5
 """Share of noise above which a warning doubts the sampling: the thesis adds at most 40 % of
 outliers to its clouds (4.2.4.2)."""
 
@@ -92,7 +92,7 @@ def run_manifolds(shape: Shape, options: ManifoldsRun, progress: Progress) -> Ou
 def note_mostly_noise(found: ManifoldSet, progress: Progress) -> None:
     """Warn where the answer says more of the sampling than of the shape."""
     share = float((found.point_class == PointClass.NOISE).mean())
-    if share > MOSTLY:
+    if share > MOSTLY_NOISE:
         progress.note(
             f"{100 * share:.0f} % of the points are noise: they lie on no surface, or too far "
             "apart for its curvature. Refine a coarse mesh first, or try larger angles.",
@@ -359,7 +359,11 @@ def run_smooth(shape: Shape, options: SmoothRun, progress: Progress) -> Outcome:
 
 
 def _measured(shape: Shape) -> float:
-    return noise_level(shape) if shape.faces is not None else jitter(_distinct(shape)[0])
+    return (
+        noise_level(shape)
+        if shape.faces is not None
+        else jitter(different_rows(shape.points, shape.points.T)[0])
+    )
 
 
 def _smoothed(shape: Shape, level: float, progress: Progress) -> FloatArray:
@@ -368,20 +372,10 @@ def _smoothed(shape: Shape, level: float, progress: Progress) -> FloatArray:
         return shape.points
     if shape.faces is not None:
         return run_patiently(lambda: smooth_noise(shape, level)[0].points, progress)
-    points, place = _distinct(shape)
+    points, place = different_rows(shape.points, shape.points.T)
     if len(points) < 4:  # no plane to move them to
         return shape.points
     return without_jitter(points, np.arange(len(points)), level, progress)[place]
-
-
-def _distinct(shape: Shape) -> tuple[FloatArray, np.ndarray]:
-    """Return the different points of a cloud, and which of them each point is."""
-    order = np.lexsort(shape.points.T)
-    new = np.ones(len(order), bool)
-    new[1:] = (shape.points[order[1:]] != shape.points[order[:-1]]).any(axis=1)
-    place = np.empty(len(order), np.int64)
-    place[order] = np.cumsum(new) - 1
-    return np.ascontiguousarray(shape.points[order[new]]), place
 
 
 SMOOTH = Operation(

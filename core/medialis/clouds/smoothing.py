@@ -19,7 +19,7 @@ from medialis.base.progress import Progress
 from medialis.base.threads import run_chunks, run_patiently
 from medialis.base.validation import FloatArray
 
-NEIGHBOURS = 54
+PLANE_NEIGHBOURS = 54
 """Neighbours that fit a plane. Of 24, 36, 54, 80: the fewest at which planes, a sphere and a spiral
 with a jitter of 0.5 % stay whole; 80 flattens the spiral."""
 
@@ -31,13 +31,13 @@ SIZES = (16, 36, 81, 182)
 square of the size on a curved surface, in proportion to it where points are denser than they
 scatter, and not at all for jitter."""
 
-STEPS = (1, 1, 2, 2)
+SAMPLE_STEPS = (1, 1, 2, 2)
 """Of the places measured before, one in so many is measured with each: large ones take long."""
 
-GROWTH = 1.5
+SCATTER_GROWTH = 1.5
 """Of the size from one neighbourhood to the next."""
 
-FLAT = 0.5
+DISC_FLATNESS = 0.5
 """Thickness over width of a neighbourhood that tells how far points scatter about a surface."""
 
 GROUPS = 8
@@ -47,10 +47,10 @@ LEAST_JITTER = 0.03
 """Scatter over size of the small neighbourhood below which a cloud is accurate enough: its
 triangles then lie well within d_max."""
 
-ROUGH = 0.1
+ROUGH_SHARE = 0.1
 """Share of neighbourhoods that must scatter so much: most do close to a scanner, far off none."""
 
-BAND = 2.5
+PLANE_BAND = 2.5
 """How far a point may lie from a plane it belongs to, in units of the scatter."""
 
 SECOND_BAND = 0.7
@@ -60,22 +60,34 @@ SCATTERS_APART = 2.0
 """Distance of the places that are classified, in units of the scatter: those that smooth them are
 then within 4 such distances, a disc eight times as wide as it is thick."""
 
-THICK, DENSE = 4.0, 0.5
+SURFACE_THICKNESS = 4.0
+"""Thickness of a surface in units of the scatter: so far are places compared."""
+
+MIDDLE_DENSITY = 0.5
 """A place is in the middle of its surface if at least this share of the points lies about it that
-lie about others within four times the scatter: half of what is round the middle is so at 1.8
-deviations."""
+lie about others there: half of what is round the middle is so at 1.8 deviations."""
 
 SAMPLES = 2000
+"""Neighbourhoods that tell how far a cloud scatters."""
+
 TRIPLES = 60
+"""Planes through three places that are tried in each neighbourhood."""
+
+DENSE_NEIGHBOURS = 6
+"""On a surface as many lie about a point."""
+
+AROUND = 12
+"""Points whose median tells what a place is like."""
+
+DENSE_AROUND = 0.8
+"""Share of the candidates around that must be dense too; of outliers near a surface fewer are."""
+
+FARTHER = 1.5
+"""Distance of the last neighbour, for that of surface points, from which a point is isolated. On a
+surface sampled at random the distance to the sixth neighbour varies by a fifth."""
+
 CHUNK = 512
-
-
-def nearest_points(points: FloatArray, count: int, progress: Progress) -> NDArray[np.int32]:
-    """Return the `count` nearest other points of each, (n, count), by distance.
-
-    The points must differ.
-    """
-    return neighbours_of(points, points, count, progress)
+"""Points."""
 
 
 def jitter(points: FloatArray) -> float:
@@ -110,7 +122,7 @@ def jitter(points: FloatArray) -> float:
     found = [_group_jitter(points, rows[group]) for group in groups if len(group)]
     scatter = np.array([one for one, _ in found if one > 0.0])
     rough = np.mean([share for _, share in found])
-    some = 2 * len(scatter) > len(found) and rough > ROUGH
+    some = 2 * len(scatter) > len(found) and rough > ROUGH_SHARE
     return float(np.median(scatter)) if some else 0.0
 
 
@@ -122,8 +134,8 @@ def _group_jitter(points: FloatArray, rows: NDArray[np.int64]) -> tuple[float, f
     from medialis.clouds._kernels import measure_flatness
 
     before, least, rough = np.inf, np.inf, 0.0
-    for size, step in zip(SIZES, STEPS, strict=True):
-        rows = rows[::step]
+    for size, step in zip(SIZES, SAMPLE_STEPS, strict=True):
+        rows = np.ascontiguousarray(rows[::step])
         if size >= len(points):
             break
         near = neighbours_of(points, points[rows], size, Progress())
@@ -134,7 +146,7 @@ def _group_jitter(points: FloatArray, rows: NDArray[np.int64]) -> tuple[float, f
         found *= 1.4826 * (1 + 5 / (size - 2))
         scatter, share = float(np.median(found)), float(np.median(found / radius))
         rough = max(rough, float(np.mean(found > LEAST_JITTER * radius)))
-        ends = before < np.inf and share < least and scatter < GROWTH * before
+        ends = before < np.inf and share < least and scatter < SCATTER_GROWTH * before
         if ends and _disc_like(points[near]):
             return scatter, rough
         before, least = scatter, share
@@ -148,7 +160,7 @@ def _disc_like(places: FloatArray) -> bool:
     """
     spokes = places - places.mean(axis=1, keepdims=True)
     spread = np.linalg.eigvalsh(np.einsum("rki,rkj->rij", spokes, spokes))
-    return bool(np.median(spread[:, 0] / np.maximum(spread[:, 1], 1e-300)) < FLAT**2)
+    return bool(np.median(spread[:, 0] / np.maximum(spread[:, 1], 1e-300)) < DISC_FLATNESS**2)
 
 
 def without_jitter(
@@ -162,16 +174,16 @@ def without_jitter(
     from medialis.clouds._kernels import smooth_positions
 
     moved = points[chosen]
-    count = min(NEIGHBOURS, len(chosen) - 1)
+    count = min(PLANE_NEIGHBOURS, len(chosen) - 1)
     if count < LEAST_NEIGHBOURS:
         return moved
-    near = nearest_points(moved, count, progress)
+    near = neighbours_of(moved, moved, count, progress)
     last = moved[near[:, min(SIZES[0], count) - 1]]
     # Of points on a disc of radius r the rms distance is r / sqrt 2.
     radius = np.linalg.norm(last - moved, axis=1) / np.sqrt(2.0)
     rows = np.flatnonzero(scatter > LEAST_JITTER * radius)
     middle = run_patiently(lambda: _in_the_middle(points, moved, near, scatter), progress)
-    for band in (BAND * scatter, SECOND_BAND * BAND * scatter):
+    for band in (PLANE_BAND * scatter, SECOND_BAND * PLANE_BAND * scatter):
         places, beside = moved[rows], moved[middle]
         fewer = min(count, len(beside) - 1)
         if fewer < LEAST_NEIGHBOURS:
@@ -196,14 +208,17 @@ def _in_the_middle(
     from scipy.spatial import cKDTree
 
     around = cKDTree(points).query_ball_point(chosen, SCATTERS_APART * scatter, return_length=True)
-    close = np.linalg.norm(chosen[near] - chosen[:, None], axis=2) < THICK * scatter
-    return np.asarray(around >= DENSE * np.where(close, around[near], 0).max(axis=1))
+    close = np.linalg.norm(chosen[near] - chosen[:, None], axis=2) < SURFACE_THICKNESS * scatter
+    return np.asarray(around >= MIDDLE_DENSITY * np.where(close, around[near], 0).max(axis=1))
 
 
 def neighbours_of(
     points: FloatArray, queries: FloatArray, count: int, progress: Progress
 ) -> NDArray[np.int32]:
-    """Return the `count` nearest points of each query but itself, (q, count), by distance."""
+    """Return the `count` nearest points of each query but itself, (q, count), by distance.
+
+    The points must differ.
+    """
     from scipy.spatial import cKDTree
 
     tree = run_patiently(lambda: cKDTree(points), progress)
@@ -222,20 +237,6 @@ def _triples(neighbours: int) -> NDArray[np.int64]:
     rng = np.random.default_rng(0)
     ranks = [rng.choice(neighbours + 1, 3, replace=False) for _ in range(TRIPLES)]
     return np.array(ranks, np.int64)
-
-
-DENSE_NEIGHBOURS = 6
-"""On a surface as many lie about a point."""
-
-AROUND = 12
-"""Points whose median tells what a place is like."""
-
-MOST = 0.8
-"""Share of the candidates around that must be dense too; of outliers near a surface fewer are."""
-
-FARTHER = 1.5
-"""Distance of the last neighbour, for that of surface points, from which a point is isolated. On a
-surface sampled at random the distance to the sixth neighbour varies by a fifth."""
 
 
 def dense_points(
@@ -266,13 +267,13 @@ def dense_points(
     surface, candidates = np.flatnonzero(~rest), np.flatnonzero(rest)
     if len(candidates) == 0 or len(surface) <= AROUND:
         return np.zeros(len(points), bool)
-    near = nearest_points(places, DENSE_NEIGHBOURS, progress)
+    near = neighbours_of(places, places, DENSE_NEIGHBOURS, progress)
     last = np.linalg.norm(places[near[:, -1]] - places, axis=1)
     beside = neighbours_of(places[surface], places[candidates], AROUND, progress)
     dense = last[candidates] <= FARTHER * np.median(last[surface][beside], axis=1)
     if len(candidates) > AROUND:
-        around = nearest_points(places[candidates], AROUND, progress)
-        dense &= dense[around].mean(axis=1) >= MOST
+        around = neighbours_of(places[candidates], places[candidates], AROUND, progress)
+        dense &= dense[around].mean(axis=1) >= DENSE_AROUND
     good = ~rest
     good[candidates[dense]] = True
     a, b = np.repeat(np.arange(len(places)), DENSE_NEIGHBOURS), near.reshape(-1)

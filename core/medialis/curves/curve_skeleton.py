@@ -20,7 +20,7 @@ from medialis.shape.surface import piece_labels
 from medialis.skeleton.medial_cloud import MedialCloud
 
 if TYPE_CHECKING:
-    from medialis.curves.from_balls.candidates import CandidateMeasure
+    from medialis.curves.candidates import CandidateMeasure
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -242,6 +242,15 @@ class CurveSkeleton(Bound):
     def degrees(self) -> IntArray:
         """Number of edges at each node, (v,)."""
         return frozen(np.bincount(self.edges.ravel(), minlength=len(self.nodes)), np.int32)
+
+    @property
+    def neighbours(self) -> list[list[int]]:
+        """Nodes at the other ends of the edges of each node, in the order of the edges."""
+        near: list[list[int]] = [[] for _ in range(len(self.nodes))]
+        for a, b in self.edges.tolist():
+            near[a].append(b)
+            near[b].append(a)
+        return near
 
     @property
     def junctions(self) -> IntArray:

@@ -52,10 +52,7 @@ class Tree:
 
 def tree_of(graph: CurveSkeleton) -> Tree:
     """Return a curve skeleton as a tree. Roots are ends of branches where there are any."""
-    near: list[list[int]] = [[] for _ in range(len(graph.nodes))]
-    for a, b in graph.edges.tolist():
-        near[a].append(b)
-        near[b].append(a)
+    near = graph.neighbours
     number: dict[int, int] = {}
     parent: dict[int, int] = {}
     for root in [*graph.end_points.tolist(), *range(len(graph.nodes))]:
@@ -77,8 +74,7 @@ def tree_of(graph: CurveSkeleton) -> Tree:
     return Tree(list(number), [parent[node] for node in number], cut)
 
 
-def swc_text(graph: CurveSkeleton) -> tuple[str, int]:
-    """Return the text of an SWC file and the number of loops that were cut."""
+def _swc_text(graph: CurveSkeleton) -> str:
     tree = tree_of(graph)
     lines = ["# medialis curve skeleton", "# number type x y z radius parent"]
     if tree.cut:
@@ -87,7 +83,7 @@ def swc_text(graph: CurveSkeleton) -> tuple[str, int]:
     for row, (node, parent) in enumerate(zip(tree.nodes, tree.parents, strict=True), 1):
         x, y, z = graph.nodes[node].tolist()
         lines.append(f"{row} 0 {x!r} {y!r} {z!r} {float(graph.radii[node])!r} {parent}")
-    return "\n".join(lines) + "\n", len(tree.cut)
+    return "\n".join(lines) + "\n"
 
 
 def parse_swc(data: bytes) -> CurveSkeleton:
@@ -180,26 +176,18 @@ def write_curve_skeleton(path: str | os.PathLike[str], graph: CurveSkeleton) -> 
     0
     """
     ending = Path(path).suffix[1:].lower()
-    cut = 0
-    if ending == "ply":
-        write_ply(path, graph.nodes, edges=graph.edges, attributes=node_attributes(graph))
-        return cut
-    if ending == "swc":
-        text, cut = swc_text(graph)
-    elif ending == "json":
-        text = _json_text(graph)
-    elif ending == "graphml":
-        text = _graphml_text(graph)
-    elif ending == "obj":
-        text = _obj_text(graph)
-    else:
+    if ending not in FORMATS:
         raise InvalidOptionError(
             f"A curve skeleton is written as {', '.join('.' + name for name in FORMATS)}; "
             f"got {os.fspath(path)!r}."
         )
+    if ending == "ply":
+        write_ply(path, graph.nodes, edges=graph.edges, attributes=node_attributes(graph))
+        return 0
+    texts = {"swc": _swc_text, "json": _json_text, "graphml": _graphml_text, "obj": _obj_text}
     with complete_file(path) as stream:
-        stream.write(text.encode("ascii"))
-    return cut
+        stream.write(texts[ending](graph).encode("ascii"))
+    return graph.loops if ending == "swc" else 0
 
 
 def read_curve_skeleton(path: str | os.PathLike[str]) -> CurveSkeleton:

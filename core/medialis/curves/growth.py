@@ -100,7 +100,7 @@ def link_balls(
     """
     from medialis.curves._kernels import BallLinks, list_links, sort_links, weigh_links
 
-    k = len(radii)
+    k, centers, radii = len(radii), frozen(centers, np.float64), frozen(radii, np.float64)
     groups = np.zeros(k, np.int32) if groups is None else groups
     given = [
         (np.ascontiguousarray(ends, np.int32), np.ascontiguousarray(others, np.int32), kind)
@@ -117,14 +117,13 @@ def link_balls(
     offsets, neighbours = np.empty(k + 1, np.int64), np.empty(len(listed), np.int32)
     neighbours = neighbours[: sort_links(starts, listed, offsets, neighbours)].copy()
     links = BallLinks(
-        frozen(centers, np.float64), frozen(radii, np.float64), frozen(offsets, np.int64),
-        frozen(neighbours, np.int32), np.empty(len(neighbours)), np.empty(len(neighbours)),
-        spacing, frozen(np.full(k, np.inf) if widths is None else widths, np.float64),
+        centers, radii, frozen(offsets, np.int64), frozen(neighbours, np.int32),
+        np.empty(len(neighbours)), np.empty(len(neighbours)), spacing,
+        frozen(np.full(k, np.inf) if widths is None else widths, np.float64),
     )  # fmt: skip
     dearness = 1 / (1 / OFF_CURVE + closeness)
     run_chunks(lambda begin, end: weigh_links(begin, end, links, dearness), k, BALLS_A_CHUNK)
-    length, cost = frozen(links.length, np.float64), frozen(links.cost, np.float64)
-    return links._replace(length=length, cost=cost)
+    return links._replace(length=frozen(links.length, float), cost=frozen(links.cost, float))
 
 
 class GraphTree:
@@ -158,9 +157,8 @@ class GraphTree:
     def copy(self) -> GraphTree:
         """Return the same graph, to grow on by itself."""
         other = GraphTree(self.links)
-        other.edges = list(self.edges)
-        for name in ("spent", "path", "parent", "base"):
-            getattr(other, name)[:] = getattr(self, name)
+        for name in ("edges", "spent", "path", "parent", "base"):
+            setattr(other, name, getattr(self, name).copy())
         return other
 
     def add(self, balls: list[int]) -> None:
@@ -169,6 +167,12 @@ class GraphTree:
 
         sources = np.array(balls, np.int32)
         spread_from_tree(sources, self.links, self.spent, self.path, self.parent, self.base)
+
+    def with_branch(self, tip: int) -> GraphTree:
+        """Return a copy with the cheapest path of a ball as a branch."""
+        other = self.copy()
+        other.add(other.join(tip))
+        return other
 
     def join(self, ball: int) -> list[int]:
         """Take the cheapest path of a ball into the list of edges; return its new balls."""
@@ -235,7 +239,7 @@ def grow_graph(
                 progress.update(0.0)
             stages = (*stages, tip)
             if large and turn < KEPT_BRANCHES:
-                graph, mine = keep(stages, functools.partial(_branched, graph, tip)), False
+                graph, mine = keep(stages, functools.partial(graph.with_branch, tip)), False
             else:
                 graph, mine = graph if mine else graph.copy(), True
                 graph.add(graph.join(tip))
@@ -262,13 +266,6 @@ def _rooted(
             turns = link_turns(links, one, balls[number])
             loops[number] = close_loops(graph, turns, balls[number], roots[number], one.genus)
     return graph, loops
-
-
-def _branched(graph: GraphTree, tip: int) -> GraphTree:
-    """Return a copy of a graph with one more branch."""
-    copy = graph.copy()
-    copy.add(copy.join(tip))
-    return copy
 
 
 def next_tip(graph: GraphTree, candidates: NDArray[np.int64]) -> int | None:

@@ -22,8 +22,7 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass
-from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -185,11 +184,10 @@ def count_crossings(
     """
     from medialis.curves._kernels import cross_links
 
-    run_chunks(
-        lambda begin, end: cross_links(begin, end, rows, reach, links, spanned, turns),
-        len(rows),
-        BALLS_A_CHUNK,
-    )
+    def work(begin: int, end: int) -> None:
+        cross_links(begin, end, rows, reach, links, spanned, turns)
+
+    run_chunks(work, len(rows), BALLS_A_CHUNK)
 
 
 def _halved(count: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -207,45 +205,7 @@ def _halved(count: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     return np.concatenate(spans), np.concatenate(children)
 
 
-@dataclass(frozen=True, eq=False)
-class LinkTurns:
-    """Turns along links, only those that are not 0.
-
-    Attributes
-    ----------
-    link, loop, count : (q,) int64
-        The link, in ascending order, crosses the surface that a loop spans so many times against
-        its normals.
-    loops : int
-        How many there are.
-    """
-
-    link: Index
-    loop: Index
-    count: Index
-    loops: int
-
-    @cached_property
-    def _groups(self) -> tuple[Index, Index]:
-        return np.unique(self.link, return_index=True)
-
-    def weigh(self, weight: Index, links: int) -> Index:
-        """Return the sum of weighed turns of each link, modulo the prime, (links,)."""
-        result = np.zeros(links, np.int64)
-        if len(self.link):
-            each, first = self._groups
-            result[each] = np.add.reduceat(self.count * weight[self.loop], first) % PRIME
-        return result
-
-    def along(self, link: int) -> Index:
-        """Return the turns of one link, (loops,)."""
-        result = np.zeros(self.loops, np.int64)
-        rows = slice(*np.searchsorted(self.link, (link, link + 1)))
-        result[self.loop[rows]] = self.count[rows]
-        return result
-
-
-def link_turns(links: BallLinks, one: Handles, rows: Index) -> LinkTurns:
+def link_turns(links: BallLinks, one: Handles, rows: Index) -> Any:
     """Count the turns along links between balls that overlap.
 
     A turn is a crossing of the surface that a loop spans, which lies within the hull of the loop:
@@ -257,7 +217,14 @@ def link_turns(links: BallLinks, one: Handles, rows: Index) -> LinkTurns:
     one : Handles
     rows : (r,) int
         Balls of the component.
+
+    Returns
+    -------
+    (links, loops) sparse int64
+        How often each link crosses the surface that each loop spans, against its normals.
     """
+    from scipy.sparse import csr_array
+
     from medialis.curves._kernels import farthest_ends, take_turns
 
     reach, turns = np.zeros(len(links.radii)), np.zeros(len(links.length), np.int64)
@@ -272,19 +239,19 @@ def link_turns(links: BallLinks, one: Handles, rows: Index) -> LinkTurns:
         count_crossings(spanned, links, there, reach, turns)
         link, turn = found[:, : take_turns(there, links.offsets, turns, *found)]
         lists.append(np.stack([link, np.full(len(link), number), turn]))
-    every = np.concatenate(lists, axis=1)
-    every = every[:, np.argsort(every[0], kind="stable")]
-    return LinkTurns(every[0], every[1], every[2], len(one.loops))
+    link, number, turn = np.concatenate(lists, axis=1)
+    return csr_array((turn, (link, number)), shape=(len(turns), len(one.loops)))
 
 
-def close_loops(graph: GraphTree, turns: LinkTurns, rows: Index, root: int, most: int) -> Index:
+def close_loops(graph: GraphTree, turns: Any, rows: Index, root: int, most: int) -> Index:
     """Close up to `most` loops round handles, cheapest first.
 
     Parameters
     ----------
     graph : GraphTree
         Grows by the loops.
-    turns : LinkTurns
+    turns : (links, loops) sparse
+        Of `link_turns`.
     rows : (r,) int
         Balls of the component.
     root : int
@@ -300,11 +267,12 @@ def close_loops(graph: GraphTree, turns: LinkTurns, rows: Index, root: int, most
 
     links, random, k = graph.links, np.random.default_rng(0), len(graph.links.radii)
     anchor, path = np.full(k, -1, np.int64), np.zeros(k, np.int64)
-    known, nodes = np.zeros((0, turns.loops), np.int64), {root: np.zeros(turns.loops, np.int64)}
+    count = turns.shape[1]
+    known, nodes = np.zeros((0, count), np.int64), {root: np.zeros(count, np.int64)}
     for _ in range(most):
-        weight = _weights(known, random.integers(1, PRIME, turns.loops))
+        weight = _weights(known, random.integers(1, PRIME, count))
         path[list(nodes)] = np.stack(list(nodes.values())) @ weight % PRIME
-        of_link = turns.weigh(weight, len(links.length))
+        of_link = turns @ weight % PRIME
         order = rows[np.argsort(graph.spent[rows], kind="stable")]
         weigh_paths(order, graph.parent, links, of_link, PRIME, path, anchor)
         link = cheapest_closing_link(rows, links, graph.spent, of_link, PRIME, path, anchor)
@@ -314,7 +282,7 @@ def close_loops(graph: GraphTree, turns: LinkTurns, rows: Index, root: int, most
         b = int(links.neighbours[link])
         for end in (a, b):
             _follow_turns(graph, turns, end, nodes)
-        known = _extend(known, nodes[a] + turns.along(link) - nodes[b])
+        known = _extend(known, nodes[a] + _along(turns, link) - nodes[b])
         # Both may run side by side, as through the stem of an eyelet: one stretch for both.
         first, second = graph.join(a), follow(graph.parent, b)
         second = _apart(links, second, [*first, int(graph.base[a])])
@@ -326,14 +294,19 @@ def close_loops(graph: GraphTree, turns: LinkTurns, rows: Index, root: int, most
     return known
 
 
-def _follow_turns(graph: GraphTree, turns: LinkTurns, ball: int, nodes: dict[int, Index]) -> None:
+def _along(turns: Any, link: int) -> Index:
+    """Return the turns of one link, (loops,)."""
+    return np.asarray(turns[[link]].toarray()[0])
+
+
+def _follow_turns(graph: GraphTree, turns: Any, ball: int, nodes: dict[int, Index]) -> None:
     """Add the turns of the path from the graph to a ball, at each ball on it."""
     links = graph.links
     path = follow(graph.parent, ball)[::-1]
     for before, here in itertools.pairwise(path):
         begin, end = links.offsets[before], links.offsets[before + 1]
         link = begin + int((links.neighbours[begin:end] == here).argmax())
-        nodes[here] = nodes[before] + turns.along(link)
+        nodes[here] = nodes[before] + _along(turns, link)
 
 
 def _apart(links: BallLinks, path: list[int], other: list[int]) -> list[int]:

@@ -7,14 +7,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from medialis.base.errors import InvalidShapeError
 from medialis.base.options import Options
 from medialis.base.progress import Progress, counted
 from medialis.curves.curve_skeleton import CurveEvidence, CurveSkeleton
 from medialis.curves.formats import GRAPH_FORMATS, node_attributes
-from medialis.curves.from_balls.skeleton import CurveSkeletonOptions, curve_skeleton_of
+from medialis.curves.from_balls import CurveSkeletonOptions, curve_skeleton_of
 from medialis.operations.declaration import Operation
 from medialis.operations.positions import numbers, places
 from medialis.operations.result import FilterUnit, Layer, Outcome
@@ -24,12 +23,15 @@ from medialis.skeleton.medial_cloud import MedialCloud
 from medialis.skeleton.surface_skeleton import Preparation
 
 FEW_SAMPLES = 100
+"""Below which a shape is said to have few."""
 
-REACH, SHEET_SHARE = 4.0, 0.2
+SHEET_RADII = 4.0
 """A place of the surface belongs to a sheet where its ball reaches farther than four radii from the
-curve skeleton: the cross-section is there more than four times as wide (2 4 r) as thick (2 r). A
-shape is called sheet-like where that is a fifth of its area. Shoulder blade: 29 %; thin plates: 57
-%; rocker arm, a mechanical part with flat arms: 14 %; gears, a screwdriver: below 6 %."""
+curve skeleton: the cross-section is there more than four times as wide (2 4 r) as thick (2 r)."""
+
+SHEET_SHARE = 0.2
+"""Share of its area on sheets from which a shape is called sheet-like. Shoulder blade: 29 %; thin
+plates: 57 %; rocker arm, a mechanical part with flat arms: 14 %; gears, screwdriver: below 6 %."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -94,16 +96,11 @@ def run(shape: Shape, options: CurveSkeletonRun, progress: Progress) -> Outcome:
             "node_radius": graph.radii,
             "node_importance": graph.importance,
             "edge_branch": graph.branch,
-            "vertex_node": _present(graph.vertex_node),
-            "vertex_branch": _present(graph.vertex_branch),
+            "vertex_node": np.asarray(graph.vertex_node),
+            "vertex_branch": np.asarray(graph.vertex_branch),
         },
         extras={"graph": graph},
     )
-
-
-def _present(values: NDArray[np.int32] | None) -> NDArray[np.int32]:
-    """Return an array, empty for None."""
-    return np.empty(0, np.int32) if values is None else values
 
 
 def _parts_layer(shape: Shape, graph: CurveSkeleton) -> Layer:
@@ -114,8 +111,8 @@ def _parts_layer(shape: Shape, graph: CurveSkeleton) -> Layer:
         shape.points,
         shape.faces,
         attributes={
-            "branch": _present(graph.vertex_branch)[:n],
-            "node": _present(graph.vertex_node)[:n],
+            "branch": np.asarray(graph.vertex_branch)[:n],
+            "node": np.asarray(graph.vertex_node)[:n],
         },
         color_by="branch",
         labels=("branch",),
@@ -155,7 +152,7 @@ def _values(
     }
     values["expected_loops"] = sum(evidence.genus.values())
     values["expected_loops_certain"] = evidence.unclear == 0
-    samples = np.bincount(_present(graph.vertex_branch) + 1, minlength=graph.branch_count + 1)[1:]
+    samples = np.bincount(np.asarray(graph.vertex_branch) + 1, minlength=graph.branch_count + 1)[1:]
     return values | {
         "length": graph.length,
         "candidates": len(evidence.candidates),
@@ -178,13 +175,15 @@ def _values(
 
 def sheet_share(cloud: MedialCloud, graph: CurveSkeleton) -> float:
     """Share of the area whose balls lie far from their node, in radii of the larger of both."""
-    node = _present(graph.vertex_node)
+    node = np.asarray(graph.vertex_node)
     rows = np.flatnonzero(cloud.valid & (node >= 0))
     if len(rows) == 0:
         return 0.0
     area = cloud.surface.point_areas[rows]
     away = np.linalg.norm(cloud.centers[rows] - graph.nodes[node[rows]], axis=1)
-    far = away + cloud.radii[rows] > REACH * np.maximum(cloud.radii[rows], graph.radii[node[rows]])
+    far = away + cloud.radii[rows] > SHEET_RADII * np.maximum(
+        cloud.radii[rows], graph.radii[node[rows]]
+    )
     return float(area[far].sum() / max(area.sum(), 1e-300))
 
 
@@ -257,9 +256,9 @@ def _note_result(graph: CurveSkeleton, sheet: float, progress: Progress) -> None
         )
     if sheet > SHEET_SHARE:
         progress.note(
-            f"{100 * sheet:.0f} % of the surface reaches more than {REACH:g} radii off the curve "
-            "skeleton. Thin sheets have no meaningful curve skeleton (use surface_skeleton), and "
-            "thin limbs need smaller candidates.",
+            f"{100 * sheet:.0f} % of the surface reaches more than {SHEET_RADII:g} radii off the "
+            "curve skeleton. Thin sheets have no meaningful curve skeleton (use surface_skeleton), "
+            "and thin limbs need smaller candidates.",
             "thin_sheets",
             level=logging.WARNING,
             share=sheet,

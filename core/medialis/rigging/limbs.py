@@ -16,9 +16,48 @@ from medialis.base.arrays import follow, places_along
 from medialis.base.validation import FloatArray, IntArray
 from medialis.curves.curve_skeleton import CurveSkeleton
 
-LINK = 0.5
+LINK_SHARE = 0.5
 """Limbs between two forks need this share of the length that others need to have a bone: the trunk
 of a stout figure is hardly longer than it is thick, and its spine has to get to the hips."""
+
+
+TAPER = 0.15
+"""The radius may be so far from a straight taper along a bone (root mean square over the mean). It
+is 0.17 where the second half is half as thick as the first."""
+
+PLACES_A_RADIUS = 4
+"""Places at which a joint may be."""
+
+MOST_PLACES = 128
+"""Of a limb at which joints may be."""
+
+SYMMETRIC = 0.65
+"""Share of the length of all limbs whose image must be a limb, the less the farther it is off."""
+
+EQUAL_PLANES = 0.05
+"""Planes whose shares differ by less are equally good: the one facing x most is taken."""
+
+SAMPLES = 400
+"""Places along all limbs at which planes are compared."""
+
+LONGEST_LIMBS = 24
+"""Limbs between whose ends planes are tried."""
+
+REFINED = 8
+"""Best planes that are fitted."""
+
+TURNS = 12
+"""Of fitting a plane."""
+
+STAYS = 0.9
+"""Product of the normals of a plane before and after a turn below which it turned to another
+symmetry."""
+
+ALIKE = 0.97
+"""Planes whose normals have at least this product are fitted once."""
+
+COMPARED = np.linspace(0.0, 1.0, 17)
+"""Shares of the length of limbs at which their balls are compared."""
 
 
 @dataclass(eq=False)
@@ -118,7 +157,7 @@ def _drop_twigs(curve: CurveSkeleton, limbs: list[Limb], shortest: float) -> Non
     for number in reversed(range(len(limbs))):  # those below first
         limb = limbs[number]
         needed = shortest * curve.radii[limb.nodes[0]]
-        limb.kept = limb.length >= (LINK * needed if leads_on[number] else needed)
+        limb.kept = limb.length >= (LINK_SHARE * needed if leads_on[number] else needed)
         if limb.above >= 0:
             leads_on[limb.above] |= limb.kept or leads_on[number]
         members_of.setdefault(int(curve.components[limb.nodes[0]]), []).append(limb)
@@ -150,17 +189,12 @@ def hang_limbs(curve: CurveSkeleton, limbs: list[Limb], paired: set[int]) -> lis
     return [*sorted(first), *(one for one in kept if one not in first)]
 
 
-TAPER = 0.15
-"""The radius may be so far from a straight taper along a bone (root mean square over the mean). It
-is 0.17 where the second half is half as thick as the first."""
-FINEST, MOST = 4, 128
-"""Places a radius at which a joint may be, and places a limb at most."""
-
-
 def sample_shares(length: float, radii: FloatArray) -> FloatArray:
     """Return shares of the length of a limb where joints may be, (n + 1,), both ends included."""
     scale = float(np.median(radii)) or length or 1.0
-    return np.linspace(0.0, 1.0, int(np.clip(np.ceil(FINEST * length / scale), 2, MOST)) + 1)
+    return np.linspace(
+        0.0, 1.0, int(np.clip(np.ceil(PLACES_A_RADIUS * length / scale), 2, MOST_PLACES)) + 1
+    )
 
 
 def joint_rows(limbs: list[FloatArray], bend: float) -> list[int]:
@@ -257,16 +291,6 @@ def _taper_misfits(radii: FloatArray) -> FloatArray:
     return np.sqrt(left) / np.where(my > 0, my, 1.0)
 
 
-SYMMETRIC = 0.65
-"""Share of the length of all limbs whose image must be a limb, the less the farther it is off."""
-TIE = 0.05
-"""Planes whose shares differ by less are equally good: the one facing x most is taken."""
-SAMPLES, LONGEST, REFINED, TURNS = 400, 24, 8, 12
-ALIKE = 0.97
-"""Planes whose normals have at least this product are fitted once."""
-PLACES = np.linspace(0.0, 1.0, 17)
-
-
 @dataclass(frozen=True)
 class Plane:
     """Points p with ``normal @ p == offset``; the left side is where it is larger."""
@@ -291,7 +315,7 @@ def mirrored_limbs(limbs: list[Limb]) -> list[tuple[int, int]]:
     kept = [number for number, limb in enumerate(limbs) if limb.kept and limb.length > 0]
     if len(kept) < 2:
         return []
-    rows = np.stack([limbs[number].at(PLACES) for number in kept])
+    rows = np.stack([limbs[number].at(COMPARED) for number in kept])
     lengths = np.array([limbs[number].length for number in kept])
     found = [
         (*_pairs(plane, rows, lengths), plane) for plane in _planes(limbs, kept, rows, lengths)
@@ -301,7 +325,9 @@ def mirrored_limbs(limbs: list[Limb]) -> list[tuple[int, int]]:
     found = [one for one in found if one[0] >= SYMMETRIC]
     in_pairs = [lengths[np.array(pairs, int)].sum() / lengths.sum() for _, pairs, _ in found]
     worth = [share + half / 2 for (share, _, _), half in zip(found, in_pairs, strict=True)]
-    equal = [one for one, value in zip(found, worth, strict=True) if value >= max(worth) - TIE]
+    equal = [
+        one for one, value in zip(found, worth, strict=True) if value >= max(worth) - EQUAL_PLANES
+    ]
     if not equal:
         return []
     _, pairs, plane = max(equal, key=lambda one: abs(one[2].normal[0]))
@@ -327,7 +353,7 @@ def _planes(
     middle = points.mean(axis=0)
     axes = np.linalg.eigh(np.cov((points - middle).T))[1].T
     planes = [_facing(axis, middle) for axis in axes]
-    longest = np.argsort(-lengths, kind="stable")[:LONGEST]
+    longest = np.argsort(-lengths, kind="stable")[:LONGEST_LIMBS]
     for a, b in itertools.combinations(longest.tolist(), 2):
         one, other = rows[a, -1, :3], rows[b, -1, :3]
         if (one != other).any():
@@ -364,7 +390,7 @@ def _fitted(plane: Plane, points: FloatArray, tree: object) -> Plane:
         product = (p - p.mean(axis=0)).T @ (q - q.mean(axis=0))
         normal = np.linalg.eigh(product + product.T)[1][:, 0]
         after = _facing(normal, (p.mean(axis=0) + q.mean(axis=0)) / 2)
-        if abs(after.normal @ plane.normal) < 0.9:  # it turned to another symmetry
+        if abs(after.normal @ plane.normal) < STAYS:
             return plane
         plane = after
     return plane
@@ -380,10 +406,10 @@ def _pairs(
     from scipy.spatial.distance import cdist
 
     apart = np.zeros((len(rows), len(rows)))
-    for k in range(len(PLACES)):
+    for k in range(len(COMPARED)):
         touching = np.maximum(rows[:, None, k, 3] + rows[None, :, k, 3], 1e-300)
         apart += cdist(plane.image(rows[:, k, :3]), rows[:, k, :3]) / touching
-    apart = (apart + apart.T) / (2 * len(PLACES))
+    apart = (apart + apart.T) / (2 * len(COMPARED))
     image = apart.argmin(axis=1)
     number = np.arange(len(rows))
     good = (image[image] == number) & (apart[number, image] <= 1.0)

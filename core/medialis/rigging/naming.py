@@ -16,9 +16,26 @@ from medialis.rigging.bones import Bones
 
 BENT = 0.1
 """Sine of the bends of a limb, added up as vectors, from which on they say how it bends."""
-ACROSS = 0.9
+
+ALONG = 0.9
 """Cosine of the angle to the axis across the body from which on a straight limb points along it."""
+
 UP = np.array([0.0, 0.0, 1.0])
+
+LEG, ARM = ("thigh", "shin", "foot", "toe"), ("upper_arm", "forearm", "hand")
+
+LONG_LIMB = 0.5
+"""Share of the longest pair of limbs that arms and legs have at least; shorter ones may be ears."""
+
+GROUND = 0.25
+"""Share of the height within which all legs end."""
+
+SUFFIX = {1: ".L", 0: "", -1: ".R"}
+
+MIXAMO_LEG, MIXAMO_ARM = ("UpLeg", "Leg", "Foot", "ToeBase"), ("Shoulder", "Arm", "ForeArm", "Hand")
+MIXAMO_SIDE = {1: "Left", 0: "", -1: "Right"}
+MIXAMO = "mixamorig:"
+"""What all names of Mixamo's figures begin with."""
 
 
 def roll_axes(rig: Bones) -> FloatArray:
@@ -73,9 +90,9 @@ def _limb_axes(along: FloatArray, across: FloatArray | None, inside: bool) -> Fl
     whole = _unit(along.sum(axis=0)[None])[0] if along.sum(axis=0).any() else along[0]
     if np.linalg.norm(bend) >= BENT:
         axis = bend
-    elif across is not None and abs(whole @ across) < ACROSS:
+    elif across is not None and abs(whole @ across) < ALONG:
         axis = across
-    elif abs(whole @ UP) < ACROSS:
+    elif abs(whole @ UP) < ALONG:
         axis = UP
     else:
         axis = np.array([1.0, 0.0, 0.0])
@@ -92,19 +109,6 @@ def _limb_axes(along: FloatArray, across: FloatArray | None, inside: bool) -> Fl
 def _unit(vectors: FloatArray) -> FloatArray:
     lengths = np.linalg.norm(vectors, axis=-1, keepdims=True)
     return np.divide(vectors, lengths, out=np.zeros_like(vectors), where=lengths > 0)
-
-
-LEG, ARM = ("thigh", "shin", "foot", "toe"), ("upper_arm", "forearm", "hand")
-LONG = 0.5
-"""Share of the longest pair of limbs that arms and legs have at least; shorter ones may be ears."""
-LOW = 0.25
-"""Share of the height within which all legs end."""
-SUFFIX = {1: ".L", 0: "", -1: ".R"}
-
-MIXAMO_LEG, MIXAMO_ARM = ("UpLeg", "Leg", "Foot", "ToeBase"), ("Shoulder", "Arm", "ForeArm", "Hand")
-MIXAMO_SIDE = {1: "Left", 0: "", -1: "Right"}
-MIXAMO = "mixamorig:"
-"""What all names of Mixamo's figures begin with."""
 
 
 @dataclass(frozen=True)
@@ -235,18 +239,10 @@ def _below_the_arms(rig: Bones, spine: list[int], arms: list[IntArray]) -> int:
         return most
     # The spine is a chain, so a bone's upper end is the lower end of the next one.
     ends = np.stack([rig.heads[spine], rig.tails[spine]], axis=1)
-    upper = [
-        ends[row, 1]
-        if row + 1 == len(spine) or _meet(ends[row, 1], ends[row + 1])
-        else ends[row, 0]
-        for row in range(len(spine))
-    ]
-    away = np.linalg.norm(np.array(upper) - rig.heads[arms[0][0]], axis=1)
+    meets = (ends[:-1, 1, None] == ends[1:]).all(axis=2).any(axis=1)
+    upper = np.where(np.append(meets, True)[:, None], ends[:, 1], ends[:, 0])
+    away = np.linalg.norm(upper - rig.heads[arms[0][0]], axis=1)
     return int(away.argmin()) + 1
-
-
-def _meet(place: np.ndarray, ends: np.ndarray) -> bool:
-    return bool((place == ends).all(axis=1).any())
 
 
 def _both_sides(
@@ -283,10 +279,10 @@ def _legs_and_arms(rig: Bones, limbs: list[IntArray]) -> tuple[list[IntArray], l
         and (rig.parents[rows[0]] < 0 or rig.sides[rig.parents[rows[0]]] == 0)
     ]  # fmt: skip
     longest = max((_length(rig, rows) for rows in pairs), default=0.0)
-    pairs = [rows for rows in pairs if _length(rig, rows) >= LONG * longest]
+    pairs = [rows for rows in pairs if _length(rig, rows) >= LONG_LIMB * longest]
     heights = np.concatenate([rig.heads[:, 2], rig.tails[:, 2]])
     ground = min((rig.tails[rows[-1], 2] for rows in pairs), default=0.0)
-    low = [rig.tails[rows[-1], 2] <= ground + LOW * np.ptp(heights) for rows in pairs]
+    low = [rig.tails[rows[-1], 2] <= ground + GROUND * np.ptp(heights) for rows in pairs]
     pairs_low = list(zip(pairs, low, strict=True))
     return [rows for rows, is_leg in pairs_low if is_leg], [
         rows for rows, is_leg in pairs_low if not is_leg

@@ -21,7 +21,7 @@ from medialis.base.progress import Progress
 from medialis.base.units import METERS
 from medialis.base.validation import FloatArray
 from medialis.curves.formats import graph_formats
-from medialis.curves.from_balls.skeleton import CurveSkeletonOptions
+from medialis.curves.from_balls import CurveSkeletonOptions
 from medialis.curves.operation import described
 from medialis.formats.gltf import TRIANGLES, VERTICES, Buffer, middle_of
 from medialis.operations.declaration import Format, Operation

@@ -212,18 +212,18 @@ def mark_crossed(first, last, cells, faces, out_crossed):
 
 
 @kernel
-def count_crossings(first, last, points, faces, axis, step, out_count):
-    """Lines of a square lattice along an axis that cross each of the faces first..last."""
+def count_crossings(points, faces, axis, step, out_count):
+    """Lines of a square lattice along an axis that cross each face."""
     place = np.empty(3)
-    for f in range(first, last):
+    for f in range(len(faces)):
         out_count[f] = _cross(points, faces[f], axis, step, place, np.empty((0, 3)), 0)
 
 
 @kernel
-def list_crossings(first, last, points, faces, axis, step, offsets, out_places):
+def list_crossings(points, faces, axis, step, offsets, out_places):
     """Where they cross: rows offsets[f] and on of `out_places` for face f."""
     place = np.empty(3)
-    for f in range(first, last):
+    for f in range(len(faces)):
         _cross(points, faces[f], axis, step, place, out_places, offsets[f])
 
 

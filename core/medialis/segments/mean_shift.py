@@ -191,6 +191,8 @@ def shift_seeds(
     progress: Progress,
 ) -> MeanShift:
     """Cluster points by shifting seeds; lengths are fractions of the diagonal that is given."""
+    from medialis.segments._kernels import count_votes
+
     radius, merge = options.search_radius * diagonal, options.merge * diagonal
     # Lengths in search radii, so that squares of tiny and huge ones stay in range.
     origin = 0.5 * points.min(axis=0) + 0.5 * points.max(axis=0)
@@ -206,7 +208,12 @@ def shift_seeds(
     with progress.stage("votes", 0.5, 1.0):
         grid, order = _grid(steps, scaled)
         owner = np.repeat(cluster, lengths)[order]
-        labels, shares = _votes(grid, owner, len(centers), places, progress)
+        labels, shares = np.empty(len(places), np.int64), np.empty(len(places))
+
+        def vote(begin: int, end: int) -> None:
+            count_votes(grid, owner, len(centers), places, begin, end, labels, shares)
+
+        run_chunks(vote, len(places), POINTS_A_CHUNK, progress=progress)
     return MeanShift(
         frozen(centers * radius + origin, np.float64),
         frozen(labels, np.int32),
@@ -266,24 +273,6 @@ def _merged(grid: Grid, ends: FloatArray, merge: float) -> tuple[FloatArray, NDA
         centers.append(ends[left[0]])
         left = left[~near]
     return np.array(centers), cluster
-
-
-def _votes(
-    grid: Grid,
-    owner: NDArray[np.int64],
-    clusters: int,
-    points: FloatArray,
-    progress: Progress,
-) -> tuple[NDArray[np.int64], FloatArray]:
-    from medialis.segments._kernels import count_votes
-
-    labels, shares = np.empty(len(points), np.int64), np.empty(len(points))
-
-    def work(begin: int, end: int) -> None:
-        count_votes(grid, owner, clusters, points, begin, end, labels, shares)
-
-    run_chunks(work, len(points), POINTS_A_CHUNK, progress=progress)
-    return labels, shares
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -6,8 +6,8 @@ of every sample, and the shares minimise the integral of (f - p)^2 + d^2 g |grad
 where the sample was given to the part and 0 elsewhere. The conductance g is small across a valley,
 so f drops from 1 to 0 within it; elsewhere it drops where a part is thinnest. Each sample goes to
 the part with the largest share. One system of equations, with one factor, serves all parts. Along
-an edge the way counts as longer by `LONGER * d` for each radian that the surface bends inwards. As
-that adds up along a way, finer triangles change nothing.
+an edge the way counts as longer by `LONGER_BENT * d` for each radian that the surface bends
+inwards. As that adds up along a way, finer triangles change nothing.
 
 Limbs: told apart from bodies on the curve skeleton. A core is the stretch of it within the ball of
 a body: that of a junction, or of a thick place beside a neck. What lies between the cores and
@@ -33,9 +33,9 @@ from medialis.base.progress import Progress
 from medialis.base.threads import run_patiently
 from medialis.base.validation import FloatArray, IntArray, frozen
 from medialis.curves.curve_skeleton import CurveSkeleton
-from medialis.curves.from_balls.skeleton import CurveSkeletonOptions, curve_skeleton
+from medialis.curves.from_balls import CurveSkeletonOptions, curve_skeleton
 from medialis.segments.sites import (
-    APART,
+    SITES_APART,
     Sites,
     all_placements,
     divide_sites,
@@ -70,9 +70,32 @@ TRUNK = 0.75
 neither is narrower where they meet. Limbs of real shapes are 0.1 to 0.7 as wide as their body, what
 goes on in a trunk is 0.85 or more."""
 
-LONG = 1.5
+LEAST_LIMB = 1.5
 """Widths of the core by which the end of a limb is away from its border. The corners of a cube are
 1.1 long, a half ball is 1."""
+
+
+LONGER_BENT = 5.0
+"""Distances for a radian: as 0.2 of it let 1 / e of the heat pass between sites."""
+
+SMOOTH_NORMALS = 0.2
+"""Distances over which normals are averaged, so that noise is no valley."""
+
+GRADIENT_ROUNDS = 50
+"""Of conjugate gradients, for normals: where triangles are slivers they need not be exact."""
+
+BORDER_BAND = 2.0
+"""Distances from a border beyond which samples keep their part."""
+
+DIFFUSION = 5
+"""Steps of diffusion in a round."""
+
+USUAL_ROUNDS = 4
+"""Of smoothing, in which heat spreads as far as sites are apart."""
+
+MOST_LIMBS = 64
+"""Before borders are smoothed. Where noise has more limbs, those of less than this part of the
+surface are merged first: every sample would have a share of hundreds."""
 
 
 def node_widths(skeleton: CurveSkeleton) -> FloatArray:
@@ -155,7 +178,7 @@ def find_limbs(graph: CurveSkeleton, width: FloatArray) -> IntArray:
 
 def _cores(graph: CurveSkeleton, width: FloatArray) -> IntArray:
     """Core of each node, -1 for arms: those that overlap are one."""
-    near, places = _neighbours(graph), graph.nodes.tolist()
+    near, places = graph.neighbours, graph.nodes.tolist()
     core = np.full(len(graph.nodes), -1, np.int32)
     for node in np.lexsort((np.arange(len(width)), -width)).tolist():
         junction = graph.degrees[node] >= 3
@@ -171,14 +194,6 @@ def _cores(graph: CurveSkeleton, width: FloatArray) -> IntArray:
         core[np.isin(core, old[old >= 0])] = node
         core[inside] = node
     return core
-
-
-def _neighbours(graph: CurveSkeleton) -> list[list[int]]:
-    near: list[list[int]] = [[] for _ in range(len(graph.nodes))]
-    for a, b in graph.edges.tolist():
-        near[a].append(b)
-        near[b].append(a)
-    return near
 
 
 def _stretch(
@@ -233,20 +248,7 @@ def _sticks_out(
     if len(feet) != 1:
         return True
     away = np.linalg.norm(graph.nodes[arm] - graph.nodes[feet[0]], axis=1) + graph.radii[arm]
-    return bool(away.max() >= LONG * width[feet[0]])
-
-
-LONGER = 5.0
-"""Distances for a radian: as 0.2 of it let 1 / e of the heat pass between sites."""
-
-SMOOTH = 0.2
-"""Distances over which normals are averaged, so that noise is no valley."""
-
-ROUNDS = 50
-"""Of conjugate gradients, for normals: where triangles are slivers they need not be exact."""
-
-BAND = 2.0
-"""Distances from a border beyond which samples keep their part."""
+    return bool(away.max() >= LEAST_LIMB * width[feet[0]])
 
 
 def into_valleys(surface: Shape, labels: IntArray, distance: float) -> IntArray:
@@ -267,7 +269,7 @@ def into_valleys(surface: Shape, labels: IntArray, distance: float) -> IntArray:
     """
     from scipy.sparse import triu
 
-    near = np.isfinite(_from_borders(surface, labels, BAND * distance))
+    near = np.isfinite(_from_borders(surface, labels, BORDER_BAND * distance))
     rows = np.flatnonzero(near & (labels >= 0))
     if len(rows) == 0:
         return labels
@@ -277,10 +279,10 @@ def into_valleys(surface: Shape, labels: IntArray, distance: float) -> IntArray:
     step = surface.points[ends[1]] - surface.points[ends[0]]
     length = np.maximum(np.linalg.norm(step, axis=1), 1e-6 * distance)
     heat = _Diffusion(surface, rows, ends)
-    smooth = heat.spread((SMOOTH * distance) ** 2 * flow, surface.normals, near=True)
+    smooth = heat.spread((SMOOTH_NORMALS * distance) ** 2 * flow, surface.normals, near=True)
     smooth /= np.maximum(np.linalg.norm(smooth, axis=1), 1e-300)[:, None]
     turn = ((smooth[ends[1]] - smooth[ends[0]]) * step).sum(axis=1) / length
-    longer = length + LONGER * distance * np.maximum(-turn, 0.0)
+    longer = length + LONGER_BENT * distance * np.maximum(-turn, 0.0)
     used = np.unique(labels[labels >= 0])
     given = (labels[:, None] == used[None, :]).astype(np.float64)
     share = heat.spread(distance**2 * flow * length / longer, given)
@@ -376,7 +378,7 @@ def _conjugate_gradients(
     left = held - matrix @ found
     way = left / scale
     size = enough = (left * way).sum()
-    for _ in range(ROUNDS):
+    for _ in range(GRADIENT_ROUNDS):
         if not size > 1e-6 * enough:
             break
         across = matrix @ way
@@ -387,17 +389,6 @@ def _conjugate_gradients(
         before, size = size, (left * across).sum()
         way = across + size / before * way
     return found
-
-
-DIFFUSION = 5
-"""Steps of diffusion in a round."""
-
-USUAL_ROUNDS = 4
-"""Of smoothing, in which heat spreads as far as sites are apart."""
-
-MOST_LIMBS = 64
-"""Before borders are smoothed. Where noise has more limbs, those of less than this part of the
-surface are merged first: every sample would have a share of hundreds."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -575,7 +566,7 @@ def _in_valleys(
     graph = surface_graph(surface)
     labels = connected_labels(labels, graph)
     if options.count == 0 and options.smallest > 0:
-        labels = without_strips(surface, labels, APART * sites.spacing * surface.diagonal)
+        labels = without_strips(surface, labels, SITES_APART * sites.spacing * surface.diagonal)
     found = completed(surface, labels, options.smallest, method="auto")
     if options.smoothing == 0 or found.count < 2:
         return found
@@ -608,8 +599,16 @@ def _with_tree(found: Segmentation, seen: SeenSites) -> Segmentation:
 def _by_limbs(inner: MedialCloud, options: PartsOptions, progress: Progress) -> Segmentation:
     """Divide a mesh by its limbs."""
     limbs = kept(_limbs, inner, None, lambda: _limbs(inner, progress), progress)
-    labels = _main_limbs(inner.surface, limbs, progress)
-    return run_patiently(lambda: _straightened(inner.surface, labels, options, "limbs"), progress)
+    surface = inner.surface
+    labels = _main_limbs(surface, limbs, progress)
+
+    def straightened() -> Segmentation:
+        graph = surface_graph(surface)
+        smooth = diffused_labels(labels, graph, DIFFUSION * options.smoothing)
+        connected = connected_labels(smooth, graph)
+        return completed(surface, connected, options.smallest, method="limbs")
+
+    return run_patiently(straightened, progress)
 
 
 def _sheet_parts(cloud: MedialCloud, options: PartsOptions, progress: Progress) -> Segmentation:
@@ -670,15 +669,6 @@ def _main_limbs(surface: Shape, labels: IntArray, progress: Progress) -> IntArra
             left=left,
         )
     return merged
-
-
-def _straightened(
-    surface: Shape, labels: IntArray, options: PartsOptions, method: str
-) -> Segmentation:
-    """Smooth the borders of connected parts, and merge small ones."""
-    graph = surface_graph(surface)
-    labels = connected_labels(diffused_labels(labels, graph, DIFFUSION * options.smoothing), graph)
-    return completed(surface, labels, options.smallest, method=method)
 
 
 def _has_curves(cloud: MedialCloud) -> bool:

@@ -38,6 +38,24 @@ from medialis.sheets.feature_sets import extended_feature_transform
 from medialis.skeleton.medial_cloud import MedialCloud
 from medialis.skeleton.surface_skeleton import as_cloud
 
+SHARPER = 1.5
+"""An edge bends this many times as sharply as the surface beside it, or it is none: a bore wall,
+which is bent alike everywhere, has no edge of its own."""
+
+LEAST_FACES = 8
+"""A piece of fewer faces beside a soft edge is left over from the edge: it joins the nearest."""
+
+DIFFUSION = 40
+"""Steps by which borders in soft edges are straightened: they move by about six faces at most."""
+
+LEAST_SAMPLES = 8
+"""A piece between edges of fewer samples is no patch: it joins the nearest one."""
+
+MOSTLY_ROUND = 0.5
+"""Share of the surface on soft edges above which much of a shape is round: a box has 13 %, rounded
+cylinder, fandisk and scapula 28 to 37; hand, creature, horse and cow 54 to 62, as have the rounded
+castings of rockerarm and screwdriver."""
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SoftEdges(Bound):
@@ -138,11 +156,6 @@ def soft_edges(cloud: MedialCloud, options: SoftEdgeOptions, progress: Progress)
     members = sets.samples.offsets, sets.samples.indices
     smallest_at_samples(sets.rim, cloud.radii, turns, *members, radius, angle)
     return SoftEdges(radius, angle, sets.rim, cloud=cloud)
-
-
-SHARPER = 1.5
-"""An edge bends this many times as sharply as the surface beside it, or it is none: a bore wall,
-which is bent alike everywhere, has no edge of its own."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -265,13 +278,6 @@ def _bend(edges: FaceEdges, labels: IntArray, free: NDArray[np.bool_]) -> FloatA
     return np.divide(total, area, out=np.zeros(count), where=area > 0)
 
 
-LEAST_FACES = 8
-"""A piece of fewer faces beside a soft edge is left over from the edge: it joins the nearest."""
-
-DIFFUSION = 40
-"""Steps by which borders in soft edges are straightened: they move by about six faces at most."""
-
-
 def face_patches(
     surface: Shape,
     soft: NDArray[np.bool_],
@@ -337,16 +343,6 @@ def _of_samples(surface: Shape, labels: IntArray) -> IntArray:
     result = np.full(surface.point_count, none, np.int32)
     np.minimum.at(result, np.asarray(surface.faces), labels[:, None])
     return np.where(result == none, -1, result).astype(np.int32)
-
-
-LEAST_SAMPLES = 8
-"""A piece between edges of fewer samples is no patch: it joins the nearest one."""
-
-
-ROUND = 0.5
-"""Share of the surface on soft edges above which much of a shape is round: a box has 13 %, rounded
-cylinder, fandisk and scapula 28 to 37; hand, creature, horse and cow 54 to 62, as have the rounded
-castings of rockerarm and screwdriver."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -431,7 +427,7 @@ def _note_round(edges: SoftEdges, min_angle: float, progress: Progress) -> None:
     """Say that much of a shape is round, so that no one takes all of its patches for faces."""
     areas = edges.cloud.surface.point_areas
     share = float(areas[edges.on_edge(min_angle)].sum() / max(areas.sum(), 1e-300))
-    if share > ROUND:
+    if share > MOSTLY_ROUND:
         progress.note(
             f"{100 * share:.0f} % of the surface lies on soft edges: much of the shape is round, "
             "and patches end in the middle of what is, wherever that is. Parts divide limbs; a "

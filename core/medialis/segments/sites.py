@@ -46,7 +46,7 @@ CANDIDATES = 10
 SHORTEST_STEP = 1e-4
 """Diagonals that the lines are apart at least: a needle would have millions of them."""
 
-APART = 0.835
+SITES_APART = 0.835
 """Spacings that sites are apart at least. Places taken one by one at random, as long as there is
 room, then hold 0.547 of the plane with discs of this diameter: one site in each square spacing."""
 
@@ -61,13 +61,80 @@ TURN = 1.0
 
 CAP = 1.3
 """Radius of a cap in spacings of the sites, the root of the area that each stands for. No place of
-a surface is much farther than `APART` from its nearest site, along edges a little more."""
+a surface is much farther than `SITES_APART` from its nearest site, along edges a little more."""
 
-ACROSS = 0.5
+APART_ACROSS = 0.5
 """Spacings that opposite normals count as apart, halved: both walls of a thin plate get sites."""
 
-CHUNK = 64
-FACES_A_CHUNK = 4096
+COMMON_SHARE = 0.02
+"""Caps are neighbours when they have more than this share of their area in common."""
+
+HEAT = (1 / 100, 1 / 25, 1 / 8)
+"""Times at which heat is looked at: it has spread over about this share of the surface."""
+
+HEAT_GONE = 10.0
+"""Modes of which less than exp(-10) is left at a time are left out: a tenth is enough for most."""
+
+PASSING_BEND = 0.2
+"""Bend in radians from one site to the next that lets 1 / e of the heat pass. A crease of 90
+degrees lets 1 / 1000 pass."""
+
+ACROSS_SHARE = 0.1
+"""Share of a cap from which the caps across its balls are neighbours of its ball."""
+
+JUMP_BEND = 0.02
+"""Radians that a jump across a ball counts as at least: two spacings of the way."""
+
+SHORTEST_JUMP = 0.2
+"""Spacings: across anything thinner heat jumps as often as this."""
+
+LARGEST_COST = 9.0
+"""Of what cannot be reached; the largest that quantities have elsewhere."""
+
+LEAST_IN_CAP = 0.1
+"""Root of the weight of a site at the rim of its cap: no sample in it counts for nothing."""
+
+LEAST_RESISTANCE = 0.1
+"""Added to resistances of which the logarithm is taken: that of places next to each other."""
+
+LEAST_STEP = 1e-3
+"""Spacings between two sites at least: of those at one place nothing can be said."""
+
+WALKED = 0.01
+"""Radians that a way of one spacing counts as where the surface is flat."""
+
+BEND_SCALE = 3.0
+"""Times the bends of which the logarithm is taken: bends of a third of a radian are few."""
+
+NAMES = (
+    "radius", "bends",
+    "heat_early", "heat", "heat_late", "resistance",
+    "held_early", "held", "held_late", "held_resistance",
+)  # fmt: skip
+"""Quantities of two sites."""
+
+OFFSET = -1.175
+WEIGHTS = (
+    -0.943, 3.365,
+    -1.989, -3.245, -6.693, 7.069,
+    0.348, 2.720, 7.468, -9.239,
+)  # fmt: skip
+"""Chosen by logistic regression on what people did with 76 models of 19 classes and on 32 generated
+bodies whose parts are beyond doubt, all with the same weight, and so that turned, split, decimated
+and noisy copies of a model have the same sums; `benchmarks/parts.py left_out` chooses them anew,
+and measures classes that are left out."""
+
+MOVES = 20
+"""Rounds in which sites move, each one half of them. Few need more than ten."""
+
+STARTS = (0.0, -0.4, 0.4, -0.85, 0.85)
+"""Levels of the tree to begin with, as differences of the logarithm of level / (1 - level): about
+0.5, 0.4, 0.6, 0.3 and 0.7. Thirteen between 0.2 and 0.8 lead to the same on nearly all shapes."""
+
+ROUNDING = 1e-12
+"""Differences of agreement that count for nothing."""
+
+SITES_A_CHUNK, FACES_A_CHUNK = 64, 4096
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -121,7 +188,7 @@ def all_placements(
     if not surface.area > 0.0:
         return []
     frame, used = principal_axes(surface), np.flatnonzero(surface.used_points)
-    side = ACROSS * np.sqrt(surface.area / count)
+    side = APART_ACROSS * np.sqrt(surface.area / count)
     samples = np.concatenate([surface.points, side * cloud.surface.normals], axis=1)
     tree = cKDTree(samples[used])
     placed = []
@@ -153,7 +220,7 @@ def _sites(cloud: MedialCloud, surface: Surface, places: FloatArray, starts: Int
         areas=areas,
         places=mean_places,
         normals=np.divide(normal, length, out=np.zeros_like(normal), where=length > 0),
-        radii=np.maximum(radii, 1e-3 * spacing),
+        radii=np.maximum(radii, LEAST_STEP * spacing),
         overlaps=in_common(shares, shares, every, every, area),
         across=across,
         components=cloud.surface.components[starts],
@@ -201,10 +268,10 @@ def even_places(
         return np.empty((0, 3)), np.empty((0, 3))
     normals = surface.face_normals[face]
     spacing = np.sqrt(surface.area / count)
-    apart = np.concatenate([places, ACROSS * spacing * (normals @ axes)], axis=1)
+    apart = np.concatenate([places, APART_ACROSS * spacing * (normals @ axes)], axis=1)
     order = _in_turn(places, np.repeat(np.arange(3), [len(one) for one, _ in crossed]), step)
     chosen = np.empty(len(places), np.int64)
-    used = choose_apart(apart[order], APART * spacing, chosen)
+    used = choose_apart(apart[order], SITES_APART * spacing, chosen)
     rows = order[chosen[:used]]
     return places[rows] @ axes.T + middle, normals[rows]
 
@@ -238,21 +305,20 @@ def _crossings(
     from medialis.segments._kernels import count_crossings, list_crossings, mark_crossed
 
     cells, crossed = np.ceil(points / step - 0.5), np.empty((len(faces), 3), np.bool_)
-    run_chunks(
-        lambda begin, end: mark_crossed(begin, end, cells, faces, crossed),
-        len(faces),
-        FACES_A_CHUNK,
-    )
+
+    def mark(begin: int, end: int) -> None:
+        mark_crossed(begin, end, cells, faces, crossed)
+
+    run_chunks(mark, len(faces), FACES_A_CHUNK)
     found = []
     for axis in range(3):
         rows = np.flatnonzero(crossed[:, axis])
-        few, m = faces[rows], len(rows)
-        counts, offsets = np.zeros(m, np.int64), np.zeros(m + 1, np.int64)
-        count_crossings(0, m, points, few, axis, step, counts)
-        offsets[1:] = np.cumsum(counts)
+        few, counts = faces[rows], np.zeros(len(rows), np.int64)
+        count_crossings(points, few, axis, step, counts)
+        offsets = np.concatenate([[0], np.cumsum(counts)])
         places = np.empty((offsets[-1], 3))
         if len(places):
-            list_crossings(0, m, points, few, axis, step, offsets, places)
+            list_crossings(points, few, axis, step, offsets, places)
         found.append((places, np.repeat(rows, counts)))
     return found
 
@@ -296,17 +362,17 @@ def _caps(
 
     n, s = surface.point_count, len(starts)
     counts, rows = np.zeros(s, np.int64), np.zeros(s + 1, np.int64)
-    found: list[Any] = [None] * -(-s // CHUNK)
+    found: list[Any] = [None] * -(-s // SITES_A_CHUNK)
 
     walk = Graph(surface.points, graph.offsets, graph.indices)
 
     def search(begin: int, end: int) -> None:
-        found[begin // CHUNK] = near_sites(begin, end, walk, starts, gaps, radius, counts)
+        found[begin // SITES_A_CHUNK] = near_sites(begin, end, walk, starts, gaps, radius, counts)
 
-    run_chunks(search, s, CHUNK)
+    run_chunks(search, s, SITES_A_CHUNK)
     rows[1:] = np.cumsum(counts)
     samples, distance = (np.concatenate(part) for part in zip(*found, strict=True))
-    weight = np.maximum(1.0 - np.minimum(distance / radius, 1.0) ** 2, 0.1) ** 2
+    weight = np.maximum(1.0 - np.minimum(distance / radius, 1.0) ** 2, LEAST_IN_CAP) ** 2
     caps = csr_array(csc_array((weight, samples, rows), shape=(n, s)))
     alone = np.diff(caps.indptr) == 0
     if not alone.any():
@@ -337,38 +403,6 @@ def _balls(cloud: MedialCloud, surface: Surface, shares: Any) -> tuple[FloatArra
     ends = (sample[linked], other[linked])
     across = in_common(shares, shares, *ends, surface.point_areas[ends[0]])
     return radii, across + across.T
-
-
-NEAR = 0.02
-"""Caps are neighbours when they have more than this share of their area in common."""
-
-HEAT = (1 / 100, 1 / 25, 1 / 8)
-"""Times at which heat is looked at: it has spread over about this share of the surface."""
-
-GONE = 10.0
-"""Modes of which less than exp(-10) is left at a time are left out: a tenth is enough for most."""
-
-BENT = 0.2
-"""Bend in radians from one site to the next that lets 1 / e of the heat pass. A crease of 90
-degrees lets 1 / 1000 pass."""
-
-LINKED = 0.1
-"""Share of a cap from which the caps across its balls are neighbours of its ball."""
-
-JUMP = 0.02
-"""Radians that a jump across a ball counts as at least: two spacings of the way."""
-
-SHORTEST_JUMP = 0.2
-"""Spacings: across anything thinner heat jumps as often as this."""
-
-FAR = 9.0
-"""Of what cannot be reached; the largest that quantities have elsewhere."""
-
-NAMES = (
-    "radius", "bends",
-    "heat_early", "heat", "heat_late", "resistance",
-    "held_early", "held", "held_late", "held_resistance",
-)  # fmt: skip
 
 
 def share_together(placements: Sequence[Sites], area: FloatArray) -> FloatArray:
@@ -420,20 +454,20 @@ def pair_quantities(sites: Sites) -> list[FloatArray]:
     """Return the quantities of all pairs of sites, (s, s) each, in the order of `NAMES`."""
     s, spacing = len(sites), sites.spacing
     common = _shares_in_common(sites)
-    one, two = np.nonzero(common > NEAR)
+    one, two = np.nonzero(common > COMMON_SHARE)
     step = sites.places[two] - sites.places[one]
-    length = np.maximum(np.linalg.norm(step, axis=1), 1e-3 * spacing)
+    length = np.maximum(np.linalg.norm(step, axis=1), LEAST_STEP * spacing)
     turn = ((sites.normals[two] - sites.normals[one]) * step).sum(axis=1) / length
     bend = np.maximum(-turn, 0.0)
     across = _across(sites)
-    jump = np.nonzero(np.where(across > LINKED, across, 0.0))
+    jump = np.nonzero(np.where(across > ACROSS_SHARE, across, 0.0))
     ends = np.concatenate([one, jump[0]]), np.concatenate([two, jump[1]])
     log_radius = _smooth_logarithms(sites)
-    way = 0.01 * length / spacing
-    bends = np.concatenate([bend + way, np.full(len(jump[0]), JUMP)])
+    way = WALKED * length / spacing
+    bends = np.concatenate([bend + way, np.full(len(jump[0]), JUMP_BEND)])
     found = [
         _least(np.abs(log_radius[ends[1]] - log_radius[ends[0]]), ends, s),
-        np.log1p(3.0 * _least(bends, ends, s)),
+        np.log1p(BEND_SCALE * _least(bends, ends, s)),
     ]
     flow = sites.overlaps[one, two]
     # The mean square of the step of a random walk in time t is 4 t.
@@ -441,7 +475,7 @@ def pair_quantities(sites: Sites) -> list[FloatArray]:
     area = sites.areas * (s / sites.areas.sum())
     jumps, jumping = _jumps(sites)
     ends = np.concatenate([one, jumps[0]]), np.concatenate([two, jumps[1]])
-    for passing in (flow, flow * np.exp(-bend / BENT)):
+    for passing in (flow, flow * np.exp(-bend / PASSING_BEND)):
         found += _heat(np.concatenate([passing, jumping]), ends, area)
     return found
 
@@ -480,13 +514,13 @@ def _smooth_logarithms(sites: Sites) -> FloatArray:
 
 
 def _least(cost: FloatArray, ends: tuple[Any, Any], s: int) -> FloatArray:
-    """Cost of the cheapest path between all pairs, `FAR` where there is none; ends both ways."""
+    """Cost of the cheapest path between all pairs, at most `LARGEST_COST`; ends both ways."""
     from medialis.segments._kernels import least_sums
 
     costs = np.full((s, s), np.inf, np.float32)
     np.minimum.at(costs, ends, cost)
-    least_sums(costs, np.float32(FAR))
-    return np.minimum(costs, FAR, dtype=np.float64)
+    least_sums(costs, np.float32(LARGEST_COST))
+    return np.minimum(costs, LARGEST_COST, dtype=np.float64)
 
 
 def _heat(flow: FloatArray, ends: tuple[Any, Any], area: FloatArray) -> list[FloatArray]:
@@ -504,13 +538,12 @@ def _heat(flow: FloatArray, ends: tuple[Any, Any], area: FloatArray) -> list[Flo
     root = np.sqrt(area)
     matrix = (np.diag(links.sum(axis=1)) - links) / (root[:, None] * root[None, :])
     # Of a few modes vectors are found one by one.
-    rate, mode = eigh(
-        matrix, driver="evr", subset_by_value=(-np.inf, GONE / (HEAT[0] * s)), check_finite=False
-    )
+    slowest = (-np.inf, HEAT_GONE / (HEAT[0] * s))
+    rate, mode = eigh(matrix, driver="evr", subset_by_value=slowest, check_finite=False)
     rate, mode = np.maximum(rate, 0.0), mode / root[:, None]
     found: list[FloatArray] = []
     for share in HEAT:
-        left = np.searchsorted(share * s * rate, GONE)  # rates rise
+        left = np.searchsorted(share * s * rate, HEAT_GONE)  # rates rise
         half = mode[:, :left] * np.exp(-share * s * rate[:left] / 2)
         heat = half @ half.T
         own = np.sqrt(np.maximum(np.diag(heat), 1e-300))
@@ -519,30 +552,9 @@ def _heat(flow: FloatArray, ends: tuple[Any, Any], area: FloatArray) -> list[Flo
     slow = mode[:, moving] * np.exp(-HEAT[0] * s * rate[moving] / 2) / np.sqrt(rate[moving])
     inner = slow @ slow.T
     own = np.diag(inner)
-    found.append(np.log(np.maximum(own[:, None] + own[None, :] - 2 * inner, 0.0) + 0.1))
+    resistance = np.maximum(own[:, None] + own[None, :] - 2 * inner, 0.0)
+    found.append(np.log(resistance + LEAST_RESISTANCE))
     return found
-
-
-OFFSET = -1.175
-WEIGHTS = (
-    -0.943, 3.365,
-    -1.989, -3.245, -6.693, 7.069,
-    0.348, 2.720, 7.468, -9.239,
-)  # fmt: skip
-"""Chosen by logistic regression on what people did with 76 models of 19 classes and on 32 generated
-bodies whose parts are beyond doubt, all with the same weight, and so that turned, split, decimated
-and noisy copies of a model have the same sums; `benchmarks/parts.py left_out` chooses them anew,
-and measures classes that are left out."""
-
-MOVES = 20
-"""Rounds in which sites move, each one half of them. Few need more than ten."""
-
-STARTS = (0.0, -0.4, 0.4, -0.85, 0.85)
-"""Levels of the tree to begin with, as differences of the logarithm of level / (1 - level): about
-0.5, 0.4, 0.6, 0.3 and 0.7. Thirteen between 0.2 and 0.8 lead to the same on nearly all shapes."""
-
-ROUNDING = 1e-12
-"""Differences of agreement that count for nothing."""
 
 
 def divide_sites(shares: FloatArray, areas: FloatArray, level: float, count: int = 0) -> IntArray:

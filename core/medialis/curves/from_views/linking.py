@@ -23,20 +23,45 @@ from medialis.curves.curve_skeleton import CurveSkeleton
 from medialis.curves.finishing import prune_spurs, smooth_nodes
 from medialis.shape.surface import piece_labels
 
-Measure = Callable[[FloatArray], FloatArray]
-"""Radius of the ball round each of (k, 3) points, 0 for a point outside the shape."""
-
 LINK = 3.0
 """Nodes up to this many cells apart are joined."""
+
 SPARSE = 16.0
 """Nodes with fewer points than this within two cells are strays. No share of what is usual: a part
 that few views show has few points, and more views settle strays as well as they add points."""
+
 CRUMB = 4
 """Pieces of fewer nodes are strays at once: each of the others is tried to be joined."""
+
 COARSER = 1.25
 """Each time that a cloud has too many cells."""
-FEWEST = 0.01
+
+SMALLEST_PIECE = 0.01
 """A piece of the cloud with a smaller share of the points is a stray, if it cannot be joined."""
+
+COVERED = 1.0
+"""A path accounts for what lies within this many radii of it, plus `LINK` cells."""
+
+SMOOTHING = 0.7
+"""Bends as short as this times the radius are smoothed, as by `medialis.curve_skeleton`."""
+
+NEAREST = 16
+"""Nodes of a piece that are tried to be joined with others."""
+
+LEAST_CELLS = 1.8
+"""Links up to this many cells long lie in the shape whatever radii say: pixels are as coarse."""
+
+DENSE_COST = 0.2
+"""A link costs at least this many times its length where points are dense."""
+
+SPARSE_COST = 20.0
+"""A link costs at most this many times its length where points are few."""
+
+CONE_STEPS = 8
+"""Places from the middle of a cycle to it at which a disc that spans it is looked at."""
+
+Measure = Callable[[FloatArray], FloatArray]
+"""Radius of the ball round each of (k, 3) points, 0 for a point outside the shape."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +79,7 @@ class Nodes:
         """Cost of each link: its length, more where few points are."""
         usual = np.median(self.density)
         thin = np.sqrt(self.density[self.links[:, 0]] * self.density[self.links[:, 1]])
-        return self.lengths * np.clip(usual / thin, 0.2, 20.0)
+        return self.lengths * np.clip(usual / thin, DENSE_COST, SPARSE_COST)
 
     def graph(self, values: FloatArray):  # type: ignore[no-untyped-def]
         """Sparse matrix of the links with a value each."""
@@ -123,13 +148,11 @@ def thin_points(points: FloatArray, weights: FloatArray, cell: float, measure: M
     radii = measure(means)
     keep = (density >= SPARSE) & (radii > 0)
     means, density, radii = means[keep], density[keep], radii[keep]
-    if len(means) == 0:
-        return Nodes(means, density, radii, np.empty((0, 2), np.int32), np.empty(0))
     links = cKDTree(means).query_pairs(LINK * cell, output_type="ndarray")
     links = links[np.lexsort(links.T[::-1])].astype(np.int32)
     lengths = np.linalg.norm(means[links[:, 0]] - means[links[:, 1]], axis=1)
     # Balls that overlap hold the segment between their centers.
-    inside = lengths <= np.maximum(radii[links].sum(axis=1), 1.8 * cell)
+    inside = lengths <= np.maximum(radii[links].sum(axis=1), LEAST_CELLS * cell)
     return Nodes(means, density, radii, links[inside], lengths[inside])
 
 
@@ -170,7 +193,7 @@ def join_pieces(nodes: Nodes, cell: float, measure: Measure) -> Nodes:
         for number in range(count):
             own, other = np.flatnonzero(piece == number), np.flatnonzero(piece != number)
             away, near = cKDTree(nodes.points[other]).query(nodes.points[own])
-            few = np.argsort(away, kind="stable")[:16]
+            few = np.argsort(away, kind="stable")[:NEAREST]
             nearest.append(np.stack([own[few], other[near[few]]], axis=1))
         pairs = np.concatenate(nearest)
         a, b = nodes.points[pairs[:, 0]], nodes.points[pairs[:, 1]]
@@ -193,14 +216,7 @@ def join_pieces(nodes: Nodes, cell: float, measure: Measure) -> Nodes:
         return nodes
     piece = pieces_of(nodes)
     share = np.bincount(piece, nodes.density) / nodes.density.sum()
-    return nodes.subset((share >= FEWEST)[piece] | (share == share.max())[piece])
-
-
-COVER = 1.0
-"""A path accounts for what lies within this many radii of it, plus `LINK` cells."""
-MOST_NODES = 40_000
-SMOOTHING = 0.7
-"""Bends as short as this times the radius are smoothed, as by `medialis.curve_skeleton`."""
+    return nodes.subset((share >= SMALLEST_PIECE)[piece] | (share == share.max())[piece])
 
 
 def link_points(
@@ -209,7 +225,7 @@ def link_points(
     cell: float,
     measure: Measure,
     *,
-    most: int = MOST_NODES,
+    most: int,
 ) -> CurveSkeleton:
     """Return the curve skeleton that a cloud of points near it shows.
 
@@ -242,27 +258,21 @@ def link_points(
     nodes = join_pieces(without_crumbs(nodes), cell, measure)
     if len(nodes.points) == 0:
         return CurveSkeleton.of(np.empty((0, 3)), np.empty((0, 2)), np.empty(0))
-    edges = _tree(nodes, cell)
+    piece, edges = pieces_of(nodes), []
+    for number in range(int(piece.max()) + 1):
+        edges += _piece_paths(nodes, np.flatnonzero(piece == number).astype(np.int32), cell)
     edges = _close_loops(nodes, edges, cell, measure)
     return _as_skeleton(nodes, edges, measure)
 
 
-def _tree(nodes: Nodes, cell: float) -> list[tuple[int, int]]:
-    """Return the edges of the paths of each piece; a piece without length has none."""
-    piece = pieces_of(nodes)
-    edges: list[tuple[int, int]] = []
-    for number in range(int(piece.max()) + 1):
-        edges += _piece_paths(nodes, np.flatnonzero(piece == number).astype(np.int32), cell)
-    return edges
-
-
 def _piece_paths(nodes: Nodes, rows: IntArray, cell: float) -> list[tuple[int, int]]:
+    """Return the edges of the paths of a piece; one without length has none."""
     from scipy.sparse.csgraph import dijkstra
     from scipy.spatial import cKDTree
 
     lengths, costs = nodes.graph(nodes.lengths), nodes.graph(nodes.costs)
     tree = cKDTree(nodes.points[rows])
-    covered = COVER * nodes.radii + LINK * cell
+    covered = COVERED * nodes.radii + LINK * cell
     open_ = np.zeros(len(nodes.points), bool)
     open_[rows] = True
 
@@ -342,10 +352,8 @@ def _close_loops(
 def _spanned(cycle: FloatArray, measure: Measure) -> bool:
     """Tell whether the cone from the middle of a cycle to it lies inside the shape."""
     middle = cycle.mean(axis=0)
-    for share in np.arange(0.0, 1.0, 0.125):
-        if (measure(middle + share * (cycle - middle)) <= 0).any():
-            return False
-    return True
+    shares = np.arange(CONE_STEPS) / CONE_STEPS
+    return all((measure(middle + one * (cycle - middle)) > 0).all() for one in shares)
 
 
 def _as_skeleton(nodes: Nodes, edges: list[tuple[int, int]], measure: Measure) -> CurveSkeleton:

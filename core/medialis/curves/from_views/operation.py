@@ -25,6 +25,7 @@ from medialis.skeleton.layers import summary
 
 FAR_RADII = 2.5
 """A place of the surface further than this many radii from the skeleton lies on a sheet."""
+
 SHEET_SHARE = 0.2
 """Share of such places from which on a curve is a poor description."""
 
@@ -59,7 +60,14 @@ def run(shape: Shape, options: ViewCurveSkeletonRun, progress: Progress) -> Outc
                 color_by="radius",
                 labels=("branch",),
             ),
-            _points_layer(points),
+            Layer(
+                "view_points",
+                points.points,
+                attributes={"pairs": points.weights},
+                color_by="pairs",
+                filter_by="pairs",
+                auxiliary=True,
+            ),
         ),
         values={
             "nodes": len(curve.nodes),
@@ -110,18 +118,6 @@ def _note_doubts(shape: Shape, curve: CurveSkeleton, progress: Progress) -> None
             parts=parts,
             components=curve.component_count,
         )
-
-
-def _points_layer(points: ViewPoints) -> Layer:
-    """Points near the curve skeleton that the views agree on."""
-    return Layer(
-        "view_points",
-        points.points,
-        attributes={"pairs": points.weights},
-        color_by="pairs",
-        filter_by="pairs",
-        auxiliary=True,
-    )
 
 
 OPERATION = Operation(

@@ -161,11 +161,11 @@ def radii_in(views: Views, points: FloatArray) -> FloatArray:
 
     positions = np.ascontiguousarray(points)
     radii = np.full(len(positions), np.inf)
-    run_chunks(
-        lambda begin, end: measure_radii(views, begin, end, positions, radii),
-        len(positions),
-        POINTS_A_CHUNK,
-    )
+
+    def work(begin: int, end: int) -> None:
+        measure_radii(views, begin, end, positions, radii)
+
+    run_chunks(work, len(positions), POINTS_A_CHUNK)
     return radii
 
 

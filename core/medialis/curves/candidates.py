@@ -25,19 +25,32 @@ from medialis.skeleton.importance.importance import Importance, geodesic_importa
 from medialis.skeleton.medial_cloud import MedialCloud
 from medialis.skeleton.surface_skeleton import as_cloud
 
-LONGER = 1.1
+LONGER_CUT = 1.1
 """Times the length of the geodesic up to which a plane cut is followed: where that was shortened
 through its neighbours, the cut in its plane is a little longer."""
 
-LEAST_SPREAD, HALF_ROUND = 0.75, 0.58
+LEAST_SPREAD = 0.75
 """What a tip that tapers by 60 degrees has: blunter ones are corners and edges, sharper ones limbs.
-The tangents of a flat tip turn by 120 degrees from one side to the other: (1 - cos 120) / 2. The
-geodesic half round a cone is 2 r cos 30 / sin 30 sin(90 sin 30) = 0.78 pi r long, times 0.75."""
+The tangents of a flat tip turn by 120 degrees from one side to the other: (1 - cos 120) / 2."""
+
+HALF_ROUND = 0.58
+"""The same, in half turns about the ball: the geodesic half round a cone that tapers by 60 degrees
+is 2 r cos 30 / sin 30 sin(90 sin 30) = 0.78 pi r long, times 0.75."""
+
+DIRECTIONS = 50
+"""Plane cuts of a candidate: the thesis's P."""
+
+LONGEST_CUT = 2.0
+"""Diagonals: a plane cut that is longer does not lead to the other feature point."""
+
+CELL = 0.5
+"""Times the radius of its ball: the importance of one candidate is measured for all within a cell
+that is between half as wide and as wide. Some ten such cells lie in the ball of each."""
 
 CANCELLED = 1e-12
 """Length of the sum of two unit tangents below which they cancel."""
 
-POINTS_A_CHUNK = 2048
+POINTS_A_CHUNK, CANDIDATES_A_CHUNK = 2048, 8
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -172,7 +185,7 @@ def candidate_measure(cloud: MedialCloud, options: Options, progress: Progress) 
     >>> bool(np.nanmin(measured.spread) >= 0 and np.nanmax(measured.spread) <= 1)
     True
     """
-    from medialis.curves.from_balls._kernels import Balls, find_rings, measure_spread
+    from medialis.curves._candidate_kernels import Balls, find_rings, measure_spread
 
     with progress.stage("importance", 0.0, 0.8):
         paths = geodesic_importance.of(cloud, options, progress)
@@ -193,21 +206,19 @@ def candidate_measure(cloud: MedialCloud, options: Options, progress: Progress) 
             rows, near, distance, length, tangent, feature, cloud.centers, cloud.radii,
             cloud.features, shape.points, ball_of,
         )  # fmt: skip
-        run_chunks(
-            lambda begin, end: find_rings(begin, end, balls, ring, opposite, turned),
-            r,
-            POINTS_A_CHUNK,
-            progress=progress.still,
-        )
+
+        def look_round(begin: int, end: int) -> None:
+            find_rings(begin, end, balls, ring, opposite, turned)
+
+        run_chunks(look_round, r, POINTS_A_CHUNK, progress=progress.still)
         # Which of two equal geodesics was found is chance, and in a round tube with regular samples
         # always the one on the same side: such a point takes no side.
         sided = balls._replace(tangent=np.where((alike | ring)[:, None], 0.0, tangent))
-        run_chunks(
-            lambda begin, end: measure_spread(begin, end, sided, 1e-12 * shape.diagonal, sure),
-            r,
-            POINTS_A_CHUNK,
-            progress=progress.still,
-        )
+
+        def turn(begin: int, end: int) -> None:
+            measure_spread(begin, end, sided, 1e-12 * shape.diagonal, sure)
+
+        run_chunks(turn, r, POINTS_A_CHUNK, progress=progress.still)
         # The second contact of a ball in a round tube is any of its ring; half round it is pi r.
         length = np.where(ring, np.maximum(length, np.pi * cloud.radii[rows]), length)
         sure[alike | ring] = 1.0
@@ -232,11 +243,11 @@ def _find_ties(
     progress: Progress,
 ) -> NDArray[np.bool_]:
     """Tell where a second geodesic, as long, runs on the other side."""
-    from medialis.curves.from_balls._kernels import find_ties
+    from medialis.curves._candidate_kernels import find_ties
 
     walk = run_patiently(lambda: surface_walk(cloud.surface), progress)
     ends = np.ascontiguousarray(cloud.features[rows])
-    tied, longest = np.empty(len(rows), bool), LONGER * length
+    tied, longest = np.empty(len(rows), bool), LONGER_CUT * length
 
     def work(begin: int, end: int) -> None:
         find_ties(begin, end, walk, ends, tangent, longest, tied)
@@ -277,19 +288,6 @@ def near_balls(
         nearest_others, cloud, rows.tobytes(),
         lambda: nearest_others(cloud.centers[rows], NEIGHBOURS, progress.still), progress,
     )  # fmt: skip
-
-
-DIRECTIONS = 50
-"""Plane cuts of a candidate: the thesis's P."""
-
-LONGEST = 2.0
-"""Diagonals: a plane cut that is longer does not lead to the other feature point."""
-
-CELL = 0.5
-"""Times the radius of its ball: the importance of one candidate is measured for all within a cell
-that is between half as wide and as wide. Some ten such cells lie in the ball of each."""
-
-CANDIDATES_A_CHUNK = 8
 
 
 def area_importance(
@@ -345,7 +343,7 @@ def area_importance(
     >>> bool(area.max() < measured.cloud.surface.area)
     True
     """
-    from medialis.curves.from_balls._kernels import least_half, trace_all_round
+    from medialis.curves._candidate_kernels import least_half, trace_all_round
 
     shape, chosen = measured.cloud.surface, np.asarray(rows, np.int64)
     progress = Progress.of(progress)
@@ -354,7 +352,7 @@ def area_importance(
     length, area = np.empty((len(chosen), DIRECTIONS)), np.empty(len(chosen))
     half = np.linalg.norm(shape.points[ends[:, 1]] - shape.points[ends[:, 0]], axis=1) / 2
     walk = run_patiently(lambda: surface_walk(shape), progress)
-    longest = LONGEST * shape.diagonal
+    longest = LONGEST_CUT * shape.diagonal
 
     def work(begin: int, end: int) -> None:
         trace_all_round(begin, end, walk, ends, tangent, longest, length)

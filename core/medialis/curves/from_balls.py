@@ -25,14 +25,14 @@ from medialis.base.options import Options, algorithm, changed, length, number
 from medialis.base.progress import Progress, counted
 from medialis.base.threads import run_patiently
 from medialis.base.validation import FloatArray, IntArray, frozen
-from medialis.curves.curve_skeleton import CurveEvidence, CurveSkeleton
-from medialis.curves.finishing import SimplifyOptions, finish_graph, simplify_branches
-from medialis.curves.from_balls.candidates import (
+from medialis.curves.candidates import (
     CandidateMeasure,
     candidate_measure,
     near_balls,
     smooth_importance,
 )
+from medialis.curves.curve_skeleton import CurveEvidence, CurveSkeleton
+from medialis.curves.finishing import SimplifyOptions, finish_graph, simplify_branches
 from medialis.curves.growth import Turns, grow_graph, link_balls
 from medialis.curves.loops import Handles, find_handles
 from medialis.shape.refinement import refine_where
@@ -45,6 +45,30 @@ if TYPE_CHECKING:
     from medialis.curves._kernels import BallLinks
 
 
+SHARPEST = 1.5 * np.pi
+"""Squares of the radius that hang on a point of a limb at least. A ball in a cone that tapers by 60
+degrees parts cos^2 30 / sin 30 pi r^2 of it from the rest, the middle of a half ball 2 pi r^2, a
+ball in the corner of a cube 3 r^2."""
+
+ATTEMPTS = 3
+"""To find loops that are missing, each on a finer mesh than the one before."""
+
+EDGES_A_RADIUS = 1.0
+"""Edges to the radius of the largest balls, inside and outside, at a handle, in the first attempt;
+twice as many in each that follows."""
+
+NEARBY_RADII = 4.0
+"""Radii up to which the surroundings of a loop round or along a handle are refined: what is round
+the handle there is as far as two."""
+
+MOST_SAMPLES = 100_000
+"""That there may be after all attempts: 30 handles with a thickness of 1 % of the size take
+95,000."""
+
+MOST_GROWTH = 8
+"""Times as many samples as before there may be, if that is more."""
+
+
 def put_in_surface(
     cloud: MedialCloud, graph: CurveSkeleton, node_of_sample: NDArray[np.int64], progress: Progress
 ) -> CurveSkeleton:
@@ -52,14 +76,8 @@ def put_in_surface(
     radii = run_patiently(lambda: cloud.surface.tree.query(graph.nodes)[0], progress)
     missing = node_of_sample < 0
     if missing.any():
-        key = missing.tobytes()
-        nearest = kept(
-            _nearest,
-            cloud,
-            key,
-            lambda: run_patiently(lambda: _nearest(cloud.surface, missing), progress),
-            progress,
-        )
+        work = functools.partial(run_patiently, lambda: _nearest(cloud.surface, missing), progress)
+        nearest = kept(_nearest, cloud, missing.tobytes(), work, progress)
         node_of_sample[missing] = np.where(nearest < 0, -1, node_of_sample[nearest])
     return CurveSkeleton.of(
         graph.nodes, graph.edges, radii, vertex_node=node_of_sample, cloud=cloud
@@ -102,12 +120,6 @@ def node_importance(
     alone = (graph.degrees == 0) & (of_node >= 0)
     result[alone] = whole[of_node[alone]]
     return result
-
-
-SHARPEST = 1.5 * np.pi
-"""Squares of the radius that hang on a point of a limb at least. A ball in a cone that tapers by 60
-degrees parts cos^2 30 / sin 30 pi r^2 of it from the rest, the middle of a half ball 2 pi r^2, a
-ball in the corner of a cube 3 r^2."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -286,24 +298,14 @@ def _ground(cloud: MedialCloud, share: float, progress: Progress) -> _Ground:
         candidates = np.flatnonzero(measured.on_curve(level))
     with progress.stage("regularize", 0.6, 0.8):
         importance = smooth_importance(measured, candidates, progress)
-    links = _link_balls(measured, candidates, level, progress)
+    lists = (np.flatnonzero(cloud.valid), candidates)
+    near = [(rows, near_balls(cloud, rows, progress)[0]) for rows in lists]
+    links = run_patiently(lambda: _linked(measured, near, level), progress)
     strength = np.where(cloud.valid, np.nan_to_num(measured.measure), -np.inf)
     strength += 1e-9 * links.radii  # without any measure: the largest ball
     components = np.where(cloud.valid & surface.used_points, surface.components, -1)
     handles = run_patiently(lambda: find_handles(surface), progress)
     return _Ground(measured, candidates, importance, links, strength, components, handles)
-
-
-def _link_balls(
-    measured: CandidateMeasure, candidates: NDArray[np.int64], level: float, progress: Progress
-) -> BallLinks:
-    """Link balls that are close to each other, and those of neighbouring samples."""
-    cloud = measured.cloud
-    near = [
-        (rows, near_balls(cloud, rows, progress)[0])
-        for rows in (np.flatnonzero(cloud.valid), candidates)
-    ]
-    return run_patiently(lambda: _linked(measured, near, level), progress)
 
 
 def _linked(
@@ -326,20 +328,6 @@ def _linked(
     )
 
 
-ATTEMPTS = 3
-ACROSS = 1.0
-"""Edges to the radius of the largest balls, inside and outside, at a handle, in the first attempt;
-twice as many in each that follows."""
-
-NEARBY = 4.0
-"""Radii up to which the surroundings of a loop round or along a handle are refined: what is round
-the handle there is as far as two."""
-
-MOST, GROWTH = 100_000, 8
-"""Samples that there may be after all attempts, or so many times those before if that is more: 30
-handles with a thickness of 1 % of the size take 95,000."""
-
-
 def curve_skeleton_of(shape: Shape, options: Options, progress: Progress) -> CurveSkeleton:
     """Compute the curve skeleton of a mesh, refined where handles have no loop.
 
@@ -360,29 +348,36 @@ def curve_skeleton_of(shape: Shape, options: Options, progress: Progress) -> Cur
         cloud = surface_skeleton.of(shape, options, progress)
     with progress.stage("curve skeleton", 0.2, 0.7):
         best = curve_skeleton.of(cloud, options, progress)
-    most = max(MOST, GROWTH * cloud.surface.point_count)
+    most = max(MOST_SAMPLES, MOST_GROWTH * cloud.surface.point_count)
     surface = cloud.surface
     with progress.stage("handles", 0.7, 1.0):
         for attempt in range(ATTEMPTS):
-            if not _missing_handles(best):
+            if not (missing := _evidence(best).missing):
                 break
-            finer = _finer(surface, _missing_handles(best), ACROSS * 2**attempt, most, progress)
+            finer = _finer(surface, missing, EDGES_A_RADIUS * 2**attempt, most, progress)
             if finer is surface:
                 break
             surface = finer
             again = curve_skeleton.of(_balls(surface, options, progress), options, progress)
             best = max(best, again, key=_closed)
     if best.surface is not None and best.surface is not cloud.surface:
-        _note(cloud, best, progress)
+        more = best.surface.point_count - cloud.surface.point_count
+        progress.note(
+            f"{counted(more, 'sample', verbs=('was', 'were'))} added where handles are thin, to "
+            "find their loops.",
+            "handles_refined",
+            samples=more,
+        )
     return best
 
 
-def _missing_handles(graph: CurveSkeleton) -> tuple[FloatArray, ...]:
-    return () if graph.evidence is None else graph.evidence.missing
+def _evidence(graph: CurveSkeleton) -> CurveEvidence:
+    assert graph.evidence is not None
+    return graph.evidence
 
 
 def _closed(graph: CurveSkeleton) -> int:
-    return 0 if graph.evidence is None else sum(graph.evidence.closed_loops.values())
+    return sum(_evidence(graph).closed_loops.values())
 
 
 def _balls(surface: Shape, options: Options, progress: Progress) -> MedialCloud:
@@ -404,21 +399,9 @@ def _finer(
         radii = np.fmin(*np.where(both.valid, both.radii, np.nan).reshape(2, -1))
         allowed = np.full(surface.point_count, np.inf)
         away = cKDTree(np.concatenate(lines)).query(surface.points)[0]
-        rows = np.flatnonzero(away <= NEARBY * radii)
+        rows = np.flatnonzero(away <= NEARBY_RADII * radii)
         allowed[rows] = radii[rows] / across
         # Balls tell nothing of what is smaller than the tolerance.
         return refine_where(surface, np.maximum(allowed, finest), most)
 
     return run_patiently(work, progress)
-
-
-def _note(cloud: MedialCloud, graph: CurveSkeleton, progress: Progress) -> None:
-    surface = graph.surface
-    assert surface is not None and graph.evidence is not None
-    more = surface.point_count - cloud.surface.point_count
-    progress.note(
-        f"{counted(more, 'sample', verbs=('was', 'were'))} added where handles are thin, to find "
-        "their loops.",
-        "handles_refined",
-        samples=more,
-    )
