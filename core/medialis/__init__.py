@@ -70,7 +70,7 @@ __all__ = sorted(_HOMES)
 def __getattr__(name: str) -> Any:
     """Load a public name when it is first used: commands and scripts load only what they need."""
     if name == "__version__":
-        value: Any = importlib.import_module("medialis.base.version").package_version()
+        value: Any = importlib.import_module("medialis.base.cache_folder").package_version()
     elif name in _HOMES:
         value = getattr(importlib.import_module(_HOMES[name]), name)
     else:

@@ -17,12 +17,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from medialis.base.cache_folder import package_version
 from medialis.base.errors import InvalidOptionError
 from medialis.base.options import NUMBERS, Kind
 from medialis.base.threads import thread_limit
 from medialis.base.units import as_unit
 from medialis.base.validation import as_whole_number
-from medialis.base.version import package_version
 from medialis.cli.arguments import EXIT_OK, number
 from medialis.cli.display import say, shown_progress
 from medialis.formats.json_npz import json_text

@@ -21,10 +21,10 @@ from typing import Any
 
 import numpy as np
 
+from medialis.base.cache_folder import package_version
 from medialis.base.options import Kind, Options, Parameter
 from medialis.base.progress import Progress, ProgressCallback
 from medialis.base.threads import run_patiently
-from medialis.base.version import package_version
 from medialis.formats.files import complete_file
 from medialis.formats.json_npz import json_text, write_json
 from medialis.formats.output_folder import OutputFolder

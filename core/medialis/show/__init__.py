@@ -5,5 +5,5 @@ graphics card (thesis 3.4 has its reconstruction), the page in three dimensions 
 with exact distances (`reports/`), and folders that are written whole or not at all.
 
 Read `pictures.py` first: what of a result is drawn. `picture.py` draws items, `raster.py` and
-`camera.py` below it; `writing.py` and `reading.py` are the folder; `result.py` is what people hold.
+`camera.py` below it; `writing.py` is the folder; `result.py` is what people hold, and reads it back.
 """

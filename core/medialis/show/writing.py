@@ -17,17 +17,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from medialis.base.cache_folder import package_version
 from medialis.base.errors import FileError, InvalidOptionError
 from medialis.base.options import Options
 from medialis.base.progress import Message, Progress, ProgressCallback
 from medialis.base.units import Length
 from medialis.base.validation import IntArray, as_choice
-from medialis.base.version import package_version
-from medialis.formats.files import absolute, complete_file
+from medialis.formats.files import Drawn, absolute, complete_file
 from medialis.formats.gltf import write_gltf
 from medialis.formats.json_npz import write_json, write_npz
 from medialis.formats.output_folder import MANIFEST, OutputFolder
-from medialis.formats.ply_attributes import write_ply
+from medialis.formats.ply_attributes import write_layer_ply
 from medialis.formats.shells import CALCULIX, write_inp, write_msh
 from medialis.formats.text_meshes import write_obj
 from medialis.formats.vtk import write_vtp, write_vtu
@@ -159,7 +159,7 @@ SHELLS = ("msh", "inp", "ccx")
 
 
 def _write_obj(path: Path, layer: Layer, unit: str | None) -> None:
-    write_obj(path, layer.points, _triangles(layer))
+    write_obj(path, Drawn(layer.points, _triangles(layer)))
 
 
 def _write_glb(path: Path, layer: Layer, unit: str | None) -> None:
@@ -465,21 +465,11 @@ def _write_data(
 
     with progress.stage("write", 0.0, 0.5):
         for number, layer in enumerate(result.layers):
-            write_ply(
-                new(f"{layer.name}.ply"),
-                layer.points,
-                faces=layer.faces,
-                edges=layer.edges,
-                attributes=layer.attributes,
-                face_attributes=layer.face_attributes,
-            )
+            write_layer_ply(new(f"{layer.name}.ply"), layer)
             for name in filter(LAYER_FORMATS.__contains__, formats):
                 if name not in SHELLS or layer.faces is not None:
                     ending, write = LAYER_FORMATS[name]
-                    write(
-                        new(layer.name + ending), layer.points, layer.faces, layer.edges,
-                        layer.attributes, layer.face_attributes, show=layer.color_by,
-                    )  # fmt: skip
+                    write(new(layer.name + ending), layer)
             for ending in layer.formats:
                 file = new(f"{layer.name}.{ending}")
                 write_layer(file, layer, result.shape.unit)

@@ -15,14 +15,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from medialis.base.cache_folder import package_version
 from medialis.base.threads import thread_count
 from medialis.base.validation import FloatArray, IntArray, as_field, as_points
-from medialis.base.version import package_version
 from medialis.curves.curve_skeleton import CurveSkeleton
 from medialis.operations.result import Result
 from medialis.shape.diagnosis import Diagnosis, diagnose
 from medialis.shape.shape import Shape
-from medialis.show.reports.verdicts import NOUNS, verdicts
+from medialis.show.reports.page import NOUNS, verdicts
 from medialis.skeleton.medial_cloud import BallStatus
 
 PLACES_BETWEEN = 100_000
