@@ -19,8 +19,17 @@ import medialis
 from medialis.show.annotation import ColorBar, contact_sheet
 from medialis.show.camera import Camera
 from medialis.show.colors import value_range
-from medialis.show.picture import Balls, Curves, Points, Surface, draw, write_png
-from medialis.show.pictures import IN_DEGREES, draw_result, draw_turntable
+from medialis.show.picture import (
+    IN_DEGREES,
+    Balls,
+    Curves,
+    Points,
+    Surface,
+    draw,
+    draw_result,
+    draw_turntable,
+    write_png,
+)
 from medialis.show.raster import Style
 
 Image = NDArray[np.uint8]

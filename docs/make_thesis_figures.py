@@ -22,8 +22,7 @@ from medialis.curves.from_balls.candidates import tangent_field
 from medialis.curves.from_views.views import camera_pairs, pair_points, sphere_of
 from medialis.show.annotation import contact_sheet
 from medialis.show.camera import Camera
-from medialis.show.picture import Item, Points, Surface, draw, write_png
-from medialis.show.pictures import draw_result
+from medialis.show.picture import Item, Points, Surface, draw, draw_result, write_png
 from medialis.show.reconstruction import reconstruct_image
 
 SIZE = {"width": 560, "height": 440}

@@ -50,35 +50,6 @@ Control:
     MedialisError, InvalidShapeError, InvalidOptionError, FileError
 """
 
-import ast
-import importlib
-from pathlib import Path
-from typing import Any
+from medialis.base.version import package_version, public_names
 
-
-def _homes() -> dict[str, str]:
-    """Return the module of each public name, as `__init__.pyi` tells it to editors and mypy."""
-    stub = ast.parse((Path(__file__).parent / "__init__.pyi").read_text("utf-8"))
-    imports = [node for node in stub.body if isinstance(node, ast.ImportFrom)]
-    return {alias.name: str(node.module) for node in imports for alias in node.names}
-
-
-_HOMES = _homes()
-__all__ = sorted(_HOMES)
-
-
-def __getattr__(name: str) -> Any:
-    """Load a public name when it is first used: commands and scripts load only what they need."""
-    if name == "__version__":
-        value: Any = importlib.import_module("medialis.base.cache_folder").package_version()
-    elif name in _HOMES:
-        value = getattr(importlib.import_module(_HOMES[name]), name)
-    else:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    globals()[name] = value
-    return value
-
-
-def __dir__() -> list[str]:
-    """Return the public names."""
-    return [*__all__, "__version__"]
+__all__, __getattr__, __dir__ = public_names(__name__, __file__, __version__=package_version)

@@ -11,8 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 import medialis
 from medialis.show.annotation import contact_sheet
 from medialis.show.camera import Camera
-from medialis.show.picture import Curves, Points, Surface, draw
-from medialis.show.pictures import draw_result
+from medialis.show.picture import Curves, Points, Surface, draw, draw_result
 
 SIZE = {"width": 420, "height": 340}
 GREY = (0.75, 0.75, 0.78)

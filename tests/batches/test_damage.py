@@ -94,7 +94,7 @@ KILLED = """
 import os, pathlib, sys
 import medialis
 from medialis.batches.jobs import plan
-from medialis.formats.output_folder import OutputFolder
+from medialis.formats.files import OutputFolder
 from medialis.show.writing import write_result
 
 file, output, fatal = sys.argv[1:]

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from medialis.base.cache_folder import package_version
+from medialis.base.version import package_version
 from medialis.cli import doctor
 from medialis.cli.commands import main
 from medialis.hosts import menu_entries

@@ -12,7 +12,7 @@ import pytest
 
 import medialis
 from medialis.cli.commands import main
-from medialis.cli.operation_command import file_meanings, summary_lines
+from medialis.cli.display import file_meanings, summary_lines
 from medialis.formats.ply_attributes import write_ply
 from medialis.operations.registry import OPERATIONS
 from medialis.operations.result import value_text

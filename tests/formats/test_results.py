@@ -294,7 +294,7 @@ def test_output_folder_puts_everything_back_when_moving_fails(tmp_path, monkeypa
 
 KILLED = """
 import os, sys
-from medialis.formats.output_folder import OutputFolder
+from medialis.formats.files import OutputFolder
 with OutputFolder(sys.argv[1]) as folder:
     folder.file("half.txt").write_text("half")
     print("here", flush=True)

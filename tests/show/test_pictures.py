@@ -33,12 +33,14 @@ from medialis.show.picture import (
     Curves,
     Points,
     Surface,
+    disc_mesh,
     draw,
     encode_png,
+    lifted_faces,
     reduced,
+    sheet_discs,
     write_png,
 )
-from medialis.show.pictures import disc_mesh, lifted_faces, sheet_discs
 from medialis.show.raster import Style, corner_normals
 from png_files import read_png
 

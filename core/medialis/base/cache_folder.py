@@ -1,4 +1,4 @@
-"""Where compiled kernels are kept, and of which version they are; nothing here loads numba.
+"""Where compiled kernels are kept, and whether they all are; nothing here loads numba.
 
 One folder for each numba version, hash of all kernel sources and settings of numba, in the user's
 cache folder (`MEDIALIS_CACHE_DIR` or `NUMBA_CACHE_DIR` override it); `jit.py` says why. It holds
@@ -14,18 +14,10 @@ import sys
 import tempfile
 from contextlib import suppress
 from functools import lru_cache
-from importlib.metadata import PackageNotFoundError, version
+from importlib.metadata import version
 from pathlib import Path
 
 PACKAGE = Path(__file__).resolve().parent.parent
-
-
-def package_version() -> str:
-    """Return the installed version; "unknown" when the sources are used without installing."""
-    try:
-        return version("medialis")
-    except PackageNotFoundError:
-        return "unknown"
 
 
 SAME_CODE = ("NUMBA_CACHE_DIR", "NUMBA_NUM_THREADS", "NUMBA_DEBUG_CACHE")

@@ -26,8 +26,7 @@ from medialis.base.threads import thread_count
 from medialis.base.validation import as_whole_number
 from medialis.batches.engine import run_jobs, warn_if_open
 from medialis.batches.jobs import DONE, FAILED, TABLES, Job, Row, plan, run_job
-from medialis.formats.files import complete_file, reason, take_lock
-from medialis.formats.output_folder import remove_left
+from medialis.formats.files import complete_file, reason, remove_left, take_lock
 from medialis.operations.result import quantity
 from medialis.show.reports.page import data_text, page
 from medialis.show.viewer.page import has_library

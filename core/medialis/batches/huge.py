@@ -28,8 +28,7 @@ from medialis.base.progress import Progress, ProgressCallback
 from medialis.base.threads import run_chunks
 from medialis.base.validation import FloatArray, as_normals, as_points
 from medialis.batches.engine import cluster, hand_out, warn_if_open
-from medialis.formats.files import reason
-from medialis.formats.output_folder import OutputFolder
+from medialis.formats.files import OutputFolder, reason
 from medialis.skeleton.ball_shrinking import (
     SAMPLES_A_CHUNK,
     Shrinking,
@@ -40,7 +39,7 @@ from medialis.skeleton.importance.importance import measures_of_points
 from medialis.skeleton.medial_cloud import Balls
 
 if TYPE_CHECKING:
-    from medialis.base.box_tree import BoxTree
+    from medialis.base._box_tree_kernels import BoxTree
 
 ROWS_A_BLOCK = 1 << 20
 """What is checked, scaled or copied at a time: 24 MB of coordinates."""
@@ -138,7 +137,7 @@ class Range:
 
 def shrink_range(job: Range) -> int:
     """Run on a worker: map the files, shrink the balls of a range, return how many."""
-    from medialis.base.box_tree import BoxTree
+    from medialis.base._box_tree_kernels import BoxTree
 
     folder = Path(job.folder)
     parts = {

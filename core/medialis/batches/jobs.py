@@ -16,15 +16,14 @@ from pathlib import Path
 from typing import Any
 
 from medialis.base.arrays import Described
-from medialis.base.cache_folder import package_version
 from medialis.base.errors import Cancelled, FileError, InvalidOptionError, MedialisError
 from medialis.base.kept import forget
 from medialis.base.progress import Message, Progress
 from medialis.base.threads import thread_limit
 from medialis.base.units import as_unit
-from medialis.formats.files import absolute
+from medialis.base.version import package_version
+from medialis.formats.files import MANIFEST, absolute
 from medialis.formats.json_npz import json_text
-from medialis.formats.output_folder import MANIFEST
 from medialis.operations.registry import operation, run
 from medialis.shape.reading import read_shape
 from medialis.shape.shape import Shape

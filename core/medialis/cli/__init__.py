@@ -2,10 +2,8 @@
 
 `main` takes words and returns an exit code: 0 done, 2 bad input or options, 3 some of a batch
 failed, 130 cancelled; what goes wrong is one line on stderr. `arguments.py` says what each command
-takes, `commands.py` what it does (read this one first). What is long has its own file:
-`operation_command.py` one file in, one folder of results out; `doctor.py` what is installed and
-what is missing.
-`display.py` is what a person sees meanwhile. A new operation needs nothing here. Another command:
+takes, `commands.py` what it does (read this one first), `doctor.py` what is installed and what is
+missing, and `display.py` what a person sees. A new operation needs nothing here. Another command:
 its arguments in `build_parser`, its function in `COMMANDS`; completion and help follow.
 """
 

@@ -95,7 +95,7 @@ class _Version(argparse.Action):
     """Looks the version up when it is asked for."""
 
     def __call__(self, parser: argparse.ArgumentParser, *rest: Any) -> None:
-        from medialis.base.cache_folder import package_version
+        from medialis.base.version import package_version
 
         say(f"medialis {package_version()}")
         parser.exit()

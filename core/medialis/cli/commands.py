@@ -1,7 +1,8 @@
 """The command line: what its commands do; `cli/arguments.py` says what they take.
 
-The command of an operation and the doctor are long and have files of their own. What a command
-needs is loaded when it runs.
+An operation is one file in, one folder of results out: `run_operation` checks what was asked for
+before anything is read. The doctor is long and has a file of its own. What a command needs is
+loaded when it runs, so that help is quick.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ import io
 import json
 import logging
 import os
+import shlex
 import signal
 import sys
 import threading
@@ -18,7 +20,7 @@ import time
 import webbrowser
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import asdict
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING, Any
@@ -41,8 +43,7 @@ from medialis.cli.arguments import (
     number,
     with_dashes,
 )
-from medialis.cli.display import clear_bar, say, shown_progress
-from medialis.formats.ply_attributes import read_ply_attributes, write_ply
+from medialis.cli.display import clear_bar, say, shown_progress, summary_lines
 from medialis.operations.names import RENAMED, named_operations, renamed_note
 
 if TYPE_CHECKING:
@@ -163,7 +164,7 @@ def _of_folder(folder: Path) -> list[Outcome]:
     InvalidOptionError
         When there is none, or they are of several shapes.
     """
-    from medialis.formats.output_folder import MANIFEST
+    from medialis.formats.files import MANIFEST
     from medialis.show.result import read_result
 
     folders = sorted(
@@ -186,6 +187,7 @@ def _of_layer(file: Path) -> Outcome | None:
     """Read a layer or a graph that medialis wrote; None for any other file."""
     from medialis.curves.formats import read_curve_skeleton
     from medialis.exchange.libraries import Drawn
+    from medialis.formats.ply_attributes import read_ply_attributes
 
     if file.suffix.lower() in (".swc", ".json"):
         drawn = Drawn.of(read_curve_skeleton(file))
@@ -235,8 +237,182 @@ def _computed(file: Path, options: argparse.Namespace, progress: Progress) -> li
     return results or [Outcome(shape=shape)]
 
 
+@dataclass(frozen=True)
+class Task:
+    """What a command was asked for.
+
+    Attributes
+    ----------
+    chosen : Operation
+    file : str or None
+        None: the built-in shape.
+    folder : path
+        Of the results.
+    given : dict
+        Parameters, lengths as text.
+    options : argparse.Namespace
+        All else.
+    """
+
+    chosen: Operation
+    file: str | None
+    folder: Path
+    options: argparse.Namespace
+    given: dict[str, Any] = field(default_factory=dict)
+
+    def option(self, name: str, otherwise: Any = None) -> Any:
+        """Return an option that not every command has."""
+        return getattr(self.options, name, otherwise)
+
+    @property
+    def about(self) -> dict[str, Any]:
+        """What tells the result from others, as its manifest will have it."""
+        from medialis.base.units import as_unit
+        from medialis.base.version import package_version
+        from medialis.show.writing import as_given, input_stamp
+
+        try:
+            here = None if self.file is None else input_stamp(self.file)
+        except (OSError, ValueError):  # reading tells what is wrong
+            here = None
+        return {
+            "operation": self.chosen.name,
+            "medialis": package_version(),
+            "parameters": as_given(self.chosen.resolve(self.given)),
+            "input_stamp": here,
+            "input_unit": as_unit(self.option("unit")),
+        }
+
+
+def run_operation(options: argparse.Namespace) -> int:
+    """Run an operation on a file and return the exit code."""
+    from medialis.base.validation import as_whole_number
+    from medialis.show.writing import check_same, chosen_formats
+
+    chosen: Operation = options.operation
+    file = _only_file(options, chosen.name.replace("_", "-"))
+    as_whole_number(options.turntable, "turntable", low=0, high=10_000)
+    chosen_formats(chosen.name, _formats(options))
+    # One folder an operation: the next one on the same file leaves it alone.
+    folder = options.output or Path(f"{Path(file).stem}-medialis", chosen.name)
+    task = Task(chosen, file, Path(folder), options, _given(chosen, options))
+    about = task.about  # bad options are reported before the file is read
+    if not options.overwrite and not options.host:
+        check_same(task.folder, about)
+    manifest = _compute(task, about)
+    if not options.host:  # a host reads the manifest from the folder
+        _report(manifest, options.json)
+    return EXIT_OK
+
+
+def run_demo(options: argparse.Namespace) -> int:
+    """Run the first operation on the built-in shape, and on a file; its folder is its own."""
+    from medialis.operations.registry import operation
+
+    chosen = operation("surface_skeleton")
+    options.overwrite = True
+    for file in [None] if options.file is None else [None, options.file]:
+        folder = Path(options.output) / ("organic_shape" if file is None else Path(file).stem)
+        task = Task(chosen, file, folder, options)
+        manifest = _compute(task, task.about)
+        _report(manifest, False)
+        say(manifest["picture"])  # last, as `make demo` says
+    return EXIT_OK
+
+
+def _only_file(options: argparse.Namespace, command: str) -> str:
+    """Return the one file, or say that a batch takes folders and several files."""
+    files: Sequence[str] = options.file
+    if len(files) == 1 and not Path(files[0]).is_dir():
+        return files[0]
+    what = f"{len(files)} files" if len(files) > 1 else f"the folder {files[0]}"
+    words = " ".join(map(shlex.quote, files))
+    raise InvalidOptionError(
+        f"{command} takes one file, got {what}. For many: medialis batch {command} {words}"
+    )
+
+
+def _given(chosen: Operation, options: argparse.Namespace) -> dict[str, Any]:
+    """Return the parameters that were typed, and what is another default of a selection."""
+    from medialis.base.options import NUMBERS, Kind
+
+    given: dict[str, Any] = {}
+    if options.select and chosen.selection is not None:
+        given |= chosen.selection.defaults
+    for parameter in chosen.parameters:
+        value = getattr(options, f"parameter_{parameter.name}")
+        if value is not None:
+            plain = parameter.kind in NUMBERS and parameter.kind is not Kind.LENGTH
+            given[parameter.name] = number(value) if plain else value
+    return given
+
+
+def _formats(options: argparse.Namespace) -> tuple[str, ...]:
+    """Return the formats to write besides PLY, each once."""
+    return tuple(dict.fromkeys(filter(None, getattr(options, "formats", "").split(","))))
+
+
+def _compute(task: Task, about: dict[str, Any]) -> dict[str, Any]:
+    """Read, compute and write; return the manifest."""
+    from medialis.base.threads import thread_limit
+    from medialis.operations.registry import run
+    from medialis.shape.reading import read_shape
+    from medialis.show.writing import Pictures, Written, write_files
+
+    clock, options = time.perf_counter(), task.options
+    threads, file = task.option("threads"), task.file
+    progress = shown_progress(options.progress)
+    with progress.stage("input", 0.0, 0.1):
+        unit = about["input_unit"]
+        if file is None:
+            from medialis.shape.generate import organic_shape
+
+            shape = organic_shape()
+        else:
+            shape = read_shape(file, unit=unit, progress=progress)
+    with progress.stage("compute", 0.1, 0.7):
+        result = run(task.chosen.name, shape, threads=threads, progress=progress, **task.given)
+    source = "organic shape" if file is None else file
+    if task.option("host"):
+        from medialis.hosts.menu import write_for_host
+
+        with progress.stage("output", 0.7, 1.0):
+            return write_for_host(
+                result, shape, task.folder, source=source, selects=options.select,
+                auxiliary=options.auxiliary, draw_solid=options.solid, progress=progress,
+            )  # fmt: skip
+    texts = {}
+    if task.option("report"):
+        from medialis.show.reports.report import report_texts
+
+        with progress.stage("report", 0.7, 0.85), thread_limit(threads):
+            texts = report_texts(result, source=file, progress=progress)
+    pictures = Pictures(
+        main=not task.option("no_picture"),
+        color_by=task.option("color_by"),
+        turntable=task.option("turntable", 0),
+    )
+    record = {name: about[name] for name in ("input_stamp", "input_unit")}
+    wanted = Written(source, pictures, _formats(options), texts, record, options.overwrite)
+    with progress.stage("output", 0.85, 1.0), thread_limit(threads):
+        manifest = write_files(result, task.folder, wanted, progress)
+    manifest["seconds"] = {**progress.seconds, "total": time.perf_counter() - clock}
+    return manifest
+
+
+def _report(manifest: dict[str, Any], as_json: bool) -> None:
+    if as_json:
+        from medialis.formats.json_npz import json_text
+
+        say(json_text(manifest))
+        return
+    for line in summary_lines(manifest):
+        say(line)
+
+
 def write_sample(options: argparse.Namespace) -> int:
     """Write a sample, or list them all; return the exit code."""
+    from medialis.formats.ply_attributes import write_ply
     from medialis.shape.samples import SAMPLES, sample_shape
 
     name = options.name
@@ -269,7 +445,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             if given and given[0] in RENAMED:
                 say(renamed_note(given[0]), file=sys.stderr)
                 given[0] = RENAMED[given[0]].replace("_", "-")
-            parser = build_parser(_operation, COMMANDS, chosen=given[0] if given else "")
+            parser = build_parser(run_operation, COMMANDS, chosen=given[0] if given else "")
             options = parser.parse_args(given)
             _configure_log(options)
             code: int = options.command(options)
@@ -346,12 +522,6 @@ def _configure_log(options: argparse.Namespace) -> None:
     logging.basicConfig(level=level, format="%(message)s", stream=sys.stderr)
 
 
-def _operation(options: argparse.Namespace) -> int:
-    from medialis.cli.operation_command import run_operation
-
-    return run_operation(options)
-
-
 def _info(options: argparse.Namespace) -> int:
     import numpy as np
 
@@ -422,7 +592,7 @@ def _warmup(options: argparse.Namespace) -> int:
     from medialis.operations.registry import OPERATIONS, run
     from medialis.shape.generate import organic_shape
     from medialis.shape.samples import sample_shape
-    from medialis.show.pictures import draw_result
+    from medialis.show.picture import draw_result
 
     clock = time.perf_counter()
     creature, progress = organic_shape(56), shown_progress(options.progress)
@@ -468,12 +638,6 @@ def _meshlab_install(options: argparse.Namespace) -> int:
     return EXIT_OK
 
 
-def _demo(options: argparse.Namespace) -> int:
-    from medialis.cli.operation_command import run_demo
-
-    return run_demo(options)
-
-
 def _completion(options: argparse.Namespace) -> int:
     """Print the script that a shell reads."""
     try:
@@ -485,7 +649,7 @@ def _completion(options: argparse.Namespace) -> int:
         ) from None
     from medialis.shape.samples import SAMPLES
 
-    parser = build_parser(_operation, COMMANDS, every=True)
+    parser = build_parser(run_operation, COMMANDS, every=True)
     add_completions(parser, shtab.FILE, {"sample": SAMPLES})
     say(shtab.complete(parser, options.shell).removesuffix("\n"))
     return EXIT_OK
@@ -498,7 +662,7 @@ COMMANDS = {
     "describe": _describe,
     "batch": run_batch,
     "warmup": _warmup,
-    "demo": _demo,
+    "demo": run_demo,
     "sample": write_sample,
     "completion": _completion,
     "doctor": _doctor,

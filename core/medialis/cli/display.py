@@ -1,11 +1,19 @@
-"""What a person sees of a running command: a bar on a terminal, lines in a log or for programs."""
+"""What a person sees of a command: a bar or lines while it runs, and one screen about its result.
+
+`shown_progress` is a bar on a terminal, lines in a log or for programs; `summary_lines` tells what
+the manifest of a result has: numbers, places, messages and files.
+"""
 
 from __future__ import annotations
 
 import os
+import shutil
 import sys
+import textwrap
 import time
-from typing import TextIO
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, TextIO
 
 from medialis.base.progress import Progress, ProgressCallback
 
@@ -136,3 +144,145 @@ def say(text: object = "", *, file: TextIO | None = None) -> None:
     """Print text; control characters, as in the name of a file, are shown and do nothing."""
     safe = (c if c.isprintable() or c in "\n\t" else repr(c)[1:-1] for c in str(text))
     print("".join(safe), file=file)
+
+
+MOST_ROWS = 5
+"""Of all tables of places together; the manifest has them all."""
+
+TABLES = {
+    "spots": ("thin spots", ("value", "area")),
+    "regions": ("regions", ("value", "area")),
+    "ribs": ("ribs", ("ratio", "thickness", "wall")),
+}
+"""Title and columns of the tables of places, by the name of the value."""
+
+WIDEST, NARROWEST = 100, 60
+
+FILES = {
+    "manifest.json": "all numbers, options and messages, for programs",
+    "report.html": "how good the result is, a page for the browser",
+    "report.json": "the same for programs",
+    ".npz": "all arrays, for numpy.load",
+    ".png": "picture",
+    ".vtp": "the same as the PLY file of that name, for ParaView",
+    ".vtu": "the same as the PLY file of that name, for ParaView and solvers",
+    "midsurface.obj": "the sheets, for modelling programs",
+    "midsurface.glb": "the sheets, for programs that show glTF",
+    "medial_mesh_envelope.obj": "the same, for modelling programs",
+    "medial_mesh_envelope.glb": "the same, for programs that show glTF",
+    "ball_cover.json": "their centers and radii, for programs",
+    "ball_cover.urdf": "a link with them as collision elements, for robot simulators",
+    ".msh": "the triangles with their values, for Gmsh",
+    ".inp": "shell elements with their thickness, for Abaqus",
+    ".ccx.inp": "shell elements with their thickness, for CalculiX",
+    ".ma": "the balls with their edges and triangles, for programs for medial meshes",
+    ".swc": "the graph as a tree, for tools that read neurons",
+    ".graphml": "the graph, for tools that read networks",
+    ".json": "the graph with all that it holds",
+    ".obj": "the graph as lines, for modelling programs",
+    ".glb": "the shape with its bones and skin weights, for animation programs",
+    ".html": "the result to turn round, for the browser",
+}
+"""What a file is for, by its name or its ending."""
+
+
+def summary_lines(manifest: Mapping[str, Any], width: int | None = None) -> Iterator[str]:
+    """Yield what there is to say of a result, from its manifest."""
+    from medialis.operations.result import value_rows
+
+    columns = width or _line_width()
+    values, unit = manifest["values"], manifest["unit"]
+    yield f"{manifest['operation'].replace('_', ' ')} of {manifest['input']}"
+    known = {name: value for name, value in values.items() if value is not None}
+    yield from _indented(_aligned(value_rows(known, unit)))
+    tables = [name for name in TABLES if values.get(name)]
+    for name in tables:
+        most = MOST_ROWS // len(tables)
+        yield from _indented(_table(*TABLES[name], values[name], most, unit))
+    for message, about in zip(manifest["messages"], manifest["notes"], strict=True):
+        text = f"{'warning' if about['warning'] else 'note'}: {message}"
+        yield from textwrap.wrap(text, columns, subsequent_indent="  ", break_long_words=False)
+    folder = Path(manifest["files"][0]).parent
+    yield f"{len(manifest['files'])} files in {folder}, {manifest['seconds']['total']:.1f} seconds:"
+    yield from _indented(_shortened(_aligned(_files(manifest)), columns - 2))
+
+
+def _line_width() -> int:
+    """Return how wide lines may be; what goes on to a program or a file stays in one line."""
+    if not sys.stdout.isatty():
+        return sys.maxsize
+    return min(max(shutil.get_terminal_size().columns, NARROWEST), WIDEST)
+
+
+def file_meanings(manifest: Mapping[str, Any]) -> dict[str, str]:
+    """Return what each file of a result is for, by its name, the picture first."""
+    from medialis.operations.registry import operation
+
+    layers = operation(manifest["operation"]).layers
+    names = [Path(file).name for file in manifest["files"]]
+    picture = Path(manifest["picture"] or "").name
+    found = {name: _meaning(name, layers) for name in sorted(names, key=lambda n: n != picture)}
+    if any(layer["role"] == "bones" for layer in manifest["layers"]):
+        found = {name: text.replace("the graph", "the bones") for name, text in found.items()}
+    return found
+
+
+def _files(manifest: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    """Give names and meanings; many pictures of a turntable are one line."""
+    views = [name for name in file_meanings(manifest) if name.startswith("turntable_")]
+    for name, meaning in file_meanings(manifest).items():
+        if name not in views:
+            yield name, meaning
+        elif name == views[0]:
+            yield f"{views[0]} ...", f"{len(views)} views all round"
+
+
+def _meaning(name: str, layers: Mapping[str, str]) -> str:
+    """Return what a file is for."""
+    path = Path(name)
+    if path.suffix == ".ply":
+        return layers.get(path.stem, "")
+    known = (name, "".join(path.suffixes), path.suffix)
+    return next((FILES[one] for one in known if one in FILES), "")
+
+
+def _table(
+    title: str,
+    columns: Sequence[str],
+    things: Sequence[Mapping[str, Any]],
+    most: int,
+    unit: str | None,
+) -> list[str]:
+    """Return the first of some places as a table: number, what, values, where."""
+    from medialis.operations.result import value_text
+
+    rows = [
+        (
+            str(number),
+            thing["kind"],
+            *("" if thing[c] is None else value_text(c, thing[c], unit) for c in columns),
+            ", ".join(f"{x:.4g}" for x in thing["position"]),
+        )
+        for number, thing in enumerate(things[:most])
+    ]
+    left = len(things) - len(rows)
+    more = [f"{left} more in manifest.json"] if left else []
+    return _aligned([("", title, *columns, "position"), *rows]) + more
+
+
+def _aligned(rows: Iterator[tuple[str, ...]] | Sequence[tuple[str, ...]]) -> list[str]:
+    """Return rows of texts as lines with columns of equal width."""
+    table = list(rows)
+    widths = [max(map(len, column)) for column in zip(*table, strict=True)]
+    return [
+        "  ".join(f"{text:<{width}}" for text, width in zip(row, widths, strict=True)).rstrip()
+        for row in table
+    ]
+
+
+def _shortened(lines: Sequence[str], columns: int) -> Iterator[str]:
+    return (line if len(line) <= columns else line[: columns - 3] + "..." for line in lines)
+
+
+def _indented(lines: Sequence[str] | Iterator[str]) -> Iterator[str]:
+    return (f"  {line}" for line in lines)

@@ -18,14 +18,10 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-from medialis.base.cache_folder import (
-    kernel_cache,
-    kernels_are_compiled,
-    package_version,
-    written_by_others,
-)
+from medialis.base.cache_folder import kernel_cache, kernels_are_compiled, written_by_others
 from medialis.base.errors import FileError
 from medialis.base.threads import thread_count
+from medialis.base.version import package_version
 from medialis.formats.files import reason
 from medialis.hosts.machine import Machine
 from medialis.hosts.menu import FILTER_NOTE, PROGRAM_NOTE

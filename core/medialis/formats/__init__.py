@@ -11,9 +11,9 @@ meshes.py; a format of one feature belongs to that feature. Sources: the manuals
 name.
 """
 
+from medialis.formats.files import OutputFolder
 from medialis.formats.json_npz import json_text, read_npz, write_json, write_npz
 from medialis.formats.meshes import MeshData, read_mesh
-from medialis.formats.output_folder import OutputFolder
 from medialis.formats.ply_attributes import PlyData, read_ply_attributes, write_ply
 
 __all__ = [

@@ -17,8 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from medialis.base.errors import InvalidOptionError, InvalidShapeError
-from medialis.formats.files import complete_file, file_bytes, reading
-from medialis.formats.output_folder import OutputFolder
+from medialis.formats.files import OutputFolder, complete_file, file_bytes, reading
 from medialis.formats.ply_attributes import PlyData, read_ply_attributes, write_ply
 
 __all__ = [

@@ -311,6 +311,8 @@ def _looks_like(kind: str, data: bytes, expected: bool) -> bool:
 def _format_of(suffix: str, data: bytes) -> tuple[str, tuple[Message, ...]]:
     """Return the format and what to tell when it is not that of the extension."""
     expected = _EXTENSIONS.get(suffix)
+    if expected in ("ply", "stl") and _looks_like(expected, data, True):
+        return expected, ()
     # OBJ and point text have no mark of their own, so the marks of the others are looked at first.
     marked = [kind for kind in ("ply", "off", "stl") if _looks_like(kind, data, False)]
     if expected and expected in (marked or [expected]) and _looks_like(expected, data, True):

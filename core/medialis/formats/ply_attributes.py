@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from medialis.base.errors import InvalidOptionError, InvalidShapeError
 from medialis.base.validation import FloatArray, IntArray, as_faces, frozen
-from medialis.formats.files import Drawn, complete_file, file_bytes, reading, shown, whole
+from medialis.formats.files import complete_file, file_bytes, reading, shown, whole
 from medialis.formats.meshes import triangulate
 from medialis.formats.ply import PlyHeader, PlyList, PlyTable, ply_columns, read_ply_elements
 
@@ -125,8 +125,8 @@ def write_ply(
             stream.write(part)
 
 
-def write_layer_ply(path: str | os.PathLike[str], layer: Drawn) -> None:
-    """Write a layer by `write_ply`, with its errors."""
+def write_layer_ply(path: str | os.PathLike[str], layer: Any) -> None:
+    """Write a layer, or a `Drawn`, by `write_ply`, with its errors."""
     write_ply(path, layer.points, layer.faces, layer.edges, layer.attributes, layer.face_attributes)
 
 

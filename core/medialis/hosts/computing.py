@@ -19,9 +19,9 @@ from multiprocessing.connection import Pipe
 from pathlib import Path
 from typing import Any
 
-from medialis.base.cache_folder import package_version
 from medialis.base.errors import Cancelled, MedialisError
 from medialis.base.validation import FloatArray, IntArray
+from medialis.base.version import package_version
 from medialis.curves.from_views.views import OrthographicCamera, ViewSource
 from medialis.hosts.computing_child import Task, pack, unpack
 from medialis.operations.result import Result

@@ -29,11 +29,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from medialis.base.cache_folder import kernel_cache, package_version
+from medialis.base.cache_folder import kernel_cache
 from medialis.base.errors import Cancelled, FileError, MedialisError
 from medialis.base.kept import Bound, kept
 from medialis.base.progress import Progress
 from medialis.base.validation import FloatArray, IntArray
+from medialis.base.version import package_version
 from medialis.curves.from_views.skeleton import view_source
 from medialis.curves.from_views.views import ViewSource, rasterizer
 from medialis.hosts.compile_ahead import compile_ahead, is_needed

@@ -21,13 +21,12 @@ from typing import Any
 
 import numpy as np
 
-from medialis.base.cache_folder import package_version
 from medialis.base.options import Kind, Options, Parameter
 from medialis.base.progress import Progress, ProgressCallback
 from medialis.base.threads import run_patiently
-from medialis.formats.files import complete_file
+from medialis.base.version import package_version
+from medialis.formats.files import OutputFolder, complete_file
 from medialis.formats.json_npz import json_text, write_json
-from medialis.formats.output_folder import OutputFolder
 from medialis.formats.ply_attributes import write_ply
 from medialis.hosts.drawing import hidden_apart, shown, solid
 from medialis.hosts.fields import on_input

@@ -20,9 +20,8 @@ import numpy as np
 from medialis.base.errors import FileError, InvalidOptionError, InvalidShapeError
 from medialis.base.options import Kind
 from medialis.base.progress import Message
-from medialis.formats.files import file_bytes, reading
+from medialis.formats.files import MANIFEST, file_bytes, reading
 from medialis.formats.json_npz import read_npz
-from medialis.formats.output_folder import MANIFEST
 from medialis.formats.ply_attributes import read_ply_attributes
 from medialis.operations import registry
 from medialis.operations import result as results
@@ -90,7 +89,7 @@ class Result(results.Result):
 
     def _repr_html_(self) -> str:
         """Return what notebooks show: a small picture beside the values."""
-        from medialis.show.pictures import picture_html
+        from medialis.show.picture import picture_html
 
         lines = [*value_lines(self.values, self.shape.unit), *map(str, self.messages)]
         told = "<br>".join(html.escape(line) for line in lines)

@@ -17,16 +17,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from medialis.base.cache_folder import package_version
 from medialis.base.errors import FileError, InvalidOptionError
 from medialis.base.options import Options
 from medialis.base.progress import Message, Progress, ProgressCallback
 from medialis.base.units import Length
 from medialis.base.validation import IntArray, as_choice
-from medialis.formats.files import Drawn, absolute, complete_file
+from medialis.base.version import package_version
+from medialis.formats.files import MANIFEST, Drawn, OutputFolder, absolute, complete_file
 from medialis.formats.gltf import write_gltf
 from medialis.formats.json_npz import write_json, write_npz
-from medialis.formats.output_folder import MANIFEST, OutputFolder
 from medialis.formats.ply_attributes import write_layer_ply
 from medialis.formats.shells import CALCULIX, write_inp, write_msh
 from medialis.formats.text_meshes import write_obj
@@ -36,8 +35,7 @@ from medialis.operations.declaration import Format
 from medialis.operations.result import Layer, Result
 from medialis.shape.shape import Shape
 from medialis.shape.surface import Surface
-from medialis.show.picture import reduced, write_png
-from medialis.show.pictures import draw_result, draw_turntable, require_attribute
+from medialis.show.picture import draw_result, draw_turntable, reduced, require_attribute, write_png
 from medialis.show.raster import Style
 
 DIFFERENCES = {

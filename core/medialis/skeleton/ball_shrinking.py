@@ -27,7 +27,7 @@ from medialis.shape.shape import Shape
 from medialis.skeleton.medial_cloud import BallStatus, MedialCloud
 
 if TYPE_CHECKING:
-    from medialis.base.box_tree import BoxTree
+    from medialis.base._box_tree_kernels import BoxTree
     from medialis.skeleton._ball_kernels import SampleTree
 
 HALF = 0.5

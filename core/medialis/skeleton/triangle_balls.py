@@ -21,12 +21,11 @@ from medialis.base.threads import run_chunks
 from medialis.base.validation import FloatArray, IntArray
 from medialis.shape.creases import STEEPER, Creases
 from medialis.shape.shape import Shape
-from medialis.shape.surface import Surface
 from medialis.skeleton.ball_shrinking import SAMPLES_A_CHUNK, shrink_options
 from medialis.skeleton.medial_cloud import BallStatus, MedialCloud
 
 if TYPE_CHECKING:
-    from medialis.base.box_tree import BoxTree
+    from medialis.base._box_tree_kernels import BoxTree
     from medialis.skeleton._triangle_kernels import Hung
 
 BLOCKS_A_CHUNK, NODES_A_CHUNK = 1024, 64
@@ -87,10 +86,10 @@ class Walls:
         for nodes, child_depth, fan in wide_levels(depth):
             level = fan, 1 << (depth - child_depth), bounds[nodes]
 
-            def bound(begin: int, end: int, level: tuple[Any, ...] = level) -> None:
+            def work(begin: int, end: int, level: tuple[Any, ...] = level) -> None:
                 kernels.bound_faces(begin, end, tree.points, corners, first, *level)
 
-            run_chunks(bound, nodes.stop - nodes.start, NODES_A_CHUNK)
+            run_chunks(work, nodes.stop - nodes.start, NODES_A_CHUNK)
         hung = kernels.Hung(tree.points, bounds, tree.child, first, corners, reliefs, hulls)
         return cls(creases, tree, order, hung)
 
@@ -193,7 +192,8 @@ def _touching_faces(
     corners = np.asarray(surface.faces)[faces]
     own = surface.points[cloud.source[rows]]
     contact = np.einsum("ij,ija->ia", weights, surface.points[corners])
-    second = corners[np.arange(len(rows)), _nearest_corner(surface, corners, contact)]
+    apart = np.linalg.norm(surface.points[corners] - contact[:, None], axis=2)
+    second = corners[np.arange(len(rows)), apart.argmin(axis=1)]
     centers = own - radii[:, None] * directions
     return cloud.with_rows(
         rows,
@@ -201,18 +201,13 @@ def _touching_faces(
         radii=radii,
         features=np.stack([cloud.source[rows], second], axis=1),
         status=np.full(len(rows), BallStatus.OK),
-        spoke_angles=_angles(directions, contact - centers),
+        spoke_angles=angles_between(directions, contact - centers),
         contact_faces=faces,
         contact_weights=weights,
     )
 
 
-def _nearest_corner(surface: Surface, corners: IntArray, places: FloatArray) -> NDArray[np.int64]:
-    apart = np.linalg.norm(surface.points[corners] - places[:, None], axis=2)
-    return np.asarray(apart.argmin(axis=1))
-
-
-def _angles(one: FloatArray, other: FloatArray) -> FloatArray:
+def angles_between(one: FloatArray, other: FloatArray) -> FloatArray:
     """Return the angle between vectors, row by row, in radians."""
     across = np.linalg.norm(np.cross(one, other), axis=1)
     return np.arctan2(across, np.einsum("ij,ij->i", one, other))

@@ -86,9 +86,13 @@ def run_thickness(shape: Shape, options: ThicknessRun, progress: Progress) -> Ou
     labels = np.full(fine.point_count, -1, np.int32)
     for row, spot in enumerate(spots):
         labels[spot.vertices] = row
-    surface = _surface_layer("thickness", shape, values, labels)
+    fields: dict[str, Any] = {"thickness": values, "thin_spot": labels}
+    limits = float(values.min()), float(np.percentile(values, SHOWN_SHARE))
+    surface = _surface_layer("thickness", shape, fields, "thin_spot", limits)
     marks = (_spots_layer(spots, surface),) if spots else ()
-    samples = () if fine is shape else (_surface_layer("samples", fine, values, labels),)
+    samples = (
+        () if fine is shape else (_surface_layer("samples", fine, fields, "thin_spot", limits),)
+    )
     return Outcome(
         shape=fine,
         layers=(surface, *marks, *samples),
@@ -101,23 +105,24 @@ def run_thickness(shape: Shape, options: ThicknessRun, progress: Progress) -> Ou
             "diagonal": fine.diagonal,
             "spacing": fine.spacing,
         },
-        arrays={**cloud_arrays(cloud), "thickness": values, "thin_spot": labels},
+        arrays={**cloud_arrays(cloud), **fields},
         shown=(samples or (surface,)) + marks,
     )
 
 
-def _surface_layer(name: str, shape: Shape, values: FloatArray, labels: IntArray) -> Layer:
+def _surface_layer(
+    name: str, shape: Shape, attributes: dict[str, Any], label: str, limits: tuple[float, float]
+) -> Layer:
     """Layer of the first points of the refined shape: all of them, or the vertices of the input."""
-    n = shape.point_count
     return Layer(
         name,
         shape.points,
         shape.faces,
-        attributes={"thickness": values[:n], "thin_spot": labels[:n]},
+        attributes={name: values[: shape.point_count] for name, values in attributes.items()},
         color_by="thickness",
         color_map="diverging_reversed",
-        color_limits=(float(values.min()), float(np.percentile(values, SHOWN_SHARE))),
-        labels=("thin_spot",),
+        color_limits=limits,
+        labels=(label,),
         on_input=name != "samples",
         auxiliary=name == "samples",
     )
@@ -357,12 +362,13 @@ def run_wall_check(shape: Shape, options: WallCheckRun, progress: Progress) -> O
     _note_limits(check, limits, options, shape, progress)
     _note_regions(check, shape, progress)
     _note_ribs(check, options, progress)
-    codes, numbers = _codes(check)
-    surface = _wall_surface_layer("wall_check", shape, check, codes, numbers)
+    fields: dict[str, Any] = {"thickness": check.thickness, **_codes(check)}
+    low = check.minimum if check.minimum > 0 else float(check.thickness.min())
+    high = float(check.thickness.max()) if math.isinf(check.maximum) else check.maximum
+    colors = low, max(high, low)
+    surface = _surface_layer("wall_check", shape, fields, "region", colors)
     marks = tuple(filter(None, (_places_layer(check), _ribs_layer(check, options))))
-    samples = (
-        () if fine is shape else (_wall_surface_layer("samples", fine, check, codes, numbers),)
-    )
+    samples = () if fine is shape else (_surface_layer("samples", fine, fields, "region", colors),)
     failed = sum(region.kind != "overlap" for region in check.regions)
     return Outcome(
         shape=fine,
@@ -384,12 +390,7 @@ def run_wall_check(shape: Shape, options: WallCheckRun, progress: Progress) -> O
             "diagonal": fine.diagonal,
             "spacing": fine.spacing,
         },
-        arrays={
-            **cloud_arrays(cloud),
-            "thickness": check.thickness,
-            "check": codes,
-            "region": numbers,
-        },
+        arrays={**cloud_arrays(cloud), **fields},
         shown=(samples or (surface,)) + marks[:1],
     )
 
@@ -417,7 +418,7 @@ def _limits(shape: Shape, options: WallCheckRun, progress: Progress) -> WallLimi
     return WallLimits(low, high, options.gap * shape.diagonal, options.regions)
 
 
-def _codes(check: WallCheck) -> tuple[IntArray, IntArray]:
+def _codes(check: WallCheck) -> dict[str, IntArray]:
     """Return `check` and `region` of each sample; the first region counts."""
     count = len(check.thickness)
     codes, numbers = np.zeros(count, np.int32), np.full(count, -1, np.int32)
@@ -425,28 +426,7 @@ def _codes(check: WallCheck) -> tuple[IntArray, IntArray]:
     for row, region in reversed(list(enumerate(check.regions))):
         codes[region.vertices] = CHECKS.index(region.kind)
         numbers[region.vertices] = row
-    return codes, numbers
-
-
-def _wall_surface_layer(
-    name: str, shape: Shape, check: WallCheck, codes: IntArray, numbers: IntArray
-) -> Layer:
-    """Layer of the first points of the refined shape, in colours from minimum to maximum."""
-    n = shape.point_count
-    low = check.minimum if check.minimum > 0 else float(check.thickness.min())
-    high = float(check.thickness.max()) if math.isinf(check.maximum) else check.maximum
-    return Layer(
-        name,
-        shape.points,
-        shape.faces,
-        attributes={"thickness": check.thickness[:n], "check": codes[:n], "region": numbers[:n]},
-        color_by="thickness",
-        color_map="diverging_reversed",
-        color_limits=(low, max(high, low)),
-        labels=("region",),
-        on_input=name != "samples",
-        auxiliary=name == "samples",
-    )
+    return {"check": codes, "region": numbers}
 
 
 def _places_layer(check: WallCheck) -> Layer | None:

@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from medialis.base.arrays import Described, Index, Mask
 from medialis.base.progress import Progress
 from medialis.base.threads import run_patiently
-from medialis.base.validation import FloatArray, IntArray
+from medialis.base.validation import FloatArray
 from medialis.shape.graph import ENCLOSED, Enclosure
 from medialis.skeleton.medial_cloud import MedialCloud
 from medialis.walls.ribs import Rib, edge_balls, ribs
@@ -64,66 +64,6 @@ MATERIALS = {
     name: (round(low * INCH, 2), round(high * INCH, 2)) for name, (low, high) in _INCHES.items()
 }
 """Least and largest thickness of a wall in millimetres."""
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class Gap(Described):
-    """A connected region of surface across from other surface that is too near.
-
-    Attributes
-    ----------
-    position, opposite : (3,) float64
-        Both ends at its narrowest sample.
-    value : float
-        How wide it is there.
-    vertices : (v,) int32
-        Samples on both sides, ascending.
-    widths : (v,) float64
-        Before each of them.
-    """
-
-    position: FloatArray
-    opposite: FloatArray
-    value: float
-    vertices: IntArray
-    widths: FloatArray
-
-
-def gap_widths(cloud: MedialCloud, least_angle: float) -> tuple[FloatArray, IntArray]:
-    """Return how wide the gap before each sample is, inf for none, and its ball, -1 for none.
-
-    Outer balls count whose two contacts face each other: seen from the center at least
-    `least_angle` (radians) apart, and with normals as far apart. Those of concave edges do not.
-    """
-    n = cloud.surface.point_count
-    widths, balls = np.full(n, np.inf), np.full(n, -1, np.int32)
-    chosen = cloud.valid & (cloud.side < 0) & (cloud.wall_angles >= least_angle)
-    rows = np.flatnonzero(chosen & ~edge_balls(cloud))
-    widths[cloud.source[rows]] = 2.0 * cloud.radii[rows]
-    balls[cloud.source[rows]] = rows
-    return widths, balls
-
-
-def narrow_gaps(cloud: MedialCloud, least: float, least_angle: float) -> list[Gap]:
-    """Return the connected regions where a gap is narrower than a length, the narrowest first.
-
-    Inside of another part an outer ball spans no gap: parts that overlap have none there.
-    """
-    widths, balls = gap_widths(cloud, least_angle)
-    widths = np.where(widths < least, widths, np.inf)
-    used = balls[np.isfinite(widths)]
-    if len(used) == 0:
-        return []
-    graph = PlaceGraph(cloud.surface, cloud.features[used])
-    enclosure = Enclosure(cloud.surface)
-    found = []
-    for place in low_places(graph, widths, level=least):
-        row = int(balls[place.vertex])
-        if enclosure.times(cloud.centers[row][None])[0] >= ENCLOSED:
-            continue
-        ends = cloud.surface.points[place.vertex], cloud.contacts[row]
-        found.append(Gap(*ends, place.value, place.vertices, widths[place.vertices]))
-    return found
 
 
 RegionKind = Literal["too thin", "too thick", "gap", "overlap"]
@@ -254,7 +194,7 @@ def check_walls(
     if maximum < math.inf:
         regions += run_patiently(lambda: _thick(walls, values, rows, maximum, limits), progress)
     if outer is not None and limits.gap > 0:
-        regions += run_patiently(lambda: _gaps(outer, limits, wall_angle), progress)
+        regions += run_patiently(lambda: _gaps(outer, limits, angle), progress)
     standing = run_patiently(lambda: ribs(walls, values, rows, cloud.inner.own), progress)
     order: tuple[RegionKind, ...] = ("too thin", "too thick", "gap", "overlap")
     regions.sort(key=lambda region: order.index(region.kind))
@@ -345,14 +285,29 @@ def _thick(
     return found
 
 
-def _gaps(outer: MedialCloud, limits: WallLimits, wall_angle: float) -> list[WallRegion]:
-    found = []
-    for gap in narrow_gaps(outer, limits.gap, math.radians(wall_angle))[: limits.most_regions]:
-        most = float(gap.widths.max())
-        area = _area(outer, gap.vertices)
-        ends = gap.position, gap.opposite
-        region = WallRegion("gap", *ends, gap.value, gap.value, most, area, gap.vertices)
-        found.append(region)
+def _gaps(outer: MedialCloud, limits: WallLimits, least_angle: float) -> list[WallRegion]:
+    """Return the regions where a gap is narrower than allowed, the narrowest first.
+
+    Outer balls count whose two contacts face each other: seen from the center at least
+    `least_angle` (radians) apart, and with normals as far apart. Those of concave edges do not.
+    Inside of another part an outer ball spans no gap: parts that overlap have none there.
+    """
+    surface = outer.surface
+    chosen = outer.valid & (outer.side < 0) & (outer.wall_angles >= least_angle)
+    rows = np.flatnonzero(chosen & ~edge_balls(outer))
+    rows = rows[2.0 * outer.radii[rows] < limits.gap]
+    if len(rows) == 0:
+        return []
+    widths, balls = np.full(surface.point_count, np.inf), np.full(surface.point_count, -1)
+    widths[outer.source[rows]], balls[outer.source[rows]] = 2.0 * outer.radii[rows], rows
+    enclosure, found = Enclosure(surface), list[WallRegion]()
+    for place in low_places(PlaceGraph(surface, outer.features[rows]), widths, level=limits.gap):
+        row = int(balls[place.vertex])
+        if enclosure.times(outer.centers[row][None])[0] >= ENCLOSED:
+            continue
+        found.append(_region("gap", outer, place, outer.contacts[row], place.value, widths))
+        if len(found) == limits.most_regions:
+            break
     return found
 
 

@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from medialis.base.cache_folder import package_version
 from medialis.base.threads import thread_count
 from medialis.base.validation import FloatArray, IntArray, as_field, as_points
+from medialis.base.version import package_version
 from medialis.curves.curve_skeleton import CurveSkeleton
 from medialis.operations.result import Result
 from medialis.shape.diagnosis import Diagnosis, diagnose

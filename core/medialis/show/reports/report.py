@@ -18,8 +18,7 @@ from medialis.formats.json_npz import json_text
 from medialis.operations.declaration import Kind, Parameter
 from medialis.operations.registry import OPERATIONS
 from medialis.operations.result import Result, quantity
-from medialis.show.picture import encode_png
-from medialis.show.pictures import draw_result, draw_turntable
+from medialis.show.picture import draw_result, draw_turntable, encode_png
 from medialis.show.reports.measures import TABLES, measure
 from medialis.show.reports.page import (
     bullets,
