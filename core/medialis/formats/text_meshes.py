@@ -307,7 +307,10 @@ def parse_point_text(data: bytes) -> ParsedMesh:
         text = rest
     values, counts = numbers_by_line(text, "point list")
     if len(counts) > 1 and counts[0] == 1:
-        _check_point_count(values[0], len(counts) - 1)
+        if values[0] != len(counts) - 1:
+            raise InvalidShapeError(
+                f"the first line announces {values[0]:g} points, but {len(counts) - 1} follow."
+            )
         values, counts = values[1:], counts[1:]
     if len(counts) == 0:
         raise InvalidShapeError("the file has no points.")
@@ -342,13 +345,6 @@ def _is_numbers(line: bytes) -> bool:
         return bool([float(word) for word in line.split()])
     except ValueError:
         return False
-
-
-def _check_point_count(announced: float, found: int) -> None:
-    if announced != found:
-        raise InvalidShapeError(
-            f"the first line announces {announced:g} points, but {found} follow."
-        )
 
 
 def _normals(rows: NDArray[np.float64]) -> NDArray[np.float64] | None:

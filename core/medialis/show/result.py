@@ -109,6 +109,14 @@ def run(*given: Any, **options: Any) -> Result:
 run.__annotations__ = {**registry.run.__annotations__, "return": Result}
 
 
+OF_LAYERS = (
+    *("name", "color_by", "color_map", "filter_by", "filter_default", "number_by", "on_input"),
+    *("auxiliary", "role"),
+)
+LISTS = ("labels", "color_limits", "formats")
+"""What a manifest tells of layers as it is, and as lists."""
+
+
 def read_result(folder: str | os.PathLike[str]) -> Result:
     """Read a result from its folder.
 
@@ -179,18 +187,13 @@ def _extras(folder: Path, name: str) -> dict[str, Any]:
 
 def _layer(folder: Path, row: Mapping[str, Any]) -> Layer:
     unit = row["filter_unit"]
-    names = ("name", "color_by", "color_map", "filter_by", "filter_default", "on_input")
+    lists: dict[str, Any] = {name: tuple(row.get(name, ())) for name in LISTS}
     return Layer(
         **vars(read_ply_attributes(folder / f"{row['name']}.ply")),
-        color_limits=tuple(row["color_limits"]),
-        labels=tuple(row["labels"]),
         filter_unit=FilterUnit(**{**unit, "kind": Kind(unit["kind"])}),
-        auxiliary=row["auxiliary"],
-        role=row["role"],
-        number_by=row.get("number_by"),
-        formats=tuple(row.get("formats", ())),
         facts=row.get("facts", {}),
-        **{name: row[name] for name in names},
+        **{name: row.get(name) for name in OF_LAYERS},
+        **lists,
     )
 
 
