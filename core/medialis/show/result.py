@@ -187,13 +187,12 @@ def _extras(folder: Path, name: str) -> dict[str, Any]:
 
 def _layer(folder: Path, row: Mapping[str, Any]) -> Layer:
     unit = row["filter_unit"]
-    lists: dict[str, Any] = {name: tuple(row.get(name, ())) for name in LISTS}
+    told: dict[str, Any] = {name: row.get(name) for name in OF_LAYERS}
     return Layer(
         **vars(read_ply_attributes(folder / f"{row['name']}.ply")),
         filter_unit=FilterUnit(**{**unit, "kind": Kind(unit["kind"])}),
         facts=row.get("facts", {}),
-        **{name: row.get(name) for name in OF_LAYERS},
-        **lists,
+        **told | {name: tuple(row.get(name, ())) for name in LISTS},
     )
 
 
