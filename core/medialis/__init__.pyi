@@ -58,7 +58,7 @@ from medialis.exchange.libraries import to_open3d as to_open3d
 from medialis.exchange.libraries import to_pandas as to_pandas
 from medialis.exchange.libraries import to_pyvista as to_pyvista
 from medialis.exchange.libraries import to_trimesh as to_trimesh
-from medialis.exchange.mesh_files import write_mesh as write_mesh
+from medialis.exchange.libraries import write_mesh as write_mesh
 from medialis.medial_meshes.distances import EnvelopeDistance as EnvelopeDistance
 from medialis.medial_meshes.distances import ball_cover as ball_cover
 from medialis.medial_meshes.distances import envelope_distance as envelope_distance
@@ -125,11 +125,11 @@ from medialis.sheets.unfolding import Unfolded as Unfolded
 from medialis.show.camera import Camera as Camera
 from medialis.show.picture import draw_result as draw_result
 from medialis.show.raster import Style as Style
-from medialis.show.reading import read_result as read_result
 from medialis.show.reconstruction import Comparison as Comparison
 from medialis.show.reconstruction import progressive as progressive
 from medialis.show.reconstruction import reconstruct_image as reconstruct_image
 from medialis.show.result import Result as Result
+from medialis.show.result import read_result as read_result
 from medialis.show.run import run as run
 from medialis.show.writing import Pictures as Pictures
 from medialis.show.writing import write_result as write_result

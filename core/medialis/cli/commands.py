@@ -165,7 +165,7 @@ def _of_folder(folder: Path) -> list[Outcome]:
         When there is none, or they are of several shapes.
     """
     from medialis.formats.files import MANIFEST
-    from medialis.show.reading import read_result
+    from medialis.show.result import read_result
 
     folders = sorted(
         path.parent for path in [*folder.glob(MANIFEST), *folder.glob(f"*/{MANIFEST}")]

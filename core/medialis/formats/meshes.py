@@ -181,7 +181,7 @@ def _split_quads(
 
 def _clip_ears(local: FloatArray, normal: FloatArray) -> NDArray[np.int64]:
     """Cut one polygon ear by ear, the fattest ear without another corner in it first."""
-    from medialis.formats._kernels import clip_ears
+    from medialis.base._kernels import clip_ears
 
     drop = int(np.abs(normal).argmax())
     flat = np.delete(local, drop, axis=1)

@@ -28,7 +28,7 @@ from medialis.shape.shape import Shape
 from medialis.skeleton.medial_cloud import BallStatus, MedialCloud
 
 if TYPE_CHECKING:
-    from medialis.base.box_tree import BoxTree
+    from medialis.base._box_tree_kernels import BoxTree
 
 LARGEST_INSIDE = 0.5
 """Fraction of the diagonal: no ball inside a closed shape has a larger radius."""

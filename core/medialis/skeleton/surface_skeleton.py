@@ -48,7 +48,7 @@ from medialis.skeleton.medial_cloud import COLUMNS, MedialCloud
 from medialis.skeleton.triangle_balls import Walls, between_samples, with_edge_balls
 
 if TYPE_CHECKING:
-    from medialis.base.box_tree import BoxTree
+    from medialis.base._box_tree_kernels import BoxTree
 
 MOST_BALLS_OF_FAN = 32
 """Balls of a fan at a sample, at most."""

@@ -26,7 +26,7 @@ from medialis.skeleton.ball_shrinking import SAMPLES_A_CHUNK, shrink_options
 from medialis.skeleton.medial_cloud import BallStatus, MedialCloud
 
 if TYPE_CHECKING:
-    from medialis.base.box_tree import BoxTree
+    from medialis.base._box_tree_kernels import BoxTree
     from medialis.skeleton._triangle_kernels import Hung
 
 BLOCKS_A_CHUNK = 1024
