@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from medialis.base.units import METERS
+from medialis.base.options import METERS
 from medialis.base.validation import FloatArray
 from medialis.curves.formats import graph_formats
 from medialis.formats.gltf import TRIANGLES, VERTICES, Buffer, middle_of
