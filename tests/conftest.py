@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import signal
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
 
 import medialis
+from plates import with_walls
 
 REAL_SHAPES = Path(__file__).resolve().parents[2] / "shared" / "shapes"
 
@@ -19,6 +21,39 @@ def real_shapes() -> Path:
     if not REAL_SHAPES.is_dir():
         pytest.skip("needs the real meshes in ../shared/shapes, which are not part of the project")
     return REAL_SHAPES
+
+
+QUICK = {"view_curve_skeleton": {"pairs": 40, "size": 128}}
+"""Options of operations that take half a minute at their defaults."""
+
+
+@pytest.fixture(scope="session")
+def small_shape() -> Callable[[str], medialis.Shape]:
+    """Return the shape for an operation by name: `organic_shape(56)`, or `tee()` if it needs walls.
+
+    They are prepared as shapes from files are.
+    """
+
+    @cache
+    def shape(name: str) -> medialis.Shape:
+        made = with_walls(name, medialis.organic_shape(56))
+        return medialis.make_shape(made.points, made.faces, repair=True)
+
+    return shape
+
+
+@pytest.fixture(scope="session")
+def default_run(small_shape) -> Callable[[str], medialis.Result]:
+    """Return operations at their defaults on `small_shape`, each run once and shared.
+
+    For tests that only look at results; nobody can change these.
+    """
+
+    @cache
+    def run(name: str) -> medialis.Result:
+        return medialis.run(name, small_shape(name), **QUICK.get(name, {}))
+
+    return run
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -30,6 +30,8 @@ from medialis.clouds.manifolds import manifolds as manifolds
 from medialis.curves.curve_skeleton import CurveEvidence as CurveEvidence
 from medialis.curves.curve_skeleton import CurveSkeleton as CurveSkeleton
 from medialis.curves.curve_skeleton import ViewPoints as ViewPoints
+from medialis.curves.finishing import point_graph as point_graph
+from medialis.curves.finishing import simplify_branches as simplify_branches
 from medialis.curves.formats import read_curve_skeleton as read_curve_skeleton
 from medialis.curves.formats import write_curve_skeleton as write_curve_skeleton
 from medialis.curves.from_balls.candidates import CandidateMeasure as CandidateMeasure
@@ -46,9 +48,7 @@ from medialis.curves.from_views.views import View as View
 from medialis.curves.from_views.views import ViewSource as ViewSource
 from medialis.curves.from_views.views import rasterizer as rasterizer
 from medialis.curves.from_views.views import silhouette_skeleton as silhouette_skeleton
-from medialis.curves.graph.finishing import point_graph as point_graph
-from medialis.curves.graph.finishing import simplify_branches as simplify_branches
-from medialis.curves.graph.loops import Handles as Handles
+from medialis.curves.loops import Handles as Handles
 from medialis.exchange.label_volumes import label_surfaces as label_surfaces
 from medialis.exchange.libraries import as_curve_skeleton as as_curve_skeleton
 from medialis.exchange.libraries import to_meshio as to_meshio
@@ -82,7 +82,7 @@ from medialis.operations.result import Outcome as Outcome
 from medialis.rigging.bones import Bones as Bones
 from medialis.rigging.bones import SkinWeights as SkinWeights
 from medialis.rigging.bones import bones as bones
-from medialis.rigging.skinning import skin_weights as skin_weights
+from medialis.rigging.bones import skin_weights as skin_weights
 from medialis.segments.mean_shift import MeanShift as MeanShift
 from medialis.segments.mean_shift import mean_shift as mean_shift
 from medialis.segments.mean_shift import mean_shift_segments as mean_shift_segments

@@ -305,7 +305,10 @@ def test_a_handler_that_chooses_another_keeps_it():
 
 
 def test_linear_algebra_keeps_to_the_thread_of_long_work():
-    """Its libraries have their threads again when the last of several works is done."""
+    """Its libraries have their threads again when the last of several works is done.
+
+    With threadpoolctl 3.8 limits that the main thread had set kept all others from it (fixed).
+    """
     import scipy.linalg  # noqa: F401 - its library is one of them
 
     libraries = linear_algebra(True, True)

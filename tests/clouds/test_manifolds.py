@@ -11,7 +11,7 @@ import clouds
 import medialis
 from closed_forms import unit
 from medialis.clouds._kernels import find_strips
-from medialis.clouds._patch_kernels import PATCHES, bend_patch, find_patches
+from medialis.clouds._patch_kernels import PATCHES, Patches, bend_patch, find_patches
 from medialis.clouds.manifolds import PointClass
 from medialis.clouds.smoothing import jitter
 
@@ -125,7 +125,7 @@ def test_patches_are_those_of_scipy():
     axes, size = np.zeros((PATCHES * n, 3)), np.zeros(PATCHES * n, np.int32)
     bits = np.zeros(PATCHES * n, np.uint64)
     bent = np.zeros((n, 3)), np.zeros((n, 3, 3)), np.zeros(n, np.uint64)
-    find_patches(points, near, 10, 0, n, math.cos(0.15), 0.25, 6, 4, axes, size, bits, *bent)
+    find_patches(points, 0, n, math.cos(0.15), Patches(10, near, axes, size, bits, *bent))
     expected = patches_by_scipy(points, near, 0.15)
     for i in range(n):
         slots = range(PATCHES * i, PATCHES * i + PATCHES)
@@ -187,7 +187,8 @@ def test_places_on_each_other_may_be_a_strip(others, strip):
     points = np.array([(0, 0, 0), *others], float)
     near, found = np.array([[1, 2, 3, 4, 5]], np.int32), np.zeros(1, bool)
     size, bits = np.array([5], np.int32), np.array([0b11111], np.uint64)
-    find_strips(points, near, 1, size, bits, 0.05, found)
+    none = np.empty((0, 3)), np.empty((0, 3, 3)), np.empty(0, np.uint64)
+    find_strips(points, Patches(5, near, np.zeros((1, 3)), size, bits, *none), found)
     assert found[0] == strip
 
 

@@ -4,7 +4,7 @@ from scipy.special import ellipe
 
 import medialis
 from medialis.curves.curve_skeleton import CurveSkeleton
-from medialis.curves.graph.finishing import (
+from medialis.curves.finishing import (
     merge_junctions,
     overestimate,
     prune_spurs,

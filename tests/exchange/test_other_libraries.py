@@ -12,8 +12,8 @@ from medialis.shape.reading import as_shape
 
 
 @pytest.fixture(scope="module")
-def result():
-    return medialis.run("thickness", medialis.organic_shape(56))
+def result(default_run):
+    return default_run("thickness")
 
 
 @pytest.fixture(scope="module")

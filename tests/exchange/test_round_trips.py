@@ -18,8 +18,8 @@ from medialis.show.reports.measures import distance_to_surface
 
 
 @pytest.fixture(scope="module")
-def result():
-    return medialis.run("thickness", medialis.organic_shape(56))
+def result(default_run):
+    return default_run("thickness")
 
 
 @pytest.fixture(scope="module")

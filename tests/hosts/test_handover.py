@@ -31,9 +31,9 @@ def test_face_fields_of_the_input_are_written_with_their_colors(tmp_path):
     np.testing.assert_array_equal(ply.face_attributes["part"][shape.face_map], parts)
 
 
-def test_hidden_points_are_a_layer_of_their_own(tmp_path):
-    shape = medialis.organic_shape(56)
-    result = medialis.run("surface_skeleton", shape)
+def test_hidden_points_are_a_layer_of_their_own(default_run, tmp_path):
+    result = default_run("surface_skeleton")
+    shape = result.shape
     manifest = write_for_host(result, shape, tmp_path / "out")
     assert [(about["name"], about["role"]) for about in manifest["layers"]] == [
         ("surface_skeleton", ""),
@@ -106,10 +106,10 @@ def test_a_selection_has_defaults_of_its_own_and_is_all_that_is_written(tmp_path
         assert manifest["values"] == {"selected": expected.sum()} and expected.any()
 
 
-def test_generated_layers_leave_the_colours_of_the_input(tmp_path):
+def test_generated_layers_leave_the_colours_of_the_input(default_run, tmp_path):
     """The branch of each vertex is a field; nothing tells a host to colour by it."""
     shape = medialis.organic_shape(56)
-    result = medialis.run("curve_skeleton", shape)
+    result = default_run("curve_skeleton")
     manifest = write_for_host(result, shape, tmp_path / "out", draw_solid=True)
     parts = next(about for about in manifest["layers"] if about["on_input"])
     ply = read_ply_attributes(tmp_path / "out" / parts["file"])

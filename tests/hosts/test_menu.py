@@ -5,7 +5,6 @@ import pytest
 import trimesh
 
 import medialis
-import plates
 from medialis.hosts import SELECTED, filters, host_layers, menu_entries, solid
 from medialis.operations.registry import OPERATIONS
 from medialis.operations.result import Layer
@@ -52,9 +51,12 @@ def test_help_cites_and_names_no_fraction():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("entry", filters(), ids=lambda entry: entry.name)
-def test_what_an_operation_declares_is_what_its_result_has(entry, creature):
-    creature = plates.with_walls(entry.operation.name, creature)
-    result = medialis.run(entry.operation.name, creature, **entry.defaults)
+def test_what_an_operation_declares_is_what_its_result_has(entry, small_shape, default_run):
+    creature = small_shape(entry.operation.name)
+    if entry.defaults:
+        result = medialis.run(entry.operation.name, creature, **entry.defaults)
+    else:
+        result = default_run(entry.operation.name)
     own = [layer for layer in result.layers if not layer.auxiliary]
     thin = any(layer.edges is not None or layer.number_by for layer in own)
     assert thin == entry.operation.thin_lines

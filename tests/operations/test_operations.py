@@ -12,15 +12,12 @@ import medialis
 from medialis.operations import names
 from medialis.operations.names import named_operations
 from medialis.operations.registry import OPERATIONS
-from plates import with_walls
 
 REAL = Path(__file__).resolve().parents[3] / "shared" / "shapes"
 # The largest shapes take seconds each and show nothing that horse2 does not.
 NAMES = sorted(p.stem for p in REAL.glob("*.ply") if p.stem != "igea2") or ["missing"]
 CUBE = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], float)
 QUADS = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
-# Computed at less than the default, which takes half a minute.
-QUICK = {"view_curve_skeleton": {"pairs": 40, "size": 128}}
 FACES = np.array([t for a, b, c, d in QUADS for t in ((a, b, c), (a, c, d))])
 
 
@@ -74,7 +71,9 @@ def test_real_shapes_give_a_skeleton_with_empty_balls(name, real_shapes):
 def test_every_operation_runs_on_a_real_shape(chosen, real_shapes):
     name = "hand" if chosen.sample == "creature" else "fertility"  # it stands on a plate
     shape = medialis.read_shape(real_shapes / f"{name}.ply")
-    result = medialis.run(chosen.name, shape, **QUICK.get(chosen.name, {}))
+    # At its default this one takes half a minute.
+    quick = {"pairs": 40, "size": 128} if chosen.name == "view_curve_skeleton" else {}
+    result = medialis.run(chosen.name, shape, **quick)
     assert result.layers and result.values and result.seconds["total"] > 0
 
 
@@ -90,11 +89,11 @@ def test_a_layer_has_the_attributes_it_names(given):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("chosen", OPERATIONS, ids=lambda o: o.name)
-def test_layers_on_the_input_have_its_points(chosen, creature):
-    creature = with_walls(chosen.name, creature)
-    for layer in medialis.run(chosen.name, creature, **QUICK.get(chosen.name, {})).layers:
+def test_layers_on_the_input_have_its_points(chosen, small_shape, default_run):
+    shape = small_shape(chosen.name)
+    for layer in default_run(chosen.name).layers:
         if layer.on_input:
-            assert (layer.points == creature.points).all() and (layer.faces == creature.faces).all()
+            assert (layer.points == shape.points).all() and (layer.faces == shape.faces).all()
 
 
 def test_a_cube_of_8_vertices_has_its_medial_sheets():
@@ -174,8 +173,8 @@ def test_ball_reconstruction_agrees_with_the_surface():
     assert result.images["reconstruction"].dtype == np.uint8
 
 
-def test_write_result_is_all_or_nothing(creature, tmp_path, monkeypatch):
-    result = medialis.run("surface_skeleton", creature)
+def test_write_result_is_all_or_nothing(default_run, tmp_path, monkeypatch):
+    result = default_run("surface_skeleton")
 
     def fail(*arguments, **options):
         raise medialis.FileError("disk full")
@@ -186,8 +185,8 @@ def test_write_result_is_all_or_nothing(creature, tmp_path, monkeypatch):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_pictures_of_any_attribute_and_wrong_ones(creature):
-    result = medialis.run("surface_skeleton", creature)
+def test_pictures_of_any_attribute_and_wrong_ones(default_run):
+    result = default_run("surface_skeleton")
     for name in result.layers[0].attributes:
         assert medialis.draw_result(result, color_by=name, width=200, height=150).shape == (
             150,

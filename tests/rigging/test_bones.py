@@ -7,8 +7,8 @@ import pytest
 
 import medialis
 from medialis.curves.curve_skeleton import CurveSkeleton
-from medialis.rigging import skinning
-from medialis.rigging.skinning import _laplacian
+from medialis.rigging import bones as rigging
+from medialis.rigging.bones import _laplacian
 from tubes import circle, segment, tube
 
 
@@ -297,8 +297,8 @@ def test_what_was_cut_and_split_is_said():
 def test_solving_for_bones_together_changes_nothing(monkeypatch, result):
     """More bones than are solved for at once, against one after the other."""
     rig = medialis.bones(result.extras["graph"], bone_length=0.03)
-    assert rig.count > 2 * skinning.AT_ONCE
-    together = skinning._skin(rig, result.extras["graph"].surface, 0.3)
-    monkeypatch.setattr(skinning, "AT_ONCE", 1)
-    alone = skinning._skin(rig, result.extras["graph"].surface, 0.3)
+    assert rig.count > 2 * rigging.AT_ONCE
+    together = rigging._skin(rig, result.extras["graph"].surface, 0.3)
+    monkeypatch.setattr(rigging, "AT_ONCE", 1)
+    alone = rigging._skin(rig, result.extras["graph"].surface, 0.3)
     assert np.abs(dense(together, rig.count) - dense(alone, rig.count)).max() < 1e-12

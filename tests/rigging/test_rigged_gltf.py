@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import medialis
-from medialis.rigging.formats import bone_frames, write_rigged_gltf
+from medialis.rigging.operation import bone_frames, write_rigged_gltf
 
 TYPES = {5121: np.uint8, 5123: np.uint16, 5125: np.uint32, 5126: np.float32}
 WIDTHS = {"SCALAR": 1, "VEC3": 3, "VEC4": 4, "MAT4": 16}

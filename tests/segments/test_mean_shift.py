@@ -7,7 +7,8 @@ import pytest
 
 import clouds
 import medialis
-from medialis.segments.mean_shift import MOST_STEPS, SIGMA, STILL, seed_points
+from medialis.segments._kernels import STILL
+from medialis.segments.mean_shift import MOST_STEPS, SIGMA, seed_points
 
 
 def blobs(distance, n=300, seed=0):

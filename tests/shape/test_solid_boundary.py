@@ -5,7 +5,7 @@ import pytest
 from scipy import ndimage
 
 import medialis
-from medialis.curves.graph.loops import find_handles
+from medialis.curves.loops import find_handles
 from medialis.shape.solid_boundary import solid_boundary
 
 

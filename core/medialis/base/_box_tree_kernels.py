@@ -13,8 +13,10 @@ and float64 holds every int32 index exactly.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from medialis.base.jit import kernel
 
@@ -23,6 +25,66 @@ FAN = 8  # children of a wide node
 # Rows of a node's bounds: box low x y z, box high x y z, slab direction x y z, slab low, slab high.
 BOUND_ROWS = 11
 _LOWEST_BIT = np.array([0, *((i & -i).bit_length() - 1 for i in range(1, 1 << FAN))])
+
+
+class BoxTree(NamedTuple):
+    """Samples in tree order with a box and a slab for every node.
+
+    Coordinates are relative to `center`, so that float32 bounds are good to 1e-7 of the diagonal
+    wherever the shape lies.
+
+    Attributes
+    ----------
+    center : (3,) float64
+        Middle of the bounding box, subtracted from all coordinates below.
+    points, normals : (n, 3) float64
+        Samples in tree order.
+    order : (n,) int32
+        Original index of each sample in tree order.
+    blocks : (leaves, 3, LEAF) float64
+        Leaf coordinates side by side; a short leaf repeats its last sample.
+    bounds : (nodes, 11, 8) float32
+        For the 8 children of a node: box low, box high, slab direction, slab low, slab high. A slab
+        is the range of offsets of the samples along their mean normal: thinner than the box where
+        the surface is nearly flat. Unused children have an empty box.
+    child : (nodes,) int64
+        First child: a node number, or ~leaf where the children are leaves.
+    depth : int
+        Binary levels: leaf j covers samples (n*j >> depth) .. (n*(j+1) >> depth).
+    """
+
+    center: NDArray[np.float64]
+    points: NDArray[np.float64]
+    normals: NDArray[np.float64]
+    order: NDArray[np.int32]
+    blocks: NDArray[np.float64]
+    bounds: NDArray[np.float32]
+    child: NDArray[np.int64]
+    depth: int
+
+    @property
+    def place(self) -> NDArray[np.int32]:
+        """Where each sample lies in tree order, (n,); computed each time."""
+        place = np.empty(len(self.order), np.int32)
+        place[self.order] = np.arange(len(place), dtype=np.int32)
+        return place
+
+
+class Items(NamedTuple):
+    """Balls, or balls round triangles, in the order of the tree of their centers.
+
+    Attributes
+    ----------
+    radii : (k,) float64
+    largest : (nodes, 8) float64
+        Largest radius below each child of a tree of balls; boxes of triangles hold them whole: 0.
+    corners : (k, 3, 3) or (0, 3, 3) float64
+        Corners of triangles, relative to the tree's center; none for balls.
+    """
+
+    radii: NDArray[np.float64]
+    largest: NDArray[np.float64]
+    corners: NDArray[np.float64]
 
 
 @kernel
@@ -80,9 +142,13 @@ def split_nodes(rows, level, depth, first, last):
 
 
 @kernel
-def fill_leaves(rows, normals, depth, first, last, out_points, out_normals, out_order, out_blocks):
-    """Copy samples into tree order and into the padded blocks of leaves first..last."""
+def fill_leaves(rows, normals, depth, first, last, out):
+    """Copy samples into tree order and into the padded blocks of leaves first..last.
+
+    `out` is the points, normals, order and blocks of the tree.
+    """
     n = len(rows)
+    out_points, out_normals, out_order, out_blocks = out
     for leaf in range(first, last):
         begin, end = (n * leaf) >> depth, (n * (leaf + 1)) >> depth
         for i in range(begin, end):
@@ -237,16 +303,16 @@ def nearest_place(px, py, pz, a, b, c):
 
 
 @kernel
-def nearest_item(
-    begin, end, queries, centers, radii, corners, bounds, child, largest, depth,
-    margin, enough, out_distance, out_item,
-):  # fmt: skip
+def nearest_item(begin, end, queries, tree, items, margin, enough, out):
     """Smallest distance to balls, |x - c| - r, or to the triangles within them; all in tree order.
 
-    `corners` has no row for balls. A node is skipped when even its largest ball at the nearest
-    place of its box is no nearer. The child that promises most is visited first: it is pushed
-    last. A distance below `enough` ends the search.
+    A node is skipped when even its largest ball at the nearest place of its box is no nearer. The
+    child that promises most is visited first: it is pushed last. A distance below `enough` ends the
+    search. `out` is the distances (q,) and the items (q,) int64.
     """
+    centers, bounds, child, depth = tree.points, tree.bounds, tree.child, tree.depth
+    radii, largest, corners = items
+    out_distance, out_item = out
     n = len(radii)
     stack = np.empty(8 * 12 + 8, np.int64)
     promise = np.empty(8 * 12 + 8)
@@ -298,15 +364,16 @@ def nearest_places(queries, corners, out_places):
 
 
 @kernel
-def nearest_in_tree(
-    first, last, points, order, blocks, bounds, child, depth, out_distance, out_near
-):  # fmt: skip
+def nearest_in_tree(first, last, tree, out_distance, out_near):
     """Find the nearest others of the points in leaves first..last of a box tree, nearest first.
 
     Points, blocks and bounds (float64) are in tree order, the rows of the answer and its indices in
     the given one. Each search begins in the leaf of its point: what it finds there is nearly always
     as near as the answer, so that few other boxes come near enough to be opened.
     """
+    points, order, bounds, child, depth = (
+        tree.points, tree.order, tree.bounds, tree.child, tree.depth,
+    )  # fmt: skip
     n, count = len(points), out_near.shape[1]
     stack, least = np.empty(8 * 12 + 8, np.int64), np.empty(8 * 12 + 8)
     box, turn, square = np.empty(FAN), np.empty(FAN, np.int64), np.empty(LEAF)
@@ -315,7 +382,7 @@ def nearest_in_tree(
         for i in range((n * leaf) >> depth, (n * (leaf + 1)) >> depth):
             x, y, z = points[i, 0], points[i, 1], points[i, 2]
             best[:] = np.inf
-            _take_leaf(x, y, z, i, leaf, n, depth, blocks, square, best, names)
+            _take_leaf(i, leaf, tree, square, best, names)
             stack[0], least[0] = 0, 0.0
             top = 1
             while top > 0:
@@ -334,7 +401,7 @@ def nearest_in_tree(
                 for at in range(hits):
                     if ~base + turn[at] != leaf and box[turn[at]] < best[count - 1]:
                         other = ~base + turn[at]
-                        _take_leaf(x, y, z, i, other, n, depth, blocks, square, best, names)
+                        _take_leaf(i, other, tree, square, best, names)
             row = order[i]
             for k in range(count):
                 out_distance[row, k], out_near[row, k] = math.sqrt(best[k]), order[names[k]]
@@ -374,8 +441,10 @@ def _sort_hits(box, reach, out_turn):
 
 
 @kernel
-def _take_leaf(x, y, z, i, leaf, n, depth, blocks, square, best, names):
+def _take_leaf(i, leaf, tree, square, best, names):
     """Enter the points of a leaf, but point i, into the sorted list of the nearest so far."""
+    n, depth, blocks = len(tree.points), tree.depth, tree.blocks
+    x, y, z = tree.points[i, 0], tree.points[i, 1], tree.points[i, 2]
     begin, count = (n * leaf) >> depth, len(best)
     for slot in range(LEAF):
         dx, dy, dz = blocks[leaf, 0, slot] - x, blocks[leaf, 1, slot] - y, blocks[leaf, 2, slot] - z

@@ -6,15 +6,120 @@ ascending order, and a band is drawn by one call that writes only its own rows. 
 races, and because a pixel changes only for a strictly smaller depth, ties go to the lowest index
 whatever the number of threads.
 
-`lens` is (pixels per unit, center column, center row, focal length in pixels or 0 for orthographic,
-near plane, sign): sign +1 keeps the nearest surface, -1 the furthest. The depth buffer holds
-sign * z while drawing, with +inf for nothing. Pixel (row, col) has its center at (col + 0.5,
-row + 0.5).
+Pixel (row, col) has its center at (col + 0.5, row + 0.5).
 """
 
+from __future__ import annotations
+
 import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
 
 from medialis.base.jit import kernel
+
+
+class Lens(NamedTuple):
+    """A camera as the kernels read it.
+
+    Attributes
+    ----------
+    scale : float
+        Pixels per unit.
+    column, row : float
+        Center of the picture.
+    focal : float
+        Focal length in pixels; 0 for orthographic.
+    near : float
+        Depth of the near plane.
+    sign : float
+        +1 keeps the nearest surface, -1 the furthest.
+    """
+
+    scale: float
+    column: float
+    row: float
+    focal: float
+    near: float
+    sign: float
+
+
+class Balls(NamedTuple):
+    """Balls seen by one camera.
+
+    Attributes
+    ----------
+    centers : (k, 3) float64
+        In view space.
+    radii : (k,) float64
+        As they are drawn.
+    boxes : (k, 4) int32
+        First and last row, first and last column; within the image.
+    colors : (k, 3) float32
+        In linear light.
+    """
+
+    centers: NDArray[np.float64]
+    radii: NDArray[np.float64]
+    boxes: NDArray[np.int32]
+    colors: NDArray[np.float32]
+
+
+class Triangles(NamedTuple):
+    """Triangles seen by one camera, clipped at its near plane.
+
+    Attributes
+    ----------
+    screen : (n, 3) float64
+        Column, row, and z (orthographic) or 1/z (perspective), which is linear on the screen.
+    corners : (t, 3) int32
+    names : (t,) int32
+        What each piece is known as in the index buffer.
+    """
+
+    screen: NDArray[np.float64]
+    corners: NDArray[np.int32]
+    names: NDArray[np.int32]
+
+
+class Mesh(NamedTuple):
+    """The faces that pieces of triangles belong to.
+
+    Attributes
+    ----------
+    points : (n, 3) float64
+        In view space.
+    faces : (m, 3) int32
+    normals, colors : (m, 3, 3) float32
+        At the corners; colors in linear light.
+    density : (m,) float32
+        Optical density of a see-through face, seen along its normal.
+    """
+
+    points: NDArray[np.float64]
+    faces: NDArray[np.int32]
+    normals: NDArray[np.float32]
+    colors: NDArray[np.float32]
+    density: NDArray[np.float32]
+
+
+class Canvas(NamedTuple):
+    """What has been drawn.
+
+    Attributes
+    ----------
+    depth : (h, w) float64
+        sign * z while drawing; +inf for nothing.
+    index : (h, w) int32
+        The ball or triangle, by its name; -1 for nothing.
+    glass : (h, w, 4) or (0, 0, 4) float32
+        Light (3) and density of see-through layers, where there are any.
+    """
+
+    depth: NDArray[np.float64]
+    index: NDArray[np.int32]
+    glass: NDArray[np.float32]
 
 
 @kernel
@@ -44,27 +149,25 @@ def pixel_range(low, high, begin, end):
 
 
 @kernel
-def splat_balls(items, view, radii, boxes, lens, begin, end, out_depth, out_index):
-    """Draw the balls `items` into rows begin..end; boxes (k, 4) = first, last row, first, last col.
-
-    The boxes lie within the image.
-    """
+def splat_balls(items, balls, lens, begin, end, out):
+    """Draw the balls `items` into rows begin..end."""
     for i in items:
-        row0, row1 = max(boxes[i, 0], begin), min(boxes[i, 1], end - 1)
-        if lens[3] > 0:
-            _perspective_ball(i, view, radii[i], row0, row1, boxes, lens, out_depth, out_index)
+        row0, row1 = max(balls.boxes[i, 0], begin), min(balls.boxes[i, 1], end - 1)
+        if lens.focal > 0:
+            _perspective_ball(i, balls, lens, row0, row1, out)
         else:
-            _orthographic_ball(i, view, radii[i], row0, row1, boxes, lens, out_depth, out_index)
+            _orthographic_ball(i, balls, lens, row0, row1, out)
 
 
 @kernel
-def _orthographic_ball(i, view, radius, row0, row1, boxes, lens, out_depth, out_index):
+def _orthographic_ball(i, balls, lens, row0, row1, out):
     # Depth at the offset (dx, dy) from the center: z - sqrt(r^2 - dx^2 - dy^2). It wins over the
     # depth d when z < d or when the root exceeds z - d, which mostly spares the square root.
-    scale = lens[0]
+    view, radius, boxes = balls.centers, balls.radii[i], balls.boxes
+    scale, out_depth, out_index = lens.scale, out.depth, out.index
     unit = 1.0 / scale
-    x, y = lens[1] + scale * view[i, 0], lens[2] - scale * view[i, 1]
-    key = lens[5] * view[i, 2]
+    x, y = lens.column + scale * view[i, 0], lens.row - scale * view[i, 1]
+    key = lens.sign * view[i, 2]
     center_row, center_col = pixel_of(y), pixel_of(x)
     for row in range(row0, row1 + 1):
         dy = (row + 0.5 - y) * unit
@@ -90,24 +193,26 @@ def _orthographic_ball(i, view, radius, row0, row1, boxes, lens, out_depth, out_
 
 
 @kernel
-def _perspective_ball(i, view, radius, row0, row1, boxes, lens, out_depth, out_index):
+def _perspective_ball(i, balls, lens, row0, row1, out):
     # The ray of a pixel is t (u, v, 1); it meets the sphere where |t d - c|^2 = r^2, that is
     # t = (d.c -+ sqrt(d.d r^2 - |c x d|^2)) / d.d. The cross product avoids the cancellation of
     # (d.c)^2 - d.d (c.c - r^2) for small balls far away.
+    view, radius, boxes = balls.centers, balls.radii[i], balls.boxes
     x, y, z = view[i, 0], view[i, 1], view[i, 2]
-    focal, near, sign = lens[3], lens[4], lens[5]
+    focal, near, sign = lens.focal, lens.near, lens.sign
+    out_depth, out_index = out.depth, out.index
     center_row, center_col = -1, -1
     if z > near:
-        center_row = pixel_of(lens[2] - focal * y / z)
-        center_col = pixel_of(lens[1] + focal * x / z)
+        center_row = pixel_of(lens.row - focal * y / z)
+        center_col = pixel_of(lens.column + focal * x / z)
     unit = 1.0 / focal
     whole = z - radius >= near
     for row in range(row0, row1 + 1):
-        v = (lens[2] - row - 0.5) * unit
+        v = (lens.row - row - 0.5) * unit
         a = y - z * v
         rest = a * a
         for col in range(boxes[i, 2], boxes[i, 3] + 1):
-            u = (col + 0.5 - lens[1]) * unit
+            u = (col + 0.5 - lens.column) * unit
             b = z * u - x
             c = x * v - y * u
             dd = u * u + v * v + 1.0
@@ -180,15 +285,14 @@ def triangle_rows(screen, corners, height, width, out_first, out_last):
 
 
 @kernel
-def draw_triangles(
-    items, screen, corners, names, lens, begin, end, glass, mesh, out_depth, out_index, out_glass
-):
+def draw_triangles(items, triangles, lens, begin, end, mesh, out):
     """Draw the triangles `items` into rows begin..end, by the rule that counts pixel centers.
 
-    screen (n, 3) holds column, row, and z (orthographic) or 1/z (perspective), which is linear on
-    the screen. Triangle i is known as names[i]. With `glass`, nothing hides: the optical density of
-    each layer in front of `out_depth` is added to `out_glass` (h, w, 4) by `add_layer`.
+    On a canvas with glass nothing hides: the optical density of each layer of the `mesh` in front
+    of what is drawn is added by `add_layer`.
     """
+    screen, corners, names = triangles.screen, triangles.corners, triangles.names
+    out_depth, out_index, glass = out.depth, out.index, len(out.glass) > 0
     width = out_depth.shape[1]
     for i in items:
         a, b, c, area = orient(corners[i], screen)
@@ -218,10 +322,10 @@ def draw_triangles(
                 if not covers(e0, e1, e2, closed0, closed1, closed2):
                     continue
                 w = min(max((e0 * wa + e1 * wb + e2 * wc) / area, low), high)
-                depth = lens[5] / w if lens[3] > 0 else lens[5] * w
+                depth = lens.sign / w if lens.focal > 0 else lens.sign * w
                 if depth < out_depth[row, col]:
                     if glass:
-                        add_layer(row, col, depth, names[i], lens, mesh, out_glass)
+                        add_layer(row, col, depth, names[i], lens, mesh, out.glass)
                     else:
                         out_depth[row, col] = depth
                         out_index[row, col] = names[i]
@@ -230,13 +334,13 @@ def draw_triangles(
 @kernel
 def hit_point(row, col, depth, lens):
     """Return the view-space point at a pixel's center and depth."""
-    if lens[3] > 0:
+    if lens.focal > 0:
         return (
-            depth * (col + 0.5 - lens[1]) / lens[3],
-            depth * (lens[2] - row - 0.5) / lens[3],
+            depth * (col + 0.5 - lens.column) / lens.focal,
+            depth * (lens.row - row - 0.5) / lens.focal,
             depth,
         )
-    return (col + 0.5 - lens[1]) / lens[0], (lens[2] - row - 0.5) / lens[0], depth
+    return (col + 0.5 - lens.column) / lens.scale, (lens.row - row - 0.5) / lens.scale, depth
 
 
 @kernel
@@ -277,13 +381,9 @@ def facing(nx, ny, nz, px, py, pz, perspective):
 
 @kernel
 def triangle_hit(face, px, py, pz, perspective, mesh):
-    """Return facing normal, cosine and base color where the point p lies in a triangle.
-
-    mesh = (points (n, 3) in view space, faces (m, 3), corner normals (m, 3, 3), corner colors
-    (m, 3, 3), density of a see-through face (m,)).
-    """
-    points, faces, normals, colors, _ = mesh
-    a, b, c = faces[face, 0], faces[face, 1], faces[face, 2]
+    """Return facing normal, cosine and base color where the point p lies in a triangle."""
+    points, normals, colors = mesh.points, mesh.normals, mesh.colors
+    a, b, c = mesh.faces[face, 0], mesh.faces[face, 1], mesh.faces[face, 2]
     s, t, u = weights(px, py, pz, points[a], points[b], points[c])
     n, k = normals[face], colors[face]
     nx, ny, nz, cosine = facing(
@@ -308,9 +408,9 @@ def add_layer(row, col, depth, face, lens, mesh, out_glass):
     Densities add up, so the order of the layers does not matter. Lighting is a gentle headlight.
     """
     px, py, pz = hit_point(row, col, depth, lens)
-    _, ny, _, cosine, red, green, blue = triangle_hit(face, px, py, pz, lens[3] > 0, mesh)
+    _, ny, _, cosine, red, green, blue = triangle_hit(face, px, py, pz, lens.focal > 0, mesh)
     rim = 1.0 - cosine
-    density = mesh[4][face] * (1.0 + 9.0 * rim * rim * rim)
+    density = mesh.density[face] * (1.0 + 9.0 * rim * rim * rim)
     light = density * (0.45 + 0.45 * cosine + 0.1 * ny)
     out_glass[row, col, 0] += light * red
     out_glass[row, col, 1] += light * green
@@ -319,20 +419,27 @@ def add_layer(row, col, depth, face, lens, mesh, out_glass):
 
 
 @kernel
-def surface_normals(depth, index, lens, begin, end, view, radii, mesh, out_normals):
+def pixel_normal(i, px, py, pz, lens, balls, mesh):
+    """Return normal, cosine and base color where p lies on ball or triangle i."""
+    if i >= len(balls.radii):
+        return triangle_hit(i - len(balls.radii), px, py, pz, lens.focal > 0, mesh)
+    view, colors = balls.centers, balls.colors
+    nx, ny, nz, cosine = facing(
+        px - view[i, 0], py - view[i, 1], pz - view[i, 2], px, py, pz, lens.focal > 0
+    )
+    # Times 1.0: double precision, as of a triangle.
+    return nx, ny, nz, cosine, 1.0 * colors[i, 0], 1.0 * colors[i, 1], 1.0 * colors[i, 2]
+
+
+@kernel
+def surface_normals(canvas, lens, balls, mesh, begin, end, out_normals):
     """Write the view-space normal, turned to the viewer, of each pixel in rows begin..end."""
-    balls = len(radii)
     for row in range(begin, end):
-        for col in range(depth.shape[1]):
-            i = index[row, col]
+        for col in range(canvas.depth.shape[1]):
+            i = canvas.index[row, col]
             if i < 0:
                 continue
-            px, py, pz = hit_point(row, col, depth[row, col], lens)
-            if i < balls:
-                nx, ny, nz, _ = facing(
-                    px - view[i, 0], py - view[i, 1], pz - view[i, 2], px, py, pz, lens[3] > 0
-                )
-            else:
-                nx, ny, nz, _, _, _, _ = triangle_hit(i - balls, px, py, pz, lens[3] > 0, mesh)
+            px, py, pz = hit_point(row, col, canvas.depth[row, col], lens)
+            nx, ny, nz, _, _, _, _ = pixel_normal(i, px, py, pz, lens, balls, mesh)
             out_normals[row, col, 0], out_normals[row, col, 1] = nx, ny
             out_normals[row, col, 2] = nz

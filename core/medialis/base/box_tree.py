@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -18,8 +17,14 @@ from medialis.base._box_tree_kernels import (
     BOUND_ROWS,
     FAN,
     LEAF,
+    BoxTree,
+    Items,
     bound_nodes,
     fill_leaves,
+    largest_radii,
+    nearest_in_tree,
+    nearest_item,
+    nearest_places,
     split_nodes,
 )
 from medialis.base.errors import InvalidShapeError
@@ -37,50 +42,6 @@ Allocate = Callable[[str, tuple[int, ...], Any], NDArray[Any]]
 
 def _in_memory(name: str, shape: tuple[int, ...], dtype: Any) -> NDArray[Any]:
     return np.empty(shape, dtype)
-
-
-@dataclass(frozen=True, eq=False)
-class BoxTree:
-    """Samples in tree order with a box and a slab for every node.
-
-    Coordinates are relative to `center`, so that float32 bounds are good to 1e-7 of the diagonal
-    wherever the shape lies.
-
-    Attributes
-    ----------
-    center : (3,) float64
-        Middle of the bounding box, subtracted from all coordinates below.
-    points, normals : (n, 3) float64
-        Samples in tree order.
-    order : (n,) int32
-        Original index of each sample in tree order.
-    blocks : (leaves, 3, LEAF) float64
-        Leaf coordinates side by side; a short leaf repeats its last sample.
-    bounds : (nodes, 11, 8) float32
-        For the 8 children of a node: box low, box high, slab direction, slab low, slab high. A slab
-        is the range of offsets of the samples along their mean normal: thinner than the box where
-        the surface is nearly flat. Unused children have an empty box.
-    child : (nodes,) int64
-        First child: a node number, or ~leaf where the children are leaves.
-    depth : int
-        Binary levels: leaf j covers samples (n*j >> depth) .. (n*(j+1) >> depth).
-    """
-
-    center: NDArray[np.float64]
-    points: NDArray[np.float64]
-    normals: NDArray[np.float64]
-    order: NDArray[np.int32]
-    blocks: NDArray[np.float64]
-    bounds: NDArray[np.float32]
-    child: NDArray[np.int64]
-    depth: int
-
-    @cached_property
-    def place(self) -> NDArray[np.int32]:
-        """Where each sample lies in tree order, (n,)."""
-        place = np.empty(len(self.order), np.int32)
-        place[self.order] = np.arange(len(place), dtype=np.int32)
-        return place
 
 
 def build_box_tree(
@@ -116,50 +77,43 @@ def build_box_tree(
         run_chunks(lambda a, b, lv=level: split_nodes(rows, lv, lv + 1, a, b), 1 << level, 1)
     run_chunks(lambda a, b: split_nodes(rows, top, depth, a, b), 1 << top, 1)
 
-    leaves = 1 << depth
-    tree_points = allocate("points", (n, 3), np.float64)
-    tree_normals = allocate("normals", (n, 3), np.float64)
-    order = allocate("order", (n,), np.int32)
-    blocks = allocate("blocks", (leaves, 3, LEAF), np.float64)
-    run_chunks(
-        lambda a, b: fill_leaves(
-            rows, normals, depth, a, b, tree_points, tree_normals, order, blocks
-        ),
-        leaves,
-        LEAVES_A_CHUNK,
+    levels, leaves = wide_levels(depth), 1 << depth
+    nodes = levels[-1][0].stop
+    samples = (
+        allocate("points", (n, 3), np.float64),
+        allocate("normals", (n, 3), np.float64),
+        allocate("order", (n,), np.int32),
+        allocate("blocks", (leaves, 3, LEAF), np.float64),
     )
-
-    # Wide levels: the root takes what is left over when the depth is no multiple of 3.
-    root_bits = depth % 3 if depth % 3 or depth == 0 else 3
-    child_depths = list(range(root_bits, depth + 1, 3))
-    counts = [1] + [1 << d for d in child_depths[:-1]]
-    first = np.concatenate([[0], np.cumsum(counts)])
-    bounds = allocate("bounds", (int(first[-1]), BOUND_ROWS, FAN), np.float32)
-    bounds[:, :3], bounds[:, 9:] = np.inf, np.inf
-    bounds[:, 3:6] = -np.inf
-    bounds[:, 6:9] = 0.0
-    child = allocate("child", (int(first[-1]),), np.int64)
-    for level, (count, child_depth) in enumerate(zip(counts, child_depths, strict=True)):
-        begin, fan = int(first[level]), 1 << (root_bits if level == 0 else 3)
-        here = slice(begin, begin + count)
-        last = level == len(counts) - 1
-        children = fan * np.arange(count)
-        child[here] = ~children if last else int(first[level + 1]) + children
+    run_chunks(
+        lambda a, b: fill_leaves(rows, normals, depth, a, b, samples), leaves, LEAVES_A_CHUNK
+    )
+    bounds = allocate("bounds", (nodes, BOUND_ROWS, FAN), np.float32)
+    tree = BoxTree(center, *samples, bounds, allocate("child", (nodes,), np.int64), depth)
+    tree.bounds[:, :3], tree.bounds[:, 9:] = np.inf, np.inf
+    tree.bounds[:, 3:6] = -np.inf
+    tree.bounds[:, 6:9] = 0.0
+    for here, child_depth, fan in levels:
+        children = fan * np.arange(here.stop - here.start)
+        tree.child[here] = ~children if here.stop == nodes else here.stop + children
         run_chunks(
             lambda a, b, d=child_depth, f=fan, s=here: bound_nodes(
-                tree_points, tree_normals, d, f, a, b, bounds[s]
+                tree.points, tree.normals, d, f, a, b, tree.bounds[s]
             ),
-            count,
+            len(children),
             NODES_A_CHUNK,
         )
-    return BoxTree(center, tree_points, tree_normals, order, blocks, bounds, child, depth)
+    return tree
 
 
-def wide_levels(nodes: int, depth: int) -> list[tuple[slice, int, int]]:
-    """Return nodes of each wide level, the binary level of their children, and children each."""
+def wide_levels(depth: int) -> list[tuple[slice, int, int]]:
+    """Return nodes of each wide level, the binary level of their children, and children each.
+
+    The root takes what is left over when the depth is no multiple of 3.
+    """
     bits = depth % 3 if depth % 3 or depth == 0 else 3
     result, first, count, child_depth, fan = [], 0, 1, bits, 1 << bits
-    while first < nodes:
+    while child_depth <= depth:
         result.append((slice(first, first + count), child_depth, fan))
         first, count = first + count, 1 << child_depth
         child_depth, fan = child_depth + 3, 8
@@ -168,26 +122,17 @@ def wide_levels(nodes: int, depth: int) -> list[tuple[slice, int, int]]:
 
 QUERIES_A_CHUNK = 512
 
+ROUNDING = 4e-7
+"""Part of the largest coordinates that distances to boxes may be off: these are float32 of
+coordinates relative to the middle, good to 1e-7 of their size, twice."""
+
 
 @dataclass(frozen=True, eq=False)
 class NearestTree:
-    """A box tree over the centers of k balls, or of balls round k triangles.
-
-    Attributes
-    ----------
-    tree : BoxTree
-    radii : (k,) float64
-        In tree order.
-    largest : (nodes, 8) float64
-        Largest radius below each child of a tree of balls; boxes of triangles hold them whole: 0.
-    corners : (k, 3, 3) or (0, 3, 3) float64
-        Corners of triangles in tree order, relative to the tree's center.
-    """
+    """A box tree over the centers of k balls, or of balls round k triangles."""
 
     tree: BoxTree
-    radii: FloatArray
-    largest: FloatArray
-    corners: FloatArray
+    items: Items
 
     @classmethod
     def of_balls(cls, centers: ArrayLike, radii: ArrayLike) -> NearestTree:
@@ -214,19 +159,16 @@ class NearestTree:
 
     @classmethod
     def _of(cls, middles: FloatArray, sizes: FloatArray, corners: FloatArray) -> NearestTree:
-        from medialis.base._box_tree_kernels import largest_radii
-
         tree = build_box_tree(middles, np.zeros_like(middles))
-        ordered = sizes[tree.order]
-        largest = np.zeros((len(tree.child), tree.bounds.shape[2]))
-        for nodes, child_depth, fan in wide_levels(len(tree.child), tree.depth):
-            count = nodes.stop - nodes.start
-            if len(corners):
-                _bound_corners(tree, corners, nodes, child_depth, fan)
-                continue
-            largest_radii(ordered, child_depth, fan, 0, count, largest[nodes])
+        ordered, largest = sizes[tree.order], np.zeros((len(tree.child), FAN))
         placed = corners[tree.order] - tree.center if len(corners) else corners
-        return cls(tree, ordered, largest, placed)
+        for nodes, child_depth, fan in wide_levels(tree.depth):
+            if len(corners):
+                _bound_corners(tree, placed, nodes, child_depth, fan)
+                continue
+            count = nodes.stop - nodes.start
+            largest_radii(ordered, child_depth, fan, 0, count, largest[nodes])
+        return cls(tree, Items(ordered, largest, placed))
 
     def distances(
         self,
@@ -254,23 +196,16 @@ class NearestTree:
         Cost: about O(log k) a point near the items; more far inside a hollow shape, where many
         items are equally far.
         """
-        from medialis.base._box_tree_kernels import nearest_item
-
-        points, tree = as_points(queries, "queries"), self.tree
-        # Bounds are float32 of coordinates relative to the middle: good to 1e-7 of their size,
-        # twice.
-        shifted = points - tree.center
-        reach = float(np.abs(tree.points).max(initial=0.0) + np.abs(shifted).max())
-        distance, row = np.empty(len(points)), np.empty(len(points), np.int64)
+        tree, count = self.tree, len(queries)
+        shifted = np.subtract(queries, tree.center, order="C")
+        reach = float(np.abs(tree.points).max(initial=0.0) + np.abs(shifted).max(initial=0.0))
+        out = distance, row = np.empty(count), np.empty(count, np.int64)
+        margin = ROUNDING * reach
 
         def work(begin: int, end: int) -> None:
-            nearest_item(
-                begin, end, shifted, tree.points, self.radii, self.corners,
-                tree.bounds, tree.child, self.largest, tree.depth, 4e-7 * reach, enough, distance,
-                row,
-            )  # fmt: skip
+            nearest_item(begin, end, shifted, tree, self.items, margin, enough, out)
 
-        run_chunks(work, len(points), QUERIES_A_CHUNK)
+        run_chunks(work, count, QUERIES_A_CHUNK)
         return distance, tree.order[row]
 
 
@@ -287,8 +222,6 @@ def nearest_on_triangles(queries: FloatArray, corners: FloatArray) -> FloatArray
     (q, 3) float64
         Not negative, sum 1; exactly 0 for the corners that an edge or a corner does not have.
     """
-    from medialis.base._box_tree_kernels import nearest_places
-
     places = np.empty((len(queries), 2))
     nearest_places(queries, corners, places)
     first = np.where(places.sum(axis=1) >= 1.0, 0.0, 1.0 - places.sum(axis=1))
@@ -296,16 +229,15 @@ def nearest_on_triangles(queries: FloatArray, corners: FloatArray) -> FloatArray
 
 
 def _bound_corners(
-    tree: BoxTree, corners: FloatArray, nodes: slice, child_depth: int, fan: int
+    tree: BoxTree, placed: FloatArray, nodes: slice, child_depth: int, fan: int
 ) -> None:
     """Let the boxes of some nodes hold whole triangles, in place of their middles.
 
     Far from a flat surface, boxes of middles that are widened by the size of triangles leave
     thousands of triangles that may be the nearest.
     """
-    n, count = len(corners), nodes.stop - nodes.start
+    n, count = len(placed), nodes.stop - nodes.start
     first = (n * np.arange(count * fan)) >> child_depth
-    placed = corners[tree.order] - tree.center
     for rows, ufunc, ends in (
         (slice(0, 3), np.minimum, placed.min(axis=1)),
         (slice(3, 6), np.maximum, placed.max(axis=1)),
@@ -344,8 +276,6 @@ def nearest_others(
     >>> near.ravel().tolist(), distance.ravel().tolist()
     ([1, 0, 1], [1.0, 1.0, 2.0])
     """
-    from medialis.base._box_tree_kernels import nearest_in_tree
-
     still = Progress() if progress is None else progress
     n, columns = len(points), max(min(count, len(points) - 1), 0)
     near, distance = np.empty((n, columns), np.int32), np.empty((n, columns))
@@ -356,10 +286,7 @@ def nearest_others(
     )
 
     def work(begin: int, end: int) -> None:
-        nearest_in_tree(
-            begin, end, tree.points, tree.order, tree.blocks, tree.bounds, tree.child, tree.depth,
-            distance, near,
-        )  # fmt: skip
+        nearest_in_tree(begin, end, tree, distance, near)
 
     run_chunks(work, len(tree.blocks), NEIGHBOUR_LEAVES_A_CHUNK, progress=progress)
     return near, distance

@@ -126,6 +126,7 @@ class _LinearAlgebra:
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._inside = 0
+        self._libraries: Any = None
         self._limit: Any = None
 
     @contextmanager
@@ -134,16 +135,17 @@ class _LinearAlgebra:
         with self._lock:
             self._inside += 1
             if self._inside == 1:
-                self._limit = linear_algebra(*(name in sys.modules for name in _LINKED)).limit(
-                    limits=1
-                )
+                self._libraries = linear_algebra(*(name in sys.modules for name in _LINKED))
+                with _any_thread_sets_limits(self._libraries):
+                    self._limit = self._libraries.limit(limits=1)
         try:
             yield
         finally:
             with self._lock:
                 self._inside -= 1
                 if self._inside == 0:
-                    self._limit.restore_original_limits()
+                    with _any_thread_sets_limits(self._libraries):
+                        self._limit.restore_original_limits()
 
 
 _LINKED = "numpy.linalg._umath_linalg", "scipy.linalg._fblas"
@@ -156,6 +158,20 @@ def linear_algebra(*loaded: bool) -> Any:
     from threadpoolctl import ThreadpoolController
 
     return ThreadpoolController().select(user_api="blas")
+
+
+@contextmanager
+def _any_thread_sets_limits(libraries: Any) -> Iterator[None]:
+    """Let this thread set limits, and then others: since 3.8 only the first one may that lives."""
+
+    def free() -> None:
+        for library in libraries.lib_controllers:
+            if hasattr(library, "clear_controlling_thread"):
+                library.clear_controlling_thread(force=True)
+
+    free()
+    yield
+    free()
 
 
 _linear_algebra = _LinearAlgebra()

@@ -19,12 +19,31 @@ import numpy as np
 
 from medialis.base.jit import kernel
 
+SLIMMEST = 0.25
+"""Sine of the angle of a triangle at the point, below which its normal is mostly noise."""
+
+FARTHEST_APART = 0.28
+"""Near a scanner the next line is many points away: of many neighbours those are chosen that are
+this share of the largest distance apart. 15 to 25 of them lie in a disc."""
+
+STRIP_WIDTH = 0.05
+"""Width of a line of a scan for its length."""
+
+FLAT_SINE = 0.1
+"""Sine of the smallest angle of a triple at its first point; slimmer ones name no plane."""
+
+FITS = 3
+"""Times that the best plane of a position is fitted again to what is near it."""
+
+ROOM = 4.0
+"""Half the square that a Voronoi cell is cut out of, in units of the largest circle."""
+
 
 @kernel
-def find_lines(points, near, k, slimmest, out_line):
+def find_lines(points, near, k, out_line):
     """Find points most of whose triangles with two of k neighbours are slim: all lie on a line.
 
-    Slim: the sine of the angle at the point is below `slimmest`. Of points on a line about half the
+    Slim: the sine of the angle at the point is below `SLIMMEST`. Of points on a line about half the
     pairs lie on both sides; an outlier sees all of a surface on one side.
     """
     for i in range(len(near)):
@@ -39,18 +58,18 @@ def find_lines(points, near, k, slimmest, out_line):
                 bz = points[near[i, b], 2] - points[i, 2]
                 x, y, z = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
                 sides = (ax * ax + ay * ay + az * az) * (bx * bx + by * by + bz * bz)
-                if x * x + y * y + z * z <= slimmest * slimmest * sides:
+                if x * x + y * y + z * z <= SLIMMEST * SLIMMEST * sides:
                     slim += 1
                     opposite += ax * bx + ay * by + az * bz < 0.0
         out_line[i] = 4 * slim > k * (k - 1) and 4 * opposite > slim
 
 
 @kernel
-def spread_neighbours(points, rows, wide, apart, out_near):
+def spread_neighbours(points, rows, wide, out_near):
     """Choose neighbours that lie evenly about a point from many that lie on lines.
 
-    Nearest first, at least `apart` times the distance to the last one from the point and from each
-    other. `out_near` (rows, k) keeps what it has where there are not so many.
+    Nearest first, at least `FARTHEST_APART` times the distance to the last one from the point and
+    from each other. `out_near` (rows, k) keeps what it has where there are not so many.
     """
     k = out_near.shape[1]
     chosen = np.empty(k, np.int32)
@@ -58,7 +77,7 @@ def spread_neighbours(points, rows, wide, apart, out_near):
         i, last, count = rows[row], wide[row, -1], 0
         least = 0.0
         for c in range(3):
-            least += (apart * (points[last, c] - points[i, c])) ** 2
+            least += (FARTHEST_APART * (points[last, c] - points[i, c])) ** 2
         for j in wide[row]:
             free = count < k
             for q in range(-1, count):
@@ -85,14 +104,14 @@ def _square_off(x, y, z, a, b, c):
 
 
 @kernel
-def _is_strip(sides, count, thin, rest):
+def _is_strip(sides, count, rest):
     """Whether places lie on two lines or fewer, one of them through 0 and one of the places."""
     for m in range(count):
         x, y, z = sides[m, 0], sides[m, 1], sides[m, 2]
         left = 0
         for j in range(count):
             a, b, c = sides[j, 0], sides[j, 1], sides[j, 2]
-            if _square_off(x, y, z, a, b, c) > thin * thin * (a * a + b * b + c * c):
+            if _square_off(x, y, z, a, b, c) > STRIP_WIDTH * STRIP_WIDTH * (a * a + b * b + c * c):
                 for axis in range(3):
                     rest[left, axis] = sides[j, axis] - (rest[0, axis] if left else 0.0)
                 left += 1
@@ -105,48 +124,37 @@ def _is_strip(sides, count, thin, rest):
         for j in range(1, left if longest > 0.0 else 0):
             x, y, z = rest[farthest, 0], rest[farthest, 1], rest[farthest, 2]
             off = max(off, _square_off(x, y, z, rest[j, 0], rest[j, 1], rest[j, 2]))
-        if off <= thin * thin * longest:
+        if off <= STRIP_WIDTH * STRIP_WIDTH * longest:
             return True
     return False
 
 
 @kernel
-def find_strips(points, near, patches, size, bits, thin, out_strip):
+def find_strips(points, patches, out_strip):
     """Find patches all of whose places lie on two lines: any two lines side by side have a plane.
 
-    `patches` is the number of slots of a point. Two lines of a scan, one on each side of an edge,
-    make a chamfer that is on no surface. `thin` is the width of a line for its length.
+    Two lines of a scan, one on each side of an edge, make a chamfer that is on no surface.
     """
-    k = near.shape[1]
+    near, size, bits = patches.near, patches.sizes, patches.corners
+    k, slots = near.shape[1], len(size) // len(near)
     sides, rest = np.empty((k, 3)), np.empty((k, 3))
     for slot in range(len(size)):
-        count, i = 0, slot // patches
+        count, i = 0, slot // slots
         for m in range(k):
             if size[slot] > 0 and (bits[slot] >> np.uint64(m)) & np.uint64(1) != 0:
                 for axis in range(3):
                     sides[count, axis] = points[near[i, m], axis] - points[i, axis]
                 count += 1
-        out_strip[slot] = count > 0 and _is_strip(sides, count, thin, rest)
-
-
-FLAT_SINE = 0.1
-"""Sine of the smallest angle of a triple at its first point; slimmer ones name no plane."""
+        out_strip[slot] = count > 0 and _is_strip(sides, count, rest)
 
 
 @kernel
 def _plane(places, triple, out_plane):
     """Find unit normal and offset of the plane through three places; False if they are in line."""
     p, q, r = triple
-    ax, ay, az = (
-        places[q, 0] - places[p, 0],
-        places[q, 1] - places[p, 1],
-        places[q, 2] - places[p, 2],
-    )
-    bx, by, bz = (
-        places[r, 0] - places[p, 0],
-        places[r, 1] - places[p, 1],
-        places[r, 2] - places[p, 2],
-    )
+    x, y, z = places[p, 0], places[p, 1], places[p, 2]
+    ax, ay, az = places[q, 0] - x, places[q, 1] - y, places[q, 2] - z
+    bx, by, bz = places[r, 0] - x, places[r, 1] - y, places[r, 2] - z
     x, y, z = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
     square = x * x + y * y + z * z
     sides = (ax * ax + ay * ay + az * az) * (bx * bx + by * by + bz * bz)
@@ -171,12 +179,17 @@ def _gather(points, neighbours, middle, places):
 
 
 @kernel
+def _height(places, m, plane):
+    """Height of a place over a plane: unit normal and offset."""
+    x, y, z = places[m, 0], places[m, 1], places[m, 2]
+    return plane[0] * x + plane[1] * y + plane[2] * z - plane[3]
+
+
+@kernel
 def _median_distance(places, count, plane, distances):
     """Median distance of the places to a plane, by sorting them in as they come."""
     for m in range(count):
-        distance = abs(
-            plane[0] * places[m, 0] + plane[1] * places[m, 1] + plane[2] * places[m, 2] - plane[3]
-        )
+        distance = abs(_height(places, m, plane))
         at = m
         while at > 0 and distances[at - 1] > distance:
             distances[at] = distances[at - 1]
@@ -213,9 +226,7 @@ def _support(places, count, plane, band):
     """How many places lie near a plane, those in its middle counting most."""
     total = 0.0
     for m in range(count):
-        share = (
-            plane[0] * places[m, 0] + plane[1] * places[m, 1] + plane[2] * places[m, 2] - plane[3]
-        ) / band
+        share = _height(places, m, plane) / band
         if share * share < 1.0:
             total += 1.0 - share * share
     return total
@@ -239,7 +250,7 @@ def _fit(places, count, plane, band):
     w = wu = wv = uu = uv = vv = wh = uh = vh = 0.0
     for m in range(count):
         x, y, z = places[m, 0], places[m, 1], places[m, 2]
-        height = plane[0] * x + plane[1] * y + plane[2] * z - plane[3]
+        height = _height(places, m, plane)
         share = height / band
         if share * share >= 1.0:
             continue
@@ -271,11 +282,11 @@ def _fit(places, count, plane, band):
 
 
 @kernel
-def smooth_positions(points, near, triples, band, rounds, begin, end, positions):
+def smooth_positions(points, near, triples, band, begin, end, positions):
     """Move the positions begin..end onto the planes with most support of the points near them.
 
     Row r of `near` are the neighbours of position r. Planes through three places are tried; the
-    best one is fitted again `rounds` times. A position that no plane passes within `band` stays.
+    best one is fitted again `FITS` times. A position that no plane passes within `band` stays.
     """
     k = near.shape[1]
     places, plane, best = np.empty((k + 1, 3)), np.empty(4), np.empty(4)
@@ -294,7 +305,7 @@ def smooth_positions(points, near, triples, band, rounds, begin, end, positions)
                 best[:] = plane
         if most == 0.0:
             continue
-        for _ in range(rounds):
+        for _ in range(FITS):
             _fit(places, count, best, band)
         if abs(best[3]) < band:
             for c in range(3):
@@ -302,13 +313,14 @@ def smooth_positions(points, near, triples, band, rounds, begin, end, positions)
 
 
 @kernel
-def _clip(corners, owners, count, x, y, heavier, name, spare, spare_owners):
+def _clip(cell, spare, count, x, y, heavier, name):
     """Cut a convex polygon by the half plane nearer to the origin than to (x, y).
 
     `heavier` is the weight of the origin less that of (x, y): squared distances count less by it.
-
-    Edge e runs from corner e to the next one and belongs to `owners[e]`. Return the corners left.
+    `cell` holds the corners, and the owner of the edge from each to the next one; so does `spare`,
+    as room. Returns the corners left.
     """
+    (corners, owners), (spare_corners, spare_owners) = cell, spare
     limit = 0.5 * (x * x + y * y + heavier)
     filled = 0
     for e in range(count):
@@ -316,19 +328,17 @@ def _clip(corners, owners, count, x, y, heavier, name, spare, spare_owners):
         here = corners[e, 0] * x + corners[e, 1] * y - limit
         there = corners[ahead, 0] * x + corners[ahead, 1] * y - limit
         if here <= 0.0:
-            spare[filled, 0], spare[filled, 1] = corners[e, 0], corners[e, 1]
-            spare_owners[filled] = owners[e]
+            spare_corners[filled], spare_owners[filled] = corners[e], owners[e]
             filled += 1
         if (here <= 0.0) != (there <= 0.0):
             share = here / (here - there)
             for axis in range(2):
-                spare[filled, axis] = corners[e, axis] + share * (
-                    corners[ahead, axis] - corners[e, axis]
-                )
+                step = corners[ahead, axis] - corners[e, axis]
+                spare_corners[filled, axis] = corners[e, axis] + share * step
             # Going out, the cut begins here; coming in, the rest of this edge does.
             spare_owners[filled] = name if here <= 0.0 else owners[e]
             filled += 1
-    corners[:filled] = spare[:filled]
+    corners[:filled] = spare_corners[:filled]
     owners[:filled] = spare_owners[:filled]
     return filled
 
@@ -345,10 +355,10 @@ def list_stars(flat, near, weights, farthest, begin, end, out_triangles, out_rad
     """
     k = near.shape[1]
     room = k + 8  # each cut adds one corner at most to the four of the square
-    corners, spare = np.empty((room, 2)), np.empty((room, 2))
-    owners, spare_owners = np.empty(room, np.int64), np.empty(room, np.int64)
+    corners, owners = np.empty((room, 2)), np.empty(room, np.int64)
+    spare = np.empty((room, 2)), np.empty(room, np.int64)
     for i in range(begin, end):
-        half = 4.0 * farthest[i]
+        half = ROOM * farthest[i]
         for e in range(4):
             corners[e, 0] = half if e in (0, 3) else -half
             corners[e, 1] = half if e in (0, 1) else -half
@@ -357,7 +367,7 @@ def list_stars(flat, near, weights, farthest, begin, end, out_triangles, out_rad
         for m in range(k):
             x, y = flat[i, m, 0], flat[i, m, 1]
             heavier = weights[i] - weights[near[i, m]]
-            count = _clip(corners, owners, count, x, y, heavier, m, spare, spare_owners)
+            count = _clip((corners, owners), spare, count, x, y, heavier, m)
         filled = 0
         for e in range(count):
             a, b = owners[e - 1 if e > 0 else count - 1], owners[e]

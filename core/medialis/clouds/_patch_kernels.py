@@ -13,22 +13,50 @@ left is compared with the same angle as the triangles of a flat patch.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from medialis.base._kernels import find_root
 from medialis.base.jit import kernel
+from medialis.clouds._kernels import SLIMMEST
+
+PATCHES = 4
+"""Most patches of a point. Five planes through one point leave a neighbourhood of 10 with two
+neighbours on each, which makes one triangle a plane: no patch."""
+
+LEAST_NEIGHBOURS = 4
+"""Of a patch: three points are in a plane with any fourth by chance far more often than two more
+are."""
+
+LEAST_TRIANGLES = LEAST_NEIGHBOURS * (LEAST_NEIGHBOURS - 1) // 2
+"""Those that so many neighbours make with the point."""
+
+PLANES = 2
+"""Flat patches that a bent one must fit better than: a crossing or a crease. They have no more
+coefficients than a quadric."""
+
+ELSEWHERE = 5
+"""One in so many neighbours may lie elsewhere before a patch is no longer all there is."""
+
+CLAIMS = 3
+"""Patches of a manifold with a point as a corner that make it a point of the manifold: those of its
+neighbours tell where a manifold goes on through an intersection, where its own are not clear."""
 
 TERMS = 6
+"""Coefficients of a quadric."""
 
 CHANCE = 2.0
 """Deviation of a corner from its quadric, in units of the largest mean deviation."""
 
-OFF, CLOSE = 3.0, 0.02
-"""Deviation of the point itself, in units of the mean deviation and of the mean distance, beyond
-which it is an outlier: three deviations are chance once in 370 times. Where there is no noise the
-mean deviation is next to nothing; a sphere of radius r leaves d^4 / (8 r^3) of its quadric at the
-distance d, which is 1.6 % of d at the steepest."""
+OFF = 3.0
+"""Mean deviations of the point itself beyond which it is an outlier: chance once in 370 times."""
+
+CLOSE = 0.02
+"""Mean distances by which it may be off besides. Where there is no noise the mean deviation is next
+to nothing; a sphere of radius r leaves d^4 / (8 r^3) of its quadric at the distance d, which is
+1.6 % of d at the steepest."""
 
 STEEPEST = 0.7
 """Slopes of the quadric in both directions together, at the mean distance d of the neighbours. On a
@@ -37,6 +65,37 @@ only, and neighbours reach as far as 2 d: so d / r is at most a half."""
 
 ROUNDS = 3
 """The plane is turned into the tangent plane of the quadric; its second turn is small."""
+
+
+class Patches(NamedTuple):
+    """Patches of the neighbourhoods of n points; bent ones stand beside the flat ones.
+
+    Attributes
+    ----------
+    neighbours : int
+        How many make flat patches; bent ones have all.
+    near : (n, k) int32
+        The nearest other points.
+    axes : (4 n, 3) float64
+        Unoriented normals, the slots of each point after those of another.
+    sizes : (4 n,) int32
+        Triangles; 0: no patch, nor in the slots of the point that follow.
+    corners : (4 n,) uint64
+        Neighbours as bits.
+    bent_axes, bends : (n, 3), (n, 3, 3) float64
+        Of the bent patch of each point: the normal at x is ``axis - bend x``.
+    bent_corners : (n,) uint64
+        0: there is none.
+    """
+
+    neighbours: int
+    near: NDArray[np.int32]
+    axes: NDArray[np.float64]
+    sizes: NDArray[np.int32]
+    corners: NDArray[np.uint64]
+    bent_axes: NDArray[np.float64]
+    bends: NDArray[np.float64]
+    bent_corners: NDArray[np.uint64]
 
 
 @kernel
@@ -211,23 +270,11 @@ def bend_patch(sides, flattest, drops, axis, out_bend):
     return _corners(sides, used, axis, out_bend, offset, flattest, radius)
 
 
-PATCHES = 4
-"""Most patches of a point. Five planes through one point leave a neighbourhood of 10 with two
-neighbours on each, which makes one triangle a plane: no patch."""
-
-PLANES = 2
-"""Flat patches that a bent one must fit better than: a crossing or a crease. They have no more
-coefficients than a quadric."""
-
-FAR = 5
-"""One in so many neighbours may lie elsewhere before a patch is no longer all there is."""
-
-
 @kernel
-def _triangle_normals(points, near, i, k, slimmest, out_normals, out_corners):
+def _triangle_normals(points, near, i, k, out_normals, out_corners):
     """List unit normals of the triangles of point i with two of k neighbours; return their number.
 
-    Triangles whose corner at i has a sine below `slimmest` say nothing about the plane.
+    Triangles whose corner at i has a sine below `SLIMMEST` say nothing about the plane.
     """
     count = 0
     for a in range(k):
@@ -243,7 +290,7 @@ def _triangle_normals(points, near, i, k, slimmest, out_normals, out_corners):
             y = az * bx - ax * bz
             z = ax * by - ay * bx
             square = x * x + y * y + z * z
-            if square <= slimmest * slimmest * aa * (bx * bx + by * by + bz * bz):
+            if square <= SLIMMEST * SLIMMEST * aa * (bx * bx + by * by + bz * bz):
                 continue
             length = math.sqrt(square)
             out_normals[count, 0] = x / length
@@ -355,36 +402,23 @@ def _covers(bits, k, least):
 
 
 @kernel
-def _is_all(bits, size, k):
+def _is_all(patches, i):
     """Whether a flat patch is all there is about a point: most neighbours, half the triangles."""
-    return 4 * size >= k * (k - 1) and _covers(bits, k, k - k // FAR)
+    k, slot = patches.neighbours, PATCHES * i
+    most = _covers(patches.corners[slot], k, k - k // ELSEWHERE)
+    return 4 * patches.sizes[slot] >= k * (k - 1) and most
 
 
 @kernel
-def find_patches(
-    points,
-    near,
-    k,
-    begin,
-    end,
-    least,
-    slimmest,
-    triangles,
-    neighbours,
-    out_axes,
-    out_size,
-    out_bits,
-    out_bent_axes,
-    out_bends,
-    out_bent_bits,
-):
-    """Patches of the points begin..end: clusters with enough triangles and enough neighbours.
+def find_patches(points, begin, end, least, patches):
+    """Fill in patches of the points begin..end: clusters with enough triangles and neighbours.
 
     `least` is the cosine of d_max. The largest come first; ties: the one with the nearest point.
-    They are made of k neighbours. Where none covers most of them, a patch of all neighbours that is
-    bent along a quadric stands beside them if it fits better and leaves no more than d_max: flat
-    patches fit planes that cross as well as can be, but not a coarsely sampled curved surface.
+    Where none covers most of the neighbours, a patch of all of them that is bent along a quadric
+    stands beside them if it fits better and leaves no more than d_max: flat patches fit planes that
+    cross as well as can be, but not a coarsely sampled curved surface.
     """
+    near, k, axes = patches.near, patches.neighbours, patches.axes
     most = k * (k - 1) // 2
     normals = np.empty((most, 3))
     corners = np.empty((most, 2), np.int64)
@@ -394,7 +428,7 @@ def find_patches(
     sides = np.empty((near.shape[1], 3))
     steepest = math.tan(0.5 * math.acos(least))
     for i in range(begin, end):
-        count = _triangle_normals(points, near, i, k, slimmest, normals, corners)
+        count = _triangle_normals(points, near, i, k, normals, corners)
         _complete_linkage(normals, count, least, similar, cluster, chain)
         sizes[:count] = 0
         for t in range(count):
@@ -402,7 +436,7 @@ def find_patches(
         start = _largest_cluster(cluster, sizes, count, 1)
         found = 0
         while found < PATCHES:
-            largest = _largest_cluster(cluster, sizes, count, triangles)
+            largest = _largest_cluster(cluster, sizes, count, LEAST_TRIANGLES)
             if largest < 0:
                 break
             bits = np.uint64(0)
@@ -410,25 +444,25 @@ def find_patches(
                 if cluster[t] == largest:
                     bits |= np.uint64(1) << np.uint64(corners[t, 0])
                     bits |= np.uint64(1) << np.uint64(corners[t, 1])
-            if _covers(bits, k, neighbours):
+            if _covers(bits, k, LEAST_NEIGHBOURS):
                 slot = PATCHES * i + found
-                _mean_axis(normals, cluster, largest, count, out_axes[slot])
-                out_size[slot] = sizes[largest]
-                out_bits[slot] = bits
+                _mean_axis(normals, cluster, largest, count, axes[slot])
+                patches.sizes[slot] = sizes[largest]
+                patches.corners[slot] = bits
                 found += 1
             sizes[largest] = 0
-        if start < 0 or _is_all(out_bits[PATCHES * i], out_size[PATCHES * i], k):
+        if start < 0 or _is_all(patches, i):
             continue
         for m in range(len(sides)):
             for c in range(3):
                 sides[m, c] = points[near[i, m], c] - points[i, c]
-        flattest, slot, drops = steepest, PATCHES * i, len(sides) // FAR
+        flattest, slot, drops = steepest, PATCHES * i, len(sides) // ELSEWHERE
         if found > 0:
-            flat = flat_misfit(sides, out_axes[slot : slot + PLANES], min(found, PLANES), drops)
+            flat = flat_misfit(sides, axes[slot : slot + PLANES], min(found, PLANES), drops)
             flattest = min(steepest, flat)
-        axis = out_bent_axes[i]
+        axis = patches.bent_axes[i]
         _mean_axis(normals, cluster, start, count, axis)
-        out_bent_bits[i] = bend_patch(sides, flattest, drops, axis, out_bends[i])
+        patches.bent_corners[i] = bend_patch(sides, flattest, drops, axis, patches.bends[i])
 
 
 @kernel
@@ -452,50 +486,51 @@ def _cosine(a, b):
 
 
 @kernel
-def choose_bent(points, near, k, axes, size, bits, bent_axes, bends, bent_bits, least, out_chosen):
+def choose_bent(points, patches, least, out_chosen):
     """Choose the bent patches that their neighbours confirm by the normals the quadric has there.
 
     Half of all neighbours must, which tells a surface from a crossing, and most of those where a
     flat patch is all there is, which tells it from the rounding of a crease between planes.
     """
-    axis = np.empty(3)
+    axis, near = np.empty(3), patches.near
+    bent_axes, bent_corners = patches.bent_axes, patches.bent_corners
     for i in range(len(near)):
         members, agree, flat, flat_agree = 0, 0, 0, 0
         for m in range(near.shape[1]):
-            if (bent_bits[i] >> np.uint64(m)) & np.uint64(1) == 0:
+            if (bent_corners[i] >> np.uint64(m)) & np.uint64(1) == 0:
                 continue
             j = near[i, m]
             members += 1
-            _turned(points, bent_axes[i], bends[i], i, j, axis)
-            if bent_bits[j] != 0:
+            _turned(points, bent_axes[i], patches.bends[i], i, j, axis)
+            if bent_corners[j] != 0:
                 agree += _cosine(axis, bent_axes[j]) >= least
-            elif _is_all(bits[PATCHES * j], size[PATCHES * j], k):
+            elif _is_all(patches, j):
                 flat += 1
-                flat_agree += _cosine(axis, axes[PATCHES * j]) >= least
-        most = flat_agree * FAR >= flat * (FAR - 1)
+                flat_agree += _cosine(axis, patches.axes[PATCHES * j]) >= least
+        most = flat_agree * ELSEWHERE >= flat * (ELSEWHERE - 1)
         out_chosen[i] = most and members > 0 and 2 * (agree + flat_agree) >= members
 
 
 @kernel
-def join_patches(points, near, axes, bends, size, bits, strip, least, parent):
+def join_patches(points, patches, strip, least, parent):
     """Join patches of neighbouring points whose axes have |cosine| >= `least` (union-find).
 
     Point j is compared with point i where it is a corner of the patch of i (thesis 4.2.3.5), by the
-    normal that a bent patch has there; `bends` (n, 3, 3) are those of first patches. Two patches of
+    normal that a bent patch has there; `bends` are now those of first patches. Two patches of
     which both are a `strip` are not joined: along an edge strips turn from one side to the other.
     On return `parent` holds the root of each slot, its lowest slot.
     """
-    axis = np.empty(3)
+    axis, near, axes, size = np.empty(3), patches.near, patches.axes, patches.sizes
     for slot in range(len(size)):
         if size[slot] == 0:
             continue
         i = slot // PATCHES
         for m in range(near.shape[1]):
-            if (bits[slot] >> np.uint64(m)) & np.uint64(1) == 0:
+            if (patches.corners[slot] >> np.uint64(m)) & np.uint64(1) == 0:
                 continue
             axis[:] = axes[slot]
             if slot % PATCHES == 0:
-                _turned(points, axes[slot], bends[i], i, near[i, m], axis)
+                _turned(points, axes[slot], patches.bends[i], i, near[i, m], axis)
             for other in range(PATCHES * near[i, m], PATCHES * near[i, m] + PATCHES):
                 if size[other] == 0:
                     break
@@ -507,20 +542,21 @@ def join_patches(points, near, axes, bends, size, bits, strip, least, parent):
 
 
 @kernel
-def claim_corners(near, bits, label, claims, claimed, counted):
-    """Add to each point the manifolds that have at least `claims` patches with it as a corner.
+def claim_corners(patches, label, claimed, counted):
+    """Add to each point the manifolds that have at least `CLAIMS` patches with it as a corner.
 
     `label` (n, PATCHES) is the manifold of each patch, -1 none, and becomes the manifolds of each
     point: those of its own patches first, each once. `claimed` (n, PATCHES) comes with -1 and
     `counted` with 0; a fifth manifold that claims a point is not counted.
     """
+    near = patches.near
     n, k = near.shape
     for i in range(n):
         for p in range(PATCHES):
             if label[i, p] < 0:
                 continue
             for m in range(k):
-                if (bits[PATCHES * i + p] >> np.uint64(m)) & np.uint64(1) == 0:
+                if (patches.corners[PATCHES * i + p] >> np.uint64(m)) & np.uint64(1) == 0:
                     continue
                 j = near[i, m]
                 for c in range(PATCHES):
@@ -536,7 +572,7 @@ def claim_corners(near, bits, label, claims, claimed, counted):
             if p < PATCHES:
                 name = label[i, p]
                 label[i, p] = -1
-            elif counted[i, p - PATCHES] >= claims:
+            elif counted[i, p - PATCHES] >= CLAIMS:
                 name = claimed[i, p - PATCHES]
             for c in range(filled):
                 if label[i, c] == name:

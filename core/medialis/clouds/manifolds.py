@@ -20,7 +20,7 @@ import math
 from dataclasses import dataclass, field, replace
 from enum import IntEnum
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -41,6 +41,37 @@ from medialis.clouds.smoothing import (
 )
 from medialis.shape.surface import Surface
 from medialis.skeleton.surface_skeleton import points_apart
+
+if TYPE_CHECKING:
+    from medialis.clouds._patch_kernels import Patches
+
+FEWEST_PLACES = 5
+"""A patch has a point and four neighbours (`LEAST_NEIGHBOURS` of `_patch_kernels`)."""
+
+BENT = 1.5
+"""Neighbours of a bent patch for each of a flat one: a quadric has 6 coefficients, a plane 3."""
+
+WIDE = 10
+"""Times the neighbours of a patch among which points on one line of a scan look for others."""
+
+STAR_NEIGHBOURS = 32
+"""Nearest points of the same manifold. Of a random plane, 2 in 1000 triangles have a corner that
+is not one of 20 neighbours of another; with 32 it is fewer than 1 in 1000."""
+
+RESTING = 20
+"""The circle of a triangle is not wider than the distance to this neighbour, 2.5 mean spacings:
+wider gaps are holes or the outside."""
+
+TIE_WEIGHT = 1e-3
+"""Weights of points in units of the squared spacing: on a grid, four points lie on a circle, and
+their corners must agree on one of its two diagonals."""
+
+ROUNDED = 1.01
+"""Times farther than it must have been that a place which was left out may find the one that speaks
+for it: rounding must leave none without."""
+
+CHUNK = 1024
+"""Points."""
 
 
 class PointClass(IntEnum):
@@ -203,15 +234,15 @@ class Speakers:
             good = np.flatnonzero(found.manifolds.lengths > 0)
             for rows in (np.arange(len(self.chosen)), good):
                 tree = cKDTree(self.places[self.chosen[rows]])
-                # A little farther: rounding must leave none without.
-                near = tree.query(self.places[left], distance_upper_bound=1.01 * self.apart)[1]
+                reach = ROUNDED * self.apart
+                near = tree.query(self.places[left], distance_upper_bound=reach)[1]
                 some = near < len(rows)
                 row[left[some]] = rows[near[some]]
         return np.asarray(row[self.place])
 
 
 def classified_places(
-    points: FloatArray, fewest: int, smooth: bool, progress: Progress
+    points: FloatArray, smooth: bool, progress: Progress
 ) -> tuple[FloatArray, Speakers]:
     """Return each place once, in units of the size and without scatter, and who speaks for whom.
 
@@ -227,9 +258,9 @@ def classified_places(
     places, place = run_patiently(lambda: _different(points), progress)
     places = (places - 0.5 * (low + high)) / size
     every = np.arange(len(places))
-    if len(places) < fewest or not smooth:
-        return places, Speakers(place, places, every, 0.0)
-    scatter = run_patiently(lambda: jitter(places), progress)
+    scatter = 0.0
+    if smooth and len(places) >= FEWEST_PLACES:
+        scatter = run_patiently(lambda: jitter(places), progress)
     if scatter == 0.0:
         return places, Speakers(place, places, every, 0.0)
     progress.note(
@@ -256,30 +287,6 @@ def _different(points: FloatArray) -> tuple[FloatArray, NDArray[np.int64]]:
     place = np.empty(len(points), np.int64)
     place[order] = np.cumsum(fresh) - 1
     return rising[fresh], place
-
-
-LEAST_TRIANGLES, LEAST_NEIGHBOURS = 6, 4
-"""A patch has at least four neighbours, which make six triangles with the point: three points are
-in a plane with any fourth by chance far more often than two more are."""
-
-BENT = 1.5
-"""Neighbours of a bent patch for each of a flat one: a quadric has 6 coefficients, a plane 3."""
-
-WIDE, APART = 10, 0.28
-"""Near a scanner the next line is many points away. Of so many times the neighbours those are
-chosen that are this share of the largest distance apart: 15 to 25 of them lie in a disc."""
-
-SLIMMEST = 0.25
-"""Sine of the angle of a triangle at the point, below which its normal is mostly noise."""
-
-THIN = 0.05
-"""Width of a line of a scan for its length."""
-
-CLAIMS = 3
-"""Patches of a manifold with a point as a corner that make it a point of the manifold: those of its
-neighbours tell where a manifold goes on through an intersection, where its own are not clear."""
-
-CHUNK = 1024
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -375,92 +382,70 @@ def manifolds(
             classified_places,
             cloud,
             options.smooth,
-            lambda: classified_places(points, LEAST_NEIGHBOURS + 1, options.smooth, progress),
+            lambda: classified_places(points, options.smooth, progress),
             progress,
         )
-    if len(places) <= LEAST_NEIGHBOURS:
+    if len(places) < FEWEST_PLACES:
         none = Ragged(np.zeros(len(points) + 1, np.int64), np.empty(0, np.int32))
         return ManifoldSet(none, 0, np.zeros(len(points), np.int32), points=points)
     with progress.stage("patches", 0.5, 1.0):
         key = options.smooth, options.neighbours, options.max_bend
         patches = kept(
-            Patches, cloud, key, lambda: _find_patches(places, options, progress), progress
+            _find_patches, cloud, key, lambda: _find_patches(places, options, progress), progress
         )
         found = run_patiently(lambda: _segment(places, patches, options), progress)
         rows = run_patiently(lambda: speakers.rows(found), progress)
         return replace(found.at(rows), points=points)
 
 
-@dataclass(frozen=True, eq=False)
-class Patches:
-    """Patches of each neighbourhood; see `_patch_kernels` for their slots. No corners: none."""
-
-    neighbours: int
-    near: NDArray[np.int32]
-    axes: FloatArray
-    sizes: IntArray
-    corners: NDArray[np.uint64]
-    bent_axes: FloatArray
-    bends: FloatArray
-    bent_corners: NDArray[np.uint64]
-
-
 def _find_patches(places: FloatArray, options: ManifoldsOptions, progress: Progress) -> Patches:
-    from medialis.clouds._patch_kernels import PATCHES, find_patches
+    """Find patches of each neighbourhood; those on one line of a scan have some on the next."""
+    from medialis.clouds._kernels import find_lines, spread_neighbours
+    from medialis.clouds._patch_kernels import PATCHES, Patches, find_patches
 
     n = len(places)
     k = min(options.neighbours, n - 1)
     near = nearest_points(places, min(round(BENT * k), n - 1), progress)
-    _leave_lines(places, near, k, progress)
-    slots, rows = PATCHES * n, n
-    flat = np.zeros((slots, 3)), np.zeros(slots, np.int32), np.zeros(slots, np.uint64)
-    bent = np.zeros((rows, 3)), np.zeros((rows, 3, 3)), np.zeros(rows, np.uint64)
-    limits = (
-        math.cos(math.radians(options.max_bend)),
-        SLIMMEST,
-        LEAST_TRIANGLES,
-        LEAST_NEIGHBOURS,
+    line = np.zeros(n, bool)
+    find_lines(places, near, k, line)
+    rows, wide = np.flatnonzero(line), WIDE * near.shape[1]
+    if wide < n and len(rows):
+        spread = near[rows]
+        spread_neighbours(places, rows, neighbours_of(places, places[rows], wide, progress), spread)
+        near[rows] = spread
+    slots = PATCHES * n
+    patches = Patches(
+        k, near, np.zeros((slots, 3)), np.zeros(slots, np.int32), np.zeros(slots, np.uint64),
+        np.zeros((n, 3)), np.zeros((n, 3, 3)), np.zeros(n, np.uint64),
+    )  # fmt: skip
+    least = math.cos(math.radians(options.max_bend))
+    run_chunks(
+        lambda begin, end: find_patches(places, begin, end, least, patches),
+        n,
+        CHUNK,
+        progress=progress,
     )
-
-    def work(begin: int, end: int) -> None:
-        find_patches(places, near, k, begin, end, *limits, *flat, *bent)
-
-    run_chunks(work, n, CHUNK, progress=progress)
-    return Patches(k, near, *flat, *bent)
+    return _frozen(patches)
 
 
-def _leave_lines(places: FloatArray, near: NDArray[np.int32], k: int, progress: Progress) -> None:
-    """Give points whose neighbours lie on one line of a scan some on the next lines."""
-    from medialis.clouds._kernels import find_lines, spread_neighbours
-
-    line = np.zeros(len(places), bool)
-    find_lines(places, near, k, SLIMMEST, line)
-    wide = WIDE * near.shape[1]
-    rows = np.flatnonzero(line)
-    if wide >= len(places) or len(rows) == 0:
-        return
-    spread = near[rows]
-    spread_neighbours(
-        places, rows, neighbours_of(places, places[rows], wide, progress), APART, spread
-    )
-    near[rows] = spread
+def _frozen(patches: Patches) -> Patches:
+    """Kernels that read patches are compiled for read-only ones, as kept ones are."""
+    return type(patches)(patches[0], *(frozen(array, array.dtype) for array in patches[1:]))
 
 
 def _with_bent(places: FloatArray, patches: Patches, least: float) -> Patches:
     """Put the bent patches that their neighbours confirm in the place of the flat ones."""
-    from medialis.clouds._patch_kernels import PATCHES, choose_bent
+    from medialis.clouds._patch_kernels import LEAST_TRIANGLES, PATCHES, choose_bent
 
     chosen = np.zeros(len(places), bool)
-    flat = patches.axes, patches.sizes, patches.corners
-    bent = patches.bent_axes, patches.bends, patches.bent_corners
-    choose_bent(places, patches.near, patches.neighbours, *flat, *bent, least, chosen)
+    choose_bent(places, patches, least, chosen)
     first = PATCHES * np.flatnonzero(chosen)
     axes, sizes, corners = patches.axes.copy(), patches.sizes.copy(), patches.corners.copy()
     sizes.reshape(-1, PATCHES)[chosen] = 0
     axes[first], corners[first] = patches.bent_axes[chosen], patches.bent_corners[chosen]
     sizes[first] = LEAST_TRIANGLES
     bends = np.where(chosen[:, None, None], patches.bends, 0.0)
-    return replace(patches, axes=axes, sizes=sizes, corners=corners, bends=bends)
+    return _frozen(patches._replace(axes=axes, sizes=sizes, corners=corners, bends=bends))
 
 
 def _segment(places: FloatArray, patches: Patches, options: ManifoldsOptions) -> ManifoldSet:
@@ -472,9 +457,8 @@ def _segment(places: FloatArray, patches: Patches, options: ManifoldsOptions) ->
     patches = _with_bent(places, patches, turn)
     n, sizes = len(places), patches.sizes
     root, strip = np.arange(PATCHES * n), np.zeros(PATCHES * n, bool)
-    find_strips(places, patches.near, PATCHES, sizes, patches.corners, THIN, strip)
-    linked = patches.axes, patches.bends, sizes, patches.corners, strip
-    join_patches(places, patches.near, *linked, turn, root)
+    find_strips(places, patches, strip)
+    join_patches(places, patches, strip, turn, root)
     counts = (sizes.reshape(n, PATCHES) > 0).sum(axis=1)
     seeds = np.bincount(root[PATCHES * np.flatnonzero(counts == 1)], minlength=PATCHES * n)
     number = np.full(PATCHES * n, -1, np.int32)
@@ -483,28 +467,13 @@ def _segment(places: FloatArray, patches: Patches, options: ManifoldsOptions) ->
     label = np.where(sizes > 0, number[root], -1).reshape(n, PATCHES)
     label = np.ascontiguousarray(label, np.int32)
     claimed, counted = np.full_like(label, -1), np.zeros_like(label)
-    claim_corners(patches.near, patches.corners, label, CLAIMS, claimed, counted)
+    claim_corners(patches, label, claimed, counted)
     size = np.bincount(label[label >= 0], minlength=len(large))
     rank = np.empty(len(large), np.int32)
     rank[np.argsort(-size, kind="stable")] = np.arange(len(large))
     offsets = np.concatenate([[0], np.cumsum((label >= 0).sum(axis=1))])
     members = Ragged(offsets, rank[label[label >= 0]])
     return ManifoldSet(members, len(large), counts, points=places)
-
-
-NEIGHBOURS = 32
-"""Nearest points of the same manifold. Of a random plane, 2 in 1000 triangles have a corner that
-is not one of 20 neighbours of another; with 32 it is fewer than 1 in 1000."""
-
-RESTING = 20
-"""The circle of a triangle is not wider than the distance to this neighbour, 2.5 mean spacings:
-wider gaps are holes or the outside."""
-
-TIE_WEIGHT = 1e-3
-"""Weights of points in units of the squared spacing: on a grid, four points lie on a circle, and
-their corners must agree on one of its two diagonals."""
-
-SURFACES_CHUNK = 1024
 
 
 @algorithm(Options)
@@ -570,7 +539,7 @@ def _triangulate(points: FloatArray) -> NDArray[np.int64]:
 
     size = float(np.ptp(points, axis=0).max())
     places = (points - points.mean(axis=0)) / size
-    n, k = len(points), min(NEIGHBOURS, len(points) - 1)
+    n, k = len(points), min(STAR_NEIGHBOURS, len(points) - 1)
     near = nearest_points(places, k, Progress())
     sides = places[near] - places[:, None]
     spread = sides - sides.mean(axis=1, keepdims=True)
@@ -583,7 +552,7 @@ def _triangulate(points: FloatArray) -> NDArray[np.int64]:
     def work(begin: int, end: int) -> None:
         list_stars(flat, near, weights, farthest, begin, end, triangles, radii)
 
-    run_chunks(work, n, SURFACES_CHUNK)
+    run_chunks(work, n, CHUNK)
     made = triangles[:, :, 0] >= 0
     return _agreed(triangles[made].astype(np.int64), radii[made])
 

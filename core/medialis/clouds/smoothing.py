@@ -67,7 +67,6 @@ deviations."""
 
 SAMPLES = 2000
 TRIPLES = 60
-FITS = 3
 CHUNK = 512
 
 
@@ -180,7 +179,7 @@ def without_jitter(
         near, triples = neighbours_of(beside, places, fewer, progress), _triples(fewer)
 
         def work(begin: int, end: int) -> None:
-            smooth_positions(beside, near, triples, band, FITS, begin, end, places)  # noqa: B023
+            smooth_positions(beside, near, triples, band, begin, end, places)  # noqa: B023
 
         run_chunks(work, len(rows), CHUNK, progress=progress)
         moved[rows] = places

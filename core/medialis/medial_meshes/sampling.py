@@ -77,7 +77,7 @@ class Solid:
     """
 
     def __init__(self, points: FloatArray, faces: IntArray) -> None:
-        self.surface = Surface(points, faces)
+        self.surface = Surface.of_checked(points, faces)
         self.points, self.faces = self.surface.points, frozen(faces, np.int64)
 
     @cached_property

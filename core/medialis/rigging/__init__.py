@@ -3,9 +3,9 @@
 In: a `CurveSkeleton`, with the map from the surface for the weights. Out: `Bones`, `SkinWeights`.
 The thesis has no rigging; it names armatures as a use of curve skeletons.
 
-- `bones.py`: the results, and bones from joint to joint; read it first.
+- `bones.py`: the results, bones from joint to joint, and weights by the map from the surface,
+  smoothed along it; read it first.
 - `limbs.py`: limbs of the tree of shortest paths, their joints, pairs of mirrored limbs.
-- `skinning.py`: weights by the map from the surface, smoothed along it.
 - `naming.py`: how bones are turned, and what rigs call them. Other names are an entry of `NAMINGS`.
-- `formats.py`, `operation.py`: rigged glTF, the operation armature.
+- `operation.py`: the operation armature, and rigged glTF.
 """

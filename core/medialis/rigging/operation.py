@@ -1,24 +1,42 @@
-"""Operation: bones along the curve skeleton of a mesh, and skin weights."""
+"""Operation: bones along the curve skeleton of a mesh, and skin weights; its files.
+
+A shape with its bones and skin weights is written as binary glTF (GLB), for animation programs. A
+joint is a node whose y axis runs along its bone, at the head. Lengths are metres, the unit of glTF,
+where the unit of the shape is known. glTF keeps single precision: a shape far from the origin is
+stored around its middle, and moved there by its nodes.
+"""
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
-from medialis.base.options import changed, choice
+from medialis.base.options import METERS, changed, choice
 from medialis.base.progress import Progress
+from medialis.base.validation import FloatArray
+from medialis.curves.formats import graph_formats
 from medialis.curves.from_balls.skeleton import CurveSkeletonOptions
 from medialis.curves.operation import described
-from medialis.operations.declaration import Operation
+from medialis.formats.gltf import TRIANGLES, VERTICES, Buffer, middle_of
+from medialis.operations.declaration import Format, Operation
 from medialis.operations.positions import numbers, place, places
-from medialis.operations.result import Layer, Outcome
-from medialis.rigging.bones import Bones, BonesOptions, SkinWeights, bones
-from medialis.rigging.formats import RIG_FORMATS
+from medialis.operations.result import Layer, Outcome, Result
+from medialis.rigging.bones import (
+    Bones,
+    BonesOptions,
+    SkinOptions,
+    SkinWeights,
+    bones,
+    skin_weights,
+)
 from medialis.rigging.naming import NAMINGS
-from medialis.rigging.skinning import SkinOptions, skin_weights
 from medialis.shape.shape import Shape
+from medialis.shape.surface import Surface
 from medialis.skeleton.surface_skeleton import Preparation
 
 
@@ -143,6 +161,147 @@ def _table(rig: Bones) -> list[dict[str, Any]]:
         for bone, name in enumerate(rig.names)
     ]
 
+
+def write_rigged_gltf(
+    path: str | os.PathLike[str],
+    surface: Surface,
+    normals: ArrayLike,
+    skin: SkinWeights,
+    *,
+    unit: str | None = None,
+) -> None:
+    """Write a mesh with its bones and weights as GLB.
+
+    Parameters
+    ----------
+    path : path
+        Replaced when it is there.
+    surface : Surface
+        A mesh of n vertices.
+    normals : (n, 3) float
+    skin : SkinWeights
+        Of its vertices, with its bones.
+    unit : str, optional
+        What one unit of the points is; metres when unknown.
+
+    Raises
+    ------
+    FileError
+        When the file cannot be written.
+    """
+    rig = skin.rig
+    assert rig is not None and surface.faces is not None
+    scale = METERS[unit] if unit else 1.0
+    middle = middle_of(surface)
+    frames = bone_frames(rig)
+    frames[:, :3, 3] = scale * (frames[:, :3, 3] - middle)
+    points = (scale * (surface.points - middle)).astype(np.float32)
+    store = Buffer()
+    joints, weights = _influences(skin)
+    attributes = {
+        "POSITION": store.add(points, VERTICES, limits=True),
+        "NORMAL": store.add(_directions(normals), VERTICES),
+        "JOINTS_0": store.add(joints, VERTICES),
+        "WEIGHTS_0": store.add(weights, VERTICES),
+    }
+    indices = store.add(surface.faces.astype(np.uint32).ravel(), TRIANGLES)
+    inverse = np.linalg.inv(frames).transpose(0, 2, 1).astype(np.float32)  # columns come first
+    inverse[:, :, 3] = [0, 0, 0, 1]
+    place = {"translation": (scale * middle).tolist()} if middle.any() else {}
+    nodes, children = _nodes(rig, frames, scale)
+    top, mesh = len(nodes), len(nodes) + 1
+    nodes.append({"name": "armature", **place, "children": children})
+    nodes.append({"name": "skin", **place, "mesh": 0, "skin": 0})
+    bound = {"joints": list(range(rig.count)), "skeleton": top}
+    bound["inverseBindMatrices"] = store.add(inverse)
+    store.write(path, {
+        "scene": 0,
+        "scenes": [{"nodes": [top, mesh]}],
+        "nodes": nodes,
+        "meshes": [{"primitives": [{"attributes": attributes, "indices": indices}]}],
+        "skins": [bound],
+    })  # fmt: skip
+
+
+def bone_frames(rig: Bones) -> FloatArray:
+    """Return the place of each bone: its head, and axes of which y runs along it, (b, 4, 4)."""
+    along = rig.tails - rig.heads
+    length = np.linalg.norm(along, axis=1, keepdims=True)
+    y = np.where(length > 0, along / np.where(length > 0, length, 1.0), [0.0, 1.0, 0.0])
+    # The axis that is farthest from the bone makes the turn round it definite.
+    least = np.eye(3)[np.abs(y).argmin(axis=1)]
+    z = np.cross(least, y)
+    z /= np.linalg.norm(z, axis=1, keepdims=True)
+    frames = np.tile(np.eye(4), (rig.count, 1, 1))
+    frames[:, :3, 0], frames[:, :3, 1], frames[:, :3, 2] = np.cross(y, z), y, z
+    frames[:, :3, 3] = rig.heads
+    return frames
+
+
+def _nodes(rig: Bones, frames: FloatArray, scale: float) -> tuple[list[dict[str, Any]], list[int]]:
+    """Return the node of each bone, then one at each end, and the numbers of the roots."""
+    own = [np.eye(4) if parent < 0 else frames[parent] for parent in rig.parents.tolist()]
+    local = np.linalg.inv(np.array(own)) @ frames
+    nodes: list[dict[str, Any]] = [
+        {"name": name, "translation": place[:3, 3].tolist(), "rotation": _quaternion(place[:3, :3])}
+        for name, place in zip(rig.names, local, strict=True)
+    ]
+    children: dict[int, list[int]] = {}
+    for bone, parent in enumerate(rig.parents.tolist()):
+        children.setdefault(parent, []).append(bone)
+    lengths = scale * np.linalg.norm(rig.tails - rig.heads, axis=1)
+    for bone in range(rig.count):
+        if bone not in children:  # without it nobody knows where the last bone ends
+            children[bone] = [len(nodes)]
+            tip = [0.0, float(lengths[bone]), 0.0]
+            nodes.append({"name": f"{rig.names[bone]} end", "translation": tip})
+        nodes[bone]["children"] = children[bone]
+    return nodes, children.get(-1, [])
+
+
+def _quaternion(turn: FloatArray) -> list[float]:
+    """Return a rotation as (x, y, z, w): the eigenvector of Bar-Itzhack's symmetric matrix."""
+    (a, b, c), (d, e, f), (g, h, i) = turn
+    matrix = np.array([
+        [a - e - i, b + d, c + g, h - f],
+        [b + d, e - a - i, f + h, c - g],
+        [c + g, f + h, i - a - e, d - b],
+        [h - f, c - g, d - b, a + e + i],
+    ])  # fmt: skip
+    return [float(x) for x in np.linalg.eigh(matrix)[1][:, -1]]
+
+
+def _influences(skin: SkinWeights) -> tuple[NDArray[Any], NDArray[np.float32]]:
+    """Return joints and weights as glTF wants them: sums of 1, joint 0 where there is none."""
+    weights = np.where(skin.bones >= 0, skin.weights, 0.0)
+    weights[weights.sum(axis=1) <= 0.0, 0] = 1.0
+    weights /= weights.sum(axis=1, keepdims=True)
+    joints = np.where(weights > 0, skin.bones, 0).clip(min=0)
+    kind = np.uint8 if joints.max(initial=0) < 256 else np.uint16
+    return joints.astype(kind), weights.astype(np.float32)
+
+
+def _directions(normals: ArrayLike) -> NDArray[np.float32]:
+    """Return unit normals; glTF has no word for a missing one, which points up."""
+    found = np.array(normals, np.float64)
+    found[np.linalg.norm(found, axis=1) < 0.5] = [0.0, 0.0, 1.0]
+    return found.astype(np.float32)
+
+
+def _write_rig(path: Path, result: Result) -> None:
+    """Write the given shape with the bones of a result."""
+    skin = result.extras["skin"]
+    count = len(skin.bones)  # a refined shape has the given points first
+    given = next(layer for layer in result.layers if layer.role == "skin")
+    surface, normals = Surface.of_checked(given.points, given.faces), result.shape.normals[:count]
+    write_rigged_gltf(path, surface, normals, skin, unit=result.shape.unit)
+
+
+RIG_FORMATS = (
+    *graph_formats(lambda result: result.extras["bones"].graph),
+    Format("glb", _write_rig, "skin", unasked=True),
+)
+"""The graph is the one that the bones lie along: its loops are cut."""
 
 OPERATION = Operation(
     name="armature",

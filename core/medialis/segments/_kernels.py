@@ -11,13 +11,62 @@ caps have in common; then the cheapest paths between sites and clusters of them.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from medialis.base._kernels import pop, push
 from medialis.base.jit import kernel
 
-FLAT, GAUSSIAN = 0, 1
+STILL = 1e-3
+"""Search radii: a seed that moves less in a step has arrived. The thesis stops below 1e-4, of a
+size that it does not state; with a search radius of 5 % of the diagonal, this is 5e-5 of it."""
+
+VERTICES_A_SITE = 256
+"""Room for the vertices of a cap, to begin with."""
+
+
+class Grid(NamedTuple):
+    """Points sorted by the cell of a grid that they lie in; lengths are in search radii.
+
+    Attributes
+    ----------
+    points : (n, 3) float64
+    starts : (cells + 1,) int64
+        The first point of each cell; cells along the last axis follow each other.
+    low : (3,) float64
+        The lowest corner of the grid.
+    width : float
+        Of a cell.
+    shape : (3,) int64
+        Cells along each axis.
+    sigma : float
+        Width of the Gaussian by which points weigh (Eq. 5.2 without its constant), 0: all the same.
+    """
+
+    points: NDArray[np.float64]
+    starts: NDArray[np.int64]
+    low: NDArray[np.float64]
+    width: float
+    shape: NDArray[np.int64]
+    sigma: float
+
+
+class Graph(NamedTuple):
+    """Vertices (n, 3); the neighbours of v are neighbours[offsets[v]:offsets[v + 1]]."""
+
+    points: NDArray[np.float64]
+    offsets: NDArray[np.int64]
+    neighbours: NDArray[np.int32]
+
+
+class Caps(NamedTuple):
+    """Shares of sites in samples; those of sample i are offsets[i] to offsets[i + 1]."""
+
+    offsets: NDArray[np.int32]
+    sites: NDArray[np.int32]
+    shares: NDArray[np.float64]
 
 
 @kernel
@@ -27,38 +76,57 @@ def _cell(x, low, width, size):
 
 
 @kernel
-def _shift(points, starts, low, width, shape, reach, sigma, place, out):
-    """Weighted mean of the points within reach (Eq. 5.1); return the sum of the weights.
+def _runs_near(grid, place, runs):
+    """List the runs of points in the cells within a search radius; returns how many.
 
-    `sigma` is the width of the Gaussian (Eq. 5.2 without its constant), 0 for equal weights.
+    `runs` has room for two numbers for each row of cells along the last axis, (rows, 2).
     """
-    total = x = y = z = 0.0
-    a, b, c = (
-        _cell(place[0], low[0], width, shape[0]),
-        _cell(place[1], low[1], width, shape[1]),
-        _cell(place[2], low[2], width, shape[2]),
-    )
-    span = math.ceil(reach / width)
+    low, width, shape = grid.low, grid.width, grid.shape
+    span, count = math.ceil(1.0 / width), 0
+    a, b = _cell(place[0], low[0], width, shape[0]), _cell(place[1], low[1], width, shape[1])
+    c = _cell(place[2], low[2], width, shape[2])
     first, last = max(c - span, 0), min(c + span, shape[2] - 1)
+    if first > last:
+        return 0
     for i in range(max(a - span, 0), min(a + span + 1, shape[0])):
         for j in range(max(b - span, 0), min(b + span + 1, shape[1])):
             row = (i * shape[1] + j) * shape[2]
-            if first > last:
+            runs[count, 0] = grid.starts[row + first]
+            runs[count, 1] = grid.starts[row + last + 1]
+            count += 1
+    return count
+
+
+@kernel
+def _room(grid):
+    """Return room for `_runs_near`."""
+    side = 2 * math.ceil(1.0 / grid.width) + 1
+    return np.empty((side * side, 2), np.int64)
+
+
+@kernel
+def _weight(square, sigma):
+    """Weight of a point by the square of its distance."""
+    return math.exp(-0.5 * square / (sigma * sigma)) if sigma > 0.0 else 1.0
+
+
+@kernel
+def _shift(grid, place, runs, out):
+    """Weighted mean of the points within reach (Eq. 5.1); return the sum of the weights."""
+    points, total, x, y, z = grid.points, 0.0, 0.0, 0.0, 0.0
+    for run in range(_runs_near(grid, place, runs)):
+        for p in range(runs[run, 0], runs[run, 1]):
+            dx = points[p, 0] - place[0]
+            dy = points[p, 1] - place[1]
+            dz = points[p, 2] - place[2]
+            square = dx * dx + dy * dy + dz * dz
+            if square > 1.0:
                 continue
-            for p in range(starts[row + first], starts[row + last + 1]):
-                dx = points[p, 0] - place[0]
-                dy = points[p, 1] - place[1]
-                dz = points[p, 2] - place[2]
-                square = dx * dx + dy * dy + dz * dz
-                if square > reach * reach:
-                    continue
-                weight = 1.0
-                if sigma > 0.0:
-                    weight = math.exp(-0.5 * square / (sigma * sigma))
-                total += weight
-                x += weight * dx
-                y += weight * dy
-                z += weight * dz
+            weight = _weight(square, grid.sigma)
+            total += weight
+            x += weight * dx
+            y += weight * dy
+            z += weight * dz
     if total > 0.0:
         x, y, z = x / total, y / total, z / total
     out[0], out[1], out[2] = place[0] + x, place[1] + y, place[2] + z
@@ -66,91 +134,67 @@ def _shift(points, starts, low, width, shape, reach, sigma, place, out):
 
 
 @kernel
-def follow_seeds(
-    points, starts, low, width, shape, reach, sigma, still, seeds, begin, end, out_paths, out_counts
-):
-    """Shift the seeds begin..end until a step is at most `still`; rows of the paths from 0.
+def follow_seeds(grid, seeds, begin, end, out_paths, out_counts):
+    """Shift the seeds begin..end until a step is at most `STILL`; rows of the paths from 0.
 
     `out_paths` (seeds, most, 3) holds the places after each step, `out_counts` how many.
     """
-    place = np.empty(3)
+    place, runs = np.empty(3), _room(grid)
     for s in range(begin, end):
         place[:] = seeds[s]
         row, count = s - begin, 0
         while count < out_paths.shape[1]:
             moved = out_paths[row, count]
-            _shift(points, starts, low, width, shape, reach, sigma, place, moved)
+            _shift(grid, place, runs, moved)
             count += 1
             step = 0.0
             for axis in range(3):
                 step += (moved[axis] - place[axis]) ** 2
             place[:] = moved
-            if step <= still * still:
+            if step <= STILL * STILL:
                 break
         out_counts[row] = count
 
 
 @kernel
-def weigh_places(points, starts, low, width, shape, reach, sigma, places, begin, end, out):
+def weigh_places(grid, places, begin, end, out):
     """Sum of the weights of the points about each place: the density there."""
-    moved = np.empty(3)
+    moved, runs = np.empty(3), _room(grid)
     for s in range(begin, end):
-        out[s] = _shift(points, starts, low, width, shape, reach, sigma, places[s], moved)
+        out[s] = _shift(grid, places[s], runs, moved)
 
 
 @kernel
-def count_votes(
-    steps, owner, starts, low, width, shape, reach, sigma, clusters, points, begin, end, out, share
-):
+def count_votes(grid, owner, clusters, points, begin, end, out, share):
     """Cluster whose paths came nearest to each point, by the weights K(|y - m(x)|) of their steps.
 
     The grid holds the steps; `owner` is the cluster of each. -1 where no step is within reach;
     `share` is the part of all votes that the winner got. Ties: the lowest cluster.
     """
-    span = math.ceil(reach / width)
-    votes = np.zeros(clusters)
-    touched = np.empty(clusters, np.int64)
+    votes, touched = np.zeros(clusters), np.empty(clusters, np.int64)
+    runs = _room(grid)
     for q in range(begin, end):
         count = 0
-        place = points[q]
-        a, b, c = (
-            _cell(place[0], low[0], width, shape[0]),
-            _cell(place[1], low[1], width, shape[1]),
-            _cell(place[2], low[2], width, shape[2]),
-        )
-        first, last = max(c - span, 0), min(c + span, shape[2] - 1)
-        for i in range(max(a - span, 0), min(a + span + 1, shape[0])):
-            for j in range(max(b - span, 0), min(b + span + 1, shape[1])):
-                row = (i * shape[1] + j) * shape[2]
-                if first > last:
+        for run in range(_runs_near(grid, points[q], runs)):
+            for p in range(runs[run, 0], runs[run, 1]):
+                square = 0.0
+                for axis in range(3):
+                    square += (grid.points[p, axis] - points[q, axis]) ** 2
+                if square > 1.0:
                     continue
-                for p in range(starts[row + first], starts[row + last + 1]):
-                    square = 0.0
-                    for axis in range(3):
-                        square += (steps[p, axis] - place[axis]) ** 2
-                    if square > reach * reach:
-                        continue
-                    weight = 1.0
-                    if sigma > 0.0:
-                        weight = math.exp(-0.5 * square / (sigma * sigma))
-                    if votes[owner[p]] == 0.0:
-                        touched[count] = owner[p]
-                        count += 1
-                    votes[owner[p]] += weight
-        best, total = -1, 0.0
-        for t in range(count):
-            name = touched[t]
+                if votes[owner[p]] == 0.0:
+                    touched[count] = owner[p]
+                    count += 1
+                votes[owner[p]] += _weight(square, grid.sigma)
+        best, most, total = -1, 0.0, 0.0
+        for name in touched[:count]:
             total += votes[name]
-            if (
-                best < 0
-                or votes[name] > votes[best]
-                or (votes[name] == votes[best] and name < best)
-            ):
-                best = name
+            if votes[name] > most or (votes[name] == most and name < best):
+                best, most = name, votes[name]
         out[q] = best
-        share[q] = votes[best] / total if best >= 0 else 0.0
-        for t in range(count):
-            votes[touched[t]] = 0.0
+        share[q] = most / total if best >= 0 else 0.0
+        for name in touched[:count]:
+            votes[name] = 0.0
 
 
 @kernel
@@ -241,15 +285,16 @@ def choose_apart(places, distance, out_chosen):
 
 
 @kernel
-def near_sites(first, last, points, offsets, neighbours, starts, gaps, radius, out_count):
+def near_sites(first, last, graph, starts, gaps, radius, out_count):
     """Return the vertices along edges within a radius of the sites first..last, and how far.
 
     Those of one site after those of another, `out_count` of each. A site lies `gaps` beside its
     vertex `starts`.
     """
-    n, used = len(points), 0
-    distance = np.full(n, np.inf)
-    vertex, far = np.empty(256 * (last - first), np.int32), np.empty(256 * (last - first))
+    points, offsets, neighbours = graph
+    used, distance = 0, np.full(len(points), np.inf)
+    room = VERTICES_A_SITE * (last - first)
+    vertex, far = np.empty(room, np.int32), np.empty(room)
     keys, names = np.empty(len(neighbours) + 1), np.empty(len(neighbours) + 1, np.int32)
     for s in range(first, last):
         begin = used
@@ -281,17 +326,14 @@ def near_sites(first, last, points, offsets, neighbours, starts, gaps, radius, o
 
 
 @kernel
-def add_in_common(
-    rows, others, weights, offsets, sites, shares, other_offsets, other_sites, other_shares,
-    out_common,
-):  # fmt: skip
+def add_in_common(rows, others, weights, own, other, out_common):
     """Add the weight of each pair of samples to the sites with shares in the one and the other."""
     for k in range(len(rows)):
         i, j = rows[k], others[k]
-        for a in range(offsets[i], offsets[i + 1]):
-            share = weights[k] * shares[a]
-            for b in range(other_offsets[j], other_offsets[j + 1]):
-                out_common[sites[a], other_sites[b]] += share * other_shares[b]
+        for a in range(own.offsets[i], own.offsets[i + 1]):
+            share = weights[k] * own.shares[a]
+            for b in range(other.offsets[j], other.offsets[j + 1]):
+                out_common[own.sites[a], other.sites[b]] += share * other.shares[b]
 
 
 @kernel
@@ -345,8 +387,7 @@ def average_linkage(shares, weights, out_pairs, out_shares):
         for k in range(n):
             if alive[k] and k != one:
                 mean = (weights[one] * shares[one, k] + weights[other] * shares[other, k]) / total
-                shares[one, k] = mean
-                shares[k, one] = mean
+                shares[one, k] = shares[k, one] = mean
         weights[one] = total
         for k in range(n):
             if not alive[k]:

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -36,23 +36,38 @@ from medialis.shape.shape import Shape
 from medialis.skeleton.medial_cloud import MedialCloud
 from medialis.skeleton.surface_skeleton import as_cloud, uniform_subsample
 
+if TYPE_CHECKING:
+    from medialis.segments._kernels import Grid
+
 Kernel = Literal["gaussian", "flat"]
 
 SIGMA = 0.5
 """Width of the Gaussian in search radii: its weight has fallen to 0.14 where it is cut."""
 
-STILL = 1e-3
-"""Search radii: a seed that moves less in a step has arrived. The thesis stops below 1e-4, of a
-size that it does not state; with a search radius of 5 % of the diagonal, this is 5e-5 of it."""
-
 MOST_STEPS = 300
-SEEDS_A_CHUNK = 16
-POINTS_A_CHUNK = 256
+"""Of a seed."""
+
 CELL = 0.5
 """Width of the cells of the grid in search radii: 1 reads 1.7 times as many points."""
 
 MOST_CELLS = 128
 """Cells of the grid along the longest side."""
+
+BUMP_RADIUS = 0.3
+"""Share of the balls, smallest first, that may be seeds ("low distance to the surface")."""
+
+BUMP_ANGLE = math.radians(90.0)
+"""Least spoke angle of a seed ("large spoke angle"): smaller ones are balls of noise and edges."""
+
+DIFFUSION = 20
+"""Steps by which borders are straightened: they move by about four samples at most."""
+
+SEED_SPACING = 0.15
+"""Distance of seeds in search radii: several in each segment."""
+
+SEEDS_A_CHUNK, POINTS_A_CHUNK = 16, 256
+
+Seeds = Literal["spread", "bumps", "all", "none"]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -182,14 +197,16 @@ def shift_seeds(
     places, starts = (points - origin) / radius, (seeds - origin) / radius
     scaled = SIGMA if options.kernel == "gaussian" else 0.0
     with progress.stage("shift", 0.0, 0.5):
-        steps, first = _paths(_Grid.of(places), starts, scaled, options.last_steps, progress)
-        ends = steps[np.append(first[1:], len(steps)) - 1]
+        grid, _ = _grid(places, scaled)
+        steps, lengths = _paths(grid, starts, options.last_steps, progress)
+        ends = steps[np.cumsum(lengths) - 1]
         centers, cluster = run_patiently(
-            lambda: _merged(_Grid.of(places), ends, scaled, (merge or radius) / radius), progress
+            lambda: _merged(grid, ends, (merge or radius) / radius), progress
         )
     with progress.stage("votes", 0.5, 1.0):
-        owner = np.repeat(cluster, np.diff(np.append(first, len(steps))))
-        labels, shares = _votes(_Grid.of(steps), owner, len(centers), places, scaled, progress)
+        grid, order = _grid(steps, scaled)
+        owner = np.repeat(cluster, lengths)[order]
+        labels, shares = _votes(grid, owner, len(centers), places, progress)
     return MeanShift(
         frozen(centers * radius + origin, np.float64),
         frozen(labels, np.int32),
@@ -198,71 +215,45 @@ def shift_seeds(
     )
 
 
-@dataclass(frozen=True, eq=False)
-class _Grid:
-    """Points sorted by cell; `order` are their numbers, `starts` the first place of each cell.
+def _grid(points: FloatArray, sigma: float) -> tuple[Grid, NDArray[np.int64]]:
+    """Sort points into a grid; returns their order as well. Lengths are in search radii."""
+    from medialis.segments._kernels import Grid
 
-    Lengths are in search radii.
-    """
-
-    points: FloatArray
-    order: NDArray[np.int64]
-    starts: NDArray[np.int64]
-    low: FloatArray
-    width: float
-    shape: NDArray[np.int64]
-
-    @classmethod
-    def of(cls, points: FloatArray) -> _Grid:
-        low, extent = points.min(axis=0), np.ptp(points, axis=0)
-        width = max(CELL, float(extent.max()) / MOST_CELLS)
-        cell = np.floor((points - low) / width).astype(np.int64)
-        shape = cell.max(axis=0) + 1
-        key = (cell[:, 0] * shape[1] + cell[:, 1]) * shape[2] + cell[:, 2]
-        order = np.argsort(key, kind="stable")
-        starts = np.concatenate([[0], np.cumsum(np.bincount(key, minlength=int(shape.prod())))])
-        return cls(np.ascontiguousarray(points[order]), order, starts, low, width, shape)
-
-    def arguments(self, sigma: float) -> tuple[Any, ...]:
-        """Grid, search radius (1) and sigma, as kernels take them."""
-        return self.starts, self.low, self.width, self.shape, 1.0, sigma
+    low, extent = points.min(axis=0), np.ptp(points, axis=0)
+    width = max(CELL, float(extent.max()) / MOST_CELLS)
+    cell = np.floor((points - low) / width).astype(np.int64)
+    shape = cell.max(axis=0) + 1
+    key = (cell[:, 0] * shape[1] + cell[:, 1]) * shape[2] + cell[:, 2]
+    order = np.argsort(key, kind="stable")
+    starts = np.concatenate([[0], np.cumsum(np.bincount(key, minlength=int(shape.prod())))])
+    return Grid(np.ascontiguousarray(points[order]), starts, low, width, shape, sigma), order
 
 
 def _paths(
-    grid: _Grid, seeds: FloatArray, sigma: float, last: int, progress: Progress
+    grid: Grid, seeds: FloatArray, last: int, progress: Progress
 ) -> tuple[FloatArray, NDArray[np.int64]]:
-    """Return the steps of all seeds, one path after the other, and where each path begins."""
+    """Return the steps of all seeds, one path after the other, and how many each path has."""
     from medialis.segments._kernels import follow_seeds
 
-    chunks: list[tuple[FloatArray, NDArray[np.int64]]] = [
-        (np.empty(0), np.empty(0, np.int64))
-    ] * math.ceil(len(seeds) / SEEDS_A_CHUNK)
+    paths: list[FloatArray] = [np.empty((0, 3))] * len(seeds)
 
     def work(begin: int, end: int) -> None:
-        paths, counts = np.empty((end - begin, MOST_STEPS, 3)), np.zeros(end - begin, np.int64)
-        follow_seeds(grid.points, *grid.arguments(sigma), STILL, seeds, begin, end, paths, counts)
-        kept = [path[:n][-last:] for path, n in zip(paths, counts, strict=True)]
-        lengths = np.array([len(path) for path in kept])
-        chunks[begin // SEEDS_A_CHUNK] = np.concatenate(kept), lengths
+        places, counts = np.empty((end - begin, MOST_STEPS, 3)), np.zeros(end - begin, np.int64)
+        follow_seeds(grid, seeds, begin, end, places, counts)
+        for row, count in enumerate(counts):
+            paths[begin + row] = places[row, :count][-last:].copy()
 
     run_chunks(work, len(seeds), SEEDS_A_CHUNK, progress=progress)
-    lengths = np.concatenate([n for _, n in chunks])
-    return np.concatenate([steps for steps, _ in chunks]), np.cumsum(lengths) - lengths
+    return np.concatenate(paths), np.array([len(path) for path in paths])
 
 
-def _merged(
-    grid: _Grid, ends: FloatArray, sigma: float, merge: float
-) -> tuple[FloatArray, NDArray[np.int64]]:
+def _merged(grid: Grid, ends: FloatArray, merge: float) -> tuple[FloatArray, NDArray[np.int64]]:
     """Return the centers, densest first, and the center of each end."""
     from medialis.segments._kernels import weigh_places
 
     density = np.empty(len(ends))
     run_chunks(
-        lambda begin, end: weigh_places(
-            grid.points, *grid.arguments(sigma), ends, begin, end, density
-        ),
-        len(ends),
-        POINTS_A_CHUNK,
+        lambda begin, end: weigh_places(grid, ends, begin, end, density), len(ends), POINTS_A_CHUNK
     )
     cluster = np.full(len(ends), -1, np.int64)
     centers: list[FloatArray] = []
@@ -278,40 +269,21 @@ def _merged(
 
 
 def _votes(
-    grid: _Grid,
+    grid: Grid,
     owner: NDArray[np.int64],
     clusters: int,
     points: FloatArray,
-    sigma: float,
     progress: Progress,
 ) -> tuple[NDArray[np.int64], FloatArray]:
     from medialis.segments._kernels import count_votes
 
-    owner = owner[grid.order]
     labels, shares = np.empty(len(points), np.int64), np.empty(len(points))
 
     def work(begin: int, end: int) -> None:
-        count_votes(
-            grid.points, owner, *grid.arguments(sigma), clusters, points, begin, end, labels, shares
-        )
+        count_votes(grid, owner, clusters, points, begin, end, labels, shares)
 
     run_chunks(work, len(points), POINTS_A_CHUNK, progress=progress)
     return labels, shares
-
-
-Seeds = Literal["spread", "bumps", "all", "none"]
-
-BUMP_RADIUS = 0.3
-"""Share of the balls, smallest first, that may be seeds ("low distance to the surface")."""
-
-BUMP_ANGLE = math.radians(90.0)
-"""Least spoke angle of a seed ("large spoke angle"): smaller ones are balls of noise and edges."""
-
-DIFFUSION = 20
-"""Steps by which borders are straightened: they move by about four samples at most."""
-
-SEED_SPACING = 0.15
-"""Distance of seeds in search radii: several in each segment."""
 
 
 @dataclass(frozen=True, kw_only=True)

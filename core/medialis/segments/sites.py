@@ -164,13 +164,12 @@ def in_common(
     own: Any, other: Any, rows: NDArray[Any], others: NDArray[Any], weights: FloatArray
 ) -> FloatArray:
     """Return own[rows].T @ diag(weights) @ other[others], of sparse shares of sites in samples."""
-    from medialis.segments._kernels import add_in_common
+    from medialis.segments._kernels import Caps, add_in_common
 
     found = np.zeros((own.shape[1], other.shape[1]))
     pairs = rows.astype(np.int32), others.astype(np.int32), np.array(weights)
-    add_in_common(
-        *pairs, own.indptr, own.indices, own.data, other.indptr, other.indices, other.data, found
-    )
+    caps = (Caps(shares.indptr, shares.indices, shares.data) for shares in (own, other))
+    add_in_common(*pairs, *caps, found)
     return found
 
 
@@ -280,7 +279,7 @@ def _unit_surface(cloud: MedialCloud) -> Surface:
     surface = cloud.surface
     low, high = surface.bounds
     middle = low + (high - low) / 2
-    return Surface((surface.points - middle) / surface.diagonal, surface.faces)
+    return Surface.of_checked((surface.points - middle) / surface.diagonal, surface.faces)
 
 
 def _caps(
@@ -292,17 +291,17 @@ def _caps(
     """
     from scipy.sparse import csc_array, csr_array
 
-    from medialis.segments._kernels import near_sites
+    from medialis.segments._kernels import Graph, near_sites
     from medialis.shape._kernels import spread_from_seeds
 
     n, s = surface.point_count, len(starts)
     counts, rows = np.zeros(s, np.int64), np.zeros(s + 1, np.int64)
     found: list[Any] = [None] * -(-s // CHUNK)
 
+    walk = Graph(surface.points, graph.offsets, graph.indices)
+
     def search(begin: int, end: int) -> None:
-        found[begin // CHUNK] = near_sites(
-            begin, end, surface.points, graph.offsets, graph.indices, starts, gaps, radius, counts
-        )
+        found[begin // CHUNK] = near_sites(begin, end, walk, starts, gaps, radius, counts)
 
     run_chunks(search, s, CHUNK)
     rows[1:] = np.cumsum(counts)
@@ -314,11 +313,7 @@ def _caps(
         return caps
     seed, away = np.full(n, -1, np.int32), np.full(n, np.inf)
     seed[starts], away[starts] = starts, 0.0
-    room = len(graph.indices) + 1
-    spread_from_seeds(
-        surface.points, graph.offsets, graph.indices, np.empty(room), np.empty(room, np.int32),
-        away, seed,
-    )  # fmt: skip
+    spread_from_seeds(surface.points, graph.offsets, graph.indices, away, seed)
     site_of = np.full(n, -1)
     site_of[starts[::-1]] = np.arange(s)[::-1]
     rest = np.flatnonzero(alone & (seed >= 0))

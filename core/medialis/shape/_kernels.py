@@ -11,8 +11,10 @@ A graph is two arrays, as in `Ragged`: the neighbours of vertex v are
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from medialis.base._kernels import join, number_pieces, pop, push
 from medialis.base.jit import kernel
@@ -172,14 +174,14 @@ def _apart(points, v, w):
 
 
 @kernel
-def spread_from_seeds(points, offsets, neighbours, keys, names, out_distance, out_seed):
+def spread_from_seeds(points, offsets, neighbours, out_distance, out_seed):
     """Dijkstra's search from all seeds at once: the nearest seed along edges, and its distance.
 
     On entry `out_seed` is the vertex itself and `out_distance` 0 at the seeds, -1 and inf
     elsewhere; what cannot be reached stays so. Equally near seeds: the lowest index wins. A vertex
-    is entered in the heap once at most for each of its listed neighbours, so `keys` and `names`
-    need len(neighbours) places.
+    is entered in the heap once at most for each of its listed neighbours.
     """
+    keys, names = np.empty(len(neighbours)), np.empty(len(neighbours), np.int32)
     size, turn, count = 0, 0, len(out_seed)
     while turn < count or size > 0:
         if turn < count:  # the seeds first, which need no heap
@@ -203,13 +205,16 @@ def spread_from_seeds(points, offsets, neighbours, keys, names, out_distance, ou
 
 
 @kernel
-def spread_again(rows, wanted, points, offsets, neighbours, keys, names, out_distance, out_seed):
+def spread_again(rows, wanted, points, offsets, neighbours, out_distance, out_seed):
     """Find the nearest seeds of some rows from those of all others, which stay.
 
     On entry rows have the seed -1 and the distance inf; `wanted` tells which vertices they are. A
     row enters the heap once at first, and then once at most for each of its neighbours.
     """
-    size = 0
+    room = len(rows)
+    for i in range(len(rows)):
+        room += offsets[rows[i] + 1] - offsets[rows[i]]
+    keys, names, size = np.empty(room), np.empty(room, np.int32), 0
     for i in range(len(rows)):
         v = rows[i]
         for at in range(offsets[v], offsets[v + 1]):
@@ -311,17 +316,41 @@ def _first_of(corners, least):
     return low
 
 
-@kernel
-def bulge_faces(
-    begin, end, points, faces, normals, units, corners, sector, beside, smoothness,
-    out_bulges, out_cosines,
-):  # fmt: skip
-    """Bulges over the sides of the faces begin..end, and their least cosine (`Creases`).
+class CreasedMesh(NamedTuple):
+    """Triangles whose normals differ on the two sides of a crease.
 
-    `normals` are those of the vertices, `units` those of the faces. At the corners 3 f + j that
-    `corners` lists, the normal is that of their sector, in `beside`, and the cosine the
-    `smoothness` of the vertex.
+    Attributes
+    ----------
+    points, normals : (n, 3) float64
+        Vertices, and their unit normals.
+    faces : (m, 3) int32
+    units : (m, 3) float64
+        Unit normals of the faces; zero without an area.
+    corners : (c,) int64
+        Corners 3 f + j beside a crease, ascending.
+    sector : (c,) int32
+        Row in `sector_normals` of each of them.
+    sector_normals : (s, 3) float64
+    smoothness : (n,) float64
+        The cosine that counts at the corners beside a crease, by their vertex.
     """
+
+    points: NDArray[np.float64]
+    normals: NDArray[np.float64]
+    faces: NDArray[np.int32]
+    units: NDArray[np.float64]
+    corners: NDArray[np.int64]
+    sector: NDArray[np.int32]
+    sector_normals: NDArray[np.float64]
+    smoothness: NDArray[np.float64]
+
+
+@kernel
+def bulge_faces(begin, end, mesh, out_bulges, out_cosines):
+    """Bulges over the sides of the faces begin..end, and their least cosine (`Creases`)."""
+    points, faces, normals, units, corners = (
+        mesh.points, mesh.faces, mesh.normals, mesh.units, mesh.corners,
+    )  # fmt: skip
     n = np.empty((3, 3))
     at = _first_of(corners, 3 * begin)
     for f in range(begin, end):
@@ -336,9 +365,9 @@ def bulge_faces(
             if n[j, 0] == 0.0 and n[j, 1] == 0.0 and n[j, 2] == 0.0:
                 cosine = 1.0
             if at < len(corners) and corners[at] == 3 * f + j:
-                cosine = smoothness[v]
+                cosine = mesh.smoothness[v]
                 for axis in range(3):
-                    n[j, axis] = beside[sector[at], axis]
+                    n[j, axis] = mesh.sector_normals[mesh.sector[at], axis]
                 at += 1
             out_cosines[f] = max(min(cosine, out_cosines[f]), 0.0)
         for j in range(3):

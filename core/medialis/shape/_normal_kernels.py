@@ -16,8 +16,10 @@ is that of the surface at the vertex, (-g, -h, 1). Elsewhere it is the mean of t
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from medialis.base._kernels import solve
 from medialis.base.jit import kernel
@@ -28,18 +30,42 @@ EXACT = 1e-10  # weight of all unknowns: rings on one line have solutions withou
 SAME_PLACE = 1e-12  # part of the mean squared length of spokes: no direction
 
 
+class Fans(NamedTuple):
+    """Triangles by their vertices: corner 3 f + j is corner j of face f.
+
+    Attributes
+    ----------
+    points : (n, 3) float64
+    faces : (m, 3) int32
+    units : (m, 3) float64
+        Unit normals of the faces; zero without an area.
+    offsets : (n + 1,) int64
+        Where the corners of each vertex begin.
+    corners : (3m,) int32
+        Vertex after vertex.
+    """
+
+    points: NDArray[np.float64]
+    faces: NDArray[np.int32]
+    units: NDArray[np.float64]
+    offsets: NDArray[np.int64]
+    corners: NDArray[np.int32]
+
+
 @kernel
-def _gather_ring(vertex, begin, end, corners, points, faces, units, out_ring, out_ends):
+def _gather_ring(vertex, mesh, out_ring, out_ends):
     """Mean of the faces at a vertex by angle, not of unit length; its first corners are noted.
 
     `out_ring` has the normal of the face of each corner, and the spoke to the vertex after it;
     `out_ends` the vertices after and before the corner.
     """
+    points, faces, units = mesh.points, mesh.faces, mesh.units
     nx, ny, nz = 0.0, 0.0, 0.0
     x, y, z = points[vertex, 0], points[vertex, 1], points[vertex, 2]
-    for i in range(begin, end):
-        f = corners[i] // 3
-        j = corners[i] - 3 * f
+    begin = mesh.offsets[vertex]
+    for i in range(begin, mesh.offsets[vertex + 1]):
+        f = mesh.corners[i] // 3
+        j = mesh.corners[i] - 3 * f
         after, before = faces[f, (j + 1) % 3], faces[f, (j + 2) % 3]
         ux, uy, uz = points[after, 0] - x, points[after, 1] - y, points[after, 2] - z
         vx, vy, vz = points[before, 0] - x, points[before, 1] - y, points[before, 2] - z
@@ -56,11 +82,11 @@ def _gather_ring(vertex, begin, end, corners, points, faces, units, out_ring, ou
 
 
 @kernel
-def _least_cosine(begin, end, corners, units, nx, ny, nz):
-    """Least cosine between a direction and the faces at some corners; those without area are 0."""
-    least = 1.0
-    for i in range(begin, end):
-        f = corners[i] // 3
+def _least_cosine(vertex, mesh, nx, ny, nz):
+    """Least cosine between a direction and the faces at a vertex; those without area are 0."""
+    units, least = mesh.units, 1.0
+    for i in range(mesh.offsets[vertex], mesh.offsets[vertex + 1]):
+        f = mesh.corners[i] // 3
         least = min(least, nx * units[f, 0] + ny * units[f, 1] + nz * units[f, 2])
     return least
 
@@ -145,30 +171,27 @@ def _of_surface(count, ring, nx, ny, nz, matrix, x, row):
 
 
 @kernel
-def fill_normals(
-    begin, end, points, faces, units, offsets, all_corners, crease, away, smooth, out_normals
-):
+def fill_normals(begin, end, mesh, crease, away, smooth, out_normals):
     """Compute the normals of the vertices begin..end; left as they are (zero) where there is none.
 
-    `units` has the unit normals of the faces, zero without an area. `away` is how far below zero
-    the cosine to a face that looks away is. `smooth`: take surfaces through rings.
+    `crease` is the cosine of the bend of a crease, `away` how far below zero the cosine to a face
+    that looks away is. `smooth`: take surfaces through rings.
     """
     matrix, x, row = np.empty((5, 5)), np.empty((5, 1)), np.empty(5)
     ring, ends = np.empty((MOST_CORNERS, 6)), np.empty((MOST_CORNERS, 2), np.int64)
     for v in range(begin, end):
-        first, last = offsets[v], offsets[v + 1]
-        count = last - first
-        nx, ny, nz = _gather_ring(v, first, last, all_corners, points, faces, units, ring, ends)
+        count = mesh.offsets[v + 1] - mesh.offsets[v]
+        nx, ny, nz = _gather_ring(v, mesh, ring, ends)
         length = math.sqrt(nx * nx + ny * ny + nz * nz)
         if length <= 1e-12:  # the faces cancel out (a fin): rounding decides
             continue
         nx, ny, nz = nx / length, ny / length, nz / length
-        least = _least_cosine(first, last, all_corners, units, nx, ny, nz)
+        least = _least_cosine(v, mesh, nx, ny, nz)
         if least < -away:
             continue
         if smooth and _goes_round(count, ring, ends, crease):
             sx, sy, sz = _of_surface(count, ring, nx, ny, nz, matrix, x, row)
-            lowest = _least_cosine(first, last, all_corners, units, sx, sy, sz)
+            lowest = _least_cosine(v, mesh, sx, sy, sz)
             if lowest >= min(least, 0.0):
                 nx, ny, nz = sx, sy, sz
         out_normals[v, 0], out_normals[v, 1], out_normals[v, 2] = nx, ny, nz
@@ -207,12 +230,9 @@ def mark_bent(half_edges, bends, least, faces, out_flat):
 
 
 @kernel
-def find_rings(rows, steps, offsets, neighbours, seen, out_rings, out_counts):
-    """Vertices within some steps of each row, without itself; one more than fit: too many.
-
-    `seen` (n,) int32 is -1 for each vertex.
-    """
-    most = out_rings.shape[1]
+def find_rings(rows, steps, offsets, neighbours, out_rings, out_counts):
+    """Vertices within some steps of each row, without itself; one more than fit: too many."""
+    most, seen = out_rings.shape[1], np.full(len(offsets), -1, np.int32)
     for k in range(len(rows)):
         seen[rows[k]] = k
         count, begin, end = 0, 0, 0
@@ -263,15 +283,13 @@ def _fill_terms(u, v, terms):
 
 
 @kernel
-def measure_off_quadrics(
-    points, rows, rings, counts, means, axes, sizes, matrix, right, terms, out_away
-):
+def measure_off_quadrics(points, rows, rings, counts, means, axes, sizes, out_away):
     """Distance of each row from the quadric through its ring, in deviations of equal noise.
 
     `axes` (k, 3, 3) has the normal as its first column, `sizes` (k,) the extent of the ring. What
-    the noise of the ring makes of the quadric divides the distance. `matrix` (6, 6), `right` (6, 2)
-    and `terms` (6,) are room.
+    the noise of the ring makes of the quadric divides the distance.
     """
+    matrix, right, terms = np.empty((6, 6)), np.empty((6, 2)), np.empty(6)
     for k in range(len(rows)):
         for a in range(6):
             right[a, 0] = 0.0

@@ -106,16 +106,17 @@ class Creases:
 
     def _measured(self) -> tuple[NDArray[np.float64], FloatArray]:
         """Compute bulges and least cosines in one pass; these are kept, those are not."""
-        from medialis.shape._kernels import bulge_faces
+        from medialis.shape._kernels import CreasedMesh, bulge_faces
 
         shape = self.shape
+        mesh = CreasedMesh(
+            shape.points, shape.normals, shape.faces, shape.face_normals, self.corners, self.sector,
+            self.normals, self.smoothness,
+        )  # fmt: skip
         bulges, cosines = np.empty((shape.face_count, 3)), np.empty(shape.face_count)
 
         def work(begin: int, end: int) -> None:
-            bulge_faces(
-                begin, end, shape.points, shape.faces, shape.normals, shape.face_normals,
-                self.corners, self.sector, self.normals, self.smoothness, bulges, cosines,
-            )  # fmt: skip
+            bulge_faces(begin, end, mesh, bulges, cosines)
 
         run_chunks(work, shape.face_count, FACES_A_CHUNK)
         self.__dict__["least_cosines"] = frozen(cosines, np.float64)

@@ -83,7 +83,7 @@ def power_of_two_scale(points: FloatArray) -> float:
 
 def scaled(points: FloatArray, faces: IntArray | None = None) -> Surface:
     """Return a surface near size 1, so that squares and cubes of its lengths stay in range."""
-    return Surface(points * power_of_two_scale(points), faces)
+    return Surface.of_checked(points * power_of_two_scale(points), faces)
 
 
 @dataclass(frozen=True, eq=False)
@@ -526,7 +526,7 @@ def examine(points: ArrayLike, faces: ArrayLike | None) -> tuple[Diagnosis, Surf
     # Measured at a scale of about 1, which costs no accuracy (a power of two) and keeps squares and
     # cubes of very large or very small lengths in range.
     scale = power_of_two_scale(xyz)
-    surface = Surface(xyz * scale, triangles)
+    surface = Surface.of_checked(xyz * scale, triangles)
     values: dict[str, Any] = {"vertices": len(xyz), "faces": len(triangles)}
     values |= {"duplicate_vertices": _repeated(surface.first_equal_point)}
     values |= {"nonfinite_vertices": lost, "diagonal": surface.diagonal}
@@ -601,9 +601,9 @@ def _diagnose_faces(surface: Surface) -> dict[str, Any]:
     a, b, c = faces.T
     proper = (a != b) & (b != c) & (c != a)
     if not proper.any():
-        return _diagnose_cloud(Surface(surface.points)) | values
+        return _diagnose_cloud(Surface.of_checked(surface.points)) | values
     if not proper.all():
-        surface = Surface(surface.points, faces[proper])
+        surface = Surface.of_checked(surface.points, faces[proper])
     return values | _lengths(surface.edge_lengths) | _topology(surface) | _facing(surface)
 
 

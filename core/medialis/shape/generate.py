@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from medialis.base.validation import FloatArray, IntArray, as_whole_number, frozen
-from medialis.shape.normals import vertex_normals
+from medialis.shape.normals import ring_normals
 from medialis.shape.shape import Shape
 from medialis.shape.surface_nets import implicit_shape, make_unambiguous, surface_nets
 
@@ -204,7 +204,7 @@ def dental_arch(
     make_unambiguous(values)
     points, faces = surface_nets(values, low, cell)
     labels = made.distances(points).argmin(axis=0) - 1
-    return Shape(points, vertex_normals(points, faces), faces), frozen(labels, np.int32)
+    return Shape(points, ring_normals(points, faces), faces), frozen(labels, np.int32)
 
 
 def _curve() -> tuple[FloatArray, FloatArray]:

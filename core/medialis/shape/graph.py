@@ -87,9 +87,7 @@ def nearest_seeds(
     n = len(points)
     seed = np.where(seeds, np.arange(n), -1).astype(np.int32)
     distance = np.where(seeds, 0.0, np.inf)
-    room = len(graph.indices)
-    keys, names = np.empty(room), np.empty(room, np.int32)
-    spread_from_seeds(points, graph.offsets, graph.indices, keys, names, distance, seed)
+    spread_from_seeds(points, graph.offsets, graph.indices, distance, seed)
     return seed, distance
 
 

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from medialis.base.errors import InvalidShapeError
 from medialis.base.validation import FloatArray, IntArray, as_number
-from medialis.shape.normals import vertex_normals
+from medialis.shape.normals import ring_normals
 from medialis.shape.reading import ShapeLike, as_shape
 from medialis.shape.shape import Shape
 
@@ -167,8 +167,7 @@ class _Links:
 
         rings = np.empty((len(rows), MOST_NEIGHBOURS), np.int32)
         counts = np.empty(len(rows), np.int64)
-        seen = np.full(len(self.points), -1, np.int32)
-        find_rings(rows, steps, self.offsets, self.neighbours, seen, rings, counts)
+        find_rings(rows, steps, self.offsets, self.neighbours, rings, counts)
         return rings, counts
 
     def lie_ahead(self, rows: NDArray[np.int64], normals: FloatArray) -> NDArray[np.bool_]:
@@ -195,10 +194,8 @@ class _Links:
         measure_spread(self.points, known, rings, counts, spread)
         size, axes = np.linalg.eigh(spread[:, :3])  # the normal first
         size, off = np.sqrt(np.maximum(size[:, 2], 1e-300)), np.empty(len(known))
-        room = np.empty((6, 6)), np.empty((6, 2)), np.empty(6)
-        measure_off_quadrics(
-            self.points, known, rings, counts, spread[:, 3].copy(), axes, size, *room, off
-        )
+        means = spread[:, 3].copy()
+        measure_off_quadrics(self.points, known, rings, counts, means, axes, size, off)
         away = np.full(len(rows), np.nan)
         away[use] = np.where(self.flat[known], 0.0, off)
         return away
@@ -307,4 +304,4 @@ def _plate(shape: Shape, length: float) -> Shape:
         before, size = size, np.einsum("ij,ij->j", rest, ready)
         step = ready + size / np.maximum(before, 1e-300) * step
     points = shape.points + change
-    return replace(shape, points=points, normals=vertex_normals(points, shape.faces))
+    return replace(shape, points=points, normals=ring_normals(points, shape.faces))

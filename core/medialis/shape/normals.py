@@ -76,24 +76,21 @@ def vertex_normals(points: FloatArray, faces: IntArray) -> FloatArray:
     >>> vertex_normals([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])[0]
     array([0., 0., 1.])
     """
-    return _normals(points, faces, smooth=True)
+    points = as_points(points)
+    return ring_normals(points, as_faces(faces, len(points)))
 
 
-def mean_normals(points: FloatArray, faces: IntArray) -> FloatArray:
-    """Return the means of the face normals by angle that `vertex_normals` has at creases, (n, 3).
+def ring_normals(points: FloatArray, faces: IntArray, *, smooth: bool = True) -> FloatArray:
+    """Return the `vertex_normals` of arrays that were checked.
 
-    For vertices on flat faces and straight edges: what refinement makes.
+    Without `smooth` all are the means that `vertex_normals` has at creases: for vertices on flat
+    faces and straight edges, which refinement makes.
     """
-    return _normals(points, faces, smooth=False)
-
-
-def _normals(points: FloatArray, faces: IntArray, *, smooth: bool) -> FloatArray:
     # Imported here: compiled code takes half a second to load, and `medialis --help` needs none.
     from medialis.shape._kernels import cross_faces
-    from medialis.shape._normal_kernels import fill_normals
+    from medialis.shape._normal_kernels import Fans, fill_normals
 
-    points = as_points(points)
-    faces = as_faces(faces, len(points))
+    faces = frozen(faces, np.int32)
     # Scaled to about 1, so that squared areas of tiny or huge shapes stay in range.
     size = float(np.abs(points - points[0]).max()) or 1.0
     local = (points - points[0]) / size
@@ -102,13 +99,11 @@ def _normals(points: FloatArray, faces: IntArray, *, smooth: bool) -> FloatArray
     length = np.sqrt(np.einsum("ij,ij->i", units, units))[:, None]
     np.divide(units, length, out=units, where=length > 0)
     fans = Ragged.group(faces.ravel(), len(points))
+    mesh = Fans(local, faces, units, fans.offsets, fans.indices)
     normals, crease = np.zeros((len(points), 3)), math.cos(math.radians(SHARP))
 
     def fill(begin: int, end: int) -> None:
-        fill_normals(
-            begin, end, local, faces, units, fans.offsets, fans.indices, crease, FACING_AWAY,
-            smooth, normals,
-        )  # fmt: skip
+        fill_normals(begin, end, mesh, crease, FACING_AWAY, smooth, normals)
 
     run_chunks(fill, len(points), VERTICES_A_CHUNK)
     return frozen(normals, np.float64)

@@ -32,7 +32,7 @@ from medialis.base.threads import run_patiently
 from medialis.base.validation import as_faces, as_normals, as_points
 from medialis.formats.meshes import read_mesh
 from medialis.shape.diagnosis import examine
-from medialis.shape.normals import as_viewpoints, estimate_normals, vertex_normals
+from medialis.shape.normals import as_viewpoints, estimate_normals, ring_normals
 from medialis.shape.repair import repaired
 from medialis.shape.shape import Shape, far_points
 
@@ -293,7 +293,7 @@ def make_shape(
     faces : (m, 3) int, optional
         Triangles, counter-clockwise seen from outside.
     normals : (n, 3) float, optional
-        Outward normals. Missing ones are computed from the faces (`vertex_normals`), or estimated
+        Outward normals. Missing ones are computed from the faces (`ring_normals`), or estimated
         and oriented for a point cloud, also when all of its normals are zero.
     repair : bool
         Diagnose and repair first, as `read_shape` does (weld, drop what is degenerate or unused,
@@ -355,7 +355,7 @@ def make_shape(
     directions = None if normals is None else as_normals(normals, len(vertices))
     if triangles is not None:
         if directions is None:
-            directions = run_patiently(lambda: vertex_normals(vertices, triangles), progress)
+            directions = run_patiently(lambda: ring_normals(vertices, triangles), progress)
     elif directions is None or not directions.any():  # programs write zeros for "none"
         lack = "has no normals" if directions is None else "has zero normals only"
         code = "normals_missing" if directions is None else "normals_zero"

@@ -34,7 +34,7 @@ from medialis.base.threads import run_patiently
 from medialis.base.validation import FloatArray
 from medialis.shape.creases import Creases
 from medialis.shape.diagnosis import power_of_two_scale
-from medialis.shape.normals import mean_normals
+from medialis.shape.normals import ring_normals
 from medialis.shape.reading import as_shape
 from medialis.shape.shape import Shape
 from medialis.shape.surface import Surface
@@ -150,7 +150,9 @@ class Cut:
         """
         m = len(self.faces)
         # A side of a strip is a face that names a vertex twice: it has one edge.
-        surface = Surface(self.points, np.concatenate([self.faces, self.sides[:, [0, 1, 1]]]))
+        surface = Surface.of_checked(
+            self.points, np.concatenate([self.faces, self.sides[:, [0, 1, 1]]])
+        )
         bound: float | FloatArray
         if callable(longest_edge):
             bound = longest_edge(surface.points[surface.edges].mean(axis=1))
@@ -259,7 +261,12 @@ class LongEdges:
         used = np.zeros(whole.point_count, np.bool_)
         used[corners[faces]] = True
         vertices, place = np.flatnonzero(used), np.cumsum(used) - 1
-        return cls(whole, Surface(whole.points[vertices], place[corners[faces]]), vertices, faces)
+        return cls(
+            whole,
+            Surface.of_checked(whole.points[vertices], place[corners[faces]]),
+            vertices,
+            faces,
+        )
 
     def cut(self, longest_edge: float, most_points: int) -> Cut:
         """Halve long edges until there are none; return the whole mesh.
@@ -384,7 +391,7 @@ def _refined(shape: Shape, longest_edge: float) -> Shape:
     scale = power_of_two_scale(shape.points)
     points = shape.points * scale
     h = max(longest_edge * shape.diagonal * scale, float(np.finfo(np.float64).tiny))
-    surface = Surface(points, shape.faces).adopt(shape.topology)
+    surface = Surface.of_checked(points, shape.faces).adopt(shape.topology)
     if not (surface.edge_lengths > h).any():
         return shape
     part = LongEdges.of(surface, h)
@@ -424,7 +431,7 @@ def refine_where(shape: Shape, allowed: FloatArray, most_points: int = MOST_POIN
         return shape
     scale = power_of_two_scale(shape.points)
     tree, bound = cKDTree(shape.points * scale), allowed * scale
-    cut = begun = Cut.of(Surface(shape.points * scale, np.asarray(shape.faces)))
+    cut = begun = Cut.of(Surface.of_checked(shape.points * scale, np.asarray(shape.faces)))
     try:
         for _ in range(MOST_HALVINGS):
             more = cut.halved(lambda middles: bound[tree.query(middles)[1]], most_points)
@@ -443,7 +450,9 @@ def _with_faces_of(shape: Shape, cut: Cut, scale: float) -> Shape:
     n = shape.point_count
     points /= scale
     points[:n] = shape.points
-    normals = np.concatenate([shape.normals, mean_normals(points, faces[has_new(faces, n)])[n:]])
+    normals = np.concatenate(
+        [shape.normals, ring_normals(points, faces[has_new(faces, n)], smooth=False)[n:]]
+    )
     origin = np.full(len(points), -1, np.int32)
     origin[:n] = np.arange(n) if shape.origin is None else shape.origin
     of_faces = {
@@ -484,7 +493,7 @@ def affordable_edge(shape: Shape, fraction: float) -> float:
     asked = max(1.0, RefineOptions().longest_edge / fraction)
     most = asked * USUAL if asked <= 2.0 else asked**2 * MEANT
     most += asked**2 * USUAL_A_VERTEX * shape.point_count
-    surface = Surface(shape.points * power_of_two_scale(shape.points), shape.faces)
+    surface = Surface.of_checked(shape.points * power_of_two_scale(shape.points), shape.faces)
     surface.adopt(shape.topology)
     if not (surface.edge_lengths > fraction * surface.diagonal).any():
         return fraction
@@ -598,7 +607,7 @@ def on_smooth_surface(shape: Shape, fine: Shape, creases: Creases) -> Shape:
     height = np.einsum("ij,ij->i", pairs, creases.own_bulges[face])
     step, mean, on_crease = _common_steps(vertex - n, normals, height, fine.point_count - n)
     points = _unfolded(fine, n, np.concatenate([np.zeros((n, 3)), step]))
-    around = mean_normals(points, np.asarray(fine.faces)[has_new(fine.faces, n)])
+    around = ring_normals(points, np.asarray(fine.faces)[has_new(fine.faces, n)], smooth=False)
     directions = np.array(fine.normals)
     smooth = ~on_crease & mean.any(axis=1)
     directions[n:] = np.where(smooth[:, None], mean, around[n:])
@@ -612,10 +621,12 @@ def _unfolded(fine: Shape, n: int, step: FloatArray) -> NDArray[np.float64]:
     """
     faces = np.asarray(fine.faces)
     faces = faces[has_new(faces, n)]
-    before = Surface(fine.points, faces).face_normals
+    before = Surface.of_checked(fine.points, faces).face_normals
     points = fine.points + step
     while True:
-        turned = np.einsum("ij,ij->i", Surface(points, faces).face_normals, before) < TURN
+        turned = (
+            np.einsum("ij,ij->i", Surface.of_checked(points, faces).face_normals, before) < TURN
+        )
         stay = np.unique(faces[turned & before.any(axis=1)])
         stay = stay[(points[stay] != fine.points[stay]).any(axis=1)]
         if len(stay) == 0:

@@ -52,7 +52,7 @@ def flip_flat_faces(surface: Surface, flat: Mask) -> tuple[IntArray, Index, int]
         turned += done
         if done == 0:
             break
-        flat = Surface(surface.points, faces).flat_faces
+        flat = Surface.of_checked(surface.points, faces).flat_faces
     return faces, source, turned
 
 
@@ -77,7 +77,7 @@ def _turn_once(points: FloatArray, faces: IntArray, source: Index, flat: Index) 
         new = np.array([[c, a, d], [d, b, c]], faces.dtype)
         if c == d or (min(c, d), max(c, d)) in edges:
             continue
-        if Surface(points[new.ravel()], _APART).flat_faces.any():
+        if Surface.of_checked(points[new.ravel()], _APART).flat_faces.any():
             continue
         faces[[face, other // 3]] = new
         source[face] = source[other // 3]

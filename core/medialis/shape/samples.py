@@ -8,7 +8,7 @@ import numpy as np
 
 from medialis.base.validation import FloatArray, as_choice, as_whole_number
 from medialis.shape.generate import Cone, Point, blended, dental_arch, organic_shape
-from medialis.shape.normals import vertex_normals
+from medialis.shape.normals import ring_normals
 from medialis.shape.reading import make_shape
 from medialis.shape.shape import Shape
 from medialis.shape.surface_nets import implicit_shape
@@ -235,7 +235,7 @@ def _teeth(resolution: int) -> Shape:
 
 def _solid(points: FloatArray, faces: FloatArray) -> Shape:
     triangles = faces.astype(np.int32)
-    return Shape(points, vertex_normals(points, triangles), triangles)
+    return Shape(points, ring_normals(points, triangles), triangles)
 
 
 def _scan(resolution: int) -> Shape:

@@ -162,6 +162,14 @@ class Surface(Bound):
         given = None if faces is None else as_faces(faces, len(self.points))
         self.faces = None if given is None or len(given) == 0 else given
 
+    @classmethod
+    def of_checked(cls, points: FloatArray, faces: IntArray | None = None) -> Surface:
+        """Return a surface of arrays that follow from checked ones: they are looked at no more."""
+        made = object.__new__(Surface)
+        made.points = frozen(points, np.float64)
+        made.faces = None if faces is None or len(faces) == 0 else frozen(faces, np.int32)
+        return made
+
     def __repr__(self) -> str:
         faces = "a cloud" if self.faces is None else f"{self.face_count} faces"
         counts = f"{self.point_count} points, {faces}, diagonal {self.diagonal:.6g}"

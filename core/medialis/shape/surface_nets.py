@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from medialis.base.validation import FloatArray
-from medialis.shape.normals import vertex_normals
+from medialis.shape.normals import ring_normals
 from medialis.shape.shape import Shape
 
 SignedDistance = Callable[[FloatArray], FloatArray]
@@ -36,7 +36,7 @@ def implicit_shape(
         gradient = _gradient(distance, points, 0.01 * cell)
         square = np.einsum("ij,ij->i", gradient, gradient)
         points = points - (distance(points) / square)[:, None] * gradient
-    return Shape(points, vertex_normals(points, faces), faces)
+    return Shape(points, ring_normals(points, faces), faces)
 
 
 def _gradient(distance: SignedDistance, points: FloatArray, step: float) -> FloatArray:

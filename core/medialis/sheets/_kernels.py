@@ -325,11 +325,12 @@ def _matches(i, j, a, b, contacts):
 
 
 @kernel
-def link_neighbours(begin, end, graph, contacts, out_links):
-    """Set out_links where the balls of two neighbouring nodes lie on one sheet.
+def link_nodes(begin, end, graph, across, contacts, out_links, out_partner):
+    """Set out_links where the balls of two neighbouring nodes lie on one sheet, and out_partner.
 
     The first contacts are neighbours already; the second ones must match, seen from one ball at
-    least (single linkage).
+    least (single linkage). The partner is the node at the second contact, where its ball is the
+    same ball seen from there: its second contact must match the first one of this ball.
     """
     u, clear = len(contacts.rows), contacts.clear
     for i in range(begin, end):
@@ -338,21 +339,10 @@ def link_neighbours(begin, end, graph, contacts, out_links):
         for at in range(graph.offsets[i], graph.offsets[i + 1]):
             j = graph.indices[at]
             if clear[j]:
-                out_links[at] = _matches(i, j, u + i, u + j, contacts) or _matches(
-                    j, i, u + j, u + i, contacts
-                )
-
-
-@kernel
-def link_across(begin, end, across, contacts, out_partner):
-    """Node at the second contact, where its ball is the same ball seen from there; -1.
-
-    Its second contact must match the first one of this ball.
-    """
-    u, clear = len(contacts.rows), contacts.clear
-    for i in range(begin, end):
+                found = _matches(i, j, u + i, u + j, contacts)
+                out_links[at] = found or _matches(j, i, u + j, u + i, contacts)
         j = across[i]
-        if clear[i] and j >= 0 and clear[j] and _matches(i, j, i, u + j, contacts):
+        if j >= 0 and clear[j] and _matches(i, j, i, u + j, contacts):
             out_partner[i] = j
 
 

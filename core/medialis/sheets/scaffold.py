@@ -244,10 +244,8 @@ def _other_sheets(
     """
     across, chain = second[ends].ravel(), np.repeat(piece, 2)
     across, chain = across[across >= 0], chain[across >= 0]
-    counts = graph.lengths[across]
-    start = np.repeat(graph.offsets[across] - np.cumsum(counts) + counts, counts)
-    seen = labels[graph.indices[start + np.arange(counts.sum())]].astype(np.int64)
-    chain = np.repeat(chain, counts).astype(np.int64)
+    seen = labels[graph.joined(across)].astype(np.int64)
+    chain = np.repeat(chain, graph.lengths[across]).astype(np.int64)
     new = (seen >= 0) & (seen != pair[chain, 0]) & (seen != pair[chain, 1])
     width = int(labels.max(initial=0)) + 1
     keys, votes = np.unique(chain[new] * width + seen[new], return_counts=True)

@@ -329,8 +329,7 @@ def pieces(
     links, partner = np.zeros(len(graph.indices), np.bool_), np.full(u, -1, np.int32)
 
     def work(begin: int, end: int) -> None:
-        kernels.link_neighbours(begin, end, graph, contacts, links)
-        kernels.link_across(begin, end, unfolded.across, contacts, partner)
+        kernels.link_nodes(begin, end, graph, unfolded.across, contacts, links, partner)
 
     run_chunks(work, u, NODES_A_CHUNK)
     piece, region = np.arange(u, dtype=np.int32), np.arange(u, dtype=np.int32)

@@ -21,6 +21,7 @@ from medialis.base.validation import FloatArray, IntArray, frozen, hold
 from medialis.shape.creases import Creases, find_creases
 from medialis.shape.graph import mesh_graph, surface_graph
 from medialis.skeleton.medial_cloud import MedialCloud
+from medialis.skeleton.triangle_balls import angles_between
 
 TANGENT = 0.95
 """Cosine, of 18 degrees: between a spoke and the normal of the wall that its ball touches."""
@@ -182,14 +183,13 @@ class Fans:
         pairs = pairs.astype(np.int64)
         at_vertex = Ragged.group(cloud.source[rows], cloud.surface.point_count)
         vertex = creases.vertices[pairs[:, 0]]
-        counts = at_vertex.lengths[vertex]
-        pair = np.repeat(np.arange(len(pairs)), counts)
-        turn = np.arange(len(pair)) - np.repeat(np.cumsum(counts) - counts, counts)
-        row = rows[at_vertex.indices[at_vertex.offsets[vertex[pair]] + turn]]
+        pair = np.repeat(np.arange(len(pairs)), at_vertex.lengths[vertex])
+        row = rows[at_vertex.joined(vertex)]
         away = cloud.surface.points[cloud.source[row]] - cloud.centers[row]
         away = away * cloud.side[row][:, None]
         one, other = (creases.normals[pairs[pair, j]] for j in range(2))
-        left, right, whole = _angle(one, away), _angle(away, other), _angle(one, other)
+        left, right = angles_between(one, away), angles_between(away, other)
+        whole = angles_between(one, other)
         between = left + right < whole + SAME_NORMAL
         at_end = np.stack([left < SAME_NORMAL, right < SAME_NORMAL], axis=1)
         ends = [np.stack([pairs[pair, j], row], axis=1)[at_end[:, j]] for j in range(2)]
@@ -279,11 +279,6 @@ def _next(half_edges: Index) -> Index:
     return half_edges - half_edges % 3 + (half_edges + 1) % 3
 
 
-def _angle(one: FloatArray, other: FloatArray) -> FloatArray:
-    across = np.linalg.norm(np.cross(one, other), axis=1)
-    return np.asarray(np.arctan2(across, np.einsum("ij,ij->i", one, other)))
-
-
 class _Nodes(NamedTuple):
     """Nodes before those without a ball are left out: samples, then sectors, then fans."""
 
@@ -371,28 +366,25 @@ def _of_cloud(cloud: MedialCloud, sign: int) -> Unfolded:
 def _of_mesh(cloud: MedialCloud, creases: Creases, sign: int) -> Unfolded:
     """Nodes and triangles of one side of a mesh."""
     nodes = _nodes(cloud, creases, sign)
-    contacts = _contacts(cloud, creases, nodes, sign)
-    used = np.zeros(len(nodes.rows), np.bool_)
-    used[: cloud.surface.point_count] = True
+    used = nodes.rows >= 0
     used[creases.vertices] = False  # their corners have the nodes of sectors
-    used[cloud.surface.point_count :] = True
-    used &= nodes.rows >= 0
+    contacts, normals, regions, across, on_crease = (
+        values[used] for values in _contacts(cloud, creases, nodes, sign)
+    )
     place = np.where(used, np.cumsum(used, dtype=np.int32) - 1, -1)
     kept = used[nodes.faces].all(axis=1)
     faces, rows = place[nodes.faces[kept]], nodes.rows[used].astype(np.int32)
     centers, radii = cloud.centers[rows], cloud.radii[rows]
-    on_crease = contacts.on_crease[used]
     centers[on_crease] = cloud.surface.points[nodes.samples[used][on_crease]]
     radii[on_crease] = 0.0
-    across = contacts.nodes[used]
     return Unfolded(
         rows,
         centers,
         radii,
         nodes.normals[used],
-        contacts.places[used],
-        contacts.normals[used],
-        np.stack([nodes.regions[used], contacts.regions[used]], axis=1).astype(np.int32),
+        contacts,
+        normals,
+        np.stack([nodes.regions[used], regions], axis=1).astype(np.int32),
         np.where(across >= 0, place[across], -1),
         faces,
         nodes.face_origin[kept].astype(np.int32),
@@ -433,26 +425,21 @@ def _nodes(cloud: MedialCloud, creases: Creases, sign: int) -> _Nodes:
     )
 
 
-@dataclass(frozen=True)
-class _Contacts:
-    """The second contact of each node: place, normal, region, nearest node, whether on a crease."""
+def _contacts(
+    cloud: MedialCloud, creases: Creases, nodes: _Nodes, sign: int
+) -> tuple[NDArray[Any], ...]:
+    """Find the second contacts; those on convex creases are the faces across.
 
-    places: FloatArray
-    normals: FloatArray
-    regions: Index
-    nodes: Index
-    on_crease: NDArray[np.bool_]
-
-
-def _contacts(cloud: MedialCloud, creases: Creases, nodes: _Nodes, sign: int) -> _Contacts:
-    """Find the second contacts; those on convex creases are the faces across."""
+    Returns place, normal, region, nearest node, and whether it is on a crease, for each node.
+    """
     surface, rows = cloud.surface, nodes.rows  # of row -1 anything may come, and is left out
     n = surface.point_count
     near, regions = _contact_nodes(cloud, nodes, sign)
     places, normals = cloud.contacts[rows], cloud.contact_normals[rows]
     near, regions = near[rows], regions[rows]
     at_crease = (near >= n) & (cloud.contact_faces[rows] < 0)
-    normals[at_crease] = sign * _unit(places - cloud.centers[rows])[at_crease]
+    spokes = places - cloud.centers[rows]
+    normals[at_crease] = sign * _directions(spokes, np.zeros_like(spokes))[at_crease]
     # The sector across the crease, of those whose ball is the end of a sheet.
     convex = creases.pairs[creases.concave == (sign < 0)].astype(np.int64)
     across = np.full(len(rows), -1, np.int64)
@@ -464,12 +451,7 @@ def _contacts(cloud: MedialCloud, creases: Creases, nodes: _Nodes, sign: int) ->
     places[on_crease] = surface.points[nodes.samples[on_crease]]
     normals[on_crease] = nodes.normals[there]
     regions[on_crease], near[on_crease] = nodes.regions[there], there
-    return _Contacts(places, normals, regions, near, on_crease)
-
-
-def _unit(vectors: FloatArray) -> FloatArray:
-    length = np.linalg.norm(vectors, axis=1, keepdims=True)
-    return np.divide(vectors, length, out=np.zeros_like(vectors), where=length > 0)
+    return places, normals, regions, near, on_crease
 
 
 def _contact_nodes(cloud: MedialCloud, nodes: _Nodes, sign: int) -> tuple[Index, Index]:
@@ -488,8 +470,7 @@ def _contact_nodes(cloud: MedialCloud, nodes: _Nodes, sign: int) -> tuple[Index,
     at = np.flatnonzero((near >= 0) & (at_sample.lengths[sample] > 0))
     counts = at_sample.lengths[sample[at]]
     owner = np.repeat(np.arange(len(at)), counts)
-    turn = np.arange(len(owner)) - np.repeat(np.cumsum(counts) - counts, counts)
-    node = n + at_sample.indices[at_sample.offsets[sample[at]][owner] + turn]
+    node = n + at_sample.joined(sample[at])
     row = at[owner]
     spoke = sign * (cloud.contacts[row] - cloud.centers[row])
     facing = np.einsum("ij,ij->i", spoke, nodes.normals[node]) / cloud.radii[row]

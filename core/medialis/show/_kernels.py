@@ -1,11 +1,44 @@
 """Kernels that turn depth and index buffers into a shaded, anti-aliased picture (thesis 3.4)."""
 
+from __future__ import annotations
+
 import math
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from medialis.base._splat_kernels import facing, hit_point, triangle_hit
+from medialis.base._splat_kernels import hit_point, pixel_normal
 from medialis.base.jit import kernel
+
+
+class Light(NamedTuple):
+    """How a picture is lit: the Phong model, and shadows of what stands closely in front.
+
+    Attributes
+    ----------
+    lamps : (l, 4) float64
+        Unit direction to each lamp, and its intensity.
+    ambient, diffuse, specular : float
+        Weights, in linear light.
+    shadow : float
+        Darkening 0..1.
+    shadow_depth : float
+        Length from which on what stands in front darkens wholly.
+    background : float
+        Grey, in linear light.
+    curve : (steps,) uint8
+        The table linear light 0..1 -> 8 bits.
+    """
+
+    lamps: NDArray[np.float64]
+    ambient: float
+    diffuse: float
+    specular: float
+    shadow: float
+    shadow_depth: float
+    background: float
+    curve: NDArray[np.uint8]
 
 
 @kernel
@@ -58,22 +91,19 @@ def obscurance(row, col, depth, reach, scale):
 
 
 @kernel
-def phong(nx, ny, nz, px, py, pz, perspective, lights, material):
-    """Return (diffuse factor, specular term) of the Phong model.
-
-    lights (l, 4) = unit direction to the light and its intensity; material = (ambient, diffuse,
-    specular, ...). The highlight has the exponent 32, by five squarings.
-    """
+def phong(nx, ny, nz, px, py, pz, perspective, light):
+    """Return (diffuse factor, specular term); the highlight has the exponent 32, five squarings."""
     vx, vy, vz = 0.0, 0.0, -1.0
     if perspective:
         far = math.sqrt(px * px + py * py + pz * pz)
         vx, vy, vz = -px / far, -py / far, -pz / far
     # A sky slightly brighter than the ground keeps unlit sides readable.
-    diffuse = material[0] * (1.0 + 0.25 * ny)
+    diffuse = light.ambient * (1.0 + 0.25 * ny)
     specular = 0.0
-    for k in range(len(lights)):
-        lx, ly, lz = lights[k, 0], lights[k, 1], lights[k, 2]
-        diffuse += material[1] * lights[k, 3] * max(nx * lx + ny * ly + nz * lz, 0.0)
+    lamps = light.lamps
+    for k in range(len(lamps)):
+        lx, ly, lz = lamps[k, 0], lamps[k, 1], lamps[k, 2]
+        diffuse += light.diffuse * lamps[k, 3] * max(nx * lx + ny * ly + nz * lz, 0.0)
         hx, hy, hz = lx + vx, ly + vy, lz + vz
         length = math.sqrt(hx * hx + hy * hy + hz * hz)
         if length > 0:
@@ -82,39 +112,21 @@ def phong(nx, ny, nz, px, py, pz, perspective, lights, material):
             s *= s
             s *= s
             s *= s
-            specular += material[2] * lights[k, 3] * s * s
+            specular += light.specular * lamps[k, 3] * s * s
     return diffuse, specular
 
 
 @kernel
-def shade(
-    depth,
-    index,
-    glass,
-    lens,
-    view,
-    radii,
-    colors,
-    mesh,
-    lights,
-    material,
-    begin,
-    end,
-    n,
-    curve,
-    out,
-):
+def shade(canvas, lens, balls, mesh, light, begin, end, out):
     """Write the picture rows begin..end (uint8): shade n x n samples a pixel, average, encode.
 
-    Colors are linear light; `curve` is the table linear light -> 8 bits. `glass` has one sample
-    row when nothing is see-through. material[3:] = shadow strength, its depth scale, background.
-    With a fourth channel in `out` the background is left out and the channel says how much of the
-    pixel is covered.
+    n is how much larger the canvas is. With a fourth channel in `out` the background is left out
+    and the channel says how much of the pixel is covered.
     """
-    balls = len(radii)
-    see_through = len(glass) == len(depth)
+    depth, index, glass, curve = canvas.depth, canvas.index, canvas.glass, light.curve
+    n = depth.shape[1] // out.shape[1]
+    see_through = len(glass) > 0
     top = len(curve) - 1
-    perspective = lens[3] > 0
     transparent = out.shape[2] == 4
     for row in range(begin, end):
         for col in range(out.shape[1]):
@@ -128,24 +140,10 @@ def shade(
                 i = index[r, c]
                 if i >= 0 and (sub == 0 or not inside):
                     px, py, pz = hit_point(r, c, depth[r, c], lens)
-                    if i < balls:
-                        nx, ny, nz, _ = facing(
-                            px - view[i, 0],
-                            py - view[i, 1],
-                            pz - view[i, 2],
-                            px,
-                            py,
-                            pz,
-                            perspective,
-                        )
-                        x0, y0, z0 = colors[i, 0], colors[i, 1], colors[i, 2]
-                    else:
-                        nx, ny, nz, _, x0, y0, z0 = triangle_hit(
-                            i - balls, px, py, pz, perspective, mesh
-                        )
-                    light, shine = phong(nx, ny, nz, px, py, pz, perspective, lights, material)
-                    light *= 1.0 - material[3] * obscurance(r, c, depth, 2 * n, material[4])
-                    x0, y0, z0 = x0 * light + shine, y0 * light + shine, z0 * light + shine
+                    nx, ny, nz, _, x0, y0, z0 = pixel_normal(i, px, py, pz, lens, balls, mesh)
+                    part, shine = phong(nx, ny, nz, px, py, pz, lens.focal > 0, light)
+                    part *= 1.0 - light.shadow * obscurance(r, c, depth, 2 * n, light.shadow_depth)
+                    x0, y0, z0 = x0 * part + shine, y0 * part + shine, z0 * part + shine
                 x = y = z = solid = 0.0
                 if i >= 0:
                     x, y, z, solid = x0, y0, z0, 1.0
@@ -158,7 +156,7 @@ def shade(
                     solid = 1.0 - (1.0 - solid) * passing
                 cover += solid
                 if not transparent:
-                    behind = (1.0 - solid) * material[5]
+                    behind = (1.0 - solid) * light.background
                     x, y, z = x + behind, y + behind, z + behind
                 # Not min: NaN, from sizes beyond the range of products, must not index the table.
                 red += x if x < 1.0 else 1.0

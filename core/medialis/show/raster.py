@@ -11,7 +11,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -33,30 +33,19 @@ from medialis.shape.surface import Surface
 from medialis.show.camera import MAX_PIXELS, Camera
 from medialis.show.colors import to_linear, to_srgb
 
-
-@dataclass(frozen=True, eq=False)
-class BallSet:
-    """Balls seen by one camera: view-space centers, drawn radii, pixel boxes."""
-
-    view: FloatArray
-    radii: FloatArray
-    boxes: IntArray
+if TYPE_CHECKING:
+    from medialis.base._splat_kernels import Balls, Canvas, Lens, Mesh, Triangles
 
 
-@dataclass(frozen=True, eq=False)
-class TriangleSet:
-    """Triangles seen by one camera, clipped at the near plane; piece i belongs to face names[i]."""
+def lens_of(camera: Camera, sign: float = 1.0) -> Lens:
+    """Return the camera as the kernels read it."""
+    from medialis.base._splat_kernels import Lens
 
-    screen: FloatArray
-    corners: IntArray
-    names: IntArray
-
-
-def lens(camera: Camera, sign: float = 1.0) -> FloatArray:
-    """Return the camera as the six numbers that the kernels read."""
-    focal = camera.scale * camera.distance if camera.perspective else 0.0
-    near = camera.near if camera.perspective else 0.0
-    return np.array([camera.scale, camera.width / 2, camera.height / 2, focal, near, sign])
+    focal, near = 0.0, 0.0
+    if camera.perspective:
+        focal, near = camera.scale * camera.distance, camera.near
+    numbers = camera.scale, camera.width / 2, camera.height / 2, focal, near, sign
+    return Lens(*(float(number) for number in numbers))
 
 
 def _span(center: FloatArray, depth: FloatArray, radii: FloatArray) -> tuple[FloatArray, ...]:
@@ -83,9 +72,15 @@ def _pixel_box(low: FloatArray, high: FloatArray, center: FloatArray, size: int)
 
 
 def see_balls(
-    camera: Camera, centers: FloatArray, radii: FloatArray, smallest: float | FloatArray = 0.0
-) -> BallSet:
+    camera: Camera,
+    centers: FloatArray,
+    radii: FloatArray,
+    smallest: float | FloatArray = 0.0,
+    colors: FloatArray | None = None,
+) -> Balls:
     """Project balls; one smaller than `smallest` pixels on screen is drawn with that radius."""
+    from medialis.base._splat_kernels import Balls
+
     view = camera.to_view(centers)
     x, y, z = view.T
     seen = np.full(len(view), True)
@@ -116,26 +111,26 @@ def see_balls(
         axis=1,
     )
     boxes[~seen | (boxes[:, 2] > boxes[:, 3]), 1] = -1
-    return BallSet(np.ascontiguousarray(view), np.ascontiguousarray(drawn), boxes)
+    tints = np.zeros(view.shape) if colors is None else colors
+    return Balls(
+        np.ascontiguousarray(view), np.ascontiguousarray(drawn), boxes, tints.astype(np.float32)
+    )
 
 
-def see_triangles(camera: Camera, view: FloatArray, faces: IntArray, base: int = 0) -> TriangleSet:
+def see_triangles(camera: Camera, view: FloatArray, faces: IntArray, base: int = 0) -> Triangles:
     """Project triangles given in view space; face f is named base + f in the index buffer."""
+    from medialis.base._splat_kernels import Triangles
+
     names = np.arange(base, base + len(faces), dtype=np.int32)
-    if not camera.perspective:
-        screen = np.empty_like(view)
-        screen[:, 0] = camera.width / 2 + camera.scale * view[:, 0]
-        screen[:, 1] = camera.height / 2 - camera.scale * view[:, 1]
-        screen[:, 2] = view[:, 2]
-        return TriangleSet(screen, faces, names)
-    view, faces, names = _clip(view, faces, names, camera.near)
-    inverse = 1.0 / np.maximum(view[:, 2], camera.near)
-    focal = camera.scale * camera.distance
-    screen = np.empty_like(view)
-    screen[:, 0] = camera.width / 2 + focal * view[:, 0] * inverse
-    screen[:, 1] = camera.height / 2 - focal * view[:, 1] * inverse
-    screen[:, 2] = inverse
-    return TriangleSet(screen, faces, names)
+    if camera.perspective:
+        view, faces, names = _clip(view, faces, names, camera.near)
+        last = 1.0 / np.maximum(view[:, 2], camera.near)
+        focal = camera.scale * camera.distance
+        right, down = focal * view[:, 0] * last, focal * view[:, 1] * last
+    else:
+        last, right, down = view[:, 2], camera.scale * view[:, 0], camera.scale * view[:, 1]
+    screen = np.stack([camera.width / 2 + right, camera.height / 2 - down, last], axis=1)
+    return Triangles(screen, frozen(faces, np.int32), names)
 
 
 def _clip(
@@ -185,7 +180,13 @@ BAND = 32
 BALLS_A_STEP, PIXELS_A_STEP, TRIANGLES_A_STEP = 1 << 16, 1 << 23, 1 << 14
 """Drawn by one kernel call at most: some 30 ms."""
 
-Mesh = tuple[NDArray[Any], NDArray[Any], NDArray[Any], NDArray[Any], NDArray[Any]]
+
+def blank_canvas(camera: Camera) -> Canvas:
+    """Return a canvas of the size of the picture, without glass."""
+    from medialis.base._splat_kernels import Canvas
+
+    depth = np.full((camera.height, camera.width), np.inf)
+    return Canvas(depth, np.full(depth.shape, -1, np.int32), np.zeros((0, 0, 4), np.float32))
 
 
 @dataclass(frozen=True, eq=False)
@@ -231,25 +232,17 @@ def _bands(
     return offsets, items
 
 
-def draw_balls(
-    balls: BallSet,
-    numbers: FloatArray,
-    depth: FloatArray,
-    index: IntArray,
-    progress: Progress | None = None,
-) -> None:
-    """Draw balls into depth and index; `numbers` is the `lens`."""
+def draw_balls(balls: Balls, lens: Lens, canvas: Canvas, progress: Progress | None = None) -> None:
+    """Draw balls into depth and index."""
     from medialis.base._splat_kernels import splat_balls
 
-    height = len(depth)
+    height = len(canvas.depth)
     offsets, items = _bands(balls.boxes[:, 0], balls.boxes[:, 1], height)
 
     def band(begin: int, end: int) -> Iterator[None]:
         listed = items[offsets[begin // BAND] : offsets[begin // BAND + 1]]
         for part in _steps(listed, balls.boxes, begin, end):
-            splat_balls(
-                part, balls.view, balls.radii, balls.boxes, numbers, begin, end, depth, index
-            )
+            splat_balls(part, balls, lens, begin, end, canvas)
             yield
 
     run_chunks(band, height, BAND, progress=progress)
@@ -267,53 +260,48 @@ def _steps(listed: IntArray, boxes: IntArray, begin: int, end: int) -> Iterator[
 
 
 def draw_mesh(
-    triangles: TriangleSet,
-    numbers: FloatArray,
-    depth: FloatArray,
-    index: IntArray,
-    *,
-    glass: NDArray[np.float32] | None = None,
-    mesh: Mesh | None = None,
-    progress: Progress | None = None,
+    triangles: Triangles, lens: Lens, mesh: Mesh, canvas: Canvas, progress: Progress | None = None
 ) -> None:
-    """Draw triangles into depth and index, or, with `glass`, add see-through layers to it."""
+    """Draw triangles into depth and index; on a canvas with glass, see-through layers into it."""
     from medialis.base._splat_kernels import draw_triangles, triangle_rows
 
-    height = len(depth)
+    height, width = canvas.depth.shape
     count = len(triangles.corners)
     first, last = np.empty(count, np.int32), np.empty(count, np.int32)
-    triangle_rows(triangles.screen, triangles.corners, height, depth.shape[1], first, last)
+    triangle_rows(triangles.screen, triangles.corners, height, width, first, last)
     offsets, items = _bands(first, last, height)
-    layers = np.zeros((0, 0, 4), np.float32) if glass is None else glass
-    known = empty_mesh() if mesh is None else mesh
 
     def band(begin: int, end: int) -> Iterator[None]:
         listed = items[offsets[begin // BAND] : offsets[begin // BAND + 1]]
         for place in range(0, len(listed), TRIANGLES_A_STEP):
-            draw_triangles(
-                listed[place : place + TRIANGLES_A_STEP],
-                triangles.screen,
-                triangles.corners,
-                triangles.names,
-                numbers,
-                begin,
-                end,
-                glass is not None,
-                known,
-                depth,
-                index,
-                layers,
-            )
+            part = listed[place : place + TRIANGLES_A_STEP]
+            draw_triangles(part, triangles, lens, begin, end, mesh, canvas)
             yield
 
     run_chunks(band, height, BAND, progress=progress)
 
 
+def mesh_of(
+    view: FloatArray,
+    faces: IntArray,
+    normals: NDArray[np.float32],
+    colors: NDArray[np.float32] | None = None,
+    density: NDArray[np.float32] | None = None,
+) -> Mesh:
+    """Return faces as the kernels read them; by default black and without density."""
+    from medialis.base._splat_kernels import Mesh
+
+    if colors is None:
+        colors = np.zeros(normals.shape, np.float32)
+    if density is None:
+        density = np.zeros(len(faces), np.float32)
+    return Mesh(np.ascontiguousarray(view), frozen(faces, np.int32), normals, colors, density)
+
+
 def empty_mesh() -> Mesh:
-    """Return the mesh tuple of the kernels without a face."""
-    corner = np.zeros((0, 3, 3), np.float32)
-    none = np.zeros((0, 3))
-    return none, np.zeros((0, 3), np.int32), corner, corner, np.zeros(0, np.float32)
+    """Return no faces."""
+    corners = np.zeros((0, 3, 3), np.float32)
+    return mesh_of(np.zeros((0, 3)), np.zeros((0, 3), np.int32), corners)
 
 
 def as_radii(radii: ArrayLike, count: int) -> FloatArray:
@@ -382,46 +370,47 @@ def rasterize(
     from medialis.base._splat_kernels import surface_normals
 
     steps = Progress.of(progress)
-    sign = -1.0 if furthest else 1.0
-    numbers = lens(camera, sign)
-    depth = np.full((camera.height, camera.width), np.inf)
-    index = np.full(depth.shape, -1, np.int32)
-    balls = see_balls(camera, np.zeros((0, 3)), np.zeros(0))
-    mesh = empty_mesh()
+    lens, canvas = lens_of(camera, -1.0 if furthest else 1.0), blank_canvas(camera)
+    balls, mesh = see_balls(camera, np.zeros((0, 3)), np.zeros(0)), empty_mesh()
     if centers is not None:
         data = as_points(centers, "centers")
         sizes = as_radii(0.0 if radii is None else radii, len(data))
         with steps.stage("balls", 0.0, 0.5):
             balls = run_patiently(lambda: see_balls(camera, data, sizes), steps)
-            draw_balls(balls, numbers, depth, index, steps)
+            draw_balls(balls, lens, canvas, steps)
     if points is not None:
         corners = as_points(points)
         triangles = as_faces(np.zeros((0, 3)) if faces is None else faces, len(corners))
         view, count = camera.to_view(corners), len(balls.radii)
         with steps.stage("triangles", 0.5, 0.9):
             seen = run_patiently(lambda: see_triangles(camera, view, triangles, count), steps)
-            draw_mesh(seen, numbers, depth, index, progress=steps)
-            normals_of = run_patiently(lambda: Surface(view, triangles).face_normals, steps)
+            draw_mesh(seen, lens, mesh, canvas, steps)
+            normals_of = run_patiently(
+                lambda: Surface.of_checked(view, triangles).face_normals, steps
+            )
         flat = np.repeat(normals_of[:, None], 3, axis=1).astype(np.float32)
-        mesh = view, triangles, flat, flat, np.zeros(len(triangles), np.float32)
+        mesh = mesh_of(view, triangles, flat)
     if furthest:
-        depth = np.where(index >= 0, -depth, np.inf)
+        canvas = canvas._replace(depth=np.where(canvas.index >= 0, -canvas.depth, np.inf))
     turned = None
     if normals:
-        found = np.zeros((*depth.shape, 3))
+        found = np.zeros((*canvas.depth.shape, 3))
 
         def band(begin: int, end: int) -> None:
-            surface_normals(depth, index, numbers, begin, end, balls.view, balls.radii, mesh, found)
+            surface_normals(canvas, lens, balls, mesh, begin, end, found)
 
         run_chunks(band, camera.height, BAND)
         turned = np.einsum("hwk,kj->hwj", found, camera.axes)
-    return Buffers(depth, index, turned)
+    return Buffers(canvas.depth, canvas.index, turned)
 
 
 SMOOTH_COSINE = 0.75
 """A corner takes the vertex normal where that is within 41 degrees of the face normal."""
 
 FACES_A_CHUNK = 1 << 16
+
+SHADOW_DEPTH = 0.05
+"""Part of the height of the picture: what stands this much in front darkens wholly."""
 
 _LAMPS = np.array(
     [
@@ -509,7 +498,7 @@ def corner_normals(points: FloatArray, faces: IntArray, smooth: bool = True) -> 
     """
     from medialis.show._kernels import pick_normals, sum_normals
 
-    flat = Surface(points, faces).face_normals
+    flat = Surface.of_checked(points, faces).face_normals
     if not smooth:
         return np.repeat(flat[:, None], 3, axis=1).astype(np.float32)
     vertex, corners = np.zeros((len(points), 3)), np.empty((len(faces), 3, 3), np.float32)
@@ -530,10 +519,8 @@ def _encoding() -> NDArray[np.uint8]:
     return frozen(np.rint(255 * to_srgb(np.linspace(0, 1, 8192))), np.uint8)
 
 
-def _balls_of(
-    layers: list[BallLayer], camera: Camera, supersampling: int
-) -> tuple[BallSet, NDArray[np.float32]]:
-    """Join ball layers into what the camera sees, and the colors."""
+def _balls_of(layers: list[BallLayer], camera: Camera, supersampling: int) -> Balls:
+    """Join ball layers into what the camera sees."""
     centers = np.concatenate([np.zeros((0, 3)), *(layer.centers for layer in layers)])
     radii = np.concatenate([np.zeros(0), *(layer.radii for layer in layers)])
     colors = np.concatenate([np.zeros((0, 3)), *(layer.colors for layer in layers)])
@@ -541,16 +528,10 @@ def _balls_of(
         [supersampling * layer.smallest for layer in layers],
         [len(layer.radii) for layer in layers],
     )
-    return see_balls(camera, centers, radii, smallest), colors.astype(np.float32)
+    return see_balls(camera, centers, radii, smallest, colors)
 
 
-def _mesh_of(layers: list[MeshLayer], camera: Camera, base: int) -> tuple[Mesh, TriangleSet]:
-    """Join mesh layers into the tuple that the kernels read, and what the camera sees of it."""
-    mesh = _joined(layers, camera)
-    return mesh, see_triangles(camera, mesh[0], mesh[1], base)
-
-
-def _joined(layers: list[MeshLayer], camera: Camera) -> Mesh:
+def _mesh_of(layers: list[MeshLayer], camera: Camera) -> Mesh:
     """Join mesh layers in view space."""
     if not layers:
         return empty_mesh()
@@ -565,9 +546,9 @@ def _joined(layers: list[MeshLayer], camera: Camera) -> Mesh:
         np.full(len(layer.faces), -np.log1p(-min(layer.opacity, 0.999)), np.float32)
         for layer in layers
     ]
-    return (
+    return mesh_of(
         np.concatenate(views),
-        np.concatenate(faces).astype(np.int32),
+        np.concatenate(faces),
         np.concatenate(normals),
         np.concatenate([layer.colors.astype(np.float32) for layer in layers]),
         np.concatenate(density),
@@ -611,7 +592,7 @@ def render_layers(
     InvalidOptionError
         When the picture times the supersampling is larger than 16384 pixels.
     """
-    from medialis.show._kernels import shade
+    from medialis.show._kernels import Light, shade
 
     balls, meshes, camera = _within_range(balls, meshes, camera)
     n = style.supersampling
@@ -621,43 +602,42 @@ def render_layers(
             f"{MAX_PIXELS} samples; use a smaller picture or supersampling."
         )
     fine = camera.resized(camera.width * n, camera.height * n)
-    numbers = lens(fine)
-    depth = np.full((fine.height, fine.width), np.inf)
-    index = np.full(depth.shape, -1, np.int32)
+    lens, canvas = lens_of(fine), blank_canvas(fine)
     opaques = [layer for layer in meshes if layer.opacity >= 1]
     veils = [layer for layer in meshes if 0 < layer.opacity < 1]
     steps = Progress.of(progress)
+
+    def draw(layers: list[MeshLayer], base: int) -> Mesh:
+        mesh = run_patiently(lambda: _mesh_of(layers, fine), steps)
+        seen = run_patiently(lambda: see_triangles(fine, mesh.points, mesh.faces, base), steps)
+        draw_mesh(seen, lens, mesh, canvas, steps)
+        return mesh
+
     with steps.stage("balls", 0.0, 0.5):
-        seen, tints = run_patiently(lambda: _balls_of(balls, fine, n), steps)
-        draw_balls(seen, numbers, depth, index, steps)
+        seen = run_patiently(lambda: _balls_of(balls, fine, n), steps)
+        draw_balls(seen, lens, canvas, steps)
     with steps.stage("triangles", 0.5, 0.7):
-        solid, opaque = run_patiently(lambda: _mesh_of(opaques, fine, len(seen.radii)), steps)
-        draw_mesh(opaque, numbers, depth, index, progress=steps)
-    glass = np.zeros((0, 0, 4), np.float32)
+        solid = draw(opaques, len(seen.radii))
     if any(len(layer.faces) for layer in veils):
-        glass = np.zeros((*depth.shape, 4), np.float32)
+        canvas = canvas._replace(glass=np.zeros((*canvas.depth.shape, 4), np.float32))
         with steps.stage("see-through", 0.7, 0.9):
-            veil, clear = run_patiently(lambda: _mesh_of(veils, fine, 0), steps)
-            draw_mesh(clear, numbers, depth, index, glass=glass, mesh=veil, progress=steps)
+            draw(veils, 0)
     lamps = _LAMPS.copy()
     lamps[:, :3] /= np.linalg.norm(lamps[:, :3], axis=1, keepdims=True)
-    material = np.array(
-        [
-            style.ambient,
-            style.diffuse,
-            style.specular,
-            style.shadow,
-            0.05 * camera.extent,
-            0.0 if style.background is None else float(to_linear(style.background)),
-        ]
+    light = Light(
+        lamps,
+        float(style.ambient),
+        float(style.diffuse),
+        float(style.specular),
+        float(style.shadow),
+        float(SHADOW_DEPTH * camera.extent),
+        0.0 if style.background is None else float(to_linear(style.background)),
+        _encoding(),
     )
     picture = np.empty((camera.height, camera.width, 3 + (style.background is None)), np.uint8)
 
     def band(begin: int, end: int) -> None:
-        shade(
-            depth, index, glass, numbers, seen.view, seen.radii, tints, solid, lamps, material,
-            begin, end, n, _encoding(), picture,
-        )  # fmt: skip
+        shade(canvas, lens, seen, solid, light, begin, end, picture)
 
     with steps.stage("light", 0.9, 1.0):
         run_chunks(band, camera.height, BAND, progress=steps)

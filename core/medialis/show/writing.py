@@ -160,7 +160,7 @@ def _write_obj(path: Path, layer: Layer, unit: str | None) -> None:
 
 
 def _write_glb(path: Path, layer: Layer, unit: str | None) -> None:
-    write_gltf(path, Surface(layer.points, _triangles(layer)), path.stem, unit=unit)
+    write_gltf(path, Surface.of_checked(layer.points, _triangles(layer)), path.stem, unit=unit)
 
 
 def _triangles(layer: Layer) -> IntArray:

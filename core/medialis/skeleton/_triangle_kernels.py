@@ -246,6 +246,7 @@ def bound_faces(begin, end, points, corners, first, fan, leaves, out_bounds):
 
     The slab is that of the sum of their normals, each as long as its face is large.
     """
+    axis, least, most = np.empty(3, np.float32), np.empty(4), np.empty(4)
     for node in range(begin, end):
         for slot in range(fan):
             child = node * fan + slot
@@ -262,24 +263,20 @@ def bound_faces(begin, end, points, corners, first, fan, leaves, out_bounds):
                 mx += uy * vz - uz * vy
                 my += uz * vx - ux * vz
                 mz += ux * vy - uy * vx
-            length = math.sqrt(mx * mx + my * my + mz * mz)
-            if length > 0.0:
-                mx = np.float64(np.float32(mx / length))
-                my = np.float64(np.float32(my / length))
-                mz = np.float64(np.float32(mz / length))
-            lx, ly, lz, ls = math.inf, math.inf, math.inf, math.inf
-            hx, hy, hz, hs = -math.inf, -math.inf, -math.inf, -math.inf
+            length = max(math.sqrt(mx * mx + my * my + mz * mz), 1e-300)
+            # Rounded first: the offsets below must belong to the stored direction.
+            axis[0], axis[1], axis[2] = mx / length, my / length, mz / length
+            least[:], most[:] = math.inf, -math.inf
             for i in range(low, high):
                 for j in range(3 if corners[i, 0] >= 0 else 0):
-                    v = corners[i, j]
-                    x, y, z = points[v, 0], points[v, 1], points[v, 2]
-                    s = mx * x + my * y + mz * z
-                    lx, ly, lz, ls = min(lx, x), min(ly, y), min(lz, z), min(ls, s)
-                    hx, hy, hz, hs = max(hx, x), max(hy, y), max(hz, z), max(hs, s)
-            out[0, slot], out[1, slot], out[2, slot] = lx, ly, lz
-            out[3, slot], out[4, slot], out[5, slot] = hx, hy, hz
-            out[6, slot], out[7, slot], out[8, slot] = mx, my, mz
-            out[9, slot], out[10, slot] = ls, hs
+                    place = points[corners[i, j]]
+                    s = axis[0] * place[0] + axis[1] * place[1] + axis[2] * place[2]
+                    least[3], most[3] = min(least[3], s), max(most[3], s)
+                    for k in range(3):
+                        least[k], most[k] = min(least[k], place[k]), max(most[k], place[k])
+            for k in range(3):
+                out[k, slot], out[3 + k, slot], out[6 + k, slot] = least[k], most[k], axis[k]
+            out[9, slot], out[10, slot] = least[3], most[3]
 
 
 @kernel

@@ -21,7 +21,6 @@ from medialis.base.threads import run_chunks
 from medialis.base.validation import FloatArray, IntArray
 from medialis.shape.creases import STEEPER, Creases
 from medialis.shape.shape import Shape
-from medialis.shape.surface import Surface
 from medialis.skeleton.ball_shrinking import SAMPLES_A_CHUNK, shrink_options
 from medialis.skeleton.medial_cloud import BallStatus, MedialCloud
 
@@ -84,13 +83,13 @@ class Walls:
         run_chunks(fill, blocks, BLOCKS_A_CHUNK)
         bounds = np.empty_like(tree.bounds)
         bounds[:, :3], bounds[:, 3:6], bounds[:, 6:9], bounds[:, 9:] = np.inf, -np.inf, 0.0, np.inf
-        for nodes, child_depth, fan in wide_levels(len(tree.child), depth):
+        for nodes, child_depth, fan in wide_levels(depth):
             level = fan, 1 << (depth - child_depth), bounds[nodes]
 
-            def bound(begin: int, end: int, level: tuple[Any, ...] = level) -> None:
+            def work(begin: int, end: int, level: tuple[Any, ...] = level) -> None:
                 kernels.bound_faces(begin, end, tree.points, corners, first, *level)
 
-            run_chunks(bound, nodes.stop - nodes.start, NODES_A_CHUNK)
+            run_chunks(work, nodes.stop - nodes.start, NODES_A_CHUNK)
         hung = kernels.Hung(tree.points, bounds, tree.child, first, corners, reliefs, hulls)
         return cls(creases, tree, order, hung)
 
@@ -193,7 +192,8 @@ def _touching_faces(
     corners = np.asarray(surface.faces)[faces]
     own = surface.points[cloud.source[rows]]
     contact = np.einsum("ij,ija->ia", weights, surface.points[corners])
-    second = corners[np.arange(len(rows)), _nearest_corner(surface, corners, contact)]
+    apart = np.linalg.norm(surface.points[corners] - contact[:, None], axis=2)
+    second = corners[np.arange(len(rows)), apart.argmin(axis=1)]
     centers = own - radii[:, None] * directions
     return cloud.with_rows(
         rows,
@@ -201,18 +201,13 @@ def _touching_faces(
         radii=radii,
         features=np.stack([cloud.source[rows], second], axis=1),
         status=np.full(len(rows), BallStatus.OK),
-        spoke_angles=_angles(directions, contact - centers),
+        spoke_angles=angles_between(directions, contact - centers),
         contact_faces=faces,
         contact_weights=weights,
     )
 
 
-def _nearest_corner(surface: Surface, corners: IntArray, places: FloatArray) -> NDArray[np.int64]:
-    apart = np.linalg.norm(surface.points[corners] - places[:, None], axis=2)
-    return np.asarray(apart.argmin(axis=1))
-
-
-def _angles(one: FloatArray, other: FloatArray) -> FloatArray:
+def angles_between(one: FloatArray, other: FloatArray) -> FloatArray:
     """Return the angle between vectors, row by row, in radians."""
     across = np.linalg.norm(np.cross(one, other), axis=1)
     return np.arctan2(across, np.einsum("ij,ij->i", one, other))

@@ -305,11 +305,7 @@ def _seed_again(
 
     rows = np.flatnonzero(cut)
     seed[rows], distance[rows] = -1, np.inf
-    room = int(graph.lengths[rows].sum()) + len(rows)
-    keys, names = np.empty(room), np.empty(room, np.int32)
-    spread_again(
-        rows, cut, surface.points, graph.offsets, graph.indices, keys, names, distance, seed
-    )
+    spread_again(rows, cut, surface.points, graph.offsets, graph.indices, distance, seed)
     return bool((seed[rows] >= 0).all())
 
 

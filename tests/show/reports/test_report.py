@@ -21,7 +21,6 @@ from medialis.show.reports import report
 from medialis.show.reports.measures import along, histogram, measure
 from medialis.show.reports.report import report_page, report_texts
 from medialis.show.viewer import page as viewer_page
-from plates import tee
 
 VOID = {"meta", "img", "rect", "path", "line"}
 
@@ -63,10 +62,9 @@ def creature():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("chosen", OPERATIONS, ids=lambda o: o.name)
-def test_every_operation_has_a_report(chosen, creature):
-    if chosen.sample != "creature":
-        creature = medialis.make_shape(*tee(), repair=True)
-    texts = report_texts(medialis.run(chosen.name, creature), source="a <b>.ply")
+def test_every_operation_has_a_report(chosen, default_run):
+    result = default_run(chosen.name)
+    texts = report_texts(result, source="a <b>.ply")
     page = parsed(texts["report.html"])
     assert page.images and all(src.startswith("data:image/png;base64,") for src in page.images)
     assert base64.b64decode(page.images[0].split(",")[1]).startswith(b"\x89PNG")
@@ -75,7 +73,7 @@ def test_every_operation_has_a_report(chosen, creature):
     assert not re.search(r"\b(nan|inf|None|True|False)\b", "".join(page.text))
     found = json.loads(texts["report.json"], parse_constant=pytest.fail)
     assert found["operation"] == chosen.name and found["input"]["as_computed"]["closed"]
-    assert found["topology"]["genus"] == creature.diagnosis.genus
+    assert found["topology"]["genus"] == result.shape.diagnosis.genus
 
 
 def test_the_numbers_are_those_of_the_shape(creature):

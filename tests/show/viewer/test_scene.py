@@ -12,7 +12,6 @@ import pytest
 import medialis
 from medialis.show.viewer import page as viewer_page
 from medialis.show.viewer.page import scene_of
-from plates import with_walls
 
 
 @pytest.fixture(scope="module")
@@ -21,9 +20,8 @@ def shape():
 
 
 @pytest.fixture(scope="module")
-def results(shape):
-    names = ("surface_skeleton", "thickness", "curve_skeleton")
-    return [medialis.run(name, shape) for name in names]
+def results(default_run):
+    return [default_run(name) for name in ("surface_skeleton", "thickness", "curve_skeleton")]
 
 
 @pytest.fixture
@@ -62,8 +60,8 @@ def test_a_skeleton_alone_gets_the_shape_around_it(results):
     assert parts[0].points is results[0].shape.points
 
 
-def test_triangles_inside_hide_the_points_that_they_are_made_of(shape):
-    parts = {p.title: p for p in scene_of([medialis.run("medial_sheets", shape)], "").parts}
+def test_triangles_inside_hide_the_points_that_they_are_made_of(default_run):
+    parts = {p.title: p for p in scene_of([default_run("medial_sheets")], "").parts}
     assert not parts["medial sheets"].visible
     assert parts["sheet meshes"].visible and parts["sheet meshes"].opacity == 1
     assert parts["surface"].visible and parts["surface"].opacity < 0.5
@@ -76,9 +74,8 @@ def test_a_cloud_is_shown_as_points(shape):
 
 
 @pytest.mark.parametrize("name", [o.name for o in medialis.OPERATIONS])
-def test_every_operation_can_be_shown(name, shape, library):
-    result = medialis.run(name, with_walls(name, shape))
-    text = viewer_page.viewer_page([result], name)
+def test_every_operation_can_be_shown(name, default_run, library):
+    text = viewer_page.viewer_page([default_run(name)], name)
     scene = json.loads(re.search(r'id="scene">(.*?)</script>', text)[1])
     assert any(part["visible"] for part in scene["parts"])
     for part in scene["parts"]:
@@ -86,8 +83,8 @@ def test_every_operation_can_be_shown(name, shape, library):
             assert np.isfinite([field["low"], field["high"], *field["limits"]]).all()
 
 
-def test_angles_are_degrees_and_thresholds_too(shape):
-    result = medialis.run("skeleton_mesh", shape)
+def test_angles_are_degrees_and_thresholds_too(default_run):
+    result = default_run("skeleton_mesh")
     part = next(part for part in scene_of([result], "").parts if part.title == "skeleton mesh")
     angle = next(field for field in part.fields if field.name == "spoke_angle")
     assert angle.unit == "degrees"

@@ -7,6 +7,6 @@ sample, one component for each of the surface and one loop for each handle.
 - `candidates.py`: which balls lie on the curve skeleton, and how much of the surface hangs on each
   (thesis 3.6.1, 3.6.2); `_kernels.py` is its inner part.
 
-The graph itself (thesis 3.6.3) grows in `curves/graph`. Another measure of candidates belongs
+The graph itself (thesis 3.6.3) grows in `curves/growth.py`. Another measure of candidates belongs
 beside `candidate_measure`.
 """

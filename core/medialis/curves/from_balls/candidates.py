@@ -19,7 +19,7 @@ from medialis.base.options import Options, algorithm
 from medialis.base.progress import Progress, ProgressCallback
 from medialis.base.threads import run_chunks, run_patiently
 from medialis.base.validation import Directions, FloatArray, IntArray, frozen
-from medialis.curves.graph.growth import NEIGHBOURS
+from medialis.curves.growth import NEIGHBOURS
 from medialis.skeleton.importance.geodesics import surface_walk
 from medialis.skeleton.importance.importance import Importance, geodesic_importance
 from medialis.skeleton.medial_cloud import MedialCloud

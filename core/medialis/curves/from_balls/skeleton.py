@@ -1,8 +1,8 @@
 """The curve skeleton of a mesh from its surface skeleton, as a graph (thesis 3.6).
 
 Steps: candidates and their importance (`candidates.py`), links between balls, loops round handles,
-and growth along the links (`curves/graph`); then each node gets its distance to the surface and its
-importance, and each sample its node. All that does not depend on the threshold is kept (`_Ground`).
+and growth along the links (`curves/growth.py`); then each node gets its distance to the surface and
+its importance, and each sample its node. What does not depend on the threshold is kept (`_Ground`).
 
 A loop runs along balls round a handle. Where the handle, or the hole in it, is thinner than the
 samples are apart, no balls go round it: its samples lie on creases alone, or far apart. There
@@ -26,15 +26,15 @@ from medialis.base.progress import Progress, counted
 from medialis.base.threads import run_patiently
 from medialis.base.validation import FloatArray, IntArray, frozen
 from medialis.curves.curve_skeleton import CurveEvidence, CurveSkeleton
+from medialis.curves.finishing import SimplifyOptions, finish_graph, simplify_branches
 from medialis.curves.from_balls.candidates import (
     CandidateMeasure,
     candidate_measure,
     near_balls,
     smooth_importance,
 )
-from medialis.curves.graph.finishing import SimplifyOptions, finish_graph, simplify_branches
-from medialis.curves.graph.growth import Turns, grow_graph, link_balls
-from medialis.curves.graph.loops import Handles, find_handles
+from medialis.curves.growth import Turns, grow_graph, link_balls
+from medialis.curves.loops import Handles, find_handles
 from medialis.shape.refinement import refine_where
 from medialis.shape.shape import Shape
 from medialis.skeleton.ball_shrinking import DEFAULT_TOLERANCE, ShrinkOptions, shrink
@@ -42,7 +42,7 @@ from medialis.skeleton.medial_cloud import MedialCloud
 from medialis.skeleton.surface_skeleton import SurfaceSkeletonOptions, as_cloud, surface_skeleton
 
 if TYPE_CHECKING:
-    from medialis.curves.graph._kernels import BallLinks
+    from medialis.curves._kernels import BallLinks
 
 
 def put_in_surface(

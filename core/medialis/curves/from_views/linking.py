@@ -20,7 +20,7 @@ import numpy as np
 from medialis.base.arrays import follow
 from medialis.base.validation import FloatArray, IntArray
 from medialis.curves.curve_skeleton import CurveSkeleton
-from medialis.curves.graph.finishing import prune_spurs, smooth_nodes
+from medialis.curves.finishing import prune_spurs, smooth_nodes
 from medialis.shape.surface import piece_labels
 
 Measure = Callable[[FloatArray], FloatArray]

@@ -29,6 +29,7 @@ from medialis.base.jit import kernel
 from medialis.skeleton.importance._walk_kernels import (
     dot,
     next_side,
+    on_plane,
     previous_side,
     trim,
     way_out,
@@ -447,23 +448,19 @@ def walk_beside(walk, start, end, trail, moved, slope, limit, strip):
     h, px, py, pz = way_out(points, corners, way, plane, dot(plane, points[start]))
     length = math.sqrt((px - x) ** 2 + (py - y) ** 2 + (pz - z) ** 2)
     x, y, z = px, py, pz
-    a = corners[h]
-    b = corners[next_side(h)]
-    nx, ny, nz = plane[0], plane[1], plane[2]
-    offset = nx * x + ny * y + nz * z
-    da = nx * points[a, 0] + ny * points[a, 1] + nz * points[a, 2] - offset
-    db = nx * points[b, 0] + ny * points[b, 1] + nz * points[b, 2] - offset
-    if (da >= 0.0) == (db >= 0.0):
-        return math.inf, 0
+    a, b = corners[h], corners[next_side(h)]
+    turned = True
     for count in range(len(strip)):
+        if turned:  # the plane leads to another place from here on
+            offset = plane[0] * x + plane[1] * y + plane[2] * z
+            da, db = dot(plane, points[a]) - offset, dot(plane, points[b]) - offset
+            if (da >= 0.0) == (db >= 0.0):
+                return math.inf, 0
         strip[count] = h
         t = twins[h]
         if t < 0 or length >= limit:
             return math.inf, 0
-        j = t % 3
-        after = t - 2 if j == 2 else t + 1
-        before = t + 2 if j == 0 else t - 1
-        c = corners[before]
+        c = corners[previous_side(t)]
         if c == end:
             u, v, w = points[end, 0] - x, points[end, 1] - y, points[end, 2] - z
             return length + math.sqrt(u * u + v * v + w * w), count + 1
@@ -471,27 +468,17 @@ def walk_beside(walk, start, end, trail, moved, slope, limit, strip):
             return math.inf, 0
         if corners[t] != a:
             a, b, da, db = b, a, db, da
-        dc = nx * points[c, 0] + ny * points[c, 1] + nz * points[c, 2] - offset
+        dc = dot(plane, points[c]) - offset
         if (dc >= 0.0) == (da >= 0.0):
-            h, a, da = after, b, db
-            b, db = c, dc
+            h, a, b, da, db = next_side(t), b, c, db, dc
         else:
-            h, b, db = before, a, da
-            a, da = c, dc
-        share = da / (da - db)
-        qx = points[a, 0] + share * (points[b, 0] - points[a, 0])
-        qy = points[a, 1] + share * (points[b, 1] - points[a, 1])
-        qz = points[a, 2] + share * (points[b, 2] - points[a, 2])
+            h, a, b, da, db = previous_side(t), c, a, dc, da
+        qx, qy, qz = on_plane(points, a, b, da, db)
         length += math.sqrt((qx - x) ** 2 + (qy - y) ** 2 + (qz - z) ** 2)
         x, y, z = qx, qy, qz
-        if number < PLACES and length >= trail[number, FAR]:
+        turned = number < PLACES and length >= trail[number, FAR]
+        if turned:
             number += 1
             if not _aim(points, trail, moved, end, number, x, y, z, plane):
-                return math.inf, 0
-            nx, ny, nz = plane[0], plane[1], plane[2]
-            offset = nx * x + ny * y + nz * z
-            da = nx * points[a, 0] + ny * points[a, 1] + nz * points[a, 2] - offset
-            db = nx * points[b, 0] + ny * points[b, 1] + nz * points[b, 2] - offset
-            if (da >= 0.0) == (db >= 0.0):
                 return math.inf, 0
     return math.inf, 0

@@ -75,6 +75,31 @@ class Paths(NamedTuple):
 
 
 @kernel
+def next_side(h):
+    return h - 2 if h % 3 == 2 else h + 1
+
+
+@kernel
+def previous_side(h):
+    return h + 2 if h % 3 == 0 else h - 1
+
+
+@kernel
+def dot(a, b):
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@kernel
+def on_plane(points, a, b, da, db):
+    """Where the edge from vertex a to b is cut by a plane at these distances from its ends."""
+    share = da / (da - db)
+    x = points[a, 0] + share * (points[b, 0] - points[a, 0])
+    y = points[a, 1] + share * (points[b, 1] - points[a, 1])
+    z = points[a, 2] + share * (points[b, 2] - points[a, 2])
+    return x, y, z
+
+
+@kernel
 def trace_plane(
     points, corners, twins, h, x, y, z, length, normal, offset, start, end, best, out_sides, out
 ):  # fmt: skip
@@ -137,14 +162,10 @@ def way_out(points, corners, h, normal, offset):
     """
     across = next_side(h)
     a, b = corners[across], corners[next_side(across)]
-    da = normal[0] * points[a, 0] + normal[1] * points[a, 1] + normal[2] * points[a, 2] - offset
-    db = normal[0] * points[b, 0] + normal[1] * points[b, 1] + normal[2] * points[b, 2] - offset
+    da, db = dot(normal, points[a]) - offset, dot(normal, points[b]) - offset
     if (da >= 0.0) == (db >= 0.0):
         return -1, 0.0, 0.0, 0.0
-    share = da / (da - db)
-    x = points[a, 0] + share * (points[b, 0] - points[a, 0])
-    y = points[a, 1] + share * (points[b, 1] - points[a, 1])
-    z = points[a, 2] + share * (points[b, 2] - points[a, 2])
+    x, y, z = on_plane(points, a, b, da, db)
     return across, x, y, z
 
 
@@ -189,11 +210,6 @@ def set_frame(points, normals, start, end, frame):
     frame[0, 0], frame[0, 1], frame[0, 2] = ux, uy, uz
     frame[1, 0], frame[1, 1], frame[1, 2] = fy * uz - fz * uy, fz * ux - fx * uz, fx * uy - fy * ux
     return True
-
-
-@kernel
-def dot(a, b):
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 @kernel
@@ -265,16 +281,6 @@ def record_cut(walk, start, end, normal, out_sides):
     if way < 0:
         return 0
     return cut_from(walk, way, start, end, normal, np.inf, out_sides, near)[1]
-
-
-@kernel
-def next_side(h):
-    return h - 2 if h % 3 == 2 else h + 1
-
-
-@kernel
-def previous_side(h):
-    return h + 2 if h % 3 == 0 else h - 1
 
 
 @kernel

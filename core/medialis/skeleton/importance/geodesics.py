@@ -302,11 +302,12 @@ def _along_borders(shape: Shape, ends: NDArray[np.int32], out: Paths, progress: 
     rows = np.flatnonzero(far)
     if len(rows) > MANY_LOST * shape.point_count:
         return
-    found, every = type(out)(*(values[rows] for values in out)), np.arange(len(rows))
+    found = out._replace(**{name: values[rows] for name, values in out._asdict().items()})
+    every = np.arange(len(rows))
     _follow_edges(shape, ends[rows], every, SETTLED_ALONG_BORDERS, found, progress)
     shorter = found.length < out.length[rows]
-    for mine, theirs in zip(out, found, strict=True):
-        mine[rows[shorter]] = theirs[shorter]
+    for name, values in found._asdict().items():
+        getattr(out, name)[rows[shorter]] = values[shorter]
 
 
 def _most_settled(shape: Shape, a_vertex: int) -> int:
@@ -332,12 +333,12 @@ def _follow_edges(
     """Search the shortest paths along edges of some pairs, each among `most` vertices."""
     from medialis.skeleton.importance._walk_kernels import edge_paths
 
-    walk = surface_walk(shape)
+    walk, count = surface_walk(shape), len(rows)
 
-    def search(begin: int, end: int) -> None:
+    def work(begin: int, end: int) -> None:
         edge_paths(begin, end, rows, most, walk, ends, out)
 
-    run_chunks(search, len(rows), SEARCHES_A_CHUNK, progress=progress)
+    run_chunks(work, count, SEARCHES_A_CHUNK, progress=progress)
 
 
 def _through_landmarks(
@@ -410,20 +411,20 @@ def cut_by_planes(
     from medialis.skeleton.importance._walk_kernels import Paths
 
     k, (starts, goals) = len(ends), ends.T
-    vectors = (np.full((k, 3), np.nan) for _ in range(3))
-    out = Paths(np.full(k, np.inf), *vectors, np.zeros(k, np.int8))
+    start, end, normal = (np.full((k, 3), np.nan) for _ in range(3))
+    out = Paths(np.full(k, np.inf), start, end, normal, np.zeros(k, np.int8))
     walk = run_patiently(lambda: surface_walk(shape), progress)
     components = run_patiently(lambda: shape.components, progress)
     planes = math.ceil(directions / 2)
 
     def trace_all(rows: NDArray[np.int64], limits: FloatArray, longest: FloatArray) -> None:
         search = Search(shape.normals, components, ends, limits, longest, planes, following)
+        size, count = FOLLOWING_A_CHUNK if following else PAIRS_A_CHUNK, len(rows)
 
-        def trace(begin: int, end: int) -> None:
+        def work(begin: int, end: int) -> None:
             trace_geodesics(begin, end, rows, walk, search, out)
 
-        size = FOLLOWING_A_CHUNK if following else PAIRS_A_CHUNK
-        run_chunks(trace, len(rows), size, progress=progress)
+        run_chunks(work, count, size, progress=progress)
 
     with progress.stage("geodesics", 0.0, 0.8):
         straight = np.linalg.norm(shape.points[starts] - shape.points[goals], axis=1)

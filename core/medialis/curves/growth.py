@@ -25,10 +25,10 @@ from medialis.base.arrays import Ragged, follow
 from medialis.base.progress import Progress
 from medialis.base.threads import run_chunks
 from medialis.base.validation import FloatArray, IntArray, frozen
-from medialis.curves.graph.loops import Handles, close_loops, link_turns
+from medialis.curves.loops import Handles, close_loops, link_turns
 
 if TYPE_CHECKING:
-    from medialis.curves.graph._kernels import BallLinks
+    from medialis.curves._kernels import BallLinks
 
 NEIGHBOURS = 10
 """Of each point, as in the thesis."""
@@ -98,7 +98,7 @@ def link_balls(
     -------
     BallLinks
     """
-    from medialis.curves.graph._kernels import BallLinks, list_links, sort_links, weigh_links
+    from medialis.curves._kernels import BallLinks, list_links, sort_links, weigh_links
 
     k = len(radii)
     groups = np.zeros(k, np.int32) if groups is None else groups
@@ -165,7 +165,7 @@ class GraphTree:
 
     def add(self, balls: list[int]) -> None:
         """Make balls nodes of the graph, and find the paths of the others to it anew."""
-        from medialis.curves.graph._kernels import spread_from_tree
+        from medialis.curves._kernels import spread_from_tree
 
         sources = np.array(balls, np.int32)
         spread_from_tree(sources, self.links, self.spent, self.path, self.parent, self.base)

@@ -27,12 +27,12 @@ from medialis.base.options import Options, algorithm, length
 from medialis.base.progress import Progress
 from medialis.base.validation import FloatArray, as_field, as_number, as_points
 from medialis.curves.curve_skeleton import CurveSkeleton
-from medialis.curves.graph.growth import APART, GraphTree, grow_graph, link_balls, sticks_out
-from medialis.curves.graph.loops import Handles
+from medialis.curves.growth import APART, GraphTree, grow_graph, link_balls, sticks_out
+from medialis.curves.loops import Handles
 from medialis.shape.surface import piece_labels
 
 if TYPE_CHECKING:
-    from medialis.curves.graph._kernels import BallLinks
+    from medialis.curves._kernels import BallLinks
 
 STEP = 0.3
 """Distance of nodes: share of the radius."""

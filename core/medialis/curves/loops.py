@@ -36,8 +36,8 @@ from medialis.shape.solid_boundary import SolidBoundary, solid_boundary
 from medialis.shape.surface import piece_labels
 
 if TYPE_CHECKING:
-    from medialis.curves.graph._kernels import BallLinks, SpanningSurface
-    from medialis.curves.graph.growth import GraphTree
+    from medialis.curves._kernels import BallLinks, SpanningSurface
+    from medialis.curves.growth import GraphTree
 
 MOST_HANDLES = 2048
 """Of one component that get loops: more would take minutes."""
@@ -116,7 +116,7 @@ def find_handles(shape: Shape) -> dict[int, Handles]:
 
 def _sides_left(boundary: SolidBoundary) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Tree of vertices, by parents, and the sides that are in no tree of vertices nor of faces."""
-    from medialis.curves.graph._kernels import join_faces, steps_from
+    from medialis.curves._kernels import join_faces, steps_from
 
     twins, n = boundary.twins, len(boundary.points)
     a, b = boundary.faces.ravel(), np.roll(boundary.faces, -1, axis=1).ravel()
@@ -150,7 +150,7 @@ def _loop(corners: NDArray[np.int32], h: int, parent: NDArray[np.int64]) -> NDAr
 
 def span_loop(points: FloatArray) -> SpanningSurface:
     """Span a loop of points (l, 3), each given once."""
-    from medialis.curves.graph._kernels import SpanningSurface, fill_boxes
+    from medialis.curves._kernels import SpanningSurface, fill_boxes
 
     spans, children = _halved(len(points))
     corners = np.insert(spans, 1, spans.sum(axis=1) // 2, axis=1) % len(points)
@@ -183,7 +183,7 @@ def count_crossings(
     -----
     Cost: rows times the triangles near each, of which there are some tens at most as a rule.
     """
-    from medialis.curves.graph._kernels import cross_links
+    from medialis.curves._kernels import cross_links
 
     run_chunks(
         lambda begin, end: cross_links(begin, end, rows, reach, links, spanned, turns),
@@ -258,7 +258,7 @@ def link_turns(links: BallLinks, one: Handles, rows: Index) -> LinkTurns:
     rows : (r,) int
         Balls of the component.
     """
-    from medialis.curves.graph._kernels import farthest_ends, take_turns
+    from medialis.curves._kernels import farthest_ends, take_turns
 
     reach, turns = np.zeros(len(links.radii)), np.zeros(len(links.length), np.int64)
     farthest_ends(rows, links, reach)
@@ -296,7 +296,7 @@ def close_loops(graph: GraphTree, turns: LinkTurns, rows: Index, root: int, most
     (l, c) int64
         How often each loop goes round each handle, up to sums of loops: independent rows.
     """
-    from medialis.curves.graph._kernels import cheapest_closing_link, weigh_paths
+    from medialis.curves._kernels import cheapest_closing_link, weigh_paths
 
     links, random, k = graph.links, np.random.default_rng(0), len(graph.links.radii)
     anchor, path = np.full(k, -1, np.int64), np.zeros(k, np.int64)
