@@ -267,7 +267,7 @@ class Task:
     @property
     def about(self) -> dict[str, Any]:
         """What tells the result from others, as its manifest will have it."""
-        from medialis.base.units import as_unit
+        from medialis.base.options import as_unit
         from medialis.base.version import package_version
         from medialis.show.writing import as_given, input_stamp
 

@@ -26,9 +26,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from medialis.base.errors import InvalidShapeError
+from medialis.base.options import as_unit
 from medialis.base.progress import Progress, ProgressCallback
 from medialis.base.threads import run_patiently
-from medialis.base.units import as_unit
 from medialis.base.validation import as_faces, as_normals, as_points
 from medialis.formats.meshes import read_mesh
 from medialis.shape.diagnosis import examine

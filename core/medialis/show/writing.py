@@ -18,9 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from medialis.base.errors import FileError, InvalidOptionError
-from medialis.base.options import Options
+from medialis.base.options import Length, Options
 from medialis.base.progress import Message, Progress, ProgressCallback
-from medialis.base.units import Length
 from medialis.base.validation import IntArray, as_choice
 from medialis.base.version import package_version
 from medialis.formats.files import MANIFEST, Drawn, OutputFolder, absolute, complete_file
