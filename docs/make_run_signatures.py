@@ -19,7 +19,7 @@ HEAD = """\
 from typing import Any, Literal, overload
 
 from medialis.base.progress import Progress, ProgressCallback
-from medialis.base.units import Length
+from medialis.base.options import Length
 from medialis.shape.reading import ShapeLike
 from medialis.show.result import Result
 

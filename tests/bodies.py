@@ -2,9 +2,9 @@
 
 import numpy as np
 
+from medialis.shape.generate import make_unambiguous, surface_nets
 from medialis.shape.normals import vertex_normals
 from medialis.shape.shape import Shape
-from medialis.shape.surface_nets import make_unambiguous, surface_nets
 
 
 def meshed(field, low, high, cell):

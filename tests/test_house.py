@@ -1,12 +1,16 @@
 """The house: which module may import what, no circles, and rooms that stay few."""
 
 import ast
+import os
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 from make_house import PACKAGES, PICTURE, dotted, imports, modules, picture
 
+import medialis
 from medialis.base import cache_folder
 
 PACKAGE = Path(cache_folder.PACKAGE)
@@ -21,6 +25,9 @@ FLOORS = [
 
 AROUND_KERNELS = {"box_tree.py", "cache_folder.py", "jit.py"}
 """Python code that kernels need, or that needs numba."""
+
+MOST_ENTERED = 67
+"""Files of which a warm `curve-skeleton` runs a function: 112 in 2.0, counted like this."""
 
 MOST_FILES, MOST_IN_A_FOLDER = 190, 20
 
@@ -122,3 +129,35 @@ def test_the_way_of_a_shape_names_functions_that_are_there():
         path = next(p for p in (PACKAGE / file, PICTURE.parents[2] / file) if p.exists())
         tree = ast.parse(path.read_text(encoding="utf-8"))
         assert function in {node.name for node in tree.body if hasattr(node, "name")}, file
+
+
+ENTERED = """
+import sys, threading
+root, entered = sys.argv.pop(1), set()
+
+def look(frame, event, argument):
+    code = frame.f_code
+    if event == "call" and code.co_filename.startswith(root) and code.co_filename not in entered:
+        while frame is not None and frame.f_code.co_name != "<module>":
+            frame = frame.f_back
+        if frame is None or not frame.f_code.co_filename.startswith(root):  # no mere import
+            entered.add(code.co_filename)
+
+sys.setprofile(look)
+threading.setprofile(look)
+from medialis.cli import main
+assert main(sys.argv[1:]) == 0
+sys.setprofile(None)
+print(*sorted(entered), sep="\\n", file=sys.stderr)
+"""
+
+
+@pytest.mark.slow
+def test_a_curve_skeleton_enters_few_files(tmp_path):
+    """Who follows a command from file to file has to know all of these."""
+    shape = medialis.organic_shape(56)
+    medialis.write_mesh(tmp_path / "shape.ply", shape)
+    command = [sys.executable, "-c", ENTERED, f"{PACKAGE}{os.sep}", "curve-skeleton", "shape.ply"]
+    run = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
+    assert run.returncode == 0, run.stderr
+    assert len(run.stderr.splitlines()) <= MOST_ENTERED, run.stderr

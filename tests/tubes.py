@@ -3,9 +3,9 @@
 import numpy as np
 from scipy.spatial import cKDTree
 
+from medialis.shape.generate import make_unambiguous, surface_nets
 from medialis.shape.normals import vertex_normals
 from medialis.shape.shape import Shape
-from medialis.shape.surface_nets import make_unambiguous, surface_nets
 
 AXES = np.concatenate([np.eye(3), -np.eye(3)])
 FORK = np.array([[1, 0, 0], [-0.5, 0.75**0.5, 0], [-0.5, -(0.75**0.5), 0]])

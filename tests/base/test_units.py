@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import medialis
-from medialis.base.units import METERS, Length, Size, as_length, nearest_unit, unit_name
+from medialis.base.options import METERS, Length, Size, as_length, nearest_unit, unit_name
 from medialis.cli.commands import main
 from medialis.formats.ply_attributes import write_ply
 from medialis.show.reports.page import number

@@ -329,7 +329,7 @@ def polygons(corners):
 @pytest.mark.parametrize("corners", [8, 2000])
 def test_polygons_of_many_corners_are_cut_as_before_and_fast(tmp_path, corners):
     """A polygon of 2,000 corners took 9 seconds and more (fixed); the triangles are the same."""
-    from medialis.formats._kernels import clip_ears
+    from medialis.base._kernels import clip_ears
 
     clip_ears(np.array([[0.0, 0], [2, 0], [2, 2], [1, 0.5]]), np.empty((2, 3), np.int64))
     for name, polygon in polygons(corners):

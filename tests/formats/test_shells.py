@@ -8,6 +8,7 @@ import pytest
 import medialis
 from calculix import blocks_of, deflection, needs_ccx, nodes_of
 from medialis.cli.commands import main
+from medialis.formats.files import Drawn
 from medialis.formats.shells import ShellMesh, write_inp, write_msh
 from medialis.formats.vtk import write_vtu
 
@@ -42,7 +43,7 @@ def tee():
 
 def test_sections_have_the_thickness_of_their_own_points_also_at_welds(tmp_path):
     """The points of a seam have one value, of whichever sheet: it is not that of both."""
-    write_inp(tmp_path / "a.inp", *_arguments(tee()))
+    write_inp(tmp_path / "a.inp", Drawn(*_arguments(tee())))
     sections = [(head, rows) for head, rows in blocks_of(tmp_path / "a.inp") if "SECTION" in head]
     assert [head.split("ELSET=")[1].split(",")[0] for head, _ in sections] == ["SHEET_0", "SHEET_1"]
     assert [float(rows[0][0]) for _, rows in sections] == [0.25, 0.5]
@@ -57,7 +58,7 @@ def _arguments(layer):
 @pytest.mark.parametrize("name", ["a.inp", "a.ccx.inp"])
 def test_elements_and_nodes_are_those_of_the_layer(tmp_path, name):
     points, faces, *values = tee()
-    write_inp(tmp_path / name, points, faces, None, *values)
+    write_inp(tmp_path / name, Drawn(points, faces, None, *values))
     blocks = blocks_of(tmp_path / name)
     nodes = np.array([row for head, rows in blocks if head.startswith("*NODE,") for row in rows])
     found = nodes.astype(float)
@@ -81,7 +82,7 @@ def test_tapered_sheets_have_the_thickness_of_their_nodes(tmp_path):
     points, faces = grid(8, 2, 4.0, 1.0)
     tapered = 0.1 + 0.05 * points[:, 0]
     for name in ("a.inp", "a.ccx.inp"):
-        write_inp(tmp_path / name, points, faces, None, {"thickness": tapered}, {})
+        write_inp(tmp_path / name, Drawn(points, faces, None, {"thickness": tapered}))
         blocks = {head.split(",")[0]: rows for head, rows in blocks_of(tmp_path / name)}
         rows = np.array(blocks["*NODAL THICKNESS"], float)
         nodes = np.array(blocks["*NODE"], float)
@@ -94,17 +95,19 @@ def test_tapered_sheets_have_the_thickness_of_their_nodes(tmp_path):
 
 def test_names_of_groups_suit_solvers_and_minus_one_is_no_sheet():
     points, faces = grid(1, 1, 1.0, 1.0)
-    mesh = ShellMesh(points, faces, {}, {"my patch": np.array([-1, 7], np.int32)})
+    patch = {"my patch": np.array([-1, 7], np.int32)}
+    mesh = ShellMesh(Drawn(points, faces, face_attributes=patch))
     assert [group.name for group in mesh.groups] == ["NO_MY_PATCH", "MY_PATCH_7"]
-    assert [group.name for group in ShellMesh(points, faces, {}, {}).groups] == ["SHELL"]
+    assert [group.name for group in ShellMesh(Drawn(points, faces)).groups] == ["SHELL"]
     both = {"other": np.zeros(2, np.int32), "sheet": np.ones(2, np.int32)}
-    assert [group.name for group in ShellMesh(points, faces, {}, both).groups] == ["SHEET_1"]
+    mesh = ShellMesh(Drawn(points, faces, face_attributes=both))
+    assert [group.name for group in mesh.groups] == ["SHEET_1"]
 
 
 @pytest.mark.parametrize("write", [write_inp, write_msh])
 def test_points_alone_are_refused_and_nothing_is_written(tmp_path, write):
     with pytest.raises(medialis.InvalidOptionError, match="no triangles"):
-        write(tmp_path / "a", np.eye(3))
+        write(tmp_path / "a", Drawn(np.eye(3)))
     assert not list(tmp_path.iterdir())
 
 
@@ -114,14 +117,14 @@ def test_pyvista_reads_vtu(tmp_path):
 
     points, faces, attributes, on_faces = tee()
     edges = np.array([[0, 1], [1, 2]])
-    write_vtu(tmp_path / "a.vtu", points, faces, edges, attributes, on_faces, show="thickness")
+    write_vtu(tmp_path / "a.vtu", Drawn(points, faces, edges, attributes, on_faces, "thickness"))
     grid_read = pyvista.read(tmp_path / "a.vtu")
     assert np.array_equal(grid_read.points, points)
     assert np.array_equal(grid_read.cells_dict[5], faces)
     assert np.array_equal(grid_read.cells_dict[3], edges)
     assert np.array_equal(grid_read.point_data["thickness"], attributes["thickness"])
     assert grid_read.cell_data["sheet"].tolist() == [0, 0, *on_faces["sheet"].tolist()]
-    write_vtu(tmp_path / "b.vtu", points)
+    write_vtu(tmp_path / "b.vtu", Drawn(points))
     assert pyvista.read(tmp_path / "b.vtu").n_cells == len(points)
 
 
@@ -132,7 +135,7 @@ def test_gmsh_reads_msh(tmp_path):
     points, faces, attributes, on_faces = tee()
     attributes = {"normal": np.tile([0.0, 0.0, 1.0], (len(points), 1)), **attributes}
     attributes["thickness"] = np.where(np.arange(len(points)) == 3, np.nan, attributes["thickness"])
-    write_msh(tmp_path / "a.msh", points, faces, None, attributes, on_faces, show="thickness")
+    write_msh(tmp_path / "a.msh", Drawn(points, faces, None, attributes, on_faces, "thickness"))
     gmsh.initialize(interruptible=False)
     try:
         gmsh.option.setNumber("General.Terminal", 0)
@@ -167,7 +170,7 @@ def test_calculix_bends_a_strip_as_far_as_the_closed_form(tmp_path, tapered):
         return 2.0 + (2.0 * (1 - x / length) if tapered else 0.0 * x)
 
     layer = points, faces, {"thickness": thickness_at(points[:, 0])}, {}
-    write_inp(tmp_path / "strip.ccx.inp", *_arguments(layer))
+    write_inp(tmp_path / "strip.ccx.inp", Drawn(*_arguments(layer)))
     nodes = nodes_of(tmp_path / "strip.ccx.inp")
     ends = [np.flatnonzero(np.abs(nodes[:, 0] - at) < 1e-9) for at in (0.0, length)]
     found = deflection(tmp_path / "strip.ccx.inp", *ends, axis=2, load=load, poisson=0.0)
@@ -209,7 +212,7 @@ def test_write_mesh_takes_a_layer(tmp_path, ending):
 def test_thickness_of_faces_counts_where_there_is_one(tmp_path):
     points, faces, attributes, on_faces = tee()
     thick = np.where(on_faces["sheet"] == 0, 0.3, 0.6)
-    mesh = ShellMesh(points, faces, attributes, {**on_faces, "face_thickness": thick})
+    mesh = ShellMesh(Drawn(points, faces, None, attributes, {**on_faces, "face_thickness": thick}))
     assert [(group.thickness, group.even) for group in mesh.groups] == [
         (pytest.approx(0.3), True),
         (pytest.approx(0.6), True),

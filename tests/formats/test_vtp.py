@@ -7,6 +7,7 @@ import pytest
 
 import medialis
 from medialis.cli.commands import main
+from medialis.formats.files import Drawn
 from medialis.formats.vtk import write_vtp
 
 KINDS = {"Int": "i", "UInt": "u", "Float": "f"}
@@ -58,7 +59,7 @@ def test_points_triangles_and_values_come_back(tmp_path):
         "swapped": np.arange(4, dtype=">i2"),
     }
     on_faces = {"area": np.array([0.5, 0.5, 0.9, 0.5]), "side": np.arange(4, dtype=np.int8)}
-    write_vtp(tmp_path / "a.vtp", TETRAHEDRON, FACES, None, given, on_faces, show="height")
+    write_vtp(tmp_path / "a.vtp", Drawn(TETRAHEDRON, FACES, None, given, on_faces, "height"))
     piece = Piece(tmp_path / "a.vtp")
     assert np.array_equal(piece.arrays("Points")["Points"], TETRAHEDRON)
     assert np.array_equal(piece.cells("Polys"), FACES)
@@ -73,10 +74,10 @@ def test_points_triangles_and_values_come_back(tmp_path):
 
 
 def test_points_alone_are_cells_and_lines_have_no_values_of_faces(tmp_path):
-    write_vtp(tmp_path / "a.vtp", TETRAHEDRON)
+    write_vtp(tmp_path / "a.vtp", Drawn(TETRAHEDRON))
     assert Piece(tmp_path / "a.vtp").cells("Verts").tolist() == [[0], [1], [2], [3]]
     edges, values = np.array([[0, 1], [2, 3]]), {"area": np.ones(4), "label": np.arange(4)}
-    write_vtp(tmp_path / "b.vtp", TETRAHEDRON, FACES, edges, None, values)
+    write_vtp(tmp_path / "b.vtp", Drawn(TETRAHEDRON, FACES, edges, {}, values))
     piece = Piece(tmp_path / "b.vtp")
     assert np.array_equal(piece.cells("Lines"), edges) and len(piece.cells("Verts")) == 0
     held = piece.arrays("CellData")  # VTK's order: points, lines, triangles
@@ -87,7 +88,7 @@ def test_points_alone_are_cells_and_lines_have_no_values_of_faces(tmp_path):
 @pytest.mark.parametrize("values", [np.arange(3), np.array(["a"] * 4), np.array(1.0)])
 def test_other_values_are_refused_and_nothing_is_written(tmp_path, values):
     with pytest.raises(medialis.InvalidOptionError, match="attribute 'x'"):
-        write_vtp(tmp_path / "a.vtp", TETRAHEDRON, FACES, None, {"x": values})
+        write_vtp(tmp_path / "a.vtp", Drawn(TETRAHEDRON, FACES, None, {"x": values}))
     assert not list(tmp_path.iterdir())
 
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import medialis
+from medialis.operations.positions import places
 from medialis.operations.result import Layer
 from medialis.show.colors import label_colors, map_colors
 
@@ -19,7 +20,7 @@ SOUP_FACES = np.arange(12).reshape(4, 3)
 
 def height(shape, **more):
     """Layer on the input: a scalar and a vector of the vertices."""
-    values = {"height": shape.points[:, 2], "place": shape.points}
+    values = {"height": shape.points[:, 2], "place": places(shape.points)}
     return Layer(
         "on", shape.points, shape.faces, attributes=values, color_by="height", on_input=True, **more
     )

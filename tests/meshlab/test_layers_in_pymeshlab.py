@@ -8,6 +8,7 @@ import pytest
 
 import medialis
 from medialis.base.threads import run_chunks
+from medialis.operations.positions import numbers
 from medialis.operations.result import Layer
 from medialis.show.colors import label_colors, map_colors
 
@@ -36,7 +37,7 @@ def test_points_with_attributes_of_every_type(mesh_set, register):
         "source": np.arange(5, dtype=np.int64),
         "flag": np.array([True, False, True, True, False]),
         "single": np.float32([0.1, 0.2, 0.3, 0.4, 0.5]),
-        "direction": POINTS,
+        "direction": numbers(POINTS),
         "pair": np.arange(10).reshape(5, 2),
     }
     register(Layer("made here", POINTS, attributes=attributes, color_by="value"))
@@ -79,7 +80,7 @@ def test_curves_are_edge_meshes(mesh_set, register):
             "curve",
             POINTS,
             edges=edges,
-            attributes={"radius": radius, "feature": POINTS},
+            attributes={"radius": radius, "feature": numbers(POINTS)},
             color_by="radius",
             color_map="diverging",
             color_limits=(0.2, 0.4),
@@ -102,7 +103,11 @@ def test_surfaces_with_labels_of_faces(mesh_set, register):
             POINTS,
             FACES,
             attributes={"height": POINTS[:, 2]},
-            face_attributes={"part": part, "axis": np.eye(3), "share": np.array([0.5, 1, np.nan])},
+            face_attributes={
+                "part": part,
+                "axis": numbers(np.eye(3)),
+                "share": np.array([0.5, 1, np.nan]),
+            },
             color_by="part",
             labels=("part",),
         )
@@ -133,7 +138,7 @@ def test_names_that_meshlab_cannot_hold(mesh_set, register):
         "Radius": np.zeros(5),
         "radius": np.ones(5),
         "spoke angle (°)": np.arange(5.0),
-        "2nd": POINTS,
+        "2nd": numbers(POINTS),
     }
     register(Layer("Größe 形", POINTS, attributes=attributes, color_by="spoke angle (°)"))
     result = mesh_set.generate_made()

@@ -11,9 +11,9 @@ from medialis.base.arrays import Ragged
 from medialis.base.threads import thread_limit
 from medialis.segments.parts import extent_share, find_limbs
 from medialis.shape import labels as labels_module
+from medialis.shape.generate import make_unambiguous, surface_nets
 from medialis.shape.labels import connected_labels, diffused_labels
 from medialis.shape.normals import vertex_normals
-from medialis.shape.surface_nets import make_unambiguous, surface_nets
 from tubes import AXES, FORK, hub
 
 

@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 import closed_forms as forms
 import medialis
 from medialis.base.errors import InvalidOptionError, InvalidShapeError
-from medialis.skeleton.surface_skeleton import NOISY
+from medialis.skeleton.surface_skeleton import NOISY_FROM
 from tubes import circle, segment, tube
 
 RADIUS = 0.25
@@ -78,7 +78,7 @@ def _clean_shapes():
 def test_clean_shapes_have_no_noise_and_are_not_touched(name, clean_shapes):
     """Sharp edges, teeth and curvature are no noise: far below the level that is acted on."""
     shape = clean_shapes[name]
-    assert medialis.noise_level(shape) < NOISY * shape.spacing / 2
+    assert medialis.noise_level(shape) < NOISY_FROM * shape.spacing / 2
     plain = medialis.run("curve_skeleton", shape, denoise="off")
     auto = medialis.run("curve_skeleton", shape)
     assert auto.arrays["points"].tobytes() == plain.arrays["points"].tobytes()
@@ -89,7 +89,7 @@ def test_clean_shapes_have_no_noise_and_are_not_touched(name, clean_shapes):
 @pytest.mark.parametrize("name", ["fandisk", "gears", "rockerarm", "armadillo", "cow", "horse"])
 def test_real_clean_shapes_are_not_touched(name, real_shapes):
     shape = medialis.read_shape(real_shapes / f"{name}.ply")
-    assert medialis.noise_level(shape) < NOISY * shape.spacing
+    assert medialis.noise_level(shape) < NOISY_FROM * shape.spacing
 
 
 def test_the_level_turns_and_grows_with_the_shape(rod):

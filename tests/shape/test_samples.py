@@ -5,8 +5,8 @@ import pytest
 
 import medialis
 from medialis.base.errors import InvalidOptionError
+from medialis.shape.generate import make_unambiguous, surface_nets
 from medialis.shape.samples import SAMPLES, sample_shape
-from medialis.shape.surface_nets import make_unambiguous, surface_nets
 
 HANDLES = {"molecule": 1, "gear": 1, "bracket": 3}
 

@@ -13,7 +13,7 @@ import closed_forms as forms
 import medialis
 from medialis.base.progress import Progress
 from medialis.base.threads import thread_limit
-from medialis.sheets import y_network
+from medialis.sheets.scaffold import smoothed_curves
 
 SIDES = (2.0, 1.5, 1.0)
 
@@ -171,7 +171,7 @@ def test_crossing_nested_and_separate_parts():
 @pytest.mark.parametrize("links", [[], [[0, 1]]])
 def test_curves_without_length_stay(links):
     points = np.zeros((2, 3))
-    curves = y_network.smoothed_curves(points, np.array(links, np.int64).reshape(-1, 2))
+    curves = smoothed_curves(points, np.array(links, np.int64).reshape(-1, 2))
     assert np.array_equal(curves, points)
 
 

@@ -5,7 +5,7 @@ import pytest
 
 import closed_forms as forms
 import medialis
-from medialis.skeleton.surface_skeleton import FEW
+from medialis.skeleton.surface_skeleton import TOO_LONG_SHARE
 
 
 @pytest.fixture(scope="module")
@@ -33,9 +33,9 @@ def test_a_dense_mesh_with_a_few_longer_edges_keeps_its_samples(shape):
     falling = np.argsort(-longest_sides(shape))
     sides = longest_sides(shape)[falling]
     share = np.cumsum(shape.face_areas[falling]) / shape.area
-    below = sides[np.searchsorted(share, FEW)]
-    above = sides[np.searchsorted(share, 1.1 * FEW) + 1]
-    assert 0 < share_above(shape, below) <= FEW < share_above(shape, above)
+    below = sides[np.searchsorted(share, TOO_LONG_SHARE)]
+    above = sides[np.searchsorted(share, 1.1 * TOO_LONG_SHARE) + 1]
+    assert 0 < share_above(shape, below) <= TOO_LONG_SHARE < share_above(shape, above)
     assert sides[0] < 2 * above  # none is twice as long
     assert samples(shape, below) == shape.point_count
     assert samples(shape, above) > shape.point_count
@@ -50,7 +50,7 @@ def test_a_single_edge_of_twice_the_length_is_split():
     points = np.concatenate([fine.points, big])
     n = fine.point_count
     shape = medialis.make_shape(points, np.concatenate([fine.faces, [[n, n + 1, n + 2]]]))
-    assert share_above(shape, length) < FEW
+    assert share_above(shape, length) < TOO_LONG_SHARE
     assert samples(shape, length) > shape.point_count
 
 

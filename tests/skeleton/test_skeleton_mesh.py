@@ -10,7 +10,7 @@ from medialis.base.threads import thread_limit
 from medialis.shape.shape import Shape
 from medialis.skeleton._ball_kernels import in_balls
 from medialis.skeleton.ball_shrinking import shrink_balls as surface_skeleton
-from medialis.skeleton.skeleton_mesh import SLACK, SkeletonMesh
+from medialis.skeleton.skeleton_mesh import RADIUS_SLACK, SkeletonMesh
 
 ALL = {"min_spoke_angle": 0.0, "smallest_piece": 0.0}
 GRID = np.linspace(0, 1, 6)
@@ -199,8 +199,8 @@ def test_radius_rises_no_steeper_than_on_a_sheet(monkeypatch):
         step = np.linalg.norm(shape.points[a] - shape.points[b], axis=1)
         slope = (np.cos(cloud.spoke_angles[a] / 2) + np.cos(cloud.spoke_angles[b] / 2)) / 2
         rise = np.abs(cloud.radii[a] - cloud.radii[b])
-        assert (rise <= slope * run + SLACK * step + 1e-12).all()
-    monkeypatch.setattr("medialis.skeleton.skeleton_mesh.SLACK", 1000.0)
+        assert (rise <= slope * run + RADIUS_SLACK * step + 1e-12).all()
+    monkeypatch.setattr("medialis.skeleton.skeleton_mesh.RADIUS_SLACK", 1000.0)
     more = skeleton_mesh(cloud, bridge=0)
     assert len(more.faces) >= len(mesh.faces)
 

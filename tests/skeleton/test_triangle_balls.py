@@ -247,14 +247,9 @@ def test_hulls_of_slivers_are_as_thin_as_the_slivers():
     for high in (1.0, 0.3, 0.1, 1e-3, 1e-6, 0.0):
         corners = np.array([[0, 0, 0], [1, 0, 0], [rng.random(), high, 0]]) @ ROTATION.T + 0.3
         hull = np.zeros((1, kernels.ROWS, kernels.BLOCK), np.float32)
-        order, out = np.full(kernels.BLOCK, -1, np.int32), np.empty((kernels.BLOCK, 3), np.int32)
-        order[0], place = 0, np.arange(3, dtype=np.int32)
-        faces = place[None].copy()
-        bulges, cosines = np.zeros((1, 3)), np.zeros(1)
-        reliefs = np.zeros((kernels.BLOCK, 4))
-        kernels.fill_hulls(
-            0, 1, order, faces, place, corners, bulges, cosines, 1.0, out, reliefs, hull
-        )
+        faces, held = np.arange(3)[None], np.full((kernels.BLOCK, 3), -1, np.int32)
+        held[0] = faces
+        kernels.fill_hulls(0, 1, corners, held, hull)
         row = hull[0, :, 0].astype(np.float64)
         to = corners.mean(axis=0) + rng.normal(size=(200, 3)) - row[:3]
         off = to @ row[kernels.AXIS : kernels.AXIS + 3]
@@ -265,7 +260,7 @@ def test_hulls_of_slivers_are_as_thin_as_the_slivers():
         places = weights @ corners
         away = np.array([np.linalg.norm(places - p, axis=1).min() for p in to + row[:3]])
         assert (near <= away + 1e-6).all()
-        if high < 1 / kernels.SLIM:
+        if high < 1 / kernels.SLIVER:
             assert (near >= away - high - 1e-2).all()  # 1e-2: between the places that were tried
 
 

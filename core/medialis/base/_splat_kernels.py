@@ -419,27 +419,26 @@ def add_layer(row, col, depth, face, lens, mesh, out_glass):
 
 
 @kernel
-def pixel_normal(i, px, py, pz, lens, balls, mesh):
-    """Return normal, cosine and base color where p lies on ball or triangle i."""
-    if i >= len(balls.radii):
-        return triangle_hit(i - len(balls.radii), px, py, pz, lens.focal > 0, mesh)
-    view, colors = balls.centers, balls.colors
-    nx, ny, nz, cosine = facing(
-        px - view[i, 0], py - view[i, 1], pz - view[i, 2], px, py, pz, lens.focal > 0
-    )
-    # Times 1.0: double precision, as of a triangle.
-    return nx, ny, nz, cosine, 1.0 * colors[i, 0], 1.0 * colors[i, 1], 1.0 * colors[i, 2]
+def ball_normal(i, px, py, pz, perspective, balls):
+    """Return facing normal of a ball at the point p, and its cosine."""
+    centers = balls.centers
+    x, y, z = px - centers[i, 0], py - centers[i, 1], pz - centers[i, 2]
+    return facing(x, y, z, px, py, pz, perspective)
 
 
 @kernel
 def surface_normals(canvas, lens, balls, mesh, begin, end, out_normals):
     """Write the view-space normal, turned to the viewer, of each pixel in rows begin..end."""
+    count = len(balls.radii)
     for row in range(begin, end):
         for col in range(canvas.depth.shape[1]):
             i = canvas.index[row, col]
             if i < 0:
                 continue
             px, py, pz = hit_point(row, col, canvas.depth[row, col], lens)
-            nx, ny, nz, _, _, _, _ = pixel_normal(i, px, py, pz, lens, balls, mesh)
+            if i < count:
+                nx, ny, nz, _ = ball_normal(i, px, py, pz, lens.focal > 0, balls)
+            else:
+                nx, ny, nz, _, _, _, _ = triangle_hit(i - count, px, py, pz, lens.focal > 0, mesh)
             out_normals[row, col, 0], out_normals[row, col, 1] = nx, ny
             out_normals[row, col, 2] = nz

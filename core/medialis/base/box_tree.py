@@ -8,29 +8,18 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from medialis.base._box_tree_kernels import (
-    BOUND_ROWS,
-    FAN,
-    LEAF,
-    BoxTree,
-    Items,
-    bound_nodes,
-    fill_leaves,
-    largest_radii,
-    nearest_in_tree,
-    nearest_item,
-    nearest_places,
-    split_nodes,
-)
 from medialis.base.errors import InvalidShapeError
 from medialis.base.progress import Progress
 from medialis.base.threads import run_chunks, run_patiently
 from medialis.base.validation import FloatArray, IntArray, as_field, as_points
+
+if TYPE_CHECKING:
+    from medialis.base._box_tree_kernels import BoxTree, Items
 
 SERIAL_LEVELS = 3  # the top levels are split one by one; below, 8 subtrees go to the threads
 NODES_A_CHUNK = 64
@@ -61,6 +50,8 @@ def build_box_tree(
     allocate : callable
         Gives an array for (name, shape, dtype): in memory, or mapped from a file.
     """
+    from medialis.base import _box_tree_kernels as kernels
+
     n = len(points)
     center = 0.5 * (points.min(axis=0) / unit + points.max(axis=0) / unit)
     rows = allocate("rows", (n, 4), np.float64)
@@ -68,14 +59,16 @@ def build_box_tree(
         here = slice(begin, begin + ROWS_A_BLOCK)
         np.subtract(points[here] / unit, center, out=rows[here, :3])
         rows[here, 3] = np.arange(begin, begin + len(rows[here]))
-    depth = max(0, int(np.ceil(np.log2(n / LEAF)))) if n > LEAF else 0
-    while -(-n // (1 << depth)) > LEAF:
+    depth = max(0, int(np.ceil(np.log2(n / kernels.LEAF)))) if n > kernels.LEAF else 0
+    while -(-n // (1 << depth)) > kernels.LEAF:
         depth += 1
 
     top = min(SERIAL_LEVELS, depth)
     for level in range(top):
-        run_chunks(lambda a, b, lv=level: split_nodes(rows, lv, lv + 1, a, b), 1 << level, 1)
-    run_chunks(lambda a, b: split_nodes(rows, top, depth, a, b), 1 << top, 1)
+        run_chunks(
+            lambda a, b, lv=level: kernels.split_nodes(rows, lv, lv + 1, a, b), 1 << level, 1
+        )
+    run_chunks(lambda a, b: kernels.split_nodes(rows, top, depth, a, b), 1 << top, 1)
 
     levels, leaves = wide_levels(depth), 1 << depth
     nodes = levels[-1][0].stop
@@ -83,13 +76,15 @@ def build_box_tree(
         allocate("points", (n, 3), np.float64),
         allocate("normals", (n, 3), np.float64),
         allocate("order", (n,), np.int32),
-        allocate("blocks", (leaves, 3, LEAF), np.float64),
+        allocate("blocks", (leaves, 3, kernels.LEAF), np.float64),
     )
     run_chunks(
-        lambda a, b: fill_leaves(rows, normals, depth, a, b, samples), leaves, LEAVES_A_CHUNK
+        lambda a, b: kernels.fill_leaves(rows, normals, depth, a, b, samples),
+        leaves,
+        LEAVES_A_CHUNK,
     )
-    bounds = allocate("bounds", (nodes, BOUND_ROWS, FAN), np.float32)
-    tree = BoxTree(center, *samples, bounds, allocate("child", (nodes,), np.int64), depth)
+    bounds = allocate("bounds", (nodes, kernels.BOUND_ROWS, kernels.FAN), np.float32)
+    tree = kernels.BoxTree(center, *samples, bounds, allocate("child", (nodes,), np.int64), depth)
     tree.bounds[:, :3], tree.bounds[:, 9:] = np.inf, np.inf
     tree.bounds[:, 3:6] = -np.inf
     tree.bounds[:, 6:9] = 0.0
@@ -97,7 +92,7 @@ def build_box_tree(
         children = fan * np.arange(here.stop - here.start)
         tree.child[here] = ~children if here.stop == nodes else here.stop + children
         run_chunks(
-            lambda a, b, d=child_depth, f=fan, s=here: bound_nodes(
+            lambda a, b, d=child_depth, f=fan, s=here: kernels.bound_nodes(
                 tree.points, tree.normals, d, f, a, b, tree.bounds[s]
             ),
             len(children),
@@ -159,16 +154,18 @@ class NearestTree:
 
     @classmethod
     def _of(cls, middles: FloatArray, sizes: FloatArray, corners: FloatArray) -> NearestTree:
+        from medialis.base import _box_tree_kernels as kernels
+
         tree = build_box_tree(middles, np.zeros_like(middles))
-        ordered, largest = sizes[tree.order], np.zeros((len(tree.child), FAN))
+        ordered, largest = sizes[tree.order], np.zeros((len(tree.child), kernels.FAN))
         placed = corners[tree.order] - tree.center if len(corners) else corners
         for nodes, child_depth, fan in wide_levels(tree.depth):
             if len(corners):
                 _bound_corners(tree, placed, nodes, child_depth, fan)
                 continue
             count = nodes.stop - nodes.start
-            largest_radii(ordered, child_depth, fan, 0, count, largest[nodes])
-        return cls(tree, Items(ordered, largest, placed))
+            kernels.largest_radii(ordered, child_depth, fan, 0, count, largest[nodes])
+        return cls(tree, kernels.Items(ordered, largest, placed))
 
     def distances(
         self,
@@ -196,6 +193,8 @@ class NearestTree:
         Cost: about O(log k) a point near the items; more far inside a hollow shape, where many
         items are equally far.
         """
+        from medialis.base import _box_tree_kernels as kernels
+
         tree, count = self.tree, len(queries)
         shifted = np.subtract(queries, tree.center, order="C")
         reach = float(np.abs(tree.points).max(initial=0.0) + np.abs(shifted).max(initial=0.0))
@@ -203,7 +202,7 @@ class NearestTree:
         margin = ROUNDING * reach
 
         def work(begin: int, end: int) -> None:
-            nearest_item(begin, end, shifted, tree, self.items, margin, enough, out)
+            kernels.nearest_item(begin, end, shifted, tree, self.items, margin, enough, out)
 
         run_chunks(work, count, QUERIES_A_CHUNK)
         return distance, tree.order[row]
@@ -222,8 +221,10 @@ def nearest_on_triangles(queries: FloatArray, corners: FloatArray) -> FloatArray
     (q, 3) float64
         Not negative, sum 1; exactly 0 for the corners that an edge or a corner does not have.
     """
+    from medialis.base import _box_tree_kernels as kernels
+
     places = np.empty((len(queries), 2))
-    nearest_places(queries, corners, places)
+    kernels.nearest_places(queries, corners, places)
     first = np.where(places.sum(axis=1) >= 1.0, 0.0, 1.0 - places.sum(axis=1))
     return np.column_stack([first, places])
 
@@ -276,6 +277,8 @@ def nearest_others(
     >>> near.ravel().tolist(), distance.ravel().tolist()
     ([1, 0, 1], [1.0, 1.0, 2.0])
     """
+    from medialis.base import _box_tree_kernels as kernels
+
     still = Progress() if progress is None else progress
     n, columns = len(points), max(min(count, len(points) - 1), 0)
     near, distance = np.empty((n, columns), np.int32), np.empty((n, columns))
@@ -286,7 +289,7 @@ def nearest_others(
     )
 
     def work(begin: int, end: int) -> None:
-        nearest_in_tree(begin, end, tree, distance, near)
+        kernels.nearest_in_tree(begin, end, tree, distance, near)
 
     run_chunks(work, len(tree.blocks), NEIGHBOUR_LEAVES_A_CHUNK, progress=progress)
     return near, distance

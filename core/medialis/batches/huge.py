@@ -39,7 +39,7 @@ from medialis.skeleton.importance.importance import measures_of_points
 from medialis.skeleton.medial_cloud import Balls
 
 if TYPE_CHECKING:
-    from medialis.base.box_tree import BoxTree
+    from medialis.base._box_tree_kernels import BoxTree
 
 ROWS_A_BLOCK = 1 << 20
 """What is checked, scaled or copied at a time: 24 MB of coordinates."""
@@ -137,7 +137,7 @@ class Range:
 
 def shrink_range(job: Range) -> int:
     """Run on a worker: map the files, shrink the balls of a range, return how many."""
-    from medialis.base.box_tree import BoxTree
+    from medialis.base._box_tree_kernels import BoxTree
 
     folder = Path(job.folder)
     parts = {

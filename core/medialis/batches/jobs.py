@@ -18,9 +18,9 @@ from typing import Any
 from medialis.base.arrays import Described
 from medialis.base.errors import Cancelled, FileError, InvalidOptionError, MedialisError
 from medialis.base.kept import forget
+from medialis.base.options import as_unit
 from medialis.base.progress import Message, Progress
 from medialis.base.threads import thread_limit
-from medialis.base.units import as_unit
 from medialis.base.version import package_version
 from medialis.formats.files import MANIFEST, absolute
 from medialis.formats.json_npz import json_text

@@ -165,7 +165,7 @@ def _of_folder(folder: Path) -> list[Outcome]:
         When there is none, or they are of several shapes.
     """
     from medialis.formats.files import MANIFEST
-    from medialis.show.reading import read_result
+    from medialis.show.result import read_result
 
     folders = sorted(
         path.parent for path in [*folder.glob(MANIFEST), *folder.glob(f"*/{MANIFEST}")]
@@ -267,7 +267,7 @@ class Task:
     @property
     def about(self) -> dict[str, Any]:
         """What tells the result from others, as its manifest will have it."""
-        from medialis.base.units import as_unit
+        from medialis.base.options import as_unit
         from medialis.base.version import package_version
         from medialis.show.writing import as_given, input_stamp
 

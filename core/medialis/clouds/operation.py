@@ -16,10 +16,9 @@ from numpy.typing import NDArray
 
 from medialis.base.errors import InvalidShapeError
 from medialis.base.kept import kept
-from medialis.base.options import Options, changed, choice, flag, length
+from medialis.base.options import Options, changed, choice, flag, length, with_unit
 from medialis.base.progress import Progress, counted
 from medialis.base.threads import run_patiently
-from medialis.base.units import with_unit
 from medialis.base.validation import FloatArray
 from medialis.clouds.manifolds import (
     ManifoldSet,

@@ -2,7 +2,7 @@
 
 Everything with points is a `Drawn` first. From there it becomes a mesh or cloud (trimesh, PyVista,
 Open3D, meshio) or a table (pandas); curve skeletons become graphs and neurons (networkx, navis),
-and are made of them.
+and are made of them. `write_mesh` writes it in the formats that other programs read.
 """
 
 from __future__ import annotations
@@ -11,15 +11,20 @@ import dataclasses
 import importlib
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from medialis.base.errors import InvalidOptionError, InvalidShapeError
 from medialis.curves.curve_skeleton import CurveSkeleton
 from medialis.curves.formats import node_attributes, read_curve_skeleton, tree_of
+from medialis.formats import files
+from medialis.formats.ply_attributes import write_layer_ply
+from medialis.formats.shells import write_inp, write_msh
+from medialis.formats.text_meshes import write_obj, write_off, write_stl
+from medialis.formats.vtk import write_vtp, write_vtu
 from medialis.operations.result import Layer, Outcome
 from medialis.shape.reading import ShapeLike, as_shape
 from medialis.shape.shape import Shape
@@ -35,15 +40,8 @@ PIP = {"skimage": "scikit-image"}
 """Names of packages that are not those of what they hold."""
 
 
-@dataclass(frozen=True, eq=False)
-class Drawn:
+class Drawn(files.Drawn):
     """Points with triangles or edges and named values, whatever they were before."""
-
-    points: NDArray[np.float64]
-    faces: NDArray[np.int32] | None = None
-    edges: NDArray[np.int32] | None = None
-    attributes: Mapping[str, NDArray[Any]] = field(default_factory=dict)
-    face_attributes: Mapping[str, NDArray[Any]] = field(default_factory=dict)
 
     @classmethod
     def of(cls, thing: Drawable) -> Drawn:
@@ -76,7 +74,7 @@ class Drawn:
     def outcome(self, name: str) -> Outcome:
         """Return these as an outcome of one layer, which is coloured by its first values."""
         numbers = [k for k, v in self.attributes.items() if np.ndim(v) == 1]
-        layer = Layer(name, **vars(self), color_by=next(iter(numbers), None))
+        layer = Layer(name, **{**vars(self), "color_by": next(iter(numbers), None)})
         normals = np.zeros(self.points.shape)
         return Outcome(Shape(self.points, normals, self.faces), layers=(layer,))
 
@@ -547,3 +545,73 @@ def _of_table(table: Any) -> CurveSkeleton:
     places = np.column_stack([np.asarray(table[axis], np.float64) for axis in "xyz"])
     radii = table["radius"] if "radius" in table.columns else np.zeros(len(places))
     return CurveSkeleton.of(places, edges, np.nan_to_num(np.asarray(radii, np.float64)))
+
+
+WITH_VALUES = {
+    **{".ply": write_layer_ply, ".vtp": write_vtp, ".vtu": write_vtu, ".msh": write_msh},
+    ".inp": write_inp,
+}
+"""Formats that hold attributes."""
+
+WRITERS = {**WITH_VALUES, ".obj": write_obj, ".off": write_off, ".stl": write_stl}
+
+
+def write_mesh(
+    path: str | os.PathLike[str],
+    thing: Drawable,
+    *,
+    attributes: Mapping[str, ArrayLike] | None = None,
+) -> None:
+    """Write points, triangles and edges in the format that the extension names.
+
+    Parameters
+    ----------
+    path : path
+        ``.ply`` keeps everything without loss, and so do ``.vtp`` and ``.vtu`` for ParaView and
+        VTK. ``.msh`` (Gmsh), ``.inp`` (Abaqus) and ``.ccx.inp`` (CalculiX) hold triangles as shell
+        elements: `thickness` of points becomes sections, `sheet` of faces groups. ``.obj``
+        and ``.off`` keep points and triangles, and OBJ edges, with 17 digits. ``.stl`` keeps
+        triangles in single precision.
+    thing : Shape, SkeletonMesh, Layer, MedialCloud, CurveSkeleton, Result, or what stands for one
+        A result gives its first layer.
+    attributes : dict of (n,) or (n, d) arrays, optional
+        More values of the points; not for OBJ, OFF and STL.
+
+    Raises
+    ------
+    InvalidOptionError
+        When the format is unknown, cannot hold attributes, or holds triangles only and there are
+        none.
+    InvalidShapeError
+        When there are no points, or no triangles for STL.
+    FileError
+        When the file cannot be written.
+
+    See Also
+    --------
+    read_shape : reads it again.
+    write_result : all files of a result.
+    write_curve_skeleton : graph formats.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import medialis
+    >>> shape = medialis.organic_shape(56)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     medialis.write_mesh(f"{folder}/organic.obj", shape)
+    ...     medialis.read_shape(f"{folder}/organic.obj").face_count == shape.face_count
+    True
+    """
+    ending = Path(path).suffix.lower()
+    if ending not in WRITERS:
+        raise InvalidOptionError(
+            f"Meshes are written as {', '.join(WRITERS)}; got {os.fspath(path)!r}."
+        )
+    if attributes and ending not in WITH_VALUES:
+        names = ", ".join(WITH_VALUES)
+        raise InvalidOptionError(f"Only {names} hold attributes; got {os.fspath(path)!r}.")
+    drawn = Drawn.of(thing)
+    values = {name: np.asarray(column) for name, column in (attributes or {}).items()}
+    given = {**drawn.attributes, **values}
+    WRITERS[ending](path, dataclasses.replace(drawn, attributes=given, color_by=None))

@@ -14,9 +14,9 @@ import secrets
 import shutil
 import sys
 import warnings
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
 from typing import Any, BinaryIO
@@ -215,6 +215,29 @@ class ParsedMesh:
     messages: tuple[Message, ...] = ()
     viewpoints: NDArray[np.float64] | None = None
     """(n, 3) where each vertex was seen from, NaN where unknown; None when the file has none."""
+
+
+@dataclass(frozen=True, eq=False)
+class Drawn:
+    """Points with triangles or edges and named values: what is written as a mesh, as a layer is.
+
+    Attributes
+    ----------
+    points : (n, 3) float
+    faces : (m, 3) int or None
+    edges : (e, 2) int or None
+    attributes : dict of (n,) or (n, ...) arrays
+    face_attributes : dict of (m,) or (m, ...) arrays
+    color_by : str or None
+        The attribute that programs colour by at first.
+    """
+
+    points: NDArray[np.float64]
+    faces: NDArray[np.int32] | None = None
+    edges: NDArray[np.int32] | None = None
+    attributes: Mapping[str, NDArray[Any]] = field(default_factory=dict)
+    face_attributes: Mapping[str, NDArray[Any]] = field(default_factory=dict)
+    color_by: str | None = None
 
 
 def no_polygons() -> tuple[NDArray[np.int64], NDArray[np.int64]]:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from medialis.base.units import METERS
+from medialis.base.options import METERS
 from medialis.base.validation import FloatArray
 from medialis.formats.files import complete_file
 

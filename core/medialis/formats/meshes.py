@@ -26,8 +26,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from medialis.base.errors import InvalidShapeError
+from medialis.base.options import nearest_unit
 from medialis.base.progress import Message
-from medialis.base.units import nearest_unit
 from medialis.base.validation import FloatArray, IntArray, as_normals, frozen
 from medialis.formats import step
 from medialis.formats import text_meshes as off
@@ -181,7 +181,7 @@ def _split_quads(
 
 def _clip_ears(local: FloatArray, normal: FloatArray) -> NDArray[np.int64]:
     """Cut one polygon ear by ear, the fattest ear without another corner in it first."""
-    from medialis.formats._kernels import clip_ears
+    from medialis.base._kernels import clip_ears
 
     drop = int(np.abs(normal).argmax())
     flat = np.delete(local, drop, axis=1)
@@ -311,8 +311,6 @@ def _looks_like(kind: str, data: bytes, expected: bool) -> bool:
 def _format_of(suffix: str, data: bytes) -> tuple[str, tuple[Message, ...]]:
     """Return the format and what to tell when it is not that of the extension."""
     expected = _EXTENSIONS.get(suffix)
-    if expected in ("ply", "stl") and _looks_like(expected, data, True):
-        return expected, ()
     # OBJ and point text have no mark of their own, so the marks of the others are looked at first.
     marked = [kind for kind in ("ply", "off", "stl") if _looks_like(kind, data, False)]
     if expected and expected in (marked or [expected]) and _looks_like(expected, data, True):

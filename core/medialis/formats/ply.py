@@ -46,11 +46,6 @@ class PlyElement:
     rows: int
     by_name: dict[str, PlyProperty] = field(default_factory=dict)
 
-    @property
-    def properties(self) -> list[PlyProperty]:
-        """Its properties in their order."""
-        return list(self.by_name.values())
-
 
 @dataclass
 class PlyHeader:
@@ -60,11 +55,6 @@ class PlyHeader:
     comments: list[str]
     body: int
     by_name: dict[str, PlyElement] = field(default_factory=dict)
-
-    @property
-    def elements(self) -> list[PlyElement]:
-        """Its elements in their order."""
-        return list(self.by_name.values())
 
 
 def read_ply_header(data: bytes) -> PlyHeader:
@@ -254,7 +244,7 @@ def read_ply_elements(data: bytes) -> tuple[PlyHeader, dict[str, PlyTable]]:
     order: Literal["<", ">"] = ">" if header.encoding == "binary_big_endian" else "<"
     tables: dict[str, PlyTable] = {}
     at = 0
-    for element in header.elements:
+    for element in header.by_name.values():
         layout = _layout(element, order, header.encoding == "ascii")
         table, at = _read_element(stream, at, element, layout)
         tables[element.name] = table
@@ -278,7 +268,7 @@ class _Slot:
 
 def _layout(element: PlyElement, order: Literal["<", ">"], ascii_text: bool) -> list[_Slot]:
     slots = []
-    for p in element.properties:
+    for p in element.by_name.values():
         dtype, count = p.dtype.newbyteorder(order), p.count and p.count.newbyteorder(order)
         unit, count_unit = dtype.itemsize, count.itemsize if count else 0
         if ascii_text:

@@ -125,6 +125,11 @@ def write_ply(
             stream.write(part)
 
 
+def write_layer_ply(path: str | os.PathLike[str], layer: Any) -> None:
+    """Write a layer, or a `Drawn`, by `write_ply`, with its errors."""
+    write_ply(path, layer.points, layer.faces, layer.edges, layer.attributes, layer.face_attributes)
+
+
 def _columns(
     tag: str, attributes: Mapping[str, ArrayLike], n: int, rows: str, header: list[str]
 ) -> list[tuple[str, NDArray[Any]]]:

@@ -22,17 +22,17 @@ Source: Gmsh reference manual, section "MSH file format version 2 (Legacy)"; Aba
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from medialis.base.errors import InvalidOptionError
 from medialis.base.validation import FloatArray, as_choice, as_faces, as_points
-from medialis.formats.files import complete_file
+from medialis.formats.files import Drawn, complete_file
 from medialis.formats.vtk import as_column, cell_rows
 
 SHEET, THICKNESS, FACE_THICKNESS = "sheet", "thickness", "face_thickness"
@@ -71,32 +71,20 @@ class ShellGroup:
 class ShellMesh:
     """The triangles of a layer as shell elements.
 
-    Parameters
-    ----------
-    points : (n, 3) float
-    faces : (m, 3) int or None
-    attributes, face_attributes : dict of arrays
-
     Raises
     ------
     InvalidOptionError
         When there are no triangles, or an attribute has another number of rows.
     """
 
-    def __init__(
-        self,
-        points: ArrayLike,
-        faces: ArrayLike | None,
-        attributes: Mapping[str, ArrayLike] | None,
-        face_attributes: Mapping[str, ArrayLike] | None,
-    ) -> None:
-        self.points = as_points(points)
-        self.faces = as_faces(cell_rows(faces, 3), len(self.points))
+    def __init__(self, layer: Drawn) -> None:
+        self.points = as_points(layer.points)
+        self.faces = as_faces(cell_rows(layer.faces, 3), len(self.points))
         n, m = len(self.points), len(self.faces)
         if m == 0:
             raise InvalidOptionError("There are no triangles to write as shell elements.")
-        self.attributes = {k: as_column(k, v, n) for k, v in (attributes or {}).items()}
-        self.face_attributes = {k: as_column(k, v, m) for k, v in (face_attributes or {}).items()}
+        self.attributes = {k: as_column(k, v, n) for k, v in layer.attributes.items()}
+        self.face_attributes = {k: as_column(k, v, m) for k, v in layer.face_attributes.items()}
 
     @cached_property
     def thickness(self) -> FloatArray | None:
@@ -196,30 +184,16 @@ TRIANGLE = 2
 """Gmsh's number of triangles with three nodes."""
 
 
-def write_msh(
-    path: str | os.PathLike[str],
-    points: ArrayLike,
-    faces: ArrayLike | None = None,
-    edges: ArrayLike | None = None,
-    attributes: Mapping[str, ArrayLike] | None = None,
-    face_attributes: Mapping[str, ArrayLike] | None = None,
-    *,
-    show: str | None = None,
-) -> None:
+def write_msh(path: str | os.PathLike[str], layer: Drawn) -> None:
     """Write the triangles of a layer as a .msh file.
 
     Parameters
     ----------
     path : path
         Replaced when it is there.
-    points : (n, 3) float
-    faces : (m, 3) int
-    edges : ignored
-        Shell models have no lines.
-    attributes, face_attributes : dict of arrays, optional
-        Numbers and rows of three become views; NaN is left out, and so are other columns.
-    show : str, optional
-        The attribute whose view comes first.
+    layer : Drawn
+        With triangles; shell models have no lines. Attributes that are numbers or rows of three
+        become views, that of `color_by` first; NaN is left out, and so are other columns.
 
     Raises
     ------
@@ -230,9 +204,9 @@ def write_msh(
     FileError
         When the file cannot be written.
     """
-    mesh = ShellMesh(points, faces, attributes, face_attributes)
+    mesh = ShellMesh(layer)
     with complete_file(path) as stream:
-        for line in _msh_lines(mesh, show):
+        for line in _msh_lines(mesh, layer.color_by):
             stream.write(line.encode() + b"\n")
 
 
@@ -282,13 +256,8 @@ PER_LINE = 12
 
 def write_inp(
     path: str | os.PathLike[str],
-    points: ArrayLike,
-    faces: ArrayLike | None = None,
-    edges: ArrayLike | None = None,
-    attributes: Mapping[str, ArrayLike] | None = None,
-    face_attributes: Mapping[str, ArrayLike] | None = None,
+    layer: Drawn,
     *,
-    show: str | None = None,
     element: ShellElement | None = None,
     unit: str | None = None,
 ) -> None:
@@ -298,13 +267,9 @@ def write_inp(
     ----------
     path : path
         Replaced when it is there. Names that end in ``.ccx.inp`` are for CalculiX.
-    points : (n, 3) float
-    faces : (m, 3) int
-    edges, show : ignored
-    attributes : dict of arrays, optional
-        `thickness` (n,) makes sections.
-    face_attributes : dict of arrays, optional
-        `sheet` (m,), or the first one of whole numbers, makes element sets: SHEET_0, ...
+    layer : Drawn
+        With triangles. `thickness` of the points makes sections; `sheet` of the faces, or their
+        first attribute of whole numbers, makes element sets: SHEET_0, ...
     element : {"S3", "S6"}, optional
         S6 has a node in the middle of each edge. S3 when missing, S6 for CalculiX.
     unit : str, optional
@@ -319,7 +284,7 @@ def write_inp(
     FileError
         When the file cannot be written.
     """
-    mesh = ShellMesh(points, faces, attributes, face_attributes)
+    mesh = ShellMesh(layer)
     if element is None:
         element = "S6" if os.fspath(path).lower().endswith(CALCULIX) else "S3"
     as_choice(element, "element", ("S3", "S6"))

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from medialis.base.errors import InvalidShapeError
-from medialis.base.units import METERS
+from medialis.base.options import METERS
 from medialis.base.validation import FloatArray
 from medialis.formats.files import ParsedMesh
 

@@ -13,9 +13,10 @@ import re
 import numpy as np
 from numpy.typing import NDArray
 
-from medialis.base.errors import InvalidShapeError
+from medialis.base.errors import InvalidOptionError, InvalidShapeError
 from medialis.base.progress import Message
 from medialis.formats.files import (
+    Drawn,
     ParsedMesh,
     blocks,
     complete_file,
@@ -306,7 +307,10 @@ def parse_point_text(data: bytes) -> ParsedMesh:
         text = rest
     values, counts = numbers_by_line(text, "point list")
     if len(counts) > 1 and counts[0] == 1:
-        _check_point_count(values[0], len(counts) - 1)
+        if values[0] != len(counts) - 1:
+            raise InvalidShapeError(
+                f"the first line announces {values[0]:g} points, but {len(counts) - 1} follow."
+            )
         values, counts = values[1:], counts[1:]
     if len(counts) == 0:
         raise InvalidShapeError("the file has no points.")
@@ -343,13 +347,6 @@ def _is_numbers(line: bytes) -> bool:
         return False
 
 
-def _check_point_count(announced: float, found: int) -> None:
-    if announced != found:
-        raise InvalidShapeError(
-            f"the first line announces {announced:g} points, but {found} follow."
-        )
-
-
 def _normals(rows: NDArray[np.float64]) -> NDArray[np.float64] | None:
     if rows.shape[1] < 6:
         return None
@@ -360,17 +357,53 @@ def _normals(rows: NDArray[np.float64]) -> NDArray[np.float64] | None:
     return rows[:, 3:6] if unit.any() and (unit | missing).all() else None
 
 
-def write_obj(
-    path: str | os.PathLike[str], points: NDArray[np.float64], faces: NDArray[np.int32]
-) -> None:
-    """Write triangles as OBJ, with all digits.
+def _rows(mark: str, rows: NDArray[np.generic]) -> list[str]:
+    """Lines of numbers, each with all its digits, behind a mark."""
+    return [mark + " ".join(map(repr, row)) for row in rows.tolist()]
+
+
+def write_obj(path: str | os.PathLike[str], layer: Drawn) -> None:
+    """Write points, triangles and edges as OBJ, with all digits.
 
     Raises
     ------
     FileError
         When the file cannot be written.
     """
-    lines = [f"v {x!r} {y!r} {z!r}" for x, y, z in points.tolist()]
-    lines += [f"f {a} {b} {c}" for a, b, c in (faces + 1).tolist()]
+    lines = _rows("v ", layer.points)
+    for mark, rows in (("f ", layer.faces), ("l ", layer.edges)):
+        lines += [] if rows is None else _rows(mark, rows + 1)
     with complete_file(path) as stream:
-        stream.write(("\n".join(lines) + "\n").encode("ascii"))
+        stream.write(("\n".join(lines) + "\n").encode())
+
+
+def write_off(path: str | os.PathLike[str], layer: Drawn) -> None:
+    """Write points and triangles as OFF, as `write_obj`."""
+    faces = np.empty((0, 3), np.int32) if layer.faces is None else layer.faces
+    counts = f"{len(layer.points)} {len(faces)} 0"
+    lines = ["OFF", counts, *_rows("", layer.points), *_rows("3 ", faces)]
+    with complete_file(path) as stream:
+        stream.write(("\n".join(lines) + "\n").encode())
+
+
+def write_stl(path: str | os.PathLike[str], layer: Drawn) -> None:
+    """Write triangles as binary STL.
+
+    Raises
+    ------
+    InvalidOptionError
+        When there are none.
+    FileError
+        When the file cannot be written.
+    """
+    if layer.faces is None:
+        raise InvalidOptionError("STL holds triangles only; write points as PLY, OBJ or OFF.")
+    corners = layer.points[layer.faces]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    lengths = np.linalg.norm(normals, axis=1, keepdims=True)
+    np.divide(normals, lengths, out=normals, where=lengths > 0)
+    table = np.zeros(len(corners), _FACET)
+    table["normal"], table["corners"] = normals, corners
+    head = b"medialis".ljust(80) + np.uint32(len(table)).tobytes()
+    with complete_file(path) as stream:
+        stream.write(head + table.tobytes())

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from medialis.base.errors import InvalidOptionError
 from medialis.base.validation import as_points
-from medialis.formats.files import complete_file
+from medialis.formats.files import Drawn, complete_file
 
 _TYPES = {
     **{f"i{size}": f"Int{8 * size}" for size in (1, 2, 4, 8)},
@@ -80,13 +80,8 @@ class Appended:
             yield array.tobytes()
 
 
-class Layer:
+class _File:
     """A layer as VTK's files have it: checked, with the elements that all kinds of them share.
-
-    Parameters
-    ----------
-    points, faces, edges, attributes, face_attributes, show
-        As in `write_vtp`, with its errors.
 
     Attributes
     ----------
@@ -96,25 +91,17 @@ class Layer:
     data : Appended
     """
 
-    def __init__(
-        self,
-        points: ArrayLike,
-        faces: ArrayLike | None,
-        edges: ArrayLike | None,
-        attributes: Mapping[str, ArrayLike] | None,
-        face_attributes: Mapping[str, ArrayLike] | None,
-        show: str | None,
-    ) -> None:
-        self.points = as_points(points)
-        self.lines, self.triangles = cell_rows(edges, 2), cell_rows(faces, 3)
+    def __init__(self, layer: Drawn) -> None:
+        self.points = as_points(layer.points)
+        self.lines, self.triangles = cell_rows(layer.edges, 2), cell_rows(layer.faces, 3)
         own = 0 if len(self.lines) or len(self.triangles) else len(self.points)
         self.vertices = np.arange(own, dtype=np.int64)[:, None]
         n, m = len(self.points), len(self.triangles)
-        self._at_points = {k: as_column(k, v, n) for k, v in (attributes or {}).items()}
+        self._at_points = {k: as_column(k, v, n) for k, v in layer.attributes.items()}
         self._at_cells = {
-            k: self._behind_others(as_column(k, v, m)) for k, v in (face_attributes or {}).items()
+            k: self._behind_others(as_column(k, v, m)) for k, v in layer.face_attributes.items()
         }
-        self._show, self.data = show, Appended()
+        self._show, self.data = layer.color_by, Appended()
 
     def _behind_others(self, values: NDArray[Any]) -> NDArray[Any]:
         """Put rows that say nothing, those of the other cells, before those of the triangles."""
@@ -149,32 +136,17 @@ class Layer:
             stream.write(b"\n</AppendedData>\n</VTKFile>\n")
 
 
-def write_vtp(
-    path: str | os.PathLike[str],
-    points: ArrayLike,
-    faces: ArrayLike | None = None,
-    edges: ArrayLike | None = None,
-    attributes: Mapping[str, ArrayLike] | None = None,
-    face_attributes: Mapping[str, ArrayLike] | None = None,
-    *,
-    show: str | None = None,
-) -> None:
+def write_vtp(path: str | os.PathLike[str], layer: Drawn) -> None:
     """Write a layer as a .vtp file.
 
     Parameters
     ----------
     path : path
         Replaced when it is there.
-    points : (n, 3) float
-    faces : (m, 3) int, optional
-    edges : (e, 2) int, optional
-        Points without faces and edges are cells of their own, so that programs draw them.
-    attributes : dict of (n,) or (n, ...) arrays, optional
-        Point data. Arrays of more than two axes become columns, row by row; bool becomes 0 and 1.
-    face_attributes : dict of (m,) or (m, ...) arrays, optional
-        Cell data of the triangles; edges beside them have NaN, or 0 in whole numbers.
-    show : str, optional
-        The attribute that programs colour by at first.
+    layer : Drawn
+        Points without faces and edges are cells of their own, so that programs draw them. Arrays of
+        more than two axes become columns, row by row; bool becomes 0 and 1. The attributes of faces
+        are cell data; edges beside them have NaN, or 0 in whole numbers.
 
     Raises
     ------
@@ -185,38 +157,29 @@ def write_vtp(
     FileError
         When the file cannot be written.
     """
-    layer = Layer(points, faces, edges, attributes, face_attributes, show)
-    cells = {"Verts": layer.vertices, "Lines": layer.lines, "Polys": layer.triangles}
-    counts = {"Points": layer.points, **cells}
+    file = _File(layer)
+    cells = {"Verts": file.vertices, "Lines": file.lines, "Polys": file.triangles}
+    counts = {"Points": file.points, **cells}
     about = " ".join(f'NumberOf{name}="{len(rows)}"' for name, rows in counts.items())
-    inside = [f'<Piece {about} NumberOfStrips="0">', *layer.places()]
+    inside = [f'<Piece {about} NumberOfStrips="0">', *file.places()]
     for name, rows in cells.items():
         ends = rows.shape[1] * np.arange(1, len(rows) + 1, dtype=np.int64)
         columns = [("connectivity", rows.ravel()), ("offsets", ends)]
-        inside += [f"<{name}>", *(layer.data.add(*column) for column in columns), f"</{name}>"]
-    layer.write(path, "PolyData", [*inside, *layer.values(), "</Piece>"])
+        inside += [f"<{name}>", *(file.data.add(*column) for column in columns), f"</{name}>"]
+    file.write(path, "PolyData", [*inside, *file.values(), "</Piece>"])
 
 
 VERTEX, LINE, TRIANGLE = 1, 3, 5
 """VTK's numbers of the kinds of cells."""
 
 
-def write_vtu(
-    path: str | os.PathLike[str],
-    points: ArrayLike,
-    faces: ArrayLike | None = None,
-    edges: ArrayLike | None = None,
-    attributes: Mapping[str, ArrayLike] | None = None,
-    face_attributes: Mapping[str, ArrayLike] | None = None,
-    *,
-    show: str | None = None,
-) -> None:
+def write_vtu(path: str | os.PathLike[str], layer: Drawn) -> None:
     """Write a layer as a .vtu file.
 
     Arguments and errors are those of `write_vtp`; cells are the edges, then the triangles.
     """
-    layer = Layer(points, faces, edges, attributes, face_attributes, show)
-    cells = {VERTEX: layer.vertices, LINE: layer.lines, TRIANGLE: layer.triangles}
+    file = _File(layer)
+    cells = {VERTEX: file.vertices, LINE: file.lines, TRIANGLE: file.triangles}
     counts = [len(rows) for rows in cells.values()]
     kinds = np.repeat(np.array(list(cells), np.uint8), counts)
     sizes = np.repeat([rows.shape[1] for rows in cells.values()], counts)
@@ -226,8 +189,8 @@ def write_vtu(
         ("types", kinds),
     ]
     inside = [
-        f'<Piece NumberOfPoints="{len(layer.points)}" NumberOfCells="{len(kinds)}">',
-        *layer.places(),
-        *("<Cells>", *(layer.data.add(*column) for column in columns), "</Cells>"),
+        f'<Piece NumberOfPoints="{len(file.points)}" NumberOfCells="{len(kinds)}">',
+        *file.places(),
+        *("<Cells>", *(file.data.add(*column) for column in columns), "</Cells>"),
     ]
-    layer.write(path, "UnstructuredGrid", [*inside, *layer.values(), "</Piece>"])
+    file.write(path, "UnstructuredGrid", [*inside, *file.values(), "</Piece>"])

@@ -2,7 +2,7 @@
 from medialis.base.arrays import polylines as polylines
 from medialis.base.options import Kind as Kind
 from medialis.base.options import Parameter as Parameter
-from medialis.base.units import nearest_unit as nearest_unit
+from medialis.base.options import nearest_unit as nearest_unit
 from medialis.formats.files import complete_file as complete_file
 from medialis.formats.files import reason as reason
 from medialis.formats.ply_attributes import write_ply as write_ply

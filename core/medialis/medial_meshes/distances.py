@@ -11,7 +11,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from medialis.base.arrays import Described, Index, Mask
-from medialis.base.box_tree import NearestTree
 from medialis.base.errors import InvalidShapeError
 from medialis.base.validation import FloatArray
 from medialis.medial_meshes.envelope import Envelope
@@ -347,6 +346,8 @@ def _given(pieces: FloatArray, centers: FloatArray, radii: FloatArray) -> tuple[
     """
     from scipy.spatial.distance import cdist
 
+    from medialis.base.box_tree import NearestTree
+
     middles = pieces.mean(axis=1)
     nearest = np.asarray(NearestTree.of_balls(centers, radii).distances(middles)[1], np.int64)
     growth = np.linalg.norm(pieces - centers[nearest, None], axis=2).max(axis=1) - radii[nearest]
@@ -392,6 +393,8 @@ def _shrunk(
 
 def _excess(solid: Solid, centers: FloatArray, radii: FloatArray) -> float:
     """Return the volume of balls outside of a solid as a share of its volume."""
+    from medialis.base.box_tree import NearestTree
+
     low, high = (centers - radii[:, None]).min(axis=0), (centers + radii[:, None]).max(axis=0)
     i = np.arange(1, LOOKED_AT + 1)[:, None]
     steps = np.array([0.8191725133961645, 0.6710436067037893, 0.5497004779019703])

@@ -19,7 +19,7 @@ import numpy as np
 
 from medialis.base.arrays import Index
 from medialis.base.errors import InvalidOptionError, InvalidShapeError
-from medialis.base.units import METERS
+from medialis.base.options import METERS
 from medialis.formats.files import complete_file, number_lines, reading
 from medialis.medial_meshes.mesh import BallCover, MedialMesh
 from medialis.operations.declaration import Format

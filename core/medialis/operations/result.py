@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 
 from medialis.base.arrays import Described
 from medialis.base.errors import InvalidShapeError
-from medialis.base.options import Kind
-from medialis.base.units import AREAS, LENGTHS, RADIANS, with_unit
+from medialis.base.options import AREAS, LENGTHS, RADIANS, Kind, with_unit
 from medialis.base.validation import Positions, as_faces, as_points
 from medialis.operations.positions import Listed, Place, of_array
 from medialis.shape.shape import Shape

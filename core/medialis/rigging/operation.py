@@ -16,9 +16,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from medialis.base.options import changed, choice
+from medialis.base.options import METERS, changed, choice
 from medialis.base.progress import Progress
-from medialis.base.units import METERS
 from medialis.base.validation import FloatArray
 from medialis.curves.formats import graph_formats
 from medialis.curves.from_balls import CurveSkeletonOptions

@@ -110,8 +110,8 @@ class Creases:
 
         shape = self.shape
         mesh = CreasedMesh(
-            shape.points, shape.normals, shape.faces, shape.face_normals, self.corners, self.sector,
-            self.normals, self.smoothness,
+            shape.points, shape.normals, np.asarray(shape.faces), shape.face_normals,
+            self.corners, self.sector, self.normals, self.smoothness,
         )  # fmt: skip
         bulges, cosines = np.empty((shape.face_count, 3)), np.empty(shape.face_count)
 

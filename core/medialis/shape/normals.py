@@ -17,7 +17,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from medialis.base.arrays import Ragged
+from medialis.base.arrays import Ragged, first_equal_row
 from medialis.base.errors import InvalidShapeError
 from medialis.base.options import Options, algorithm, whole
 from medialis.base.progress import Progress, counted
@@ -181,7 +181,10 @@ def estimate_normals(points: ArrayLike, options: NormalsOptions, progress: Progr
     centered = points - points.mean(axis=0)
     size = float(np.abs(centered).max())
     spread = np.linalg.svd(centered / size, compute_uv=False) if size else np.zeros(3)
-    if _at_most_three(points) or spread[1] < 1e-9 * spread[0]:
+    if (
+        np.count_nonzero(first_equal_row(points) == np.arange(len(points))) < 4
+        or spread[1] < 1e-9 * spread[0]
+    ):
         raise InvalidShapeError(
             "Normals need at least 4 different points that do not all lie on one line; "
             f"{len(points)} came. Give normals, or a mesh with faces."
@@ -255,16 +258,6 @@ def _facing(
         of=len(normals),
     )
     return np.where((cosine < -GRAZING)[:, None], -normals, normals)
-
-
-def _at_most_three(points: FloatArray) -> bool:
-    """Tell whether there are fewer than four different points."""
-    rest = points
-    for _ in range(3):
-        rest = rest[(rest != rest[0]).any(axis=1)]
-        if len(rest) == 0:
-            return True
-    return False
 
 
 def _plane_normals(points: FloatArray, near: NDArray[np.int64]) -> NDArray[np.float64]:

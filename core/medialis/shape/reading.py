@@ -26,9 +26,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from medialis.base.errors import InvalidShapeError
+from medialis.base.options import as_unit
 from medialis.base.progress import Progress, ProgressCallback
 from medialis.base.threads import run_patiently
-from medialis.base.units import as_unit
 from medialis.base.validation import as_faces, as_normals, as_points
 from medialis.formats.meshes import read_mesh
 from medialis.shape.diagnosis import examine
@@ -293,7 +293,7 @@ def make_shape(
     faces : (m, 3) int, optional
         Triangles, counter-clockwise seen from outside.
     normals : (n, 3) float, optional
-        Outward normals. Missing ones are computed from the faces (`ring_normals`), or estimated
+        Outward normals. Missing ones are computed from the faces (`vertex_normals`), or estimated
         and oriented for a point cloud, also when all of its normals are zero.
     repair : bool
         Diagnose and repair first, as `read_shape` does (weld, drop what is degenerate or unused,

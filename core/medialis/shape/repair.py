@@ -30,7 +30,7 @@ from medialis.shape.diagnosis import (
 from medialis.shape.surface import Surface, Topology
 
 _ROUNDS = 30
-_APART = np.arange(6).reshape(2, 3)
+_APART = np.arange(6, dtype=np.int32).reshape(2, 3)
 
 
 def flip_flat_faces(surface: Surface, flat: Mask) -> tuple[IntArray, Index, int]:

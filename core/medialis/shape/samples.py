@@ -7,11 +7,10 @@ from collections.abc import Callable
 import numpy as np
 
 from medialis.base.validation import FloatArray, as_choice, as_whole_number
-from medialis.shape.generate import Cone, Point, blended, dental_arch, organic_shape
+from medialis.shape.generate import Cone, Point, blended, dental_arch, implicit_shape, organic_shape
 from medialis.shape.normals import ring_normals
 from medialis.shape.reading import make_shape
 from medialis.shape.shape import Shape
-from medialis.shape.surface_nets import implicit_shape
 
 
 def sample_shape(name: str, resolution: int = 128) -> Shape:

@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from medialis.base.errors import InvalidShapeError
+from medialis.base.options import as_unit
 from medialis.base.progress import Message
-from medialis.base.units import as_unit
 from medialis.base.validation import (
     Directions,
     FloatArray,

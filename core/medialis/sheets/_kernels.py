@@ -22,7 +22,7 @@ from medialis.base._kernels import find_root, join
 from medialis.base.jit import kernel
 from medialis.skeleton.importance._walk_kernels import distance
 
-MOST = 1024
+MOST_SAMPLES = 1024
 """Samples of one set at most. A flat contact holds about 0.6 r / h of them (tau = 0.1 h), so only a
 ball that touches a piece of a sphere or a tube with thousands of samples has more."""
 
@@ -119,8 +119,8 @@ def _scan_leaf(block, begin, size, x, y, z, limit, order, count, found):
     for slot in range(size):  # behind them, the last sample is repeated
         dx, dy, dz = x - block[0, slot], y - block[1, slot], z - block[2, slot]
         if dx * dx + dy * dy + dz * dz <= limit:
-            if count == MOST:
-                return MOST + 1
+            if count == MOST_SAMPLES:
+                return MOST_SAMPLES + 1
             found[count] = order[begin + slot]
             count += 1
     return count
@@ -128,8 +128,8 @@ def _scan_leaf(block, begin, size, x, y, z, limit, order, count, found):
 
 @kernel
 def _find_in_ball(x, y, z, reach, margin, tree, stack, found):
-    """List the samples within `reach` of a point; return how many, MOST + 1 if more than MOST."""
-    points, order, blocks, bounds, child, depth = tree
+    """List the samples within `reach` of a point; return how many, MOST_SAMPLES + 1 if more."""
+    _, points, _, order, blocks, bounds, child, depth = tree
     n = len(points)
     count = 0
     stack[0] = 0
@@ -151,7 +151,7 @@ def _find_in_ball(x, y, z, reach, margin, tree, stack, found):
             count = _scan_leaf(
                 blocks[leaf], begin, end - begin, x, y, z, reach * reach, order, count, found
             )
-            if count > MOST:
+            if count > MOST_SAMPLES:
                 return count
     return count
 
@@ -208,7 +208,7 @@ def _put_first(found, count, sample, place):
     while at < count and found[at] != sample:
         at += 1
     if at == count:
-        if count > MOST:
+        if count > MOST_SAMPLES:
             return count
         count += 1
     found[at] = found[place]
@@ -220,21 +220,21 @@ def _put_first(found, count, sample, place):
 def find_sets(begin, end, rows, balls, normals, tree, graph, out):
     """Feature sets of the balls rows[begin:end]: samples and clusters, one after the other.
 
-    The first two samples of a set are the feature points of the ball. A set of more than MOST
-    samples is cut to these two, in one cluster with an agreement of 0: it goes round the ball.
+    The first two samples of a set are the feature points of the ball. A set of more than
+    MOST_SAMPLES is cut to these two, in one cluster with an agreement of 0: it goes round the ball.
     """
     centers, reach, features, margin = balls
     n = len(normals)
     stack = np.empty(8 * 12 + 8, np.int64)  # 8 children on each of at most 11 wide levels
-    found, cluster = np.empty(MOST + 2, np.int32), np.empty(MOST + 2, np.int16)
-    parent, stamp = np.empty(MOST + 2, np.int32), np.full(n, -1, np.int32)
+    found, cluster = np.empty(MOST_SAMPLES + 2, np.int32), np.empty(MOST_SAMPLES + 2, np.int16)
+    parent, stamp = np.empty(MOST_SAMPLES + 2, np.int32), np.full(n, -1, np.int32)
     samples, labels = np.empty(32 * (end - begin), np.int32), np.empty(32 * (end - begin), np.int16)
     filled = 0
     for turn in range(begin, end):
         row = rows[turn]
         x, y, z = centers[row, 0], centers[row, 1], centers[row, 2]
         count = _find_in_ball(x, y, z, reach[row], margin, tree, stack, found)
-        if count > MOST:
+        if count > MOST_SAMPLES:
             found[0], found[1] = features[row, 0], features[row, 1]
             cluster[0] = cluster[1] = 0
             count, clusters, agreement = 2, 1, 0.0

@@ -6,14 +6,13 @@ the rim can be filtered out (A3 filter, 6.2.1.3).
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field
 from enum import IntEnum
 
 import numpy as np
 from numpy.typing import NDArray
 
-from medialis.base.arrays import Ragged
+from medialis.base.arrays import Mask, Ragged
 from medialis.base.kept import Bound
 from medialis.base.options import Options, algorithm, number
 from medialis.base.progress import Progress
@@ -21,13 +20,16 @@ from medialis.base.threads import run_chunks, run_patiently
 from medialis.base.validation import FloatArray, IntArray, frozen, hold
 from medialis.shape.graph import local_spacing, surface_graph
 from medialis.shape.shape import Shape
-from medialis.skeleton.ball_shrinking import as_walked
+from medialis.skeleton.ball_shrinking import sample_tree, shrink_options
 from medialis.skeleton.medial_cloud import MedialCloud
 from medialis.skeleton.surface_skeleton import as_cloud
 
-ROUND = 0.4
+GOES_ROUND = 0.4
 """Agreement below which one cluster goes round its ball: 0 for a circle or a sphere, 0.30 for 3/4
 of a circle, 0.5 for a half sphere, 0.64 for half a circle."""
+
+BALLS_A_CHUNK = 1024
+"""Some milliseconds of work."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -79,20 +81,14 @@ class FeatureSets(Bound):
         return f"FeatureSets({len(self)} balls, {len(self.samples.indices)} samples)"
 
     @property
-    def closed(self) -> NDArray[np.bool_]:
+    def closed(self) -> Mask:
         """True where the only cluster goes round the ball, as in a tube or a sphere, (k,)."""
-        return (self.counts == 1) & (self.agreement < ROUND)
+        return (self.counts == 1) & (self.agreement < GOES_ROUND)
 
     @property
-    def rim(self) -> NDArray[np.bool_]:
+    def rim(self) -> Mask:
         """True where a ball has one contact that does not go round it: on the rim (A3), (k,)."""
         return (self.counts == 1) & ~self.closed
-
-
-FLOAT32_MARGIN = 2e-6
-"""Fraction of the diagonal: what the float32 bounds of the tree may be off, with room."""
-
-BALLS_A_CHUNK = 1024
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -160,7 +156,7 @@ def extended_feature_transform(
         return _find(cloud, rows, gaps, progress)
 
 
-def _mean_face_normals(shape: Shape) -> NDArray[np.float64]:
+def _mean_face_normals(shape: Shape) -> FloatArray:
     """Mean of the unit normals of the faces at each sample, by area, (n, 3); shorter on a crease.
 
     The normal of the sample itself where it has no face. Faces are turned to agree with those.
@@ -180,30 +176,26 @@ def _mean_face_normals(shape: Shape) -> NDArray[np.float64]:
     return np.where(total[:, None] > 0, mean, shape.normals)
 
 
-def _find(
-    cloud: MedialCloud, rows: NDArray[np.int32], gaps: NDArray[np.float64], progress: Progress
-) -> FeatureSets:
+def _find(cloud: MedialCloud, rows: IntArray, gaps: FloatArray, progress: Progress) -> FeatureSets:
     # Imported here: compiled code takes half a second to load, and `medialis --help` needs none.
-    from medialis.base.box_tree import build_box_tree
     from medialis.sheets._kernels import Links, SetColumns, TouchingBalls, find_sets, place_sets
 
     k, shape = len(cloud), cloud.surface
     out = SetColumns(np.zeros(k, np.int64), np.zeros(k, np.int32), np.full(k, np.nan))
-    chunks: dict[int, tuple[NDArray[np.int32], NDArray[np.int16]]] = {}
+    chunks: dict[int, tuple[IntArray, NDArray[np.int16]]] = {}
     if len(rows):
-        # Dividing by a power of two changes no digit and keeps float32 bounds in range.
-        unit = math.ldexp(1.0, math.frexp(shape.diagonal)[1] - 1)
-        tree = run_patiently(lambda: build_box_tree(shape.points / unit, shape.normals), progress)
+        lengths = shrink_options(shape.diagonal, 0.0, 0.0)
+        unit, tree = lengths.unit, sample_tree(shape, progress)
         rows = rows[np.argsort(tree.place[cloud.source[rows]], kind="stable")]
-        reach, margin = cloud.radii / unit + gaps / unit, FLOAT32_MARGIN * shape.diagonal / unit
-        centers, walked = cloud.centers / unit - tree.center, as_walked(tree)
-        balls = TouchingBalls(centers, reach, cloud.features, margin)
+        reach = cloud.radii / unit + gaps / unit
+        centers = cloud.centers / unit - tree.center
+        balls = TouchingBalls(centers, reach, cloud.features, lengths.margin)
         normals = run_patiently(lambda: _mean_face_normals(shape), progress)
         graph = run_patiently(lambda: surface_graph(shape), progress)
         links = Links(graph.offsets, graph.indices)
 
         def work(begin: int, end: int) -> None:
-            chunks[begin] = find_sets(begin, end, rows, balls, normals, walked, links, out)
+            chunks[begin] = find_sets(begin, end, rows, balls, normals, tree, links, out)
 
         run_chunks(work, len(rows), BALLS_A_CHUNK, progress=progress)
     offsets = np.concatenate([[0], np.cumsum(out.size)])

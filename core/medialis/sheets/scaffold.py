@@ -18,9 +18,8 @@ from typing import Any, NamedTuple
 from xml.etree import ElementTree
 
 import numpy as np
-from numpy.typing import NDArray
 
-from medialis.base.arrays import Ragged
+from medialis.base.arrays import Index, Mask, Ragged
 from medialis.base.errors import InvalidShapeError
 from medialis.base.kept import Bound
 from medialis.base.options import Options, algorithm, whole
@@ -29,8 +28,43 @@ from medialis.base.threads import run_patiently
 from medialis.base.validation import FloatArray, IntArray, Positions, frozen, hold
 from medialis.shape.graph import local_spacing
 from medialis.shape.surface import piece_labels
-from medialis.sheets.sheets import Borders, Index, MedialSheets, find_borders
+from medialis.sheets.sheets import Borders, MedialSheets, find_borders
 from medialis.skeleton.skeleton_mesh import SkeletonMesh
+
+SMOOTHING_ROUNDS = 48
+"""Times that nodes move to the middle of their neighbours by two shares in turn (Taubin 1995)."""
+
+INWARD = 0.5
+"""The first share: takes the zigzag between samples out of curves."""
+
+OUTWARD = -0.505
+"""The second one: circles of 24 nodes or more change by less than 1 %."""
+
+SAME_NODE = 0.02
+"""Mean distances between two nodes below which they are one place."""
+
+SAME_CURVE = 1.0
+"""Sample spacings within which borders with the same sheets are the same curve."""
+
+REPEATED_TWO = 0.5
+"""Share of the length of a border: close to others with two of its sheets, it is the same curve."""
+
+REPEATED_ONE = 0.9
+"""The same, close to others with one of its sheets."""
+
+POINT_WIDTH = 0.25
+"""Spacings from its middle within which all nodes of a border lie that is a point."""
+
+SEEN_OFTEN = 0.25
+"""Of the votes of the sheet seen most often at the second contacts along a curve."""
+
+OTHER_SHEETS = 4
+"""Sheets that may meet along a curve besides two: six behind the edges of a hexagonal prism."""
+
+UNKNOWN = np.iinfo(np.int64).max
+"""A sheet that is not known, behind all others."""
+
+GRAPHML = "http://graphml.graphdrawing.org/xmlns"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -58,7 +92,7 @@ class YNetwork(Bound):
         When the arrays do not fit together.
     """
 
-    near: NDArray[np.bool_]
+    near: Mask
     points: Positions
     edges: IntArray
     curve: IntArray
@@ -86,26 +120,6 @@ class YNetwork(Bound):
         curve = self.curve[self.edges[:, 0]]
         total = np.bincount(curve, np.linalg.norm(a - b, axis=1), minlength=len(self.meeting))
         return frozen(total, np.float64)
-
-
-SMOOTHING_ROUNDS, INWARD, OUTWARD = 48, 0.5, -0.505
-"""Nodes move to the middle of their neighbours by these shares in turn (Taubin 1995): takes the
-zigzag between samples out of curves, and changes circles of 24 nodes or more by less than 1 %."""
-
-SHORTEST = 0.02
-"""Mean distances between two nodes below which they are one place."""
-
-SAME_CURVE = 1.0
-"""Sample spacings within which borders with the same sheets are the same curve."""
-
-MOST, NEARLY_ALL = 0.5, 0.9
-"""Shares of the length of a border."""
-
-OTHERS = 4
-"""Sheets that may meet along a curve besides two: six behind the edges of a hexagonal prism."""
-
-UNKNOWN = np.iinfo(np.int64).max
-"""A sheet that is not known, behind all others."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -159,7 +173,7 @@ def y_network(sheets: MedialSheets, options: YNetworkOptions, progress: Progress
     return YNetwork(near, points, *whole, sheets=sheets)
 
 
-def _near_points(sheets: MedialSheets, neighbours: int) -> NDArray[np.bool_]:
+def _near_points(sheets: MedialSheets, neighbours: int) -> Mask:
     from scipy.spatial import cKDTree
 
     near = np.zeros(len(sheets), np.bool_)
@@ -172,9 +186,7 @@ def _near_points(sheets: MedialSheets, neighbours: int) -> NDArray[np.bool_]:
     return near
 
 
-def _curves(
-    sheets: MedialSheets,
-) -> tuple[FloatArray, Index, Index, Index]:
+def _curves(sheets: MedialSheets) -> tuple[FloatArray, Index, Index, Index]:
     """Nodes, edges, curve of each node and sheets of each curve."""
     unfolded, labels = sheets.unfolded, sheets.node_labels
     borders = find_borders(sheets)
@@ -220,7 +232,7 @@ def smoothed_curves(points: FloatArray, links: Index) -> FloatArray:
         return points
     degree = np.bincount(links.ravel(), minlength=n)
     # By the inverse of the length, nodes on a line do not move.
-    weight = np.tile(1.0 / np.maximum(length, SHORTEST * length.mean()), 2)
+    weight = np.tile(1.0 / np.maximum(length, SAME_NODE * length.mean()), 2)
     ends = np.concatenate([links, links[:, ::-1]]).T
     total = np.bincount(ends[0], weight, minlength=n)
     near = coo_array((weight / total[ends[0]], tuple(ends)), shape=(n, n)).tocsr()
@@ -231,14 +243,9 @@ def smoothed_curves(points: FloatArray, links: Index) -> FloatArray:
 
 
 def _other_sheets(
-    ends: Index,
-    piece: IntArray,
-    pair: Index,
-    labels: IntArray,
-    second: IntArray,
-    graph: Ragged,
+    ends: Index, piece: IntArray, pair: Index, labels: IntArray, second: IntArray, graph: Ragged
 ) -> Index:
-    """Return the sheets seen most often at the second contacts along each chain, (c, OTHERS).
+    """Return the sheets seen most often at the second contacts along each chain, (c, OTHER_SHEETS).
 
     -1 behind the last one; a sheet seen a quarter as often as the first of them does not count.
     """
@@ -254,18 +261,14 @@ def _other_sheets(
     chain, sheet, votes = chain[order], sheet[order], votes[order]
     first = np.searchsorted(chain, chain)
     rank = np.arange(len(chain)) - first
-    often = (rank < OTHERS) & (4 * votes > votes[first])
-    result = np.full((len(pair), OTHERS), -1, np.int64)
+    often = (rank < OTHER_SHEETS) & (votes > SEEN_OFTEN * votes[first])
+    result = np.full((len(pair), OTHER_SHEETS), -1, np.int64)
     result[chain[often], rank[often]] = sheet[often]
     return result
 
 
 def _without_repeats(
-    points: FloatArray,
-    weight: FloatArray,
-    spacing: FloatArray,
-    piece: IntArray,
-    meeting: Index,
+    points: FloatArray, weight: FloatArray, spacing: FloatArray, piece: IntArray, meeting: Index
 ) -> Index:
     """Chains to keep, longest first; the same curve seen from two contacts once.
 
@@ -287,9 +290,9 @@ def _without_repeats(
             others = taken[near[node]]
             shared[place] = _shared(meeting[others[others >= 0]], meeting[chain])
         two, one = (float(weight[nodes] @ (shared >= least)) for least in (2, 1))
-        if two <= MOST * length[chain] and one <= NEARLY_ALL * length[chain]:
+        if two <= REPEATED_TWO * length[chain] and one <= REPEATED_ONE * length[chain]:
             away = points[nodes] - points[nodes].mean(axis=0)
-            if 4 * np.linalg.norm(away, axis=1).max() < spacing[nodes].max():
+            if np.linalg.norm(away, axis=1).max() < POINT_WIDTH * spacing[nodes].max():
                 continue
             kept.append(chain)
         taken[nodes] = chain  # where many sheets meet, repeats lead from one pair to the next
@@ -303,11 +306,7 @@ def _shared(meeting: Index, one: Index) -> int:
 
 
 def _compact(
-    points: FloatArray,
-    links: Index,
-    piece: IntArray,
-    kept: Index,
-    triple: Index,
+    points: FloatArray, links: Index, piece: IntArray, kept: Index, triple: Index
 ) -> tuple[FloatArray, Index, Index, Index]:
     number = np.full(int(piece.max(initial=-1)) + 1, -1, np.int64)
     number[kept] = np.arange(len(kept))
@@ -521,22 +520,19 @@ def _piece(
     places: tuple[Index, Index, Index],
     beside: tuple[Index, Index, Index],
     which: Index,
-    chosen: NDArray[np.bool_],
+    chosen: Mask,
 ) -> tuple[Index, Index, Index]:
     """Stack the corners of triangles, and take some of them."""
     return np.stack(places, axis=1)[chosen], np.stack(beside, axis=1)[chosen], which[chosen]
 
 
-def _boundaries(mesh: SkeletonMesh, point_sheet: Index, count: int) -> NDArray[np.float64]:
+def _boundaries(mesh: SkeletonMesh, point_sheet: Index, count: int) -> FloatArray:
     """Length of the edges with one triangle, for each sheet, without the zigzag between samples."""
     table = mesh.edge_table
     links = np.stack([table.low, table.high], axis=1)[table.counts == 1]
     points = smoothed_curves(mesh.points, links)
     length = np.linalg.norm(points[links[:, 0]] - points[links[:, 1]], axis=1)
     return np.bincount(point_sheet[links[:, 0]], length, count).astype(np.float64)
-
-
-GRAPHML = "http://graphml.graphdrawing.org/xmlns"
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -20,9 +20,8 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from medialis.base.arrays import EdgeTable
+from medialis.base.arrays import EdgeTable, Index, Mask
 from medialis.base.kept import Bound, kept
 from medialis.base.options import Options, algorithm, changed, number
 from medialis.base.progress import Progress
@@ -34,6 +33,51 @@ from medialis.sheets.feature_sets import FeatureSets, extended_feature_transform
 from medialis.sheets.unfolding import Unfolded, unfold
 from medialis.skeleton.medial_cloud import MedialCloud
 from medialis.skeleton.surface_skeleton import BallOptions, as_cloud
+
+LONGEST_JUMP = 4.0
+"""Sample spacings between two balls on different sheets that still lie on both sides of a Y-curve.
+Behind a right edge, balls are 1.4 spacings apart; ligatures and jumps stretch them further."""
+
+PARALLEL_SPOKES = 1e-6
+"""1 - cosine between two spokes: walls that are hardly inclined say nothing about a radius."""
+
+FARTHEST_MEETING = 0.75
+"""Distances between two balls, from their middle to where their sheets meet; flat ones: 0.5."""
+
+SINGULAR = 1e-9
+"""Determinant of three walls that meet nowhere."""
+
+JUST_BEYOND = 0.05
+"""Shares of the height of a triangle: a place no farther beyond a side still lies in it."""
+
+FAR_BEYOND = 1.0
+"""And a place that is farther beyond a side is none where three walls meet."""
+
+FARTHEST_TRIPLE = 2.0
+"""Distances between two balls of a triangle, from their middle to where three sheets meet."""
+
+CLEARLY_APART = 2.0
+"""Sample spacings between the two feature points from which a ball can be linked. A box of sides 2,
+1.5 and 1 has 13 sheets at spacings from 0.03 to 0.17 (six samples across its smallest side) with
+2, and fewer at 0.17 with 3, because too few balls are left."""
+
+LARGEST_TURN = 0.75
+"""Radii: the chord by which a feature point may move from ball to ball, an angle of 44 degrees.
+Near the corner of a box the feature points of two sheets come as close as one likes, but stay 90
+degrees apart as seen from the center."""
+
+WALL_COSINE = -0.5
+"""Cosine between the normals at the two feature points of a ball in a wall: 120 degrees or more."""
+
+NODES_A_CHUNK = 8192
+"""Some milliseconds of work."""
+
+LEAST_BALLS = 8
+"""A piece of fewer linked balls is no sheet, not counting those that lie on its border. It is
+attached to its surroundings."""
+
+ON_BORDER = 0.1
+"""Share of the way to the next sample: a ball nearer than this to a border lies on it."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -64,10 +108,10 @@ class MedialSheets(Bound):
     """
 
     labels: IntArray
-    linked: NDArray[np.bool_]
-    front: NDArray[np.bool_]
+    linked: Mask
+    front: Mask
     node_labels: IntArray
-    node_front: NDArray[np.bool_]
+    node_front: Mask
     unfolded: Unfolded = field(kw_only=True)
 
     def __post_init__(self) -> None:
@@ -95,23 +139,6 @@ class MedialSheets(Bound):
     def sizes(self) -> IntArray:
         """Number of balls of each sheet, (count,)."""
         return np.bincount(self.labels[self.labels >= 0], minlength=self.count).astype(np.int32)
-
-
-Index = NDArray[np.int64]
-
-LONGEST_JUMP = 4.0
-"""Sample spacings between two balls on different sheets that still lie on both sides of a Y-curve.
-Behind a right edge, balls are 1.4 spacings apart; ligatures and jumps stretch them further."""
-
-PARALLEL = 1e-6
-"""1 - cosine between two spokes: walls that are hardly inclined say nothing about a radius."""
-
-FARTHEST = 0.75
-"""Distances between two balls, from their middle to where their sheets meet; flat ones: 0.5."""
-
-SINGULAR, BESIDE, BEYOND = 1e-9, 0.05, 1.0
-"""Determinant of three walls that meet nowhere; how far beyond a side of a triangle a place where
-they do still lies in it, and may lie at all: shares of the height."""
 
 
 @dataclass(frozen=True)
@@ -179,7 +206,7 @@ def followed(unfolded: Unfolded, walls: Index, nodes: Index) -> tuple[FloatArray
     off = 1.0 - np.einsum("...j,...j->...", n, m)
     height = np.einsum("...j,...j->...", unfolded.contacts[walls] - unfolded.points[nodes], m)
     radius = np.full(off.shape, np.nan)
-    np.divide(height, off, out=radius, where=off > PARALLEL)
+    np.divide(height, off, out=radius, where=off > PARALLEL_SPOKES)
     return radius, unfolded.points[nodes] - radius[..., None] * n
 
 
@@ -214,14 +241,12 @@ def _meeting(unfolded: Unfolded, ends: Index) -> tuple[FloatArray, FloatArray]:
     radii = np.einsum("ne,wne->e", weights, radius)
     one, other = unfolded.centers[ends[:, 0]], unfolded.centers[ends[:, 1]]
     middle, gap = (one + other) / 2, np.linalg.norm(one - other, axis=1)
-    near = np.linalg.norm(points - middle, axis=1) <= FARTHEST * gap  # not where NaN
+    near = np.linalg.norm(points - middle, axis=1) <= FARTHEST_MEETING * gap  # not where NaN
     points[~near], radii[~near] = middle[~near], unfolded.radii[ends[~near]].mean(axis=1)
     return points, radii
 
 
-def _meeting_of_three(
-    unfolded: Unfolded, triangles: Index
-) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
+def _meeting_of_three(unfolded: Unfolded, triangles: Index) -> tuple[FloatArray, FloatArray, Mask]:
     """Follow the sheets of all corners of triangles to where three of them meet.
 
     Returns
@@ -245,37 +270,19 @@ def _meeting_of_three(
     system[~usable] = np.eye(3)
     right = np.broadcast_to([[0.0], [0.0], [1.0]], (len(triangles), 3, 1))
     weights = np.linalg.solve(system, right)[..., 0]
-    outside = weights < -BESIDE
-    usable &= (weights > -BEYOND).all(axis=1) & (outside.sum(axis=1) <= 1)
+    outside = weights < -JUST_BEYOND
+    usable &= (weights > -FAR_BEYOND).all(axis=1) & (outside.sum(axis=1) <= 1)
     points = np.einsum("tn,twna->ta", weights, centers) / 3
     radius = np.einsum("tn,twn->t", weights, radii) / 3
     own = unfolded.centers[corners]
     gap = np.linalg.norm(own - own[:, [1, 2, 0]], axis=2).max(axis=1)
     with np.errstate(invalid="ignore"):
-        usable &= np.linalg.norm(points - own.mean(axis=1), axis=1) <= 2 * gap
+        usable &= np.linalg.norm(points - own.mean(axis=1), axis=1) <= FARTHEST_TRIPLE * gap
     points[~usable], radius[~usable] = np.nan, np.nan
     return points, radius, (outside & usable[:, None])[:, [2, 0, 1]]
 
 
-CLEARLY_APART = 2.0
-"""Sample spacings between the two feature points from which a ball can be linked. A box of sides 2,
-1.5 and 1 has 13 sheets at spacings from 0.03 to 0.17 (six samples across its smallest side) with
-2, and fewer at 0.17 with 3, because too few balls are left."""
-
-LARGEST_TURN = 0.75
-"""Radii: the chord by which a feature point may move from ball to ball, an angle of 44 degrees.
-Near the corner of a box the feature points of two sheets come as close as one likes, but stay 90
-degrees apart as seen from the center."""
-
-WALL = -0.5
-"""Cosine between the normals at the two feature points of a ball in a wall: 120 degrees or more."""
-
-NODES_A_CHUNK = 8192
-
-
-def clear_balls(
-    sets: FeatureSets, unfolded: Unfolded
-) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+def clear_balls(sets: FeatureSets, unfolded: Unfolded) -> tuple[Mask, Mask]:
     """Return which balls can be linked, and which lie in walls or at creases; two (u,) arrays.
 
     A ball can be linked when its contacts are clearly apart, or on the two sides of a wall or of a
@@ -285,17 +292,13 @@ def clear_balls(
     spacing = local_spacing(unfolded.cloud.surface)[unfolded.cloud.features[rows]].max(axis=1)
     gap = np.linalg.norm(unfolded.points - unfolded.contacts, axis=1)
     cosine = np.einsum("ij,ij->i", unfolded.normals, unfolded.contact_normals)
-    wall = cosine < WALL
+    wall = cosine < WALL_COSINE
     clear = ((gap >= CLEARLY_APART * spacing) | wall) & ~sets.rim[rows]
     return clear | parted, wall | parted
 
 
 def pieces(
-    sets: FeatureSets,
-    unfolded: Unfolded,
-    clear: NDArray[np.bool_],
-    wall: NDArray[np.bool_],
-    threshold: float,
+    sets: FeatureSets, unfolded: Unfolded, clear: Mask, wall: Mask, threshold: float
 ) -> tuple[IntArray, IntArray, IntArray]:
     """Return the lowest node that each node is linked to, directly or through others, (u,).
 
@@ -336,11 +339,6 @@ def pieces(
     kernels.join_links(graph, links, partner, piece)
     kernels.join_links(graph, links, np.full_like(partner, -1), region)
     return piece, region, partner
-
-
-LEAST_BALLS, ON_BORDER = 8, 0.1
-"""A piece of fewer linked balls is no sheet, not counting those that lie on its border: nearer than
-this share of the way to the next sample. It is attached to its surroundings."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -442,8 +440,8 @@ class _Divided(NamedTuple):
 
     unfolded: Unfolded
     labels: IntArray
-    linked: NDArray[np.bool_]
-    front: NDArray[np.bool_]
+    linked: Mask
+    front: Mask
 
 
 def _numbered(divided: _Divided, smallest: float) -> MedialSheets:
@@ -510,9 +508,7 @@ def _spread(sets: FeatureSets, unfolded: Unfolded, threshold: float) -> _Divided
     return _Divided(unfolded, both // 2, linked, both % 2 == 0)
 
 
-def _shared_walls(
-    unfolded: Unfolded, piece: IntArray, clear: NDArray[np.bool_]
-) -> NDArray[np.int64]:
+def _shared_walls(unfolded: Unfolded, piece: IntArray, clear: Mask) -> Index:
     """Return nodes whose ball touches the wall of a neighbour in another piece too, and these.
 
     Where many sheets meet along a line, as on the axis of a prism, its balls touch all their walls,
@@ -527,7 +523,7 @@ def _shared_walls(
     return ends[shared][np.argsort(-part[shared], kind="stable")]
 
 
-def _everywhere(unfolded: Unfolded, mine: NDArray[np.bool_], both: IntArray) -> IntArray:
+def _everywhere(unfolded: Unfolded, mine: Mask, both: IntArray) -> IntArray:
     """Spread labels over creases too; a component in which nothing is linked is one sheet."""
     surface, samples = unfolded.cloud.surface, unfolded.samples[mine]
     known, usable = np.full((2, surface.point_count), -1, np.int32)
@@ -539,9 +535,7 @@ def _everywhere(unfolded: Unfolded, mine: NDArray[np.bool_], both: IntArray) -> 
     return np.where(both[mine] < 0, number[samples], both[mine])
 
 
-def _backs(
-    piece: IntArray, region: IntArray, partner: IntArray, linked: NDArray[np.bool_]
-) -> NDArray[np.bool_]:
+def _backs(piece: IntArray, region: IntArray, partner: IntArray, linked: Mask) -> Mask:
     """Return which balls lie on the back of their piece: that side with fewer balls, (k,).
 
     A region is what neighbours along the surface alone link: one side of a sheet, mostly all of it.

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from medialis.base.arrays import Ragged
+from medialis.base.arrays import Index, Mask, Ragged
 from medialis.base.errors import InvalidShapeError
 from medialis.base.kept import Bound
 from medialis.base.validation import FloatArray, IntArray, frozen, hold
@@ -25,6 +25,9 @@ from medialis.skeleton.triangle_balls import angles_between
 
 TANGENT = 0.95
 """Cosine, of 18 degrees: between a spoke and the normal of the wall that its ball touches."""
+
+SAME_NORMAL = 1e-6
+"""Radians: what rounding turns the normal of a ball of a fan, with room."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -108,7 +111,7 @@ class Unfolded(Bound):
         return frozen(self.cloud.surface.points[self.samples], np.float64)
 
     @cached_property
-    def parted(self) -> NDArray[np.bool_]:
+    def parted(self) -> Mask:
         """True where a crease lies between the two contacts, (u,): they are not the same wall."""
         return frozen(self.regions[:, 0] != self.regions[:, 1], np.bool_)
 
@@ -141,12 +144,6 @@ class Unfolded(Bound):
 def _directions(vectors: FloatArray, instead: FloatArray) -> FloatArray:
     length = np.linalg.norm(vectors, axis=1, keepdims=True)
     return np.divide(vectors, length, out=np.array(instead), where=length > 0)
-
-
-Index = NDArray[np.int64]
-
-SAME_NORMAL = 1e-6
-"""Radians: what rounding turns the normal of a ball of a fan, with room."""
 
 
 @dataclass(frozen=True)

@@ -5,5 +5,5 @@ graphics card (thesis 3.4 has its reconstruction), the page in three dimensions 
 with exact distances (`reports/`), and folders that are written whole or not at all.
 
 Read `picture.py` first: what of a result is drawn, and how. `raster.py` and `camera.py` are below
-it; `writing.py` and `reading.py` are the folder; `result.py` is what people hold.
+it; `writing.py` is the folder; `result.py` is what people hold, and reads it back.
 """

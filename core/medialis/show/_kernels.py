@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from medialis.base._splat_kernels import hit_point, pixel_normal
+from medialis.base._splat_kernels import ball_normal, hit_point, triangle_hit
 from medialis.base.jit import kernel
 
 
@@ -124,6 +124,7 @@ def shade(canvas, lens, balls, mesh, light, begin, end, out):
     and the channel says how much of the pixel is covered.
     """
     depth, index, glass, curve = canvas.depth, canvas.index, canvas.glass, light.curve
+    count, colors, perspective = len(balls.radii), balls.colors, lens.focal > 0
     n = depth.shape[1] // out.shape[1]
     see_through = len(glass) > 0
     top = len(curve) - 1
@@ -140,8 +141,14 @@ def shade(canvas, lens, balls, mesh, light, begin, end, out):
                 i = index[r, c]
                 if i >= 0 and (sub == 0 or not inside):
                     px, py, pz = hit_point(r, c, depth[r, c], lens)
-                    nx, ny, nz, _, x0, y0, z0 = pixel_normal(i, px, py, pz, lens, balls, mesh)
-                    part, shine = phong(nx, ny, nz, px, py, pz, lens.focal > 0, light)
+                    if i < count:
+                        nx, ny, nz, _ = ball_normal(i, px, py, pz, perspective, balls)
+                        x0, y0, z0 = colors[i, 0], colors[i, 1], colors[i, 2]
+                    else:
+                        nx, ny, nz, _, x0, y0, z0 = triangle_hit(
+                            i - count, px, py, pz, perspective, mesh
+                        )
+                    part, shine = phong(nx, ny, nz, px, py, pz, perspective, light)
                     part *= 1.0 - light.shadow * obscurance(r, c, depth, 2 * n, light.shadow_depth)
                     x0, y0, z0 = x0 * part + shine, y0 * part + shine, z0 * part + shine
                 x = y = z = solid = 0.0

@@ -18,15 +18,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from medialis.base.errors import FileError, InvalidOptionError
-from medialis.base.options import Options
+from medialis.base.options import Length, Options
 from medialis.base.progress import Message, Progress, ProgressCallback
-from medialis.base.units import Length
 from medialis.base.validation import IntArray, as_choice
 from medialis.base.version import package_version
-from medialis.formats.files import MANIFEST, OutputFolder, absolute, complete_file
+from medialis.formats.files import MANIFEST, Drawn, OutputFolder, absolute, complete_file
 from medialis.formats.gltf import write_gltf
 from medialis.formats.json_npz import write_json, write_npz
-from medialis.formats.ply_attributes import write_ply
+from medialis.formats.ply_attributes import write_layer_ply
 from medialis.formats.shells import CALCULIX, write_inp, write_msh
 from medialis.formats.text_meshes import write_obj
 from medialis.formats.vtk import write_vtp, write_vtu
@@ -37,6 +36,7 @@ from medialis.shape.shape import Shape
 from medialis.shape.surface import Surface
 from medialis.show.picture import draw_result, draw_turntable, reduced, require_attribute, write_png
 from medialis.show.raster import Style
+from medialis.show.result import LISTS, OF_LAYERS
 
 DIFFERENCES = {
     "operation": "of the operation {}",
@@ -157,7 +157,7 @@ SHELLS = ("msh", "inp", "ccx")
 
 
 def _write_obj(path: Path, layer: Layer, unit: str | None) -> None:
-    write_obj(path, layer.points, _triangles(layer))
+    write_obj(path, Drawn(layer.points, _triangles(layer)))
 
 
 def _write_glb(path: Path, layer: Layer, unit: str | None) -> None:
@@ -177,6 +177,9 @@ TRIANGLE_FORMATS = (Format("obj", _write_obj), Format("glb", _write_glb))
 THUMBNAIL, THUMBNAIL_WIDTH = "thumbnail.png", 250
 
 
+ATTRIBUTES = ("attributes", "face_attributes")
+
+
 def describe_result(result: Result, **more: Any) -> dict[str, Any]:
     """Return the manifest: operation, parameters, seconds per stage, values, messages."""
     return {
@@ -192,24 +195,12 @@ def describe_result(result: Result, **more: Any) -> dict[str, Any]:
         "notes": [_note(message) for message in result.messages],
         "layers": [
             {
-                "name": layer.name,
                 "points": len(layer.points),
                 "faces": 0 if layer.faces is None else len(layer.faces),
                 "edges": 0 if layer.edges is None else len(layer.edges),
-                "attributes": list(layer.attributes),
-                "face_attributes": list(layer.face_attributes),
-                "labels": list(layer.labels),
-                "color_by": layer.color_by,
-                "color_map": layer.color_map,
-                "color_limits": list(layer.color_limits),
-                "filter_by": layer.filter_by,
+                **{name: getattr(layer, name) for name in OF_LAYERS},
+                **{name: list(getattr(layer, name)) for name in (*LISTS, *ATTRIBUTES)},
                 "filter_unit": asdict(layer.filter_unit),
-                "filter_default": layer.filter_default,
-                "number_by": layer.number_by,
-                "on_input": layer.on_input,
-                "auxiliary": layer.auxiliary,
-                "role": layer.role,
-                "formats": list(layer.formats),
                 "facts": dict(layer.facts),
             }
             for layer in result.layers
@@ -371,11 +362,13 @@ def write_files(
         check_same(folder, {**about, "parameters": parameters_given(about)})
     drawn: list[str] = []
     with OutputFolder(folder, replaced=files_of(manifest_in(folder))) as out:
-        names = _write_data(out, result, formats, progress)
+        names: list[str] = []
 
         def new(name: str) -> Path:
             names.append(name)
             return out.file(name)
+
+        _write_data(new, result, formats, progress)
 
         with progress.stage("picture", 0.5, 0.95):
             title = _title(result, wanted.source)
@@ -452,32 +445,16 @@ def _title(result: Result, source: str | None) -> str:
 
 
 def _write_data(
-    out: OutputFolder, result: Result, formats: Sequence[str], progress: Progress
-) -> list[str]:
-    """Write layers, graph and arrays; return the names of the files."""
-    names: list[str] = []
-
-    def new(name: str) -> Path:
-        names.append(name)
-        return out.file(name)
-
+    new: Callable[[str], Path], result: Result, formats: Sequence[str], progress: Progress
+) -> None:
+    """Write layers, graph and arrays; `new` tells where."""
     with progress.stage("write", 0.0, 0.5):
         for number, layer in enumerate(result.layers):
-            write_ply(
-                new(f"{layer.name}.ply"),
-                layer.points,
-                faces=layer.faces,
-                edges=layer.edges,
-                attributes=layer.attributes,
-                face_attributes=layer.face_attributes,
-            )
+            write_layer_ply(new(f"{layer.name}.ply"), layer)
             for name in filter(LAYER_FORMATS.__contains__, formats):
                 if name not in SHELLS or layer.faces is not None:
                     ending, write = LAYER_FORMATS[name]
-                    write(
-                        new(layer.name + ending), layer.points, layer.faces, layer.edges,
-                        layer.attributes, layer.face_attributes, show=layer.color_by,
-                    )  # fmt: skip
+                    write(new(layer.name + ending), layer)
             for ending in layer.formats:
                 file = new(f"{layer.name}.{ending}")
                 write_layer(file, layer, result.shape.unit)
@@ -486,7 +463,6 @@ def _write_data(
             if own.of in result.extras and (own.unasked or own.name in formats):
                 own.write(new(f"{result.operation}.{own.name}"), result)
         write_npz(new(f"{result.operation}.npz"), result.arrays)
-    return names
 
 
 def content(file: Path, progress: Progress) -> dict[str, Any]:

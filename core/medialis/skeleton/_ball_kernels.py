@@ -74,17 +74,6 @@ KNOWN = 16
 """Certificates kept: a leaf of a tube lies on about four rings, whose balls are the same."""
 
 
-class SampleTree(NamedTuple):
-    """A tree of n samples to walk down; see `BoxTree`."""
-
-    points: NDArray[np.float64]
-    order: NDArray[np.int32]
-    blocks: NDArray[np.float64]
-    bounds: NDArray[np.float32]
-    child: NDArray[np.int64]
-    depth: int
-
-
 class Columns(NamedTuple):
     """What shrinking finds of k balls; `second` is their second feature point, a sample.
 
@@ -167,7 +156,7 @@ def shrink_balls(begin, end, sign, lengths, tree, normals, samples, out):
     Or of the balls begin..end where `samples` tells the sample of each: `normals` are those of the
     balls then, and so are the outputs.
     """
-    points, order, blocks, bounds, child, depth = tree
+    _, points, _, order, blocks, bounds, child, depth = tree
     _, tolerance, a, largest, near2, margin = lengths
     n = len(points)
     stack = np.empty(8 * 12 + 8, np.int64)  # 8 children on each of at most 11 wide levels

@@ -48,10 +48,10 @@ from medialis.base.jit import kernel
 KNOWN = 16
 """Certificates kept, as for samples."""
 
-STEPS = 60
+MOST_STEPS = 60
 """Of the iteration; each shrinks the ball, and it ends where rounding decides."""
 
-SLIM = 8.0
+SLIVER = 8.0
 """A face is a sliver where it is so many times as long as it is high."""
 
 NOWHERE = -1e15
@@ -129,47 +129,6 @@ class TangentBalls(NamedTuple):
     weights: NDArray[np.float64]
 
 
-class Depths(NamedTuple):
-    """How deep faces may lie in balls: lengths in units of the tree.
-
-    Attributes
-    ----------
-    tolerance, clearance, margin : float
-        Of `Shrinking`.
-    least : float
-        What is allowed to faces that are no relief.
-    highest : float
-        The most that h may be of r.
-    """
-
-    tolerance: float
-    clearance: float
-    margin: float
-    least: float
-    highest: float
-
-
-@kernel
-def count_blocks(faces, place, n, depth, out_leaf, out_first):
-    """Leaf of the first corner of each face in tree order, and where the blocks of leaves start."""
-    count = np.zeros(len(out_first) - 1, np.int64)
-    for f in range(len(faces)):
-        first = min(place[faces[f, 0]], place[faces[f, 1]], place[faces[f, 2]])
-        out_leaf[f] = (((first + 1) << depth) + n - 1) // n - 1
-        count[out_leaf[f]] += 1
-    for leaf in range(len(count)):
-        out_first[leaf + 1] = out_first[leaf] + (count[leaf] + BLOCK - 1) // BLOCK
-
-
-@kernel
-def fill_blocks(leaf, first, out_order):
-    """Sort faces into the blocks of their leaves, in their order; -1 in slots left over."""
-    slot = first[:-1] * BLOCK
-    for f in range(len(leaf)):
-        out_order[slot[leaf[f]]] = f
-        slot[leaf[f]] += 1
-
-
 @kernel
 def fill_hulls(begin, end, points, corners, out_hulls):
     """Discs and cylinders round the faces of the blocks begin..end."""
@@ -224,7 +183,7 @@ def _lay_along(points, a, b, c, twice_area, out):
             d2 += (points[j, axis] - points[i, axis]) ** 2
         if d2 > longest:
             longest, first, second, third = d2, i, j, k
-    if SLIM * twice_area >= longest:
+    if SLIVER * twice_area >= longest:
         return
     share = 0.0  # of the longest side, where the third corner stands over it
     for axis in range(3):
@@ -335,7 +294,7 @@ def _shrink_to(i, n, sign, r, relief, least, highest, points, own, bulges):
         b0, b1 = max(sign * bulges[0], 0.0), max(sign * bulges[1], 0.0)
         b2 = max(sign * bulges[2], 0.0)
     best_s, best_t = -1.0, -1.0
-    for _ in range(STEPS):
+    for _ in range(MOST_STEPS):
         s, t = _lowest(
             uw - r * (un + b0), vw - r * (vn + b2),
             uu - 2.0 * r * b0, uv - r * (b0 + b2 - b1), vv - 2.0 * r * b2,
@@ -411,10 +370,13 @@ def _near_faces(hull, px, py, pz, x, y, z, r, relief, least):
 
 
 @kernel
-def shrink_to_triangles(begin, end, balls, depths, hung):
-    """Shrink the balls begin..end to fit between triangles."""
+def shrink_to_triangles(begin, end, balls, lengths, least, highest, hung):
+    """Shrink the balls begin..end to fit between triangles; lengths are those of `Shrinking`.
+
+    `least` is how deep a face may lie that is no relief, `highest` the most that h may be of r.
+    """
     samples, directions, signs, at_own, radii, out_face, out_weights = balls
-    tolerance, a, margin, least, highest = depths
+    _, tolerance, a, _, _, margin = lengths
     points, bounds, child, first, corners, reliefs, hulls = hung
     stack = np.empty(8 * 12 + 8, np.int64)
     most, fewest = np.float32(a - margin), np.float32(least - margin)

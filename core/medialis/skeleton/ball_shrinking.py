@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from medialis.base.arrays import Index, Mask
 from medialis.base.errors import InvalidShapeError
 from medialis.base.options import Options, algorithm, choice, length
 from medialis.base.progress import Progress, counted
@@ -27,24 +28,54 @@ from medialis.shape.shape import Shape
 from medialis.skeleton.medial_cloud import BallStatus, MedialCloud
 
 if TYPE_CHECKING:
-    from medialis.base.box_tree import BoxTree
-    from medialis.skeleton._ball_kernels import SampleTree
+    from medialis.base._box_tree_kernels import BoxTree
 
-HALF = 0.5
+LARGEST_INSIDE = 0.5
 """Fraction of the diagonal: no ball inside a closed shape has a larger radius."""
 
 THINNEST = 1e-7
 """Fraction of the diagonal: surfaces closer together than this lie on each other, with no wall."""
 
-NEIGHBOURS, OPPOSITE = 32, -0.5
-"""Nearest samples among which the other side is looked for, and the largest cosine between the
-normals of two sides: walls that taper by less than 60 degrees."""
+NEIGHBOURS = 32
+"""Nearest samples among which the other side of a wall is looked for."""
 
-FEW = 8
+OPPOSITE = -0.5
+"""Largest cosine between the normals of two sides: walls that taper by less than 60 degrees."""
+
+FEW_ROWS = 8
 """Samples whose neighbours are found among all others sooner than a tree of these is built."""
 
+SIDES = ("inner", "outer", "both")
 
-def hidden_walls(cloud: MedialCloud, tolerance: float) -> NDArray[np.bool_]:
+DEFAULT_TOLERANCE = 3e-4
+"""Fraction of the diagonal. Exact balls cost no more, but follow every bit of relief: on horse2
+(194k samples) 60 % of the exact balls touch the surface at two points less than 20 degrees apart;
+with 1e-5 it is 55 %, with 1e-4 32 %, with 3e-4 13 %, with 1e-3 1 %. 3e-4 is a tenth of the sample
+spacing of a mesh of 100k vertices: no shape is lost, and most of the false balls are gone."""
+
+CLEARANCE = 0.75
+"""Share of the tolerance that a sample may lie deep; the rest is left for reusing certificates.
+Of 1/2, 3/4 and 1, the largest that keeps spheres fast (1: 200 times slower)."""
+
+LARGEST_RADIUS = 1.0
+"""Fraction of the diagonal. A ball inside a closed shape fits its bounding box, so its radius is at
+most diagonal / (2 sqrt 3), or half a diagonal where only the corners of a box are sampled. Only
+open shapes and the outer side reach this bound."""
+
+COINCIDENT = 1e-10
+"""Fraction of the diagonal. A sample nearer than this to the tangent point counts as that point: it
+lies at most this deep in the ball, and its r(q) would be rounding error."""
+
+FLOAT32_MARGIN = 2e-6
+"""Fraction of the diagonal. A node test sums about ten float32 terms of at most two diagonals, each
+rounded by 6e-8 of its size; see `_ball_kernels.py`."""
+
+SAMPLES_A_CHUNK = 1024
+"""About 2 ms of work: short enough for progress and Ctrl-C, long enough that the first ball of a
+chunk, which has no warm start, does not count."""
+
+
+def hidden_walls(cloud: MedialCloud, tolerance: float) -> Mask:
     """Tell the inner balls that went through a wall thinner than the tolerance.
 
     Parameters
@@ -74,15 +105,17 @@ def hidden_walls(cloud: MedialCloud, tolerance: float) -> NDArray[np.bool_]:
     return hidden
 
 
-def endless(cloud: MedialCloud) -> NDArray[np.bool_]:
+def endless(cloud: MedialCloud) -> Mask:
     """Tell the inner balls in closed parts that meet no second sample, (k,); there is one."""
     shape = cloud.surface
     result = (cloud.side > 0) & (cloud.status == BallStatus.OPEN)
-    result &= cloud.radii >= HALF * shape.diagonal  # not so where a small largest_radius ends them
+    result &= (
+        cloud.radii >= LARGEST_INSIDE * shape.diagonal
+    )  # not so where a small largest_radius ends them
     return result & in_closed_part(shape, cloud.source) if result.any() else result
 
 
-def touches_from_outside(cloud: MedialCloud) -> NDArray[np.bool_]:
+def touches_from_outside(cloud: MedialCloud) -> Mask:
     """Tell the inner balls whose center lies in front of the wall at their second contact, (k,)."""
     normals = cloud.contact_normals
     outward = np.zeros(len(cloud))
@@ -91,12 +124,12 @@ def touches_from_outside(cloud: MedialCloud) -> NDArray[np.bool_]:
     return (cloud.side > 0) & cloud.valid & (outward < 0.0)
 
 
-def in_closed_part(shape: Shape, samples: NDArray[Any]) -> NDArray[np.bool_]:
+def in_closed_part(shape: Shape, samples: NDArray[Any]) -> Mask:
     """Tell the samples whose component has faces and no border."""
     return np.asarray(shape.closed_components[shape.components[samples]])
 
 
-def _close_behind(shape: Shape, rows: NDArray[np.int32], tolerance: float) -> NDArray[np.bool_]:
+def _close_behind(shape: Shape, rows: IntArray, tolerance: float) -> Mask:
     """Tell the samples with one that faces the other way less than the tolerance behind them."""
     if len(rows) == 0:
         return np.zeros(0, np.bool_)
@@ -107,10 +140,10 @@ def _close_behind(shape: Shape, rows: NDArray[np.int32], tolerance: float) -> ND
     return ((depth > THINNEST) & (depth <= tolerance) & (facing < OPPOSITE)).any(axis=1)
 
 
-def _nearest(shape: Shape, rows: NDArray[np.int32], count: int) -> NDArray[np.int64]:
+def _nearest(shape: Shape, rows: IntArray, count: int) -> Index:
     """Return the nearest samples of some, themselves among them, (q, count)."""
     points = shape.points
-    if len(rows) > FEW:
+    if len(rows) > FEW_ROWS:
         return np.asarray(shape.tree.query(points[rows], k=np.arange(1, count + 1))[1])
     near = np.empty((len(rows), count), np.int64)
     for at, row in enumerate(rows):
@@ -120,34 +153,6 @@ def _nearest(shape: Shape, rows: NDArray[np.int32], count: int) -> NDArray[np.in
 
 
 Side = Literal["inner", "outer", "both"]
-SIDES = ("inner", "outer", "both")
-
-DEFAULT_TOLERANCE = 3e-4
-"""Fraction of the diagonal. Exact balls cost no more, but follow every bit of relief: on horse2
-(194k samples) 60 % of the exact balls touch the surface at two points less than 20 degrees apart;
-with 1e-5 it is 55 %, with 1e-4 32 %, with 3e-4 13 %, with 1e-3 1 %. 3e-4 is a tenth of the sample
-spacing of a mesh of 100k vertices: no shape is lost, and most of the false balls are gone."""
-
-CLEARANCE = 0.75
-"""Share of the tolerance that a sample may lie deep; the rest is left for reusing certificates.
-Of 1/2, 3/4 and 1, the largest that keeps spheres fast (1: 200 times slower)."""
-
-LARGEST_RADIUS = 1.0
-"""Fraction of the diagonal. A ball inside a closed shape fits its bounding box, so its radius is at
-most diagonal / (2 sqrt 3), or half a diagonal where only the corners of a box are sampled. Only
-open shapes and the outer side reach this bound."""
-
-COINCIDENT = 1e-10
-"""Fraction of the diagonal. A sample nearer than this to the tangent point counts as that point: it
-lies at most this deep in the ball, and its r(q) would be rounding error."""
-
-FLOAT32_MARGIN = 2e-6
-"""Fraction of the diagonal. A node test sums about ten float32 terms of at most two diagonals, each
-rounded by 6e-8 of its size; see `_ball_kernels.py`."""
-
-SAMPLES_A_CHUNK = 1024
-"""About 2 ms of work: short enough for progress and Ctrl-C, long enough that the first ball of a
-chunk, which has no warm start, does not count."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -278,7 +283,7 @@ class Shrinking(NamedTuple):
         end: int,
         sign: int,
         out: tuple[NDArray[Any], ...],
-        tangents: tuple[NDArray[np.int32], FloatArray] | None = None,
+        tangents: tuple[IntArray, FloatArray] | None = None,
     ) -> None:
         """Shrink the balls of the samples begin..end (tree order) on one side.
 
@@ -290,14 +295,13 @@ class Shrinking(NamedTuple):
         from medialis.skeleton._ball_kernels import Columns, shrink_balls
 
         samples, normals = (_EVERY, tree.normals) if tangents is None else tangents
-        walked = as_walked(tree)
-        shrink_balls(begin, end, float(sign), self, walked, normals, samples, Columns(*out))
+        shrink_balls(begin, end, float(sign), self, tree, normals, samples, Columns(*out))
 
     def shrink(
         self,
         shape: Shape,
         tree: BoxTree,
-        samples: IntArray,
+        samples: NDArray[Any],
         normals: FloatArray,
         sign: int,
         progress: Progress,
@@ -323,7 +327,7 @@ class Shrinking(NamedTuple):
         shape: Shape,
         tree: BoxTree,
         arrays: tuple[NDArray[Any], ...],
-        source: NDArray[np.int32],
+        source: IntArray,
         side: NDArray[np.int8],
     ) -> MedialCloud:
         """Return what `run` wrote as a cloud, in the units of the input."""
@@ -358,13 +362,6 @@ def sample_tree(shape: Shape, progress: Progress) -> BoxTree:
     points, normals = shape.points, shape.normals
     unit = shrink_options(shape.diagonal, 0.0, 0.0).unit
     return run_patiently(lambda: build_box_tree(points, normals, unit=unit), progress)
-
-
-def as_walked(tree: BoxTree) -> SampleTree:
-    """Return a tree as kernels walk down it."""
-    from medialis.skeleton._ball_kernels import SampleTree
-
-    return SampleTree(tree.points, tree.order, tree.blocks, tree.bounds, tree.child, tree.depth)
 
 
 def blank_balls(count: int) -> tuple[NDArray[Any], ...]:

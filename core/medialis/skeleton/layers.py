@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from medialis.base.options import Options, changed, choice
 from medialis.base.progress import Progress
+from medialis.base.validation import FloatArray, IntArray
 from medialis.operations.positions import numbers, places
 from medialis.operations.result import FilterUnit, Layer, Outcome
 from medialis.shape.labels import Segmentation
@@ -79,7 +80,7 @@ def samples_layer(shape: Shape) -> Layer:
     )
 
 
-def summary(values: NDArray[np.float64], name: str) -> dict[str, float | None]:
+def summary(values: FloatArray, name: str) -> dict[str, float | None]:
     """Smallest, median and largest of the finite values, as result values; None without any."""
     finite = values[np.isfinite(values)]
     return {
@@ -163,7 +164,7 @@ def surface_layers(
     return tuple(layers)
 
 
-def _input_face_labels(shape: Shape, segmentation: Segmentation) -> NDArray[np.int32]:
+def _input_face_labels(shape: Shape, segmentation: Segmentation) -> IntArray:
     """Return the segment of each face of the shape that was given, (m,)."""
     if segmentation.surface.face_count == shape.face_count:
         return segmentation.of_faces()

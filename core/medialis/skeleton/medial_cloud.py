@@ -10,7 +10,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from medialis.base.arrays import Ragged
+from medialis.base.arrays import Mask, Ragged
 from medialis.base.errors import InvalidShapeError
 from medialis.base.kept import Bound
 from medialis.base.validation import FloatArray, IntArray, Measures, Positions, frozen, hold
@@ -96,7 +96,7 @@ class Balls(Bound):
         return len(self.radii)
 
     @cached_property
-    def valid(self) -> NDArray[np.bool_]:
+    def valid(self) -> Mask:
         """True where the ball is maximal with two feature points, (k,)."""
         return frozen(self.status == BallStatus.OK, np.bool_)
 

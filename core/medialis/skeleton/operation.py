@@ -9,9 +9,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from medialis.base.arrays import places_along
+from medialis.base.arrays import Index, Mask, places_along
 from medialis.base.errors import InvalidOptionError, InvalidShapeError
 from medialis.base.kept import kept
 from medialis.base.options import changed, file, flag, length, whole
@@ -59,12 +58,21 @@ HIDDEN_BELOW = 0.03
 0.02 leaves fuzz in the bunny's back and the armadillo's head, 0.05 takes the cow's horns and the
 horse's feet. A limb's importance is half its girth, so thin limbs need less: see `_shown_from`."""
 
-ROUND, LIMBS_SHOWN = 2.8, 0.9
-"""A path of this many radii runs nearly half round its ball (pi), as in limbs and behind walls and
-not on bumps. Of the surface behind such balls this share stays shown by default."""
+ROUND_LIMB = 2.8
+"""Radii: a path as long runs nearly half round its ball (pi), as in limbs and behind walls and not
+on bumps."""
+
+LIMBS_SHOWN = 0.9
+"""Of the surface behind the balls of limbs this share stays shown by default."""
 
 SHOWN_SHARE = 99.0
 """Per cent of the points that the colours span, from the least important up."""
+
+SHARES = (0.005, 0.01, 0.02, 0.05)
+"""Of the size: thresholds whose points are counted."""
+
+LARGEST_INDEX = 2_147_483_647
+"""Of a vertex: indices are int32."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -176,7 +184,7 @@ def _measured(
 
 def _shown_from(cloud: MedialCloud, importance: FloatArray) -> float:
     """Return the default threshold, less where it would hide limbs: a fraction of the diagonal."""
-    limbs = np.isfinite(importance) & (importance >= ROUND * cloud.radii)
+    limbs = np.isfinite(importance) & (importance >= ROUND_LIMB * cloud.radii)
     if not limbs.any():
         return HIDDEN_BELOW
     rising = np.flatnonzero(limbs)[np.argsort(importance[limbs], kind="stable")]
@@ -185,7 +193,7 @@ def _shown_from(cloud: MedialCloud, importance: FloatArray) -> float:
     return min(HIDDEN_BELOW, float(importance[first]) / cloud.surface.diagonal)
 
 
-def _important(result: Result, shape: Shape) -> NDArray[np.bool_]:
+def _important(result: Result, shape: Shape) -> Mask:
     """Which vertices have a skeleton point that is shown."""
     layer = result.layers[0]
     samples = layer.attributes["source"][~layer.hidden]
@@ -239,7 +247,7 @@ def run_skeleton_mesh(shape: Shape, options: SkeletonMeshRun, progress: Progress
     require_faces(shape)
     with progress.stage("skeleton", 0.0, 0.5):
         cloud = surface_skeleton.of(shape, options, progress)
-    measured: dict[str, NDArray[np.float64]] = {}
+    measured: dict[str, FloatArray] = {}
     if options.importance > 0:
         with progress.stage("importance", 0.5, 0.8):
             measured["importance"] = measured_importance(cloud, options, progress).length
@@ -285,7 +293,7 @@ def run_skeleton_mesh(shape: Shape, options: SkeletonMeshRun, progress: Progress
 
 
 def mesh_layer(
-    name: str, cloud: MedialCloud, mesh: SkeletonMesh, measured: Mapping[str, NDArray[np.float64]]
+    name: str, cloud: MedialCloud, mesh: SkeletonMesh, measured: Mapping[str, FloatArray]
 ) -> Layer:
     """Layer of a skeleton mesh with what its points know from the cloud and from measures on it."""
     known = cloud_layer(name, cloud.subset(np.asarray(mesh.rows)))
@@ -318,9 +326,6 @@ SKELETON_MESH = Operation(
     needs_faces=True,
     order=60,
 )
-
-SHARES = (0.005, 0.01, 0.02, 0.05)
-"""Of the size: thresholds whose points are counted."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -450,9 +455,6 @@ SKELETON_IMPORTANCE = Operation(
     order=20,
 )
 
-LARGEST_INDEX = 2_147_483_647
-"""Of a vertex: indices are int32."""
-
 
 @dataclass(frozen=True, kw_only=True)
 class GeodesicPathRun(GeodesicOptions):
@@ -527,7 +529,7 @@ def _layer(drawn: list[tuple[int, Geodesic]]) -> Layer:
     )
 
 
-def _read_pairs(path: str) -> NDArray[np.int64]:
+def _read_pairs(path: str) -> Index:
     """Two vertex numbers a line, separated by blanks or a comma; # begins a comment."""
     rows = []
     for number, line, words in number_lines(path):
@@ -541,7 +543,7 @@ def _read_pairs(path: str) -> NDArray[np.int64]:
     return np.array(rows, np.int64)
 
 
-def _in_shape(shape: Shape, pairs: NDArray[np.int64]) -> NDArray[np.int64]:
+def _in_shape(shape: Shape, pairs: Index) -> Index:
     """Numbers in the repaired shape of vertices of the input."""
     known = shape.point_count if shape.vertex_map is None else len(shape.vertex_map)
     if pairs.max() >= known:

@@ -11,9 +11,8 @@ import math
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
-from medialis.base.arrays import first_equal_row
+from medialis.base.arrays import Mask, first_equal_row
 from medialis.base.errors import InvalidShapeError
 from medialis.base.kept import kept
 from medialis.base.options import Options, algorithm, angle, length, whole
@@ -30,6 +29,13 @@ from medialis.skeleton.importance.importance import (
 )
 from medialis.skeleton.medial_cloud import MedialCloud
 from medialis.skeleton.surface_skeleton import as_cloud
+
+RADIUS_SLACK = 1.0
+"""Sample spacings by which a radius may change against the slope of the sheet. On horse (48k
+samples, spoke angles above 30 degrees) 0.5 rejects 0.75 % of the faces, 1 0.2 %, 2 0.03 %."""
+
+FACES_A_CHUNK = 16384
+"""About 2 ms of work."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -65,7 +71,7 @@ class SkeletonMesh(Surface):
     rows: IntArray
     face_origin: IntArray
     cloud: MedialCloud = field(kw_only=True)
-    selected: NDArray[np.bool_] = field(kw_only=True)
+    selected: Mask = field(kw_only=True)
 
     def __post_init__(self) -> None:
         p, t = len(self.points), len(self.faces)
@@ -81,7 +87,7 @@ class SkeletonMesh(Surface):
 
     @classmethod
     def of_rows(
-        cls, cloud: MedialCloud, triangles: IntArray, origin: IntArray, selected: NDArray[np.bool_]
+        cls, cloud: MedialCloud, triangles: IntArray, origin: IntArray, selected: Mask
     ) -> SkeletonMesh:
         """Make a mesh of triangles that name rows of the cloud; its points keep their order."""
         used = np.zeros(len(cloud), np.bool_)
@@ -93,14 +99,6 @@ class SkeletonMesh(Surface):
 
     def __repr__(self) -> str:
         return f"SkeletonMesh({len(self.points)} points, {len(self.faces)} faces)"
-
-
-SLACK = 1.0
-"""Sample spacings by which a radius may change against the slope of the sheet. On horse (48k
-samples, spoke angles above 30 degrees) 0.5 rejects 0.75 % of the faces, 1 0.2 %, 2 0.03 %."""
-
-FACES_A_CHUNK = 16384
-"""About 2 ms of work."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -246,9 +244,7 @@ def measured_importance(cloud: MedialCloud, options: Options, progress: Progress
     return connected_importance.of(importance, options, progress) if cloud.whole else importance
 
 
-def _selected(
-    cloud: MedialCloud, options: SkeletonMeshOptions, progress: Progress
-) -> NDArray[np.bool_]:
+def _selected(cloud: MedialCloud, options: SkeletonMeshOptions, progress: Progress) -> Mask:
     """Balls with angle and importance enough, (k,)."""
     enough = cloud.valid & (cloud.spoke_angles >= math.radians(options.min_spoke_angle))
     if options.importance > 0:
@@ -257,9 +253,7 @@ def _selected(
     return enough
 
 
-def _lift(
-    cloud: MedialCloud, selected: NDArray[np.bool_], bridge: int, progress: Progress
-) -> SkeletonMesh:
+def _lift(cloud: MedialCloud, selected: Mask, bridge: int, progress: Progress) -> SkeletonMesh:
     """Mesh of all pieces, those of each side apart."""
     parts = [(np.empty((0, 3), np.int32), np.empty(0, np.int32))]
     sides = [sign for sign in (1, -1) if (cloud.side == sign).any()]
@@ -271,7 +265,7 @@ def _lift(
     return SkeletonMesh.of_rows(cloud, triangles, origin, selected)
 
 
-def _rows_of_samples(cloud: MedialCloud, usable: NDArray[np.bool_], bridge: int) -> IntArray:
+def _rows_of_samples(cloud: MedialCloud, usable: Mask, bridge: int) -> IntArray:
     """Row that stands for each sample: of its own ball, else of a near sample's, else -1."""
     from medialis.skeleton._ball_kernels import bridge_gaps
 
@@ -288,7 +282,7 @@ def _rows_of_samples(cloud: MedialCloud, usable: NDArray[np.bool_], bridge: int)
 
 
 def _lift_side(
-    cloud: MedialCloud, usable: NDArray[np.bool_], bridge: int, progress: Progress
+    cloud: MedialCloud, usable: Mask, bridge: int, progress: Progress
 ) -> tuple[IntArray, IntArray]:
     """Triangles of one side as rows of the cloud, and the face each comes from."""
     # Imported here: compiled code takes half a second to load, and `medialis --help` needs none.
@@ -308,7 +302,7 @@ def _lift_side(
     rows, ok = np.empty((m, 3), np.int32), np.zeros(m, np.bool_)
 
     def work(begin: int, end: int) -> None:
-        kernels.test_faces(begin, end, SLACK, shape.faces, row_near, balls, rows, ok)
+        kernels.test_faces(begin, end, RADIUS_SLACK, shape.faces, row_near, balls, rows, ok)
 
     run_chunks(work, m, FACES_A_CHUNK, progress=progress)
     longest = np.zeros(k)

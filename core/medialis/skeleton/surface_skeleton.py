@@ -21,14 +21,15 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from medialis.base.arrays import Index, Mask
 from medialis.base.errors import InvalidShapeError
 from medialis.base.kept import kept
 from medialis.base.options import Options, algorithm, angle, changed, choice, flag
 from medialis.base.progress import Progress, counted
 from medialis.base.threads import run_patiently
-from medialis.base.validation import FloatArray, as_field, as_number
+from medialis.base.validation import FloatArray, IntArray, as_field, as_number
 from medialis.shape.creases import Creases, find_creases
 from medialis.shape.noise import noise_above, smooth_noise
 from medialis.shape.reading import ShapeLike, as_shape
@@ -47,12 +48,36 @@ from medialis.skeleton.medial_cloud import COLUMNS, MedialCloud
 from medialis.skeleton.triangle_balls import Walls, between_samples, with_edge_balls
 
 if TYPE_CHECKING:
-    from medialis.base.box_tree import BoxTree
+    from medialis.base._box_tree_kernels import BoxTree
+
+MOST_BALLS_OF_FAN = 32
+"""Balls of a fan at a sample, at most."""
+
+LEAST_SMOOTHNESS = 0.94
+"""Cosine: where faces lean from the normals of their sectors by 20 degrees, as in folds and rough
+surfaces, normals between those of the sides mean nothing."""
+
+FOLDED = 3.0
+"""Radians: faces that bend by more lie on each other; nothing lies between their normals."""
+
+FLAT_SHARE = 1e-9
+"""Of the largest spread of points: where the least is below, the shape is flat to rounding."""
+
+DENOISE = ("auto", "off")
+
+NOISY_FROM = 0.04
+"""Spacings: deviation of noise from which on a surface is smoothed. It tilts normals by 5 degrees.
+Of 21 real meshes only one has more, a noisy scan with 0.043."""
+
+TOO_LONG_SHARE = 0.02
+"""Share of the area. A dense mesh with so few faces of too long edges, none twice too long, is not
+refined: it keeps its samples, and all operations on it share their balls. 0.13 % more samples
+(horse2, refine = 0.01) would cost as much as computing everything a second time."""
 
 
 def uniform_subsample(
     cloud: MedialCloud, distance: float, *, priority: ArrayLike | None = None
-) -> NDArray[np.bool_]:
+) -> Mask:
     """Select valid skeleton points at least `distance` apart that cover all others.
 
     Points are taken by falling priority; each one kept removes all points closer to it than
@@ -109,9 +134,7 @@ def uniform_subsample(
     return selected
 
 
-def points_apart(
-    points: FloatArray, order: NDArray[np.int64], distance: float
-) -> NDArray[np.bool_]:
+def points_apart(points: FloatArray, order: Index, distance: float) -> Mask:
     """Select points at least a distance > 0 apart that cover all others, in the given order.
 
     Parameters
@@ -183,19 +206,15 @@ def maximal_balls(
 
 
 def _with_lower_tolerance(
-    cloud: MedialCloud,
-    tree: BoxTree,
-    walls: Walls | None,
-    options: BallOptions,
-    progress: Progress,
+    cloud: MedialCloud, tree: BoxTree, walls: Walls | None, options: BallOptions, progress: Progress
 ) -> MedialCloud:
     """Give the balls that the tolerance lets through a wall a lower one."""
     shape, tolerance = cloud.surface, options.tolerance
 
-    def went_through(balls: MedialCloud) -> NDArray[np.bool_]:
+    def went_through(balls: MedialCloud) -> Mask:
         return run_patiently(lambda: hidden_walls(balls, tolerance), progress)
 
-    def shrink_again(rows: NDArray[np.int64], finer: float) -> MedialCloud:
+    def shrink_again(rows: Index, finer: float) -> MedialCloud:
         lengths = shrink_options(shape.diagonal, finer, options.largest_radius)
         balls = lengths.shrink(shape, tree, rows, shape.normals[rows], 1, progress.still)
         return balls if walls is None else walls.constrain(balls, finer, progress)
@@ -210,9 +229,7 @@ def _with_lower_tolerance(
     count, rows, cured = len(hidden), [], []
     while len(hidden):
         finer = finer / 10 if finer > THINNEST else 0.0
-        balls = exact
-        if finer > 0:
-            balls = shrink_again(hidden, finer)
+        balls = shrink_again(hidden, finer) if finer > 0 else exact
         seen = ~went_through(balls)
         rows.append(hidden[seen])
         cured.append(balls.subset(seen))
@@ -232,14 +249,6 @@ def _with_lower_tolerance(
             tolerance=finer,
         )
     return cloud
-
-
-MOST_BALLS = 32
-"""Balls of a fan at a sample, at most."""
-
-SMOOTH = 0.94
-"""Cosine: where faces lean from the normals of their sectors by 20 degrees, as in folds and rough
-surfaces, normals between those of the sides mean nothing."""
 
 
 def with_fans(
@@ -293,9 +302,7 @@ def with_fans(
     return result
 
 
-def _directions(
-    cloud: MedialCloud, creases: Creases, sign: int
-) -> tuple[NDArray[np.int32], FloatArray]:
+def _directions(cloud: MedialCloud, creases: Creases, sign: int) -> tuple[IntArray, FloatArray]:
     """Return samples at creases concave on a side, and outward directions between the faces."""
     surface = cloud.surface
     pairs = creases.pairs[creases.concave == (sign > 0)]
@@ -305,12 +312,12 @@ def _directions(
     radius = np.zeros(surface.point_count)
     own = cloud.valid & (cloud.side == sign)
     radius[cloud.source[own]] = cloud.radii[own]
-    usable = first.any(axis=1) & second.any(axis=1) & (radius[vertex] > 0) & (bend < 3.0)
-    usable &= creases.smoothness[vertex] > SMOOTH
+    usable = first.any(axis=1) & second.any(axis=1) & (radius[vertex] > 0) & (bend < FOLDED)
+    usable &= creases.smoothness[vertex] > LEAST_SMOOTHNESS
     vertex, first, second, bend = vertex[usable], first[usable], second[usable], bend[usable]
     with np.errstate(over="ignore"):
         steps = np.ceil(bend * radius[vertex] / max(surface.spacing, 1e-300))
-    steps = np.clip(steps, 1, MOST_BALLS).astype(np.int64)
+    steps = np.clip(steps, 1, MOST_BALLS_OF_FAN).astype(np.int64)
     pair = np.repeat(np.arange(len(vertex)), steps + 1)
     turn = np.arange(len(pair)) - np.repeat(np.cumsum(steps + 1) - steps - 1, steps + 1)
     part, angle = turn / steps[pair], bend[pair]
@@ -321,7 +328,7 @@ def _directions(
 
 def _balls(
     walls: Walls,
-    sources: NDArray[np.int32],
+    sources: IntArray,
     directions: FloatArray,
     sign: int,
     options: ShrinkOptions,
@@ -337,18 +344,6 @@ def _balls(
     at_own = balls.radii <= options.tolerance * shape.diagonal
     outside = ((balls.contacts - balls.centers) * balls.contact_normals).sum(axis=1) * sign < 0
     return balls.subset(balls.valid & ~at_own & ~outside)  # in folds a direction may look outward
-
-
-DENOISE = ("auto", "off")
-
-NOISY = 0.04
-"""Spacings: deviation of noise from which on a surface is smoothed. It tilts normals by 5 degrees.
-Of 21 real meshes only one has more, a noisy scan with 0.043."""
-
-FEW = 0.02
-"""Share of the area. A dense mesh with so few faces of too long edges, none twice too long, is not
-refined: it keeps its samples, and all operations on it share their balls. 0.13 % more samples
-(horse2, refine = 0.01) would cost as much as computing everything a second time."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -482,13 +477,11 @@ def _denoised(shape: Shape, options: Preparation, progress: Progress) -> tuple[S
     tolerance = options.tolerance
     if options.denoise == "off" or shape.faces is None or shape.diagonal == 0.0:
         return shape, tolerance
-    smooth, level, left = kept(
-        _without_noise,
-        shape,
-        None,
-        lambda: run_patiently(lambda: _without_noise(shape), progress),
-        progress,
-    )
+
+    def smoothed() -> tuple[Shape, float, float]:
+        return run_patiently(lambda: _without_noise(shape), progress)
+
+    smooth, level, left = kept(_without_noise, shape, None, smoothed, progress)
     if smooth is shape:
         return shape, tolerance
     highest = next(p.high for p in Preparation.parameters() if p.name == "tolerance")
@@ -507,7 +500,7 @@ def _denoised(shape: Shape, options: Preparation, progress: Progress) -> tuple[S
 
 def _without_noise(shape: Shape) -> tuple[Shape, float, float]:
     """Return a smooth copy of a noisy shape, the noise before, and what is left of it."""
-    least = NOISY * shape.spacing
+    least = NOISY_FROM * shape.spacing
     level = noise_above(shape, least)
     if level == 0.0 or level < least:
         return shape, level, 0.0
@@ -531,14 +524,12 @@ def _refined(shape: Shape, options: Preparation, progress: Progress) -> Shape:
                 lambda: on_smooth_surface(shape, fine, find_creases(shape, options.creases)),
                 progress,
             )
-        instead = (
-            ""
-            if fraction == asked
-            else (
+        instead = ""
+        if fraction != asked:
+            instead = (
                 f", not {100 * asked:g} %, which would make many more samples than so small a mesh "
                 f"needs (refine below {100 * RefineOptions().longest_edge:g} % makes more)"
             )
-        )
         progress.note(
             f"The mesh was refined for the computation: {shape.point_count:,} vertices became "
             f"{fine.point_count:,} samples. Edges longer than {100 * fraction:.3g} % of the "
@@ -565,7 +556,7 @@ def _dense(shape: Shape, longest: float) -> bool:
     corners = shape.points[np.asarray(shape.faces)[faces]]
     sides = np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=2).max(axis=1)
     coarse = faces[sides > longest]
-    return bool(shape.face_areas[coarse].sum() <= FEW * shape.area)
+    return bool(shape.face_areas[coarse].sum() <= TOO_LONG_SHARE * shape.area)
 
 
 def _require_balls(cloud: MedialCloud) -> None:
@@ -574,7 +565,7 @@ def _require_balls(cloud: MedialCloud) -> None:
         return
     shape = cloud.surface
     spread = np.linalg.svd(shape.points - shape.points.mean(axis=0), compute_uv=False)
-    flat = spread[-1] <= 1e-9 * spread[0]
+    flat = spread[-1] <= FLAT_SHARE * spread[0]
     why = "the shape is flat" if flat else "nothing faces them on this side"
     if not flat and shape.faces is None:
         why += " (if the normals of this cloud point inward, turn them or leave them out)"

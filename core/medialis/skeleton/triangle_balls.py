@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from medialis.base.arrays import Index, Ragged
 from medialis.base.progress import Progress
 from medialis.base.threads import run_chunks
 from medialis.base.validation import FloatArray, IntArray
@@ -25,13 +26,37 @@ from medialis.skeleton.ball_shrinking import SAMPLES_A_CHUNK, shrink_options
 from medialis.skeleton.medial_cloud import BallStatus, MedialCloud
 
 if TYPE_CHECKING:
-    from medialis.base.box_tree import BoxTree
+    from medialis.base._box_tree_kernels import BoxTree
     from medialis.skeleton._triangle_kernels import Hung
 
-BLOCKS_A_CHUNK, NODES_A_CHUNK = 1024, 64
+BLOCKS_A_CHUNK = 1024
+"""Of 16 faces."""
+
+NODES_A_CHUNK = 64
+"""Of the tree, each with all faces below it."""
 
 ROUNDING = 1e-10
 """Fraction of the diagonal: a place less deep than this in a ball is on it."""
+
+CREASE_DEPTH = 1e-6
+"""Fraction of the diagonal: how far the ball at a crease lies from it, at least."""
+
+LARGEST_GAP = 1e-3
+"""Fraction of the diagonal: no place of a convex crease is farther than this from a ball."""
+
+MOST_BETWEEN = 3
+"""Balls between two samples of a crease, at most: enough for edges of 0.8 % of the diagonal."""
+
+DEPTH_BETWEEN = 0.55
+"""Lengths of their edge that balls between samples lie deep: in a right angle half-way to where the
+balls of the next samples begin."""
+
+LEAST_FIT = 0.9
+"""Share of the radius that two walls would allow: balls between samples with less lie where those
+of the samples do, since other walls are near."""
+
+LEAST_DEPTH = 1 / 16
+"""Of the tolerance: how deep a face that is no relief may lie in a ball."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,13 +87,17 @@ class Walls:
         from medialis.skeleton import _triangle_kernels as kernels
 
         shape, place = creases.shape, tree.place
-        n, m, depth = shape.point_count, shape.face_count, tree.depth
-        faces = np.asarray(shape.faces)
-        leaf, first = np.empty(m, np.int32), np.zeros((1 << depth) + 1, np.int64)
-        kernels.count_blocks(faces, place, n, depth, leaf, first)
+        n, depth, faces = shape.point_count, tree.depth, np.asarray(shape.faces)
+        one, two, three = place[faces].T.astype(np.int64)
+        # The leaf of the first corner of each, and the blocks of each leaf.
+        leaf = (((np.minimum(np.minimum(one, two), three) + 1) << depth) + n - 1) // n - 1
+        hung_on = Ragged.group(leaf, 1 << depth)
+        filled = -(-hung_on.lengths // kernels.BLOCK)
+        first = np.concatenate([[0], np.cumsum(filled)])
         blocks = int(first[-1])
         order = np.full(kernels.BLOCK * blocks, -1, np.int32)
-        kernels.fill_blocks(leaf, first, order)
+        begin = kernels.BLOCK * first[:-1] - hung_on.offsets[:-1]
+        order[np.arange(len(faces)) + np.repeat(begin, hung_on.lengths)] = hung_on.indices
         used = order >= 0
         corners, reliefs = np.full((len(order), 3), -1, np.int32), np.zeros((len(order), 4))
         corners[used] = place[faces[order[used]]]
@@ -98,7 +127,7 @@ class Walls:
         """The mesh."""
         return self.creases.shape
 
-    def room(self, centers: FloatArray, most: FloatArray) -> NDArray[np.float64]:
+    def room(self, centers: FloatArray, most: FloatArray) -> FloatArray:
         """Return how far places (k, 3) are from the nearest triangle, but at most `most` (k,)."""
         from medialis.skeleton._triangle_kernels import measure_room
 
@@ -139,7 +168,7 @@ class Walls:
         MedialCloud
             A ball that changed touches a face between its corners, or at one of them.
         """
-        from medialis.skeleton._triangle_kernels import Depths, TangentBalls, shrink_to_triangles
+        from medialis.skeleton._triangle_kernels import TangentBalls, shrink_to_triangles
 
         tree, shape = self.tree, self.shape
         at_own, samples = directions is not None, tree.place[cloud.source]
@@ -155,13 +184,12 @@ class Walls:
         lengths = shrink_options(shape.diagonal, tolerance, largest)
         radii = cloud.radii[order] / lengths.unit
         face, places = np.full(len(order), -1, np.int64), np.zeros((len(order), 3))
-        least = max(ROUNDING * shape.diagonal / lengths.unit, lengths.tolerance / 16)
+        least = max(ROUNDING * shape.diagonal / lengths.unit, LEAST_DEPTH * lengths.tolerance)
         highest = math.sin(math.radians(min(self.creases.angle, 90.0))) ** 2 / 2
-        depths = Depths(lengths.tolerance, lengths.clearance, lengths.margin, least, highest)
         balls = TangentBalls(samples, direction, signs, at_own, radii, face, places)
 
         def work(begin: int, end: int) -> None:
-            shrink_to_triangles(begin, end, balls, depths, self.hung)
+            shrink_to_triangles(begin, end, balls, lengths, least, highest, self.hung)
 
         run_chunks(work, len(order), SAMPLES_A_CHUNK, progress=progress)
         touching = np.flatnonzero(face >= 0)
@@ -171,7 +199,7 @@ class Walls:
         return _touching_faces(cloud, rows, direction[touching], radii, faces, weights)
 
 
-def _in_tree_order(cloud: MedialCloud, tree: BoxTree) -> NDArray[np.int64]:
+def _in_tree_order(cloud: MedialCloud, tree: BoxTree) -> Index:
     """Return the inner balls in the order of the tree, then the outer ones."""
     n, k = len(tree.order), len(cloud)
     if k % n == 0 and (cloud.source.reshape(-1, n) == np.arange(n)).all():
@@ -181,7 +209,7 @@ def _in_tree_order(cloud: MedialCloud, tree: BoxTree) -> NDArray[np.int64]:
 
 def _touching_faces(
     cloud: MedialCloud,
-    rows: NDArray[np.int64],
+    rows: Index,
     directions: FloatArray,
     radii: FloatArray,
     faces: IntArray,
@@ -211,19 +239,6 @@ def angles_between(one: FloatArray, other: FloatArray) -> FloatArray:
     """Return the angle between vectors, row by row, in radians."""
     across = np.linalg.norm(np.cross(one, other), axis=1)
     return np.arctan2(across, np.einsum("ij,ij->i", one, other))
-
-
-EDGE = 1e-6
-"""Fraction of the diagonal: how far the ball at a crease lies from it, at least."""
-
-GAP, MOST_BETWEEN = 1e-3, 3
-"""Fraction of the diagonal: no place of a convex crease is farther than this from a ball; and how
-many balls there are between two samples for that, at most: enough for edges of 0.8 %."""
-
-DEEP, FITS = 0.55, 0.9
-"""How deep balls between samples lie, in lengths of their edge: in a right angle half-way to where
-the balls of the next samples begin. And the share of the radius that two walls would allow that
-they have at least, or they lie where those of the samples do: other walls are near."""
 
 
 def with_edge_balls(cloud: MedialCloud, creases: Creases, tolerance: float) -> MedialCloud:
@@ -290,13 +305,13 @@ def between_samples(cloud: MedialCloud, walls: Walls, tolerance: float) -> Media
     ends = surface.points[corners[rows, side]] - surface.points[corners[rows, (side + 1) % 3]]
     small = _depth(cloud, tolerance)
     depth = np.minimum(
-        DEEP * np.linalg.norm(ends, axis=1),
-        GAP * surface.diagonal / np.maximum(1.0 - cosine, STEEPER),
+        DEPTH_BETWEEN * np.linalg.norm(ends, axis=1),
+        LARGEST_GAP * surface.diagonal / np.maximum(1.0 - cosine, STEEPER),
     )
     depth = np.maximum(depth, small)
     # They lie `depth` off a place of the surface, which is no nearer than that.
     radii = walls.room(place - (depth * sign)[:, None] * middle, depth)
-    fits = radii >= FITS * depth * cosine
+    fits = radii >= LEAST_FIT * depth * cosine
     depth, radii = np.where(fits, depth, small), np.where(fits, radii, small * cosine)
     balls = MedialCloud(
         place - (depth * sign)[:, None] * middle,
@@ -314,12 +329,12 @@ def between_samples(cloud: MedialCloud, walls: Walls, tolerance: float) -> Media
 
 
 def _depth(cloud: MedialCloud, tolerance: float) -> float:
-    return max(tolerance, EDGE) * cloud.surface.diagonal
+    return max(tolerance, CREASE_DEPTH) * cloud.surface.diagonal
 
 
 def _on_edges(
     cloud: MedialCloud, creases: Creases, sign: int
-) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int8], FloatArray]:
+) -> tuple[Index, Index, NDArray[np.int8], FloatArray]:
     """Return half-edges of creases convex on a side, their twins, the side, and shares of them."""
     surface = cloud.surface
     mine = cloud.valid & (cloud.side == sign) & (cloud.features[:, 0] == cloud.features[:, 1])
@@ -331,7 +346,7 @@ def _on_edges(
     both = has_ball[start] & has_ball[end]
     first, second, start, end = first[both], second[both], start[both], end[both]
     length = np.linalg.norm(surface.points[end] - surface.points[start], axis=1)
-    count = np.ceil(length / (2 * GAP * surface.diagonal)).astype(np.int64)
+    count = np.ceil(length / (2 * LARGEST_GAP * surface.diagonal)).astype(np.int64)
     count = np.where(count > 1, np.minimum(count, 1 + MOST_BETWEEN), 0)
     edge = np.repeat(np.arange(len(first)), count)
     turn = np.arange(len(edge)) - np.repeat(np.cumsum(count) - count, count)

@@ -14,9 +14,8 @@ import numpy as np
 
 from medialis.base.arrays import Mask
 from medialis.base.errors import InvalidOptionError
-from medialis.base.options import changed, choice, length, number, whole
+from medialis.base.options import Length, Size, changed, choice, length, number, whole, with_unit
 from medialis.base.progress import Progress, counted
-from medialis.base.units import Length, Size, with_unit
 from medialis.base.validation import FloatArray, IntArray
 from medialis.operations.declaration import Operation, Selection
 from medialis.operations.positions import place

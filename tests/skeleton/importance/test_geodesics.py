@@ -427,7 +427,7 @@ def test_plane_cuts_of_crumpled_surfaces_are_given_up(monkeypatch):
     """
     shape = crumpled()
     pairs = pairs_of(shape.point_count, 2000)
-    monkeypatch.setattr(geodesics, "NEAR", 1.0)
+    monkeypatch.setattr(geodesics, "SHORT_CUT", 1.0)
     bounded = medialis.geodesic_lengths(shape, pairs)
     monkeypatch.setattr(geodesics, "MOST_BOUNDED", 0)
     free = medialis.geodesic_lengths(shape, pairs)
@@ -448,7 +448,7 @@ def test_plane_cuts_of_a_plate_are_found_whatever_their_limits(monkeypatch):
     )
     pairs = np.stack([top, below], axis=1)
     found = medialis.geodesic_lengths(plate, pairs)
-    monkeypatch.setattr(geodesics, "NEAR", 1e9)
+    monkeypatch.setattr(geodesics, "SHORT_CUT", 1e9)
     free = medialis.geodesic_lengths(plate, pairs)
     np.testing.assert_array_equal(found.status, free.status)
     np.testing.assert_allclose(found.length, free.length, rtol=1e-12)

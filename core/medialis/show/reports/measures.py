@@ -22,7 +22,7 @@ from medialis.curves.curve_skeleton import CurveSkeleton
 from medialis.operations.result import Result
 from medialis.shape.diagnosis import Diagnosis, diagnose
 from medialis.shape.shape import Shape
-from medialis.show.reports.verdicts import NOUNS, verdicts
+from medialis.show.reports.page import NOUNS, verdicts
 from medialis.skeleton.medial_cloud import BallStatus
 
 PLACES_BETWEEN = 100_000

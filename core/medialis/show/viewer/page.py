@@ -34,7 +34,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from medialis.base.errors import FileError
-from medialis.base.units import AREAS, LENGTHS, RADIANS
+from medialis.base.options import AREAS, LENGTHS, RADIANS
 from medialis.base.validation import FloatArray, IntArray
 from medialis.formats.files import complete_file
 from medialis.show.camera import default_view

@@ -48,7 +48,7 @@ from medialis.skeleton.importance._walk_kernels import (
 OPEN = -1
 """Status of a pair without a path that is short enough: a longer one may arrive."""
 
-RECENT = 128
+MOST_RECENT = 128
 """Pairs known last that are looked at for one to follow."""
 
 SLOPES = 4
@@ -76,8 +76,11 @@ LEFT_ACROSS = 0.5
 LIKELY = 0.25
 """The same, squared, for the plane of the previous pair to tell where a search begins."""
 
-TURN_SEARCHED, TURN_FOLLOWED = math.radians(7.0), math.radians(4.0)
-"""Between the three planes of a parabola: of a search, and of a pair that follows another one."""
+TURN_SEARCHED = math.radians(7.0)
+"""Radians between the three planes of a parabola, of a search."""
+
+TURN_FOLLOWED = math.radians(4.0)
+"""The same, of a pair that follows another one."""
 
 LEAST_TURNED = 12
 """Half-edges that a cut must cross for turning its plane to be worth while."""
@@ -441,7 +444,7 @@ def _nearest_known(pair, ends, known, count):
     """
     points, start, end = pair.walk.points, pair.start, pair.end
     chosen, least, from_seed = -1, math.inf, 0.0
-    for k in range(max(0, count - RECENT), count):
+    for k in range(max(0, count - MOST_RECENT), count):
         row, seed = known.rows[k], known.seeds[k]
         apart = distance(points, start, ends[row, 0])
         if apart >= least:

@@ -1,6 +1,6 @@
 """Kernels of polylines, and of importance over links between balls (thesis 3.3).
 
-**Polylines** (see polylines.py): a path over a mesh is shortened to a locally shortest geodesic. A
+**Polylines** (see geodesics.py): a path over a mesh is shortened to a locally shortest geodesic. A
 path is a row of items: the vertices that it passes through, as -1 - vertex, and between them the
 half-edges through which it leaves the faces that it crosses (its strip). Two steps alternate:
 
@@ -51,7 +51,7 @@ from medialis.skeleton.importance._walk_kernels import (
 STRAIGHT = math.pi - 1e-7
 """Cutting a corner of pi - a saves a^2 / 8 at most: 1e-15 of the length."""
 
-LESS = 1.0 - 1e-9
+LESS_THAN = 1.0 - 1e-9
 """Shorter by rounding alone is not shorter."""
 
 
@@ -407,11 +407,11 @@ def relax_lengths(rows, row_of, walk, ends, length, origin):
                 if near < 0 or length[near] <= length[row]:
                     continue
                 found = length[row] + distance(points, start, ends[near, 0])
-                if found >= LESS * length[near]:
+                if found >= LESS_THAN * length[near]:
                     continue
                 other = ends[near, 1]
                 found += distance(points, end, other)
-                if found >= LESS * length[near]:
+                if found >= LESS_THAN * length[near]:
                     continue
                 if end != other and not is_edge(walk, end, other):
                     continue

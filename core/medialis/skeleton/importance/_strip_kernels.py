@@ -5,7 +5,7 @@ leaves the faces that it crosses. Two steps alternate. Tighten: the strip is lai
 where the funnel algorithm (Lee and Preparata 1984) finds the shortest path between its sides; it
 bends at vertices. Reroute: where less than pi lies on the other side of such a vertex, the strip
 goes round it on that side. Angles are products of complex numbers, which take no arc tangents.
-Shortening ends where no vertex is left out or a round gains less than GAIN. This is what
+Shortening ends where no vertex is left out or a round gains less than LEAST_GAIN. This is what
 `_path_kernels.shorten` does for polylines, which may pass through vertices, at a tenth of its cost:
 paths here begin as plane cuts, which cross edges only.
 
@@ -36,19 +36,19 @@ from medialis.skeleton.importance._walk_kernels import (
     way_towards,
 )
 
-ROOM = 16384
+LONGEST_STRIP = 16384
 """Half-edges of the longest strip that is shortened."""
 
 WIDEST = 256
 """Half-edges that a path may cross round a vertex."""
 
-GAIN = 2e-5
+LEAST_GAIN = 2e-5
 """Share of its length that a round must gain for another one."""
 
-ROUNDS = 16
-"""At most."""
+MOST_ROUNDS = 16
+"""Of shortening, at most."""
 
-STRAIGHT = 0.01
+BENT_BY = 0.01
 """Radians by which the other side of a vertex must have less than pi. Leaving one out that has more
 gains less than a^2 / 8 of the length."""
 
@@ -92,7 +92,7 @@ class Room(NamedTuple):
 
 @kernel
 def make_room(faces):
-    size = min(faces + 1, ROOM)
+    size = min(faces + 1, LONGEST_STRIP)
     strips, ends = np.empty((2, size), np.int64), np.empty((4, size), np.int64)
     turned, last = np.empty(WIDEST, np.int64), np.zeros(2, np.int64)
     return Room(strips, ends, np.empty((4, size)), turned, np.empty((3, 3)), last)
@@ -214,7 +214,7 @@ def _other_side(walk, v, h, last, re, im, re_end, im_end, out):
             return 0
         if t // 3 == last:
             x, y = re * re_end - im * im_end, re * im_end + im * re_end
-            shorter = y > -STRAIGHT * x if x < 0.0 else y >= 0.0
+            shorter = y > -BENT_BY * x if x < 0.0 else y >= 0.0
             return count if shorter else 0
         a, b = corners[t], corners[previous_side(t)]
         if a == v:
@@ -330,7 +330,7 @@ def straighten(walk, start, end, count, room):
     points = walk.points
     strips, ends, flat, _, near, last = room
     last[0] = 0
-    here, length, rounds = 0, math.inf, ROUNDS
+    here, length, rounds = 0, math.inf, MOST_ROUNDS
     while count > 0:
         rounds -= 1
         x, y = _unfold(walk, strips[here], count, start, ends, flat)
@@ -338,7 +338,7 @@ def straighten(walk, start, end, count, room):
         gained = length - found
         length = min(length, found)
         written = -1
-        if bends > 0 and gained > GAIN * length and rounds > 0:
+        if bends > 0 and gained > LEAST_GAIN * length and rounds > 0:
             written = _reroute(walk, strips[here], count, room, x, y, bends, strips[1 - here])
         if written < 0:
             _next_to_ends(points, count, room, x, y, bends)

@@ -29,6 +29,13 @@ from numpy.typing import NDArray
 
 from medialis.base.jit import kernel
 
+OPPOSITE = 1e-6
+"""Sine: where the normals of both ends have less left across the line between them, any plane
+through them will do."""
+
+NONE, PLANE, EDGES = 0, 1, 2
+"""How a length was found."""
+
 
 class Walk(NamedTuple):
     """A mesh to walk over.
@@ -49,10 +56,6 @@ class Walk(NamedTuple):
     twins: NDArray[np.int32]
     offsets: NDArray[np.int64]
     fan: NDArray[np.int32]
-
-
-NONE, PLANE, EDGES = 0, 1, 2
-"""How a length was found."""
 
 
 class Paths(NamedTuple):
@@ -186,30 +189,35 @@ def set_frame(points, normals, start, end, frame):
     The geodesic between the feature points of a ball runs close to the plane of the two surface
     normals; where these are opposite, any plane through the end points will do.
     """
-    fx = points[end, 0] - points[start, 0]
-    fy = points[end, 1] - points[start, 1]
-    fz = points[end, 2] - points[start, 2]
-    length = math.sqrt(fx * fx + fy * fy + fz * fz)
+    f, across = np.empty(3), np.empty(3)
+    for a in range(3):
+        f[a] = points[end, a] - points[start, a]
+        across[a] = normals[start, a] + normals[end, a]
+    length = math.sqrt(dot(f, f))
     if length == 0.0:
         return False
-    fx, fy, fz = fx / length, fy / length, fz / length
-    mx = normals[start, 0] + normals[end, 0]
-    my = normals[start, 1] + normals[end, 1]
-    mz = normals[start, 2] + normals[end, 2]
-    ux, uy, uz = fy * mz - fz * my, fz * mx - fx * mz, fx * my - fy * mx
-    size = math.sqrt(ux * ux + uy * uy + uz * uz)
-    if size < 1e-6:  # the axis that f is least aligned with
-        if abs(fx) <= abs(fy) and abs(fx) <= abs(fz):
-            ux, uy, uz = 0.0, fz, -fy
-        elif abs(fy) <= abs(fz):
-            ux, uy, uz = -fz, 0.0, fx
-        else:
-            ux, uy, uz = fy, -fx, 0.0
-        size = math.sqrt(ux * ux + uy * uy + uz * uz)
-    ux, uy, uz = ux / size, uy / size, uz / size
-    frame[0, 0], frame[0, 1], frame[0, 2] = ux, uy, uz
-    frame[1, 0], frame[1, 1], frame[1, 2] = fy * uz - fz * uy, fz * ux - fx * uz, fx * uy - fy * ux
+    for a in range(3):
+        f[a] /= length
+    first, second = frame[0], frame[1]
+    _cross(f, across, first)
+    size = math.sqrt(dot(first, first))
+    if size < OPPOSITE:  # the axis that f is least aligned with
+        x, y, z = abs(f[0]), abs(f[1]), abs(f[2])
+        across[:] = 0.0
+        across[0 if x <= y and x <= z else (1 if y <= z else 2)] = 1.0
+        _cross(f, across, first)
+        size = math.sqrt(dot(first, first))
+    for a in range(3):
+        first[a] /= size
+    _cross(f, first, second)
     return True
+
+
+@kernel
+def _cross(a, b, out):
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        out[i] = a[j] * b[k] - a[k] * b[j]
 
 
 @kernel

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from medialis.base.arrays import Described
+from medialis.base.arrays import Described, Index, Mask
 from medialis.base.errors import InvalidShapeError
 from medialis.base.kept import Bound
 from medialis.base.options import Options, whole
@@ -29,6 +29,68 @@ from medialis.shape.shape import Shape
 
 if TYPE_CHECKING:
     from medialis.skeleton.importance._walk_kernels import Paths, Walk
+
+FIRST_LIMIT = 1.7
+"""Times the straight line between the ends, where the search for plane cuts begins; a half circle
+has pi / 2."""
+
+SHORT_CUT = 3.4
+"""Times the straight line: pairs without a plane cut as short as this are looked at anew."""
+
+SHORT_SPACINGS = 16
+"""Or this many spacings, where pairs follow others: in thin walls the straight line is short."""
+
+OPEN_SHARE = 0.1
+"""Where more pairs than this part of the vertices are open then, as on crumpled surfaces and thin
+plates, paths through landmarks tell how long their plane cuts may be."""
+
+MOST_BOUNDED = 100_000
+"""Vertices up to which they do: on more, the landmarks take too long."""
+
+BOUNDING_LANDMARKS = 16
+"""Landmarks that tell how long plane cuts may be."""
+
+DETOUR = 1.25
+"""Times a path along the edges through a landmark: longer cuts are not straight, they go the wrong
+way round."""
+
+PAIRS_A_CHUNK = 256
+"""Searched on their own."""
+
+FOLLOWING_A_CHUNK = 1024
+"""That may follow each other."""
+
+SEARCHES_A_CHUNK = 16
+"""Along edges."""
+
+CELLS = 1024
+"""Along the largest side of the box, for the order of pairs."""
+
+SETTLED_IN_ALL = 1_000_000
+"""Vertices that all searches along edges may look at, on a small shape."""
+
+SETTLED_A_VERTEX = 110
+"""Besides, for each vertex of the shape."""
+
+MOST_SETTLED = 10_000_000
+"""At most, some seconds. Of 21 real shapes the one with most pairs that no plane cut joins (115 on
+62,251 vertices) needs seven million."""
+
+SETTLED_ALONG_BORDERS = 1000
+"""Vertices that a search along edges may look at where a hole is between the ends of a pair."""
+
+MANY_LOST = 0.02
+"""Part of the vertices: where more pairs have no plane cut, as on surfaces that are crumpled or not
+manifold, searches look at no more for large shapes, and most pairs go through landmarks."""
+
+USUAL_FACES = 12.0
+"""Faces at a vertex, twice as many as usual, from which on fewer vertices are looked at."""
+
+LANDMARKS = 64
+"""Vertices that paths lead through where the searches along edges are too long."""
+
+PATHS_A_CHUNK = 4
+"""Polylines."""
 
 
 class PathStatus(IntEnum):
@@ -86,7 +148,7 @@ class GeodesicPaths(Bound):
         return len(self.length)
 
     @property
-    def reached(self) -> NDArray[np.bool_]:
+    def reached(self) -> Mask:
         """True where a path was found, (k,)."""
         return self.status != PathStatus.NONE
 
@@ -111,53 +173,6 @@ class Geodesic(Described):
     points: Positions
     length: float
     status: PathStatus
-
-
-FIRST_LIMIT = 1.7
-"""Times the straight line between the ends, where the search for plane cuts begins; a half circle
-has pi / 2."""
-
-NEAR = 3.4
-"""Times the straight line: pairs without a plane cut as short as this are looked at anew."""
-
-NEAR_EDGES = 16
-"""Or this many spacings, where pairs follow others: in thin walls the straight line is short."""
-
-OPEN_SHARE, MOST_BOUNDED = 0.1, 100_000
-"""Where more pairs than this part of the vertices are open then, as on crumpled surfaces and thin
-plates, paths through landmarks tell how long their plane cuts may be. On more vertices than that
-the landmarks take too long."""
-
-BOUNDING, DETOUR = 16, 1.25
-"""Landmarks that do, and how many times as long as a path along the edges through one of them plane
-cuts may be: longer ones are not straight, they go the wrong way round."""
-
-PAIRS_A_CHUNK, FOLLOWING_A_CHUNK = 256, 1024
-SEARCHES_A_CHUNK = 16
-
-CELLS = 1024
-"""Along the largest side of the box, for the order of pairs."""
-
-SETTLED, SETTLED_A_VERTEX, MOST_SETTLED = 1_000_000, 110, 10_000_000
-"""Vertices that all searches along edges may look at: so many, so many for each vertex of the shape
-besides, and in all, some seconds. Of 21 real shapes the one with most pairs that no plane cut joins
-(115 on 62,251 vertices) needs seven million at most."""
-
-SETTLED_ALONG_BORDERS = 1000
-"""Vertices that a search along edges may look at where a hole is between the ends of a pair."""
-
-MANY_LOST = 0.02
-"""Part of the vertices: where more pairs have no plane cut, as on surfaces that are crumpled or not
-manifold, searches look at no more for large shapes, and most pairs go through landmarks."""
-
-USUAL_FACES = 12.0
-"""Faces at a vertex, twice as many as usual, from which on fewer vertices are looked at."""
-
-LANDMARKS = 64
-"""Vertices that paths lead through where the searches along edges are too long."""
-
-PATHS_A_CHUNK = 4
-"""Polylines."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -266,7 +281,7 @@ def surface_walk(shape: Shape) -> Walk:
 
 
 def trace(
-    shape: Shape, ends: NDArray[np.int32], directions: int, following: bool, progress: Progress
+    shape: Shape, ends: IntArray, directions: int, following: bool, progress: Progress
 ) -> GeodesicPaths:
     """Cut all pairs by planes, with `following` few in all directions and the others as these.
 
@@ -295,10 +310,10 @@ def trace(
     return GeodesicPaths(out.length, out.start_tangent, out.end_tangent, out.status)
 
 
-def _along_borders(shape: Shape, ends: NDArray[np.int32], out: Paths, progress: Progress) -> None:
+def _along_borders(shape: Shape, ends: IntArray, out: Paths, progress: Progress) -> None:
     """Search along the edges for pairs whose plane cuts, which end at borders, lead far round."""
     straight = np.linalg.norm(shape.points[ends[:, 0]] - shape.points[ends[:, 1]], axis=1)
-    far = (out.length > 2.0 * NEAR * straight) & (out.status == PathStatus.PLANE)
+    far = (out.length > 2.0 * SHORT_CUT * straight) & (out.status == PathStatus.PLANE)
     rows = np.flatnonzero(far)
     if len(rows) > MANY_LOST * shape.point_count:
         return
@@ -318,17 +333,12 @@ def _most_settled(shape: Shape, a_vertex: int) -> int:
     """
     faces = shape.fans.lengths.astype(np.float64)
     busy = float(faces @ faces) / max(float(faces.sum()), 1.0) / USUAL_FACES
-    most = min(MOST_SETTLED, SETTLED + a_vertex * shape.point_count)
+    most = min(MOST_SETTLED, SETTLED_IN_ALL + a_vertex * shape.point_count)
     return int(most / max(1.0, busy))
 
 
 def _follow_edges(
-    shape: Shape,
-    ends: NDArray[np.int32],
-    rows: NDArray[np.int64],
-    most: int,
-    out: Paths,
-    progress: Progress,
+    shape: Shape, ends: IntArray, rows: Index, most: int, out: Paths, progress: Progress
 ) -> None:
     """Search the shortest paths along edges of some pairs, each among `most` vertices."""
     from medialis.skeleton.importance._walk_kernels import edge_paths
@@ -342,11 +352,7 @@ def _follow_edges(
 
 
 def _through_landmarks(
-    shape: Shape,
-    ends: NDArray[np.int32],
-    rows: NDArray[np.int64],
-    out: Paths,
-    progress: Progress,
+    shape: Shape, ends: IntArray, rows: Index, out: Paths, progress: Progress
 ) -> None:
     """Give some pairs the shortest path along edges that passes through a landmark.
 
@@ -400,11 +406,7 @@ def _from_landmarks(
 
 
 def cut_by_planes(
-    shape: Shape,
-    ends: NDArray[np.int32],
-    directions: int,
-    progress: Progress,
-    following: bool = False,
+    shape: Shape, ends: IntArray, directions: int, progress: Progress, following: bool = False
 ) -> Paths:
     """Shortest plane cut of each pair, shortened."""
     from medialis.skeleton.importance._geodesic_kernels import OPEN, Search, trace_geodesics
@@ -417,7 +419,7 @@ def cut_by_planes(
     components = run_patiently(lambda: shape.components, progress)
     planes = math.ceil(directions / 2)
 
-    def trace_all(rows: NDArray[np.int64], limits: FloatArray, longest: FloatArray) -> None:
+    def trace_all(rows: Index, limits: FloatArray, longest: FloatArray) -> None:
         search = Search(shape.normals, components, ends, limits, longest, planes, following)
         size, count = FOLLOWING_A_CHUNK if following else PAIRS_A_CHUNK, len(rows)
 
@@ -428,21 +430,21 @@ def cut_by_planes(
 
     with progress.stage("geodesics", 0.0, 0.8):
         straight = np.linalg.norm(shape.points[starts] - shape.points[goals], axis=1)
-        least = NEAR_EDGES * shape.spacing if following else 0.0
+        least = SHORT_SPACINGS * shape.spacing if following else 0.0
         order = run_patiently(
             lambda: np.argsort(along_space(shape.points)[starts], kind="stable"), progress
         )
-        trace_all(order, FIRST_LIMIT * straight, np.maximum(NEAR * straight, least))
+        trace_all(order, FIRST_LIMIT * straight, np.maximum(SHORT_CUT * straight, least))
     rows = order[out.status[order] == OPEN]
     with progress.stage("geodesics", 0.8, 1.0):
         longest = _longest_cuts(shape, ends, rows, progress)
         usual = np.where(np.isfinite(longest), longest / 2, 0.0)
-        trace_all(rows, np.maximum(usual, 2 * NEAR * straight), longest)
+        trace_all(rows, np.maximum(usual, 2 * SHORT_CUT * straight), longest)
     out.status[rows] = np.maximum(out.status[rows], PathStatus.NONE)
     return out
 
 
-def along_space(points: FloatArray) -> NDArray[np.int64]:
+def along_space(points: FloatArray) -> Index:
     """Return the places of points along a Z-curve: those of points close together are close."""
     low, high = points.min(axis=0, initial=np.inf), points.max(axis=0, initial=-np.inf)
     cell = (points - low) * (CELLS / max(float((high - low).max(initial=0.0)), 1e-300))
@@ -455,20 +457,18 @@ def along_space(points: FloatArray) -> NDArray[np.int64]:
     return code
 
 
-def _longest_cuts(
-    shape: Shape, ends: NDArray[np.int32], rows: NDArray[np.int64], progress: Progress
-) -> FloatArray:
+def _longest_cuts(shape: Shape, ends: IntArray, rows: Index, progress: Progress) -> FloatArray:
     """Return how long the plane cuts of some pairs may be, for all k pairs."""
     longest = np.full(len(ends), np.inf)
     if OPEN_SHARE * shape.point_count < len(rows) and shape.point_count <= MOST_BOUNDED:
         starts, goals = ends[rows].T
-        for _, distance, _ in _from_landmarks(shape, starts, BOUNDING, progress.still):
+        for _, distance, _ in _from_landmarks(shape, starts, BOUNDING_LANDMARKS, progress.still):
             through = DETOUR * (distance[starts] + distance[goals])
             longest[rows] = np.minimum(longest[rows], through)
     return longest
 
 
-def as_pairs(pairs: ArrayLike, count: int) -> NDArray[np.int32]:
+def as_pairs(pairs: ArrayLike, count: int) -> IntArray:
     """Return pairs of vertices (k, 2) int32, checked; negative ones are masked."""
     array = np.asarray(pairs)
     if array.size == 0:
@@ -583,9 +583,7 @@ def geodesics(
     return paths
 
 
-def _shortest(
-    shape: Shape, walk: Walk, ends: NDArray[np.int32], row: int, out: Paths
-) -> Geodesic | None:
+def _shortest(shape: Shape, walk: Walk, ends: IntArray, row: int, out: Paths) -> Geodesic | None:
     """Shorten the plane cut and the path along the edges; the lower vertex first, for symmetry."""
     from medialis.skeleton.importance._path_kernels import shorten
     from medialis.skeleton.importance._walk_kernels import record_cut, short_path

@@ -20,15 +20,14 @@ from __future__ import annotations
 from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from medialis.base.arrays import follow
+from medialis.base.arrays import Index, Mask, follow
 from medialis.base.errors import InvalidShapeError
 from medialis.base.kept import kept
 from medialis.base.options import Options, algorithm, length
 from medialis.base.progress import Progress
 from medialis.base.threads import run_patiently
-from medialis.base.validation import FloatArray, frozen
+from medialis.base.validation import FloatArray, IntArray, frozen
 from medialis.skeleton.importance.geodesics import (
     GeodesicOptions,
     GeodesicPaths,
@@ -40,6 +39,9 @@ from medialis.skeleton.importance.geodesics import (
 )
 from medialis.skeleton.medial_cloud import Balls, MedialCloud
 from medialis.skeleton.surface_skeleton import as_cloud
+
+LARGE_ISLAND = 0.002
+"""Share of the skeleton points from which an island is worth a bridge: at most 500 bridges."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -54,10 +56,6 @@ class Importance(GeodesicPaths):
     """
 
     cloud: MedialCloud = field(kw_only=True)
-
-
-LARGE = 0.002
-"""Share of the skeleton points from which an island is worth a bridge: at most 500 bridges."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -151,13 +149,13 @@ def _connected(importance: Importance, longest: float) -> FloatArray:
     strength = np.append(values[falling], 0.0)
     level, order = falling_links(links, rank, cloud.centers, longest)
     tree, bridges = np.empty((n, 2), np.int64), np.empty((n, 2), np.int64)
-    large = max(2.0, LARGE * np.count_nonzero(cloud.valid))
+    large = max(2.0, LARGE_ISLAND * np.count_nonzero(cloud.valid))
     joined, count = join_pieces(links, order, level, strength, large, values, tree, bridges)
     _raise_bridges(values, tree[:joined].astype(np.int32), bridges[:count])
     return frozen(values, np.float64)
 
 
-def _across_noise(edges: NDArray[np.int32], values: NDArray[np.float64]) -> NDArray[np.int32]:
+def _across_noise(edges: IntArray, values: FloatArray) -> IntArray:
     """Link each point, and its best neighbour, to the best neighbours of its neighbours."""
     from medialis.skeleton.importance._path_kernels import best_neighbours
 
@@ -167,9 +165,7 @@ def _across_noise(edges: NDArray[np.int32], values: NDArray[np.float64]) -> NDAr
     return links[links[:, 0] != links[:, 1]]
 
 
-def _raise_bridges(
-    values: NDArray[np.float64], tree: NDArray[np.int32], bridges: NDArray[np.int64]
-) -> None:
+def _raise_bridges(values: FloatArray, tree: IntArray, bridges: Index) -> None:
     """Raise the path in the tree between each two peaks to the lower one of them, in place."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import breadth_first_order, connected_components
@@ -277,7 +273,7 @@ def _traced(cloud: MedialCloud, directions: int, progress: Progress) -> Geodesic
     )  # fmt: skip
 
 
-def _opposite_balls(cloud: MedialCloud) -> NDArray[np.int64]:
+def _opposite_balls(cloud: MedialCloud) -> Index:
     """Return for each ball the row of one that has the same feature points in turn, or -1."""
     out = np.full(len(cloud), -1)
     for side in (1, -1):
@@ -305,9 +301,7 @@ class ThresholdOptions(Options):
 
 
 @algorithm(ThresholdOptions, keep=False)
-def important_points(
-    importance: Importance, options: ThresholdOptions, progress: Progress
-) -> NDArray[np.bool_]:
+def important_points(importance: Importance, options: ThresholdOptions, progress: Progress) -> Mask:
     """Select the skeleton points whose importance reaches a threshold.
 
     Parameters

@@ -11,11 +11,11 @@ import math
 from collections import defaultdict
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from medialis.base.arrays import Described, Index
-from medialis.base.box_tree import NearestTree, nearest_on_triangles
 from medialis.base.errors import InvalidShapeError
 from medialis.base.options import Options, algorithm, angle, length
 from medialis.base.progress import Progress
@@ -26,16 +26,10 @@ from medialis.shape.shape import Shape
 from medialis.shape.surface import piece_labels
 from medialis.skeleton.medial_cloud import MedialCloud
 from medialis.skeleton.surface_skeleton import Preparation, as_cloud
-from medialis.walls.midsurface.curves import (
-    Curve,
-    find_chains,
-    find_curves,
-    forget_lost,
-    lay_curves,
-)
-from medialis.walls.midsurface.junctions import CutSheet, cut_sheets, join_steps, tidy_borders
-from medialis.walls.midsurface.remeshing import remesh
-from medialis.walls.midsurface.sides import find_sides, raw_sheets
+
+if TYPE_CHECKING:
+    from medialis.walls.midsurface.curves import Curve
+    from medialis.walls.midsurface.junctions import CutSheet
 
 
 @dataclass(frozen=True)
@@ -156,6 +150,8 @@ def find_lumps(shape: Shape, sheets: Midsurface) -> tuple[tuple[Lump, ...], floa
     sheets : Midsurface
         Of at least one sheet.
     """
+    from medialis.base.box_tree import NearestTree, nearest_on_triangles
+
     low, high = shape.bounds
     size = shape.diagonal
     solid = Solid((shape.points - low) / size, np.asarray(shape.faces))
@@ -408,6 +404,12 @@ def middle_of_walls(
     edge : float
         Length of the edges of triangles, in the units of the shape.
     """
+    from medialis.base.box_tree import NearestTree
+    from medialis.walls.midsurface.curves import find_chains, find_curves, forget_lost, lay_curves
+    from medialis.walls.midsurface.junctions import cut_sheets, join_steps, tidy_borders
+    from medialis.walls.midsurface.remeshing import remesh
+    from medialis.walls.midsurface.sides import find_sides, raw_sheets
+
     shape = balls.surface
     progress.update(0.0)
     sides = find_sides(balls, least_angle, crease)
