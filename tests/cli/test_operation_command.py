@@ -3,6 +3,7 @@
 import json
 import os
 import re
+import shlex
 import shutil
 import subprocess
 import sys
@@ -11,6 +12,7 @@ from pathlib import Path
 import pytest
 
 import medialis
+from medialis.base.kept import DEFAULT_LIMIT
 from medialis.cli.commands import main
 from medialis.cli.display import file_meanings, summary_lines
 from medialis.formats.ply_attributes import write_ply
@@ -19,7 +21,6 @@ from medialis.operations.result import value_text
 from medialis.shape.samples import SAMPLES
 
 SCREEN, WIDE = 40, 100
-QUICK = {"view_curve_skeleton": ["--pairs", "40", "--size", "128"]}
 
 
 @pytest.fixture(scope="module")
@@ -137,21 +138,29 @@ def test_an_overwriting_that_fails_leaves_the_old_result(here, monkeypatch):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("chosen", OPERATIONS, ids=lambda o: o.name)
-def test_a_result_is_told_on_one_screen_with_all_its_files(chosen, here, capsys):
-    shape = chosen.sample
-    if not (here / f"{shape}.ply").exists():
-        assert run("sample", shape) == 0
-    command = [chosen.name.replace("_", "-"), f"{shape}.ply", *QUICK.get(chosen.name, [])]
-    capsys.readouterr()
-    assert run(*command) == 0
-    out = capsys.readouterr().out.splitlines()
-    folder = here / f"{shape}-medialis" / chosen.name
-    manifest = json.loads((folder / "manifest.json").read_text())
-    assert all(text for text in file_meanings(manifest).values()), file_meanings(manifest)
-    listed = [line.split()[0] for line in out if line.startswith("  ")]
-    assert {p.name for p in folder.iterdir()} <= set(listed)
-    wrapped = list(summary_lines(manifest, WIDE))
-    assert len(wrapped) <= SCREEN and max(map(len, wrapped)) <= WIDE
+def test_every_example_of_help_runs_and_is_told_on_one_screen(
+    chosen, tmp_path, monkeypatch, capsys
+):
+    """With all its files, and what each of them is."""
+    monkeypatch.chdir(tmp_path)
+    seen = set()
+    with medialis.memory_limit(DEFAULT_LIMIT):
+        for arguments, _ in chosen.examples:
+            shape, *options = shlex.split(arguments)
+            if not Path(shape).exists():
+                assert run("sample", shape.removesuffix(".ply")) == 0
+            capsys.readouterr()
+            assert run(chosen.name.replace("_", "-"), shape, *options) == 0
+            out = capsys.readouterr().out.splitlines()
+            ((folder, path),) = {p.parent: p for p in tmp_path.rglob("manifest.json")
+                                 if p.parent not in seen}.items()  # fmt: skip
+            seen.add(folder)
+            manifest = json.loads(path.read_text())
+            assert all(text for text in file_meanings(manifest).values()), file_meanings(manifest)
+            listed = [line.split()[0] for line in out if line.startswith("  ")]
+            assert {p.name for p in folder.iterdir()} <= set(listed)
+            wrapped = list(summary_lines(manifest, WIDE))
+            assert len(wrapped) <= SCREEN and max(map(len, wrapped)) <= WIDE
 
 
 def test_what_is_no_graph_and_has_no_bones_is_not_told_so(here):
