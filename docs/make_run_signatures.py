@@ -18,8 +18,8 @@ HEAD = """\
 # Made by docs/make_run_signatures.py from the registry.
 from typing import Any, Literal, overload
 
-from medialis.base.progress import Progress, ProgressCallback
 from medialis.base.options import Length
+from medialis.base.progress import Progress, ProgressCallback
 from medialis.shape.reading import ShapeLike
 from medialis.show.result import Result
 

@@ -21,6 +21,7 @@ import webbrowser
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, field
+from importlib import import_module
 from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING, Any
@@ -620,7 +621,8 @@ def _doctor(options: argparse.Namespace) -> int:
 
 def _meshlab_install(options: argparse.Namespace) -> int:
     try:
-        from medialis_meshlab_plugin.install import install_wanted
+        # By name: the adapter is GPL, and the core runs without it.
+        install_wanted = import_module("medialis_meshlab_plugin.install").install_wanted
     except ModuleNotFoundError as error:
         if not (error.name or "").startswith("medialis_meshlab_plugin"):
             raise
