@@ -457,6 +457,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _ended_by(Cancelled() if interrupts else error)
 
 
+def _working_folder_is_gone() -> bool:
+    try:
+        return not Path.cwd().is_dir()
+    except FileNotFoundError:
+        return True
+
+
 def _ended_by(error: BaseException) -> int:
     """Say in one line why the program ends; return its exit code."""
     clear_bar()
@@ -472,6 +479,8 @@ def _ended_by(error: BaseException) -> int:
         line = f"a package cannot be loaded: {error}; see medialis doctor."
     elif isinstance(error, MemoryError):
         line = "not enough memory for this shape and these options."
+    elif isinstance(error, OSError) and _working_folder_is_gone():  # numba asks for it to compile
+        line = "Cannot compute here: the working folder was removed; change to another one."
     elif isinstance(error, OSError):  # all other files are FileErrors: this is our own output
         line = f"cannot print the output: {error.strerror or error}."
         _drop_output()
