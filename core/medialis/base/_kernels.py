@@ -1,4 +1,4 @@
-"""Kernels of no feature: a heap, union-find, small systems, rows, chains of edges, polygons.
+"""Kernels of no feature: a heap, union-find, small systems, rows, sides of faces, polygons.
 
 The heap holds (key, name) pairs in two arrays. Each entry has four children: the heap is half as
 deep as a binary one, and those four lie side by side in memory, which makes searches along graphs
@@ -10,6 +10,18 @@ from __future__ import annotations
 import numpy as np
 
 from medialis.base.jit import kernel
+
+
+@kernel
+def next_side(h):
+    """Return the half-edge after h in its face; `arrays.next_side` does it for rows of them."""
+    return h - 2 if h % 3 == 2 else h + 1
+
+
+@kernel
+def previous_side(h):
+    """Return the half-edge before h in its face."""
+    return h + 2 if h % 3 == 0 else h - 1
 
 
 @kernel

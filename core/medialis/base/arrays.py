@@ -273,6 +273,11 @@ class EdgeTable:
         return self.order[self.first[:-1][self.counts == 1]]
 
 
+def next_side(sides: Any) -> Any:
+    """Return the half-edge after each in its face; corner or half-edge 3 f + k is the kth of f."""
+    return sides + 1 - 3 * (sides % 3 == 2)
+
+
 def follow(onward: NDArray[np.integer], start: int) -> list[int]:
     """Walk from a node to where the next one is negative, both ends included.
 

@@ -21,7 +21,7 @@ import webbrowser
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, field
-from importlib import import_module
+from importlib.metadata import entry_points
 from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING, Any
@@ -629,16 +629,13 @@ def _doctor(options: argparse.Namespace) -> int:
 
 
 def _meshlab_install(options: argparse.Namespace) -> int:
-    try:
-        # By name: the adapter is GPL, and the core runs without it.
-        install_wanted = import_module("medialis_meshlab_plugin.install").install_wanted
-    except ModuleNotFoundError as error:
-        if not (error.name or "").startswith("medialis_meshlab_plugin"):
-            raise
+    found = entry_points(group="medialis.commands", name="meshlab-install")
+    if not found:
         raise FileError(
             "The plugin of MeshLab is a package of its own: pip install medialis-meshlab, then run "
             "medialis meshlab-install."
-        ) from None
+        )
+    install_wanted = next(iter(found)).load()  # of the adapter, which is GPL
     wanted = options.plugins, options.plugin, options.release, options.meshlab
     done, problems = install_wanted(*wanted)
     for name, file in done.items():

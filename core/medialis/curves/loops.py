@@ -27,7 +27,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from medialis.base.arrays import Described, Ragged, follow
+from medialis.base.arrays import Described, Ragged, follow, next_side
 from medialis.base.threads import run_chunks
 from medialis.base.validation import FloatArray, frozen
 from medialis.shape.shape import Shape
@@ -139,7 +139,7 @@ def _sides_left(boundary: SolidBoundary) -> tuple[NDArray[np.int64], NDArray[np.
 
 def _loop(corners: NDArray[np.int32], h: int, parent: NDArray[np.int64]) -> NDArray[np.int64]:
     """Side h and the paths of both its ends up the tree, as far as they differ."""
-    a, b = (follow(parent, int(corners[h])) for h in (h, h - 2 if h % 3 == 2 else h + 1))
+    a, b = (follow(parent, int(corners[h])) for h in (h, next_side(h)))
     while len(a) > 1 and len(b) > 1 and a[-2] == b[-2]:
         a.pop()
         b.pop()

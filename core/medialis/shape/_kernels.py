@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from medialis.base._kernels import join, number_pieces, pop, push
+from medialis.base._kernels import join, next_side, number_pieces, pop, push
 from medialis.base.jit import kernel
 
 
@@ -29,7 +29,7 @@ def label_corner_fans(half, twin, opposite, parent, out_label):
     """
     for k in range(len(half)):
         a, b = half[k], twin[k]
-        after_a, after_b = a + 1 - 3 * (a % 3 == 2), b + 1 - 3 * (b % 3 == 2)
+        after_a, after_b = next_side(a), next_side(b)
         join(parent, a, after_b if opposite[k] else b)
         join(parent, after_a, b if opposite[k] else after_b)
     number_pieces(parent, out_label)

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from medialis.base.arrays import next_side
 from medialis.base.threads import run_chunks
 from medialis.base.validation import FloatArray, IntArray, frozen
 from medialis.shape.shape import Shape
@@ -204,7 +205,7 @@ def find_creases(shape: Shape, angle: float) -> Creases:
     touched = np.zeros(shape.point_count, np.bool_)
     flat = faces.ravel()
     touched[flat[first]] = True
-    touched[flat[_next(first)]] = True
+    touched[flat[next_side(first)]] = True
     corners = np.flatnonzero(touched[flat])
     row = np.full(len(flat), -1, np.int32)
     row[corners] = np.arange(len(corners))
@@ -215,8 +216,8 @@ def find_creases(shape: Shape, angle: float) -> Creases:
     vertices[sector] = flat[corners]
     normals = _sector_normals(shape, corners, sector, vertices)
     # Side h of one face runs from u to v, its twin from v to u: the corners that lie together.
-    left = np.concatenate([row[first], row[_next(first)]])
-    right = np.concatenate([row[_next(second)], row[second]])
+    left = np.concatenate([row[first], row[next_side(first)]])
+    right = np.concatenate([row[next_side(second)], row[second]])
     pairs = np.sort(np.stack([sector[left], sector[right]], axis=1), axis=1).reshape(-1, 2)
     bent_inward = bends_inward(shape, first, second)
     inward = np.tile(bent_inward, 2)
@@ -247,11 +248,6 @@ def crease_edges(surface: Surface, angle: float) -> tuple[IntArray, IntArray, ND
     return first[opposite], second[opposite], bent[opposite]
 
 
-def _next(half_edges: NDArray[Any]) -> NDArray[Any]:
-    """Return the corner at the end of each half-edge."""
-    return half_edges - half_edges % 3 + (half_edges + 1) % 3
-
-
 def _links_within_sectors(
     shape: Shape, corners: NDArray[np.int64], parted: NDArray[np.int64], row: IntArray
 ) -> NDArray[np.int64]:
@@ -259,7 +255,7 @@ def _links_within_sectors(
     twin = shape.edge_twins[corners].astype(np.int64)
     smooth = twin >= 0
     smooth[row[parted[row[parted] >= 0]]] = False
-    here, there = corners[smooth], _next(twin[smooth])
+    here, there = corners[smooth], next_side(twin[smooth])
     flat = np.asarray(shape.faces).ravel()
     opposite = flat[here] == flat[there]  # else both half-edges run the same way
     return np.stack([row[here[opposite]], row[there[opposite]]], axis=1).astype(np.int64)
@@ -295,6 +291,6 @@ def bends_inward(
 ) -> NDArray[np.bool_]:
     """Tell the edges whose second face lies in front of the first one."""
     flat = np.asarray(shape.faces).ravel()
-    tip = shape.points[flat[_next(_next(second))]]
+    tip = shape.points[flat[next_side(next_side(second))]]
     ahead = np.einsum("ij,ij->i", tip - shape.points[flat[first]], shape.face_normals[first // 3])
     return np.asarray(ahead > 0)

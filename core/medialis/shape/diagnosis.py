@@ -29,7 +29,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from medialis.base.arrays import Described, EdgeTable, Index, Mask
+from medialis.base.arrays import Described, EdgeTable, Index, Mask, next_side
 from medialis.base.validation import FloatArray, IntArray, as_faces, as_points, frozen
 from medialis.shape.surface import Surface, Topology, piece_labels
 
@@ -634,11 +634,6 @@ def _topology(surface: Surface) -> dict[str, Any]:
     }
 
 
-def _following(h: IntArray) -> IntArray:
-    """Return the next half-edge (corner) of the same face."""
-    return h + 1 - 3 * (h % 3 == 2)
-
-
 def _split_vertices(surface: Surface, fan: IntArray) -> int:
     """Count vertices whose fans stay apart when also joined across non-manifold edges."""
     assert surface.faces is not None
@@ -652,7 +647,7 @@ def _split_vertices(surface: Surface, fan: IntArray) -> int:
         anchor = np.empty((2, len(table.counts)), np.int64)
         links = []
         for end, at_start in ((0, table.forward[half]), (1, ~table.forward[half])):
-            touching = fan[np.where(at_start, half, _following(half))]
+            touching = fan[np.where(at_start, half, next_side(half))]
             anchor[end, edge] = touching
             links.append(np.stack([touching, anchor[end, edge]], axis=1))
         group = piece_labels(fans, np.concatenate(links))
@@ -664,7 +659,7 @@ def _loops(single: IntArray, fan: IntArray) -> int:
     """Count boundary loops: boundary edges chained through the fans at their ends."""
     if len(single) == 0:
         return 0
-    ends = np.stack([fan[single], fan[_following(single)]], axis=1)
+    ends = np.stack([fan[single], fan[next_side(single)]], axis=1)
     known, links = np.unique(ends, return_inverse=True)
     return int(piece_labels(len(known), links.reshape(-1, 2)).max()) + 1
 

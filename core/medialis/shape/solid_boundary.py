@@ -10,12 +10,11 @@ triangles.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from medialis.base.arrays import Index
+from medialis.base.arrays import Index, next_side
 from medialis.base.validation import FloatArray, IntArray, frozen
 from medialis.shape.shape import Shape
 from medialis.shape.surface import piece_labels
@@ -109,9 +108,9 @@ def _paired(shape: Shape, sides: IntArray, fin: NDArray[np.bool_]) -> list[tuple
     """
     assert shape.faces is not None
     corner, forward = shape.faces.ravel(), shape.edge_table.forward[sides]
-    ends = shape.points[corner[[sides[0], _next(sides[:1])[0]]]]
+    ends = shape.points[corner[[sides[0], next_side(sides[:1])[0]]]]
     low, high = ends if forward[0] else ends[::-1]
-    angle = _angles_round(low, high, shape.points[corner[_next(_next(sides))]])
+    angle = _angles_round(low, high, shape.points[corner[next_side(next_side(sides))]])
     enters, leaves = np.flatnonzero(~forward), np.flatnonzero(forward)
     cost = (angle[leaves] - angle[enters][:, None]) % (2 * np.pi)
     if len(enters) != len(leaves):
@@ -123,11 +122,6 @@ def _paired(shape: Shape, sides: IntArray, fin: NDArray[np.bool_]) -> list[tuple
             pairs.append((int(sides[enters[i]]), int(sides[leaves[j]])))
             used[i], used[:, j] = True, True
     return pairs
-
-
-def _next(sides: NDArray[Any]) -> NDArray[Any]:
-    """Return the next half-edge of the same face."""
-    return np.where(sides % 3 == 2, sides - 2, sides + 1)
 
 
 def _angles_round(low: FloatArray, high: FloatArray, tips: FloatArray) -> FloatArray:
@@ -170,7 +164,7 @@ def _closed(
     sides = np.flatnonzero(twins < 0)
     if len(sides) == 0:
         return points, faces, twins, component
-    start, end = faces.ravel()[sides], faces.ravel()[_next(sides)]
+    start, end = faces.ravel()[sides], faces.ravel()[next_side(sides)]
     label = piece_labels(len(points), np.stack([start, end], axis=1))[start]
     _, first, ring = np.unique(label, return_index=True, return_inverse=True)
     size = np.bincount(ring, minlength=len(first))

@@ -38,13 +38,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from medialis.base._kernels import find_root, pop, push
+from medialis.base._kernels import find_root, next_side, pop, previous_side, push
 from medialis.base.jit import kernel
 from medialis.skeleton.importance._walk_kernels import (
     distance,
     is_edge,
-    next_side,
-    previous_side,
     trim,
 )
 

@@ -25,12 +25,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from medialis.base._kernels import next_side, previous_side
 from medialis.base.jit import kernel
 from medialis.skeleton.importance._walk_kernels import (
     dot,
-    next_side,
     on_plane,
-    previous_side,
     trim,
     way_out,
     way_towards,

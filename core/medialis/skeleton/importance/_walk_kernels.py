@@ -27,6 +27,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from medialis.base._kernels import next_side, previous_side
 from medialis.base.jit import kernel
 
 OPPOSITE = 1e-6
@@ -75,16 +76,6 @@ class Paths(NamedTuple):
     end_tangent: NDArray[np.float64]
     normal: NDArray[np.float64]
     status: NDArray[np.int8]
-
-
-@kernel
-def next_side(h):
-    return h - 2 if h % 3 == 2 else h + 1
-
-
-@kernel
-def previous_side(h):
-    return h + 2 if h % 3 == 0 else h - 1
 
 
 @kernel

@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from medialis.base._kernels import next_side, previous_side
 from medialis.base.jit import kernel
 
 FREE, SLIDING, FIXED = 0, 1, 2
@@ -63,18 +64,6 @@ class Mesh(NamedTuple):
 
 
 @kernel
-def after(h):
-    """Return the next half-edge of the same face."""
-    return h - 2 if h % 3 == 2 else h + 1
-
-
-@kernel
-def before(h):
-    """Return the half-edge before it in the same face."""
-    return h + 2 if h % 3 == 0 else h - 1
-
-
-@kernel
 def around(mesh, v, out):
     """List the half-edges that leave a vertex, in turn; return their number, negative at a border.
 
@@ -89,7 +78,7 @@ def around(mesh, v, out):
         twin = twins[h]
         if twin < 0:
             break
-        h = after(twin)
+        h = next_side(twin)
         count += 1
         if h == start or count >= len(out):
             break
@@ -98,7 +87,7 @@ def around(mesh, v, out):
     while count < len(out):
         out[count] = h
         count += 1
-        twin = twins[before(h)]
+        twin = twins[previous_side(h)]
         if twin < 0 or twin == first:
             break
         h = twin
@@ -116,7 +105,7 @@ def split_edge(mesh, h, x, y, z):
     f1 = sizes[1]
     g1 = f1 + 1
     sizes[1] += 1 if g < 0 else 2
-    hn, hp = after(h), before(h)
+    hn, hp = next_side(h), previous_side(h)
     f = h // 3
     b, c = faces[f, hn % 3], faces[f, hp % 3]
     mark, outer, outer_mark = marks[h], twins[hn], marks[hn]
@@ -133,7 +122,7 @@ def split_edge(mesh, h, x, y, z):
     if g < 0:
         twins[3 * f1] = -1
         return w
-    gn, gp = after(g), before(g)
+    gn, gp = next_side(g), previous_side(g)
     e = g // 3
     a, d = faces[e, gn % 3], faces[e, gp % 3]
     outer, outer_mark = twins[gn], marks[gn]
@@ -184,7 +173,7 @@ def flip(mesh, h):
     faces, twins, marks, leaving = mesh.faces, mesh.twins, mesh.marks, mesh.leaving
     g = twins[h]
     f, e = h // 3, g // 3
-    hn, hp, gn, gp = after(h), before(h), after(g), before(g)
+    hn, hp, gn, gp = next_side(h), previous_side(h), next_side(g), previous_side(g)
     a, b, c, d = faces[f, h % 3], faces[f, hn % 3], faces[f, hp % 3], faces[e, gp % 3]
     t = (twins[hp], twins[gn], twins[gp], twins[hn])
     m = (marks[hp], marks[gn], marks[gp], marks[hn])
@@ -207,7 +196,7 @@ def may_collapse(mesh, h):
     two places of the border must be one of it.
     """
     faces, ring, other = mesh.faces, mesh.ring, mesh.other
-    a, b = faces[h // 3, h % 3], faces[h // 3, after(h) % 3]
+    a, b = faces[h // 3, h % 3], faces[h // 3, next_side(h) % 3]
     g = mesh.twins[h]
     n, k = around(mesh, a, ring), around(mesh, b, other)
     if n < 0 and k < 0 and g >= 0:
@@ -223,14 +212,14 @@ def may_collapse(mesh, h):
         for s in range(2):
             if s == 1 and not (n < 0 and i == abs(n) - 1):
                 continue
-            u = faces[ring[i] // 3, after(ring[i]) % 3]
+            u = faces[ring[i] // 3, next_side(ring[i]) % 3]
             if s == 1:
-                u = faces[ring[i] // 3, before(ring[i]) % 3]
+                u = faces[ring[i] // 3, previous_side(ring[i]) % 3]
             for j in range(abs(k)):
                 q = other[j]
-                if faces[q // 3, after(q) % 3] == u:
+                if faces[q // 3, next_side(q) % 3] == u:
                     common += 1
-                if k < 0 and j == abs(k) - 1 and faces[q // 3, before(q) % 3] == u:
+                if k < 0 and j == abs(k) - 1 and faces[q // 3, previous_side(q) % 3] == u:
                     common += 1
     return common == (1 if g < 0 else 2)
 
@@ -240,7 +229,7 @@ def collapse(mesh, h):
     """Let the start of an edge join its end; two faces go, one at a border."""
     faces, twins, marks, leaving = mesh.faces, mesh.twins, mesh.marks, mesh.leaving
     f, ring = h // 3, mesh.ring
-    a, b = faces[f, h % 3], faces[f, after(h) % 3]
+    a, b = faces[f, h % 3], faces[f, next_side(h) % 3]
     g = twins[h]
     n = abs(around(mesh, a, ring))
     for i in range(n):
@@ -248,18 +237,18 @@ def collapse(mesh, h):
     for edge in (h, g):
         if edge < 0:
             continue
-        one, two = twins[after(edge)], twins[before(edge)]
-        mark = max(marks[after(edge)], marks[before(edge)])
+        one, two = twins[next_side(edge)], twins[previous_side(edge)]
+        mark = max(marks[next_side(edge)], marks[previous_side(edge)])
         face = edge // 3
-        tip = faces[face, before(edge) % 3]
+        tip = faces[face, previous_side(edge) % 3]
         if one >= 0:
             twins[one], marks[one] = two, mark
-            leaving[tip] = one if faces[one // 3, one % 3] == tip else after(one)
-            leaving[b] = after(one) if faces[one // 3, one % 3] == tip else one
+            leaving[tip] = one if faces[one // 3, one % 3] == tip else next_side(one)
+            leaving[b] = next_side(one) if faces[one // 3, one % 3] == tip else one
         if two >= 0:
             twins[two], marks[two] = one, mark
-            leaving[tip] = two if faces[two // 3, two % 3] == tip else after(two)
-            leaving[b] = after(two) if faces[two // 3, two % 3] == tip else two
+            leaving[tip] = two if faces[two // 3, two % 3] == tip else next_side(two)
+            leaving[b] = next_side(two) if faces[two // 3, two % 3] == tip else two
         if one < 0 and two < 0:
             leaving[tip] = -1
         for j in range(3):
@@ -276,7 +265,7 @@ def find_edge(mesh, a, b):
     for turn in range(2):
         v, w = (a, b) if turn == 0 else (b, a)
         for i in range(abs(around(mesh, v, ring))):
-            if faces[ring[i] // 3, after(ring[i]) % 3] == w:
+            if faces[ring[i] // 3, next_side(ring[i]) % 3] == w:
                 return ring[i]
     return -1
 
@@ -316,7 +305,7 @@ def keeps_sides(mesh, count, v, avoid, place, least):
     points, faces, ring, p = mesh.points, mesh.faces, mesh.ring, mesh.points[v]
     for i in range(count):
         h = ring[i]
-        b, c = faces[h // 3, after(h) % 3], faces[h // 3, before(h) % 3]
+        b, c = faces[h // 3, next_side(h) % 3], faces[h // 3, previous_side(h) % 3]
         if b == avoid or c == avoid:
             continue
         q, r = points[b], points[c]
@@ -350,7 +339,7 @@ def collapse_edges(mesh, kind, low, high):
             g = twins[h]
             if turn == 1 and g >= 0:
                 break  # its twin has its own turn
-            a, b = faces[h // 3, h % 3], faces[h // 3, after(h) % 3]
+            a, b = faces[h // 3, h % 3], faces[h // 3, next_side(h) % 3]
             curve = g < 0 or marks[h] != 0
             if turn == 1:
                 a, b = b, a
@@ -371,7 +360,7 @@ def collapse_edges(mesh, kind, low, high):
             if not sliding:
                 longest = 0.0
                 for i in range(n):
-                    tip = faces[ring[i] // 3, after(ring[i]) % 3]
+                    tip = faces[ring[i] // 3, next_side(ring[i]) % 3]
                     longest = max(longest, _length(points, tip, b))
                 if longest > high:
                     continue
@@ -395,7 +384,7 @@ def find_long(mesh, high, out_a, out_b, out_places):
     for h in range(3 * mesh.sizes[1]):
         if faces[h // 3, 0] < 0 or twins[h] < h or marks[h] != 0:
             continue
-        a, b = faces[h // 3, h % 3], faces[h // 3, after(h) % 3]
+        a, b = faces[h // 3, h % 3], faces[h // 3, next_side(h) % 3]
         if _length(points, a, b) > high:
             out_a[count], out_b[count] = a, b
             for d in range(3):
@@ -425,8 +414,8 @@ def flip_edges(mesh):
         g = twins[h]
         if faces[h // 3, 0] < 0 or g < h or marks[h] != 0:
             continue
-        a, b = faces[h // 3, h % 3], faces[h // 3, after(h) % 3]
-        c, d = faces[h // 3, before(h) % 3], faces[g // 3, before(g) % 3]
+        a, b = faces[h // 3, h % 3], faces[h // 3, next_side(h) % 3]
+        c, d = faces[h // 3, previous_side(h) % 3], faces[g // 3, previous_side(g) % 3]
         if c == d:
             continue
         if _cotangent(points, c, a, b) + _cotangent(points, d, a, b) >= DELAUNAY:
@@ -434,7 +423,7 @@ def flip_edges(mesh):
         there = False
         for i in range(abs(around(mesh, c, ring))):
             e = ring[i]
-            if faces[e // 3, after(e) % 3] == d or faces[e // 3, before(e) % 3] == d:
+            if faces[e // 3, next_side(e) % 3] == d or faces[e // 3, previous_side(e) % 3] == d:
                 there = True
         if there:
             continue
@@ -465,7 +454,8 @@ def smooth_vertices(mesh, kind):
         p = points[v]
         for i in range(n):
             h = ring[i]
-            q, r = points[faces[h // 3, after(h) % 3]], points[faces[h // 3, before(h) % 3]]
+            face = faces[h // 3]
+            q, r = points[face[next_side(h) % 3]], points[face[previous_side(h) % 3]]
             nx, ny, nz = _normal(p, q, r)
             area = math.sqrt(nx * nx + ny * ny + nz * nz)
             total += area
