@@ -2,7 +2,7 @@
 #   make demo              a surface skeleton of a built-in shape, with a picture
 #   make demo SHAPE=file   the same for your own mesh or point cloud
 #   make test              the whole test suite, on all processors
-#   make test-fast         what takes under a minute, while you work
+#   make test-fast         tests of some two seconds at most each: three minutes on two processors
 # PYTHON names the interpreter that makes the environment, VENV where it goes.
 # For work on the Blender extension:
 #   make hosts             environments with Blender as a module, 1 GB each; `make test` uses them

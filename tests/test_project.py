@@ -33,8 +33,9 @@ def test_the_core_is_mit_and_so_is_each_of_its_files():
 def test_what_the_core_needs_is_free_of_the_gpl(requirement):
     """numpy and scipy name the GPL of the runtime library of gfortran, which has an exception."""
     about = metadata.metadata(re.match(r"[\w-]+", requirement)[0])
-    said = " ".join([about["License-Expression"] or "", *about.get_all("Classifier", [])])
-    said = said or about["License"]
+    # By get: where another package replaces what reads metadata, a missing entry is an error.
+    said = " ".join([about.get("License-Expression", ""), *about.get_all("Classifier", [])])
+    said = said or about.get("License", "")
     assert re.search("BSD|MIT", said), said
     assert not re.search(r"GPL(?!-3.0-or-later WITH GCC-exception)", said), said
 

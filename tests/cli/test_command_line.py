@@ -32,6 +32,7 @@ def run(*arguments: object) -> int:
     return main([str(a) for a in arguments])
 
 
+@pytest.mark.slow
 def test_surface_skeleton_writes_what_the_manifest_says(creature, tmp_path, capsys):
     out = tmp_path / "new" / "out"
     assert run("surface-skeleton", creature, "-o", out, "--json") == 0
@@ -59,6 +60,7 @@ def test_files_hold_bitwise_the_arrays_of_the_python_call(creature, tmp_path):
         assert ply.attributes[name].dtype == array.dtype
 
 
+@pytest.mark.slow
 def test_one_and_two_threads_write_the_same_bytes(creature, tmp_path):
     for threads in (1, 2):
         assert (

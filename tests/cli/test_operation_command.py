@@ -95,6 +95,7 @@ def test_another_result_is_not_overwritten(what, here, capsys):
     assert sorted(p.name for p in folder.iterdir()) == sorted(Path(f).name for f in new["files"])
 
 
+@pytest.mark.slow
 def test_overwriting_leaves_no_file_of_the_old_result(here):
     result = medialis.run("surface_skeleton", medialis.organic_shape(56))
     medialis.write_result(result, here / "out")
@@ -107,6 +108,7 @@ def test_overwriting_leaves_no_file_of_the_old_result(here):
     assert "notes.txt" in names and not {n for n in names if n.startswith("surface_skeleton")}
 
 
+@pytest.mark.slow
 def test_another_shape_of_the_same_options_is_another_result(here):
     medialis.write_result(medialis.run("point_types", medialis.organic_shape(56)), "out")
     medialis.write_result(medialis.run("point_types", medialis.organic_shape(56)), "out")
@@ -123,6 +125,7 @@ def test_files_of_no_result_stay(here, capsys):
     assert run(*command, "--overwrite") == 0
 
 
+@pytest.mark.slow
 def test_an_overwriting_that_fails_leaves_the_old_result(here, monkeypatch):
     medialis.write_result(medialis.run("surface_skeleton", medialis.organic_shape(56)), "out")
     before = contents(here / "out")
@@ -163,6 +166,7 @@ def test_every_example_of_help_runs_and_is_told_on_one_screen(
             assert len(wrapped) <= SCREEN and max(map(len, wrapped)) <= WIDE
 
 
+@pytest.mark.slow
 def test_what_is_no_graph_and_has_no_bones_is_not_told_so(here):
     """The envelope and the balls for robots were, by their endings (fixed)."""
     shape = medialis.organic_shape(56)
@@ -206,6 +210,7 @@ def test_nearly_right_words_get_a_hint(words, hint, here, capsys):
     assert hint in said and said.count("\n") == 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SAMPLES)
 def test_samples_are_shapes_that_can_be_read_and_are_never_replaced(name, here, capsys):
     assert run("sample", name, "-o", "new.ply") == 0

@@ -22,6 +22,7 @@ def one_manifold(points):
     return medialis.ManifoldSet(rows, 1, np.ones(len(points)), points=points)
 
 
+@pytest.mark.slow
 def test_a_plane_is_its_delaunay_triangulation():
     """Every triangle is one of scipy's, and inside almost all are there (1 circle in 10^4)."""
     points = clouds.plane(1500, np.random.default_rng(0))

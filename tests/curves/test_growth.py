@@ -145,6 +145,7 @@ def angles(handles, places):
     return np.stack([solid_angles(one.points, one.corners, places) for one in spanned], axis=1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("flat", [False, True])
 def test_turns_are_counted_along_links_that_leave_a_ball(flat):
     """Against the solid angle in 400 steps, along chords of a ring whose balls overlap.

@@ -154,6 +154,7 @@ def test_pictures_that_are_results_are_made_small():
     assert (small[-1, -1] == 0).all()
 
 
+@pytest.mark.slow
 def test_the_gallery_has_every_operation_once(tmp_path, monkeypatch):
     monkeypatch.setattr("website.generated_pages.default_picture", lambda o, f: f"{o.name}.png")
     text = gallery(["thickness"], tmp_path)

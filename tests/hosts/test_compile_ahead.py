@@ -77,6 +77,7 @@ print(before, count())
 """
 
 
+@pytest.mark.slow
 def test_what_is_compiled_ahead_is_not_compiled_again(tmp_path):
     folder = Path(cache_folder.PACKAGE).parent
     environment = dict(os.environ, MEDIALIS_CACHE_DIR=str(tmp_path), PYTHONPATH=str(folder))

@@ -32,6 +32,7 @@ def finished(computation):
     return computation.outcome()
 
 
+@pytest.mark.slow
 def test_results_are_those_of_this_process(computer, shape):
     read, result = finished(begin(computer, shape, "curve_skeleton", threshold=0.04))
     expected = medialis.make_shape(shape.points, shape.faces, repair=True)
@@ -66,6 +67,7 @@ def test_a_late_option_is_answered_from_what_is_kept(computer, shape):
     assert second.outcome()[1].seconds["total"] < first.seconds["total"]
 
 
+@pytest.mark.slow
 def test_progress_rises(computer, shape):
     seen = []
     computation = begin(computer, shape)
@@ -73,6 +75,7 @@ def test_progress_rises(computer, shape):
     assert seen == sorted(seen) and computation.fraction == 1.0 and computation.done
 
 
+@pytest.mark.slow
 def test_cancelling_ends_at_once_and_the_process_serves_again(computer, shape):
     finished(begin(computer, shape))
     computation = begin(computer, shape, "surface_skeleton")
@@ -126,6 +129,7 @@ def test_another_version_asks_for_a_restart(computer, shape, monkeypatch):
         computation.outcome()
 
 
+@pytest.mark.slow
 def test_the_host_renders_views(computer, shape):
     calls = []
 
@@ -170,6 +174,7 @@ def test_parcels_keep_arrays_and_leave_nothing(tmp_path, shape):
         pack(things, tmp_path / "missing")
 
 
+@pytest.mark.slow
 def test_compiling_moves_the_bar(tmp_path, shape):
     """With an empty folder of kernels: it says what it does, and how many pieces there are."""
     computer = Computer(tmp_path, {"MEDIALIS_CACHE_DIR": str(tmp_path / "kernels")})

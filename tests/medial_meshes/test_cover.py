@@ -16,6 +16,7 @@ def single(center=(0, 0, 0), radius=0.1):
     return medialis.MedialMesh([center], [radius], [], [])
 
 
+@pytest.mark.slow
 def test_one_ball_round_a_cube_goes_through_its_corners():
     """Radius sqrt(3) / 2 of a cube of side 1; the ball is 2.72 times as large, so 1.72 outside.
 
@@ -29,6 +30,7 @@ def test_one_ball_round_a_cube_goes_through_its_corners():
     assert np.isclose(cover.excess, ratio - 1, rtol=0.02)
 
 
+@pytest.mark.slow
 def test_a_ball_is_covered_by_itself():
     cover = medialis.ball_cover(single(), icosphere(4))
     assert 1.0 <= cover.radii[0] < 1.01 and cover.excess < 0.05
@@ -42,6 +44,7 @@ def on_surface(shape, count, seed):
     return np.einsum("pk,pkd->pd", shares, shape.points[shape.faces[face]])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("balls", [1, 12, 80])
 def test_every_point_of_the_surface_is_in_a_ball(balls):
     shape = medialis.organic_shape(200)
@@ -52,6 +55,7 @@ def test_every_point_of_the_surface_is_in_a_ball(balls):
     assert len(cover) <= balls
 
 
+@pytest.mark.slow
 def test_more_balls_cover_more_tightly():
     shape = medialis.organic_shape(200)
     mesh = medialis.medial_mesh(shape, balls=80, quality="fast")

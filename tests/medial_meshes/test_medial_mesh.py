@@ -67,6 +67,7 @@ def torus_knot(p, q, major=2.0, minor=0.9):
     return np.stack([out * np.cos(p * turn), out * np.sin(p * turn), minor * np.sin(q * turn)], 1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("p", "q"), [(2, 3), (2, 5), (3, 4)])
 def test_a_knot_is_one_loop_along_its_curve(p, q):
     """A tube round a torus knot: a ring of balls, however it is knotted.
@@ -112,6 +113,7 @@ def test_linked_rings_are_two_parts():
     assert mesh.fewest == 6
 
 
+@pytest.mark.slow
 def test_a_box_ends_in_its_edges():
     """Large balls lie as far from the nearest face as they are large; small ones reach the corners.
 
@@ -177,6 +179,7 @@ def organic():
     return shape, medialis.medial_mesh(shape, balls=40)
 
 
+@pytest.mark.slow
 def test_every_level_has_the_topology(organic):
     shape, mesh = organic
     wanted = Solid(shape.points / shape.diagonal, shape.faces).betti
@@ -192,6 +195,7 @@ def test_more_balls_are_nearer(organic):
     assert error(mesh, shape) < error(few, shape) < 0.1
 
 
+@pytest.mark.slow
 def test_best_is_never_farther_off_than_the_default():
     shape = medialis.organic_shape(56)
     default, best = (
@@ -205,6 +209,7 @@ def test_best_is_never_farther_off_than_the_default():
     assert gains.min() >= 0 and gains.max() > 0, (default, best)
 
 
+@pytest.mark.slow
 def test_an_error_is_reached(organic):
     shape, _ = organic
     mesh = medialis.medial_mesh(shape, error=0.02, quality="fast")
@@ -221,6 +226,7 @@ def test_an_error_out_of_reach_ends_with_a_message():
     assert mesh.betti == (1, 0, 0)
 
 
+@pytest.mark.slow
 def test_results_do_not_depend_on_threads():
     shape = medialis.organic_shape(120)
     found = []
@@ -231,6 +237,7 @@ def test_results_do_not_depend_on_threads():
         assert np.array_equal(getattr(found[0], name), getattr(found[1], name))
 
 
+@pytest.mark.slow
 def test_topology_and_error_do_not_change_with_a_turn():
     """The samples are others on the axes of the turned shape; what they stand for is the same."""
     shape = medialis.organic_shape(120)
@@ -242,6 +249,7 @@ def test_topology_and_error_do_not_change_with_a_turn():
     assert error(second, turned) < 2 * error(first, shape)
 
 
+@pytest.mark.slow
 def test_an_open_mesh_is_guessed_with_a_message():
     shape = icosphere(3)
     opened = medialis.make_shape(shape.points, shape.faces[:-3])
@@ -275,6 +283,7 @@ def test_parts_that_cross_have_balls_of_their_own():
     assert np.allclose(mesh.radii, 1.0, atol=0.25 * side)
 
 
+@pytest.mark.slow
 def test_a_piece_hidden_in_another_is_no_part():
     """A ball within a solid ball, both outward: nothing of it is a wall."""
     ball = icosphere(3)
@@ -306,6 +315,7 @@ def test_parts_that_touch_at_a_vertex_are_apart_there():
     assert medialis.medial_mesh(touching, balls=30).betti == (1, 0, 0)
 
 
+@pytest.mark.slow
 def test_an_open_shell_with_parts_that_cross_it():
     """A head without its neck, and two eyes in its front; only where it is open it is a guess."""
     head = icosphere(3)

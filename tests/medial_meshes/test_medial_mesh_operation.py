@@ -34,6 +34,7 @@ def layers(result):
     return {layer.name: layer for layer in result.layers}
 
 
+@pytest.mark.slow
 def test_the_envelope_is_written_for_other_programs(result, folder):
     surface = layers(result)["medial_mesh_envelope"]
     again = medialis.read_shape(folder / "medial_mesh_envelope.obj")

@@ -32,6 +32,7 @@ def calls_of(work):
     return calls
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("no_reports_by_the_clock")
 def test_views_report_each_view(creature):
     """Sixteen views of a million triangles were rendered without a report: five seconds."""
@@ -46,6 +47,7 @@ def test_views_report_each_view(creature):
     assert calls["link"] >= 5
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("no_reports_by_the_clock")
 def test_candidates_report_often(creature):
     """Chunks of 64 candidates took half a second: each has 50 cuts that cross the whole shape."""
@@ -56,6 +58,7 @@ def test_candidates_report_often(creature):
     assert sum(calls.values()) >= len(rows) / 8
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("no_reports_by_the_clock")
 def test_pictures_and_files_report(creature, tmp_path):
     """A picture of a million triangles was drawn without a report: five seconds."""

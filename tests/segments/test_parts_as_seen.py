@@ -137,6 +137,7 @@ def test_faces_in_four_change_little():
     assert adjusted_rand(labels, others) >= 0.9
 
 
+@pytest.mark.slow
 def test_level_and_count_and_the_tree():
     """More at a higher level; so many as asked for; fewer by whole parts."""
     cloud = medialis.surface_skeleton(medialis.organic_shape(56))
@@ -243,6 +244,7 @@ def test_quantities_of_a_ball():
     assert ((shares > 0) & (shares < 1)).all()
 
 
+@pytest.mark.slow
 def test_means_over_placements_differ_less_than_single_ones():
     """On a surface turned against its lines: four placements halve what depends on the lines."""
     first = forms.box_mesh((1.0, 1.0, 1.0), 0.05)  # no axes of its own

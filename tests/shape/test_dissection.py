@@ -28,6 +28,7 @@ def test_each_vertex_comes_once(levels):
     assert np.array_equal(np.sort(order), np.arange(shape.point_count))
 
 
+@pytest.mark.slow
 def test_factors_grow_little_faster_than_the_mesh():
     """Minimum degree took minutes and gigabytes on a scan of 537,000 vertices."""
     small, large = forms.icosphere(4), forms.icosphere(5)

@@ -238,6 +238,7 @@ def test_clouds_have_no_creases():
     assert result.contacts == pytest.approx(cloud.points[result.features[:, 1]])
 
 
+@pytest.mark.slow
 def test_hulls_of_slivers_are_as_thin_as_the_slivers():
     """The disc round a sliver is as wide as that is long: 41,000 outer balls of a tube of 160 sides
     were each compared with thousands of faces that they do not touch, 13 s (fixed)."""

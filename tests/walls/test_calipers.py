@@ -89,6 +89,7 @@ def test_a_cavity_off_centre_is_nearest_where_its_facets_are(seed):
     assert spot["kind"] == "wall"
 
 
+@pytest.mark.slow
 def test_dents_of_both_sides_that_do_not_face_each_other():
     def top(x, y):
         return 0.3 - 0.12 * np.exp(-((x - 0.1) ** 2 + y**2) / 0.2**2)

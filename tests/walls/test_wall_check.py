@@ -95,6 +95,7 @@ def test_a_rib_is_told_from_its_plate_at_any_scale_place_and_resolution(refine, 
     assert np.linalg.norm(foot - place, axis=1).min() < 40 * factor
 
 
+@pytest.mark.slow
 def test_limits_on_both_sides_and_the_place_of_what_is_too_thick():
     lump = blocks((0, 60, 0, 40, 0, 2), (20, 40, 10, 30, 2, 9))
     values = check(lump, minimum="1mm", maximum="3mm")
@@ -258,6 +259,7 @@ def test_what_stands_on_a_wall_is_the_same_with_few_and_many_samples(name, acros
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("across", [3, 12])
 def test_bosses_bored_through_keep_their_ratio_where_a_rib_joins_them(across):
     """With few samples the walls of the bosses are too narrow to tell that the rib stands there."""
@@ -272,6 +274,7 @@ def test_bosses_bored_through_keep_their_ratio_where_a_rib_joins_them(across):
     assert sorted(on_plate) == pytest.approx([0.5, 0.6, 0.6], rel=0.005)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("across", [3, 12])
 def test_regions_gaps_and_thickness_are_the_same_with_few_and_many_samples(across):
     """A slot of 0.5 in a plate of 2 with a thin and a thick place."""
@@ -298,6 +301,7 @@ def test_only_what_stands_on_a_wall_is_a_rib():
     assert check(block)["ribs"] == []
 
 
+@pytest.mark.slow
 def test_a_rib_with_fillets_and_one_with_draft():
     arc = np.radians(np.linspace(0, 90, 7))
     fillet = np.stack([21.1 - 0.5 * np.sin(arc), 2.5 - 0.5 * np.cos(arc)], axis=1)
@@ -314,6 +318,7 @@ def test_a_rib_with_fillets_and_one_with_draft():
     assert least <= rib["thickness"] <= 1.2
 
 
+@pytest.mark.slow
 def test_threads_and_order_change_nothing():
     shape = blocks(*RIBBED)
     one = medialis.run("wall_check", shape, threads=1, gap="1mm", **QUIET)
@@ -322,6 +327,7 @@ def test_threads_and_order_change_nothing():
     assert all(np.array_equal(one.arrays[k], two.arrays[k]) for k in ("thickness", "check"))
 
 
+@pytest.mark.slow
 def test_materials_say_their_limits_and_given_ones_win():
     shape = blocks(*RIBBED)
     values = check(shape, material="ABS")

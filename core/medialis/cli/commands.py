@@ -427,13 +427,18 @@ def write_sample(options: argparse.Namespace) -> int:
             f"{', '.join(SAMPLES)}."
         )
     path = Path(options.output or f"{name}.ply")
+    _refuse_existing(path)  # at once, and again: the shape takes seconds
     shape = sample_shape(name)
-    if path.exists():
-        raise FileError(f"Nothing was written: there is a file {path} already; name another.")
+    _refuse_existing(path)
     write_ply(path, shape.points, faces=shape.faces)
     faces = f", {shape.face_count:,} triangles" if shape.face_count else ""
     say(f"{path}: {SAMPLES[name]} ({shape.point_count:,} points{faces})")
     return EXIT_OK
+
+
+def _refuse_existing(path: Path) -> None:
+    if path.exists():
+        raise FileError(f"Nothing was written: there is a file {path} already; name another.")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

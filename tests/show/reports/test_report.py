@@ -236,6 +236,7 @@ def test_a_result_too_large_for_a_page_is_drawn_only(creature, monkeypatch):
     assert "iframe" not in report_texts(medialis.run("thickness", creature))["report.html"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("shape", "solid"),
     [

@@ -60,6 +60,7 @@ FLAT = {
 }  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("across", [3, 12])
 @pytest.mark.parametrize("name", FLAT)
 def test_flat_walls_have_their_sheets_welds_areas_and_thickness(name, across):
@@ -101,6 +102,7 @@ CURVED = {
 }  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("across", [3, 12])
 @pytest.mark.parametrize("name", CURVED)
 def test_curved_walls_have_one_sheet_in_their_middle(name, across):
@@ -116,6 +118,7 @@ def test_curved_walls_have_one_sheet_in_their_middle(name, across):
     assert found.lumps == ()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("across", [3, 12])
 def test_a_step_has_two_sheets_that_meet_in_a_weld(across):
     """Between 4 and 6 the middles are at 2 and 3; the weld lies between them."""
@@ -185,6 +188,7 @@ def test_a_thin_long_i_beam_needs_no_finer_samples():
     assert result.values["area"] == pytest.approx(1000 * (100 + 100 + 96), rel=1e-4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("cell", [1.3, 0.8])
 def test_a_pipe_junction_has_two_sheets_and_one_closed_weld(cell):
     """Walls of 4 with 3 and 5 samples over them; edges are rounded by a cell, so rims are, too."""
@@ -235,6 +239,7 @@ def test_slivers_beside_large_triangles_change_nothing(name):
     assert off(found.points).max() < 0.005 * thickness
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["i_beam", "cross", "bracket", "box"])
 def test_a_turned_part_and_one_far_away_in_another_unit_have_the_same_sheets(name):
     make, _, sheets, welds, area, *_ = FLAT[name]
@@ -279,6 +284,7 @@ def test_limbs_are_no_walls():
         medialis.run("midsurface", medialis.organic_shape(80))
 
 
+@pytest.mark.slow
 def test_walls_with_blends_as_wide_as_themselves_have_smooth_sheets_and_welds():
     """The sample is rounded all over, with three holes: it had 36 pieces of welds (mended).
 
