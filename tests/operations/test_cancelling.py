@@ -25,7 +25,7 @@ def no_reports_by_the_clock(monkeypatch):
 
 
 def calls_of(work):
-    """Return how often each stage called, with one thread."""
+    """Return how often each stage called, with one thread; `run` takes its number by itself."""
     calls = Counter()
     with thread_limit(1), medialis.memory_limit(0):
         work(lambda fraction, text: calls.update([text]))
@@ -38,7 +38,7 @@ def test_views_report_each_view(creature):
     """Sixteen views of a million triangles were rendered without a report: five seconds."""
     calls = calls_of(
         lambda told: medialis.run(
-            "view_curve_skeleton", creature, pairs=20, size=128, progress=told
+            "view_curve_skeleton", creature, pairs=20, size=128, threads=1, progress=told
         )
     )
     # Two views a pair; a view that is drawn already, and what ends at once, does not report.
