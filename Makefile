@@ -4,6 +4,9 @@
 #   make test              the whole test suite, on all processors
 #   make test-fast         tests of some two seconds at most each: three minutes on two processors
 # PYTHON names the interpreter that makes the environment, VENV where it goes.
+# For kernels that are there at once, made ahead of time (needs a C compiler; two minutes on two
+# processors, only what has changed the next time); without them numba compiles on first use:
+#   make kernels
 # For work on the Blender extension:
 #   make hosts             environments with Blender as a module, 1 GB each; `make test` uses them
 #   make blender           the extension's zips for all platforms, in dist/blender
@@ -32,7 +35,7 @@ CHECK_PYTHON = $(PYTHON) -c 'import sys; v = sys.version_info[:2]; \
 MAKE_VENV = $(RUN) -m pip --version >/dev/null 2>&1 \
 	|| { $(CHECK_PYTHON) && $(PYTHON) -m venv $(VENV); }
 
-.PHONY: demo test test-fast test-blender fuzz bounds check hosts blender blender-repository meshlab-plugin meshlab-plugins viewer bench accuracy pictures site dist test-dist clean
+.PHONY: demo test test-fast test-blender fuzz bounds check hosts blender blender-repository meshlab-plugin meshlab-plugins kernels viewer bench accuracy pictures site dist test-dist clean
 
 # The stamps are older than pyproject.toml exactly when its dependencies may have changed.
 $(VENV)/installed: pyproject.toml
@@ -94,6 +97,10 @@ meshlab-plugin: $(VENV)/installed
 
 meshlab-plugins: $(VENV)/installed
 	$(RUN) meshlab_plugin/build.py --all
+
+kernels: $(VENV)/installed
+	$(RUN) -m pip install --quiet 'setuptools>=77'
+	$(RUN) core/kernel_library/build.py
 
 viewer: $(VENV)/installed
 	$(RUN) core/viewer_library/build.py

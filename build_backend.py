@@ -1,33 +1,70 @@
-"""The build backend: that of setuptools, and two things that it does before.
+"""The build backend: that of setuptools, and three things that it does before.
 
+- The machine code of the kernels (`core/kernel_library/build.py`), where a C compiler is there: the
+  wheel is one of this system and Python then. With `MEDIALIS_PURE=1`, or without a compiler, it is
+  the one for all, with which numba compiles. Editable installs have no machine code: `make kernels`.
 - The script that the viewer draws with, where npm is there (`core/viewer_library/build.py`).
 - The long description: the README, whose links lead to the files of this version on the web.
 """
 
 from __future__ import annotations
 
+import os
 import re
 import runpy
+import shutil
 import subprocess
 import sys
 import tomllib
 from pathlib import Path
 from typing import Any
 
-from setuptools import build_meta
+from setuptools import Distribution, build_meta
 from setuptools.build_meta import (  # noqa: F401 - the hooks that stay as they are
     build_sdist,
     get_requires_for_build_editable,
     get_requires_for_build_sdist,
-    get_requires_for_build_wheel,
     prepare_metadata_for_build_editable,
     prepare_metadata_for_build_wheel,
 )
+from setuptools.command.build_py import build_py
 
 ROOT = Path(__file__).resolve().parent
 PICTURE = re.compile(r"(!\[[^][]*\]\()(?!\w+:|#)")
 LINK = re.compile(r"((?<!!)\[(?:[^][]|!\[[^][]*\])*\]\()(?!\w+:|#)")
 """Up to a target that is relative to the page."""
+
+KERNELS = ROOT / "core" / "kernel_library" / "build.py"
+
+
+def get_requires_for_build_wheel(config_settings: dict[str, Any] | None = None) -> list[str]:
+    """Ask for what kernels are made with, where they can be made."""
+    needed = ["numba", "numpy>=2", "threadpoolctl"] if why_pure() is None else []
+    return [*build_meta.get_requires_for_build_wheel(config_settings), *needed]
+
+
+def why_pure() -> str | None:
+    """Say why a wheel has no machine code; None when it has."""
+    if os.environ.get("MEDIALIS_PURE", "") not in ("", "0"):
+        return "MEDIALIS_PURE is set"
+    if not KERNELS.is_file():
+        return "the sources are not whole"
+    why: str | None = runpy.run_path(str(KERNELS))["can_link"]()
+    return why
+
+
+class BuildWithKernels(build_py):
+    """Copying the package into a wheel, with the machine code that was made for this Python."""
+
+    made: tuple[Path, ...] = ()
+
+    def run(self) -> None:
+        """Copy what setuptools copies, and the modules."""
+        super().run()
+        for path in self.made:
+            target = Path(self.build_lib) / path.relative_to(ROOT / "core")
+            target.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy(path, target)
 
 
 def build_wheel(
@@ -35,8 +72,14 @@ def build_wheel(
     config_settings: dict[str, Any] | None = None,
     metadata_directory: str | None = None,
 ) -> str:
-    """Build a wheel, with the viewer where it can be made."""
+    """Build a wheel, with machine code and the viewer where they can be made."""
     make_viewer_library()
+    if reason := why_pure():
+        print(f"A wheel without machine code is built: {reason}.", file=sys.stderr)
+    else:
+        subprocess.run([sys.executable, str(KERNELS)], check=True, stdout=sys.stderr)
+        BuildWithKernels.made = tuple(runpy.run_path(str(KERNELS))["made_files"]())
+        Distribution.has_ext_modules = lambda self: True  # type: ignore[method-assign]
     return build_meta.build_wheel(wheel_directory, config_settings, metadata_directory)
 
 

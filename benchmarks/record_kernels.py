@@ -1,13 +1,16 @@
 """List the kernels of each operation and their types, for `medialis.hosts.compile_ahead`.
 
-    python benchmarks/record_kernels.py     # writes core/medialis/hosts/kernels.txt
+    python benchmarks/record_kernels.py            # writes core/medialis/hosts/kernels.txt
+    python benchmarks/record_kernels.py noted.txt  # adds what was noted in a run
 
-It runs all operations on small shapes, `midsurface` on one with walls: two minutes where kernels
+A run with `MEDIALIS_KERNELS=note:noted.txt`, of the tests as well, notes kernels and types that were
+not made ahead. Without a file it runs all operations on small shapes, `midsurface` on one with walls: two minutes where kernels
 are compiled, as after the tests. What an operation calls is in memory after it; the kernels
 that these call, and for which types, numba's type inference tells.
 """
 
 import json
+import os
 import sys
 import warnings
 from functools import cache
@@ -15,14 +18,15 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "core"))
+os.environ["MEDIALIS_KERNELS"] = "numba"
 
 import numpy as np  # noqa: E402
 from numba import types  # noqa: E402
 from numba.core import compiler, compiler_machinery, errors, typed_passes  # noqa: E402
-from numba.core.dispatcher import Dispatcher  # noqa: E402
 from numba.np.numpy_support import as_dtype  # noqa: E402
 
 import medialis  # noqa: E402
+from medialis.base.jit import Kernel, code_of  # noqa: E402
 from medialis.base.kept import forget  # noqa: E402
 
 LIST = ROOT / "core" / "medialis" / "hosts" / "kernels.txt"
@@ -80,7 +84,8 @@ def name_of(thing):
 def kernels():
     """Return all kernels of the modules that are loaded."""
     modules = [vars(m) for name, m in sys.modules.items() if name.startswith("medialis.")]
-    found = {id(v): v for names in modules for v in names.values() if isinstance(v, Dispatcher)}
+    every = [v for names in modules for v in names.values() if isinstance(v, Kernel)]
+    found = {id(v): v.dispatcher for v in every if v.dispatcher is not None}
     return sorted(found.values(), key=name_of)
 
 
@@ -147,16 +152,38 @@ def main():
                 continue
             place = height(kernel, arguments), name_of(kernel), words
             lines.setdefault(place, set()).add(operation.name)
-    LIST.write_text(
-        "".join(
-            f"{name}|{' '.join(sorted(operations))}|{words}\n"
+    write(
+        [
+            f"{name}|{' '.join(sorted(operations))}|{words}"
             for (_, name, words), operations in sorted(lines.items())
-        ),
-        encoding="ascii",
+        ]
     )
+
+
+def write(lines):
+    """Write the list; lines without an operation that are in it stay, behind the others."""
+    known = {line.replace(line.split("|")[1], "", 1) for line in lines}
+    kept = [line for line in LIST.read_text("ascii").splitlines() if "||" in line]
+    lines = [*lines, *sorted(line for line in kept if line not in known)]
+    LIST.write_text("\n".join(lines) + "\n", encoding="ascii")
     print(f"{len(lines)} kernels in {LIST}")
+
+
+def add(path):
+    """Add what a run noted to the list."""
+    known = [line.split("|") for line in LIST.read_text("ascii").splitlines()]
+    codes = {(name, code_of(json.loads(words))) for name, _, words in known}
+    lines = ["|".join(parts) for parts in known if parts[1]]
+    fresh = ["|".join(parts) for parts in known if not parts[1]]
+    for line in sorted(set(path.read_text("ascii").splitlines())):
+        name, _, words = line.split("|")
+        if (name, code_of(json.loads(words))) not in codes:
+            codes.add((name, code_of(json.loads(words))))
+            fresh.append(line)
+    LIST.write_text("\n".join([*lines, *sorted(fresh)]) + "\n", encoding="ascii")
+    print(f"{len(fresh)} kernels without an operation in {LIST}")
 
 
 if __name__ == "__main__":
     warnings.simplefilter("ignore", errors.NumbaWarning)
-    main()
+    add(Path(sys.argv[1])) if sys.argv[1:] else main()

@@ -12,6 +12,7 @@ import os
 import stat
 import sys
 import tempfile
+from collections.abc import Iterator
 from contextlib import suppress
 from functools import lru_cache
 from importlib.metadata import version
@@ -19,6 +20,8 @@ from pathlib import Path
 
 PACKAGE = Path(__file__).resolve().parent.parent
 
+LONGEST_WAY = 400
+"""Folders and links on the way to a folder; systems follow 40 links."""
 
 SAME_CODE = ("NUMBA_CACHE_DIR", "NUMBA_NUM_THREADS", "NUMBA_DEBUG_CACHE")
 """Settings of numba that change no compiled code."""
@@ -26,7 +29,7 @@ SAME_CODE = ("NUMBA_CACHE_DIR", "NUMBA_NUM_THREADS", "NUMBA_DEBUG_CACHE")
 
 def kernel_sources() -> list[Path]:
     """Return every kernel source file of the package, in a fixed order."""
-    return sorted([*PACKAGE.glob("base/jit.py"), *PACKAGE.rglob("_*kernels.py")])
+    return sorted([*PACKAGE.glob("base/compiling.py"), *PACKAGE.rglob("_*kernels.py")])
 
 
 def user_cache() -> Path:
@@ -77,14 +80,74 @@ def make_kernel_cache() -> None:
 
 
 def written_by_others(folder: Path) -> str | None:
-    """Say why machine code in a folder cannot be trusted; None when it can."""
+    """Say why machine code in a folder cannot be trusted; None when it can.
+
+    Nobody else may write to it, nor rename or exchange a folder or a link on the way to it, as ssh
+    has it: those belong to this user or to root, and others write to them only where the system
+    keeps each from the entries of others (`/tmp`).
+    """
     if not hasattr(os, "geteuid"):  # Windows: the user's own folders are closed to others
         return None
-    about = folder.stat()
-    if about.st_uid != os.geteuid():
+    if folder.stat().st_uid != os.geteuid():
         return f"{folder} belongs to another user"
-    if about.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
-        return f"other users can write to {folder}"
+    for place in _way_to(folder):
+        about = place.stat()
+        if about.st_uid not in (0, os.geteuid()):
+            return f"{place} belongs to another user"
+        if _others_write(about) and (place == folder or not about.st_mode & stat.S_ISVTX):
+            return f"other users can write to {place}"
+    return None
+
+
+def _way_to(folder: Path) -> Iterator[Path]:
+    """Yield every folder that is looked into to find one, through all links, and itself."""
+    place, waiting = Path(folder.anchor), list(folder.parts[1:])
+    for _ in range(LONGEST_WAY):
+        if not waiting:
+            break
+        yield place
+        after = place / waiting.pop(0)
+        if after.is_symlink():
+            target = after.readlink()
+            place = Path(target.anchor) if target.is_absolute() else place
+            waiting = [*target.parts[bool(target.anchor) :], *waiting]
+        else:
+            place = place.parent if after.name == ".." else after
+    yield place
+
+
+def _others_write(about: os.stat_result) -> bool:
+    """Tell whether others than the owner can write; a group of the user alone is no other."""
+    if about.st_mode & stat.S_IWGRP and about.st_gid != os.getegid():
+        return True
+    return bool(about.st_mode & (stat.S_IWOTH | (0 if _own_group() else stat.S_IWGRP)))
+
+
+@lru_cache(maxsize=1)
+def _own_group() -> bool:
+    """Tell whether the user's group has nobody else in it, as usual where users get one each."""
+    import grp
+    import pwd
+
+    with suppress(KeyError):
+        group, user = grp.getgrgid(os.getegid()), pwd.getpwuid(os.geteuid())
+        return group.gr_name == user.pw_name and set(group.gr_mem) <= {user.pw_name}
+    return False
+
+
+def read_own(path: str) -> bytes | None:
+    """Return what a file holds that is this user's alone; None when there is none of that kind.
+
+    It is looked at when it is open: what lies under its name may be exchanged at any time.
+    """
+    flags = os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
+    with suppress(OSError), open(os.open(path, flags | getattr(os, "O_BINARY", 0)), "rb") as stream:
+        about = os.fstat(stream.fileno())
+        if not stat.S_ISREG(about.st_mode):
+            return None
+        if hasattr(os, "geteuid") and (about.st_uid != os.geteuid() or _others_write(about)):
+            return None
+        return stream.read()
     return None
 
 

@@ -1,147 +1,235 @@
-"""The one decorator for kernels: nogil, cached per user, and never stale.
+"""The one decorator for kernels: made ahead of time, else compiled by numba, else a sentence.
 
-Numba's own cache knows only the source file of the kernel it stores: when a kernel that it *calls*
-changes in another file, an upgraded installation would run the old machine code. So the cache lives
-in one folder per numba version and per hash of all kernel sources (`cache_folder.py`), in the
-user's cache folder. It survives re-installation, serves every environment of the user, and an
-unwritable installation folder does not matter.
-
-What is read there is run as machine code, so each file begins with a checksum of its name and
-content: a damaged, truncated or exchanged file is no entry, and is compiled anew.
+`core/kernel_library/build.py` makes one extension module for each feature, `_made`, beside its
+kernels, and writes in `base/made-*.json` which kernels it holds, for which types, and a hash of
+the sources that it was made from. A module whose sources have changed since, or whose file is not
+whole, is never used: numba compiles those kernels when they are called (`compiling.py`), as it
+does for types that were not made. `MEDIALIS_KERNELS` says `numba` to do so always, or `made` to
+have an error where a kernel was made for other types, or `note:FILE` to have a line written for each
+kernel and types that were not made. Nothing here loads numba.
 """
 
 from __future__ import annotations
 
 import hashlib
+import importlib
+import json
 import logging
-import pickle
-from collections.abc import Callable
-from contextlib import suppress
-from functools import lru_cache
+import os
+import re
+import threading
+from collections.abc import Callable, Sized
+from functools import cache, update_wrapper
+from importlib.machinery import EXTENSION_SUFFIXES
 from pathlib import Path
 from typing import Any
 
-import numba
-from numba.core import caching
-
-from medialis.base.cache_folder import kernel_cache, make_kernel_cache
-from medialis.base.threads import interrupts_held
+from medialis.base.cache_folder import PACKAGE, SAME_CODE
+from medialis.base.errors import MedialisError
 
 logger = logging.getLogger("medialis")
 
-
-class _Locator:
-    """Numba cache locator: our folder; the stamp is constant because the folder holds the hash."""
-
-    def __init__(self, py_func: Callable[..., Any]) -> None:
-        self._module = py_func.__module__
-
-    def ensure_cache_path(self) -> None:
-        make_kernel_cache()
-
-    def get_cache_path(self) -> str:
-        return str(kernel_cache())
-
-    def get_source_stamp(self) -> str:
-        return kernel_cache().name
-
-    def get_disambiguator(self) -> str:
-        return self._module
-
-    @classmethod
-    def from_function(cls, py_func: Callable[..., Any], py_file: str) -> _Locator | None:
-        locator = cls(py_func)
-        try:
-            locator.ensure_cache_path()
-        except OSError as error:
-            _say_once(str(error))
-            return None
-        return locator
+MADE = "_made"
+"""Name of the extension module of a feature."""
+DISPATCH = "_dispatch"
+TAG = EXTENSION_SUFFIXES[0].split(".")[1]
+"""Python, system and processor that a module is made for, as in its name."""
+RECORD = PACKAGE / "base" / f"made-{TAG}.json"
+OTHERS = "`pip install --force-reinstall medialis` mends an installation, `make kernels` a clone"
+_CALLED = re.compile(r"^from medialis\.([\w.]+kernels) import", re.MULTILINE)
+_lock = threading.RLock()
+_said: list[str] = []
 
 
-@lru_cache
-def _say_once(reason: str) -> None:
-    logger.warning(
-        "Compiled kernels are not kept: %s. Every start compiles them anew; set MEDIALIS_CACHE_DIR "
-        "to a folder that you alone can write to.",
-        reason,
-    )
+class Kernel:
+    """A kernel where no machine code is made ahead: numba compiles it when it is called."""
+
+    def __init__(self, resolve: Callable[..., Any]) -> None:
+        self.resolve = resolve
+        self.dispatcher: Any = None
+
+    def __call__(self, *arguments: Any) -> Any:
+        if self.dispatcher is None:
+            return self.resolve(self, *arguments)
+        return self.dispatcher(*arguments)
 
 
-class _CacheImpl(caching.CompileResultCacheImpl):
-    _locator_classes = [_Locator]  # noqa: RUF012 - numba reads a plain class attribute
-
-
-SUM = 32
-"""Bytes of a checksum."""
-
-
-class _CheckedFiles(caching.IndexDataCacheFile):
-    """Numba's index and data files of one kernel, each behind a checksum."""
-
-    def _load_index(self) -> dict[Any, str]:
-        content = self._read(self._index_path)
-        return {} if content is None else pickle.loads(content)
-
-    def _save_index(self, overloads: dict[Any, str]) -> None:
-        self._write(self._index_path, self._dump(overloads))
-
-    def _load_data(self, name: str) -> Any:
-        content = self._read(self._data_path(name))
-        if content is None:
-            raise FileNotFoundError(name)  # numba compiles, and writes it anew
-        return pickle.loads(content)
-
-    def _save_data(self, name: str, data: Any) -> None:
-        self._write(self._data_path(name), self._dump(data))
-
-    def _read(self, path: str) -> bytes | None:
-        """Return what a file holds; None when there is none, or its checksum is wrong."""
-        with suppress(OSError):
-            written = Path(path).read_bytes()
-            if written[:SUM] == _checksum(path, written[SUM:]):
-                return written[SUM:]
-        return None
-
-    def _write(self, path: str, content: bytes) -> None:
-        with self._open_for_write(path) as stream:
-            stream.write(_checksum(path, content) + content)
-
-
-def _checksum(path: str, content: bytes) -> bytes:
-    """Bind a content to its name and its folder: another file put in its place is no entry."""
-    place = f"{Path(path).parent.name}/{Path(path).name}\0".encode()
-    return hashlib.sha256(place + content).digest()
-
-
-class _Cache(caching.FunctionCache):
-    """Numba's cache; a damaged file or a full disk costs a compilation, never the computation."""
-
-    _impl_class = _CacheImpl
-
-    def __init__(self, py_func: Callable[..., Any]) -> None:
-        super().__init__(py_func)
-        self._cache_file = _CheckedFiles(
-            self._cache_path, self._impl.filename_base, self._impl.locator.get_source_stamp()
-        )
-
-    def load_overload(self, sig: Any, target_context: Any) -> Any:
-        try:
-            with interrupts_held():  # half a library, or its lock taken, would stay
-                return super().load_overload(sig, target_context)
-        except Exception:  # noqa: BLE001 - written by another version of a library
-            with suppress(OSError):
-                self.flush()  # an empty index: the next save repairs it
-            return None
-
-    def save_overload(self, sig: Any, data: Any) -> None:
-        with suppress(OSError):
-            super().save_overload(sig, data)
+KERNELS: list[type] = [Kernel]
+"""The classes of kernels, for numba, which has to know them where one kernel calls another."""
 
 
 def kernel(function: Callable[..., Any]) -> Any:
-    """Compile a kernel with `nogil` and our cache; without a writable cache it compiles anew."""
-    dispatcher = numba.njit(nogil=True)(function)
-    with suppress(RuntimeError):  # no writable cache folder: slower start, same results
-        dispatcher._cache = _Cache(function)
-    return dispatcher
+    """Return a kernel: it runs without the interpreter's lock, and takes arguments by place."""
+    made = _kernel_class()(_resolve)
+    update_wrapper(made, function)
+    made.py_func, made.dispatcher, made.is_loaded, made.is_made = function, None, False, False
+    return made
+
+
+def code_of(words: list[Any]) -> str:
+    """Return the code of types that `dispatch.c` compares arguments with, from words of a list.
+
+    Examples
+    --------
+    >>> code_of(["f8", "i4:2Cr", ["walls._kernels:Links", "i4:1C"]])
+    'sf8ai42C(ai41C)'
+    """
+    return "".join(
+        f"({code_of(word[1:])})"
+        if isinstance(word, list)
+        else "a{0}{2}".format(*word.removesuffix("r").partition(":"))
+        if ":" in word
+        else f"s{word}"
+        for word in words
+    )
+
+
+def sources_of(feature: str) -> dict[str, bytes]:
+    """Return the sources of a feature's kernels, and of all kernels that these call, by path."""
+    waiting = [path for path in (PACKAGE / feature).rglob("_*kernels.py")]
+    found: dict[str, bytes] = {}
+    while waiting:
+        path = waiting.pop()
+        name = path.relative_to(PACKAGE).as_posix()
+        if name not in found:
+            found[name] = path.read_bytes()
+            called = _CALLED.findall(found[name].decode())
+            waiting += [PACKAGE / f"{one.replace('.', '/')}.py" for one in called]
+    return dict(sorted(found.items()))
+
+
+def stamp_of(feature: str) -> str:
+    """Return a hash of the sources that the machine code of a feature is made from."""
+    digest = hashlib.sha256()
+    for name, text in sources_of(feature).items():
+        digest.update(f"{name}\0{len(text)}\0".encode() + text)
+    return digest.hexdigest()[:16]
+
+
+@cache
+def record() -> dict[str, Any]:
+    """Return what was made for this Python: size, stamp and kernels of each module; {} if none."""
+    changed = [n for n in os.environ if n.startswith("NUMBA_") and n not in SAME_CODE]
+    if changed or os.environ.get("MEDIALIS_KERNELS") == "numba":
+        return {}
+    try:
+        found: dict[str, Any] = json.loads(RECORD.read_text(encoding="ascii"))
+    except FileNotFoundError:
+        if others := sorted(RECORD.parent.glob("made-*.json")):
+            tags = " and ".join(path.stem.removeprefix("made-") for path in others)
+            _warn(f"were made for {tags}, and this is {TAG}")
+        return {}
+    except (OSError, ValueError) as error:
+        _warn(f"cannot be looked up: {error}")
+        return {}
+    return found
+
+
+def _warn(reason: str) -> None:
+    """Say once in a process why numba is used where code was made ahead."""
+    if not _said:
+        _said.append(reason)
+        logger.warning("Kernels made ahead %s. numba compiles them now; %s.", reason, OTHERS)
+
+
+@cache
+def _kernel_class() -> Any:
+    dispatch = _module("base", DISPATCH) if record() else None
+    if dispatch is None or not dispatch.RUNS_HERE:
+        return Kernel
+    KERNELS.append(dispatch.Kernel)
+    return dispatch.Kernel
+
+
+@cache
+def _module(feature: str, name: str = MADE) -> Any:
+    """Return the extension module of a feature; None when there is none, or it cannot be used.
+
+    A file that is cut off would end the process when it is loaded, so its size is looked at first.
+    What packagers do to a module (a signature, names of libraries) makes it no smaller.
+    """
+    about = record().get(f"{feature}/{name}")
+    if about is None or (name == MADE and about["stamp"] != stamp_of(feature)):
+        return None
+    path = PACKAGE / feature / about["file"]
+    try:
+        if path.stat().st_size < about["size"]:
+            raise OSError(f"{path} is cut off")
+        return importlib.import_module(f"medialis.{feature}.{name}")
+    except (OSError, ImportError) as error:
+        _warn(f"cannot be loaded: {error}")
+    return None
+
+
+def _resolve(one: Any, *arguments: Any) -> Any:
+    """Load what was made of a kernel, and call it; what was not made numba compiles.
+
+    Raises
+    ------
+    MedialisError
+        When there is no numba to do so.
+    """
+    if not one.is_loaded and type(one) is not Kernel:
+        with _lock:
+            if not one.is_loaded:
+                _load(one)
+        return one(*arguments)
+    if one.dispatcher is None:
+        with _lock:
+            _compile(one, arguments)
+    return one.dispatcher(*arguments)
+
+
+def _load(one: Any) -> None:
+    where, name = one.__module__.removeprefix("medialis."), one.__name__
+    feature = where.partition(".")[0]
+    module = _module(feature)
+    if module is not None:
+        for code, symbol in record()[f"{feature}/{MADE}"]["kernels"].get(f"{where}:{name}", ()):
+            one.add(code.encode(), getattr(module, symbol))
+            one.is_made = True
+    one.is_loaded = True
+
+
+def _compile(one: Any, arguments: tuple[Any, ...]) -> None:
+    line = f"{one.__module__.removeprefix('medialis.')}:{one.__name__}||" + json.dumps(
+        words_of(arguments), separators=(",", ":")
+    )
+    how, _, note = os.environ.get("MEDIALIS_KERNELS", "").partition(":")
+    if how == "made" and one.is_made:
+        raise MedialisError(
+            f"Not made ahead: {line}; `python benchmarks/record_kernels.py` lists it."
+        )
+    if how == "note":
+        with Path(note).open("a", encoding="ascii") as stream:
+            stream.write(f"{line}\n")
+    try:
+        from medialis.base.compiling import dispatcher_of
+    except ModuleNotFoundError as error:
+        if (error.name or "").partition(".")[0] not in ("numba", "llvmlite"):
+            raise
+        raise MedialisError(
+            f"The kernel {one.__name__} was not made ahead of time for this computer, and numba, "
+            f"which would compile it, is not installed: {OTHERS}, `pip install numba` helps too."
+        ) from error
+    dispatcher_of(one)
+
+
+def words_of(values: tuple[Any, ...]) -> list[Any]:
+    """Return the words for the types of arguments, as the list of kernels has them."""
+    return [_word(value) for value in values]
+
+
+def _word(value: Any) -> Any:
+    if isinstance(value, tuple):
+        kind = type(value)
+        where = kind.__module__.removeprefix("medialis.")
+        return ["" if kind is tuple else f"{where}:{kind.__name__}", *map(_word, value)]
+    dtype = getattr(value, "dtype", None)
+    if dtype is None:
+        return {float: "f8", int: "i8", bool: "b1"}.get(type(value), type(value).__name__)
+    if not isinstance(value, Sized):
+        return dtype.str[1:]
+    flags: Any = value.flags  # type: ignore[attr-defined]
+    layout = "C" if flags.c_contiguous else "F" if flags.f_contiguous else "A"
+    return f"{dtype.str[1:]}:{value.ndim}{layout}{'' if flags.writeable else 'r'}"  # type: ignore[attr-defined]

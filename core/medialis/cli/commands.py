@@ -223,6 +223,7 @@ def _computed(file: Path, options: argparse.Namespace, progress: Progress) -> li
     from medialis.shape.reading import read_shape
 
     names = [operation(name).name for name in filter(None, options.show.split(","))]
+    _compile_first(names, progress)
     with progress.stage("input", 0.0, 0.05):
         shape = read_shape(file, progress=progress)
     results: list[Outcome] = []
@@ -353,6 +354,17 @@ def _formats(options: argparse.Namespace) -> tuple[str, ...]:
     return tuple(dict.fromkeys(filter(None, getattr(options, "formats", "").split(","))))
 
 
+def _compile_first(names: list[str], progress: Progress) -> None:
+    """Compile what operations need, on all processors, where nothing was made ahead of time."""
+    from medialis.hosts.compile_ahead import compile_ahead, is_needed, seconds_needed
+
+    for name in filter(is_needed, names):
+        about = seconds_needed(name)
+        say(f"Compiling {name} for its first run, once: about {about:.0f} s.", file=sys.stderr)
+        with progress.stage("compile", 0.0, 0.0):
+            compile_ahead(name, progress)
+
+
 def _compute(task: Task, about: dict[str, Any]) -> dict[str, Any]:
     """Read, compute and write; return the manifest."""
     from medialis.base.threads import thread_limit
@@ -363,6 +375,7 @@ def _compute(task: Task, about: dict[str, Any]) -> dict[str, Any]:
     clock, options = time.perf_counter(), task.options
     threads, file = task.option("threads"), task.file
     progress = shown_progress(options.progress)
+    _compile_first([task.chosen.name], progress)
     with progress.stage("input", 0.0, 0.1):
         unit = about["input_unit"]
         if file is None:

@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from medialis.base.cache_folder import kernel_cache, kernels_are_compiled, written_by_others
+from medialis.base.jit import record
 from medialis.base.errors import FileError
 from medialis.base.threads import thread_count
 from medialis.base.version import package_version
@@ -166,7 +167,11 @@ def _threads() -> Finding:
 
 
 def _cache() -> Finding:
-    """Say where compiled kernels are kept, whether they can be, and how many are there."""
+    """Say whether kernels were made ahead; else where compiled ones are kept, and how many."""
+    if made := record():
+        size = sum(about["size"] for about in made.values()) / 1e6
+        text = f"made ahead of time for this Python: {len(made)} modules, {size:.1f} MB"
+        return Finding("kernels", "ok", text)
     advice = "name a folder that you alone can write to in the variable MEDIALIS_CACHE_DIR"
     folder = kernel_cache()
     places = [place for place in (folder.parent, folder) if place.is_dir()]

@@ -1,5 +1,7 @@
 """Compiling what an operation needs before its first run, in as many processes as processors.
 
+Where kernels are made ahead of time (`base/jit.py`) there is nothing to do here.
+
 numba compiles a kernel when it is first called, one after the other, and most of that is Python.
 `kernels.txt` lists the kernels that each operation calls, and for which types, so that several
 processes can compile them into the same cache, and a bar can tell how far they are. What is not
@@ -24,6 +26,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from medialis.base.cache_folder import kernel_cache, make_kernel_cache
+from medialis.base.jit import record
 from medialis.base.progress import Progress
 from medialis.base.threads import thread_count
 
@@ -32,6 +35,8 @@ CODE = "from medialis.hosts.compile_ahead import take_turns; take_turns()"
 PAUSE = 0.1
 """Seconds between two looks."""
 MOST_PROCESSES = 8
+START, A_KERNEL = 1.5, 0.25
+"""Seconds that a process takes to begin, and to compile one kernel, on a processor of 2023."""
 
 
 class Listed(NamedTuple):
@@ -87,7 +92,12 @@ def compile_ahead(operation: str, progress: Progress) -> None:
 
 def is_needed(operation: str) -> bool:
     """Tell whether an operation has listed kernels and was not compiled ahead yet."""
-    return bool(listed(operation)) and not _marker(operation).is_file()
+    return not record() and bool(listed(operation)) and not _marker(operation).is_file()
+
+
+def seconds_needed(operation: str) -> float:
+    """Return about how long `compile_ahead` takes by the clock, from the number of kernels."""
+    return START + A_KERNEL * len(listed(operation)) / min(thread_count(), MOST_PROCESSES)
 
 
 def _marker(operation: str) -> Path:
@@ -123,8 +133,9 @@ def _end_with_parent() -> None:
 
 def compile_one(one: Listed) -> None:
     """Compile a kernel for its types, or find it compiled."""
-    kernel = named(one.kernel)
-    kernel.compile(tuple(kernel.typeof_pyval(example(word)) for word in one.arguments))
+    from medialis.base.compiling import compile_for
+
+    compile_for(named(one.kernel), [example(word) for word in one.arguments])
 
 
 def named(name: str) -> Any:
