@@ -3,10 +3,10 @@
     python benchmarks/record_kernels.py            # writes core/medialis/hosts/kernels.txt
     python benchmarks/record_kernels.py noted.txt  # adds what was noted in a run
 
-A run with `MEDIALIS_KERNELS=note:noted.txt`, of the tests as well, notes kernels and types that were
-not made ahead. Without a file it runs all operations on small shapes, `midsurface` on one with walls: two minutes where kernels
-are compiled, as after the tests. What an operation calls is in memory after it; the kernels
-that these call, and for which types, numba's type inference tells.
+A run with `MEDIALIS_KERNELS=note:noted.txt`, of the tests as well, notes kernels and types that
+were not made ahead. Without a file it runs all operations on small shapes, `midsurface` on one with
+walls: two minutes where kernels are compiled, as after the tests. What an operation calls is in
+memory after it; the kernels that these call, and for which types, numba's type inference tells.
 """
 
 import json
@@ -26,7 +26,7 @@ from numba.core import compiler, compiler_machinery, errors, typed_passes  # noq
 from numba.np.numpy_support import as_dtype  # noqa: E402
 
 import medialis  # noqa: E402
-from medialis.base.jit import Kernel, code_of  # noqa: E402
+from medialis.base.jit import code_of, kernel_class  # noqa: E402
 from medialis.base.kept import forget  # noqa: E402
 
 LIST = ROOT / "core" / "medialis" / "hosts" / "kernels.txt"
@@ -84,7 +84,7 @@ def name_of(thing):
 def kernels():
     """Return all kernels of the modules that are loaded."""
     modules = [vars(m) for name, m in sys.modules.items() if name.startswith("medialis.")]
-    every = [v for names in modules for v in names.values() if isinstance(v, Kernel)]
+    every = [v for names in modules for v in names.values() if isinstance(v, kernel_class())]
     found = {id(v): v.dispatcher for v in every if v.dispatcher is not None}
     return sorted(found.values(), key=name_of)
 

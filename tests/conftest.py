@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 from collections.abc import Callable, Iterator
 from functools import cache
@@ -11,6 +12,9 @@ import pytest
 
 import medialis
 from plates import with_walls
+
+# Where kernels are made ahead of time, one that is missing fails the test that calls it.
+os.environ.setdefault("MEDIALIS_KERNELS", "made")
 
 REAL_SHAPES = Path(__file__).resolve().parents[2] / "shared" / "shapes"
 
