@@ -190,6 +190,7 @@ class Linker:
             extra_postargs=strip,
             export_symbols=[f"PyInit_{name}"],
             libraries=["m"] if unix else [],
+            library_dirs=[] if unix else [str(Path(sys.base_prefix) / "libs")],
         )
         target = PACKAGE / feature / file
         fresh = target.with_name(f".{file}.new")
