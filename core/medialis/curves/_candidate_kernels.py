@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from medialis.base.jit import kernel
-from medialis.skeleton.importance._walk_kernels import trace_plane, way_out
+from medialis.skeleton.importance._walk_kernels import cross, dot, trace_plane, way_out
 
 SAME_PLACE = 0.3
 """Radii: centers this close belong to one ball as far as its contacts go."""
@@ -107,8 +107,8 @@ def measure_spread(begin, stop, balls, smallest, out_spread):
             side = abs(there[0]) + abs(there[1]) + abs(there[2])
             if side == 0.0 or abs(length[i] - length[j]) > 2.0 * balls.distance[i, c] + sigma:
                 continue
-            same = abs(_dot3(balls.feature[i], balls.feature[j]))
-            value = same * (1.0 - _dot3(here, there)) / 2.0
+            same = abs(dot(balls.feature[i], balls.feature[j]))
+            value = same * (1.0 - dot(here, there)) / 2.0
             if value > largest:
                 largest, out_spread[i] = value, largest
             elif value > out_spread[i]:
@@ -122,7 +122,7 @@ def _add_spokes(row, balls, spokes, names, count):
         names[count] = balls.features[row, side]
         for k in range(3):
             spokes[count, k] = balls.points[names[count], k] - balls.centers[row, k]
-        size = max(math.sqrt(_dot3(spokes[count], spokes[count])), 1e-300)
+        size = max(math.sqrt(dot(spokes[count], spokes[count])), 1e-300)
         for k in range(3):
             spokes[count, k] /= size
         count += 1
@@ -166,7 +166,7 @@ def find_rings(begin, stop, balls, out_ring, out_opposite, out_tangent):
             continue
         best, best_size, lowest = 0, 0.0, 2.0
         for c in range(1, count):
-            along = _dot3(spokes[c], spokes[0])
+            along = dot(spokes[c], spokes[0])
             if 1.0 - along * along > best_size:
                 best, best_size = c, 1.0 - along * along
             if along < lowest:
@@ -174,12 +174,12 @@ def find_rings(begin, stop, balls, out_ring, out_opposite, out_tangent):
                 out_opposite[i] = names[c]
         if best_size < ACROSS * ACROSS:
             continue
-        along = _dot3(spokes[best], spokes[0])
+        along = dot(spokes[best], spokes[0])
         for k in range(3):
             across[k] = (spokes[best, k] - along * spokes[0, k]) / math.sqrt(best_size)
         used = 0
         for c in range(count):
-            x, y = _dot3(spokes[c], spokes[0]), _dot3(spokes[c], across)
+            x, y = dot(spokes[c], spokes[0]), dot(spokes[c], across)
             if x * x + y * y > ACROSS * ACROSS:
                 angle = math.atan2(y, x)
                 at = used
@@ -198,11 +198,6 @@ def find_rings(begin, stop, balls, out_ring, out_opposite, out_tangent):
 
 
 @kernel
-def _dot3(a, b):
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-@kernel
 def _leave(walk, h, start, end, direction, normal, longest, last):
     """Cut a surface by a plane through two of its points, beginning over the face of half-edge h.
 
@@ -210,7 +205,7 @@ def _leave(walk, h, start, end, direction, normal, longest, last):
     than `longest`, and how far it begins along a direction.
     """
     points, corners, twins, _, _ = walk
-    offset = _dot3(normal, points[start])
+    offset = dot(normal, points[start])
     across, x, y, z = way_out(points, corners, h, normal, offset)
     if across < 0:
         return math.inf, 0.0
@@ -239,26 +234,26 @@ def trace_all_round(begin, stop, walk, ends, tangent, longest, out_length):
         start, end = ends[i, 0], ends[i, 1]
         for k in range(3):
             axis[k] = points[end, k] - points[start, k]
-        size = math.sqrt(_dot3(axis, axis))
+        size = math.sqrt(dot(axis, axis))
         out_length[i] = np.inf
         if size == 0.0:
             continue
         for k in range(3):
             axis[k] /= size
-        along = _dot3(axis, tangent[i])
+        along = dot(axis, tangent[i])
         for k in range(3):
             first[k] = tangent[i, k] - along * axis[k]
-        size = math.sqrt(_dot3(first, first))
+        size = math.sqrt(dot(first, first))
         if size < 1e-9:
             continue
         for k in range(3):
             first[k] /= size
-        _cross(axis, first, second)
+        cross(axis, first, second)
         for turn in range(half):
             angle = math.pi * turn / half
             for k in range(3):
                 direction[k] = math.cos(angle) * first[k] + math.sin(angle) * second[k]
-            _cross(axis, direction, normal)
+            cross(axis, direction, normal)
             for at in range(fan_offsets[start], fan_offsets[start + 1]):
                 length, ahead = _leave(walk, fan[at], start, end, direction, normal, longest, last)
                 column = turn if ahead >= 0.0 else turn + half
@@ -277,7 +272,7 @@ def find_ties(begin, stop, walk, ends, tangent, longest, out_tied):
         start, end = ends[i, 0], ends[i, 1]
         for k in range(3):
             axis[k] = points[end, k] - points[start, k]
-        _cross(axis, tangent[i], normal)
+        cross(axis, tangent[i], normal)
         ahead, behind = longest[i], longest[i]
         for at in range(fan_offsets[start], fan_offsets[start + 1]):
             length, along = _leave(walk, fan[at], start, end, tangent[i], normal, longest[i], last)
@@ -287,13 +282,6 @@ def find_ties(begin, stop, walk, ends, tangent, longest, out_tied):
                 behind = min(behind, length)
         longer = max(ahead, behind)
         out_tied[i] = longer < longest[i] and longer <= (1.0 + TIE) * min(ahead, behind)
-
-
-@kernel
-def _cross(a, b, out):
-    out[0] = a[1] * b[2] - a[2] * b[1]
-    out[1] = a[2] * b[0] - a[0] * b[2]
-    out[2] = a[0] * b[1] - a[1] * b[0]
 
 
 @kernel

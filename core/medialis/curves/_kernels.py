@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from medialis.base._kernels import find_root, pop, push
 from medialis.base.jit import kernel
+from medialis.skeleton.importance._walk_kernels import distance
 
 SHORT_LINK = 0.3
 """Share of the smaller radius up to which a link counts as short: the distance of the nodes in the
@@ -223,14 +224,12 @@ def fill_boxes(surface):
 
     Children come after their parents.
     """
-    points, corners, lowest, highest = (
-        surface.points, surface.corners, surface.lowest, surface.highest,
-    )  # fmt: skip
+    points, corners, children, lowest, highest, normals, levels, _ = surface
     for t in range(len(corners) - 1, -1, -1):
         a, b, c = points[corners[t, 0]], points[corners[t, 1]], points[corners[t, 2]]
         for axis in range(3):
             low, high = min(a[axis], b[axis], c[axis]), max(a[axis], b[axis], c[axis])
-            for child in surface.children[t]:
+            for child in children[t]:
                 if child >= 0:
                     low, high = min(low, lowest[child, axis]), max(high, highest[child, axis])
             lowest[t, axis], highest[t, axis] = low, high
@@ -238,9 +237,8 @@ def fill_boxes(surface):
         vx, vy, vz = c[0] - a[0], c[1] - a[1], c[2] - a[2]
         x, y, z = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
         size = max(math.sqrt(x * x + y * y + z * z), 1e-300)
-        normal = surface.normals[t]
-        normal[0], normal[1], normal[2] = x / size, y / size, z / size
-        surface.levels[t] = (x * a[0] + y * a[1] + z * a[2]) / size
+        normals[t, 0], normals[t, 1], normals[t, 2] = x / size, y / size, z / size
+        levels[t] = (x * a[0] + y * a[1] + z * a[2]) / size
 
 
 @kernel
@@ -331,13 +329,6 @@ def take_turns(rows, offsets, turns, out_links, out_turns):
 
 
 @kernel
-def _apart(centers, a, b):
-    x, y = centers[a, 0] - centers[b, 0], centers[a, 1] - centers[b, 1]
-    z = centers[a, 2] - centers[b, 2]
-    return math.sqrt(x * x + y * y + z * z)
-
-
-@kernel
 def list_links(ends, others, needed, groups, centers, radii, places, out_neighbours):
     """List links from both their ends, at the places of each ball, which then move on.
 
@@ -351,7 +342,7 @@ def list_links(ends, others, needed, groups, centers, radii, places, out_neighbo
             b = others[i, j]
             if a == b or groups[a] != groups[b] or groups[a] < 0:
                 continue
-            if not needed and not _apart(centers, a, b) < min(radii[a], radii[b]):
+            if not needed and not distance(centers, a, b) < min(radii[a], radii[b]):
                 continue
             if len(out_neighbours) > 0:
                 out_neighbours[places[a]], out_neighbours[places[b]] = b, a
@@ -390,11 +381,11 @@ def weigh_links(begin, end, links, dearness):
     for v in range(begin, end):
         for at in range(links.offsets[v], links.offsets[v + 1]):
             w = links.neighbours[at]
-            distance, smaller = _apart(links.centers, v, w), min(radii[v], radii[w])
-            long = 1.0 + distance / max(SHORT_LINK * smaller, links.spacing)
-            cost = distance * long * (dearness[v] + dearness[w]) / 2.0
-            if distance >= radii[v] + radii[w]:
+            apart, smaller = distance(links.centers, v, w), min(radii[v], radii[w])
+            long = 1.0 + apart / max(SHORT_LINK * smaller, links.spacing)
+            cost = apart * long * (dearness[v] + dearness[w]) / 2.0
+            if apart >= radii[v] + radii[w]:
                 cost *= APART_COST
-            elif distance >= smaller:
+            elif apart >= smaller:
                 cost *= OVERLAP_COST
-            links.length[at], links.cost[at] = distance, cost + LEAST_COST * links.spacing
+            links.length[at], links.cost[at] = apart, cost + LEAST_COST * links.spacing
