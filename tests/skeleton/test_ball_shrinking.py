@@ -15,14 +15,14 @@ from medialis.base.threads import thread_limit
 from medialis.shape.reading import read_shape
 from medialis.shape.shape import Shape
 from medialis.skeleton import ball_shrinking
-from medialis.skeleton.ball_shrinking import (
+from medialis.skeleton.medial_cloud import (
     CLEARANCE,
     COINCIDENT,
     DEFAULT_TOLERANCE,
     LARGEST_RADIUS,
+    BallStatus,
     shrink_balls,
 )
-from medialis.skeleton.medial_cloud import BallStatus
 from oracles import brute_force_balls, deepest, depth_radii, thesis_algorithm_1
 
 EPS = np.finfo(float).eps

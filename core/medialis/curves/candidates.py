@@ -185,7 +185,7 @@ def candidate_measure(cloud: MedialCloud, options: Options, progress: Progress) 
     >>> bool(np.nanmin(measured.spread) >= 0 and np.nanmax(measured.spread) <= 1)
     True
     """
-    from medialis.curves._candidate_kernels import Balls, find_rings, measure_spread
+    from medialis.curves._kernels import Balls, find_rings, measure_spread
 
     with progress.stage("importance", 0.0, 0.8):
         paths = geodesic_importance.of(cloud, options, progress)
@@ -243,7 +243,7 @@ def _find_ties(
     progress: Progress,
 ) -> NDArray[np.bool_]:
     """Tell where a second geodesic, as long, runs on the other side."""
-    from medialis.curves._candidate_kernels import find_ties
+    from medialis.curves._kernels import find_ties
 
     walk = run_patiently(lambda: surface_walk(cloud.surface), progress)
     ends = np.ascontiguousarray(cloud.features[rows])
@@ -343,7 +343,7 @@ def area_importance(
     >>> bool(area.max() < measured.cloud.surface.area)
     True
     """
-    from medialis.curves._candidate_kernels import least_half, trace_all_round
+    from medialis.curves._kernels import least_half, trace_all_round
 
     shape, chosen = measured.cloud.surface, np.asarray(rows, np.int64)
     progress = Progress.of(progress)

@@ -27,8 +27,7 @@ from medialis.base.options import Options, algorithm, length
 from medialis.base.progress import Progress
 from medialis.base.validation import FloatArray, as_field, as_number, as_points
 from medialis.curves.curve_skeleton import CurveSkeleton
-from medialis.curves.growth import APART, GraphTree, grow_graph, link_balls, sticks_out
-from medialis.curves.loops import Handles
+from medialis.curves.growth import APART, GraphTree, Handles, grow_graph, link_balls, sticks_out
 from medialis.shape.surface import piece_labels
 
 if TYPE_CHECKING:

@@ -33,12 +33,10 @@ from medialis.curves.candidates import (
 )
 from medialis.curves.curve_skeleton import CurveEvidence, CurveSkeleton
 from medialis.curves.finishing import SimplifyOptions, finish_graph, simplify_branches
-from medialis.curves.growth import Turns, grow_graph, link_balls
-from medialis.curves.loops import Handles, find_handles
+from medialis.curves.growth import Handles, Turns, find_handles, grow_graph, link_balls
 from medialis.shape.refinement import refine_where
 from medialis.shape.shape import Shape
-from medialis.skeleton.ball_shrinking import DEFAULT_TOLERANCE, ShrinkOptions, shrink
-from medialis.skeleton.medial_cloud import MedialCloud
+from medialis.skeleton.medial_cloud import DEFAULT_TOLERANCE, MedialCloud, ShrinkOptions, shrink
 from medialis.skeleton.surface_skeleton import SurfaceSkeletonOptions, as_cloud, surface_skeleton
 
 if TYPE_CHECKING:
@@ -206,7 +204,7 @@ def curve_skeleton(
     Cost O(n log n): 4 s for 194,000 vertices after the geodesics. Another threshold, smoothing or
     simplification of the same cloud only grows the graph anew. Source: thesis 3.6. Deviates: the
     linking. The thesis connects candidates within a radius, which leaves gaps and does not know the
-    genus. See `growth.py` for branches and `loops.py` for loops.
+    genus. See `growth.py` for branches and loops.
 
     Examples
     --------

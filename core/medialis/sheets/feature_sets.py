@@ -20,8 +20,7 @@ from medialis.base.threads import run_chunks, run_patiently
 from medialis.base.validation import FloatArray, IntArray, frozen, hold
 from medialis.shape.graph import local_spacing, surface_graph
 from medialis.shape.shape import Shape
-from medialis.skeleton.ball_shrinking import sample_tree, shrink_options
-from medialis.skeleton.medial_cloud import MedialCloud
+from medialis.skeleton.medial_cloud import MedialCloud, sample_tree, shrink_options
 from medialis.skeleton.surface_skeleton import as_cloud
 
 GOES_ROUND = 0.4

@@ -19,7 +19,6 @@ from medialis.shape.shape import Shape
 from medialis.sheets.feature_sets import PointType, point_types
 from medialis.sheets.scaffold import medial_scaffold
 from medialis.sheets.sheets import MedialSheetOptions, medial_sheets
-from medialis.skeleton.ball_shrinking import ShrinkOptions, Side
 from medialis.skeleton.layers import (
     SheetPreparation,
     cloud_arrays,
@@ -27,6 +26,7 @@ from medialis.skeleton.layers import (
     computed,
     samples_layer,
 )
+from medialis.skeleton.medial_cloud import ShrinkOptions, Side
 from medialis.skeleton.surface_skeleton import Preparation, SurfaceSkeletonOptions
 
 

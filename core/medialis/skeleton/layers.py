@@ -17,8 +17,7 @@ from medialis.operations.positions import numbers, places
 from medialis.operations.result import FilterUnit, Layer, Outcome
 from medialis.shape.labels import Segmentation
 from medialis.shape.shape import Shape
-from medialis.skeleton.ball_shrinking import Side
-from medialis.skeleton.medial_cloud import COLUMNS, MedialCloud
+from medialis.skeleton.medial_cloud import COLUMNS, MedialCloud, Side
 from medialis.skeleton.surface_skeleton import Preparation, SurfaceSkeletonOptions, surface_skeleton
 
 SURFACE = ("points", "normals", "faces", "origin", "face_origin", "vertex_map", "face_map")

@@ -22,7 +22,6 @@ from medialis.operations.positions import numbers
 from medialis.operations.result import FilterUnit, Layer, Outcome, Result
 from medialis.shape.reading import surface_of_cloud
 from medialis.shape.shape import Shape
-from medialis.skeleton.ball_shrinking import ShrinkOptions, Side
 from medialis.skeleton.importance.geodesics import (
     Geodesic,
     GeodesicOptions,
@@ -38,7 +37,7 @@ from medialis.skeleton.importance.importance import (
     local_measures,
 )
 from medialis.skeleton.layers import cloud_arrays, cloud_layer, samples_layer, summary
-from medialis.skeleton.medial_cloud import BallStatus, MedialCloud
+from medialis.skeleton.medial_cloud import BallStatus, MedialCloud, ShrinkOptions, Side
 from medialis.skeleton.skeleton_mesh import (
     SkeletonMesh,
     SkeletonMeshOptions,

@@ -35,8 +35,10 @@ from medialis.shape.noise import noise_above, smooth_noise
 from medialis.shape.reading import ShapeLike, as_shape
 from medialis.shape.refinement import RefineOptions, affordable_edge, on_smooth_surface, refine
 from medialis.shape.shape import Shape
-from medialis.skeleton.ball_shrinking import (
+from medialis.skeleton.medial_cloud import (
+    COLUMNS,
     THINNEST,
+    MedialCloud,
     ShrinkOptions,
     hidden_walls,
     note_outcome,
@@ -44,7 +46,6 @@ from medialis.skeleton.ball_shrinking import (
     shrink,
     shrink_options,
 )
-from medialis.skeleton.medial_cloud import COLUMNS, MedialCloud
 from medialis.skeleton.triangle_balls import Walls, between_samples, with_edge_balls
 
 if TYPE_CHECKING:

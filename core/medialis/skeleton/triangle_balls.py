@@ -22,8 +22,7 @@ from medialis.base.threads import run_chunks
 from medialis.base.validation import FloatArray, IntArray
 from medialis.shape.creases import STEEPER, Creases
 from medialis.shape.shape import Shape
-from medialis.skeleton.ball_shrinking import SAMPLES_A_CHUNK, shrink_options
-from medialis.skeleton.medial_cloud import BallStatus, MedialCloud
+from medialis.skeleton.medial_cloud import SAMPLES_A_CHUNK, BallStatus, MedialCloud, shrink_options
 
 if TYPE_CHECKING:
     from medialis.base._box_tree_kernels import BoxTree

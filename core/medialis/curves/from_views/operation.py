@@ -15,8 +15,8 @@ from medialis.base.options import changed
 from medialis.base.progress import Progress, counted
 from medialis.base.threads import run_patiently
 from medialis.curves.curve_skeleton import CurveSkeleton, ViewPoints
-from medialis.curves.formats import GRAPH_FORMATS, node_attributes
 from medialis.curves.from_views.skeleton import ViewCurveSkeletonOptions, view_curve_skeleton
+from medialis.curves.operation import GRAPH_FORMATS, node_attributes
 from medialis.operations.declaration import Operation
 from medialis.operations.positions import places
 from medialis.operations.result import Layer, Outcome
