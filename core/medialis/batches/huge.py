@@ -172,7 +172,7 @@ def shrink_chunks(
     out = tuple(results[name] for name in names)
 
     def work(begin: int, end: int) -> None:
-        options.run(tree, first + begin, first + end, 1, out)
+        options.run(first + begin, first + end, tree, 1, out)
 
     run_chunks(work, last - first, SAMPLES_A_CHUNK, progress=progress)
 

@@ -206,19 +206,13 @@ def candidate_measure(cloud: MedialCloud, options: Options, progress: Progress) 
             rows, near, distance, length, tangent, feature, cloud.centers, cloud.radii,
             cloud.features, shape.points, ball_of,
         )  # fmt: skip
-
-        def look_round(begin: int, end: int) -> None:
-            find_rings(begin, end, balls, ring, opposite, turned)
-
-        run_chunks(look_round, r, POINTS_A_CHUNK, progress=progress.still)
+        still = progress.still
+        run_chunks(find_rings, r, POINTS_A_CHUNK, balls, ring, opposite, turned, progress=still)
         # Which of two equal geodesics was found is chance, and in a round tube with regular samples
         # always the one on the same side: such a point takes no side.
         sided = balls._replace(tangent=np.where((alike | ring)[:, None], 0.0, tangent))
-
-        def turn(begin: int, end: int) -> None:
-            measure_spread(begin, end, sided, 1e-12 * shape.diagonal, sure)
-
-        run_chunks(turn, r, POINTS_A_CHUNK, progress=progress.still)
+        given = sided, 1e-12 * shape.diagonal, sure
+        run_chunks(measure_spread, r, POINTS_A_CHUNK, *given, progress=still)
         # The second contact of a ball in a round tube is any of its ring; half round it is pi r.
         length = np.where(ring, np.maximum(length, np.pi * cloud.radii[rows]), length)
         sure[alike | ring] = 1.0
@@ -248,11 +242,8 @@ def _find_ties(
     walk = run_patiently(lambda: surface_walk(cloud.surface), progress)
     ends = np.ascontiguousarray(cloud.features[rows])
     tied, longest = np.empty(len(rows), bool), LONGER_CUT * length
-
-    def work(begin: int, end: int) -> None:
-        find_ties(begin, end, walk, ends, tangent, longest, tied)
-
-    run_chunks(work, len(rows), POINTS_A_CHUNK, progress=progress.still)
+    given = walk, ends, tangent, longest, tied
+    run_chunks(find_ties, len(rows), POINTS_A_CHUNK, *given, progress=progress.still)
     return tied
 
 

@@ -135,14 +135,7 @@ class CurveSkeleton(Bound):
 
     def __post_init__(self) -> None:
         v, e = len(self.nodes), len(self.edges)
-        hold(
-            self,
-            nodes=(np.float64, v, 3),
-            edges=(np.int32, e, 2),
-            radii=(np.float64, v),
-            importance=(np.float64, v),
-            branch=(np.int32, e),
-        )
+        hold(self, nodes=(v, 3), edges=(e, 2), radii=v, importance=v, branch=e)
         check_range(self.nodes, "nodes")
         check_range(self.radii, "radii")
         _check_edges(self.edges, v)

@@ -142,7 +142,7 @@ def link_balls(
         frozen(np.full(k, np.inf) if widths is None else widths, np.float64),
     )  # fmt: skip
     dearness = 1 / (1 / OFF_CURVE + closeness)
-    run_chunks(lambda begin, end: weigh_links(begin, end, links, dearness), k, BALLS_A_CHUNK)
+    run_chunks(weigh_links, k, BALLS_A_CHUNK, links, dearness)
     return links._replace(length=frozen(links.length, float), cost=frozen(links.cost, float))
 
 
@@ -468,10 +468,7 @@ def count_crossings(
     """
     from medialis.curves._kernels import cross_links
 
-    def work(begin: int, end: int) -> None:
-        cross_links(begin, end, rows, reach, links, spanned, turns)
-
-    run_chunks(work, len(rows), BALLS_A_CHUNK)
+    run_chunks(cross_links, len(rows), BALLS_A_CHUNK, rows, reach, links, spanned, turns)
 
 
 def _halved(count: int) -> tuple[Index, Index]:

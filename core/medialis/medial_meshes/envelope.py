@@ -153,7 +153,7 @@ class Envelope:
         count = len(places)
         found = Nearest(np.empty(count), np.empty(count, np.int64), np.empty((count, 3)))
         given = frozen(places, np.float64), self.primitives, enough, found
-        run_chunks(lambda begin, end: nearest_primitive(begin, end, *given), count, PLACES_A_CHUNK)
+        run_chunks(nearest_primitive, count, PLACES_A_CHUNK, *given)
         return found
 
 

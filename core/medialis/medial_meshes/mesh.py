@@ -255,13 +255,7 @@ class MedialMesh(Bound):
             if value.size and (value.min() < 0 or value.max() >= n):
                 raise InvalidShapeError(f"{name} must name balls from 0 to {n - 1}.")
             object.__setattr__(self, name, value)
-        hold(
-            self,
-            centers=(np.float64, n, 3),
-            radii=(np.float64, n),
-            edges=(np.int32, len(self.edges), 2),
-            faces=(np.int32, len(self.faces), 3),
-        )
+        hold(self, centers=(n, 3), radii=n, edges=(len(self.edges), 2), faces=(len(self.faces), 3))
         if not (np.isfinite(self.centers).all() and np.isfinite(self.radii).all()):
             raise InvalidShapeError("Centers and radii must be finite.")
         if (self.radii < 0).any():

@@ -136,7 +136,7 @@ class Solid:
             turned = np.ascontiguousarray((places @ VIEW)[:, np.roll(np.arange(3), axis)])
             found = np.empty((len(places), 2))
             given = turned, view, self.faces, tree, found
-            run_chunks(lambda a, b: count_crossings(a, b, *given), len(places), PLACES_A_CHUNK)
+            run_chunks(count_crossings, len(places), PLACES_A_CHUNK, *given)
             return found
 
         counts = np.concatenate([look(k, *seen) for k, seen in enumerate(self._seen)], axis=1)
@@ -158,7 +158,7 @@ class Solid:
         count = len(origins)
         length, met = np.empty(count), np.empty(count, np.int64)
         given = Rays(origins, directions, own, longest), self.points, self.faces, self.tree
-        run_chunks(lambda a, b: ray_lengths(a, b, *given, length, met), count, RAYS_A_CHUNK)
+        run_chunks(ray_lengths, count, RAYS_A_CHUNK, *given, length, met)
         return length, met
 
     @cached_property

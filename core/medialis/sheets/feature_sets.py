@@ -66,12 +66,7 @@ class FeatureSets(Bound):
 
     def __post_init__(self) -> None:
         k = len(self.cloud)
-        hold(
-            self,
-            clusters=(np.int16, len(self.samples.indices)),
-            counts=(np.int32, k),
-            agreement=(np.float64, k),
-        )
+        hold(self, clusters=len(self.samples.indices), counts=k, agreement=k)
 
     def __len__(self) -> int:
         return len(self.samples)

@@ -101,14 +101,7 @@ class YNetwork(Bound):
 
     def __post_init__(self) -> None:
         p, e, c = len(self.points), len(self.edges), len(self.meeting)
-        hold(
-            self,
-            near=(np.bool_, len(self.sheets)),
-            points=(np.float64, p, 3),
-            edges=(np.int32, e, 2),
-            curve=(np.int32, p),
-            meeting=(np.int32, c, 3),
-        )
+        hold(self, near=len(self.sheets), points=(p, 3), edges=(e, 2), curve=p, meeting=(c, 3))
 
     def __repr__(self) -> str:
         return f"YNetwork({len(self.meeting)} curves, {int(self.near.sum())} points near them)"
@@ -357,16 +350,9 @@ class SheetMeshes(Bound):
     sheets: MedialSheets = field(kw_only=True)
 
     def __post_init__(self) -> None:
-        count = self.sheets.count
-        hold(
-            self,
-            point_sheet=(np.int32, len(self.mesh.points)),
-            face_sheet=(np.int32, len(self.mesh.faces)),
-            radii=(np.float64, len(self.mesh.points)),
-            areas=(np.float64, count),
-            boundaries=(np.float64, count),
-            mean_radii=(np.float64, count),
-        )
+        p, t, count = len(self.mesh.points), len(self.mesh.faces), self.sheets.count
+        hold(self, point_sheet=p, face_sheet=t, radii=p)
+        hold(self, areas=count, boundaries=count, mean_radii=count)
 
     def sheet(self, number: int) -> SkeletonMesh:
         """Return one sheet as a mesh of its own.

@@ -116,8 +116,8 @@ class MedialSheets(Bound):
 
     def __post_init__(self) -> None:
         k, u = len(self.cloud), len(self.unfolded)
-        hold(self, labels=(np.int32, k), linked=(np.bool_, k), front=(np.bool_, k))
-        hold(self, node_labels=(np.int32, u), node_front=(np.bool_, u))
+        hold(self, labels=k, linked=k, front=k)
+        hold(self, node_labels=u, node_front=u)
 
     @property
     def cloud(self) -> MedialCloud:
@@ -330,11 +330,8 @@ def pieces(
         clusters=sets.clusters,
     )
     links, partner = np.zeros(len(graph.indices), np.bool_), np.full(u, -1, np.int32)
-
-    def work(begin: int, end: int) -> None:
-        kernels.link_nodes(begin, end, graph, unfolded.across, contacts, links, partner)
-
-    run_chunks(work, u, NODES_A_CHUNK)
+    given = graph, unfolded.across, contacts, links, partner
+    run_chunks(kernels.link_nodes, u, NODES_A_CHUNK, *given)
     piece, region = np.arange(u, dtype=np.int32), np.arange(u, dtype=np.int32)
     kernels.join_links(graph, links, partner, piece)
     kernels.join_links(graph, links, np.full_like(partner, -1), region)

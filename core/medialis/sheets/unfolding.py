@@ -82,17 +82,9 @@ class Unfolded(Bound):
 
     def __post_init__(self) -> None:
         u, t = len(self.rows), len(self.faces)
-        vectors = ("centers", "normals", "contacts", "contact_normals")
-        hold(
-            self,
-            rows=(np.int32, u),
-            radii=(np.float64, u),
-            regions=(np.int32, u, 2),
-            across=(np.int32, u),
-            faces=(np.int32, t, 3),
-            face_origin=(np.int32, t),
-            **dict.fromkeys(vectors, (np.float64, u, 3)),
-        )
+        vectors = dict.fromkeys(("centers", "normals", "contacts", "contact_normals"), (u, 3))
+        hold(self, rows=u, radii=u, regions=(u, 2), across=u, **vectors)
+        hold(self, faces=(t, 3), face_origin=t)
 
     def __len__(self) -> int:
         return len(self.rows)

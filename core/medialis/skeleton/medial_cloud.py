@@ -96,18 +96,8 @@ class Balls(Bound):
         if self.contact_faces is None or self.contact_weights is None:
             object.__setattr__(self, "contact_faces", np.full(k, -1, np.int32))
             object.__setattr__(self, "contact_weights", np.zeros((k, 3)))
-        hold(
-            self,
-            centers=(np.float64, k, 3),
-            radii=(np.float64, k),
-            features=(np.int32, k, 2),
-            source=(np.int32, k),
-            status=(np.int8, k),
-            spoke_angles=(np.float64, k),
-            side=(np.int8, k),
-            contact_faces=(np.int32, k),
-            contact_weights=(np.float64, k, 3),
-        )
+        hold(self, centers=(k, 3), radii=k, features=(k, 2), source=k, status=k)
+        hold(self, spoke_angles=k, side=k, contact_faces=k, contact_weights=(k, 3))
 
     def __len__(self) -> int:
         return len(self.radii)
@@ -457,17 +447,16 @@ def shrink(shape: Shape, options: ShrinkOptions, progress: Progress) -> tuple[Me
         share = 0.85 / len(signs)
         with progress.stage("balls", 0.15 + share * turn, 0.15 + share * (turn + 1)):
             out = tuple(values[turn * n : (turn + 1) * n] for values in arrays)
-
-            def work(begin: int, end: int, sign: int = sign, out: tuple = out) -> None:
-                lengths.run(tree, begin, end, sign, out)
-
-            run_chunks(work, n, SAMPLES_A_CHUNK, progress=progress)
+            run_chunks(lengths.run, n, SAMPLES_A_CHUNK, tree, sign, out, progress=progress)
     source = np.tile(np.arange(n, dtype=np.int32), len(signs))
     side = np.repeat(np.array(signs, np.int8), n)
     return lengths.to_cloud(shape, tree, arrays, source, side), tree
 
 
 _EVERY = np.empty(0, np.int32)
+
+Columns = tuple[NDArray[Any], ...]
+"""Arrays of balls: see `blank_balls`."""
 
 
 class Shrinking(NamedTuple):
@@ -481,13 +470,7 @@ class Shrinking(NamedTuple):
     margin: float
 
     def run(
-        self,
-        tree: BoxTree,
-        begin: int,
-        end: int,
-        sign: int,
-        out: tuple[NDArray[Any], ...],
-        tangents: tuple[IntArray, FloatArray] | None = None,
+        self, begin: int, end: int, tree: BoxTree, sign: int, out: Columns, tangents: Any = None
     ) -> None:
         """Shrink the balls of the samples begin..end (tree order) on one side.
 
@@ -496,10 +479,11 @@ class Shrinking(NamedTuple):
         others. With `tangents`, samples (tree order) and outward normals of balls, it shrinks the
         balls begin..end of these.
         """
-        from medialis.skeleton._ball_kernels import Columns, shrink_balls
+        from medialis.skeleton import _ball_kernels as kernels
 
         samples, normals = (_EVERY, tree.normals) if tangents is None else tangents
-        shrink_balls(begin, end, float(sign), self, tree, normals, samples, Columns(*out))
+        columns = kernels.Columns(*out)
+        kernels.shrink_balls(begin, end, float(sign), self, tree, normals, samples, columns)
 
     def shrink(
         self,
@@ -512,11 +496,8 @@ class Shrinking(NamedTuple):
     ) -> MedialCloud:
         """Shrink balls of some samples with outward normals of their own (k, 3) on one side."""
         arrays, tangents = blank_balls(len(samples)), (tree.place[samples], normals)
-
-        def work(begin: int, end: int) -> None:
-            self.run(tree, begin, end, sign, arrays, tangents)
-
-        run_chunks(work, len(samples), SAMPLES_A_CHUNK, progress=progress)
+        given = tree, sign, arrays, tangents
+        run_chunks(self.run, len(samples), SAMPLES_A_CHUNK, *given, progress=progress)
         side = np.full(len(samples), sign, np.int8)
         return self.to_cloud(shape, tree, arrays, samples.astype(np.int32), side)
 
@@ -527,12 +508,7 @@ class Shrinking(NamedTuple):
         radii *= self.unit
 
     def to_cloud(
-        self,
-        shape: Shape,
-        tree: BoxTree,
-        arrays: tuple[NDArray[Any], ...],
-        source: IntArray,
-        side: NDArray[np.int8],
+        self, shape: Shape, tree: BoxTree, arrays: Columns, source: IntArray, side: NDArray[np.int8]
     ) -> MedialCloud:
         """Return what `run` wrote as a cloud, in the units of the input."""
         centers, radii, second, status, angles = arrays
@@ -568,7 +544,7 @@ def sample_tree(shape: Shape, progress: Progress) -> BoxTree:
     return run_patiently(lambda: build_box_tree(points, normals, unit=unit), progress)
 
 
-def blank_balls(count: int) -> tuple[NDArray[Any], ...]:
+def blank_balls(count: int) -> Columns:
     """Return arrays for `Shrinking.run` to fill: see `Columns`."""
     centers, radii = np.full((count, 3), np.nan), np.full(count, np.nan)
     second, status = np.full(count, -1, np.int32), np.zeros(count, np.int8)

@@ -75,14 +75,7 @@ class SkeletonMesh(Surface):
 
     def __post_init__(self) -> None:
         p, t = len(self.points), len(self.faces)
-        hold(
-            self,
-            points=(np.float64, p, 3),
-            faces=(np.int32, t, 3),
-            rows=(np.int32, p),
-            face_origin=(np.int32, t),
-            selected=(np.bool_, len(self.cloud)),
-        )
+        hold(self, points=(p, 3), faces=(t, 3), rows=p, face_origin=t, selected=len(self.cloud))
         as_faces(self.faces, p)
 
     @classmethod
@@ -300,11 +293,8 @@ def _lift_side(
         shape.points, cloud.source, cloud.centers, cloud.radii, chords, slopes
     )
     rows, ok = np.empty((m, 3), np.int32), np.zeros(m, np.bool_)
-
-    def work(begin: int, end: int) -> None:
-        kernels.test_faces(begin, end, RADIUS_SLACK, shape.faces, row_near, balls, rows, ok)
-
-    run_chunks(work, m, FACES_A_CHUNK, progress=progress)
+    given = RADIUS_SLACK, shape.faces, row_near, balls, rows, ok
+    run_chunks(kernels.test_faces, m, FACES_A_CHUNK, *given, progress=progress)
     longest = np.zeros(k)
     kernels.longest_edges(rows, ok, cloud.centers, longest)
     across = np.where(usable, row_near[cloud.features[:, 1]], np.int32(-1))

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -104,20 +104,13 @@ class Walls:
         reliefs[used, : kernels.COSINE] = creases.bulges[order[used]] / unit
         reliefs[used, kernels.COSINE] = creases.least_cosines[order[used]]
         hulls = np.empty((blocks, kernels.ROWS, kernels.BLOCK), np.float32)
-
-        def fill(begin: int, end: int) -> None:
-            kernels.fill_hulls(begin, end, tree.points, corners, hulls)
-
-        run_chunks(fill, blocks, BLOCKS_A_CHUNK)
+        run_chunks(kernels.fill_hulls, blocks, BLOCKS_A_CHUNK, tree.points, corners, hulls)
         bounds = np.empty_like(tree.bounds)
         bounds[:, :3], bounds[:, 3:6], bounds[:, 6:9], bounds[:, 9:] = np.inf, -np.inf, 0.0, np.inf
         for nodes, child_depth, fan in wide_levels(depth):
             level = fan, 1 << (depth - child_depth), bounds[nodes]
-
-            def work(begin: int, end: int, level: tuple[Any, ...] = level) -> None:
-                kernels.bound_faces(begin, end, tree.points, corners, first, *level)
-
-            run_chunks(work, nodes.stop - nodes.start, NODES_A_CHUNK)
+            given = nodes.stop - nodes.start, NODES_A_CHUNK, tree.points, corners, first
+            run_chunks(kernels.bound_faces, *given, *level)
         hung = kernels.Hung(tree.points, bounds, tree.child, first, corners, reliefs, hulls)
         return cls(creases, tree, order, hung)
 
@@ -133,11 +126,8 @@ class Walls:
         lengths = shrink_options(self.shape.diagonal, 0.0, 0.0)
         places = centers / lengths.unit - self.tree.center
         radii = most / lengths.unit
-
-        def work(begin: int, end: int) -> None:
-            measure_room(begin, end, places, lengths.margin, self.hung, radii)
-
-        run_chunks(work, len(places), SAMPLES_A_CHUNK)
+        given = places, lengths.margin, self.hung, radii
+        run_chunks(measure_room, len(places), SAMPLES_A_CHUNK, *given)
         radii *= lengths.unit
         return radii
 
@@ -186,11 +176,8 @@ class Walls:
         least = max(ROUNDING * shape.diagonal / lengths.unit, LEAST_DEPTH * lengths.tolerance)
         highest = math.sin(math.radians(min(self.creases.angle, 90.0))) ** 2 / 2
         balls = TangentBalls(samples, direction, signs, at_own, radii, face, places)
-
-        def work(begin: int, end: int) -> None:
-            shrink_to_triangles(begin, end, balls, lengths, least, highest, self.hung)
-
-        run_chunks(work, len(order), SAMPLES_A_CHUNK, progress=progress)
+        given = balls, lengths, least, highest, self.hung
+        run_chunks(shrink_to_triangles, len(order), SAMPLES_A_CHUNK, *given, progress=progress)
         touching = np.flatnonzero(face >= 0)
         rows = order[touching]
         radii = radii[touching] * lengths.unit

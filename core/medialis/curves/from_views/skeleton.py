@@ -161,11 +161,8 @@ def radii_in(views: Views, points: FloatArray) -> FloatArray:
 
     positions = np.ascontiguousarray(points)
     radii = np.full(len(positions), np.inf)
-
-    def work(begin: int, end: int) -> None:
-        measure_radii(views, begin, end, positions, radii)
-
-    run_chunks(work, len(positions), POINTS_A_CHUNK)
+    work = functools.partial(measure_radii, views)
+    run_chunks(work, len(positions), POINTS_A_CHUNK, positions, radii)
     return radii
 
 
@@ -352,12 +349,7 @@ def _sharpen(
         views = look(source, cameras[some], saliency, packed, progress)
         alive = np.ones(len(points), bool)
         work = functools.partial(cull_and_sharpen, views, steps[some])
-        run_chunks(
-            lambda first, last: work(first, last, points, alive),  # noqa: B023
-            len(points),
-            POINTS_A_CHUNK,
-            progress=progress.still,
-        )
+        run_chunks(work, len(points), POINTS_A_CHUNK, points, alive, progress=progress.still)
         points, weights = points[alive], weights[alive]
     return points, weights
 
