@@ -12,8 +12,9 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from medialis.base.arrays import Index, Mask
 from medialis.base.kept import Bound, kept
 from medialis.base.options import Options, algorithm
 from medialis.base.progress import Progress, ProgressCallback
@@ -80,11 +81,11 @@ class CandidateMeasure(Bound):
     measure: FloatArray
     spread: FloatArray
     tangents: Directions
-    tied: NDArray[np.bool_]
+    tied: Mask
     ends: IntArray
     cloud: MedialCloud = field(kw_only=True)
 
-    def on_curve(self, least: float) -> NDArray[np.bool_]:
+    def on_curve(self, least: float) -> Mask:
         """Tell the candidates: geodesics of a length start from them to opposite sides.
 
         The length is `least`, at least that half round a limb with the radius of the ball.
@@ -230,12 +231,8 @@ def candidate_measure(cloud: MedialCloud, options: Options, progress: Progress) 
 
 
 def _find_ties(
-    cloud: MedialCloud,
-    rows: NDArray[np.int64],
-    tangent: FloatArray,
-    length: FloatArray,
-    progress: Progress,
-) -> NDArray[np.bool_]:
+    cloud: MedialCloud, rows: Index, tangent: FloatArray, length: FloatArray, progress: Progress
+) -> Mask:
     """Tell where a second geodesic, as long, runs on the other side."""
     from medialis.curves._kernels import find_ties
 
@@ -247,7 +244,7 @@ def _find_ties(
     return tied
 
 
-def _field(paths: Importance) -> tuple[NDArray[np.int64], FloatArray, FloatArray]:
+def _field(paths: Importance) -> tuple[Index, FloatArray, FloatArray]:
     """Rows with a geodesic, the tangents of all rows, the unit feature vectors of these rows."""
     cloud, points = paths.cloud, paths.cloud.surface.points
     known = cloud.valid & np.isfinite(paths.length) & (paths.length > 0)
@@ -269,9 +266,7 @@ def _unit(vectors: FloatArray, least: float) -> FloatArray:
     return np.divide(vectors, length, out=np.zeros_like(vectors), where=length > least)
 
 
-def near_balls(
-    cloud: MedialCloud, rows: NDArray[np.int64], progress: Progress
-) -> tuple[IntArray, FloatArray]:
+def near_balls(cloud: MedialCloud, rows: Index, progress: Progress) -> tuple[IntArray, FloatArray]:
     """Find the nearest others of some balls among themselves, as many as the thesis; kept."""
     from medialis.base.box_tree import nearest_others
 
@@ -354,7 +349,7 @@ def area_importance(
 
 
 def smooth_importance(
-    measured: CandidateMeasure, candidates: NDArray[np.int64], progress: Progress
+    measured: CandidateMeasure, candidates: Index, progress: Progress
 ) -> FloatArray:
     """Median importance of each candidate and of those in its ball, from a sample of them if many.
 
@@ -374,7 +369,7 @@ def smooth_importance(
     return frozen(median[nearest], np.float64)
 
 
-def _one_a_cell(measured: CandidateMeasure, candidates: NDArray[np.int64]) -> NDArray[np.int64]:
+def _one_a_cell(measured: CandidateMeasure, candidates: Index) -> Index:
     """Choose the surest candidate of each cell, a quarter to half as wide as its ball is thick.
 
     A cell is one of an octree: its width is a power of two.

@@ -17,8 +17,8 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from medialis.base.arrays import Index, Mask
 from medialis.base.errors import InvalidShapeError
 from medialis.base.kept import Bound, kept
 from medialis.base.options import Options, algorithm, changed, length, number
@@ -68,7 +68,7 @@ MOST_GROWTH = 8
 
 
 def put_in_surface(
-    cloud: MedialCloud, graph: CurveSkeleton, node_of_sample: NDArray[np.int64], progress: Progress
+    cloud: MedialCloud, graph: CurveSkeleton, node_of_sample: Index, progress: Progress
 ) -> CurveSkeleton:
     """Give nodes their distance to the nearest sample, and each sample its node and branch."""
     radii = run_patiently(lambda: cloud.surface.tree.query(graph.nodes)[0], progress)
@@ -82,7 +82,7 @@ def put_in_surface(
     )
 
 
-def _nearest(surface: Shape, missing: NDArray[np.bool_]) -> NDArray[np.int64]:
+def _nearest(surface: Shape, missing: Mask) -> Index:
     """Return the nearest sample of the same component that is not missing for those that are."""
     from scipy.spatial import cKDTree
 
@@ -97,7 +97,7 @@ def _nearest(surface: Shape, missing: NDArray[np.bool_]) -> NDArray[np.int64]:
 
 
 def node_importance(
-    cloud: MedialCloud, graph: CurveSkeleton, candidates: NDArray[np.int64], importance: FloatArray
+    cloud: MedialCloud, graph: CurveSkeleton, candidates: Index, importance: FloatArray
 ) -> FloatArray:
     """Return the importance of the nearest candidate of the same part of the shape for each node.
 
@@ -158,7 +158,7 @@ class _Ground(Bound):
     """
 
     measured: CandidateMeasure
-    candidates: NDArray[np.int64]
+    candidates: Index
     importance: FloatArray
     links: BallLinks
     strength: FloatArray
@@ -307,7 +307,7 @@ def _ground(cloud: MedialCloud, share: float, progress: Progress) -> _Ground:
 
 
 def _linked(
-    measured: CandidateMeasure, near: list[tuple[NDArray[np.int64], IntArray]], level: float
+    measured: CandidateMeasure, near: list[tuple[Index, IntArray]], level: float
 ) -> BallLinks:
     """Link near balls, and those of neighbouring samples, within each component."""
     cloud, surface = measured.cloud, measured.cloud.surface

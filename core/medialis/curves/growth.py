@@ -40,7 +40,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from medialis.base.arrays import Described, Index, Ragged, follow, next_side
+from medialis.base.arrays import Described, Index, Mask, Ragged, follow, next_side
 from medialis.base.progress import Progress
 from medialis.base.threads import run_chunks
 from medialis.base.validation import FloatArray, IntArray, frozen
@@ -209,7 +209,7 @@ def grow_graph(
     links: BallLinks,
     components: NDArray[np.int32],
     strength: FloatArray,
-    candidates: NDArray[np.bool_],
+    candidates: Mask,
     handles: Mapping[int, Handles] | None = None,
     keep: Keep = lambda _, compute: compute(),
     progress: Progress | None = None,
@@ -304,9 +304,7 @@ def next_tip(graph: GraphTree, candidates: Index) -> int | None:
     return int(reached[beyond.argmax()])
 
 
-def sticks_out(
-    distance: FloatArray, tip: FloatArray, base: FloatArray, width: FloatArray
-) -> NDArray[np.bool_]:
+def sticks_out(distance: FloatArray, tip: FloatArray, base: FloatArray, width: FloatArray) -> Mask:
     """Tell branches from spurs.
 
     The ball at the end of a branch reaches out of the ball where it starts by half of its radius,

@@ -220,12 +220,7 @@ def join_pieces(nodes: Nodes, cell: float, measure: Measure) -> Nodes:
 
 
 def link_points(
-    points: FloatArray,
-    weights: FloatArray,
-    cell: float,
-    measure: Measure,
-    *,
-    most: int,
+    points: FloatArray, weights: FloatArray, cell: float, measure: Measure, *, most: int
 ) -> CurveSkeleton:
     """Return the curve skeleton that a cloud of points near it shows.
 

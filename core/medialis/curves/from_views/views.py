@@ -18,7 +18,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from medialis.base.arrays import Described
+from medialis.base.arrays import Described, Mask
 from medialis.base.errors import InvalidOptionError, InvalidShapeError
 from medialis.base.options import Options, algorithm, number
 from medialis.base.progress import Progress
@@ -147,7 +147,7 @@ class View(Described):
             raise InvalidShapeError("far must not be nearer than near at any pixel.")
 
     @property
-    def mask(self) -> NDArray[np.bool_]:
+    def mask(self) -> Mask:
         """Silhouette, (h, w): True where the shape is."""
         return np.isfinite(self.near)
 
