@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from medialis.base.arrays import Index, Mask
+from medialis.base.arrays import Index, Mask, unit
 from medialis.base.kept import Bound, kept
 from medialis.base.options import Options, algorithm
 from medialis.base.progress import Progress, ProgressCallback
@@ -251,19 +251,13 @@ def _field(paths: Importance) -> tuple[Index, FloatArray, FloatArray]:
     known &= np.isfinite(paths.start_tangent).all(1) & np.isfinite(paths.end_tangent).all(1)
     rows = np.flatnonzero(known)
     first, second = cloud.features[rows].T
-    feature = _unit(points[first] - points[second], 0.0)
+    feature = unit(points[first] - points[second])
     # Both tangents point away from the ball: at the second end that is the way back.
     tangent = paths.start_tangent[rows] - paths.end_tangent[rows]
     tangent -= (feature * tangent).sum(axis=1, keepdims=True) * feature
     tangents = np.full((len(cloud), 3), np.nan)
-    tangents[rows] = _unit(tangent, CANCELLED)
+    tangents[rows] = unit(tangent, least=CANCELLED)
     return rows, frozen(tangents, np.float64), feature
-
-
-def _unit(vectors: FloatArray, least: float) -> FloatArray:
-    """Return unit vectors (n, 3), zero for those that are not longer than so much."""
-    length = np.linalg.norm(vectors, axis=1, keepdims=True)
-    return np.divide(vectors, length, out=np.zeros_like(vectors), where=length > least)
 
 
 def near_balls(cloud: MedialCloud, rows: Index, progress: Progress) -> tuple[IntArray, FloatArray]:

@@ -303,9 +303,8 @@ def endless(cloud: MedialCloud) -> Mask:
     """Tell the inner balls in closed parts that meet no second sample, (k,); there is one."""
     shape = cloud.surface
     result = (cloud.side > 0) & (cloud.status == BallStatus.OPEN)
-    result &= (
-        cloud.radii >= LARGEST_INSIDE * shape.diagonal
-    )  # not so where a small largest_radius ends them
+    # Not so where a small largest_radius ends them.
+    result &= cloud.radii >= LARGEST_INSIDE * shape.diagonal
     return result & in_closed_part(shape, cloud.source) if result.any() else result
 
 

@@ -18,6 +18,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
@@ -478,11 +479,8 @@ def _denoised(shape: Shape, options: Preparation, progress: Progress) -> tuple[S
     tolerance = options.tolerance
     if options.denoise == "off" or shape.faces is None or shape.diagonal == 0.0:
         return shape, tolerance
-
-    def smoothed() -> tuple[Shape, float, float]:
-        return run_patiently(lambda: _without_noise(shape), progress)
-
-    smooth, level, left = kept(_without_noise, shape, None, smoothed, progress)
+    work = partial(run_patiently, lambda: _without_noise(shape), progress)
+    smooth, level, left = kept(_without_noise, shape, None, work, progress)
     if smooth is shape:
         return shape, tolerance
     highest = next(p.high for p in Preparation.parameters() if p.name == "tolerance")
@@ -521,16 +519,12 @@ def _refined(shape: Shape, options: Preparation, progress: Progress) -> Shape:
         fine = refine.of(shape, RefineOptions(longest_edge=fraction), progress)
     if fine is not shape:
         if shape.face_origin is None:
-            fine = run_patiently(
-                lambda: on_smooth_surface(shape, fine, find_creases(shape, options.creases)),
-                progress,
-            )
-        instead = ""
-        if fraction != asked:
-            instead = (
-                f", not {100 * asked:g} %, which would make many more samples than so small a mesh "
-                f"needs (refine below {100 * RefineOptions().longest_edge:g} % makes more)"
-            )
+            creases = run_patiently(lambda: find_creases(shape, options.creases), progress)
+            fine = run_patiently(lambda: on_smooth_surface(shape, fine, creases), progress)
+        instead = (
+            f", not {100 * asked:g} %, which would make many more samples than so small a mesh "
+            f"needs (refine below {100 * RefineOptions().longest_edge:g} % makes more)"
+        ) * (fraction != asked)
         progress.note(
             f"The mesh was refined for the computation: {shape.point_count:,} vertices became "
             f"{fine.point_count:,} samples. Edges longer than {100 * fraction:.3g} % of the "

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from medialis.base.arrays import Index, Ragged
+from medialis.base.arrays import Index, Ragged, unit
 from medialis.base.progress import Progress
 from medialis.base.threads import run_chunks
 from medialis.base.validation import FloatArray, IntArray
@@ -162,7 +162,11 @@ class Walls:
         tree, shape = self.tree, self.shape
         at_own, samples = directions is not None, tree.place[cloud.source]
         # Neighbours share certificates; inner balls, the first, are the same with outer ones.
-        order = _in_tree_order(cloud, tree)
+        n, k = len(tree.order), len(cloud)
+        if k % n == 0 and (cloud.source.reshape(-1, n) == np.arange(n)).all():
+            order = (n * np.arange(k // n)[:, None] + tree.order).ravel()
+        else:
+            order = np.lexsort((samples, -cloud.side))
         samples, signs = samples[order], cloud.side[order]
         if directions is None:
             direction = tree.normals[samples]
@@ -183,14 +187,6 @@ class Walls:
         radii = radii[touching] * lengths.unit
         faces, weights = self.faces[face[touching]], places[touching]
         return _touching_faces(cloud, rows, direction[touching], radii, faces, weights)
-
-
-def _in_tree_order(cloud: MedialCloud, tree: BoxTree) -> Index:
-    """Return the inner balls in the order of the tree, then the outer ones."""
-    n, k = len(tree.order), len(cloud)
-    if k % n == 0 and (cloud.source.reshape(-1, n) == np.arange(n)).all():
-        return (n * np.arange(k // n)[:, None] + tree.order).ravel()
-    return np.lexsort((tree.place[cloud.source], -cloud.side))
 
 
 def _touching_faces(
@@ -283,9 +279,7 @@ def between_samples(cloud: MedialCloud, walls: Walls, tolerance: float) -> Media
     weights[rows, side], weights[rows, (side + 1) % 3] = 1.0 - part, part
     source = corners[rows, np.where(part < 0.5, side, (side + 1) % 3)]
     one, other = surface.face_normals[face], surface.face_normals[second // 3]
-    middle = one + other
-    length = np.linalg.norm(middle, axis=1, keepdims=True)
-    middle = np.divide(middle, length, out=np.zeros_like(middle), where=length > STEEPER)
+    middle = unit(one + other, least=STEEPER)
     cosine = np.clip(np.einsum("ij,ij->i", middle, one), 0.0, 1.0)
     place = np.einsum("ij,ijk->ik", weights, surface.points[corners])
     ends = surface.points[corners[rows, side]] - surface.points[corners[rows, (side + 1) % 3]]

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from medialis.base.arrays import Described, Index, Mask
+from medialis.base.arrays import Described, Index, Mask, unit
 from medialis.base.errors import InvalidShapeError
 from medialis.base.kept import Bound
 from medialis.base.options import Options, whole
@@ -363,10 +363,7 @@ def _through_landmarks(
                 there[k] = other[k]
                 while before[there[k]] != landmark:
                     there[k] = before[there[k]]
-            step = sign * (points[there] - points[here])
-            size = np.linalg.norm(step, axis=1, keepdims=True)
-            unit = np.divide(step, size, out=np.full_like(step, np.nan), where=size > 0)
-            tangents[rows[shorter]] = unit
+            tangents[rows[shorter]] = unit(sign * (points[there] - points[here]), np.nan)
         out.length[rows[shorter]] = length[shorter]
         out.status[rows[shorter]] = PathStatus.EDGES
 

@@ -421,10 +421,5 @@ def relax(cloud: MedialCloud, paths: GeodesicPaths) -> GeodesicPaths:
     origin = np.where(np.isnan(paths.start_tangent[origin, 0]), np.arange(k), origin)
     status = np.array(paths.status)
     status[shorter] = PathStatus.NEIGHBOUR
-    return replace(
-        paths,
-        length=length,
-        start_tangent=paths.start_tangent[origin],
-        end_tangent=paths.end_tangent[origin],
-        status=status,
-    )
+    start, end = paths.start_tangent[origin], paths.end_tangent[origin]
+    return replace(paths, length=length, start_tangent=start, end_tangent=end, status=status)
