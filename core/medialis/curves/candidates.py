@@ -220,14 +220,9 @@ def candidate_measure(cloud: MedialCloud, options: Options, progress: Progress) 
         measure[rows], spread[rows] = sure * length, sure
         tied[rows], turning[rows] = alike | ring, turned
         ends[rows[ring], 1] = opposite[ring]
-    return CandidateMeasure(
-        frozen(measure, np.float64),
-        frozen(spread, np.float64),
-        frozen(turning, np.float64),
-        frozen(tied, np.bool_),
-        frozen(ends, np.int32),
-        cloud=cloud,
-    )
+    measure, spread, turning = (frozen(x, np.float64) for x in (measure, spread, turning))
+    tied, ends = frozen(tied, np.bool_), frozen(ends, np.int32)
+    return CandidateMeasure(measure, spread, turning, tied, ends, cloud=cloud)
 
 
 def _find_ties(

@@ -470,14 +470,10 @@ def simplify_branches(
         middle = (along[kept][1:] + along[kept][:-1]) / 2
         near[row[1:-1]] = names[np.searchsorted(middle, along)][1:-1]
     joined = np.concatenate(edges) if edges else np.empty((0, 2))
-    node = graph.vertex_node
-    simple = CurveSkeleton.of(
-        graph.nodes[stays],
-        joined,
-        graph.radii[stays],
-        importance=graph.importance[stays],
-        vertex_node=None if node is None else np.where(node >= 0, near[node], -1),
-    )
+    node, importance = graph.vertex_node, graph.importance[stays]
+    node = None if node is None else np.where(node >= 0, near[node], -1)
+    known = graph.nodes[stays], joined, graph.radii[stays]
+    simple = CurveSkeleton.of(*known, importance=importance, vertex_node=node)
     # Branches are numbered by their lowest edge, and edges come branch after branch.
     return replace(
         graph, nodes=simple.nodes, edges=simple.edges, radii=simple.radii,

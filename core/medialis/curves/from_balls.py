@@ -234,11 +234,9 @@ def curve_skeleton(
             ground.links, ground.components, ground.strength, wanted, ground.handles, keep, progress
         )
         progress.update(0.5)
+        given = ground.links, edges, options.smoothing, importance
         graph, node_of_sample = run_patiently(
-            lambda: finish_graph(
-                ground.links, edges, options.smoothing, importance, surface.point_areas
-            ),
-            progress,
+            lambda: finish_graph(*given, surface.point_areas), progress
         )
         graph = put_in_surface(cloud, graph, node_of_sample, progress)
         if options.simplify > 0:
@@ -314,16 +312,10 @@ def _linked(
     needed = [(ends[:, 0], ends[:, 1:]) for ends in (surface.edges, cloud.features[cloud.valid])]
     closeness = np.maximum(2 * np.nan_to_num(measured.spread) - 1, 0)
     closeness *= np.minimum(1.0, np.nan_to_num(measured.measure) / level)
-    return link_balls(
-        np.nan_to_num(cloud.centers),
-        np.nan_to_num(cloud.radii),
-        closeness,
-        [(rows, rows[others]) for rows, others in near],
-        needed,
-        spacing=surface.spacing,
-        widths=measured.widths,
-        groups=np.where(cloud.valid, surface.components, -1),
-    )
+    balls = np.nan_to_num(cloud.centers), np.nan_to_num(cloud.radii), closeness
+    links = [(rows, rows[others]) for rows, others in near], needed
+    groups, spacing = np.where(cloud.valid, surface.components, -1), surface.spacing
+    return link_balls(*balls, *links, spacing=spacing, widths=measured.widths, groups=groups)
 
 
 def curve_skeleton_of(shape: Shape, options: Options, progress: Progress) -> CurveSkeleton:

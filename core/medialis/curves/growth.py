@@ -136,11 +136,10 @@ def link_balls(
         list_links(ends, others, kind == 1, groups, centers, radii, places, listed)
     offsets, neighbours = np.empty(k + 1, np.int64), np.empty(len(listed), np.int32)
     neighbours = neighbours[: sort_links(starts, listed, offsets, neighbours)].copy()
-    links = BallLinks(
-        centers, radii, frozen(offsets, np.int64), frozen(neighbours, np.int32),
-        np.empty(len(neighbours)), np.empty(len(neighbours)), spacing,
-        frozen(np.full(k, np.inf) if widths is None else widths, np.float64),
-    )  # fmt: skip
+    balls = centers, radii, frozen(offsets, np.int64), frozen(neighbours, np.int32)
+    blank = np.empty(len(neighbours)), np.empty(len(neighbours))
+    wide = frozen(np.full(k, np.inf) if widths is None else widths, np.float64)
+    links = BallLinks(*balls, *blank, spacing, wide)
     dearness = 1 / (1 / OFF_CURVE + closeness)
     run_chunks(weigh_links, k, BALLS_A_CHUNK, links, dearness)
     return links._replace(length=frozen(links.length, float), cost=frozen(links.cost, float))

@@ -32,7 +32,7 @@ from medialis.operations.declaration import Format, Operation
 from medialis.operations.positions import numbers, places
 from medialis.operations.result import FilterUnit, Layer, Outcome, Result
 from medialis.shape.shape import Shape
-from medialis.skeleton.layers import cloud_arrays, samples_layer
+from medialis.skeleton.layers import cloud_arrays, samples_layer, surface_layers
 from medialis.skeleton.medial_cloud import MedialCloud
 from medialis.skeleton.surface_skeleton import Preparation
 
@@ -245,12 +245,8 @@ def node_attributes(graph: CurveSkeleton) -> dict[str, NDArray[Any]]:
     branch = np.full(len(graph.nodes), -1, np.int32)
     for number in np.argsort(graph.mean_radii, kind="stable").tolist():
         branch[graph.branches[number]] = number
-    return {
-        "radius": graph.radii,
-        "importance": graph.importance,
-        "branch": branch,
-        "degree": graph.degrees,
-    }
+    known = {"radius": graph.radii, "importance": graph.importance}
+    return {**known, "branch": branch, "degree": graph.degrees}
 
 
 def _json_text(graph: CurveSkeleton) -> str:
@@ -421,19 +417,13 @@ def run(shape: Shape, options: CurveSkeletonRun, progress: Progress) -> Outcome:
 
 def _parts_layer(shape: Shape, graph: CurveSkeleton) -> Layer:
     """Layer of the surface with the branch and the node of each of its points."""
-    n = shape.point_count  # a refined shape has the given points first
-    return Layer(
-        "curve_skeleton_parts",
-        shape.points,
-        shape.faces,
-        attributes={
-            "branch": np.asarray(graph.vertex_branch)[:n],
-            "node": np.asarray(graph.vertex_node)[:n],
-        },
-        color_by="branch",
-        labels=("branch",),
-        on_input=True,
-    )
+    own = {"branch": graph.vertex_branch, "node": graph.vertex_node}
+    # A refined shape has the given points first.
+    (layer,) = surface_layers(
+        "curve_skeleton_parts", shape, shape, {key: np.asarray(own[key]) for key in own},
+        color_by="branch", labels=("branch",),
+    )  # fmt: skip
+    return layer
 
 
 def _candidates_layer(cloud: MedialCloud, evidence: CurveEvidence) -> Layer:

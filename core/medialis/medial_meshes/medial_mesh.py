@@ -580,11 +580,8 @@ def medial_mesh(shape: Shape, options: MedialMeshOptions, progress: Progress) ->
     fewer = LateCollapse(lambda: coarser(samples, found).placed(scale, middle))
     if len(found) != options.balls and not options.error:
         _note_count(len(found), options.balls, progress)
-    return MedialMesh.of(
-        found.placed(scale, middle),
-        finer=base.sequence.placed(scale, middle),
-        coarser=fewer,
-    )
+    finer = base.sequence.placed(scale, middle)
+    return MedialMesh.of(found.placed(scale, middle), finer=finer, coarser=fewer)
 
 
 def _base(shape: Shape, options: MedialMeshOptions, progress: Progress) -> Base:

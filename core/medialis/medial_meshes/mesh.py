@@ -20,7 +20,7 @@ from medialis.base.arrays import Described, Index, Mask
 from medialis.base.errors import InvalidShapeError
 from medialis.base.kept import Bound
 from medialis.base.validation import BallRows, FloatArray, IntArray, Positions, frozen, hold
-from medialis.shape.surface import piece_labels
+from medialis.shape.surface import Topology, piece_labels
 from medialis.skeleton.medial_cloud import MedialCloud
 
 
@@ -82,20 +82,9 @@ def sheets_of(points: FloatArray, faces: Index) -> Sheets:
     faces : (f, 3) int
         Each once.
     """
-    faces = np.asarray(faces, np.int64).reshape(-1, 3)
-    count = len(points)
-    if not len(faces):
-        nothing = np.zeros((0, 2), np.int64)
-        return Sheets(np.zeros(0, np.int64), np.full(count, -1), nothing)
-    sides = np.sort(faces[:, [[0, 1], [0, 2], [1, 2]]].reshape(-1, 2), axis=1)
-    keys, row, uses = np.unique(
-        sides @ np.array([count, 1]), return_inverse=True, return_counts=True
-    )
-    owner = np.argsort(row, kind="stable") // 3
-    first = np.cumsum(uses) - uses
-    inner = np.flatnonzero(uses == 2)
-    links = np.stack([owner[first[inner]], owner[first[inner] + 1]], axis=1)
-    pieces = np.asarray(piece_labels(len(faces), links), np.int64)
+    faces, count = np.asarray(faces, np.int64).reshape(-1, 3), len(points)
+    topology = Topology(faces.astype(np.int32), count)
+    table, pieces = topology.edge_table, topology.face_pieces
     corners = points[faces]
     areas = np.linalg.norm(
         np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
@@ -106,7 +95,7 @@ def sheets_of(points: FloatArray, faces: Index) -> Sheets:
     for corner in faces.T:
         np.minimum.at(low, corner, of_faces)
         np.maximum.at(high, corner, of_faces)
-    seams = np.stack(np.divmod(keys[uses > 2], count), axis=1)
+    seams = table.ends[table.counts > 2].astype(np.int64)
     return Sheets(of_faces, np.where(low == high, high, -1), seams)
 
 

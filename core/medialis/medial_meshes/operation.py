@@ -274,19 +274,14 @@ def mesh_of(layer: Layer) -> MedialMesh:
     return MedialMesh.of_rows(np.column_stack([layer.points, radii]), edges, faces)
 
 
-def _write_mesh(path: Path, layer: Layer, unit: str | None) -> None:
-    write_ma(path, mesh_of(layer))
-
-
 def _write_balls(path: Path, layer: Layer, unit: str | None) -> None:
     mesh, excess = mesh_of(layer), float(layer.facts.get("excess_volume", np.nan))
     write_ball_cover(path, BallCover(mesh.centers, mesh.radii, excess), unit=unit)
 
 
 BALL_FORMATS = (
-    Format("ma", _write_mesh),
-    Format("json", _write_balls),
-    Format("urdf", _write_balls),
+    Format("ma", lambda path, layer, unit: write_ma(path, mesh_of(layer))),
+    *(Format(name, _write_balls) for name in ("json", "urdf")),
 )
 """Of layers of balls: a medial mesh, and balls for robots."""
 
@@ -414,17 +409,10 @@ def seams_layer(mesh: MedialMesh) -> tuple[Layer, ...]:
     curve = np.zeros(len(balls), np.int32)
     for number, line in enumerate(lines):
         curve[line] = number
-    return (
-        Layer(
-            "medial_mesh_seams",
-            mesh.centers[balls],
-            edges=edges.astype(np.int32),
-            attributes={"radius": mesh.radii[balls], "seam": curve},
-            color_by="seam",
-            labels=("seam",),
-            role="hidden",
-        ),
-    )
+    known: dict[str, Any] = {"color_by": "seam", "labels": ("seam",), "role": "hidden"}
+    known["attributes"] = {"radius": mesh.radii[balls], "seam": curve}
+    points, edges = mesh.centers[balls], edges.astype(np.int32)
+    return (Layer("medial_mesh_seams", points, edges=edges, **known),)
 
 
 MOST_LEVELS = 6
@@ -490,13 +478,9 @@ def run(shape: Shape, options: MedialMeshRun, progress: Progress) -> Outcome:
         envelope = envelope_surface.of(mesh, options, progress)
     levels = MeshLevels(mesh.with_levels(), shape.diagonal, importance)
     first = levels.layer(len(mesh))
-    surface = Layer(
-        "medial_mesh_envelope",
-        envelope.points,
-        envelope.faces,
-        role="" if options.edited else "hidden",  # what was edited is looked at
-        formats=("glb", "obj"),
-    )
+    role = "" if options.edited else "hidden"  # what was edited is looked at
+    known: dict[str, Any] = {"role": role, "formats": ("glb", "obj")}
+    surface = Layer("medial_mesh_envelope", envelope.points, envelope.faces, **known)
     cover = ball_cover(mesh, shape) if options.cover else None
     layers = [replace(first, formats=("ma",)), surface, *seams_layer(mesh)]
     if cover is not None:
@@ -551,15 +535,9 @@ def _simplified(
 
 def _cover_layer(cover: BallCover) -> Layer:
     """Layer of the balls for robots."""
-    return Layer(
-        "ball_cover",
-        cover.centers,
-        attributes={"radius": cover.radii},
-        color_by="radius",
-        role="hidden",
-        formats=("json", "urdf"),
-        facts={"excess_volume": cover.excess},
-    )
+    known: dict[str, Any] = {"color_by": "radius", "role": "hidden", "formats": ("json", "urdf")}
+    facts, radius = {"excess_volume": cover.excess}, {"radius": cover.radii}
+    return Layer("ball_cover", cover.centers, attributes=radius, facts=facts, **known)
 
 
 def _coarser(levels: MeshLevels, balls: int, count: int) -> list[Layer]:

@@ -209,11 +209,8 @@ def _chains(borders: Borders) -> tuple[FloatArray, Index, Index]:
     pairs = sides[double][crossed[double]].reshape(-1, 2)
     middle, mine = np.repeat(borders.middles, 3, axis=0), sides[borders.triple].ravel()
     tips = np.stack([mine, len(ends) + np.arange(len(mine))], axis=1)
-    return (
-        np.concatenate([borders.points, middle]),
-        np.concatenate([pairs, tips]),
-        np.concatenate([ends, ends[mine]]),
-    )
+    links = np.concatenate([pairs, tips])
+    return np.concatenate([borders.points, middle]), links, np.concatenate([ends, ends[mine]])
 
 
 def smoothed_curves(points: FloatArray, links: Index) -> FloatArray:
@@ -364,15 +361,11 @@ class SheetMeshes(Bound):
         """
         if not 0 <= number < self.sheets.count:
             raise InvalidShapeError(f"There are sheets 0..{self.sheets.count - 1}, got {number}.")
-        used, place = np.unique(self.mesh.faces[self.face_sheet == number], return_inverse=True)
-        return SkeletonMesh(
-            self.mesh.points[used],
-            frozen(place.reshape(-1, 3), np.int32),
-            self.mesh.rows[used],
-            self.mesh.face_origin[self.face_sheet == number],
-            cloud=self.sheets.cloud,
-            selected=self.sheets.labels == number,
-        )
+        mesh, own, mine = self.mesh, self.face_sheet == number, self.sheets.labels == number
+        used, place = np.unique(mesh.faces[own], return_inverse=True)
+        faces, cloud = frozen(place.reshape(-1, 3), np.int32), self.sheets.cloud
+        known = mesh.points[used], faces, mesh.rows[used], mesh.face_origin[own]
+        return SkeletonMesh(*known, cloud=cloud, selected=mine)
 
     def __repr__(self) -> str:
         return f"SheetMeshes({self.sheets.count} sheets, {len(self.mesh.faces)} faces)"
@@ -441,14 +434,9 @@ def _meshed(sheets: MedialSheets) -> SheetMeshes:
     key = pieces.sheet[:, None] * len(points) + pieces.triangles
     own, first, place = np.unique(key, return_index=True, return_inverse=True)
     point_sheet, places = np.divmod(own, len(points)) if len(own) else (own, own)
-    mesh = SkeletonMesh(
-        points[places],
-        frozen(place.reshape(-1, 3), np.int32),
-        frozen(unfolded.rows[pieces.beside.ravel()[first]], np.int32),
-        frozen(pieces.origin, np.int32),
-        cloud=cloud,
-        selected=sheets.labels >= 0,
-    )
+    rows, known = unfolded.rows[pieces.beside.ravel()[first]], sheets.labels >= 0
+    faces, rows, origin = (frozen(x, np.int32) for x in (place.reshape(-1, 3), rows, pieces.origin))
+    mesh = SkeletonMesh(points[places], faces, rows, origin, cloud=cloud, selected=known)
     areas = np.bincount(pieces.sheet, mesh.face_areas, sheets.count).astype(np.float64)
     mean, radius = np.full(sheets.count, np.nan), radii[pieces.triangles].mean(axis=1)
     total = np.bincount(pieces.sheet, mesh.face_areas * radius, sheets.count)

@@ -222,11 +222,8 @@ def _parts(unfolded: Unfolded, ends: Index) -> tuple[FloatArray, FloatArray, Flo
     more = np.maximum(radius[1, 0] - radius[0, 0], 0)
     beyond = np.maximum(radius[0, 1] - radius[1, 1], 0)
     total = more + beyond
-    return (
-        np.divide(more, total, out=np.full(len(ends), 0.5), where=total > 0),
-        radius,
-        center,
-    )
+    part = np.divide(more, total, out=np.full(len(ends), 0.5), where=total > 0)
+    return part, radius, center
 
 
 def _meeting(unfolded: Unfolded, ends: Index) -> tuple[FloatArray, FloatArray]:
@@ -306,11 +303,8 @@ def pieces(
     """
     from medialis.sheets import _kernels as kernels
 
-    graph, u, rows = (
-        kernels.Links(unfolded.graph.offsets, unfolded.graph.indices),
-        len(unfolded),
-        unfolded.rows,
-    )
+    graph = kernels.Links(unfolded.graph.offsets, unfolded.graph.indices)
+    u, rows = len(unfolded), unfolded.rows
     touched = unfolded.cloud.features[rows].T.ravel()
     contacts = kernels.Contacts(
         places=np.concatenate([unfolded.points, unfolded.contacts]),

@@ -70,13 +70,8 @@ def cloud_layer(
 
 def samples_layer(shape: Shape) -> Layer:
     """Layer of the surface as computed on: feature points and sources index its points."""
-    return Layer(
-        "samples",
-        shape.points,
-        shape.faces,
-        attributes={"normal": numbers(shape.normals)},
-        auxiliary=True,
-    )
+    normals = {"normal": numbers(shape.normals)}
+    return Layer("samples", shape.points, shape.faces, attributes=normals, auxiliary=True)
 
 
 def summary(values: FloatArray, name: str) -> dict[str, float | None]:
@@ -148,18 +143,10 @@ def surface_layers(
             faces[f"face_{name}"] = (
                 _input_face_labels(shape, segmentation) if on_input else segmentation.of_faces()
             )
-        layers.append(
-            Layer(
-                name if on_input else "samples",
-                target.points,
-                target.faces,
-                attributes={k: v[: target.point_count] for k, v in attributes.items()},
-                face_attributes=faces,
-                on_input=on_input,
-                auxiliary=not on_input,
-                **options,
-            )
-        )
+        own = {key: values[: target.point_count] for key, values in attributes.items()}
+        known: dict[str, Any] = {"attributes": own, "face_attributes": faces, "on_input": on_input}
+        called, known["auxiliary"] = name if on_input else "samples", not on_input
+        layers.append(Layer(called, target.points, target.faces, **known, **options))
     return tuple(layers)
 
 
@@ -230,10 +217,6 @@ def segmentation_outcome(
             "diagonal": fine.diagonal,
             "spacing": fine.spacing,
         },
-        arrays={
-            **cloud_arrays(cloud),
-            name: labels,
-            f"face_{name}": segmentation.of_faces(),
-        },
+        arrays={**cloud_arrays(cloud), name: labels, f"face_{name}": segmentation.of_faces()},
         shown=layers[-1:],
     )

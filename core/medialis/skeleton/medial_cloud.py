@@ -117,8 +117,8 @@ class Balls(Bound):
             selection = selection.astype(selection.dtype if selection.dtype == bool else np.int64)
         return replace(self, **{name: getattr(self, name)[selection] for name in COLUMNS})
 
-    def with_rows(self, rows: NDArray[Any], **columns: NDArray[Any]) -> Self:
-        """Return these balls with other values of some columns in some rows."""
+    def with_rows(self, rows: NDArray[Any], **columns: Any) -> Self:
+        """Return these balls with other values of some columns in some rows: arrays, or one."""
         changed = {name: np.array(getattr(self, name)) for name in columns}
         for name, values in columns.items():
             changed[name][rows] = values
@@ -523,14 +523,9 @@ def shrink_options(diagonal: float, tolerance: float, largest_radius: float) -> 
     unit = math.ldexp(1.0, math.frexp(diagonal)[1] - 1)
     size = diagonal / unit
     clearance = CLEARANCE * tolerance * size
-    return Shrinking(
-        unit,
-        tolerance * size,
-        clearance,
-        largest_radius * size,
-        max(COINCIDENT * size, clearance) ** 2,
-        FLOAT32_MARGIN * size * (1.0 + largest_radius),
-    )
+    near2 = max(COINCIDENT * size, clearance) ** 2
+    margin = FLOAT32_MARGIN * size * (1.0 + largest_radius)
+    return Shrinking(unit, tolerance * size, clearance, largest_radius * size, near2, margin)
 
 
 def sample_tree(shape: Shape, progress: Progress) -> BoxTree:

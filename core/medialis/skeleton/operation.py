@@ -154,13 +154,8 @@ def _measured(
     diagonal, threshold = cloud.surface.diagonal, options.threshold
     if threshold == HIDDEN_BELOW:  # a value of the user's own stays
         threshold = _shown_from(cloud, importance)
-    layer = cloud_layer(
-        "surface_skeleton",
-        cloud,
-        {"importance": importance},
-        unit=FilterUnit.length(diagonal, "threshold"),
-        hidden_below=threshold,
-    )
+    shown, unit = {"importance": importance}, FilterUnit.length(diagonal, "threshold")
+    layer = cloud_layer("surface_skeleton", cloud, shown, unit=unit, hidden_below=threshold)
     # A few points are far more important than the rest, which would all have one colour.
     finite = importance[np.isfinite(importance)]
     if len(finite):
@@ -397,11 +392,8 @@ def run_skeleton_importance(
             paths=around,
         )
     shown, measures = cloud.subset(mask), local_measures(cloud)
-    own = {
-        "importance": importance[mask],
-        "feature_radius": measures["feature_radius"][mask],
-        "radius_ratio": measures["radius_ratio"][mask],
-    }
+    own = {"importance": importance[mask]}
+    own |= {name: measures[name][mask] for name in ("feature_radius", "radius_ratio")}
     unit = FilterUnit.length(fine.diagonal, "threshold")
     layer = cloud_layer("skeleton_importance", shown, own, unit=unit)
     return Outcome(
@@ -516,16 +508,12 @@ def _layer(drawn: list[tuple[int, Geodesic]]) -> Layer:
     first = np.cumsum(counts) - counts
     index = np.arange(counts.sum())
     inside = np.delete(index, first + counts - 1)  # a last point begins no edge
-    return Layer(
-        "geodesic_path",
-        np.concatenate([path.points for _, path in drawn]),
-        edges=np.stack([inside, inside + 1], axis=1).astype(np.int32),
-        attributes={
-            "distance": np.concatenate([places_along(path.points) for _, path in drawn]),
-            "pair": np.repeat(np.array([row for row, _ in drawn], np.int32), counts),
-        },
-        color_by="distance",
-    )
+    points = np.concatenate([path.points for _, path in drawn])
+    edges = np.stack([inside, inside + 1], axis=1).astype(np.int32)
+    distance = np.concatenate([places_along(path.points) for _, path in drawn])
+    pair = np.repeat(np.array([row for row, _ in drawn], np.int32), counts)
+    known = {"distance": distance, "pair": pair}
+    return Layer("geodesic_path", points, edges=edges, attributes=known, color_by="distance")
 
 
 def _read_pairs(path: str) -> Index:

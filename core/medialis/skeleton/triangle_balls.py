@@ -205,16 +205,11 @@ def _touching_faces(
     apart = np.linalg.norm(surface.points[corners] - contact[:, None], axis=2)
     second = corners[np.arange(len(rows)), apart.argmin(axis=1)]
     centers = own - radii[:, None] * directions
-    return cloud.with_rows(
-        rows,
-        centers=centers,
-        radii=radii,
-        features=np.stack([cloud.source[rows], second], axis=1),
-        status=np.full(len(rows), BallStatus.OK),
-        spoke_angles=angles_between(directions, contact - centers),
-        contact_faces=faces,
-        contact_weights=weights,
-    )
+    features, status = np.stack([cloud.source[rows], second], axis=1), BallStatus.OK
+    balls = {"centers": centers, "radii": radii, "features": features, "status": status}
+    angles = angles_between(directions, contact - centers)
+    touching = {"contact_faces": faces, "contact_weights": weights}
+    return cloud.with_rows(rows, **balls, spoke_angles=angles, **touching)
 
 
 def angles_between(one: FloatArray, other: FloatArray) -> FloatArray:
@@ -244,16 +239,11 @@ def with_edge_balls(cloud: MedialCloud, creases: Creases, tolerance: float) -> M
     rows = rows[(lowest[source] > 0) & (lowest[source] < 1 - STEEPER)]
     source = cloud.source[rows]
     inward = -surface.normals[source] * cloud.side[rows, None]
-    return cloud.with_rows(
-        rows,
-        centers=surface.points[source] + depth * inward,
-        radii=depth * lowest[source],
-        features=np.stack([source, source], axis=1),
-        status=np.full(len(rows), BallStatus.OK),
-        spoke_angles=2.0 * np.arccos(lowest[source]),
-        contact_faces=np.full(len(rows), -1),
-        contact_weights=np.zeros((len(rows), 3)),
-    )
+    centers, radii = surface.points[source] + depth * inward, depth * lowest[source]
+    features, angles = np.stack([source, source], axis=1), 2.0 * np.arccos(lowest[source])
+    balls = {"centers": centers, "radii": radii, "features": features, "spoke_angles": angles}
+    on_none = {"status": BallStatus.OK, "contact_faces": -1, "contact_weights": 0.0}
+    return cloud.with_rows(rows, **balls, **on_none)
 
 
 def between_samples(cloud: MedialCloud, walls: Walls, tolerance: float) -> MedialCloud:
@@ -293,18 +283,10 @@ def between_samples(cloud: MedialCloud, walls: Walls, tolerance: float) -> Media
     radii = walls.room(place - (depth * sign)[:, None] * middle, depth)
     fits = radii >= LEAST_FIT * depth * cosine
     depth, radii = np.where(fits, depth, small), np.where(fits, radii, small * cosine)
-    balls = MedialCloud(
-        place - (depth * sign)[:, None] * middle,
-        radii,
-        np.stack([source, source], axis=1),
-        source,
-        np.full(len(face), BallStatus.OK),
-        2.0 * np.arccos(cosine),
-        sign,
-        face,
-        weights,
-        surface=surface,
-    )
+    centers, features = place - (depth * sign)[:, None] * middle, np.stack([source, source], axis=1)
+    status, angles = np.full(len(face), BallStatus.OK), 2.0 * np.arccos(cosine)
+    touching = centers, radii, features, source, status, angles, sign, face, weights
+    balls = MedialCloud(*touching, surface=surface)
     return balls.subset(fits | (part > 0))  # the sample itself has the small one
 
 

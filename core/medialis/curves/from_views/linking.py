@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -93,13 +93,8 @@ class Nodes:
         """Return the chosen nodes and the links between them."""
         number = np.cumsum(keep) - 1
         stay = keep[self.links].all(axis=1)
-        return Nodes(
-            self.points[keep],
-            self.density[keep],
-            self.radii[keep],
-            number[self.links[stay]].astype(np.int32),
-            self.lengths[stay],
-        )
+        kept = self.points[keep], self.density[keep], self.radii[keep]
+        return Nodes(*kept, number[self.links[stay]].astype(np.int32), self.lengths[stay])
 
 
 def merge_cells(
@@ -209,9 +204,7 @@ def join_pieces(nodes: Nodes, cell: float, measure: Measure) -> Nodes:
                 joined[joined == max(p, q)] = min(p, q)
                 links.append(pairs[row : row + 1].astype(np.int32))
                 sizes.append(lengths[row : row + 1])
-        nodes = Nodes(
-            nodes.points, nodes.density, nodes.radii, np.concatenate(links), np.concatenate(sizes)
-        )
+        nodes = replace(nodes, links=np.concatenate(links), lengths=np.concatenate(sizes))
     if len(nodes.points) == 0:
         return nodes
     piece = pieces_of(nodes)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import logging
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -48,6 +49,7 @@ def run(shape: Shape, options: ViewCurveSkeletonRun, progress: Progress) -> Outc
     """Render, match, sharpen, link, and say where a curve is a poor description."""
     curve = view_curve_skeleton.of(shape, options, progress)
     points = curve.view_points or ViewPoints(np.empty((0, 3)), np.empty(0))
+    by_pairs: dict[str, Any] = {"color_by": "pairs", "filter_by": "pairs", "auxiliary": True}
     _note_doubts(shape, curve, progress)
     return Outcome(
         shape=shape,
@@ -60,14 +62,7 @@ def run(shape: Shape, options: ViewCurveSkeletonRun, progress: Progress) -> Outc
                 color_by="radius",
                 labels=("branch",),
             ),
-            Layer(
-                "view_points",
-                points.points,
-                attributes={"pairs": points.weights},
-                color_by="pairs",
-                filter_by="pairs",
-                auxiliary=True,
-            ),
+            Layer("view_points", points.points, attributes={"pairs": points.weights}, **by_pairs),
         ),
         values={
             "nodes": len(curve.nodes),
