@@ -496,20 +496,15 @@ def sheet_share(cloud: MedialCloud, graph: CurveSkeleton) -> float:
 def _note_shape(surface: Shape, evidence: CurveEvidence, progress: Progress) -> None:
     """Say what about the surface makes the result less certain."""
     if surface.point_count < FEW_SAMPLES:
-        progress.note(
+        text = (
             f"The shape has only {counted(surface.point_count, 'sample')}; a curve skeleton needs "
-            f"at least about {FEW_SAMPLES}. Refine the mesh.",
-            "few_samples",
-            level=logging.WARNING,
-            samples=surface.point_count,
+            f"at least about {FEW_SAMPLES}. Refine the mesh."
         )
+        progress.note(text, "few_samples", level=logging.WARNING, samples=surface.point_count)
     parts = surface.part_count
     if parts > 1:
-        progress.note(
-            f"The shape has {parts} separate parts; each has a graph of its own.",
-            "separate_parts",
-            parts=parts,
-        )
+        text = f"The shape has {parts} separate parts; each has a graph of its own."
+        progress.note(text, "separate_parts", parts=parts)
     if evidence.seams:
         progress.note(
             f"The surface touches itself at {counted(evidence.seams, 'place')}; the "
@@ -518,13 +513,11 @@ def _note_shape(surface: Shape, evidence: CurveEvidence, progress: Progress) -> 
             seams=evidence.seams,
         )
     if evidence.unclear:
-        progress.note(
+        text = (
             f"At {counted(evidence.unclear, 'edge')} it is not known what is inside: a wall ends "
-            "there, or the surface has only one side. The number of handles is the best guess.",
-            "handles_uncertain",
-            level=logging.WARNING,
-            edges=evidence.unclear,
+            "there, or the surface has only one side. The number of handles is the best guess."
         )
+        progress.note(text, "handles_uncertain", level=logging.WARNING, edges=evidence.unclear)
     if surface.border_edges > 0:
         progress.note(
             f"The shape is open: {counted(surface.border_edges, 'edge', verbs=('lies', 'lie'))} at "
@@ -552,23 +545,19 @@ def _note_result(graph: CurveSkeleton, sheet: float, progress: Progress) -> None
     """Say where a curve skeleton says little about the shape."""
     alone = int((graph.degrees == 0).sum())
     if alone:
-        progress.note(
+        text = (
             f"{counted(alone, 'part', of=graph.component_count, verbs=('is', 'are'))} a single "
             "node. Round shapes have no direction, small parts lie below the threshold, and thin "
-            "ones need smaller candidates.",
-            "single_nodes",
-            parts=alone,
-            of=graph.component_count,
+            "ones need smaller candidates."
         )
+        progress.note(text, "single_nodes", parts=alone, of=graph.component_count)
     if sheet > SHEET_SHARE:
-        progress.note(
+        text = (
             f"{100 * sheet:.0f} % of the surface reaches more than {SHEET_RADII:g} radii off the "
             "curve skeleton. Thin sheets have no meaningful curve skeleton (use surface_skeleton), "
-            "and thin limbs need smaller candidates.",
-            "thin_sheets",
-            level=logging.WARNING,
-            share=sheet,
+            "and thin limbs need smaller candidates."
         )
+        progress.note(text, "thin_sheets", level=logging.WARNING, share=sheet)
 
 
 OPERATION = Operation(

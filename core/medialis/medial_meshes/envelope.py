@@ -263,13 +263,11 @@ def envelope_surface(
     diagonal = float(np.linalg.norm(high - low))
     cell, finest = _cells(envelope, low, high, options.cell * diagonal)
     if cell > options.cell * diagonal:
-        progress.note(
+        text = (
             f"Cells of {options.cell:g} diagonals would be more than {MOST_CELLS:,}: they are "
-            f"{cell / diagonal:.2g} diagonals wide instead.",
-            "cell_enlarged",
-            wanted=options.cell,
-            cell=cell / diagonal,
+            f"{cell / diagonal:.2g} diagonals wide instead."
         )
+        progress.note(text, "cell_enlarged", wanted=options.cell, cell=cell / diagonal)
     best: Surface | None = None
     for k, found in enumerate(_variants(envelope, low, high, cell, finest)):
         progress.update(k / VARIANTS)

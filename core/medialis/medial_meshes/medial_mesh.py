@@ -229,17 +229,12 @@ def refined(given: Complex, faults: Fault, most: int, apart: float = APART) -> C
         place = faults.places[i]
         if any(((place - other) ** 2).sum() < apart**2 for other in done):
             continue
-        row, shares = _foot(result, faults.feet[i])
+        envelope = Envelope.of(result)
+        _, nearest, (shares,) = envelope.distances(faults.feet[i][None])
+        row = envelope.rows[nearest[0]]
         result = subdivided(result, row, shares, _new_ball(result, row, shares, faults.balls[i]))
         done.append(place)
     return result
-
-
-def _foot(given: Complex, place: FloatArray) -> tuple[Index, FloatArray]:
-    """Return the primitive nearest to a place, and the shares of its balls there."""
-    envelope = Envelope.of(given)
-    _, row, shares = envelope.distances(place[None])
-    return envelope.rows[row[0]], shares[0]
 
 
 def _new_ball(given: Complex, row: Index, shares: FloatArray, wanted: FloatArray) -> FloatArray:
@@ -338,7 +333,7 @@ class Search:
         within = np.column_stack([within[:, :3], np.zeros(count), np.full(count, STRICT)])
         self._all = Target(samples.points, samples.normals, np.sort(rows), within, base.bounds)
         few = np.sort(rows[: int(EARLY * len(rows))])
-        self._early = self._all.looking_at(few, within[: int(EARLY * WITHIN)])
+        self._early = replace(self._all, rows=few, within=within[: int(EARLY * WITHIN)])
 
     @cached_property
     def _everywhere(self) -> tuple[FloatArray, FloatArray]:
@@ -596,19 +591,14 @@ def _base(shape: Shape, options: MedialMeshOptions, progress: Progress) -> Base:
         with progress.stage("sampling", 0.0, 0.7):
             fine = fine_complex(solid, count, options.relief, options.seed, progress)
         with progress.stage("collapse", 0.7, 1.0):
-            return _collapsed(solid, fine)
+            start, samples = Complex(fine.balls, fine.edges, fine.faces), fine.samples
+            sequence, bounds = run_together(
+                lambda: collapse(start, planes_of(samples, fine.balls, fine.pole), 1),
+                lambda: Bounds(samples.points, samples.normals),  # in order for the fits
+            )
+            return Base(solid, fine, sequence, bounds)
 
     return kept(_base, shape, (count, options.relief, options.seed), work, progress)
-
-
-def _collapsed(solid: Solid, fine: FineComplex) -> Base:
-    """Collapse a fine complex; meanwhile the points that bound the fits are put in order."""
-    start, samples = Complex(fine.balls, fine.edges, fine.faces), fine.samples
-    sequence, bounds = run_together(
-        lambda: collapse(start, planes_of(samples, fine.balls, fine.pole), 1),
-        lambda: Bounds(samples.points, samples.normals),
-    )
-    return Base(solid, fine, sequence, bounds)
 
 
 def _fitted(
@@ -620,12 +610,8 @@ def _fitted(
 
 def _note_count(found: int, wanted: int, progress: Progress) -> None:
     why = "its topology needs them" if found > wanted else "its fine complex has no more"
-    progress.note(
-        f"The mesh has {counted(found, 'ball')} instead of {wanted:,}: {why}.",
-        "ball_count",
-        balls=found,
-        wanted=wanted,
-    )
+    text = f"The mesh has {counted(found, 'ball')} instead of {wanted:,}: {why}."
+    progress.note(text, "ball_count", balls=found, wanted=wanted)
 
 
 def _smallest(base: Base, options: MedialMeshOptions, progress: Progress) -> Complex:
@@ -661,10 +647,8 @@ def _smallest(base: Base, options: MedialMeshOptions, progress: Progress) -> Com
 
 
 def _note_error(found: float, balls: int, wanted: float, progress: Progress) -> None:
-    progress.note(
+    text = (
         f"The error of {wanted:.2g} diagonals was not reached: with {counted(balls, 'ball')} it is "
-        f"{found:.2g}, and more balls do not lower it. More samples may.",
-        "error_not_reached",
-        error=found,
-        wanted=wanted,
+        f"{found:.2g}, and more balls do not lower it. More samples may."
     )
+    progress.note(text, "error_not_reached", error=found, wanted=wanted)

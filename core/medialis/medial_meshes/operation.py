@@ -524,12 +524,8 @@ def _simplified(
     found = important_mesh(mesh, importance, threshold)
     stays = {tuple(ball) for ball in found.complex.balls.tolist()}
     kept = np.array([tuple(ball) in stays for ball in mesh.complex.balls.tolist()])
-    progress.note(
-        f"{counted(len(mesh) - len(found), 'ball')} of {len(mesh):,} left out as less important.",
-        "less_important",
-        balls=len(mesh) - len(found),
-        of=len(mesh),
-    )
+    text = f"{counted(len(mesh) - len(found), 'ball')} of {len(mesh):,} left out as less important."
+    progress.note(text, "less_important", balls=len(mesh) - len(found), of=len(mesh))
     return found, importance[kept]
 
 

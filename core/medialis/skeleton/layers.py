@@ -166,13 +166,11 @@ def note_unseen(layer: Layer, count: int, progress: Progress) -> None:
     labels = np.unique(np.concatenate(fields))
     unseen = count - int((labels >= 0).sum())
     if unseen:
-        progress.note(
+        text = (
             f"{unseen} of {count} segments hold no vertex of the input and no whole face, since it "
-            "is coarse: the layer samples shows them.",
-            "segments_unseen",
-            unseen=unseen,
-            segments=count,
+            "is coarse: the layer samples shows them."
         )
+        progress.note(text, "segments_unseen", unseen=unseen, segments=count)
 
 
 def border_layer(segmentation: Segmentation) -> tuple[Layer, ...]:

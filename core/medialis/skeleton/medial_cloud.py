@@ -553,14 +553,11 @@ def note_outcome(cloud: MedialCloud, tolerance: float, progress: Progress) -> No
         reason = "folded or degenerate faces meet there"
         if shape.faces is None:
             reason = "the one given is zero or no number"
-        progress.note(
+        text = (
             f"{counted(bare, 'sample', of=len(cloud), verbs=('has', 'have'))} no normal and so no "
-            f"ball: {reason}.",
-            "no_normal",
-            samples=bare,
-            of=len(cloud),
-            level=logging.WARNING,
+            f"ball: {reason}."
         )
+        progress.note(text, "no_normal", samples=bare, of=len(cloud), level=logging.WARNING)
     for sign, name in ((1, "inner"), (-1, "outer")):
         mine = cloud.side == sign
         count = int(((cloud.status == BallStatus.OPEN) & mine).sum())
@@ -568,11 +565,8 @@ def note_outcome(cloud: MedialCloud, tolerance: float, progress: Progress) -> No
             reason = "the surface is open there" if sign > 0 else "nothing faces them"
             if sign > 0 and run_patiently(lambda: hidden_walls(cloud, tolerance), progress).any():
                 reason = "walls are thinner than the tolerance there, or normals point inward"
-            progress.note(
+            text = (
                 f"{counted(count, f'{name} ball', of=int(mine.sum()), verbs=('meets', 'meet'))} no "
-                f"second sample within the largest radius ({reason}); no skeleton point follows.",
-                "open_balls",
-                balls=count,
-                of=int(mine.sum()),
-                side=name,
+                f"second sample within the largest radius ({reason}); no skeleton point follows."
             )
+            progress.note(text, "open_balls", balls=count, of=int(mine.sum()), side=name)

@@ -164,15 +164,12 @@ def _measured(
     if hidden == len(cloud):
         layer, hidden = replace(layer, filter_default=0.0), 0
     if hidden:
-        progress.note(
+        text = (
             f"{counted(hidden, 'skeleton point', of=len(cloud), verbs=('is', 'are'))} hidden: the "
             f"importance is below {100 * threshold:.3g} % of the size, as it is for bumps and "
-            "noise (threshold = 0 shows all).",
-            "hidden_points",
-            hidden=hidden,
-            points=len(cloud),
-            threshold=threshold,
+            "noise (threshold = 0 shows all)."
         )
+        progress.note(text, "hidden_points", hidden=hidden, points=len(cloud), threshold=threshold)
     return layer
 
 
@@ -353,10 +350,8 @@ def run_skeleton_importance(
         with progress.stage("surface", 0.0, 0.05):
             given = shape
             shape = kept(surface_of_cloud, given, None, lambda: surface_of_cloud(given), progress)
-        progress.note(
-            "A surface was built through the points of the cloud. Check it in the layer samples.",
-            "surface_built",
-        )
+        text = "A surface was built through the points of the cloud. Check it in the layer samples."
+        progress.note(text, "surface_built")
     with progress.stage("skeleton", 0.0, 0.2):
         cloud = surface_skeleton.of(shape, options, progress)
     fine = cloud.surface
@@ -374,15 +369,13 @@ def run_skeleton_importance(
     unreached = int(np.isinf(paths.length).sum())
     if unreached:
         infinite = int(np.isinf(importance).sum())  # connecting pieces changes some
-        progress.note(
+        text = (
             f"{counted(unreached, 'skeleton point', verbs=('lies', 'lie'))} between separate parts "
             "of the shape, so that no path joins the two feature points. "
             f"{counted(infinite, 'point', verbs=('has', 'have'))} infinite importance; every "
-            "threshold keeps them.",
-            "between_parts",
-            points=unreached,
-            infinite=infinite,
+            "threshold keeps them."
         )
+        progress.note(text, "between_parts", points=unreached, infinite=infinite)
     around = int((paths.status == PathStatus.EDGES).sum())
     if around:
         progress.note(
@@ -477,13 +470,11 @@ def run_geodesic_path(shape: Shape, options: GeodesicPathRun, progress: Progress
             + ": they lie in different components."
         )
     if len(drawn) < len(paths):
-        progress.note(
+        text = (
             f"No path joins the vertices of {len(paths) - len(drawn)} of "
-            f"{counted(len(paths), 'pair')}: they lie in different components.",
-            "unjoined_pairs",
-            pairs=len(paths) - len(drawn),
-            of=len(paths),
+            f"{counted(len(paths), 'pair')}: they lie in different components."
         )
+        progress.note(text, "unjoined_pairs", pairs=len(paths) - len(drawn), of=len(paths))
     lengths = np.array([math.inf if path is None else path.length for path in paths])
     values: dict[str, Any] = {"pairs": len(paths), **summary(lengths, "length")}
     if len(paths) == 1:

@@ -240,15 +240,13 @@ def _with_lower_tolerance(
         columns = {n: np.concatenate([getattr(one, n) for one in cured]) for n in COLUMNS}
         cloud = cloud.with_rows(np.concatenate(rows), **columns)
         of = shape.point_count
-        progress.note(
+        text = (
             f"{counted(count, 'sample', of=of, verbs=('lies', 'lie'))} on a wall thinner than the "
             f"tolerance of {100 * tolerance:.3g} % of the diagonal. The balls there were computed "
-            f"with a tolerance of down to {100 * finer:.3g} %.",
-            "thin_walls",
-            level=logging.WARNING,
-            samples=count,
-            of=of,
-            tolerance=finer,
+            f"with a tolerance of down to {100 * finer:.3g} %."
+        )
+        progress.note(
+            text, "thin_walls", level=logging.WARNING, samples=count, of=of, tolerance=finer
         )
     return cloud
 
@@ -486,14 +484,12 @@ def _denoised(shape: Shape, options: Preparation, progress: Progress) -> tuple[S
     highest = next(p.high for p in Preparation.parameters() if p.name == "tolerance")
     raised = min(max(tolerance, left / shape.diagonal), highest)
     text = f", with a tolerance of {100 * raised:.3f} %" if raised > tolerance else ""
-    progress.note(
+    said = (
         f"The surface is noisy: its vertices lie {100 * level / shape.diagonal:.2g} % of the "
         f"diagonal off a smooth surface ({level / shape.spacing:.2g} of the spacing). A smoothed "
-        f"copy was used{text} (denoise = off turns this off).",
-        "denoised",
-        noise=level / shape.diagonal,
-        tolerance=raised,
+        f"copy was used{text} (denoise = off turns this off)."
     )
+    progress.note(said, "denoised", noise=level / shape.diagonal, tolerance=raised)
     return smooth, raised
 
 

@@ -95,24 +95,20 @@ def _note_doubts(shape: Shape, curve: CurveSkeleton, progress: Progress) -> None
     away, node = run_patiently(lambda: cKDTree(curve.nodes).query(shape.points), progress)
     share = float((away > FAR_RADII * curve.radii[node]).mean())
     if share > SHEET_SHARE:
-        progress.note(
+        text = (
             f"{100 * share:.0f} % of the surface lies further than {FAR_RADII:g} radii from the "
             "curve skeleton: the shape is a sheet there, or no view shows it. Use surface_skeleton "
-            "for sheets.",
-            "thin_sheets",
-            share=share,
-            level=logging.WARNING,
+            "for sheets."
         )
+        progress.note(text, "thin_sheets", share=share, level=logging.WARNING)
     parts = int(shape.components.max()) + 1
     if curve.component_count != parts and shape.faces is not None:
-        progress.note(
+        text = (
             f"The shape has {counted(parts, 'connected part')}, the curve skeleton "
             f"{curve.component_count}. Parts that touch or overlap are joined, parts thinner than "
-            "two pixels are left out, and thin places may be cut (raise size).",
-            "parts_differ",
-            parts=parts,
-            components=curve.component_count,
+            "two pixels are left out, and thin places may be cut (raise size)."
         )
+        progress.note(text, "parts_differ", parts=parts, components=curve.component_count)
 
 
 OPERATION = Operation(
