@@ -203,10 +203,8 @@ def candidate_measure(cloud: MedialCloud, options: Options, progress: Progress) 
         turned = turning[rows]
         ball_of = np.full(shape.point_count, -1)
         ball_of[cloud.features[rows, 0]] = rows
-        balls = Balls(
-            rows, near, distance, length, tangent, feature, cloud.centers, cloud.radii,
-            cloud.features, shape.points, ball_of,
-        )  # fmt: skip
+        known = cloud.centers, cloud.radii, cloud.features, shape.points
+        balls = Balls(rows, near, distance, length, tangent, feature, *known, ball_of)
         still = progress.still
         run_chunks(find_rings, r, POINTS_A_CHUNK, balls, ring, opposite, turned, progress=still)
         # Which of two equal geodesics was found is chance, and in a round tube with regular samples

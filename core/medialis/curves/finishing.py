@@ -475,10 +475,8 @@ def simplify_branches(
     known = graph.nodes[stays], joined, graph.radii[stays]
     simple = CurveSkeleton.of(*known, importance=importance, vertex_node=node)
     # Branches are numbered by their lowest edge, and edges come branch after branch.
-    return replace(
-        graph, nodes=simple.nodes, edges=simple.edges, radii=simple.radii,
-        importance=simple.importance, branch=simple.branch, vertex_node=simple.vertex_node,
-    )  # fmt: skip
+    changed = ("nodes", "edges", "radii", "importance", "branch", "vertex_node")
+    return replace(graph, **{name: getattr(simple, name) for name in changed})
 
 
 def _kept(points: FloatArray, bound: FloatArray, least: int) -> Index:

@@ -241,17 +241,13 @@ def curve_skeleton(
         graph = put_in_surface(cloud, graph, node_of_sample, progress)
         if options.simplify > 0:
             graph = simplify_branches.of(graph, options, progress)
-    evidence = CurveEvidence(
-        ground.measured,
-        frozen(ground.candidates, np.int32),
-        ground.importance,
-        frozen(enough, np.bool_),
-        {number: one.genus for number, one in ground.handles.items()},
-        {number: len(turns) for number, turns in loops.items()},
-        _missing(ground.handles, loops),
-        sum(one.seams for one in ground.handles.values()),
-        sum(one.unclear for one in ground.handles.values()),
-    )
+    handles = ground.handles
+    candidates, stay = frozen(ground.candidates, np.int32), frozen(enough, np.bool_)
+    genus = {number: one.genus for number, one in handles.items()}
+    closed = {number: len(turns) for number, turns in loops.items()}
+    doubts = (sum(getattr(one, name) for one in handles.values()) for name in ("seams", "unclear"))
+    topology = genus, closed, _missing(handles, loops), *doubts
+    evidence = CurveEvidence(ground.measured, candidates, ground.importance, stay, *topology)
     of_nodes = run_patiently(
         lambda: node_importance(cloud, graph, ground.candidates, ground.importance), progress
     )

@@ -379,19 +379,12 @@ def run(shape: Shape, options: CurveSkeletonRun, progress: Progress) -> Outcome:
     graph, sheet = described(shape, options, progress)
     cloud, evidence = graph.cloud, graph.evidence
     assert cloud is not None and evidence is not None
+    known = _by_importance(cloud.surface)
+    known |= {"attributes": node_attributes(graph), "color_by": "radius", "labels": ("branch",)}
     return Outcome(
         shape=cloud.surface,
         layers=(
-            Layer(
-                "curve_skeleton",
-                graph.nodes,
-                edges=graph.edges,
-                attributes=node_attributes(graph),
-                color_by="radius",
-                labels=("branch",),
-                filter_by="importance",
-                filter_unit=FilterUnit.length(cloud.surface.diagonal, "threshold", power=2.0),
-            ),
+            Layer("curve_skeleton", graph.nodes, edges=graph.edges, **known),
             _parts_layer(shape, graph),
             *([_candidates_layer(cloud, evidence)] if len(evidence.candidates) else []),
             samples_layer(cloud.surface),
@@ -426,22 +419,18 @@ def _parts_layer(shape: Shape, graph: CurveSkeleton) -> Layer:
     return layer
 
 
+def _by_importance(surface: Shape) -> dict[str, Any]:
+    """How the slider of a layer filters areas of importance."""
+    unit = FilterUnit.length(surface.diagonal, "threshold", power=2.0)
+    return {"filter_by": "importance", "filter_unit": unit}
+
+
 def _candidates_layer(cloud: MedialCloud, evidence: CurveEvidence) -> Layer:
-    rows = evidence.candidates
-    return Layer(
-        "curve_skeleton_candidates",
-        cloud.centers[rows],
-        attributes={
-            "measure": evidence.measured.measure[rows],
-            "importance": evidence.importance,
-            "kept": evidence.kept.astype(np.int32),
-            "source": cloud.source[rows],
-        },
-        color_by="measure",
-        filter_by="importance",
-        filter_unit=FilterUnit.length(cloud.surface.diagonal, "threshold", power=2.0),
-        auxiliary=True,
-    )
+    rows, known = evidence.candidates, _by_importance(cloud.surface)
+    measured = {"measure": evidence.measured.measure[rows], "importance": evidence.importance}
+    source, stay = cloud.source[rows], evidence.kept.astype(np.int32)
+    known |= {"attributes": {**measured, "kept": stay, "source": source}, "color_by": "measure"}
+    return Layer("curve_skeleton_candidates", cloud.centers[rows], auxiliary=True, **known)
 
 
 def _values(

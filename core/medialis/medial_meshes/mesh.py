@@ -451,10 +451,8 @@ def important_mesh(mesh: MedialMesh, importance: ArrayLike, threshold: float) ->
     edges, faces = _triangles_taken(mesh, low)
     balls = _ends_taken(mesh, low, edges, faces)
     number = np.cumsum(balls) - 1
-    return MedialMesh(
-        mesh.centers[balls], mesh.radii[balls],
-        number[mesh.edges[edges]], number[mesh.faces[faces]],
-    )  # fmt: skip
+    kept = number[mesh.edges[edges]], number[mesh.faces[faces]]
+    return MedialMesh(mesh.centers[balls], mesh.radii[balls], *kept)
 
 
 def _sides(mesh: MedialMesh) -> Index:

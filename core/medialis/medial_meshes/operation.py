@@ -328,11 +328,12 @@ class MeshLevels:
         on_faces: dict[str, NDArray[Any]] = {}
         if len(mesh.faces):
             on_faces["sheet"] = mesh.sheets.of_faces.astype(np.int32)
+        faces, edges = (rows if len(rows) else None for rows in (mesh.faces, bare))
         return Layer(
             "medial_mesh",
             mesh.centers,
-            mesh.faces if len(mesh.faces) else None,
-            bare if len(bare) else None,
+            faces,
+            edges,
             attributes=attributes,
             face_attributes=on_faces,
             color_by="radius",
@@ -483,12 +484,16 @@ def run(shape: Shape, options: MedialMeshRun, progress: Progress) -> Outcome:
     surface = Layer("medial_mesh_envelope", envelope.points, envelope.faces, **known)
     cover = ball_cover(mesh, shape) if options.cover else None
     layers = [replace(first, formats=("ma",)), surface, *seams_layer(mesh)]
+    values = _values(mesh, error, shape)
+    if importance is not None:
+        values |= summary(importance, "importance")
     if cover is not None:
         layers.append(_cover_layer(cover))
+        values |= {"cover_balls": len(cover), "cover_excess": cover.excess}
     return Outcome(
         shape=shape,
         layers=(*layers, *_coarser(levels, len(mesh), options.levels)),
-        values={**_values(mesh, error, shape), **_further(cover, importance)},
+        values=values,
         arrays={
             "centers": places(mesh.centers),
             "mesh_radii": mesh.radii,
@@ -570,16 +575,6 @@ def _values(mesh: MedialMesh, error: EnvelopeDistance, shape: Shape) -> dict[str
         **summary(mesh.radii, "radius"),
         "diagonal": shape.diagonal,
     }
-
-
-def _further(cover: BallCover | None, importance: FloatArray | None) -> dict[str, Any]:
-    """Values of what was asked for besides."""
-    values: dict[str, Any] = {}
-    if importance is not None:
-        values |= summary(importance, "importance")
-    if cover is not None:
-        values |= {"cover_balls": len(cover), "cover_excess": cover.excess}
-    return values
 
 
 OPERATION = Operation(

@@ -49,18 +49,13 @@ def cloud_layer(
     and spoke angle.
     """
     first = first or {}
+    one, other = cloud.features.T
+    known = {**first, "radius": cloud.radii, "spoke_angle": cloud.spoke_angles}
+    known |= {"feature_1": one, "feature_2": other, "source": cloud.source, "side": cloud.side}
     return Layer(
         name,
         cloud.centers,
-        attributes={
-            **first,
-            "radius": cloud.radii,
-            "spoke_angle": cloud.spoke_angles,
-            "feature_1": cloud.features[:, 0],
-            "feature_2": cloud.features[:, 1],
-            "source": cloud.source,
-            "side": cloud.side,
-        },
+        attributes=known,
         color_by=next(iter(first), "radius"),
         filter_by=next(iter(first), "spoke_angle"),
         filter_unit=unit or (FilterUnit() if first else FilterUnit.degrees()),

@@ -129,10 +129,8 @@ def run_surface_skeleton(shape: Shape, options: SurfaceSkeletonRun, progress: Pr
     layer = cloud_layer("surface_skeleton", shown)
     if importance is not None:
         layer = _measured(shown, importance[mask], options, progress)
-        values |= {
-            "hidden_points": int(layer.hidden.sum()),
-            **summary(importance[mask], "importance"),
-        }
+        values["hidden_points"] = int(layer.hidden.sum())
+        values |= summary(importance[mask], "importance")
         arrays["importance"] = importance
     return Outcome(shape=fine, layers=(layer, samples_layer(fine)), values=values, arrays=arrays)
 
@@ -485,12 +483,8 @@ def run_geodesic_path(shape: Shape, options: GeodesicPathRun, progress: Progress
             "found": path.status.name.lower(),
         }
     values["path_points"] = sum(len(path.points) for _, path in drawn)
-    return Outcome(
-        shape=shape,
-        layers=(_layer(drawn),),
-        values=values,
-        arrays={"pairs": pairs, "length": lengths},
-    )
+    arrays = {"pairs": pairs, "length": lengths}
+    return Outcome(shape=shape, layers=(_layer(drawn),), values=values, arrays=arrays)
 
 
 def _layer(drawn: list[tuple[int, Geodesic]]) -> Layer:

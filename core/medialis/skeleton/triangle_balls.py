@@ -274,10 +274,8 @@ def between_samples(cloud: MedialCloud, walls: Walls, tolerance: float) -> Media
     place = np.einsum("ij,ijk->ik", weights, surface.points[corners])
     ends = surface.points[corners[rows, side]] - surface.points[corners[rows, (side + 1) % 3]]
     small = _depth(cloud, tolerance)
-    depth = np.minimum(
-        DEPTH_BETWEEN * np.linalg.norm(ends, axis=1),
-        LARGEST_GAP * surface.diagonal / np.maximum(1.0 - cosine, STEEPER),
-    )
+    most = LARGEST_GAP * surface.diagonal / np.maximum(1.0 - cosine, STEEPER)
+    depth = np.minimum(DEPTH_BETWEEN * np.linalg.norm(ends, axis=1), most)
     depth = np.maximum(depth, small)
     # They lie `depth` off a place of the surface, which is no nearer than that.
     radii = walls.room(place - (depth * sign)[:, None] * middle, depth)

@@ -49,19 +49,14 @@ def run(shape: Shape, options: ViewCurveSkeletonRun, progress: Progress) -> Outc
     """Render, match, sharpen, link, and say where a curve is a poor description."""
     curve = view_curve_skeleton.of(shape, options, progress)
     points = curve.view_points or ViewPoints(np.empty((0, 3)), np.empty(0))
+    own = {k: v for k, v in node_attributes(curve).items() if k != "importance"}
+    known: dict[str, Any] = {"attributes": own, "color_by": "radius", "labels": ("branch",)}
     by_pairs: dict[str, Any] = {"color_by": "pairs", "filter_by": "pairs", "auxiliary": True}
     _note_doubts(shape, curve, progress)
     return Outcome(
         shape=shape,
         layers=(
-            Layer(
-                "view_curve_skeleton",
-                curve.nodes,
-                edges=curve.edges,
-                attributes={k: v for k, v in node_attributes(curve).items() if k != "importance"},
-                color_by="radius",
-                labels=("branch",),
-            ),
+            Layer("view_curve_skeleton", curve.nodes, edges=curve.edges, **known),
             Layer("view_points", points.points, attributes={"pairs": points.weights}, **by_pairs),
         ),
         values={
