@@ -12,7 +12,7 @@ from medialis.base import cache_folder
 COMPUTE = """\
 import numpy as np
 from medialis.base._kernels import find_root
-from medialis.curves._candidate_kernels import median_of
+from medialis.curves._kernels import median_of
 print(find_root(np.array([0, 0, 1], np.int32), 2), median_of(np.array([3.0, 1.0, 2.0])))
 """
 RESULT = "0 2.0"
@@ -307,7 +307,7 @@ def test_without_home_and_entry_of_the_user_kernels_are_kept_under_the_temporary
 
 def test_the_median_of_no_candidate_is_0():
     """With a single candidate, which has no neighbour, memory before the array was read (fixed)."""
-    from medialis.curves._candidate_kernels import median_of
+    from medialis.curves._kernels import median_of
 
     for values, median in (([], 0.0), ([5.0], 5.0), ([4.0, 1.0], 2.5), ([3.0, 9.0, 1.0], 3.0)):
         assert median_of(np.array(values)) == median

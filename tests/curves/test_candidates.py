@@ -165,7 +165,7 @@ def test_the_area_grows_from_the_ends_of_a_tube_to_its_middle():
 
 
 def test_wedges_of_a_spheroid_add_up_to_its_area():
-    from medialis.curves._candidate_kernels import spheroid_wedge
+    from medialis.curves._kernels import spheroid_wedge
 
     # Oblate spheroid with radii 2, 2, 1: 2 pi a^2 + pi (c^2 / e) ln((1 + e) / (1 - e)).
     e = np.sqrt(1 - 0.25)
@@ -177,7 +177,7 @@ def test_wedges_of_a_spheroid_add_up_to_its_area():
 
 def test_a_spheroid_thinner_than_rounding_has_the_area_of_its_disc():
     """On a tube 1e13 long, 1e-4 wide, the eccentricity rounds to 1: importance was NaN (fixed)."""
-    from medialis.curves._candidate_kernels import spheroid_wedge
+    from medialis.curves._kernels import spheroid_wedge
 
     for width in (0.0, 1e-16, 0.99e-8, 1.01e-8, 1e-6):
         assert abs(spheroid_wedge(width, 1.0, 0.5) - 0.5) < 1e-10

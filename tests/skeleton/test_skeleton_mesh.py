@@ -9,7 +9,7 @@ from medialis.base.errors import Cancelled, InvalidOptionError, InvalidShapeErro
 from medialis.base.threads import thread_limit
 from medialis.shape.shape import Shape
 from medialis.skeleton._ball_kernels import in_balls
-from medialis.skeleton.ball_shrinking import shrink_balls as surface_skeleton
+from medialis.skeleton.medial_cloud import shrink_balls as surface_skeleton
 from medialis.skeleton.skeleton_mesh import RADIUS_SLACK, SkeletonMesh
 
 ALL = {"min_spoke_angle": 0.0, "smallest_piece": 0.0}

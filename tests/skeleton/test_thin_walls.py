@@ -9,7 +9,7 @@ import closed_forms as forms
 import medialis
 from medialis import MedialCloud, Progress, Shape, make_shape, shrink_balls
 from medialis.base.threads import thread_limit
-from medialis.skeleton.ball_shrinking import (
+from medialis.skeleton.medial_cloud import (
     DEFAULT_TOLERANCE,
     THINNEST,
     hidden_walls,

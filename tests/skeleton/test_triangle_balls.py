@@ -10,7 +10,7 @@ from medialis.base.box_tree import NearestTree
 from medialis.base.progress import Progress
 from medialis.base.threads import thread_limit
 from medialis.shape.creases import find_creases
-from medialis.skeleton.ball_shrinking import DEFAULT_TOLERANCE, sample_tree
+from medialis.skeleton.medial_cloud import DEFAULT_TOLERANCE, sample_tree
 from medialis.skeleton.triangle_balls import Walls
 from oracles import winding_numbers
 

@@ -7,7 +7,7 @@ import closed_forms as forms
 import medialis
 from medialis.shape.graph import Enclosure
 from medialis.show.reports.measures import distance_to_surface
-from medialis.skeleton.ball_shrinking import DEFAULT_TOLERANCE
+from medialis.skeleton.medial_cloud import DEFAULT_TOLERANCE
 
 
 def solid(points, faces):

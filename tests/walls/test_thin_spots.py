@@ -9,7 +9,7 @@ import closed_forms as forms
 from medialis.base.errors import InvalidOptionError, InvalidShapeError
 from medialis.shape.generate import organic_shape
 from medialis.shape.shape import Shape
-from medialis.skeleton.ball_shrinking import DEFAULT_TOLERANCE, shrink_balls
+from medialis.skeleton.medial_cloud import DEFAULT_TOLERANCE, shrink_balls
 from medialis.walls.thickness import thickness
 from medialis.walls.thin_spots import PlaceGraph, low_places, thin_spots
 

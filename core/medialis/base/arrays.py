@@ -195,6 +195,13 @@ Index = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
 
+def unit(vectors: NDArray[Any], instead: Any = 0.0, least: float = 0.0) -> NDArray[np.float64]:
+    """Return rows divided by their length; `instead` where it is not above `least`."""
+    length = np.linalg.norm(vectors, axis=1, keepdims=True)
+    out = np.array(np.broadcast_to(instead, vectors.shape), np.float64)
+    return np.divide(vectors, length, out=out, where=length > least)
+
+
 @dataclass(frozen=True, eq=False)
 class EdgeTable:
     """Half-edges grouped by the undirected edge they lie on.

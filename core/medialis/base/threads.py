@@ -213,13 +213,13 @@ def _steps(result: object) -> Iterator[None]:
 
 
 def run_chunks(
-    work: Callable[[int, int], object],
+    work: Callable[..., object],
     count: int,
     chunk: int,
-    *,
+    *given: Any,
     progress: Progress | None = None,
 ) -> None:
-    """Call `work(begin, end)` for consecutive ranges of `chunk` items that cover 0..count.
+    """Call `work(begin, end, *given)` for consecutive ranges of `chunk` items that cover 0..count.
 
     The calling thread works too and reports progress between its own chunks. The first exception
     (of a kernel, a cancelling progress callback, or Ctrl-C) stops all threads after the chunk they
@@ -227,7 +227,7 @@ def run_chunks(
     between its steps as well.
     """
     with interrupts_held() as failures:
-        _run_chunks(work, count, chunk, progress, failures)
+        _run_chunks(lambda *span: work(*span, *given), count, chunk, progress, failures)
 
 
 def run_together(*works: Callable[[], object], progress: Progress | None = None) -> list[Any]:

@@ -29,14 +29,14 @@ from medialis.base.threads import run_chunks
 from medialis.base.validation import FloatArray, as_normals, as_points
 from medialis.batches.engine import cluster, hand_out, warn_if_open
 from medialis.formats.files import OutputFolder, reason
-from medialis.skeleton.ball_shrinking import (
+from medialis.skeleton.importance.importance import measures_of_points
+from medialis.skeleton.medial_cloud import (
     SAMPLES_A_CHUNK,
+    Balls,
     Shrinking,
     ShrinkOptions,
     shrink_options,
 )
-from medialis.skeleton.importance.importance import measures_of_points
-from medialis.skeleton.medial_cloud import Balls
 
 if TYPE_CHECKING:
     from medialis.base._box_tree_kernels import BoxTree
@@ -172,7 +172,7 @@ def shrink_chunks(
     out = tuple(results[name] for name in names)
 
     def work(begin: int, end: int) -> None:
-        options.run(tree, first + begin, first + end, 1, out)
+        options.run(first + begin, first + end, tree, 1, out)
 
     run_chunks(work, last - first, SAMPLES_A_CHUNK, progress=progress)
 

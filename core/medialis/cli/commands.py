@@ -186,7 +186,7 @@ def _of_folder(folder: Path) -> list[Outcome]:
 
 def _of_layer(file: Path) -> Outcome | None:
     """Read a layer or a graph that medialis wrote; None for any other file."""
-    from medialis.curves.formats import read_curve_skeleton
+    from medialis.curves.operation import read_curve_skeleton
     from medialis.exchange.libraries import Drawn
     from medialis.formats.ply_attributes import read_ply_attributes
 

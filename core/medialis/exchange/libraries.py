@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from medialis.base.errors import InvalidOptionError, InvalidShapeError
 from medialis.curves.curve_skeleton import CurveSkeleton
-from medialis.curves.formats import node_attributes, read_curve_skeleton, tree_of
+from medialis.curves.operation import node_attributes, read_curve_skeleton, tree_of
 from medialis.formats import files
 from medialis.formats.ply_attributes import write_layer_ply
 from medialis.formats.shells import write_inp, write_msh

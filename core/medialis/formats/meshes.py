@@ -273,7 +273,7 @@ def read_mesh(path: str | os.PathLike[str]) -> MeshData:
         if suffix in _THROUGH_TRIMESH or data.startswith(b"glTF"):
             binary_gltf = data.startswith(b"glTF")
             return _read_with_trimesh(name, "glb" if binary_gltf else suffix.lstrip("."))
-        if not stl.is_binary_stl(data):
+        if not (data.startswith(b"ply") or stl.is_binary_stl(data)):
             data = data.removeprefix(codecs.BOM_UTF8)  # some editors put it before any text
             if data[:400].lstrip().startswith(b"ISO-10303-21"):
                 return _read_step(data)
@@ -311,6 +311,8 @@ def _looks_like(kind: str, data: bytes, expected: bool) -> bool:
 def _format_of(suffix: str, data: bytes) -> tuple[str, tuple[Message, ...]]:
     """Return the format and what to tell when it is not that of the extension."""
     expected = _EXTENSIONS.get(suffix)
+    if expected == "ply" and _looks_like(expected, data, True):
+        return expected, ()
     # OBJ and point text have no mark of their own, so the marks of the others are looked at first.
     marked = [kind for kind in ("ply", "off", "stl") if _looks_like(kind, data, False)]
     if expected and expected in (marked or [expected]) and _looks_like(expected, data, True):

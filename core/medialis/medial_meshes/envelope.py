@@ -153,7 +153,7 @@ class Envelope:
         count = len(places)
         found = Nearest(np.empty(count), np.empty(count, np.int64), np.empty((count, 3)))
         given = frozen(places, np.float64), self.primitives, enough, found
-        run_chunks(lambda begin, end: nearest_primitive(begin, end, *given), count, PLACES_A_CHUNK)
+        run_chunks(nearest_primitive, count, PLACES_A_CHUNK, *given)
         return found
 
 
@@ -263,13 +263,11 @@ def envelope_surface(
     diagonal = float(np.linalg.norm(high - low))
     cell, finest = _cells(envelope, low, high, options.cell * diagonal)
     if cell > options.cell * diagonal:
-        progress.note(
+        text = (
             f"Cells of {options.cell:g} diagonals would be more than {MOST_CELLS:,}: they are "
-            f"{cell / diagonal:.2g} diagonals wide instead.",
-            "cell_enlarged",
-            wanted=options.cell,
-            cell=cell / diagonal,
+            f"{cell / diagonal:.2g} diagonals wide instead."
         )
+        progress.note(text, "cell_enlarged", wanted=options.cell, cell=cell / diagonal)
     best: Surface | None = None
     for k, found in enumerate(_variants(envelope, low, high, cell, finest)):
         progress.update(k / VARIANTS)

@@ -19,9 +19,8 @@ from numpy.typing import ArrayLike, NDArray
 from medialis.base.options import METERS, changed, choice
 from medialis.base.progress import Progress
 from medialis.base.validation import FloatArray
-from medialis.curves.formats import graph_formats
 from medialis.curves.from_balls import CurveSkeletonOptions
-from medialis.curves.operation import described
+from medialis.curves.operation import described, graph_formats
 from medialis.formats.gltf import TRIANGLES, VERTICES, Buffer, middle_of
 from medialis.operations.declaration import Format, Operation
 from medialis.operations.positions import numbers, place, places

@@ -87,12 +87,7 @@ class SoftEdges(Bound):
 
     def __post_init__(self) -> None:
         n, k = self.cloud.surface.point_count, len(self.cloud)
-        hold(
-            self,
-            radius=(np.float64, n),
-            angle=(np.float64, n),
-            rim=(np.bool_, k),
-        )
+        hold(self, radius=n, angle=n, rim=k)
 
     def __repr__(self) -> str:
         count = int(np.isfinite(self.radius).sum())

@@ -138,10 +138,10 @@ class Segmentation(Bound):
             )
         object.__setattr__(self, "labels", frozen(labels, np.int32))
         if self.face_labels is not None:
-            hold(self, face_labels=(np.int32, self.surface.face_count))
+            hold(self, face_labels=self.surface.face_count)
         if self.joins is not None:
             j = len(self.joins)
-            hold(self, joins=(np.int32, j, 2), join_levels=(np.float64, j))
+            hold(self, joins=(j, 2), join_levels=j)
 
     def __repr__(self) -> str:
         return f"Segmentation({self.count} segments of {len(self.labels)} samples)"
