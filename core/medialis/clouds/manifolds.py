@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from medialis.base.arrays import Ragged
+from medialis.base.arrays import Ragged, kd_tree
 from medialis.base.errors import InvalidShapeError
 from medialis.base.kept import Bound, kept
 from medialis.base.options import Options, algorithm, angle, flag, whole
@@ -221,15 +221,13 @@ class Speakers:
         A place that was left out has that of the nearest chosen one in a manifold, if there is one
         as near as it must have been.
         """
-        from scipy.spatial import cKDTree
-
         row = np.full(len(self.places), -1)
         row[self.chosen] = np.arange(len(self.chosen))
         left = np.flatnonzero(row < 0)
         if len(left):
             good = np.flatnonzero(found.manifolds.lengths > 0)
             for rows in (np.arange(len(self.chosen)), good):
-                tree = cKDTree(self.places[self.chosen[rows]])
+                tree = kd_tree(self.places[self.chosen[rows]])
                 reach = ROUNDED * self.apart
                 near = tree.query(self.places[left], distance_upper_bound=reach)[1]
                 some = near < len(rows)

@@ -15,6 +15,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from medialis.base.arrays import kd_tree
 from medialis.base.progress import Progress
 from medialis.base.threads import run_chunks, run_patiently
 from medialis.base.validation import FloatArray
@@ -205,9 +206,7 @@ def _in_the_middle(
 
     Points that are chosen for being apart lie there far more often than others.
     """
-    from scipy.spatial import cKDTree
-
-    around = cKDTree(points).query_ball_point(chosen, SCATTERS_APART * scatter, return_length=True)
+    around = kd_tree(points).query_ball_point(chosen, SCATTERS_APART * scatter, return_length=True)
     close = np.linalg.norm(chosen[near] - chosen[:, None], axis=2) < SURFACE_THICKNESS * scatter
     return np.asarray(around >= MIDDLE_DENSITY * np.where(close, around[near], 0).max(axis=1))
 
@@ -219,9 +218,7 @@ def neighbours_of(
 
     The points must differ.
     """
-    from scipy.spatial import cKDTree
-
-    tree = run_patiently(lambda: cKDTree(points), progress)
+    tree = run_patiently(lambda: kd_tree(points), progress)
     near = np.empty((len(queries), count), np.int32)
 
     def search(begin: int, end: int) -> None:

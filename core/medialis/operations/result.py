@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from medialis.base.arrays import Described
 from medialis.base.errors import InvalidShapeError
 from medialis.base.options import AREAS, LENGTHS, RADIANS, Kind, with_unit
-from medialis.base.validation import Positions, as_faces, as_points
+from medialis.base.validation import Positions
 from medialis.operations.positions import Listed, Place, of_array
 from medialis.shape.shape import Shape
 
@@ -245,10 +245,12 @@ class Layer(Described):
     levels: Levels | None = None
 
     def __post_init__(self) -> None:
-        count = len(as_points(self.points, f"points of layer {self.name}"))
-        faces = 0
-        if self.faces is not None:
-            faces = len(as_faces(self.faces, count, f"faces of layer {self.name}"))
+        count, faces = len(self.points), 0 if self.faces is None else len(self.faces)
+        for name, array in (("points", self.points), ("faces", self.faces)):
+            if array is not None and np.shape(array)[1:] != (3,):
+                raise InvalidShapeError(
+                    f"{name} of layer {self.name} must have 3 columns, got {np.shape(array)}."
+                )
         for rows, attributes in ((count, self.attributes), (faces, self.face_attributes)):
             for name, values in attributes.items():
                 if len(values) != rows:

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from medialis.base.arrays import kd_tree
 from medialis.base.errors import InvalidShapeError
 from medialis.base.kept import Bound
 from medialis.base.options import Options, algorithm, length, number
@@ -503,14 +504,12 @@ def _skin(rig: Bones, surface: Surface, smoothing: float) -> SkinWeights:
 
 def _nodes_everywhere(points: FloatArray, curve: CurveSkeleton) -> IntArray:
     """Return the node of each vertex; those without one take it from the nearest vertex."""
-    from scipy.spatial import cKDTree
-
     node = np.array(curve.vertex_node)
     missing = node < 0
     if missing.all():
-        return cKDTree(curve.nodes).query(points)[1].astype(np.int32)
+        return kd_tree(curve.nodes).query(points)[1].astype(np.int32)
     if missing.any():
-        node[missing] = node[~missing][cKDTree(points[~missing]).query(points[missing])[1]]
+        node[missing] = node[~missing][kd_tree(points[~missing]).query(points[missing])[1]]
     return node
 
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from medialis.base.arrays import follow, places_along
+from medialis.base.arrays import follow, kd_tree, places_along
 from medialis.base.validation import FloatArray, IntArray
 from medialis.curves.curve_skeleton import CurveSkeleton
 
@@ -339,8 +339,6 @@ def _planes(
     limbs: list[Limb], kept: list[int], rows: FloatArray, lengths: FloatArray
 ) -> list[Plane]:
     """Return the best planes, fitted."""
-    from scipy.spatial import cKDTree
-
     step = lengths.sum() / SAMPLES
     samples = np.concatenate(
         [
@@ -349,7 +347,7 @@ def _planes(
         ]
     )
     points = samples[:, :3]
-    tree = cKDTree(points)
+    tree = kd_tree(points)
     middle = points.mean(axis=0)
     axes = np.linalg.eigh(np.cov((points - middle).T))[1].T
     planes = [_facing(axis, middle) for axis in axes]

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from medialis.base.arrays import Described
+from medialis.base.arrays import Described, kd_tree
 from medialis.base.errors import InvalidOptionError, InvalidShapeError
 from medialis.base.kept import kept
 from medialis.base.options import Options, algorithm, changed, choice, flag, length, whole
@@ -416,10 +416,8 @@ def _seed_rows(
         ]
     rows = np.union1d(rows, _balls_of(cloud, usable, options.add))
     if len(options.remove) and len(rows):
-        from scipy.spatial import cKDTree
-
         gone = cloud.centers[_balls_of(cloud, usable, options.remove)]
-        away = cKDTree(gone).query(cloud.centers[rows])[0]
+        away = kd_tree(gone).query(cloud.centers[rows])[0]
         rows = rows[away > options.search_radius * cloud.surface.diagonal]
     if len(rows) == 0:
         raise InvalidOptionError(

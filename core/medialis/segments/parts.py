@@ -26,6 +26,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from medialis.base.arrays import kd_tree
 from medialis.base.errors import InvalidShapeError
 from medialis.base.kept import kept
 from medialis.base.options import Options, algorithm, changed, choice, number, whole
@@ -104,13 +105,11 @@ def node_widths(skeleton: CurveSkeleton) -> FloatArray:
     The samples are those of all nodes in its ball. At least the radius; much larger in flat places
     such as the palm of a hand.
     """
-    from scipy.spatial import cKDTree
-
     v, nodes, radii = len(skeleton.nodes), skeleton.nodes, skeleton.radii
     node, area, distance = _samples_with_node(skeleton)
     weight = np.bincount(node, area, minlength=v)
     total = np.bincount(node, area * distance, minlength=v)
-    inside = cKDTree(nodes).query_ball_point(nodes, radii, return_sorted=True)
+    inside = kd_tree(nodes).query_ball_point(nodes, radii, return_sorted=True)
     ball = np.repeat(np.arange(v), [len(one) for one in inside])
     member = np.concatenate([np.asarray(one, np.int64) for one in inside])
     same = skeleton.components[ball] == skeleton.components[member]

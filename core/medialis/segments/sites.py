@@ -29,7 +29,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from medialis.base.arrays import Ragged
+from medialis.base.arrays import Ragged, kd_tree
 from medialis.base.kept import Bound
 from medialis.base.threads import run_chunks
 from medialis.base.validation import FloatArray, IntArray
@@ -182,15 +182,13 @@ def all_placements(
     cloud: MedialCloud, count: int = SITES, placements: int = PLACEMENTS
 ) -> list[Sites]:
     """Spread about `count` sites over the surface of a mesh several times; none without area."""
-    from scipy.spatial import cKDTree
-
     surface = _unit_surface(cloud)
     if not surface.area > 0.0:
         return []
     frame, used = principal_axes(surface), np.flatnonzero(surface.used_points)
     side = APART_ACROSS * np.sqrt(surface.area / count)
     samples = np.concatenate([surface.points, side * cloud.surface.normals], axis=1)
-    tree = cKDTree(samples[used])
+    tree = kd_tree(samples[used])
     placed = []
     for placement in range(placements):
         places, normals = even_places(surface, count, placement, frame)

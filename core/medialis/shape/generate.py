@@ -14,6 +14,7 @@ from itertools import count
 import numpy as np
 from numpy.typing import NDArray
 
+from medialis.base.arrays import kd_tree
 from medialis.base.validation import FloatArray, IntArray, as_whole_number, frozen
 from medialis.shape.normals import ring_normals
 from medialis.shape.shape import Shape
@@ -381,9 +382,7 @@ def _place_teeth(count: int, rng: np.random.Generator) -> _Teeth:
 
 def _gum_distance(points: FloatArray, curve: FloatArray) -> NDArray[np.float64]:
     """Distance to a rounded band along the curve."""
-    from scipy.spatial import cKDTree
-
-    beside = cKDTree(curve[:, :2]).query(points[:, :2])[0] - (_GUM_HALF_WIDTH - _GUM_ROUND)
+    beside = kd_tree(curve[:, :2]).query(points[:, :2])[0] - (_GUM_HALF_WIDTH - _GUM_ROUND)
     above = np.abs(points[:, 2]) - (_GUM_HALF_HEIGHT - _GUM_ROUND)
     outside = np.hypot(np.maximum(beside, 0.0), np.maximum(above, 0.0))
     return outside + np.minimum(np.maximum(beside, above), 0.0) - _GUM_ROUND

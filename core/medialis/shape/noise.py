@@ -15,7 +15,7 @@ normals to be of use.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -304,4 +304,4 @@ def _plate(shape: Shape, length: float) -> Shape:
         before, size = size, np.einsum("ij,ij->j", rest, ready)
         step = ready + size / np.maximum(before, 1e-300) * step
     points = shape.points + change
-    return replace(shape, points=points, normals=ring_normals(points, shape.faces))
+    return shape.remade(points=points, normals=ring_normals(points, shape.faces))

@@ -17,7 +17,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from medialis.base.arrays import Ragged, first_equal_row
+from medialis.base.arrays import Ragged, first_equal_row, kd_tree
 from medialis.base.errors import InvalidShapeError
 from medialis.base.options import Options, algorithm, whole
 from medialis.base.progress import Progress, counted
@@ -174,8 +174,6 @@ def estimate_normals(points: ArrayLike, options: NormalsOptions, progress: Progr
     >>> bool((np.einsum("ij,ij->i", normals, points) > 0.9).all())
     True
     """
-    from scipy.spatial import cKDTree
-
     points = as_points(points)
     views = None if options.viewpoints is None else as_viewpoints(options.viewpoints, len(points))
     centered = points - points.mean(axis=0)
@@ -192,7 +190,7 @@ def estimate_normals(points: ArrayLike, options: NormalsOptions, progress: Progr
     progress.update(0.0)
     centered /= size  # squared distances of tiny or huge clouds stay in range
     k = min(options.neighbours, len(points) - 1) + 1
-    tree = run_patiently(lambda: cKDTree(centered), progress)
+    tree = run_patiently(lambda: kd_tree(centered), progress)
     near = np.empty((len(points), k), np.int64)
 
     def search(begin: int, end: int) -> None:

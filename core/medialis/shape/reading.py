@@ -19,7 +19,6 @@ from __future__ import annotations
 import logging
 import os
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
 from typing import Any, Protocol, TypeAlias
 
 import numpy as np
@@ -443,4 +442,4 @@ def surface_of_cloud(shape: ShapeLike) -> Shape:
     triangles = corners[tetrahedron[:, None], _FACES[face]]
     flipped = volume[tetrahedron] < 0
     triangles[flipped] = triangles[flipped][:, [0, 2, 1]]
-    return replace(shape, faces=triangles.astype(np.int32), face_map=None, face_origin=None)
+    return shape.remade(faces=triangles.astype(np.int32), face_map=None, face_origin=None)

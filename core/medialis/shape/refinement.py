@@ -27,6 +27,7 @@ from typing import Any, NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
+from medialis.base.arrays import kd_tree
 from medialis.base.errors import InvalidShapeError
 from medialis.base.options import Options, algorithm, length
 from medialis.base.progress import Progress
@@ -424,13 +425,11 @@ def refine_where(shape: Shape, allowed: FloatArray, most_points: int = MOST_POIN
     Shape
         As `refine` returns it; the same object when nothing is to do.
     """
-    from scipy.spatial import cKDTree
-
     near = np.flatnonzero(np.isfinite(allowed))
     if len(near) == 0:
         return shape
     scale = power_of_two_scale(shape.points)
-    tree, bound = cKDTree(shape.points * scale), allowed * scale
+    tree, bound = kd_tree(shape.points * scale), allowed * scale
     cut = begun = Cut.of(Surface.of_checked(shape.points * scale, np.asarray(shape.faces)))
     try:
         for _ in range(MOST_HALVINGS):
@@ -445,32 +444,17 @@ def refine_where(shape: Shape, allowed: FloatArray, most_points: int = MOST_POIN
 
 def _with_faces_of(shape: Shape, cut: Cut, scale: float) -> Shape:
     """Return a shape with the points and faces that it was cut into, as lengths times `scale`."""
-    points, faces = np.array(cut.points), cut.faces.astype(np.int32)
-    face_origin = cut.origin.astype(np.int32)
-    n = shape.point_count
-    points /= scale
+    points, faces, n = cut.points / scale, cut.faces.astype(np.int32), shape.point_count
     points[:n] = shape.points
-    normals = np.concatenate(
-        [shape.normals, ring_normals(points, faces[has_new(faces, n)], smooth=False)[n:]]
-    )
+    around = ring_normals(points, faces[has_new(faces, n)], smooth=False)
     origin = np.full(len(points), -1, np.int32)
     origin[:n] = np.arange(n) if shape.origin is None else shape.origin
-    of_faces = {
-        name: values[face_origin]
-        for name in ("face_map", "patches")
-        if (values := getattr(shape, name)) is not None
-    }
-    if shape.face_origin is not None:
-        face_origin = shape.face_origin[face_origin]
-    return replace(
-        shape,
-        points=points,
-        normals=normals,
-        faces=faces,
-        origin=origin,
-        face_origin=face_origin,
-        **of_faces,
-    )
+    made = {"points": points, "normals": np.concatenate([shape.normals, around[n:]])}
+    made |= {"faces": faces, "origin": origin, "face_origin": cut.origin.astype(np.int32)}
+    for name in ("face_origin", "face_map", "patches"):
+        if (values := getattr(shape, name)) is not None:
+            made[name] = values[cut.origin]
+    return shape.remade(**made)
 
 
 def affordable_edge(shape: Shape, fraction: float) -> float:
@@ -611,7 +595,7 @@ def on_smooth_surface(shape: Shape, fine: Shape, creases: Creases) -> Shape:
     directions = np.array(fine.normals)
     smooth = ~on_crease & mean.any(axis=1)
     directions[n:] = np.where(smooth[:, None], mean, around[n:])
-    return replace(fine, points=points, normals=directions)
+    return fine.remade(points=points, normals=directions)
 
 
 def _unfolded(fine: Shape, n: int, step: FloatArray) -> NDArray[np.float64]:

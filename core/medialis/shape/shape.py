@@ -113,6 +113,18 @@ class Shape(Surface):
                     )
                 object.__setattr__(self, name, owned(np.asarray(value, np.int32)))
 
+    def remade(self, **arrays: Any) -> Shape:
+        """Return this shape with other arrays that follow from checked ones: nobody looks at them.
+
+        They are nobody else's, contiguous, of the right types, and normals are unit or zero.
+        """
+        made = object.__new__(Shape)
+        for value in arrays.values():
+            if value is not None:
+                value.flags.writeable = False
+        made.__dict__.update({one.name: getattr(self, one.name) for one in fields(self)} | arrays)
+        return made
+
     @property
     def identity(self) -> Hashable:
         """A checksum of all that the shape holds: equal shapes share what is kept."""

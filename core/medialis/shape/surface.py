@@ -7,17 +7,14 @@ from __future__ import annotations
 
 import math
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from medialis.base.arrays import EdgeTable, Ragged, first_equal_row
+from medialis.base.arrays import EdgeTable, Ragged, first_equal_row, kd_tree
 from medialis.base.kept import Bound
 from medialis.base.validation import FloatArray, IntArray, Positions, as_faces, as_points, frozen
-
-if TYPE_CHECKING:
-    from scipy.spatial import cKDTree
 
 
 class Topology:
@@ -360,13 +357,11 @@ class Surface(Bound):
         first = self.first_equal_point
         if (first == np.arange(self.point_count)).all():
             return frozen(_nearest_others(self.tree, self.points), np.float64)
-        from scipy.spatial import cKDTree
-
         count = np.bincount(first, minlength=self.point_count)
         places, alone = self.points[count > 0], count == 1
         result = np.zeros(self.point_count)
         if alone.any():
-            result[alone] = _nearest_others(cKDTree(places), self.points[alone])
+            result[alone] = _nearest_others(kd_tree(places), self.points[alone])
         return frozen(result, np.float64)
 
     @cached_property
@@ -375,11 +370,9 @@ class Surface(Bound):
         return first_equal_row(self.points)
 
     @cached_property
-    def tree(self) -> cKDTree:
+    def tree(self) -> Any:
         """The kd-tree of the points."""
-        from scipy.spatial import cKDTree
-
-        return cKDTree(self.points)
+        return kd_tree(self.points)
 
     @cached_property
     def edge_matrix(self) -> Any:
@@ -456,7 +449,7 @@ def _face_vectors(surface: Surface) -> NDArray[np.float64]:
     return vectors
 
 
-def _nearest_others(tree: cKDTree, points: FloatArray) -> FloatArray:
+def _nearest_others(tree: Any, points: FloatArray) -> FloatArray:
     """Return how far the second nearest point of a tree is, the nearest being the point itself."""
     return np.asarray(tree.query(points, k=2)[0][:, 1])
 

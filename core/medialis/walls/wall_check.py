@@ -182,7 +182,9 @@ def check_walls(
     angle = math.radians(wall_angle)
     at_edge = run_patiently(lambda: edge_balls(cloud), progress)
     flaws = run_patiently(lambda: _flaws(cloud, ~at_edge & (cloud.wall_angles >= angle)), progress)
-    walls = _without(cloud, at_edge | flaws)
+    rest = ~(at_edge | flaws)  # unless nothing is left
+    some = not rest.all() and (cloud.valid & (cloud.side > 0) & rest).any()
+    walls = cloud.subset(rest) if some else cloud
     values = thickness.of(walls, ThicknessOptions(min_spoke_angle=wall_angle), progress)
     typical = _typical(walls, values)
     least, largest = limits.minimum, limits.maximum
@@ -223,12 +225,6 @@ def _flaws(cloud: MedialCloud, walls: Mask) -> Mask:
     beside = np.bincount(np.concatenate([a[alike], b[alike]]), minlength=surface.point_count)
     result[small] = beside[cloud.source[small]] < BESIDE
     return result
-
-
-def _without(cloud: MedialCloud, left_out: Mask) -> MedialCloud:
-    """Leave out the balls of sharp edges and flaws, unless nothing else is left."""
-    left = cloud.valid & (cloud.side > 0) & ~left_out
-    return cloud.subset(~left_out) if left_out.any() and left.any() else cloud
 
 
 def _typical(cloud: MedialCloud, values: FloatArray) -> float:
@@ -319,13 +315,8 @@ def _region(
     value: float,
     values: FloatArray,
 ) -> WallRegion:
-    inside = values[place.vertices]
-    position = cloud.surface.points[place.vertex]
-    area = _area(cloud, place.vertices)
+    inside, surface = values[place.vertices], cloud.surface
+    area = math.nan if surface.faces is None else float(surface.point_areas[place.vertices].sum())
     extremes = float(inside.min()), float(inside.max())
+    position = surface.points[place.vertex]
     return WallRegion(kind, position, opposite, value, *extremes, area, place.vertices)
-
-
-def _area(cloud: MedialCloud, vertices: NDArray[np.integer]) -> float:
-    surface = cloud.surface
-    return math.nan if surface.faces is None else float(surface.point_areas[vertices].sum())
