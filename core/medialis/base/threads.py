@@ -18,6 +18,8 @@ from functools import cache
 from types import FrameType
 from typing import Any, TypeVar
 
+import numpy as np
+
 from medialis.base.progress import Progress
 from medialis.base.validation import as_whole_number
 
@@ -282,3 +284,20 @@ def run_chunks(
             failures.append(error)
             for thread in threads:
                 thread.join()
+
+
+QUERIES_A_CHUNK = 1 << 13
+
+
+def nearest_rows(tree: Any, queries: Any, count: int, progress: Progress) -> Any:
+    """Return the `count` points of a kd-tree that are nearest to each query, (q, count) int64.
+
+    Not by the query's own threads: Ctrl-C leaves them running in a tree that is freed.
+    """
+    near = np.empty((len(queries), count), np.int64)
+
+    def search(begin: int, end: int) -> None:
+        near[begin:end] = tree.query(queries[begin:end], k=count)[1]
+
+    run_chunks(search, len(queries), QUERIES_A_CHUNK, progress=progress)
+    return near
