@@ -391,18 +391,14 @@ class Surface(Bound):
         n = self.point_count
         if self.faces is None:
             return coo_array((n, n)).tocsr()
-        corners, rows, columns, values = self.points[self.faces], [], [], []
         twice = 2 * self.face_areas
         largest = float(twice.max(initial=0)) or self.diagonal**2 or 1.0
         safe = np.maximum(twice, 1e-12 * largest)
-        for corner in range(3):
-            left, right = (corner + 1) % 3, (corner + 2) % 3
-            u, v = corners[:, left] - corners[:, corner], corners[:, right] - corners[:, corner]
-            rows.append(self.faces[:, left])
-            columns.append(self.faces[:, right])
-            values.append(0.5 * (u * v).sum(axis=1) / safe)
-        i, j, weights = (np.concatenate(part) for part in (rows, columns, values))
-        one_way = coo_array((weights, (i, j)), shape=(n, n)).tocsr()
+        left, right = (np.roll(self.faces, -step, axis=1) for step in (1, 2))
+        u, v = (self.points[side] - self.points[self.faces] for side in (left, right))
+        weights = 0.5 * (u * v).sum(axis=2) / safe[:, None]
+        ends = left.T.ravel(), right.T.ravel()
+        one_way = coo_array((weights.T.ravel(), ends), shape=(n, n)).tocsr()
         return (one_way + one_way.T).tocsr()
 
     @cached_property

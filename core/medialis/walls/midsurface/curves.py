@@ -263,9 +263,7 @@ def _vertex_on(sheet: CutSheet, graph: _Graph, edge: tuple[int, int], share: flo
     if share < 0.05 or share > 0.95:
         return a if share < 0.5 else b
     mesh, partners = sheet.mesh, graph.next[a][b]
-    v = mesh.split(
-        mesh.edge_between(a, b), mesh.points[a] + share * (mesh.points[b] - mesh.points[a])
-    )
+    v = mesh.split(a, b, mesh.points[a] + share * (mesh.points[b] - mesh.points[a]))
     del graph.next[a][b], graph.next[b][a]
     graph.join(a, v, partners)
     graph.join(v, b, partners)
@@ -388,7 +386,7 @@ def _lay(
         near = best not in taken and abs(line[best][0] - target) < close
         if not (near and mesh.may_move(v, place)):
             u, w = line[k][1], line[k + 1][1]
-            v = mesh.split(mesh.edge_between(u, w), place)
+            v = mesh.split(u, w, place)
             line.insert(k + 1, (target, v))
             taken = {i if i <= k else i + 1 for i in taken}
             best = k + 1
