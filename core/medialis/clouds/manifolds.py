@@ -243,12 +243,11 @@ def classified_places(
         scatter = run_patiently(lambda: jitter(places), progress)
     if scatter == 0.0:
         return places, Speakers(place, places, every, 0.0)
-    progress.note(
+    text = (
         f"The points scatter by {100 * scatter:.2g} % of the size about their surfaces. They were "
-        "classified by smoothed positions (smooth = off turns this off).",
-        "scattered",
-        scatter=scatter,
+        "classified by smoothed positions (smooth = off turns this off)."
     )
+    progress.note(text, "scattered", scatter=scatter)
     apart = SCATTERS_APART * scatter
     chosen = np.flatnonzero(points_apart(places, every, apart))
     moved = without_jitter(places, chosen, scatter, progress)

@@ -6,7 +6,6 @@ a shape without the noise of its points, none of which goes.
 
 from __future__ import annotations
 
-import logging
 import math
 from dataclasses import dataclass
 from typing import Any
@@ -92,13 +91,11 @@ def note_mostly_noise(found: ManifoldSet, progress: Progress) -> None:
     """Warn where the answer says more of the sampling than of the shape."""
     share = float((found.point_class == PointClass.NOISE).mean())
     if share > MOSTLY_NOISE:
-        progress.note(
+        text = (
             f"{100 * share:.0f} % of the points are noise: they lie on no surface, or too far "
-            "apart for its curvature. Refine a coarse mesh first, or try larger angles.",
-            "mostly_noise",
-            level=logging.WARNING,
-            share=share,
+            "apart for its curvature. Refine a coarse mesh first, or try larger angles."
         )
+        progress.warn(text, "mostly_noise", share=share)
 
 
 def _of_skeleton(shape: Shape, options: ManifoldsRun, progress: Progress) -> Outcome:
@@ -275,12 +272,11 @@ def _note_removed(
     counts = {"points": removed, "of": len(kept), "no_patch": rough, "small_pieces": small}
     progress.note(f"{text}.", "noise_removed", **counts)
     if stay := int(dense.sum()):
-        progress.note(
+        text = (
             f"{counted(stay, 'point', verbs=('lies', 'lie'))} on no smooth surface, but as close "
-            "together as the surface beside them: kept, as thin or sharp parts of it.",
-            "dense_kept",
-            points=stay,
+            "together as the surface beside them: kept, as thin or sharp parts of it."
         )
+        progress.note(text, "dense_kept", points=stay)
 
 
 REMOVE_OUTLIERS = Operation(
@@ -328,12 +324,11 @@ def run_smooth(shape: Shape, options: SmoothRun, progress: Progress) -> Outcome:
     if level == 0.0:
         progress.note("No noise was found: no point is moved.", "no_noise")
     else:
-        progress.note(
+        text = (
             f"The noise {'is taken as' if given else 'was measured as'} {limit}; points were moved "
-            f"by {with_unit(math.sqrt(np.mean(moved**2)), shape.unit)} (root mean square).",
-            "smoothed",
-            noise=level,
+            f"by {with_unit(math.sqrt(np.mean(moved**2)), shape.unit)} (root mean square)."
         )
+        progress.note(text, "smoothed", noise=level)
     return Outcome(
         shape=shape,
         layers=(

@@ -73,18 +73,14 @@ def run(shape: Shape, options: ArmatureRun, progress: Progress) -> Outcome:
     n = shape.point_count  # a refined shape has the given points first
     skin = replace(whole, bones=whole.bones[:n], weights=whole.weights[:n], rig=rig)
     if rig.cut:
-        progress.note(
+        text = (
             f"An armature has no loops: {rig.cut} of the curve skeleton were cut, each where both "
-            "paths round it from the root are equally long.",
-            "loops_cut",
-            loops=rig.cut,
+            "paths round it from the root are equally long."
         )
+        progress.note(text, "loops_cut", loops=rig.cut)
     if len(rig.roots) > 1:
-        progress.note(
-            f"The shape has {len(rig.roots)} separate parts: each has a root bone.",
-            "root_bones",
-            roots=len(rig.roots),
-        )
+        text = f"The shape has {len(rig.roots)} separate parts: each has a root bone."
+        progress.note(text, "root_bones", roots=len(rig.roots))
     return Outcome(
         shape=curve.surface or shape,
         layers=(_bones_layer(rig), _skin_layer(shape, skin)),

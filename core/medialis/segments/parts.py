@@ -490,12 +490,11 @@ def parts(cloud: MedialCloud, options: PartsOptions, progress: Progress) -> Segm
         sites = _sites(inner, progress) if _has_curves(inner) else None
         if sites is not None:
             return as_seen(inner.surface, sites, options, progress)
-        progress.note(
+        text = (
             "Divided by medial sheets (method sheets): other parts need a mesh with an area and "
-            "all its inner balls.",
-            "divided_by_sheets",
-            reason="no_mesh",
+            "all its inner balls."
         )
+        progress.note(text, "divided_by_sheets", reason="no_mesh")
     return _sheet_parts(inner, options, progress)
 
 
@@ -648,13 +647,11 @@ def _main_limbs(surface: Shape, labels: IntArray, progress: Progress) -> IntArra
     merged = merge_small(labels, surface.point_areas, graph, smallest)
     left = len(np.unique(merged[merged >= 0]))
     if left < count:  # else each is a component of the surface
-        progress.note(
+        text = (
             f"The curve skeleton has {count} limbs, as noise and crossing faces make them; those "
-            f"of less than {100 / MOST_LIMBS:.2g} % of the surface were merged: {left} are left.",
-            "limbs_merged",
-            limbs=count,
-            left=left,
+            f"of less than {100 / MOST_LIMBS:.2g} % of the surface were merged: {left} are left."
         )
+        progress.note(text, "limbs_merged", limbs=count, left=left)
     return merged
 
 

@@ -425,10 +425,9 @@ def _note_round(edges: SoftEdges, min_angle: float, progress: Progress) -> None:
     areas = edges.cloud.surface.point_areas
     share = float(areas[edges.on_edge(min_angle)].sum() / max(areas.sum(), 1e-300))
     if share > MOSTLY_ROUND:
-        progress.note(
+        text = (
             f"{100 * share:.0f} % of the surface lies on soft edges: much of the shape is round, "
             "and patches end in the middle of what is, wherever that is. Parts divide limbs; a "
-            "larger minimum angle leaves the sharper edges only.",
-            "few_edges",
-            share=share,
+            "larger minimum angle leaves the sharper edges only."
         )
+        progress.note(text, "few_edges", share=share)

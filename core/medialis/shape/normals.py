@@ -10,7 +10,6 @@ from.
 
 from __future__ import annotations
 
-import logging
 import math
 from dataclasses import dataclass, field
 
@@ -196,14 +195,11 @@ def estimate_normals(points: ArrayLike, options: NormalsOptions, progress: Progr
         lambda: _orient(centered, normals, near, beams), progress
     )
     if doubtful:
-        progress.note(
+        text = (
             f"The outside of {doubtful} of {counted(parts, 'part')} of the cloud is uncertain "
-            "(open or noisy): the normals agree with each other, but may all point inward.",
-            "outside_uncertain",
-            level=logging.WARNING,
-            parts=doubtful,
-            of=parts,
+            "(open or noisy): the normals agree with each other, but may all point inward."
         )
+        progress.warn(text, "outside_uncertain", parts=doubtful, of=parts)
     if beams is not None:
         oriented = _facing(oriented, beams, progress)
     return frozen(oriented, np.float64)
@@ -239,12 +235,8 @@ def _facing(
     """
     cosine = np.einsum("ij,ij->i", normals, beams)
     seen = int(beams.any(axis=1).sum())
-    progress.note(
-        f"The normals of {counted(seen, 'point', of=len(normals))} face the viewpoint.",
-        "normals_face_viewpoints",
-        points=seen,
-        of=len(normals),
-    )
+    text = f"The normals of {counted(seen, 'point', of=len(normals))} face the viewpoint."
+    progress.note(text, "normals_face_viewpoints", points=seen, of=len(normals))
     return np.where((cosine < -GRAZING)[:, None], -normals, normals)
 
 

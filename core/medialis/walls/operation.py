@@ -5,7 +5,6 @@ Operation: walls against a least and a largest thickness, ribs, and gaps between
 
 from __future__ import annotations
 
-import logging
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -168,13 +167,11 @@ def _note_share(
     if share > MOST:
         limit = with_unit(options.threshold * surface.diagonal, surface.unit)
         median = with_unit(float(np.median(values)), surface.unit)
-        progress.note(
+        text = (
             f"{100 * share:.0f} % of the shape is thinner than the threshold of {limit}; its "
-            f"median {options.kind} is {median}. Check the unit of the threshold.",
-            "mostly_thin",
-            level=logging.WARNING,
-            share=share,
+            f"median {options.kind} is {median}. Check the unit of the threshold."
         )
+        progress.warn(text, "mostly_thin", share=share)
 
 
 def _note_thinnest(
@@ -190,23 +187,19 @@ def _note_thinnest(
     more = f" below {limit}" if below else ""
     if walls:
         place = ", ".join(f"{x:.6g}" for x in walls[0].position + shape.offset)
-        progress.note(
+        text = (
             f"{counted(len(walls), 'thin spot', verbs=('was', 'were'))} found{more}. The thinnest "
-            f"has a {options.kind} of {with_unit(walls[0].value, shape.unit)} at ({place}).",
-            "thin_spots",
-            spots=len(walls),
-            thinnest=walls[0].value,
+            f"has a {options.kind} of {with_unit(walls[0].value, shape.unit)} at ({place})."
         )
+        progress.note(text, "thin_spots", spots=len(walls), thinnest=walls[0].value)
     if len(walls) < len(spots):
         count = len(spots) - len(walls)
-        progress.note(
+        text = (
             f"{counted(count, 'place', verbs=('is', 'are'))} thin{more} because parts of the mesh "
             "overlap there, or one part crosses itself: the values tell how deep, not how thick a "
-            "wall is. They come last and have the kind overlap.",
-            "overlaps",
-            level=logging.WARNING,
-            spots=count,
+            "wall is. They come last and have the kind overlap."
         )
+        progress.warn(text, "overlaps", spots=count)
 
 
 def note_enclosure(cloud: MedialCloud, progress: Progress) -> None:
@@ -220,30 +213,24 @@ def note_enclosure(cloud: MedialCloud, progress: Progress) -> None:
     rows = rows[np.linspace(0, len(rows) - 1, min(PLACES, len(rows))).astype(np.int64)]
     outside = int((Enclosure(shape).times(cloud.centers[rows]) < ENCLOSED).sum())
     if 2 * outside > len(rows):
-        progress.note(
+        text = (
             f"The {'cloud' if shape.faces is None else 'surface'} encloses nothing at "
             f"{counted(outside, 'place', of=len(rows))} that were looked at. Thickness there is "
-            "the distance to whatever lies behind the surface, not that of a wall.",
-            "encloses_nothing",
-            level=logging.WARNING,
-            places=outside,
-            of=len(rows),
+            "the distance to whatever lies behind the surface, not that of a wall."
         )
+        progress.warn(text, "encloses_nothing", places=outside, of=len(rows))
 
 
 def note_resolution(cloud: MedialCloud, progress: Progress) -> None:
     """Say so where walls may be thinner than the samples are apart."""
     count, of = int(unresolved_walls(cloud).sum()), cloud.surface.point_count
     if count > UNRESOLVED_SHARE * of:
-        progress.note(
+        text = (
             f"{counted(count, 'sample', of=of, verbs=('lies', 'lie'))} on a wall that may be "
             "thinner than the spacing of its samples; its thickness is uncertain. Try a smaller "
-            "refine.",
-            "unresolved_walls",
-            level=logging.WARNING,
-            samples=count,
-            of=of,
+            "refine."
         )
+        progress.warn(text, "unresolved_walls", samples=count, of=of)
 
 
 THICKNESS = Operation(
@@ -485,52 +472,42 @@ def _note_regions(check: WallCheck, shape: Shape, progress: Progress) -> None:
         failed = True
         worst = regions[0]
         place = ", ".join(f"{x:.6g}" for x in worst.position + shape.offset)
-        progress.note(
+        text = (
             f"{counted(len(regions), noun, verbs=('is', 'are'))} "
-            f"{text.format(with_unit(worst.value, shape.unit))} at ({place}).",
-            kind.replace(" ", "_"),
-            level=logging.WARNING,
-            regions=len(regions),
-            worst=worst.value,
+            f"{text.format(with_unit(worst.value, shape.unit))} at ({place})."
         )
+        progress.warn(text, kind.replace(" ", "_"), regions=len(regions), worst=worst.value)
     if not failed:
         progress.note("All walls are within the limits.", "walls_pass")
     if overlaps := len(check.of_kind("overlap")):
-        progress.note(
+        text = (
             f"{counted(overlaps, 'place', verbs=('is', 'are'))} thin because parts of the mesh "
-            "overlap there: the values tell how deep, not how thick a wall is.",
-            "overlaps",
-            level=logging.WARNING,
-            places=overlaps,
+            "overlap there: the values tell how deep, not how thick a wall is."
         )
+        progress.warn(text, "overlaps", places=overlaps)
     if check.flaws:
-        progress.note(
+        text = (
             f"{counted(check.flaws, 'ball', verbs=('was', 'were'))} left out that folds of the "
-            "mesh make far smaller than the samples are apart.",
-            "specks",
-            balls=check.flaws,
+            "mesh make far smaller than the samples are apart."
         )
+        progress.note(text, "specks", balls=check.flaws)
     if count := int(check.edge.sum()):
-        progress.note(
+        text = (
             f"{counted(count, 'sample', of=len(check.edge), verbs=('lies', 'lie'))} at sharp "
-            "edges, which are no thin walls.",
-            "sharp_edges",
-            samples=count,
+            "edges, which are no thin walls."
         )
+        progress.note(text, "sharp_edges", samples=count)
 
 
 def _note_ribs(check: WallCheck, options: WallCheckRun, progress: Progress) -> None:
     if not check.ribs:
         return
     worst, count = check.ribs[0], _thick_ribs(check, options)
-    progress.note(
+    text = (
         f"{count} of {len(check.ribs)} ribs and bosses {'is' if count == 1 else 'are'} thicker "
-        f"than {options.rib_ratio:g} of the wall beside them, {worst.ratio:.3g} at most.",
-        "ribs",
-        ribs=len(check.ribs),
-        thick=count,
-        ratio=worst.ratio,
+        f"than {options.rib_ratio:g} of the wall beside them, {worst.ratio:.3g} at most."
     )
+    progress.note(text, "ribs", ribs=len(check.ribs), thick=count, ratio=worst.ratio)
 
 
 WALL_CHECK = Operation(

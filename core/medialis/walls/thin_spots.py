@@ -646,12 +646,11 @@ def thin_spots(
     thickness.of(cloud, options, progress)  # raises where there is no ball
     spots, specks = run_patiently(lambda: _find(cloud, options), progress)
     if specks:
-        progress.note(
+        text = (
             f"{counted(specks, 'place', verbs=('was', 'were'))} left out that only a few samples "
-            "make far thinner than all around: flaws of the mesh, such as folds.",
-            "specks",
-            places=specks,
+            "make far thinner than all around: flaws of the mesh, such as folds."
         )
+        progress.note(text, "specks", places=specks)
     return spots
 
 

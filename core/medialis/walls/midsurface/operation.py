@@ -72,13 +72,11 @@ def _note_lumps(found: Midsurface, progress: Progress) -> None:
     elif found.lumps:
         shares = ", ".join(f"{100 * lump.share:.1f} %" for lump in found.lumps[:5])
         more = ", ..." if len(found.lumps) > 5 else ""
-        progress.note(
+        text = (
             f"{counted(len(found.lumps), 'solid lump', verbs=('has', 'have'))} no midsurface: "
-            f"{shares}{more} of the volume. {100 * found.wall_share:.0f} % of it are walls.",
-            "lumps",
-            lumps=len(found.lumps),
-            wall_share=found.wall_share,
+            f"{shares}{more} of the volume. {100 * found.wall_share:.0f} % of it are walls."
         )
+        progress.note(text, "lumps", lumps=len(found.lumps), wall_share=found.wall_share)
 
 
 def _layers(found: Midsurface) -> tuple[Layer, ...]:
