@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -64,10 +65,8 @@ def build_box_tree(
 
     top = min(SERIAL_LEVELS, depth)
     for level in range(top):
-        run_chunks(
-            lambda a, b, lv=level: kernels.split_nodes(rows, lv, lv + 1, a, b), 1 << level, 1
-        )
-    run_chunks(lambda a, b: kernels.split_nodes(rows, top, depth, a, b), 1 << top, 1)
+        run_chunks(partial(kernels.split_nodes, rows, level, level + 1), 1 << level, 1)
+    run_chunks(partial(kernels.split_nodes, rows, top, depth), 1 << top, 1)
 
     levels, leaves = wide_levels(depth), 1 << depth
     nodes = levels[-1][0].stop
@@ -77,11 +76,7 @@ def build_box_tree(
         allocate("order", (n,), np.int32),
         allocate("blocks", (leaves, 3, kernels.LEAF), np.float64),
     )
-    run_chunks(
-        lambda a, b: kernels.fill_leaves(rows, normals, depth, a, b, samples),
-        leaves,
-        LEAVES_A_CHUNK,
-    )
+    run_chunks(partial(kernels.fill_leaves, rows, normals, depth), leaves, LEAVES_A_CHUNK, samples)
     bounds = allocate("bounds", (nodes, kernels.BOUND_ROWS, kernels.FAN), np.float32)
     tree = kernels.BoxTree(center, *samples, bounds, allocate("child", (nodes,), np.int64), depth)
     tree.bounds[:, :3], tree.bounds[:, 9:] = np.inf, np.inf
@@ -90,13 +85,8 @@ def build_box_tree(
     for here, child_depth, fan in levels:
         children = fan * np.arange(here.stop - here.start)
         tree.child[here] = ~children if here.stop == nodes else here.stop + children
-        run_chunks(
-            lambda a, b, d=child_depth, f=fan, s=here: kernels.bound_nodes(
-                tree.points, tree.normals, d, f, a, b, tree.bounds[s]
-            ),
-            len(children),
-            NODES_A_CHUNK,
-        )
+        bound = partial(kernels.bound_nodes, tree.points, tree.normals, child_depth, fan)
+        run_chunks(bound, len(children), NODES_A_CHUNK, tree.bounds[here])
     return tree
 
 

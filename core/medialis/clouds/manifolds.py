@@ -358,22 +358,16 @@ def manifolds(
     """
     points = cloud.points if isinstance(cloud, Surface) else as_points(cloud)
     with progress.stage("smoothing", 0.0, 0.5):
-        places, speakers = kept(
-            classified_places,
-            cloud,
-            options.smooth,
-            lambda: classified_places(points, options.smooth, progress),
-            progress,
-        )
+        work = partial(classified_places, points, options.smooth, progress)
+        places, speakers = kept(classified_places, cloud, options.smooth, work, progress)
     places = frozen(places, np.float64)  # kernels are compiled for read-only ones alone
     if len(places) < FEWEST_PLACES:
         none = Ragged(np.zeros(len(points) + 1, np.int64), np.empty(0, np.int32))
         return ManifoldSet(none, 0, np.zeros(len(points), np.int32), points=points)
     with progress.stage("patches", 0.5, 1.0):
         key = options.smooth, options.neighbours, options.max_bend
-        patches = kept(
-            _find_patches, cloud, key, lambda: _find_patches(places, options, progress), progress
-        )
+        find = partial(_find_patches, places, options, progress)
+        patches = kept(_find_patches, cloud, key, find, progress)
         found = run_patiently(lambda: _segment(places, patches, options), progress)
         rows = run_patiently(lambda: speakers.rows(found), progress)
         return replace(found.at(rows), points=points)

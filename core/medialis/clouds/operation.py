@@ -40,6 +40,9 @@ from medialis.skeleton.surface_skeleton import Preparation, surface_skeleton
 
 CLOUDS = ("points", "skeleton")
 
+BY_MANIFOLD: dict[str, Any] = {"color_by": "manifold", "labels": ("manifold",)}
+"""How layers are shown."""
+
 MOSTLY_NOISE = 0.5
 """Share of noise above which a warning doubts the sampling: the thesis adds at most 40 % of
 outliers to its clouds (4.2.4.2)."""
@@ -69,15 +72,8 @@ def run_manifolds(shape: Shape, options: ManifoldsRun, progress: Progress) -> Ou
     with progress.stage("manifolds", 0.0, 1.0):
         found = manifolds.of(shape, options, progress)
     note_mostly_noise(found, progress)
-    layer = Layer(
-        "manifolds",
-        shape.points,
-        shape.faces,
-        attributes=_attributes(found),
-        color_by="manifold",
-        labels=("manifold",),
-        on_input=True,
-    )
+    fields, own = _attributes(found), (shape.points, shape.faces)
+    layer = Layer("manifolds", *own, attributes=fields, on_input=True, **BY_MANIFOLD)
     return Outcome(
         shape=shape,
         layers=(layer, *_surfaces(found, options, progress)),
@@ -114,10 +110,9 @@ def _of_skeleton(shape: Shape, options: ManifoldsRun, progress: Progress) -> Out
             "feature_1": cloud.features[:, 0],
             "feature_2": cloud.features[:, 1],
         },
-        color_by="manifold",
-        labels=("manifold",),
         filter_by="radius",
         filter_unit=FilterUnit.length(fine.diagonal),
+        **BY_MANIFOLD,
     )
     return Outcome(
         shape=fine,
@@ -140,16 +135,10 @@ def _surfaces(found: ManifoldSet, options: ManifoldsRun, progress: Progress) -> 
     corners, place = np.unique(
         np.stack([np.repeat(owner, 3), faces.reshape(-1)], axis=1), axis=0, return_inverse=True
     )
-    layer = Layer(
-        "manifold_surfaces",
-        found.points[corners[:, 1]],
-        place.reshape(-1, 3).astype(np.int32),
-        attributes={"manifold": corners[:, 0], "source": corners[:, 1]},
-        face_attributes={"manifold_of_face": owner},
-        color_by="manifold",
-        labels=("manifold",),
-    )
-    return (layer,)
+    fields: dict[str, Any] = {"attributes": {"manifold": corners[:, 0], "source": corners[:, 1]}}
+    fields |= {"face_attributes": {"manifold_of_face": owner}, **BY_MANIFOLD}
+    points, triangles = found.points[corners[:, 1]], place.reshape(-1, 3).astype(np.int32)
+    return (Layer("manifold_surfaces", points, triangles, **fields),)
 
 
 def _attributes(found: ManifoldSet) -> dict[str, NDArray[Any]]:
@@ -230,26 +219,14 @@ def run_remove_outliers(shape: Shape, options: RemoveOutliersRun, progress: Prog
         )
     _note_removed(found, kept, dense, progress)
     note_mostly_noise(found, progress)
+    source = np.flatnonzero(kept).astype(np.int32)
+    fields = {"manifold": found.labels()[kept], "source": source}
     clean = Layer(
-        "without_outliers",
-        shape.points[kept],
-        attributes={
-            "manifold": found.labels()[kept],
-            "source": np.flatnonzero(kept).astype(np.int32),
-        },
-        color_by="manifold",
-        labels=("manifold",),
-        role="shape",
+        "without_outliers", shape.points[kept], attributes=fields, role="shape", **BY_MANIFOLD
     )
-    noise = Layer(
-        "noise",
-        shape.points,
-        shape.faces,
-        attributes={"noise": np.where(kept, -1, 0).astype(np.int32)},
-        color_by="noise",
-        labels=("noise",),
-        on_input=True,
-    )
+    shown: dict[str, Any] = {"color_by": "noise", "labels": ("noise",), "on_input": True}
+    fields = {"noise": np.where(kept, -1, 0).astype(np.int32)}
+    noise = Layer("noise", shape.points, shape.faces, attributes=fields, **shown)
     return Outcome(
         shape=shape,
         layers=(clean, noise),
@@ -329,18 +306,12 @@ def run_smooth(shape: Shape, options: SmoothRun, progress: Progress) -> Outcome:
             f"by {with_unit(math.sqrt(np.mean(moved**2)), shape.unit)} (root mean square)."
         )
         progress.note(text, "smoothed", noise=level)
+    fields = {"moved": moved}
+    shown: dict[str, Any] = {"color_by": "moved", "role": "shape"}
+    layer = Layer("smooth", points, shape.faces, attributes=fields, **shown)
     return Outcome(
         shape=shape,
-        layers=(
-            Layer(
-                "smooth",
-                points,
-                shape.faces,
-                attributes={"moved": moved},
-                color_by="moved",
-                role="shape",
-            ),
-        ),
+        layers=(layer,),
         values={
             "points": len(points),
             "noise": level,
@@ -348,7 +319,7 @@ def run_smooth(shape: Shape, options: SmoothRun, progress: Progress) -> Outcome:
             "diagonal": shape.diagonal,
             "spacing": shape.spacing,
         },
-        arrays={"points": places(points), "moved": moved},
+        arrays={"points": places(points), **fields},
     )
 
 

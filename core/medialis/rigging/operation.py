@@ -39,6 +39,9 @@ from medialis.shape.shape import Shape
 from medialis.shape.surface import Surface
 from medialis.skeleton.surface_skeleton import Preparation
 
+BY_BONE: dict[str, Any] = {"color_by": "bone", "labels": ("bone",)}
+"""How layers are shown."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class ArmatureRun(Preparation):
@@ -122,24 +125,16 @@ def _bones_layer(rig: Bones) -> Layer:
             "limb": np.repeat(rig.limbs, 2),
             "side": np.repeat(rig.sides, 2),
         },
-        color_by="bone",
-        labels=("bone",),
         role="bones",
+        **BY_BONE,
     )
 
 
 def _skin_layer(shape: Shape, skin: SkinWeights) -> Layer:
     """Layer of the surface with the bone that moves each point most, and its weight."""
-    return Layer(
-        "skin",
-        shape.points,
-        shape.faces,
-        attributes={"bone": skin.bones[:, 0], "weight": skin.weights[:, 0]},
-        color_by="bone",
-        labels=("bone",),
-        on_input=True,
-        role="skin",
-    )
+    fields: dict[str, Any] = {"bone": skin.bones[:, 0], "weight": skin.weights[:, 0]}
+    shown: dict[str, Any] = {"on_input": True, "role": "skin", **BY_BONE}
+    return Layer("skin", shape.points, shape.faces, attributes=fields, **shown)
 
 
 def _table(rig: Bones) -> list[dict[str, Any]]:

@@ -85,16 +85,9 @@ class Midsurface(Described):
 
     def __post_init__(self) -> None:
         n, m, e = len(self.points), len(self.faces), len(self.weld)
-        hold(
-            self,
-            points=(np.float64, n, 3),
-            faces=(np.int32, m, 3),
-            thickness=(np.float64, n),
-            face_thickness=(np.float64, m),
-            sheet=(np.int32, m),
-            weld_edges=(np.int32, e, 2),
-            weld=(np.int32, e),
-        )
+        hold(self, points=(np.float64, n, 3), thickness=(np.float64, n))
+        hold(self, faces=(np.int32, m, 3), face_thickness=(np.float64, m), sheet=(np.int32, m))
+        hold(self, weld_edges=(np.int32, e, 2), weld=(np.int32, e))
 
     @property
     def sheets(self) -> int:

@@ -97,16 +97,10 @@ def _layers(found: Midsurface) -> tuple[Layer, ...]:
     edges = rows.reshape(-1, 2).astype(np.int32)
     weld = np.zeros(len(used), np.int32)
     weld[edges] = found.weld[:, None]
-    welds = Layer(
-        "midsurface_welds",
-        found.points[used],
-        edges=edges,
-        attributes={"weld": weld, "thickness": found.thickness[used]},
-        color_by="weld",
-        labels=("weld",),
-        role="hidden",
-    )
-    return sheets, welds
+    fields: dict[str, Any] = {"weld": weld, "thickness": found.thickness[used]}
+    shown: dict[str, Any] = {"color_by": "weld", "labels": ("weld",), "role": "hidden"}
+    points = found.points[used]
+    return sheets, Layer("midsurface_welds", points, edges=edges, attributes=fields, **shown)
 
 
 def _values(found: Midsurface, shape: Shape) -> dict[str, Any]:
