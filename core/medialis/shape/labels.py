@@ -480,11 +480,9 @@ def tell_pieces(found: Segmentation, progress: Progress) -> None:
     counts = run_patiently(lambda: piece_counts(found.labels, surface_graph(surface)), progress)
     apart = counts[counts > 1].tolist()
     if apart:
-        progress.note(
+        text = (
             f"{len(apart)} of {found.count} segments are not connected along the surface, as the "
-            f"two walls of a sheet are not: they have {sum(apart)} pieces.",
-            "segments_not_connected",
-            segments=found.count,
-            count=len(apart),
-            pieces=sum(apart),
+            f"two walls of a sheet are not: they have {sum(apart)} pieces."
         )
+        told = {"segments": found.count, "count": len(apart), "pieces": sum(apart)}
+        progress.note(text, "segments_not_connected", **told)

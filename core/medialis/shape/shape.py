@@ -220,28 +220,21 @@ def far_points(shape: Shape) -> Message | None:
     if 0 < bulk < shape.diagonal / FAR:
         away = ((shape.points < low - bulk) | (shape.points > high + bulk)).any(axis=1)
         first = ", ".join(f"{x:.6g}" for x in shape.points[int(away.argmax())])
-        count = int(away.sum())
-        return Message(
-            f"{count} of {shape.point_count} points lie far from the rest, which is "
+        told = {"points": int(away.sum()), "of": shape.point_count, "size": bulk}
+        text = (
+            f"{told['points']} of {shape.point_count} points lie far from the rest, which is "
             f"about {bulk:.3g} large (the first at {first}): {harm} rest. Delete the far points if "
-            "they are strays.",
-            "far_points",
-            logging.WARNING,
-            points=count,
-            of=shape.point_count,
-            size=bulk,
+            "they are strays."
         )
+        return Message(text, "far_points", logging.WARNING, **told)
     largest = _largest_part(shape)
     if 0 < largest < shape.diagonal / FAR:
         parts = int(shape.components.max()) + 1
-        return Message(
+        text = (
             f"The {parts} parts lie far apart, the largest is {largest:.3g} large: {harm} parts. "
-            "Delete parts that are strays, or run the parts one by one.",
-            "far_parts",
-            logging.WARNING,
-            parts=parts,
-            size=largest,
+            "Delete parts that are strays, or run the parts one by one."
         )
+        return Message(text, "far_parts", logging.WARNING, parts=parts, size=largest)
     return None
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from itertools import combinations, permutations
 
 import numpy as np
 
@@ -62,15 +63,12 @@ def cut_sheets(raws: list[RawSheet]) -> list[CutSheet]:
     """Cut all sheets along each other, and take away the pieces that lie between no walls."""
     cut = [CutSheet(raw, EditMesh(raw.points, raw.faces, raw.kind)) for raw in raws]
     boxes = [(raw.points.min(axis=0), raw.points.max(axis=0)) for raw in raws]
-    for s in range(len(cut)):
-        for j in range(len(cut)):
-            low, high = boxes[j]
-            apart = (boxes[s][0] > high).any() or (boxes[s][1] < low).any()
-            if s != j and not apart:
-                cut_along(cut[s], raws[j], j)
-    for s in range(len(cut)):
-        for j in range(s + 1, len(cut)):
-            end_cuts(cut[s], s, cut[j], j)
+    for s, j in permutations(range(len(cut)), 2):
+        (low, high), (lowest, highest) = boxes[s], boxes[j]
+        if not ((low > highest).any() or (high < lowest).any()):
+            cut_along(cut[s], raws[j], j)
+    for s, j in combinations(range(len(cut)), 2):
+        end_cuts(cut[s], s, cut[j], j)
     for one in cut:
         drop_stubs(one)
     return cut
@@ -315,13 +313,10 @@ def join_steps(sheets: list[CutSheet], surface: NearestTree) -> None:
     """
     borders = [_inner_border(sheet, surface) for sheet in sheets]
     found: list[tuple[int, int, Index, FloatArray]] = []
-    for s, sheet in enumerate(sheets):
-        for j, other in enumerate(sheets):
-            if s == j or len(borders[s]) == 0 or len(borders[j]) == 0:
-                continue
-            rows, goals = _facing_border(sheet, borders[s], other, borders[j])
-            if len(rows):
-                found.append((s, j, rows, goals))
+    for s, j in permutations(range(len(sheets)), 2):
+        if len(borders[s]) and len(borders[j]):
+            rows, goals = _facing_border(sheets[s], borders[s], sheets[j], borders[j])
+            found.append((s, j, rows, goals))
     for s, j, rows, goals in found:
         mesh = sheets[s].mesh
         mesh.points[rows] = (mesh.points[rows] + goals) / 2
