@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from medialis.base.arrays import Index, Mask, unit
+from medialis.base.arrays import Index, Mask, unit_rows
 from medialis.base.kept import Bound, kept
 from medialis.base.options import Options, algorithm
 from medialis.base.progress import Progress, ProgressCallback
@@ -244,12 +244,12 @@ def _field(paths: Importance) -> tuple[Index, FloatArray, FloatArray]:
     known &= np.isfinite(paths.start_tangent).all(1) & np.isfinite(paths.end_tangent).all(1)
     rows = np.flatnonzero(known)
     first, second = cloud.features[rows].T
-    feature = unit(points[first] - points[second])
+    feature = unit_rows(points[first] - points[second])
     # Both tangents point away from the ball: at the second end that is the way back.
     tangent = paths.start_tangent[rows] - paths.end_tangent[rows]
     tangent -= (feature * tangent).sum(axis=1, keepdims=True) * feature
     tangents = np.full((len(cloud), 3), np.nan)
-    tangents[rows] = unit(tangent, least=CANCELLED)
+    tangents[rows] = unit_rows(tangent, least=CANCELLED)
     return rows, frozen(tangents, np.float64), feature
 
 

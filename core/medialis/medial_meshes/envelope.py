@@ -24,7 +24,7 @@ from medialis.base.errors import InvalidShapeError
 from medialis.base.options import Options, algorithm, length
 from medialis.base.progress import Progress
 from medialis.base.threads import run_chunks
-from medialis.base.validation import FloatArray, frozen
+from medialis.base.validation import FloatArray, IntArray, frozen
 from medialis.medial_meshes.mesh import Complex, MedialMesh
 from medialis.shape.surface import Surface
 
@@ -386,7 +386,7 @@ class _Field:
 
         It is that of the envelope whose radii are all larger by so much.
         """
-        return Surface(*_marched(self.grid, self.values - level, self.cells))
+        return Surface.of_checked(*_marched(self.grid, self.values - level, self.cells))
 
 
 def _crossed(
@@ -412,7 +412,7 @@ def _crossed(
         width //= 2
 
 
-def _marched(grid: FloatArray, values: FloatArray, cells: Index) -> tuple[FloatArray, Index]:
+def _marched(grid: FloatArray, values: FloatArray, cells: Index) -> tuple[FloatArray, IntArray]:
     """Return the vertices and triangles where the values change sign in cells (c, 8)."""
     tetrahedra = cells[:, TETRAHEDRA].reshape(-1, 4)
     inside = values[tetrahedra] < 0

@@ -15,17 +15,14 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from medialis.base.arrays import EdgeTable, Index, Ragged, first_equal_row, next_side
+from medialis.base.arrays import EdgeTable, Index, Ragged, first_equal_row, kd_tree, next_side
 from medialis.base.kept import Bound
 from medialis.base.validation import FloatArray, IntArray, Positions, as_faces, as_points, frozen
-
-if TYPE_CHECKING:
-    from scipy.spatial import cKDTree
 
 
 class Topology:
@@ -368,13 +365,11 @@ class Surface(Bound):
         first = self.first_equal_point
         if (first == np.arange(self.point_count)).all():
             return frozen(_nearest_others(self.tree, self.points), np.float64)
-        from scipy.spatial import cKDTree
-
         count = np.bincount(first, minlength=self.point_count)
         places, alone = self.points[count > 0], count == 1
         result = np.zeros(self.point_count)
         if alone.any():
-            result[alone] = _nearest_others(cKDTree(places), self.points[alone])
+            result[alone] = _nearest_others(kd_tree(places), self.points[alone])
         return frozen(result, np.float64)
 
     @cached_property
@@ -383,11 +378,9 @@ class Surface(Bound):
         return first_equal_row(self.points)
 
     @cached_property
-    def tree(self) -> cKDTree:
+    def tree(self) -> Any:
         """The kd-tree of the points."""
-        from scipy.spatial import cKDTree
-
-        return cKDTree(self.points)
+        return kd_tree(self.points)
 
     @cached_property
     def edge_matrix(self) -> Any:
@@ -406,18 +399,14 @@ class Surface(Bound):
         n = self.point_count
         if self.faces is None:
             return coo_array((n, n)).tocsr()
-        corners, rows, columns, values = self.points[self.faces], [], [], []
         twice = 2 * self.face_areas
         largest = float(twice.max(initial=0)) or self.diagonal**2 or 1.0
         safe = np.maximum(twice, 1e-12 * largest)
-        for corner in range(3):
-            left, right = (corner + 1) % 3, (corner + 2) % 3
-            u, v = corners[:, left] - corners[:, corner], corners[:, right] - corners[:, corner]
-            rows.append(self.faces[:, left])
-            columns.append(self.faces[:, right])
-            values.append(0.5 * (u * v).sum(axis=1) / safe)
-        i, j, weights = (np.concatenate(part) for part in (rows, columns, values))
-        one_way = coo_array((weights, (i, j)), shape=(n, n)).tocsr()
+        left, right = (np.roll(self.faces, -step, axis=1) for step in (1, 2))
+        u, v = (self.points[side] - self.points[self.faces] for side in (left, right))
+        weights = 0.5 * (u * v).sum(axis=2) / safe[:, None]
+        ends = left.T.ravel(), right.T.ravel()
+        one_way = coo_array((weights.T.ravel(), ends), shape=(n, n)).tocsr()
         return (one_way + one_way.T).tocsr()
 
     @cached_property
@@ -464,7 +453,7 @@ def _face_vectors(surface: Surface) -> NDArray[np.float64]:
     return vectors
 
 
-def _nearest_others(tree: cKDTree, points: FloatArray) -> FloatArray:
+def _nearest_others(tree: Any, points: FloatArray) -> FloatArray:
     """Return how far the second nearest point of a tree is, the nearest being the point itself."""
     return np.asarray(tree.query(points, k=2)[0][:, 1])
 

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from medialis.base.arrays import Index, Mask, Ragged, unit
+from medialis.base.arrays import Index, Mask, Ragged, unit_rows
 from medialis.base.errors import InvalidShapeError
 from medialis.base.kept import Bound
 from medialis.base.validation import FloatArray, IntArray, frozen, hold
@@ -125,9 +125,9 @@ class Unfolded(Bound):
         tolerance turns a spoke by some degrees.
         """
         side = self.cloud.side[self.rows][:, None]
-        first = unit(self.points - self.centers, side * self.normals)
+        first = unit_rows(self.points - self.centers, instead=side * self.normals)
         wall = side * self.contact_normals
-        second = unit(self.contacts - self.centers, wall)
+        second = unit_rows(self.contacts - self.centers, instead=wall)
         tangent = np.einsum("ij,ij->i", second, wall) > TANGENT
         second = np.where(tangent[:, None], wall, second)
         return frozen(first, np.float64), frozen(second, np.float64)
@@ -395,7 +395,7 @@ def _contacts(
     near, regions = near[rows], regions[rows]
     at_crease = (near >= n) & (cloud.contact_faces[rows] < 0)
     spokes = places - cloud.centers[rows]
-    normals[at_crease] = sign * unit(spokes)[at_crease]
+    normals[at_crease] = sign * unit_rows(spokes)[at_crease]
     # The sector across the crease, of those whose ball is the end of a sheet.
     convex = creases.pairs[creases.concave == (sign < 0)].astype(np.int64)
     across = np.full(len(rows), -1, np.int64)

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from medialis.base.arrays import Mask, first_equal_row, unit
+from medialis.base.arrays import Mask, first_equal_row, unit_rows
 from medialis.base.errors import InvalidShapeError
 from medialis.base.kept import kept
 from medialis.base.options import Options, algorithm, angle, length, whole
@@ -279,7 +279,7 @@ def _lift_side(
     row_near = _rows_of_samples(cloud, usable, bridge)
     # The sheet bisects the two feature points. Zero and NaN rows belong to masked balls, which are
     # never used.
-    chords = unit(shape.points[cloud.features[:, 0]] - shape.points[cloud.features[:, 1]])
+    chords = unit_rows(shape.points[cloud.features[:, 0]] - shape.points[cloud.features[:, 1]])
     known = shape.points, cloud.source, cloud.centers, cloud.radii
     balls = kernels.SheetBalls(*known, chords, np.cos(cloud.spoke_angles / 2))
     rows, ok = np.empty((m, 3), np.int32), np.zeros(m, np.bool_)

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from medialis.base.arrays import Index, Ragged, unit
+from medialis.base.arrays import Index, Ragged, unit_rows
 from medialis.base.progress import Progress
 from medialis.base.threads import run_chunks
 from medialis.base.validation import FloatArray, IntArray
@@ -269,7 +269,7 @@ def between_samples(cloud: MedialCloud, walls: Walls, tolerance: float) -> Media
     weights[rows, side], weights[rows, (side + 1) % 3] = 1.0 - part, part
     source = corners[rows, np.where(part < 0.5, side, (side + 1) % 3)]
     one, other = surface.face_normals[face], surface.face_normals[second // 3]
-    middle = unit(one + other, least=STEEPER)
+    middle = unit_rows(one + other, least=STEEPER)
     cosine = np.clip(np.einsum("ij,ij->i", middle, one), 0.0, 1.0)
     place = np.einsum("ij,ijk->ik", weights, surface.points[corners])
     ends = surface.points[corners[rows, side]] - surface.points[corners[rows, (side + 1) % 3]]

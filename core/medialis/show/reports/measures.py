@@ -10,11 +10,12 @@ from __future__ import annotations
 import platform
 from dataclasses import dataclass
 from importlib.metadata import version
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from medialis.base.errors import InvalidShapeError
 from medialis.base.threads import thread_count
 from medialis.base.validation import FloatArray, IntArray, as_field, as_points
 from medialis.base.version import package_version
@@ -24,6 +25,9 @@ from medialis.shape.diagnosis import Diagnosis, diagnose
 from medialis.shape.shape import Shape
 from medialis.show.reports.page import NOUNS, verdicts
 from medialis.skeleton.medial_cloud import BallStatus
+
+if TYPE_CHECKING:
+    from medialis.base.box_tree import NearestTree
 
 PLACES_BETWEEN = 100_000
 """Places of the surface between the samples that are looked at."""
@@ -98,9 +102,20 @@ def distance_to_balls(
     -----
     Cost: about O(log k) a query for balls of a skeleton.
     """
+    return _tree_of_balls(centers, radii)[0].distances(as_points(queries, "queries"))
+
+
+def _tree_of_balls(
+    centers: ArrayLike, radii: ArrayLike
+) -> tuple[NearestTree, FloatArray, FloatArray]:
+    """Return the tree of some balls, and these as arrays that were checked."""
     from medialis.base.box_tree import NearestTree
 
-    return NearestTree.of_balls(centers, radii).distances(as_points(queries, "queries"))
+    middles = as_points(centers, "centers")
+    sizes = as_field(radii, len(middles), "radii")
+    if not np.isfinite(sizes).all() or (sizes < 0).any():
+        raise InvalidShapeError("radii must be finite and not negative.")
+    return NearestTree.of_balls(middles, sizes), middles, sizes
 
 
 def distance_to_surface(queries: ArrayLike, shape: Shape) -> FloatArray:
@@ -137,11 +152,7 @@ def reconstruction_error(shape: Shape, centers: ArrayLike, radii: ArrayLike) -> 
     space. The surface is seen at its samples and at the middles of its edges and faces (at most
     100,000 of these), the balls at 32 to 512 points on each of at most 20,000.
     """
-    from medialis.base.box_tree import NearestTree
-
-    middles = as_points(centers, "centers")
-    sizes = as_field(radii, len(middles), "radii")
-    tree = NearestTree.of_balls(middles, sizes)
+    tree, middles, sizes = _tree_of_balls(centers, radii)
     between, areas = _between(shape)
     places = np.concatenate([shape.points, between])
     out, _ = tree.distances(places)

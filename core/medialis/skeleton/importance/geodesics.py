@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from medialis.base.arrays import Described, Index, Mask, unit
+from medialis.base.arrays import Described, Index, Mask, unit_rows
 from medialis.base.errors import InvalidShapeError
 from medialis.base.kept import Bound
 from medialis.base.options import Options, whole
@@ -363,7 +363,9 @@ def _through_landmarks(
                 there[k] = other[k]
                 while before[there[k]] != landmark:
                     there[k] = before[there[k]]
-            tangents[rows[shorter]] = unit(sign * (points[there] - points[here]), np.nan)
+            tangents[rows[shorter]] = unit_rows(
+                sign * (points[there] - points[here]), instead=np.nan
+            )
         out.length[rows[shorter]] = length[shorter]
         out.status[rows[shorter]] = PathStatus.EDGES
 
