@@ -130,7 +130,8 @@ def used_by(operation):
     """Return the kernels that an operation calls, and those that they call, with their types."""
     forget()
     clear_memory()
-    medialis.run(operation.name, shape_for(operation))
+    result = medialis.run(operation.name, shape_for(operation))
+    medialis.draw_result(result, width=320, height=240)  # as the command line does
     waiting, seen = in_memory(), set()
     while waiting:
         one = waiting.pop()
@@ -162,7 +163,7 @@ def main():
 
 def write(lines):
     """Write the list; lines without an operation that are in it stay, behind the others."""
-    known = {line.replace(line.split("|")[1], "", 1) for line in lines}
+    known = {"||".join(line.split("|")[::2]) for line in lines}
     kept = [line for line in LIST.read_text("ascii").splitlines() if "||" in line]
     lines = [*lines, *sorted(line for line in kept if line not in known)]
     LIST.write_text("\n".join(lines) + "\n", encoding="ascii")
