@@ -58,13 +58,8 @@ test: $(VENV)/installed-dev
 test-fast: $(VENV)/installed-dev
 	$(RUN) -m pytest $(PARALLEL) --ignore=tests/blender -m 'not slow' $(or $(PYTEST),tests)
 
-HOSTS = $(patsubst %/installed,%,$(wildcard .venv-bpy-*/installed))
-
 test-blender:
-	@$(if $(HOSTS),,echo "Blender tests were left out: they need the environments of 'make hosts'.")
-	@failed=; for host in $(HOSTS); do echo "tests/blender in $$host"; \
-		$$host/bin/python -m pytest tests/blender $(PYTEST) || failed="$$failed $$host"; done; \
-		[ -z "$$failed" ] || { echo "failed in:$$failed"; exit 1; }
+	@tests/blender/run_in_hosts.sh $(PYTEST)
 
 MINUTES ?= 10
 
