@@ -2,7 +2,7 @@
 #   make demo              a surface skeleton of a built-in shape, with a picture
 #   make demo SHAPE=file   the same for your own mesh or point cloud
 #   make test              the whole test suite, on all processors
-#   make test-fast         tests of some two seconds at most each: three minutes on two processors
+#   make test-fast         tests of a quarter of a second at most each: 45 s on two processors
 # PYTHON names the interpreter that makes the environment, VENV where it goes.
 # For work on the Blender extension:
 #   make hosts             environments with Blender as a module, 1 GB each; `make test` uses them
@@ -50,13 +50,16 @@ demo: $(VENV)/installed
 
 # PYTEST="tests/formats -k ply" runs only these of the core's tests; for Blender's there is test-blender.
 PARALLEL = -n auto --dist worksteal
+# Tests as they are compiled stay from run to run, also where Python is told to write no such files:
+# compiling their assertions is more than half of what collecting takes.
+PYTEST_RUN = PYTHONDONTWRITEBYTECODE= $(RUN) -m pytest
 
 test: $(VENV)/installed-dev
-	$(RUN) -m pytest $(PARALLEL) --ignore=tests/blender $(PYTEST)
+	$(PYTEST_RUN) $(PARALLEL) --ignore=tests/blender $(PYTEST)
 	@$(if $(PYTEST),,$(MAKE) --no-print-directory test-blender)
 
 test-fast: $(VENV)/installed-dev
-	$(RUN) -m pytest $(PARALLEL) --ignore=tests/blender -m 'not slow' $(or $(PYTEST),tests)
+	$(PYTEST_RUN) $(PARALLEL) --ignore=tests/blender -m 'not slow' $(or $(PYTEST),tests)
 
 test-blender:
 	@tests/blender/run_in_hosts.sh $(PYTEST)
