@@ -55,6 +55,7 @@ def expected_messages(shape):
     return progress.messages
 
 
+@pytest.mark.slow
 def test_a_late_option_is_answered_from_what_is_kept(computer, shape):
     """The process stays, also for equal arrays that are others."""
     first = finished(begin(computer, shape, "curve_skeleton"))[1]
