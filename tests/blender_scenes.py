@@ -11,7 +11,7 @@ QUICK = {
     "view_curve_skeleton": {"pairs": 40, "size": 128},
     "medial_mesh": {"balls": 24, "quality": "fast"},
 }
-"""Options of operations that take three seconds at their defaults, where their numbers do not matter;
+"""Options of operations that take three seconds at their defaults, where numbers do not matter;
 test_operators.py runs all operations at their defaults."""
 
 KEYS = {"FLOAT_VECTOR": ("vector", 3), "FLOAT2": ("vector", 2), "FLOAT_COLOR": ("color", 4)}
