@@ -65,6 +65,7 @@ def test_the_balls_are_written_for_robots(creature, result, folder):
     assert (apart.min(axis=1) <= 0).all()
 
 
+@pytest.mark.slow
 def test_results_read_back_say_what_they_are_written_as(result, folder):
     again = medialis.read_result(folder)
     for name, layer in layers(result).items():
