@@ -20,6 +20,7 @@ RESULT = "0 2.0"
 posix = pytest.mark.skipif(os.name == "nt", reason="looks at owners and rights of Unix")
 
 
+@pytest.mark.slow
 def test_importing_the_package_loads_no_compiled_code():
     code = (
         "import sys, medialis, medialis.cli.commands; len(medialis.OPERATIONS); "

@@ -39,6 +39,7 @@ def slow_measure(shape, cloud, paths, tied):
     return tangents, result
 
 
+@pytest.mark.slow
 def test_the_measure_is_the_formula(creature):
     shape, cloud, paths = creature
     found = medialis.candidate_measure(cloud)
@@ -105,6 +106,7 @@ def spheroid(half_length, count=4000):
     return medialis.Shape(points * [half_length, 1, 1], normals, faces.astype(np.int32))
 
 
+@pytest.mark.slow
 def test_a_sphere_is_halved():
     """Every geodesic has half the length of a great circle: the spheroid is the sphere."""
     _, _, area = areas_of(spheroid(1.0, 2000))

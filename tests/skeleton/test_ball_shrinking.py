@@ -227,6 +227,7 @@ def test_balls_of_a_mirrored_ellipsoid_are_exact():
     assert (cloud.features[:, 1] == mirror).mean() > 0.99  # else a sample equally far to rounding
 
 
+@pytest.mark.slow
 def test_mirrored_ellipsoid_with_tolerance():
     """No sample is deeper than T: r is at most r_T of the mirror point, and never below r."""
     form = forms.ellipsoid(3000)

@@ -147,6 +147,7 @@ def deepest_place(shape, rows, cloud, grid=12):
     return np.array(depth)
 
 
+@pytest.mark.slow
 def test_balls_in_a_shell_hold_no_surface_and_touch_it():
     shape = shell()
     before, after = shrink_balls(shape), cured(shape)

@@ -148,6 +148,7 @@ def test_one_or_two_wrong_samples_are_no_place_but_fail_a_threshold():
     assert places(shape, values, level=1e-3) == []
 
 
+@pytest.mark.slow
 def test_scale_order_and_clouds():
     shape = organic_shape(56)
     values = thickness(shrink_balls(shape))
