@@ -9,6 +9,7 @@ walls: two minutes where kernels are compiled, as after the tests. What an opera
 memory after it; the kernels that these call, and for which types, numba's type inference tells.
 """
 
+import inspect
 import json
 import os
 import sys
@@ -28,6 +29,7 @@ from numba.np.numpy_support import as_dtype  # noqa: E402
 import medialis  # noqa: E402
 from medialis.base.jit import code_of, kernel_class  # noqa: E402
 from medialis.base.kept import forget  # noqa: E402
+from medialis.hosts.compile_ahead import named  # noqa: E402
 
 LIST = ROOT / "core" / "medialis" / "hosts" / "kernels.txt"
 
@@ -164,10 +166,20 @@ def main():
 def write(lines):
     """Write the list; lines without an operation that are in it stay, behind the others."""
     known = {"||".join(line.split("|")[::2]) for line in lines}
-    kept = [line for line in LIST.read_text("ascii").splitlines() if "||" in line]
+    kept = [line for line in LIST.read_text("ascii").splitlines() if "||" in line and is_there(line)]
     lines = [*lines, *sorted(line for line in kept if line not in known)]
     LIST.write_text("\n".join(lines) + "\n", encoding="ascii")
     print(f"{len(lines)} kernels in {LIST}")
+
+
+def is_there(line):
+    """Tell whether the kernel of a line is still there, with as many arguments."""
+    name, _, words = line.split("|")
+    try:
+        wanted = inspect.signature(named(name).py_func).parameters
+    except (ImportError, AttributeError):
+        return False
+    return len(wanted) == len(json.loads(words))
 
 
 def add(path):
@@ -176,7 +188,7 @@ def add(path):
     codes = {(name, code_of(json.loads(words))) for name, _, words in known}
     lines = ["|".join(parts) for parts in known if parts[1]]
     fresh = ["|".join(parts) for parts in known if not parts[1]]
-    for line in sorted(set(path.read_text("ascii").splitlines())):
+    for line in filter(is_there, sorted(set(path.read_text("ascii").splitlines()))):
         name, _, words = line.split("|")
         if (name, code_of(json.loads(words))) not in codes:
             codes.add((name, code_of(json.loads(words))))
