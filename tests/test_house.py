@@ -5,6 +5,7 @@ import os
 import re
 import subprocess
 import sys
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -14,6 +15,7 @@ import medialis
 from medialis.base import cache_folder
 
 PACKAGE = Path(cache_folder.PACKAGE)
+imports = cache(imports)  # several tests read each file
 # fmt: off
 FLOORS = [
     "base", "formats", "shape", "operations",
