@@ -26,7 +26,7 @@ from medialis.base.threads import thread_count
 from medialis.base.validation import as_whole_number
 from medialis.batches.engine import run_jobs, warn_if_open
 from medialis.batches.jobs import DONE, FAILED, TABLES, Job, Row, plan, run_job
-from medialis.formats.files import complete_file, reason, remove_left, take_lock
+from medialis.formats.files import reason, remove_left, take_lock, write_text
 from medialis.operations.result import quantity
 from medialis.show.reports.page import data_text, page
 from medialis.show.viewer.page import has_library
@@ -235,8 +235,7 @@ def write_table(rows: Sequence[Row], folder: str | os.PathLike[str]) -> tuple[st
     for path, text in ((csv_path, csv_text(rows)), (page_path, html_text(rows))):
         for left in path.parent.glob(f".{path.name}-????????"):  # of a batch that was killed
             left.unlink(missing_ok=True)
-        with complete_file(path) as stream:
-            stream.write(text.encode("utf-8", "backslashreplace"))  # names that are no text
+        write_text(path, text)
     return str(csv_path), str(page_path)
 
 

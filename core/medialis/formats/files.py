@@ -184,6 +184,19 @@ def complete_file(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
         raise
 
 
+def write_text(path: str | os.PathLike[str], text: str) -> None:
+    """Write a file of text by `complete_file`, with names in it that are no text."""
+    with complete_file(path) as stream:
+        stream.write(text.encode("utf-8", "backslashreplace"))
+
+
+def write_lines(path: str | os.PathLike[str], lines: Iterable[str]) -> None:
+    """Write a file of lines by `complete_file`."""
+    with complete_file(path) as stream:
+        for line in lines:
+            stream.write(line.encode() + b"\n")
+
+
 def _new_file(path: Path) -> BinaryIO:
     try:
         return path.open("xb")

@@ -31,6 +31,7 @@ from medialis.formats.files import (
     unix_lines,
     whole,
     without_comments,
+    write_lines,
 )
 from medialis.formats.ply import for_each_point, said_viewpoints
 
@@ -373,17 +374,14 @@ def write_obj(path: str | os.PathLike[str], layer: Drawn) -> None:
     lines = _rows("v ", layer.points)
     for mark, rows in (("f ", layer.faces), ("l ", layer.edges)):
         lines += [] if rows is None else _rows(mark, rows + 1)
-    with complete_file(path) as stream:
-        stream.write(("\n".join(lines) + "\n").encode())
+    write_lines(path, lines)
 
 
 def write_off(path: str | os.PathLike[str], layer: Drawn) -> None:
     """Write points and triangles as OFF, as `write_obj`."""
     faces = np.empty((0, 3), np.int32) if layer.faces is None else layer.faces
     counts = f"{len(layer.points)} {len(faces)} 0"
-    lines = ["OFF", counts, *_rows("", layer.points), *_rows("3 ", faces)]
-    with complete_file(path) as stream:
-        stream.write(("\n".join(lines) + "\n").encode())
+    write_lines(path, ["OFF", counts, *_rows("", layer.points), *_rows("3 ", faces)])
 
 
 def write_stl(path: str | os.PathLike[str], layer: Drawn) -> None:

@@ -25,7 +25,7 @@ from medialis.base.options import Kind, Options, Parameter
 from medialis.base.progress import Progress, ProgressCallback
 from medialis.base.threads import run_patiently
 from medialis.base.version import package_version
-from medialis.formats.files import OutputFolder, complete_file
+from medialis.formats.files import OutputFolder, write_text
 from medialis.formats.json_npz import json_text, write_json
 from medialis.formats.ply_attributes import write_ply
 from medialis.hosts.drawing import hidden_apart, shown, solid
@@ -349,6 +349,5 @@ def write_notes(
     table = json_text({"medialis": package_version(), "filters": menu_entries()})
     texts = {PROGRAM_NOTE: str(Path(python).absolute()), FILTER_NOTE: table}
     for name, text in texts.items():
-        with complete_file(Path(folder) / name) as stream:
-            stream.write(f"{text}\n".encode())
+        write_text(Path(folder) / name, f"{text}\n")
     return [Path(folder) / name for name in texts]

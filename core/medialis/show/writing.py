@@ -22,7 +22,7 @@ from medialis.base.options import Length, Options
 from medialis.base.progress import Message, Progress, ProgressCallback
 from medialis.base.validation import IntArray, as_choice
 from medialis.base.version import package_version
-from medialis.formats.files import MANIFEST, Drawn, OutputFolder, absolute, complete_file
+from medialis.formats.files import MANIFEST, Drawn, OutputFolder, absolute, write_text
 from medialis.formats.gltf import write_gltf
 from medialis.formats.json_npz import write_json, write_npz
 from medialis.formats.ply_attributes import write_layer_ply
@@ -382,8 +382,7 @@ def write_files(
             for number, image in enumerate(views if count else ()):
                 write_png(new(f"turntable_{number:03d}.png"), image)
         for name, text in wanted.texts.items():
-            with complete_file(new(name)) as stream:
-                stream.write(text.encode("utf-8", "backslashreplace"))  # as in write_json
+            write_text(new(name), text)
         with progress.stage("check", 0.95, 1.0):
             contents = {name: content(out.file(name), progress) for name in names}
         names.append(MANIFEST)

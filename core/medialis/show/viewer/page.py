@@ -36,7 +36,7 @@ from numpy.typing import ArrayLike, NDArray
 from medialis.base.errors import FileError
 from medialis.base.options import AREAS, LENGTHS, RADIANS
 from medialis.base.validation import FloatArray, IntArray
-from medialis.formats.files import complete_file
+from medialis.formats.files import write_text
 from medialis.show.camera import default_view
 from medialis.show.colors import color_table, palette, value_range
 
@@ -379,9 +379,7 @@ def write_viewer(
     FileError
         When the page cannot be written, or the library that it draws with is missing.
     """
-    text = viewer_page(results, title)
-    with complete_file(path) as stream:
-        stream.write(text.encode("utf-8", "backslashreplace"))
+    write_text(path, viewer_page(results, title))
 
 
 def viewer_page(results: Sequence[Outcome], title: str = "medialis") -> str:
