@@ -164,6 +164,10 @@ def build_parser(
     demo.add_argument("file", nargs="?", help="a mesh or point cloud of your own")
     demo.add_argument("-o", "--output", default="medialis-demo", help="output folder")
     _add_progress(demo)
+    demo.set_defaults(
+        **{"overwrite": True, "turntable": 0, "formats": "", "host": False, "report": False},
+        **dict.fromkeys(("unit", "threads", "no_picture", "color_by")),
+    )
     sample = add("sample", "Write a shape to try things on; without a name: list them.")
     sample.add_argument("name", nargs="?", help="its name")
     sample.add_argument("-o", "--output", metavar="FILE", help="(default: NAME.ply, here)")
