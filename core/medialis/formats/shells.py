@@ -25,13 +25,13 @@ import os
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from medialis.base.errors import InvalidOptionError
-from medialis.base.validation import FloatArray, as_choice, as_faces, as_points
+from medialis.base.validation import FloatArray, as_faces, as_points
 from medialis.formats.files import Drawn, write_lines
 from medialis.formats.vtk import as_column, cell_rows
 
@@ -228,8 +228,6 @@ def _view(kind: str, name: str, numbers: NDArray[np.int64], given: NDArray[Any])
     yield f"$End{kind}"
 
 
-ShellElement = Literal["S3", "S6"]
-
 CALCULIX = ".ccx.inp"
 """How names of files for CalculiX end."""
 
@@ -240,14 +238,8 @@ PER_LINE = 12
 """Numbers in a line of an element set: 16 at most."""
 
 
-def write_inp(
-    path: str | os.PathLike[str],
-    layer: Drawn,
-    *,
-    element: ShellElement | None = None,
-    unit: str | None = None,
-) -> None:
-    """Write the triangles of a layer as shell elements.
+def write_inp(path: str | os.PathLike[str], layer: Drawn) -> None:
+    """Write the triangles of a layer as shell elements: S3, or S6 for CalculiX.
 
     Parameters
     ----------
@@ -256,10 +248,6 @@ def write_inp(
     layer : Drawn
         With triangles. `thickness` of the points makes sections; `sheet` of the faces, or their
         first attribute of whole numbers, makes element sets: SHEET_0, ...
-    element : {"S3", "S6"}, optional
-        S6 has a node in the middle of each edge. S3 when missing, S6 for CalculiX.
-    unit : str, optional
-        What one unit of the points is; a comment says it.
 
     Raises
     ------
@@ -270,11 +258,8 @@ def write_inp(
     FileError
         When the file cannot be written.
     """
-    mesh = ShellMesh(layer)
-    if element is None:
-        element = "S6" if os.fspath(path).lower().endswith(CALCULIX) else "S3"
-    as_choice(element, "element", ("S3", "S6"))
-    write_lines(path, _inp_lines(mesh, element, unit))
+    element = "S6" if os.fspath(path).lower().endswith(CALCULIX) else "S3"
+    write_lines(path, _inp_lines(ShellMesh(layer), element))
 
 
 def _nodes(
@@ -301,12 +286,12 @@ def _nodes(
     return points, thickness, np.concatenate([corners, between], axis=1)
 
 
-def _inp_lines(mesh: ShellMesh, element: str, unit: str | None) -> Iterator[str]:
+def _inp_lines(mesh: ShellMesh, element: str) -> Iterator[str]:
     points, thickness, elements = _nodes(mesh, element)
     numbers = np.arange(1, len(mesh.faces) + 1)
     yield "*HEADING"
     yield "Shell model written by medialis"
-    yield f"** Lengths are in {unit or 'the unit of the shape'}."
+    yield "** Lengths are in the unit of the shape."
     if not all(np.isnan(group.thickness) for group in mesh.groups):
         yield f"** Define *MATERIAL, NAME={MATERIAL} before you include this file."
     yield "*NODE, NSET=ALL_NODES"

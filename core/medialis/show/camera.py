@@ -121,7 +121,7 @@ def _footprint(points: FloatArray, axis: int) -> float:
     return float(np.ptp(feet, axis=0).prod() / whole) if whole > 0 else 0.0
 
 
-def default_view(points: ArrayLike, up: ArrayLike | None = None) -> tuple[FloatArray, FloatArray]:
+def default_view(points: ArrayLike) -> tuple[FloatArray, FloatArray]:
     """Return (direction from the shape to the camera, up): a three-quarter view of its broad side.
 
     The camera faces the axis of least variance, so that most of the shape is visible, and is then
@@ -147,12 +147,10 @@ def default_view(points: ArrayLike, up: ArrayLike | None = None) -> tuple[FloatA
     variances, vectors = np.linalg.eigh(offsets.T @ offsets / len(data))
     thin = vectors[:, 0]
     clear = variances[0] < 0.8 * variances[1]
-    if up is None:
-        lying = clear and abs(thin[1]) > 0.8
-        facing = clear and abs(thin[2]) > 0.8
-        standing = not facing and _footprint(offsets, 2) > 1.5 * _footprint(offsets, 1) + 0.05
-        up = (0.0, 0.0, 1.0) if lying or standing else (0.0, 1.0, 0.0)
-    upward = unit_direction(up, "up")
+    lying = clear and abs(thin[1]) > 0.8
+    facing = clear and abs(thin[2]) > 0.8
+    standing = not facing and _footprint(offsets, 2) > 1.5 * _footprint(offsets, 1) + 0.05
+    upward = np.eye(3)[2 if lying or standing else 1]
     front = thin - upward * float(thin @ upward)
     if not clear or np.linalg.norm(front) < 0.3:
         front = np.roll(upward, 1) if upward[2] < 0.5 else np.array([0.0, -1.0, 0.0])
@@ -268,10 +266,6 @@ class Camera(Described):
             scale[~seen] = math.nan
         columns = self.width / 2 + scale * view[:, 0]
         return np.stack([columns, self.height / 2 - scale * view[:, 1]], axis=1), depth
-
-    def resized(self, width: int, height: int) -> Camera:
-        """Return the same view for another picture size; the visible height stays."""
-        return replace(self, width=width, height=height)
 
     @classmethod
     def framing(
