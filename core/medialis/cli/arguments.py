@@ -359,25 +359,12 @@ def _add_parameter(group: Any, parameter: Parameter) -> None:
 
     flag = "--" + parameter.name.replace("_", "-")
     text = f"{parameter.help} (default: {parameter.default})".replace("%", "%%")
+    metavars = {Kind.INT: "N", Kind.FLOAT: "NUMBER", Kind.ANGLE: "DEGREES"}
+    metavars[Kind.CHOICE] = "{" + ",".join(parameter.choices) + "}"
+    taken: dict[str, Any] = {"metavar": metavars.get(parameter.kind, parameter.kind.name)}
     if parameter.kind is Kind.BOOL:
-        group.add_argument(
-            flag,
-            dest=f"parameter_{parameter.name}",
-            action=argparse.BooleanOptionalAction,
-            default=parameter.default,
-            help=text,
-        )
-        return
-    metavar = {
-        Kind.INT: "N",
-        Kind.LENGTH: "LENGTH",
-        Kind.FLOAT: "NUMBER",
-        Kind.ANGLE: "DEGREES",
-        Kind.FILE: "FILE",
-    }.get(parameter.kind)
-    if parameter.kind is Kind.CHOICE:
-        metavar = "{" + ",".join(parameter.choices) + "}"
-    group.add_argument(flag, dest=f"parameter_{parameter.name}", metavar=metavar, help=text)
+        taken = {"action": argparse.BooleanOptionalAction, "default": parameter.default}
+    group.add_argument(flag, dest=f"parameter_{parameter.name}", help=text, **taken)
 
 
 def _add_unit(sub: argparse.ArgumentParser) -> None:

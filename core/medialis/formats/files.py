@@ -570,23 +570,25 @@ class OutputFolder:
             )
         backup = hidden / ".replaced"
         done: list[tuple[Path, Path | None]] = []
+
+        def put_aside(place: Path) -> None:
+            backup.mkdir(exist_ok=True)
+            done.append((place, backup / str(len(done))))
+            place.replace(backup / str(len(done) - 1))
+
         try:
             if (target / MANIFEST).exists():  # a kill between moves leaves none
-                backup.mkdir(exist_ok=True)
-                (target / MANIFEST).replace(backup / MANIFEST)
-            for number, name in enumerate(self._replaced):
+                put_aside(target / MANIFEST)
+            for name in self._replaced:
                 if name != MANIFEST and not (hidden / name).exists() and (target / name).is_file():
-                    backup.mkdir(exist_ok=True)
-                    done.append((target / name, backup / f"old{number}"))
-                    (target / name).replace(backup / f"old{number}")
-            for number, source in enumerate(files):
+                    put_aside(target / name)
+            for source in files:
                 place = target / source.relative_to(hidden)
                 self._make(place.parent)
-                old = backup / str(number) if place.exists() else None
-                done.append((place, old))
-                if old is not None:
-                    backup.mkdir(exist_ok=True)
-                    place.replace(old)
+                if place.exists():
+                    put_aside(place)
+                else:
+                    done.append((place, None))
                 source.replace(place)
             self._make(target)
         except BaseException:
@@ -595,8 +597,6 @@ class OutputFolder:
                     place.unlink(missing_ok=True)
                 elif old.exists():
                     old.replace(place)
-            if (backup / MANIFEST).exists():
-                (backup / MANIFEST).replace(target / MANIFEST)
             raise
 
     def _clean(self) -> None:

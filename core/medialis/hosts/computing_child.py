@@ -283,9 +283,12 @@ def compute(task: Task, host: Host) -> tuple[Shape, Result]:
         with progress.stage("compiling what the first run needs", 0.0, begin):
             compile_ahead(task.name, progress)
     with progress.stage("input", begin, begin + 0.1):
-        shape = kept(
-            make_shape, given, task.unit, lambda: _repaired(given, task.unit, progress), progress
-        )
+
+        def repaired() -> Shape:
+            points, faces, unit = given.points, given.faces, task.unit
+            return make_shape(points, faces, repair=True, unit=unit, progress=progress)
+
+        shape = kept(make_shape, given, task.unit, repaired, progress)
     views = view_source(_views_of(task, host, progress)) if task.views else nullcontext()
     with views, progress.stage("compute", begin + 0.1, 1.0):
         result = run(task.name, shape, threads=task.threads, progress=progress, **task.parameters)
@@ -296,10 +299,6 @@ def compute(task: Task, host: Host) -> tuple[Shape, Result]:
 
 HANDED_OVER = ("bones", "skin")
 """Extra outputs that hosts use."""
-
-
-def _repaired(given: Given, unit: str | None, progress: Progress) -> Shape:
-    return make_shape(given.points, given.faces, repair=True, unit=unit, progress=progress)
 
 
 def _views_of(task: Task, host: Host, progress: Progress) -> Callable[[Shape], ViewSource]:

@@ -16,6 +16,7 @@ import os
 import sys
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -191,9 +192,7 @@ def menu_entries() -> list[dict[str, Any]]:
 
 
 def _described(parameter: Parameter) -> dict[str, Any]:
-    label = parameter.label
-    if parameter.kind is Kind.ANGLE:
-        label += " (degrees)"
+    label = parameter.label + (" (degrees)" if parameter.kind is Kind.ANGLE else "")
     return {**asdict(parameter), "kind": parameter.kind.value, "label": label}
 
 
@@ -298,37 +297,28 @@ def write_for_host(
     manifest["layers"] = [{**about, "file": f"{about['name']}.ply"} for about in manifest["layers"]]
     with OutputFolder(folder) as out, progress.stage("write", 0.0, 1.0):
         for number, layer in enumerate(chosen):
-            _write_layer(out, layer, shape, progress)
+            columns = run_patiently(partial(_columns, layer, shape), progress)
+            write_ply(out.file(f"{layer.name}.ply"), *columns)
             progress.update((number + 1) / len(chosen))
         write_json(out.file("manifest.json"), manifest)
     return manifest
 
 
-def _write_layer(out: OutputFolder, layer: Layer, shape: Shape, progress: Progress) -> None:
-    points, faces, attributes, face_attributes = run_patiently(
-        lambda: _columns(layer, shape), progress
-    )
-    file = out.file(f"{layer.name}.ply")
-    write_ply(file, points, faces, layer.edges, attributes, face_attributes)
-
-
-def _columns(layer: Layer, shape: Shape) -> tuple[Any, Any, dict[str, Any], dict[str, Any]]:
-    """Return points, faces and the attributes of both, colours with them, of a layer's file."""
+def _columns(layer: Layer, shape: Shape) -> tuple[Any, Any, Any, dict[str, Any], dict[str, Any]]:
+    """Return what `write_ply` takes of a layer; colours are attributes of points or faces."""
     points, faces = layer.points, layer.faces
     attributes, face_attributes = dict(layer.attributes), dict(layer.face_attributes)
     if layer.on_input:
         fields = on_input(layer, shape)
         attributes, face_attributes = dict(fields.attributes), dict(fields.face_attributes)
-        points = shape.on_input_points(points, np.nan)
-        faces = None
-        if face_attributes:  # PLY hangs the values on faces; their corners mean nothing
-            rows = len(next(iter(face_attributes.values())))
-            faces = np.zeros((rows, 3), np.int32)
+        points, faces = shape.on_input_points(points, np.nan), None
+        for values in face_attributes.values():  # PLY hangs them on faces; corners mean nothing
+            faces = np.zeros((len(values), 3), np.int32)
     first = shown(layer, attributes, face_attributes)
     if first is not None:
         columns = zip(COLOR_NAMES, first.rgba_bytes.T, strict=True)
         (face_attributes if first.on_faces else attributes).update(columns)
-    return points, faces, attributes, face_attributes
+    return points, faces, layer.edges, attributes, face_attributes
 
 
 def write_notes(
