@@ -24,7 +24,6 @@ from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import replace
 from functools import partial
 from multiprocessing import connection, get_context, parent_process, resource_tracker
-from types import TracebackType
 from typing import Any, TypeVar
 
 from medialis.base.errors import FileError, InvalidOptionError
@@ -109,16 +108,11 @@ class Processes:
                 with interrupts_held():  # one that has begun is known, and ended
                     self._workers.append(Worker())
         except BaseException:
-            self.__exit__(None, None, None)
+            self.__exit__()
             raise
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         with interrupts_held():
             while self._workers:
                 self._workers.pop().end()
