@@ -32,7 +32,7 @@ from medialis.formats.ply_attributes import write_ply
 from medialis.hosts.drawing import hidden_apart, shown, solid
 from medialis.hosts.fields import on_input
 from medialis.operations import registry
-from medialis.operations.declaration import Operation
+from medialis.operations.declaration import Operation, Selection
 from medialis.operations.registry import operation
 from medialis.operations.result import Layer, Result
 from medialis.shape.shape import Shape
@@ -89,13 +89,18 @@ class Filter:
     name : str
         As MeshLab's filters are called in Python: verb first.
     operation : Operation
-    selects : bool
+    selection : Selection or None
         It selects vertices and adds nothing.
     """
 
     name: str
     operation: Operation
-    selects: bool = False
+    selection: Selection | None = None
+
+    @property
+    def selects(self) -> bool:
+        """Whether it selects vertices and adds nothing."""
+        return self.selection is not None
 
     @property
     def generates(self) -> bool:
@@ -120,16 +125,13 @@ class Filter:
     @property
     def help(self) -> str:
         """What it does, and where that is from."""
-        chosen, full = self.operation, self.operation.full_help
-        if self.selects and chosen.selection is not None:
-            return full.replace(chosen.help.split("\n\n")[0], chosen.selection.help, 1)
-        return full
+        full, first = self.operation.full_help, self.operation.help.split("\n\n")[0]
+        return full.replace(first, self.selection.help, 1) if self.selection else full
 
     @property
     def defaults(self) -> Mapping[str, Any]:
         """Defaults of its own."""
-        selection = self.operation.selection
-        return selection.defaults if self.selects and selection is not None else {}
+        return self.selection.defaults if self.selection else {}
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -141,7 +143,7 @@ class Filter:
     def host_parameters(self) -> tuple[Parameter, ...]:
         """What only a host can do, where it means something; off in scripts."""
         chosen = self.operation
-        if self.selects:
+        if self.selection:
             return ()
         wanted = {
             USE_SELECTION: any(p.selection for p in chosen.parameters),
@@ -158,19 +160,12 @@ class Filter:
 
 def filters() -> tuple[Filter, ...]:
     """Return all filters in the order in which hosts list operations."""
-    found = []
-    for chosen in registry.OPERATIONS:
-        found.append(filter_of(chosen))
-        if chosen.selection is not None:
-            found.append(filter_of(chosen, selects=True))
-    return tuple(found)
-
-
-def filter_of(chosen: Operation, *, selects: bool = False) -> Filter:
-    """Return the filter of an operation, or that of its selection."""
-    if selects and chosen.selection is not None:
-        return Filter(chosen.selection.filter_name, chosen, selects=True)
-    return Filter(chosen.filter_name, chosen)
+    return tuple(
+        Filter(own.filter_name, chosen, own if own is chosen.selection else None)
+        for chosen in registry.OPERATIONS
+        for own in (chosen, chosen.selection)
+        if own is not None
+    )
 
 
 def menu_entries() -> list[dict[str, Any]]:
@@ -221,8 +216,8 @@ def host_layers(
     draw_solid : bool
         Curves as tubes, marks as balls (`solid`).
     """
-    if entry.selects and entry.operation.selection is not None:
-        chosen = entry.operation.selection.chosen(result, shape)
+    if entry.selection:
+        chosen = entry.selection.chosen(result, shape)
         field = {SELECTED: np.asarray(chosen, np.int32)}
         return (
             Layer("selection", shape.points, attributes=field, on_input=True, role="selection"),
@@ -289,7 +284,8 @@ def write_for_host(
         When the folder cannot be written.
     """
     progress = Progress.of(progress)
-    entry = filter_of(operation(result.operation), selects=selects)
+    made_by = operation(result.operation)
+    entry = Filter(made_by.filter_name, made_by, made_by.selection if selects else None)
     chosen = host_layers(result, shape, entry, auxiliary=auxiliary, draw_solid=draw_solid)
     manifest = describe_result(replace(result, layers=chosen), input=source)
     if selects:
