@@ -90,7 +90,9 @@ def _failed(rows: Sequence[Row], operations: int) -> str:
 def _operation(name: str, rows: Sequence[Row], is_open: str) -> str:
     done = [row for row in rows if row.status == DONE]
     columns = list(dict.fromkeys(key for row in done for key in row.numbers))
-    heads = ["shape", "seconds", *map(_heading, columns), "what was said"]
+    units = {name: " in degrees" if quantity(name) == "angle" else "" for name in columns}
+    values = [_words(name) + unit for name, unit in units.items()]
+    heads = ["shape", "seconds", *values, "what was said"]
     head = "".join(f'<th aria-sort="none"><button>{text}</button></th>' for text in heads)
     lines = "\n".join(_line(row, columns) for row in done)
     table = (
@@ -126,10 +128,6 @@ def _line(row: Row, columns: Sequence[str]) -> str:
         f"<span>{name}<br><small>{' '.join(links)}</small></span></div></th>"
         f"<td>{seconds}</td>{values}<td>{said}</td></tr>"
     )
-
-
-def _heading(column: str) -> str:
-    return _words(column) + (" in degrees" if quantity(column) == "angle" else "")
 
 
 def _cell(column: str, value: Any) -> str:

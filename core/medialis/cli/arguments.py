@@ -224,7 +224,9 @@ def with_dashes(arguments: Sequence[str]) -> list[str]:
 
 
 def _add_operation(sub: argparse.ArgumentParser, chosen: Operation, run: Command) -> None:
-    sub.description, sub.epilog = _wrapped(chosen.full_help), f"{_examples(chosen)}\n\n{_EPILOG}"
+    lines = chosen.full_help.splitlines()  # paragraphs, in lines that fit a terminal
+    sub.description = "\n".join(textwrap.fill(line, 88) for line in lines)
+    sub.epilog = f"{_examples(chosen)}\n\n{_EPILOG}"
     sub.formatter_class = argparse.RawDescriptionHelpFormatter
     sub.add_argument(
         "file",
@@ -274,11 +276,6 @@ def _add_operation(sub: argparse.ArgumentParser, chosen: Operation, run: Command
     )
     _add_progress(sub)
     sub.set_defaults(command=run, operation=chosen, parser=sub)
-
-
-def _wrapped(text: str) -> str:
-    """Return paragraphs in lines that fit a terminal."""
-    return "\n".join(textwrap.fill(line, 88) for line in text.splitlines())
 
 
 def _examples(chosen: Operation) -> str:

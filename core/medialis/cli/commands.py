@@ -419,7 +419,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 given[0] = RENAMED[given[0]].replace("_", "-")
             parser = build_parser(run_operation, COMMANDS, chosen=given[0] if given else "")
             options = parser.parse_args(given)
-            _configure_log(options)
+            level = logging.INFO if getattr(options, "verbose", False) else logging.ERROR
+            logging.basicConfig(level=level, format="%(message)s", stream=sys.stderr)
             code: int = options.command(options)
             sys.stdout.flush()
             return code
@@ -496,11 +497,6 @@ def _drop_output() -> None:
     """Send what is still buffered to nowhere, so that Python does not fail on it at its end."""
     with suppress(OSError):  # a stream that is no file
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-
-
-def _configure_log(options: argparse.Namespace) -> None:
-    level = logging.INFO if getattr(options, "verbose", False) else logging.ERROR
-    logging.basicConfig(level=level, format="%(message)s", stream=sys.stderr)
 
 
 def _info(options: argparse.Namespace) -> int:

@@ -148,7 +148,7 @@ class Host:
 
     def __init__(self, pipe: Any) -> None:
         self._pipe = pipe
-        self._orders: queue.SimpleQueue[tuple[Any, ...]] = queue.SimpleQueue()
+        self._orders: queue.SimpleQueue[tuple[str, Any]] = queue.SimpleQueue()
         self._cancelled = threading.Event()
         self._told, self._reached = 0.0, 0.0
         self._sending = threading.Lock()
@@ -156,18 +156,15 @@ class Host:
         for work in (self._listen, self._watch_compiling):
             threading.Thread(target=work, daemon=True).start()
 
-    def next_task(self) -> Task:
-        """Wait for the next task."""
-        while True:
-            word, *content = self._orders.get()
-            if word == "run":
-                return content[0]
-
-    def begin(self) -> None:
-        """Begin a task: what was cancelled and reached before is forgotten."""
+    def begin(self) -> Task:
+        """Wait for the next task and begin it: what was cancelled and reached is forgotten."""
+        word, task = self._orders.get()
+        while word != "run":
+            word, task = self._orders.get()
         self._cancelled.clear()
         self._reached = 0.0
         self._working.set()
+        return task
 
     def end(self, *words: Any) -> None:
         """Say the last word about a task."""
@@ -307,9 +304,7 @@ def serve() -> None:
     host = Host(_input())
     host.tell("ready", package_version())
     while True:
-        task = host.next_task()
-        host.begin()
-        host.end(*work(task, host))
+        host.end(*work(host.begin(), host))
 
 
 def _input() -> Any:
