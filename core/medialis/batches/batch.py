@@ -184,7 +184,9 @@ def locked_folder(folder: str | os.PathLike[str]) -> Iterator[None]:
     except (OSError, ValueError) as error:
         raise FileError(f"Cannot write results to {folder}: {reason(error)}.") from None
     try:
-        if not _take(handle, path):
+        # The one who had it may have removed it between our opening and locking.
+        taken = take_lock(handle) is not False and path.exists()
+        if not (taken and os.path.samestat(os.fstat(handle), path.stat())):
             raise FileError(
                 f"Another batch is writing to {folder}: wait until it has ended, or name another "
                 "folder."
@@ -202,14 +204,6 @@ def locked_folder(folder: str | os.PathLike[str]) -> Iterator[None]:
         with suppress(OSError):  # something is in it
             for new in made:
                 new.rmdir()
-
-
-def _take(handle: int, path: Path) -> bool:
-    """Lock an open file without waiting; False when another process has it."""
-    if take_lock(handle) is False:
-        return False
-    # The one who had it may have removed it between our opening and locking.
-    return path.exists() and os.path.samestat(os.fstat(handle), path.stat())
 
 
 FORMULA = ("=", "+", "-", "@", "\t", "\r")

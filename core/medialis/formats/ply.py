@@ -27,6 +27,7 @@ _TYPES = {
     **{"int32": "i4", "uint32": "u4", "int64": "i8", "uint64": "u8"},
     **{"float32": "f4", "float64": "f8"},
 }
+_FRACTIONS = ("float", "double", "float32", "float64")
 
 
 @dataclass
@@ -80,9 +81,29 @@ def read_ply_header(data: bytes) -> PlyHeader:
     header = PlyHeader("", [], end.end())
     element: PlyElement | None = None
     for line in re.split(rb"[\r\n]+", data[: end.start()])[1:]:
+        text = line.decode("latin-1")
         try:
-            element = _header_line(header, element, line.decode("latin-1"))
-        except (ValueError, KeyError, IndexError):
+            match text.split():
+                case [] | ["obj_info", *_]:
+                    pass
+                case ["comment", *_]:
+                    header.comments.append(text.strip().removeprefix("comment").strip())
+                case ["format", encoding, *_]:
+                    header.encoding = encoding
+                case ["element", name, rows, *_] if name not in header.by_name:
+                    element = header.by_name[name] = PlyElement(name, int(rows))
+                case ["property", kind, name] if element and name not in element.by_name:
+                    element.by_name[name] = PlyProperty(name, np.dtype(_TYPES[kind]))
+                case ["property", "list", count, kind, name] if element and (
+                    name not in element.by_name and count not in _FRACTIONS
+                ):
+                    types = np.dtype(_TYPES[kind]), np.dtype(_TYPES[count])
+                    element.by_name[name] = PlyProperty(name, *types)
+                case _:
+                    raise ValueError
+            if element and not 0 <= element.rows < 2**63:
+                raise ValueError
+        except (ValueError, KeyError):
             raise InvalidShapeError(
                 f"the PLY header line {shown(line)} cannot be understood."
             ) from None
@@ -92,36 +113,6 @@ def read_ply_header(data: bytes) -> PlyHeader:
             "binary_little_endian and binary_big_endian are supported."
         )
     return header
-
-
-def _header_line(header: PlyHeader, element: PlyElement | None, line: str) -> PlyElement | None:
-    """Take in a line; return the element that the properties after it belong to."""
-    words = line.split()
-    if not words or words[0] == "obj_info":
-        return element
-    if words[0] == "comment":
-        header.comments.append(line.strip()[len("comment") :].strip())
-    elif words[0] == "format":
-        header.encoding = words[1]
-    elif words[0] == "element":
-        rows = int(words[2])
-        if not 0 <= rows < 2**63 or words[1] in header.by_name:
-            raise ValueError
-        element = header.by_name[words[1]] = PlyElement(words[1], rows)
-    elif words[0] == "property":
-        new = PlyProperty(words[-1], np.dtype(_TYPES[words[-2]]))
-        if words[1] == "list":
-            new.count = np.dtype(_TYPES[words[2]])
-            if len(words) != 5 or new.count.kind == "f":
-                raise ValueError
-        elif len(words) != 3:
-            raise ValueError
-        if element is None or new.name in element.by_name:
-            raise ValueError
-        element.by_name[new.name] = new
-    else:
-        raise ValueError
-    return element
 
 
 _SAID = re.compile(r"(?i)^\W*(?:viewpoint|(?:scanner|sensor)[ _](?:position|origin))\b[\s:=]*(.*)$")
