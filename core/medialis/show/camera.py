@@ -313,21 +313,20 @@ class Camera(Described):
         width = as_whole_number(width, "width", low=1, high=MAX_PIXELS)
         height = as_whole_number(height, "height", low=1, high=MAX_PIXELS)
         if direction is None or up is None:
-            suggested = default_view(data)
-            direction = suggested[0] if direction is None else direction
-            up = suggested[1] if up is None else up
+            usual, above = default_view(data)
+            direction, up = usual if direction is None else direction, above if up is None else up
         toward, upward = unit_direction(direction, "direction"), unit_direction(up, "up")
         if np.linalg.norm(np.cross(toward, upward)) < 1e-6:  # looking straight along up
             upward = np.roll(upward, 1)
         low, high = data.min(axis=0), data.max(axis=0)
         middle = (low + high) / 2
         half_diagonal = float(np.linalg.norm(high - low)) / 2
-        if not half_diagonal > 0:
+        point = not half_diagonal > 0
+        if point:
             half_diagonal = max(1e-3 * float(np.abs(middle).max()), 0.5)
+        if point or fit == "sphere":
             data, size = middle[None], np.array([half_diagonal])
-        if fit == "sphere":
-            data, size = middle[None], np.array([half_diagonal])
-        elif fit == "turntable":
+        if fit == "turntable":
             data, size = swept(data, size, middle, upward)
         view = np.einsum("ij,kj->ik", data - middle, view_axes(toward, upward))
         place = perspective_fit if perspective else orthographic_fit

@@ -683,9 +683,8 @@ def _paint(
             values, label = np.degrees(values), label + " (degrees)"
     cloud = layer.faces is None and layer.edges is None
     shown = ~layer.hidden if cloud else np.ones(len(layer.points), bool)
-    if not shown.all():
-        values = None if values is None else values[shown]
-        label = None if label is None else f"{label}; {_shown_from(layer, str(color_by))}"
+    if values is not None and not shown.all():
+        values, label = values[shown], f"{label}; {_shown_from(layer, str(color_by))}"
     colors: dict[str, Any] = {"values": values}
     if color_by in layer.labels:
         colors, label = {"labels": values}, None
