@@ -338,10 +338,13 @@ def batch(
     if scheduler is not None:
         warn_if_open(scheduler, progress)
     with locked_folder(output):
+        rows: dict[str, list[Row]] = {}
         for job in jobs:
             for name in job.operations:
                 remove_left(job.folder(name))
-        rows = {job.name: found for job in jobs if (found := _finished(job)) is not None}
+            there = [row for name in job.operations if (row := job.finished(name)) is not None]
+            if len(there) == len(job.operations):
+                rows[job.name] = there
         waiting = [job for job in jobs if job.name not in rows]
         failed = 0
         progress.update(len(rows) / len(jobs), f"{len(rows)} of {len(jobs)}")
@@ -356,9 +359,3 @@ def batch(
         table = [row for job in jobs for row in rows[job.name]]
         write_table(table, output)
     return table
-
-
-def _finished(job: Job) -> list[Row] | None:
-    """Return the rows of a job that has nothing left to do."""
-    rows = [row for name in job.operations if (row := job.finished(name)) is not None]
-    return rows if len(rows) == len(job.operations) else None

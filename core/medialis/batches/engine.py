@@ -23,6 +23,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import replace
 from functools import partial
+from itertools import islice
 from multiprocessing import connection, get_context, parent_process, resource_tracker
 from typing import Any, TypeVar
 
@@ -262,15 +263,8 @@ def hand_out(
 
     from distributed import KilledWorker, wait
 
-    waiting = deque(jobs)
-    running: dict[Any, J] = {}
-
-    def fill() -> None:
-        while waiting and len(running) < slots:
-            job = waiting.popleft()
-            running[client.submit(work, job, pure=False)] = job
-
-    fill()
+    waiting = iter(jobs)
+    running = {client.submit(work, job, pure=False): job for job in islice(waiting, slots)}
     while running:
         try:
             with client.as_current():
@@ -282,7 +276,7 @@ def hand_out(
                 except KilledWorker:
                     result = None
                 future.release()
-                fill()
+                running |= {client.submit(work, new, pure=False): new for new in islice(waiting, 1)}
                 yield job, result
         except TimeoutError:
             if not client.nthreads():

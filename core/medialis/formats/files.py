@@ -312,15 +312,15 @@ def numbers(data: bytes, what: str) -> NDArray[np.float64]:
 
 
 def _numbers_one_by_one(words: list[str], what: str) -> NDArray[np.float64]:
-    result = np.empty(len(words))
-    for i, word in enumerate(words):
+    result = []
+    for word in words:
         try:
-            result[i] = float(word)
+            result.append(float(word))
         except ValueError:
             raise InvalidShapeError(
                 f"expected a number in the {what}, found {shown(word.encode('latin-1'))}."
             ) from None
-    return result
+    return np.array(result)
 
 
 def numbers_by_line(
