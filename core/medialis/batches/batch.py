@@ -25,7 +25,7 @@ from medialis.base.progress import Progress, ProgressCallback
 from medialis.base.threads import thread_count
 from medialis.base.validation import as_whole_number
 from medialis.batches.engine import run_jobs, warn_if_open
-from medialis.batches.jobs import DONE, FAILED, TABLES, Job, Row, plan, run_job
+from medialis.batches.jobs import DONE, FAILED, TABLES, Row, plan, run_job
 from medialis.formats.files import reason, remove_left, take_lock, write_text
 from medialis.operations.result import quantity
 from medialis.show.reports.page import data_text, page

@@ -299,13 +299,10 @@ def draw(
             )
         top = title_height(size) if title else 0
         frame = _view_frame(camera, camera.width - right, camera.height - top)
-    # What is drawn as balls, and what as triangles.
-    balls = run_patiently(
-        lambda: [_ball_layer(one, frame) for one in items if not isinstance(one, Surface)], steps
-    )
-    meshes = run_patiently(
-        lambda: [_mesh_layer(one) for one in items if isinstance(one, Surface)], steps
-    )
+    surfaces = [one for one in items if isinstance(one, Surface)]
+    others = [one for one in items if not isinstance(one, Surface)]
+    balls = run_patiently(lambda: [_ball_layer(one, frame) for one in others], steps)
+    meshes = run_patiently(lambda: [_mesh_layer(one) for one in surfaces], steps)
     image = render_layers(balls, meshes, frame, chosen, steps)
     margins = (top, right, size)
     return run_patiently(lambda: _composed(image, title, key, chosen, margins), steps)
