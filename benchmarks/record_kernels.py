@@ -166,7 +166,9 @@ def main():
 def write(lines):
     """Write the list; lines without an operation that are in it stay, behind the others."""
     known = {"||".join(line.split("|")[::2]) for line in lines}
-    kept = [line for line in LIST.read_text("ascii").splitlines() if "||" in line and is_there(line)]
+    kept = [
+        line for line in LIST.read_text("ascii").splitlines() if "||" in line and is_there(line)
+    ]
     lines = [*lines, *sorted(line for line in kept if line not in known)]
     LIST.write_text("\n".join(lines) + "\n", encoding="ascii")
     print(f"{len(lines)} kernels in {LIST}")

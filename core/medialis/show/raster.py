@@ -601,7 +601,7 @@ def render_layers(
             f"A picture of {camera.width} x {camera.height} with supersampling {n} is larger than "
             f"{MAX_PIXELS} samples; use a smaller picture or supersampling."
         )
-    fine = camera.resized(camera.width * n, camera.height * n)
+    fine = replace(camera, width=camera.width * n, height=camera.height * n)
     lens, canvas = lens_of(fine), blank_canvas(fine)
     opaques = [layer for layer in meshes if layer.opacity >= 1]
     veils = [layer for layer in meshes if 0 < layer.opacity < 1]

@@ -265,14 +265,9 @@ def shown_balls(result: Result) -> ShownBalls | None:
         radii = np.asarray(first.attributes["radius"])
         side = np.asarray(first.attributes.get("side", np.ones(len(radii))))
         return ShownBalls("balls shown", first.points, radii, side > 0, True)
-    if "radii" in result.arrays:
-        good = result.arrays["status"] == BallStatus.OK
-        if good.any():
-            arrays = {name: result.arrays[name][good] for name in ("centers", "radii", "side")}
-            inner = arrays["side"] > 0
-            return ShownBalls(
-                "balls of all samples", arrays["centers"], arrays["radii"], inner, True
-            )
+    if "radii" in result.arrays and (good := result.arrays["status"] == BallStatus.OK).any():
+        centers, radii, side = (result.arrays[name][good] for name in ("centers", "radii", "side"))
+        return ShownBalls("balls of all samples", centers, radii, side > 0, True)
     return None
 
 
@@ -379,15 +374,12 @@ def _ball_counts(result: Result, balls: ShownBalls | None) -> dict[str, Any] | N
         "by_shrinking": balls.by_shrinking,
     }
     if "status" in result.arrays:
-        status = result.arrays["status"]
-        side = result.arrays["side"]
-        status = status[side > 0] if (side > 0).any() else status
-        counts |= {
-            "started": len(status),
-            "maximal": int((status == BallStatus.OK).sum()),
-            "open": int((status == BallStatus.OPEN).sum()),
-            "without_normal": int((status == BallStatus.NO_NORMAL).sum()),
-        }
+        status, inner = result.arrays["status"], result.arrays["side"] > 0
+        status = status[inner] if inner.any() else status
+        counts["started"] = len(status)
+        named = ("maximal", BallStatus.OK), ("open", BallStatus.OPEN)
+        for name, kind in (*named, ("without_normal", BallStatus.NO_NORMAL)):
+            counts[name] = int((status == kind).sum())
     return counts
 
 
@@ -398,19 +390,17 @@ def _against_the_surface(
     if balls is None or not shape.diagonal > 0:
         return None, None
     per_cent, inner = 100 / shape.diagonal, balls.inner
-    error, depth = None, (0.0, 0.0)
+    reconstruction: dict[str, Any] | None = None
+    depth = 0.0, 0.0
     if inner.any():
         error = reconstruction_error(shape, balls.centers[inner], balls.radii[inner])
         depth = error.deepest_sample, error.deep_95_percent
-    if not inner.all():
-        inside = -distance_to_balls(shape.points, balls.centers, balls.radii)[0]
-        inside = np.maximum(inside, 0.0)
-        depth = float(inside.max()), float(np.percentile(inside, 95))
-    reconstruction: dict[str, Any] | None = None
-    if error is not None:
         lengths = {name: getattr(error, name) for name in LENGTHS}
         reconstruction = {k: None if v is None else per_cent * v for k, v in lengths.items()}
         reconstruction["worst_place"] = error.worst_place.tolist()
+    if not inner.all():
+        inside = np.maximum(-distance_to_balls(shape.points, balls.centers, balls.radii)[0], 0.0)
+        depth = float(inside.max()), float(np.percentile(inside, 95))
     emptiness = {"deepest": per_cent * depth[0], "deep_95_percent": per_cent * depth[1]}
     return reconstruction, emptiness
 
@@ -497,12 +487,8 @@ def histogram(values: ArrayLike) -> dict[str, Any]:
     every = np.asarray(values, np.float64)
     finite = every[np.isfinite(every)]
     found: dict[str, Any] = {
-        "counts": [],
-        "edges": [],
-        "count": len(finite),
-        "min": None,
-        "median": None,
-        "max": None,
+        **{"counts": [], "edges": [], "count": len(finite)},
+        **dict.fromkeys(("min", "median", "max")),
         "infinite": int(np.isinf(every).sum()),
         "missing": int(np.isnan(every).sum()),
     }
