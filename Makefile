@@ -57,7 +57,9 @@ PARALLEL = -n auto --dist worksteal
 # compiling their assertions is more than half of what collecting takes.
 PYTEST_RUN = PYTHONDONTWRITEBYTECODE= $(RUN) -m pytest
 
+# With kernels made ahead where a C compiler is, as users have them; `.ci/run` tests numba's besides.
 test: $(VENV)/installed-dev
+	@$(MAKE) --no-print-directory kernels || echo "numba compiles the kernels in this run."
 	$(PYTEST_RUN) $(PARALLEL) --ignore=tests/blender $(PYTEST)
 	@$(if $(PYTEST),,$(MAKE) --no-print-directory test-blender)
 

@@ -80,7 +80,7 @@ def run_all() -> None:
             shape = medialis.sample_shape(SHAPES.get(operation.name, "creature"))
             shape = medialis.make_shape(shape.points, shape.faces, repair=True)
             result = medialis.run(operation.name, shape, **QUICK.get(operation.name, {}))
-            medialis.draw_result(result, width=160, height=120)
+            medialis.draw_result(result, width=320, height=240)
 
 
 def drop(names: set[str]) -> None:

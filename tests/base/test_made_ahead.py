@@ -129,8 +129,9 @@ logging.basicConfig(format="%(message)s")
 import numpy as np
 from medialis.base import jit
 from medialis.base._kernels import group_keys
-keys, ends = np.array([3, 1, 2], np.int64), np.zeros(2, np.int64)
-group_keys(keys, np.array([0, 1, 4], np.int64), np.zeros(3, np.int32))
+order = np.zeros(3, np.int32)
+group_keys(np.array([1, 0, 0], np.int64), np.zeros(4, np.int64), order)
+assert list(order) == [1, 2, 0]
 from medialis.base._box_tree_kernels import nearest_places
 places = np.zeros((1, 2))
 nearest_places(np.zeros((1, 3)), np.ones((1, 3, 3)), places)
@@ -205,7 +206,7 @@ def test_the_stamp_follows_called_kernels():
 @whole
 def test_what_fits_no_variant_never_gets_to_the_code():
     """The made functions look at no type: another one would be read as if it were the right one."""
-    keys, ends = np.zeros(3, np.int64), np.array([0, 3], np.int64)
+    keys, ends = np.zeros(3, np.int64), np.zeros(3, np.int64)
     wrong = [
         (keys.astype(np.int32), ends, np.zeros(3, np.int32)),
         (keys.astype(float), ends, np.zeros(3, np.int32)),
