@@ -40,9 +40,8 @@ def same(one: Any, other: Any) -> bool:
     """Tell whether two values are the same to the bit, but for the kind of a NaN."""
     if isinstance(one, tuple):
         return len(one) == len(other) and all(map(same, one, other))
-    if isinstance(one, np.ndarray) and one.dtype.kind == "f":
-        return bool(np.array_equal(one, other, equal_nan=True))
-    return bool(np.all(np.asarray(one) == np.asarray(other)) or (one != one and other != other))
+    equal_nan = np.asarray(one).dtype.kind == "f"
+    return bool(np.array_equal(one, other, equal_nan=equal_nan))
 
 
 def twice(kernel: Any, code: str, function: Any) -> Any:
@@ -79,7 +78,8 @@ def run_all() -> None:
         for operation in medialis.OPERATIONS:
             shape = medialis.sample_shape(SHAPES.get(operation.name, "creature"))
             shape = medialis.make_shape(shape.points, shape.faces, repair=True)
-            result = medialis.run(operation.name, shape, **QUICK.get(operation.name, {}))
+            options = QUICK.get(operation.name, {})
+            result = medialis.run(operation.name, shape, threads=1, **options)
             medialis.draw_result(result, width=320, height=240)
 
 
