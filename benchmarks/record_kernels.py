@@ -19,7 +19,8 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "core"))
-os.environ["MEDIALIS_KERNELS"] = "numba"
+if __name__ == "__main__":
+    os.environ["MEDIALIS_KERNELS"] = "numba"
 
 import numpy as np  # noqa: E402
 from numba import types  # noqa: E402

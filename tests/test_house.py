@@ -25,7 +25,7 @@ FLOORS = [
 # fmt: on
 """Each imports from itself and from those before it."""
 
-AROUND_KERNELS = {"box_tree.py", "cache_folder.py", "jit.py"}
+AROUND_KERNELS = {"cache_folder.py", "compiling.py", "jit.py"}
 """Python code that kernels need, or that needs numba."""
 
 MOST_ENTERED = 59

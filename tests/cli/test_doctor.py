@@ -60,6 +60,7 @@ def by_name(findings):
 @pytest.mark.slow
 def test_a_sound_installation_has_nothing_broken(machine, monkeypatch, capsys):
     monkeypatch.setattr(doctor, "Machine", lambda: machine)
+    monkeypatch.setattr(doctor, "record", dict)  # nothing is made ahead: numba is needed
     assert main(["doctor", "--json"]) == 0
     found = {entry["name"]: entry for entry in json.loads(capsys.readouterr().out)}
     assert found["numba"]["text"] == version("numba") and found["medialis"]["state"] == "ok"
@@ -94,6 +95,7 @@ def test_a_package_that_cannot_be_loaded_is_found_out(tmp_path, monkeypatch, mac
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.setattr(doctor, "Machine", lambda: machine)
     monkeypatch.setattr(doctor, "EXTRAS", {})
+    monkeypatch.setattr(doctor, "record", dict)
     assert main(["doctor"]) == 2
     printed = capsys.readouterr().out
     expected = "installed and cannot be loaded: ImportError: Numba needs NumPy 1.0 or less"
@@ -107,7 +109,8 @@ def test_a_computation_without_its_packages_points_to_the_doctor(tmp_path):
     path = os.pathsep.join([str(tmp_path), *filter(None, sys.path)])
     done = subprocess.run(
         [sys.executable, "-m", "medialis", "demo", "-o", str(tmp_path / "out")],
-        env={**os.environ, "PYTHONPATH": path}, capture_output=True, text=True, timeout=120,
+        env={**os.environ, "PYTHONPATH": path, "MEDIALIS_KERNELS": "numba"},
+        capture_output=True, text=True, timeout=120,
     )  # fmt: skip
     expected = "a package cannot be loaded: Numba needs NumPy 1.0 or less; see medialis doctor."
     assert (done.returncode, done.stderr) == (2, f"medialis: {expected}\n")
@@ -118,8 +121,18 @@ def test_kernels_of_other_pythons_do_not_count(tmp_path, monkeypatch, machine, q
     this = "py{}{}".format(*sys.version_info)
     for name in (f"a.{this}.1.nbc", f"a.{this}.nbi", "a.py36.1.nbc"):
         (tmp_path / name).touch()
+    monkeypatch.setattr(doctor, "record", dict)  # nothing is made ahead
     monkeypatch.setattr(doctor, "kernel_cache", lambda: tmp_path)
     assert ": 1 kernels of this Python" in by_name(doctor.examine(machine))["kernel cache"].text
+
+
+def test_kernels_made_ahead_are_said(monkeypatch, machine, quick):
+    """With them numba is not needed, so it is not looked for, and there is no cache to tell of."""
+    made = {"base/_made": {"size": 2_000_000}, "walls/_made": {"size": 1_000_000}}
+    monkeypatch.setattr(doctor, "record", lambda: made)
+    found = by_name(doctor.examine(machine))
+    assert found["kernels"].text.endswith("for this Python: 2 modules, 3.0 MB")
+    assert not {"numba", "llvmlite", "kernel cache"} & set(found)
 
 
 def test_threads_are_not_those_of_numba(machine, quick, monkeypatch):
@@ -129,6 +142,7 @@ def test_threads_are_not_those_of_numba(machine, quick, monkeypatch):
 
 
 def test_the_kernel_cache_is_looked_at_and_not_made(tmp_path, monkeypatch, machine, quick):
+    monkeypatch.setattr(doctor, "record", dict)  # nothing is made ahead
     monkeypatch.setattr(doctor, "kernel_cache", lambda: tmp_path / "a" / "b")
     monkeypatch.setattr(doctor, "kernels_are_compiled", lambda: False)
     found = by_name(doctor.examine(machine))["kernel cache"]
@@ -143,6 +157,7 @@ def test_a_cache_that_cannot_be_written_says_what_to_do(
     tmp_path, monkeypatch, machine, quick, folder
 ):
     (tmp_path / "no folder").write_text("a file")
+    monkeypatch.setattr(doctor, "record", dict)  # nothing is made ahead
     monkeypatch.setattr(doctor, "kernel_cache", lambda: tmp_path / folder / "kernels")
     if folder == "no rights":
         monkeypatch.setattr(doctor.os, "access", lambda path, mode: mode == os.F_OK)
@@ -159,6 +174,7 @@ def test_a_cache_that_others_can_write_to_says_what_to_do(
     """The doctor called a folder fine that no computation uses (fixed)."""
     (tmp_path / "cache" / "kernels").mkdir(parents=True)
     (tmp_path / "cache" / place).chmod(0o770)
+    monkeypatch.setattr(doctor, "record", dict)  # nothing is made ahead
     monkeypatch.setattr(doctor, "kernel_cache", lambda: tmp_path / "cache" / "kernels")
     found = by_name(doctor.examine(machine))["kernel cache"]
     assert found.state == "missing" and "other users can write to" in found.text

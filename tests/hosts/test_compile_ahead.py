@@ -11,6 +11,7 @@ from numba import typeof
 
 import medialis
 from medialis.base import cache_folder
+from medialis.base.compiling import dispatcher_of
 from medialis.hosts import compile_ahead
 from medialis.walls._kernels import Patch, _offer
 
@@ -51,7 +52,7 @@ def test_examples_have_the_types_of_calls():
 def test_types_tell_what_a_kernel_calls():
     """`_offer` of two places calls `_measure`; nothing has to be compiled for it."""
     arguments = [compile_ahead.example(word) for word in ("f8:1C", "f8:1C", SEARCH)]
-    called = record_kernels.callees(_offer, tuple(map(typeof, arguments)))
+    called = record_kernels.callees(dispatcher_of(_offer), tuple(map(typeof, arguments)))
     assert {record_kernels.name_of(kernel) for kernel, _ in called} == {"walls._kernels:_measure"}
 
 
@@ -81,6 +82,7 @@ print(before, count())
 def test_what_is_compiled_ahead_is_not_compiled_again(tmp_path):
     folder = Path(cache_folder.PACKAGE).parent
     environment = dict(os.environ, MEDIALIS_CACHE_DIR=str(tmp_path), PYTHONPATH=str(folder))
+    environment["MEDIALIS_KERNELS"] = "numba"
     run = subprocess.run(
         [sys.executable, "-c", RUN], env=environment, capture_output=True, text=True
     )
@@ -91,6 +93,7 @@ def test_what_is_compiled_ahead_is_not_compiled_again(tmp_path):
 
 def test_cancelling_ends_the_helpers(tmp_path, monkeypatch):
     monkeypatch.setenv("MEDIALIS_CACHE_DIR", str(tmp_path))
+    monkeypatch.setattr(compile_ahead, "record", dict)  # as where nothing is made ahead of time
     cache_folder.kernel_cache.cache_clear()
     try:
         with pytest.raises(medialis.Cancelled):

@@ -182,7 +182,8 @@ def test_parcels_keep_arrays_and_leave_nothing(tmp_path, shape):
 @pytest.mark.slow
 def test_compiling_moves_the_bar(tmp_path, shape):
     """With an empty folder of kernels: it says what it does, and how many pieces there are."""
-    computer = Computer(tmp_path, {"MEDIALIS_CACHE_DIR": str(tmp_path / "kernels")})
+    settings = {"MEDIALIS_CACHE_DIR": str(tmp_path / "kernels"), "MEDIALIS_KERNELS": "numba"}
+    computer = Computer(tmp_path, settings)
     flat = medialis.make_shape(shape.points, shape.faces)
     computation = begin(computer, flat, "smooth")
     seen = []

@@ -84,7 +84,8 @@ def written_by_others(folder: Path) -> str | None:
 
     Nobody else may write to it, nor rename or exchange a folder or a link on the way to it, as ssh
     has it: those belong to this user or to root, and others write to them only where the system
-    keeps each from the entries of others (`/tmp`).
+    keeps each from the entries of others (`/tmp`). A group that has nobody else in it is no other
+    on the way.
     """
     if not hasattr(os, "geteuid"):  # Windows: the user's own folders are closed to others
         return None
@@ -94,7 +95,9 @@ def written_by_others(folder: Path) -> str | None:
         about = place.stat()
         if about.st_uid not in (0, os.geteuid()):
             return f"{place} belongs to another user"
-        if _others_write(about) and (place == folder or not about.st_mode & stat.S_ISVTX):
+        own = place != folder and about.st_gid == os.getegid() and _own_group()
+        others = stat.S_IWOTH | (0 if own else stat.S_IWGRP)
+        if about.st_mode & others and (place == folder or not about.st_mode & stat.S_ISVTX):
             return f"other users can write to {place}"
     return None
 
@@ -114,13 +117,6 @@ def _way_to(folder: Path) -> Iterator[Path]:
         else:
             place = place.parent if after.name == ".." else after
     yield place
-
-
-def _others_write(about: os.stat_result) -> bool:
-    """Tell whether others than the owner can write; a group of the user alone is no other."""
-    if about.st_mode & stat.S_IWGRP and about.st_gid != os.getegid():
-        return True
-    return bool(about.st_mode & (stat.S_IWOTH | (0 if _own_group() else stat.S_IWGRP)))
 
 
 @lru_cache(maxsize=1)
@@ -146,7 +142,9 @@ def read_own(path: str) -> bytes | None:
         about = os.fstat(stream.fileno())
         if not stat.S_ISREG(about.st_mode):
             return None
-        if hasattr(os, "geteuid") and (about.st_uid != os.geteuid() or _others_write(about)):
+        if hasattr(os, "geteuid") and about.st_uid != os.geteuid():
+            return None
+        if os.name != "nt" and about.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
             return None
         return stream.read()
     return None

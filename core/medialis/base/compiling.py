@@ -20,7 +20,7 @@ import logging
 import pickle
 from collections.abc import Callable
 from contextlib import suppress
-from functools import lru_cache
+from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +29,6 @@ from numba.core import caching
 from numba.extending import typeof_impl
 
 from medialis.base.cache_folder import kernel_cache, make_kernel_cache, read_own
-from medialis.base.jit import kernel_class
 from medialis.base.threads import interrupts_held
 
 logger = logging.getLogger("medialis")
@@ -145,6 +144,7 @@ class _Cache(caching.FunctionCache):
 
 def dispatcher_of(kernel: Any) -> Any:
     """Return numba's dispatcher of a kernel, made when it is first asked for."""
+    _know(type(kernel))
     if kernel.dispatcher is None:
         dispatcher = numba.njit(nogil=True)(kernel.py_func)
         with suppress(RuntimeError):  # no writable cache folder: slower start, same results
@@ -158,7 +158,7 @@ def compile_for(kernel: Any, examples: list[Any]) -> None:
     dispatcher_of(kernel).compile(tuple(map(numba.typeof, examples)))
 
 
-@typeof_impl.register(kernel_class())
-def _type_of_kernel(kernel: Any, context: Any) -> Any:
+@cache
+def _know(kind: type) -> None:
     """Let numba see the dispatcher where one kernel calls another."""
-    return numba.types.Dispatcher(dispatcher_of(kernel))
+    typeof_impl.register(kind)(lambda kernel, _: numba.types.Dispatcher(dispatcher_of(kernel)))

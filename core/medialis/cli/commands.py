@@ -21,6 +21,7 @@ import webbrowser
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import asdict
+from importlib import import_module
 from importlib.metadata import entry_points
 from pathlib import Path
 from types import FrameType
@@ -325,6 +326,7 @@ def _compile_first(names: list[str], progress: Progress) -> None:
     from medialis.hosts.compile_ahead import compile_ahead, is_needed, seconds_needed
 
     for name in filter(is_needed, names):
+        import_module("medialis.base.compiling")  # raises here where numba cannot be loaded
         about = seconds_needed(name)
         say(f"Compiling {name} for its first run, once: about {about:.0f} s.", file=sys.stderr)
         with progress.stage("compile", 0.0, 0.0):

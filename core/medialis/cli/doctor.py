@@ -30,6 +30,8 @@ from medialis.show.viewer.page import has_library
 
 NEEDED = {"numpy": "numpy", "scipy": "scipy.spatial", "llvmlite": "llvmlite", "numba": "numba"}
 """Package and the module that must load."""
+TO_COMPILE = {"llvmlite", "numba"}
+"""Those that are not needed where kernels are made ahead of time."""
 
 EXTRAS = {
     "cad": ("STEP", ("cascadio",)),
@@ -82,7 +84,8 @@ def examine(machine: Machine | None = None) -> list[Finding]:
         Finding("system", "ok", f"{platform.platform()}, {platform.machine()}"),
     ]
     with ThreadPoolExecutor(thread_count()) as pool:
-        needed = [pool.submit(_needed, name) for name in NEEDED]
+        names = [name for name in NEEDED if not (record() and name in TO_COMPILE)]
+        needed = [pool.submit(_needed, name) for name in names]
         extras = [pool.submit(_extra, name) for name in EXTRAS]
         found += [future.result() for future in needed]
         found += [_threads(), *([_cache()] if found[-1].state == "ok" else [])]
