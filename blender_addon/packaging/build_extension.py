@@ -144,9 +144,7 @@ def downloaded(system: System, python: str, wheels: Path) -> Path:
     return wheels / f"py{python.replace('.', '')}-{system.name}"
 
 
-def fetch_wheels(
-    system: System, python: str, wheels: Path, *, offline: bool = False
-) -> list[Path]:
+def fetch_wheels(system: System, python: str, wheels: Path, *, offline: bool = False) -> list[Path]:
     """Return the third-party wheels for a Python; what is not in `wheels` yet is downloaded."""
     folder, pins = downloaded(system, python, wheels), pins_of(python)
     here = pinned_wheels(folder, pins)
@@ -312,9 +310,7 @@ def build_core(folder: Path, runs: Path) -> Path:
 def given_core(folder: Path, system: System, python: str) -> Path | None:
     """Return the core's wheel for a system and a Python from a folder; None when it has none."""
     tag = "cp" + python.replace(".", "")
-    name = re.compile(
-        rf"medialis-{re.escape(core_version())}(\+[\w.]+)?-{tag}-{tag}-([\w.]+)\.whl"
-    )
+    name = re.compile(rf"medialis-{re.escape(core_version())}(\+[\w.]+)?-{tag}-{tag}-([\w.]+)\.whl")
     found = [(path, name.fullmatch(path.name)) for path in sorted(folder.glob("*.whl"))]
     fitting = [
         path
@@ -435,7 +431,9 @@ def main(arguments: list[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--here", action="store_true", help="only for this machine and Python")
     parser.add_argument("--offline", action="store_true", help="download nothing")
-    parser.add_argument("--wheels-only", action="store_true", help="print paths of wheels for --here")
+    parser.add_argument(
+        "--wheels-only", action="store_true", help="print paths of wheels for --here"
+    )
     parser.add_argument("--kernels", action="store_true", help="only make kernels of this Python")
     parser.add_argument("--core", type=Path, help="folder with the core's wheels of other systems")
     parser.add_argument("--all", action="store_true", help="an error where a zip is skipped")
