@@ -388,6 +388,21 @@ def write_zip(
         raise SystemExit(f"{target.name} has {size / 1e6:.1f} MB; {largest / 1e6:.0f} are allowed.")
 
 
+def without_viewer(wheel: Path, folder: Path) -> Path:
+    """Return a copy of a core's wheel without what the extension does not open."""
+    target = folder / wheel.name
+    with zipfile.ZipFile(wheel) as old, zipfile.ZipFile(target, "w", zipfile.ZIP_DEFLATED) as new:
+        for info in old.infolist():
+            name, content = info.filename.rpartition("/")[2], old.read(info)
+            if name == "RECORD":
+                lines = content.decode().splitlines(keepends=True)
+                kept = [n for n in lines if n.split(",")[0].rpartition("/")[2] not in LEFT_OUT]
+                content = "".join(kept).encode()
+            if name not in LEFT_OUT:
+                new.writestr(info, content)
+    return target
+
+
 def cores_of(
     system: System, pythons: Sequence[str], folder: Path, options: argparse.Namespace
 ) -> dict[str, Path]:
@@ -395,7 +410,9 @@ def cores_of(
     found = {}
     for python in pythons:
         wheel = given_core(options.core, system, python) if options.core else None
-        if wheel is None and system == this_system():
+        if wheel is not None:
+            wheel = without_viewer(wheel, folder)
+        elif system == this_system():
             runs = builder(python, offline=options.offline)
             wheel = None if runs is None else build_core(folder, runs)
         if wheel is not None:
