@@ -1,7 +1,7 @@
 """The extension as users get it: its zip, and the zip installed in a Blender of its own.
 
 The sessions run in their own process and profile. The modules they can import at the start are bpy
-and what bpy itself asks for, so that scipy and the core can only come from the zip. numba is nowhere.
+and what bpy itself asks for: scipy and the core can only come from the zip, and numba is nowhere.
 """
 
 from __future__ import annotations
