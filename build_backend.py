@@ -2,7 +2,7 @@
 
 - The machine code of the kernels (`core/kernel_library/build.py`), where a C compiler is there: the
   wheel is one of this system and Python then. With `MEDIALIS_PURE=1`, or without a compiler, it is
-  the one for all, with which numba compiles. Editable installs have no machine code: `make kernels`.
+  the one for all, with which numba compiles. Editable installs have none: `make kernels`.
 - The script that the viewer draws with, where npm is there (`core/viewer_library/build.py`).
 - The long description: the README, whose links lead to the files of this version on the web.
 """

@@ -3,12 +3,13 @@
     python benchmarks/record_kernels.py            # writes core/medialis/hosts/kernels.txt
     python benchmarks/record_kernels.py noted.txt  # adds what was noted in a run
 
-A run with `MEDIALIS_KERNELS=note:noted.txt`, of the tests as well, notes kernels and types that were
-not made ahead. Without a file it runs all operations on small shapes, `midsurface` on one with walls: two minutes where kernels
-are compiled, as after the tests. What an operation calls is in memory after it; the kernels
-that these call, and for which types, numba's type inference tells.
+A run with `MEDIALIS_KERNELS=note:noted.txt`, of the tests as well, notes kernels and types that
+were not made ahead. Without a file it runs all operations on small shapes, `midsurface` on one with
+walls: two minutes where kernels are compiled, as after the tests. What an operation calls is in
+memory after it; the kernels that these call, and for which types, numba's type inference tells.
 """
 
+import inspect
 import json
 import os
 import sys
@@ -26,8 +27,9 @@ from numba.core import compiler, compiler_machinery, errors, typed_passes  # noq
 from numba.np.numpy_support import as_dtype  # noqa: E402
 
 import medialis  # noqa: E402
-from medialis.base.jit import Kernel, code_of  # noqa: E402
+from medialis.base.jit import code_of, kernel_class  # noqa: E402
 from medialis.base.kept import forget  # noqa: E402
+from medialis.hosts.compile_ahead import named  # noqa: E402
 
 LIST = ROOT / "core" / "medialis" / "hosts" / "kernels.txt"
 
@@ -84,7 +86,7 @@ def name_of(thing):
 def kernels():
     """Return all kernels of the modules that are loaded."""
     modules = [vars(m) for name, m in sys.modules.items() if name.startswith("medialis.")]
-    every = [v for names in modules for v in names.values() if isinstance(v, Kernel)]
+    every = [v for names in modules for v in names.values() if isinstance(v, kernel_class())]
     found = {id(v): v.dispatcher for v in every if v.dispatcher is not None}
     return sorted(found.values(), key=name_of)
 
@@ -130,7 +132,8 @@ def used_by(operation):
     """Return the kernels that an operation calls, and those that they call, with their types."""
     forget()
     clear_memory()
-    medialis.run(operation.name, shape_for(operation))
+    result = medialis.run(operation.name, shape_for(operation))
+    medialis.draw_result(result, width=320, height=240)  # as the command line does
     waiting, seen = in_memory(), set()
     while waiting:
         one = waiting.pop()
@@ -162,11 +165,23 @@ def main():
 
 def write(lines):
     """Write the list; lines without an operation that are in it stay, behind the others."""
-    known = {line.replace(line.split("|")[1], "", 1) for line in lines}
-    kept = [line for line in LIST.read_text("ascii").splitlines() if "||" in line]
+    known = {"||".join(line.split("|")[::2]) for line in lines}
+    kept = [
+        line for line in LIST.read_text("ascii").splitlines() if "||" in line and is_there(line)
+    ]
     lines = [*lines, *sorted(line for line in kept if line not in known)]
     LIST.write_text("\n".join(lines) + "\n", encoding="ascii")
     print(f"{len(lines)} kernels in {LIST}")
+
+
+def is_there(line):
+    """Tell whether the kernel of a line is still there, with as many arguments."""
+    name, _, words = line.split("|")
+    try:
+        wanted = inspect.signature(named(name).py_func).parameters
+    except (ImportError, AttributeError):
+        return False
+    return len(wanted) == len(json.loads(words))
 
 
 def add(path):
@@ -175,7 +190,7 @@ def add(path):
     codes = {(name, code_of(json.loads(words))) for name, _, words in known}
     lines = ["|".join(parts) for parts in known if parts[1]]
     fresh = ["|".join(parts) for parts in known if not parts[1]]
-    for line in sorted(set(path.read_text("ascii").splitlines())):
+    for line in filter(is_there, sorted(set(path.read_text("ascii").splitlines()))):
         name, _, words = line.split("|")
         if (name, code_of(json.loads(words))) not in codes:
             codes.add((name, code_of(json.loads(words))))

@@ -20,7 +20,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 import medialis
-from medialis.skeleton.ball_shrinking import DEFAULT_TOLERANCE
+from medialis.skeleton.medial_cloud import DEFAULT_TOLERANCE
 
 HERE = Path(__file__).resolve().parent
 REAL = HERE.parent.parent / "shared" / "shapes"

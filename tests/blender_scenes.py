@@ -7,6 +7,13 @@ import pytest
 
 bpy = pytest.importorskip("bpy", reason="bpy is not installed: make hosts")
 
+QUICK = {
+    "view_curve_skeleton": {"pairs": 40, "size": 128},
+    "medial_mesh": {"balls": 24, "quality": "fast"},
+}
+"""Options of operations that take three seconds at their defaults, where numbers do not matter;
+test_operators.py runs all operations at their defaults."""
+
 KEYS = {"FLOAT_VECTOR": ("vector", 3), "FLOAT2": ("vector", 2), "FLOAT_COLOR": ("color", 4)}
 
 

@@ -11,7 +11,7 @@ import numpy as np
 import medialis
 from medialis.base.box_tree import NearestTree, nearest_on_triangles
 from medialis.shape.surface import piece_labels
-from medialis.skeleton.ball_shrinking import DEFAULT_TOLERANCE
+from medialis.skeleton.medial_cloud import DEFAULT_TOLERANCE
 
 CREASE = 30.0
 """Degrees: an edge that bends by more is a crease, and its faces are walls of each other."""

@@ -1,12 +1,12 @@
 """Make the machine code of all kernels ahead of time: one extension module for each feature.
 
-    python core/kernel_library/build.py                    # what has changed; `make kernels` does it
-    python core/kernel_library/build.py --all              # anew
-    python core/kernel_library/build.py skeleton           # these features only
+    python core/kernel_library/build.py             # what has changed; `make kernels` does it
+    python core/kernel_library/build.py --all       # anew
+    python core/kernel_library/build.py skeleton    # these features only
 
 It needs a C compiler, numba and numpy 2. Modules lie beside the kernels, `_made.*` in the folder of
-each feature and `_dispatch.*` in `base/`, with a record, `base/made-*.json`: git ignores them, wheels
-have those of their Python. `medialis/base/jit.py` says when they are used.
+each feature and `_dispatch.*` in `base/`, with a record, `base/made-*.json`: git ignores them, and
+wheels have those of their Python. `medialis/base/jit.py` says when they are used.
 
 What is compiled is derived: the kernels that other modules import, for the types in
 `hosts/kernels.txt` (`benchmarks/record_kernels.py` writes it; a test fails when one is missing).
@@ -132,11 +132,12 @@ class Linker:
     """The C compiler of this Python, as setuptools finds it."""
 
     def __init__(self, work: Path) -> None:
+        from distutils.ccompiler import new_compiler
+        from distutils.sysconfig import customize_compiler
+
         import numba
         import numpy
         import setuptools  # noqa: F401 - brings distutils
-        from distutils.ccompiler import new_compiler
-        from distutils.sysconfig import customize_compiler
 
         self._work = work
         self._compiler = new_compiler()
@@ -154,14 +155,29 @@ class Linker:
             output_dir="objects",
             macros=[("PYCC_MODULE_NAME", "medialis"), ("PYCC_USE_NRT", "1")],
             include_dirs=self._include,
-            extra_preargs=["-O2", "-g0", "-fvisibility=hidden", "-ffunction-sections", "-fdata-sections", "-w"] if unix else ["/O2"],
+            extra_preargs=[
+                "-O2",
+                "-g0",
+                "-fvisibility=hidden",
+                "-ffunction-sections",
+                "-fdata-sections",
+                "-w",
+            ]
+            if unix
+            else ["/O2"],
         )
 
     def link(self, feature: str, name: str, objects: list[str]) -> Path:
         """Link an extension module into its place, in one step."""
         file = f"{name}{sysconfig.get_config_var('EXT_SUFFIX')}"
         unix = self._compiler.compiler_type == "unix"
-        strip = ["-Wl,-S,-x,-dead_strip"] if sys.platform == "darwin" else ["-s", "-Wl,--gc-sections"] if unix else []
+        strip = (
+            ["-Wl,-S,-x,-dead_strip"]
+            if sys.platform == "darwin"
+            else ["-s", "-Wl,--gc-sections"]
+            if unix
+            else []
+        )
         if name == MADE:
             self._parts = self._parts or self.compile(
                 self._numba / "pycc" / "modulemixin.c", self._numba / "core" / "runtime" / "nrt.cpp"
@@ -174,6 +190,7 @@ class Linker:
             extra_postargs=strip,
             export_symbols=[f"PyInit_{name}"],
             libraries=["m"] if unix else [],
+            library_dirs=[] if unix else [str(Path(sys.base_prefix) / "libs")],
         )
         target = PACKAGE / feature / file
         fresh = target.with_name(f".{file}.new")
@@ -187,9 +204,10 @@ def can_link() -> str | None:
     """Say why extension modules cannot be made here; None when they can."""
     with tempfile.TemporaryDirectory() as folder:
         try:
-            import setuptools  # noqa: F401 - brings distutils
             from distutils.ccompiler import new_compiler
             from distutils.sysconfig import customize_compiler
+
+            import setuptools  # noqa: F401 - brings distutils
 
             source = Path(folder) / "try.c"
             source.write_text("#include <Python.h>\nint nothing(void) { return 0; }\n")
@@ -231,7 +249,9 @@ def build(features: list[str], *, anew: bool = False, say: Any = print) -> int:
     waiting = [place for place in features or places if not is_made(place)]
     stamp = hashlib.sha256((HERE / "dispatch.c").read_bytes()).hexdigest()[:16]
     dispatch = known.get(f"base/{DISPATCH}", {})
-    dispatch_is_made = dispatch.get("stamp") == stamp and (PACKAGE / "base" / dispatch["file"]).is_file()
+    dispatch_is_made = (
+        dispatch.get("stamp") == stamp and (PACKAGE / "base" / dispatch["file"]).is_file()
+    )
     if not waiting and dispatch_is_made:
         return 0
     WORK.mkdir(parents=True, exist_ok=True)

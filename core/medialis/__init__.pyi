@@ -36,8 +36,6 @@ from medialis.curves.curve_skeleton import CurveSkeleton as CurveSkeleton
 from medialis.curves.curve_skeleton import ViewPoints as ViewPoints
 from medialis.curves.finishing import point_graph as point_graph
 from medialis.curves.finishing import simplify_branches as simplify_branches
-from medialis.curves.formats import read_curve_skeleton as read_curve_skeleton
-from medialis.curves.formats import write_curve_skeleton as write_curve_skeleton
 from medialis.curves.from_balls import curve_skeleton as curve_skeleton
 from medialis.curves.from_views.skeleton import view_curve_skeleton as view_curve_skeleton
 from medialis.curves.from_views.skeleton import view_source as view_source
@@ -48,7 +46,9 @@ from medialis.curves.from_views.views import View as View
 from medialis.curves.from_views.views import ViewSource as ViewSource
 from medialis.curves.from_views.views import rasterizer as rasterizer
 from medialis.curves.from_views.views import silhouette_skeleton as silhouette_skeleton
-from medialis.curves.loops import Handles as Handles
+from medialis.curves.growth import Handles as Handles
+from medialis.curves.operation import read_curve_skeleton as read_curve_skeleton
+from medialis.curves.operation import write_curve_skeleton as write_curve_skeleton
 from medialis.exchange.label_volumes import label_surfaces as label_surfaces
 from medialis.exchange.libraries import as_curve_skeleton as as_curve_skeleton
 from medialis.exchange.libraries import to_meshio as to_meshio
@@ -63,14 +63,14 @@ from medialis.medial_meshes.distances import EnvelopeDistance as EnvelopeDistanc
 from medialis.medial_meshes.distances import ball_cover as ball_cover
 from medialis.medial_meshes.distances import envelope_distance as envelope_distance
 from medialis.medial_meshes.envelope import envelope_surface as envelope_surface
-from medialis.medial_meshes.formats import read_ma as read_ma
-from medialis.medial_meshes.formats import write_ball_cover as write_ball_cover
-from medialis.medial_meshes.formats import write_ma as write_ma
 from medialis.medial_meshes.medial_mesh import medial_mesh as medial_mesh
 from medialis.medial_meshes.mesh import BallCover as BallCover
 from medialis.medial_meshes.mesh import MedialMesh as MedialMesh
 from medialis.medial_meshes.mesh import important_mesh as important_mesh
 from medialis.medial_meshes.mesh import values_on_balls as values_on_balls
+from medialis.medial_meshes.operation import read_ma as read_ma
+from medialis.medial_meshes.operation import write_ball_cover as write_ball_cover
+from medialis.medial_meshes.operation import write_ma as write_ma
 from medialis.operations.declaration import Format as Format
 from medialis.operations.declaration import Operation as Operation
 from medialis.operations.declaration import Selection as Selection
@@ -133,7 +133,6 @@ from medialis.show.result import read_result as read_result
 from medialis.show.run import run as run
 from medialis.show.writing import Pictures as Pictures
 from medialis.show.writing import write_result as write_result
-from medialis.skeleton.ball_shrinking import shrink_balls as shrink_balls
 from medialis.skeleton.importance.geodesics import Geodesic as Geodesic
 from medialis.skeleton.importance.geodesics import GeodesicPaths as GeodesicPaths
 from medialis.skeleton.importance.geodesics import PathStatus as PathStatus
@@ -148,6 +147,7 @@ from medialis.skeleton.importance.importance import local_measures as local_meas
 from medialis.skeleton.medial_cloud import Balls as Balls
 from medialis.skeleton.medial_cloud import BallStatus as BallStatus
 from medialis.skeleton.medial_cloud import MedialCloud as MedialCloud
+from medialis.skeleton.medial_cloud import shrink_balls as shrink_balls
 from medialis.skeleton.skeleton_mesh import SkeletonMesh as SkeletonMesh
 from medialis.skeleton.skeleton_mesh import skeleton_mesh as skeleton_mesh
 from medialis.skeleton.surface_skeleton import surface_skeleton as surface_skeleton

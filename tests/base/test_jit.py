@@ -1,4 +1,4 @@
-"""The kernel cache."""
+"""The cache of kernels that numba compiles."""
 
 import os
 import subprocess
@@ -12,7 +12,7 @@ from medialis.base import cache_folder
 COMPUTE = """\
 import numpy as np
 from medialis.base._kernels import find_root
-from medialis.curves._candidate_kernels import median_of
+from medialis.curves._kernels import median_of
 print(find_root(np.array([0, 0, 1], np.int32), 2), median_of(np.array([3.0, 1.0, 2.0])))
 """
 RESULT = "0 2.0"
@@ -20,6 +20,7 @@ RESULT = "0 2.0"
 posix = pytest.mark.skipif(os.name == "nt", reason="looks at owners and rights of Unix")
 
 
+@pytest.mark.slow
 def test_importing_the_package_loads_no_compiled_code():
     code = (
         "import sys, medialis, medialis.cli.commands; len(medialis.OPERATIONS); "
@@ -121,7 +122,7 @@ def entries(folder):
 @pytest.mark.slow
 def test_damaged_entries_are_compiled_anew(tmp_path):
     """Of 150 damaged caches 17 crashed the process and 2 gave wrong numbers (fixed)."""
-    from medialis.base.jit import SUM, _checksum
+    from medialis.base.compiling import SUM, _checksum
 
     assert compute(tmp_path) == RESULT
     files = entries(tmp_path)
@@ -197,20 +198,74 @@ def own_cache(tmp_path, monkeypatch):
 @posix
 def test_a_folder_of_another_user_is_not_used(own_cache, monkeypatch, caplog):
     """Machine code of another user was run (fixed); the log says so once, with how to mend it."""
-    from medialis.base import jit
+    from medialis.base import compiling, jit
 
     cache_folder.make_kernel_cache()
     monkeypatch.setattr(cache_folder.os, "geteuid", lambda: 12345)
     with pytest.raises(OSError, match="belongs to another user"):
         cache_folder.make_kernel_cache()
-    jit._say_once.cache_clear()
+    compiling._say_once.cache_clear()
     for _ in range(2):
         assert jit.kernel(lambda a: a + 1)(1) == 2
     (record,) = caplog.records
     assert f"{own_cache} belongs to another user" in record.getMessage()
     assert "set MEDIALIS_CACHE_DIR to a folder" in record.getMessage()
-    jit._say_once.cache_clear()
+    compiling._say_once.cache_clear()
     assert not list(own_cache.rglob("*.nb?"))
+
+
+@posix
+def test_a_folder_under_one_that_others_can_write_to_is_not_used(own_cache, monkeypatch):
+    """They could put another folder in its place between a look and a read (fixed)."""
+    own_cache.mkdir(0o700)
+    own_cache.parent.chmod(0o777)
+    with pytest.raises(OSError, match=f"other users can write to {own_cache.parent}$"):
+        cache_folder.make_kernel_cache()
+    own_cache.parent.chmod(0o1777)  # as /tmp: nobody renames the entries of others
+    cache_folder.make_kernel_cache()
+
+
+@posix
+def test_a_link_in_a_folder_of_others_is_no_way_to_the_cache(tmp_path, monkeypatch):
+    """The folders that a link lies in are looked at, as those of the way itself."""
+    (tmp_path / "sound").mkdir(0o700)
+    (tmp_path / "open").mkdir()
+    (tmp_path / "open" / "link").symlink_to(tmp_path / "sound")
+    (tmp_path / "first").symlink_to("open/link")
+    assert cache_folder.written_by_others(tmp_path / "first") is None
+    (tmp_path / "open").chmod(0o777)
+    assert cache_folder.written_by_others(tmp_path / "sound") is None
+    said = cache_folder.written_by_others(tmp_path / "first")
+    assert said == f"other users can write to {tmp_path / 'open'}"
+
+
+@posix
+@pytest.mark.slow
+def test_files_that_others_could_have_written_are_not_run(tmp_path):
+    """Code put into a cache folder while it was open was run after it had been closed (fixed)."""
+    assert compute(tmp_path) == RESULT
+    before = {path: path.stat().st_ino for path in entries(tmp_path).values()}
+    for path in before:
+        path.chmod(0o666)
+    assert compute(tmp_path) == RESULT
+    after = entries(tmp_path).values()
+    assert all(path.stat().st_mode & 0o022 == 0 for path in after)  # written anew
+    assert all(before[path] != path.stat().st_ino for path in after)
+
+
+@posix
+def test_only_own_regular_files_are_read(tmp_path, monkeypatch):
+    """A pipe does not make the reader wait; a link is not followed."""
+    own = tmp_path / "own"
+    own.write_bytes(b"code")
+    own.chmod(0o600)
+    (tmp_path / "link").symlink_to(own)
+    os.mkfifo(tmp_path / "pipe")
+    assert cache_folder.read_own(str(own)) == b"code"
+    for name in ("link", "pipe", "nothing"):
+        assert cache_folder.read_own(str(tmp_path / name)) is None
+    monkeypatch.setattr(cache_folder.os, "geteuid", lambda: 12345)
+    assert cache_folder.read_own(str(own)) is None
 
 
 @posix
@@ -253,13 +308,14 @@ def test_without_home_and_entry_of_the_user_kernels_are_kept_under_the_temporary
 
 def test_the_median_of_no_candidate_is_0():
     """With a single candidate, which has no neighbour, memory before the array was read (fixed)."""
-    from medialis.curves._candidate_kernels import median_of
+    from medialis.curves._kernels import median_of
 
     for values, median in (([], 0.0), ([5.0], 5.0), ([4.0, 1.0], 2.5), ([3.0, 9.0, 1.0], 3.0)):
         assert median_of(np.array(values)) == median
 
 
 def test_kernels_release_the_lock():
+    from medialis.base.compiling import dispatcher_of
     from medialis.skeleton._ball_kernels import shrink_balls
 
-    assert shrink_balls.targetoptions["nogil"]
+    assert dispatcher_of(shrink_balls).targetoptions["nogil"]

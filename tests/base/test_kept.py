@@ -272,6 +272,7 @@ def assert_same(one, other):
             assert values.tobytes() == theirs.attributes[name].tobytes(), (mine.name, name)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", OPERATIONS)
 def test_results_are_the_same_bits_with_and_without(creature, name):
     """First computed, then found; after the same with another late option; of an equal shape."""
@@ -283,6 +284,7 @@ def test_results_are_the_same_bits_with_and_without(creature, name):
         assert_same(medialis.run(name, copy_of(creature)), plain)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", OPERATIONS)
 def test_one_moved_vertex_is_computed_anew(creature, name):
     points = np.array(creature.points)
@@ -309,6 +311,7 @@ def counted(monkeypatch, module, name):
     return calls
 
 
+@pytest.mark.slow
 def test_balls_and_geodesics_are_computed_once_for_all_operations(creature, monkeypatch):
     shrunk = counted(monkeypatch, preparation, "maximal_balls")
     traced = counted(monkeypatch, importance, "trace")

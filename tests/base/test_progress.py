@@ -33,6 +33,7 @@ def test_nested_stages_span_their_share():
     ]
 
 
+@pytest.mark.slow
 @settings(max_examples=200, deadline=None, derandomize=True)
 @given(cuts=st.lists(st.floats(0, 1), max_size=6), inner=st.lists(st.floats(0, 1), max_size=4))
 def test_fractions_never_fall_and_stay_within_0_and_1(cuts, inner):

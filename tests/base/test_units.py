@@ -85,6 +85,7 @@ def test_units_of_files_in_words():
         medialis.make_shape(BOX, FACES, unit="parsec")
 
 
+@pytest.mark.slow
 def test_text_values_and_numbers_give_the_same_bits(creature):
     """For operations, for functions of a shape, of a cloud, and of what is computed from one."""
     share = 1.0 / creature.diagonal
@@ -111,6 +112,7 @@ def test_lengths_of_plain_arrays_are_shares_of_their_extent():
         medialis.mean_shift(points, search_radius="1mm")
 
 
+@pytest.mark.slow
 def test_a_run_tells_what_was_given_in_all_spellings(creature):
     result = medialis.run("thickness", creature, threshold="0.002in")
     own = 0.002 * 25.4
@@ -133,6 +135,7 @@ def test_a_length_beyond_its_range_is_refused_with_its_size(creature):
         medialis.run("thickness", creature, threshold="5m")
 
 
+@pytest.mark.slow
 def test_the_unit_stays_with_what_is_computed(creature):
     cloud = medialis.surface_skeleton(creature)
     assert cloud.surface is not creature and cloud.surface.unit == "mm"
@@ -148,6 +151,7 @@ def test_a_number_beyond_its_range_is_told_how_lengths_are_written(creature):
         medialis.run("thickness", creature, refine=3)
 
 
+@pytest.mark.slow
 def test_a_threshold_that_calls_most_of_a_shape_thin_is_said(creature):
     result = medialis.run("thickness", creature, threshold="90%")
     warned = [m for m in result.messages if m.code == "mostly_thin"]
@@ -157,6 +161,7 @@ def test_a_threshold_that_calls_most_of_a_shape_thin_is_said(creature):
     assert not [m for m in few.messages if m.code == "mostly_thin"]
 
 
+@pytest.mark.slow
 def test_the_command_line_takes_lengths_and_the_unit_of_a_file(creature, tmp_path, capsys):
     path = tmp_path / "part.ply"
     write_ply(path, creature.points, faces=creature.faces)
@@ -185,6 +190,7 @@ def test_the_format_of_a_file_tells_its_unit(ending, unit, tmp_path):
     assert ["other_unit"] * (unit is not None) == [m.code for m in progress.messages]
 
 
+@pytest.mark.slow
 def test_the_report_tells_lengths_and_areas_in_the_unit(creature):
     result = medialis.run("skeleton_mesh", creature)
     told = report_texts(result)

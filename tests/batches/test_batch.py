@@ -122,6 +122,7 @@ def test_another_input_or_parameter_is_computed_anew(finished, shapes, tmp_path)
     assert row.values["diagonal"] > calls["same"].values["diagonal"]
 
 
+@pytest.mark.slow
 def test_operations_share_what_is_kept_and_the_next_shape_starts_without(
     shapes, tmp_path, monkeypatch
 ):
@@ -202,6 +203,7 @@ def test_a_request_to_end_waits_until_a_worker_has_begun(monkeypatch):
         signal.signal(signal.SIGTERM, before)
 
 
+@pytest.mark.slow
 def test_workers_give_all_answers_and_end(tmp_path):
     jobs = [Job(str(n), str(n), str(tmp_path), {"thickness": {}}) for n in range(40)]
     with Processes(3) as workers:
@@ -217,6 +219,7 @@ def test_workers_give_all_answers_and_end(tmp_path):
             os.kill(pid, 0)
 
 
+@pytest.mark.slow
 def test_workers_that_cannot_begin_are_one_sentence(tmp_path):
     """A script without its main test starts itself in each worker."""
     script = tmp_path / "script.py"
@@ -260,6 +263,7 @@ def test_a_cluster_gives_bitwise_the_same(finished, shapes, tmp_path):
         assert path.read_bytes() == (out / path.relative_to(tmp_path)).read_bytes()
 
 
+@pytest.mark.slow
 @needs_dask
 def test_a_cluster_whose_workers_are_gone_is_one_sentence(monkeypatch):
     """The batch waited for ever (fixed)."""
@@ -329,6 +333,7 @@ def test_results_of_a_single_run_beside_the_input(tmp_path):
     assert find_files([tmp_path], tmp_path / "out") == [tmp_path / "a.ply"]
 
 
+@pytest.mark.slow
 def test_another_file_of_the_same_size_and_time_is_another_input(shapes, tmp_path):
     """Files of the same name were told apart by their order alone (fixed)."""
     made = []

@@ -32,6 +32,7 @@ def job(tmp_path):
     return job
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "text",
     [b"[" * 200_000, b'{"a":' * 200_000, b"\xff", b"", b"7", b"[]", b"{}", b"null", b"9" * 5000],
@@ -45,6 +46,7 @@ def test_a_damaged_manifest_is_none(job, text):
     assert row.status == DONE and job.finished("thickness") == row
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("key", "value"),
     [
@@ -158,6 +160,7 @@ def test_a_replaced_result_that_was_killed_between_moves_is_not_done(job, tmp_pa
     assert list(job.folder("thickness").parent.glob(".*")) == []
 
 
+@pytest.mark.slow
 def test_a_batch_removes_what_a_killed_one_left(tmp_path):
     """Hidden files of a batch that was killed while it wrote its table stayed (fixed)."""
     shape = medialis.organic_shape(56)

@@ -101,6 +101,7 @@ def test_the_best_setting_is_shown_beside_the_default():
     assert len(chosen(outcomes)) == 1
 
 
+@pytest.mark.slow
 def test_the_page_says_where_a_peer_is_better():
     own, peer = (Method(name, name, name) for name in ("medialis", "peer"))
     right = {"seconds": 2.0, "topology": 1.0, "ends": 1.0, "inside": 100.0, "off": 3.0}

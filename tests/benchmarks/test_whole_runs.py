@@ -24,6 +24,7 @@ def test_the_page_is_written_from_the_numbers():
     assert set(stored) <= {*whole_runs.SHAPES, whole_runs.GROWTH}
 
 
+@pytest.mark.slow
 def test_a_run_is_measured_by_stage(tmp_path):
     """Stages of one run lie within it, and so do those that are run twice."""
     shape = medialis.organic_shape(56)

@@ -105,13 +105,23 @@ def creature():
     return medialis.organic_shape(56)
 
 
+@pytest.fixture(scope="module")
+def file(tmp_path_factory):
+    """Where the scene of `mesh` is, once it was made."""
+    return tmp_path_factory.mktemp("mesh") / "mesh.blend"
+
+
 @pytest.fixture
-def mesh(scene, creature):
+def mesh(scene, creature, file):
     """The medial mesh of a shape that is moved and scaled."""
+    if file.is_file():
+        bpy.ops.wm.open_mainfile(filepath=str(file))
+        return bpy.context.active_object
     add_mesh("creature", creature.points, creature.faces, location=(3, 2, 1), scale=(2, 2, 2))
     bpy.context.view_layer.update()
     options = {"balls": 24, "quality": "fast", "cell": 3.0}
     assert bpy.ops.medialis.medial_mesh(**options, cover=True) == {"FINISHED"}
+    bpy.ops.wm.save_as_mainfile(filepath=str(file), copy=True)
     return bpy.context.active_object
 
 

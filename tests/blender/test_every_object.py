@@ -8,7 +8,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy", reason="bpy is not installed: make hosts")
 import medialis
-from blender_scenes import add_mesh, add_object, counts
+from blender_scenes import QUICK, add_mesh, add_object, counts
 from medialis.operations.registry import OPERATIONS
 
 pytestmark = pytest.mark.slow
@@ -74,7 +74,7 @@ def test_every_operation(make, scene):
     names = {}
     for operation in OPERATIONS:
         chosen = bpy.data.objects[{"cube": "cube"}.get(make.__name__, "Suzanne")]
-        given = {}
+        given = dict(QUICK.get(operation.name, {}))
         if operation.name == "geodesic_path":
             given["start"], _, given["end"] = list(chosen.data.polygons[0].vertices)[:3]
         looks = sorted(modifier.name for modifier in chosen.modifiers)

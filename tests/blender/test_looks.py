@@ -7,12 +7,12 @@ import pytest
 
 bpy = pytest.importorskip("bpy", reason="bpy is not installed: make hosts")
 import medialis
-from blender_scenes import add_mesh, counts, evaluated, read_back
+from blender_scenes import QUICK, add_mesh, counts, evaluated, read_back
 from medialis.operations.registry import OPERATIONS
 from medialis.show.colors import to_linear
 from plates import tee
 
-GIVEN = {"geodesic_path": {"end": 900}}
+GIVEN = {"geodesic_path": {"end": 900}, **QUICK}
 
 
 def with_material(name, points, faces):

@@ -44,6 +44,7 @@ def test_surface_skeleton_writes_what_the_manifest_says(creature, tmp_path, caps
     assert json.loads((out / "manifest.json").read_text())["values"] == manifest["values"]
 
 
+@pytest.mark.slow
 def test_files_hold_bitwise_the_arrays_of_the_python_call(creature, tmp_path):
     assert run("surface-skeleton", creature, "-o", tmp_path / "out", "--no-picture") == 0
     result = medialis.run("surface_skeleton", medialis.read_shape(creature))
@@ -76,6 +77,7 @@ def test_one_and_two_threads_write_the_same_bytes(creature, tmp_path):
         assert (tmp_path / "1" / name).read_bytes() == (tmp_path / "2" / name).read_bytes(), name
 
 
+@pytest.mark.slow
 def test_progress_lines_rise_to_one(creature, tmp_path, capsys):
     assert run("surface-skeleton", creature, "-o", tmp_path / "out", "--progress", "lines") == 0
     lines = capsys.readouterr().err.splitlines()
@@ -84,6 +86,7 @@ def test_progress_lines_rise_to_one(creature, tmp_path, capsys):
     assert fractions == sorted(fractions) and fractions[0] == 0.0 and fractions[-1] == 1.0
 
 
+@pytest.mark.slow
 def test_parameters_reach_the_operation(creature, tmp_path, capsys):
     flags = ["--side", "both", "--tolerance", "0.001", "--subsample", "0.05", "--refine", "0"]
     flags += ["--largest-radius", "0.3", "--json", "--color-by", "spoke_angle", "--turntable", "2"]
@@ -385,6 +388,7 @@ def test_an_interrupt_while_packages_are_loaded_is_one_line(creature, tmp_path, 
     assert list((tmp_path / "work").iterdir()) == []
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.name == "nt", reason="needs pipes as Unix has them")
 def test_a_child_whose_host_died_ends_and_leaves_nothing(creature, tmp_path):
     """Nobody reads its progress any more: it stops at the next line, and writes no result."""
@@ -400,6 +404,7 @@ def test_a_child_whose_host_died_ends_and_leaves_nothing(creature, tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_a_closed_pipe_is_not_an_error():
     done = subprocess.run(
         f"{sys.executable} -m medialis describe --json | head -c 10 >/dev/null; echo ok",
@@ -419,6 +424,7 @@ def test_output_that_cannot_be_printed_is_one_sentence(words):
     assert done.returncode == 2 and len(done.stderr.splitlines()) == 1, done.stderr
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows keeps a working folder")
 @pytest.mark.parametrize(
     "words", ["thickness a.ply", "thickness {} -o out", "thickness {}", "batch thickness {} -o out",
@@ -436,6 +442,7 @@ def test_a_removed_working_folder_is_one_sentence(creature, tmp_path, words, cap
     assert "print" not in error
 
 
+@pytest.mark.slow
 def test_names_in_any_script_are_printed(creature, tmp_path):
     """A file name that the terminal or the pipe (on Windows cp1252) lacks was a traceback."""
     path = tmp_path / "\u5f62.ply"
@@ -447,6 +454,7 @@ def test_names_in_any_script_are_printed(creature, tmp_path):
     assert b"\\u5f62.ply" in done.stdout and done.stderr == b""
 
 
+@pytest.mark.slow
 def test_an_unknown_attribute_is_refused_with_and_without_a_picture(creature, tmp_path, capsys):
     """Only the drawing looked at it, so operations with their own images took any name."""
     for name in ("surface-skeleton", "ball-reconstruction"):

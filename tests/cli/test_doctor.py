@@ -87,6 +87,7 @@ def test_what_is_missing_comes_with_the_way_to_get_it(monkeypatch, machine, quic
     assert found["extra dask"].advice == 'pip install "medialis[dask]"'
 
 
+@pytest.mark.slow
 def test_a_package_that_cannot_be_loaded_is_found_out(tmp_path, monkeypatch, machine, capsys):
     """It is installed, so its version is known; only loading it tells."""
     (tmp_path / "numba.py").write_text("raise ImportError('Numba needs NumPy 1.0 or less')")
@@ -244,6 +245,7 @@ def test_meshlab_and_its_plugin_are_missing(machine, quick):
     assert "meshlab.net" in found["MeshLab"].advice and "meshlab-install" in found["plugin"].advice
 
 
+@pytest.mark.slow
 def test_the_filters_beside_the_plugin_are_of_this_medialis(machine, quick):
     folder = machine.root / "usr" / "lib" / "x86_64-linux-gnu" / "meshlab" / "plugins"
     folder.mkdir(parents=True)

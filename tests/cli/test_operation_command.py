@@ -46,6 +46,7 @@ def contents(folder: Path) -> dict[str, bytes]:
     return {str(p.relative_to(folder)): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
 
 
+@pytest.mark.slow
 def test_a_second_operation_leaves_the_first_alone(here):
     """`thickness` and `surface-skeleton` had one folder, and one samples.ply for both."""
     assert run("surface-skeleton", "creature.ply", "--no-picture") == 0
@@ -56,6 +57,7 @@ def test_a_second_operation_leaves_the_first_alone(here):
     assert {Path(name).parts[0] for name in after} == {"surface_skeleton", "thickness"}
 
 
+@pytest.mark.slow
 def test_the_same_result_may_be_written_again(here, capsys):
     assert run("thickness", "creature.ply", "--no-picture", "--threshold", "2%") == 0
     assert run("thickness", "creature.ply", "--no-picture", "--threshold", "2 %") == 0
@@ -64,6 +66,7 @@ def test_the_same_result_may_be_written_again(here, capsys):
     assert (here / "creature-medialis" / "thickness" / "thickness.png").is_file()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("what", ["parameter", "unit", "input", "version", "operation", "damaged"])
 def test_another_result_is_not_overwritten(what, here, capsys):
     command = ["thickness", "creature.ply", "-o", "out", "--no-picture"]
@@ -116,6 +119,7 @@ def test_another_shape_of_the_same_options_is_another_result(here):
         medialis.write_result(medialis.run("point_types", medialis.organic_shape(60)), "out")
 
 
+@pytest.mark.slow
 def test_files_of_no_result_stay(here, capsys):
     (here / "out").mkdir()
     (here / "out" / "samples.ply").write_text("mine")
@@ -182,6 +186,7 @@ def test_the_length_of_welds_has_a_unit():
     assert value_text("weld_length", 2.5, "mm") == "2.5 mm"
 
 
+@pytest.mark.slow
 def test_thin_spots_are_a_table_with_units(here, capsys):
     assert run("thickness", "creature.ply", "--no-picture", "--unit", "mm", "--spots", "7") == 0
     out = capsys.readouterr().out
@@ -278,6 +283,7 @@ def test_completion_without_its_library_is_one_sentence(capsys, monkeypatch):
     assert 'Completion needs shtab: pip install "medialis[completion]"' in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_help_computes_nothing():
     """Neither numba nor scipy is loaded to print the help of an operation."""
     code = "import sys; from medialis.cli import main\ntry: main(['thickness', '--help'])\n"

@@ -19,6 +19,7 @@ def file(tmp_path, monkeypatch):
     return "a & b.ply"
 
 
+@pytest.mark.slow
 def test_a_file_with_what_is_computed(file, tmp_path, capsys):
     assert main(["view", file, "--show", "thickness,curve-skeleton"]) == 0
     text = (tmp_path / "a & b-view.html").read_text("utf-8")
@@ -31,6 +32,7 @@ def test_the_shape_alone(file, tmp_path):
     assert '"kind": "surface"' in (tmp_path / "page.html").read_text("utf-8")
 
 
+@pytest.mark.slow
 def test_folders_layers_and_graphs(file, tmp_path):
     for name in ("thickness", "curve-skeleton"):
         assert main([name, file, "--no-picture"]) == 0
@@ -66,6 +68,7 @@ def test_one_line_says_what_is_wrong(file, arguments, said, capsys, tmp_path):
     assert not list(tmp_path.glob("*.html"))
 
 
+@pytest.mark.slow
 def test_folders_of_several_shapes_are_refused(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     for name, size in (("one", 56), ("two", 80)):

@@ -68,6 +68,7 @@ def test_jitter_is_measured_and_smoothed(angle):
     assert clouds.adjusted_rand(truth, plain) < best - 0.2
 
 
+@pytest.mark.slow
 def test_jitter_of_accurate_and_curved_clouds_is_none():
     """A uniform shift within a ball of radius r has the standard deviation r / sqrt 5 an axis."""
     points, _ = clouds.sphere_and_plane()
@@ -81,6 +82,7 @@ def test_jitter_of_accurate_and_curved_clouds_is_none():
     assert measured == pytest.approx(expected, rel=0.35)
 
 
+@pytest.mark.slow
 def test_intersections_belong_to_both():
     """Points found on an intersection lie near the x axis: within the farthest neighbour."""
     points, _ = clouds.crossing_planes(90)
@@ -118,6 +120,7 @@ def patches_by_scipy(points, near, d_max):
     return result
 
 
+@pytest.mark.slow
 def test_patches_are_those_of_scipy():
     points = clouds.with_outliers(clouds.crossing_planes(45, n=150)[0], 0.4)
     near = cKDTree(points).query(points, k=11)[1][:, 1:].astype(np.int32)
@@ -133,6 +136,7 @@ def test_patches_are_those_of_scipy():
         assert sorted(p for p in ours if p[0])[::-1] == expected[i][:PATCHES]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("n", [400, 800, 3000])
 def test_a_coarse_sphere_is_one_manifold(n):
     """Patches bend along a quadric: of 400 samples all were noise (fixed)."""
@@ -160,6 +164,7 @@ def test_bent_patches_have_the_curvature_of_a_sphere():
         assert np.allclose(sign * bend, -side / radius, atol=0.15 / radius)
 
 
+@pytest.mark.slow
 def test_rings_of_a_scanner_are_one_floor():
     """Below a scanner the points of a ring lie closer together than the rings (was noise, fixed).
 
@@ -219,6 +224,7 @@ def test_a_dense_noisy_room_keeps_what_is_above_the_scanner():
     assert (labels < 0).mean() <= 0.02
 
 
+@pytest.mark.slow
 def test_lines_of_a_scan_on_both_sides_of_an_edge_do_not_join_them():
     """A line on the floor and one on the wall have planes that turn along the edge (merged, fixed).
 
@@ -233,6 +239,7 @@ def test_lines_of_a_scan_on_both_sides_of_an_edge_do_not_join_them():
     assert clouds.adjusted_rand(face[edge], found.labels()) > 0.94
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("noise", [0.0025, 0.01])
 def test_the_scatter_of_a_laser_room_is_measured_where_it_is_dense(noise):
     """Errors are along the beam, so less across the faces; they are no less than half on average.
@@ -244,6 +251,7 @@ def test_the_scatter_of_a_laser_room_is_measured_where_it_is_dense(noise):
     assert 0.5 * noise < jitter(points) < 1.1 * noise
 
 
+@pytest.mark.slow
 def test_wires_do_not_scatter():
     """Points round a wire scatter about its axis as noise does about a plane, but in all ways."""
     along, turn = np.random.default_rng(0).uniform(0, 1, (2, 4000))
@@ -252,6 +260,7 @@ def test_wires_do_not_scatter():
     assert jitter(wire) == 0.0
 
 
+@pytest.mark.slow
 def test_dense_points_go_with_the_one_that_speaks_for_them():
     """Of points denser than they scatter some are classified; others follow, outliers do not."""
     rng = np.random.default_rng(0)
@@ -263,6 +272,7 @@ def test_dense_points_go_with_the_one_that_speaks_for_them():
     assert (labels[:-1] == 0).mean() > 0.98
 
 
+@pytest.mark.slow
 def test_order_threads_and_motion_do_not_matter():
     """The order, the threads and the scale change nothing; a rotation changes rounding only.
 
@@ -284,6 +294,7 @@ def test_order_threads_and_motion_do_not_matter():
     assert (medialis.manifolds(points @ q.T).labels() == one.labels()).mean() > 0.997
 
 
+@pytest.mark.slow
 def test_smoothing_is_the_same_in_any_order_and_on_any_threads():
     rough = clouds.jittered(clouds.crossing_planes(90, n=1500)[0], 0.004)
     with medialis.thread_limit(1):
@@ -295,6 +306,7 @@ def test_smoothing_is_the_same_in_any_order_and_on_any_threads():
     assert (other.labels() == one.labels()[turn]).all()
 
 
+@pytest.mark.slow
 def test_the_number_of_manifolds_is_bounded_at_any_angle():
     """At most n / min_points, and 4 for a point, even where many planes cross at acute angles."""
     rng = np.random.default_rng(0)
@@ -365,6 +377,7 @@ def test_a_set_checks_its_rows():
         medialis.ManifoldSet(rows, 1, [1], points=np.zeros((1, 3))).points_of(1)
 
 
+@pytest.mark.slow
 def test_late_options_find_the_patches_again(monkeypatch):
     """Another turn or smallest size takes the patches as they are, with the same result."""
     rough = medialis.Surface(clouds.jittered(clouds.crossing_planes(90, n=400)[0], 0.004))

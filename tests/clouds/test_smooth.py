@@ -35,6 +35,7 @@ def test_the_noise_of_a_mesh_is_measured_and_goes(rough):
     assert np.array_equal(layer.attributes["moved"], moved)
 
 
+@pytest.mark.slow
 def test_the_noise_of_a_cloud_is_measured_and_goes():
     """Points of a sphere with radial noise of 0.01: half of it goes, and no point with it."""
     rng = np.random.default_rng(0)
@@ -48,6 +49,7 @@ def test_the_noise_of_a_cloud_is_measured_and_goes():
     assert np.std(np.linalg.norm(points, axis=1)) < 0.5 * 0.01
 
 
+@pytest.mark.slow
 def test_clean_shapes_stay_as_they_are(clean):
     for shape in (clean, medialis.Shape(clean.points, clean.normals)):
         result = medialis.run("smooth", shape)
@@ -72,6 +74,7 @@ def test_a_given_noise_is_a_length(rough):
         medialis.run("smooth", rough, noise="20%")
 
 
+@pytest.mark.slow
 def test_an_old_name_still_works_and_says_so(rough):
     assert medialis.operation("denoise") is medialis.operation("remove_outliers")
     result = medialis.run("denoise", rough)

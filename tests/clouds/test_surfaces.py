@@ -37,6 +37,7 @@ def test_a_plane_is_its_delaunay_triangulation():
     assert (owner == 0).all()
 
 
+@pytest.mark.slow
 def test_a_sphere_is_closed_and_a_hole_stays_open():
     """A sphere of 4 pi; the sagitta between samples takes h^2 / (4 R^2) = 0.1 % off."""
     rng = np.random.default_rng(0)
@@ -50,6 +51,7 @@ def test_a_sphere_is_closed_and_a_hole_stays_open():
     assert area(cut, faces) == pytest.approx(2 * np.pi * 1.8, rel=0.02)
 
 
+@pytest.mark.slow
 def test_crossing_planes_are_not_stitched():
     points, _ = clouds.crossing_planes(90, n=2000)
     found = medialis.manifolds(points)

@@ -39,6 +39,7 @@ def slow_measure(shape, cloud, paths, tied):
     return tangents, result
 
 
+@pytest.mark.slow
 def test_the_measure_is_the_formula(creature):
     shape, cloud, paths = creature
     found = medialis.candidate_measure(cloud)
@@ -105,6 +106,7 @@ def spheroid(half_length, count=4000):
     return medialis.Shape(points * [half_length, 1, 1], normals, faces.astype(np.int32))
 
 
+@pytest.mark.slow
 def test_a_sphere_is_halved():
     """Every geodesic has half the length of a great circle: the spheroid is the sphere."""
     _, _, area = areas_of(spheroid(1.0, 2000))
@@ -165,7 +167,7 @@ def test_the_area_grows_from_the_ends_of_a_tube_to_its_middle():
 
 
 def test_wedges_of_a_spheroid_add_up_to_its_area():
-    from medialis.curves._candidate_kernels import spheroid_wedge
+    from medialis.curves._kernels import spheroid_wedge
 
     # Oblate spheroid with radii 2, 2, 1: 2 pi a^2 + pi (c^2 / e) ln((1 + e) / (1 - e)).
     e = np.sqrt(1 - 0.25)
@@ -177,7 +179,7 @@ def test_wedges_of_a_spheroid_add_up_to_its_area():
 
 def test_a_spheroid_thinner_than_rounding_has_the_area_of_its_disc():
     """On a tube 1e13 long, 1e-4 wide, the eccentricity rounds to 1: importance was NaN (fixed)."""
-    from medialis.curves._candidate_kernels import spheroid_wedge
+    from medialis.curves._kernels import spheroid_wedge
 
     for width in (0.0, 1e-16, 0.99e-8, 1.01e-8, 1e-6):
         assert abs(spheroid_wedge(width, 1.0, 0.5) - 0.5) < 1e-10

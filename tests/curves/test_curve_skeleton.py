@@ -55,6 +55,7 @@ CURVES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", CURVES)
 def test_the_axis_of_a_tube_is_found_within_the_spacing(name):
     curves, shape = CURVES[name], tube(CURVES[name], 0.25, 0.06)
@@ -90,6 +91,7 @@ def test_tubes_meet_in_one_junction(name, degree):
     assert distance_to(graph.nodes[away], ARMS[name]).max() < shape.spacing
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("bars", [1, 2])
 def test_a_wheel_has_one_loop_more_than_spokes(bars):
     """Genus 2: a ring with one bar; genus 3: with two parallel ones."""
@@ -194,6 +196,7 @@ def test_resampling_and_scale_keep_the_branches(fork):
     assert hausdorff(graph, same, 1.0) < fork.spacing / 10
 
 
+@pytest.mark.slow
 def test_the_result_is_the_same_on_1_and_2_threads_and_inputs_stay(fork):
     cloud = medialis.shrink_balls(fork)
     before = cloud.centers.tobytes(), fork.points.tobytes()
@@ -206,6 +209,7 @@ def test_the_result_is_the_same_on_1_and_2_threads_and_inputs_stay(fork):
     assert before == (cloud.centers.tobytes(), fork.points.tobytes())
 
 
+@pytest.mark.slow
 def test_the_threshold_shortens_and_simplify_thins_the_graph(fork):
     whole, _ = skeleton_of(fork)
     short, _ = skeleton_of(fork, threshold=0.3)
@@ -215,6 +219,7 @@ def test_the_threshold_shortens_and_simplify_thins_the_graph(fork):
     assert hausdorff(whole, thin, 1.0) <= 0.01 * fork.diagonal + 0.004
 
 
+@pytest.mark.slow
 def test_two_parts_have_two_graphs():
     first, second = tube(CURVES["capsule"], 0.25, 0.08), tube(CURVES["torus"], 0.25, 0.08)
     both = medialis.Shape(

@@ -119,6 +119,7 @@ def test_refined_handles_turn_with_the_shape():
     assert other.graph.length == pytest.approx(7 * one.graph.length, rel=0.02)
 
 
+@pytest.mark.slow
 def test_sheets_are_parts_more_than_four_times_as_wide_as_thick():
     """Of a plate L x w x t the balls of its inner (w - 4 t) x (L - 4 t) can lie that far."""
     assert "thin_sheets" in notes(box([1, 0.8, 0.06]))
@@ -135,6 +136,7 @@ def test_real_sheets_are_told_from_other_parts(name, flat, real_shapes):
     assert ("thin_sheets" in codes(found)) == flat
 
 
+@pytest.mark.slow
 def test_clouds_and_flat_shapes_are_refused(creature):
     with pytest.raises(medialis.InvalidShapeError, match="needs a surface"):
         medialis.run("curve_skeleton", medialis.Shape(creature.points, creature.normals))

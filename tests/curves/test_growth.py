@@ -6,8 +6,15 @@ import pytest
 import medialis
 from medialis.base.arrays import follow
 from medialis.curves.curve_skeleton import CurveSkeleton
-from medialis.curves.growth import GraphTree, grow_graph, link_balls
-from medialis.curves.loops import count_crossings, find_handles, link_turns, span_loop
+from medialis.curves.growth import (
+    GraphTree,
+    count_crossings,
+    find_handles,
+    grow_graph,
+    link_balls,
+    link_turns,
+    span_loop,
+)
 from tubes import circle, segment, tube
 
 

@@ -81,6 +81,7 @@ def test_a_tail_hangs_on_the_trunk_and_left_is_as_right(tail, turned):
     assert off.max() < 0.01 * shape.diagonal
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("half_angle", "branches"), [(20, 1), (45, 0)])
 def test_cones_that_taper_by_more_than_60_degrees_are_no_limbs(half_angle, branches):
     """Two equal cones, base to base: a spindle has an axis, a top is one node."""
@@ -135,6 +136,7 @@ def test_machine_parts_have_no_spurs(part, low, high, ends, loops, branches):
     assert graph.branch_count <= branches
 
 
+@pytest.mark.slow
 def test_a_spool_has_its_axis_and_a_disc_its_middle():
     profile = [(0, -1), (1, -1), (1, -0.8), (0.3, -0.8), (0.3, 0.8), (1, 0.8), (1, 1), (0, 1)]
     graph = medialis.run("curve_skeleton", forms.revolved(profile, around=48)).graph

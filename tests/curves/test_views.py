@@ -90,6 +90,7 @@ def test_tubes_have_their_axes(segments, ends, junctions):
         assert np.linalg.norm(curve.nodes[curve.junctions[0]]) < 0.1
 
 
+@pytest.mark.slow
 def test_torus_has_its_circle():
     """One closed branch; the mesh of 96 x 48 lies within 0.001 of the torus."""
     shape = closed_forms.torus_mesh(96, 48)
@@ -100,6 +101,7 @@ def test_torus_has_its_circle():
     assert curve.length == pytest.approx(2 * math.pi, rel=0.05)
 
 
+@pytest.mark.slow
 def test_sphere_is_one_point():
     curve = medialis.view_curve_skeleton(closed_forms.icosphere(3), **QUICK)
     assert curve.nodes.shape == (1, 3) and len(curve.edges) == 0
@@ -221,9 +223,9 @@ def test_all_points_are_inside_and_in_the_middle():
     shape = medialis.organic_shape(56)
     center, radius = sphere_of(shape.points)
     pairs = camera_pairs(center, radius, pairs=60, angle=math.radians(20), size=128)
-    source, steps, none = medialis.rasterizer(shape), medialis.Progress(), PackedViews(0)
-    matched, weights = _match(source, pairs, 1.0, none, steps)
-    points, _ = _sharpen(source, [a for a, _ in pairs], matched, weights, 1.0, none, steps)
+    views, steps = PackedViews(medialis.rasterizer(shape), 1.0, 0), medialis.Progress()
+    matched, weights = _match(views, pairs, steps)
+    points, _ = _sharpen(views, [a for a, _ in pairs], matched, weights, steps)
     assert 0.3 * len(matched) < len(points) < len(matched)
     some = points[:: max(1, len(points) // 300)]
     assert (winding_number(some, shape) > 0.5).all()
@@ -242,9 +244,9 @@ def test_sharpening_gathers_points():
     shape = capsules(FORK, 0.2)
     center, radius = sphere_of(shape.points)
     pairs = camera_pairs(center, radius, pairs=60, angle=math.radians(20), size=128)
-    source, steps, none = medialis.rasterizer(shape), medialis.Progress(), PackedViews(0)
-    matched, weights = _match(source, pairs, 1.0, none, steps)
-    points, _ = _sharpen(source, [a for a, _ in pairs], matched, weights, 1.0, none, steps)
+    views, steps = PackedViews(medialis.rasterizer(shape), 1.0, 0), medialis.Progress()
+    matched, weights = _match(views, pairs, steps)
+    points, _ = _sharpen(views, [a for a, _ in pairs], matched, weights, steps)
     before, after = (
         (to_segments(p, FORK)[np.linalg.norm(p, axis=1) > 0.4] > pixel_of(shape, 128)).mean()
         for p in (matched, points)
@@ -252,6 +254,7 @@ def test_sharpening_gathers_points():
     assert after < before / 2
 
 
+@pytest.mark.slow
 def test_packed_views_are_the_views():
     """With room for all first views, for some and for none: the same skeleton to the last bit."""
     shape = medialis.organic_shape(56)
@@ -265,6 +268,7 @@ def test_packed_views_are_the_views():
         assert (other.edges == found[0].edges).all()
 
 
+@pytest.mark.slow
 def test_rotation_scale_and_threads():
     """The same skeleton: exactly when scaled by 4 and on 2 threads, nearly when rotated.
 
@@ -311,6 +315,7 @@ def test_given_views_and_other_sources():
         assert (nodes == given.nodes).all()
 
 
+@pytest.mark.slow
 def test_operation_warns_of_sheets_and_joined_parts():
     plate = medialis.run("view_curve_skeleton", closed_forms.box_mesh((1, 1, 0.15)), **QUICK)
     assert plate.messages[0].code == "thin_sheets" and plate.messages[0].data["share"] > 0.2

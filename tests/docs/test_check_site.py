@@ -37,6 +37,7 @@ def test_broken_links_are_named(site, body, fault):
     assert check_site.broken_links(site(body)) == [fault]
 
 
+@pytest.mark.slow
 def test_the_browser_sees_faults_at_the_width_that_has_them(site):
     browser = check_site.find_browser()
     if browser is None:

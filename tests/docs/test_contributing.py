@@ -58,6 +58,7 @@ def test_batches_have_it(checkout):
     assert manifest["values"]["places"] == 2
 
 
+@pytest.mark.slow
 def test_the_table_of_the_meshlab_plugin_has_it(checkout):
     run_in(checkout, "-c", "from medialis.hosts import write_notes; write_notes('.')")
     table = json.loads((checkout / "medialis-filters.json").read_text())["filters"]

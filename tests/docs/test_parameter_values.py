@@ -18,6 +18,7 @@ from medialis.operations.result import Layer, Outcome
 ALL = [(o, p) for o in OPERATIONS for p in o.parameters]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("chosen", "parameter"), ALL, ids=lambda x: x.name)
 def test_values_are_allowed_and_rise(chosen, parameter):
     for values in (values_of(parameter), example_of(chosen, parameter).values):

@@ -115,6 +115,7 @@ def results() -> dict[str, object]:
     return {type(thing).__name__: thing for thing in made}
 
 
+@pytest.mark.slow
 def test_texts_of_results_are_short(results):
     for name, thing in results.items():
         assert len(repr(thing)) < SHORT, f"{name}: {repr(thing)[:SHORT]}..."

@@ -76,6 +76,7 @@ def test_every_command_of_the_table_runs_in_its_order(tmp_path, monkeypatch):
     assert asked <= made and "checked" in made
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not (DOCS / "pictures").is_dir(), reason="an sdist has no pictures")
 def test_the_drawing_is_what_its_program_draws():
     """And it is well formed, with a title for those who do not see it."""
@@ -92,6 +93,7 @@ def test_the_drawing_is_what_its_program_draws():
     assert "title" in tags and tags.count("circle") > 100
 
 
+@pytest.mark.slow
 def test_the_discs_of_the_drawing_hold_no_point_of_the_outline():
     points, normals = make_outline.outline()
     centers, radius, second = make_outline.largest_discs(points, normals)

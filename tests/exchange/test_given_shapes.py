@@ -87,6 +87,7 @@ def test_tables_are_clouds_by_the_names_of_their_columns():
     assert np.allclose(as_shape(Table(axes | normals)).normals, shape.normals, atol=1e-15)
 
 
+@pytest.mark.slow
 def test_real_libraries_give_the_same_thickness():
     trimesh = pytest.importorskip("trimesh")
     shape = medialis.organic_shape(56)
@@ -96,6 +97,7 @@ def test_real_libraries_give_the_same_thickness():
     assert np.array_equal(medialis.thickness(trimesh.Scene(mesh)), expected)
 
 
+@pytest.mark.slow
 def test_every_door_takes_a_path(tmp_path):
     path = tmp_path / "organic.ply"
     medialis.write_mesh(path, medialis.organic_shape(56))

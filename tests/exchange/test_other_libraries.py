@@ -38,6 +38,7 @@ def importance(curve, node):
     return {"importance": pytest.approx(curve.importance[node], nan_ok=True)}
 
 
+@pytest.mark.slow
 def test_networkx_wants_a_graph(result):
     with pytest.raises(medialis.InvalidShapeError, match="got Result"):
         medialis.to_networkx(result)

@@ -44,6 +44,7 @@ def test_1_trimesh(result):
     assert np.array_equal(mesh.vertex_attributes["thickness"], layer.attributes["thickness"])
 
 
+@pytest.mark.slow
 def test_2_pyvista(result, curve):
     needed("pyvista")
     mesh, layer = medialis.to_pyvista(result), result.layers[0]
@@ -155,6 +156,7 @@ def check_volume(found, shape, size):
     assert distance_to_surface(found.points, shape).max() < np.sqrt(3) * size
 
 
+@pytest.mark.slow
 def test_10_simpleitk(bone):
     sitk, shape = needed("SimpleITK"), bone[0]
     needed("skimage")
@@ -186,6 +188,7 @@ def test_12_vtp(result, curve, tmp_path):
     assert np.array_equal(pyvista.read(tmp_path / "b.vtp").lines.reshape(-1, 3)[:, 1:], curve.edges)
 
 
+@pytest.mark.slow
 def test_importing_medialis_loads_none_of_them():
     names = "trimesh pyvista vtk open3d meshio pymeshlab pandas networkx navis SimpleITK nibabel"
     program = (

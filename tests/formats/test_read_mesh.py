@@ -311,6 +311,7 @@ def test_empty_and_garbage(tmp_path, name):
     refused(tmp_path, name, bytes(range(256)) * 3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("data", "words"),
     [
@@ -416,6 +417,7 @@ def test_every_truncation_is_a_mesh_or_a_sentence(tmp_path, name):
         attempt(save(tmp_path, name, data[:size]))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", GOOD)
 @settings(
     max_examples=80, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]

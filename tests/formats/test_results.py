@@ -302,6 +302,7 @@ with OutputFolder(sys.argv[1]) as folder:
 """
 
 
+@pytest.mark.slow
 def test_output_folder_removes_what_a_killed_run_left_and_nothing_else(tmp_path):
     """Hidden folders of killed runs stayed; a batch removed any `.name-*` (fixed)."""
     out = tmp_path / "ou[t]"

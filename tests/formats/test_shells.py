@@ -179,6 +179,7 @@ def test_calculix_bends_a_strip_as_far_as_the_closed_form(tmp_path, tapered):
     assert found == pytest.approx(bent.sum() * length / 20_000, rel=0.01)
 
 
+@pytest.mark.slow
 def test_the_command_line_writes_them_and_says_what_they_are_for(tmp_path, capsys):
     medialis.write_mesh(tmp_path / "a.ply", medialis.organic_shape(56))
     given = ["thickness", str(tmp_path / "a.ply"), "--no-picture", "-o", str(tmp_path / "out")]
@@ -199,6 +200,7 @@ def test_a_result_without_triangles_has_no_shell_elements(tmp_path):
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ending", ["msh", "inp", "ccx.inp", "vtu"])
 def test_write_mesh_takes_a_layer(tmp_path, ending):
     result = medialis.run("thickness", medialis.organic_shape(56))

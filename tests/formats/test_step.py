@@ -26,6 +26,7 @@ needs_cascadio = pytest.mark.skipif(
 )
 
 
+@pytest.mark.slow
 @needs_cascadio
 def test_the_shape_is_closed_and_each_face_of_the_model_is_a_patch():
     shape = medialis.read_shape(PLATE)
@@ -41,6 +42,7 @@ def test_the_shape_is_closed_and_each_face_of_the_model_is_a_patch():
     assert flat.count(True) == 6
 
 
+@pytest.mark.slow
 @needs_cascadio
 def test_curved_faces_are_met_to_a_share_of_the_size():
     shape = medialis.read_shape(PLATE)
@@ -55,6 +57,7 @@ def test_curved_faces_are_met_to_a_share_of_the_size():
     assert not ((inside > 12) & (inside < 80)).any()  # facets of the hole, and its rim
 
 
+@pytest.mark.slow
 @needs_cascadio
 def test_inches_are_inches(tmp_path):
     data = PLATE.read_bytes()
@@ -82,6 +85,7 @@ def test_the_unit_that_a_file_says(text, unit):
     assert _unit_of(text) == unit
 
 
+@pytest.mark.slow
 @needs_cascadio
 def test_layers_on_the_shape_tell_the_faces_of_the_model(tmp_path):
     shape = medialis.read_shape(PLATE)
@@ -103,6 +107,7 @@ def test_patches_follow_repair():
         medialis.make_shape(points, faces, patches=[1, 2])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["plate.step", "plate.stp", "plate.ply"])
 def test_what_is_no_model_is_refused_in_one_sentence(tmp_path, name):
     (tmp_path / name).write_bytes(b"ISO-10303-21;\nHEADER;\nENDSEC;\nDATA;\nENDSEC;\nEND-ISO")

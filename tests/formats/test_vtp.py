@@ -92,6 +92,7 @@ def test_other_values_are_refused_and_nothing_is_written(tmp_path, values):
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["thickness", "curve_skeleton"])
 def test_every_layer_of_a_result_is_written(tmp_path, name):
     result = medialis.run(name, medialis.organic_shape(56))
@@ -107,6 +108,7 @@ def test_every_layer_of_a_result_is_written(tmp_path, name):
     assert medialis.read_result(tmp_path / "a").values == result.values
 
 
+@pytest.mark.slow
 def test_the_command_line_writes_them_for_every_operation(tmp_path, capsys):
     medialis.write_mesh(tmp_path / "a.ply", medialis.organic_shape(56))
     given = ["thickness", str(tmp_path / "a.ply"), "--no-picture", "-o", str(tmp_path / "out")]

@@ -34,7 +34,7 @@ for line in sys.stdin:
     folder, said, told = line.rstrip("\\n").split("\\t")
     process = os.fork()
     if process == 0:
-        os.environ["MEDIALIS_CACHE_DIR"] = folder
+        os.environ["MEDIALIS_CACHE_DIR"], os.environ["MEDIALIS_KERNELS"] = folder, "numba"
         for number, path in ((1, said), (2, told)):
             os.dup2(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC), number)
         break

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from fuzz.nasty_shapes import grid_box, tube
 from medialis.curves.curve_skeleton import CurveSkeleton
-from medialis.curves.formats import write_curve_skeleton
+from medialis.curves.operation import write_curve_skeleton
 from medialis.formats import write_ply
 
 

@@ -21,7 +21,7 @@ from fuzz.mutations import mutated
 from medialis.batches.batch import write_table
 from medialis.batches.jobs import Job, find_files, plan, run_job
 from medialis.cli.commands import main
-from medialis.curves.formats import write_curve_skeleton
+from medialis.curves.operation import write_curve_skeleton
 from medialis.formats import read_npz, read_ply_attributes, write_ply
 
 MOST_MEMORY = GIGABYTE

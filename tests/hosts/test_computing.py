@@ -55,6 +55,7 @@ def expected_messages(shape):
     return progress.messages
 
 
+@pytest.mark.slow
 def test_a_late_option_is_answered_from_what_is_kept(computer, shape):
     """The process stays, also for equal arrays that are others."""
     first = finished(begin(computer, shape, "curve_skeleton"))[1]
@@ -87,6 +88,7 @@ def test_cancelling_ends_at_once_and_the_process_serves_again(computer, shape):
     assert finished(begin(computer, shape))[1].operation == "thickness"
 
 
+@pytest.mark.slow
 def test_a_process_that_does_not_come_back_is_replaced(computer, shape, monkeypatch):
     monkeypatch.setattr(computing, "SECONDS_TO_COME_BACK", 0.0)
     begin(computer, shape, "surface_skeleton").cancel()
@@ -95,6 +97,7 @@ def test_a_process_that_does_not_come_back_is_replaced(computer, shape, monkeypa
     assert computer._process is not process and process.returncode is not None
 
 
+@pytest.mark.slow
 def test_a_crash_is_a_sentence(computer, shape):
     computation = begin(computer, shape)
     computer._process.kill()
@@ -104,6 +107,7 @@ def test_a_crash_is_a_sentence(computer, shape):
     assert finished(begin(computer, shape))[1].operation == "thickness"
 
 
+@pytest.mark.slow
 def test_errors_are_those_of_the_core(computer, shape):
     computation = begin(computer, shape, tolerance=7.0)
     computation.wait()
@@ -144,6 +148,7 @@ def test_the_host_renders_views(computer, shape):
     assert np.array_equal(result.layers[0].points, here.layers[0].points)
 
 
+@pytest.mark.slow
 def test_a_host_that_cannot_render_is_told_and_replaced(computer, shape):
     quick = {"pairs": 6, "size": 64}
     _, result = finished(

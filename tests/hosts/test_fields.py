@@ -57,6 +57,7 @@ def test_a_layer_of_other_rows_is_refused():
         on_input(Layer("x", np.eye(3), on_input=True), shape)
 
 
+@pytest.mark.slow
 def test_a_rig_is_found_by_the_roles_of_its_layers():
     points, faces = damaged()
     shape = medialis.make_shape(points, faces, repair=True)

@@ -89,6 +89,7 @@ def test_auxiliary_layers_come_on_request_and_failure_leaves_nothing(tmp_path, m
     assert [p.name for p in tmp_path.iterdir()] == ["out"]
 
 
+@pytest.mark.slow
 def test_a_selection_has_defaults_of_its_own_and_is_all_that_is_written(tmp_path):
     """Without a threshold nothing would be thin: the selection has one."""
     shape = medialis.organic_shape(56)

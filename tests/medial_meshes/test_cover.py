@@ -78,6 +78,7 @@ def test_each_piece_goes_to_the_ball_that_grows_least():
         assert np.abs(far[rows, owner] - need).max() < 1e-9
 
 
+@pytest.mark.slow
 def test_files_hold_the_balls(tmp_path):
     cover = medialis.ball_cover(single(), icosphere(2))
     medialis.write_ball_cover(tmp_path / "a.json", cover, unit="mm")
@@ -93,6 +94,7 @@ def test_files_hold_the_balls(tmp_path):
     assert np.array_equal([float(word) for word in place], cover.centers[0])
 
 
+@pytest.mark.slow
 def test_what_cannot_be_covered_or_written(tmp_path):
     cloud = medialis.make_shape(icosphere(1).points, normals=icosphere(1).points)
     with pytest.raises(InvalidShapeError, match="point cloud"):

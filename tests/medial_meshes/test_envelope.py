@@ -43,6 +43,7 @@ def brute(places, given, steps=400):
     return best
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(4))
 def test_distances_are_those_of_brute_force(seed):
     """The lattice is never nearer, and off the foot by at most h: |p - c| - r changes by <= 2 h.
@@ -80,6 +81,7 @@ def test_boundary_points_lie_on_the_boundary():
     assert np.abs(envelope.distances(points)[0]).max() < 1e-7
 
 
+@pytest.mark.slow
 def test_the_distance_of_a_ball_to_its_sphere():
     """A ball of radius 1.1 round a sphere of radius 1: 0.1 both ways, up to the facets.
 
@@ -94,6 +96,7 @@ def test_the_distance_of_a_ball_to_its_sphere():
     assert abs(np.linalg.norm(found.place) - 1.05) < 0.06
 
 
+@pytest.mark.slow
 def test_the_distance_finds_a_part_that_is_missing():
     """A sphere with only a small ball in its middle: 0.7 off from the surface, both ways."""
     shape = icosphere(3)
@@ -103,6 +106,7 @@ def test_the_distance_finds_a_part_that_is_missing():
     assert np.isclose(found.envelope_to_surface, 0.7, atol=shape.edge_lengths.max() ** 2)
 
 
+@pytest.mark.slow
 def test_distances_scale_and_move_with_the_shape():
     shape = medialis.organic_shape(56)
     mesh = medialis.medial_mesh(shape, balls=10)

@@ -35,6 +35,7 @@ def test_sheets_meet_in_seams():
     assert (sheets.of_points[:5] == -1).all() and (sheets.of_points[5:] >= 0).all()
 
 
+@pytest.mark.slow
 def test_each_sheet_is_a_surface_with_borders():
     """No edge off the seams has more than two triangles, and those are of one sheet."""
     mesh = medialis.medial_mesh(medialis.organic_shape(56), balls=60, quality="fast")
@@ -64,6 +65,7 @@ def test_less_important_rims_go():
     assert found.betti == mesh.betti == (1, 0, 0)
 
 
+@pytest.mark.slow
 def test_the_topology_stays():
     """The loop of a torus has the same importance all round and stays at any threshold."""
     mesh = medialis.medial_mesh(torus_mesh(), balls=24, quality="fast")
@@ -74,6 +76,7 @@ def test_the_topology_stays():
     assert len(medialis.important_mesh(mesh, np.ones(len(mesh)), 0.5)) == len(mesh)
 
 
+@pytest.mark.slow
 def test_important_balls_stay_with_all_between_them():
     rng = np.random.default_rng(3)
     mesh = medialis.medial_mesh(medialis.organic_shape(56), balls=60, quality="fast")
@@ -91,6 +94,7 @@ def test_important_balls_stay_with_all_between_them():
     assert found.betti == mesh.betti and len(found) < len(mesh)
 
 
+@pytest.mark.slow
 def test_values_come_from_the_nearest_ball():
     shape = medialis.organic_shape(56)
     mesh, cloud = medialis.medial_mesh(shape, balls=20), medialis.surface_skeleton(shape)

@@ -31,6 +31,7 @@ def error(mesh, shape):
     return medialis.envelope_distance(mesh, shape).largest / shape.diagonal
 
 
+@pytest.mark.slow
 def test_a_ball_is_one_ball():
     """The vertices of an icosphere lie on the sphere; its faces e^2/6 or less beneath it."""
     shape = icosphere(3)
@@ -41,6 +42,7 @@ def test_a_ball_is_one_ball():
     assert abs(mesh.radii[0] - 1) < sag
 
 
+@pytest.mark.slow
 def test_a_capsule_is_two_balls_and_an_edge():
     """From a grid of cells of 0.05: flat facets lie 0.05^2 / 2 / 0.4 = 0.003 beneath it."""
     shape = capsules([np.array([[-1.0, 0, 0], [1.0, 0, 0]])], [0.4], 0.05)
@@ -51,6 +53,7 @@ def test_a_capsule_is_two_balls_and_an_edge():
     assert np.allclose(mesh.radii, 0.4, atol=0.02)
 
 
+@pytest.mark.slow
 def test_a_torus_is_a_loop():
     shape = torus_mesh()
     mesh = medialis.medial_mesh(shape, balls=16)
@@ -92,6 +95,7 @@ def test_a_knot_is_one_loop_along_its_curve(p, q):
     assert mesh.fewest == 3  # fewer have no loop
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("holes", [2, 5])
 def test_as_many_loops_as_rings_in_a_row(holes):
     """Rings of tube that share a side each: genus `holes`; two linked rings are two parts."""
@@ -105,6 +109,7 @@ def test_as_many_loops_as_rings_in_a_row(holes):
     assert mesh.betti == wanted == mesh.level(1).betti
 
 
+@pytest.mark.slow
 def test_linked_rings_are_two_parts():
     other = circle((0, 0, 0), 1.0)[:, [0, 2, 1]] + [1.0, 0, 0]
     shape = tube([circle((0, 0, 0), 1.0), other], 0.2, 0.08)
@@ -132,6 +137,7 @@ def test_a_box_ends_in_its_edges():
     assert np.isclose(mesh.radii.max(), 0.3, atol=off)
 
 
+@pytest.mark.slow
 def test_a_slab_is_flat():
     """Large balls of a thin slab lie on its middle sheet; those along its edges stay within it.
 
@@ -147,6 +153,7 @@ def test_a_slab_is_flat():
     assert height[mesh.radii > 0.02].max() <= 0.005 + off
 
 
+@pytest.mark.slow
 def test_a_hollow_ball_has_a_hollow():
     shape = joined(icosphere(3), scaled(icosphere(3), 0.6, turned=True))
     mesh = medialis.medial_mesh(shape, balls=60)
@@ -154,6 +161,7 @@ def test_a_hollow_ball_has_a_hollow():
     assert mesh.level(20).betti == (1, 0, 1)
 
 
+@pytest.mark.slow
 def test_parts_and_nested_parts_stay_apart():
     ball = icosphere(3)
     shape = joined(
@@ -163,6 +171,7 @@ def test_parts_and_nested_parts_stay_apart():
     assert mesh.betti == (3, 0, 1)
 
 
+@pytest.mark.slow
 def test_a_fin_thinner_than_a_thousandth_survives():
     """A plate of 1 x 1 x 0.001 on the diagonal of 1.41, far thinner than its samples are apart."""
     shape = box_mesh((1.0, 1.0, 0.001), 0.1)
@@ -189,6 +198,7 @@ def test_every_level_has_the_topology(organic):
         assert len(level) == max(mesh.fewest, min(count, mesh.most))
 
 
+@pytest.mark.slow
 def test_more_balls_are_nearer(organic):
     shape, mesh = organic
     few = medialis.medial_mesh(shape, balls=12)
@@ -216,6 +226,7 @@ def test_an_error_is_reached(organic):
     assert error(mesh, shape) <= 0.02
 
 
+@pytest.mark.slow
 def test_an_error_out_of_reach_ends_with_a_message():
     """Flat facets of 20 faces are far from the cones and slabs of any few balls."""
     progress = medialis.Progress()
@@ -259,6 +270,7 @@ def test_an_open_mesh_is_guessed_with_a_message():
     assert mesh.betti[0] == 1
 
 
+@pytest.mark.slow
 def test_parts_that_cross_have_balls_of_their_own():
     """Two balls that overlap: each is one part, and what of it lies in the other is no surface.
 
@@ -291,6 +303,7 @@ def test_a_piece_hidden_in_another_is_no_part():
     assert mesh.betti == (1, 0, 0) and error(mesh, ball) < 0.01
 
 
+@pytest.mark.slow
 def test_gaps_between_parts_do_not_join_them():
     """Two boxes a ten-thousandth of the diagonal apart, far less than their samples."""
     box = box_mesh((1.0, 0.8, 0.6), 0.1)
@@ -299,6 +312,7 @@ def test_gaps_between_parts_do_not_join_them():
     assert mesh.betti == (2, 0, 0) == mesh.level(1).betti
 
 
+@pytest.mark.slow
 def test_parts_that_touch_at_a_vertex_are_apart_there():
     """A horseshoe whose ends share one vertex: no loop."""
     curve = arc((0, 0, 0), 1.0, 0.3, 2 * np.pi - 0.3)

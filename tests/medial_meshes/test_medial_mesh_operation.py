@@ -50,6 +50,7 @@ def test_the_envelope_is_written_for_other_programs(result, folder):
     assert outward > 0 and found.is_watertight
 
 
+@pytest.mark.slow
 def test_the_balls_are_written_for_robots(creature, result, folder):
     cover = medialis.ball_cover(medialis.read_ma(folder / "medial_mesh.ma"), creature)
     said = json.loads((folder / "ball_cover.json").read_text())
@@ -64,6 +65,7 @@ def test_the_balls_are_written_for_robots(creature, result, folder):
     assert (apart.min(axis=1) <= 0).all()
 
 
+@pytest.mark.slow
 def test_results_read_back_say_what_they_are_written_as(result, folder):
     again = medialis.read_result(folder)
     for name, layer in layers(result).items():
@@ -71,6 +73,7 @@ def test_results_read_back_say_what_they_are_written_as(result, folder):
         assert dict(layers(again)[name].facts) == dict(layer.facts)
 
 
+@pytest.mark.slow
 def test_an_edited_mesh_is_measured_and_rebuilt(creature, result, folder, tmp_path):
     path = folder / "medial_mesh.ma"
     again = medialis.run("medial_mesh", creature, edited=str(path), cell=FAST["cell"])
@@ -101,6 +104,7 @@ def test_an_edited_mesh_is_measured_and_rebuilt(creature, result, folder, tmp_pa
         medialis.run("medial_mesh", cloud, edited=path)
 
 
+@pytest.mark.slow
 def test_far_away_files_and_levels_are_where_the_shape_is(creature, folder, tmp_path):
     far = np.array([1e6, -2e6, 0.0])  # whole numbers: exact differences
     shape = medialis.make_shape(creature.points + far, creature.faces)
@@ -144,6 +148,7 @@ def test_levels_are_kept_as_bytes(result):
             assert np.array_equal({**b.attributes, **b.face_attributes}[name], values)
 
 
+@pytest.mark.slow
 def test_importance_simplifies(creature):
     whole = medialis.run("medial_mesh", creature, importance=True, **FAST)
     some = medialis.run("medial_mesh", creature, threshold=0.06, **FAST)

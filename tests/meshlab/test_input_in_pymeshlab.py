@@ -323,6 +323,7 @@ def test_the_filter_script_holds_no_steps_within_ours(mesh_set, register, tmp_pa
     assert capfd.readouterr() == ("", "")
 
 
+@pytest.mark.slow
 def test_saved_attributes(mesh_set, tmp_path):
     """As the page says: MeshLab writes custom attributes when asked to by name."""
     mesh_set.compute_scalar_by_medial_thickness_per_vertex()

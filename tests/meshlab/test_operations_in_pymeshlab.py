@@ -63,6 +63,7 @@ def test_every_operation_gives_the_arrays_of_the_core(chosen, real_shapes):
     assert [ms.mesh(i).vertex_number() for i in (0, 2)] == [8, 642]
 
 
+@pytest.mark.slow
 def test_auxiliary_layers_come_on_request_only(mesh_set, creature):
     assert list(mesh_set.generate_surface_skeleton(threshold=ALL)["layers"]) == ["surface_skeleton"]
     mesh_set.set_current_mesh(0)
@@ -76,6 +77,7 @@ def test_auxiliary_layers_come_on_request_only(mesh_set, creature):
     assert (normals == expected.layers[1].attributes["normal"]).all()
 
 
+@pytest.mark.slow
 def test_hidden_points_are_an_invisible_layer(mesh_set, creature):
     """All points are there, in the colours of the whole; the current mesh is what is shown."""
     expected = medialis.run("surface_skeleton", creature).layers[0]
@@ -98,6 +100,7 @@ def test_pictures_are_returned_and_nothing_is_added(mesh_set):
     assert mesh_set.mesh_number() == 1 and result["layers"] == {}
 
 
+@pytest.mark.slow
 def test_thickness_becomes_attribute_quality_and_colour(mesh_set, creature):
     result = mesh_set.compute_scalar_by_medial_thickness_per_vertex()
     expected = medialis.run("thickness", creature)
@@ -135,6 +138,7 @@ def test_a_point_cloud_layer(creature):
     assert any("estimated" in message for message in result["messages"])
 
 
+@pytest.mark.slow
 def test_layers_are_measured_where_they_are_shown(mesh_set, creature):
     """The transform of a layer counts: twice as large is twice as thick; results lie beside it."""
     matrix = np.diag([2.0, 2.0, 2.0, 1.0])

@@ -70,6 +70,7 @@ def test_a_packaged_plugin_is_one_that_the_installer_takes(build, tmp_path, monk
         assert [(b.release, b.system) for b in found] == [("2020.09", this_system(machine))]
 
 
+@pytest.mark.slow
 def test_a_source_of_another_release_is_refused(tmp_path):
     """CMake says so before anything is compiled."""
     need("cmake")

@@ -18,6 +18,7 @@ def script_text(mesh_set, path):
     return path.read_text(encoding="utf-8")
 
 
+@pytest.mark.slow
 def test_lists_of_pymeshlab_know_both(fresh):
     assert {"generate_convex_hull", "generate_curve_skeleton"} <= {*pymeshlab.filter_list()}
     printed = fresh(
@@ -44,6 +45,7 @@ def test_unpatching_gives_pymeshlab_its_functions_back():
     assert "generate_curve_skeleton" in pymeshlab.filter_list()
 
 
+@pytest.mark.slow
 def test_a_script_keeps_the_filters_in_per_cent_and_runs_them(mesh_set, creature, tmp_path):
     """On the same shape, four times as large (exact in floating point): results are as well."""
     mesh_set.compute_scalar_by_medial_thickness_per_vertex(
@@ -112,6 +114,7 @@ def test_the_selection_of_a_run_is_not_in_its_script(mesh_set, creature, tmp_pat
     assert rows["pairs"] == "" and rows["use_selection"] == "true"
 
 
+@pytest.mark.slow
 def test_attributes_survive_saving(mesh_set, creature, tmp_path):
     """pymeshlab leaves custom attributes out of PLY files unless it is told."""
     from medialis.formats.ply_attributes import read_ply_attributes
@@ -139,6 +142,7 @@ def test_a_verbose_mesh_set_tells_the_progress(mesh_set, capsys):
     assert capsys.readouterr().out == ""
 
 
+@pytest.mark.slow
 def test_every_block_of_the_page_runs_in_order(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     page, names = DOCS / "pymeshlab.md", {}

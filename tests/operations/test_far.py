@@ -55,6 +55,7 @@ def test_a_shape_far_away_has_the_same_result_there(operation):
     np.testing.assert_array_equal(result.shape.points[: len(far.points)], far.points)
 
 
+@pytest.mark.slow
 def test_every_place_in_values_is_moved():
     shape = on_a_grid(medialis.organic_shape(60))
     far = medialis.make_shape(shape.points + FAR, shape.faces)
@@ -167,6 +168,7 @@ def test_positions_are_put_back_wherever_they_stand_and_whatever_they_are_called
     assert type(result.values["narrowest"]) is list
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("changed", "place_named"),
     [

@@ -52,6 +52,7 @@ def test_what_is_thinner_than_a_pixel_has_no_depth_difference():
     assert "thinner_than_a_pixel" in {message.code for message in result.messages}
 
 
+@pytest.mark.slow
 def test_a_round_part_has_its_node_in_the_middle():
     """The node of a faceted ball lay near its surface, where the measure, which is noise there, was
     largest; its importance was NaN, or that of another part."""
@@ -78,6 +79,7 @@ def test_closed_branches_have_no_tortuosity_in_values():
     assert np.isinf(ring.tortuosity).all()
 
 
+@pytest.mark.slow
 def test_infinite_importance_stays_and_scales_come_from_the_finite_values():
     """Between overlapping parts no path joins the feature points: no threshold removes them."""
     ball = forms.icosphere(2)
@@ -96,6 +98,7 @@ def test_infinite_importance_stays_and_scales_come_from_the_finite_values():
     assert "between_parts" in {message.code for message in every.messages}
 
 
+@pytest.mark.slow
 def test_segments_that_a_coarse_input_cannot_show_are_told():
     cube = forms.cube()
     result = medialis.run("mean_shift_segments", cube, refine=0.1)

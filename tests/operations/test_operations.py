@@ -87,7 +87,6 @@ def test_a_layer_has_the_attributes_it_names(given):
         medialis.Layer("a", np.zeros((2, 3)), **given)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("chosen", OPERATIONS, ids=lambda o: o.name)
 def test_layers_on_the_input_have_its_points(chosen, small_shape, default_run):
     shape = small_shape(chosen.name)
@@ -96,6 +95,7 @@ def test_layers_on_the_input_have_its_points(chosen, small_shape, default_run):
             assert (layer.points == shape.points).all() and (layer.faces == shape.faces).all()
 
 
+@pytest.mark.slow
 def test_a_cube_of_8_vertices_has_its_medial_sheets():
     """Blender's cube: the centers lie on the 12 bisector triangles of edges and center.
 
@@ -173,6 +173,7 @@ def test_ball_reconstruction_agrees_with_the_surface():
     assert result.images["reconstruction"].dtype == np.uint8
 
 
+@pytest.mark.slow
 def test_write_result_is_all_or_nothing(default_run, tmp_path, monkeypatch):
     result = default_run("surface_skeleton")
 
@@ -251,6 +252,7 @@ def test_a_name_that_is_not_written_out_is_found_by_loading(monkeypatch, tmp_pat
             del sys.modules[module]
 
 
+@pytest.mark.slow
 def test_points_that_belong_to_no_sample_are_drawn():
     """Skeleton points in manifolds have features and no source: their picture once failed."""
     result = medialis.run("manifolds", medialis.organic_shape(56), cloud="skeleton")

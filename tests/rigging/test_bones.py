@@ -177,6 +177,7 @@ def test_turned_and_scaled_shapes_have_the_same_bones_and_weights(result):
     assert np.abs(dense(one, before.count) - dense(other, before.count)).max() < 1e-6
 
 
+@pytest.mark.slow
 def test_the_creature_can_be_rigged(result, creature):
     """Four legs, head, tail: a root on the trunk, all weights, neighbours alike."""
     rig, skin = result.extras["bones"], result.extras["skin"]
@@ -196,6 +197,7 @@ def test_the_creature_can_be_rigged(result, creature):
     assert [row["name"] for row in result.values["bone_table"]] == list(rig.names)
 
 
+@pytest.mark.slow
 def test_limbs_of_a_fork_do_not_move_each_other():
     """A Y of tubes: three radii from the fork a limb has no weight of another one.
 
@@ -280,6 +282,7 @@ def test_bad_input_is_a_sentence(creature, result):
         medialis.run("armature", cloud)
 
 
+@pytest.mark.slow
 def test_what_was_cut_and_split_is_said():
     ring = tube([circle([0, 0, 0], 1.0)], 0.2, 0.07)
     other = medialis.Shape(ring.points + np.array([5, 0, 0]), ring.normals, ring.faces)
@@ -294,6 +297,7 @@ def test_what_was_cut_and_split_is_said():
     assert told["loops_cut"]["loops"] == 2 and told["root_bones"]["roots"] == 2
 
 
+@pytest.mark.slow
 def test_solving_for_bones_together_changes_nothing(monkeypatch, result):
     """More bones than are solved for at once, against one after the other."""
     rig = medialis.bones(result.extras["graph"], bone_length=0.03)

@@ -200,6 +200,7 @@ def test_every_bone_begins_at_an_end_of_its_parent():
         assert ((0.0, 0.0, -link) in starts) == (link == 1.2)
 
 
+@pytest.mark.slow
 def test_a_rod_of_triangles_has_one_bone():
     rig = medialis.run("armature", tube([segment([0, 0, 0], [4, 1, 0.5])], 0.3, 0.08)).extras[
         "bones"

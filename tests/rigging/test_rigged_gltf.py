@@ -99,6 +99,7 @@ def written(result, folder, unit=None):
     return Scene((folder / "a.glb").read_bytes()), surface
 
 
+@pytest.mark.slow
 def test_the_rest_pose_is_the_shape_in_metres(result, tmp_path):
     scene, surface = written(result, tmp_path, "cm")
     # Single precision of positions, weights and matrices: 2^-24 each.
@@ -153,6 +154,7 @@ def test_frames_are_turns_with_y_along_the_bone(result):
     assert np.allclose(turns[:, :, 1] * np.linalg.norm(along, axis=1)[:, None], along, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_a_shape_far_away_keeps_its_precision(tmp_path):
     """Single precision at a million units is 0.06: the shape would be steps."""
     near = medialis.organic_shape(56)
@@ -166,6 +168,7 @@ def test_a_shape_far_away_keeps_its_precision(tmp_path):
     assert np.abs(plain - surface.points).max() < 1e-5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("naming", "spine"), [("rigify", "spine"), ("mixamo", "mixamorig:Hips")])
 def test_names_are_those_that_were_asked_for(tmp_path, naming, spine):
     """The bones of the file were numbered, whatever was asked for."""
@@ -237,6 +240,7 @@ def test_another_reader_finds_the_same_shape(result, tmp_path):
     assert np.allclose(found.extents, 0.01 * np.ptp(surface.points, axis=0), rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_graph_files_of_an_armature_hold_the_bones(result, tmp_path):
     """They held the curve skeleton, which has other nodes and may have loops."""
     medialis.write_result(result, tmp_path / "out")

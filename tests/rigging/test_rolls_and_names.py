@@ -115,6 +115,7 @@ def test_long_arms_have_shoulders_and_more_pairs_numbers():
     assert {"LeftShoulder", "LeftArm", "LeftForeArm", "LeftHand", "LeftHand_2"} <= names
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("naming", [rigify_names, mixamo_names])
 def test_every_bone_of_any_tree_has_a_name_of_its_own(naming):
     for seed in range(12):

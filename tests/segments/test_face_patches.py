@@ -91,6 +91,7 @@ def pieces(found):
     return int(piece_labels(len(labels), links).max()) + 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", KNOWN)
 def test_counts_and_connectedness(name):
     found = patches(name)
@@ -131,6 +132,7 @@ def test_soft_borders_are_circles():
     assert border_length(found) == pytest.approx(2 * 2 * np.pi * radius, rel=0.1)
 
 
+@pytest.mark.slow
 def test_round_shapes_are_said_to_have_few_edges():
     """All of a limb is soft edge; of a box and a cylinder with rounded edges less than half is."""
 
@@ -161,6 +163,7 @@ def test_patches_do_not_depend_on_place_and_size():
     assert one.max() + 1 == other.max() + 1 == pairs.shape[1] == 4  # two ends are equally large
 
 
+@pytest.mark.slow
 def test_convex_creases_need_inner_balls_and_concave_ones_outer():
     shape = KNOWN["L"][0]()
     for side, count in (("inner", 7), ("both", 8)):

@@ -61,6 +61,7 @@ def test_equal_arms_meet_in_the_middle(cell):
     assert (np.bincount(body, minlength=4)[1:] > 0).all()
 
 
+@pytest.mark.slow
 def test_a_thin_arm_leaves_a_thick_one():
     """A bar of two thick arms with a thin one: the bar is one part, the ends are no limbs."""
     thick, _ = hub(np.array([[1.0, 0, 0], [-1, 0, 0]]), 0.06, ball=0.5, arm=0.5)

@@ -130,6 +130,7 @@ def test_the_arch_has_its_teeth(arch):
     assert (medialis.dental_arch(resolution=120)[0].points == shape.points).all()
 
 
+@pytest.mark.slow
 def test_teeth_are_found_by_density(arch):
     """The gum is divided into segments as well; on the teeth, segments are teeth."""
     shape, teeth, cloud = arch
@@ -175,6 +176,7 @@ def dumbbell(n=4000, gap=1.5):
     return medialis.Shape(points, np.concatenate([u[keep], round_])), truth
 
 
+@pytest.mark.slow
 def test_a_dumbbell_has_two_ends():
     """The neck is not judged: its segments may be the ends or its own."""
     shape, truth = dumbbell()

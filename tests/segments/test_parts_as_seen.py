@@ -172,11 +172,13 @@ def test_trees_and_wrong_input():
         medialis.parts(medialis.surface_skeleton(forms.icosphere(2)), level=1.0)
 
 
+@pytest.mark.slow
 def test_simple_bodies_are_one_part():
     for shape in (forms.icosphere(3), forms.torus_mesh()):
         assert medialis.parts(medialis.surface_skeleton(shape)).count == 1
 
 
+@pytest.mark.slow
 def test_separate_bodies_are_separate_parts():
     ball = forms.icosphere(2)
     apart = np.concatenate([ball.points, ball.points + np.array([3.0, 0, 0])])
@@ -268,6 +270,7 @@ def test_means_over_placements_differ_less_than_single_ones():
     assert away[1][held] < 0.75 * away[0][held]
 
 
+@pytest.mark.slow
 def test_both_walls_of_a_plate_are_close():
     """Heat jumps across a thin plate: two places across it are closer than two side by side."""
     plate = forms.box_mesh((1.0, 1.0, 0.02), 0.05)
@@ -286,6 +289,7 @@ def test_both_walls_of_a_plate_are_close():
     assert quantities["resistance"][one, two].max() < quantities["resistance"][far].min()
 
 
+@pytest.mark.slow
 def test_borders_lie_in_the_valley():
     """Two balls that run into each other: wherever labels change, borders go to the neck."""
     shape = forms.dumbbell(ball=1.0, bar=0.5, half=1.0, step=0.06)
@@ -361,6 +365,7 @@ def test_shares_of_zero_are_never_joined():
     assert len(join_tree(np.zeros((0, 0)), np.zeros(0))[0]) == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shape", [
     medialis.make_shape(np.eye(4, 3, -1), [[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]]),
     forms.cube(),

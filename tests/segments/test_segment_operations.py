@@ -18,6 +18,7 @@ def arch():
     return medialis.dental_arch(resolution=100)
 
 
+@pytest.mark.slow
 def test_manifolds_lie_on_the_input(noisy):
     result = medialis.run("manifolds", noisy)
     layer = result.layers[0]
@@ -27,6 +28,7 @@ def test_manifolds_lie_on_the_input(noisy):
     assert result.arrays["membership_offsets"][-1] == len(result.arrays["membership_manifolds"])
 
 
+@pytest.mark.slow
 def test_removing_outliers_keeps_points_where_they_are(noisy):
     result = medialis.run("remove_outliers", noisy)
     clean, noise = result.layers
@@ -43,6 +45,7 @@ def test_clean_clouds_of_many_kinds_stay():
         assert kept.mean() >= 0.97, name
 
 
+@pytest.mark.slow
 def test_a_clean_cloud_keeps_its_tips_and_says_what_goes():
     """Two cones of 1500 points: tips and rim lie on no smooth patch, but are no outliers."""
     rng = np.random.default_rng(0)
@@ -66,6 +69,7 @@ def test_nothing_left_is_a_sentence():
         medialis.run("remove_outliers", shape, max_bend=5.0, max_turn=5.0)
 
 
+@pytest.mark.slow
 def test_manifolds_of_a_skeleton_of_a_box():
     """The medial sheets of a box are 13 flat pieces: 12 at the edges and the one in the middle.
 
@@ -137,6 +141,7 @@ def test_too_few_points_are_told_so():
         medialis.run("remove_outliers", medialis.Shape(corners, corners - 0.5))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("operation", ["manifolds", "remove_outliers"])
 def test_a_cloud_of_mostly_noise_is_doubted(noisy, operation):
     """Most vertices of a coarse mesh were called noise without a word."""

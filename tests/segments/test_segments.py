@@ -119,6 +119,7 @@ def test_parts_ignore_outer_balls_and_threads():
     assert np.sort(pairs)[-13:].sum() > 0.9 * len(found.labels)
 
 
+@pytest.mark.slow
 def test_open_surfaces_have_labels_or_say_why():
     """A square has no ball; a box beside it has."""
     box = forms.box_mesh(SIDES, 0.2)
@@ -243,6 +244,7 @@ def test_islands_join_what_is_round_them():
     assert (without_islands(points, joined, np.ones(48), chain(48)) == joined).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("operation", ["parts", "patches", "mean_shift_segments"])
 @pytest.mark.parametrize("name", ["slab", "creature"])
 def test_segments_are_connected_or_told(name, operation):

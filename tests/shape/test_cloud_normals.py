@@ -10,7 +10,6 @@ import closed_forms as forms
 from medialis.base.errors import Cancelled, InvalidOptionError, InvalidShapeError
 from medialis.base.progress import Progress
 from medialis.base.threads import thread_limit
-from medialis.shape import normals as cloud_normals
 from medialis.shape.normals import estimate_normals
 
 
@@ -156,7 +155,7 @@ def test_cancelling():
 
 def test_cancel_while_neighbours_are_searched(monkeypatch):
     """The search was one call with threads of its own: Ctrl-C in it ended in a crash."""
-    monkeypatch.setattr(cloud_normals, "QUERIES_A_CHUNK", 100)
+    monkeypatch.setattr("medialis.base.threads.QUERIES_A_CHUNK", 100)
     seen = []
 
     def cancel(fraction, text):

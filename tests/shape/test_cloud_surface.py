@@ -20,6 +20,7 @@ def scattered_torus():
     return medialis.Shape(ring + 0.3 * normals, normals)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("make", "genus"), [(lambda: forms.sphere(1500).shape, 0), (scattered_torus, 1)]
 )
@@ -54,6 +55,7 @@ def test_turned_and_moved_clouds_get_the_same_triangles():
     assert keys(turned) == keys(shape)
 
 
+@pytest.mark.slow
 def test_importance_of_a_cloud_when_asked_for():
     sphere = forms.sphere(1500).shape
     result = medialis.run("skeleton_importance", sphere, reconstruct=True, refine=0)

@@ -56,6 +56,7 @@ def test_vertices_grow_with_the_square_of_the_resolution():
     assert 3 < many / few < 5
 
 
+@pytest.mark.slow
 def test_result_is_deterministic():
     with thread_limit(1):
         one = organic_shape(60)

@@ -215,6 +215,7 @@ def test_long_thin_faces_get_samples_along_their_sides_only(corner, pieces):
     assert fine.point_count <= 4 * pieces + 3
 
 
+@pytest.mark.slow
 def test_samples_are_bounded_by_the_mesh_unless_asked_for():
     """Thirty plates of 8 triangles side by side became 276,000 samples (fixed)."""
     plate = forms.mesh(forms.cube().points * [0.004, 0.5, 0.5], forms.cube().faces)

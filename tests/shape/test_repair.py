@@ -320,6 +320,7 @@ def test_winding_numbers_of_a_cube():
     np.testing.assert_allclose(winding_numbers(queries, triangles), [1, 1, 0, 0], atol=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["bunny", "horse", "ogre", "spider", "dragon"])
 def test_the_test_shapes(name):
     if not SHAPES.is_dir():

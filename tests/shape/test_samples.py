@@ -11,6 +11,7 @@ from medialis.shape.samples import SAMPLES, sample_shape
 HANDLES = {"molecule": 1, "gear": 1, "bracket": 3}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("resolution", [56, 83])
 @pytest.mark.parametrize("name", sorted(SAMPLES.keys() - {"scan"}))
 def test_samples_are_closed_manifolds_of_one_part(name, resolution):
@@ -23,6 +24,7 @@ def test_samples_are_closed_manifolds_of_one_part(name, resolution):
     assert 0 < volume < np.prod(np.ptp(shape.points, axis=0))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["vase", "gear", "bracket", "hand"])
 def test_the_shape_does_not_depend_on_the_resolution(name):
     coarse, fine = (sample_shape(name, resolution) for resolution in (64, 110))

@@ -17,6 +17,7 @@ from oracles import component_labels, edge_uses, face_neighbours
 SOME = np.random.default_rng(0).normal(size=(6, 3))
 
 
+@pytest.mark.slow
 @settings(max_examples=100, deadline=None, derandomize=True)
 @given(faces=st.lists(st.lists(st.integers(0, 7), min_size=3, max_size=3), max_size=14))
 def test_connectivity_of_any_faces(faces):

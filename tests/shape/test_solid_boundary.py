@@ -5,8 +5,8 @@ import pytest
 from scipy import ndimage
 
 import medialis
-from medialis.curves.loops import find_handles
-from medialis.shape.solid_boundary import solid_boundary
+from medialis.curves.growth import find_handles
+from medialis.shape.surface import solid_boundary
 
 
 def voxel_surface(full):

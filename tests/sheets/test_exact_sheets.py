@@ -68,6 +68,7 @@ def test_a_cube_has_twelve_triangles(step):
         assert np.allclose(np.sort(away), [0] * 8 + [math.sqrt(3)] * 8, atol=1e-2)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("corners", [3, 4, 6])
 def test_tall_prisms_have_sheets_that_meet_on_their_axis(corners):
     """Upright trapezoids from each edge (H) to the axis (H - 2 rho), R wide; slopes of 45 degrees
@@ -104,6 +105,7 @@ def test_sheets_are_cut_where_they_meet_and_end_on_creases():
     assert (gaps[:, 1] < 1e-12).any()  # on an edge itself
 
 
+@pytest.mark.slow
 def test_fans_close_the_gap_at_a_concave_edge():
     """Over the corner an L has a quarter of a cone of slope 45 degrees, above and below: area
     pi / 4 sqrt 2 h^2 each, of which nothing is there without fans but a chord."""

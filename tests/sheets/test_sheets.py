@@ -133,6 +133,7 @@ def test_threads_order_rotation_and_scale():
     assert again.count == 13 and rand_index(again.labels[off], sheets.labels[off]) == 1
 
 
+@pytest.mark.slow
 def test_crossing_nested_and_separate_parts():
     """Two boxes apart are twice 13 sheets; a hollow box has sheets of each wall.
 
@@ -208,6 +209,7 @@ def test_y_network_of_a_box(longest):
     assert (third[network.near & sheets.linked] < 3 * longest).mean() > 0.95
 
 
+@pytest.mark.slow
 def test_y_networks_of_wedge_and_cylinder():
     """Flat wedge: the outline of the middle triangle, which lies 0.4 inside, and from each of its
     corners (angle t) two segments over 0.4 / sin(t/2) and down 0.4. Flat cylinder: a circle.
@@ -273,6 +275,7 @@ def test_scaffold_tells_which_sheets_meet():
     assert graph.nodes["s0"]["kind"] == "sheet" and graph.nodes["c0"]["length"] > 0
 
 
+@pytest.mark.slow
 def test_small_sheets_are_merged_into_neighbours():
     shape = forms.box_mesh(SIDES, 0.08)
     # Behind the edges along c: two triangles of height c/2, 4 % of the surface each.

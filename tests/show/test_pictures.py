@@ -367,6 +367,7 @@ def test_label_keys_use_names_and_shorten_long_lists():
     assert few.shape == many.shape == (300, 400, 3)
 
 
+@pytest.mark.slow
 def test_sharp_edges_stay_sharp_and_round_ones_smooth():
     """A cube's corners were once rounded where its diagonals gave one side a double weight."""
     normals = corner_normals(CUBE, CUBE_FACES)

@@ -81,6 +81,7 @@ def test_silhouette_area_of_a_ball(perspective):
     assert abs(area - math.pi * disc**2) < 0.05 * 2 * math.pi * disc
 
 
+@pytest.mark.slow
 def test_ball_touches_are_where_the_radius_says():
     camera = view()
     seen = rasterize(camera, centers=[[0, 0, 0]], radii=[0.5], normals=True)

@@ -6,6 +6,7 @@ import pytest
 import medialis
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["surface_skeleton", "thickness", "curve_skeleton", "parts"])
 def test_results_come_back(name, tmp_path):
     result = medialis.run(name, medialis.organic_shape(56))

@@ -83,6 +83,7 @@ def test_balls_of_a_capsule_reproduce_it(perspective):
         assert image.shape == (160, 240, 3)
 
 
+@pytest.mark.slow
 def test_numbers_do_not_change_when_all_is_turned_moved_and_scaled():
     cloud = capsule(32, 12)
     shape = cloud.surface
@@ -106,6 +107,7 @@ def test_numbers_do_not_change_when_all_is_turned_moved_and_scaled():
     assert abs(first.only_one_share - second.only_one_share) < 1e-3
 
 
+@pytest.mark.slow
 def test_several_views_count_together():
     cloud = capsule(32, 12)
     views = [look(), look(direction=[0, 0, 1], up=[0, 1, 0])]
@@ -115,6 +117,7 @@ def test_several_views_count_together():
     assert len(both.ball_images) == 2
 
 
+@pytest.mark.slow
 def test_a_point_cloud_is_compared_with_its_samples():
     cloud = capsule(faces=False)
     assert cloud.surface.faces is None
@@ -139,6 +142,7 @@ def test_only_maximal_inner_balls_are_drawn():
     assert one.only_one_share == two.only_one_share
 
 
+@pytest.mark.slow
 def test_progressive_covers_more_with_more_balls():
     cloud = capsule(32, 20)
     order = -np.abs(cloud.centers[:, 0])

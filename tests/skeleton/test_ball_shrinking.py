@@ -14,15 +14,15 @@ from medialis.base.progress import Progress
 from medialis.base.threads import thread_limit
 from medialis.shape.reading import read_shape
 from medialis.shape.shape import Shape
-from medialis.skeleton import ball_shrinking
-from medialis.skeleton.ball_shrinking import (
+from medialis.skeleton import medial_cloud
+from medialis.skeleton.medial_cloud import (
     CLEARANCE,
     COINCIDENT,
     DEFAULT_TOLERANCE,
     LARGEST_RADIUS,
+    BallStatus,
     shrink_balls,
 )
-from medialis.skeleton.medial_cloud import BallStatus
 from oracles import brute_force_balls, deepest, depth_radii, thesis_algorithm_1
 
 EPS = np.finfo(float).eps
@@ -144,7 +144,7 @@ def test_balls_of_any_cloud_are_the_brute_force_minimum(
 @pytest.mark.parametrize("tolerance", [1e-6, 1e-3, 0.03])
 def test_without_certificates_the_ball_is_the_one_through_the_winner(kind, tolerance, monkeypatch):
     """With a clearance of 1 only nested balls reuse a certificate, so r_a(f2) is the minimum."""
-    monkeypatch.setattr(ball_shrinking, "CLEARANCE", 1.0)
+    monkeypatch.setattr(medial_cloud, "CLEARANCE", 1.0)
     rng = np.random.default_rng(5)
     p = make_points(kind, 150, rng)
     check_against_oracle(
@@ -227,6 +227,7 @@ def test_balls_of_a_mirrored_ellipsoid_are_exact():
     assert (cloud.features[:, 1] == mirror).mean() > 0.99  # else a sample equally far to rounding
 
 
+@pytest.mark.slow
 def test_mirrored_ellipsoid_with_tolerance():
     """No sample is deeper than T: r is at most r_T of the mirror point, and never below r."""
     form = forms.ellipsoid(3000)

@@ -6,8 +6,7 @@ import pytest
 import closed_forms as forms
 from medialis.base.errors import InvalidOptionError, InvalidShapeError
 from medialis.shape.shape import Shape
-from medialis.skeleton.ball_shrinking import shrink_balls
-from medialis.skeleton.medial_cloud import BallStatus, MedialCloud
+from medialis.skeleton.medial_cloud import BallStatus, MedialCloud, shrink_balls
 from medialis.walls.thickness import feature_transform, field_on_skeleton, field_on_surface
 
 REDUCE = {"min": np.nanmin, "max": np.nanmax, "mean": np.nanmean}

@@ -6,8 +6,7 @@ import pytest
 import closed_forms as forms
 from medialis.base.errors import InvalidShapeError
 from medialis.shape.shape import Shape
-from medialis.skeleton.ball_shrinking import shrink_balls
-from medialis.skeleton.medial_cloud import COLUMNS, BallStatus, MedialCloud
+from medialis.skeleton.medial_cloud import COLUMNS, BallStatus, MedialCloud, shrink_balls
 
 
 def surface(n):

@@ -9,7 +9,7 @@ from medialis.base.errors import Cancelled, InvalidOptionError, InvalidShapeErro
 from medialis.base.threads import thread_limit
 from medialis.shape.shape import Shape
 from medialis.skeleton._ball_kernels import in_balls
-from medialis.skeleton.ball_shrinking import shrink_balls as surface_skeleton
+from medialis.skeleton.medial_cloud import shrink_balls as surface_skeleton
 from medialis.skeleton.skeleton_mesh import RADIUS_SLACK, SkeletonMesh
 
 ALL = {"min_spoke_angle": 0.0, "smallest_piece": 0.0}
@@ -74,6 +74,7 @@ def check_mesh(shape, cloud, mesh, thinned=False):
     assert ((gap - cloud.radii[row]).min(axis=2) <= reach + 1e-9 * shape.diagonal).all()
 
 
+@pytest.mark.slow
 def test_flat_box():
     """A plate 4 x 3 x 1: in the middle a rectangle 3 x 2, around it bisectors of the edges.
 
@@ -264,6 +265,7 @@ def test_gaps_of_left_out_points_are_bridged():
     assert np.array_equal(skeleton_mesh(cloud.subset(cloud.valid)).faces, whole.faces)
 
 
+@pytest.mark.slow
 def test_points_are_chosen_by_angle_and_importance():
     """The points left out are as if the cloud had none of them; what is kept is the same mesh."""
     cloud = surface_skeleton(medialis.organic_shape(64))

@@ -10,8 +10,7 @@ from hypothesis import strategies as st
 import closed_forms as forms
 from medialis.base.errors import InvalidOptionError, InvalidShapeError
 from medialis.shape.shape import Shape
-from medialis.skeleton.ball_shrinking import shrink_balls
-from medialis.skeleton.medial_cloud import BallStatus, MedialCloud
+from medialis.skeleton.medial_cloud import BallStatus, MedialCloud, shrink_balls
 from medialis.skeleton.surface_skeleton import uniform_subsample
 from oracles import greedy_subsample
 

@@ -26,6 +26,7 @@ def test_it_has_the_importance_of_its_detailed_sister(result):
     assert layer.filter_by == layer.color_by == "importance"
 
 
+@pytest.mark.slow
 def test_points_below_the_threshold_are_hidden_and_counted(result):
     layer = result.layers[0]
     assert 0 < layer.filter_default <= 0.03
@@ -36,6 +37,7 @@ def test_points_below_the_threshold_are_hidden_and_counted(result):
     assert note.data["points"] == len(layer.points) == result.values["skeleton_points"]
 
 
+@pytest.mark.slow
 def test_thin_limbs_stay_shown_by_default():
     """Most of a spider's legs were hidden: half their girth was below the default (mended)."""
     thin = medialis.run("surface_skeleton", tube(0.004, length=1.0))
@@ -67,6 +69,7 @@ def tube(radius, length):
     return medialis.make_shape(points, np.concatenate(faces))
 
 
+@pytest.mark.slow
 def test_a_threshold_of_zero_hides_nothing(result):
     every = medialis.run("surface_skeleton", medialis.organic_shape(100), threshold=0.0)
     assert not every.layers[0].hidden.any() and every.values["hidden_points"] == 0
@@ -80,6 +83,7 @@ def test_where_all_points_are_unimportant_none_is_hidden():
     assert not found.layers[0].hidden.any()
 
 
+@pytest.mark.slow
 def test_clouds_other_sides_and_a_plain_request_have_no_importance(result):
     shape = medialis.organic_shape(56)
     cloud = medialis.Shape(shape.points, shape.normals)
@@ -93,6 +97,7 @@ def test_clouds_other_sides_and_a_plain_request_have_no_importance(result):
         assert "importance" not in found.arrays and not layer.hidden.any()
 
 
+@pytest.mark.slow
 def test_pictures_leave_hidden_points_out():
     """A picture with hidden points is that of a result that has only the others."""
     shape = medialis.organic_shape(56)

@@ -9,7 +9,7 @@ import closed_forms as forms
 import medialis
 from medialis import MedialCloud, Progress, Shape, make_shape, shrink_balls
 from medialis.base.threads import thread_limit
-from medialis.skeleton.ball_shrinking import (
+from medialis.skeleton.medial_cloud import (
     DEFAULT_TOLERANCE,
     THINNEST,
     hidden_walls,
@@ -147,6 +147,7 @@ def deepest_place(shape, rows, cloud, grid=12):
     return np.array(depth)
 
 
+@pytest.mark.slow
 def test_balls_in_a_shell_hold_no_surface_and_touch_it():
     shape = shell()
     before, after = shrink_balls(shape), cured(shape)

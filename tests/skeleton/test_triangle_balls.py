@@ -10,7 +10,7 @@ from medialis.base.box_tree import NearestTree
 from medialis.base.progress import Progress
 from medialis.base.threads import thread_limit
 from medialis.shape.creases import find_creases
-from medialis.skeleton.ball_shrinking import DEFAULT_TOLERANCE, sample_tree
+from medialis.skeleton.medial_cloud import DEFAULT_TOLERANCE, sample_tree
 from medialis.skeleton.triangle_balls import Walls
 from oracles import winding_numbers
 
@@ -82,6 +82,7 @@ def test_balls_of_a_cube_are_exact():
     assert cloud.radii[middle] == pytest.approx(depth / np.sqrt(2))
 
 
+@pytest.mark.slow
 def test_no_place_lies_deeper_than_the_smooth_surface_bulges():
     shape = bumpy()
     before = medialis.shrink_balls(shape)
@@ -183,6 +184,7 @@ def test_fans_of_the_outer_side_stand_at_convex_edges():
     assert not (cloud.surface.points[fan.source][:, :2] == 1.0).all(axis=1).any()
 
 
+@pytest.mark.slow
 def test_balls_between_the_samples_of_convex_creases():
     """The surface between two samples of a crease was half a sample spacing from any ball."""
     shape = forms.cube()

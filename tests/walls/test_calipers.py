@@ -7,7 +7,7 @@ import closed_forms as forms
 import medialis
 from medialis.shape.graph import Enclosure
 from medialis.show.reports.measures import distance_to_surface
-from medialis.skeleton.ball_shrinking import DEFAULT_TOLERANCE
+from medialis.skeleton.medial_cloud import DEFAULT_TOLERANCE
 
 
 def solid(points, faces):
@@ -69,6 +69,7 @@ def least_distance(one, other, splits=8):
     return distance.min(), places[distance.argmin()]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [2, 7])
 def test_a_cavity_off_centre_is_nearest_where_its_facets_are(seed):
     """The least distance of the two polyhedra, which is up to 1 % off that of the spheres.
@@ -119,6 +120,7 @@ def test_dents_of_both_sides_that_do_not_face_each_other():
         assert np.linalg.norm(ends - place, axis=1).min() < max(result.values["spacing"], 0.04)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("end", [0.1, 0.04])
 def test_a_tapered_wall_is_thinnest_at_its_end(end):
     """The ball at the end touches the end as well, and is 4 % larger than the end is high."""
@@ -128,6 +130,7 @@ def test_a_tapered_wall_is_thinnest_at_its_end(end):
     assert abs(spot["position"][0]) < 1e-9 and abs(spot["opposite"][0]) < 1e-9
 
 
+@pytest.mark.slow
 def test_a_groove_with_a_leaning_bottom():
     """Its bottom is an edge, whose samples have the mean normal of two unlike sides."""
     across = np.concatenate(
@@ -143,6 +146,7 @@ def test_a_groove_with_a_leaning_bottom():
     assert spot["position"][0] == pytest.approx(0.2, abs=1e-6)
 
 
+@pytest.mark.slow
 def test_rounded_ends_keep_the_ball():
     """Over the round end of a capsule the distance of its sides falls to 0, the ball does not."""
     turn = np.linspace(0, np.pi / 2, 9)
@@ -179,6 +183,7 @@ def two_plates(apart):
     return solid(points, np.concatenate([box.faces, box.faces + box.point_count]))
 
 
+@pytest.mark.slow
 def test_overlaps_are_told_from_walls():
     """Two plates overlap by 0.05 of their 0.2: no wall is that thin."""
     result = medialis.run("thickness", two_plates(0.15))
@@ -241,6 +246,7 @@ def test_a_ball_that_touches_a_sample_without_a_normal_lies_between_no_walls():
     assert cloud.wall_angles[cloud.features[:, 1] >= outer.point_count].max() == 0.0
 
 
+@pytest.mark.slow
 def test_two_cubes_that_overlap_have_no_wall():
     """Deep in each other, two cubes have no wall but their overlap: nothing is left without it."""
     box = forms.box_mesh((1.0, 1.0, 1.0), 0.1)

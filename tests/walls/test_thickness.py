@@ -13,7 +13,7 @@ from medialis.base.threads import thread_limit
 from medialis.shape.generate import organic_shape
 from medialis.shape.reading import read_shape
 from medialis.shape.shape import Shape
-from medialis.skeleton.ball_shrinking import DEFAULT_TOLERANCE, shrink_balls
+from medialis.skeleton.medial_cloud import DEFAULT_TOLERANCE, shrink_balls
 from medialis.walls import thickness as module
 from medialis.walls.thickness import (
     WALL_ANGLE,

@@ -19,6 +19,7 @@ def plate():
     return forms.box_mesh((2.0, 1.5, 0.3), 10.0)
 
 
+@pytest.mark.slow
 def test_values_come_back_to_the_vertices_of_the_input(plate):
     """The refined plate is 0.3 thick everywhere, up to the lateral offset of the contacts."""
     result = medialis.run("thickness", plate)
@@ -40,6 +41,7 @@ def test_values_come_back_to_the_vertices_of_the_input(plate):
     assert half.values["thickness_min"] == result.values["thickness_min"] / 2
 
 
+@pytest.mark.slow
 def test_threshold_and_angle(plate):
     none = medialis.run("thickness", plate, threshold=0.05)
     assert none.values["spots"] == [] and [x.name for x in none.layers] == ["thickness", "samples"]
@@ -69,6 +71,7 @@ def test_clouds_have_thickness_without_area():
     assert [spot["area"] for spot in result.values["spots"]] == [None]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size", [(1.0, 1.0, 1e-4), (1e4, 1.0, 1.0)])
 def test_walls_thinner_than_the_tolerance_are_found(size):
     """A plate of 1e-4 was 0.027 thick, and a bar of 1 : 10000 was 267 thick: the tolerance of 3e-4
@@ -81,6 +84,7 @@ def test_walls_thinner_than_the_tolerance_are_found(size):
     assert (np.abs(values - min(size)) < slack).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("wall", [1e-3, 1e-4, 1e-5])
 def test_a_thin_fin_on_a_thick_base_is_measured(wall):
     """Balls went through a fin and came to rest on the base beside it: 0.5 instead of 1e-4, and
@@ -110,6 +114,7 @@ def test_a_disc_whose_rim_stays_hidden_is_measured():
     assert values.max() <= 2e-6 * (1 + 1e-6)
 
 
+@pytest.mark.slow
 def test_a_small_largest_radius_is_no_hidden_wall():
     cube = forms.box_mesh((1, 1, 1), 0.5)
     result = medialis.run("surface_skeleton", cube, largest_radius=0.05)

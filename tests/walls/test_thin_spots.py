@@ -9,7 +9,7 @@ import closed_forms as forms
 from medialis.base.errors import InvalidOptionError, InvalidShapeError
 from medialis.shape.generate import organic_shape
 from medialis.shape.shape import Shape
-from medialis.skeleton.ball_shrinking import DEFAULT_TOLERANCE, shrink_balls
+from medialis.skeleton.medial_cloud import DEFAULT_TOLERANCE, shrink_balls
 from medialis.walls.thickness import thickness
 from medialis.walls.thin_spots import PlaceGraph, low_places, thin_spots
 
@@ -148,6 +148,7 @@ def test_one_or_two_wrong_samples_are_no_place_but_fail_a_threshold():
     assert places(shape, values, level=1e-3) == []
 
 
+@pytest.mark.slow
 def test_scale_order_and_clouds():
     shape = organic_shape(56)
     values = thickness(shrink_balls(shape))

@@ -70,6 +70,7 @@ def kinds(values):
 RIBBED = (0, 60, 0, 40, 0, 2), (0, 60, 19, 20.2, 2, 12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("refine", [0.006, 0.012, 0.02])
 @pytest.mark.parametrize(("factor", "at"), [(1.0, 0.0), (1e-3, 0.0), (250.0, [1e7, -4e6, 9e5])])
 def test_a_rib_is_told_from_its_plate_at_any_scale_place_and_resolution(refine, factor, at):
@@ -109,6 +110,7 @@ def test_limits_on_both_sides_and_the_place_of_what_is_too_thick():
     assert check(lump, minimum="1.999mm")["passed"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("degrees", [8.0, 15.0, 30.0, 45.0, 60.0])
 def test_the_edge_of_a_wedge_is_no_thin_wall(degrees):
     height = 20 * math.tan(math.radians(degrees / 2))
@@ -126,6 +128,7 @@ def test_a_wall_with_draft_is_thin_though_it_tapers():
     assert values["regions"][0]["value"] == pytest.approx(1.2 - 2 * lean, rel=0.01)
 
 
+@pytest.mark.slow
 def test_a_sharp_rim_of_an_even_wall_counts_for_none():
     """A blade: 3 thick, ground to an edge of 40 degrees. Below 2 there is only the edge."""
     long = 1.5 / math.tan(math.radians(20))
@@ -139,6 +142,7 @@ def test_a_sharp_rim_of_an_even_wall_counts_for_none():
     assert kinds(check(blade, minimum=3.1 / blade.diagonal)) == ["too thin"]
 
 
+@pytest.mark.slow
 def test_fillets_and_round_edges_are_not_thin():
     """A tray of 3 mm with a fillet of 0.5 mm at its rim, where balls are 1 mm wide."""
     turn = np.radians(np.linspace(0, 90, 7))
@@ -148,6 +152,7 @@ def test_fillets_and_round_edges_are_not_thin():
     assert values["passed"] and values["thickness_min"] == pytest.approx(3.0, rel=1e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("turned", [False, True])
 def test_a_gap_between_plates_and_none_between_parts_that_overlap(turned):
     low, high = blocks((0, 30, 0, 20, 0, 2)), blocks((0, 30, 0, 20, 2.5, 5))
@@ -164,6 +169,7 @@ def test_a_gap_between_plates_and_none_between_parts_that_overlap(turned):
     assert check(pair, minimum="1mm", gap="0.49mm")["passed"]
 
 
+@pytest.mark.slow
 def test_a_slot_is_a_gap_and_its_corner_is_none():
     slot = blocks((0, 30, 0, 20, 0, 3), (0, 30, 0, 8, 3, 9), (0, 30, 8.7, 20, 3, 9))
     values = check(slot, minimum="1mm", gap="1mm")
@@ -171,6 +177,7 @@ def test_a_slot_is_a_gap_and_its_corner_is_none():
     assert values["regions"][0]["value"] == pytest.approx(0.7, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_solids_that_overlap_are_no_thin_wall_and_no_gap():
     pair = both(blocks((0, 30, 0, 20, 0, 5)), blocks((10, 40, 5, 15, 4.6, 10)))
     values = check(pair, minimum="1mm", gap="1mm")
@@ -178,6 +185,7 @@ def test_solids_that_overlap_are_no_thin_wall_and_no_gap():
     assert values["regions"][0]["value"] == pytest.approx(0.4, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_what_stands_on_what():
     i_beam = blocks((0, 60, 0, 40, 0, 4), (0, 60, 17, 23, 4, 36), (0, 60, 0, 40, 36, 40))
     values = check(i_beam, minimum="1mm")
@@ -193,6 +201,7 @@ def test_what_stands_on_what():
     assert check(tray, minimum="1mm")["ribs"] == []
 
 
+@pytest.mark.slow
 def test_bosses_round_and_square():
     square = blocks((0, 60, 0, 40, 0, 2), (10, 13, 18, 21, 2, 12))
     (boss,) = check(square, minimum="1mm")["ribs"]
@@ -245,6 +254,7 @@ STANDING = {
 }  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("across", [3, 12])
 @pytest.mark.parametrize("name", STANDING)
 def test_what_stands_on_a_wall_is_the_same_with_few_and_many_samples(name, across):
@@ -294,6 +304,7 @@ def test_regions_gaps_and_thickness_are_the_same_with_few_and_many_samples(acros
     assert 2 * (14 - 0.25 * 2 - spacing * 2 * (7 + 2)) < slot <= 2 * 14
 
 
+@pytest.mark.slow
 def test_only_what_stands_on_a_wall_is_a_rib():
     """Limbs hang on limbs; a block of the same width as a rib stands on no plate."""
     assert check(medialis.organic_shape(60))["ribs"] == []
@@ -346,6 +357,7 @@ def test_materials_say_their_limits_and_given_ones_win():
         assert 0.3 < low < high < 20
 
 
+@pytest.mark.slow
 def test_without_limits_walls_are_compared_with_the_typical_one():
     plate = blocks((0, 60, 0, 40, 0, 2), (60, 70, 0, 40, 0, 0.8), (0, 10, 0, 10, 2, 4))
     values = check(plate)
@@ -354,6 +366,7 @@ def test_without_limits_walls_are_compared_with_the_typical_one():
     assert kinds(values) == ["too thin", "too thick"]
 
 
+@pytest.mark.slow
 def test_layers_say_what_failed_where():
     result = medialis.run("wall_check", blocks(*RIBBED), minimum="1.5mm", maximum="3mm", **QUIET)
     layers = {layer.name: layer for layer in result.layers}
@@ -376,6 +389,7 @@ def test_a_cloud_of_points_is_checked_as_far_as_it_goes():
     assert "too thin" in kinds(values) and values["ribs"] == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("limit", "said"), [("1mm", "within the limits"), ("1.5mm", "1 too thin")])
 def test_the_report_has_the_verdict_and_both_tables(limit, said):
     result = medialis.run("wall_check", blocks(*RIBBED), minimum=limit, **QUIET)

@@ -3,7 +3,8 @@
 `Described` gives a dataclass of arrays a short text. `Ragged` holds rows of unequal length in two
 flat arrays (compressed sparse rows). `EdgeTable` groups half-edges by the edge that they lie on:
 the one place that sorts them. `first_equal_row` finds equal rows through a hash and confirms them
-exactly; `polylines` cuts a graph where edges meet.
+exactly; `polylines` cuts a graph where edges meet. `unit_rows`, `corner_vectors` and `sums_of` are
+what vectors, triangles and groups of rows are asked for most.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from medialis.base.errors import InvalidShapeError
-from medialis.base.validation import IntArray, frozen
+from medialis.base.validation import FloatArray, IntArray, frozen
 
 _MIX = (np.uint64(0xBF58476D1CE4E5B9), np.uint64(0x94D049BB133111EB), np.uint64(0x9E3779B97F4A7C15))
 
@@ -271,6 +272,42 @@ class EdgeTable:
     def single(self) -> IntArray:
         """The half-edges of boundary edges."""
         return self.order[self.first[:-1][self.counts == 1]]
+
+
+def kd_tree(points: FloatArray) -> Any:
+    """Return the kd-tree of some points; scipy is loaded when the first one is asked for."""
+    from scipy.spatial import cKDTree
+
+    return cKDTree(points)
+
+
+def unit_rows(vectors: FloatArray, least: float = 0.0, instead: Any = 0.0) -> FloatArray:
+    """Return vectors (..., 3) with the length 1; `instead` where they are not above `least`."""
+    length = np.linalg.norm(vectors, axis=-1, keepdims=True)
+    out = np.array(np.broadcast_to(instead, vectors.shape), np.float64)
+    return np.divide(vectors, length, out=out, where=length > least)
+
+
+def corner_vectors(points: FloatArray, faces: NDArray[np.integer]) -> FloatArray:
+    """Return the normal of each triangle times twice its area, (m, 3)."""
+    a, b, c = (points[faces[:, j]] for j in range(3))
+    return np.cross(b - a, c - a)
+
+
+def twice_areas(points: FloatArray, faces: NDArray[np.integer]) -> FloatArray:
+    """Return twice the area of each triangle, (m,)."""
+    return np.asarray(np.linalg.norm(corner_vectors(points, faces), axis=1))
+
+
+def sums_of(rows: NDArray[np.integer], values: FloatArray, count: int) -> FloatArray:
+    """Return the sums (count, k) of the values (n, k) that belong to each of so many rows."""
+    return np.stack([np.bincount(rows, one, minlength=count) for one in values.T], axis=1)
+
+
+def rows_of_labels(label: NDArray[np.integer]) -> list[NDArray[np.int64]]:
+    """Return the places of each label that occurs, ascending, by rising label."""
+    order, sizes = np.argsort(label, kind="stable"), np.bincount(label)
+    return np.split(order, np.cumsum(sizes[sizes > 0])[:-1]) if len(label) else []
 
 
 def next_side(sides: Any) -> Any:

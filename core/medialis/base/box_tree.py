@@ -8,15 +8,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from medialis.base.errors import InvalidShapeError
 from medialis.base.progress import Progress
 from medialis.base.threads import run_chunks, run_patiently
-from medialis.base.validation import FloatArray, IntArray, as_field, as_points
+from medialis.base.validation import FloatArray, IntArray
 
 if TYPE_CHECKING:
     from medialis.base._box_tree_kernels import BoxTree, Items
@@ -65,10 +65,8 @@ def build_box_tree(
 
     top = min(SERIAL_LEVELS, depth)
     for level in range(top):
-        run_chunks(
-            lambda a, b, lv=level: kernels.split_nodes(rows, lv, lv + 1, a, b), 1 << level, 1
-        )
-    run_chunks(lambda a, b: kernels.split_nodes(rows, top, depth, a, b), 1 << top, 1)
+        run_chunks(partial(kernels.split_nodes, rows, level, level + 1), 1 << level, 1)
+    run_chunks(partial(kernels.split_nodes, rows, top, depth), 1 << top, 1)
 
     levels, leaves = wide_levels(depth), 1 << depth
     nodes = levels[-1][0].stop
@@ -78,11 +76,7 @@ def build_box_tree(
         allocate("order", (n,), np.int32),
         allocate("blocks", (leaves, 3, kernels.LEAF), np.float64),
     )
-    run_chunks(
-        lambda a, b: kernels.fill_leaves(rows, normals, depth, a, b, samples),
-        leaves,
-        LEAVES_A_CHUNK,
-    )
+    run_chunks(partial(kernels.fill_leaves, rows, normals, depth), leaves, LEAVES_A_CHUNK, samples)
     bounds = allocate("bounds", (nodes, kernels.BOUND_ROWS, kernels.FAN), np.float32)
     tree = kernels.BoxTree(center, *samples, bounds, allocate("child", (nodes,), np.int64), depth)
     tree.bounds[:, :3], tree.bounds[:, 9:] = np.inf, np.inf
@@ -91,13 +85,8 @@ def build_box_tree(
     for here, child_depth, fan in levels:
         children = fan * np.arange(here.stop - here.start)
         tree.child[here] = ~children if here.stop == nodes else here.stop + children
-        run_chunks(
-            lambda a, b, d=child_depth, f=fan, s=here: kernels.bound_nodes(
-                tree.points, tree.normals, d, f, a, b, tree.bounds[s]
-            ),
-            len(children),
-            NODES_A_CHUNK,
-        )
+        bound = partial(kernels.bound_nodes, tree.points, tree.normals, child_depth, fan)
+        run_chunks(bound, len(children), NODES_A_CHUNK, tree.bounds[here])
     return tree
 
 
@@ -117,6 +106,8 @@ def wide_levels(depth: int) -> list[tuple[slice, int, int]]:
 
 QUERIES_A_CHUNK = 512
 
+NO_CORNERS = np.empty((0, 3, 3))
+
 ROUNDING = 4e-7
 """Part of the largest coordinates that distances to boxes may be off: these are float32 of
 coordinates relative to the middle, good to 1e-7 of their size, twice."""
@@ -130,30 +121,18 @@ class NearestTree:
     items: Items
 
     @classmethod
-    def of_balls(cls, centers: ArrayLike, radii: ArrayLike) -> NearestTree:
-        """Build the tree of balls.
-
-        Raises
-        ------
-        InvalidShapeError
-            For arrays of a wrong shape, no ball, or a radius that is negative or not finite.
-        """
-        middles = as_points(centers, "centers")
-        sizes = as_field(radii, len(middles), "radii")
-        if not np.isfinite(sizes).all() or (sizes < 0).any():
-            raise InvalidShapeError("radii must be finite and not negative.")
-        return cls._of(middles, sizes, np.empty((0, 3, 3)))
-
-    @classmethod
     def of_triangles(cls, points: FloatArray, faces: IntArray) -> NearestTree:
         """Build the tree of the triangles of a mesh."""
         corners = points[faces]
         middles = corners.mean(axis=1)
         sizes = np.linalg.norm(corners - middles[:, None], axis=2).max(axis=1)
-        return cls._of(middles, sizes, corners)
+        return cls.of_balls(middles, sizes, corners)
 
     @classmethod
-    def _of(cls, middles: FloatArray, sizes: FloatArray, corners: FloatArray) -> NearestTree:
+    def of_balls(
+        cls, middles: FloatArray, sizes: FloatArray, corners: FloatArray = NO_CORNERS
+    ) -> NearestTree:
+        """Build the tree of balls, round triangles with these corners (k, 3, 3) if there are."""
         from medialis.base import _box_tree_kernels as kernels
 
         tree = build_box_tree(middles, np.zeros_like(middles))
@@ -200,11 +179,8 @@ class NearestTree:
         reach = float(np.abs(tree.points).max(initial=0.0) + np.abs(shifted).max(initial=0.0))
         out = distance, row = np.empty(count), np.empty(count, np.int64)
         margin = ROUNDING * reach
-
-        def work(begin: int, end: int) -> None:
-            kernels.nearest_item(begin, end, shifted, tree, self.items, margin, enough, out)
-
-        run_chunks(work, count, QUERIES_A_CHUNK)
+        with_these = shifted, tree, self.items, margin, enough, out
+        run_chunks(kernels.nearest_item, count, QUERIES_A_CHUNK, *with_these)
         return distance, tree.order[row]
 
 
@@ -287,11 +263,8 @@ def nearest_others(
     tree = run_patiently(
         lambda: build_box_tree(points, np.zeros_like(points), allocate=_exactly), still
     )
-
-    def work(begin: int, end: int) -> None:
-        kernels.nearest_in_tree(begin, end, tree, distance, near)
-
-    run_chunks(work, len(tree.blocks), NEIGHBOUR_LEAVES_A_CHUNK, progress=progress)
+    chunks = len(tree.blocks), NEIGHBOUR_LEAVES_A_CHUNK
+    run_chunks(kernels.nearest_in_tree, *chunks, tree, distance, near, progress=progress)
     return near, distance
 
 

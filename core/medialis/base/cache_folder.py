@@ -141,7 +141,8 @@ def read_own(path: str) -> bytes | None:
     It is looked at when it is open: what lies under its name may be exchanged at any time.
     """
     flags = os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
-    with suppress(OSError), open(os.open(path, flags | getattr(os, "O_BINARY", 0)), "rb") as stream:
+    flags |= getattr(os, "O_BINARY", 0)
+    with suppress(OSError), os.fdopen(os.open(path, flags), "rb") as stream:
         about = os.fstat(stream.fileno())
         if not stat.S_ISREG(about.st_mode):
             return None

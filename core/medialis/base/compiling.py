@@ -29,7 +29,7 @@ from numba.core import caching
 from numba.extending import typeof_impl
 
 from medialis.base.cache_folder import kernel_cache, make_kernel_cache, read_own
-from medialis.base.jit import KERNELS
+from medialis.base.jit import kernel_class
 from medialis.base.threads import interrupts_held
 
 logger = logging.getLogger("medialis")
@@ -158,10 +158,7 @@ def compile_for(kernel: Any, examples: list[Any]) -> None:
     dispatcher_of(kernel).compile(tuple(map(numba.typeof, examples)))
 
 
+@typeof_impl.register(kernel_class())
 def _type_of_kernel(kernel: Any, context: Any) -> Any:
     """Let numba see the dispatcher where one kernel calls another."""
     return numba.types.Dispatcher(dispatcher_of(kernel))
-
-
-for _kind in KERNELS:
-    typeof_impl.register(_kind)(_type_of_kernel)

@@ -5,8 +5,8 @@ kernels, and writes in `base/made-*.json` which kernels it holds, for which type
 the sources that it was made from. A module whose sources have changed since, or whose file is not
 whole, is never used: numba compiles those kernels when they are called (`compiling.py`), as it
 does for types that were not made. `MEDIALIS_KERNELS` says `numba` to do so always, or `made` to
-have an error where a kernel was made for other types, or `note:FILE` to have a line written for each
-kernel and types that were not made. Nothing here loads numba.
+have an error where a kernel was made for other types, or `note:FILE` to have a line written for
+each kernel and types that were not made. Nothing here loads numba.
 """
 
 from __future__ import annotations
@@ -49,18 +49,15 @@ class Kernel:
         self.dispatcher: Any = None
 
     def __call__(self, *arguments: Any) -> Any:
+        """Call what numba compiled."""
         if self.dispatcher is None:
             return self.resolve(self, *arguments)
         return self.dispatcher(*arguments)
 
 
-KERNELS: list[type] = [Kernel]
-"""The classes of kernels, for numba, which has to know them where one kernel calls another."""
-
-
 def kernel(function: Callable[..., Any]) -> Any:
     """Return a kernel: it runs without the interpreter's lock, and takes arguments by place."""
-    made = _kernel_class()(_resolve)
+    made = kernel_class()(_resolve)
     update_wrapper(made, function)
     made.py_func, made.dispatcher, made.is_loaded, made.is_made = function, None, False, False
     return made
@@ -86,7 +83,7 @@ def code_of(words: list[Any]) -> str:
 
 def sources_of(feature: str) -> dict[str, bytes]:
     """Return the sources of a feature's kernels, and of all kernels that these call, by path."""
-    waiting = [path for path in (PACKAGE / feature).rglob("_*kernels.py")]
+    waiting = list((PACKAGE / feature).rglob("_*kernels.py"))
     found: dict[str, bytes] = {}
     while waiting:
         path = waiting.pop()
@@ -133,12 +130,10 @@ def _warn(reason: str) -> None:
 
 
 @cache
-def _kernel_class() -> Any:
+def kernel_class() -> Any:
+    """Return the class of kernels: that of `dispatch.c`, where machine code was made that runs."""
     dispatch = _module("base", DISPATCH) if record() else None
-    if dispatch is None or not dispatch.RUNS_HERE:
-        return Kernel
-    KERNELS.append(dispatch.Kernel)
-    return dispatch.Kernel
+    return dispatch.Kernel if dispatch is not None and dispatch.RUNS_HERE else Kernel
 
 
 @cache
@@ -181,14 +176,20 @@ def _resolve(one: Any, *arguments: Any) -> Any:
 
 
 def _load(one: Any) -> None:
-    where, name = one.__module__.removeprefix("medialis."), one.__name__
+    for code, function in _variants(one.__module__.removeprefix("medialis."), one.__name__):
+        one.add(code.encode(), function)
+        one.is_made = True
+    one.is_loaded = True
+
+
+def _variants(where: str, name: str) -> list[tuple[str, Callable[..., Any]]]:
+    """Return what was made of a kernel: codes of types, and functions."""
     feature = where.partition(".")[0]
     module = _module(feature)
-    if module is not None:
-        for code, symbol in record()[f"{feature}/{MADE}"]["kernels"].get(f"{where}:{name}", ()):
-            one.add(code.encode(), getattr(module, symbol))
-            one.is_made = True
-    one.is_loaded = True
+    if module is None:
+        return []
+    made = record()[f"{feature}/{MADE}"]["kernels"].get(f"{where}:{name}", ())
+    return [(code, getattr(module, symbol)) for code, symbol in made]
 
 
 def _compile(one: Any, arguments: tuple[Any, ...]) -> None:

@@ -115,6 +115,10 @@ class Progress:
         """Record a sentence for the user, with its code and its counts, and log it."""
         self.record(Message(text, code, level, **data))
 
+    def warn(self, text: str, code: str, **data: Any) -> None:
+        """Record a sentence that the user may want to do something about."""
+        self.note(text, code, level=logging.WARNING, **data)
+
     def record(self, *messages: Message) -> None:
         """Record sentences that are made already, and log them."""
         self.messages.extend(messages)

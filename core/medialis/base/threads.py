@@ -18,6 +18,8 @@ from functools import cache
 from types import FrameType
 from typing import Any, TypeVar
 
+import numpy as np
+
 from medialis.base.progress import Progress
 from medialis.base.validation import as_whole_number
 
@@ -207,29 +209,6 @@ def run_patiently(work: Callable[[], T], progress: Progress) -> T:
     return results[0]
 
 
-def _steps(result: object) -> Iterator[None]:
-    """Give the steps of a chunk that has any."""
-    return result if isinstance(result, Generator) else iter(())
-
-
-def run_chunks(
-    work: Callable[[int, int], object],
-    count: int,
-    chunk: int,
-    *,
-    progress: Progress | None = None,
-) -> None:
-    """Call `work(begin, end)` for consecutive ranges of `chunk` items that cover 0..count.
-
-    The calling thread works too and reports progress between its own chunks. The first exception
-    (of a kernel, a cancelling progress callback, or Ctrl-C) stops all threads after the chunk they
-    are in and is raised here. Where a chunk may take long, `work` is a generator: it is stopped
-    between its steps as well.
-    """
-    with interrupts_held() as failures:
-        _run_chunks(work, count, chunk, progress, failures)
-
-
 def run_together(*works: Callable[[], object], progress: Progress | None = None) -> list[Any]:
     """Return what calls give that do not depend on each other, made at the same time.
 
@@ -244,35 +223,41 @@ def run_together(*works: Callable[[], object], progress: Progress | None = None)
     return results
 
 
-def _run_chunks(
-    work: Callable[[int, int], object],
+def run_chunks(
+    work: Callable[..., object],
     count: int,
     chunk: int,
-    progress: Progress | None,
-    failures: list[BaseException],
+    *arguments: Any,
+    progress: Progress | None = None,
 ) -> None:
-    """Run the chunks until there is a failure; add what is raised here."""
-    starts = iter(range(0, count, chunk))
-    lock = threading.Lock()
-    done = 0
+    """Call `work(begin, end, *arguments)` for ranges of `chunk` items that cover 0..count.
 
-    def next_range() -> tuple[int, int] | None:
+    The calling thread works too and reports progress between its own chunks. The first exception
+    (of a kernel, a cancelling progress callback, or Ctrl-C) stops all threads after the chunk they
+    are in and is raised here. Where a chunk may take long, `work` is a generator: it is stopped
+    between its steps as well.
+    """
+    starts, lock, done = iter(range(0, count, chunk)), threading.Lock(), 0
+
+    def steps() -> Iterator[None]:
+        """Take chunk after chunk: stop before each, and after each of its steps."""
         nonlocal done
-        with lock:
-            if failures:
-                return None
-            begin = next(starts, None)
-            if begin is None:
-                return None
-            done = begin
-            return begin, min(begin + chunk, count)
+        while True:
+            with lock:
+                begin = None if failures else next(starts, None)
+                if begin is None:
+                    return
+                done = begin
+            yield
+            result = work(begin, min(begin + chunk, count), *arguments)
+            if isinstance(result, Generator):
+                yield from result
 
     def drain() -> None:
         try:
-            while (span := next_range()) is not None:
-                for _ in _steps(work(*span)):
-                    if failures:
-                        return
+            for _ in steps():
+                if failures:
+                    return
         except BaseException as error:  # noqa: BLE001 - handed to the calling thread below
             failures.append(error)
 
@@ -282,22 +267,37 @@ def _run_chunks(
         if progress is not None:
             progress.update(done / count)
 
-    helpers = min(thread_count(), -(-count // chunk)) - 1
     threads: list[threading.Thread] = []
-    try:
-        for _ in range(helpers):
-            thread = threading.Thread(target=copy_context().run, args=(drain,), daemon=True)
-            thread.start()
-            threads.append(thread)
-        while (span := next_range()) is not None:
-            report()
-            for _ in _steps(work(*span)):
+    with interrupts_held() as failures:
+        try:
+            for _ in range(min(thread_count(), -(-count // chunk)) - 1):
+                thread = threading.Thread(target=copy_context().run, args=(drain,), daemon=True)
+                thread.start()
+                threads.append(thread)
+            for _ in steps():
                 report()
-        for thread in threads:
-            while thread.is_alive():
-                thread.join(PATIENCE)
-                report()
-    except BaseException as error:  # noqa: BLE001 - raised again, after the threads stopped
-        failures.append(error)
-        for thread in threads:
-            thread.join()
+            for thread in threads:
+                while thread.is_alive():
+                    thread.join(PATIENCE)
+                    report()
+        except BaseException as error:  # noqa: BLE001 - raised again, after the threads stopped
+            failures.append(error)
+            for thread in threads:
+                thread.join()
+
+
+QUERIES_A_CHUNK = 1 << 13
+
+
+def nearest_rows(tree: Any, queries: Any, count: int, progress: Progress) -> Any:
+    """Return the `count` points of a kd-tree that are nearest to each query, (q, count) int64.
+
+    Not by the query's own threads: Ctrl-C leaves them running in a tree that is freed.
+    """
+    near = np.empty((len(queries), count), np.int64)
+
+    def search(begin: int, end: int) -> None:
+        near[begin:end] = tree.query(queries[begin:end], k=count)[1]
+
+    run_chunks(search, len(queries), QUERIES_A_CHUNK, progress=progress)
+    return near

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import fields
 from typing import Annotated, Any
 
 import numpy as np
@@ -56,19 +57,35 @@ def owned(array: NDArray[Any]) -> NDArray[Any]:
     return array
 
 
-def hold(owner: Any, **columns: tuple[Any, ...]) -> None:
-    """Make arrays of a frozen dataclass what it promises: (type, rows, columns) by their names.
+_TYPES = {"IntArray": np.int32, "Mask": np.bool_}
+"""What fields hold that are declared so. Those of ``NDArray[np...]`` say it, all others floats."""
+
+
+def _type_of(declared: str) -> Any:
+    """Return the type of numbers in a field, by how it is declared."""
+    name = declared.removesuffix(" | None")
+    if name.startswith("NDArray[np."):
+        return getattr(np, name[len("NDArray[np.") : -1])
+    return _TYPES.get(name, np.float64)
+
+
+def hold(owner: Any, **columns: int | tuple[int, ...]) -> None:
+    """Make arrays of a frozen dataclass what it promises: rows, or (rows, columns), by their names.
+
+    The types of their numbers are those that the fields are declared with.
 
     Raises
     ------
     InvalidShapeError
         When one has another shape.
     """
-    for name, (dtype, *shape) in columns.items():
+    declared = {field.name: field.type for field in fields(owner)}
+    for name, size in columns.items():
         value = np.asarray(getattr(owner, name))
-        if value.shape != tuple(shape):
-            raise InvalidShapeError(f"{name} must have shape {tuple(shape)}, got {value.shape}.")
-        object.__setattr__(owner, name, frozen(value, dtype))
+        shape = size if isinstance(size, tuple) else (size,)
+        if value.shape != shape:
+            raise InvalidShapeError(f"{name} must have shape {shape}, got {value.shape}.")
+        object.__setattr__(owner, name, frozen(value, _type_of(str(declared[name]))))
 
 
 def _numeric(values: ArrayLike, name: str, wanted: str) -> NDArray[Any]:

@@ -25,8 +25,8 @@ from medialis.base.progress import Progress, ProgressCallback
 from medialis.base.threads import thread_count
 from medialis.base.validation import as_whole_number
 from medialis.batches.engine import run_jobs, warn_if_open
-from medialis.batches.jobs import DONE, FAILED, TABLES, Job, Row, plan, run_job
-from medialis.formats.files import complete_file, reason, remove_left, take_lock
+from medialis.batches.jobs import DONE, FAILED, TABLES, Row, plan, run_job
+from medialis.formats.files import reason, remove_left, take_lock, write_text
 from medialis.operations.result import quantity
 from medialis.show.reports.page import data_text, page
 from medialis.show.viewer.page import has_library
@@ -90,7 +90,9 @@ def _failed(rows: Sequence[Row], operations: int) -> str:
 def _operation(name: str, rows: Sequence[Row], is_open: str) -> str:
     done = [row for row in rows if row.status == DONE]
     columns = list(dict.fromkeys(key for row in done for key in row.numbers))
-    heads = ["shape", "seconds", *map(_heading, columns), "what was said"]
+    units = {name: " in degrees" if quantity(name) == "angle" else "" for name in columns}
+    values = [_words(name) + unit for name, unit in units.items()]
+    heads = ["shape", "seconds", *values, "what was said"]
     head = "".join(f'<th aria-sort="none"><button>{text}</button></th>' for text in heads)
     lines = "\n".join(_line(row, columns) for row in done)
     table = (
@@ -126,10 +128,6 @@ def _line(row: Row, columns: Sequence[str]) -> str:
         f"<span>{name}<br><small>{' '.join(links)}</small></span></div></th>"
         f"<td>{seconds}</td>{values}<td>{said}</td></tr>"
     )
-
-
-def _heading(column: str) -> str:
-    return _words(column) + (" in degrees" if quantity(column) == "angle" else "")
 
 
 def _cell(column: str, value: Any) -> str:
@@ -186,7 +184,9 @@ def locked_folder(folder: str | os.PathLike[str]) -> Iterator[None]:
     except (OSError, ValueError) as error:
         raise FileError(f"Cannot write results to {folder}: {reason(error)}.") from None
     try:
-        if not _take(handle, path):
+        # The one who had it may have removed it between our opening and locking.
+        taken = take_lock(handle) is not False and path.exists()
+        if not (taken and os.path.samestat(os.fstat(handle), path.stat())):
             raise FileError(
                 f"Another batch is writing to {folder}: wait until it has ended, or name another "
                 "folder."
@@ -204,14 +204,6 @@ def locked_folder(folder: str | os.PathLike[str]) -> Iterator[None]:
         with suppress(OSError):  # something is in it
             for new in made:
                 new.rmdir()
-
-
-def _take(handle: int, path: Path) -> bool:
-    """Lock an open file without waiting; False when another process has it."""
-    if take_lock(handle) is False:
-        return False
-    # The one who had it may have removed it between our opening and locking.
-    return path.exists() and os.path.samestat(os.fstat(handle), path.stat())
 
 
 FORMULA = ("=", "+", "-", "@", "\t", "\r")
@@ -235,8 +227,7 @@ def write_table(rows: Sequence[Row], folder: str | os.PathLike[str]) -> tuple[st
     for path, text in ((csv_path, csv_text(rows)), (page_path, html_text(rows))):
         for left in path.parent.glob(f".{path.name}-????????"):  # of a batch that was killed
             left.unlink(missing_ok=True)
-        with complete_file(path) as stream:
-            stream.write(text.encode("utf-8", "backslashreplace"))  # names that are no text
+        write_text(path, text)
     return str(csv_path), str(page_path)
 
 
@@ -347,10 +338,13 @@ def batch(
     if scheduler is not None:
         warn_if_open(scheduler, progress)
     with locked_folder(output):
+        rows: dict[str, list[Row]] = {}
         for job in jobs:
             for name in job.operations:
                 remove_left(job.folder(name))
-        rows = {job.name: found for job in jobs if (found := _finished(job)) is not None}
+            there = [row for name in job.operations if (row := job.finished(name)) is not None]
+            if len(there) == len(job.operations):
+                rows[job.name] = there
         waiting = [job for job in jobs if job.name not in rows]
         failed = 0
         progress.update(len(rows) / len(jobs), f"{len(rows)} of {len(jobs)}")
@@ -365,9 +359,3 @@ def batch(
         table = [row for job in jobs for row in rows[job.name]]
         write_table(table, output)
     return table
-
-
-def _finished(job: Job) -> list[Row] | None:
-    """Return the rows of a job that has nothing left to do."""
-    rows = [row for name in job.operations if (row := job.finished(name)) is not None]
-    return rows if len(rows) == len(job.operations) else None

@@ -23,8 +23,8 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import replace
 from functools import partial
+from itertools import islice
 from multiprocessing import connection, get_context, parent_process, resource_tracker
-from types import TracebackType
 from typing import Any, TypeVar
 
 from medialis.base.errors import FileError, InvalidOptionError
@@ -109,16 +109,11 @@ class Processes:
                 with interrupts_held():  # one that has begun is known, and ended
                     self._workers.append(Worker())
         except BaseException:
-            self.__exit__(None, None, None)
+            self.__exit__()
             raise
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         with interrupts_held():
             while self._workers:
                 self._workers.pop().end()
@@ -268,15 +263,8 @@ def hand_out(
 
     from distributed import KilledWorker, wait
 
-    waiting = deque(jobs)
-    running: dict[Any, J] = {}
-
-    def fill() -> None:
-        while waiting and len(running) < slots:
-            job = waiting.popleft()
-            running[client.submit(work, job, pure=False)] = job
-
-    fill()
+    waiting = iter(jobs)
+    running = {client.submit(work, job, pure=False): job for job in islice(waiting, slots)}
     while running:
         try:
             with client.as_current():
@@ -288,7 +276,7 @@ def hand_out(
                 except KilledWorker:
                     result = None
                 future.release()
-                fill()
+                running |= {client.submit(work, new, pure=False): new for new in islice(waiting, 1)}
                 yield job, result
         except TimeoutError:
             if not client.nthreads():

@@ -15,8 +15,9 @@ import errno
 import math
 import os
 import shutil
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -29,14 +30,14 @@ from medialis.base.threads import run_chunks
 from medialis.base.validation import FloatArray, as_normals, as_points
 from medialis.batches.engine import cluster, hand_out, warn_if_open
 from medialis.formats.files import OutputFolder, reason
-from medialis.skeleton.ball_shrinking import (
+from medialis.skeleton.importance.importance import measures_of_points
+from medialis.skeleton.medial_cloud import (
     SAMPLES_A_CHUNK,
+    Balls,
     Shrinking,
     ShrinkOptions,
     shrink_options,
 )
-from medialis.skeleton.importance.importance import measures_of_points
-from medialis.skeleton.medial_cloud import Balls
 
 if TYPE_CHECKING:
     from medialis.base._box_tree_kernels import BoxTree
@@ -54,27 +55,11 @@ RESULTS = {
     "side": (np.int8, 0),
 }
 MEASURES = ("feature_radius", "radius_ratio")
+OUT = ("centers", "radii", "second", "status", "spoke_angles")
+"""What shrinking fills; the second feature points are kept only while it runs."""
 
-
-class Files:
-    """Arrays in .npy files of one folder; those of the tree are temporary."""
-
-    def __init__(self, folder: Path) -> None:
-        self.folder = folder
-        self.temporary = folder / "tree"
-        self.temporary.mkdir(exist_ok=True)
-
-    def new(self, name: str, shape: tuple[int, ...], dtype: Any) -> NDArray[Any]:
-        """Create a temporary array, mapped for writing."""
-        return create_mapped(self.temporary / f"{name}.npy", shape, dtype)
-
-    def result(self, name: str, shape: tuple[int, ...], dtype: Any) -> NDArray[Any]:
-        """Create an array that stays."""
-        return create_mapped(self.folder / f"{name}.npy", shape, dtype)
-
-    def remove_temporary(self) -> None:
-        """Remove the files of the tree."""
-        shutil.rmtree(self.temporary)
+TREE = "tree"
+"""Folder, in that of the results, of what is kept only while it runs."""
 
 
 def blocks(n: int) -> Iterator[slice]:
@@ -83,8 +68,8 @@ def blocks(n: int) -> Iterator[slice]:
         yield slice(begin, min(begin + ROWS_A_BLOCK, n))
 
 
-def create_mapped(path: Path, shape: tuple[int, ...], dtype: Any) -> NDArray[Any]:
-    """Create a .npy file and map it for writing.
+def create_mapped(folder: Path, name: str, shape: tuple[int, ...], dtype: Any) -> NDArray[Any]:
+    """Create a .npy file of an array and map it for writing.
 
     Its place on the disk is taken now: writing to mapped pages that have none kills the process.
 
@@ -93,6 +78,7 @@ def create_mapped(path: Path, shape: tuple[int, ...], dtype: Any) -> NDArray[Any
     FileError
         When the disk is full or the file cannot be written.
     """
+    path = folder / f"{name}.npy"
     try:
         array = np.lib.format.open_memmap(path, "w+", dtype, shape)
         if hasattr(os, "posix_fallocate"):
@@ -139,22 +125,14 @@ def shrink_range(job: Range) -> int:
     """Run on a worker: map the files, shrink the balls of a range, return how many."""
     from medialis.base._box_tree_kernels import BoxTree
 
-    folder = Path(job.folder)
-    parts = {
-        name: as_plain(np.load(folder / "tree" / f"{name}.npy", mmap_mode="r+"))
-        for name in ("points", "normals", "order", "blocks", "bounds", "child")
+    names = (*OUT, *("points", "normals", "order", "blocks", "bounds", "child"))
+    places = [Path(job.folder) / ("" if name in RESULTS else TREE) for name in names]
+    mapped = {
+        name: as_plain(np.load(place / f"{name}.npy", mmap_mode="r+"))
+        for name, place in zip(names, places, strict=True)
     }
-    tree = BoxTree(np.array(job.center), **parts, depth=job.depth)
-    results = {
-        name: as_plain(np.load(folder / place, mmap_mode="r+"))
-        for name, place in (
-            ("centers", "centers.npy"),
-            ("radii", "radii.npy"),
-            ("second", "tree/second.npy"),
-            ("status", "status.npy"),
-            ("spoke_angles", "spoke_angles.npy"),
-        )
-    }
+    results = {name: mapped.pop(name) for name in OUT}
+    tree = BoxTree(np.array(job.center), **mapped, depth=job.depth)
     shrink_chunks(tree, job.options, results, job.begin, job.end, None)
     return job.end - job.begin
 
@@ -168,24 +146,23 @@ def shrink_chunks(
     progress: Progress | None,
 ) -> None:
     """Shrink the balls of the samples first..last, in tree order, on threads."""
-    names = ("centers", "radii", "second", "status", "spoke_angles")
-    out = tuple(results[name] for name in names)
+    out = tuple(results[name] for name in OUT)
 
     def work(begin: int, end: int) -> None:
-        options.run(tree, first + begin, first + end, 1, out)
+        options.run(first + begin, first + end, tree, 1, out)
 
     run_chunks(work, last - first, SAMPLES_A_CHUNK, progress=progress)
 
 
 def shrink_there(
-    files: Files, tree: BoxTree, options: Shrinking, scheduler: str, progress: Progress
+    folder: Path, tree: BoxTree, options: Shrinking, scheduler: str, progress: Progress
 ) -> None:
     """Hand ranges of whole chunks to the workers of a cluster; they write into the same files."""
     n = len(tree.points)
     step = CHUNKS_A_JOB * SAMPLES_A_CHUNK
     jobs = [
         Range(
-            f"range-{begin}", str(files.folder.absolute()), options, tuple(tree.center.tolist()),
+            f"range-{begin}", str(folder.absolute()), options, tuple(tree.center.tolist()),
             tree.depth, begin, min(begin + step, n),
         )
         for begin in range(0, n, step)
@@ -275,16 +252,19 @@ def huge_surface_skeleton(
     samples, directions = _mapped(points, "points"), _mapped(normals, "normals")
     progress = Progress.of(progress)
     with OutputFolder(folder) as out:
-        files = Files(out.file("a").parent)
-        unit_normals = files.new("unit_normals", (len(samples), 3), np.float64)
+        files = out.file("a").parent
+        temporary = files / TREE
+        temporary.mkdir(exist_ok=True)
+        new = partial(create_mapped, temporary)
+        unit_normals = new("unit_normals", (len(samples), 3), np.float64)
         with progress.stage("check", 0.0, 0.05):
             diagonal = _check(samples, directions, unit_normals, progress)
             unit_normals.flags.writeable = False  # as in a Shape: kernels are compiled for that
         options = shrink_options(diagonal, chosen.tolerance, chosen.largest_radius)
         with progress.stage("tree", 0.05, 0.25):
-            tree = build_box_tree(samples, unit_normals, unit=options.unit, allocate=files.new)
+            tree = build_box_tree(samples, unit_normals, unit=options.unit, allocate=new)
         with progress.stage("balls", 0.25, 0.9):
-            results = _new_results(files, len(samples))
+            results = _new_results(files, new, len(samples))
             if scheduler is None:
                 shrink_chunks(tree, options, results, 0, len(samples), progress)
             else:
@@ -293,7 +273,7 @@ def huge_surface_skeleton(
             _finish(tree, options, results, progress)
             _measure(samples, files, results)
         del tree, unit_normals, results
-        files.remove_temporary()
+        shutil.rmtree(temporary)
     return open_medial_cloud(folder)
 
 
@@ -358,11 +338,14 @@ def _check(
     return diagonal
 
 
-def _new_results(files: Files, n: int) -> dict[str, NDArray[Any]]:
-    results: dict[str, NDArray[Any]] = {}
-    for name, (dtype, width) in RESULTS.items():
-        results[name] = files.result(name, (n, width) if width else (n,), dtype)
-    results["second"] = files.new("second", (n,), np.int32)
+def _new_results(
+    folder: Path, temporary: Callable[..., NDArray[Any]], n: int
+) -> dict[str, NDArray[Any]]:
+    results = {
+        name: create_mapped(folder, name, (n, width) if width else (n,), dtype)
+        for name, (dtype, width) in RESULTS.items()
+    }
+    results["second"] = temporary("second", (n,), np.int32)
     for here in blocks(n):
         for name in ("centers", "radii", "spoke_angles"):
             results[name][here] = np.nan
@@ -383,9 +366,9 @@ def _finish(
         progress.update(here.stop / n)
 
 
-def _measure(points: FloatArray, files: Files, results: dict[str, NDArray[Any]]) -> None:
+def _measure(points: FloatArray, folder: Path, results: dict[str, NDArray[Any]]) -> None:
     n = len(points)
-    out = {name: files.result(name, (n,), np.float64) for name in MEASURES}
+    out = {name: create_mapped(folder, name, (n,), np.float64) for name in MEASURES}
     for here in blocks(n):
         cloud = Balls(**{name: results[name][here] for name in RESULTS})
         found = measures_of_points(points, cloud)

@@ -9,8 +9,8 @@ from __future__ import annotations
 import json
 import logging
 import os
-import time
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -19,7 +19,7 @@ from medialis.base.arrays import Described
 from medialis.base.errors import Cancelled, FileError, InvalidOptionError, MedialisError
 from medialis.base.kept import forget
 from medialis.base.options import as_unit
-from medialis.base.progress import Message, Progress
+from medialis.base.progress import Progress
 from medialis.base.threads import thread_limit
 from medialis.base.version import package_version
 from medialis.formats.files import MANIFEST, absolute
@@ -33,7 +33,9 @@ from medialis.show.writing import (
     Written,
     as_given,
     content,
+    files_of,
     input_stamp,
+    manifest_in,
     parameters_given,
     write_files,
 )
@@ -74,22 +76,13 @@ def _meshes(entry: Path, output: Path) -> Iterator[Path]:
         folder = Path(name)
         inside = top / folder.relative_to(entry)
         inner[:] = [n for n in inner if not n.startswith(".") and inside / n != out]
-        results = _results(folder)
+        there = manifest_in(folder) or {}
+        results = files_of(there) if "medialis" in there else ()
         for file in files:
             path = folder / file
-            if path.suffix.lower() not in READABLE or file.startswith(".") or file in results:
-                continue
-            if path.is_file():
+            known = path.suffix.lower() in READABLE and not file.startswith(".")
+            if known and file not in results and path.is_file():
                 yield path
-
-
-def _results(folder: Path) -> set[str]:
-    """Return the names of the files that medialis has written here: its manifest tells."""
-    try:
-        manifest = json.loads((folder / "manifest.json").read_bytes())
-        return {Path(file).name for file in manifest["files"]} if "medialis" in manifest else set()
-    except (OSError, ValueError, TypeError, KeyError, RecursionError):
-        return set()
 
 
 def unique_names(paths: Sequence[Path]) -> list[str]:
@@ -157,7 +150,7 @@ class Row(Described):
     sentence : str
         Why it failed; for a result, what it says about the shape (repaired, refined, ...).
     seconds : float or None
-        Of reading and computing, and of measuring where a report is made.
+        Of computing.
     values : dict
         Counts and measures of the result.
     picture, thumbnail, report : str or None
@@ -342,16 +335,6 @@ logger = logging.getLogger(__name__)
 NO_MEMORY = "There is not enough memory for this shape and these options."
 
 
-@dataclass(frozen=True)
-class Source:
-    """A shape as it was read, and what identifies its file."""
-
-    shape: Shape
-    messages: tuple[Message, ...]
-    seconds: float
-    stamp: list[str | int]
-
-
 def run_job(job: Job) -> list[Row]:
     """Run what is not finished of a job; an error becomes a row, and never leaves here.
 
@@ -366,47 +349,44 @@ def run_job(job: Job) -> list[Row]:
 
 def _rows(job: Job) -> list[Row]:
     rows: list[Row] = []
-    source: Source | None = None
+    shape: Shape | None = None
+    stamp: list[str | int] = []
     unreadable: str | None = None
+    reading = Progress()
     for name in job.operations:
         row = job.finished(name)
         if row is None and unreadable is None:
             try:
                 with thread_limit(job.threads):
-                    source = source or _read(job)
-                    row = _run_operation(job, name, source)
+                    if shape is None:
+                        with suppress(OSError, ValueError):  # reading tells what is wrong
+                            stamp = input_stamp(job.file)
+                        shape = read_shape(job.file, unit=job.unit, progress=reading)
+                    row = _run_operation(job, name, shape, stamp, reading)
             except Exception as error:  # noqa: BLE001 - one shape never stops the others
                 row = job.failed(name, _sentence(error))
-                unreadable = row.sentence if source is None else None
+                unreadable = row.sentence if shape is None else None
         rows.append(row or job.failed(name, unreadable or ""))
     return rows
 
 
-def _read(job: Job) -> Source:
-    clock, progress = time.perf_counter(), Progress()
-    try:
-        here = input_stamp(job.file)
-    except (OSError, ValueError):
-        here = []  # reading tells what is wrong
-    shape = read_shape(job.file, unit=job.unit, progress=progress)
-    return Source(shape, tuple(progress.messages), time.perf_counter() - clock, here)
-
-
-def _run_operation(job: Job, name: str, source: Source) -> Row:
-    clock, progress = time.perf_counter(), Progress()
-    progress.messages.extend(source.messages)
-    result = run(name, source.shape, threads=job.threads, progress=progress, **job.operations[name])
-    texts = None
+def _run_operation(
+    job: Job, name: str, shape: Shape, stamp: list[str | int], reading: Progress
+) -> Row:
+    """Run an operation and write its result; `reading` is the progress of the shape."""
+    progress = Progress()
+    progress.messages.extend(reading.messages)
+    result = run(name, shape, threads=job.threads, progress=progress, **job.operations[name])
+    texts = {}
     if job.report:
         from medialis.show.reports.report import report_texts
 
         texts = report_texts(result, source=job.file)
-    progress.seconds["total"] = source.seconds + time.perf_counter() - clock
     wanted = Written(
         job.file,
         Pictures(main=job.picture, thumbnail=job.picture),
-        texts=texts or {},
-        record={"input_stamp": source.stamp, "input_unit": job.unit},
+        texts=texts,
+        record={"input_stamp": stamp, "input_unit": job.unit},
         overwrite=True,  # a batch owns its folder, and computes anew what is not as it should be
     )
     manifest = write_files(result, job.folder(name), wanted, progress)

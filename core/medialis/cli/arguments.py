@@ -164,6 +164,10 @@ def build_parser(
     demo.add_argument("file", nargs="?", help="a mesh or point cloud of your own")
     demo.add_argument("-o", "--output", default="medialis-demo", help="output folder")
     _add_progress(demo)
+    demo.set_defaults(
+        **{"overwrite": True, "turntable": 0, "formats": "", "host": False, "report": False},
+        **dict.fromkeys(("unit", "threads", "no_picture", "color_by")),
+    )
     sample = add("sample", "Write a shape to try things on; without a name: list them.")
     sample.add_argument("name", nargs="?", help="its name")
     sample.add_argument("-o", "--output", metavar="FILE", help="(default: NAME.ply, here)")
@@ -220,7 +224,9 @@ def with_dashes(arguments: Sequence[str]) -> list[str]:
 
 
 def _add_operation(sub: argparse.ArgumentParser, chosen: Operation, run: Command) -> None:
-    sub.description, sub.epilog = _wrapped(chosen.full_help), f"{_examples(chosen)}\n\n{_EPILOG}"
+    lines = chosen.full_help.splitlines()  # paragraphs, in lines that fit a terminal
+    sub.description = "\n".join(textwrap.fill(line, 88) for line in lines)
+    sub.epilog = f"{_examples(chosen)}\n\n{_EPILOG}"
     sub.formatter_class = argparse.RawDescriptionHelpFormatter
     sub.add_argument(
         "file",
@@ -270,11 +276,6 @@ def _add_operation(sub: argparse.ArgumentParser, chosen: Operation, run: Command
     )
     _add_progress(sub)
     sub.set_defaults(command=run, operation=chosen, parser=sub)
-
-
-def _wrapped(text: str) -> str:
-    """Return paragraphs in lines that fit a terminal."""
-    return "\n".join(textwrap.fill(line, 88) for line in text.splitlines())
 
 
 def _examples(chosen: Operation) -> str:
@@ -355,25 +356,12 @@ def _add_parameter(group: Any, parameter: Parameter) -> None:
 
     flag = "--" + parameter.name.replace("_", "-")
     text = f"{parameter.help} (default: {parameter.default})".replace("%", "%%")
+    metavars = {Kind.INT: "N", Kind.FLOAT: "NUMBER", Kind.ANGLE: "DEGREES"}
+    metavars[Kind.CHOICE] = "{" + ",".join(parameter.choices) + "}"
+    taken: dict[str, Any] = {"metavar": metavars.get(parameter.kind, parameter.kind.name)}
     if parameter.kind is Kind.BOOL:
-        group.add_argument(
-            flag,
-            dest=f"parameter_{parameter.name}",
-            action=argparse.BooleanOptionalAction,
-            default=parameter.default,
-            help=text,
-        )
-        return
-    metavar = {
-        Kind.INT: "N",
-        Kind.LENGTH: "LENGTH",
-        Kind.FLOAT: "NUMBER",
-        Kind.ANGLE: "DEGREES",
-        Kind.FILE: "FILE",
-    }.get(parameter.kind)
-    if parameter.kind is Kind.CHOICE:
-        metavar = "{" + ",".join(parameter.choices) + "}"
-    group.add_argument(flag, dest=f"parameter_{parameter.name}", metavar=metavar, help=text)
+        taken = {"action": argparse.BooleanOptionalAction, "default": parameter.default}
+    group.add_argument(flag, dest=f"parameter_{parameter.name}", help=text, **taken)
 
 
 def _add_unit(sub: argparse.ArgumentParser) -> None:

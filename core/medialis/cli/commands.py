@@ -20,7 +20,7 @@ import time
 import webbrowser
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict
 from importlib.metadata import entry_points
 from pathlib import Path
 from types import FrameType
@@ -48,6 +48,7 @@ from medialis.cli.display import clear_bar, say, shown_progress, summary_lines
 from medialis.operations.names import RENAMED, named_operations, renamed_note
 
 if TYPE_CHECKING:
+    from medialis.base.options import Kind
     from medialis.base.progress import Progress
     from medialis.operations.declaration import Operation
     from medialis.operations.result import Outcome
@@ -115,18 +116,17 @@ def settings(given: Sequence[str]) -> dict[str, dict[str, Any]]:
                 f"--set must be OPERATION.PARAMETER=VALUE, such as thickness.threshold=0.02; got "
                 f"{text!r}."
             )
-        chosen = operation(name)
-        key = key.replace("-", "_")
-        result.setdefault(chosen.name, {})[key] = _value(chosen, key, value)
+        chosen, key = operation(name), key.replace("-", "_")
+        kind = next((p.kind for p in chosen.parameters if p.name == key), None)
+        result.setdefault(chosen.name, {})[key] = _value(kind, value)
     return result
 
 
-def _value(chosen: Operation, key: str, text: str) -> Any:
+def _value(kind: Kind | None, text: Any) -> Any:
     """Convert the text of a parameter; what is no value of its kind goes on to the check."""
     from medialis.base.options import NUMBERS, Kind
 
-    kind = next((p.kind for p in chosen.parameters if p.name == key), None)
-    if kind is Kind.BOOL:
+    if kind is Kind.BOOL and isinstance(text, str):
         return {"true": True, "yes": True, "1": True, "false": False, "no": False, "0": False}.get(
             text.lower(), text
         )
@@ -140,21 +140,18 @@ def run_view(options: argparse.Namespace) -> int:
     source = Path(options.source)
     output = Path(options.output or f"{source.resolve().stem}-view.html")
     progress = shown_progress(options.progress)
-    results = _results(source, options, progress)
+    if source.is_dir():
+        results = _of_folder(source)
+    elif (layer := _of_layer(source)) is not None:
+        results = [layer]
+    else:
+        results = _computed(source, options, progress)
     with progress.stage("page", 0.95, 1.0):
         write_viewer(output, results, source.resolve().name)
     say(f"{output} ({output.stat().st_size / 1e6:.1f} MB): open it in a browser.")
     if options.open:
         webbrowser.open(output.resolve().as_uri())
     return 0
-
-
-def _results(source: Path, options: argparse.Namespace, progress: Progress) -> list[Outcome]:
-    if source.is_dir():
-        return _of_folder(source)
-    if (layer := _of_layer(source)) is not None:
-        return [layer]
-    return _computed(source, options, progress)
 
 
 def _of_folder(folder: Path) -> list[Outcome]:
@@ -186,7 +183,7 @@ def _of_folder(folder: Path) -> list[Outcome]:
 
 def _of_layer(file: Path) -> Outcome | None:
     """Read a layer or a graph that medialis wrote; None for any other file."""
-    from medialis.curves.formats import read_curve_skeleton
+    from medialis.curves.operation import read_curve_skeleton
     from medialis.exchange.libraries import Drawn
     from medialis.formats.ply_attributes import read_ply_attributes
 
@@ -239,53 +236,6 @@ def _computed(file: Path, options: argparse.Namespace, progress: Progress) -> li
     return results or [Outcome(shape=shape)]
 
 
-@dataclass(frozen=True)
-class Task:
-    """What a command was asked for.
-
-    Attributes
-    ----------
-    chosen : Operation
-    file : str or None
-        None: the built-in shape.
-    folder : path
-        Of the results.
-    given : dict
-        Parameters, lengths as text.
-    options : argparse.Namespace
-        All else.
-    """
-
-    chosen: Operation
-    file: str | None
-    folder: Path
-    options: argparse.Namespace
-    given: dict[str, Any] = field(default_factory=dict)
-
-    def option(self, name: str, otherwise: Any = None) -> Any:
-        """Return an option that not every command has."""
-        return getattr(self.options, name, otherwise)
-
-    @property
-    def about(self) -> dict[str, Any]:
-        """What tells the result from others, as its manifest will have it."""
-        from medialis.base.options import as_unit
-        from medialis.base.version import package_version
-        from medialis.show.writing import as_given, input_stamp
-
-        try:
-            here = None if self.file is None else input_stamp(self.file)
-        except (OSError, ValueError):  # reading tells what is wrong
-            here = None
-        return {
-            "operation": self.chosen.name,
-            "medialis": package_version(),
-            "parameters": as_given(self.chosen.resolve(self.given)),
-            "input_stamp": here,
-            "input_unit": as_unit(self.option("unit")),
-        }
-
-
 def run_operation(options: argparse.Namespace) -> int:
     """Run an operation on a file and return the exit code."""
     from medialis.base.validation import as_whole_number
@@ -297,11 +247,11 @@ def run_operation(options: argparse.Namespace) -> int:
     chosen_formats(chosen.name, _formats(options))
     # One folder an operation: the next one on the same file leaves it alone.
     folder = options.output or Path(f"{Path(file).stem}-medialis", chosen.name)
-    task = Task(chosen, file, Path(folder), options, _given(chosen, options))
-    about = task.about  # bad options are reported before the file is read
+    given = _given(chosen, options)
+    about = _about(chosen, file, given, options)  # says what is wrong before the file is read
     if not options.overwrite and not options.host:
-        check_same(task.folder, about)
-    manifest = _compute(task, about)
+        check_same(folder, about)
+    manifest = _compute(about, given, file, Path(folder), options)
     if not options.host:  # a host reads the manifest from the folder
         _report(manifest, options.json)
     return EXIT_OK
@@ -312,11 +262,9 @@ def run_demo(options: argparse.Namespace) -> int:
     from medialis.operations.registry import operation
 
     chosen = operation("surface_skeleton")
-    options.overwrite = True
     for file in [None] if options.file is None else [None, options.file]:
         folder = Path(options.output) / ("organic_shape" if file is None else Path(file).stem)
-        task = Task(chosen, file, folder, options)
-        manifest = _compute(task, task.about)
+        manifest = _compute(_about(chosen, file, {}, options), {}, file, folder, options)
         _report(manifest, False)
         say(manifest["picture"])  # last, as `make demo` says
     return EXIT_OK
@@ -336,22 +284,40 @@ def _only_file(options: argparse.Namespace, command: str) -> str:
 
 def _given(chosen: Operation, options: argparse.Namespace) -> dict[str, Any]:
     """Return the parameters that were typed, and what is another default of a selection."""
-    from medialis.base.options import NUMBERS, Kind
-
     given: dict[str, Any] = {}
     if options.select and chosen.selection is not None:
         given |= chosen.selection.defaults
     for parameter in chosen.parameters:
         value = getattr(options, f"parameter_{parameter.name}")
         if value is not None:
-            plain = parameter.kind in NUMBERS and parameter.kind is not Kind.LENGTH
-            given[parameter.name] = number(value) if plain else value
+            given[parameter.name] = _value(parameter.kind, value)
     return given
+
+
+def _about(
+    chosen: Operation, file: str | None, given: dict[str, Any], options: argparse.Namespace
+) -> dict[str, Any]:
+    """Return what tells a result from others, as its manifest will have it."""
+    from medialis.base.options import as_unit
+    from medialis.base.version import package_version
+    from medialis.show.writing import as_given, input_stamp
+
+    try:
+        here = None if file is None else input_stamp(file)
+    except (OSError, ValueError):  # reading tells what is wrong
+        here = None
+    return {
+        "operation": chosen.name,
+        "medialis": package_version(),
+        "parameters": as_given(chosen.resolve(given)),
+        "input_stamp": here,
+        "input_unit": as_unit(options.unit),
+    }
 
 
 def _formats(options: argparse.Namespace) -> tuple[str, ...]:
     """Return the formats to write besides PLY, each once."""
-    return tuple(dict.fromkeys(filter(None, getattr(options, "formats", "").split(","))))
+    return tuple(dict.fromkeys(filter(None, options.formats.split(","))))
 
 
 def _compile_first(names: list[str], progress: Progress) -> None:
@@ -365,51 +331,51 @@ def _compile_first(names: list[str], progress: Progress) -> None:
             compile_ahead(name, progress)
 
 
-def _compute(task: Task, about: dict[str, Any]) -> dict[str, Any]:
-    """Read, compute and write; return the manifest."""
+def _compute(
+    about: dict[str, Any],
+    given: dict[str, Any],
+    file: str | None,
+    folder: Path,
+    options: argparse.Namespace,
+) -> dict[str, Any]:
+    """Read a file (None: the built-in shape), compute and write; return the manifest."""
     from medialis.base.threads import thread_limit
     from medialis.operations.registry import run
     from medialis.shape.reading import read_shape
     from medialis.show.writing import Pictures, Written, write_files
 
-    clock, options = time.perf_counter(), task.options
-    threads, file = task.option("threads"), task.file
+    clock, threads = time.perf_counter(), options.threads
     progress = shown_progress(options.progress)
-    _compile_first([task.chosen.name], progress)
+    _compile_first([about["operation"]], progress)
     with progress.stage("input", 0.0, 0.1):
-        unit = about["input_unit"]
         if file is None:
             from medialis.shape.generate import organic_shape
 
             shape = organic_shape()
         else:
-            shape = read_shape(file, unit=unit, progress=progress)
+            shape = read_shape(file, unit=about["input_unit"], progress=progress)
     with progress.stage("compute", 0.1, 0.7):
-        result = run(task.chosen.name, shape, threads=threads, progress=progress, **task.given)
+        result = run(about["operation"], shape, threads=threads, progress=progress, **given)
     source = "organic shape" if file is None else file
-    if task.option("host"):
+    if options.host:
         from medialis.hosts.menu import write_for_host
 
         with progress.stage("output", 0.7, 1.0):
             return write_for_host(
-                result, shape, task.folder, source=source, selects=options.select,
+                result, shape, folder, source=source, selects=options.select,
                 auxiliary=options.auxiliary, draw_solid=options.solid, progress=progress,
             )  # fmt: skip
     texts = {}
-    if task.option("report"):
+    if options.report:
         from medialis.show.reports.report import report_texts
 
         with progress.stage("report", 0.7, 0.85), thread_limit(threads):
             texts = report_texts(result, source=file, progress=progress)
-    pictures = Pictures(
-        main=not task.option("no_picture"),
-        color_by=task.option("color_by"),
-        turntable=task.option("turntable", 0),
-    )
+    pictures = Pictures(not options.no_picture, options.color_by, options.turntable)
     record = {name: about[name] for name in ("input_stamp", "input_unit")}
     wanted = Written(source, pictures, _formats(options), texts, record, options.overwrite)
     with progress.stage("output", 0.85, 1.0), thread_limit(threads):
-        manifest = write_files(result, task.folder, wanted, progress)
+        manifest = write_files(result, folder, wanted, progress)
     manifest["seconds"] = {**progress.seconds, "total": time.perf_counter() - clock}
     return manifest
 
@@ -466,7 +432,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 given[0] = RENAMED[given[0]].replace("_", "-")
             parser = build_parser(run_operation, COMMANDS, chosen=given[0] if given else "")
             options = parser.parse_args(given)
-            _configure_log(options)
+            level = logging.INFO if getattr(options, "verbose", False) else logging.ERROR
+            logging.basicConfig(level=level, format="%(message)s", stream=sys.stderr)
             code: int = options.command(options)
             sys.stdout.flush()
             return code
@@ -543,11 +510,6 @@ def _drop_output() -> None:
     """Send what is still buffered to nowhere, so that Python does not fail on it at its end."""
     with suppress(OSError):  # a stream that is no file
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-
-
-def _configure_log(options: argparse.Namespace) -> None:
-    level = logging.INFO if getattr(options, "verbose", False) else logging.ERROR
-    logging.basicConfig(level=level, format="%(message)s", stream=sys.stderr)
 
 
 def _info(options: argparse.Namespace) -> int:

@@ -6,16 +6,17 @@ the manifest of a result has: numbers, places, messages and files.
 
 from __future__ import annotations
 
+import math
 import os
 import shutil
 import sys
 import textwrap
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TextIO
 
-from medialis.base.progress import Progress, ProgressCallback
+from medialis.base.progress import Progress
 
 STYLES = ("auto", "bar", "log", "lines", "none")
 BAR_WIDTH, BAR_SECONDS = 30, 0.05
@@ -38,9 +39,11 @@ def shown_progress(style: str, *, batch: bool = False) -> Progress:
         style = "bar" if sys.stderr.isatty() else "log" if batch else "none"
     if style == "none":
         return Progress()
+    if style == "lines":
+        return Progress(Lines())
     left = TimeLeft() if batch else None
-    callback: dict[str, ProgressCallback] = {"bar": Bar(left), "log": Log(left), "lines": Lines()}
-    return Progress(callback[style])
+    write, pause = (_bar, BAR_SECONDS) if style == "bar" else (_log, LOG_SECONDS)
+    return Progress(Timed(write, pause, left))
 
 
 class TimeLeft:
@@ -86,40 +89,33 @@ class Lines:
             _write(f"PROGRESS {fraction:.4f} {text}\n")
 
 
-class Log:
-    """A line now and then, for people who read it later."""
+class Timed:
+    """Writes with pauses, and the last word in any case."""
 
-    def __init__(self, left: TimeLeft | None) -> None:
-        self._left, self._last = left, -LOG_SECONDS
+    def __init__(
+        self, write: Callable[[float, str], None], pause: float, left: TimeLeft | None
+    ) -> None:
+        self._write, self._pause, self._left, self._last = write, pause, left, -math.inf
 
     def __call__(self, fraction: float, text: str) -> None:
-        """Print a line when it is time."""
+        """Write when it is time."""
         now = time.monotonic()
         left = self._left(fraction, now) if self._left else ""
-        if fraction >= 1.0 or now - self._last >= LOG_SECONDS:
+        if fraction >= 1.0 or now - self._last >= self._pause:
             self._last = now
-            _write(f"{100 * fraction:3.0f} % {left}{text}\n")
+            self._write(fraction, f"{100 * fraction:3.0f} % {left}{text}")
 
 
-class Bar:
-    """A bar that fills, in one line as wide as the terminal; it vanishes at the end."""
+def _log(fraction: float, text: str) -> None:
+    """Write a line, for people who read it later."""
+    _write(f"{text}\n")
 
-    def __init__(self, left: TimeLeft | None) -> None:
-        self._left, self._last = left, -1.0
 
-    def __call__(self, fraction: float, text: str) -> None:
-        """Draw the bar anew."""
-        now = time.monotonic()
-        left = self._left(fraction, now) if self._left else ""
-        if fraction < 1.0 and now - self._last < BAR_SECONDS:
-            return
-        self._last = now
-        room = _columns() - 1
-        full = int(BAR_WIDTH * fraction)
-        bar = f"{'#' * full}{'.' * (BAR_WIDTH - full)} {100 * fraction:3.0f} % {left}{text}"
-        line = bar if fraction < 1.0 else ""
-        end = "" if fraction < 1.0 else "\r"
-        _write(f"\r{line:<{room}.{room}}{end}")
+def _bar(fraction: float, text: str) -> None:
+    """Write a bar that fills, in one line as wide as the terminal; it vanishes at the end."""
+    room, full = _columns() - 1, int(BAR_WIDTH * fraction)
+    line = f"{'#' * full}{'.' * (BAR_WIDTH - full)} {text}" if fraction < 1.0 else ""
+    _write(f"\r{line:<{room}.{room}}" + ("" if line else "\r"))
 
 
 def clear_bar() -> None:

@@ -11,7 +11,7 @@ import platform
 import subprocess
 import sys
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass
 from importlib.metadata import PackageNotFoundError, version
@@ -19,8 +19,8 @@ from pathlib import Path
 from typing import Any
 
 from medialis.base.cache_folder import kernel_cache, kernels_are_compiled, written_by_others
-from medialis.base.jit import record
 from medialis.base.errors import FileError
+from medialis.base.jit import record
 from medialis.base.threads import thread_count
 from medialis.base.version import package_version
 from medialis.formats.files import reason
@@ -48,6 +48,7 @@ OLDEST_BLENDER = (4, 2)
 NOT_HANDED_ON = ("QT_", "LD_", "DYLD_", "PYTHONHOME", "PYTHONPATH", "PYTHONSTARTUP")
 """Variables that the MeshLab plugin keeps from the Python that it runs, by their beginnings."""
 
+NOT_FOUND = "not found on the path or in the usual places"
 PATIENCE = 60
 """Seconds for a program to answer."""
 
@@ -126,12 +127,19 @@ def _loads(module: str) -> str:
     return "" if loads else why
 
 
-def _needed(name: str) -> Finding:
+def _version(name: str) -> str:
+    """Return the version of a package; nothing where it is not installed."""
     try:
-        found = version(name)
+        return version(name)
     except PackageNotFoundError:
-        return Finding(name, "broken", "not installed; nothing works without it",
-                       f"pip install {name}")  # fmt: skip
+        return ""
+
+
+def _needed(name: str) -> Finding:
+    found = _version(name)
+    if not found:
+        text = "not installed; nothing works without it"
+        return Finding(name, "broken", text, f"pip install {name}")
     why = _loads(NEEDED[name])
     if not why:
         return Finding(name, "ok", found)
@@ -141,22 +149,16 @@ def _needed(name: str) -> Finding:
 
 def _extra(extra: str) -> Finding:
     """Say what is there of an extra, and whether it loads."""
-    use, packages = EXTRAS[extra]
-    advice = f'pip install "medialis[{extra}]"'
-    there, missing = [], []
-    for name in packages:
-        try:
-            there.append(f"{name} {version(name)}")
-        except PackageNotFoundError:
-            missing.append(name)
-    name = f"extra {extra}"
-    if missing:
-        return Finding(name, "missing", f"{', '.join(missing)} not installed; for {use}", advice)
+    (use, packages), name = EXTRAS[extra], f"extra {extra}"
+    there = {package: _version(package) for package in packages}
+    if missing := [package for package, found in there.items() if not found]:
+        text = f"{', '.join(missing)} not installed; for {use}"
+        return Finding(name, "missing", text, f'pip install "medialis[{extra}]"')
     for package in packages:
         if why := _loads(MODULES.get(package, package)):
             text = f"{package} is installed and cannot be loaded: {why}"
             return Finding(name, "broken", text, f"pip install --force-reinstall {package}")
-    return Finding(name, "ok", f"{', '.join(there)}; for {use}")
+    return Finding(name, "ok", f"{', '.join(map(' '.join, there.items()))}; for {use}")
 
 
 def _threads() -> Finding:
@@ -191,39 +193,33 @@ def _cache() -> Finding:
                    "to compile all of them now: medialis warmup")  # fmt: skip
 
 
-def _blender(machine: Machine) -> list[Finding]:
+def _blender(machine: Machine) -> Iterator[Finding]:
     """Look for Blender and for the extension in the user's folders."""
     oldest = ".".join(map(str, OLDEST_BLENDER))
     get = f"get Blender {oldest} or later from blender.org"
-    found = []
-    for program in machine.programs("blender"):
+    programs = machine.programs("blender")
+    for program in programs:
         answers, text = _call([str(program), "--version"], os.environ)
         words = text.split() if answers else []
         numbers = words[1] if len(words) > 1 and words[0] == "Blender" else ""
         if not numbers:
             why = "it does not say its version" if answers else text
-            found.append(Finding("Blender", "broken", f"{program} cannot be run: {why}", get))
-        elif _numbers(numbers) < OLDEST_BLENDER:
+            yield Finding("Blender", "broken", f"{program} cannot be run: {why}", get)
+        elif tuple(int(x) for x in numbers.split(".") if x.isdigit()) < OLDEST_BLENDER:
             text = f"{numbers} ({program}) is too old for the extension"
-            found.append(Finding("Blender", "missing", text, get))
+            yield Finding("Blender", "missing", text, get)
         else:
-            found.append(Finding("Blender", "ok", f"{numbers} ({program})"))
-    if not found:
-        text = "not found on the path or in the usual places"
-        found.append(Finding("Blender", "missing", text, get))
+            yield Finding("Blender", "ok", f"{numbers} ({program})")
+    if not programs:
+        yield Finding("Blender", "missing", NOT_FOUND, get)
     manifests = machine.blender_extensions()
-    found += [_extension(manifest) for manifest in manifests]
+    yield from map(_extension, manifests)
     if not manifests:
         advice = (
             "drag the zip of the extension into Blender, or Preferences > Get Extensions > Install "
             "from Disk; `make blender` in the sources makes it"
         )
-        found.append(Finding("  extension", "missing", "not installed for this user", advice))
-    return found
-
-
-def _numbers(text: str) -> tuple[int, ...]:
-    return tuple(int(word) for word in text.split(".") if word.isdigit())
+        yield Finding("  extension", "missing", "not installed for this user", advice)
 
 
 def _extension(manifest: Path) -> Finding:
@@ -236,16 +232,15 @@ def _extension(manifest: Path) -> Finding:
     return Finding("  extension", "ok", f"{about} in {manifest.parent}")
 
 
-def _meshlab(machine: Machine) -> list[Finding]:
+def _meshlab(machine: Machine) -> Iterator[Finding]:
     """Look for MeshLab, for the plugin of its filter menu, and for the Python that it runs."""
     folders = [f"plugins in {folder}" for folder in machine.system_folders()]
     places = [*map(str, machine.programs("meshlab")), *folders]
     if places:
-        found = [Finding("MeshLab", "ok", ", ".join(places))]
+        yield Finding("MeshLab", "ok", ", ".join(places))
     else:
-        text = "not found on the path or in the usual places"
         advice = "get it from meshlab.net or with your system's packages"
-        found = [Finding("MeshLab", "missing", text, advice)]
+        yield Finding("MeshLab", "missing", NOT_FOUND, advice)
     installed = machine.plugins()
     if not installed:
         text = "not installed; for filters in MeshLab's menu"
@@ -253,10 +248,13 @@ def _meshlab(machine: Machine) -> list[Finding]:
             "install the built ones (pip install medialis-meshlab), then run medialis "
             "meshlab-install"
         )
-        found.append(Finding("  plugin", "missing", text, advice))
+        yield Finding("  plugin", "missing", text, advice)
     for plugin in installed:
-        found += [Finding("  plugin", "ok", str(plugin)), _filters_of(plugin), _program_of(plugin)]
-    return found
+        yield from (
+            Finding("  plugin", "ok", str(plugin)),
+            _filters_of(plugin),
+            _program_of(plugin),
+        )
 
 
 def _filters_of(plugin: Path) -> Finding:

@@ -15,29 +15,23 @@ there are at most n / min_points, at any angle of intersection; a point is in 4 
 
 from __future__ import annotations
 
-import functools
 import math
 from dataclasses import dataclass, field, replace
 from enum import IntEnum
-from functools import cached_property
+from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from medialis.base.arrays import Ragged
+from medialis.base.arrays import Ragged, kd_tree
 from medialis.base.errors import InvalidShapeError
 from medialis.base.kept import Bound, kept
 from medialis.base.options import Options, algorithm, angle, flag, whole
 from medialis.base.progress import Progress
 from medialis.base.threads import run_chunks, run_patiently
-from medialis.base.validation import FloatArray, IntArray, as_points, as_whole_number, frozen
-from medialis.clouds.smoothing import (
-    SCATTERS_APART,
-    jitter,
-    neighbours_of,
-    without_jitter,
-)
+from medialis.base.validation import FloatArray, IntArray, as_points, as_whole_number, frozen, hold
+from medialis.clouds.smoothing import SCATTERS_APART, jitter, neighbours_of, without_jitter
 from medialis.shape.surface import Surface
 from medialis.skeleton.surface_skeleton import points_apart
 
@@ -120,19 +114,12 @@ class ManifoldSet(Bound):
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "count", as_whole_number(self.count, "count", low=0, high=2**31))
-        object.__setattr__(self, "points", as_points(self.points))
-        patches = frozen(np.asarray(self.patch_counts), np.int32)
-        object.__setattr__(self, "patch_counts", patches)
-        named = self.manifolds.indices
-        if len(self.points) != len(self.manifolds):
+        n, named = len(self.manifolds), self.manifolds.indices
+        if len(self.points) != n:
             raise InvalidShapeError(
-                f"The set of manifolds has {len(self.manifolds)} rows, the cloud "
-                f"{len(self.points)} points."
+                f"The set of manifolds has {n} rows, the cloud {len(self.points)} points."
             )
-        if patches.shape != (len(self.manifolds),):
-            raise InvalidShapeError(
-                f"patch_counts must have shape ({len(self.manifolds)},), got {patches.shape}."
-            )
+        hold(self, points=(n, 3), patch_counts=n)
         if len(named) and (named.min() < 0 or named.max() >= self.count):
             raise InvalidShapeError(
                 f"Manifolds must be 0..{self.count - 1}, got {named.min()}..{named.max()}."
@@ -151,9 +138,8 @@ class ManifoldSet(Bound):
 
         rows = self.manifolds
         filled = np.ones(len(rows.indices), np.bool_)
-        matrix = csr_array(
-            (filled, rows.indices.copy(), rows.offsets.copy()), shape=(len(self), self.count)
-        )
+        arrays = filled, rows.indices.copy(), rows.offsets.copy()
+        matrix = csr_array(arrays, shape=(len(self), self.count))
         matrix.sort_indices()
         return matrix
 
@@ -221,15 +207,13 @@ class Speakers:
         A place that was left out has that of the nearest chosen one in a manifold, if there is one
         as near as it must have been.
         """
-        from scipy.spatial import cKDTree
-
         row = np.full(len(self.places), -1)
         row[self.chosen] = np.arange(len(self.chosen))
         left = np.flatnonzero(row < 0)
         if len(left):
             good = np.flatnonzero(found.manifolds.lengths > 0)
             for rows in (np.arange(len(self.chosen)), good):
-                tree = cKDTree(self.places[self.chosen[rows]])
+                tree = kd_tree(self.places[self.chosen[rows]])
                 reach = ROUNDED * self.apart
                 near = tree.query(self.places[left], distance_upper_bound=reach)[1]
                 some = near < len(rows)
@@ -259,12 +243,11 @@ def classified_places(
         scatter = run_patiently(lambda: jitter(places), progress)
     if scatter == 0.0:
         return places, Speakers(place, places, every, 0.0)
-    progress.note(
+    text = (
         f"The points scatter by {100 * scatter:.2g} % of the size about their surfaces. They were "
-        "classified by smoothed positions (smooth = off turns this off).",
-        "scattered",
-        scatter=scatter,
+        "classified by smoothed positions (smooth = off turns this off)."
     )
+    progress.note(text, "scattered", scatter=scatter)
     apart = SCATTERS_APART * scatter
     chosen = np.flatnonzero(points_apart(places, every, apart))
     moved = without_jitter(places, chosen, scatter, progress)
@@ -375,22 +358,16 @@ def manifolds(
     """
     points = cloud.points if isinstance(cloud, Surface) else as_points(cloud)
     with progress.stage("smoothing", 0.0, 0.5):
-        places, speakers = kept(
-            classified_places,
-            cloud,
-            options.smooth,
-            lambda: classified_places(points, options.smooth, progress),
-            progress,
-        )
+        work = partial(classified_places, points, options.smooth, progress)
+        places, speakers = kept(classified_places, cloud, options.smooth, work, progress)
     places = frozen(places, np.float64)  # kernels are compiled for read-only ones alone
     if len(places) < FEWEST_PLACES:
         none = Ragged(np.zeros(len(points) + 1, np.int64), np.empty(0, np.int32))
         return ManifoldSet(none, 0, np.zeros(len(points), np.int32), points=points)
     with progress.stage("patches", 0.5, 1.0):
         key = options.smooth, options.neighbours, options.max_bend
-        patches = kept(
-            _find_patches, cloud, key, lambda: _find_patches(places, options, progress), progress
-        )
+        find = partial(_find_patches, places, options, progress)
+        patches = kept(_find_patches, cloud, key, find, progress)
         found = run_patiently(lambda: _segment(places, patches, options), progress)
         rows = run_patiently(lambda: speakers.rows(found), progress)
         return replace(found.at(rows), points=points)
@@ -417,11 +394,7 @@ def _find_patches(places: FloatArray, options: ManifoldsOptions, progress: Progr
         np.zeros((n, 3)), np.zeros((n, 3, 3)), np.zeros(n, np.uint64),
     )  # fmt: skip
     least = math.cos(math.radians(options.max_bend))
-
-    def work(begin: int, end: int) -> None:
-        find_patches(places, begin, end, least, patches)
-
-    run_chunks(work, n, CHUNK, progress=progress)
+    run_chunks(partial(find_patches, places), n, CHUNK, least, patches, progress=progress)
     return _frozen(patches)
 
 
@@ -516,7 +489,7 @@ def manifold_surfaces(
     for manifold in range(manifold_set.count):
         progress.update(manifold / manifold_set.count)
         rows = manifold_set.points_of(manifold)
-        mesh = run_patiently(functools.partial(_surface, cloud[rows]), progress)
+        mesh = run_patiently(partial(_surface, cloud[rows]), progress)
         meshes.append(rows[mesh])
     if not meshes:
         return frozen(np.empty((0, 3)), np.int32), frozen(np.empty(0), np.int32)
@@ -545,11 +518,7 @@ def _triangulate(points: FloatArray) -> NDArray[np.int64]:
     farthest = np.linalg.norm(sides[:, min(RESTING, k) - 1], axis=1)
     weights = TIE_WEIGHT * np.median(farthest**2) / RESTING * np.random.default_rng(0).random(n)
     triangles, radii = np.full((n, k, 3), -1, np.int32), np.empty((n, k))
-
-    def work(begin: int, end: int) -> None:
-        list_stars(flat, near, weights, farthest, begin, end, triangles, radii)
-
-    run_chunks(work, n, CHUNK)
+    run_chunks(partial(list_stars, flat, near, weights, farthest), n, CHUNK, triangles, radii)
     made = triangles[:, :, 0] >= 0
     return _agreed(triangles[made].astype(np.int64), radii[made])
 

@@ -6,7 +6,6 @@ a shape without the noise of its points, none of which goes.
 
 from __future__ import annotations
 
-import logging
 import math
 from dataclasses import dataclass
 from typing import Any
@@ -41,6 +40,9 @@ from medialis.skeleton.surface_skeleton import Preparation, surface_skeleton
 
 CLOUDS = ("points", "skeleton")
 
+BY_MANIFOLD: dict[str, Any] = {"color_by": "manifold", "labels": ("manifold",)}
+"""How layers are shown."""
+
 MOSTLY_NOISE = 0.5
 """Share of noise above which a warning doubts the sampling: the thesis adds at most 40 % of
 outliers to its clouds (4.2.4.2)."""
@@ -70,15 +72,8 @@ def run_manifolds(shape: Shape, options: ManifoldsRun, progress: Progress) -> Ou
     with progress.stage("manifolds", 0.0, 1.0):
         found = manifolds.of(shape, options, progress)
     note_mostly_noise(found, progress)
-    layer = Layer(
-        "manifolds",
-        shape.points,
-        shape.faces,
-        attributes=_attributes(found),
-        color_by="manifold",
-        labels=("manifold",),
-        on_input=True,
-    )
+    fields, own = _attributes(found), (shape.points, shape.faces)
+    layer = Layer("manifolds", *own, attributes=fields, on_input=True, **BY_MANIFOLD)
     return Outcome(
         shape=shape,
         layers=(layer, *_surfaces(found, options, progress)),
@@ -92,13 +87,11 @@ def note_mostly_noise(found: ManifoldSet, progress: Progress) -> None:
     """Warn where the answer says more of the sampling than of the shape."""
     share = float((found.point_class == PointClass.NOISE).mean())
     if share > MOSTLY_NOISE:
-        progress.note(
+        text = (
             f"{100 * share:.0f} % of the points are noise: they lie on no surface, or too far "
-            "apart for its curvature. Refine a coarse mesh first, or try larger angles.",
-            "mostly_noise",
-            level=logging.WARNING,
-            share=share,
+            "apart for its curvature. Refine a coarse mesh first, or try larger angles."
         )
+        progress.warn(text, "mostly_noise", share=share)
 
 
 def _of_skeleton(shape: Shape, options: ManifoldsRun, progress: Progress) -> Outcome:
@@ -117,10 +110,9 @@ def _of_skeleton(shape: Shape, options: ManifoldsRun, progress: Progress) -> Out
             "feature_1": cloud.features[:, 0],
             "feature_2": cloud.features[:, 1],
         },
-        color_by="manifold",
-        labels=("manifold",),
         filter_by="radius",
         filter_unit=FilterUnit.length(fine.diagonal),
+        **BY_MANIFOLD,
     )
     return Outcome(
         shape=fine,
@@ -143,16 +135,10 @@ def _surfaces(found: ManifoldSet, options: ManifoldsRun, progress: Progress) -> 
     corners, place = np.unique(
         np.stack([np.repeat(owner, 3), faces.reshape(-1)], axis=1), axis=0, return_inverse=True
     )
-    layer = Layer(
-        "manifold_surfaces",
-        found.points[corners[:, 1]],
-        place.reshape(-1, 3).astype(np.int32),
-        attributes={"manifold": corners[:, 0], "source": corners[:, 1]},
-        face_attributes={"manifold_of_face": owner},
-        color_by="manifold",
-        labels=("manifold",),
-    )
-    return (layer,)
+    fields: dict[str, Any] = {"attributes": {"manifold": corners[:, 0], "source": corners[:, 1]}}
+    fields |= {"face_attributes": {"manifold_of_face": owner}, **BY_MANIFOLD}
+    points, triangles = found.points[corners[:, 1]], place.reshape(-1, 3).astype(np.int32)
+    return (Layer("manifold_surfaces", points, triangles, **fields),)
 
 
 def _attributes(found: ManifoldSet) -> dict[str, NDArray[Any]]:
@@ -233,26 +219,14 @@ def run_remove_outliers(shape: Shape, options: RemoveOutliersRun, progress: Prog
         )
     _note_removed(found, kept, dense, progress)
     note_mostly_noise(found, progress)
+    source = np.flatnonzero(kept).astype(np.int32)
+    fields = {"manifold": found.labels()[kept], "source": source}
     clean = Layer(
-        "without_outliers",
-        shape.points[kept],
-        attributes={
-            "manifold": found.labels()[kept],
-            "source": np.flatnonzero(kept).astype(np.int32),
-        },
-        color_by="manifold",
-        labels=("manifold",),
-        role="shape",
+        "without_outliers", shape.points[kept], attributes=fields, role="shape", **BY_MANIFOLD
     )
-    noise = Layer(
-        "noise",
-        shape.points,
-        shape.faces,
-        attributes={"noise": np.where(kept, -1, 0).astype(np.int32)},
-        color_by="noise",
-        labels=("noise",),
-        on_input=True,
-    )
+    shown: dict[str, Any] = {"color_by": "noise", "labels": ("noise",), "on_input": True}
+    fields = {"noise": np.where(kept, -1, 0).astype(np.int32)}
+    noise = Layer("noise", shape.points, shape.faces, attributes=fields, **shown)
     return Outcome(
         shape=shape,
         layers=(clean, noise),
@@ -275,12 +249,11 @@ def _note_removed(
     counts = {"points": removed, "of": len(kept), "no_patch": rough, "small_pieces": small}
     progress.note(f"{text}.", "noise_removed", **counts)
     if stay := int(dense.sum()):
-        progress.note(
+        text = (
             f"{counted(stay, 'point', verbs=('lies', 'lie'))} on no smooth surface, but as close "
-            "together as the surface beside them: kept, as thin or sharp parts of it.",
-            "dense_kept",
-            points=stay,
+            "together as the surface beside them: kept, as thin or sharp parts of it."
         )
+        progress.note(text, "dense_kept", points=stay)
 
 
 REMOVE_OUTLIERS = Operation(
@@ -328,24 +301,17 @@ def run_smooth(shape: Shape, options: SmoothRun, progress: Progress) -> Outcome:
     if level == 0.0:
         progress.note("No noise was found: no point is moved.", "no_noise")
     else:
-        progress.note(
+        text = (
             f"The noise {'is taken as' if given else 'was measured as'} {limit}; points were moved "
-            f"by {with_unit(math.sqrt(np.mean(moved**2)), shape.unit)} (root mean square).",
-            "smoothed",
-            noise=level,
+            f"by {with_unit(math.sqrt(np.mean(moved**2)), shape.unit)} (root mean square)."
         )
+        progress.note(text, "smoothed", noise=level)
+    fields = {"moved": moved}
+    shown: dict[str, Any] = {"color_by": "moved", "role": "shape"}
+    layer = Layer("smooth", points, shape.faces, attributes=fields, **shown)
     return Outcome(
         shape=shape,
-        layers=(
-            Layer(
-                "smooth",
-                points,
-                shape.faces,
-                attributes={"moved": moved},
-                color_by="moved",
-                role="shape",
-            ),
-        ),
+        layers=(layer,),
         values={
             "points": len(points),
             "noise": level,
@@ -353,7 +319,7 @@ def run_smooth(shape: Shape, options: SmoothRun, progress: Progress) -> Outcome:
             "diagonal": shape.diagonal,
             "spacing": shape.spacing,
         },
-        arrays={"points": places(points), "moved": moved},
+        arrays={"points": places(points), **fields},
     )
 
 

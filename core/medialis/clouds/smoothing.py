@@ -12,12 +12,16 @@ near a surface.
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 from numpy.typing import NDArray
 
+from medialis.base.arrays import kd_tree
 from medialis.base.progress import Progress
-from medialis.base.threads import run_chunks, run_patiently
+from medialis.base.threads import nearest_rows, run_chunks, run_patiently
 from medialis.base.validation import FloatArray
+from medialis.shape.surface import piece_labels
 
 PLANE_NEIGHBOURS = 54
 """Neighbours that fit a plane. Of 24, 36, 54, 80: the fewest at which planes, a sphere and a spiral
@@ -189,11 +193,8 @@ def without_jitter(
         if fewer < LEAST_NEIGHBOURS:
             break
         near, triples = neighbours_of(beside, places, fewer, progress), _triples(fewer)
-
-        def work(begin: int, end: int) -> None:
-            smooth_positions(beside, near, triples, band, begin, end, places)  # noqa: B023
-
-        run_chunks(work, len(rows), CHUNK, progress=progress)
+        smooth = partial(smooth_positions, beside, near, triples, band)
+        run_chunks(smooth, len(rows), CHUNK, places, progress=progress)
         moved[rows] = places
     return moved
 
@@ -205,9 +206,7 @@ def _in_the_middle(
 
     Points that are chosen for being apart lie there far more often than others.
     """
-    from scipy.spatial import cKDTree
-
-    around = cKDTree(points).query_ball_point(chosen, SCATTERS_APART * scatter, return_length=True)
+    around = kd_tree(points).query_ball_point(chosen, SCATTERS_APART * scatter, return_length=True)
     close = np.linalg.norm(chosen[near] - chosen[:, None], axis=2) < SURFACE_THICKNESS * scatter
     return np.asarray(around >= MIDDLE_DENSITY * np.where(close, around[near], 0).max(axis=1))
 
@@ -219,17 +218,9 @@ def neighbours_of(
 
     The points must differ.
     """
-    from scipy.spatial import cKDTree
-
-    tree = run_patiently(lambda: cKDTree(points), progress)
-    near = np.empty((len(queries), count), np.int32)
-
-    def search(begin: int, end: int) -> None:
-        near[begin:end] = tree.query(queries[begin:end], k=count + 1)[1][:, 1:]
-
-    # Not the query's own threads: Ctrl-C leaves them running in a tree that is freed.
-    run_chunks(search, len(queries), 1 << 13, progress=progress)
-    return near
+    tree = run_patiently(lambda: kd_tree(points), progress)
+    near = nearest_rows(tree, queries, count + 1, progress)
+    return np.ascontiguousarray(near[:, 1:], np.int32)
 
 
 def _triples(neighbours: int) -> NDArray[np.int64]:
@@ -258,9 +249,6 @@ def dense_points(
     (n,) bool
         A part of `noise`.
     """
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
     places, place = np.unique(points, axis=0, return_inverse=True)
     place, rest = place.reshape(-1), np.zeros(len(places), bool)
     rest[place[noise]] = True
@@ -278,7 +266,6 @@ def dense_points(
     good[candidates[dense]] = True
     a, b = np.repeat(np.arange(len(places)), DENSE_NEIGHBOURS), near.reshape(-1)
     joined = good[a] & good[b]
-    graph = coo_array((np.ones(joined.sum()), (a[joined], b[joined])), (len(places),) * 2)
-    part = connected_components(graph, directed=False)[1]
+    part = piece_labels(len(places), np.stack([a[joined], b[joined]], axis=1))
     good &= rest & (np.bincount(part[good], minlength=part.max() + 1)[part] >= least)
     return good[place]

@@ -6,12 +6,12 @@ with radii, edges and branches; it is what `segments` (limbs) and `rigging` (bon
 - `curve_skeleton.py`: the result; read it first.
 - `from_balls.py`: from the surface skeleton of a mesh (thesis 3.6); exact topology.
 - `candidates.py`: which balls lie on the curve skeleton, and how much of the surface hangs on each
-  (thesis 3.6.1, 3.6.2); `_candidate_kernels.py` is its inner part.
+  (thesis 3.6.1, 3.6.2).
 - `from_views/`: from silhouettes and depths (thesis 3.7); also of clouds and of unclean meshes.
-- `growth.py`: how a graph grows along linked balls; `loops.py`: handles, and a loop for each;
+- `growth.py`: how a graph grows along linked balls, with a loop for each handle;
   `finishing.py`: pruning, even nodes, smoothing, fewer nodes. For both; `_kernels.py` is their
   inner part, where `BallLinks` holds balls and the links between them.
-- `formats.py`, `operation.py`: its files (SWC, GraphML and others), the operation curve_skeleton.
+- `operation.py`: its files (SWC, GraphML and others), and the operation curve_skeleton.
 
 Another method to find points on the curve skeleton stands beside `from_balls.py`, another measure
 of candidates beside `candidate_measure`; what is known of a finished graph is a property of

@@ -1,8 +1,12 @@
-"""Kernels that link balls, grow a graph along the links, and close its loops (thesis 3.6.3).
+"""Kernels of curve skeletons: candidates and their importance, links, growth, loops (thesis 3.6).
+
+Candidates (candidates.py): how far the tangents of geodesics turn from ball to ball, and balls that
+touch the surface all round. Importance: lengths of geodesics in all directions, and the area of the
+smaller part that they cut off.
 
 Links (growth.py): candidates for links are listed from both ends, sorted, and weighed. Growth: the
-cheapest path of each ball to the graph. Handles (loops.py): trees of vertices and of faces. Loops:
-links that cross a surface which a loop spans, and the cheapest link that closes a loop.
+cheapest path of each ball to the graph. Handles: trees of vertices and of faces. Loops: links that
+cross a surface which a loop spans, and the cheapest link that closes a loop.
 
 A spanned surface is a binary tree of triangles. All tests are signs of volumes of four points,
 computed in one order wherever they are asked for: so a path crosses the surface as often as it
@@ -20,6 +24,14 @@ from numpy.typing import NDArray
 
 from medialis.base._kernels import find_root, pop, push
 from medialis.base.jit import kernel
+from medialis.skeleton.importance._walk_kernels import (
+    cross,
+    cut_from,
+    direction,
+    distance,
+    dot,
+    turn,
+)
 
 SHORT_LINK = 0.3
 """Share of the smaller radius up to which a link counts as short: the distance of the nodes in the
@@ -223,14 +235,12 @@ def fill_boxes(surface):
 
     Children come after their parents.
     """
-    points, corners, lowest, highest = (
-        surface.points, surface.corners, surface.lowest, surface.highest,
-    )  # fmt: skip
+    points, corners, children, lowest, highest, normals, levels, _ = surface
     for t in range(len(corners) - 1, -1, -1):
         a, b, c = points[corners[t, 0]], points[corners[t, 1]], points[corners[t, 2]]
         for axis in range(3):
             low, high = min(a[axis], b[axis], c[axis]), max(a[axis], b[axis], c[axis])
-            for child in surface.children[t]:
+            for child in children[t]:
                 if child >= 0:
                     low, high = min(low, lowest[child, axis]), max(high, highest[child, axis])
             lowest[t, axis], highest[t, axis] = low, high
@@ -238,9 +248,8 @@ def fill_boxes(surface):
         vx, vy, vz = c[0] - a[0], c[1] - a[1], c[2] - a[2]
         x, y, z = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
         size = max(math.sqrt(x * x + y * y + z * z), 1e-300)
-        normal = surface.normals[t]
-        normal[0], normal[1], normal[2] = x / size, y / size, z / size
-        surface.levels[t] = (x * a[0] + y * a[1] + z * a[2]) / size
+        normals[t, 0], normals[t, 1], normals[t, 2] = x / size, y / size, z / size
+        levels[t] = (x * a[0] + y * a[1] + z * a[2]) / size
 
 
 @kernel
@@ -331,13 +340,6 @@ def take_turns(rows, offsets, turns, out_links, out_turns):
 
 
 @kernel
-def _apart(centers, a, b):
-    x, y = centers[a, 0] - centers[b, 0], centers[a, 1] - centers[b, 1]
-    z = centers[a, 2] - centers[b, 2]
-    return math.sqrt(x * x + y * y + z * z)
-
-
-@kernel
 def list_links(ends, others, needed, groups, centers, radii, places, out_neighbours):
     """List links from both their ends, at the places of each ball, which then move on.
 
@@ -351,7 +353,7 @@ def list_links(ends, others, needed, groups, centers, radii, places, out_neighbo
             b = others[i, j]
             if a == b or groups[a] != groups[b] or groups[a] < 0:
                 continue
-            if not needed and not _apart(centers, a, b) < min(radii[a], radii[b]):
+            if not needed and not distance(centers, a, b) < min(radii[a], radii[b]):
                 continue
             if len(out_neighbours) > 0:
                 out_neighbours[places[a]], out_neighbours[places[b]] = b, a
@@ -390,11 +392,319 @@ def weigh_links(begin, end, links, dearness):
     for v in range(begin, end):
         for at in range(links.offsets[v], links.offsets[v + 1]):
             w = links.neighbours[at]
-            distance, smaller = _apart(links.centers, v, w), min(radii[v], radii[w])
-            long = 1.0 + distance / max(SHORT_LINK * smaller, links.spacing)
-            cost = distance * long * (dearness[v] + dearness[w]) / 2.0
-            if distance >= radii[v] + radii[w]:
+            apart, smaller = distance(links.centers, v, w), min(radii[v], radii[w])
+            long = 1.0 + apart / max(SHORT_LINK * smaller, links.spacing)
+            cost = apart * long * (dearness[v] + dearness[w]) / 2.0
+            if apart >= radii[v] + radii[w]:
                 cost *= APART_COST
-            elif distance >= smaller:
+            elif apart >= smaller:
                 cost *= OVERLAP_COST
-            links.length[at], links.cost[at] = distance, cost + LEAST_COST * links.spacing
+            links.length[at], links.cost[at] = apart, cost + LEAST_COST * links.spacing
+
+
+SAME_PLACE = 0.3
+"""Radii: centers this close belong to one ball as far as its contacts go."""
+
+HOPS = 8
+"""Balls that are followed from contact to contact."""
+
+LEAST_SPOKES = 6
+"""Contacts of a ring at least: those of three balls."""
+
+ACROSS = 0.5
+"""Sine of the angle to the axis of a ring from which on a spoke says where round it it lies."""
+
+WIDEST_GAP = 5.0 * math.pi / 6.0
+"""Radians between neighbouring contacts of a ball that touches the surface all round."""
+
+TIE = 0.01
+"""Two geodesics are equally long when they differ by less than this share. A half circle of 30
+edges is 0.2 % shorter than round."""
+
+
+class Balls(NamedTuple):
+    """The r of k balls that have a geodesic, and their nearest others.
+
+    Attributes
+    ----------
+    rows : (r,) int64
+        Their numbers among all balls.
+    near, distance : (r, c) int32, float64
+        The others, numbered among the r.
+    length : (r,) float64
+        Of the geodesic.
+    tangent : (r, 3) float64
+        Unit direction in which it runs, zero for none.
+    feature : (r, 3) float64
+        Unit direction between the feature points.
+    centers, radii, features : (k, 3), (k,) float64, (k, 2) int32
+        All balls.
+    points : (n, 3) float64
+        The samples.
+    ball_of : (n,) int64
+        The ball of each sample, one of the r, or -1.
+    """
+
+    rows: NDArray[np.int64]
+    near: NDArray[np.int32]
+    distance: NDArray[np.float64]
+    length: NDArray[np.float64]
+    tangent: NDArray[np.float64]
+    feature: NDArray[np.float64]
+    centers: NDArray[np.float64]
+    radii: NDArray[np.float64]
+    features: NDArray[np.int32]
+    points: NDArray[np.float64]
+    ball_of: NDArray[np.int64]
+
+
+@kernel
+def median_of(values):
+    """Median of a few values, which are sorted in place; 0 of none."""
+    k = len(values)
+    if k == 0:
+        return 0.0
+    for i in range(1, k):
+        value = values[i]
+        j = i - 1
+        while j >= 0 and values[j] > value:
+            values[j + 1] = values[j]
+            j -= 1
+        values[j + 1] = value
+    if k % 2:
+        return values[k // 2]
+    return (values[k // 2 - 1] + values[k // 2]) / 2
+
+
+@kernel
+def measure_spread(begin, stop, balls, smallest, out_spread):
+    """How far tangents turn: (1 - cos) / 2 of the second largest angle to those of the neighbours.
+
+    0 where all point the same way, 1 where two neighbours' point the opposite way. A neighbour with
+    a tangent counts as far as its line of contacts is parallel and its geodesic as long.
+    """
+    near, length = balls.near, balls.length
+    for i in range(begin, stop):
+        sigma = max(median_of(balls.distance[i].copy()), smallest)
+        largest, out_spread[i] = 0.0, 0.0
+        for c in range(near.shape[1]):
+            j = near[i, c]
+            here, there = balls.tangent[i], balls.tangent[j]
+            side = abs(there[0]) + abs(there[1]) + abs(there[2])
+            if side == 0.0 or abs(length[i] - length[j]) > 2.0 * balls.distance[i, c] + sigma:
+                continue
+            same = abs(dot(balls.feature[i], balls.feature[j]))
+            value = same * (1.0 - dot(here, there)) / 2.0
+            if value > largest:
+                largest, out_spread[i] = value, largest
+            elif value > out_spread[i]:
+                out_spread[i] = value
+
+
+@kernel
+def _add_spokes(row, balls, spokes, names, count):
+    """Append the unit directions from a ball to both its contacts, and their samples."""
+    for side in range(2):
+        names[count] = balls.features[row, side]
+        for k in range(3):
+            spokes[count, k] = balls.points[names[count], k] - balls.centers[row, k]
+        size = max(math.sqrt(dot(spokes[count], spokes[count])), 1e-300)
+        for k in range(3):
+            spokes[count, k] /= size
+        count += 1
+    return count
+
+
+@kernel
+def _is_near(centers, a, b, reach):
+    gap = 0.0
+    for k in range(3):
+        gap += (centers[a, k] - centers[b, k]) ** 2
+    return gap <= reach * reach
+
+
+@kernel
+def find_rings(begin, stop, balls, out_ring, out_opposite, out_tangent):
+    """Balls that touch the surface all round: gaps between contacts stay below 150 degrees.
+
+    The contacts are those of the ball and of others at the same place: its neighbours, and the
+    ball of its second contact, that of the second contact of that one, and so on (`ball_of` has the
+    ball of each sample, or -1). Each is seen from its own ball. `out_opposite` receives the contact
+    farthest from f1, `out_tangent` a direction across, both for rings only.
+    """
+    rows, near = balls.rows, balls.near
+    most = 2 * (near.shape[1] + 1 + HOPS)
+    spokes, names = np.empty((most, 3)), np.empty(most, np.int64)
+    angles, across = np.empty(most), np.empty(3)
+    for i in range(begin, stop):
+        out_ring[i] = False
+        count, reach, row = 0, SAME_PLACE * balls.radii[rows[i]], rows[i]
+        for _ in range(1 + HOPS):
+            count = _add_spokes(row, balls, spokes, names, count)
+            row = balls.ball_of[balls.features[row, 1]]
+            if row < 0 or not _is_near(balls.centers, row, rows[i], reach):
+                break
+        for c in range(near.shape[1]):
+            if balls.distance[i, c] <= reach:
+                row = rows[near[i, c]]
+                count = _add_spokes(row, balls, spokes, names, count)
+        if count < LEAST_SPOKES:
+            continue
+        best, best_size, lowest = 0, 0.0, 2.0
+        for c in range(1, count):
+            along = dot(spokes[c], spokes[0])
+            if 1.0 - along * along > best_size:
+                best, best_size = c, 1.0 - along * along
+            if along < lowest:
+                lowest = along
+                out_opposite[i] = names[c]
+        if best_size < ACROSS * ACROSS:
+            continue
+        along = dot(spokes[best], spokes[0])
+        for k in range(3):
+            across[k] = (spokes[best, k] - along * spokes[0, k]) / math.sqrt(best_size)
+        used = 0
+        for c in range(count):
+            x, y = dot(spokes[c], spokes[0]), dot(spokes[c], across)
+            if x * x + y * y > ACROSS * ACROSS:
+                angle = math.atan2(y, x)
+                at = used
+                while at > 0 and angles[at - 1] > angle:
+                    angles[at] = angles[at - 1]
+                    at -= 1
+                angles[at] = angle
+                used += 1
+        gap = angles[0] + 2.0 * math.pi - angles[used - 1]
+        for c in range(1, used):
+            gap = max(gap, angles[c] - angles[c - 1])
+        if gap < WIDEST_GAP:
+            out_ring[i] = True
+            for k in range(3):
+                out_tangent[i, k] = across[k]
+
+
+@kernel
+def _leave(walk, h, start, end, way, normal, longest, near):
+    """Cut a surface by a plane through two of its points, beginning over the face of half-edge h.
+
+    Returns the length of the cut from one to the other, inf where it does not arrive or is longer
+    than `longest`, and how far it begins along a direction: anything where it does not begin.
+    """
+    length, count = cut_from(walk, h, start, end, normal, longest, np.empty(0, np.int64), near)
+    along = 0.0
+    for k in range(3):
+        along += (near[0, k] - walk.points[start, k]) * way[k]
+    return length if count >= 0 else math.inf, along
+
+
+@kernel
+def trace_all_round(begin, stop, walk, ends, tangent, longest, out_length):
+    """Lengths of the straightest geodesics that leave f1 in evenly spread directions.
+
+    Direction 0 is the tangent of the ball; a plane through f1 and f2 serves two directions, half a
+    turn apart. A direction whose plane cut does not arrive, or is longer than `longest`, gets inf.
+    `walk` is that of `surface_walk`.
+    """
+    points, _, _, fan_offsets, fan = walk
+    half = out_length.shape[1] // 2
+    frame, near, axis, normal = np.empty((2, 3)), np.zeros((2, 3)), np.empty(3), np.empty(3)
+    first, way = frame[0], np.empty(3)
+    for i in range(begin, stop):
+        start, end = ends[i, 0], ends[i, 1]
+        out_length[i] = np.inf
+        if distance(points, start, end) == 0.0:
+            continue
+        direction(points[start], points[end], axis)
+        along = dot(axis, tangent[i])
+        for k in range(3):
+            first[k] = tangent[i, k] - along * axis[k]
+        size = math.sqrt(dot(first, first))
+        if size < 1e-9:
+            continue
+        for k in range(3):
+            first[k] /= size
+        cross(axis, first, frame[1])
+        for number in range(half):
+            turn(frame, math.pi * number / half, way)
+            cross(axis, way, normal)
+            for at in range(fan_offsets[start], fan_offsets[start + 1]):
+                length, ahead = _leave(walk, fan[at], start, end, way, normal, longest, near)
+                column = number if ahead >= 0.0 else number + half
+                out_length[i, column] = min(out_length[i, column], length)
+
+
+@kernel
+def find_ties(begin, stop, walk, ends, tangent, longest, out_tied):
+    """Whether geodesics to both sides in the plane of the tangent are equally long.
+
+    Both are plane cuts, so that they are comparable; what is longer than `longest` does not count.
+    """
+    points, _, _, fan_offsets, fan = walk
+    axis, normal, near = np.empty(3), np.empty(3), np.zeros((2, 3))
+    for i in range(begin, stop):
+        start, end = ends[i, 0], ends[i, 1]
+        for k in range(3):
+            axis[k] = points[end, k] - points[start, k]
+        cross(axis, tangent[i], normal)
+        ahead, behind = longest[i], longest[i]
+        for at in range(fan_offsets[start], fan_offsets[start + 1]):
+            length, along = _leave(walk, fan[at], start, end, tangent[i], normal, longest[i], near)
+            if along > 0.0:
+                ahead = min(ahead, length)
+            else:
+                behind = min(behind, length)
+        longer = max(ahead, behind)
+        out_tied[i] = longer < longest[i] and longer <= (1.0 + TIE) * min(ahead, behind)
+
+
+@kernel
+def spheroid_wedge(half_width, long_axis, angle):
+    """Area of the wedge of an oblate spheroid with radii a and c >= a (Eq. 3.4)."""
+    a, c = half_width, max(long_axis, half_width)
+    if a < 1e-8 * c or c == 0.0:  # e is 1, its atanh infinite, and a a times it below rounding
+        return angle * c * c
+    e = math.sqrt(max(0.0, 1.0 - (a / c) ** 2))
+    # ln((1 + e) / (1 - e)) / (2 e) = 1 + e^2/3 + ...: 1 for a sphere.
+    stretch = math.atanh(e) / e if e > 1e-4 else 1.0 + e * e / 3.0
+    return angle * (c * c + a * a * stretch)
+
+
+@kernel
+def least_half(begin, stop, length, half_width, out_area):
+    """Smallest area of half a turn of wedges between geodesics (Eq. 3.5).
+
+    Directions without a length take that of the nearest one that has; without any the area is 0.
+    """
+    count = length.shape[1]
+    beta = 2.0 * math.pi / count
+    axis, wedge = np.empty(count), np.empty(count)
+    for i in range(begin, stop):
+        a = half_width[i]
+        for k in range(count):
+            # The half perimeter of an ellipse is close to pi (a + b) / 2.
+            axis[k] = max(a, 2.0 * length[i, k] / math.pi - a)
+        out_area[i] = 0.0
+        if _known(axis, 0, count) == np.inf:
+            continue
+        for k in range(count):
+            b, following = _known(axis, k, count), _known(axis, (k + 1) % count, count)
+            wedge[k] = spheroid_wedge(a, (b + following) / 2.0, beta)
+        total = 0.0
+        for k in range(count // 2):
+            total += wedge[k]
+        least = total
+        for k in range(count):
+            total += wedge[(k + count // 2) % count] - wedge[k]
+            least = min(least, total)
+        out_area[i] = least
+
+
+@kernel
+def _known(axis, k, count):
+    """Value at k, else at the nearest place round the circle that has one, else inf."""
+    for step in range(count // 2 + 1):
+        if axis[(k + step) % count] < np.inf:
+            return axis[(k + step) % count]
+        if axis[(k - step) % count] < np.inf:
+            return axis[(k - step) % count]
+    return np.inf

@@ -12,8 +12,9 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from medialis.base.arrays import Index, Mask, unit_rows
 from medialis.base.kept import Bound, kept
 from medialis.base.options import Options, algorithm
 from medialis.base.progress import Progress, ProgressCallback
@@ -80,11 +81,11 @@ class CandidateMeasure(Bound):
     measure: FloatArray
     spread: FloatArray
     tangents: Directions
-    tied: NDArray[np.bool_]
+    tied: Mask
     ends: IntArray
     cloud: MedialCloud = field(kw_only=True)
 
-    def on_curve(self, least: float) -> NDArray[np.bool_]:
+    def on_curve(self, least: float) -> Mask:
         """Tell the candidates: geodesics of a length start from them to opposite sides.
 
         The length is `least`, at least that half round a limb with the radius of the ball.
@@ -185,7 +186,7 @@ def candidate_measure(cloud: MedialCloud, options: Options, progress: Progress) 
     >>> bool(np.nanmin(measured.spread) >= 0 and np.nanmax(measured.spread) <= 1)
     True
     """
-    from medialis.curves._candidate_kernels import Balls, find_rings, measure_spread
+    from medialis.curves._kernels import Balls, find_rings, measure_spread
 
     with progress.stage("importance", 0.0, 0.8):
         paths = geodesic_importance.of(cloud, options, progress)
@@ -202,85 +203,57 @@ def candidate_measure(cloud: MedialCloud, options: Options, progress: Progress) 
         turned = turning[rows]
         ball_of = np.full(shape.point_count, -1)
         ball_of[cloud.features[rows, 0]] = rows
-        balls = Balls(
-            rows, near, distance, length, tangent, feature, cloud.centers, cloud.radii,
-            cloud.features, shape.points, ball_of,
-        )  # fmt: skip
-
-        def look_round(begin: int, end: int) -> None:
-            find_rings(begin, end, balls, ring, opposite, turned)
-
-        run_chunks(look_round, r, POINTS_A_CHUNK, progress=progress.still)
+        known = cloud.centers, cloud.radii, cloud.features, shape.points
+        balls = Balls(rows, near, distance, length, tangent, feature, *known, ball_of)
+        still = progress.still
+        run_chunks(find_rings, r, POINTS_A_CHUNK, balls, ring, opposite, turned, progress=still)
         # Which of two equal geodesics was found is chance, and in a round tube with regular samples
         # always the one on the same side: such a point takes no side.
         sided = balls._replace(tangent=np.where((alike | ring)[:, None], 0.0, tangent))
-
-        def turn(begin: int, end: int) -> None:
-            measure_spread(begin, end, sided, 1e-12 * shape.diagonal, sure)
-
-        run_chunks(turn, r, POINTS_A_CHUNK, progress=progress.still)
+        given = sided, 1e-12 * shape.diagonal, sure
+        run_chunks(measure_spread, r, POINTS_A_CHUNK, *given, progress=still)
         # The second contact of a ball in a round tube is any of its ring; half round it is pi r.
         length = np.where(ring, np.maximum(length, np.pi * cloud.radii[rows]), length)
         sure[alike | ring] = 1.0
         measure[rows], spread[rows] = sure * length, sure
         tied[rows], turning[rows] = alike | ring, turned
         ends[rows[ring], 1] = opposite[ring]
-    return CandidateMeasure(
-        frozen(measure, np.float64),
-        frozen(spread, np.float64),
-        frozen(turning, np.float64),
-        frozen(tied, np.bool_),
-        frozen(ends, np.int32),
-        cloud=cloud,
-    )
+    measure, spread, turning = (frozen(x, np.float64) for x in (measure, spread, turning))
+    tied, ends = frozen(tied, np.bool_), frozen(ends, np.int32)
+    return CandidateMeasure(measure, spread, turning, tied, ends, cloud=cloud)
 
 
 def _find_ties(
-    cloud: MedialCloud,
-    rows: NDArray[np.int64],
-    tangent: FloatArray,
-    length: FloatArray,
-    progress: Progress,
-) -> NDArray[np.bool_]:
+    cloud: MedialCloud, rows: Index, tangent: FloatArray, length: FloatArray, progress: Progress
+) -> Mask:
     """Tell where a second geodesic, as long, runs on the other side."""
-    from medialis.curves._candidate_kernels import find_ties
+    from medialis.curves._kernels import find_ties
 
     walk = run_patiently(lambda: surface_walk(cloud.surface), progress)
     ends = np.ascontiguousarray(cloud.features[rows])
     tied, longest = np.empty(len(rows), bool), LONGER_CUT * length
-
-    def work(begin: int, end: int) -> None:
-        find_ties(begin, end, walk, ends, tangent, longest, tied)
-
-    run_chunks(work, len(rows), POINTS_A_CHUNK, progress=progress.still)
+    given = walk, ends, tangent, longest, tied
+    run_chunks(find_ties, len(rows), POINTS_A_CHUNK, *given, progress=progress.still)
     return tied
 
 
-def _field(paths: Importance) -> tuple[NDArray[np.int64], FloatArray, FloatArray]:
+def _field(paths: Importance) -> tuple[Index, FloatArray, FloatArray]:
     """Rows with a geodesic, the tangents of all rows, the unit feature vectors of these rows."""
     cloud, points = paths.cloud, paths.cloud.surface.points
     known = cloud.valid & np.isfinite(paths.length) & (paths.length > 0)
     known &= np.isfinite(paths.start_tangent).all(1) & np.isfinite(paths.end_tangent).all(1)
     rows = np.flatnonzero(known)
     first, second = cloud.features[rows].T
-    feature = _unit(points[first] - points[second], 0.0)
+    feature = unit_rows(points[first] - points[second])
     # Both tangents point away from the ball: at the second end that is the way back.
     tangent = paths.start_tangent[rows] - paths.end_tangent[rows]
     tangent -= (feature * tangent).sum(axis=1, keepdims=True) * feature
     tangents = np.full((len(cloud), 3), np.nan)
-    tangents[rows] = _unit(tangent, CANCELLED)
+    tangents[rows] = unit_rows(tangent, least=CANCELLED)
     return rows, frozen(tangents, np.float64), feature
 
 
-def _unit(vectors: FloatArray, least: float) -> FloatArray:
-    """Return unit vectors (n, 3), zero for those that are not longer than so much."""
-    length = np.linalg.norm(vectors, axis=1, keepdims=True)
-    return np.divide(vectors, length, out=np.zeros_like(vectors), where=length > least)
-
-
-def near_balls(
-    cloud: MedialCloud, rows: NDArray[np.int64], progress: Progress
-) -> tuple[IntArray, FloatArray]:
+def near_balls(cloud: MedialCloud, rows: Index, progress: Progress) -> tuple[IntArray, FloatArray]:
     """Find the nearest others of some balls among themselves, as many as the thesis; kept."""
     from medialis.base.box_tree import nearest_others
 
@@ -343,7 +316,7 @@ def area_importance(
     >>> bool(area.max() < measured.cloud.surface.area)
     True
     """
-    from medialis.curves._candidate_kernels import least_half, trace_all_round
+    from medialis.curves._kernels import least_half, trace_all_round
 
     shape, chosen = measured.cloud.surface, np.asarray(rows, np.int64)
     progress = Progress.of(progress)
@@ -363,7 +336,7 @@ def area_importance(
 
 
 def smooth_importance(
-    measured: CandidateMeasure, candidates: NDArray[np.int64], progress: Progress
+    measured: CandidateMeasure, candidates: Index, progress: Progress
 ) -> FloatArray:
     """Median importance of each candidate and of those in its ball, from a sample of them if many.
 
@@ -383,7 +356,7 @@ def smooth_importance(
     return frozen(median[nearest], np.float64)
 
 
-def _one_a_cell(measured: CandidateMeasure, candidates: NDArray[np.int64]) -> NDArray[np.int64]:
+def _one_a_cell(measured: CandidateMeasure, candidates: Index) -> Index:
     """Choose the surest candidate of each cell, a quarter to half as wide as its ball is thick.
 
     A cell is one of an octree: its width is a power of two.

@@ -9,9 +9,9 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from medialis.base.arrays import Described
+from medialis.base.arrays import Described, Mask
 from medialis.base.errors import InvalidShapeError
 from medialis.base.kept import Bound
 from medialis.base.validation import FloatArray, IntArray, Positions, check_range, frozen, hold
@@ -52,7 +52,7 @@ class CurveEvidence(Described):
     measured: CandidateMeasure
     candidates: IntArray
     importance: FloatArray
-    kept: NDArray[np.bool_]
+    kept: Mask
     genus: dict[int, int]
     closed_loops: dict[int, int]
     missing: tuple[Positions, ...] = ()
@@ -135,14 +135,7 @@ class CurveSkeleton(Bound):
 
     def __post_init__(self) -> None:
         v, e = len(self.nodes), len(self.edges)
-        hold(
-            self,
-            nodes=(np.float64, v, 3),
-            edges=(np.int32, e, 2),
-            radii=(np.float64, v),
-            importance=(np.float64, v),
-            branch=(np.int32, e),
-        )
+        hold(self, nodes=(v, 3), edges=(e, 2), radii=v, importance=v, branch=e)
         check_range(self.nodes, "nodes")
         check_range(self.radii, "radii")
         _check_edges(self.edges, v)
@@ -218,7 +211,7 @@ class CurveSkeleton(Bound):
             f"{self.loops} loops)"
         )
 
-    def subset(self, stays: NDArray[np.bool_]) -> CurveSkeleton:
+    def subset(self, stays: Mask) -> CurveSkeleton:
         """Return the chosen nodes (v,), their radii, and the edges between them."""
         number = np.cumsum(stays) - 1
         edges = number[self.edges[stays[self.edges].all(axis=1)]]

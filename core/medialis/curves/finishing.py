@@ -22,13 +22,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from medialis.base.arrays import places_along
+from medialis.base.arrays import Index, Mask, places_along
 from medialis.base.options import Options, algorithm, length
 from medialis.base.progress import Progress
 from medialis.base.validation import FloatArray, as_field, as_number, as_points
 from medialis.curves.curve_skeleton import CurveSkeleton
-from medialis.curves.growth import APART, GraphTree, grow_graph, link_balls, sticks_out
-from medialis.curves.loops import Handles
+from medialis.curves.growth import APART, GraphTree, Handles, grow_graph, link_balls, sticks_out
 from medialis.shape.surface import piece_labels
 
 if TYPE_CHECKING:
@@ -53,10 +52,10 @@ INSIDE = 0.9
 def prune(
     links: BallLinks,
     graph: CurveSkeleton,
-    balls: NDArray[np.int64],
+    balls: Index,
     importance: FloatArray | None = None,
     areas: FloatArray | None = None,
-) -> tuple[NDArray[np.bool_], NDArray[np.int32]]:
+) -> tuple[Mask, NDArray[np.int32]]:
     """Choose the nodes that stay when spurs and branches beside others go.
 
     Parameters
@@ -94,7 +93,7 @@ def prune(
         stays[rows[beside]] = False
 
 
-def prune_spurs(graph: CurveSkeleton, widths: FloatArray | None = None) -> NDArray[np.bool_]:
+def prune_spurs(graph: CurveSkeleton, widths: FloatArray | None = None) -> Mask:
     """Choose the nodes that stay when spurs go: the shortest first, each seen in what is left.
 
     A spur is a branch with a free end that does not stick out of the ball at its other end
@@ -134,10 +133,10 @@ def _limbs(graph: CurveSkeleton) -> list[tuple[int, NDArray[np.int32]]]:
 def _beside(
     graph: CurveSkeleton,
     radii: FloatArray,
-    balls: NDArray[np.int64],
+    balls: Index,
     importance: FloatArray,
     area: NDArray[Any],
-) -> NDArray[np.bool_]:
+) -> Mask:
     """Nodes of limbs on whose end more hangs than on the limb: on the samples next to its nodes.
 
     Balls and their area are numbered among all.
@@ -174,11 +173,11 @@ def _half_spheroid(long: FloatArray) -> FloatArray:
 
 def finish_graph(
     links: BallLinks,
-    edges: NDArray[np.int64],
+    edges: Index,
     smoothing: float,
     importance: FloatArray | None = None,
     areas: FloatArray | None = None,
-) -> tuple[CurveSkeleton, NDArray[np.int64]]:
+) -> tuple[CurveSkeleton, Index]:
     """Prune spurs, merge close junctions, sample and smooth the branches of a grown graph.
 
     Parameters
@@ -215,9 +214,7 @@ def finish_graph(
     return CurveSkeleton.of(nodes, sampled.edges, radii), node_of_ball[nearest]
 
 
-def merge_junctions(
-    graph: CurveSkeleton, strength: FloatArray
-) -> tuple[CurveSkeleton, NDArray[np.int64]]:
+def merge_junctions(graph: CurveSkeleton, strength: FloatArray) -> tuple[CurveSkeleton, Index]:
     """Contract short branches between junctions, shortest first.
 
     Parameters
@@ -273,9 +270,7 @@ def _short_bridges(graph: CurveSkeleton) -> list[int]:
     return usable[order].tolist()
 
 
-def sample_branches(
-    graph: CurveSkeleton, spacing: float
-) -> tuple[CurveSkeleton, NDArray[np.int64]]:
+def sample_branches(graph: CurveSkeleton, spacing: float) -> tuple[CurveSkeleton, Index]:
     """Place nodes evenly along each branch; junctions, ends and single nodes stay.
 
     Parameters
@@ -296,7 +291,7 @@ def sample_branches(
     node_of = np.full(len(graph.nodes), -1, np.int64)
     node_of[fixed] = np.arange(len(fixed))
     nodes, room = [graph.nodes[fixed]], [graph.radii[fixed]]
-    edges: list[NDArray[np.int64]] = []
+    edges: list[Index] = []
     count = len(fixed)
     for row, least in _needed_nodes(graph):
         if node_of[row[0]] < 0:  # a ring: one of its nodes becomes fixed
@@ -330,7 +325,7 @@ def _needed_nodes(graph: CurveSkeleton) -> Iterator[tuple[NDArray[np.int32], int
 
 def _sample(
     graph: CurveSkeleton, row: NDArray[np.int32], spacing: float, least: int
-) -> tuple[FloatArray, FloatArray, FloatArray, NDArray[np.int64]]:
+) -> tuple[FloatArray, FloatArray, FloatArray, Index]:
     """Even places along one branch: arc length, position, room; nearest place of each node."""
     points, radii = graph.nodes[row], graph.radii[row]
     along, length = places_along(points), np.linalg.norm(np.diff(points, axis=0), axis=1)
@@ -460,7 +455,7 @@ def simplify_branches(
     """
     tolerance = options.simplify * graph.diagonal
     stays = graph.degrees != 2
-    kept_of: list[NDArray[np.int64]] = []
+    kept_of: list[Index] = []
     for row, least in _needed_nodes(graph):
         bound = np.minimum(tolerance, INSIDE * graph.radii[row])
         kept = _kept(graph.nodes[row], bound, least)
@@ -475,22 +470,16 @@ def simplify_branches(
         middle = (along[kept][1:] + along[kept][:-1]) / 2
         near[row[1:-1]] = names[np.searchsorted(middle, along)][1:-1]
     joined = np.concatenate(edges) if edges else np.empty((0, 2))
-    node = graph.vertex_node
-    simple = CurveSkeleton.of(
-        graph.nodes[stays],
-        joined,
-        graph.radii[stays],
-        importance=graph.importance[stays],
-        vertex_node=None if node is None else np.where(node >= 0, near[node], -1),
-    )
+    node, importance = graph.vertex_node, graph.importance[stays]
+    node = None if node is None else np.where(node >= 0, near[node], -1)
+    known = graph.nodes[stays], joined, graph.radii[stays]
+    simple = CurveSkeleton.of(*known, importance=importance, vertex_node=node)
     # Branches are numbered by their lowest edge, and edges come branch after branch.
-    return replace(
-        graph, nodes=simple.nodes, edges=simple.edges, radii=simple.radii,
-        importance=simple.importance, branch=simple.branch, vertex_node=simple.vertex_node,
-    )  # fmt: skip
+    changed = ("nodes", "edges", "radii", "importance", "branch", "vertex_node")
+    return replace(graph, **{name: getattr(simple, name) for name in changed})
 
 
-def _kept(points: FloatArray, bound: FloatArray, least: int) -> NDArray[np.int64]:
+def _kept(points: FloatArray, bound: FloatArray, least: int) -> Index:
     """Places along a polyline that stay: both ends, what is needed, and `least` more at least."""
     last = len(points) - 1
     # A closed branch has no chord to begin with, and a second branch needs a node: split evenly.

@@ -17,8 +17,8 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from medialis.base.arrays import Index, Mask
 from medialis.base.errors import InvalidShapeError
 from medialis.base.kept import Bound, kept
 from medialis.base.options import Options, algorithm, changed, length, number
@@ -33,12 +33,10 @@ from medialis.curves.candidates import (
 )
 from medialis.curves.curve_skeleton import CurveEvidence, CurveSkeleton
 from medialis.curves.finishing import SimplifyOptions, finish_graph, simplify_branches
-from medialis.curves.growth import Turns, grow_graph, link_balls
-from medialis.curves.loops import Handles, find_handles
+from medialis.curves.growth import Handles, Turns, find_handles, grow_graph, link_balls
 from medialis.shape.refinement import refine_where
 from medialis.shape.shape import Shape
-from medialis.skeleton.ball_shrinking import DEFAULT_TOLERANCE, ShrinkOptions, shrink
-from medialis.skeleton.medial_cloud import MedialCloud
+from medialis.skeleton.medial_cloud import DEFAULT_TOLERANCE, MedialCloud, ShrinkOptions, shrink
 from medialis.skeleton.surface_skeleton import SurfaceSkeletonOptions, as_cloud, surface_skeleton
 
 if TYPE_CHECKING:
@@ -70,7 +68,7 @@ MOST_GROWTH = 8
 
 
 def put_in_surface(
-    cloud: MedialCloud, graph: CurveSkeleton, node_of_sample: NDArray[np.int64], progress: Progress
+    cloud: MedialCloud, graph: CurveSkeleton, node_of_sample: Index, progress: Progress
 ) -> CurveSkeleton:
     """Give nodes their distance to the nearest sample, and each sample its node and branch."""
     radii = run_patiently(lambda: cloud.surface.tree.query(graph.nodes)[0], progress)
@@ -84,7 +82,7 @@ def put_in_surface(
     )
 
 
-def _nearest(surface: Shape, missing: NDArray[np.bool_]) -> NDArray[np.int64]:
+def _nearest(surface: Shape, missing: Mask) -> Index:
     """Return the nearest sample of the same component that is not missing for those that are."""
     from scipy.spatial import cKDTree
 
@@ -99,7 +97,7 @@ def _nearest(surface: Shape, missing: NDArray[np.bool_]) -> NDArray[np.int64]:
 
 
 def node_importance(
-    cloud: MedialCloud, graph: CurveSkeleton, candidates: NDArray[np.int64], importance: FloatArray
+    cloud: MedialCloud, graph: CurveSkeleton, candidates: Index, importance: FloatArray
 ) -> FloatArray:
     """Return the importance of the nearest candidate of the same part of the shape for each node.
 
@@ -160,7 +158,7 @@ class _Ground(Bound):
     """
 
     measured: CandidateMeasure
-    candidates: NDArray[np.int64]
+    candidates: Index
     importance: FloatArray
     links: BallLinks
     strength: FloatArray
@@ -206,7 +204,7 @@ def curve_skeleton(
     Cost O(n log n): 4 s for 194,000 vertices after the geodesics. Another threshold, smoothing or
     simplification of the same cloud only grows the graph anew. Source: thesis 3.6. Deviates: the
     linking. The thesis connects candidates within a radius, which leaves gaps and does not know the
-    genus. See `growth.py` for branches and `loops.py` for loops.
+    genus. See `growth.py` for branches and loops.
 
     Examples
     --------
@@ -236,26 +234,20 @@ def curve_skeleton(
             ground.links, ground.components, ground.strength, wanted, ground.handles, keep, progress
         )
         progress.update(0.5)
+        given = ground.links, edges, options.smoothing, importance
         graph, node_of_sample = run_patiently(
-            lambda: finish_graph(
-                ground.links, edges, options.smoothing, importance, surface.point_areas
-            ),
-            progress,
+            lambda: finish_graph(*given, surface.point_areas), progress
         )
         graph = put_in_surface(cloud, graph, node_of_sample, progress)
         if options.simplify > 0:
             graph = simplify_branches.of(graph, options, progress)
-    evidence = CurveEvidence(
-        ground.measured,
-        frozen(ground.candidates, np.int32),
-        ground.importance,
-        frozen(enough, np.bool_),
-        {number: one.genus for number, one in ground.handles.items()},
-        {number: len(turns) for number, turns in loops.items()},
-        _missing(ground.handles, loops),
-        sum(one.seams for one in ground.handles.values()),
-        sum(one.unclear for one in ground.handles.values()),
-    )
+    handles = ground.handles
+    candidates, stay = frozen(ground.candidates, np.int32), frozen(enough, np.bool_)
+    genus = {number: one.genus for number, one in handles.items()}
+    closed = {number: len(turns) for number, turns in loops.items()}
+    doubts = (sum(getattr(one, name) for one in handles.values()) for name in ("seams", "unclear"))
+    topology = genus, closed, _missing(handles, loops), *doubts
+    evidence = CurveEvidence(ground.measured, candidates, ground.importance, stay, *topology)
     of_nodes = run_patiently(
         lambda: node_importance(cloud, graph, ground.candidates, ground.importance), progress
     )
@@ -309,23 +301,17 @@ def _ground(cloud: MedialCloud, share: float, progress: Progress) -> _Ground:
 
 
 def _linked(
-    measured: CandidateMeasure, near: list[tuple[NDArray[np.int64], IntArray]], level: float
+    measured: CandidateMeasure, near: list[tuple[Index, IntArray]], level: float
 ) -> BallLinks:
     """Link near balls, and those of neighbouring samples, within each component."""
     cloud, surface = measured.cloud, measured.cloud.surface
     needed = [(ends[:, 0], ends[:, 1:]) for ends in (surface.edges, cloud.features[cloud.valid])]
     closeness = np.maximum(2 * np.nan_to_num(measured.spread) - 1, 0)
     closeness *= np.minimum(1.0, np.nan_to_num(measured.measure) / level)
-    return link_balls(
-        np.nan_to_num(cloud.centers),
-        np.nan_to_num(cloud.radii),
-        closeness,
-        [(rows, rows[others]) for rows, others in near],
-        needed,
-        spacing=surface.spacing,
-        widths=measured.widths,
-        groups=np.where(cloud.valid, surface.components, -1),
-    )
+    balls = np.nan_to_num(cloud.centers), np.nan_to_num(cloud.radii), closeness
+    links = [(rows, rows[others]) for rows, others in near], needed
+    groups, spacing = np.where(cloud.valid, surface.components, -1), surface.spacing
+    return link_balls(*balls, *links, spacing=spacing, widths=measured.widths, groups=groups)
 
 
 def curve_skeleton_of(shape: Shape, options: Options, progress: Progress) -> CurveSkeleton:

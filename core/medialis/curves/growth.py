@@ -1,4 +1,4 @@
-"""Growing a graph along linked balls (thesis 3.6.3).
+"""Growing a graph along linked balls, with one loop for each handle (thesis 3.6.3).
 
 Links. A link between two balls stays inside the shape when each center lies in the other ball, or
 at least when the balls overlap. So a graph of such links leads along the surface skeleton only.
@@ -10,25 +10,45 @@ the graph so far, so it runs along the curve skeleton where there is one, crosse
 surface skeleton, and joins the graph where it comes near it. One loop is closed for each handle, by
 the cheapest link that goes round it. So the graph has one component by construction, and no loop
 more than were asked for.
+
+Handles. A closed surface of genus g bounds a solid with g independent loops. The surface itself has
+2 g: a tree of vertices and a tree of faces leave 2 g sides, each of which closes a loop over the
+surface (tree-cotree, Eppstein 2003). The faces are joined where loops would be longest first, so
+that those which are left are the shortest through the root (Erickson and Whittlesey 2005): each
+lies at its handle.
+
+Turns. A closed path inside is contractible in homology exactly when it is linked with none of these
+loops: when it crosses a surface that a loop spans as often one way as the other. Any surface with
+that border will do; `SpanningSurface` is a binary tree of triangles: from both ends of a piece of
+the loop to its middle, and so on for the two halves. Most triangles are as small as the steps of
+the loop, and boxes round pieces tell which of them are near a ball.
+
+Closing. How often a closed path goes round each handle is a vector of whole numbers, its turns. A
+loop is new when its turns are no sum of those of the loops before. To tell this for every link at
+once, turns are weighed by random numbers whose sums over all loops so far are 0: a loop that weighs
+something is new, and what each path weighs takes one number a ball, not one for each handle.
 """
 
 from __future__ import annotations
 
 import functools
+import itertools
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from medialis.base.arrays import Ragged, follow
+from medialis.base.arrays import Described, Index, Mask, Ragged, follow, next_side
 from medialis.base.progress import Progress
 from medialis.base.threads import run_chunks
 from medialis.base.validation import FloatArray, IntArray, frozen
-from medialis.curves.loops import Handles, close_loops, link_turns
+from medialis.shape.shape import Shape
+from medialis.shape.surface import SolidBoundary, piece_labels, solid_boundary
 
 if TYPE_CHECKING:
-    from medialis.curves._kernels import BallLinks
+    from medialis.curves._kernels import BallLinks, SpanningSurface
 
 NEIGHBOURS = 10
 """Of each point, as in the thesis."""
@@ -57,7 +77,7 @@ BALLS_A_CHUNK = 4096
 Links = tuple[NDArray[np.integer[Any]], NDArray[np.integer[Any]]]
 """Balls (m,) and (m, c) others that each may be linked to."""
 
-Turns = dict[int, NDArray[np.int64]]
+Turns = dict[int, Index]
 
 Keep = Callable[[tuple[int, ...], Callable[[], Any]], Any]
 """Returns what a function computes, or what it returned before for the same numbers."""
@@ -116,13 +136,12 @@ def link_balls(
         list_links(ends, others, kind == 1, groups, centers, radii, places, listed)
     offsets, neighbours = np.empty(k + 1, np.int64), np.empty(len(listed), np.int32)
     neighbours = neighbours[: sort_links(starts, listed, offsets, neighbours)].copy()
-    links = BallLinks(
-        centers, radii, frozen(offsets, np.int64), frozen(neighbours, np.int32),
-        np.empty(len(neighbours)), np.empty(len(neighbours)), spacing,
-        frozen(np.full(k, np.inf) if widths is None else widths, np.float64),
-    )  # fmt: skip
+    balls = centers, radii, frozen(offsets, np.int64), frozen(neighbours, np.int32)
+    blank = np.empty(len(neighbours)), np.empty(len(neighbours))
+    wide = frozen(np.full(k, np.inf) if widths is None else widths, np.float64)
+    links = BallLinks(*balls, *blank, spacing, wide)
     dearness = 1 / (1 / OFF_CURVE + closeness)
-    run_chunks(lambda begin, end: weigh_links(begin, end, links, dearness), k, BALLS_A_CHUNK)
+    run_chunks(weigh_links, k, BALLS_A_CHUNK, links, dearness)
     return links._replace(length=frozen(links.length, float), cost=frozen(links.cost, float))
 
 
@@ -150,7 +169,7 @@ class GraphTree:
 
     def __init__(self, links: BallLinks) -> None:
         k, self.links = len(links.radii), links
-        self.edges: list[NDArray[np.int64]] = []
+        self.edges: list[Index] = []
         self.spent, self.path = np.full(k, np.inf), np.full(k, np.inf)
         self.parent, self.base = np.full(k, -1, np.int32), np.full(k, -1, np.int32)
 
@@ -189,11 +208,11 @@ def grow_graph(
     links: BallLinks,
     components: NDArray[np.int32],
     strength: FloatArray,
-    candidates: NDArray[np.bool_],
+    candidates: Mask,
     handles: Mapping[int, Handles] | None = None,
     keep: Keep = lambda _, compute: compute(),
     progress: Progress | None = None,
-) -> tuple[NDArray[np.int64], Turns]:
+) -> tuple[Index, Turns]:
     """Grow a graph in each component of a set of balls.
 
     Parameters
@@ -252,7 +271,7 @@ def grow_graph(
 
 def _rooted(
     links: BallLinks,
-    balls: Mapping[int, NDArray[np.int64]],
+    balls: Mapping[int, Index],
     roots: Mapping[int, int],
     handles: Mapping[int, Handles],
 ) -> tuple[GraphTree, Turns]:
@@ -268,7 +287,7 @@ def _rooted(
     return graph, loops
 
 
-def next_tip(graph: GraphTree, candidates: NDArray[np.int64]) -> int | None:
+def next_tip(graph: GraphTree, candidates: Index) -> int | None:
     """Return the candidate that sticks out of the graph most; None when there is none."""
     radii = graph.links.radii
     # Short ways go first: in the end nearly all are, and a noisy shape takes a thousand turns.
@@ -284,9 +303,7 @@ def next_tip(graph: GraphTree, candidates: NDArray[np.int64]) -> int | None:
     return int(reached[beyond.argmax()])
 
 
-def sticks_out(
-    distance: FloatArray, tip: FloatArray, base: FloatArray, width: FloatArray
-) -> NDArray[np.bool_]:
+def sticks_out(distance: FloatArray, tip: FloatArray, base: FloatArray, width: FloatArray) -> Mask:
     """Tell branches from spurs.
 
     The ball at the end of a branch reaches out of the ball where it starts by half of its radius,
@@ -304,3 +321,300 @@ def sticks_out(
     """
     out = distance + tip > base + np.minimum(STICKS_OUT * base, width)
     return np.asarray(out & (distance > APART * np.maximum(tip, base)))
+
+
+MOST_HANDLES = 2048
+"""Of one component that get loops: more would take minutes."""
+
+JITTER = 1e-9
+"""Fraction of the diagonal by which points of loops move."""
+
+PRIME = 2**31 - 1
+"""Turns and weights are compared modulo this prime; turns are far smaller. A new loop weighs 0 by
+chance once in so many."""
+
+SLACK = 1e-9
+"""Share of the largest coordinate by which boxes and planes are wider than they are: rounding."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Handles(Described):
+    """Loops over one component of a surface.
+
+    Attributes
+    ----------
+    genus : int
+        Number of independent loops inside.
+    loops : list of (l,) int64
+        2 genus closed polylines: indices into `points`. None for more than 2048 handles, which
+        would take minutes.
+    points : (n, 3) float64
+        Those of the boundary of the solid, which are the vertices first; moved by 1e-9 of the size,
+        since centers of symmetric shapes lie in triangles that loops span.
+    seams, unclear : int
+        Where the surface touches itself, and where the solid is a guess (`SolidBoundary`).
+    """
+
+    genus: int
+    loops: list[Index]
+    points: FloatArray
+    seams: int = 0
+    unclear: int = 0
+
+
+def find_handles(shape: Shape) -> dict[int, Handles]:
+    """Find the loops over each component of a surface.
+
+    Parameters
+    ----------
+    shape : Shape
+        A mesh.
+
+    Returns
+    -------
+    dict
+        Handles of the solid (`solid_boundary`) by the number of the component
+        (`Shape.components`). What touches in a vertex or an edge is one component.
+    """
+    if shape.faces is None or shape.face_count == 0:
+        return {}
+    boundary = solid_boundary(shape)
+    parent, sides = _sides_left(boundary)
+    corners = np.ascontiguousarray(boundary.faces.ravel())
+    of_side = boundary.component[corners[sides]]
+    move = np.random.default_rng(0).uniform(-1, 1, boundary.points.shape)
+    points = frozen(boundary.points + JITTER * shape.diagonal * move, np.float64)
+    result = {}
+    for number in np.unique(shape.components[shape.faces[:, 0]]).tolist():
+        mine = sides[of_side == number]
+        usable = mine if len(mine) <= 2 * MOST_HANDLES else mine[:0]
+        loops = [_loop(corners, int(h), parent) for h in usable]
+        seams, unclear = int(boundary.seams[number]), int(boundary.unclear[number])
+        result[number] = Handles(len(mine) // 2, loops, points, seams, unclear)
+    return result
+
+
+def _sides_left(boundary: SolidBoundary) -> tuple[Index, Index]:
+    """Tree of vertices, by parents, and the sides that are in no tree of vertices nor of faces."""
+    from medialis.curves._kernels import join_faces, steps_from
+
+    twins, n = boundary.twins, len(boundary.points)
+    a, b = boundary.faces.ravel(), np.roll(boundary.faces, -1, axis=1).ravel()
+    near, neighbours = Ragged.group(a, n), np.ascontiguousarray(b, np.int64)
+    steps, parent = np.full(n, -1, np.int64), np.full(n, -1, np.int64)
+    piece = piece_labels(n, np.stack([a, b], axis=1))
+    starts = np.unique(piece, return_index=True)[1]
+    steps_from(starts, near.offsets, neighbours[near.indices], np.empty(n, np.int64), steps, parent)
+    # Two edges may have the same ends: one of them is in the tree.
+    down = np.flatnonzero(parent[b] == a)
+    first = down[np.unique(b[down], return_index=True)[1]]
+    free = twins > np.arange(len(twins))
+    free[first] = free[twins[first]] = False
+    sides = np.flatnonzero(free)
+    longest_first = np.argsort(-(steps[a[sides]] + steps[b[sides]]), kind="stable")
+    sides = sides[longest_first]
+    left = np.zeros(len(sides), bool)
+    join_faces(sides, twins, np.arange(len(boundary.faces)), left)
+    return parent, sides[left]
+
+
+def _loop(corners: NDArray[np.int32], h: int, parent: Index) -> Index:
+    """Side h and the paths of both its ends up the tree, as far as they differ."""
+    a, b = (follow(parent, int(corners[h])) for h in (h, next_side(h)))
+    while len(a) > 1 and len(b) > 1 and a[-2] == b[-2]:
+        a.pop()
+        b.pop()
+    loop = [*a, *b[-2::-1]]
+    return np.array([*loop, loop[0]], np.int64)
+
+
+def span_loop(points: FloatArray) -> SpanningSurface:
+    """Span a loop of points (l, 3), each given once."""
+    from medialis.curves._kernels import SpanningSurface, fill_boxes
+
+    spans, children = _halved(len(points))
+    corners = np.insert(spans, 1, spans.sum(axis=1) // 2, axis=1) % len(points)
+    low, high, normals = (np.empty((len(spans), 3)) for _ in range(3))
+    points, slack = np.ascontiguousarray(points), SLACK * float(np.abs(points).max(initial=0.0))
+    levels = np.empty(len(spans))
+    spanned = SpanningSurface(points, corners, children, low, high, normals, levels, slack)
+    fill_boxes(spanned)
+    return spanned
+
+
+def count_crossings(
+    spanned: SpanningSurface, links: BallLinks, rows: Index, reach: FloatArray, turns: Index
+) -> None:
+    """Count how often links cross a surface against its normals, into ``turns``.
+
+    Parameters
+    ----------
+    spanned : SpanningSurface
+    links : BallLinks
+        Only those between balls that overlap are followed.
+    rows : (r,) int
+        Balls.
+    reach : (k,) float64
+        Length of the longest such link of each ball.
+    turns : (links,) int64
+        Comes with 0.
+
+    Notes
+    -----
+    Cost: rows times the triangles near each, of which there are some tens at most as a rule.
+    """
+    from medialis.curves._kernels import cross_links
+
+    run_chunks(cross_links, len(rows), BALLS_A_CHUNK, rows, reach, links, spanned, turns)
+
+
+def _halved(count: int) -> tuple[Index, Index]:
+    """First and last point of each piece of a loop of more than one step, and its two halves."""
+    level = np.array([[0, count]], np.int64)
+    spans, children, known = [], [], 0
+    while len(level):
+        middle = level.sum(axis=1) // 2
+        halves = np.stack([level[:, 0], middle, middle, level[:, 1]], axis=1).reshape(-1, 2)
+        whole = halves[:, 1] - halves[:, 0] > 1
+        number = known + len(level) + np.cumsum(whole) - 1
+        spans.append(level)
+        children.append(np.where(whole, number, -1).reshape(-1, 2))
+        known, level = known + len(level), halves[whole]
+    return np.concatenate(spans), np.concatenate(children)
+
+
+def link_turns(links: BallLinks, one: Handles, rows: Index) -> Any:
+    """Count the turns along links between balls that overlap.
+
+    A turn is a crossing of the surface that a loop spans, which lies within the hull of the loop:
+    only balls with links that come there are asked.
+
+    Parameters
+    ----------
+    links : BallLinks
+    one : Handles
+    rows : (r,) int
+        Balls of the component.
+
+    Returns
+    -------
+    (links, loops) sparse int64
+        How often each link crosses the surface that each loop spans, against its normals.
+    """
+    from scipy.sparse import csr_array
+
+    from medialis.curves._kernels import farthest_ends, take_turns
+
+    reach, turns = np.zeros(len(links.radii)), np.zeros(len(links.length), np.int64)
+    farthest_ends(rows, links, reach)
+    centers, found = links.centers[rows], np.empty((2, len(turns)), np.int64)
+    lists = [np.empty((3, 0), np.int64)]
+    for number, loop in enumerate(one.loops):
+        spanned = span_loop(one.points[loop[:-1]])
+        low, high = spanned.lowest[0], spanned.highest[0]
+        away = np.maximum(np.maximum(low - centers, centers - high), 0.0).max(axis=1)
+        there = rows[away <= reach[rows]]
+        count_crossings(spanned, links, there, reach, turns)
+        link, turn = found[:, : take_turns(there, links.offsets, turns, *found)]
+        lists.append(np.stack([link, np.full(len(link), number), turn]))
+    link, number, turn = np.concatenate(lists, axis=1)
+    return csr_array((turn, (link, number)), shape=(len(turns), len(one.loops)))
+
+
+def close_loops(graph: GraphTree, turns: Any, rows: Index, root: int, most: int) -> Index:
+    """Close up to `most` loops round handles, cheapest first.
+
+    Parameters
+    ----------
+    graph : GraphTree
+        Grows by the loops.
+    turns : (links, loops) sparse
+        Of `link_turns`.
+    rows : (r,) int
+        Balls of the component.
+    root : int
+        The one that is a node of the graph.
+    most : int
+
+    Returns
+    -------
+    (l, c) int64
+        How often each loop goes round each handle, up to sums of loops: independent rows.
+    """
+    from medialis.curves._kernels import cheapest_closing_link, weigh_paths
+
+    links, random, k = graph.links, np.random.default_rng(0), len(graph.links.radii)
+    anchor, path = np.full(k, -1, np.int64), np.zeros(k, np.int64)
+    count = turns.shape[1]
+    known, nodes = np.zeros((0, count), np.int64), {root: np.zeros(count, np.int64)}
+    for _ in range(most):
+        weight = _weights(known, random.integers(1, PRIME, count))
+        path[list(nodes)] = np.stack(list(nodes.values())) @ weight % PRIME
+        of_link = turns @ weight % PRIME
+        order = rows[np.argsort(graph.spent[rows], kind="stable")]
+        weigh_paths(order, graph.parent, links, of_link, PRIME, path, anchor)
+        link = cheapest_closing_link(rows, links, graph.spent, of_link, PRIME, path, anchor)
+        if link < 0:
+            break
+        a = int(np.searchsorted(links.offsets, link, side="right")) - 1
+        b = int(links.neighbours[link])
+        for end in (a, b):
+            _follow_turns(graph, turns, end, nodes)
+        known = _extend(known, nodes[a] + _along(turns, link) - nodes[b])
+        # Both may run side by side, as through the stem of an eyelet: one stretch for both.
+        first, second = graph.join(a), follow(graph.parent, b)
+        second = _apart(links, second, [*first, int(graph.base[a])])
+        graph.take(second)
+        graph.take([a, b])
+        new = {*first, *second}
+        nodes = {v: turn for v, turn in nodes.items() if graph.parent[v] < 0 or v in new}
+        graph.add([*first, *second])
+    return known
+
+
+def _along(turns: Any, link: int) -> Index:
+    """Return the turns of one link, (loops,)."""
+    return np.asarray(turns[[link]].toarray()[0])
+
+
+def _follow_turns(graph: GraphTree, turns: Any, ball: int, nodes: dict[int, Index]) -> None:
+    """Add the turns of the path from the graph to a ball, at each ball on it."""
+    links = graph.links
+    path = follow(graph.parent, ball)[::-1]
+    for before, here in itertools.pairwise(path):
+        begin, end = links.offsets[before], links.offsets[before + 1]
+        link = begin + int((links.neighbours[begin:end] == here).argmax())
+        nodes[here] = nodes[before] + _along(turns, link)
+
+
+def _apart(links: BallLinks, path: list[int], other: list[int]) -> list[int]:
+    """Cut the end of a path off where it runs in the balls of another; it then ends on that."""
+    from scipy.spatial import cKDTree
+
+    centers, radii = links.centers, links.radii
+    gap, place = cKDTree(centers[other]).query(centers[path])
+    beside = np.asarray(other)[place]
+    alone = np.flatnonzero(gap >= np.minimum(radii[path], radii[beside]))
+    last = alone[-1] + 1 if len(alone) else len(path)
+    if last >= len(path):
+        return path
+    return [*path[:last], *dict.fromkeys([path[last], int(beside[last])])]
+
+
+def _weights(known: Index, free: Index) -> Index:
+    """Change random weights where loops lead, so that each known loop weighs nothing."""
+    weight = free.copy()
+    leads = (known != 0).argmax(axis=1)
+    weight[leads] = 0
+    for row, lead in zip(known[::-1], leads[::-1], strict=True):
+        weight[lead] = -int((row * weight % PRIME).sum()) % PRIME
+    return weight
+
+
+def _extend(known: Index, row: Index) -> Index:
+    """Add what is left of a row after elimination by known ones, each with a leading 1."""
+    rest = row % PRIME
+    for basis in known:
+        rest = (rest - rest[(basis != 0).argmax()] * basis) % PRIME
+    lead = int(rest[(rest != 0).argmax()])
+    return np.vstack([known, rest * pow(lead, -1, PRIME) % PRIME])

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,8 +29,7 @@ MOST_LABELS = 1_000_000
 """A box is found for every number up to the largest label."""
 
 
-@dataclass(frozen=True)
-class LabelVolume:
+class LabelVolume(NamedTuple):
     """Labels on a grid and where the grid lies.
 
     Attributes

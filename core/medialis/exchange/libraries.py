@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from medialis.base.errors import InvalidOptionError, InvalidShapeError
 from medialis.curves.curve_skeleton import CurveSkeleton
-from medialis.curves.formats import node_attributes, read_curve_skeleton, tree_of
+from medialis.curves.operation import node_attributes, read_curve_skeleton, tree_of
 from medialis.formats import files
 from medialis.formats.ply_attributes import write_layer_ply
 from medialis.formats.shells import write_inp, write_msh
@@ -254,10 +254,8 @@ def to_meshio(thing: Drawable) -> Any:
     >>> medialis.to_meshio(result).write("thickness.xdmf")  # doctest: +SKIP
     """
     meshio, drawn = library("meshio"), Drawn.of(thing)
-    cells: list[tuple[str, NDArray[Any]]] = []
-    for kind, rows in (("triangle", drawn.faces), ("line", drawn.edges)):
-        if rows is not None:
-            cells.append((kind, np.array(rows)))
+    both = {"triangle": drawn.faces, "line": drawn.edges}
+    cells: list[Any] = [(kind, np.array(rows)) for kind, rows in both.items() if rows is not None]
     only_triangles = [kind for kind, _ in cells] == ["triangle"]
     return meshio.Mesh(
         np.array(drawn.points),
@@ -451,13 +449,8 @@ def to_navis(curve: Curve, *, units: str | None = None) -> Any:
     tree = tree_of(found)
     x, y, z = found.nodes[tree.nodes].T
     columns = {"node_id": np.arange(1, len(tree.nodes) + 1), "label": 0}
-    columns |= {
-        "parent_id": tree.parents,
-        "x": x,
-        "y": y,
-        "z": z,
-        "radius": found.radii[tree.nodes],
-    }
+    columns |= {"parent_id": tree.parents, "x": x, "y": y, "z": z}
+    columns["radius"] = found.radii[tree.nodes]
     return navis.TreeNeuron(pandas.DataFrame(columns), units=units)
 
 

@@ -18,7 +18,6 @@ from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import TracebackType
 from typing import Any, BinaryIO
 
 import numpy as np
@@ -184,6 +183,19 @@ def complete_file(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
         raise
 
 
+def write_text(path: str | os.PathLike[str], text: str) -> None:
+    """Write a file of text by `complete_file`, with names in it that are no text."""
+    with complete_file(path) as stream:
+        stream.write(text.encode("utf-8", "backslashreplace"))
+
+
+def write_lines(path: str | os.PathLike[str], lines: Iterable[str]) -> None:
+    """Write a file of lines by `complete_file`."""
+    with complete_file(path) as stream:
+        for line in lines:
+            stream.write(line.encode() + b"\n")
+
+
 def _new_file(path: Path) -> BinaryIO:
     try:
         return path.open("xb")
@@ -300,15 +312,15 @@ def numbers(data: bytes, what: str) -> NDArray[np.float64]:
 
 
 def _numbers_one_by_one(words: list[str], what: str) -> NDArray[np.float64]:
-    result = np.empty(len(words))
-    for i, word in enumerate(words):
+    result = []
+    for word in words:
         try:
-            result[i] = float(word)
+            result.append(float(word))
         except ValueError:
             raise InvalidShapeError(
                 f"expected a number in the {what}, found {shown(word.encode('latin-1'))}."
             ) from None
-    return result
+    return np.array(result)
 
 
 def numbers_by_line(
@@ -516,12 +528,7 @@ class OutputFolder:
         result.parent.mkdir(parents=True, exist_ok=True)
         return result
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *error: object) -> None:
         try:
             if kind is None:
                 self._move()
@@ -557,23 +564,25 @@ class OutputFolder:
             )
         backup = hidden / ".replaced"
         done: list[tuple[Path, Path | None]] = []
+
+        def put_aside(place: Path) -> None:
+            backup.mkdir(exist_ok=True)
+            done.append((place, backup / str(len(done))))
+            place.replace(backup / str(len(done) - 1))
+
         try:
             if (target / MANIFEST).exists():  # a kill between moves leaves none
-                backup.mkdir(exist_ok=True)
-                (target / MANIFEST).replace(backup / MANIFEST)
-            for number, name in enumerate(self._replaced):
+                put_aside(target / MANIFEST)
+            for name in self._replaced:
                 if name != MANIFEST and not (hidden / name).exists() and (target / name).is_file():
-                    backup.mkdir(exist_ok=True)
-                    done.append((target / name, backup / f"old{number}"))
-                    (target / name).replace(backup / f"old{number}")
-            for number, source in enumerate(files):
+                    put_aside(target / name)
+            for source in files:
                 place = target / source.relative_to(hidden)
                 self._make(place.parent)
-                old = backup / str(number) if place.exists() else None
-                done.append((place, old))
-                if old is not None:
-                    backup.mkdir(exist_ok=True)
-                    place.replace(old)
+                if place.exists():
+                    put_aside(place)
+                else:
+                    done.append((place, None))
                 source.replace(place)
             self._make(target)
         except BaseException:
@@ -582,8 +591,6 @@ class OutputFolder:
                     place.unlink(missing_ok=True)
                 elif old.exists():
                     old.replace(place)
-            if (backup / MANIFEST).exists():
-                (backup / MANIFEST).replace(target / MANIFEST)
             raise
 
     def _clean(self) -> None:

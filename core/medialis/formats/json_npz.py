@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 import math
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict, is_dataclass
 from enum import Enum
 from typing import Any
@@ -17,20 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from medialis.base.errors import InvalidOptionError, InvalidShapeError
-from medialis.formats.files import OutputFolder, complete_file, file_bytes, reading
-from medialis.formats.ply_attributes import PlyData, read_ply_attributes, write_ply
-
-__all__ = [
-    "OutputFolder",
-    "PlyData",
-    "json_text",
-    "read_npz",
-    "read_ply_attributes",
-    "write_json",
-    "write_npz",
-    "write_ply",
-]
-
+from medialis.formats.files import complete_file, file_bytes, reading, write_text
 
 MOST_PACKED, LEAST_UNPACKED = 200, 1_000_000_000
 """Times its own size that an archive may unpack to, from so many bytes on. Masks pack by 100."""
@@ -146,9 +133,7 @@ def write_json(path: str | os.PathLike[str], value: Any) -> None:
     FileError
         When the file cannot be written.
     """
-    text = json_text(value)
-    with complete_file(path) as stream:
-        stream.write(text.encode("utf-8", "backslashreplace") + b"\n")
+    write_text(path, json_text(value) + "\n")
 
 
 def _plain(value: Any) -> Any:
@@ -166,7 +151,13 @@ def _plain(value: Any) -> Any:
         return {_key(key): _plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
         return [_plain(item) for item in value]
-    return _plain(_unwrapped(value))
+    if isinstance(value, os.PathLike):
+        return _plain(os.fspath(value))
+    if isinstance(value, set | frozenset):
+        return _plain(sorted(value, key=repr))
+    if is_dataclass(value) and not isinstance(value, type):
+        return _plain(asdict(value))
+    raise InvalidOptionError(f"a {type(value).__name__} has no place in JSON.")
 
 
 def _key(key: Any) -> str:
@@ -175,16 +166,3 @@ def _key(key: Any) -> str:
     if not isinstance(key, str | int | float):
         raise InvalidOptionError(f"a JSON key must be text or a number, got {key!r}.")
     return str(key)
-
-
-def _unwrapped(value: Any) -> Any:
-    turns: tuple[tuple[Any, Callable[[Any], Any]], ...] = (
-        (os.PathLike, os.fspath),
-        (set | frozenset, lambda items: sorted(items, key=repr)),
-    )
-    for kind, turn in turns:
-        if isinstance(value, kind):
-            return turn(value)
-    if is_dataclass(value) and not isinstance(value, type):
-        return asdict(value)
-    raise InvalidOptionError(f"a {type(value).__name__} has no place in JSON.")

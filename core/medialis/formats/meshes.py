@@ -30,12 +30,9 @@ from medialis.base.options import nearest_unit
 from medialis.base.progress import Message
 from medialis.base.validation import FloatArray, IntArray, as_normals, frozen
 from medialis.formats import step
-from medialis.formats import text_meshes as off
-from medialis.formats import text_meshes as point_text
-from medialis.formats import text_meshes as stl
+from medialis.formats import text_meshes as texts
 from medialis.formats.files import ParsedMesh, file_bytes, reading
 from medialis.formats.ply import parse_ply
-from medialis.formats.text_meshes import parse_obj, parse_off, parse_point_text, parse_stl
 
 UNPACK = "unpack it first"
 EXPORT = "export PLY, OBJ or STL from a program that opens it"
@@ -131,11 +128,10 @@ def _split_messages(counts: NDArray[np.int64]) -> tuple[Message, ...]:
         (counts > 4, "polygons_split", polygons),
         (counts < 3, "corners_missing", "Left out {} face{} with fewer than three corners."),
     )
-    numbers = [(int(rows.sum()), code, text) for rows, code, text in kinds]
     return tuple(
         Message(text.format(n, "" if n == 1 else "s"), code, faces=n)
-        for n, code, text in numbers
-        if n
+        for rows, code, text in kinds
+        if (n := int(rows.sum()))
     )
 
 
@@ -198,8 +194,8 @@ _EXTENSIONS = {
     **{".xyz": "xyz", ".pts": "xyz", ".txt": "xyz", ".csv": "xyz", ".asc": "xyz", ".xyzn": "xyz"},
 }
 _PARSERS: dict[str, Callable[[bytes], ParsedMesh]] = {
-    **{"ply": parse_ply, "off": parse_off, "stl": parse_stl, "obj": parse_obj},
-    "xyz": parse_point_text,
+    **{"ply": parse_ply, "off": texts.parse_off, "stl": texts.parse_stl, "obj": texts.parse_obj},
+    "xyz": texts.parse_point_text,
 }
 _THROUGH_TRIMESH = {".glb", ".gltf", ".3mf", ".dae", ".3dxml", ".zae", ".xaml", ".ctm"}
 
@@ -270,10 +266,10 @@ def read_mesh(path: str | os.PathLike[str]) -> MeshData:
     data = file_bytes(name)
     suffix = Path(name).suffix.lower()
     with reading(name):
-        if suffix in _THROUGH_TRIMESH or data.startswith(b"glTF"):
-            binary_gltf = data.startswith(b"glTF")
+        binary_gltf = data.startswith(b"glTF")
+        if suffix in _THROUGH_TRIMESH or binary_gltf:
             return _read_with_trimesh(name, "glb" if binary_gltf else suffix.lstrip("."))
-        if not stl.is_binary_stl(data):
+        if not (data.startswith(b"ply") or texts.is_binary_stl(data)):
             data = data.removeprefix(codecs.BOM_UTF8)  # some editors put it before any text
             if data[:400].lstrip().startswith(b"ISO-10303-21"):
                 return _read_step(data)
@@ -299,18 +295,20 @@ def _looks_like(kind: str, data: bytes, expected: bool) -> bool:
     if kind == "ply":
         return bool(re.match(rb"ply[ \t]*[\r\n]", data))
     if kind == "off":
-        counts = expected and point_text.starts_with_numbers(data)
-        return counts or bool(off.KEYWORD.match(data.lstrip()[:20]))
+        counts = expected and texts.starts_with_numbers(data)
+        return counts or bool(texts.KEYWORD.match(data.lstrip()[:20]))
     if kind == "stl":
-        return stl.is_binary_stl(data) or stl.is_ascii_stl(data)
+        return texts.is_binary_stl(data) or texts.is_ascii_stl(data)
     if kind == "obj":
         return bool(re.search(rb"(?:^|[\r\n])[ \t]*v[ \t]+[-+.\d]", data[:1_000_000]))
-    return point_text.starts_with_numbers(data) and not stl.is_binary_stl(data)
+    return texts.starts_with_numbers(data) and not texts.is_binary_stl(data)
 
 
 def _format_of(suffix: str, data: bytes) -> tuple[str, tuple[Message, ...]]:
     """Return the format and what to tell when it is not that of the extension."""
     expected = _EXTENSIONS.get(suffix)
+    if expected == "ply" and _looks_like(expected, data, True):
+        return expected, ()
     # OBJ and point text have no mark of their own, so the marks of the others are looked at first.
     marked = [kind for kind in ("ply", "off", "stl") if _looks_like(kind, data, False)]
     if expected and expected in (marked or [expected]) and _looks_like(expected, data, True):

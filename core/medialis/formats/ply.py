@@ -27,6 +27,7 @@ _TYPES = {
     **{"int32": "i4", "uint32": "u4", "int64": "i8", "uint64": "u8"},
     **{"float32": "f4", "float64": "f8"},
 }
+_FRACTIONS = ("float", "double", "float32", "float64")
 
 
 @dataclass
@@ -36,6 +37,15 @@ class PlyProperty:
     name: str
     dtype: np.dtype[Any]
     count: np.dtype[Any] | None = None
+
+    def stored(self, encoding: str) -> PlyProperty:
+        """Return it in the order of bytes of a file; in a text all numbers are read as doubles."""
+        if encoding == "ascii":
+            double = np.dtype(np.float64)
+            return PlyProperty(self.name, double, self.count and double)
+        order: Literal["<", ">"] = ">" if encoding == "binary_big_endian" else "<"
+        count = self.count and self.count.newbyteorder(order)
+        return PlyProperty(self.name, self.dtype.newbyteorder(order), count)
 
 
 @dataclass
@@ -71,9 +81,29 @@ def read_ply_header(data: bytes) -> PlyHeader:
     header = PlyHeader("", [], end.end())
     element: PlyElement | None = None
     for line in re.split(rb"[\r\n]+", data[: end.start()])[1:]:
+        text = line.decode("latin-1")
         try:
-            element = _header_line(header, element, line.decode("latin-1"))
-        except (ValueError, KeyError, IndexError):
+            match text.split():
+                case [] | ["obj_info", *_]:
+                    pass
+                case ["comment", *_]:
+                    header.comments.append(text.strip().removeprefix("comment").strip())
+                case ["format", encoding, *_]:
+                    header.encoding = encoding
+                case ["element", name, rows, *_] if name not in header.by_name:
+                    element = header.by_name[name] = PlyElement(name, int(rows))
+                case ["property", kind, name] if element and name not in element.by_name:
+                    element.by_name[name] = PlyProperty(name, np.dtype(_TYPES[kind]))
+                case ["property", "list", count, kind, name] if element and (
+                    name not in element.by_name and count not in _FRACTIONS
+                ):
+                    types = np.dtype(_TYPES[kind]), np.dtype(_TYPES[count])
+                    element.by_name[name] = PlyProperty(name, *types)
+                case _:
+                    raise ValueError
+            if element and not 0 <= element.rows < 2**63:
+                raise ValueError
+        except (ValueError, KeyError):
             raise InvalidShapeError(
                 f"the PLY header line {shown(line)} cannot be understood."
             ) from None
@@ -83,36 +113,6 @@ def read_ply_header(data: bytes) -> PlyHeader:
             "binary_little_endian and binary_big_endian are supported."
         )
     return header
-
-
-def _header_line(header: PlyHeader, element: PlyElement | None, line: str) -> PlyElement | None:
-    """Take in a line; return the element that the properties after it belong to."""
-    words = line.split()
-    if not words or words[0] == "obj_info":
-        return element
-    if words[0] == "comment":
-        header.comments.append(line.strip()[len("comment") :].strip())
-    elif words[0] == "format":
-        header.encoding = words[1]
-    elif words[0] == "element":
-        rows = int(words[2])
-        if not 0 <= rows < 2**63 or words[1] in header.by_name:
-            raise ValueError
-        element = header.by_name[words[1]] = PlyElement(words[1], rows)
-    elif words[0] == "property":
-        new = PlyProperty(words[-1], np.dtype(_TYPES[words[-2]]))
-        if words[1] == "list":
-            new.count = np.dtype(_TYPES[words[2]])
-            if len(words) != 5 or new.count.kind == "f":
-                raise ValueError
-        elif len(words) != 3:
-            raise ValueError
-        if element is None or new.name in element.by_name:
-            raise ValueError
-        element.by_name[new.name] = new
-    else:
-        raise ValueError
-    return element
 
 
 _SAID = re.compile(r"(?i)^\W*(?:viewpoint|(?:scanner|sensor)[ _](?:position|origin))\b[\s:=]*(.*)$")
@@ -241,13 +241,11 @@ def read_ply_elements(data: bytes) -> tuple[PlyHeader, dict[str, PlyTable]]:
         stream = numbers(data[header.body :], "PLY data")
     else:
         stream = np.frombuffer(data, np.uint8, offset=header.body)
-    order: Literal["<", ">"] = ">" if header.encoding == "binary_big_endian" else "<"
     tables: dict[str, PlyTable] = {}
     at = 0
     for element in header.by_name.values():
-        layout = _layout(element, order, header.encoding == "ascii")
-        table, at = _read_element(stream, at, element, layout)
-        tables[element.name] = table
+        stored = [one.stored(header.encoding) for one in element.by_name.values()]
+        tables[element.name], at = _read_element(stream, at, element, stored)
     if header.encoding == "ascii" and at != len(stream):
         raise InvalidShapeError(
             f"the PLY header announces {at} numbers, but {len(stream)} follow it."
@@ -255,44 +253,28 @@ def read_ply_elements(data: bytes) -> tuple[PlyHeader, dict[str, PlyTable]]:
     return header, tables
 
 
-@dataclass
-class _Slot:
-    """Where a property lies: `unit` stream items for a value, `count_unit` for a list's count."""
-
-    name: str
-    dtype: np.dtype[Any]
-    unit: int
-    count: np.dtype[Any] | None
-    count_unit: int
-
-
-def _layout(element: PlyElement, order: Literal["<", ">"], ascii_text: bool) -> list[_Slot]:
-    slots = []
-    for p in element.by_name.values():
-        dtype, count = p.dtype.newbyteorder(order), p.count and p.count.newbyteorder(order)
-        unit, count_unit = dtype.itemsize, count.itemsize if count else 0
-        if ascii_text:
-            unit, count_unit = 1, 1 if count else 0
-        slots.append(_Slot(p.name, dtype, unit, count, count_unit))
-    return slots
-
-
 def _read_element(
-    stream: NDArray[Any], at: int, element: PlyElement, layout: list[_Slot]
+    stream: NDArray[Any], at: int, element: PlyElement, stored: list[PlyProperty]
 ) -> tuple[PlyTable, int]:
     """Read the rows of one element from position `at`; return its columns and where it ends."""
-    least = sum(s.count_unit if s.count else s.unit for s in layout)
-    rows = element.rows if least else 0
-    room = (len(stream) - at) // least if least else 0
-    lists = [s for s in layout if s.count]
-    if room < rows and not lists:
+    if not stored:
+        return {}, at
+    lists = [one for one in stored if one.count]
+    least = sum((one.count or one.dtype).itemsize for one in stored) // stream.itemsize
+    room = (len(stream) - at) // least
+    if room < element.rows and not lists:
         raise _cut_short(element, room)
-    lengths = _first_lengths(stream, at, layout) if rows else [0] * len(lists)
+    lengths = _first_lengths(stream, at, stored) if element.rows else [0] * len(lists)
     if lengths is not None:
-        table, size = _read_even(stream, at, rows, layout, lengths)
-        if table is not None:
-            return table, at + size * rows
-    return _read_uneven(stream, at, element, layout)
+        # As if all lists were as long as in the first row.
+        parts = _row_parts(stored, lengths)
+        size = sum(kind.itemsize * width for _, kind, (width,) in parts) // stream.itemsize
+        end = at + element.rows * size
+        if end <= len(stream):
+            rows = stream[at:end].view(np.dtype(parts))
+            if all((rows[_count(p)] == k).all() for p, k in zip(lists, lengths, strict=True)):
+                return {one.name: _even_column(rows, one) for one in stored}, end
+    return _read_uneven(stream, at, element, stored)
 
 
 def _cut_short(element: PlyElement, found: int) -> InvalidShapeError:
@@ -304,109 +286,89 @@ def _cut_short(element: PlyElement, found: int) -> InvalidShapeError:
     )
 
 
-def _value(stream: NDArray[Any], at: int, dtype: np.dtype[Any], unit: int) -> int | None:
-    """Return the list count at a position, or None when the stream ends before it."""
-    if at + unit > len(stream):
+def _length(stream: NDArray[Any], at: int, kind: np.dtype[Any]) -> int | None:
+    """Return the length of a list at a position, or None when the stream ends before it."""
+    end = at + kind.itemsize // stream.itemsize
+    if end > len(stream):
         return None
-    value = stream[at] if unit == 1 else stream[at : at + unit].view(dtype)[0]
-    if stream.dtype.kind == "f" and value != np.rint(value):
+    value = stream[at:end].view(kind)[0]
+    if kind.kind == "f" and value != np.rint(value):
         raise InvalidShapeError(f"a PLY list has a count of {float(value):g}.")
-    if stream.dtype == np.uint8 and unit == 1:
-        value = stream[at : at + 1].view(dtype)[0]
     if value < 0:
         raise InvalidShapeError(f"a PLY list has a count of {int(value)}.")
     return int(value) if np.isfinite(value) else None
 
 
-def _first_lengths(stream: NDArray[Any], at: int, layout: list[_Slot]) -> list[int] | None:
+def _first_lengths(stream: NDArray[Any], at: int, stored: list[PlyProperty]) -> list[int] | None:
     """Return the list lengths in the row at a position, or None when the stream ends in it."""
     lengths = []
-    for slot in layout:
-        if slot.count:
-            length = _value(stream, at, slot.count, slot.count_unit)
+    for one in stored:
+        unit = one.dtype.itemsize // stream.itemsize
+        if one.count:
+            length = _length(stream, at, one.count)
             if length is None:
                 return None
             lengths.append(length)
-            at += slot.count_unit + length * slot.unit
+            at += one.count.itemsize // stream.itemsize + length * unit
         else:
-            at += slot.unit
+            at += unit
     return lengths if at <= len(stream) else None
 
 
-def _read_even(
-    stream: NDArray[Any], at: int, rows: int, layout: list[_Slot], lengths: list[int]
-) -> tuple[PlyTable | None, int]:
-    """Read rows as if all lists were as long as in the first row; None when that is not so."""
-    left = list(lengths)
-    size = sum(s.count_unit + left.pop(0) * s.unit if s.count else s.unit for s in layout)
-    if at + rows * size > len(stream):
-        return None, size
-    block = stream[at : at + rows * size].reshape(rows, size)
-    table: PlyTable = {}
-    place = 0
-    left = list(lengths)
-    for slot in layout:
-        if slot.count is None:
-            table[slot.name] = _cast(block[:, place : place + slot.unit], slot)[:, 0]
-            place += slot.unit
-            continue
-        length = left.pop(0)
-        end = place + slot.count_unit
-        # In bytes too: a count of the same value has the same bytes.
-        if rows and (block[:, place:end] != block[0, place:end]).any():
-            return None, size
-        items = _cast(block[:, end : end + length * slot.unit], slot).reshape(-1)
-        table[slot.name] = PlyList(np.full(rows, length, np.int64), items)
-        place = end + length * slot.unit
-    return table, size
+def _count(one: PlyProperty) -> str:
+    """Return the name of the column with the lengths of a list; no property can have it."""
+    return f"{one.name} count"
 
 
-def _cast(block: NDArray[Any], slot: _Slot) -> NDArray[Any]:
-    """Return (rows, values) of the slot's type from (rows, bytes); ascii numbers stay doubles."""
-    if block.dtype != np.uint8:
-        return np.ascontiguousarray(block)
-    if block.shape[1] == 0:
-        return np.empty((len(block), 0), slot.dtype.newbyteorder("="))
-    values = np.ascontiguousarray(block).view(slot.dtype)
-    return values.astype(slot.dtype.newbyteorder("="), copy=False)
+def _row_parts(
+    stored: list[PlyProperty], lengths: list[int]
+) -> list[tuple[str, np.dtype[Any], tuple[int]]]:
+    """Return the columns of a row whose lists have these lengths."""
+    left, parts = iter(lengths), []
+    for one in stored:
+        if one.count:
+            parts.append((_count(one), one.count, (1,)))
+        parts.append((one.name, one.dtype, (next(left) if one.count else 1,)))
+    return parts
+
+
+def _even_column(rows: NDArray[Any], one: PlyProperty) -> NDArray[Any] | PlyList:
+    items = _native(np.ascontiguousarray(rows[one.name]).reshape(-1))
+    if one.count is None:
+        return items
+    return PlyList(np.full(len(rows), rows.dtype[one.name].shape[0], np.int64), items)
+
+
+def _native(values: NDArray[Any]) -> NDArray[Any]:
+    return values.astype(values.dtype.newbyteorder("="), copy=False)
 
 
 def _read_uneven(
-    stream: NDArray[Any], at: int, element: PlyElement, layout: list[_Slot]
+    stream: NDArray[Any], at: int, element: PlyElement, stored: list[PlyProperty]
 ) -> tuple[PlyTable, int]:
     """Read rows whose lists differ in length: find all starts in one pass, then gather."""
-    starts: list[list[int]] = [[] for _ in layout]
-    counts: list[list[int]] = [[] for _ in layout]
-    end = len(stream)
-    quick: Any = stream.tolist() if stream.dtype != np.uint8 else stream.tobytes()
+    starts: list[list[int]] = [[] for _ in stored]
+    counts: list[list[int]] = [[] for _ in stored]
+    end, content = len(stream), stream.data
+    units = [one.dtype.itemsize // stream.itemsize for one in stored]
     for row in range(element.rows):
-        for i, slot in enumerate(layout):
-            count = 1
-            if slot.count is not None:
-                plain = slot.count_unit == 1 and slot.count.kind == "u" and at < end
-                if plain and isinstance(quick, bytes):
-                    count = quick[at]
+        for i, one in enumerate(stored):
+            count: int | None = 1
+            if one.count is not None:
+                if one.count == np.uint8 and at < end:  # as nearly all have it
+                    count = content[at]
                 else:
-                    value = _value(stream, at, slot.count, slot.count_unit)
-                    count = end if value is None else value
-                at += slot.count_unit
+                    count = _length(stream, at, one.count)
+                at += one.count.itemsize // stream.itemsize
             starts[i].append(at)
-            counts[i].append(count)
-            at += count * slot.unit
+            counts[i].append(end if count is None else count)
+            at += counts[i][-1] * units[i]
         if at > end:
             raise _cut_short(element, row)
     table: PlyTable = {}
-    for i, slot in enumerate(layout):
-        length = np.array(counts[i], np.int64)
-        values = _gather(stream, np.array(starts[i], np.int64), length, slot)
-        table[slot.name] = values if slot.count is None else PlyList(length, values)
+    for i, one in enumerate(stored):
+        lengths = np.array(counts[i], np.int64)
+        taken = stream[ragged_rows(np.array(starts[i], np.int64), lengths * units[i])]
+        values = _native(taken.view(one.dtype))
+        table[one.name] = values if one.count is None else PlyList(lengths, values)
     return table, at
-
-
-def _gather(
-    stream: NDArray[Any], starts: NDArray[np.int64], counts: NDArray[np.int64], slot: _Slot
-) -> NDArray[Any]:
-    taken = stream[ragged_rows(starts, counts * slot.unit)]
-    if stream.dtype != np.uint8:
-        return taken
-    return taken.view(slot.dtype).astype(slot.dtype.newbyteorder("="), copy=False)

@@ -99,30 +99,21 @@ def write_ply(
         (name, xyz[:, i].astype(np.float64, copy=False)) for i, name in enumerate("xyz")
     ]
     columns += _columns(_TAG, attributes or {}, len(xyz), "points", header)
-    triangles = None if faces is None else as_faces(faces, len(xyz))
-    face_columns = _columns(
-        _FACE_TAG,
-        face_attributes or {},
-        0 if triangles is None else len(triangles),
-        "faces",
-        header,
-    )
+    triangles = as_faces([] if faces is None else faces, len(xyz))
+    face_columns = _columns(_FACE_TAG, face_attributes or {}, len(triangles), "faces", header)
     header.append(f"element vertex {len(xyz)}")
-    body = [_table(columns, [], header).tobytes()]
-    if triangles is not None:
+    body = [_table(columns, header)]
+    if faces is not None:
         header += [f"element face {len(triangles)}", "property list uchar int vertex_indices"]
-        lists: list[tuple[str, NDArray[Any]]] = [
-            ("corner_count", np.full(len(triangles), 3, np.uint8)),
-            ("corners", triangles),
-        ]
-        body.append(_table(face_columns, lists, header).tobytes())
+        body.append(_table(face_columns, header, np.full(len(triangles), 3, np.uint8), triangles))
     if edges is not None:
-        body.append(_edge_bytes(_as_edges(edges, len(xyz)), header))
+        ends = _as_edges(edges, len(xyz))
+        header.append(f"element edge {len(ends)}")
+        body.append(_table([("vertex1", ends[:, 0]), ("vertex2", ends[:, 1])], header))
     header.append("end_header\n")
     with complete_file(path) as stream:
         stream.write("\n".join(header).encode("ascii"))
-        for part in body:
-            stream.write(part)
+        stream.writelines(body)
 
 
 def write_layer_ply(path: str | os.PathLike[str], layer: Any) -> None:
@@ -139,24 +130,28 @@ def _columns(
         array = np.asarray(values)
         header.append(_attribute_comment(tag, name, array, n, rows))
         flat = _storable(name, array).reshape(n, math.prod(array.shape[1:]))
-        columns += zip(_column_names(name, array), flat.T, strict=True)
+        names = [name] if array.ndim == 1 else [f"{name}_{i}" for i in range(flat.shape[1])]
+        columns += zip(names, flat.T, strict=True)
     return columns
 
 
 def _table(
-    columns: list[tuple[str, NDArray[Any]]],
-    lists: list[tuple[str, NDArray[Any]]],
-    header: list[str],
-) -> NDArray[Any]:
+    columns: list[tuple[str, NDArray[Any]]], header: list[str], *lists: NDArray[Any]
+) -> bytes:
     """Return rows as they are in the file: announced list parts first, then named columns."""
-    _check_names([name for name, _ in columns])
-    parts = [(f"list {i}", values) for i, (_, values) in enumerate(lists)] + columns
+    names = [name for name, _ in columns]
+    taken = {name for name in names if names.count(name) > 1}
+    if taken:
+        raise InvalidOptionError(
+            f"the attribute name {min(taken)!r} is taken twice in the PLY file."
+        )
+    parts = [(f"list {i}", values) for i, values in enumerate(lists)] + columns
     types = np.dtype([(n, c.dtype.newbyteorder("<"), c.shape[1:]) for n, c in parts])
     table = np.empty(len(parts[0][1]), types)
     for name, column in parts:
         table[name] = column
     header += [f"property {_PLY_NAMES[types[n].str[1:]]} {n}" for n, _ in columns]
-    return table
+    return table.tobytes()
 
 
 def _attribute_comment(tag: str, name: Any, array: NDArray[Any], n: int, rows: str) -> str:
@@ -193,25 +188,6 @@ def _storable(name: str, array: NDArray[Any]) -> NDArray[Any]:
             "can be written as PLY."
         )
     return array
-
-
-def _column_names(name: str, array: NDArray[Any]) -> list[str]:
-    if array.ndim == 1:
-        return [name]
-    return [f"{name}_{i}" for i in range(math.prod(array.shape[1:]))]
-
-
-def _check_names(names: list[str]) -> None:
-    taken = {name for name in names if names.count(name) > 1}
-    if taken:
-        raise InvalidOptionError(
-            f"the attribute name {min(taken)!r} is taken twice in the PLY file."
-        )
-
-
-def _edge_bytes(edges: IntArray, header: list[str]) -> bytes:
-    header += [f"element edge {len(edges)}", "property int vertex1", "property int vertex2"]
-    return edges.astype("<i4").tobytes()
 
 
 def _as_edges(values: ArrayLike, n: int) -> IntArray:

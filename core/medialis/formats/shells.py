@@ -25,14 +25,14 @@ import os
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from medialis.base.errors import InvalidOptionError
-from medialis.base.validation import FloatArray, as_choice, as_faces, as_points
-from medialis.formats.files import Drawn, complete_file
+from medialis.base.validation import FloatArray, as_faces, as_points
+from medialis.formats.files import Drawn, write_lines
 from medialis.formats.vtk import as_column, cell_rows
 
 SHEET, THICKNESS, FACE_THICKNESS = "sheet", "thickness", "face_thickness"
@@ -71,6 +71,11 @@ class ShellGroup:
 class ShellMesh:
     """The triangles of a layer as shell elements.
 
+    Attributes
+    ----------
+    thickness, face_thickness : (n,) and (m,) float64, or None
+        At each point, and at each face; None where it is not known.
+
     Raises
     ------
     InvalidOptionError
@@ -85,18 +90,8 @@ class ShellMesh:
             raise InvalidOptionError("There are no triangles to write as shell elements.")
         self.attributes = {k: as_column(k, v, n) for k, v in layer.attributes.items()}
         self.face_attributes = {k: as_column(k, v, m) for k, v in layer.face_attributes.items()}
-
-    @cached_property
-    def thickness(self) -> FloatArray | None:
-        """At each point, (n,); None where it is not known."""
-        values = self.attributes.get(THICKNESS)
-        return None if values is None or values.ndim > 1 else np.asarray(values, np.float64)
-
-    @cached_property
-    def face_thickness(self) -> FloatArray | None:
-        """At each face, (m,); None where it is not known."""
-        values = self.face_attributes.get(FACE_THICKNESS)
-        return None if values is None or values.ndim > 1 else np.asarray(values, np.float64)
+        self.thickness = _scalar(self.attributes.get(THICKNESS))
+        self.face_thickness = _scalar(self.face_attributes.get(FACE_THICKNESS))
 
     @cached_property
     def grouped_by(self) -> str | None:
@@ -137,33 +132,27 @@ class ShellMesh:
         return np.asarray(low < high)
 
     def _group(self, number: int, name: str, rows: NDArray[np.int64]) -> ShellGroup:
+        values, faces = np.empty(0), rows[:0]
         if self.face_thickness is not None:
-            known = rows[np.isfinite(self.face_thickness[rows])]
-            return self._measured(number, name, rows, self.face_thickness[known], known)
-        if self.thickness is None:
-            return ShellGroup(number, name, rows, np.nan, True)
-        corners = self.faces[rows]
-        own = ~self._shared[corners] & np.isfinite(self.thickness[corners])
-        if not own.any():  # a strip between two welds
-            own = np.isfinite(self.thickness[corners])
-        faces = np.broadcast_to(rows[:, None], corners.shape)[own]
-        return self._measured(number, name, rows, self.thickness[corners[own]], faces)
-
-    def _measured(
-        self,
-        number: int,
-        name: str,
-        rows: NDArray[np.int64],
-        values: FloatArray,
-        faces: NDArray[np.int64],
-    ) -> ShellGroup:
-        """Make a group of some faces from values at faces."""
+            faces = rows[np.isfinite(self.face_thickness[rows])]
+            values = self.face_thickness[faces]
+        elif self.thickness is not None:
+            corners = self.faces[rows]
+            own = ~self._shared[corners] & np.isfinite(self.thickness[corners])
+            if not own.any():  # a strip between two welds
+                own = np.isfinite(self.thickness[corners])
+            faces = np.broadcast_to(rows[:, None], corners.shape)[own]
+            values = self.thickness[corners[own]]
         weights = self._areas[faces]
         if not weights.any():
             return ShellGroup(number, name, rows, np.nan, True)
         mean = float((weights * values).sum() / weights.sum())
         even = self.thickness is None or float(np.ptp(values)) <= EVEN * mean
         return ShellGroup(number, name, rows, mean, even)
+
+
+def _scalar(values: NDArray[Any] | None) -> FloatArray | None:
+    return None if values is None or values.ndim > 1 else np.asarray(values, np.float64)
 
 
 def _word(name: str) -> str:
@@ -204,10 +193,7 @@ def write_msh(path: str | os.PathLike[str], layer: Drawn) -> None:
     FileError
         When the file cannot be written.
     """
-    mesh = ShellMesh(layer)
-    with complete_file(path) as stream:
-        for line in _msh_lines(mesh, layer.color_by):
-            stream.write(line.encode() + b"\n")
+    write_lines(path, _msh_lines(ShellMesh(layer), layer.color_by))
 
 
 def _msh_lines(mesh: ShellMesh, show: str | None) -> Iterator[str]:
@@ -242,8 +228,6 @@ def _view(kind: str, name: str, numbers: NDArray[np.int64], given: NDArray[Any])
     yield f"$End{kind}"
 
 
-ShellElement = Literal["S3", "S6"]
-
 CALCULIX = ".ccx.inp"
 """How names of files for CalculiX end."""
 
@@ -254,14 +238,8 @@ PER_LINE = 12
 """Numbers in a line of an element set: 16 at most."""
 
 
-def write_inp(
-    path: str | os.PathLike[str],
-    layer: Drawn,
-    *,
-    element: ShellElement | None = None,
-    unit: str | None = None,
-) -> None:
-    """Write the triangles of a layer as shell elements.
+def write_inp(path: str | os.PathLike[str], layer: Drawn) -> None:
+    """Write the triangles of a layer as shell elements: S3, or S6 for CalculiX.
 
     Parameters
     ----------
@@ -270,10 +248,6 @@ def write_inp(
     layer : Drawn
         With triangles. `thickness` of the points makes sections; `sheet` of the faces, or their
         first attribute of whole numbers, makes element sets: SHEET_0, ...
-    element : {"S3", "S6"}, optional
-        S6 has a node in the middle of each edge. S3 when missing, S6 for CalculiX.
-    unit : str, optional
-        What one unit of the points is; a comment says it.
 
     Raises
     ------
@@ -284,33 +258,22 @@ def write_inp(
     FileError
         When the file cannot be written.
     """
-    mesh = ShellMesh(layer)
-    if element is None:
-        element = "S6" if os.fspath(path).lower().endswith(CALCULIX) else "S3"
-    as_choice(element, "element", ("S3", "S6"))
-    nodes = _first_order(mesh) if element == "S3" else _second_order(mesh)
-    with complete_file(path) as stream:
-        for line in _inp_lines(mesh, nodes, element, unit):
-            stream.write(line.encode() + b"\n")
+    element = "S6" if os.fspath(path).lower().endswith(CALCULIX) else "S3"
+    write_lines(path, _inp_lines(ShellMesh(layer), element))
 
 
-@dataclass(frozen=True, eq=False)
-class _Nodes:
-    """Places and thickness of the nodes, and those of each element."""
+def _nodes(
+    mesh: ShellMesh, element: str
+) -> tuple[FloatArray, FloatArray | None, NDArray[np.int64]]:
+    """Return places and thickness of the nodes, and those of each element.
 
-    points: FloatArray
-    thickness: FloatArray | None
-    elements: NDArray[np.int64]
-
-
-def _first_order(mesh: ShellMesh) -> _Nodes:
-    return _Nodes(mesh.points, mesh.thickness, mesh.faces.astype(np.int64))
-
-
-def _second_order(mesh: ShellMesh) -> _Nodes:
-    """Add a node in the middle of each edge, behind the others."""
+    S6 has a node in the middle of each edge, behind the others.
+    """
+    corners = mesh.faces.astype(np.int64)
+    if element == "S3":
+        return mesh.points, mesh.thickness, corners
     n, m = len(mesh.points), len(mesh.faces)
-    sides = np.concatenate([mesh.faces[:, [j, (j + 1) % 3]] for j in range(3)]).astype(np.int64)
+    sides = np.concatenate([corners[:, [j, (j + 1) % 3]] for j in range(3)])
     low, high = sides.min(axis=1), sides.max(axis=1)
     keys, which = np.unique(low * n + high, return_inverse=True)
     ends = np.stack([keys // n, keys % n], axis=1)
@@ -319,36 +282,33 @@ def _second_order(mesh: ShellMesh) -> _Nodes:
     if thickness is not None:
         thickness = np.concatenate([thickness, thickness[ends].mean(axis=1)])
     between = n + which.reshape(3, m).T
-    return _Nodes(
-        np.concatenate([mesh.points, middles]),
-        thickness,
-        np.concatenate([mesh.faces.astype(np.int64), between], axis=1),
-    )
+    points = np.concatenate([mesh.points, middles])
+    return points, thickness, np.concatenate([corners, between], axis=1)
 
 
-def _inp_lines(mesh: ShellMesh, nodes: _Nodes, element: str, unit: str | None) -> Iterator[str]:
+def _inp_lines(mesh: ShellMesh, element: str) -> Iterator[str]:
+    points, thickness, elements = _nodes(mesh, element)
     numbers = np.arange(1, len(mesh.faces) + 1)
     yield "*HEADING"
     yield "Shell model written by medialis"
-    yield f"** Lengths are in {unit or 'the unit of the shape'}."
+    yield "** Lengths are in the unit of the shape."
     if not all(np.isnan(group.thickness) for group in mesh.groups):
         yield f"** Define *MATERIAL, NAME={MATERIAL} before you include this file."
     yield "*NODE, NSET=ALL_NODES"
-    yield from number_rows(np.arange(1, len(nodes.points) + 1), nodes.points)
+    yield from number_rows(np.arange(1, len(points) + 1), points)
     for group in mesh.groups:
         yield f"*ELEMENT, TYPE={element}, ELSET={group.name}"
-        yield from number_rows(numbers[group.faces], nodes.elements[group.faces] + 1)
+        yield from number_rows(numbers[group.faces], elements[group.faces] + 1)
     yield "*ELSET, ELSET=ALL_SHELLS"
     names = [group.name for group in mesh.groups]
     for first in range(0, len(names), PER_LINE):
         yield ", ".join(names[first : first + PER_LINE])
     tapered = [group for group in mesh.groups if not group.even]
-    if tapered and nodes.thickness is not None:
+    if tapered and thickness is not None:
         yield "*NODAL THICKNESS"
-        corners = nodes.elements[np.concatenate([group.faces for group in tapered])]
-        used = np.unique(corners)
-        used = used[np.isfinite(nodes.thickness[used])]
-        yield from number_rows(used + 1, nodes.thickness[used])
+        used = np.unique(elements[np.concatenate([group.faces for group in tapered])])
+        used = used[np.isfinite(thickness[used])]
+        yield from number_rows(used + 1, thickness[used])
     for group in mesh.groups:
         if np.isnan(group.thickness):
             continue

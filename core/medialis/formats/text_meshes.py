@@ -31,6 +31,7 @@ from medialis.formats.files import (
     unix_lines,
     whole,
     without_comments,
+    write_lines,
 )
 from medialis.formats.ply import for_each_point, said_viewpoints
 
@@ -68,25 +69,21 @@ def parse_off(data: bytes) -> ParsedMesh:
             f"the file is cut short: the OFF header announces {n} vertices and {m} faces, only "
             f"{min(found, n)} vertices and {max(found - n, 0)} faces were found."
         )
-    width = 6 if has_normals else 3
-    if (words[1 : n + 1] < width).any():
-        row = int((words[1 : n + 1] < width).argmax())
+    width, of_vertex, of_face = 6 if has_normals else 3, words[1 : n + 1], words[n + 1 :][:m] - 1
+    if (of_vertex < width).any():
+        row = int((of_vertex < width).argmax())
         raise InvalidShapeError(
             f"expected at least {width} numbers for each OFF vertex, vertex {row} has "
-            f"{words[1 + row]}."
+            f"{of_vertex[row]}."
         )
-    rows = (
-        rows_of(values[starts[1] :][: words[1 : n + 1].sum()], words[1 : n + 1], width)
-        if n
-        else np.empty((0, width))
-    )
-    first = starts[n + 1 : n + 1 + m]
+    rows = rows_of(values[words[0] :][: of_vertex.sum()], of_vertex, width)
+    first = starts[n + 1 :][:m]
     counts = whole(values[first], "OFF face sizes")
-    if (counts < 0).any() or (counts > words[n + 1 : n + 1 + m] - 1).any():
-        row = int(((counts < 0) | (counts > words[n + 1 : n + 1 + m] - 1)).argmax())
+    bad = (counts < 0) | (counts > of_face)
+    if bad.any():
+        row = int(bad.argmax())
         raise InvalidShapeError(
-            f"OFF face {row} announces {counts[row]} corners, its line has "
-            f"{words[n + 1 + row] - 1} numbers."
+            f"OFF face {row} announces {counts[row]} corners, its line has {of_face[row]} numbers."
         )
     corners = whole(values[ragged_rows(first + 1, counts)], "OFF faces")
     normals = rows[:, 3:6] if has_normals else None
@@ -161,7 +158,7 @@ def _triples(block: bytes, what: str) -> NDArray[np.float64]:
         raise InvalidShapeError(
             f"expected at least 3 numbers in the {what}, found {counts[row]} in number {row + 1}."
         )
-    return rows_of(values, counts, 3) if len(counts) else np.empty((0, 3))
+    return rows_of(values, counts, 3)
 
 
 def _from_obj_index(
@@ -373,17 +370,14 @@ def write_obj(path: str | os.PathLike[str], layer: Drawn) -> None:
     lines = _rows("v ", layer.points)
     for mark, rows in (("f ", layer.faces), ("l ", layer.edges)):
         lines += [] if rows is None else _rows(mark, rows + 1)
-    with complete_file(path) as stream:
-        stream.write(("\n".join(lines) + "\n").encode())
+    write_lines(path, lines)
 
 
 def write_off(path: str | os.PathLike[str], layer: Drawn) -> None:
     """Write points and triangles as OFF, as `write_obj`."""
     faces = np.empty((0, 3), np.int32) if layer.faces is None else layer.faces
     counts = f"{len(layer.points)} {len(faces)} 0"
-    lines = ["OFF", counts, *_rows("", layer.points), *_rows("3 ", faces)]
-    with complete_file(path) as stream:
-        stream.write(("\n".join(lines) + "\n").encode())
+    write_lines(path, ["OFF", counts, *_rows("", layer.points), *_rows("3 ", faces)])
 
 
 def write_stl(path: str | os.PathLike[str], layer: Drawn) -> None:

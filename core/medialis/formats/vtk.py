@@ -55,31 +55,6 @@ def as_column(name: str, values: ArrayLike, count: int) -> NDArray[Any]:
     return array if array.ndim == 1 else array.reshape(count, -1)
 
 
-class Appended:
-    """The arrays behind the text, and where each begins."""
-
-    def __init__(self) -> None:
-        self._arrays: list[NDArray[Any]] = []
-        self._end = 0
-
-    def add(self, name: str, values: NDArray[Any]) -> str:
-        """Store an array and return the element that names it."""
-        array = np.ascontiguousarray(values, values.dtype.newbyteorder("<"))
-        start, self._end = self._end, self._end + 8 + array.nbytes
-        self._arrays.append(array)
-        width = f' NumberOfComponents="{array.shape[1]}"' if array.ndim > 1 else ""
-        return (
-            f'<DataArray type="{_TYPES[array.dtype.str[1:]]}" Name={quoteattr(name)}{width} '
-            f'format="appended" offset="{start}"/>'
-        )
-
-    def parts(self) -> Iterable[bytes]:
-        """Give the bytes of each array after the number of them."""
-        for array in self._arrays:
-            yield np.uint64(array.nbytes).astype("<u8").tobytes()
-            yield array.tobytes()
-
-
 class _File:
     """A layer as VTK's files have it: checked, with the elements that all kinds of them share.
 
@@ -88,7 +63,6 @@ class _File:
     points : (n, 3) float
     vertices, lines, triangles : (k, 1), (e, 2) and (m, 3) int64
         The cells. Points without faces and edges are vertices, so that programs draw them.
-    data : Appended
     """
 
     def __init__(self, layer: Drawn) -> None:
@@ -101,7 +75,8 @@ class _File:
         self._at_cells = {
             k: self._behind_others(as_column(k, v, m)) for k, v in layer.face_attributes.items()
         }
-        self._show, self.data = layer.color_by, Appended()
+        self._show = layer.color_by
+        self._arrays: list[NDArray[Any]] = []
 
     def _behind_others(self, values: NDArray[Any]) -> NDArray[Any]:
         """Put rows that say nothing, those of the other cells, before those of the triangles."""
@@ -109,20 +84,31 @@ class _File:
         others = len(self.vertices) + len(self.lines)
         return np.concatenate([np.full((others, *values.shape[1:]), nothing, values.dtype), values])
 
+    def add(self, given: Mapping[str, NDArray[Any]]) -> list[str]:
+        """Store arrays behind the text, and return the elements that name them."""
+        elements = []
+        for name, values in given.items():
+            start = sum(8 + array.nbytes for array in self._arrays)
+            array = np.ascontiguousarray(values, values.dtype.newbyteorder("<"))
+            self._arrays.append(array)
+            width = f' NumberOfComponents="{array.shape[1]}"' if array.ndim > 1 else ""
+            elements.append(
+                f'<DataArray type="{_TYPES[array.dtype.str[1:]]}" Name={quoteattr(name)}{width} '
+                f'format="appended" offset="{start}"/>'
+            )
+        return elements
+
     def places(self) -> list[str]:
         """Return the elements of the points."""
-        return ["<Points>", self.data.add("Points", self.points), "</Points>"]
+        return ["<Points>", *self.add({"Points": self.points}), "</Points>"]
 
     def values(self) -> list[str]:
         """Return the elements of the attributes."""
         given = self._at_points
         one = self._show in given and given[self._show].ndim == 1
         first = f" Scalars={quoteattr(str(self._show))}" if one else ""
-        inside = [f"<PointData{first}>", *self._columns(given), "</PointData>"]
-        return [*inside, "<CellData>", *self._columns(self._at_cells), "</CellData>"]
-
-    def _columns(self, given: Mapping[str, NDArray[Any]]) -> list[str]:
-        return [self.data.add(name, values) for name, values in given.items()]
+        inside = [f"<PointData{first}>", *self.add(given), "</PointData>"]
+        return [*inside, "<CellData>", *self.add(self._at_cells), "</CellData>"]
 
     def write(self, path: str | os.PathLike[str], kind: str, elements: Iterable[str]) -> None:
         """Write a file of a kind of VTK's: its elements, and the numbers behind them."""
@@ -132,7 +118,9 @@ class _File:
             for line in (*head, *elements, f"</{kind}>"):
                 stream.write(line.encode() + b"\n")
             stream.write(b'<AppendedData encoding="raw">\n_')
-            stream.writelines(self.data.parts())
+            for array in self._arrays:
+                stream.write(np.uint64(array.nbytes).astype("<u8").tobytes())
+                stream.write(array.tobytes())
             stream.write(b"\n</AppendedData>\n</VTKFile>\n")
 
 
@@ -164,8 +152,8 @@ def write_vtp(path: str | os.PathLike[str], layer: Drawn) -> None:
     inside = [f'<Piece {about} NumberOfStrips="0">', *file.places()]
     for name, rows in cells.items():
         ends = rows.shape[1] * np.arange(1, len(rows) + 1, dtype=np.int64)
-        columns = [("connectivity", rows.ravel()), ("offsets", ends)]
-        inside += [f"<{name}>", *(file.data.add(*column) for column in columns), f"</{name}>"]
+        columns = {"connectivity": rows.ravel(), "offsets": ends}
+        inside += [f"<{name}>", *file.add(columns), f"</{name}>"]
     file.write(path, "PolyData", [*inside, *file.values(), "</Piece>"])
 
 
@@ -183,14 +171,14 @@ def write_vtu(path: str | os.PathLike[str], layer: Drawn) -> None:
     counts = [len(rows) for rows in cells.values()]
     kinds = np.repeat(np.array(list(cells), np.uint8), counts)
     sizes = np.repeat([rows.shape[1] for rows in cells.values()], counts)
-    columns = [
-        ("connectivity", np.concatenate([rows.ravel() for rows in cells.values()])),
-        ("offsets", np.cumsum(sizes, dtype=np.int64)),
-        ("types", kinds),
-    ]
+    columns = {
+        "connectivity": np.concatenate([rows.ravel() for rows in cells.values()]),
+        "offsets": np.cumsum(sizes, dtype=np.int64),
+        "types": kinds,
+    }
     inside = [
         f'<Piece NumberOfPoints="{len(file.points)}" NumberOfCells="{len(kinds)}">',
         *file.places(),
-        *("<Cells>", *(file.data.add(*column) for column in columns), "</Cells>"),
+        *("<Cells>", *file.add(columns), "</Cells>"),
     ]
     file.write(path, "UnstructuredGrid", [*inside, *file.values(), "</Piece>"])

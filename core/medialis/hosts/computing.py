@@ -216,7 +216,11 @@ class Computer:
         except (EOFError, OSError):
             return "failed", self._death()
         if words[0] == "ready":
-            return None if words[1] == VERSION else ("failed", self._other(words[1]))
+            if words[1] == VERSION:
+                return None
+            self.end()  # the files are of another version than what runs here
+            told = f"medialis was updated from {VERSION} to {words[1]}: restart the program."
+            return "failed", MedialisError(told)
         self._free = words[0] in ("done", "failed")
         return words
 
@@ -294,13 +298,6 @@ class Computer:
             ours = {name: text for name, text in ours.items() if not name.startswith("PYTHON")}
         path = os.pathsep.join(dict.fromkeys(filter(None, sys.path)))
         return {**ours, "PYTHONPATH": path, **self.environment}
-
-    def _other(self, version: str) -> MedialisError:
-        """Say that the files are of another version than what runs here."""
-        self.end()
-        return MedialisError(
-            f"medialis was updated from {VERSION} to {version}: restart the program."
-        )
 
     def _death(self) -> MedialisError:
         """Say how the process ended, and forget it."""

@@ -2,11 +2,11 @@
 
 It reads orders from the pipe that is its standard input, and ends when nobody is there any more.
 Orders are tuples that begin with a word: ``("run", Task)``, ``("cancel",)``, ``("answer",
-parcel)``. It tells ``("ready", version)`` first, then ``("progress", fraction, text)``, ``("ask",
-parcel)``, ``("done", parcel)`` and ``("failed", error)``.
+file)``. It tells ``("ready", version)`` first, then ``("progress", fraction, text)``, ``("ask",
+file)``, ``("done", file)`` and ``("failed", error)``.
 
-Large arrays do not go through the pipe, where the sender would wait for the receiver: `pack` writes
-them to a file of a folder that both know, and `unpack` reads them from there in one piece.
+What has arrays does not go through the pipe, where the sender would wait for the receiver: `pack`
+writes it to a file of a folder that both know, and `unpack` reads it from there.
 """
 
 from __future__ import annotations
@@ -26,9 +26,7 @@ from hashlib import blake2b
 from importlib.util import find_spec
 from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import Any, NamedTuple
-
-import numpy as np
+from typing import Any
 
 from medialis.base.cache_folder import kernel_cache
 from medialis.base.errors import Cancelled, FileError, MedialisError
@@ -44,78 +42,48 @@ from medialis.operations.result import Result
 from medialis.shape.reading import make_shape
 from medialis.shape.shape import Shape
 
-ALIGNMENT = 64
-"""Bytes: where an array may begin."""
 
-
-class Parcel(NamedTuple):
-    """An object on its way: all of it but its arrays, the file of these, and where each lies."""
-
-    pickled: bytes
-    file: str
-    spans: tuple[tuple[int, int], ...]
-
-
-def pack(thing: Any, folder: str | os.PathLike[str]) -> Parcel:
-    """Write the arrays of an object to a new file of a folder.
+def pack(thing: Any, folder: str | os.PathLike[str]) -> str:
+    """Write an object to a new file of a folder, and return its path.
 
     Raises
     ------
     FileError
         When the folder cannot be written, or the disk is full.
     """
-    buffers: list[pickle.PickleBuffer] = []
-    pickled = pickle.dumps(thing, protocol=5, buffer_callback=buffers.append)
-    if not buffers:
-        return Parcel(pickled, "", ())
-    path = None
+    path = ""
     try:
         handle, path = tempfile.mkstemp(".arrays", "medialis-", folder)
         with os.fdopen(handle, "wb") as file:
-            spans = tuple(_write(file, buffer) for buffer in buffers)
+            pickle.dump(thing, file, protocol=5)
     except OSError as error:
-        if path is not None:
-            discard(path)
+        discard(path)
         raise FileError(
             f"Cannot hand arrays over in {folder}: {error.strerror or error}. Free some space, or "
             "choose another folder."
         ) from None
-    return Parcel(pickled, path, spans)
+    return path
 
 
-def _write(file: Any, buffer: pickle.PickleBuffer) -> tuple[int, int]:
-    file.seek(-file.tell() % ALIGNMENT, os.SEEK_CUR)
-    begin = file.tell()
-    with buffer.raw() as content:
-        file.write(content)
-        return begin, content.nbytes
-
-
-def unpack(parcel: Parcel) -> Any:
-    """Return the object, its arrays read-only; the file is gone then.
+def unpack(file: str) -> Any:
+    """Return the object, whose arrays may be written if they could before; the file is gone then.
 
     Raises
     ------
     FileError
         When the file cannot be read.
     """
-    if not parcel.file:
-        return pickle.loads(parcel.pickled)
     try:
-        content = np.fromfile(parcel.file, np.uint8)
+        with Path(file).open("rb") as stream:
+            return pickle.load(stream)
     except OSError as error:
         raise FileError(f"Cannot read what was handed over: {error}.") from None
     finally:
-        discard(parcel.file)
-    content.flags.writeable = False
-    view = content.data
-    return pickle.loads(
-        parcel.pickled, buffers=[view[begin : begin + size] for begin, size in parcel.spans]
-    )
+        discard(file)
 
 
 def discard(file: str) -> None:
-    """Remove the file of a parcel that nobody will unpack."""
+    """Remove a file that nobody will unpack."""
     if file:
         with suppress(OSError):
             Path(file).unlink()
@@ -141,8 +109,8 @@ class Task:
     name : str
         Operation.
     parameters : dict
-    given : Parcel
-        Points and faces, as the host has them.
+    given : str
+        File of the points and faces, as the host has them.
     folder : str
         Where arrays are handed over.
     views : bool
@@ -154,7 +122,7 @@ class Task:
 
     name: str
     parameters: dict[str, Any]
-    given: Parcel
+    given: str
     folder: str
     views: bool = False
     threads: int | None = None
@@ -181,7 +149,7 @@ class Host:
 
     def __init__(self, pipe: Any) -> None:
         self._pipe = pipe
-        self._orders: queue.SimpleQueue[tuple[Any, ...]] = queue.SimpleQueue()
+        self._orders: queue.SimpleQueue[tuple[str, Any]] = queue.SimpleQueue()
         self._cancelled = threading.Event()
         self._told, self._reached = 0.0, 0.0
         self._sending = threading.Lock()
@@ -189,18 +157,15 @@ class Host:
         for work in (self._listen, self._watch_compiling):
             threading.Thread(target=work, daemon=True).start()
 
-    def next_task(self) -> Task:
-        """Wait for the next task."""
-        while True:
-            word, *content = self._orders.get()
-            if word == "run":
-                return content[0]
-
-    def begin(self) -> None:
-        """Begin a task: what was cancelled and reached before is forgotten."""
+    def begin(self) -> Task:
+        """Wait for the next task and begin it: what was cancelled and reached is forgotten."""
+        word, task = self._orders.get()
+        while word != "run":
+            word, task = self._orders.get()
         self._cancelled.clear()
         self._reached = 0.0
         self._working.set()
+        return task
 
     def end(self, *words: Any) -> None:
         """Say the last word about a task."""
@@ -221,7 +186,7 @@ class Host:
             self.tell("progress", self._reached, text)
         return not self._cancelled.is_set()
 
-    def ask(self, question: Parcel) -> Any:
+    def ask(self, question: str) -> Any:
         """Return what the host answers.
 
         Raises
@@ -286,9 +251,12 @@ def compute(task: Task, host: Host) -> tuple[Shape, Result]:
         with progress.stage("compiling what the first run needs", 0.0, begin):
             compile_ahead(task.name, progress)
     with progress.stage("input", begin, begin + 0.1):
-        shape = kept(
-            make_shape, given, task.unit, lambda: _repaired(given, task.unit, progress), progress
-        )
+
+        def repaired() -> Shape:
+            points, faces, unit = given.points, given.faces, task.unit
+            return make_shape(points, faces, repair=True, unit=unit, progress=progress)
+
+        shape = kept(make_shape, given, task.unit, repaired, progress)
     views = view_source(_views_of(task, host, progress)) if task.views else nullcontext()
     with views, progress.stage("compute", begin + 0.1, 1.0):
         result = run(task.name, shape, threads=task.threads, progress=progress, **task.parameters)
@@ -299,10 +267,6 @@ def compute(task: Task, host: Host) -> tuple[Shape, Result]:
 
 HANDED_OVER = ("bones", "skin")
 """Extra outputs that hosts use."""
-
-
-def _repaired(given: Given, unit: str | None, progress: Progress) -> Shape:
-    return make_shape(given.points, given.faces, repair=True, unit=unit, progress=progress)
 
 
 def _views_of(task: Task, host: Host, progress: Progress) -> Callable[[Shape], ViewSource]:
@@ -343,9 +307,7 @@ def serve() -> None:
     host = Host(_input())
     host.tell("ready", package_version())
     while True:
-        task = host.next_task()
-        host.begin()
-        host.end(*work(task, host))
+        host.end(*work(host.begin(), host))
 
 
 def _input() -> Any:

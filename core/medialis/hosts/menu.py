@@ -16,6 +16,7 @@ import os
 import sys
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -25,13 +26,13 @@ from medialis.base.options import Kind, Options, Parameter
 from medialis.base.progress import Progress, ProgressCallback
 from medialis.base.threads import run_patiently
 from medialis.base.version import package_version
-from medialis.formats.files import OutputFolder, complete_file
+from medialis.formats.files import OutputFolder, write_text
 from medialis.formats.json_npz import json_text, write_json
 from medialis.formats.ply_attributes import write_ply
 from medialis.hosts.drawing import hidden_apart, shown, solid
 from medialis.hosts.fields import on_input
 from medialis.operations import registry
-from medialis.operations.declaration import Operation
+from medialis.operations.declaration import Operation, Selection
 from medialis.operations.registry import operation
 from medialis.operations.result import Layer, Result
 from medialis.shape.shape import Shape
@@ -88,13 +89,18 @@ class Filter:
     name : str
         As MeshLab's filters are called in Python: verb first.
     operation : Operation
-    selects : bool
+    selection : Selection or None
         It selects vertices and adds nothing.
     """
 
     name: str
     operation: Operation
-    selects: bool = False
+    selection: Selection | None = None
+
+    @property
+    def selects(self) -> bool:
+        """Whether it selects vertices and adds nothing."""
+        return self.selection is not None
 
     @property
     def generates(self) -> bool:
@@ -119,16 +125,13 @@ class Filter:
     @property
     def help(self) -> str:
         """What it does, and where that is from."""
-        chosen, full = self.operation, self.operation.full_help
-        if self.selects and chosen.selection is not None:
-            return full.replace(chosen.help.split("\n\n")[0], chosen.selection.help, 1)
-        return full
+        full, first = self.operation.full_help, self.operation.help.split("\n\n")[0]
+        return full.replace(first, self.selection.help, 1) if self.selection else full
 
     @property
     def defaults(self) -> Mapping[str, Any]:
         """Defaults of its own."""
-        selection = self.operation.selection
-        return selection.defaults if self.selects and selection is not None else {}
+        return self.selection.defaults if self.selection else {}
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -140,7 +143,7 @@ class Filter:
     def host_parameters(self) -> tuple[Parameter, ...]:
         """What only a host can do, where it means something; off in scripts."""
         chosen = self.operation
-        if self.selects:
+        if self.selection:
             return ()
         wanted = {
             USE_SELECTION: any(p.selection for p in chosen.parameters),
@@ -157,19 +160,12 @@ class Filter:
 
 def filters() -> tuple[Filter, ...]:
     """Return all filters in the order in which hosts list operations."""
-    found = []
-    for chosen in registry.OPERATIONS:
-        found.append(filter_of(chosen))
-        if chosen.selection is not None:
-            found.append(filter_of(chosen, selects=True))
-    return tuple(found)
-
-
-def filter_of(chosen: Operation, *, selects: bool = False) -> Filter:
-    """Return the filter of an operation, or that of its selection."""
-    if selects and chosen.selection is not None:
-        return Filter(chosen.selection.filter_name, chosen, selects=True)
-    return Filter(chosen.filter_name, chosen)
+    return tuple(
+        Filter(own.filter_name, chosen, own if own is chosen.selection else None)
+        for chosen in registry.OPERATIONS
+        for own in (chosen, chosen.selection)
+        if own is not None
+    )
 
 
 def menu_entries() -> list[dict[str, Any]]:
@@ -191,9 +187,7 @@ def menu_entries() -> list[dict[str, Any]]:
 
 
 def _described(parameter: Parameter) -> dict[str, Any]:
-    label = parameter.label
-    if parameter.kind is Kind.ANGLE:
-        label += " (degrees)"
+    label = parameter.label + (" (degrees)" if parameter.kind is Kind.ANGLE else "")
     return {**asdict(parameter), "kind": parameter.kind.value, "label": label}
 
 
@@ -222,8 +216,8 @@ def host_layers(
     draw_solid : bool
         Curves as tubes, marks as balls (`solid`).
     """
-    if entry.selects and entry.operation.selection is not None:
-        chosen = entry.operation.selection.chosen(result, shape)
+    if entry.selection:
+        chosen = entry.selection.chosen(result, shape)
         field = {SELECTED: np.asarray(chosen, np.int32)}
         return (
             Layer("selection", shape.points, attributes=field, on_input=True, role="selection"),
@@ -290,7 +284,8 @@ def write_for_host(
         When the folder cannot be written.
     """
     progress = Progress.of(progress)
-    entry = filter_of(operation(result.operation), selects=selects)
+    made_by = operation(result.operation)
+    entry = Filter(made_by.filter_name, made_by, made_by.selection if selects else None)
     chosen = host_layers(result, shape, entry, auxiliary=auxiliary, draw_solid=draw_solid)
     manifest = describe_result(replace(result, layers=chosen), input=source)
     if selects:
@@ -298,37 +293,28 @@ def write_for_host(
     manifest["layers"] = [{**about, "file": f"{about['name']}.ply"} for about in manifest["layers"]]
     with OutputFolder(folder) as out, progress.stage("write", 0.0, 1.0):
         for number, layer in enumerate(chosen):
-            _write_layer(out, layer, shape, progress)
+            columns = run_patiently(partial(_columns, layer, shape), progress)
+            write_ply(out.file(f"{layer.name}.ply"), *columns)
             progress.update((number + 1) / len(chosen))
         write_json(out.file("manifest.json"), manifest)
     return manifest
 
 
-def _write_layer(out: OutputFolder, layer: Layer, shape: Shape, progress: Progress) -> None:
-    points, faces, attributes, face_attributes = run_patiently(
-        lambda: _columns(layer, shape), progress
-    )
-    file = out.file(f"{layer.name}.ply")
-    write_ply(file, points, faces, layer.edges, attributes, face_attributes)
-
-
-def _columns(layer: Layer, shape: Shape) -> tuple[Any, Any, dict[str, Any], dict[str, Any]]:
-    """Return points, faces and the attributes of both, colours with them, of a layer's file."""
+def _columns(layer: Layer, shape: Shape) -> tuple[Any, Any, Any, dict[str, Any], dict[str, Any]]:
+    """Return what `write_ply` takes of a layer; colours are attributes of points or faces."""
     points, faces = layer.points, layer.faces
     attributes, face_attributes = dict(layer.attributes), dict(layer.face_attributes)
     if layer.on_input:
         fields = on_input(layer, shape)
         attributes, face_attributes = dict(fields.attributes), dict(fields.face_attributes)
-        points = shape.on_input_points(points, np.nan)
-        faces = None
-        if face_attributes:  # PLY hangs the values on faces; their corners mean nothing
-            rows = len(next(iter(face_attributes.values())))
-            faces = np.zeros((rows, 3), np.int32)
+        points, faces = shape.on_input_points(points, np.nan), None
+        for values in face_attributes.values():  # PLY hangs them on faces; corners mean nothing
+            faces = np.zeros((len(values), 3), np.int32)
     first = shown(layer, attributes, face_attributes)
     if first is not None:
         columns = zip(COLOR_NAMES, first.rgba_bytes.T, strict=True)
         (face_attributes if first.on_faces else attributes).update(columns)
-    return points, faces, attributes, face_attributes
+    return points, faces, layer.edges, attributes, face_attributes
 
 
 def write_notes(
@@ -349,6 +335,5 @@ def write_notes(
     table = json_text({"medialis": package_version(), "filters": menu_entries()})
     texts = {PROGRAM_NOTE: str(Path(python).absolute()), FILTER_NOTE: table}
     for name, text in texts.items():
-        with complete_file(Path(folder) / name) as stream:
-            stream.write(f"{text}\n".encode())
+        write_text(Path(folder) / name, f"{text}\n")
     return [Path(folder) / name for name in texts]

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from medialis.base._kernels import pop, push
 from medialis.base.jit import kernel
+from medialis.medial_meshes._fit_kernels import factor, fill
 
 LAZY = 0.97
 """Edges that must not be contracted are looked at again when this share of the vertices is left."""
@@ -255,20 +256,8 @@ def _value(q, x):
 @kernel
 def _smallest(q, factors, x):
     """Ball x (4,) with the smallest value of a quadric, by Cholesky factors."""
-    slot = 0
-    for a in range(4):
-        for b in range(a, 4):
-            factors[b, a] = q[slot]
-            slot += 1
-    for i in range(4):
-        for j in range(i + 1):
-            s = factors[i, j]
-            for k in range(j):
-                s -= factors[i, k] * factors[j, k]
-            if i == j:
-                factors[i, i] = np.sqrt(max(s, 1e-18))
-            else:
-                factors[i, j] = s / factors[j, j]
+    fill(q, factors)
+    factor(factors, 1e-18)
     for i in range(4):
         s = q[10 + i]
         for k in range(i):

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from medialis.base._kernels import pop, push
 from medialis.base.jit import kernel
+from medialis.skeleton.importance._walk_kernels import distance
 
 
 class Dual(NamedTuple):
@@ -394,10 +395,7 @@ def way_between(start, end, neighbours, centers, member, heap, way):
             s = neighbours[t, k]
             if s < 0 or not member[s]:
                 continue
-            square = 0.0
-            for d in range(3):
-                square += (centers[t, d] - centers[s, d]) ** 2
-            further = so_far + np.sqrt(square)
+            further = so_far + distance(centers, t, s)
             if further < way[s]:
                 if way[s] == np.inf:
                     touched[count] = s

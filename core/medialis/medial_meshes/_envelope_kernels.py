@@ -365,6 +365,24 @@ def _bound(p, bounds, node):
 
 
 @kernel
+def _open(p, bounds, node, squared, stack, lows, size):
+    """Put the children of a node on the stack, the nearer one on top; returns its new size.
+
+    With the lower bounds of what they hold, or squares of how far their boxes are away.
+    """
+    near, far = 2 * node, 2 * node + 1
+    if squared:
+        first, second = _square(p, bounds, near), _square(p, bounds, far)
+    else:
+        first, second = _bound(p, bounds, near), _bound(p, bounds, far)
+    if second < first:
+        near, far, first, second = far, near, second, first
+    stack[size], lows[size] = far, second
+    stack[size + 1], lows[size + 1] = near, first
+    return size + 2
+
+
+@kernel
 def nearest_primitive(begin, end, places, primitives, enough, out):
     """Signed distance of places to the envelope; the primitive that decides it, and its shares.
 
@@ -393,13 +411,7 @@ def nearest_primitive(begin, end, places, primitives, enough, out):
             if lows[size] >= best:
                 continue
             if node < leaves:
-                near, far = 2 * node, 2 * node + 1
-                first, second = _bound(p, bounds, near), _bound(p, bounds, far)
-                if second < first:
-                    near, far, first, second = far, near, second, first
-                stack[size], lows[size] = far, second
-                stack[size + 1], lows[size + 1] = near, first
-                size += 2
+                size = _open(p, bounds, node, False, stack, lows, size)
                 continue
             leaf = node - leaves
             for i in range((n * leaf) >> depth, (n * (leaf + 1)) >> depth):
@@ -485,13 +497,7 @@ def _list_nearest(p, table, tree, stack, lows, shares, before, near, values):
         if lows[size] >= values[last]:
             continue
         if node < leaves:
-            first, second = 2 * node, 2 * node + 1
-            low, high = _bound(p, bounds, first), _bound(p, bounds, second)
-            if high < low:
-                first, second, low, high = second, first, high, low
-            stack[size], lows[size] = second, high
-            stack[size + 1], lows[size + 1] = first, low
-            size += 2
+            size = _open(p, bounds, node, False, stack, lows, size)
             continue
         leaf = node - leaves
         for i in range((n * leaf) >> depth, (n * (leaf + 1)) >> depth):
@@ -565,13 +571,7 @@ def _list_points(p, surface, farthest, stack, lows, before, near, far):
         if lows[size] >= far[last]:
             continue
         if node < leaves:
-            first, second = 2 * node, 2 * node + 1
-            low, high = _square(p, bounds, first), _square(p, bounds, second)
-            if high < low:
-                first, second, low, high = second, first, high, low
-            stack[size], lows[size] = second, high
-            stack[size + 1], lows[size + 1] = first, low
-            size += 2
+            size = _open(p, bounds, node, True, stack, lows, size)
             continue
         leaf = node - leaves
         for i in range((n * leaf) >> depth, (n * (leaf + 1)) >> depth):

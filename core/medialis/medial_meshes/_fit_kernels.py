@@ -50,7 +50,7 @@ class Sums(NamedTuple):
 
 
 @kernel
-def _fill(values, out):
+def fill(values, out):
     """Write a symmetric block (4, 4) of its ten numbers."""
     slot = 0
     for a in range(4):
@@ -60,14 +60,14 @@ def _fill(values, out):
 
 
 @kernel
-def _factor(block):
-    """Put a lower triangle in place of a block L L^T."""
+def factor(block, least):
+    """Put a lower triangle in place of a block L L^T, with no square below `least`."""
     for i in range(4):
         for j in range(i + 1):
             s = block[i, j]
             for k in range(j):
                 s -= block[i, k] * block[j, k]
-            block[i, j] = np.sqrt(max(s, 1e-300)) if i == j else s / block[j, j]
+            block[i, j] = np.sqrt(max(s, least)) if i == j else s / block[j, j]
 
 
 @kernel
@@ -87,7 +87,7 @@ def _factorize(starts, rows, factors):
     turned = np.empty((4, 4))
     for column in range(len(starts) - 1):
         first, end = starts[column], starts[column + 1]
-        _factor(factors[first])
+        factor(factors[first], 1e-300)
         for p in range(first + 1, end):
             _divide(factors[p], factors[first])
         for p in range(first + 1, end):
@@ -114,9 +114,9 @@ def solve(diagonal, blocks, slots, starts, rows, right, factors):
     n = len(diagonal)
     factors[:] = 0.0
     for column in range(n):
-        _fill(diagonal[column], factors[starts[column]])
+        fill(diagonal[column], factors[starts[column]])
     for e in range(len(blocks)):
-        _fill(blocks[e], factors[slots[e]])
+        fill(blocks[e], factors[slots[e]])
     _factorize(starts, rows, factors)
     for column in range(n):
         own, first = right[column], starts[column]

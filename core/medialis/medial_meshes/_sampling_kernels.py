@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from medialis.base.jit import kernel
+from medialis.skeleton.importance._walk_kernels import distance, dot
 
 TURN = math.pi * (1.0 + math.sqrt(5.0))
 """From one point of a ball to the next one: the golden angle, twice."""
@@ -272,14 +273,9 @@ def _conflict(i, samples, grid):
                     while j >= 0:
                         near = min(spacing[i], spacing[j])
                         a, b, c = _step(points, j, i)
-                        if a * a + b * b + c * c < near * near:
-                            same = (
-                                normals[i, 0] * normals[j, 0]
-                                + normals[i, 1] * normals[j, 1]
-                                + normals[i, 2] * normals[j, 2]
-                            )
-                            if same > SAME_WAY:
-                                return j
+                        close = a * a + b * b + c * c < near * near
+                        if close and dot(normals[i], normals[j]) > SAME_WAY:
+                            return j
                         j = grid.following[j]
     return -1
 
@@ -340,17 +336,8 @@ def count_points(balls, edges, faces, steps, fewest, most, out):
 
 
 @kernel
-def _apart(balls, i, j):
-    return np.sqrt(
-        (balls[i, 0] - balls[j, 0]) ** 2
-        + (balls[i, 1] - balls[j, 1]) ** 2
-        + (balls[i, 2] - balls[j, 2]) ** 2
-    )
-
-
-@kernel
 def _cone_steps(balls, i, j, step):
-    length = _apart(balls, i, j)
+    length = distance(balls, i, j)
     if length <= abs(balls[i, 3] - balls[j, 3]) * (1.0 + 1e-9) + 1e-12:
         return -1, 0
     widest = max(balls[i, 3], balls[j, 3])
@@ -361,9 +348,9 @@ def _cone_steps(balls, i, j, step):
 @kernel
 def _slab_steps(balls, face, step):
     longest = max(
-        _apart(balls, face[0], face[1]),
-        _apart(balls, face[1], face[2]),
-        _apart(balls, face[0], face[2]),
+        distance(balls, face[0], face[1]),
+        distance(balls, face[1], face[2]),
+        distance(balls, face[0], face[2]),
     )
     return min(max(int(np.ceil(longest / step)), 2), MOST_ACROSS)
 

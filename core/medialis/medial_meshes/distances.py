@@ -112,13 +112,8 @@ def envelope_distance(mesh: MedialMesh, shape: Shape) -> EnvelopeDistance:
     solid = Solid((shape.points - middle) / scale, shape.faces)
     envelope = Envelope.of(mesh.complex.placed(1.0, -middle).placed(1.0 / scale, np.zeros(3)))
     found = measure(solid, envelope)
-    return EnvelopeDistance(
-        found.surface_to_envelope * scale,
-        found.envelope_to_surface * scale,
-        found.mean * scale,
-        found.place * scale + middle,
-        found.spacing * scale,
-    )
+    far = found.surface_to_envelope * scale, found.envelope_to_surface * scale, found.mean * scale
+    return EnvelopeDistance(*far, found.place * scale + middle, found.spacing * scale)
 
 
 def measure(solid: Solid, envelope: Envelope) -> EnvelopeDistance:

@@ -24,7 +24,7 @@ from medialis.base.errors import InvalidShapeError
 from medialis.base.options import Options, algorithm, length
 from medialis.base.progress import Progress
 from medialis.base.threads import run_chunks
-from medialis.base.validation import FloatArray, frozen
+from medialis.base.validation import FloatArray, IntArray, frozen
 from medialis.medial_meshes.mesh import Complex, MedialMesh
 from medialis.shape.surface import Surface
 
@@ -153,7 +153,7 @@ class Envelope:
         count = len(places)
         found = Nearest(np.empty(count), np.empty(count, np.int64), np.empty((count, 3)))
         given = frozen(places, np.float64), self.primitives, enough, found
-        run_chunks(lambda begin, end: nearest_primitive(begin, end, *given), count, PLACES_A_CHUNK)
+        run_chunks(nearest_primitive, count, PLACES_A_CHUNK, *given)
         return found
 
 
@@ -263,13 +263,11 @@ def envelope_surface(
     diagonal = float(np.linalg.norm(high - low))
     cell, finest = _cells(envelope, low, high, options.cell * diagonal)
     if cell > options.cell * diagonal:
-        progress.note(
+        text = (
             f"Cells of {options.cell:g} diagonals would be more than {MOST_CELLS:,}: they are "
-            f"{cell / diagonal:.2g} diagonals wide instead.",
-            "cell_enlarged",
-            wanted=options.cell,
-            cell=cell / diagonal,
+            f"{cell / diagonal:.2g} diagonals wide instead."
         )
+        progress.note(text, "cell_enlarged", wanted=options.cell, cell=cell / diagonal)
     best: Surface | None = None
     for k, found in enumerate(_variants(envelope, low, high, cell, finest)):
         progress.update(k / VARIANTS)
@@ -388,7 +386,7 @@ class _Field:
 
         It is that of the envelope whose radii are all larger by so much.
         """
-        return Surface(*_marched(self.grid, self.values - level, self.cells))
+        return Surface.of_checked(*_marched(self.grid, self.values - level, self.cells))
 
 
 def _crossed(
@@ -414,7 +412,7 @@ def _crossed(
         width //= 2
 
 
-def _marched(grid: FloatArray, values: FloatArray, cells: Index) -> tuple[FloatArray, Index]:
+def _marched(grid: FloatArray, values: FloatArray, cells: Index) -> tuple[FloatArray, IntArray]:
     """Return the vertices and triangles where the values change sign in cells (c, 8)."""
     tetrahedra = cells[:, TETRAHEDRA].reshape(-1, 4)
     inside = values[tetrahedra] < 0

@@ -11,13 +11,13 @@ and `Equations` the normal equations, by the balls and edges of the complex, and
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 import numpy as np
 
-from medialis.base.arrays import Index, Mask
+from medialis.base.arrays import Index
 from medialis.base.progress import Progress
 from medialis.base.threads import run_together
 from medialis.base.validation import FloatArray, frozen
@@ -169,13 +169,8 @@ class Lookup(Generic[Found]):
 
 def look_up(*lookups: Lookup[Any]) -> None:
     """Do some at the same time: a thread that is through with one goes on with the next."""
-    run_together(
-        *(
-            partial(one.work, begin, min(begin + PLACES_A_CHUNK, one.count))
-            for one in lookups
-            for begin in range(0, one.count, PLACES_A_CHUNK)
-        )
-    )
+    starts = ((one, begin) for one in lookups for begin in range(0, one.count, PLACES_A_CHUNK))
+    run_together(*(partial(one.work, a, min(a + PLACES_A_CHUNK, one.count)) for one, a in starts))
 
 
 class Bounds:
@@ -219,6 +214,7 @@ class Bounds:
         return Lookup(lambda begin, end: find_overshoot(begin, end, *given), count, found)
 
 
+@dataclass(frozen=True, eq=False)
 class Target:
     """The surface that balls are fitted to, as points with normals.
 
@@ -234,25 +230,20 @@ class Target:
         The points that tell which balls stick out.
     """
 
-    def __init__(
-        self,
-        points: FloatArray,
-        normals: FloatArray,
-        rows: Index,
-        within: FloatArray,
-        bounds: Bounds,
-    ) -> None:
-        self.points, self.normals, self.rows, self.within = points, normals, rows, within
-        self.places = np.concatenate([points[rows], within[:, :3]])
-        self.bounds = bounds
+    points: FloatArray
+    normals: FloatArray
+    rows: Index
+    within: FloatArray
+    bounds: Bounds
 
-    def looking_at(self, rows: Index, within: FloatArray) -> Target:
-        """Return the same surface with other residuals."""
-        return Target(self.points, self.normals, rows, within, self.bounds)
+    @cached_property
+    def places(self) -> FloatArray:
+        """Where the residuals are measured: at the rows, then inside."""
+        return np.concatenate([self.points[self.rows], self.within[:, :3]])
 
     def with_within(self, more: FloatArray) -> Target:
         """Return a target with more places inside."""
-        return self.looking_at(self.rows, np.concatenate([self.within, more]))
+        return replace(self, within=np.concatenate([self.within, more]))
 
 
 class _Follower:
@@ -428,7 +419,8 @@ class Fit:
         sample_weights[len(target.rows) :] *= target.within[:, 4]  # also in the distance
         signs = np.ones(len(now.distance))
         samples = Points(target.places, signs, now.distance, now.row, now.shares, sample_weights)
-        signs = np.where(self._outside(balls, now), -1.0, 1.0)
+        radii = self.between(balls, at)[:, 3]
+        signs = np.where(now.over + radii < 0, -1.0, 1.0)  # the nearest sample is inside, or not
         deep = target.bounds.points[now.near]
         out = Points(deep, signs, now.over, self.lattice_row[at], self.lattice[at], over_weights)
         given = frozen(balls, np.float64), self.rows, self.equations.row_edges
@@ -436,11 +428,6 @@ class Fit:
         add_rows(samples, *given, sums)
         add_rows(out, *given, sums)
         return first + second
-
-    def _outside(self, balls: FloatArray, now: Residuals) -> Mask:
-        """Tell which places of the complex that stick out have their center outside."""
-        radius = self.between(balls, now.over_at)[:, 3]
-        return np.asarray(now.over + radius < 0)
 
 
 def _lattice(rows: Index) -> tuple[Index, FloatArray]:

@@ -6,19 +6,454 @@ refined where it is worst; every step keeps the homotopy type.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from typing import Any
 
+import numpy as np
+
+from medialis.base.arrays import Index
 from medialis.base.errors import InvalidShapeError
 from medialis.base.kept import kept
 from medialis.base.options import Options, algorithm, choice, length, whole
 from medialis.base.progress import Progress, counted
 from medialis.base.threads import run_together
+from medialis.base.validation import FloatArray
+from medialis.medial_meshes.distances import boundary_points, measure
+from medialis.medial_meshes.envelope import Envelope
 from medialis.medial_meshes.fine_complex import FineComplex, fine_complex
-from medialis.medial_meshes.fitting import Bounds
-from medialis.medial_meshes.mesh import Complex, LateCollapse, MedialMesh
-from medialis.medial_meshes.sampling import Solid
-from medialis.medial_meshes.search import Base, Search, coarser, collapse, planes_of
+from medialis.medial_meshes.fitting import DAMPING, Bounds, Fit, Target
+from medialis.medial_meshes.mesh import Collapse, Complex, LateCollapse, MedialMesh
+from medialis.medial_meshes.sampling import Samples, Solid
 from medialis.shape.shape import Shape
+
+HOLD = 1e-3
+"""Weight of staying in place against the planes of the surface, which alone leave slack."""
+
+LEAST_WEIGHT = 1e-9
+"""Share of the whole area that each ball counts as, so that none is free."""
+
+LARGEST = 0.5
+"""No merged ball is larger, in diagonals."""
+
+PART = 0.12
+"""Share of a ball from which on a place belongs to it: else it lies on the others alone."""
+
+APART = 0.04
+"""Places that get new balls at the same time are at least this far apart, in diagonals."""
+
+NEARLY_WORST = 0.6
+"""Part of the largest error from which on a place gets a ball in the same round."""
+
+TRIED = 100
+"""Faults that are looked at for each ball to be added, at most: the worst."""
+
+NEAR_RADII, NEAR = 0.5, 0.02
+"""Parts of its radius, and diagonals, up to which the wanted ball may lie off its place."""
+
+HOLLOWS_LOOKED_AT = 40_000
+"""Points of the envelope that are looked at by default, about."""
+
+MOST = 600
+"""Places that join a fit, at most: the deepest."""
+
+SHALLOW = 0.3
+"""Places of less than this part of the largest depth do not join."""
+
+FROM = 0.9
+"""Places join from this part of the error at the samples on."""
+
+LEAST, MOST_HELD = 0.1, 0.5
+"""How deep the envelope has to hold a place, as parts of its depth."""
+
+RESIDUALS, MOST_RESIDUALS = 4000, 40_000
+"""Samples that a fit looks at, and at most where there are many balls."""
+
+A_BALL = 3
+"""Samples for each ball, where that is more."""
+
+WITHIN = 1000
+"""Centers of fine balls that the envelope must hold."""
+
+STRICT = 5.0
+"""Factor of their distance: they may be far inside."""
+
+EARLY = 0.5
+"""Share of the samples that the first fits look at."""
+
+MANY = 600
+"""More balls than this are not refined, and fitted with few steps: they are near already."""
+
+START = 0.8
+"""Share of the balls that the collapse leaves; the rest is added where the fit is worst."""
+
+ROUNDS, AGAIN = 3, 2
+"""In which the rest is added: at first, and when balls are moved."""
+
+SHARES = ((0.15, 0.08), (0.2, 0.05), (0.12, 0.25), (0.03, 0.1))
+"""Shares of the balls, of those that matter least: a pair is taken away at the same time, each from
+the same mesh, and put where the fit is worst."""
+
+MORE = 5
+"""Pairs of shares that `best` tries after the first, one after the other."""
+
+LAST = 3
+"""How often the last fit is made, as long as it gets nearer."""
+
+WORST = 600
+"""Places beside the samples that join the fit in the end, where the error is large there."""
+
+LOOKED_AT = 10_000
+"""Points of an envelope that are looked at for hollows where balls are added, about."""
+
+DEEP = 2.0
+"""Hollows get balls of their own from this many errors at the samples on."""
+
+PLANS = {
+    "fast": ((2, 4), (4, 4), (9, 4)),
+    "first": ((2, 6), (4, 6)),
+    "round": ((4, 4), (9, 4)),
+    "last": ((9, 8), (16, 8)),
+    "many": ((2, 4), (6, 4)),
+    "closed": ((6, 4),),
+}
+"""Powers and steps of the fits."""
+
+
+def planes_of(samples: Samples, balls: FloatArray, owner: Index) -> FloatArray:
+    """Return the quadric of each ball: the planes of the candidates that belong to it, (v, 15)."""
+    from medialis.medial_meshes._collapse_kernels import add_places, add_planes
+
+    quadrics = np.zeros((len(balls), 15))
+    add_planes(samples.points, samples.normals, samples.areas, owner, quadrics)
+    weights = np.bincount(owner, samples.areas, len(balls))
+    add_places(balls, HOLD * (weights + LEAST_WEIGHT * weights.sum()), quadrics)
+    return quadrics
+
+
+def collapse(start: Complex, quadrics: FloatArray, target: int) -> Collapse:
+    """Merge vertices, the cheapest pair first, until `target` are left or none may be merged."""
+    from medialis.medial_meshes._collapse_kernels import Hung, Room, Steps, link_all
+    from medialis.medial_meshes._collapse_kernels import collapse as run
+
+    count = len(start)
+    lists = []
+    for given in (start.edges, start.faces):
+        rows = given.astype(np.int32)  # half as much memory is gone through in half the time
+        heads, after, before = (np.empty(n, np.int32) for n in (count, rows.size, rows.size))
+        lists.append(Hung(rows, np.ones(len(rows), bool), heads, after, before))
+        link_all(lists[-1])
+    size = 2 * len(start.edges) + 1
+    room = Room(np.empty(size), np.empty(size, np.int32), np.empty(size, np.int32))
+    steps = Steps(np.empty(count, np.int64), np.empty(count, np.int64), np.empty((count, 4)))
+    made = run(start.balls.copy(), quadrics.copy(), *lists, target, LARGEST, room, steps)
+    return Collapse(start, *Steps._make(values[:made].copy() for values in steps))
+
+
+def subdivided(given: Complex, row: Index, shares: FloatArray, ball: FloatArray) -> Complex:
+    """Put a ball on a primitive: on its triangle, on an edge, or as a leaf at one of its balls."""
+    new = len(given)
+    there = row >= 0
+    corners = row[there][shares[there] > PART]
+    edges, faces = given.edges, given.faces
+    more_edges = [(int(v), new) for v in corners]
+    more_faces: list[tuple[int, ...]] = []
+    if len(corners) == 2:
+        a, b = (int(v) for v in corners)
+        edges = edges[~((edges == a).any(axis=1) & (edges == b).any(axis=1))]
+        around = (faces == a).any(axis=1) & (faces == b).any(axis=1)
+        for face in faces[around]:
+            c = int(face.sum()) - a - b
+            more_edges.append((c, new))
+            more_faces += [(a, c, new), (b, c, new)]
+        faces = faces[~around]
+    elif len(corners) == 3:
+        a, b, c = (int(v) for v in corners)
+        faces = faces[~(faces == np.sort(corners)).all(axis=1)]
+        more_faces = [(a, b, new), (b, c, new), (a, c, new)]
+    return Complex(
+        np.vstack([given.balls, ball]),
+        np.concatenate([edges, np.array(more_edges, np.int64).reshape(-1, 2)]),
+        np.sort(np.concatenate([faces, np.array(more_faces, np.int64).reshape(-1, 3)]), axis=1),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Fault:
+    """Places where a fitted complex is wrong, and the balls that would be right there.
+
+    Attributes
+    ----------
+    places : (q, 3) float64
+    errors : (q,) float64
+    balls : (q, 4) float64
+    feet : (q, 3) float64
+        Where in the complex the ball belongs: near the primitive next to this place.
+    """
+
+    places: FloatArray
+    errors: FloatArray
+    balls: FloatArray
+    feet: FloatArray
+
+    @classmethod
+    def joined(cls, faults: list[Fault]) -> Fault:
+        """Put several together."""
+        names = ("places", "errors", "balls", "feet")
+        return cls(*(np.concatenate([getattr(one, name) for one in faults]) for name in names))
+
+
+def faults_of(fit: Fit, fine: FloatArray) -> Fault:
+    """Return samples off the envelope, and places of the complex whose balls stick out.
+
+    `fine` (c, 4) are the balls of all points of the surface.
+    """
+    now, rows = fit.now, fit.target.rows
+    places = fit.target.points[rows]
+    off = Fault(places, np.abs(now.distance[: len(rows)]), fine[rows], places)
+    between = fit.between(fit.balls, now.over_at)
+    shrunk = between.copy()
+    shrunk[:, 3] = np.maximum(between[:, 3] + now.over, 0.0)
+    out = Fault(fit.target.bounds.points[now.near], -now.over, shrunk, between[:, :3])
+    return Fault.joined([off, out])
+
+
+def refined(given: Complex, faults: Fault, most: int, apart: float = APART) -> Complex:
+    """Add at most this many balls to a complex, where the faults are worst."""
+    order = np.argsort(-faults.errors, kind="stable")[: TRIED * most]
+    done: list[FloatArray] = []
+    result = given
+    for i in order:
+        if len(done) == most or faults.errors[i] < NEARLY_WORST * faults.errors[order[0]]:
+            break
+        place = faults.places[i]
+        if any(((place - other) ** 2).sum() < apart**2 for other in done):
+            continue
+        envelope = Envelope.of(result)
+        _, nearest, (shares,) = envelope.distances(faults.feet[i][None])
+        row = envelope.rows[nearest[0]]
+        result = subdivided(result, row, shares, _new_ball(result, row, shares, faults.balls[i]))
+        done.append(place)
+    return result
+
+
+def _new_ball(given: Complex, row: Index, shares: FloatArray, wanted: FloatArray) -> FloatArray:
+    """Return the wanted ball where it is near its place in the complex, else the one there."""
+    there = row >= 0
+    here = shares[there] @ given.balls[row[there]]
+    near = np.linalg.norm(wanted[:3] - here[:3]) < NEAR_RADII * here[3] + NEAR
+    leaf = (shares[there] > PART).sum() == 1
+    return wanted if near or leaf else here
+
+
+class Hollows:
+    """What finds the hollows of envelopes in a solid, which its fine complex tells."""
+
+    def __init__(self, fine: FineComplex, surface: Bounds) -> None:
+        self.samples, self.balls, self.surface = fine.samples, fine.balls, surface
+
+    @cached_property
+    def _centers(self) -> Any:
+        from scipy.spatial import cKDTree
+
+        return cKDTree(self.balls[:, :3])
+
+    def of(
+        self, given: Complex, off: float, points: int = HOLLOWS_LOOKED_AT
+    ) -> tuple[FloatArray, float]:
+        """Return places (i, 5) as a `Target` takes them, and the largest depth.
+
+        An envelope that is nowhere farther than `off` from the surface holds a place by its depth
+        less `off`. What is missing counts as the depth where the envelope ends at the place: that
+        is the error then. The largest depth is told whether or not places join.
+        """
+        places, _ = boundary_points(Envelope.of(given), points)
+        _, near = self.surface.nearest(places)
+        way = self.samples.points[near] - places
+        depth = np.maximum(np.einsum("ij,ij->i", way, self.samples.normals[near]), 0.0)
+        deepest = float(depth.max(initial=0.0))
+        deep = np.flatnonzero(depth > max(SHALLOW * deepest, FROM * off))
+        worst = deep[np.argsort(-depth[deep], kind="stable")[:MOST]]
+        places, depth = places[worst], depth[worst]
+        held = np.clip(depth - off, LEAST * depth, MOST_HELD * depth)
+        return np.column_stack([places, held, depth / held]), deepest
+
+    def faults(self, places: FloatArray) -> Fault:
+        """Return faults at such places, each with the fine ball nearest to it."""
+        points = places[:, :3]
+        depth, _ = self.surface.nearest(points)
+        return Fault(points, depth, self.balls[self._centers.query(points)[1]], points)
+
+
+@dataclass(frozen=True, eq=False)
+class Base:
+    """What all numbers of balls begin with, in diagonals."""
+
+    solid: Solid
+    fine: FineComplex
+    sequence: Collapse
+    bounds: Bounds
+
+    @cached_property
+    def own(self) -> FloatArray:
+        """The ball of each candidate, (c, 4)."""
+        return self.fine.balls[self.fine.pole]
+
+    def error(self, found: Complex) -> float:
+        """Return the two-sided distance of an envelope and the surface."""
+        return measure(self.solid, Envelope.of(found)).largest
+
+    @cached_property
+    def hollows(self) -> Hollows:
+        """What finds hollows."""
+        return Hollows(self.fine, self.bounds)
+
+
+@dataclass(frozen=True, eq=False)
+class _Found:
+    """Fitted balls, their error (hollows included), and what the next fit looks at."""
+
+    mesh: Complex
+    error: float
+    target: Target
+    damping: float
+
+
+class Search:
+    """The search for a number of balls; the seed chooses the samples."""
+
+    def __init__(self, base: Base, balls: int, seed: int, progress: Progress) -> None:
+        self.base, self.balls, self.progress, self._still = base, balls, progress, progress.still
+        samples, rng = base.fine.samples, np.random.default_rng(seed)
+        own = np.flatnonzero(samples.areas > 0)
+        count = min(max(RESIDUALS, A_BALL * balls), MOST_RESIDUALS, len(own))
+        rows = rng.permutation(own)[:count]
+        within = base.fine.balls[rng.permutation(len(base.fine.balls))[:WITHIN]]
+        count = len(within)
+        within = np.column_stack([within[:, :3], np.zeros(count), np.full(count, STRICT)])
+        self._all = Target(samples.points, samples.normals, np.sort(rows), within, base.bounds)
+        few = np.sort(rows[: int(EARLY * len(rows))])
+        self._early = replace(self._all, rows=few, within=within[: int(EARLY * WITHIN)])
+
+    @cached_property
+    def _everywhere(self) -> tuple[FloatArray, FloatArray]:
+        """All candidates and the vertices, with normals."""
+        target, solid = self._all, self.base.solid
+        points = np.concatenate([target.points, solid.points[solid.corners]])
+        return points, np.concatenate([target.normals, solid.vertex_normals[solid.corners]])
+
+    def run(self, quality: str) -> Complex:
+        """Return the mesh of the quality wanted."""
+        start, _ = self.base.sequence.level(self.balls)
+        if len(start) > MANY:
+            return self._closed(self._measured(start, self._all, "many"))
+        if quality == "fast":
+            return self._fitted(start, self._all, "fast").mesh
+        start, _ = self.base.sequence.level(int(START * self.balls))
+        now = self._grown(self._fitted(start, self._early, "first"), ROUNDS).mesh
+        best = self._measured(now, self._with_worst(now, self._all.within), "round")
+        steps = 3 + (MORE if quality == "best" else 0)
+        self.progress.update(1 / steps)
+        best = self._swapped(best, SHARES[0])
+        self.progress.update(2 / steps)
+        found = self._last(best)
+        if quality == "best":
+            for k in range(MORE):
+                self.progress.update((3 + k) / steps)
+                best = self._swapped(best, SHARES[(k + 1) % len(SHARES)])
+            found = min(found, self._last(best), key=self.base.error)
+        return found
+
+    def _fitted(self, start: Complex, target: Target, plan: str, damping: float = DAMPING) -> Fit:
+        """Fit a complex by one of the plans."""
+        return Fit(start, target, damping, self._still).run(PLANS[plan])
+
+    def _measured(
+        self,
+        start: Complex,
+        target: Target,
+        plan: str,
+        damping: float = DAMPING,
+        most: float = np.inf,
+    ) -> _Found:
+        """Fit by a plan, and look for hollows: they join the target where they are deep.
+
+        None are looked for where the error is `most` or more without any.
+        """
+        fit = self._fitted(start, target, plan, damping)
+        off, depth = fit.now.off, 0.0
+        if off < most:
+            places, depth = self.base.hollows.of(fit.mesh, off)
+        target = target.with_within(places) if depth > off else target
+        return _Found(fit.mesh, max(off, depth), target, fit.damping)
+
+    def _grown(self, fit: Fit, rounds: int) -> Fit:
+        """Add the balls that are missing, round by round, where the fit is worst."""
+        hollows = self.base.hollows
+        for left in range(rounds, 0, -1):
+            now, off = fit.mesh, fit.now.off
+            places, depth = hollows.of(now, off, LOOKED_AT)
+            faults = faults_of(fit, self.base.own)
+            if depth > DEEP * off:
+                faults = Fault.joined([faults, hollows.faults(places)])
+            wanted, apart = len(now) + -(-(self.balls - len(now)) // left), APART
+            while len(now) < wanted and apart > 1e-3:
+                now = refined(now, faults, wanted - len(now), apart)
+                apart /= 2
+            fit = self._fitted(now, self._early.with_within(places), "round")
+        return fit
+
+    def _swapped(self, best: _Found, shares: tuple[float, float]) -> _Found:
+        """Try two shares at the same time; return what is nearest."""
+        works = (partial(self._with_moved, best, share) for share in shares)
+        found = run_together(*works, progress=self._still)
+        return min(best, *found, key=lambda one: one.error)
+
+    def _with_moved(self, best: _Found, share: float) -> _Found:
+        """Take balls away and put others where the fit is worst; return what is nearer."""
+        removed = max(1, int(share * self.balls))
+        fewer, _ = coarser(self.base.fine.samples, best.mesh).level(self.balls - removed)
+        other = self._grown(self._fitted(fewer, self._early, "round"), min(AGAIN, removed))
+        found = self._measured(other.mesh, best.target, "round", most=best.error)
+        if found.error >= best.error:
+            return best
+        target = self._with_worst(found.mesh, found.target.within)
+        return replace(found, target=target)
+
+    def _last(self, best: _Found) -> Complex:
+        """Fit until that gets no nearer; deep hollows join."""
+        now = best
+        for _ in range(LAST):
+            now = self._measured(best.mesh, now.target, "last", now.damping, best.error)
+            if now.error >= best.error:
+                break
+            best = now
+        return best.mesh
+
+    def _closed(self, found: _Found) -> Complex:
+        """Fit once more where hollows are deep."""
+        if len(found.target.within) == len(self._all.within):
+            return found.mesh
+        again = self._fitted(found.mesh, found.target, "closed")
+        off = again.now.largest  # of the hollows found as well
+        return again.mesh if off < found.error else found.mesh
+
+    def _with_worst(self, now: Complex, within: FloatArray) -> Target:
+        """Return a target that looks at the worst of all candidates and vertices as well."""
+        target, (points, normals) = self._all, self._everywhere
+        distance = np.abs(Envelope.of(now).distances(points)[0])
+        distance[: len(target.points)][self.base.fine.samples.areas == 0] = 0.0  # mirrored ones
+        worst = np.argsort(-distance, kind="stable")[:WORST]
+        return Target(points, normals, np.union1d(target.rows, worst), within, target.bounds)
+
+
+def coarser(samples: Samples, found: Complex) -> Collapse:
+    """Collapse a fitted complex further; each candidate pulls at the ball next to it."""
+    envelope = Envelope.of(found)
+    _, row, shares = envelope.distances(samples.points)
+    nearest = envelope.rows[row, shares.argmax(axis=1)]
+    return collapse(found, planes_of(samples, found.balls, nearest), 1)
+
 
 QUALITIES = ("balanced", "fast", "best")
 
@@ -140,11 +575,8 @@ def medial_mesh(shape: Shape, options: MedialMeshOptions, progress: Progress) ->
     fewer = LateCollapse(lambda: coarser(samples, found).placed(scale, middle))
     if len(found) != options.balls and not options.error:
         _note_count(len(found), options.balls, progress)
-    return MedialMesh.of(
-        found.placed(scale, middle),
-        finer=base.sequence.placed(scale, middle),
-        coarser=fewer,
-    )
+    finer = base.sequence.placed(scale, middle)
+    return MedialMesh.of(found.placed(scale, middle), finer=finer, coarser=fewer)
 
 
 def _base(shape: Shape, options: MedialMeshOptions, progress: Progress) -> Base:
@@ -159,19 +591,14 @@ def _base(shape: Shape, options: MedialMeshOptions, progress: Progress) -> Base:
         with progress.stage("sampling", 0.0, 0.7):
             fine = fine_complex(solid, count, options.relief, options.seed, progress)
         with progress.stage("collapse", 0.7, 1.0):
-            return _collapsed(solid, fine)
+            start, samples = Complex(fine.balls, fine.edges, fine.faces), fine.samples
+            sequence, bounds = run_together(
+                lambda: collapse(start, planes_of(samples, fine.balls, fine.pole), 1),
+                lambda: Bounds(samples.points, samples.normals),  # in order for the fits
+            )
+            return Base(solid, fine, sequence, bounds)
 
     return kept(_base, shape, (count, options.relief, options.seed), work, progress)
-
-
-def _collapsed(solid: Solid, fine: FineComplex) -> Base:
-    """Collapse a fine complex; meanwhile the points that bound the fits are put in order."""
-    start, samples = Complex(fine.balls, fine.edges, fine.faces), fine.samples
-    sequence, bounds = run_together(
-        lambda: collapse(start, planes_of(samples, fine.balls, fine.pole), 1),
-        lambda: Bounds(samples.points, samples.normals),
-    )
-    return Base(solid, fine, sequence, bounds)
 
 
 def _fitted(
@@ -183,12 +610,8 @@ def _fitted(
 
 def _note_count(found: int, wanted: int, progress: Progress) -> None:
     why = "its topology needs them" if found > wanted else "its fine complex has no more"
-    progress.note(
-        f"The mesh has {counted(found, 'ball')} instead of {wanted:,}: {why}.",
-        "ball_count",
-        balls=found,
-        wanted=wanted,
-    )
+    text = f"The mesh has {counted(found, 'ball')} instead of {wanted:,}: {why}."
+    progress.note(text, "ball_count", balls=found, wanted=wanted)
 
 
 def _smallest(base: Base, options: MedialMeshOptions, progress: Progress) -> Complex:
@@ -224,10 +647,8 @@ def _smallest(base: Base, options: MedialMeshOptions, progress: Progress) -> Com
 
 
 def _note_error(found: float, balls: int, wanted: float, progress: Progress) -> None:
-    progress.note(
+    text = (
         f"The error of {wanted:.2g} diagonals was not reached: with {counted(balls, 'ball')} it is "
-        f"{found:.2g}, and more balls do not lower it. More samples may.",
-        "error_not_reached",
-        error=found,
-        wanted=wanted,
+        f"{found:.2g}, and more balls do not lower it. More samples may."
     )
+    progress.note(text, "error_not_reached", error=found, wanted=wanted)

@@ -20,7 +20,7 @@ from medialis.base.arrays import Described, Index, Mask
 from medialis.base.errors import InvalidShapeError
 from medialis.base.kept import Bound
 from medialis.base.validation import BallRows, FloatArray, IntArray, Positions, frozen, hold
-from medialis.shape.surface import piece_labels
+from medialis.shape.surface import Topology, piece_labels
 from medialis.skeleton.medial_cloud import MedialCloud
 
 
@@ -82,20 +82,9 @@ def sheets_of(points: FloatArray, faces: Index) -> Sheets:
     faces : (f, 3) int
         Each once.
     """
-    faces = np.asarray(faces, np.int64).reshape(-1, 3)
-    count = len(points)
-    if not len(faces):
-        nothing = np.zeros((0, 2), np.int64)
-        return Sheets(np.zeros(0, np.int64), np.full(count, -1), nothing)
-    sides = np.sort(faces[:, [[0, 1], [0, 2], [1, 2]]].reshape(-1, 2), axis=1)
-    keys, row, uses = np.unique(
-        sides @ np.array([count, 1]), return_inverse=True, return_counts=True
-    )
-    owner = np.argsort(row, kind="stable") // 3
-    first = np.cumsum(uses) - uses
-    inner = np.flatnonzero(uses == 2)
-    links = np.stack([owner[first[inner]], owner[first[inner] + 1]], axis=1)
-    pieces = np.asarray(piece_labels(len(faces), links), np.int64)
+    faces, count = np.asarray(faces, np.int64).reshape(-1, 3), len(points)
+    topology = Topology(faces.astype(np.int32), count)
+    table, pieces = topology.edge_table, topology.face_pieces
     corners = points[faces]
     areas = np.linalg.norm(
         np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
@@ -106,7 +95,7 @@ def sheets_of(points: FloatArray, faces: Index) -> Sheets:
     for corner in faces.T:
         np.minimum.at(low, corner, of_faces)
         np.maximum.at(high, corner, of_faces)
-    seams = np.stack(np.divmod(keys[uses > 2], count), axis=1)
+    seams = table.ends[table.counts > 2].astype(np.int64)
     return Sheets(of_faces, np.where(low == high, high, -1), seams)
 
 
@@ -255,13 +244,7 @@ class MedialMesh(Bound):
             if value.size and (value.min() < 0 or value.max() >= n):
                 raise InvalidShapeError(f"{name} must name balls from 0 to {n - 1}.")
             object.__setattr__(self, name, value)
-        hold(
-            self,
-            centers=(np.float64, n, 3),
-            radii=(np.float64, n),
-            edges=(np.int32, len(self.edges), 2),
-            faces=(np.int32, len(self.faces), 3),
-        )
+        hold(self, centers=(n, 3), radii=n, edges=(len(self.edges), 2), faces=(len(self.faces), 3))
         if not (np.isfinite(self.centers).all() and np.isfinite(self.radii).all()):
             raise InvalidShapeError("Centers and radii must be finite.")
         if (self.radii < 0).any():
@@ -468,10 +451,8 @@ def important_mesh(mesh: MedialMesh, importance: ArrayLike, threshold: float) ->
     edges, faces = _triangles_taken(mesh, low)
     balls = _ends_taken(mesh, low, edges, faces)
     number = np.cumsum(balls) - 1
-    return MedialMesh(
-        mesh.centers[balls], mesh.radii[balls],
-        number[mesh.edges[edges]], number[mesh.faces[faces]],
-    )  # fmt: skip
+    kept = number[mesh.edges[edges]], number[mesh.faces[faces]]
+    return MedialMesh(mesh.centers[balls], mesh.radii[balls], *kept)
 
 
 def _sides(mesh: MedialMesh) -> Index:

@@ -136,7 +136,7 @@ class Solid:
             turned = np.ascontiguousarray((places @ VIEW)[:, np.roll(np.arange(3), axis)])
             found = np.empty((len(places), 2))
             given = turned, view, self.faces, tree, found
-            run_chunks(lambda a, b: count_crossings(a, b, *given), len(places), PLACES_A_CHUNK)
+            run_chunks(count_crossings, len(places), PLACES_A_CHUNK, *given)
             return found
 
         counts = np.concatenate([look(k, *seen) for k, seen in enumerate(self._seen)], axis=1)
@@ -158,7 +158,7 @@ class Solid:
         count = len(origins)
         length, met = np.empty(count), np.empty(count, np.int64)
         given = Rays(origins, directions, own, longest), self.points, self.faces, self.tree
-        run_chunks(lambda a, b: ray_lengths(a, b, *given, length, met), count, RAYS_A_CHUNK)
+        run_chunks(ray_lengths, count, RAYS_A_CHUNK, *given, length, met)
         return length, met
 
     @cached_property
@@ -275,13 +275,9 @@ class Samples:
     def with_more(self, points: FloatArray, normals: FloatArray) -> Samples:
         """Return them with more samples, which stand for no area."""
         rows = len(self.points) + np.arange(len(points))
-        return Samples(
-            np.concatenate([self.points, points]),
-            np.concatenate([self.normals, normals]),
-            np.concatenate([self.areas, np.zeros(len(points))]),
-            np.concatenate([self.owner, rows]),
-            self.spacing,
-        )
+        areas, owner = np.append(self.areas, np.zeros(len(points))), np.append(self.owner, rows)
+        both = np.concatenate([self.points, points]), np.concatenate([self.normals, normals])
+        return Samples(*both, areas, owner, self.spacing)
 
 
 @dataclass(frozen=True, eq=False)
@@ -453,21 +449,12 @@ def _thinned(
     mirror[rows] = len(points) + np.arange(len(rows))
     everywhere = np.concatenate([points, opposite[paired]])
     facing = np.concatenate([normals, -normals[rows]])
-    given = Candidates(
-        everywhere,
-        facing,
-        np.concatenate([local, local[rows]]),
-        np.concatenate([mirror, np.full(len(rows), -1)]),
-    )
+    local, mirror = np.append(local, local[rows]), np.append(mirror, np.full(len(rows), -1))
+    given = Candidates(everywhere, facing, local, mirror)
     heads = np.full(1 << int(4 * len(everywhere)).bit_length(), -1)
     owner = np.full(len(everywhere), -1)
     thin_out(given, order, heads, np.empty(len(everywhere), np.int64), owner)
     kept = owner >= 0
     number = np.cumsum(kept) - 1
-    return Samples(
-        everywhere[kept],
-        facing[kept],
-        np.concatenate([areas, np.zeros(len(rows))])[kept],
-        number[owner[kept]],
-        spacing,
-    )
+    areas, owner = np.append(areas, np.zeros(len(rows)))[kept], number[owner[kept]]
+    return Samples(everywhere[kept], facing[kept], areas, owner, spacing)

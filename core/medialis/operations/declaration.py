@@ -167,14 +167,9 @@ class Operation(Described):
 
     def describe(self) -> dict[str, Any]:
         """Return the declaration as plain data, for JSON and for code generators."""
+        plain = "name", "filter_name", "label", "group", "help", "source", "needs_faces"
         return {
-            "name": self.name,
-            "filter_name": self.filter_name,
-            "label": self.label,
-            "group": self.group,
-            "help": self.help,
-            "source": self.source,
-            "needs_faces": self.needs_faces,
+            **{name: getattr(self, name) for name in plain},
             "formats": list(self.offered),
             "parameters": [{**asdict(p), "kind": p.kind.value} for p in self.parameters],
         }

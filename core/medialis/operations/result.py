@@ -77,9 +77,8 @@ def value_rows(values: Mapping[str, Any], unit: str | None = None) -> Iterator[t
     done = {one for three in whole.values() for one in three[1:]}
     for name, value in values.items():
         parts = value.values() if isinstance(value, Mapping) else ()
-        if name in done or isinstance(value, list):
-            continue
-        if any(isinstance(part, list | Mapping) for part in parts):
+        tables = isinstance(value, list) or any(isinstance(p, list | Mapping) for p in parts)
+        if name in done or tables:
             continue
         stem = name.removesuffix("_min")
         if stem != name and stem in whole:

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from medialis.base.arrays import kd_tree
 from medialis.base.errors import InvalidShapeError
 from medialis.base.kept import Bound
 from medialis.base.options import Options, algorithm, length, number
@@ -118,11 +119,10 @@ class Bones(Bound):
         if self.given_names:
             return self.given_names
         first = np.where(self.mirrors >= 0, np.minimum(self.mirrors, np.arange(self.count)), -1)
+        sides = zip(first.tolist(), self.sides.tolist(), strict=True)
         return tuple(
             f"bone {number if low < 0 else low:03d}{('', '.L', '.R')[side]}"
-            for number, (low, side) in enumerate(
-                zip(first.tolist(), self.sides.tolist(), strict=True)
-            )
+            for number, (low, side) in enumerate(sides)
         )
 
     @property
@@ -358,22 +358,14 @@ def _lay_bones(
             table.setdefault(name, []).append(values)
     mirrors = np.full(len(parents), -1, np.int32)
     sides = np.zeros(len(parents), np.int32)
-    for left, right in pairs:
-        mirrors[limbs[left].bones], mirrors[limbs[right].bones] = (
-            limbs[right].bones,
-            limbs[left].bones,
-        )
-        sides[limbs[left].bones], sides[limbs[right].bones] = 1, -1
+    for one, other in pairs:
+        left, right = limbs[one].bones, limbs[other].bones
+        mirrors[left], mirrors[right] = right, left
+        sides[left], sides[right] = 1, -1
     joined: dict[str, Any] = {name: np.concatenate(parts) for name, parts in table.items()}
-    return Bones(
-        curve=curve,
-        parents=np.array(parents),
-        limbs=np.array(of_limb),
-        mirrors=mirrors,
-        sides=sides,
-        **joined,
-        **_places(curve, limbs, {number: rank for rank, number in enumerate(kept)}),
-    )
+    joined |= _places(curve, limbs, {number: rank for rank, number in enumerate(kept)})
+    joined |= {"parents": np.array(parents), "limbs": np.array(of_limb)}
+    return Bones(curve=curve, mirrors=mirrors, sides=sides, **joined)
 
 
 def _joint_table(limb: Limb, shares: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -404,9 +396,7 @@ def _places(curve: CurveSkeleton, limbs: list[Limb], rank: dict[int, int]) -> di
     edge_limbs, edge_spans = np.full(e, -1, np.int32), np.zeros((e, 2))
     for limb in limbs:
         on, place = limb.end
-        along = np.full(len(limb.nodes), place)
-        if limb.kept:
-            along = limb.places
+        along = limb.places if limb.kept else np.full(len(limb.nodes), place)
         if limb.above < 0:
             node_limbs[limb.nodes[0]] = rank[limb.start[0]]
         # All other first nodes are the last ones of the limb above.
@@ -416,12 +406,8 @@ def _places(curve: CurveSkeleton, limbs: list[Limb], rank: dict[int, int]) -> di
             span = along[[step, step + 1]]
             edge_limbs[edge] = rank[on]
             edge_spans[edge] = span if curve.edges[edge, 0] == pair[0] else span[::-1]
-    return {
-        "node_limbs": node_limbs,
-        "node_places": node_places,
-        "edge_limbs": edge_limbs,
-        "edge_spans": edge_spans,
-    }
+    of_nodes = {"node_limbs": node_limbs, "node_places": node_places}
+    return {**of_nodes, "edge_limbs": edge_limbs, "edge_spans": edge_spans}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -503,14 +489,12 @@ def _skin(rig: Bones, surface: Surface, smoothing: float) -> SkinWeights:
 
 def _nodes_everywhere(points: FloatArray, curve: CurveSkeleton) -> IntArray:
     """Return the node of each vertex; those without one take it from the nearest vertex."""
-    from scipy.spatial import cKDTree
-
     node = np.array(curve.vertex_node)
     missing = node < 0
     if missing.all():
-        return cKDTree(curve.nodes).query(points)[1].astype(np.int32)
+        return kd_tree(curve.nodes).query(points)[1].astype(np.int32)
     if missing.any():
-        node[missing] = node[~missing][cKDTree(points[~missing]).query(points[missing])[1]]
+        node[missing] = node[~missing][kd_tree(points[~missing]).query(points[missing])[1]]
     return node
 
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from medialis.base.arrays import follow, places_along
+from medialis.base.arrays import follow, kd_tree, places_along
 from medialis.base.validation import FloatArray, IntArray
 from medialis.curves.curve_skeleton import CurveSkeleton
 
@@ -317,19 +317,16 @@ def mirrored_limbs(limbs: list[Limb]) -> list[tuple[int, int]]:
         return []
     rows = np.stack([limbs[number].at(COMPARED) for number in kept])
     lengths = np.array([limbs[number].length for number in kept])
-    found = [
-        (*_pairs(plane, rows, lengths), plane) for plane in _planes(limbs, kept, rows, lengths)
-    ]
+    planes = _planes(limbs, kept, rows, lengths)
+    found = [(*_pairs(plane, rows, lengths), plane) for plane in planes]
     # A flat figure is its own image in its own plane, too: a limb that is mapped on another one
     # counts half as much again.
     found = [one for one in found if one[0] >= SYMMETRIC]
-    in_pairs = [lengths[np.array(pairs, int)].sum() / lengths.sum() for _, pairs, _ in found]
-    worth = [share + half / 2 for (share, _, _), half in zip(found, in_pairs, strict=True)]
-    equal = [
-        one for one, value in zip(found, worth, strict=True) if value >= max(worth) - EQUAL_PLANES
-    ]
-    if not equal:
+    if not found:
         return []
+    in_pairs = [lengths[np.array(pairs, int)].sum() / lengths.sum() for _, pairs, _ in found]
+    worth = np.array([share for share, _, _ in found]) + np.array(in_pairs) / 2
+    equal = [found[k] for k in np.flatnonzero(worth >= worth.max() - EQUAL_PLANES)]
     _, pairs, plane = max(equal, key=lambda one: abs(one[2].normal[0]))
     side = rows[:, :, :3].mean(axis=1) @ plane.normal
     return [(kept[a], kept[b]) if side[a] > side[b] else (kept[b], kept[a]) for a, b in pairs]
@@ -339,17 +336,11 @@ def _planes(
     limbs: list[Limb], kept: list[int], rows: FloatArray, lengths: FloatArray
 ) -> list[Plane]:
     """Return the best planes, fitted."""
-    from scipy.spatial import cKDTree
-
     step = lengths.sum() / SAMPLES
-    samples = np.concatenate(
-        [
-            limbs[number].at(np.linspace(0.0, 1.0, int(length / step) + 2))
-            for number, length in zip(kept, lengths.tolist(), strict=True)
-        ]
-    )
+    shares = [np.linspace(0.0, 1.0, int(length / step) + 2) for length in lengths.tolist()]
+    samples = np.concatenate([limbs[k].at(s) for k, s in zip(kept, shares, strict=True)])
     points = samples[:, :3]
-    tree = cKDTree(points)
+    tree = kd_tree(points)
     middle = points.mean(axis=0)
     axes = np.linalg.eigh(np.cov((points - middle).T))[1].T
     planes = [_facing(axis, middle) for axis in axes]

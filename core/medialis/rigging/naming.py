@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from medialis.base.arrays import unit_rows
 from medialis.base.validation import FloatArray, IntArray
 from medialis.rigging.bones import Bones
 
@@ -54,7 +55,7 @@ def roll_axes(rig: Bones) -> FloatArray:
     >>> roll_axes(medialis.bones(elbow)).round(6).tolist()
     [[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]]
     """
-    along = _unit(rig.tails - rig.heads)
+    along = unit_rows(rig.tails - rig.heads)
     across = _across(rig)
     axes = np.zeros((rig.count, 3))
     for limb in range(int(rig.limbs.max(initial=-1)) + 1):
@@ -67,7 +68,7 @@ def roll_axes(rig: Bones) -> FloatArray:
         seen = axes[rig.mirrors[right]]
         image = seen - 2 * (seen @ across)[:, None] * across
         # Limbs are mirror images up to their own irregularities.
-        axes[right] = _unit(image - (image * along[right]).sum(axis=1)[:, None] * along[right])
+        axes[right] = unit_rows(image - (image * along[right]).sum(axis=1)[:, None] * along[right])
     return axes
 
 
@@ -87,7 +88,7 @@ def _limb_axes(along: FloatArray, across: FloatArray | None, inside: bool) -> Fl
     """
     outside = along[1:] if inside else along
     bend = np.cross(outside[:-1], outside[1:]).sum(axis=0)
-    whole = _unit(along.sum(axis=0)[None])[0] if along.sum(axis=0).any() else along[0]
+    whole = unit_rows(along.sum(axis=0)) if along.sum(axis=0).any() else along[0]
     if np.linalg.norm(bend) >= BENT:
         axis = bend
     elif across is not None and abs(whole @ across) < ALONG:
@@ -104,11 +105,6 @@ def _limb_axes(along: FloatArray, across: FloatArray | None, inside: bool) -> Fl
             x = x - (x @ direction) * direction
         found[row] = np.cross(x / np.linalg.norm(x), direction)
     return found
-
-
-def _unit(vectors: FloatArray) -> FloatArray:
-    lengths = np.linalg.norm(vectors, axis=-1, keepdims=True)
-    return np.divide(vectors, lengths, out=np.zeros_like(vectors), where=lengths > 0)
 
 
 @dataclass(frozen=True)
@@ -283,10 +279,9 @@ def _legs_and_arms(rig: Bones, limbs: list[IntArray]) -> tuple[list[IntArray], l
     heights = np.concatenate([rig.heads[:, 2], rig.tails[:, 2]])
     ground = min((rig.tails[rows[-1], 2] for rows in pairs), default=0.0)
     low = [rig.tails[rows[-1], 2] <= ground + GROUND * np.ptp(heights) for rows in pairs]
-    pairs_low = list(zip(pairs, low, strict=True))
-    return [rows for rows, is_leg in pairs_low if is_leg], [
-        rows for rows, is_leg in pairs_low if not is_leg
-    ]
+    split = {leg: [rows for rows, is_leg in zip(pairs, low, strict=True) if is_leg == leg]
+             for leg in (True, False)}  # fmt: skip
+    return split[True], split[False]
 
 
 def _head(rig: Bones, limbs: list[IntArray]) -> int:

@@ -19,9 +19,8 @@ from numpy.typing import ArrayLike, NDArray
 from medialis.base.options import METERS, changed, choice
 from medialis.base.progress import Progress
 from medialis.base.validation import FloatArray
-from medialis.curves.formats import graph_formats
 from medialis.curves.from_balls import CurveSkeletonOptions
-from medialis.curves.operation import described
+from medialis.curves.operation import described, graph_formats
 from medialis.formats.gltf import TRIANGLES, VERTICES, Buffer, middle_of
 from medialis.operations.declaration import Format, Operation
 from medialis.operations.positions import numbers, place, places
@@ -38,6 +37,9 @@ from medialis.rigging.naming import NAMINGS
 from medialis.shape.shape import Shape
 from medialis.shape.surface import Surface
 from medialis.skeleton.surface_skeleton import Preparation
+
+BY_BONE: dict[str, Any] = {"color_by": "bone", "labels": ("bone",)}
+"""How layers are shown."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -73,18 +75,14 @@ def run(shape: Shape, options: ArmatureRun, progress: Progress) -> Outcome:
     n = shape.point_count  # a refined shape has the given points first
     skin = replace(whole, bones=whole.bones[:n], weights=whole.weights[:n], rig=rig)
     if rig.cut:
-        progress.note(
+        text = (
             f"An armature has no loops: {rig.cut} of the curve skeleton were cut, each where both "
-            "paths round it from the root are equally long.",
-            "loops_cut",
-            loops=rig.cut,
+            "paths round it from the root are equally long."
         )
+        progress.note(text, "loops_cut", loops=rig.cut)
     if len(rig.roots) > 1:
-        progress.note(
-            f"The shape has {len(rig.roots)} separate parts: each has a root bone.",
-            "root_bones",
-            roots=len(rig.roots),
-        )
+        text = f"The shape has {len(rig.roots)} separate parts: each has a root bone."
+        progress.note(text, "root_bones", roots=len(rig.roots))
     return Outcome(
         shape=curve.surface or shape,
         layers=(_bones_layer(rig), _skin_layer(shape, skin)),
@@ -126,24 +124,16 @@ def _bones_layer(rig: Bones) -> Layer:
             "limb": np.repeat(rig.limbs, 2),
             "side": np.repeat(rig.sides, 2),
         },
-        color_by="bone",
-        labels=("bone",),
         role="bones",
+        **BY_BONE,
     )
 
 
 def _skin_layer(shape: Shape, skin: SkinWeights) -> Layer:
     """Layer of the surface with the bone that moves each point most, and its weight."""
-    return Layer(
-        "skin",
-        shape.points,
-        shape.faces,
-        attributes={"bone": skin.bones[:, 0], "weight": skin.weights[:, 0]},
-        color_by="bone",
-        labels=("bone",),
-        on_input=True,
-        role="skin",
-    )
+    fields: dict[str, Any] = {"bone": skin.bones[:, 0], "weight": skin.weights[:, 0]}
+    shown: dict[str, Any] = {"on_input": True, "role": "skin", **BY_BONE}
+    return Layer("skin", shape.points, shape.faces, attributes=fields, **shown)
 
 
 def _table(rig: Bones) -> list[dict[str, Any]]:

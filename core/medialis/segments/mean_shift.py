@@ -11,12 +11,13 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from medialis.base.arrays import Described
+from medialis.base.arrays import Described, kd_tree
 from medialis.base.errors import InvalidOptionError, InvalidShapeError
 from medialis.base.kept import kept
 from medialis.base.options import Options, algorithm, changed, choice, flag, length, whole
@@ -209,16 +210,11 @@ def shift_seeds(
         grid, order = _grid(steps, scaled)
         owner = np.repeat(cluster, lengths)[order]
         labels, shares = np.empty(len(places), np.int64), np.empty(len(places))
-
-        def vote(begin: int, end: int) -> None:
-            count_votes(grid, owner, len(centers), places, begin, end, labels, shares)
-
-        run_chunks(vote, len(places), POINTS_A_CHUNK, progress=progress)
+        vote = partial(count_votes, grid, owner, len(centers), places)
+        run_chunks(vote, len(places), POINTS_A_CHUNK, labels, shares, progress=progress)
+    wholes = frozen(labels, np.int32), frozen(cluster, np.int32)
     return MeanShift(
-        frozen(centers * radius + origin, np.float64),
-        frozen(labels, np.int32),
-        frozen(cluster, np.int32),
-        frozen(shares, np.float64),
+        frozen(centers * radius + origin, np.float64), *wholes, frozen(shares, np.float64)
     )
 
 
@@ -230,7 +226,7 @@ def _grid(points: FloatArray, sigma: float) -> tuple[Grid, NDArray[np.int64]]:
     width = max(CELL, float(extent.max()) / MOST_CELLS)
     cell = np.floor((points - low) / width).astype(np.int64)
     shape = cell.max(axis=0) + 1
-    key = (cell[:, 0] * shape[1] + cell[:, 1]) * shape[2] + cell[:, 2]
+    key = np.ravel_multi_index(tuple(cell.T), tuple(shape))
     order = np.argsort(key, kind="stable")
     starts = np.concatenate([[0], np.cumsum(np.bincount(key, minlength=int(shape.prod())))])
     return Grid(np.ascontiguousarray(points[order]), starts, low, width, shape, sigma), order
@@ -259,9 +255,8 @@ def _merged(grid: Grid, ends: FloatArray, merge: float) -> tuple[FloatArray, NDA
     from medialis.segments._kernels import weigh_places
 
     density = np.empty(len(ends))
-    run_chunks(
-        lambda begin, end: weigh_places(grid, ends, begin, end, density), len(ends), POINTS_A_CHUNK
-    )
+    weigh = partial(weigh_places, grid, ends)
+    run_chunks(weigh, len(ends), POINTS_A_CHUNK, density)
     cluster = np.full(len(ends), -1, np.int64)
     centers: list[FloatArray] = []
     # Ties by place: the order of the seeds does not matter.
@@ -359,9 +354,8 @@ def mean_shift_segments(
 
     def work() -> MeanShift:
         rows = run_patiently(lambda: _seed_rows(cloud, usable, options), progress)
-        seeds = cloud.centers[rows]
-        points = cloud.centers[usable]
-        return shift_seeds(points, seeds, surface.diagonal, options, progress)
+        places = cloud.centers[usable], cloud.centers[rows]
+        return shift_seeds(*places, surface.diagonal, options, progress)
 
     with progress.stage("mean shift", 0.0, 0.9):
         clusters = kept(shift_seeds, cloud, replace(options, fill=True), work, progress)
@@ -406,20 +400,14 @@ def _seed_rows(
     cloud: MedialCloud, usable: NDArray[np.bool_], options: MeanShiftSegmentsOptions
 ) -> NDArray[np.int64]:
     """Rows of the seeds: the automatic ones, those added, without those removed."""
-    rows = np.empty(0, np.int64)
-    if options.seeds == "all":
-        rows = np.flatnonzero(usable)
-    elif options.seeds != "none":
+    rows = np.flatnonzero(usable & (options.seeds != "none"))
+    if options.seeds in ("spread", "bumps"):
         share = BUMP_RADIUS if options.seeds == "bumps" else 1.0
-        rows = np.flatnonzero(usable)[
-            seed_points(cloud.subset(usable), options.search_radius, share)
-        ]
+        rows = rows[seed_points(cloud.subset(usable), options.search_radius, share)]
     rows = np.union1d(rows, _balls_of(cloud, usable, options.add))
     if len(options.remove) and len(rows):
-        from scipy.spatial import cKDTree
-
         gone = cloud.centers[_balls_of(cloud, usable, options.remove)]
-        away = cKDTree(gone).query(cloud.centers[rows])[0]
+        away = kd_tree(gone).query(cloud.centers[rows])[0]
         rows = rows[away > options.search_radius * cloud.surface.diagonal]
     if len(rows) == 0:
         raise InvalidOptionError(

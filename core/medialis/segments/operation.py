@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -76,11 +77,7 @@ def run_soft_edges(shape: Shape, options: SoftEdgesRun, progress: Progress) -> O
             "diagonal": fine.diagonal,
             "spacing": fine.spacing,
         },
-        arrays={
-            **cloud_arrays(cloud),
-            "edge_radius": edges.radius,
-            "edge_angle": edges.angle,
-        },
+        arrays={**cloud_arrays(cloud), "edge_radius": edges.radius, "edge_angle": edges.angle},
         shown=layers[-1:],
     )
 
@@ -224,14 +221,9 @@ def run_mean_shift_segments(
             "No sample got a segment: try a larger search radius or more last steps."
         )
     fine, labels = cloud.surface, segments.labels
-    layers = surface_layers(
-        "mean_shift_segments",
-        shape,
-        fine,
-        {"segment": labels},
-        color_by="segment",
-        labels=("segment",),
-    )
+    fields = {"segment": labels}
+    shown: dict[str, Any] = {"color_by": "segment", "labels": ("segment",)}
+    layers = surface_layers("mean_shift_segments", shape, fine, fields, **shown)
     note_unseen(layers[0], segments.count, progress)
     return Outcome(
         shape=fine,
@@ -242,7 +234,7 @@ def run_mean_shift_segments(
             "unassigned_samples": int((labels < 0).sum()),
             "areas": numbers(segments.areas.tolist()),
         },
-        arrays={**cloud_arrays(cloud), "segment": labels},
+        arrays={**cloud_arrays(cloud), **fields},
         shown=layers[-1:],
     )
 

@@ -26,6 +26,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from medialis.base.arrays import kd_tree
 from medialis.base.errors import InvalidShapeError
 from medialis.base.kept import kept
 from medialis.base.options import Options, algorithm, changed, choice, number, whole
@@ -40,6 +41,7 @@ from medialis.segments.sites import (
     all_placements,
     divide_sites,
     join_tree,
+    members_of,
     share_together,
 )
 from medialis.shape.graph import dissected, surface_graph
@@ -104,13 +106,11 @@ def node_widths(skeleton: CurveSkeleton) -> FloatArray:
     The samples are those of all nodes in its ball. At least the radius; much larger in flat places
     such as the palm of a hand.
     """
-    from scipy.spatial import cKDTree
-
     v, nodes, radii = len(skeleton.nodes), skeleton.nodes, skeleton.radii
     node, area, distance = _samples_with_node(skeleton)
     weight = np.bincount(node, area, minlength=v)
     total = np.bincount(node, area * distance, minlength=v)
-    inside = cKDTree(nodes).query_ball_point(nodes, radii, return_sorted=True)
+    inside = kd_tree(nodes).query_ball_point(nodes, radii, return_sorted=True)
     ball = np.repeat(np.arange(v), [len(one) for one in inside])
     member = np.concatenate([np.asarray(one, np.int64) for one in inside])
     same = skeleton.components[ball] == skeleton.components[member]
@@ -146,7 +146,11 @@ def find_limbs(graph: CurveSkeleton, width: FloatArray) -> IntArray:
         Part of each node; -1 for the nodes of a core where three or more arms meet that are as
         thick as it: they belong to no arm more than to another.
     """
-    piece, is_core = _pieces(graph, _cores(graph, width))
+    core_of = _cores(graph, width)
+    uncut = core_of[graph.edges[:, 0]] == core_of[graph.edges[:, 1]]
+    piece = piece_labels(len(core_of), graph.edges[uncut])
+    is_core = np.zeros(int(piece.max(initial=-1)) + 1, bool)
+    is_core[piece[core_of >= 0]] = True  # the graph is cut round its cores
     links = _links(graph, piece, width)
     wide = _mean_widths(graph, piece, width)
     widest = np.zeros(len(is_core))
@@ -211,15 +215,6 @@ def _stretch(
                 stretch.add(b)
                 waiting.append(b)
     return sorted(stretch), sorted(rim)
-
-
-def _pieces(graph: CurveSkeleton, core: IntArray) -> tuple[IntArray, NDArray[np.bool_]]:
-    """Cut the graph round its cores: piece of each node, and which pieces are cores."""
-    uncut = core[graph.edges[:, 0]] == core[graph.edges[:, 1]]
-    piece = piece_labels(len(graph.nodes), graph.edges[uncut])
-    is_core = np.zeros(int(piece.max(initial=-1)) + 1, bool)
-    is_core[piece[core >= 0]] = True
-    return piece, is_core
 
 
 def _links(graph: CurveSkeleton, piece: IntArray, width: FloatArray) -> list[dict[int, float]]:
@@ -345,16 +340,9 @@ class _Diffusion:
         total = area + np.bincount(one[one >= 0], flow[one >= 0], k)
         total += np.bincount(two[two >= 0], flow[two >= 0], k)
         diagonal = np.arange(k)
-        matrix = csc_array(
-            (
-                np.concatenate([total, -flow[inside], -flow[inside]]),
-                (
-                    np.concatenate([diagonal, one[inside], two[inside]]),
-                    np.concatenate([diagonal, two[inside], one[inside]]),
-                ),
-            ),
-            shape=(k, k),
-        )
+        here, there, between = one[inside], two[inside], -flow[inside]
+        ends = np.r_[diagonal, here, there], np.r_[diagonal, there, here]
+        matrix = csc_array((np.r_[total, between, between], ends), shape=(k, k))
         held = area[:, None] * values[self.rows]
         for here, there in ((one, second), (two, first)):
             edge = (here >= 0) & ~inside
@@ -502,12 +490,11 @@ def parts(cloud: MedialCloud, options: PartsOptions, progress: Progress) -> Segm
         sites = _sites(inner, progress) if _has_curves(inner) else None
         if sites is not None:
             return as_seen(inner.surface, sites, options, progress)
-        progress.note(
+        text = (
             "Divided by medial sheets (method sheets): other parts need a mesh with an area and "
-            "all its inner balls.",
-            "divided_by_sheets",
-            reason="no_mesh",
+            "all its inner balls."
         )
+        progress.note(text, "divided_by_sheets", reason="no_mesh")
     return _sheet_parts(inner, options, progress)
 
 
@@ -576,8 +563,7 @@ def _in_valleys(
 
 def _of_samples(sites: Sites, shares: FloatArray, cluster: IntArray) -> IntArray:
     """Give each sample the cluster that the sites round it have most in common with."""
-    members = np.zeros((len(sites), int(cluster.max()) + 1))
-    members[np.arange(len(sites)), cluster] = sites.areas
+    members = members_of(cluster, sites.areas)
     common = sites.shares @ (shares @ members / members.sum(axis=0))
     known = np.diff(sites.shares.indptr) > 0
     return np.where(known, common.argmax(axis=1), -1).astype(np.int32)
@@ -661,13 +647,11 @@ def _main_limbs(surface: Shape, labels: IntArray, progress: Progress) -> IntArra
     merged = merge_small(labels, surface.point_areas, graph, smallest)
     left = len(np.unique(merged[merged >= 0]))
     if left < count:  # else each is a component of the surface
-        progress.note(
+        text = (
             f"The curve skeleton has {count} limbs, as noise and crossing faces make them; those "
-            f"of less than {100 / MOST_LIMBS:.2g} % of the surface were merged: {left} are left.",
-            "limbs_merged",
-            limbs=count,
-            left=left,
+            f"of less than {100 / MOST_LIMBS:.2g} % of the surface were merged: {left} are left."
         )
+        progress.note(text, "limbs_merged", limbs=count, left=left)
     return merged
 
 

@@ -87,12 +87,7 @@ class SoftEdges(Bound):
 
     def __post_init__(self) -> None:
         n, k = self.cloud.surface.point_count, len(self.cloud)
-        hold(
-            self,
-            radius=(np.float64, n),
-            angle=(np.float64, n),
-            rim=(np.bool_, k),
-        )
+        hold(self, radius=n, angle=n, rim=k)
 
     def __repr__(self) -> str:
         count = int(np.isfinite(self.radius).sum())
@@ -247,9 +242,11 @@ def _joined(pair: NDArray[Any], vote: FloatArray, count: int) -> IntArray:
     used, which = np.unique(np.sort(pair, axis=1), axis=0, return_inverse=True)
     total = np.bincount(which.reshape(-1), vote, minlength=len(used))
     votes: list[dict[int, float]] = [{} for _ in range(count)]
+    waiting = []
     for (a, b), value in zip(used.tolist(), total.tolist(), strict=True):
         votes[a][b] = votes[b][a] = value
-    waiting = [(v, a, b) for (a, b), v in zip(used.tolist(), total.tolist(), strict=True) if v < 0]
+        if value < 0:
+            waiting.append((value, a, b))
     heapq.heapify(waiting)
     target = np.arange(count, dtype=np.int32)
     while waiting:
@@ -428,10 +425,9 @@ def _note_round(edges: SoftEdges, min_angle: float, progress: Progress) -> None:
     areas = edges.cloud.surface.point_areas
     share = float(areas[edges.on_edge(min_angle)].sum() / max(areas.sum(), 1e-300))
     if share > MOSTLY_ROUND:
-        progress.note(
+        text = (
             f"{100 * share:.0f} % of the surface lies on soft edges: much of the shape is round, "
             "and patches end in the middle of what is, wherever that is. Parts divide limbs; a "
-            "larger minimum angle leaves the sharper edges only.",
-            "few_edges",
-            share=share,
+            "larger minimum angle leaves the sharper edges only."
         )
+        progress.note(text, "few_edges", share=share)

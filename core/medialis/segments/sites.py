@@ -29,11 +29,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from medialis.base.arrays import Ragged
+from medialis.base.arrays import Ragged, kd_tree, unit_rows
 from medialis.base.kept import Bound
 from medialis.base.threads import run_chunks
 from medialis.base.validation import FloatArray, IntArray
-from medialis.shape.graph import surface_graph
+from medialis.shape.graph import nearest_seeds, surface_graph
 from medialis.shape.surface import Surface
 from medialis.skeleton.medial_cloud import MedialCloud
 
@@ -182,15 +182,13 @@ def all_placements(
     cloud: MedialCloud, count: int = SITES, placements: int = PLACEMENTS
 ) -> list[Sites]:
     """Spread about `count` sites over the surface of a mesh several times; none without area."""
-    from scipy.spatial import cKDTree
-
     surface = _unit_surface(cloud)
     if not surface.area > 0.0:
         return []
     frame, used = principal_axes(surface), np.flatnonzero(surface.used_points)
     side = APART_ACROSS * np.sqrt(surface.area / count)
     samples = np.concatenate([surface.points, side * cloud.surface.normals], axis=1)
-    tree = cKDTree(samples[used])
+    tree = kd_tree(samples[used])
     placed = []
     for placement in range(placements):
         places, normals = even_places(surface, count, placement, frame)
@@ -213,13 +211,12 @@ def _sites(cloud: MedialCloud, surface: Surface, places: FloatArray, starts: Int
     areas = np.maximum(shares.T @ area, 1e-9 * surface.area)
     mean_places = shares.T @ (area[:, None] * surface.points) / areas[:, None]
     normal = shares.T @ (area[:, None] * cloud.surface.normals)
-    length = np.linalg.norm(normal, axis=1)[:, None]
     radii, across = _balls(cloud, surface, shares)
     return Sites(
         shares=shares,
         areas=areas,
         places=mean_places,
-        normals=np.divide(normal, length, out=np.zeros_like(normal), where=length > 0),
+        normals=unit_rows(normal),
         radii=np.maximum(radii, LEAST_STEP * spacing),
         overlaps=in_common(shares, shares, every, every, area),
         across=across,
@@ -305,11 +302,7 @@ def _crossings(
     from medialis.segments._kernels import list_crossings, mark_crossed
 
     cells, crossed = np.ceil(points / step - 0.5), np.empty((len(faces), 3), np.bool_)
-
-    def mark(begin: int, end: int) -> None:
-        mark_crossed(begin, end, cells, faces, crossed)
-
-    run_chunks(mark, len(faces), FACES_A_CHUNK)
+    run_chunks(mark_crossed, len(faces), FACES_A_CHUNK, cells, faces, crossed)
     found = []
     for axis in range(3):
         rows = np.flatnonzero(crossed[:, axis])
@@ -353,12 +346,10 @@ def _caps(
     from scipy.sparse import csc_array, csr_array
 
     from medialis.segments._kernels import Graph, near_sites
-    from medialis.shape._kernels import spread_from_seeds
 
     n, s = surface.point_count, len(starts)
     counts, rows = np.zeros(s, np.int64), np.zeros(s + 1, np.int64)
     found: list[Any] = [None] * -(-s // SITES_A_CHUNK)
-
     walk = Graph(surface.points, graph.offsets, graph.indices)
 
     def search(begin: int, end: int) -> None:
@@ -372,11 +363,9 @@ def _caps(
     alone = np.diff(caps.indptr) == 0
     if not alone.any():
         return caps
-    seed, away = np.full(n, -1, np.int32), np.full(n, np.inf)
-    seed[starts], away[starts] = starts, 0.0
-    spread_from_seeds(surface.points, graph.offsets, graph.indices, away, seed)
     site_of = np.full(n, -1)
     site_of[starts[::-1]] = np.arange(s)[::-1]
+    seed = nearest_seeds(surface.points, graph, site_of >= 0)[0]
     rest = np.flatnonzero(alone & (seed >= 0))
     ones = (np.ones(len(rest)), (rest, site_of[seed[rest]]))
     return csr_array(caps + csr_array(ones, shape=(n, s)))
@@ -448,7 +437,9 @@ def _carried(sites: Sites, other: Sites, area: FloatArray, values: FloatArray) -
 def pair_quantities(sites: Sites) -> list[FloatArray]:
     """Return the quantities of all pairs of sites, (s, s) each, in the order of `NAMES`."""
     s, spacing = len(sites), sites.spacing
-    common = _shares_in_common(sites)
+    own = np.sqrt(np.diag(sites.overlaps))
+    common = sites.overlaps / np.maximum(np.outer(own, own), 1e-300)
+    np.fill_diagonal(common, 0.0)
     one, two = np.nonzero(common > COMMON_SHARE)
     step = sites.places[two] - sites.places[one]
     length = np.maximum(np.linalg.norm(step, axis=1), LEAST_STEP * spacing)
@@ -457,7 +448,9 @@ def pair_quantities(sites: Sites) -> list[FloatArray]:
     across = _across(sites)
     jump = np.nonzero(np.where(across > ACROSS_SHARE, across, 0.0))
     ends = np.concatenate([one, jump[0]]), np.concatenate([two, jump[1]])
-    log_radius = _smooth_logarithms(sites)
+    # The mean over the neighbours.
+    total = np.maximum(sites.overlaps.sum(axis=1), 1e-300)
+    log_radius = (sites.overlaps @ np.log(sites.radii)) / total
     way = WALKED * length / spacing
     bends = np.concatenate([bend + way, np.full(len(jump[0]), JUMP_BEND)])
     found = [
@@ -486,26 +479,12 @@ def _jumps(sites: Sites) -> tuple[tuple[Any, Any], FloatArray]:
     return (one, two), across[one, two] / 2 * 4.0 / gap**2
 
 
-def _shares_in_common(sites: Sites) -> FloatArray:
-    """Area that two caps have in common, for the means of those of each with itself; diagonal 0."""
-    own = np.sqrt(np.diag(sites.overlaps))
-    common = sites.overlaps / np.maximum(own[:, None] * own[None, :], 1e-300)
-    np.fill_diagonal(common, 0.0)
-    return np.asarray(common)
-
-
 def _across(sites: Sites) -> FloatArray:
     """Share of two caps that lies across from the other, the mean of both; diagonal 0."""
     share = sites.across / sites.areas[:, None]
     share = np.minimum(1.0, 0.5 * (share + share.T))
     np.fill_diagonal(share, 0.0)
     return np.asarray(share)
-
-
-def _smooth_logarithms(sites: Sites) -> FloatArray:
-    """Logarithm of the radius, the mean over the neighbours."""
-    total = sites.overlaps.sum(axis=1)
-    return np.asarray((sites.overlaps @ np.log(sites.radii)) / np.maximum(total, 1e-300))
 
 
 def _least(cost: FloatArray, ends: tuple[Any, Any], s: int) -> FloatArray:
@@ -587,10 +566,16 @@ def divide_sites(shares: FloatArray, areas: FloatArray, level: float, count: int
     return best
 
 
-def _agreement(shares: FloatArray, areas: FloatArray, cluster: IntArray, level: float) -> float:
-    """Sum of share - level over the areas of all pairs in one cluster."""
+def members_of(cluster: IntArray, areas: FloatArray) -> FloatArray:
+    """Return the area of each site in the column of its cluster, (s, c)."""
     members = np.zeros((len(areas), int(cluster.max(initial=0)) + 1))
     members[np.arange(len(areas)), cluster] = areas
+    return members
+
+
+def _agreement(shares: FloatArray, areas: FloatArray, cluster: IntArray, level: float) -> float:
+    """Sum of share - level over the areas of all pairs in one cluster."""
+    members = members_of(cluster, areas)
     return float((members * ((shares - level) @ members)).sum())
 
 
@@ -622,8 +607,7 @@ def _after_joins(pairs: IntArray, s: int) -> IntArray:
 
 def _joined(shares: FloatArray, areas: FloatArray, cluster: IntArray, level: float) -> IntArray:
     """Join clusters whose mean share has come up to the level since sites moved."""
-    members = np.zeros((len(areas), int(cluster.max(initial=0)) + 1))
-    members[np.arange(len(areas)), cluster] = areas
+    members = members_of(cluster, areas)
     total = members.sum(axis=0)
     between = members.T @ shares @ members / (total[:, None] * total[None, :])
     pairs, joined = join_tree(between, total)
@@ -643,6 +627,7 @@ def _moved(
     np.fill_diagonal(gains, 0.0)
     moved, still = cluster.copy(), 0
     while turn < MOVES and still < 2:
+        # As many columns as at first: a cluster that lost all its sites may get some again.
         members = np.zeros((len(areas), int(cluster.max(initial=0)) + 1))
         members[site, moved] = areas
         gain = gains @ members

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from medialis.base.arrays import next_side
+from medialis.base.arrays import next_side, sums_of, unit_rows
 from medialis.base.threads import run_chunks
 from medialis.base.validation import FloatArray, IntArray, frozen
 from medialis.shape.shape import Shape
@@ -115,11 +115,7 @@ class Creases:
             self.corners, self.sector, self.normals, self.smoothness,
         )  # fmt: skip
         bulges, cosines = np.empty((shape.face_count, 3)), np.empty(shape.face_count)
-
-        def work(begin: int, end: int) -> None:
-            bulge_faces(begin, end, mesh, bulges, cosines)
-
-        run_chunks(work, shape.face_count, FACES_A_CHUNK)
+        run_chunks(bulge_faces, shape.face_count, FACES_A_CHUNK, mesh, bulges, cosines)
         self.__dict__["least_cosines"] = frozen(cosines, np.float64)
         return bulges, self.least_cosines
 
@@ -140,10 +136,8 @@ class Creases:
         bulges = self._measured()[0]
         result = bulges.ravel()
         first, second = self.half_edges.T
-        larger = np.where(
-            np.abs(result[first]) < np.abs(result[second]), result[second], result[first]
-        )
-        result[first] = result[second] = larger
+        one, other = result[first], result[second]
+        result[first] = result[second] = np.where(np.abs(one) < np.abs(other), other, one)
         return bulges
 
     @cached_property
@@ -201,11 +195,9 @@ def find_creases(shape: Shape, angle: float) -> Creases:
     """
     first, second, bent = crease_edges(shape, angle)
     first, second = first[bent], second[bent]
-    faces = np.asarray(shape.faces if shape.faces is not None else np.empty((0, 3), np.int32))
+    flat = shape.topology.faces.ravel()
     touched = np.zeros(shape.point_count, np.bool_)
-    flat = faces.ravel()
-    touched[flat[first]] = True
-    touched[flat[next_side(first)]] = True
+    touched[flat[first]] = touched[flat[next_side(first)]] = True
     corners = np.flatnonzero(touched[flat])
     row = np.full(len(flat), -1, np.int32)
     row[corners] = np.arange(len(corners))
@@ -275,12 +267,8 @@ def _sector_normals(
     tip, left, right = (points[rows, (corner + step) % 3] for step in range(3))
     cross = np.linalg.norm(np.cross(left - tip, right - tip), axis=1)
     weight = np.arctan2(cross, np.einsum("ij,ij->i", left - tip, right - tip))
-    total = np.zeros((count, 3))
-    for axis in range(3):
-        values = weight * shape.face_normals[face, axis]
-        total[:, axis] = np.bincount(sector, values, count)
-    length = np.linalg.norm(total, axis=1, keepdims=True)
-    result = np.divide(total, length, out=np.zeros_like(total), where=length > 1e-12)
+    total = sums_of(sector, weight[:, None] * shape.face_normals[face], count)
+    result = unit_rows(total, 1e-12)
     alone = np.bincount(vertices, minlength=shape.point_count)[vertices] == 1
     result[alone] = shape.normals[vertices[alone]]
     return result

@@ -29,7 +29,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from medialis.base.arrays import Described, EdgeTable, Index, Mask, next_side
+from medialis.base.arrays import Described, EdgeTable, Index, Mask, next_side, sums_of
 from medialis.base.validation import FloatArray, IntArray, as_faces, as_points, frozen
 from medialis.shape.surface import Surface, Topology, piece_labels
 
@@ -172,8 +172,8 @@ def _unbalanced(surface: Surface, pieces: IntArray) -> tuple[Index, Index]:
 
 def _middles(points: FloatArray, pieces: IntArray, count: int) -> FloatArray:
     """Return the mean point of each piece, (count, 3); zero for a piece without points."""
-    sums = np.stack([np.bincount(pieces, points[:, i], count) for i in range(3)], axis=1)
-    return sums / np.maximum(np.bincount(pieces, minlength=count), 1)[:, None]
+    members = np.maximum(np.bincount(pieces, minlength=count), 1)
+    return sums_of(pieces, points, count) / members[:, None]
 
 
 ON_EACH_OTHER = 1.0 - 1e-6
@@ -191,7 +191,10 @@ def agreeing_flips(surface: Surface) -> tuple[Mask, Mask]:
     a, b, opposite = surface.edge_table.pairs
     if opposite.all():
         return flip, flip.copy()
-    linked = opposite | ~_on_each_other(surface, a // 3, b // 3, ~opposite)
+    linked, rows = np.ones(len(a), bool), np.flatnonzero(~opposite)
+    # Faces that run the same way along their edge and face the same way are folded on each other.
+    one, other = (surface.face_normals[side[rows] // 3] for side in (a, b))
+    linked[rows] = np.einsum("ij,ij->i", one, other) <= ON_EACH_OTHER
     a, b, opposite = a[linked], b[linked], opposite[linked]
     across = np.full((m, 3), -1, np.int32)
     across.flat[a], across.flat[b] = b // 3, a // 3
@@ -211,19 +214,6 @@ def agreeing_flips(surface: Surface) -> tuple[Mask, Mask]:
     left = np.bincount(piece, (now < 0).sum(axis=1), count)
     flip &= (left < before)[piece]
     return flip, (left > 0)[piece]
-
-
-def _on_each_other(surface: Surface, a: IntArray, b: IntArray, looked_at: Mask) -> Mask:
-    """Tell which pairs of faces that run the same way along their edge also face the same way.
-
-    Such faces are folded onto each other.
-    """
-    result = np.zeros(len(a), bool)
-    rows = np.flatnonzero(looked_at)
-    normals = surface.face_normals
-    alike = np.einsum("ij,ij->i", normals[a[rows]], normals[b[rows]])
-    result[rows] = alike > ON_EACH_OTHER
-    return result
 
 
 def _tree(across: IntArray, piece: IntArray, count: int) -> Index:

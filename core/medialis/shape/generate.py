@@ -14,6 +14,7 @@ from itertools import count
 import numpy as np
 from numpy.typing import NDArray
 
+from medialis.base.arrays import kd_tree, places_along
 from medialis.base.validation import FloatArray, IntArray, as_whole_number, frozen
 from medialis.shape.normals import ring_normals
 from medialis.shape.shape import Shape
@@ -265,9 +266,8 @@ class _Teeth:
         """Distance to the gum, then to each tooth (to first order), (t + 1, n)."""
         result = np.empty((len(self.centers) + 1, len(points)))
         result[0] = _gum_distance(points, self.curve)
-        for t, (center, axes, size) in enumerate(
-            zip(self.centers, self.axes, self.sizes, strict=True)
-        ):
+        teeth = zip(self.centers, self.axes, self.sizes, strict=True)
+        for t, (center, axes, size) in enumerate(teeth):
             local = (points - center) @ axes.T
             level = np.linalg.norm(local / size, axis=1)
             steep = np.linalg.norm(local / size**2, axis=1)
@@ -346,8 +346,7 @@ def _curve() -> tuple[FloatArray, FloatArray]:
     """Points of the arch from left to right, (c, 3), and their arc lengths."""
     turn = np.linspace(math.pi, 0.0, _CURVE_POINTS)
     points = np.stack([_HALF_WIDTH * np.cos(turn), _DEPTH * np.sin(turn), 0 * turn], axis=1)
-    steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
-    return points, np.concatenate([[0.0], np.cumsum(steps)])
+    return points, places_along(points)
 
 
 def _place_teeth(count: int, rng: np.random.Generator) -> _Teeth:
@@ -357,9 +356,10 @@ def _place_teeth(count: int, rng: np.random.Generator) -> _Teeth:
     width = np.array(_WIDTHS)[kinds] * rng.uniform(0.96, 1.04, count)
     width *= length[-1] / width.sum()
     middle = np.cumsum(width) - 0.5 * width
-    centers = np.stack([np.interp(middle, length, curve[:, c]) for c in range(3)], axis=1)
-    ahead = np.stack([np.interp(middle + 0.01, length, curve[:, c]) for c in range(3)], axis=1)
-    behind = np.stack([np.interp(middle - 0.01, length, curve[:, c]) for c in range(3)], axis=1)
+    centers, ahead, behind = (
+        np.stack([np.interp(middle + step, length, column) for column in curve.T], axis=1)
+        for step in (0.0, 0.01, -0.01)
+    )
     along = (ahead - behind) / np.linalg.norm(ahead - behind, axis=1, keepdims=True)
     across = np.stack([along[:, 1], -along[:, 0], 0 * middle], axis=1)
     lean = rng.normal(0.0, 0.06, count)[:, None]
@@ -368,22 +368,15 @@ def _place_teeth(count: int, rng: np.random.Generator) -> _Teeth:
     centers = centers + rng.normal(0.0, 0.004, (count, 1)) * across
     centers[:, 2] = _GUM_HALF_HEIGHT + 0.015
     typical = length[-1] / count
-    sizes = np.stack(
-        [
-            0.5 * width,
-            0.5 * typical * np.array(_DEPTHS)[kinds],
-            0.085 * np.array(_HEIGHTS)[kinds] * rng.uniform(0.95, 1.05, count),
-        ],
-        axis=1,
-    )
+    depth = 0.5 * typical * np.array(_DEPTHS)[kinds]
+    height = 0.085 * np.array(_HEIGHTS)[kinds] * rng.uniform(0.95, 1.05, count)
+    sizes = np.stack([0.5 * width, depth, height], axis=1)
     return _Teeth(centers, np.stack([along, across, up], axis=1), sizes, curve)
 
 
 def _gum_distance(points: FloatArray, curve: FloatArray) -> NDArray[np.float64]:
     """Distance to a rounded band along the curve."""
-    from scipy.spatial import cKDTree
-
-    beside = cKDTree(curve[:, :2]).query(points[:, :2])[0] - (_GUM_HALF_WIDTH - _GUM_ROUND)
+    beside = kd_tree(curve[:, :2]).query(points[:, :2])[0] - (_GUM_HALF_WIDTH - _GUM_ROUND)
     above = np.abs(points[:, 2]) - (_GUM_HALF_HEIGHT - _GUM_ROUND)
     outside = np.hypot(np.maximum(beside, 0.0), np.maximum(above, 0.0))
     return outside + np.minimum(np.maximum(beside, above), 0.0) - _GUM_ROUND

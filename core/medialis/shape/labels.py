@@ -13,12 +13,11 @@ import heapq
 import math
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from medialis.base.arrays import Ragged
+from medialis.base.arrays import Ragged, sums_of
 from medialis.base.errors import InvalidShapeError
 from medialis.base.kept import Bound
 from medialis.base.progress import Progress
@@ -63,8 +62,7 @@ def _shortened(cut: FloatArray, edges: NDArray[np.int64], junctions: int) -> Flo
     size = np.maximum(np.einsum("ij,ij->i", along, along), 1e-300)
 
     def middles(points: FloatArray) -> FloatArray:
-        sums = [np.bincount(ends, points[other, axis], minlength=count) for axis in range(3)]
-        return np.asarray(np.stack(sums, axis=1) / degree)
+        return sums_of(ends, points[other], count) / degree
 
     points = np.concatenate([cut.mean(axis=1), np.zeros((junctions, 3))])
     points[len(cut) :] = middles(points)[len(cut) :]
@@ -130,18 +128,17 @@ class Segmentation(Bound):
     join_levels: FloatArray | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
-        labels = np.asarray(self.labels)
-        if labels.shape != (self.surface.point_count,):
+        if np.shape(self.labels) != (self.surface.point_count,):
             raise InvalidShapeError(
                 f"labels must be one number for each of the {self.surface.point_count} samples, "
-                f"got {labels.shape}."
+                f"got {np.shape(self.labels)}."
             )
-        object.__setattr__(self, "labels", frozen(labels, np.int32))
+        hold(self, labels=self.surface.point_count)
         if self.face_labels is not None:
-            hold(self, face_labels=(np.int32, self.surface.face_count))
+            hold(self, face_labels=self.surface.face_count)
         if self.joins is not None:
             j = len(self.joins)
-            hold(self, joins=(np.int32, j, 2), join_levels=(np.float64, j))
+            hold(self, joins=(j, 2), join_levels=j)
 
     def __repr__(self) -> str:
         return f"Segmentation({self.count} segments of {len(self.labels)} samples)"
@@ -152,8 +149,7 @@ class Segmentation(Bound):
         labels, weight = self.labels, self.surface.point_areas
         if self.face_labels is not None:
             labels, weight = self.face_labels, self.surface.face_areas
-        areas = np.bincount(labels[labels >= 0], weight[labels >= 0])
-        return frozen(areas, np.float64)
+        return frozen(np.bincount(labels[labels >= 0], weight[labels >= 0]), np.float64)
 
     @property
     def count(self) -> int:
@@ -317,12 +313,10 @@ def _borders(labels: IntArray, graph: Ragged, count: int) -> list[dict[int, int]
     a = np.repeat(labels, graph.lengths)
     b = labels[graph.indices]
     crossing = (a >= 0) & (b >= 0) & (a != b)
-    keys, links = np.unique(
-        a[crossing].astype(np.int64) * max(count, 1) + b[crossing], return_counts=True
-    )
+    pairs, links = np.unique(a[crossing].astype(np.int64) * count + b[crossing], return_counts=True)
     borders: list[dict[int, int]] = [{} for _ in range(count)]
-    for key, number in zip(keys.tolist(), links.tolist(), strict=True):
-        borders[key // count][key % count] = number
+    for pair, number in zip(pairs.tolist(), links.tolist(), strict=True):
+        borders[pair // count][pair % count] = number
     return borders
 
 
@@ -374,11 +368,7 @@ def numbered_by_weight(labels: IntArray, weight: FloatArray) -> IntArray:
     place = place.reshape(-1)  # numpy 2.0 gave it another shape
     total = np.bincount(place, weight, minlength=len(used))
     total[used < 0] = np.inf
-    order = np.lexsort((first, -total))
-    rank = np.empty(len(used), np.int64)
-    rank[order] = np.arange(len(used))
-    if len(used) and used[0] < 0:
-        rank -= 1
+    rank = np.argsort(np.lexsort((first, -total))) - (used < 0).any()
     return rank[place].astype(np.int32)
 
 
@@ -412,7 +402,7 @@ def without_islands(
     island = known & (total < ISLAND * heaviest[of_piece])[piece]
     sample = np.repeat(np.arange(len(labels)), graph.lengths)
     usable = known[sample] & known[graph.indices]
-    ends = np.concatenate([[0], np.cumsum(np.bincount(sample[usable], minlength=len(labels)))])
+    ends = np.cumsum(np.bincount(sample[usable] + 1, minlength=len(labels) + 1))
     within = Ragged(ends, graph.indices[usable])
     around = spread_labels(points, within, np.where(island, -1, labels))
     return np.where(island & (around >= 0), around, labels).astype(np.int32)
@@ -462,8 +452,8 @@ def diffused_labels(labels: IntArray, graph: Ragged, steps: int) -> IntArray:
     rows, still = np.flatnonzero(moving), np.flatnonzero(~moving & (labels >= 0))
     around = near[rows]
     inner = around[:, rows] + eye_array(len(rows))
-    fixed = _shares(column[still], count)
-    held, share = around[:, still] @ fixed, _shares(column[rows], count)
+    one_each = csr_array((np.ones(n), (np.arange(n), column)), shape=(n, count))
+    held, share = around[:, still] @ one_each[still], one_each[rows]
     mean = diags_array(1.0 / (inner.sum(axis=1) + held.sum(axis=1)))
     inner, held = csr_array(mean @ inner), csr_array(mean @ held)
     size, dense = len(rows) * count, False
@@ -476,14 +466,6 @@ def diffused_labels(labels: IntArray, graph: Ragged, steps: int) -> IntArray:
     return result
 
 
-def _shares(column: NDArray[Any], count: int) -> Any:
-    """Return the sparse shares of samples that have one label each, (n, count)."""
-    from scipy.sparse import csr_array
-
-    n = len(column)
-    return csr_array((np.ones(n), (np.arange(n), column)), shape=(n, count))
-
-
 def connected_labels(labels: IntArray, graph: Ragged) -> IntArray:
     """Give each connected piece of each label a label of its own; -1 stays."""
     sample = np.repeat(np.arange(len(labels)), graph.lengths)
@@ -494,18 +476,13 @@ def connected_labels(labels: IntArray, graph: Ragged) -> IntArray:
 
 def tell_pieces(found: Segmentation, progress: Progress) -> None:
     """Say how many segments lie in several pieces of the surface, and in how many."""
-
-    def count() -> list[int]:
-        return piece_counts(found.labels, surface_graph(found.surface)).tolist()
-
-    pieces = run_patiently(count, progress)
-    apart = [number for number in pieces if number > 1]
+    surface = found.surface
+    counts = run_patiently(lambda: piece_counts(found.labels, surface_graph(surface)), progress)
+    apart = counts[counts > 1].tolist()
     if apart:
-        progress.note(
+        text = (
             f"{len(apart)} of {found.count} segments are not connected along the surface, as the "
-            f"two walls of a sheet are not: they have {sum(apart)} pieces.",
-            "segments_not_connected",
-            segments=found.count,
-            count=len(apart),
-            pieces=sum(apart),
+            f"two walls of a sheet are not: they have {sum(apart)} pieces."
         )
+        told = {"segments": found.count, "count": len(apart), "pieces": sum(apart)}
+        progress.note(text, "segments_not_connected", **told)

@@ -15,7 +15,7 @@ normals to be of use.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -99,9 +99,7 @@ def noise_level(shape: ShapeLike) -> float:
 
 def noise_above(shape: Shape, least: float) -> float:
     """Return the level of the noise of a mesh, or 0 as soon as it is known to be below `least`."""
-    if shape.faces is None or len(shape.edges) == 0:
-        return 0.0
-    if _constructed(shape):
+    if shape.faces is None or len(shape.edges) == 0 or _constructed(shape):
         return 0.0
     n = shape.point_count
     rows = np.arange(0, n, 1 + n // MOST_MEASURED)
@@ -135,9 +133,8 @@ def _constructed(shape: Shape) -> bool:
     Noise bends every edge, so that few are flat; steps of voxels have edges of equal lengths.
     """
     bends = shape.edge_bends
-    if len(bends) == 0 or (bends < FLAT).mean() <= FLAT_SHARE:
-        return False
-    if (bends > SHARP).mean() <= SHARP_SHARE:
+    some = len(bends) > 0 and (bends < FLAT).mean() > FLAT_SHARE
+    if not some or (bends > SHARP).mean() <= SHARP_SHARE:
         return False
     return bool(shape.edge_lengths.max() >= LONG * np.quantile(shape.edge_lengths, SHORT))
 
@@ -304,4 +301,4 @@ def _plate(shape: Shape, length: float) -> Shape:
         before, size = size, np.einsum("ij,ij->j", rest, ready)
         step = ready + size / np.maximum(before, 1e-300) * step
     points = shape.points + change
-    return replace(shape, points=points, normals=ring_normals(points, shape.faces))
+    return shape.remade(points=points, normals=ring_normals(points, shape.faces))

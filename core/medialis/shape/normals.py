@@ -10,18 +10,17 @@ from.
 
 from __future__ import annotations
 
-import logging
 import math
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from medialis.base.arrays import Ragged, first_equal_row
+from medialis.base.arrays import Ragged, first_equal_row, kd_tree
 from medialis.base.errors import InvalidShapeError
 from medialis.base.options import Options, algorithm, whole
 from medialis.base.progress import Progress, counted
-from medialis.base.threads import run_chunks, run_patiently
+from medialis.base.threads import nearest_rows, run_chunks, run_patiently
 from medialis.base.validation import FloatArray, IntArray, as_faces, as_points, frozen
 from medialis.shape.diagnosis import propagate_signs
 from medialis.shape.surface import piece_labels
@@ -101,16 +100,12 @@ def ring_normals(points: FloatArray, faces: IntArray, *, smooth: bool = True) ->
     fans = Ragged.group(faces.ravel(), len(points))
     mesh = Fans(local, faces, units, fans.offsets, fans.indices)
     normals, crease = np.zeros((len(points), 3)), math.cos(math.radians(SHARP))
-
-    def fill(begin: int, end: int) -> None:
-        fill_normals(begin, end, mesh, crease, FACING_AWAY, smooth, normals)
-
-    run_chunks(fill, len(points), VERTICES_A_CHUNK)
+    with_these = mesh, crease, FACING_AWAY, smooth, normals
+    run_chunks(fill_normals, len(points), VERTICES_A_CHUNK, *with_these)
     return frozen(normals, np.float64)
 
 
 BATCH = 1 << 16
-QUERIES_A_CHUNK = 1 << 13
 
 GRAZING = 0.17
 """Cosine of normal and beam below which the error of the normal, some 10 degrees, could turn it."""
@@ -174,8 +169,6 @@ def estimate_normals(points: ArrayLike, options: NormalsOptions, progress: Progr
     >>> bool((np.einsum("ij,ij->i", normals, points) > 0.9).all())
     True
     """
-    from scipy.spatial import cKDTree
-
     points = as_points(points)
     views = None if options.viewpoints is None else as_viewpoints(options.viewpoints, len(points))
     centered = points - points.mean(axis=0)
@@ -192,15 +185,9 @@ def estimate_normals(points: ArrayLike, options: NormalsOptions, progress: Progr
     progress.update(0.0)
     centered /= size  # squared distances of tiny or huge clouds stay in range
     k = min(options.neighbours, len(points) - 1) + 1
-    tree = run_patiently(lambda: cKDTree(centered), progress)
-    near = np.empty((len(points), k), np.int64)
-
-    def search(begin: int, end: int) -> None:
-        near[begin:end] = tree.query(centered[begin:end], k=k)[1]
-
-    # Not the query's own threads: Ctrl-C leaves them running in a tree that is freed.
+    tree = run_patiently(lambda: kd_tree(centered), progress)
     with progress.stage("neighbours", 0.0, 0.4):
-        run_chunks(search, len(points), QUERIES_A_CHUNK, progress=progress)
+        near = nearest_rows(tree, centered, k, progress)
     normals = run_patiently(lambda: _plane_normals(centered, near), progress)
     progress.update(0.7)
     beams = None if views is None else _unit(views - points)
@@ -208,14 +195,11 @@ def estimate_normals(points: ArrayLike, options: NormalsOptions, progress: Progr
         lambda: _orient(centered, normals, near, beams), progress
     )
     if doubtful:
-        progress.note(
+        text = (
             f"The outside of {doubtful} of {counted(parts, 'part')} of the cloud is uncertain "
-            "(open or noisy): the normals agree with each other, but may all point inward.",
-            "outside_uncertain",
-            level=logging.WARNING,
-            parts=doubtful,
-            of=parts,
+            "(open or noisy): the normals agree with each other, but may all point inward."
         )
+        progress.warn(text, "outside_uncertain", parts=doubtful, of=parts)
     if beams is not None:
         oriented = _facing(oriented, beams, progress)
     return frozen(oriented, np.float64)
@@ -251,12 +235,8 @@ def _facing(
     """
     cosine = np.einsum("ij,ij->i", normals, beams)
     seen = int(beams.any(axis=1).sum())
-    progress.note(
-        f"The normals of {counted(seen, 'point', of=len(normals))} face the viewpoint.",
-        "normals_face_viewpoints",
-        points=seen,
-        of=len(normals),
-    )
+    text = f"The normals of {counted(seen, 'point', of=len(normals))} face the viewpoint."
+    progress.note(text, "normals_face_viewpoints", points=seen, of=len(normals))
     return np.where((cosine < -GRAZING)[:, None], -normals, normals)
 
 

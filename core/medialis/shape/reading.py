@@ -19,7 +19,6 @@ from __future__ import annotations
 import logging
 import os
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
 from typing import Any, Protocol, TypeAlias
 
 import numpy as np
@@ -257,18 +256,11 @@ def read_shape(
         text = f"The file says that its unit is {mesh.unit}; it is taken as {unit}, as asked."
         progress.note(text, "other_unit", level=logging.WARNING, file=mesh.unit, taken=unit)
     normals = None if mesh.faces is not None else mesh.normals
+    known: dict[str, Any] = {"unit": unit or mesh.unit, "patches": mesh.patches, "repair": True}
+    known["viewpoints"] = None if normals is not None else mesh.viewpoints
     with progress.stage("prepare", 0.5, 1.0):
         try:
-            return make_shape(
-                mesh.points,
-                mesh.faces,
-                normals,
-                repair=True,
-                viewpoints=None if normals is not None else mesh.viewpoints,
-                unit=unit or mesh.unit,
-                patches=mesh.patches,
-                progress=progress,
-            )
+            return make_shape(mesh.points, mesh.faces, normals, progress=progress, **known)
         except InvalidShapeError as error:
             raise InvalidShapeError(f"Cannot use {os.fspath(path)}: {error}") from None
 
@@ -443,4 +435,4 @@ def surface_of_cloud(shape: ShapeLike) -> Shape:
     triangles = corners[tetrahedron[:, None], _FACES[face]]
     flipped = volume[tetrahedron] < 0
     triangles[flipped] = triangles[flipped][:, [0, 2, 1]]
-    return replace(shape, faces=triangles.astype(np.int32), face_map=None, face_origin=None)
+    return shape.remade(faces=triangles.astype(np.int32), face_map=None, face_origin=None)

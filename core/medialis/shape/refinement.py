@@ -27,6 +27,7 @@ from typing import Any, NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
+from medialis.base.arrays import kd_tree, sums_of, unit_rows
 from medialis.base.errors import InvalidShapeError
 from medialis.base.options import Options, algorithm, length
 from medialis.base.progress import Progress
@@ -53,6 +54,9 @@ _ONE = {1: ((0, 3, 2), (3, 1, 2)), 2: ((1, 4, 0), (4, 2, 0)), 4: ((2, 5, 1), (5,
 _THREE = ((0, 3, 5), (3, 1, 4), (5, 4, 2), (3, 4, 5))
 # Two split edges: the corner where they meet and its two midpoints, then the far two corners.
 _TWO = {3: (1, 4, 3, 0, 2), 6: (2, 5, 4, 1, 0), 5: (0, 3, 5, 2, 1)}
+
+
+NO_STRIPS = np.empty((0, 2), np.int64), np.empty(0, np.int64), np.empty(0, np.int64)
 
 
 @dataclass(frozen=True)
@@ -83,8 +87,8 @@ class Cut:
     @classmethod
     def of(cls, surface: Surface) -> Cut:
         """Begin with all faces of a mesh, and no strip."""
-        faces, none = np.asarray(surface.faces, np.int64), np.empty(0, np.int64)
-        return cls(surface.points, faces, np.arange(len(faces)), none.reshape(0, 2), none, none)
+        faces = np.asarray(surface.faces, np.int64)
+        return cls(surface.points, faces, np.arange(len(faces)), *NO_STRIPS)
 
     def with_strips(self, longest_edge: float) -> Cut:
         """Make strips of the faces that are long and no higher than an edge may be."""
@@ -103,22 +107,20 @@ class Cut:
         number = 2 * (count + np.arange(len(rows)))
         side_of = number[:, None] + np.array([0, 1, 1])
         sides = np.stack([turned, np.roll(turned, -1, axis=1)], axis=2)
-        rest = np.ones(len(self.faces), bool)
-        rest[rows] = False
-        return replace(
-            self,
-            faces=self.faces[rest],
-            origin=self.origin[rest],
-            sides=np.concatenate([self.sides, sides.reshape(-1, 2)]),
-            side_of=np.concatenate([self.side_of, side_of.ravel()]),
-            strip_origin=np.concatenate([self.strip_origin, self.origin[rows]]),
+        return Cut(
+            self.points,
+            np.delete(self.faces, rows, axis=0),
+            np.delete(self.origin, rows),
+            np.concatenate([self.sides, sides.reshape(-1, 2)]),
+            np.concatenate([self.side_of, side_of.ravel()]),
+            np.concatenate([self.strip_origin, self.origin[rows]]),
         )
 
     def without_strips(self) -> Cut:
         """Fill the strips with triangles."""
         from medialis.shape._kernels import zip_strips
 
-        count, none = len(self.strip_origin), np.empty(0, np.int64)
+        count = len(self.strip_origin)
         if count == 0:
             return self
         pieces = np.bincount(self.side_of, minlength=2 * count).reshape(-1, 2)
@@ -129,14 +131,8 @@ class Cut:
         zip_strips(self.points, ring, first, np.ascontiguousarray(pieces[:, 0]), filling)
         origin = np.concatenate([self.origin, np.repeat(self.strip_origin, made)])
         order = np.argsort(origin, kind="stable")
-        return Cut(
-            self.points,
-            np.concatenate([self.faces, filling])[order],
-            origin[order],
-            none.reshape(0, 2),
-            none,
-            none,
-        )
+        faces = np.concatenate([self.faces, filling])
+        return Cut(self.points, faces[order], origin[order], *NO_STRIPS)
 
     def halved(self, longest_edge: float | Allowed, most_points: int) -> Cut | None:
         """Halve every edge that is too long once; None when there is none.
@@ -153,11 +149,9 @@ class Cut:
         surface = Surface.of_checked(
             self.points, np.concatenate([self.faces, self.sides[:, [0, 1, 1]]])
         )
-        bound: float | FloatArray
-        if callable(longest_edge):
-            bound = longest_edge(surface.points[surface.edges].mean(axis=1))
-        else:
-            bound = longest_edge
+        bound: Any = longest_edge
+        if callable(bound):
+            bound = bound(surface.points[surface.edges].mean(axis=1))
         n, long = surface.point_count, surface.edge_lengths > bound
         if not long.any():
             return None
@@ -176,14 +170,8 @@ class Cut:
         sides = np.stack([three[:, :2], three[:, 1:]], axis=1)
         sides[~two, 0, 1] = three[~two, 2]
         use = np.column_stack([np.ones(len(two), bool), two])
-        return replace(
-            self,
-            points=points,
-            faces=faces,
-            origin=self.origin[parent],
-            sides=sides[use],
-            side_of=np.repeat(self.side_of, use.sum(axis=1)),
-        )
+        side_of = np.repeat(self.side_of, use.sum(axis=1))
+        return Cut(points, faces, self.origin[parent], sides[use], side_of, self.strip_origin)
 
 
 class TooManyPointsError(Exception):
@@ -261,12 +249,8 @@ class LongEdges:
         used = np.zeros(whole.point_count, np.bool_)
         used[corners[faces]] = True
         vertices, place = np.flatnonzero(used), np.cumsum(used) - 1
-        return cls(
-            whole,
-            Surface.of_checked(whole.points[vertices], place[corners[faces]]),
-            vertices,
-            faces,
-        )
+        part = Surface.of_checked(whole.points[vertices], place[corners[faces]])
+        return cls(whole, part, vertices, faces)
 
     def cut(self, longest_edge: float, most_points: int) -> Cut:
         """Halve long edges until there are none; return the whole mesh.
@@ -295,18 +279,12 @@ class LongEdges:
         points, count = self.whole.points, len(self.vertices)
         new = cut.points[count:]
         place = np.append(self.vertices, len(points) + np.arange(len(new)))
-        stay = np.ones(self.whole.face_count, np.bool_)
-        stay[self.faces] = False
-        rest = np.flatnonzero(stay)
+        rest = np.delete(np.arange(self.whole.face_count), self.faces)
         origin = np.append(rest, self.faces[cut.origin])
         order = np.argsort(origin, kind="stable")
         faces = np.concatenate([np.asarray(self.whole.faces)[rest], place[cut.faces]])
-        return replace(
-            cut,
-            points=np.concatenate([points, new]),
-            faces=faces[order].astype(np.int64),
-            origin=origin[order],
-        )
+        points, faces = np.concatenate([points, new]), faces[order].astype(np.int64)
+        return replace(cut, points=points, faces=faces, origin=origin[order])
 
 
 def has_new(faces: NDArray[Any], n: int) -> NDArray[np.bool_]:
@@ -424,13 +402,11 @@ def refine_where(shape: Shape, allowed: FloatArray, most_points: int = MOST_POIN
     Shape
         As `refine` returns it; the same object when nothing is to do.
     """
-    from scipy.spatial import cKDTree
-
     near = np.flatnonzero(np.isfinite(allowed))
     if len(near) == 0:
         return shape
     scale = power_of_two_scale(shape.points)
-    tree, bound = cKDTree(shape.points * scale), allowed * scale
+    tree, bound = kd_tree(shape.points * scale), allowed * scale
     cut = begun = Cut.of(Surface.of_checked(shape.points * scale, np.asarray(shape.faces)))
     try:
         for _ in range(MOST_HALVINGS):
@@ -445,32 +421,17 @@ def refine_where(shape: Shape, allowed: FloatArray, most_points: int = MOST_POIN
 
 def _with_faces_of(shape: Shape, cut: Cut, scale: float) -> Shape:
     """Return a shape with the points and faces that it was cut into, as lengths times `scale`."""
-    points, faces = np.array(cut.points), cut.faces.astype(np.int32)
-    face_origin = cut.origin.astype(np.int32)
-    n = shape.point_count
-    points /= scale
+    points, faces, n = cut.points / scale, cut.faces.astype(np.int32), shape.point_count
     points[:n] = shape.points
-    normals = np.concatenate(
-        [shape.normals, ring_normals(points, faces[has_new(faces, n)], smooth=False)[n:]]
-    )
+    around = ring_normals(points, faces[has_new(faces, n)], smooth=False)
     origin = np.full(len(points), -1, np.int32)
     origin[:n] = np.arange(n) if shape.origin is None else shape.origin
-    of_faces = {
-        name: values[face_origin]
-        for name in ("face_map", "patches")
-        if (values := getattr(shape, name)) is not None
-    }
-    if shape.face_origin is not None:
-        face_origin = shape.face_origin[face_origin]
-    return replace(
-        shape,
-        points=points,
-        normals=normals,
-        faces=faces,
-        origin=origin,
-        face_origin=face_origin,
-        **of_faces,
-    )
+    made = {"points": points, "normals": np.concatenate([shape.normals, around[n:]])}
+    made |= {"faces": faces, "origin": origin, "face_origin": cut.origin.astype(np.int32)}
+    for name in ("face_origin", "face_map", "patches"):
+        if (values := getattr(shape, name)) is not None:
+            made[name] = values[cut.origin]
+    return shape.remade(**made)
 
 
 def affordable_edge(shape: Shape, fraction: float) -> float:
@@ -601,8 +562,7 @@ def on_smooth_surface(shape: Shape, fine: Shape, creases: Creases) -> Shape:
     corners = np.asarray(shape.faces)[face]
     weights = nearest_on_triangles(fine.points[vertex], shape.points[corners])
     normals = np.einsum("ij,ijk->ik", weights, creases.corner_normals(face))
-    length = np.linalg.norm(normals, axis=1, keepdims=True)
-    normals = np.divide(normals, length, out=np.zeros_like(normals), where=length > 0.5)
+    normals = unit_rows(normals, 0.5)
     pairs = weights * weights[:, [1, 2, 0]]
     height = np.einsum("ij,ij->i", pairs, creases.own_bulges[face])
     step, mean, on_crease = _common_steps(vertex - n, normals, height, fine.point_count - n)
@@ -611,7 +571,7 @@ def on_smooth_surface(shape: Shape, fine: Shape, creases: Creases) -> Shape:
     directions = np.array(fine.normals)
     smooth = ~on_crease & mean.any(axis=1)
     directions[n:] = np.where(smooth[:, None], mean, around[n:])
-    return replace(fine, points=points, normals=directions)
+    return fine.remade(points=points, normals=directions)
 
 
 def _unfolded(fine: Shape, n: int, step: FloatArray) -> NDArray[np.float64]:
@@ -649,21 +609,18 @@ def _common_steps(
     vertex: NDArray[np.int64], normals: FloatArray, height: FloatArray, count: int
 ) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
     """Return the step, the mean normal and whether sides are apart, for each vertex."""
-    outer = normals[:, :, None] * normals[:, None, :]
-    total = np.stack(
-        [np.bincount(vertex, outer[:, i, j], count) for i in range(3) for j in range(3)]
-    )
-    right = np.stack([np.bincount(vertex, height * normals[:, j], count) for j in range(3)], axis=1)
-    mean = np.stack([np.bincount(vertex, normals[:, j], count) for j in range(3)], axis=1)
+    outer = (normals[:, :, None] * normals[:, None, :]).reshape(-1, 9)
+    total = sums_of(vertex, outer, count)
+    right = sums_of(vertex, height[:, None] * normals, count)
+    mean = sums_of(vertex, normals, count)
     faces = np.bincount(vertex, minlength=count)
     step = right / np.maximum(faces, 1)[:, None]
     several = np.flatnonzero(faces > 1)
-    values, axes = np.linalg.eigh(total.T.reshape(-1, 3, 3)[several])
+    values, axes = np.linalg.eigh(total.reshape(-1, 3, 3)[several])
     apart = values > APART * values[:, -1:]
     along = np.einsum("ikj,ik->ij", axes, right[several])
     along = np.divide(along, values, out=np.zeros_like(along), where=apart & (values > 0))
     step[several] = np.einsum("ikj,ij->ik", axes, along)
     on_crease = np.zeros(count, np.bool_)
     on_crease[several] = apart.sum(axis=1) > 1
-    length = np.linalg.norm(mean, axis=1, keepdims=True)
-    return step, np.divide(mean, length, out=np.zeros_like(mean), where=length > 0.5), on_crease
+    return step, unit_rows(mean, 0.5), on_crease

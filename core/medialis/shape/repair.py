@@ -229,32 +229,34 @@ class _Work:
         vectors = None if normals is None else as_normals(normals, n)
         identity = np.arange(max(n, len(checked)), dtype=np.int32)
         work = cls(xyz, checked, vectors, identity[:n], identity[: len(checked)], len(checked), [])
-        if partial:
-            work._note("Dropped {} with NaN or infinity.", "not_finite_dropped", "point", ~keep)
+        text = "Dropped {} with NaN or infinity."
+        if partial and work._note(text, "not_finite_dropped", "point", ~keep):
             work._keep_points(keep)
         return work
 
-    def _note(self, text: str, code: str, noun: str, counted: ArrayLike) -> None:
-        """Record a sentence about what a mask or a number counts; the noun names its data."""
+    def _note(self, text: str, code: str, noun: str, counted: ArrayLike) -> bool:
+        """Record a sentence about what a mask or a number counts, if it counts any; tell whether.
+
+        The noun names its data.
+        """
         number, plural = int(np.sum(counted)), PLURALS.get(noun, f"{noun}s")
         words = f"{number} {noun if number == 1 else plural}"
-        self.messages.append(Message(text.format(words), code, **{plural.split()[-1]: number}))
+        if number:
+            self.messages.append(Message(text.format(words), code, **{plural.split()[-1]: number}))
+        return number > 0
 
     def weld(self) -> None:
         first = self.surface().first_equal_point
         keep = first == np.arange(len(first))
-        if keep.all():
-            return
-        self._note("Welded {} lying exactly on another one.", "welded", "point", ~keep)
-        if self.normals is not None:
-            self.normals = _first_normals(self.normals, first)
-        self._keep_points(keep, first)
+        if self._note("Welded {} lying exactly on another one.", "welded", "point", ~keep):
+            if self.normals is not None:
+                self.normals = _first_normals(self.normals, first)
+            self._keep_points(keep, first)
 
     def drop_degenerate(self) -> None:
         a, b, c = self.faces.T
         keep = (a != b) & (b != c) & (c != a)
-        if not keep.all():
-            self._note("Dropped {} with a repeated corner.", "repeated_corners", "face", ~keep)
+        if self._note("Dropped {} with a repeated corner.", "repeated_corners", "face", ~keep):
             self._keep_faces(keep)
         if len(self.faces) == 0:
             return
@@ -263,13 +265,11 @@ class _Work:
         if not flat.any():
             return
         faces, source, turned = flip_flat_faces(surface, flat)
-        if turned:
-            text = "Merged {} without area into neighbours by turning an edge."
-            self._note(text, "flat_faces_merged", "face", turned)
+        text = "Merged {} without area into neighbours by turning an edge."
+        if self._note(text, "flat_faces_merged", "face", turned):
             self.faces, self.face_map = faces, self.face_map[source]
         keep = ~self.surface().flat_faces
-        if not keep.all():
-            self._note("Dropped {} without area.", "flat_faces_dropped", "face", ~keep)
+        if self._note("Dropped {} without area.", "flat_faces_dropped", "face", ~keep):
             self._keep_faces(keep)
 
     def surface(self) -> Surface:
@@ -281,30 +281,24 @@ class _Work:
 
     def drop_duplicate_faces(self) -> None:
         repeated, folds = faces_to_drop(self.surface().topology)
-        if repeated.any():
-            self._note("Dropped {}.", "duplicates_dropped", "duplicate face", repeated)
-        if folds.any():
-            text = "Dropped {} of small folds that lie on their own back."
-            self._note(text, "folds_dropped", "face", folds)
-        if repeated.any() or folds.any():
+        text = "Dropped {} of small folds that lie on their own back."
+        some = self._note("Dropped {}.", "duplicates_dropped", "duplicate face", repeated)
+        if self._note(text, "folds_dropped", "face", folds) or some:
             self._keep_faces(~(repeated | folds))
 
     def drop_unused(self) -> None:
         used = np.zeros(len(self.points), bool)
         used[self.faces] = True
-        if not used.all():
-            self._note("Dropped {} that no face uses.", "unused_dropped", "vertex", ~used)
+        if self._note("Dropped {} that no face uses.", "unused_dropped", "vertex", ~used):
             self._keep_points(used)
 
     def agree(self) -> None:
         flip, one_sided = agreeing_flips(self.surface())
-        if flip.any():
-            text = "Flipped {} to agree with the neighbours on the outside."
-            self._note(text, "faces_flipped", "face", flip)
+        text = "Flipped {} to agree with the neighbours on the outside."
+        if self._note(text, "faces_flipped", "face", flip):
             self.faces = flipped(self.faces, flip)
-        if one_sided.any():
-            text = "{} in one-sided pieces, like a Moebius band, have no outside."
-            self._note(text, "one_sided", "face", one_sided)
+        text = "{} in one-sided pieces, like a Moebius band, have no outside."
+        self._note(text, "one_sided", "face", one_sided)
 
     def turn_outward(self) -> None:
         surface = self.surface()
@@ -315,13 +309,10 @@ class _Work:
         one_sided[piece[a[~opposite] // 3]] = True
         flip, cavity = outward_flips(surface, measured, one_sided, piece)
         closed, opened = flip & measured.closed, flip & ~measured.closed
-        if closed.any():
-            self._note("Turned {} outward.", "closed_turned", "closed piece", closed)
-        if opened.any():
-            text = "Turned {} outward, judging by the volume under the surface."
-            self._note(text, "open_turned", "open piece", opened)
-        if cavity.any():
-            self._note("Kept {} facing inward.", "cavities_kept", "cavity", cavity)
+        self._note("Turned {} outward.", "closed_turned", "closed piece", closed)
+        text = "Turned {} outward, judging by the volume under the surface."
+        self._note(text, "open_turned", "open piece", opened)
+        self._note("Kept {} facing inward.", "cavities_kept", "cavity", cavity)
         if flip.any():
             self.faces = flipped(self.faces, flip[piece])
             self._turn_normals(surface, flip, piece)

@@ -66,9 +66,8 @@ def _hand(resolution: int) -> Shape:
     radii = (0.16, 0.12, 0.10, 0.08)
     cones += [(thumb[k], thumb[k + 1], radii[k], radii[k + 1]) for k in range(3)]
     low, high = np.array([-0.75, -0.42, -1.05]), np.array([0.92, 0.45, 1.68])
-    return implicit_shape(
-        lambda points: blended(points * [1.0, 1.25, 1.0], cones, 0.035), low, high, resolution
-    )
+    flat = np.array([1.0, 1.25, 1.0])
+    return implicit_shape(lambda p: blended(p * flat, cones, 0.035), low, high, resolution)
 
 
 def _chain(start: Point, length: float, lean: float, radii: tuple[float, ...]) -> list[Cone]:
@@ -153,11 +152,8 @@ def _vase(resolution: int) -> Shape:
 def _turned(radius: FloatArray, level: FloatArray, around: int) -> Shape:
     """Mesh a surface of revolution between two points of its axis."""
     turn = 2 * np.pi * np.arange(around) / around
-    rings = np.stack(
-        [radius[:, None] * np.cos(turn), radius[:, None] * np.sin(turn),
-         np.repeat(level[:, None], around, axis=1)],
-        axis=2,
-    )  # fmt: skip
+    wide, high = radius[:, None], np.repeat(level[:, None], around, axis=1)
+    rings = np.stack([wide * np.cos(turn), wide * np.sin(turn), high], axis=2)
     count = len(radius)
     points = np.concatenate([rings.reshape(-1, 3), [[0, 0, level[0]], [0, 0, level[-1]]]])
     place = np.arange(count * around).reshape(count, around)
@@ -176,10 +172,9 @@ def _gear(resolution: int) -> Shape:
     """Make a spur gear of 14 teeth with a bore: flat sides, sharp edges."""
     teeth, steps = 14, resolution // 16
     corners = np.array([[0.0, 1.0], [0.21, 1.0], [0.29, 0.80], [0.71, 0.80], [0.79, 1.0], [1, 1.0]])
-    share = np.concatenate(
-        [np.linspace(0, 1, max(round(steps * w), 2), endpoint=False) + k
-         for k, w in enumerate((0.5, 0.7, 1.0, 0.7, 0.5))]
-    )  # fmt: skip
+    counts = [max(round(steps * w), 2) for w in (0.5, 0.7, 1.0, 0.7, 0.5)]
+    sides = [np.linspace(0, 1, n, endpoint=False) + k for k, n in enumerate(counts)]
+    share = np.concatenate(sides)
     place, size = (np.interp(share, range(6), corners[:, k]) for k in (0, 1))
     turn = (np.arange(teeth)[:, None] + place).ravel() * 2 * np.pi / teeth
     outline = np.stack([np.cos(turn), np.sin(turn)], axis=1) * np.tile(size, teeth)[:, None]

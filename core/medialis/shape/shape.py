@@ -113,6 +113,18 @@ class Shape(Surface):
                     )
                 object.__setattr__(self, name, owned(np.asarray(value, np.int32)))
 
+    def remade(self, **arrays: Any) -> Shape:
+        """Return this shape with other arrays that follow from checked ones: nobody looks at them.
+
+        They are nobody else's, contiguous, of the right types, and normals are unit or zero.
+        """
+        made = object.__new__(Shape)
+        for value in arrays.values():
+            if value is not None:
+                value.flags.writeable = False
+        made.__dict__.update({one.name: getattr(self, one.name) for one in fields(self)} | arrays)
+        return made
+
     @property
     def identity(self) -> Hashable:
         """A checksum of all that the shape holds: equal shapes share what is kept."""
@@ -208,28 +220,21 @@ def far_points(shape: Shape) -> Message | None:
     if 0 < bulk < shape.diagonal / FAR:
         away = ((shape.points < low - bulk) | (shape.points > high + bulk)).any(axis=1)
         first = ", ".join(f"{x:.6g}" for x in shape.points[int(away.argmax())])
-        count = int(away.sum())
-        return Message(
-            f"{count} of {shape.point_count} points lie far from the rest, which is "
+        told = {"points": int(away.sum()), "of": shape.point_count, "size": bulk}
+        text = (
+            f"{told['points']} of {shape.point_count} points lie far from the rest, which is "
             f"about {bulk:.3g} large (the first at {first}): {harm} rest. Delete the far points if "
-            "they are strays.",
-            "far_points",
-            logging.WARNING,
-            points=count,
-            of=shape.point_count,
-            size=bulk,
+            "they are strays."
         )
+        return Message(text, "far_points", logging.WARNING, **told)
     largest = _largest_part(shape)
     if 0 < largest < shape.diagonal / FAR:
         parts = int(shape.components.max()) + 1
-        return Message(
+        text = (
             f"The {parts} parts lie far apart, the largest is {largest:.3g} large: {harm} parts. "
-            "Delete parts that are strays, or run the parts one by one.",
-            "far_parts",
-            logging.WARNING,
-            parts=parts,
-            size=largest,
+            "Delete parts that are strays, or run the parts one by one."
         )
+        return Message(text, "far_parts", logging.WARNING, parts=parts, size=largest)
     return None
 
 

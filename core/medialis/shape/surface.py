@@ -1,23 +1,28 @@
 """Surface: triangles, or points alone, with each geometric quantity named and computed once.
 
 `Topology` is the part that follows from the faces alone, whatever their points.
+
+`solid_boundary` is the boundary of the solid that a mesh encloses, as a closed manifold: handles
+are counted on it. Where a mesh touches itself in a vertex, it has a vertex for each fan of faces.
+Where more than two faces meet at an edge, it passes there once for each wedge of the solid: the
+solid lies behind each face, so on going round the edge a face that enters it belongs to the next
+that leaves. Faces that are left over are walls within the solid or fins on it. Holes are closed by
+fans of triangles.
 """
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from medialis.base.arrays import EdgeTable, Ragged, first_equal_row
+from medialis.base.arrays import EdgeTable, Index, Ragged, first_equal_row, kd_tree, next_side
 from medialis.base.kept import Bound
 from medialis.base.validation import FloatArray, IntArray, Positions, as_faces, as_points, frozen
-
-if TYPE_CHECKING:
-    from scipy.spatial import cKDTree
 
 
 class Topology:
@@ -360,13 +365,11 @@ class Surface(Bound):
         first = self.first_equal_point
         if (first == np.arange(self.point_count)).all():
             return frozen(_nearest_others(self.tree, self.points), np.float64)
-        from scipy.spatial import cKDTree
-
         count = np.bincount(first, minlength=self.point_count)
         places, alone = self.points[count > 0], count == 1
         result = np.zeros(self.point_count)
         if alone.any():
-            result[alone] = _nearest_others(cKDTree(places), self.points[alone])
+            result[alone] = _nearest_others(kd_tree(places), self.points[alone])
         return frozen(result, np.float64)
 
     @cached_property
@@ -375,11 +378,9 @@ class Surface(Bound):
         return first_equal_row(self.points)
 
     @cached_property
-    def tree(self) -> cKDTree:
+    def tree(self) -> Any:
         """The kd-tree of the points."""
-        from scipy.spatial import cKDTree
-
-        return cKDTree(self.points)
+        return kd_tree(self.points)
 
     @cached_property
     def edge_matrix(self) -> Any:
@@ -398,18 +399,14 @@ class Surface(Bound):
         n = self.point_count
         if self.faces is None:
             return coo_array((n, n)).tocsr()
-        corners, rows, columns, values = self.points[self.faces], [], [], []
         twice = 2 * self.face_areas
         largest = float(twice.max(initial=0)) or self.diagonal**2 or 1.0
         safe = np.maximum(twice, 1e-12 * largest)
-        for corner in range(3):
-            left, right = (corner + 1) % 3, (corner + 2) % 3
-            u, v = corners[:, left] - corners[:, corner], corners[:, right] - corners[:, corner]
-            rows.append(self.faces[:, left])
-            columns.append(self.faces[:, right])
-            values.append(0.5 * (u * v).sum(axis=1) / safe)
-        i, j, weights = (np.concatenate(part) for part in (rows, columns, values))
-        one_way = coo_array((weights, (i, j)), shape=(n, n)).tocsr()
+        left, right = (np.roll(self.faces, -step, axis=1) for step in (1, 2))
+        u, v = (self.points[side] - self.points[self.faces] for side in (left, right))
+        weights = 0.5 * (u * v).sum(axis=2) / safe[:, None]
+        ends = left.T.ravel(), right.T.ravel()
+        one_way = coo_array((weights.T.ravel(), ends), shape=(n, n)).tocsr()
         return (one_way + one_way.T).tocsr()
 
     @cached_property
@@ -456,7 +453,7 @@ def _face_vectors(surface: Surface) -> NDArray[np.float64]:
     return vectors
 
 
-def _nearest_others(tree: cKDTree, points: FloatArray) -> FloatArray:
+def _nearest_others(tree: Any, points: FloatArray) -> FloatArray:
     """Return how far the second nearest point of a tree is, the nearest being the point itself."""
     return np.asarray(tree.query(points, k=2)[0][:, 1])
 
@@ -467,3 +464,168 @@ def link_matrix(count: int, links: NDArray[Any]) -> Any:
 
     a, b = links.T
     return csr_array((np.ones(2 * len(a)), (np.r_[a, b], np.r_[b, a])), shape=(count, count))
+
+
+@dataclass(frozen=True, eq=False)
+class SolidBoundary:
+    """A closed manifold, cut from a mesh.
+
+    Attributes
+    ----------
+    points : (p, 3) float64
+        The vertices of the mesh, a copy for each further fan of a vertex, and one in the middle of
+        each hole.
+    faces : (q, 3) int32
+        Those of the mesh, and those that close holes.
+    twins : (3q,) int64
+        The same edge in the neighbouring face. Two edges may have the same ends.
+    component : (p,) int32
+        Component of the mesh (`Surface.components`) that each point belongs to.
+    seams : (c,) int64
+        For each component of the mesh: edges with three or more faces, and vertices apart from
+        these with several fans.
+    unclear : (c,) int64
+        Edges with faces left over, and edges beyond which a one-sided surface (a Moebius band) has
+        its back: there the solid is a guess.
+    """
+
+    points: FloatArray
+    faces: IntArray
+    twins: Index
+    component: IntArray
+    seams: Index
+    unclear: Index
+
+
+def solid_boundary(surface: Surface) -> SolidBoundary:
+    """Cut a mesh into the closed manifolds that bound its solid.
+
+    Parameters
+    ----------
+    surface : Surface
+        A mesh.
+    """
+    assert surface.faces is not None
+    a, b, unclear = _joined_sides(surface)
+    faces, vertex = _copied_vertices(surface, a, b)
+    table, count = surface.edge_table, int(surface.components.max()) + 1
+    many = table.counts > 2
+    several = np.bincount(vertex) > 1
+    several[np.concatenate([table.low[many], table.high[many]])] = False
+    twins = np.full(faces.size, -1)
+    twins[a], twins[b] = b, a
+    points, component = surface.points[vertex], surface.components[vertex]
+    seams = np.concatenate([np.flatnonzero(several), table.low[many]])
+    return SolidBoundary(
+        *_closed(points, faces, twins, component),
+        np.bincount(surface.components[seams], minlength=count),
+        np.bincount(surface.components[table.low[unclear]], minlength=count),
+    )
+
+
+def _joined_sides(surface: Surface) -> tuple[IntArray, IntArray, Index]:
+    """Pairs of half-edges that the boundary joins, and the edges where others are left over."""
+    table = surface.edge_table
+    a, b, opposite = table.pairs
+    unclear = np.flatnonzero(table.counts == 2)[~opposite].tolist()
+    pairs, many = [], np.flatnonzero(table.counts > 2)
+    fin = _fins(surface) if len(many) else np.zeros(0, bool)
+    for edge in many.tolist():
+        sides = table.order[table.first[edge] : table.first[edge + 1]]
+        found = _paired(surface, sides, fin[sides // 3])
+        pairs += found
+        if 2 * len(found) < len(sides):
+            unclear.append(edge)
+    more = np.array(pairs, np.int32).reshape(-1, 2)
+    a, b = np.concatenate([a[opposite], more[:, 0]]), np.concatenate([b[opposite], more[:, 1]])
+    return a, b, np.array(unclear, np.int64)
+
+
+def _fins(surface: Surface) -> NDArray[np.bool_]:
+    """Faces of pieces that have a border."""
+    return np.isin(surface.face_pieces, surface.face_pieces[surface.edge_table.single // 3])
+
+
+def _paired(surface: Surface, sides: IntArray, fin: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """Pair the half-edges of one edge: each face that enters the solid with one that leaves it.
+
+    Of as many as enter and leave, each that enters takes the nearest that leaves, round the edge.
+    Where their numbers differ, closed pieces go before fins, and flat pairs before sharp ones.
+    """
+    assert surface.faces is not None
+    corner, forward = surface.faces.ravel(), surface.edge_table.forward[sides]
+    ends = surface.points[corner[[sides[0], next_side(sides[:1])[0]]]]
+    low, high = ends if forward[0] else ends[::-1]
+    angle = _angles_round(low, high, surface.points[corner[next_side(next_side(sides))]])
+    enters, leaves = np.flatnonzero(~forward), np.flatnonzero(forward)
+    cost = (angle[leaves] - angle[enters][:, None]) % (2 * np.pi)
+    if len(enters) != len(leaves):
+        cost = np.abs(cost - np.pi) + 2 * np.pi * (fin[enters][:, None] | fin[leaves])
+    pairs, used = [], np.zeros(cost.shape, bool)
+    for place in np.argsort(cost, axis=None, kind="stable").tolist():
+        i, j = divmod(place, len(leaves))
+        if not used[i, j]:
+            pairs.append((int(sides[enters[i]]), int(sides[leaves[j]])))
+            used[i], used[:, j] = True, True
+    return pairs
+
+
+def _angles_round(low: FloatArray, high: FloatArray, tips: FloatArray) -> FloatArray:
+    """Angle of each tip round the line from low to high, counted from the first, (k,)."""
+    axis = (high - low) / max(float(np.linalg.norm(high - low)), 1e-300)
+    away = tips - low
+    away = away - np.outer(away @ axis, axis)
+    x = away[0] / max(float(np.linalg.norm(away[0])), 1e-300)
+    return np.asarray(np.arctan2(away @ np.cross(axis, x), away @ x))
+
+
+def _copied_vertices(surface: Surface, a: IntArray, b: IntArray) -> tuple[IntArray, Index]:
+    """Faces with a copy of a vertex for each further fan there, and the vertex of each point, (p,).
+
+    A fan are corners of a vertex joined across pairs of half-edges; copies come after the vertices.
+    """
+    from medialis.shape._kernels import label_corner_fans
+
+    assert surface.faces is not None
+    corner, n = surface.faces.ravel(), surface.point_count
+    fan = np.empty(len(corner), np.int32)
+    ones = np.ones(len(a), bool)
+    label_corner_fans(a, b, ones, np.arange(len(corner), dtype=np.int32), fan)
+    vertex = np.empty(int(fan.max()) + 1, np.int64)
+    vertex[fan] = corner
+    further = np.ones(len(vertex), bool)
+    further[np.unique(vertex, return_index=True)[1]] = False
+    point = np.where(further, n + np.cumsum(further) - 1, vertex)
+    faces = point[fan].reshape(-1, 3).astype(np.int32)
+    return faces, np.concatenate([np.arange(n), vertex[further]])
+
+
+def _closed(
+    points: FloatArray, faces: IntArray, twins: Index, component: IntArray
+) -> tuple[FloatArray, IntArray, Index, IntArray]:
+    """Close each hole by a fan of triangles round the mean of its border.
+
+    One half-edge of a border starts and one ends in each of its vertices: a vertex is one fan.
+    """
+    sides = np.flatnonzero(twins < 0)
+    if len(sides) == 0:
+        return points, faces, twins, component
+    start, end = faces.ravel()[sides], faces.ravel()[next_side(sides)]
+    label = piece_labels(len(points), np.stack([start, end], axis=1))[start]
+    _, first, ring = np.unique(label, return_index=True, return_inverse=True)
+    size = np.bincount(ring, minlength=len(first))
+    middle = np.stack([np.bincount(ring, points[start, k]) / size for k in range(3)], axis=1)
+    fan = np.stack([end, start, len(points) + ring], axis=1)
+    new = len(twins) + 3 * np.arange(len(sides))
+    twins = np.concatenate([twins, np.empty(3 * len(sides), np.int64)])
+    twins[sides], twins[new] = new, sides
+    # From the start of a side to the middle, and back in the triangle of the side that ends there.
+    before = np.empty(len(points), np.int64)
+    before[end] = new
+    twins[new + 1], twins[before[start] + 2] = before[start] + 2, new + 1
+    return (
+        frozen(np.concatenate([points, middle]), np.float64),
+        frozen(np.concatenate([faces, fan]), np.int32),
+        twins,
+        frozen(np.concatenate([component, component[start[first]]]), np.int32),
+    )

@@ -20,8 +20,7 @@ from medialis.base.threads import run_chunks, run_patiently
 from medialis.base.validation import FloatArray, IntArray, frozen, hold
 from medialis.shape.graph import local_spacing, surface_graph
 from medialis.shape.shape import Shape
-from medialis.skeleton.ball_shrinking import sample_tree, shrink_options
-from medialis.skeleton.medial_cloud import MedialCloud
+from medialis.skeleton.medial_cloud import MedialCloud, sample_tree, shrink_options
 from medialis.skeleton.surface_skeleton import as_cloud
 
 GOES_ROUND = 0.4
@@ -67,12 +66,7 @@ class FeatureSets(Bound):
 
     def __post_init__(self) -> None:
         k = len(self.cloud)
-        hold(
-            self,
-            clusters=(np.int16, len(self.samples.indices)),
-            counts=(np.int32, k),
-            agreement=(np.float64, k),
-        )
+        hold(self, clusters=len(self.samples.indices), counts=k, agreement=k)
 
     def __len__(self) -> int:
         return len(self.samples)

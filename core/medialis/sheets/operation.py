@@ -6,6 +6,7 @@ Operation: the sheets of the surface skeleton, the curves where they meet, and t
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -19,7 +20,6 @@ from medialis.shape.shape import Shape
 from medialis.sheets.feature_sets import PointType, point_types
 from medialis.sheets.scaffold import medial_scaffold
 from medialis.sheets.sheets import MedialSheetOptions, medial_sheets
-from medialis.skeleton.ball_shrinking import ShrinkOptions, Side
 from medialis.skeleton.layers import (
     SheetPreparation,
     cloud_arrays,
@@ -27,6 +27,7 @@ from medialis.skeleton.layers import (
     computed,
     samples_layer,
 )
+from medialis.skeleton.medial_cloud import ShrinkOptions, Side
 from medialis.skeleton.surface_skeleton import Preparation, SurfaceSkeletonOptions
 
 
@@ -129,32 +130,17 @@ def run_medial_sheets(shape: Shape, options: MedialSheetsRun, progress: Progress
         "y_network": network.near.astype(np.int32),
     }
     kept = cloud.valid
-    known = {name: values[kept] for name, values in attributes.items()}
-    points = cloud_layer("medial_sheets", cloud.subset(kept), known)
+    valid = {name: values[kept] for name, values in attributes.items()}
+    points = cloud_layer("medial_sheets", cloud.subset(kept), valid)
     layers = [replace(points, labels=("sheet",), filter_by="type")]
     if meshes is not None and len(meshes.mesh.faces):
-        layers.append(
-            Layer(
-                "sheet_meshes",
-                meshes.mesh.points,
-                meshes.mesh.faces,
-                attributes={"sheet": meshes.point_sheet, "radius": meshes.radii},
-                face_attributes={"face_sheet": meshes.face_sheet},
-                color_by="sheet",
-                labels=("sheet",),
-            )
-        )
+        known: dict[str, Any] = {"color_by": "sheet", "labels": ("sheet",)}
+        known["attributes"] = {"sheet": meshes.point_sheet, "radius": meshes.radii}
+        known["face_attributes"] = {"face_sheet": meshes.face_sheet}
+        layers.append(Layer("sheet_meshes", meshes.mesh.points, meshes.mesh.faces, **known))
     if len(network.edges):
-        layers.append(
-            Layer(
-                "y_network",
-                network.points,
-                edges=network.edges,
-                attributes={"curve": network.curve},
-                color_by="curve",
-                labels=("curve",),
-            )
-        )
+        known = {"attributes": {"curve": network.curve}, "color_by": "curve", "labels": ("curve",)}
+        layers.append(Layer("y_network", network.points, edges=network.edges, **known))
     return Outcome(
         shape=fine,
         layers=(*layers, samples_layer(fine)),

@@ -101,14 +101,7 @@ class YNetwork(Bound):
 
     def __post_init__(self) -> None:
         p, e, c = len(self.points), len(self.edges), len(self.meeting)
-        hold(
-            self,
-            near=(np.bool_, len(self.sheets)),
-            points=(np.float64, p, 3),
-            edges=(np.int32, e, 2),
-            curve=(np.int32, p),
-            meeting=(np.int32, c, 3),
-        )
+        hold(self, near=len(self.sheets), points=(p, 3), edges=(e, 2), curve=p, meeting=(c, 3))
 
     def __repr__(self) -> str:
         return f"YNetwork({len(self.meeting)} curves, {int(self.near.sum())} points near them)"
@@ -216,11 +209,8 @@ def _chains(borders: Borders) -> tuple[FloatArray, Index, Index]:
     pairs = sides[double][crossed[double]].reshape(-1, 2)
     middle, mine = np.repeat(borders.middles, 3, axis=0), sides[borders.triple].ravel()
     tips = np.stack([mine, len(ends) + np.arange(len(mine))], axis=1)
-    return (
-        np.concatenate([borders.points, middle]),
-        np.concatenate([pairs, tips]),
-        np.concatenate([ends, ends[mine]]),
-    )
+    links = np.concatenate([pairs, tips])
+    return np.concatenate([borders.points, middle]), links, np.concatenate([ends, ends[mine]])
 
 
 def smoothed_curves(points: FloatArray, links: Index) -> FloatArray:
@@ -357,16 +347,9 @@ class SheetMeshes(Bound):
     sheets: MedialSheets = field(kw_only=True)
 
     def __post_init__(self) -> None:
-        count = self.sheets.count
-        hold(
-            self,
-            point_sheet=(np.int32, len(self.mesh.points)),
-            face_sheet=(np.int32, len(self.mesh.faces)),
-            radii=(np.float64, len(self.mesh.points)),
-            areas=(np.float64, count),
-            boundaries=(np.float64, count),
-            mean_radii=(np.float64, count),
-        )
+        p, t, count = len(self.mesh.points), len(self.mesh.faces), self.sheets.count
+        hold(self, point_sheet=p, face_sheet=t, radii=p)
+        hold(self, areas=count, boundaries=count, mean_radii=count)
 
     def sheet(self, number: int) -> SkeletonMesh:
         """Return one sheet as a mesh of its own.
@@ -378,15 +361,11 @@ class SheetMeshes(Bound):
         """
         if not 0 <= number < self.sheets.count:
             raise InvalidShapeError(f"There are sheets 0..{self.sheets.count - 1}, got {number}.")
-        used, place = np.unique(self.mesh.faces[self.face_sheet == number], return_inverse=True)
-        return SkeletonMesh(
-            self.mesh.points[used],
-            frozen(place.reshape(-1, 3), np.int32),
-            self.mesh.rows[used],
-            self.mesh.face_origin[self.face_sheet == number],
-            cloud=self.sheets.cloud,
-            selected=self.sheets.labels == number,
-        )
+        mesh, own, mine = self.mesh, self.face_sheet == number, self.sheets.labels == number
+        used, place = np.unique(mesh.faces[own], return_inverse=True)
+        faces, cloud = frozen(place.reshape(-1, 3), np.int32), self.sheets.cloud
+        known = mesh.points[used], faces, mesh.rows[used], mesh.face_origin[own]
+        return SkeletonMesh(*known, cloud=cloud, selected=mine)
 
     def __repr__(self) -> str:
         return f"SheetMeshes({self.sheets.count} sheets, {len(self.mesh.faces)} faces)"
@@ -455,14 +434,9 @@ def _meshed(sheets: MedialSheets) -> SheetMeshes:
     key = pieces.sheet[:, None] * len(points) + pieces.triangles
     own, first, place = np.unique(key, return_index=True, return_inverse=True)
     point_sheet, places = np.divmod(own, len(points)) if len(own) else (own, own)
-    mesh = SkeletonMesh(
-        points[places],
-        frozen(place.reshape(-1, 3), np.int32),
-        frozen(unfolded.rows[pieces.beside.ravel()[first]], np.int32),
-        frozen(pieces.origin, np.int32),
-        cloud=cloud,
-        selected=sheets.labels >= 0,
-    )
+    rows, known = unfolded.rows[pieces.beside.ravel()[first]], sheets.labels >= 0
+    faces, rows, origin = (frozen(x, np.int32) for x in (place.reshape(-1, 3), rows, pieces.origin))
+    mesh = SkeletonMesh(points[places], faces, rows, origin, cloud=cloud, selected=known)
     areas = np.bincount(pieces.sheet, mesh.face_areas, sheets.count).astype(np.float64)
     mean, radius = np.full(sheets.count, np.nan), radii[pieces.triangles].mean(axis=1)
     total = np.bincount(pieces.sheet, mesh.face_areas * radius, sheets.count)

@@ -116,8 +116,8 @@ class MedialSheets(Bound):
 
     def __post_init__(self) -> None:
         k, u = len(self.cloud), len(self.unfolded)
-        hold(self, labels=(np.int32, k), linked=(np.bool_, k), front=(np.bool_, k))
-        hold(self, node_labels=(np.int32, u), node_front=(np.bool_, u))
+        hold(self, labels=k, linked=k, front=k)
+        hold(self, node_labels=u, node_front=u)
 
     @property
     def cloud(self) -> MedialCloud:
@@ -222,11 +222,8 @@ def _parts(unfolded: Unfolded, ends: Index) -> tuple[FloatArray, FloatArray, Flo
     more = np.maximum(radius[1, 0] - radius[0, 0], 0)
     beyond = np.maximum(radius[0, 1] - radius[1, 1], 0)
     total = more + beyond
-    return (
-        np.divide(more, total, out=np.full(len(ends), 0.5), where=total > 0),
-        radius,
-        center,
-    )
+    part = np.divide(more, total, out=np.full(len(ends), 0.5), where=total > 0)
+    return part, radius, center
 
 
 def _meeting(unfolded: Unfolded, ends: Index) -> tuple[FloatArray, FloatArray]:
@@ -306,11 +303,8 @@ def pieces(
     """
     from medialis.sheets import _kernels as kernels
 
-    graph, u, rows = (
-        kernels.Links(unfolded.graph.offsets, unfolded.graph.indices),
-        len(unfolded),
-        unfolded.rows,
-    )
+    graph = kernels.Links(unfolded.graph.offsets, unfolded.graph.indices)
+    u, rows = len(unfolded), unfolded.rows
     touched = unfolded.cloud.features[rows].T.ravel()
     contacts = kernels.Contacts(
         places=np.concatenate([unfolded.points, unfolded.contacts]),
@@ -330,11 +324,8 @@ def pieces(
         clusters=sets.clusters,
     )
     links, partner = np.zeros(len(graph.indices), np.bool_), np.full(u, -1, np.int32)
-
-    def work(begin: int, end: int) -> None:
-        kernels.link_nodes(begin, end, graph, unfolded.across, contacts, links, partner)
-
-    run_chunks(work, u, NODES_A_CHUNK)
+    given = graph, unfolded.across, contacts, links, partner
+    run_chunks(kernels.link_nodes, u, NODES_A_CHUNK, *given)
     piece, region = np.arange(u, dtype=np.int32), np.arange(u, dtype=np.int32)
     kernels.join_links(graph, links, partner, piece)
     kernels.join_links(graph, links, np.full_like(partner, -1), region)

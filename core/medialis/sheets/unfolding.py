@@ -14,7 +14,7 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from medialis.base.arrays import Index, Mask, Ragged
+from medialis.base.arrays import Index, Mask, Ragged, unit_rows
 from medialis.base.errors import InvalidShapeError
 from medialis.base.kept import Bound
 from medialis.base.validation import FloatArray, IntArray, frozen, hold
@@ -82,17 +82,9 @@ class Unfolded(Bound):
 
     def __post_init__(self) -> None:
         u, t = len(self.rows), len(self.faces)
-        vectors = ("centers", "normals", "contacts", "contact_normals")
-        hold(
-            self,
-            rows=(np.int32, u),
-            radii=(np.float64, u),
-            regions=(np.int32, u, 2),
-            across=(np.int32, u),
-            faces=(np.int32, t, 3),
-            face_origin=(np.int32, t),
-            **dict.fromkeys(vectors, (np.float64, u, 3)),
-        )
+        vectors = dict.fromkeys(("centers", "normals", "contacts", "contact_normals"), (u, 3))
+        hold(self, rows=u, radii=u, regions=(u, 2), across=u, **vectors)
+        hold(self, faces=(t, 3), face_origin=t)
 
     def __len__(self) -> int:
         return len(self.rows)
@@ -133,17 +125,12 @@ class Unfolded(Bound):
         tolerance turns a spoke by some degrees.
         """
         side = self.cloud.side[self.rows][:, None]
-        first = _directions(self.points - self.centers, side * self.normals)
+        first = unit_rows(self.points - self.centers, instead=side * self.normals)
         wall = side * self.contact_normals
-        second = _directions(self.contacts - self.centers, wall)
+        second = unit_rows(self.contacts - self.centers, instead=wall)
         tangent = np.einsum("ij,ij->i", second, wall) > TANGENT
         second = np.where(tangent[:, None], wall, second)
         return frozen(first, np.float64), frozen(second, np.float64)
-
-
-def _directions(vectors: FloatArray, instead: FloatArray) -> FloatArray:
-    length = np.linalg.norm(vectors, axis=1, keepdims=True)
-    return np.divide(vectors, length, out=np.array(instead), where=length > 0)
 
 
 @dataclass(frozen=True)
@@ -194,14 +181,9 @@ class Fans:
         pair, row, part = pair[inside], row[inside], (left / whole)[inside]
         order = np.lexsort((part, pair))
         pair = pair[order]
-        return cls(
-            pairs[:, 0] * len(creases.vertices) + pairs[:, 1],
-            np.searchsorted(pair, np.arange(len(pairs) + 1)),
-            row[order],
-            part[order],
-            pairs[pair, 0],
-            np.concatenate(ends),
-        )
+        keys = pairs[:, 0] * len(creases.vertices) + pairs[:, 1]
+        first = np.searchsorted(pair, np.arange(len(pairs) + 1))
+        return cls(keys, first, row[order], part[order], pairs[pair, 0], np.concatenate(ends))
 
 
 def strips(
@@ -343,21 +325,12 @@ def _of_cloud(cloud: MedialCloud, sign: int) -> Unfolded:
     kept = used[start] & used[graph.indices]
     counts = np.bincount(place[start[kept]], minlength=len(rows))
     offsets = np.concatenate([[0], np.cumsum(counts)])
-    none = np.empty((0, 3), np.int32)
-    return Unfolded(
-        rows,
-        cloud.centers[rows],
-        cloud.radii[rows],
-        cloud.surface.normals[cloud.source[rows]],
-        cloud.contacts[rows],
-        cloud.contact_normals[rows],
-        np.zeros((len(rows), 2), np.int32),
-        np.where(used, place, -1)[cloud.features[rows, 1]],
-        none,
-        none[:, 0],
-        Ragged(offsets, place[graph.indices[kept]]),
-        cloud=cloud,
-    )
+    none, links = np.empty((0, 3), np.int32), Ragged(offsets, place[graph.indices[kept]])
+    across = np.where(used, place, -1)[cloud.features[rows, 1]]
+    normals, regions = cloud.surface.normals[cloud.source[rows]], np.zeros((len(rows), 2), np.int32)
+    nodes = rows, cloud.centers[rows], cloud.radii[rows], normals
+    contacts = cloud.contacts[rows], cloud.contact_normals[rows], regions, across
+    return Unfolded(*nodes, *contacts, none, none[:, 0], links, cloud=cloud)
 
 
 def _of_mesh(cloud: MedialCloud, creases: Creases, sign: int) -> Unfolded:
@@ -374,20 +347,11 @@ def _of_mesh(cloud: MedialCloud, creases: Creases, sign: int) -> Unfolded:
     centers, radii = cloud.centers[rows], cloud.radii[rows]
     centers[on_crease] = cloud.surface.points[nodes.samples[used][on_crease]]
     radii[on_crease] = 0.0
-    return Unfolded(
-        rows,
-        centers,
-        radii,
-        nodes.normals[used],
-        contacts,
-        normals,
-        np.stack([nodes.regions[used], regions], axis=1).astype(np.int32),
-        np.where(across >= 0, place[across], -1),
-        faces,
-        nodes.face_origin[kept].astype(np.int32),
-        mesh_graph(faces, np.ones(len(rows), np.bool_)),
-        cloud=cloud,
-    )
+    regions = np.stack([nodes.regions[used], regions], axis=1).astype(np.int32)
+    balls = rows, centers, radii, nodes.normals[used]
+    touched = contacts, normals, regions, np.where(across >= 0, place[across], -1)
+    origin, graph = nodes.face_origin[kept], mesh_graph(faces, np.ones(len(rows), np.bool_))
+    return Unfolded(*balls, *touched, faces, origin.astype(np.int32), graph, cloud=cloud)
 
 
 def _nodes(cloud: MedialCloud, creases: Creases, sign: int) -> _Nodes:
@@ -411,15 +375,10 @@ def _nodes(cloud: MedialCloud, creases: Creases, sign: int) -> _Nodes:
     inside = cloud.source[fans.rows]
     away = surface.points[inside] - cloud.centers[fans.rows]
     fan_normals = sign * away / cloud.radii[fans.rows, None]
-    return _Nodes(
-        np.concatenate([rows, fans.rows]),
-        np.concatenate([samples, inside]),
-        np.concatenate([normals, fan_normals]),
-        np.concatenate([regions, regions[n + fans.sectors]]),
-        corner,
-        np.concatenate([corner.reshape(-1, 3), faces]),
-        np.concatenate([np.arange(surface.face_count), beside]),
-    )
+    of_nodes = (rows, fans.rows), (samples, inside), (normals, fan_normals)
+    nodes = (np.concatenate(both) for both in (*of_nodes, (regions, regions[n + fans.sectors])))
+    of_faces = (corner.reshape(-1, 3), faces), (np.arange(surface.face_count), beside)
+    return _Nodes._make([*nodes, corner, *map(np.concatenate, of_faces)])
 
 
 def _contacts(
@@ -436,7 +395,7 @@ def _contacts(
     near, regions = near[rows], regions[rows]
     at_crease = (near >= n) & (cloud.contact_faces[rows] < 0)
     spokes = places - cloud.centers[rows]
-    normals[at_crease] = sign * _directions(spokes, np.zeros_like(spokes))[at_crease]
+    normals[at_crease] = sign * unit_rows(spokes)[at_crease]
     # The sector across the crease, of those whose ball is the end of a sheet.
     convex = creases.pairs[creases.concave == (sign < 0)].astype(np.int64)
     across = np.full(len(rows), -1, np.int64)

@@ -46,11 +46,16 @@ def _tables() -> _Tables:
     return _Tables(place, baseline=int(data.pop("baseline")), **data)
 
 
+def _numbers(text: str) -> list[int]:
+    """Return the numbers of the characters in the tables."""
+    place = _tables().place
+    return [place.get(character, place[UNKNOWN]) for character in text]
+
+
 @lru_cache(maxsize=4096)
-def _glyph(character: str, scale: float, shift: float) -> FloatArray:
+def _glyph(number: int, scale: float, shift: float) -> FloatArray:
     """Return distances to the outline in pixels, positive inside; `shift` moves it to the right."""
     tables = _tables()
-    number = tables.place.get(character, tables.place[UNKNOWN])
     table = tables.distances[:, tables.starts[number] : tables.starts[number + 1]]
     rows, columns = (int(np.ceil(size * scale)) + 1 for size in table.shape)
     # The middle of the pixel r is at r + 1/2, in the table at (r + 1/2) / scale.
@@ -71,10 +76,7 @@ def _between(table: FloatArray, at: NDArray[np.floating]) -> FloatArray:
 
 def text_width(text: str, size: float) -> int:
     """Return the columns that a line of text takes whose capitals are `size` pixels high."""
-    tables = _tables()
-    unknown = tables.place[UNKNOWN]
-    numbers = [tables.place.get(character, unknown) for character in text]
-    return int(np.ceil(float(tables.advances[numbers].sum()) * size / CAP))
+    return int(np.ceil(float(_tables().advances[_numbers(text)].sum()) * size / CAP))
 
 
 def draw_text(
@@ -99,13 +101,11 @@ def draw_text(
     pad = int(np.ceil(REACH * scale)) + 1
     away = np.pad(outside, ((0, 0), (pad, pad + 2)), constant_values=-np.inf)
     at = place - np.floor(place) + pad - REACH * scale
-    for character in text:
-        shift = round(4 * (at % 1.0)) / 4
-        glyph = _glyph(character, scale, shift)
+    for number in _numbers(text):
+        glyph = _glyph(number, scale, round(4 * (at % 1.0)) / 4)
         left = int(np.floor(at))
         part = away[: len(glyph), left : left + glyph.shape[1]]
         np.maximum(part, glyph[: len(part), : part.shape[1]], out=part)
-        number = tables.place.get(character, tables.place[UNKNOWN])
         at += float(tables.advances[number]) * scale
     top = round(row + size - tables.baseline * scale)
     _blend(image, away, top, int(np.floor(place)) - pad, size, color)
@@ -208,9 +208,8 @@ def title_height(size: int) -> int:
 
 def draw_title(image: Image, title: str, size: int) -> None:
     """Write a title in the middle of the top rows; a long one is written smaller."""
-    letters = min(
-        1.2 * size, 1.2 * size * 0.96 * image.shape[1] / max(text_width(title, 1.2 * size), 1)
-    )
+    width = max(text_width(title, 1.2 * size), 1)
+    letters = min(1.2 * size, 1.2 * size * 0.96 * image.shape[1] / width)
     draw_text(image, title, 0.9 * size, image.shape[1] / 2, letters, anchor="middle")
 
 
@@ -239,11 +238,9 @@ def _lines(key: ColorBar | LabelKey) -> tuple[list[str], list[str]]:
     if isinstance(key, ColorBar):
         numbers = [key.low, key.high, *round_steps(key.low, key.high, BAR_STEPS)]
         return heading, [number_text(x) for x in numbers] + ["no value"] * key.missing
-    entries = []
-    for label in key.labels[:MAX_KEYS].tolist():
-        named = key.names is not None and 0 <= label < len(key.names)
-        text = str(key.names[label]) if named and key.names is not None else str(label)
-        entries.append("none" if label < 0 else text)
+    named = dict(enumerate(map(str, key.names or ())))
+    labels = key.labels[:MAX_KEYS].tolist()
+    entries = ["none" if label < 0 else named.get(label, str(label)) for label in labels]
     if len(key.labels) > MAX_KEYS:
         entries.append(f"+ {len(key.labels) - MAX_KEYS} more")
     return heading, entries

@@ -121,7 +121,7 @@ def _footprint(points: FloatArray, axis: int) -> float:
     return float(np.ptp(feet, axis=0).prod() / whole) if whole > 0 else 0.0
 
 
-def default_view(points: ArrayLike, up: ArrayLike | None = None) -> tuple[FloatArray, FloatArray]:
+def default_view(points: ArrayLike) -> tuple[FloatArray, FloatArray]:
     """Return (direction from the shape to the camera, up): a three-quarter view of its broad side.
 
     The camera faces the axis of least variance, so that most of the shape is visible, and is then
@@ -147,12 +147,10 @@ def default_view(points: ArrayLike, up: ArrayLike | None = None) -> tuple[FloatA
     variances, vectors = np.linalg.eigh(offsets.T @ offsets / len(data))
     thin = vectors[:, 0]
     clear = variances[0] < 0.8 * variances[1]
-    if up is None:
-        lying = clear and abs(thin[1]) > 0.8
-        facing = clear and abs(thin[2]) > 0.8
-        standing = not facing and _footprint(offsets, 2) > 1.5 * _footprint(offsets, 1) + 0.05
-        up = (0.0, 0.0, 1.0) if lying or standing else (0.0, 1.0, 0.0)
-    upward = unit_direction(up, "up")
+    lying = clear and abs(thin[1]) > 0.8
+    facing = clear and abs(thin[2]) > 0.8
+    standing = not facing and _footprint(offsets, 2) > 1.5 * _footprint(offsets, 1) + 0.05
+    upward = np.eye(3)[2 if lying or standing else 1]
     front = thin - upward * float(thin @ upward)
     if not clear or np.linalg.norm(front) < 0.3:
         front = np.roll(upward, 1) if upward[2] < 0.5 else np.array([0.0, -1.0, 0.0])
@@ -269,10 +267,6 @@ class Camera(Described):
         columns = self.width / 2 + scale * view[:, 0]
         return np.stack([columns, self.height / 2 - scale * view[:, 1]], axis=1), depth
 
-    def resized(self, width: int, height: int) -> Camera:
-        """Return the same view for another picture size; the visible height stays."""
-        return replace(self, width=width, height=height)
-
     @classmethod
     def framing(
         cls,
@@ -319,21 +313,20 @@ class Camera(Described):
         width = as_whole_number(width, "width", low=1, high=MAX_PIXELS)
         height = as_whole_number(height, "height", low=1, high=MAX_PIXELS)
         if direction is None or up is None:
-            suggested = default_view(data)
-            direction = suggested[0] if direction is None else direction
-            up = suggested[1] if up is None else up
+            usual, above = default_view(data)
+            direction, up = usual if direction is None else direction, above if up is None else up
         toward, upward = unit_direction(direction, "direction"), unit_direction(up, "up")
         if np.linalg.norm(np.cross(toward, upward)) < 1e-6:  # looking straight along up
             upward = np.roll(upward, 1)
         low, high = data.min(axis=0), data.max(axis=0)
         middle = (low + high) / 2
         half_diagonal = float(np.linalg.norm(high - low)) / 2
-        if not half_diagonal > 0:
+        point = not half_diagonal > 0
+        if point:
             half_diagonal = max(1e-3 * float(np.abs(middle).max()), 0.5)
+        if point or fit == "sphere":
             data, size = middle[None], np.array([half_diagonal])
-        if fit == "sphere":
-            data, size = middle[None], np.array([half_diagonal])
-        elif fit == "turntable":
+        if fit == "turntable":
             data, size = swept(data, size, middle, upward)
         view = np.einsum("ij,kj->ik", data - middle, view_axes(toward, upward))
         place = perspective_fit if perspective else orthographic_fit

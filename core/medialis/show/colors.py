@@ -137,20 +137,18 @@ def map_colors(
     cmap: str = "sequential",
     low: float | None = None,
     high: float | None = None,
-    nan_color: tuple[float, float, float] = MISSING,
 ) -> FloatArray:
     """Return sRGB colours (n, 3) in 0..1 of a scalar field (n,).
 
     Parameters
     ----------
     values : (n,) float
-        NaN gets `nan_color`; values beyond the limits (also infinity) get the end colours.
+        NaN gets `MISSING`; values beyond the limits (also infinity) get the end colours.
     cmap : str
         One of `COLOR_MAPS`, see `color_table`.
     low, high : float, optional
         Values of the first and last colour; the range of the finite values when missing. With equal
         limits everything has the middle colour.
-    nan_color : three floats 0..1
 
     Raises
     ------
@@ -174,5 +172,5 @@ def map_colors(
         share = np.full(data.shape, 0.5) + np.sign(away)
     share = np.where(missing, 0.0, np.clip(share, 0.0, 1.0))
     colors = table[np.rint(share * (TABLE_SIZE - 1)).astype(np.int64)]
-    colors[missing] = nan_color
+    colors[missing] = MISSING
     return colors

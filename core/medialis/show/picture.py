@@ -11,7 +11,7 @@ import os
 import struct
 import zlib
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -299,7 +299,10 @@ def draw(
             )
         top = title_height(size) if title else 0
         frame = _view_frame(camera, camera.width - right, camera.height - top)
-    balls, meshes = run_patiently(lambda: _layers_of(items, frame), steps)
+    surfaces = [one for one in items if isinstance(one, Surface)]
+    others = [one for one in items if not isinstance(one, Surface)]
+    balls = run_patiently(lambda: [_ball_layer(one, frame) for one in others], steps)
+    meshes = run_patiently(lambda: [_mesh_layer(one) for one in surfaces], steps)
     image = render_layers(balls, meshes, frame, chosen, steps)
     margins = (top, right, size)
     return run_patiently(lambda: _composed(image, title, key, chosen, margins), steps)
@@ -340,18 +343,6 @@ def _composed(
     return whole
 
 
-def _layers_of(items: Sequence[Item], frame: Camera) -> tuple[list[BallLayer], list[MeshLayer]]:
-    """Return what is drawn as balls, and what as triangles."""
-    balls: list[BallLayer] = []
-    meshes: list[MeshLayer] = []
-    for item in items:
-        if isinstance(item, Surface):
-            meshes.append(_mesh_layer(item))
-        else:
-            balls.append(_ball_layer(item, frame))
-    return balls, meshes
-
-
 def _view_frame(camera: Camera, width: int, height: int) -> Camera:
     """Return the camera for the part of the picture left free, still showing all it saw before."""
     if (width, height) == (camera.width, camera.height):
@@ -362,7 +353,7 @@ def _view_frame(camera: Camera, width: int, height: int) -> Camera:
         )
     wanted = camera.extent * camera.width / camera.height
     extent = max(camera.extent, wanted * height / width)
-    return Camera(camera.eye, camera.target, camera.up, extent, width, height, camera.perspective)
+    return replace(camera, extent=extent, width=width, height=height)
 
 
 def _ball_layer(item: Balls | Points | Curves, camera: Camera) -> BallLayer:
@@ -689,9 +680,8 @@ def _paint(
             values, label = np.degrees(values), label + " (degrees)"
     cloud = layer.faces is None and layer.edges is None
     shown = ~layer.hidden if cloud else np.ones(len(layer.points), bool)
-    if not shown.all():
-        values = None if values is None else values[shown]
-        label = None if label is None else f"{label}; {_shown_from(layer, str(color_by))}"
+    if values is not None and not shown.all():
+        values, label = values[shown], f"{label}; {_shown_from(layer, str(color_by))}"
     colors: dict[str, Any] = {"values": values}
     if color_by in layer.labels:
         colors, label = {"labels": values}, None

@@ -496,7 +496,7 @@ def corner_normals(points: FloatArray, faces: IntArray, smooth: bool = True) -> 
     matter how a flat side is cut into triangles), unless that is more than 41 degrees off the face:
     curved surfaces look smooth and sharp edges stay sharp.
     """
-    from medialis.show._kernels import pick_normals, sum_normals
+    from medialis.base._splat_kernels import pick_normals, sum_normals
 
     flat = Surface.of_checked(points, faces).face_normals
     if not smooth:
@@ -592,7 +592,7 @@ def render_layers(
     InvalidOptionError
         When the picture times the supersampling is larger than 16384 pixels.
     """
-    from medialis.show._kernels import Light, shade
+    from medialis.base._splat_kernels import Light, shade
 
     balls, meshes, camera = _within_range(balls, meshes, camera)
     n = style.supersampling
@@ -601,7 +601,7 @@ def render_layers(
             f"A picture of {camera.width} x {camera.height} with supersampling {n} is larger than "
             f"{MAX_PIXELS} samples; use a smaller picture or supersampling."
         )
-    fine = camera.resized(camera.width * n, camera.height * n)
+    fine = replace(camera, width=camera.width * n, height=camera.height * n)
     lens, canvas = lens_of(fine), blank_canvas(fine)
     opaques = [layer for layer in meshes if layer.opacity >= 1]
     veils = [layer for layer in meshes if 0 < layer.opacity < 1]

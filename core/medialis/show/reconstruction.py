@@ -81,13 +81,6 @@ def _cameras(shape: Shape, camera: Camera | Sequence[Camera] | None) -> list[Cam
     return cameras
 
 
-def _surface_buffers(shape: Shape, camera: Camera, progress: Progress) -> Buffers:
-    if shape.faces is not None:
-        return rasterize(camera, points=shape.points, faces=shape.faces, progress=progress)
-    points, faces = run_patiently(lambda: sample_discs(shape), progress)
-    return rasterize(camera, points=points, faces=faces, progress=progress)
-
-
 def sample_discs(shape: Shape) -> tuple[FloatArray, IntArray]:
     """Return a hexagon on the tangent plane of each sample: the visible surface of a point cloud.
 
@@ -114,15 +107,6 @@ def sample_discs(shape: Shape) -> tuple[FloatArray, IntArray]:
     return points, np.concatenate(faces).astype(np.int32)
 
 
-def _shaded_surface(shape: Shape, camera: Camera, progress: Progress) -> Image:
-    if shape.faces is not None:
-        item = Surface(shape.points, shape.faces, color=_SURFACE)
-        return draw([item], camera, progress=progress)
-    points, faces = run_patiently(lambda: sample_discs(shape), progress)
-    item = Surface(points, faces, color=_SURFACE, smooth=False)
-    return draw([item], camera, progress=progress)
-
-
 def _difference(balls: Buffers, surface: Buffers, diagonal: float) -> tuple[Image, FloatArray]:
     """Return the difference image and the differences, in % of the diagonal, where both cover."""
     both = balls.mask & surface.mask
@@ -132,19 +116,6 @@ def _difference(balls: Buffers, surface: Buffers, diagonal: float) -> tuple[Imag
     colors[surface.mask & ~balls.mask] = _ONLY_SURFACE
     colors[balls.mask & ~surface.mask] = _ONLY_BALLS
     return np.rint(255 * colors).astype(np.uint8), percent
-
-
-def _numbers(
-    pairs: Sequence[tuple[Buffers, Buffers]], differences: Sequence[FloatArray]
-) -> tuple[float, float, float]:
-    """Return the share of pixels only one covers, and median and 95th percentile difference."""
-    either = sum(int((a.mask | b.mask).sum()) for a, b in pairs)
-    only = sum(int((a.mask ^ b.mask).sum()) for a, b in pairs)
-    pooled = np.concatenate(differences)
-    share = only / either if either else math.nan
-    if len(pooled) == 0:
-        return share, math.nan, math.nan
-    return share, float(np.median(pooled)), float(np.percentile(pooled, 95))
 
 
 def reconstruct_image(
@@ -199,9 +170,13 @@ def reconstruct_image(
     rows = inner_balls(cloud)
     cameras = _cameras(shape, camera)
     centers, radii = cloud.centers[rows], cloud.radii[rows]
+    points, faces = shape.points, shape.faces
+    if faces is None:
+        points, faces = run_patiently(lambda: sample_discs(shape), steps)
+    drawn = Surface(points, faces, color=_SURFACE, smooth=shape.faces is not None)
     images: list[tuple[Image, Image, Image]] = []
-    pairs: list[tuple[Buffers, Buffers]] = []
     differences: list[FloatArray] = []
+    either = only = 0
     for number, view in enumerate(cameras):
         with steps.stage("views", number / len(cameras), (number + 1) / len(cameras)):
             with steps.stage("depth", 0.0, 0.3):
@@ -209,17 +184,20 @@ def reconstruct_image(
             with steps.stage("light", 0.3, 0.9):
                 shaded = draw([Balls(centers, radii, color=_SURFACE)], view, progress=steps)
             with steps.stage("surface", 0.9, 1.0):
-                pair = union, _surface_buffers(shape, view, steps)
-                surface = _shaded_surface(shape, view, steps)
-            image, percent = _difference(*pair, shape.diagonal)
+                there = rasterize(view, points=points, faces=faces, progress=steps)
+                surface = draw([drawn], view, progress=steps)
+            image, percent = _difference(union, there, shape.diagonal)
             images.append((shaded, surface, image))
-            pairs.append(pair)
             differences.append(percent)
-    ball_images, surface_images, difference_images = zip(*images, strict=True)
-    share, median, high = _numbers(pairs, differences)
-    return Comparison(
-        ball_images, surface_images, difference_images, share, median, high, len(rows)
-    )
+            either += int((union.mask | there.mask).sum())
+            only += int((union.mask ^ there.mask).sum())
+    pooled, median, high = np.concatenate(differences), math.nan, math.nan
+    if len(pooled):
+        median, high = float(np.median(pooled)), float(np.percentile(pooled, 95))
+    # Ball, surface and difference images.
+    first, second, third = zip(*images, strict=True)
+    share = only / either if either else math.nan
+    return Comparison(first, second, third, share, median, high, len(rows))
 
 
 def progressive(

@@ -22,7 +22,7 @@ from medialis.base.options import Length, Options
 from medialis.base.progress import Message, Progress, ProgressCallback
 from medialis.base.validation import IntArray, as_choice
 from medialis.base.version import package_version
-from medialis.formats.files import MANIFEST, Drawn, OutputFolder, absolute, complete_file
+from medialis.formats.files import MANIFEST, Drawn, OutputFolder, absolute, write_text
 from medialis.formats.gltf import write_gltf
 from medialis.formats.json_npz import write_json, write_npz
 from medialis.formats.ply_attributes import write_layer_ply
@@ -32,7 +32,6 @@ from medialis.formats.vtk import write_vtp, write_vtu
 from medialis.operations import registry
 from medialis.operations.declaration import Format
 from medialis.operations.result import Layer, Result
-from medialis.shape.shape import Shape
 from medialis.shape.surface import Surface
 from medialis.show.picture import draw_result, draw_turntable, reduced, require_attribute, write_png
 from medialis.show.raster import Style
@@ -182,15 +181,16 @@ ATTRIBUTES = ("attributes", "face_attributes")
 
 def describe_result(result: Result, **more: Any) -> dict[str, Any]:
     """Return the manifest: operation, parameters, seconds per stage, values, messages."""
+    # Others tell a shape as computed on by its checksum.
+    known = result.shape.identity
+    notes = [m.data for m in result.messages if isinstance(m, Message) and m.code == "length"]
     return {
         "medialis": package_version(),
         "operation": result.operation,
-        "parameters": dict(result.parameters),
-        "lengths": lengths_given(result.messages),
+        **{name: dict(getattr(result, name)) for name in ("parameters", "seconds", "values")},
+        "lengths": {str(data["option"]): str(data["given"]) for data in notes},
         "unit": result.shape.unit,
-        "shape": shape_checksum(result.shape),
-        "seconds": dict(result.seconds),
-        "values": dict(result.values),
+        "shape": known.hex() if isinstance(known, bytes) else "",
         "messages": [str(message) for message in result.messages],
         "notes": [_note(message) for message in result.messages],
         "layers": [
@@ -208,18 +208,6 @@ def describe_result(result: Result, **more: Any) -> dict[str, Any]:
         "shown": [layer.name for layer in result.shown],
         **more,
     }
-
-
-def shape_checksum(shape: Shape) -> str:
-    """Return a checksum of a shape as computed on, by which results of others are told."""
-    known = shape.identity
-    return known.hex() if isinstance(known, bytes) else ""
-
-
-def lengths_given(messages: Sequence[str]) -> dict[str, str]:
-    """Return the lengths that were given with a unit, as text, by the name of their option."""
-    notes = [m.data for m in messages if isinstance(m, Message) and m.code == "length"]
-    return {str(data["option"]): str(data["given"]) for data in notes}
 
 
 def _note(message: str) -> dict[str, Any]:
@@ -371,7 +359,8 @@ def write_files(
         _write_data(new, result, formats, progress)
 
         with progress.stage("picture", 0.5, 0.95):
-            title = _title(result, wanted.source)
+            title = result.operation.replace("_", " ")
+            title += f" of {Path(wanted.source).name}" if wanted.source else ""
             for name, image in _main_pictures(result, pictures, title, progress.unnamed):
                 drawn.append(name)
                 write_png(new(name), image)
@@ -382,8 +371,7 @@ def write_files(
             for number, image in enumerate(views if count else ()):
                 write_png(new(f"turntable_{number:03d}.png"), image)
         for name, text in wanted.texts.items():
-            with complete_file(new(name)) as stream:
-                stream.write(text.encode("utf-8", "backslashreplace"))  # as in write_json
+            write_text(new(name), text)
         with progress.stage("check", 0.95, 1.0):
             contents = {name: content(out.file(name), progress) for name in names}
         names.append(MANIFEST)
@@ -438,10 +426,6 @@ def write_layer(path: Path, layer: Layer, unit: str | None) -> None:
     if ending not in formats:
         raise InvalidOptionError(f"Files end in {', '.join(formats)}, got {path.name!r}.")
     formats[ending].write(path, layer, unit)
-
-
-def _title(result: Result, source: str | None) -> str:
-    return result.operation.replace("_", " ") + (f" of {Path(source).name}" if source else "")
 
 
 def _write_data(

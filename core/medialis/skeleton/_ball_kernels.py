@@ -1,6 +1,6 @@
 """Kernels of balls that samples constrain, and of triangles between them (thesis 3.2, 3.4.1).
 
-**Ball shrinking** (see ball_shrinking.py) in one pass. The balls tangent at p with one normal are
+**Ball shrinking** (see medial_cloud.py) in one pass. The balls tangent at p with one normal are
 nested, and the depth r - |q - c| of a sample q grows with the radius. So "the largest ball in which
 no sample lies deeper than a" has the radius min r_a(q), where r_a(q) is the radius at which q lies
 exactly a deep: with num = |q - p|^2 and den = 2 n.(p - q), |q - c|^2 = r^2 + num - r den = (r -

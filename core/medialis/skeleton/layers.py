@@ -17,8 +17,7 @@ from medialis.operations.positions import numbers, places
 from medialis.operations.result import FilterUnit, Layer, Outcome
 from medialis.shape.labels import Segmentation
 from medialis.shape.shape import Shape
-from medialis.skeleton.ball_shrinking import Side
-from medialis.skeleton.medial_cloud import COLUMNS, MedialCloud
+from medialis.skeleton.medial_cloud import COLUMNS, MedialCloud, Side
 from medialis.skeleton.surface_skeleton import Preparation, SurfaceSkeletonOptions, surface_skeleton
 
 SURFACE = ("points", "normals", "faces", "origin", "face_origin", "vertex_map", "face_map")
@@ -50,18 +49,13 @@ def cloud_layer(
     and spoke angle.
     """
     first = first or {}
+    one, other = cloud.features.T
+    known = {**first, "radius": cloud.radii, "spoke_angle": cloud.spoke_angles}
+    known |= {"feature_1": one, "feature_2": other, "source": cloud.source, "side": cloud.side}
     return Layer(
         name,
         cloud.centers,
-        attributes={
-            **first,
-            "radius": cloud.radii,
-            "spoke_angle": cloud.spoke_angles,
-            "feature_1": cloud.features[:, 0],
-            "feature_2": cloud.features[:, 1],
-            "source": cloud.source,
-            "side": cloud.side,
-        },
+        attributes=known,
         color_by=next(iter(first), "radius"),
         filter_by=next(iter(first), "spoke_angle"),
         filter_unit=unit or (FilterUnit() if first else FilterUnit.degrees()),
@@ -71,13 +65,8 @@ def cloud_layer(
 
 def samples_layer(shape: Shape) -> Layer:
     """Layer of the surface as computed on: feature points and sources index its points."""
-    return Layer(
-        "samples",
-        shape.points,
-        shape.faces,
-        attributes={"normal": numbers(shape.normals)},
-        auxiliary=True,
-    )
+    normals = {"normal": numbers(shape.normals)}
+    return Layer("samples", shape.points, shape.faces, attributes=normals, auxiliary=True)
 
 
 def summary(values: FloatArray, name: str) -> dict[str, float | None]:
@@ -149,18 +138,10 @@ def surface_layers(
             faces[f"face_{name}"] = (
                 _input_face_labels(shape, segmentation) if on_input else segmentation.of_faces()
             )
-        layers.append(
-            Layer(
-                name if on_input else "samples",
-                target.points,
-                target.faces,
-                attributes={k: v[: target.point_count] for k, v in attributes.items()},
-                face_attributes=faces,
-                on_input=on_input,
-                auxiliary=not on_input,
-                **options,
-            )
-        )
+        own = {key: values[: target.point_count] for key, values in attributes.items()}
+        known: dict[str, Any] = {"attributes": own, "face_attributes": faces, "on_input": on_input}
+        called, known["auxiliary"] = name if on_input else "samples", not on_input
+        layers.append(Layer(called, target.points, target.faces, **known, **options))
     return tuple(layers)
 
 
@@ -180,13 +161,11 @@ def note_unseen(layer: Layer, count: int, progress: Progress) -> None:
     labels = np.unique(np.concatenate(fields))
     unseen = count - int((labels >= 0).sum())
     if unseen:
-        progress.note(
+        text = (
             f"{unseen} of {count} segments hold no vertex of the input and no whole face, since it "
-            "is coarse: the layer samples shows them.",
-            "segments_unseen",
-            unseen=unseen,
-            segments=count,
+            "is coarse: the layer samples shows them."
         )
+        progress.note(text, "segments_unseen", unseen=unseen, segments=count)
 
 
 def border_layer(segmentation: Segmentation) -> tuple[Layer, ...]:
@@ -231,10 +210,6 @@ def segmentation_outcome(
             "diagonal": fine.diagonal,
             "spacing": fine.spacing,
         },
-        arrays={
-            **cloud_arrays(cloud),
-            name: labels,
-            f"face_{name}": segmentation.of_faces(),
-        },
+        arrays={**cloud_arrays(cloud), name: labels, f"face_{name}": segmentation.of_faces()},
         shown=layers[-1:],
     )

@@ -22,7 +22,6 @@ from medialis.operations.positions import numbers
 from medialis.operations.result import FilterUnit, Layer, Outcome, Result
 from medialis.shape.reading import surface_of_cloud
 from medialis.shape.shape import Shape
-from medialis.skeleton.ball_shrinking import ShrinkOptions, Side
 from medialis.skeleton.importance.geodesics import (
     Geodesic,
     GeodesicOptions,
@@ -38,7 +37,7 @@ from medialis.skeleton.importance.importance import (
     local_measures,
 )
 from medialis.skeleton.layers import cloud_arrays, cloud_layer, samples_layer, summary
-from medialis.skeleton.medial_cloud import BallStatus, MedialCloud
+from medialis.skeleton.medial_cloud import BallStatus, MedialCloud, ShrinkOptions, Side
 from medialis.skeleton.skeleton_mesh import (
     SkeletonMesh,
     SkeletonMeshOptions,
@@ -130,10 +129,8 @@ def run_surface_skeleton(shape: Shape, options: SurfaceSkeletonRun, progress: Pr
     layer = cloud_layer("surface_skeleton", shown)
     if importance is not None:
         layer = _measured(shown, importance[mask], options, progress)
-        values |= {
-            "hidden_points": int(layer.hidden.sum()),
-            **summary(importance[mask], "importance"),
-        }
+        values["hidden_points"] = int(layer.hidden.sum())
+        values |= summary(importance[mask], "importance")
         arrays["importance"] = importance
     return Outcome(shape=fine, layers=(layer, samples_layer(fine)), values=values, arrays=arrays)
 
@@ -155,13 +152,8 @@ def _measured(
     diagonal, threshold = cloud.surface.diagonal, options.threshold
     if threshold == HIDDEN_BELOW:  # a value of the user's own stays
         threshold = _shown_from(cloud, importance)
-    layer = cloud_layer(
-        "surface_skeleton",
-        cloud,
-        {"importance": importance},
-        unit=FilterUnit.length(diagonal, "threshold"),
-        hidden_below=threshold,
-    )
+    shown, unit = {"importance": importance}, FilterUnit.length(diagonal, "threshold")
+    layer = cloud_layer("surface_skeleton", cloud, shown, unit=unit, hidden_below=threshold)
     # A few points are far more important than the rest, which would all have one colour.
     finite = importance[np.isfinite(importance)]
     if len(finite):
@@ -170,15 +162,12 @@ def _measured(
     if hidden == len(cloud):
         layer, hidden = replace(layer, filter_default=0.0), 0
     if hidden:
-        progress.note(
+        text = (
             f"{counted(hidden, 'skeleton point', of=len(cloud), verbs=('is', 'are'))} hidden: the "
             f"importance is below {100 * threshold:.3g} % of the size, as it is for bumps and "
-            "noise (threshold = 0 shows all).",
-            "hidden_points",
-            hidden=hidden,
-            points=len(cloud),
-            threshold=threshold,
+            "noise (threshold = 0 shows all)."
         )
+        progress.note(text, "hidden_points", hidden=hidden, points=len(cloud), threshold=threshold)
     return layer
 
 
@@ -359,10 +348,8 @@ def run_skeleton_importance(
         with progress.stage("surface", 0.0, 0.05):
             given = shape
             shape = kept(surface_of_cloud, given, None, lambda: surface_of_cloud(given), progress)
-        progress.note(
-            "A surface was built through the points of the cloud. Check it in the layer samples.",
-            "surface_built",
-        )
+        text = "A surface was built through the points of the cloud. Check it in the layer samples."
+        progress.note(text, "surface_built")
     with progress.stage("skeleton", 0.0, 0.2):
         cloud = surface_skeleton.of(shape, options, progress)
     fine = cloud.surface
@@ -380,15 +367,13 @@ def run_skeleton_importance(
     unreached = int(np.isinf(paths.length).sum())
     if unreached:
         infinite = int(np.isinf(importance).sum())  # connecting pieces changes some
-        progress.note(
+        text = (
             f"{counted(unreached, 'skeleton point', verbs=('lies', 'lie'))} between separate parts "
             "of the shape, so that no path joins the two feature points. "
             f"{counted(infinite, 'point', verbs=('has', 'have'))} infinite importance; every "
-            "threshold keeps them.",
-            "between_parts",
-            points=unreached,
-            infinite=infinite,
+            "threshold keeps them."
         )
+        progress.note(text, "between_parts", points=unreached, infinite=infinite)
     around = int((paths.status == PathStatus.EDGES).sum())
     if around:
         progress.note(
@@ -398,11 +383,8 @@ def run_skeleton_importance(
             paths=around,
         )
     shown, measures = cloud.subset(mask), local_measures(cloud)
-    own = {
-        "importance": importance[mask],
-        "feature_radius": measures["feature_radius"][mask],
-        "radius_ratio": measures["radius_ratio"][mask],
-    }
+    own = {"importance": importance[mask]}
+    own |= {name: measures[name][mask] for name in ("feature_radius", "radius_ratio")}
     unit = FilterUnit.length(fine.diagonal, "threshold")
     layer = cloud_layer("skeleton_importance", shown, own, unit=unit)
     return Outcome(
@@ -486,13 +468,11 @@ def run_geodesic_path(shape: Shape, options: GeodesicPathRun, progress: Progress
             + ": they lie in different components."
         )
     if len(drawn) < len(paths):
-        progress.note(
+        text = (
             f"No path joins the vertices of {len(paths) - len(drawn)} of "
-            f"{counted(len(paths), 'pair')}: they lie in different components.",
-            "unjoined_pairs",
-            pairs=len(paths) - len(drawn),
-            of=len(paths),
+            f"{counted(len(paths), 'pair')}: they lie in different components."
         )
+        progress.note(text, "unjoined_pairs", pairs=len(paths) - len(drawn), of=len(paths))
     lengths = np.array([math.inf if path is None else path.length for path in paths])
     values: dict[str, Any] = {"pairs": len(paths), **summary(lengths, "length")}
     if len(paths) == 1:
@@ -503,12 +483,8 @@ def run_geodesic_path(shape: Shape, options: GeodesicPathRun, progress: Progress
             "found": path.status.name.lower(),
         }
     values["path_points"] = sum(len(path.points) for _, path in drawn)
-    return Outcome(
-        shape=shape,
-        layers=(_layer(drawn),),
-        values=values,
-        arrays={"pairs": pairs, "length": lengths},
-    )
+    arrays = {"pairs": pairs, "length": lengths}
+    return Outcome(shape=shape, layers=(_layer(drawn),), values=values, arrays=arrays)
 
 
 def _layer(drawn: list[tuple[int, Geodesic]]) -> Layer:
@@ -517,16 +493,12 @@ def _layer(drawn: list[tuple[int, Geodesic]]) -> Layer:
     first = np.cumsum(counts) - counts
     index = np.arange(counts.sum())
     inside = np.delete(index, first + counts - 1)  # a last point begins no edge
-    return Layer(
-        "geodesic_path",
-        np.concatenate([path.points for _, path in drawn]),
-        edges=np.stack([inside, inside + 1], axis=1).astype(np.int32),
-        attributes={
-            "distance": np.concatenate([places_along(path.points) for _, path in drawn]),
-            "pair": np.repeat(np.array([row for row, _ in drawn], np.int32), counts),
-        },
-        color_by="distance",
-    )
+    points = np.concatenate([path.points for _, path in drawn])
+    edges = np.stack([inside, inside + 1], axis=1).astype(np.int32)
+    distance = np.concatenate([places_along(path.points) for _, path in drawn])
+    pair = np.repeat(np.array([row for row, _ in drawn], np.int32), counts)
+    known = {"distance": distance, "pair": pair}
+    return Layer("geodesic_path", points, edges=edges, attributes=known, color_by="distance")
 
 
 def _read_pairs(path: str) -> Index:

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from medialis.base.arrays import Mask, first_equal_row
+from medialis.base.arrays import Mask, first_equal_row, unit_rows
 from medialis.base.errors import InvalidShapeError
 from medialis.base.kept import kept
 from medialis.base.options import Options, algorithm, angle, length, whole
@@ -75,14 +75,7 @@ class SkeletonMesh(Surface):
 
     def __post_init__(self) -> None:
         p, t = len(self.points), len(self.faces)
-        hold(
-            self,
-            points=(np.float64, p, 3),
-            faces=(np.int32, t, 3),
-            rows=(np.int32, p),
-            face_origin=(np.int32, t),
-            selected=(np.bool_, len(self.cloud)),
-        )
+        hold(self, points=(p, 3), faces=(t, 3), rows=p, face_origin=t, selected=len(self.cloud))
         as_faces(self.faces, p)
 
     @classmethod
@@ -212,7 +205,10 @@ def skeleton_mesh(
     cloud = cloud.own
     require_faces(cloud.surface)
     with progress.stage("select", 0.0, 0.6):
-        selected = _selected(cloud, options, progress)
+        selected = cloud.valid & (cloud.spoke_angles >= math.radians(options.min_spoke_angle))
+        if options.importance > 0:
+            importance = measured_importance(cloud, options, progress)
+            selected &= important_points(importance, threshold=options.importance)
     # Another smallest piece takes the same triangles.
     chosen = options.min_spoke_angle, options.importance, options.bridge
     with progress.stage("skeleton mesh", 0.6, 1.0):
@@ -242,15 +238,6 @@ def measured_importance(cloud: MedialCloud, options: Options, progress: Progress
     """Return the importance of each ball, connected where the cloud is whole."""
     importance = geodesic_importance.of(cloud, options, progress)
     return connected_importance.of(importance, options, progress) if cloud.whole else importance
-
-
-def _selected(cloud: MedialCloud, options: SkeletonMeshOptions, progress: Progress) -> Mask:
-    """Balls with angle and importance enough, (k,)."""
-    enough = cloud.valid & (cloud.spoke_angles >= math.radians(options.min_spoke_angle))
-    if options.importance > 0:
-        importance = measured_importance(cloud, options, progress)
-        enough &= important_points(importance, threshold=options.importance)
-    return enough
 
 
 def _lift(cloud: MedialCloud, selected: Mask, bridge: int, progress: Progress) -> SkeletonMesh:
@@ -292,39 +279,25 @@ def _lift_side(
     row_near = _rows_of_samples(cloud, usable, bridge)
     # The sheet bisects the two feature points. Zero and NaN rows belong to masked balls, which are
     # never used.
-    chords = shape.points[cloud.features[:, 0]] - shape.points[cloud.features[:, 1]]
-    length = np.linalg.norm(chords, axis=1, keepdims=True)
-    np.divide(chords, length, out=chords, where=length > 0)
-    slopes = np.cos(cloud.spoke_angles / 2)
-    balls = kernels.SheetBalls(
-        shape.points, cloud.source, cloud.centers, cloud.radii, chords, slopes
-    )
+    chords = unit_rows(shape.points[cloud.features[:, 0]] - shape.points[cloud.features[:, 1]])
+    known = shape.points, cloud.source, cloud.centers, cloud.radii
+    balls = kernels.SheetBalls(*known, chords, np.cos(cloud.spoke_angles / 2))
     rows, ok = np.empty((m, 3), np.int32), np.zeros(m, np.bool_)
-
-    def work(begin: int, end: int) -> None:
-        kernels.test_faces(begin, end, RADIUS_SLACK, shape.faces, row_near, balls, rows, ok)
-
-    run_chunks(work, m, FACES_A_CHUNK, progress=progress)
+    given = RADIUS_SLACK, shape.faces, row_near, balls, rows, ok
+    run_chunks(kernels.test_faces, m, FACES_A_CHUNK, *given, progress=progress)
     longest = np.zeros(k)
     kernels.longest_edges(rows, ok, cloud.centers, longest)
     across = np.where(usable, row_near[cloud.features[:, 1]], np.int32(-1))
     partner = np.full(k, -1, np.int32)
     kernels.find_partners(usable, across, balls, longest, partner)
-    second = np.zeros(k, np.bool_)
-    kernels.join_sides(
-        rows, ok, partner, chords, np.arange(k, dtype=np.int32), np.zeros(k, np.int8), second
-    )
+    parent, parity, second = np.arange(k, dtype=np.int32), np.zeros(k, np.int8), np.zeros(k, bool)
+    kernels.join_sides(rows, ok, partner, chords, parent, parity, second)
     lifted, stays = np.empty((m, 3), np.int32), np.zeros(m, np.bool_)
     kernels.lift_faces(rows, ok, partner, second, balls, lifted, stays)
     origin = np.flatnonzero(stays).astype(np.int32)
-    return _without_duplicates(lifted[origin], origin)
-
-
-def _without_duplicates(triangles: IntArray, origin: IntArray) -> tuple[IntArray, IntArray]:
-    """Drop triangles with the same three corners as an earlier one."""
-    first = first_equal_row(np.sort(triangles, axis=1))
-    chosen = np.flatnonzero(first == np.arange(len(first)))
-    return triangles[chosen], origin[chosen]
+    first = first_equal_row(np.sort(lifted[origin], axis=1))
+    origin = origin[first == np.arange(len(first))]  # no two with the same three corners
+    return lifted[origin], origin
 
 
 def _without_small_pieces(mesh: SkeletonMesh, radius: float) -> SkeletonMesh:

@@ -18,6 +18,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
@@ -35,8 +36,10 @@ from medialis.shape.noise import noise_above, smooth_noise
 from medialis.shape.reading import ShapeLike, as_shape
 from medialis.shape.refinement import RefineOptions, affordable_edge, on_smooth_surface, refine
 from medialis.shape.shape import Shape
-from medialis.skeleton.ball_shrinking import (
+from medialis.skeleton.medial_cloud import (
+    COLUMNS,
     THINNEST,
+    MedialCloud,
     ShrinkOptions,
     hidden_walls,
     note_outcome,
@@ -44,7 +47,6 @@ from medialis.skeleton.ball_shrinking import (
     shrink,
     shrink_options,
 )
-from medialis.skeleton.medial_cloud import COLUMNS, MedialCloud
 from medialis.skeleton.triangle_balls import Walls, between_samples, with_edge_balls
 
 if TYPE_CHECKING:
@@ -238,15 +240,13 @@ def _with_lower_tolerance(
         columns = {n: np.concatenate([getattr(one, n) for one in cured]) for n in COLUMNS}
         cloud = cloud.with_rows(np.concatenate(rows), **columns)
         of = shape.point_count
-        progress.note(
+        text = (
             f"{counted(count, 'sample', of=of, verbs=('lies', 'lie'))} on a wall thinner than the "
             f"tolerance of {100 * tolerance:.3g} % of the diagonal. The balls there were computed "
-            f"with a tolerance of down to {100 * finer:.3g} %.",
-            "thin_walls",
-            level=logging.WARNING,
-            samples=count,
-            of=of,
-            tolerance=finer,
+            f"with a tolerance of down to {100 * finer:.3g} %."
+        )
+        progress.note(
+            text, "thin_walls", level=logging.WARNING, samples=count, of=of, tolerance=finer
         )
     return cloud
 
@@ -477,24 +477,19 @@ def _denoised(shape: Shape, options: Preparation, progress: Progress) -> tuple[S
     tolerance = options.tolerance
     if options.denoise == "off" or shape.faces is None or shape.diagonal == 0.0:
         return shape, tolerance
-
-    def smoothed() -> tuple[Shape, float, float]:
-        return run_patiently(lambda: _without_noise(shape), progress)
-
-    smooth, level, left = kept(_without_noise, shape, None, smoothed, progress)
+    work = partial(run_patiently, lambda: _without_noise(shape), progress)
+    smooth, level, left = kept(_without_noise, shape, None, work, progress)
     if smooth is shape:
         return shape, tolerance
     highest = next(p.high for p in Preparation.parameters() if p.name == "tolerance")
     raised = min(max(tolerance, left / shape.diagonal), highest)
     text = f", with a tolerance of {100 * raised:.3f} %" if raised > tolerance else ""
-    progress.note(
+    said = (
         f"The surface is noisy: its vertices lie {100 * level / shape.diagonal:.2g} % of the "
         f"diagonal off a smooth surface ({level / shape.spacing:.2g} of the spacing). A smoothed "
-        f"copy was used{text} (denoise = off turns this off).",
-        "denoised",
-        noise=level / shape.diagonal,
-        tolerance=raised,
+        f"copy was used{text} (denoise = off turns this off)."
     )
+    progress.note(said, "denoised", noise=level / shape.diagonal, tolerance=raised)
     return smooth, raised
 
 
@@ -520,16 +515,12 @@ def _refined(shape: Shape, options: Preparation, progress: Progress) -> Shape:
         fine = refine.of(shape, RefineOptions(longest_edge=fraction), progress)
     if fine is not shape:
         if shape.face_origin is None:
-            fine = run_patiently(
-                lambda: on_smooth_surface(shape, fine, find_creases(shape, options.creases)),
-                progress,
-            )
-        instead = ""
-        if fraction != asked:
-            instead = (
-                f", not {100 * asked:g} %, which would make many more samples than so small a mesh "
-                f"needs (refine below {100 * RefineOptions().longest_edge:g} % makes more)"
-            )
+            creases = run_patiently(lambda: find_creases(shape, options.creases), progress)
+            fine = run_patiently(lambda: on_smooth_surface(shape, fine, creases), progress)
+        instead = (
+            f", not {100 * asked:g} %, which would make many more samples than so small a mesh "
+            f"needs (refine below {100 * RefineOptions().longest_edge:g} % makes more)"
+        ) * (fraction != asked)
         progress.note(
             f"The mesh was refined for the computation: {shape.point_count:,} vertices became "
             f"{fine.point_count:,} samples. Edges longer than {100 * fraction:.3g} % of the "

@@ -11,19 +11,18 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from medialis.base.arrays import Index, Ragged
+from medialis.base.arrays import Index, Ragged, unit_rows
 from medialis.base.progress import Progress
 from medialis.base.threads import run_chunks
 from medialis.base.validation import FloatArray, IntArray
 from medialis.shape.creases import STEEPER, Creases
 from medialis.shape.shape import Shape
-from medialis.skeleton.ball_shrinking import SAMPLES_A_CHUNK, shrink_options
-from medialis.skeleton.medial_cloud import BallStatus, MedialCloud
+from medialis.skeleton.medial_cloud import SAMPLES_A_CHUNK, BallStatus, MedialCloud, shrink_options
 
 if TYPE_CHECKING:
     from medialis.base._box_tree_kernels import BoxTree
@@ -105,20 +104,13 @@ class Walls:
         reliefs[used, : kernels.COSINE] = creases.bulges[order[used]] / unit
         reliefs[used, kernels.COSINE] = creases.least_cosines[order[used]]
         hulls = np.empty((blocks, kernels.ROWS, kernels.BLOCK), np.float32)
-
-        def fill(begin: int, end: int) -> None:
-            kernels.fill_hulls(begin, end, tree.points, corners, hulls)
-
-        run_chunks(fill, blocks, BLOCKS_A_CHUNK)
+        run_chunks(kernels.fill_hulls, blocks, BLOCKS_A_CHUNK, tree.points, corners, hulls)
         bounds = np.empty_like(tree.bounds)
         bounds[:, :3], bounds[:, 3:6], bounds[:, 6:9], bounds[:, 9:] = np.inf, -np.inf, 0.0, np.inf
         for nodes, child_depth, fan in wide_levels(depth):
             level = fan, 1 << (depth - child_depth), bounds[nodes]
-
-            def work(begin: int, end: int, level: tuple[Any, ...] = level) -> None:
-                kernels.bound_faces(begin, end, tree.points, corners, first, *level)
-
-            run_chunks(work, nodes.stop - nodes.start, NODES_A_CHUNK)
+            given = nodes.stop - nodes.start, NODES_A_CHUNK, tree.points, corners, first
+            run_chunks(kernels.bound_faces, *given, *level)
         hung = kernels.Hung(tree.points, bounds, tree.child, first, corners, reliefs, hulls)
         return cls(creases, tree, order, hung)
 
@@ -134,11 +126,8 @@ class Walls:
         lengths = shrink_options(self.shape.diagonal, 0.0, 0.0)
         places = centers / lengths.unit - self.tree.center
         radii = most / lengths.unit
-
-        def work(begin: int, end: int) -> None:
-            measure_room(begin, end, places, lengths.margin, self.hung, radii)
-
-        run_chunks(work, len(places), SAMPLES_A_CHUNK)
+        given = places, lengths.margin, self.hung, radii
+        run_chunks(measure_room, len(places), SAMPLES_A_CHUNK, *given)
         radii *= lengths.unit
         return radii
 
@@ -173,7 +162,11 @@ class Walls:
         tree, shape = self.tree, self.shape
         at_own, samples = directions is not None, tree.place[cloud.source]
         # Neighbours share certificates; inner balls, the first, are the same with outer ones.
-        order = _in_tree_order(cloud, tree)
+        n, k = len(tree.order), len(cloud)
+        if k % n == 0 and (cloud.source.reshape(-1, n) == np.arange(n)).all():
+            order = (n * np.arange(k // n)[:, None] + tree.order).ravel()
+        else:
+            order = np.lexsort((samples, -cloud.side))
         samples, signs = samples[order], cloud.side[order]
         if directions is None:
             direction = tree.normals[samples]
@@ -187,24 +180,13 @@ class Walls:
         least = max(ROUNDING * shape.diagonal / lengths.unit, LEAST_DEPTH * lengths.tolerance)
         highest = math.sin(math.radians(min(self.creases.angle, 90.0))) ** 2 / 2
         balls = TangentBalls(samples, direction, signs, at_own, radii, face, places)
-
-        def work(begin: int, end: int) -> None:
-            shrink_to_triangles(begin, end, balls, lengths, least, highest, self.hung)
-
-        run_chunks(work, len(order), SAMPLES_A_CHUNK, progress=progress)
+        given = balls, lengths, least, highest, self.hung
+        run_chunks(shrink_to_triangles, len(order), SAMPLES_A_CHUNK, *given, progress=progress)
         touching = np.flatnonzero(face >= 0)
         rows = order[touching]
         radii = radii[touching] * lengths.unit
         faces, weights = self.faces[face[touching]], places[touching]
         return _touching_faces(cloud, rows, direction[touching], radii, faces, weights)
-
-
-def _in_tree_order(cloud: MedialCloud, tree: BoxTree) -> Index:
-    """Return the inner balls in the order of the tree, then the outer ones."""
-    n, k = len(tree.order), len(cloud)
-    if k % n == 0 and (cloud.source.reshape(-1, n) == np.arange(n)).all():
-        return (n * np.arange(k // n)[:, None] + tree.order).ravel()
-    return np.lexsort((tree.place[cloud.source], -cloud.side))
 
 
 def _touching_faces(
@@ -223,16 +205,11 @@ def _touching_faces(
     apart = np.linalg.norm(surface.points[corners] - contact[:, None], axis=2)
     second = corners[np.arange(len(rows)), apart.argmin(axis=1)]
     centers = own - radii[:, None] * directions
-    return cloud.with_rows(
-        rows,
-        centers=centers,
-        radii=radii,
-        features=np.stack([cloud.source[rows], second], axis=1),
-        status=np.full(len(rows), BallStatus.OK),
-        spoke_angles=angles_between(directions, contact - centers),
-        contact_faces=faces,
-        contact_weights=weights,
-    )
+    features, status = np.stack([cloud.source[rows], second], axis=1), BallStatus.OK
+    balls = {"centers": centers, "radii": radii, "features": features, "status": status}
+    angles = angles_between(directions, contact - centers)
+    touching = {"contact_faces": faces, "contact_weights": weights}
+    return cloud.with_rows(rows, **balls, spoke_angles=angles, **touching)
 
 
 def angles_between(one: FloatArray, other: FloatArray) -> FloatArray:
@@ -262,16 +239,11 @@ def with_edge_balls(cloud: MedialCloud, creases: Creases, tolerance: float) -> M
     rows = rows[(lowest[source] > 0) & (lowest[source] < 1 - STEEPER)]
     source = cloud.source[rows]
     inward = -surface.normals[source] * cloud.side[rows, None]
-    return cloud.with_rows(
-        rows,
-        centers=surface.points[source] + depth * inward,
-        radii=depth * lowest[source],
-        features=np.stack([source, source], axis=1),
-        status=np.full(len(rows), BallStatus.OK),
-        spoke_angles=2.0 * np.arccos(lowest[source]),
-        contact_faces=np.full(len(rows), -1),
-        contact_weights=np.zeros((len(rows), 3)),
-    )
+    centers, radii = surface.points[source] + depth * inward, depth * lowest[source]
+    features, angles = np.stack([source, source], axis=1), 2.0 * np.arccos(lowest[source])
+    balls = {"centers": centers, "radii": radii, "features": features, "spoke_angles": angles}
+    on_none = {"status": BallStatus.OK, "contact_faces": -1, "contact_weights": 0.0}
+    return cloud.with_rows(rows, **balls, **on_none)
 
 
 def between_samples(cloud: MedialCloud, walls: Walls, tolerance: float) -> MedialCloud:
@@ -297,34 +269,22 @@ def between_samples(cloud: MedialCloud, walls: Walls, tolerance: float) -> Media
     weights[rows, side], weights[rows, (side + 1) % 3] = 1.0 - part, part
     source = corners[rows, np.where(part < 0.5, side, (side + 1) % 3)]
     one, other = surface.face_normals[face], surface.face_normals[second // 3]
-    middle = one + other
-    length = np.linalg.norm(middle, axis=1, keepdims=True)
-    middle = np.divide(middle, length, out=np.zeros_like(middle), where=length > STEEPER)
+    middle = unit_rows(one + other, least=STEEPER)
     cosine = np.clip(np.einsum("ij,ij->i", middle, one), 0.0, 1.0)
     place = np.einsum("ij,ijk->ik", weights, surface.points[corners])
     ends = surface.points[corners[rows, side]] - surface.points[corners[rows, (side + 1) % 3]]
     small = _depth(cloud, tolerance)
-    depth = np.minimum(
-        DEPTH_BETWEEN * np.linalg.norm(ends, axis=1),
-        LARGEST_GAP * surface.diagonal / np.maximum(1.0 - cosine, STEEPER),
-    )
+    most = LARGEST_GAP * surface.diagonal / np.maximum(1.0 - cosine, STEEPER)
+    depth = np.minimum(DEPTH_BETWEEN * np.linalg.norm(ends, axis=1), most)
     depth = np.maximum(depth, small)
     # They lie `depth` off a place of the surface, which is no nearer than that.
     radii = walls.room(place - (depth * sign)[:, None] * middle, depth)
     fits = radii >= LEAST_FIT * depth * cosine
     depth, radii = np.where(fits, depth, small), np.where(fits, radii, small * cosine)
-    balls = MedialCloud(
-        place - (depth * sign)[:, None] * middle,
-        radii,
-        np.stack([source, source], axis=1),
-        source,
-        np.full(len(face), BallStatus.OK),
-        2.0 * np.arccos(cosine),
-        sign,
-        face,
-        weights,
-        surface=surface,
-    )
+    centers, features = place - (depth * sign)[:, None] * middle, np.stack([source, source], axis=1)
+    status, angles = np.full(len(face), BallStatus.OK), 2.0 * np.arccos(cosine)
+    touching = centers, radii, features, source, status, angles, sign, face, weights
+    balls = MedialCloud(*touching, surface=surface)
     return balls.subset(fits | (part > 0))  # the sample itself has the small one
 
 

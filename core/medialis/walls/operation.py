@@ -5,12 +5,13 @@ Operation: walls against a least and a largest thickness, ribs, and gaps between
 
 from __future__ import annotations
 
-import logging
 import math
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from medialis.base.arrays import Mask
 from medialis.base.errors import InvalidOptionError
@@ -22,10 +23,9 @@ from medialis.operations.positions import place
 from medialis.operations.result import Layer, Outcome, Result
 from medialis.shape.graph import ENCLOSED, Enclosure
 from medialis.shape.shape import Shape
-from medialis.skeleton.layers import cloud_arrays, summary
+from medialis.skeleton.layers import cloud_arrays, summary, surface_layers
 from medialis.skeleton.medial_cloud import MedialCloud
 from medialis.skeleton.surface_skeleton import Preparation, SurfaceSkeletonOptions, surface_skeleton
-from medialis.walls.ribs import Rib
 from medialis.walls.thickness import thickness, unresolved_walls, wall_balls
 from medialis.walls.thin_spots import ThinSpot, ThinSpotOptions, thin_spots
 from medialis.walls.wall_check import (
@@ -34,13 +34,14 @@ from medialis.walls.wall_check import (
     MATERIALS,
     WallCheck,
     WallLimits,
-    WallRegion,
     check_walls,
 )
 
 SHOWN_SHARE = 98.0
 """Per cent of the vertices that the colours span, from the thinnest up: a few very thick places do
 not make everything else look thin."""
+
+COLORS: dict[str, Any] = {"color_map": "diverging_reversed"}
 
 PLACES = 15
 """Balls that are looked at to tell whether a cloud or an open mesh encloses anything."""
@@ -86,81 +87,74 @@ def run_thickness(shape: Shape, options: ThicknessRun, progress: Progress) -> Ou
     for row, spot in enumerate(spots):
         labels[spot.vertices] = row
     fields: dict[str, Any] = {"thickness": values, "thin_spot": labels}
+    shown: dict[str, Any] = {"color_by": "thickness", **COLORS, "labels": ("thin_spot",)}
     limits = float(values.min()), float(np.percentile(values, SHOWN_SHARE))
-    surface = _surface_layer("thickness", shape, fields, "thin_spot", limits)
-    marks = (_spots_layer(spots, surface),) if spots else ()
-    samples = (
-        () if fine is shape else (_surface_layer("samples", fine, fields, "thin_spot", limits),)
-    )
+    layers = surface_layers("thickness", shape, fine, fields, color_limits=limits, **shown)
+    marks = _spots_layer(spots, limits)
     return Outcome(
         shape=fine,
-        layers=(surface, *marks, *samples),
+        layers=(layers[0], *marks, *layers[1:]),
         values={
             "samples": fine.point_count,
             **summary(values, "thickness"),
             "thin_spots": len(spots),
             "overlaps": sum(spot.kind == "overlap" for spot in spots),
-            "spots": [_spot_values(spot) for spot in spots],
+            "spots": _table(spots, "kind", "position", "opposite", "value", "area", "vertices"),
             "diagonal": fine.diagonal,
             "spacing": fine.spacing,
         },
         arrays={**cloud_arrays(cloud), **fields},
-        shown=(samples or (surface,)) + marks,
+        shown=layers[-1:] + marks,
     )
 
 
-def _surface_layer(
-    name: str, shape: Shape, attributes: dict[str, Any], label: str, limits: tuple[float, float]
-) -> Layer:
-    """Layer of the first points of the refined shape: all of them, or the vertices of the input."""
-    return Layer(
-        name,
-        shape.points,
-        shape.faces,
-        attributes={name: values[: shape.point_count] for name, values in attributes.items()},
-        color_by="thickness",
-        color_map="diverging_reversed",
-        color_limits=limits,
-        labels=(label,),
-        on_input=name != "samples",
-        auxiliary=name == "samples",
-    )
-
-
-def _spots_layer(spots: tuple[ThinSpot, ...], surface: Layer) -> Layer:
+def _spots_layer(spots: tuple[ThinSpot, ...], limits: tuple[float, float]) -> tuple[Layer, ...]:
     """Layer of the places, in the colours of the surface."""
-    area = np.array([spot.area for spot in spots])
-    return Layer(
-        "thin_spots",
-        np.array([spot.position for spot in spots]),
-        attributes={
-            "value": np.array([spot.value for spot in spots]),
-            **({} if np.isnan(area).all() else {"area": area}),  # a cloud has no areas
-            "vertices": np.array([len(spot.vertices) for spot in spots], np.int32),
-            "overlap": np.array([spot.kind == "overlap" for spot in spots], np.int32),
-        },
-        color_by="value",
-        color_map=surface.color_map,
-        color_limits=surface.color_limits,
-        number_by="value",
-    )
+    counts = [len(spot.vertices) for spot in spots]
+    attributes = _columns(spots, "value", "area")
+    if np.isnan(attributes["area"]).all():
+        del attributes["area"]  # a cloud has no areas
+    attributes["vertices"] = np.array(counts, np.int32)
+    attributes["overlap"] = _are(spots, "overlap")
+    return _marks("thin_spots", spots, attributes, color_limits=limits, **COLORS)
+
+
+def _marks(
+    name: str, places: Sequence[Any], attributes: dict[str, Any], first: str = "value", **shown: Any
+) -> tuple[Layer, ...]:
+    """Layer of places that a check found, coloured by the first attribute; none without any."""
+    if not places:
+        return ()
+    points = np.array([place.position for place in places])
+    return (Layer(name, points, attributes=attributes, color_by=first, number_by=first, **shown),)
+
+
+def _columns(places: Sequence[Any], *names: str) -> dict[str, NDArray[Any]]:
+    """Return what places have of some names, an array each."""
+    return {name: np.array([getattr(place, name) for place in places]) for name in names}
+
+
+def _are(places: Sequence[Any], kind: str) -> IntArray:
+    return np.array([place.kind == kind for place in places], np.int32)
+
+
+def _table(places: Iterable[Any], *names: str) -> list[dict[str, Any]]:
+    """Return places for people and programs: positions, counts of vertices, other values."""
+
+    def told(name: str, value: Any) -> Any:
+        if name == "vertices":
+            return len(value)
+        if name in ("position", "opposite"):
+            return None if np.isnan(value).any() else place(value)
+        return value
+
+    return [{name: told(name, getattr(one, name)) for name in names} for one in places]
 
 
 def _thin(result: Result, shape: Shape) -> Mask:
     """Which vertices lie on a wall below the threshold."""
     limit = result.parameters["threshold"] * shape.diagonal
     return np.asarray(result.layers[0].attributes["thickness"]) < limit
-
-
-def _spot_values(spot: ThinSpot) -> dict[str, Any]:
-    return {
-        "kind": spot.kind,
-        "position": place(spot.position),
-        "opposite": None if np.isnan(spot.opposite).any() else place(spot.opposite),
-        "value": spot.value,
-        "area": spot.area,
-        "vertices": len(spot.vertices),
-    }
 
 
 def _note_share(
@@ -173,13 +167,11 @@ def _note_share(
     if share > MOST:
         limit = with_unit(options.threshold * surface.diagonal, surface.unit)
         median = with_unit(float(np.median(values)), surface.unit)
-        progress.note(
+        text = (
             f"{100 * share:.0f} % of the shape is thinner than the threshold of {limit}; its "
-            f"median {options.kind} is {median}. Check the unit of the threshold.",
-            "mostly_thin",
-            level=logging.WARNING,
-            share=share,
+            f"median {options.kind} is {median}. Check the unit of the threshold."
         )
+        progress.warn(text, "mostly_thin", share=share)
 
 
 def _note_thinnest(
@@ -195,23 +187,19 @@ def _note_thinnest(
     more = f" below {limit}" if below else ""
     if walls:
         place = ", ".join(f"{x:.6g}" for x in walls[0].position + shape.offset)
-        progress.note(
+        text = (
             f"{counted(len(walls), 'thin spot', verbs=('was', 'were'))} found{more}. The thinnest "
-            f"has a {options.kind} of {with_unit(walls[0].value, shape.unit)} at ({place}).",
-            "thin_spots",
-            spots=len(walls),
-            thinnest=walls[0].value,
+            f"has a {options.kind} of {with_unit(walls[0].value, shape.unit)} at ({place})."
         )
+        progress.note(text, "thin_spots", spots=len(walls), thinnest=walls[0].value)
     if len(walls) < len(spots):
         count = len(spots) - len(walls)
-        progress.note(
+        text = (
             f"{counted(count, 'place', verbs=('is', 'are'))} thin{more} because parts of the mesh "
             "overlap there, or one part crosses itself: the values tell how deep, not how thick a "
-            "wall is. They come last and have the kind overlap.",
-            "overlaps",
-            level=logging.WARNING,
-            spots=count,
+            "wall is. They come last and have the kind overlap."
         )
+        progress.warn(text, "overlaps", spots=count)
 
 
 def note_enclosure(cloud: MedialCloud, progress: Progress) -> None:
@@ -225,30 +213,24 @@ def note_enclosure(cloud: MedialCloud, progress: Progress) -> None:
     rows = rows[np.linspace(0, len(rows) - 1, min(PLACES, len(rows))).astype(np.int64)]
     outside = int((Enclosure(shape).times(cloud.centers[rows]) < ENCLOSED).sum())
     if 2 * outside > len(rows):
-        progress.note(
+        text = (
             f"The {'cloud' if shape.faces is None else 'surface'} encloses nothing at "
             f"{counted(outside, 'place', of=len(rows))} that were looked at. Thickness there is "
-            "the distance to whatever lies behind the surface, not that of a wall.",
-            "encloses_nothing",
-            level=logging.WARNING,
-            places=outside,
-            of=len(rows),
+            "the distance to whatever lies behind the surface, not that of a wall."
         )
+        progress.warn(text, "encloses_nothing", places=outside, of=len(rows))
 
 
 def note_resolution(cloud: MedialCloud, progress: Progress) -> None:
     """Say so where walls may be thinner than the samples are apart."""
     count, of = int(unresolved_walls(cloud).sum()), cloud.surface.point_count
     if count > UNRESOLVED_SHARE * of:
-        progress.note(
+        text = (
             f"{counted(count, 'sample', of=of, verbs=('lies', 'lie'))} on a wall that may be "
             "thinner than the spacing of its samples; its thickness is uncertain. Try a smaller "
-            "refine.",
-            "unresolved_walls",
-            level=logging.WARNING,
-            samples=count,
-            of=of,
+            "refine."
         )
+        progress.warn(text, "unresolved_walls", samples=count, of=of)
 
 
 THICKNESS = Operation(
@@ -364,18 +346,18 @@ def run_wall_check(shape: Shape, options: WallCheckRun, progress: Progress) -> O
     fields: dict[str, Any] = {"thickness": check.thickness, **_codes(check)}
     low = check.minimum if check.minimum > 0 else float(check.thickness.min())
     high = float(check.thickness.max()) if math.isinf(check.maximum) else check.maximum
-    colors = low, max(high, low)
-    surface = _surface_layer("wall_check", shape, fields, "region", colors)
-    marks = tuple(filter(None, (_places_layer(check), _ribs_layer(check, options))))
-    samples = () if fine is shape else (_surface_layer("samples", fine, fields, "region", colors),)
+    shown: dict[str, Any] = {"color_by": "thickness", **COLORS, "labels": ("region",)}
+    limits_shown = low, max(high, low)
+    layers = surface_layers("wall_check", shape, fine, fields, color_limits=limits_shown, **shown)
+    marks = _regions_layer(check) + _ribs_layer(check, options)
     failed = sum(region.kind != "overlap" for region in check.regions)
     return Outcome(
         shape=fine,
-        layers=(surface, *marks, *samples),
+        layers=(layers[0], *marks, *layers[1:]),
         values={
             "passed": failed == 0,
             "minimum": check.minimum,
-            "maximum": None if math.isinf(check.maximum) else check.maximum,
+            "maximum": check.maximum,
             "typical": check.typical,
             **summary(check.thickness, "thickness"),
             "too_thin": len(check.of_kind("too thin")),
@@ -383,14 +365,20 @@ def run_wall_check(shape: Shape, options: WallCheckRun, progress: Progress) -> O
             "narrow_gaps": len(check.of_kind("gap")) if gaps else None,
             "overlaps": len(check.of_kind("overlap")),
             "thick_ribs": _thick_ribs(check, options),
-            "regions": [_region_values(region) for region in check.regions],
-            "ribs": [_rib_values(rib) for rib in check.ribs[: options.regions]],
+            "regions": _table(
+                check.regions,
+                *("kind", "value", "least", "most", "area", "position", "opposite", "vertices"),
+            ),
+            "ribs": _table(
+                check.ribs[: options.regions],
+                *("kind", "ratio", "thickness", "wall", "length", "position"),
+            ),
             "samples": fine.point_count,
             "diagonal": fine.diagonal,
             "spacing": fine.spacing,
         },
         arrays={**cloud_arrays(cloud), **fields},
-        shown=(samples or (surface,)) + marks[:1],
+        shown=layers[-1:] + marks[:1],
     )
 
 
@@ -428,63 +416,19 @@ def _codes(check: WallCheck) -> dict[str, IntArray]:
     return {"check": codes, "region": numbers}
 
 
-def _places_layer(check: WallCheck) -> Layer | None:
-    if not check.regions:
-        return None
-    return Layer(
-        "wall_regions",
-        np.array([region.position for region in check.regions]),
-        attributes={
-            "value": np.array([region.value for region in check.regions]),
-            "check": np.array([CHECKS.index(region.kind) for region in check.regions], np.int32),
-            "area": np.array([region.area for region in check.regions]),
-        },
-        color_by="value",
-        color_map="diverging_reversed",
-        number_by="value",
-    )
+def _regions_layer(check: WallCheck) -> tuple[Layer, ...]:
+    codes = np.array([CHECKS.index(region.kind) for region in check.regions], np.int32)
+    columns = _columns(check.regions, "value", "area")
+    attributes = {"value": columns["value"], "check": codes, "area": columns["area"]}
+    return _marks("wall_regions", check.regions, attributes, **COLORS)
 
 
-def _ribs_layer(check: WallCheck, options: WallCheckRun) -> Layer | None:
-    if not check.ribs:
-        return None
-    return Layer(
-        "ribs",
-        np.array([rib.position for rib in check.ribs]),
-        attributes={
-            "ratio": np.array([rib.ratio for rib in check.ribs]),
-            "rib_thickness": np.array([rib.thickness for rib in check.ribs]),
-            "wall_thickness": np.array([rib.wall for rib in check.ribs]),
-            "boss": np.array([rib.kind == "boss" for rib in check.ribs], np.int32),
-        },
-        color_by="ratio",
-        color_limits=(0.0, max(2.0 * options.rib_ratio, 1e-9)),
-        number_by="ratio",
-    )
-
-
-def _region_values(region: WallRegion) -> dict[str, Any]:
-    return {
-        "kind": region.kind,
-        "value": region.value,
-        "least": region.least,
-        "most": region.most,
-        "area": None if math.isnan(region.area) else region.area,
-        "position": place(region.position),
-        "opposite": None if np.isnan(region.opposite).any() else place(region.opposite),
-        "vertices": len(region.vertices),
-    }
-
-
-def _rib_values(rib: Rib) -> dict[str, Any]:
-    return {
-        "kind": rib.kind,
-        "ratio": rib.ratio,
-        "thickness": rib.thickness,
-        "wall": rib.wall,
-        "length": rib.length,
-        "position": place(rib.position),
-    }
+def _ribs_layer(check: WallCheck, options: WallCheckRun) -> tuple[Layer, ...]:
+    ratio, rib, wall = _columns(check.ribs, "ratio", "thickness", "wall").values()
+    attributes = {"ratio": ratio, "rib_thickness": rib, "wall_thickness": wall}
+    attributes["boss"] = _are(check.ribs, "boss")
+    limits = 0.0, max(2.0 * options.rib_ratio, 1e-9)
+    return _marks("ribs", check.ribs, attributes, "ratio", color_limits=limits)
 
 
 def _thick_ribs(check: WallCheck, options: WallCheckRun) -> int:
@@ -528,52 +472,42 @@ def _note_regions(check: WallCheck, shape: Shape, progress: Progress) -> None:
         failed = True
         worst = regions[0]
         place = ", ".join(f"{x:.6g}" for x in worst.position + shape.offset)
-        progress.note(
+        text = (
             f"{counted(len(regions), noun, verbs=('is', 'are'))} "
-            f"{text.format(with_unit(worst.value, shape.unit))} at ({place}).",
-            kind.replace(" ", "_"),
-            level=logging.WARNING,
-            regions=len(regions),
-            worst=worst.value,
+            f"{text.format(with_unit(worst.value, shape.unit))} at ({place})."
         )
+        progress.warn(text, kind.replace(" ", "_"), regions=len(regions), worst=worst.value)
     if not failed:
         progress.note("All walls are within the limits.", "walls_pass")
     if overlaps := len(check.of_kind("overlap")):
-        progress.note(
+        text = (
             f"{counted(overlaps, 'place', verbs=('is', 'are'))} thin because parts of the mesh "
-            "overlap there: the values tell how deep, not how thick a wall is.",
-            "overlaps",
-            level=logging.WARNING,
-            places=overlaps,
+            "overlap there: the values tell how deep, not how thick a wall is."
         )
+        progress.warn(text, "overlaps", places=overlaps)
     if check.flaws:
-        progress.note(
+        text = (
             f"{counted(check.flaws, 'ball', verbs=('was', 'were'))} left out that folds of the "
-            "mesh make far smaller than the samples are apart.",
-            "specks",
-            balls=check.flaws,
+            "mesh make far smaller than the samples are apart."
         )
+        progress.note(text, "specks", balls=check.flaws)
     if count := int(check.edge.sum()):
-        progress.note(
+        text = (
             f"{counted(count, 'sample', of=len(check.edge), verbs=('lies', 'lie'))} at sharp "
-            "edges, which are no thin walls.",
-            "sharp_edges",
-            samples=count,
+            "edges, which are no thin walls."
         )
+        progress.note(text, "sharp_edges", samples=count)
 
 
 def _note_ribs(check: WallCheck, options: WallCheckRun, progress: Progress) -> None:
     if not check.ribs:
         return
     worst, count = check.ribs[0], _thick_ribs(check, options)
-    progress.note(
+    text = (
         f"{count} of {len(check.ribs)} ribs and bosses {'is' if count == 1 else 'are'} thicker "
-        f"than {options.rib_ratio:g} of the wall beside them, {worst.ratio:.3g} at most.",
-        "ribs",
-        ribs=len(check.ribs),
-        thick=count,
-        ratio=worst.ratio,
+        f"than {options.rib_ratio:g} of the wall beside them, {worst.ratio:.3g} at most."
     )
+    progress.note(text, "ribs", ribs=len(check.ribs), thick=count, ratio=worst.ratio)
 
 
 WALL_CHECK = Operation(

@@ -29,8 +29,9 @@ from typing import Any, Literal
 
 import numpy as np
 
-from medialis.base.arrays import Described, Index, Mask
+from medialis.base.arrays import Described, Index, Mask, kd_tree, next_side, rows_of_labels, sums_of
 from medialis.base.validation import FloatArray, IntArray
+from medialis.shape.creases import bends_inward
 from medialis.shape.shape import Shape
 from medialis.shape.surface import piece_labels
 from medialis.skeleton.medial_cloud import MedialCloud
@@ -102,9 +103,8 @@ class _Diffusion:
         self.cell = np.unique(key, return_inverse=True)[1]
         self.mass = np.maximum(shape.point_areas, 1e-12 * shape.area / shape.point_count)
         self.area = np.bincount(self.cell, self.mass)
-        middle = np.stack(
-            [np.bincount(self.cell, self.mass * x) / self.area for x in shape.points.T], axis=1
-        )
+        count = len(self.area)
+        middle = sums_of(self.cell, self.mass[:, None] * shape.points, count) / self.area[:, None]
         links = triu(shape.cotangent_weights, 1).tocoo()
         ends = self.cell[links.row], self.cell[links.col]
         step = np.linalg.norm(shape.points[links.row] - shape.points[links.col], axis=1)
@@ -119,7 +119,7 @@ class _Diffusion:
         """Return values (n, k) spread by a width in half thicknesses, those of the cells."""
         if width not in self.factors:
             self.factors[width] = self._factors(width)
-        held = np.stack([np.bincount(self.cell, self.mass * v) for v in values.T], axis=1)
+        held = sums_of(self.cell, self.mass[:, None] * values, len(self.area))
         return np.asarray(self.factors[width].solve(held)[self.cell])
 
     def _factors(self, width: float) -> Any:
@@ -176,30 +176,21 @@ def edge_balls(cloud: MedialCloud) -> Mask:
 
 def sharp_edges(surface: Shape, side: int) -> FloatArray:
     """Return the ends (e, 2, 3) of the edges whose faces enclose less than `SHARP` on a side."""
-    bends, inward = signed_bends(surface)
-    first = surface.edge_table.pairs[0]
-    sharp = (bends > math.radians(180.0 - SHARP_TAPER)) & (inward == (side < 0))
-    faces = np.asarray(surface.faces)
-    half = first[sharp]
-    ends = np.stack([faces.ravel()[half], faces[half // 3, (half + 1) % 3]], axis=1)
-    return np.asarray(surface.points[ends])
+    ends, inward = signed_edges(surface)
+    sharp = surface.edge_bends > math.radians(180.0 - SHARP_TAPER)
+    return np.asarray(surface.points[ends[sharp & (inward == (side < 0))]])
 
 
-def signed_bends(surface: Shape) -> tuple[FloatArray, Mask]:
-    """Return the angle between the two faces at each edge of two, and whether it bends inward."""
+def signed_edges(surface: Shape) -> tuple[IntArray, Mask]:
+    """Return the ends (p, 2) of each edge of two faces, and whether it bends inward."""
     first, second, _ = surface.edge_table.pairs
-    faces = np.asarray(surface.faces)
-    normals = surface.face_normals[first // 3]
-    over = (
-        surface.points[faces[second // 3, (second + 2) % 3]] - surface.points[faces.ravel()[first]]
-    )
-    return surface.edge_bends, np.einsum("ij,ij->i", normals, over) > 0.0
+    corners = np.asarray(surface.faces).ravel()
+    ends = np.stack([corners[first], corners[next_side(first)]], axis=1)
+    return ends, bends_inward(surface, first, second)
 
 
 def _near(cloud: MedialCloud, rows: Index, edges: FloatArray) -> Mask:
     """Tell whether the planes at the two contacts of some balls meet at one of some edges."""
-    from scipy.spatial import cKDTree
-
     centers, radii = cloud.centers[rows], cloud.radii[rows]
     one = cloud.surface.points[cloud.features[rows, 0]] - centers
     other = cloud.contacts[rows] - centers
@@ -207,7 +198,7 @@ def _near(cloud: MedialCloud, rows: Index, edges: FloatArray) -> Mask:
     meet = centers + 2.0 * radii[:, None] * ahead / np.einsum("ij,ij->i", ahead, ahead)[:, None]
     middles = edges.mean(axis=1)
     half = 0.5 * np.linalg.norm(edges[:, 1] - edges[:, 0], axis=1)
-    distance, nearest = cKDTree(middles).query(meet)
+    distance, nearest = kd_tree(middles).query(meet)
     # Sides are not quite flat, and contacts lie up to a tolerance off: a radius to spare.
     return np.asarray(distance <= radii + half[nearest])
 
@@ -316,8 +307,8 @@ class _Feet:
 
     vertices: Index
     rib: FloatArray
-    wall: FloatArray
     rib_normal: FloatArray
+    wall: FloatArray
     wall_normal: FloatArray
     wall_sample: Index
     across: Index
@@ -342,13 +333,11 @@ def ribs(cloud: MedialCloud, values: FloatArray, walls: Index, balls: MedialClou
     own = np.full(surface.point_count, np.nan)
     own[cloud.source[walls]] = 2.0 * cloud.radii[walls]
     edges, sharp = _foot_edges(surface, values, own)
-    if len(edges) == 0:
-        return []
-    even = _even_walls(cloud, own, balls)
+    even = _even_walls(cloud, own, balls) if len(edges) else np.empty(0, np.int64)
     if len(even) == 0:
         return []
     feet = _beside(cloud, walls, edges, sharp, even)
-    if len(feet.vertices) == 0:
+    if feet is None or len(feet.vertices) == 0:
         return []
     stand = _on_walls(feet, surface, own, even)
     groups = [rows for rows in _joined(surface, feet, edges) if stand[rows].mean() > STANDING]
@@ -364,10 +353,8 @@ def _foot_edges(surface: Shape, values: FloatArray, own: FloatArray) -> tuple[In
     And which samples lie on sharp bends, (n,). Where a wall bends as a whole it keeps its thickness
     `own` (n,), NaN where no wall is: over a fillet it grows.
     """
-    bends, inward = signed_bends(surface)
+    (ends, inward), bends = signed_edges(surface), surface.edge_bends
     first, second, _ = surface.edge_table.pairs
-    faces = np.asarray(surface.faces)
-    ends = np.stack([faces.ravel()[first], faces[first // 3, (first + 1) % 3]], axis=1)
     long = np.linalg.norm(surface.points[ends[:, 1]] - surface.points[ends[:, 0]], axis=1)
     # The lower of the two faces: the other one may be a flat side beside a fillet.
     high = 2.0 * np.minimum(surface.face_areas[first // 3], surface.face_areas[second // 3])
@@ -390,10 +377,10 @@ def _foot_edges(surface: Shape, values: FloatArray, own: FloatArray) -> tuple[In
     return np.asarray(ends[~hollow[ends].any(axis=1)]), sharp
 
 
-def _beside(cloud: MedialCloud, walls: Index, edges: IntArray, sharp: Mask, even: Index) -> _Feet:
+def _beside(
+    cloud: MedialCloud, walls: Index, edges: IntArray, sharp: Mask, even: Index
+) -> _Feet | None:
     """Find rib and wall beside each sample of the feet; leave out corners of walls."""
-    from scipy.spatial import cKDTree
-
     surface = cloud.surface
     points, normals = surface.points, surface.normals
     vertices = np.unique(edges).astype(np.int64)
@@ -404,10 +391,10 @@ def _beside(cloud: MedialCloud, walls: Index, edges: IntArray, sharp: Mask, even
     own = walls[~beside[cloud.source[walls]]]
     samples = cloud.source[own].astype(np.int64)
     if len(samples) == 0:
-        return _no_feet()
+        return None
     # Only what is near a real wall can stand on one.
     farthest = (FILLET + 1.0) * 2.0 * float(cloud.radii[walls].max()) + 2.0 * surface.spacing
-    apart = cKDTree(points[even]).query(points[vertices], distance_upper_bound=farthest)[0]
+    apart = kd_tree(points[even]).query(points[vertices], distance_upper_bound=farthest)[0]
     vertices = vertices[np.isfinite(apart)]
     near, distance = _nearest_each_way(points[samples], normals[samples], points[vertices])
     away = points[samples[near]] - points[vertices][:, None]
@@ -427,19 +414,16 @@ def _beside(cloud: MedialCloud, walls: Index, edges: IntArray, sharp: Mask, even
     sides = np.stack([near[rows, which] for which in (first, second)], axis=1)
     direction, thick = normals[samples[sides]], 2.0 * cloud.radii[own[sides]]
     bent = _bends(cloud, walls, points[vertices[rows]], direction, thick.min(axis=1))
-    hollow = np.zeros(surface.point_count, np.bool_)
-    hollow[vertices[rows[bent]]] = True
-    edges = edges[~hollow[edges].any(axis=1)]
+    edges = edges[~np.isin(edges, vertices[rows[bent]]).any(axis=1)]
     vertices, sides, direction, thick = (
         values[~bent] for values in (vertices[rows], sides, direction, thick)
     )
     if len(edges) == 0 or len(vertices) == 0:
-        return _no_feet()
+        return None
     row = np.full(surface.point_count, -1, np.int64)
     row[vertices] = np.arange(len(vertices))
     mirrored = points[vertices][:, None] + cloud.contacts[own[sides]] - points[samples[sides]]
-    across = np.empty(sides.shape, np.int64)
-    stands = np.empty(sides.shape, np.bool_)
+    across, stands = np.empty(sides.shape, np.int64), np.empty(sides.shape, np.bool_)
     for j in (0, 1):
         across[:, j], stands[:, j] = _foot_at(surface, edges, mirrored[:, j], ACROSS * thick[:, j])
         # There the rib faces the other way, and the wall the same.
@@ -459,15 +443,9 @@ def _beside(cloud: MedialCloud, walls: Index, edges: IntArray, sharp: Mask, even
     rib = np.where(round_ >= 0, round_, rib)
     rows = np.flatnonzero(stands.any(axis=1) | (round_ >= 0))
     rib, wall = rib[rows], 1 - rib[rows]
-    return _Feet(
-        vertices[rows],
-        thick[rows, rib],
-        thick[rows, wall],
-        direction[rows, rib],
-        direction[rows, wall],
-        samples[sides[rows, wall]],
-        across[rows, rib],
-    )
+    both = [(thick[rows, side], direction[rows, side]) for side in (rib, wall)]
+    on = samples[sides[rows, wall]], across[rows, rib]
+    return _Feet(vertices[rows], *both[0], *both[1], *on)
 
 
 def _bends(
@@ -477,13 +455,11 @@ def _bends(
 
     It is as thick where it faces between them as it is beside; a fillet is not.
     """
-    from scipy.spatial import cKDTree
-
     samples = cloud.source[walls]
     points, normals = cloud.surface.points[samples], cloud.surface.normals[samples]
     middle = sides.sum(axis=1) / np.linalg.norm(sides.sum(axis=1), axis=1, keepdims=True)
     scale = FILLET * float(np.median(thick)) if len(thick) else 1.0
-    tree = cKDTree(np.concatenate([points / scale, normals], axis=1))
+    tree = kd_tree(np.concatenate([points / scale, normals], axis=1))
     wanted = np.concatenate([places / scale, middle], axis=1)
     near = tree.query(wanted, k=[*range(1, min(NEAREST, len(samples)) + 1)])[1]
     away = np.linalg.norm(points[near] - places[:, None], axis=2)
@@ -504,8 +480,6 @@ def _nearest_each_way(
     The nearest of all would lie on one face where samples are fine. (v, 26 NEAREST) rows of points,
     inf for none.
     """
-    from scipy.spatial import cKDTree
-
     ways = np.array([way for way in itertools.product((-1.0, 0.0, 1.0), repeat=3) if any(way)])
     ways /= np.linalg.norm(ways, axis=1, keepdims=True)
     facing = np.argmax(normals @ ways.T, axis=1)
@@ -515,15 +489,9 @@ def _nearest_each_way(
     for way in np.unique(facing):
         rows = np.flatnonzero(facing == way)
         count = min(NEAREST, len(rows))
-        away, which = cKDTree(points[rows]).query(places, k=[*range(1, count + 1)])
+        away, which = kd_tree(points[rows]).query(places, k=[*range(1, count + 1)])
         near[:, way, :count], distance[:, way, :count] = rows[which], away
-    flat = len(places), len(ways) * NEAREST
-    return near.reshape(flat), distance.reshape(flat)
-
-
-def _no_feet() -> _Feet:
-    none, rows, places = np.zeros(0), np.zeros((0, 3)), np.zeros(0, np.int64)
-    return _Feet(places, none, none, rows, rows, places, places)
+    return near.reshape(len(places), -1), distance.reshape(len(places), -1)
 
 
 def _outside_of_bosses(places: FloatArray, directions: FloatArray, thick: FloatArray) -> Index:
@@ -536,20 +504,16 @@ def _outside_of_bosses(places: FloatArray, directions: FloatArray, thick: FloatA
         Normals of both sides.
     thick : (v, 2) float64
     """
-    from scipy.spatial import cKDTree
-
     result = np.full(len(places), -1, np.int64)
     if len(places) < 3:
         return result
     count = min(NEIGHBOURS, len(places))
-    away, near = cKDTree(places).query(places, k=[*range(1, count + 1)])
+    away, near = kd_tree(places).query(places, k=[*range(1, count + 1)])
     # Linked where they have a side in common, so that the corners of a square bore are none of it.
     alike = np.einsum("vja,vkla->vkjl", directions, directions[near]).max(axis=(2, 3)) > ALONG
     one, which = np.nonzero(alike & (away < ROUND * thick.min(axis=1)[:, None]))
     label = piece_labels(len(places), np.stack([one, near[one, which]], axis=1).astype(np.int64))
-    order = np.argsort(label, kind="stable")
-    sizes = np.bincount(label)
-    for rows in np.split(order, np.cumsum(sizes[sizes > 0])[:-1]):
+    for rows in rows_of_labels(label):
         axis = directions[rows].sum(axis=(0, 1))
         axis /= max(float(np.linalg.norm(axis)), 1e-300)
         rib = np.argmin(directions[rows] @ axis, axis=1)
@@ -603,11 +567,9 @@ def _foot_at(
     surface: Shape, edges: IntArray, places: FloatArray, near: FloatArray
 ) -> tuple[Index, Mask]:
     """Return the sample of a foot nearest to each place, and whether its edge is near enough."""
-    from scipy.spatial import cKDTree
-
     ends = surface.points[edges]
     count = min(8, len(edges))
-    _, tried = cKDTree(ends.mean(axis=1)).query(places, k=[*range(1, count + 1)])
+    _, tried = kd_tree(ends.mean(axis=1)).query(places, k=[*range(1, count + 1)])
     start, along = ends[tried, 0], ends[tried, 1] - ends[tried, 0]
     away = places[:, None] - start
     share = np.einsum("pkj,pkj->pk", away, along) / np.einsum("pkj,pkj->pk", along, along)
@@ -621,14 +583,12 @@ def _foot_at(
 
 def _joined(surface: Shape, feet: _Feet, edges: IntArray) -> list[Index]:
     """Return the rows of each connected foot: along its edges, beside it and across its rib."""
-    from scipy.spatial import cKDTree
-
     count = len(feet.vertices)
     row = np.full(surface.point_count + 1, -1, np.int64)  # the last one is none
     row[feet.vertices] = np.arange(count)
     rows = np.arange(count)
     places = surface.points[feet.vertices]
-    away, near = cKDTree(places).query(places, k=[*range(1, min(BESIDE, count) + 1)])
+    away, near = kd_tree(places).query(places, k=[*range(1, min(BESIDE, count) + 1)])
     one, which = np.nonzero(away < 0.5 * feet.rib[:, None])
     along = np.concatenate([row[edges], np.stack([one, near[one, which]], axis=1)])
     a, b = along[(along >= 0).all(axis=1)].T
@@ -641,10 +601,7 @@ def _joined(surface: Shape, feet: _Feet, edges: IntArray) -> list[Index]:
     links = np.concatenate([np.stack([a[same], b[same]], axis=1), np.stack([c, d], axis=1)])
     normals = feet.wall_normal[links]
     level = np.einsum("ij,ij->i", normals[:, 0], normals[:, 1]) > ALONG
-    label = piece_labels(count, links[level])
-    order = np.argsort(label, kind="stable")
-    sizes = np.bincount(label)
-    return np.split(order, np.cumsum(sizes[sizes > 0])[:-1])
+    return rows_of_labels(piece_labels(count, links[level]))
 
 
 def _whole_bosses(found: list[Rib]) -> list[Rib]:

@@ -29,7 +29,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from medialis.base.arrays import Described, Index, Mask, Ragged
+from medialis.base.arrays import Described, Index, Mask, Ragged, kd_tree
 from medialis.base.errors import InvalidShapeError
 from medialis.base.kept import kept
 from medialis.base.options import Options, algorithm, angle, choice
@@ -125,10 +125,9 @@ def field_on_surface(
     """
     from medialis.walls._kernels import MAXIMUM, MINIMUM, SUM, gather_at_features
 
-    reduce = as_choice(reduce, "reduce", REDUCTIONS)  # type: ignore[assignment]
+    how = {"min": MINIMUM, "max": MAXIMUM, "mean": SUM}[as_choice(reduce, "reduce", REDUCTIONS)]
     field, count = as_field(values, len(cloud), "values"), cloud.surface.point_count
     out, counts = np.full(count, np.nan), np.zeros(count, np.int32)
-    how = {"min": MINIMUM, "max": MAXIMUM, "mean": SUM}[reduce]
     gather_at_features(feature_transform(cloud), field, how, out, counts)
     if reduce == "mean":
         out /= np.maximum(counts, 1)
@@ -186,10 +185,8 @@ def field_on_skeleton(
     if cloud.surface.faces is not None and between.any():
         corners = values[cloud.surface.faces[cloud.contact_faces[between]]]
         both[1, between] = np.einsum("ij,ij->i", cloud.contact_weights[between], corners)
-    if reduce == "min":
-        return np.fmin(*both)
-    if reduce == "max":
-        return np.fmax(*both)
+    if reduce != "mean":
+        return np.fmin(*both) if reduce == "min" else np.fmax(*both)
     first, second = np.where(np.isnan(both), both[::-1], both)  # one NaN: the other one alone
     return 0.5 * first + 0.5 * second  # halves: the sum of two large values would overflow
 
@@ -244,10 +241,8 @@ def complete(surface: Shape, other: FloatArray, known: FloatArray) -> CompletedF
     if (seed < 0).any():
         known = _with_other_components(surface, other, known, seed)
         seed, distance = nearest_seeds(surface.points, graph, ~np.isnan(known))
-    reached = seed >= 0
-    values = known.copy()
-    values[reached] = known[seed[reached]]
-    _smooth(np.flatnonzero(missing & reached), values, known, graph)
+    values = np.where(seed >= 0, known[seed], known)
+    _smooth(np.flatnonzero(missing & (seed >= 0)), values, known, graph)
     _nearest_in_space(surface, values)
     return CompletedField(surface, known, values, seed, distance, missing & ~np.isnan(known))
 
@@ -257,6 +252,8 @@ def complete_again(before: CompletedField, other: FloatArray, known: FloatArray)
 
     What is more than `SMOOTHING_STEPS` edges from all samples that change keeps its value.
     """
+    from medialis.shape._kernels import spread_again
+
     surface = before.surface
     if surface.faces is None:
         return complete(surface, other, known)
@@ -274,7 +271,9 @@ def complete_again(before: CompletedField, other: FloatArray, known: FloatArray)
     rows = np.flatnonzero(cut)
     near = _rings(surface, cut, missing, np.union1d(changed, rows))
     graph = mesh_graph(surface.faces, near)
-    if not _seed_again(surface, graph, cut, seed, distance):
+    seed[rows], distance[rows] = -1, np.inf
+    spread_again(rows, cut, surface.points, graph.offsets, graph.indices, distance, seed)
+    if (seed[rows] < 0).any():
         return complete(surface, other, known)
     values = np.where(missing, before.values, known)
     values[rows] = known[seed[rows]]
@@ -295,18 +294,6 @@ def _rings(surface: Shape, inside: Mask, free: Mask, starts: Index) -> Mask:
             break
         result[starts] = True
     return result
-
-
-def _seed_again(
-    surface: Shape, graph: Ragged, cut: Mask, seed: IntArray, distance: FloatArray
-) -> bool:
-    """Find the nearest seeds of some samples again, in place; False where one has none."""
-    from medialis.shape._kernels import spread_again
-
-    rows = np.flatnonzero(cut)
-    seed[rows], distance[rows] = -1, np.inf
-    spread_again(rows, cut, surface.points, graph.offsets, graph.indices, distance, seed)
-    return bool((seed[rows] >= 0).all())
 
 
 def _with_other_components(
@@ -340,12 +327,10 @@ def _smooth(rows: Index, values: FloatArray, known: FloatArray, graph: Ragged) -
 
 def _nearest_in_space(surface: Shape, values: FloatArray) -> None:
     """Give samples without a value the nearest one in space, in place."""
-    from scipy.spatial import cKDTree
-
     missing = np.isnan(values)
     known = np.flatnonzero(~missing)
     if len(known) < len(values):
-        nearest = cKDTree(surface.points[known]).query(surface.points[missing])[1]
+        nearest = kd_tree(surface.points[known]).query(surface.points[missing])[1]
         values[missing] = values[known[nearest]]
 
 

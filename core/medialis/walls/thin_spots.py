@@ -27,17 +27,18 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cache, cached_property, partial
 from itertools import islice
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
 from medialis.base.arrays import Described, Index, Mask
+from medialis.base.box_tree import nearest_on_triangles
 from medialis.base.options import algorithm, length, number, whole
 from medialis.base.progress import Progress, counted
 from medialis.base.threads import run_patiently
-from medialis.base.validation import FloatArray, IntArray, as_points, frozen
+from medialis.base.validation import FloatArray, IntArray, frozen, hold
 from medialis.shape.graph import CLOUD_NEIGHBOURS, TWICE, Enclosure
 from medialis.shape.shape import Shape
 from medialis.skeleton.medial_cloud import MedialCloud
@@ -171,12 +172,15 @@ def low_places(
     `level` is the threshold, 0 for none. Ties: the lowest sample first. Where the field is inf,
     nothing is.
     """
+    from medialis.walls._kernels import third_lowest
+
     if level > 0:
         rows = np.flatnonzero(field < level)
         starts = rows[np.argsort(field[rows], kind="stable")]
         return _regions(field, (starts, field[starts], np.full(len(starts), level)), graph)
     ratio = 1.0 + prominence
-    calm = _without_specks(field, graph)
+    calm = np.empty_like(field)  # the third lowest value round each sample
+    third_lowest(field, graph.links, calm)
     rows = np.flatnonzero(_prominent(calm, field, graph, ratio))
     # A sample so much lower than those round it that it could be a place of its own is a speck.
     depth = np.where(calm[rows] < ratio * field[rows], field[rows], calm[rows])
@@ -189,15 +193,6 @@ def _cloud_links(shape: Shape) -> IntArray:
     near = shape.tree.query(shape.points, k=k)[1].reshape(n, k)
     links = np.stack([np.repeat(np.arange(n), k), near.ravel()], axis=1)
     return frozen(links[links[:, 0] != links[:, 1]], np.int32)
-
-
-def _without_specks(field: FloatArray, graph: PlaceGraph) -> FloatArray:
-    """Return the third lowest value round each sample."""
-    from medialis.walls._kernels import third_lowest
-
-    calm = np.empty_like(field)
-    third_lowest(field, graph.links, calm)
-    return calm
 
 
 def _prominent(calm: FloatArray, field: FloatArray, graph: PlaceGraph, ratio: float) -> Mask:
@@ -337,9 +332,8 @@ def close_caliper(room: PatchRoom, start: Caliper) -> Caliper | None:
             return None
         if thickness >= here.thickness * (1.0 - EQUAL):
             break
-        here = Caliper(
-            ends, (_faces_at(shape, one, ends[0]), _faces_at(shape, other, ends[1])), thickness
-        )
+        faces = _faces_at(shape, one, ends[0]), _faces_at(shape, other, ends[1])
+        here = Caliper(ends, faces, thickness)
     return here if _is_least(room, here) or _ends_wall(shape, here) else None
 
 
@@ -356,7 +350,7 @@ def _faces_at(shape: Shape, patch: Index, place: FloatArray) -> Index:
     """Return the faces of a patch that a place lies on."""
     assert shape.faces is not None
     corners = shape.points[shape.faces[patch]]
-    weights = _nearest_weights(np.repeat(place[None], len(patch), axis=0), corners)
+    weights = nearest_on_triangles(np.repeat(place[None], len(patch), axis=0), corners)
     apart = np.linalg.norm(np.einsum("fj,fja->fa", weights, corners) - place, axis=1)
     return patch[apart <= apart.min() + EQUAL * shape.diagonal]
 
@@ -366,7 +360,7 @@ def _is_least(room: PatchRoom, caliper: Caliper) -> bool:
     for j in (0, 1):
         corners = room.shape.points[room.faces[room.around(caliper.faces[j], 1)]]
         other = np.repeat(caliper.ends[1 - j][None], len(corners), axis=0)
-        feet = np.einsum("fj,fja->fa", _nearest_weights(other, corners), corners)
+        feet = np.einsum("fj,fja->fa", nearest_on_triangles(other, corners), corners)
         if np.linalg.norm(feet - other, axis=1).min() < caliper.length * (1.0 - NEARER):
             return False
     return True
@@ -407,26 +401,6 @@ def _thinnest_places(
     return search.ends, float(search.best[1])
 
 
-def _nearest_weights(places: FloatArray, corners: FloatArray) -> FloatArray:
-    from medialis.base.box_tree import nearest_on_triangles
-
-    return nearest_on_triangles(places, corners)
-
-
-class _EnclosedOnce:
-    """How often a surface is wound round places, each of which is asked for again and again."""
-
-    def __init__(self, enclosure: Enclosure) -> None:
-        self._enclosure, self._known = enclosure, dict[bytes, float]()
-
-    def times(self, place: FloatArray) -> float:
-        """Return how often the surface is wound round a place (3,)."""
-        key = place.tobytes()
-        if key not in self._known:
-            self._known[key] = float(self._enclosure.times(place[None])[0])
-        return self._known[key]
-
-
 class WallBalls:
     """The balls between two walls, and what they tell of places.
 
@@ -442,7 +416,9 @@ class WallBalls:
     def __init__(self, cloud: MedialCloud, *, share: float, with_threshold: bool) -> None:
         self.balls, self.surface = cloud.subset(wall_balls(cloud)), cloud.surface
         self.share, self.with_threshold = share, with_threshold
-        self._enclosed = _EnclosedOnce(Enclosure(self.surface))
+        enclosure = Enclosure(self.surface)
+        # Each place is asked for again and again.
+        self._enclosed = cache(lambda *place: float(enclosure.times(np.array([place]))[0]))
         self.marked = np.zeros(self.surface.point_count, np.bool_)
 
     @cached_property
@@ -494,7 +470,7 @@ class WallBalls:
         rows = self._rows_in(vertices)
         few = len(vertices) < (FEWEST_BELOW_SPACING if spacings < 1.0 else FEWEST)
         few |= len(rows) < (FEWEST_BALLS if spacings < THIN else FEWEST_THICK_BALLS)
-        twice = len(rows) and self._enclosed.times(self.balls.centers[rows[0]]) >= TWICE
+        twice = len(rows) and self._enclosed(*self.balls.centers[rows[0]]) >= TWICE
         if not few and not twice and spacings < THIN and len(vertices) < FEWEST_CRUMPLED:
             few = self._crumpled(vertices)
         if few and not self.with_threshold:
@@ -597,9 +573,8 @@ class ThinSpot(Described):
     area: float
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "position", as_points([self.position], "position")[0])
-        object.__setattr__(self, "opposite", frozen(np.asarray(self.opposite), np.float64))
-        object.__setattr__(self, "vertices", frozen(np.asarray(self.vertices), np.int32))
+        hold(self, position=(3,), opposite=(3,))
+        hold(self, vertices=len(self.vertices))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -671,12 +646,11 @@ def thin_spots(
     thickness.of(cloud, options, progress)  # raises where there is no ball
     spots, specks = run_patiently(lambda: _find(cloud, options), progress)
     if specks:
-        progress.note(
+        text = (
             f"{counted(specks, 'place', verbs=('was', 'were'))} left out that only a few samples "
-            "make far thinner than all around: flaws of the mesh, such as folds.",
-            "specks",
-            places=specks,
+            "make far thinner than all around: flaws of the mesh, such as folds."
         )
+        progress.note(text, "specks", places=specks)
     return spots
 
 

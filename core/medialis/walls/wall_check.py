@@ -19,7 +19,9 @@ surface and across the wall.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import islice
 from typing import Literal
 
 import numpy as np
@@ -34,9 +36,7 @@ from medialis.skeleton.medial_cloud import MedialCloud
 from medialis.walls.ribs import Rib, edge_balls, ribs
 from medialis.walls.thickness import ThicknessOptions, thickness
 from medialis.walls.thin_spots import (
-    LowPlace,
     PlaceGraph,
-    ThinSpot,
     ThinSpotOptions,
     low_places,
     thin_spots,
@@ -182,7 +182,9 @@ def check_walls(
     angle = math.radians(wall_angle)
     at_edge = run_patiently(lambda: edge_balls(cloud), progress)
     flaws = run_patiently(lambda: _flaws(cloud, ~at_edge & (cloud.wall_angles >= angle)), progress)
-    walls = _without(cloud, at_edge | flaws)
+    rest = ~(at_edge | flaws)  # unless nothing is left
+    some = not rest.all() and (cloud.valid & (cloud.side > 0) & rest).any()
+    walls = cloud.subset(rest) if some else cloud
     values = thickness.of(walls, ThicknessOptions(min_spoke_angle=wall_angle), progress)
     typical = _typical(walls, values)
     least, largest = limits.minimum, limits.maximum
@@ -225,12 +227,6 @@ def _flaws(cloud: MedialCloud, walls: Mask) -> Mask:
     return result
 
 
-def _without(cloud: MedialCloud, left_out: Mask) -> MedialCloud:
-    """Leave out the balls of sharp edges and flaws, unless nothing else is left."""
-    left = cloud.valid & (cloud.side > 0) & ~left_out
-    return cloud.subset(~left_out) if left_out.any() and left.any() else cloud
-
-
 def _typical(cloud: MedialCloud, values: FloatArray) -> float:
     """Return the median over the area."""
     surface = cloud.surface
@@ -255,15 +251,13 @@ def _thin(
         threshold=min(minimum / cloud.surface.diagonal, 1.0),
         spots=limits.most_regions,
     )
-    spots = thin_spots.of(cloud, options, progress)
-    return [_of_spot(spot, values) for spot in spots]
-
-
-def _of_spot(spot: ThinSpot, values: FloatArray) -> WallRegion:
-    kind: RegionKind = "too thin" if spot.kind == "wall" else "overlap"
-    most = float(values[spot.vertices].max())
-    ends = spot.position, spot.opposite
-    return WallRegion(kind, *ends, spot.value, spot.value, most, spot.area, spot.vertices)
+    found = []
+    for spot in thin_spots.of(cloud, options, progress):
+        kind: RegionKind = "too thin" if spot.kind == "wall" else "overlap"
+        most = float(values[spot.vertices].max())
+        told = spot.value, spot.value, most, spot.area, spot.vertices
+        found.append(WallRegion(kind, spot.position, spot.opposite, *told))
+    return found
 
 
 def _thick(
@@ -271,18 +265,8 @@ def _thick(
 ) -> list[WallRegion]:
     if not (values > maximum).any():
         return []
-    graph = PlaceGraph(cloud.surface, cloud.features[rows])
-    ball = np.full(len(values), -1, np.int64)
-    ball[cloud.source[rows]] = rows
-    found = []
-    for place in low_places(graph, maximum / values, level=1.0):
-        row = int(ball[place.vertex])
-        opposite = cloud.contacts[row] if row >= 0 else np.full(3, np.nan)
-        value = float(values[place.vertex])
-        found.append(_region("too thick", cloud, place, opposite, value, values))
-        if len(found) == limits.most_regions:
-            break
-    return found
+    found = _regions("too thick", cloud, rows, values, maximum / values, 1.0)
+    return [region for region, _ in islice(found, limits.most_regions)]
 
 
 def _gaps(outer: MedialCloud, limits: WallLimits, least_angle: float) -> list[WallRegion]:
@@ -298,34 +282,33 @@ def _gaps(outer: MedialCloud, limits: WallLimits, least_angle: float) -> list[Wa
     rows = rows[2.0 * outer.radii[rows] < limits.gap]
     if len(rows) == 0:
         return []
-    widths, balls = np.full(surface.point_count, np.inf), np.full(surface.point_count, -1)
-    widths[outer.source[rows]], balls[outer.source[rows]] = 2.0 * outer.radii[rows], rows
-    enclosure, found = Enclosure(surface), list[WallRegion]()
-    for place in low_places(PlaceGraph(surface, outer.features[rows]), widths, level=limits.gap):
-        row = int(balls[place.vertex])
-        if enclosure.times(outer.centers[row][None])[0] >= ENCLOSED:
-            continue
-        found.append(_region("gap", outer, place, outer.contacts[row], place.value, widths))
-        if len(found) == limits.most_regions:
-            break
-    return found
+    widths, enclosure = np.full(surface.point_count, np.inf), Enclosure(surface)
+    widths[outer.source[rows]] = 2.0 * outer.radii[rows]
+    found = (
+        region
+        for region, row in _regions("gap", outer, rows, widths, widths, limits.gap)
+        if enclosure.times(outer.centers[row][None])[0] < ENCLOSED
+    )
+    return list(islice(found, limits.most_regions))
 
 
-def _region(
+def _regions(
     kind: RegionKind,
     cloud: MedialCloud,
-    place: LowPlace,
-    opposite: FloatArray,
-    value: float,
+    rows: Index,
     values: FloatArray,
-) -> WallRegion:
-    inside = values[place.vertices]
-    position = cloud.surface.points[place.vertex]
-    area = _area(cloud, place.vertices)
-    extremes = float(inside.min()), float(inside.max())
-    return WallRegion(kind, position, opposite, value, *extremes, area, place.vertices)
-
-
-def _area(cloud: MedialCloud, vertices: NDArray[np.integer]) -> float:
+    field: FloatArray,
+    level: float,
+) -> Iterator[tuple[WallRegion, int]]:
+    """Go through the regions where a field is below a level, with the ball of the worst place."""
     surface = cloud.surface
-    return math.nan if surface.faces is None else float(surface.point_areas[vertices].sum())
+    ball = np.full(surface.point_count, -1, np.int64)
+    ball[cloud.source[rows]] = rows
+    for place in low_places(PlaceGraph(surface, cloud.features[rows]), field, level=level):
+        row, inside = int(ball[place.vertex]), values[place.vertices]
+        opposite = cloud.contacts[row] if row >= 0 else np.full(3, np.nan)
+        area = float(surface.point_areas[place.vertices].sum())
+        told = float(values[place.vertex]), float(inside.min()), float(inside.max())
+        area = math.nan if surface.faces is None else area
+        position = surface.points[place.vertex]
+        yield WallRegion(kind, position, opposite, *told, area, place.vertices), row

@@ -122,6 +122,7 @@ def test_leaving_balls_out_is_seen_on_the_surface_side_only():
     assert error.balls_to_surface_mean < 0.1 * shape.diagonal
 
 
+@pytest.mark.slow
 def test_rotation_and_scale_change_nothing():
     shape = medialis.organic_shape(56)
     cloud = medialis.shrink_balls(shape)

@@ -76,6 +76,7 @@ def test_every_operation_has_a_report(chosen, default_run):
     assert found["topology"]["genus"] == result.shape.diagnosis.genus
 
 
+@pytest.mark.slow
 def test_the_numbers_are_those_of_the_shape(creature):
     """Emptiness by brute force; histograms count every point; the default tolerance is a bound."""
     result = medialis.run("surface_skeleton", creature)
@@ -92,6 +93,7 @@ def test_the_numbers_are_those_of_the_shape(creature):
     assert found["versions"]["medialis"] and found["seconds"]["total"] > 0
 
 
+@pytest.mark.slow
 def test_a_ball_deeper_than_the_tolerance_is_seen(creature):
     """The balls of a larger tolerance, judged by a smaller one."""
     result = medialis.run("surface_skeleton", creature, tolerance=0.02)
@@ -110,6 +112,7 @@ def test_outer_balls_are_empty_but_give_back_no_surface(creature):
     assert both["reconstruction"] == inner["reconstruction"]
 
 
+@pytest.mark.slow
 def test_loops_and_centredness_of_a_ring():
     """A torus has one handle, and its curve skeleton is the middle circle. The distance to a facet
     is smaller than the radius by the sagitta of a tube with 24 sides at most, and the nodes may
@@ -192,6 +195,7 @@ def test_a_result_without_anything(creature):
     assert "A cloud of 1 point." in "".join(parsed(texts["report.html"]).text)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scale", [1e-29, 1.0, 1e29])
 def test_clouds_and_equal_values_of_any_size_have_a_report(scale):
     """A cloud has no areas to show. Of equal radii of 1e29, numpy made no bins: half of 1 up and
@@ -218,6 +222,7 @@ def test_the_command_line_writes_it(creature, tmp_path, capsys):
     assert {"report.html", "report.json"} <= {file.split("/")[-1] for file in files}
 
 
+@pytest.mark.slow
 def test_the_report_can_be_turned(creature, monkeypatch):
     """Its frame holds the viewer as text, so that the report stays one file."""
     monkeypatch.setattr(report, "has_library", lambda: True)
@@ -230,6 +235,7 @@ def test_the_report_can_be_turned(creature, monkeypatch):
     assert "iframe" not in report_texts(result)["report.html"]
 
 
+@pytest.mark.slow
 def test_a_result_too_large_for_a_page_is_drawn_only(creature, monkeypatch):
     monkeypatch.setattr(report, "has_library", lambda: True)
     monkeypatch.setattr(report, "MOST_POINTS", 100)

@@ -30,6 +30,7 @@ def library(monkeypatch):
     monkeypatch.setattr(viewer_page, "_library", lambda: "")
 
 
+@pytest.mark.slow
 def test_the_first_result_is_seen_inside_a_see_through_surface(results):
     scene = scene_of(results, "horse")
     parts = {part.title: part for part in scene.parts}
@@ -47,6 +48,7 @@ def test_a_field_on_the_surface_is_seen_whole(results):
     assert part.points is results[1].shown[0].points, "the finer surface"
 
 
+@pytest.mark.slow
 def test_values_on_the_same_surface_are_one_part(shape):
     fine = {"refine": 0.02}
     both = [medialis.run("parts", shape, **fine), medialis.run("soft_edges", shape, **fine)]
@@ -60,6 +62,7 @@ def test_a_skeleton_alone_gets_the_shape_around_it(results):
     assert parts[0].points is results[0].shape.points
 
 
+@pytest.mark.slow
 def test_triangles_inside_hide_the_points_that_they_are_made_of(default_run):
     parts = {p.title: p for p in scene_of([default_run("medial_sheets")], "").parts}
     assert not parts["medial sheets"].visible
@@ -73,6 +76,7 @@ def test_a_cloud_is_shown_as_points(shape):
     assert kinds == ["points", "points"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [o.name for o in medialis.OPERATIONS])
 def test_every_operation_can_be_shown(name, default_run, library):
     text = viewer_page.viewer_page([default_run(name)], name)

@@ -418,6 +418,7 @@ def crumpled(n=24):
     )
 
 
+@pytest.mark.slow
 def test_plane_cuts_of_crumpled_surfaces_are_given_up(monkeypatch):
     """Walks of 60,000 pairs on a noisy hub of 49 vertices went on to their ends: 22 s (fixed).
 
@@ -439,6 +440,7 @@ def test_plane_cuts_of_crumpled_surfaces_are_given_up(monkeypatch):
     assert np.median((bounded.length[changed] / free.length[changed])[edges]) < 1.25
 
 
+@pytest.mark.slow
 def test_plane_cuts_of_a_plate_are_found_whatever_their_limits(monkeypatch):
     """Paths round the rim are a hundred times as long as the plate is thick."""
     plate = forms.refined(forms.mesh(forms.cube().points * (1, 1, 0.02), forms.cube().faces), 0.05)

@@ -66,6 +66,7 @@ def test_threshold_selects_without_recomputation():
             medialis.important_points(importance, threshold=bad)
 
 
+@pytest.mark.slow
 def test_thresholding_removes_noise_and_keeps_the_body():
     """Noise of 0.2 % of the size makes balls everywhere; the important ones lie where the clean
     skeleton is: within the noise amplitude over the sine of a reliable spoke angle, some 1 %."""
@@ -105,6 +106,7 @@ def test_clouds_are_told_what_to_use_instead():
         medialis.run("skeleton_importance", sphere)
 
 
+@pytest.mark.slow
 def test_operation_thresholds_and_reports():
     shape = medialis.organic_shape(64)
     full = medialis.run("skeleton_importance", shape)
@@ -212,6 +214,7 @@ def test_connected_importance_leaves_one_piece_at_every_threshold():
     assert (lowered[small] == plain[small]).mean() > 0.8
 
 
+@pytest.mark.slow
 def test_connected_importance_keeps_the_sheets_of_rough_surfaces():
     """Most neighbours of a good ball belong to noise: alone among them, each was an island."""
     clean = medialis.organic_shape(100)

@@ -176,6 +176,7 @@ def test_against_points_on_all_edges(make):
     assert (found <= bound * (1 + 1e-12)).mean() >= 0.9
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("make", [lambda: medialis.organic_shape(56), bumpy_torus])
 def test_never_longer_than_a_plane_cut_or_the_edges(make):
     shape = make()

@@ -19,6 +19,7 @@ def shells(tmp_path, mesh, **options):
     return result, path, nodes_of(path)
 
 
+@pytest.mark.slow
 @needs_ccx
 @pytest.mark.parametrize("edge", [4.0, 8.0])
 def test_a_clamped_strip_bends_as_far_as_a_beam(tmp_path, edge):

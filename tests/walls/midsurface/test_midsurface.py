@@ -135,6 +135,7 @@ def test_a_step_has_two_sheets_that_meet_in_a_weld(across):
     assert np.abs(found.points[:, 1] - height)[away].max() < 0.005 * 4.0
 
 
+@pytest.mark.slow
 def test_the_vertices_of_a_weld_are_shared_by_all_sheets():
     """Each edge of the welds of an I-beam has three faces, of two sheets; all other edges two."""
     found = middle_of(plates.i_beam(), 4, 10.0)
@@ -148,6 +149,7 @@ def test_the_vertices_of_a_weld_are_shared_by_all_sheets():
     assert (on_end | (np.abs(np.abs(border[:, 0]) - 40) < 1e-6)).all()
 
 
+@pytest.mark.slow
 def test_a_spherical_shell_is_one_closed_sheet():
     """Facets of five halvings lie up to 0.02 off the spheres of radius 50 and 46."""
     shape = medialis.make_shape(*plates.sphere_shell())
@@ -158,6 +160,7 @@ def test_a_spherical_shell_is_one_closed_sheet():
     assert found.lumps == ()
 
 
+@pytest.mark.slow
 def test_a_bent_sheet_keeps_its_bend():
     """Two legs of 40 and a quarter of a circle of radius 20: length 80 + 10 pi, times 60."""
     found = medialis.midsurface(medialis.make_shape(*plates.bent_sheet()))
@@ -170,6 +173,7 @@ def test_a_bent_sheet_keeps_its_bend():
     assert found.thickness == pytest.approx(3.0, rel=0.005)
 
 
+@pytest.mark.slow
 def test_a_frustum_follows_its_facets():
     """400 facets of a cone lie up to 40 (1 - cos(pi / 400)) = 0.0012 off it."""
     found = medialis.midsurface(medialis.make_shape(*plates.cone_shell(around=400)))
@@ -180,6 +184,7 @@ def test_a_frustum_follows_its_facets():
     assert found.of_sheet(0)["area"] == pytest.approx(np.pi * 80 * np.hypot(20, 60), rel=0.002)
 
 
+@pytest.mark.slow
 def test_a_thin_long_i_beam_needs_no_finer_samples():
     """The default samples are five walls apart: it had 79 welds (mended)."""
     mesh = plates.i_beam(length=1000, width=100, height=100, web=4, flange=4)
@@ -230,6 +235,7 @@ def test_a_small_pipe_junction_is_exact_with_few_and_many_samples(across):
     assert np.minimum(main, branch)[~rim & ~beside].max() < 0.005 * 2.0 + chords
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["tee", "angle", "bracket", "box"])
 def test_slivers_beside_large_triangles_change_nothing(name):
     make, thickness, sheets, welds, area, _, off = FLAT[name]
@@ -251,6 +257,7 @@ def test_a_turned_part_and_one_far_away_in_another_unit_have_the_same_sheets(nam
         assert found.values["area"] == pytest.approx(sum(area) * unit**2, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_one_thread_gives_the_same_bits_as_two():
     shape = medialis.make_shape(*plates.tee())
     results = []
@@ -267,6 +274,7 @@ def test_a_cube_has_no_midsurface_and_says_so():
         medialis.run("midsurface", cube)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("width", [5.0, 12.0])
 def test_a_bar_is_no_wall_and_a_plate_is_one(width):
     """Over a bar of 5 x 4 sides lie opposite to each other along 1 of 5, over one of 12 along 8."""
@@ -279,6 +287,7 @@ def test_a_bar_is_no_wall_and_a_plate_is_one(width):
         assert result.values["area"] == pytest.approx(60 * width, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_limbs_are_no_walls():
     with pytest.raises(InvalidShapeError, match="no part of it is a wall of even thickness"):
         medialis.run("midsurface", medialis.organic_shape(80))
@@ -302,6 +311,7 @@ def test_walls_with_blends_as_wide_as_themselves_have_smooth_sheets_and_welds():
         assert np.median(np.abs(middle[:, axis] - height)) < off * 0.2
 
 
+@pytest.mark.slow
 def test_a_block_on_a_plate_is_named_as_a_lump():
     """A block of 30 x 30 x 24 on a plate of 100 x 100 x 4, with the plate under it."""
     mesh = plates.boxes((0, 100, 0, 100, 0, 4), (35, 65, 35, 65, 4, 28))

@@ -13,7 +13,8 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -60,6 +61,9 @@ SPARSE_COST = 20.0
 CONE_STEPS = 8
 """Places from the middle of a cycle to it at which a disc that spans it is looked at."""
 
+FROM_ALL: dict[str, Any] = {"directed": False, "min_only": True, "return_predecessors": True}
+"""Of each node the path to the nearest of some."""
+
 Measure = Callable[[FloatArray], FloatArray]
 """Radius of the ball round each of (k, 3) points, 0 for a point outside the shape."""
 
@@ -93,13 +97,8 @@ class Nodes:
         """Return the chosen nodes and the links between them."""
         number = np.cumsum(keep) - 1
         stay = keep[self.links].all(axis=1)
-        return Nodes(
-            self.points[keep],
-            self.density[keep],
-            self.radii[keep],
-            number[self.links[stay]].astype(np.int32),
-            self.lengths[stay],
-        )
+        kept = self.points[keep], self.density[keep], self.radii[keep]
+        return Nodes(*kept, number[self.links[stay]].astype(np.int32), self.lengths[stay])
 
 
 def merge_cells(
@@ -209,9 +208,7 @@ def join_pieces(nodes: Nodes, cell: float, measure: Measure) -> Nodes:
                 joined[joined == max(p, q)] = min(p, q)
                 links.append(pairs[row : row + 1].astype(np.int32))
                 sizes.append(lengths[row : row + 1])
-        nodes = Nodes(
-            nodes.points, nodes.density, nodes.radii, np.concatenate(links), np.concatenate(sizes)
-        )
+        nodes = replace(nodes, links=np.concatenate(links), lengths=np.concatenate(sizes))
     if len(nodes.points) == 0:
         return nodes
     piece = pieces_of(nodes)
@@ -220,12 +217,7 @@ def join_pieces(nodes: Nodes, cell: float, measure: Measure) -> Nodes:
 
 
 def link_points(
-    points: FloatArray,
-    weights: FloatArray,
-    cell: float,
-    measure: Measure,
-    *,
-    most: int,
+    points: FloatArray, weights: FloatArray, cell: float, measure: Measure, *, most: int
 ) -> CurveSkeleton:
     """Return the curve skeleton that a cloud of points near it shows.
 
@@ -295,10 +287,7 @@ def _piece_paths(nodes: Nodes, rows: IntArray, cell: float) -> list[tuple[int, i
     while open_[rows].any():
         left = rows[open_[rows]]
         tip = int(left[away[left].argmax()])
-        _, before, _ = dijkstra(
-            costs, directed=False, indices=np.flatnonzero(on_tree), min_only=True,
-            return_predecessors=True,
-        )  # fmt: skip
+        _, before, _ = dijkstra(costs, indices=np.flatnonzero(on_tree), **FROM_ALL)
         path = follow(before, tip)
         edges += list(itertools.pairwise(path))
         on_tree[path] = True
@@ -321,10 +310,8 @@ def _close_loops(
         pairs = np.array(edges)
         size = np.linalg.norm(nodes.points[pairs[:, 0]] - nodes.points[pairs[:, 1]], axis=1)
         skeleton = csr_array((size, (pairs[:, 0], pairs[:, 1])), shape=(n, n))
-        away, before, foot = dijkstra(
-            nodes.graph(nodes.lengths), directed=False, indices=np.unique(pairs), min_only=True,
-            return_predecessors=True,
-        )  # fmt: skip
+        graph = nodes.graph(nodes.lengths)
+        away, before, foot = dijkstra(graph, indices=np.unique(pairs), **FROM_ALL)
         a, b = nodes.links.T
         use = (foot[a] != foot[b]) & np.isfinite(away[a]) & np.isfinite(away[b])
         a, b, direct = a[use], b[use], (away[a] + away[b] + nodes.lengths)[use]

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import logging
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -15,8 +16,8 @@ from medialis.base.options import changed
 from medialis.base.progress import Progress, counted
 from medialis.base.threads import run_patiently
 from medialis.curves.curve_skeleton import CurveSkeleton, ViewPoints
-from medialis.curves.formats import GRAPH_FORMATS, node_attributes
 from medialis.curves.from_views.skeleton import ViewCurveSkeletonOptions, view_curve_skeleton
+from medialis.curves.operation import GRAPH_FORMATS, node_attributes
 from medialis.operations.declaration import Operation
 from medialis.operations.positions import places
 from medialis.operations.result import Layer, Outcome
@@ -48,26 +49,15 @@ def run(shape: Shape, options: ViewCurveSkeletonRun, progress: Progress) -> Outc
     """Render, match, sharpen, link, and say where a curve is a poor description."""
     curve = view_curve_skeleton.of(shape, options, progress)
     points = curve.view_points or ViewPoints(np.empty((0, 3)), np.empty(0))
+    own = {k: v for k, v in node_attributes(curve).items() if k != "importance"}
+    known: dict[str, Any] = {"attributes": own, "color_by": "radius", "labels": ("branch",)}
+    by_pairs: dict[str, Any] = {"color_by": "pairs", "filter_by": "pairs", "auxiliary": True}
     _note_doubts(shape, curve, progress)
     return Outcome(
         shape=shape,
         layers=(
-            Layer(
-                "view_curve_skeleton",
-                curve.nodes,
-                edges=curve.edges,
-                attributes={k: v for k, v in node_attributes(curve).items() if k != "importance"},
-                color_by="radius",
-                labels=("branch",),
-            ),
-            Layer(
-                "view_points",
-                points.points,
-                attributes={"pairs": points.weights},
-                color_by="pairs",
-                filter_by="pairs",
-                auxiliary=True,
-            ),
+            Layer("view_curve_skeleton", curve.nodes, edges=curve.edges, **known),
+            Layer("view_points", points.points, attributes={"pairs": points.weights}, **by_pairs),
         ),
         values={
             "nodes": len(curve.nodes),
@@ -100,24 +90,20 @@ def _note_doubts(shape: Shape, curve: CurveSkeleton, progress: Progress) -> None
     away, node = run_patiently(lambda: cKDTree(curve.nodes).query(shape.points), progress)
     share = float((away > FAR_RADII * curve.radii[node]).mean())
     if share > SHEET_SHARE:
-        progress.note(
+        text = (
             f"{100 * share:.0f} % of the surface lies further than {FAR_RADII:g} radii from the "
             "curve skeleton: the shape is a sheet there, or no view shows it. Use surface_skeleton "
-            "for sheets.",
-            "thin_sheets",
-            share=share,
-            level=logging.WARNING,
+            "for sheets."
         )
+        progress.note(text, "thin_sheets", share=share, level=logging.WARNING)
     parts = int(shape.components.max()) + 1
     if curve.component_count != parts and shape.faces is not None:
-        progress.note(
+        text = (
             f"The shape has {counted(parts, 'connected part')}, the curve skeleton "
             f"{curve.component_count}. Parts that touch or overlap are joined, parts thinner than "
-            "two pixels are left out, and thin places may be cut (raise size).",
-            "parts_differ",
-            parts=parts,
-            components=curve.component_count,
+            "two pixels are left out, and thin places may be cut (raise size)."
         )
+        progress.note(text, "parts_differ", parts=parts, components=curve.component_count)
 
 
 OPERATION = Operation(

@@ -94,16 +94,19 @@ class GivenViews:
 
 
 class PackedViews:
-    """Views with their distance fields, for stages that look at them again.
+    """Views of a source with their distance fields; those that are needed again are packed.
 
     Parameters
     ----------
+    source : ViewSource
+    saliency : float
+        Of the skeletons of the silhouettes.
     room : int
-        Bytes that they may take; views that do not fit are not kept.
+        Bytes that packed views may take; those that do not fit are not kept.
     """
 
-    def __init__(self, room: int) -> None:
-        self._room = room
+    def __init__(self, source: ViewSource, saliency: float, room: int) -> None:
+        self.source, self.saliency, self._room = source, saliency, room
         self.views: dict[int, tuple[NDArray[np.uint8], NDArray[np.float32]]] = {}
         """Packed views by the identity of their cameras."""
 
@@ -120,39 +123,34 @@ class PackedViews:
         pack_view(view.near, view.far, field, mask, values)
         self.views[id(view.camera)] = mask, values
 
+    def look(self, cameras: Sequence[OrthographicCamera], progress: Progress) -> Views:
+        """Return depths and distance fields of a few cameras: packed ones as far as they go."""
+        from medialis.curves.from_views._kernels import Views, unpack_view
 
-def look(
-    source: ViewSource,
-    cameras: Sequence[OrthographicCamera],
-    saliency: float,
-    packed: PackedViews,
-    progress: Progress,
-) -> Views:
-    """Return depths and distance fields of a few cameras, from what is packed as far as it goes."""
-    from medialis.curves.from_views._kernels import Views, unpack_view
+        size, count = cameras[0].size, len(cameras)
+        near, far = np.empty((2, count, size, size), np.float32)
+        field = np.zeros_like(near)
+        known = [self.views.get(id(camera)) for camera in cameras]
+        fresh = [at for at in range(count) if known[at] is None]
+        for begin in range(0, len(fresh), BATCH):
+            rows = fresh[begin : begin + BATCH]
+            views = render_views(self.source, [cameras[at] for at in rows], progress)
+            for at, view in zip(rows, views, strict=True):
+                near[at], far[at] = view.near, view.far
 
-    size, count = cameras[0].size, len(cameras)
-    near, far = np.empty((2, count, size, size), np.float32)
-    field = np.zeros_like(near)
-    known = [packed.views.get(id(camera)) for camera in cameras]
-    fresh = [at for at in range(count) if known[at] is None]
-    for begin in range(0, len(fresh), BATCH):
-        rows = fresh[begin : begin + BATCH]
-        views = render_views(source, [cameras[at] for at in rows], progress)
-        for at, view in zip(rows, views, strict=True):
-            near[at], far[at] = view.near, view.far
+        def skeletons(begin: int, end: int) -> None:
+            scratch = Scratch(size)
+            for at in range(begin, end):
+                if (view := known[at]) is not None:
+                    unpack_view(*view, near[at], far[at], field[at])
+                else:
+                    skeletonize(near[at], self.saliency, scratch, field[at])
 
-    def skeletons(begin: int, end: int) -> None:
-        scratch = Scratch(size)
-        for at in range(begin, end):
-            if (view := known[at]) is not None:
-                unpack_view(*view, near[at], far[at], field[at])
-            else:
-                skeletonize(near[at], saliency, scratch, field[at])
-
-    run_chunks(skeletons, count, 1, progress=progress.still)
-    centers, axes = (np.stack([getattr(c, name) for c in cameras]) for name in ("center", "axes"))
-    return Views(centers, axes, np.array([c.pixel for c in cameras]), near, far, field)
+        run_chunks(skeletons, count, 1, progress=progress.still)
+        centers, axes = (
+            np.stack([getattr(c, name) for c in cameras]) for name in ("center", "axes")
+        )
+        return Views(centers, axes, np.array([c.pixel for c in cameras]), near, far, field)
 
 
 def radii_in(views: Views, points: FloatArray) -> FloatArray:
@@ -161,11 +159,8 @@ def radii_in(views: Views, points: FloatArray) -> FloatArray:
 
     positions = np.ascontiguousarray(points)
     radii = np.full(len(positions), np.inf)
-
-    def work(begin: int, end: int) -> None:
-        measure_radii(views, begin, end, positions, radii)
-
-    run_chunks(work, len(positions), POINTS_A_CHUNK)
+    work = functools.partial(measure_radii, views)
+    run_chunks(work, len(positions), POINTS_A_CHUNK, positions, radii)
     return radii
 
 
@@ -292,11 +287,7 @@ class ViewCurveSkeletonOptions(Options):
 
 
 def _match(
-    source: ViewSource,
-    pairs: Sequence[CameraPair],
-    saliency: float,
-    packed: PackedViews,
-    progress: Progress,
+    packed: PackedViews, pairs: Sequence[CameraPair], progress: Progress
 ) -> tuple[FloatArray, FloatArray]:
     """Return the points of all pairs of views, those in one pixel merged, and their weights.
 
@@ -306,7 +297,8 @@ def _match(
     for begin in range(0, len(pairs), BATCH // 2):
         progress.update(begin / len(pairs))
         batch = pairs[begin : begin + BATCH // 2]
-        views = render_views(source, [camera for pair in batch for camera in pair], progress)
+        cameras = [camera for pair in batch for camera in pair]
+        views = render_views(packed.source, cameras, progress)
         crossings: list[Crossings] = [None] * len(views)  # type: ignore[list-item]
 
         def skeletons(
@@ -315,7 +307,7 @@ def _match(
             scratch = Scratch(views[0].camera.size)
             for at in range(first, last):
                 field = NO_FIELD if at % 2 else np.zeros_like(views[at].near)
-                out[at] = skeletonize(views[at].near, saliency, scratch, field)
+                out[at] = skeletonize(views[at].near, packed.saliency, scratch, field)
                 if at % 2 == 0:
                     packed.keep(views[at], field)
 
@@ -331,14 +323,9 @@ def _match(
 
 
 def _sharpen(
-    source: ViewSource,
-    cameras: Sequence[OrthographicCamera],
-    points: FloatArray,
-    weights: FloatArray,
-    saliency: float,
-    packed: PackedViews,
-    progress: Progress,
-) -> tuple[FloatArray, FloatArray]:
+    packed: PackedViews, cameras: Sequence[OrthographicCamera], points: FloatArray,
+    weights: FloatArray, progress: Progress,
+) -> tuple[FloatArray, FloatArray]:  # fmt: skip
     """Return the points that no view sees outside, moved to the middle of what the views show."""
     from medialis.curves.from_views._kernels import cull_and_sharpen
 
@@ -349,15 +336,10 @@ def _sharpen(
             break
         progress.update(begin / len(cameras))
         some = slice(begin, begin + BATCH)
-        views = look(source, cameras[some], saliency, packed, progress)
+        views = packed.look(cameras[some], progress)
         alive = np.ones(len(points), bool)
         work = functools.partial(cull_and_sharpen, views, steps[some])
-        run_chunks(
-            lambda first, last: work(first, last, points, alive),  # noqa: B023
-            len(points),
-            POINTS_A_CHUNK,
-            progress=progress.still,
-        )
+        run_chunks(work, len(points), POINTS_A_CHUNK, points, alive, progress=progress.still)
         points, weights = points[alive], weights[alive]
     return points, weights
 
@@ -413,16 +395,14 @@ def view_curve_skeleton(
     (1, True)
     """
     source, pairs = _source_and_cameras(shape_or_views, options)
-    saliency, firsts = options.saliency, [first for first, _ in pairs]
-    packed = PackedViews(room())
+    packed, firsts = PackedViews(source, options.saliency, room()), [first for first, _ in pairs]
     with progress.stage("pairs", 0.0, 0.5):
-        points, weights = _match(source, pairs, saliency, packed, progress)
+        points, weights = _match(packed, pairs, progress)
     matched = len(points)
     with progress.stage("sharpen", 0.5, 0.9):
-        points, weights = _sharpen(source, firsts, points, weights, saliency, packed, progress)
+        points, weights = _sharpen(packed, firsts, points, weights, progress)
     with progress.stage("link", 0.9, 1.0):
-        probes = look(source, firsts[:PROBES], saliency, packed, progress)
-        measure = functools.partial(radii_in, probes)
+        measure = functools.partial(radii_in, packed.look(firsts[:PROBES], progress))
         cell = CELL * firsts[0].pixel
         most = MOST_NODES * firsts[0].size
         curve = run_patiently(
@@ -456,7 +436,5 @@ def _source_and_cameras(
     if shape.faces is None:  # whoever draws them, the discs of a cloud reach beyond its samples
         discs = renderer if isinstance(renderer, Rasterizer) else rasterizer(shape)
         center, radius = sphere_of(discs.points)
-    between = math.radians(options.angle)
-    return renderer, camera_pairs(
-        center, radius, pairs=options.pairs, angle=between, size=options.size
-    )
+    count, size, angle = options.pairs, options.size, math.radians(options.angle)
+    return renderer, camera_pairs(center, radius, pairs=count, angle=angle, size=size)

@@ -18,7 +18,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from medialis.base.arrays import Described
+from medialis.base.arrays import Described, Mask
 from medialis.base.errors import InvalidOptionError, InvalidShapeError
 from medialis.base.options import Options, algorithm, number
 from medialis.base.progress import Progress
@@ -47,6 +47,8 @@ WIDEST_DISC = 4.0
 """Usual discs: an isolated sample must not become a plate."""
 
 NO_FIELD = np.empty((0, 0), np.float32)
+
+Picture = NDArray[np.float32]
 """Where the distance field is not asked for."""
 
 
@@ -147,7 +149,7 @@ class View(Described):
             raise InvalidShapeError("far must not be nearer than near at any pixel.")
 
     @property
-    def mask(self) -> NDArray[np.bool_]:
+    def mask(self) -> Mask:
         """Silhouette, (h, w): True where the shape is."""
         return np.isfinite(self.near)
 
@@ -247,11 +249,7 @@ class Rasterizer(Described):
         self, cameras: Sequence[OrthographicCamera], progress: Progress | None = None
     ) -> list[View]:
         """Return the view of each camera."""
-        from medialis.curves.from_views._kernels import (
-            draw_depth_range,
-            mark_outside,
-            project_points,
-        )
+        from medialis.curves.from_views import _kernels as kernels
 
         views: list[View] = [None] * len(cameras)  # type: ignore[list-item]
 
@@ -261,11 +259,10 @@ class Rasterizer(Described):
                 camera = cameras[at]
                 near = np.full((camera.size, camera.size), np.inf, np.float32)
                 far = np.full_like(near, -np.inf)
-                project_points(
-                    self.points, camera.center, camera.axes, camera.size, camera.pixel, screen
-                )
-                draw_depth_range(self.faces, screen, near, far)
-                mark_outside(near, far)
+                seen = camera.center, camera.axes, camera.size, camera.pixel
+                kernels.project_points(self.points, *seen, screen)
+                kernels.draw_depth_range(self.faces, screen, near, far)
+                kernels.mark_outside(near, far)
                 views[at] = View(camera, near, far)
 
         run_chunks(draw, len(cameras), 1, progress=progress)
@@ -398,34 +395,26 @@ def check_border(near: NDArray[np.float32]) -> None:
 
 
 def skeletonize(
-    near: NDArray[np.float32],
-    saliency: float,
-    scratch: Scratch,
-    field: NDArray[np.float32] = NO_FIELD,
+    near: Picture, saliency: float, scratch: Scratch, field: Picture = NO_FIELD
 ) -> Crossings:
     """Return the crossings of a silhouette, given as a picture that is NaN outside it.
 
     The border of the picture must be outside. A `field` (h, w) gets the distance transform:
     negative at pixels beside the skeleton; what lies outside stays as it is.
     """
-    from medialis.curves.from_views._kernels import (
-        Contours,
-        column_offsets,
-        saliency_skeleton,
-        trace_contours,
-    )
+    from medialis.curves.from_views import _kernels as kernels
 
     near = frozen(near, np.float32)
-    cracks, pixels, first, last = column_offsets(near, scratch.offset)
-    contours = Contours(
-        scratch.offset, first, last, scratch.upright, scratch.flat, np.empty(cracks),
-        np.empty(cracks, np.int32), np.empty(cracks // 4), 0.0,  # a contour has 4 cracks at least
-    )  # fmt: skip
-    count = trace_contours(contours)
+    cracks, pixels, first, last = kernels.column_offsets(near, scratch.offset)
+    pictures = scratch.offset, first, last, scratch.upright, scratch.flat
+    arc, contour = np.empty(cracks), np.empty(cracks, np.int32)
+    length = np.empty(cracks // 4)  # a contour has 4 cracks at least
+    contours = kernels.Contours(*pictures, arc, contour, length, 0.0)
+    count = kernels.trace_contours(contours)
     contours = contours._replace(longest=float(contours.length[:count].sum()) / 2)
     begin = np.empty(len(near) + 1, np.int32)
     out = np.empty((3, pixels))  # at most one crossing a pixel
-    count = saliency_skeleton(contours, saliency, begin, out[0], out[1], out[2], field)
+    count = kernels.saliency_skeleton(contours, saliency, begin, *out, field)
     column, importance, distance = (values[:count].copy() for values in out)
     return Crossings(begin, column, importance, distance)
 

@@ -10,11 +10,12 @@ from __future__ import annotations
 import platform
 from dataclasses import dataclass
 from importlib.metadata import version
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from medialis.base.errors import InvalidShapeError
 from medialis.base.threads import thread_count
 from medialis.base.validation import FloatArray, IntArray, as_field, as_points
 from medialis.base.version import package_version
@@ -24,6 +25,9 @@ from medialis.shape.diagnosis import Diagnosis, diagnose
 from medialis.shape.shape import Shape
 from medialis.show.reports.page import NOUNS, verdicts
 from medialis.skeleton.medial_cloud import BallStatus
+
+if TYPE_CHECKING:
+    from medialis.base.box_tree import NearestTree
 
 PLACES_BETWEEN = 100_000
 """Places of the surface between the samples that are looked at."""
@@ -98,9 +102,20 @@ def distance_to_balls(
     -----
     Cost: about O(log k) a query for balls of a skeleton.
     """
+    return _tree_of_balls(centers, radii)[0].distances(as_points(queries, "queries"))
+
+
+def _tree_of_balls(
+    centers: ArrayLike, radii: ArrayLike
+) -> tuple[NearestTree, FloatArray, FloatArray]:
+    """Return the tree of some balls, and these as arrays that were checked."""
     from medialis.base.box_tree import NearestTree
 
-    return NearestTree.of_balls(centers, radii).distances(as_points(queries, "queries"))
+    middles = as_points(centers, "centers")
+    sizes = as_field(radii, len(middles), "radii")
+    if not np.isfinite(sizes).all() or (sizes < 0).any():
+        raise InvalidShapeError("radii must be finite and not negative.")
+    return NearestTree.of_balls(middles, sizes), middles, sizes
 
 
 def distance_to_surface(queries: ArrayLike, shape: Shape) -> FloatArray:
@@ -137,11 +152,7 @@ def reconstruction_error(shape: Shape, centers: ArrayLike, radii: ArrayLike) -> 
     space. The surface is seen at its samples and at the middles of its edges and faces (at most
     100,000 of these), the balls at 32 to 512 points on each of at most 20,000.
     """
-    from medialis.base.box_tree import NearestTree
-
-    middles = as_points(centers, "centers")
-    sizes = as_field(radii, len(middles), "radii")
-    tree = NearestTree.of_balls(middles, sizes)
+    tree, middles, sizes = _tree_of_balls(centers, radii)
     between, areas = _between(shape)
     places = np.concatenate([shape.points, between])
     out, _ = tree.distances(places)
@@ -254,14 +265,9 @@ def shown_balls(result: Result) -> ShownBalls | None:
         radii = np.asarray(first.attributes["radius"])
         side = np.asarray(first.attributes.get("side", np.ones(len(radii))))
         return ShownBalls("balls shown", first.points, radii, side > 0, True)
-    if "radii" in result.arrays:
-        good = result.arrays["status"] == BallStatus.OK
-        if good.any():
-            arrays = {name: result.arrays[name][good] for name in ("centers", "radii", "side")}
-            inner = arrays["side"] > 0
-            return ShownBalls(
-                "balls of all samples", arrays["centers"], arrays["radii"], inner, True
-            )
+    if "radii" in result.arrays and (good := result.arrays["status"] == BallStatus.OK).any():
+        centers, radii, side = (result.arrays[name][good] for name in ("centers", "radii", "side"))
+        return ShownBalls("balls of all samples", centers, radii, side > 0, True)
     return None
 
 
@@ -368,15 +374,12 @@ def _ball_counts(result: Result, balls: ShownBalls | None) -> dict[str, Any] | N
         "by_shrinking": balls.by_shrinking,
     }
     if "status" in result.arrays:
-        status = result.arrays["status"]
-        side = result.arrays["side"]
-        status = status[side > 0] if (side > 0).any() else status
-        counts |= {
-            "started": len(status),
-            "maximal": int((status == BallStatus.OK).sum()),
-            "open": int((status == BallStatus.OPEN).sum()),
-            "without_normal": int((status == BallStatus.NO_NORMAL).sum()),
-        }
+        status, inner = result.arrays["status"], result.arrays["side"] > 0
+        status = status[inner] if inner.any() else status
+        counts["started"] = len(status)
+        named = ("maximal", BallStatus.OK), ("open", BallStatus.OPEN)
+        for name, kind in (*named, ("without_normal", BallStatus.NO_NORMAL)):
+            counts[name] = int((status == kind).sum())
     return counts
 
 
@@ -387,19 +390,17 @@ def _against_the_surface(
     if balls is None or not shape.diagonal > 0:
         return None, None
     per_cent, inner = 100 / shape.diagonal, balls.inner
-    error, depth = None, (0.0, 0.0)
+    reconstruction: dict[str, Any] | None = None
+    depth = 0.0, 0.0
     if inner.any():
         error = reconstruction_error(shape, balls.centers[inner], balls.radii[inner])
         depth = error.deepest_sample, error.deep_95_percent
-    if not inner.all():
-        inside = -distance_to_balls(shape.points, balls.centers, balls.radii)[0]
-        inside = np.maximum(inside, 0.0)
-        depth = float(inside.max()), float(np.percentile(inside, 95))
-    reconstruction: dict[str, Any] | None = None
-    if error is not None:
         lengths = {name: getattr(error, name) for name in LENGTHS}
         reconstruction = {k: None if v is None else per_cent * v for k, v in lengths.items()}
         reconstruction["worst_place"] = error.worst_place.tolist()
+    if not inner.all():
+        inside = np.maximum(-distance_to_balls(shape.points, balls.centers, balls.radii)[0], 0.0)
+        depth = float(inside.max()), float(np.percentile(inside, 95))
     emptiness = {"deepest": per_cent * depth[0], "deep_95_percent": per_cent * depth[1]}
     return reconstruction, emptiness
 
@@ -486,12 +487,8 @@ def histogram(values: ArrayLike) -> dict[str, Any]:
     every = np.asarray(values, np.float64)
     finite = every[np.isfinite(every)]
     found: dict[str, Any] = {
-        "counts": [],
-        "edges": [],
-        "count": len(finite),
-        "min": None,
-        "median": None,
-        "max": None,
+        **{"counts": [], "edges": [], "count": len(finite)},
+        **dict.fromkeys(("min", "median", "max")),
         "infinite": int(np.isinf(every).sum()),
         "missing": int(np.isnan(every).sum()),
     }

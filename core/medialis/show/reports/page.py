@@ -156,7 +156,7 @@ def cell(value: Any, most: int = 12) -> str:
 
 def chart(found: Mapping[str, Any], caption: str, factor: float = 1.0) -> str:
     """Return a histogram of `measures.histogram` as SVG with its range and median below."""
-    counts, (width, height) = found["counts"], (320, 120)
+    counts = found["counts"]
     notes = [f"{found['count']:,} values"]
     if found["median"] is not None:
         notes.append(f"median {number(factor * found['median'])}")
@@ -166,21 +166,15 @@ def chart(found: Mapping[str, Any], caption: str, factor: float = 1.0) -> str:
     if len(counts) == 1:
         notes.append("all equal")
     elif counts:
-        picture = _bars(counts, found["edges"], found["median"], factor, width, height)
+        picture = _bars(counts, found["edges"], found["median"], factor)
     text = html.escape("; ".join(notes))
     return (
         f"<figure><h3>{html.escape(caption)}</h3>{picture}<figcaption>{text}</figcaption></figure>"
     )
 
 
-def _bars(
-    counts: Sequence[int],
-    edges: Sequence[float],
-    median: float,
-    factor: float,
-    width: int,
-    height: int,
-) -> str:
+def _bars(counts: Sequence[int], edges: Sequence[float], median: float, factor: float) -> str:
+    width, height = 320, 120
     bar, top = width / len(counts), max(counts)
     bars = "".join(
         f'<rect x="{i * bar:.1f}" y="{12 + height * (1 - count / top):.1f}" '
@@ -324,9 +318,9 @@ def _emptiness(found: Mapping[str, Any]) -> dict[str, str] | None:
     if not found["balls"]["by_shrinking"] or "tolerance" not in parameters:
         return _line("Emptiness", INFO, text + ".")
     allowed = 100 * parameters["tolerance"]
-    if deepest <= allowed * (1 + ROUNDING) + 100 * ROUNDING**2:
-        return _line("Emptiness", GOOD, f"{text}: within the tolerance of {number(allowed)} %.")
-    return _line("Emptiness", LOOK, f"{text}: more than the tolerance of {number(allowed)} %.")
+    within = deepest <= allowed * (1 + ROUNDING) + 100 * ROUNDING**2
+    text += f": {'within' if within else 'more than'} the tolerance of {number(allowed)} %."
+    return _line("Emptiness", GOOD if within else LOOK, text)
 
 
 def _reconstruction(found: Mapping[str, Any]) -> dict[str, str] | None:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from medialis.base.progress import Progress, ProgressCallback, counted
 from medialis.base.threads import run_patiently
 from medialis.formats.json_npz import json_text
-from medialis.operations.declaration import Kind, Parameter
+from medialis.operations.declaration import Kind
 from medialis.operations.registry import OPERATIONS
 from medialis.operations.result import Result, quantity
 from medialis.show.picture import draw_result, draw_turntable, encode_png
@@ -133,9 +133,9 @@ def report_page(
     title = measures["operation"].replace("_", " ").capitalize()
     if measures["source"]:
         title += f" of {measures['source']}"
-    large, views = (pictures[:-STILLS], pictures[-STILLS:])
-    if len(pictures) <= STILLS:
-        large, views = pictures, ()
+    count = len(pictures) - STILLS if len(pictures) > STILLS else len(pictures)
+    large, views = pictures[:count], pictures[count:]
+    seconds = [(named(name), f"{value:.2f}") for name, value in measures["seconds"].items()]
     body = (
         f"<header><h1>{html.escape(title)}</h1>\n{_subtitle(measures)}</header>",
         '<div class="side">',
@@ -155,7 +155,7 @@ def report_page(
         "</div>",
         '<div class="side">',
         section("Parameters", _parameters(measures)),
-        section("Seconds", _seconds(measures["seconds"])),
+        section("Seconds", table(seconds)),
         section("Versions", table(measures["versions"].items())),
         "</div>",
     )
@@ -204,10 +204,9 @@ def _charts(histograms: Mapping[str, Mapping[str, Any]], curve: bool) -> str:
     units |= {"spoke_angle": "degrees", "sharpness": "share of a right angle"}
     if curve:  # its importance is the area of the surface that hangs on a node
         units["importance"] = "area, square units of the file"
+    factors = {"spoke_angle": 180 / math.pi}
     charts = [
-        chart(
-            found, f"{named(name)} ({units[name]})", 180 / math.pi if name == "spoke_angle" else 1.0
-        )
+        chart(found, f"{named(name)} ({units[name]})", factors.get(name, 1.0))
         for name, found in histograms.items()
     ]
     return f'<div class="row">{"".join(charts)}</div>' if charts else ""
@@ -255,29 +254,21 @@ def _input(found: Mapping[str, Mapping[str, Any] | None]) -> str:
 
 
 def _parameters(measures: Mapping[str, Any]) -> str:
-    known: dict[str, Parameter] = {
-        parameter.name: parameter
-        for entry in OPERATIONS
-        if entry.name == measures["operation"]
-        for parameter in entry.parameters
-    }
+    entries = [entry for entry in OPERATIONS if entry.name == measures["operation"]]
+    known = {parameter.name: parameter for entry in entries for parameter in entry.parameters}
     rows = []
     for name, value in measures["parameters"].items():
-        parameter = known.get(name)
-        default = ""
-        if parameter is not None and value != parameter.default:
-            default = f"default: {_with_unit(parameter, parameter.default)}"
-        rows.append((named(name), _with_unit(parameter, value), default))
+        kind, usual = None, value
+        if name in known:
+            kind, usual = known[name].kind, known[name].default
+        default = f"default: {_with_unit(kind, usual)}" if value != usual else ""
+        rows.append((named(name), _with_unit(kind, value), default))
     return table(rows)
 
 
-def _with_unit(parameter: Parameter | None, value: Any) -> str:
-    if parameter is not None and parameter.kind is Kind.LENGTH:
+def _with_unit(kind: Kind | None, value: Any) -> str:
+    if kind is Kind.LENGTH:
         return f"{number(100 * value)} % of the diagonal"
-    if parameter is not None and parameter.kind is Kind.ANGLE:
+    if kind is Kind.ANGLE:
         return f"{number(value)}°"
     return number(value) if value != "" else "none"
-
-
-def _seconds(seconds: Mapping[str, float]) -> str:
-    return table([(named(name), f"{value:.2f}") for name, value in seconds.items()])

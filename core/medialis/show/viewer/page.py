@@ -36,7 +36,7 @@ from numpy.typing import ArrayLike, NDArray
 from medialis.base.errors import FileError
 from medialis.base.options import AREAS, LENGTHS, RADIANS
 from medialis.base.validation import FloatArray, IntArray
-from medialis.formats.files import complete_file
+from medialis.formats.files import write_text
 from medialis.show.camera import default_view
 from medialis.show.colors import color_table, palette, value_range
 
@@ -173,16 +173,6 @@ class Part:
 
 
 @dataclass(frozen=True, eq=False)
-class Spot:
-    """A thin spot: its two ends, the second NaN where there is none, and its value."""
-
-    position: FloatArray
-    opposite: FloatArray
-    value: float
-    kind: str
-
-
-@dataclass(frozen=True, eq=False)
 class Scene:
     """All that a page shows.
 
@@ -190,7 +180,8 @@ class Scene:
     ----------
     title : str
     parts : list of Part
-    spots : list of Spot
+    spots : list of dict
+        Thin spots as the values of a result tell them.
     shape : Shape
         Gives the size, and the first view.
     notes : list of str
@@ -199,7 +190,7 @@ class Scene:
 
     title: str
     parts: list[Part]
-    spots: list[Spot]
+    spots: list[dict[str, Any]]
     shape: Shape
     notes: list[str]
 
@@ -210,16 +201,18 @@ def scene_of(results: Sequence[Outcome], title: str) -> Scene:
     Points and fields of the first result are seen at first.
     """
     parts: list[Part] = []
-    spots: list[Spot] = []
+    spots: list[dict[str, Any]] = []
     for number, result in enumerate(results):
         for layer in _layers(result):
-            if layer.name == SPOTS:
-                continue
-            _add(parts, layer, visible=number == 0)
+            if layer.name != SPOTS:
+                _add(parts, layer, visible=number == 0)
         spots = spots or _spots(result)
     shape = results[0].shape
     if not any(_stands_for(part, shape) for part in parts):
-        parts.insert(0, _bare(shape))
+        if shape.faces is None:
+            parts.insert(0, Part("shape", "points", shape.points))
+        else:
+            parts.insert(0, Part("surface", "surface", shape.points, shape.faces))
     _choose(parts, shape)
     notes = [str(note) for result in results for note in getattr(result, "messages", ())]
     return Scene(title, parts, spots, shape, list(dict.fromkeys(notes)))
@@ -248,11 +241,8 @@ def _add(parts: list[Part], layer: Layer, visible: bool) -> None:
             known = {one.name for one in part.fields}
             part.fields += [one for one in fields if one.name not in known]
             return
-    kind: Kind = "points"
-    if layer.faces is not None:
-        kind = "surface"
-    elif layer.edges is not None:
-        kind = "curves"
+    lines: Kind = "points" if layer.edges is None else "curves"
+    kind: Kind = lines if layer.faces is None else "surface"
     names = [one.name for one in fields]
     parts.append(
         Part(
@@ -312,22 +302,11 @@ def _unit(layer: Layer, name: str) -> str:
     return "length" if name in LENGTHS else ""
 
 
-def _spots(result: Outcome) -> list[Spot]:
+def _spots(result: Outcome) -> list[dict[str, Any]]:
     """Thin spots as the values of a result tell them, numbered from the thinnest."""
     rows = result.values.get("spots")
-    if not isinstance(rows, list | tuple):
-        return []
-    none = [math.nan] * 3
-    return [
-        Spot(
-            np.array(row["position"], float),
-            np.array(row.get("opposite") or none, float),
-            float(row["value"]),
-            str(row.get("kind", "wall")),
-        )
-        for row in rows
-        if isinstance(row, dict) and row.get("value") is not None
-    ]
+    rows = rows if isinstance(rows, list | tuple) else ()
+    return [row for row in rows if isinstance(row, dict) and row.get("value") is not None]
 
 
 def _stands_for(part: Part, shape: Shape) -> bool:
@@ -337,11 +316,6 @@ def _stands_for(part: Part, shape: Shape) -> bool:
     size = part.points.max(axis=0) - part.points.min(axis=0)
     low, high = shape.bounds
     return bool(np.abs(size - (high - low)).max() < 0.02 * shape.diagonal)
-
-
-def _bare(shape: Shape) -> Part:
-    kind: Kind = "points" if shape.faces is None else "surface"
-    return Part("shape" if shape.faces is None else "surface", kind, shape.points, shape.faces)
 
 
 def _choose(parts: list[Part], shape: Shape) -> None:
@@ -379,9 +353,7 @@ def write_viewer(
     FileError
         When the page cannot be written, or the library that it draws with is missing.
     """
-    text = viewer_page(results, title)
-    with complete_file(path) as stream:
-        stream.write(text.encode("utf-8", "backslashreplace"))
+    write_text(path, viewer_page(results, title))
 
 
 def viewer_page(results: Sequence[Outcome], title: str = "medialis") -> str:
@@ -461,10 +433,7 @@ def _part(part: Part, origin: FloatArray, packer: Packer) -> dict[str, Any]:
     names = [field.name for field in part.fields]
     codes, place = point_codes(part.points - origin)
     return {
-        "title": part.title,
-        "kind": part.kind,
-        "visible": part.visible,
-        "opacity": part.opacity,
+        **{name: getattr(part, name) for name in ("title", "kind", "visible", "opacity")},
         "points": {**place, "codes": packer.add(codes)},
         "faces": None if part.faces is None else packer.add_faces(part.faces),
         "edges": None if part.edges is None else packer.add(part.edges),
@@ -495,13 +464,14 @@ def _field(field: Field, packer: Packer) -> dict[str, Any]:
     }
 
 
-def _spot(spot: Spot, origin: FloatArray) -> dict[str, Any]:
-    known = not np.isnan(spot.opposite).any()
+def _spot(row: dict[str, Any], origin: FloatArray) -> dict[str, Any]:
+    opposite = np.array(row.get("opposite") or [math.nan] * 3, float)
+    value = float(row["value"])
     return {
-        "position": (spot.position - origin).tolist(),
-        "opposite": (spot.opposite - origin).tolist() if known else None,
-        "value": spot.value if math.isfinite(spot.value) else 0.0,
-        "kind": spot.kind,
+        "position": (np.array(row["position"], float) - origin).tolist(),
+        "opposite": None if np.isnan(opposite).any() else (opposite - origin).tolist(),
+        "value": value if math.isfinite(value) else 0.0,
+        "kind": str(row.get("kind", "wall")),
     }
 
 

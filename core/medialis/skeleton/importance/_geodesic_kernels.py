@@ -157,12 +157,9 @@ class _Known(NamedTuple):
 
 @kernel
 def _no_pairs(most, following):
-    rows, seeds, beside = (
-        np.empty(most, np.int64),
-        np.empty(most, np.int64),
-        np.empty(most, np.int64),
-    )
-    bounds, lengths, counts = np.empty(most), np.empty(most), np.empty(most, np.int64)
+    rows, seeds = np.empty(most, np.int64), np.empty(most, np.int64)
+    beside, counts = np.empty(most, np.int64), np.empty(most, np.int64)
+    bounds, lengths = np.empty(most), np.empty(most)
     slopes, trails = np.empty((most, SLOPES, 7)), np.empty((most, PLACES if following else 0, 7))
     return _Known(rows, seeds, beside, bounds, lengths, counts, slopes, trails)
 

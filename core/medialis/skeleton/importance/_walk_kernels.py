@@ -121,9 +121,7 @@ def trace_plane(
         t = twins[h]
         if t < 0:
             return math.inf, count
-        j = t % 3
-        after = t - 2 if j == 2 else t + 1
-        before = t + 2 if j == 0 else t - 1
+        after, before = next_side(t), previous_side(t)
         c = corners[before]
         if c == end:
             out[0], out[1], out[2] = x, y, z
@@ -139,10 +137,7 @@ def trace_plane(
         else:
             h, b, db = before, a, da
             a, da = c, dc
-        share = da / (da - db)
-        qx = points[a, 0] + share * (points[b, 0] - points[a, 0])
-        qy = points[a, 1] + share * (points[b, 1] - points[a, 1])
-        qz = points[a, 2] + share * (points[b, 2] - points[a, 2])
+        qx, qy, qz = on_plane(points, a, b, da, db)
         length += math.sqrt((qx - x) ** 2 + (qy - y) ** 2 + (qz - z) ** 2)
         x, y, z = qx, qy, qz
     return math.inf, count
@@ -190,22 +185,22 @@ def set_frame(points, normals, start, end, frame):
     for a in range(3):
         f[a] /= length
     first, second = frame[0], frame[1]
-    _cross(f, across, first)
+    cross(f, across, first)
     size = math.sqrt(dot(first, first))
     if size < OPPOSITE:  # the axis that f is least aligned with
         x, y, z = abs(f[0]), abs(f[1]), abs(f[2])
         across[:] = 0.0
         across[0 if x <= y and x <= z else (1 if y <= z else 2)] = 1.0
-        _cross(f, across, first)
+        cross(f, across, first)
         size = math.sqrt(dot(first, first))
     for a in range(3):
         first[a] /= size
-    _cross(f, first, second)
+    cross(f, first, second)
     return True
 
 
 @kernel
-def _cross(a, b, out):
+def cross(a, b, out):
     for i in range(3):
         j, k = (i + 1) % 3, (i + 2) % 3
         out[i] = a[j] * b[k] - a[k] * b[j]

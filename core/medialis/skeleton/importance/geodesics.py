@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from medialis.base.arrays import Described, Index, Mask
+from medialis.base.arrays import Described, Index, Mask, unit_rows
 from medialis.base.errors import InvalidShapeError
 from medialis.base.kept import Bound
 from medialis.base.options import Options, whole
@@ -136,13 +136,7 @@ class GeodesicPaths(Bound):
 
     def __post_init__(self) -> None:
         k = len(self.length)
-        hold(
-            self,
-            length=(np.float64, k),
-            start_tangent=(np.float64, k, 3),
-            end_tangent=(np.float64, k, 3),
-            status=(np.int8, k),
-        )
+        hold(self, length=k, start_tangent=(k, 3), end_tangent=(k, 3), status=k)
 
     def __len__(self) -> int:
         return len(self.length)
@@ -343,12 +337,8 @@ def _follow_edges(
     """Search the shortest paths along edges of some pairs, each among `most` vertices."""
     from medialis.skeleton.importance._walk_kernels import edge_paths
 
-    walk, count = surface_walk(shape), len(rows)
-
-    def work(begin: int, end: int) -> None:
-        edge_paths(begin, end, rows, most, walk, ends, out)
-
-    run_chunks(work, count, SEARCHES_A_CHUNK, progress=progress)
+    given = rows, most, surface_walk(shape), ends, out
+    run_chunks(edge_paths, len(rows), SEARCHES_A_CHUNK, *given, progress=progress)
 
 
 def _through_landmarks(
@@ -373,10 +363,9 @@ def _through_landmarks(
                 there[k] = other[k]
                 while before[there[k]] != landmark:
                     there[k] = before[there[k]]
-            step = sign * (points[there] - points[here])
-            size = np.linalg.norm(step, axis=1, keepdims=True)
-            unit = np.divide(step, size, out=np.full_like(step, np.nan), where=size > 0)
-            tangents[rows[shorter]] = unit
+            tangents[rows[shorter]] = unit_rows(
+                sign * (points[there] - points[here]), instead=np.nan
+            )
         out.length[rows[shorter]] = length[shorter]
         out.status[rows[shorter]] = PathStatus.EDGES
 
@@ -421,12 +410,8 @@ def cut_by_planes(
 
     def trace_all(rows: Index, limits: FloatArray, longest: FloatArray) -> None:
         search = Search(shape.normals, components, ends, limits, longest, planes, following)
-        size, count = FOLLOWING_A_CHUNK if following else PAIRS_A_CHUNK, len(rows)
-
-        def work(begin: int, end: int) -> None:
-            trace_geodesics(begin, end, rows, walk, search, out)
-
-        run_chunks(work, count, size, progress=progress)
+        size = FOLLOWING_A_CHUNK if following else PAIRS_A_CHUNK
+        run_chunks(trace_geodesics, len(rows), size, rows, walk, search, out, progress=progress)
 
     with progress.stage("geodesics", 0.0, 0.8):
         straight = np.linalg.norm(shape.points[starts] - shape.points[goals], axis=1)

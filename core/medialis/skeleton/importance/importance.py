@@ -267,10 +267,8 @@ def _traced(cloud: MedialCloud, directions: int, progress: Progress) -> Geodesic
     at[copies] = at[opposite[copies]]
     first, last = paths.start_tangent[at], paths.end_tangent[at]
     back = turned[:, None]
-    return GeodesicPaths(
-        paths.length[at], np.where(back, -last, first), np.where(back, -first, last),
-        paths.status[at],
-    )  # fmt: skip
+    first, last = np.where(back, -last, first), np.where(back, -first, last)
+    return GeodesicPaths(paths.length[at], first, last, paths.status[at])
 
 
 def _opposite_balls(cloud: MedialCloud) -> Index:
@@ -374,13 +372,9 @@ def measures_of_points(points: FloatArray, cloud: Balls) -> dict[str, FloatArray
     half = np.full(len(cloud), np.nan)
     ends = points[cloud.features[valid]]
     half[valid] = 0.5 * np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1)
-    radius = np.where(valid, cloud.radii, np.nan)
-    return {
-        "spoke_angle": np.where(valid, cloud.spoke_angles, np.nan),
-        "radius": radius,
-        "feature_radius": half,
-        "radius_ratio": np.minimum(half / radius, 1.0),
-    }
+    angle, radius = (np.where(valid, x, np.nan) for x in (cloud.spoke_angles, cloud.radii))
+    ratio = np.minimum(half / radius, 1.0)
+    return {"spoke_angle": angle, "radius": radius, "feature_radius": half, "radius_ratio": ratio}
 
 
 def relax(cloud: MedialCloud, paths: GeodesicPaths) -> GeodesicPaths:
@@ -421,10 +415,5 @@ def relax(cloud: MedialCloud, paths: GeodesicPaths) -> GeodesicPaths:
     origin = np.where(np.isnan(paths.start_tangent[origin, 0]), np.arange(k), origin)
     status = np.array(paths.status)
     status[shorter] = PathStatus.NEIGHBOUR
-    return replace(
-        paths,
-        length=length,
-        start_tangent=paths.start_tangent[origin],
-        end_tangent=paths.end_tangent[origin],
-        status=status,
-    )
+    start, end = paths.start_tangent[origin], paths.end_tangent[origin]
+    return replace(paths, length=length, start_tangent=start, end_tangent=end, status=status)

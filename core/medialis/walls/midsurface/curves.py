@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from medialis.base.arrays import Index
+from medialis.base.arrays import Index, kd_tree, places_along, rows_of_labels
 from medialis.base.box_tree import NearestTree
 from medialis.base.validation import FloatArray, IntArray
 from medialis.shape.surface import piece_labels
@@ -125,11 +125,9 @@ def find_chains(sheets: list[CutSheet]) -> tuple[list[Chain], FloatArray]:
 
 def _together(places: FloatArray, limits: FloatArray) -> tuple[IntArray, list[FloatArray]]:
     """Give places nearer to each other than a limit one number; return the middles."""
-    from scipy.spatial import cKDTree
-
     if len(places) == 0:
         return np.empty(0, np.int32), []
-    pairs = cKDTree(places).query_pairs(float(limits.max()), output_type="ndarray")
+    pairs = kd_tree(places).query_pairs(float(limits.max()), output_type="ndarray")
     away = np.linalg.norm(places[pairs[:, 0]] - places[pairs[:, 1]], axis=1)
     pairs = pairs[away <= np.minimum(limits[pairs[:, 0]], limits[pairs[:, 1]])]
     number = np.unique(piece_labels(len(places), pairs), return_inverse=True)[1].astype(np.int32)
@@ -233,23 +231,17 @@ def _nodes_on_loops(
 ) -> None:
     """Give each weld that is a loop without nodes one, at its first vertex."""
     for s, graph in enumerate(graphs):
-        left = {v for v in graph.next if (s, v) not in node}
-        while left:
-            start = min(left)
-            piece, waiting = {start}, [start]
-            while waiting:
-                for v in graph.next[waiting.pop()]:
-                    if v not in piece:
-                        piece.add(v)
-                        waiting.append(v)
+        vertices = np.array(sorted(graph.next), np.int64)
+        links = [(a, b) for a, ends in graph.next.items() for b in ends]
+        label = piece_labels(len(vertices), np.searchsorted(vertices, links))
+        for piece in rows_of_labels(label):
+            start = int(vertices[piece[0]])
             partners = next(iter(graph.next[start].values()))
-            lonely = not any((s, v) in node for v in piece)
-            first_of_all = lonely and partners and min(partners) > s
-            if first_of_all:
+            lonely = not any((s, v) in node for v in vertices[piece].tolist())
+            if lonely and partners and min(partners) > s:
                 node[s, start] = len(middles)
                 of_node[len(middles)] = {s}
                 middles.append(np.array(graph.sheet.mesh.points[start]))
-            left -= piece
 
 
 def _nearest_edge(
@@ -271,9 +263,7 @@ def _vertex_on(sheet: CutSheet, graph: _Graph, edge: tuple[int, int], share: flo
     if share < 0.05 or share > 0.95:
         return a if share < 0.5 else b
     mesh, partners = sheet.mesh, graph.next[a][b]
-    v = mesh.split(
-        mesh.edge_between(a, b), mesh.points[a] + share * (mesh.points[b] - mesh.points[a])
-    )
+    v = mesh.split(a, b, mesh.points[a] + share * (mesh.points[b] - mesh.points[a]))
     del graph.next[a][b], graph.next[b][a]
     graph.join(a, v, partners)
     graph.join(v, b, partners)
@@ -323,8 +313,7 @@ def _same_way(points: FloatArray, chain: Chain, curve: Curve) -> bool:
 
 def _even(points: FloatArray, edge: float, *, pieces: int = 0) -> FloatArray:
     """Return places along a polyline at even distances of about `edge`, with both ends."""
-    step = np.linalg.norm(np.diff(points, axis=0), axis=1)
-    at = np.concatenate([[0.0], np.cumsum(step)])
+    at = places_along(points)
     if not pieces:
         closed = bool((points[0] == points[-1]).all())
         pieces = max(3 if closed else 1, round(float(at[-1]) / edge))
@@ -380,8 +369,7 @@ def _lay(
 ) -> None:
     """Give one chain the vertices of its curve."""
     mesh = sheet.mesh
-    points = mesh.points[chain.vertices]
-    at = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+    at = places_along(mesh.points[chain.vertices])
     at = at / max(float(at[-1]), 1e-300)
     wanted = (1 + np.arange(len(places))) / (len(places) + 1)
     line = list(zip(at.tolist(), chain.vertices, strict=True))
@@ -398,7 +386,7 @@ def _lay(
         near = best not in taken and abs(line[best][0] - target) < close
         if not (near and mesh.may_move(v, place)):
             u, w = line[k][1], line[k + 1][1]
-            v = mesh.split(mesh.edge_between(u, w), place)
+            v = mesh.split(u, w, place)
             line.insert(k + 1, (target, v))
             taken = {i if i <= k else i + 1 for i in taken}
             best = k + 1

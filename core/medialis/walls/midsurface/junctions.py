@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from itertools import combinations, permutations
 
 import numpy as np
 
-from medialis.base.arrays import Index, Mask
+from medialis.base.arrays import Index, Mask, corner_vectors, twice_areas, unit_rows
 from medialis.base.box_tree import NearestTree
 from medialis.base.validation import FloatArray, IntArray
 from medialis.shape.surface import piece_labels
@@ -62,15 +63,12 @@ def cut_sheets(raws: list[RawSheet]) -> list[CutSheet]:
     """Cut all sheets along each other, and take away the pieces that lie between no walls."""
     cut = [CutSheet(raw, EditMesh(raw.points, raw.faces, raw.kind)) for raw in raws]
     boxes = [(raw.points.min(axis=0), raw.points.max(axis=0)) for raw in raws]
-    for s in range(len(cut)):
-        for j in range(len(cut)):
-            low, high = boxes[j]
-            apart = (boxes[s][0] > high).any() or (boxes[s][1] < low).any()
-            if s != j and not apart:
-                cut_along(cut[s], raws[j], j)
-    for s in range(len(cut)):
-        for j in range(s + 1, len(cut)):
-            end_cuts(cut[s], s, cut[j], j)
+    for s, j in permutations(range(len(cut)), 2):
+        (low, high), (lowest, highest) = boxes[s], boxes[j]
+        if not ((low > highest).any() or (high < lowest).any()):
+            cut_along(cut[s], raws[j], j)
+    for s, j in combinations(range(len(cut)), 2):
+        end_cuts(cut[s], s, cut[j], j)
     for one in cut:
         drop_stubs(one)
     return cut
@@ -97,8 +95,8 @@ def cut_along(sheet: CutSheet, other: RawSheet, number: int) -> None:
     sign = np.where(zero, 0.0, np.sign(height))
     crossing = reached & (sign[first] * sign[second] < 0)
     rows = np.flatnonzero(crossing)
-    place, share, fits = _crossings(sheet, other, points[a[rows]], points[b[rows]],
-                                    height[first[rows]], height[second[rows]], h[rows])  # fmt: skip
+    ends, heights = points[np.stack([a, b])[:, rows]], height[np.stack([first, second])[:, rows]]
+    place, share, fits = _crossings(other, ends, heights, _face_normals(mesh, h[rows] // 3))
     rows, place, share = rows[fits], place[fits], share[fits]
     on = set(vertices[zero & (distance <= margin)].tolist())
     moved = _snapped(mesh, h[rows], a[rows], b[rows], place, share, on)
@@ -109,43 +107,31 @@ def cut_along(sheet: CutSheet, other: RawSheet, number: int) -> None:
 
 
 def _crossings(
-    sheet: CutSheet,
-    other: RawSheet,
-    a: FloatArray,
-    b: FloatArray,
-    at_a: FloatArray,
-    at_b: FloatArray,
-    h: Index,
+    other: RawSheet, ends: FloatArray, heights: FloatArray, normals: FloatArray
 ) -> tuple[FloatArray, FloatArray, Mask]:
-    """Return where edges meet the other sheet, at what share of them, and whether they do."""
-    if len(a) == 0:
-        return np.empty((0, 3)), np.empty(0), np.zeros(0, np.bool_)
+    """Return where edges meet the other sheet, at what share of them, and whether they do.
+
+    Of both ends there are places (2, e, 3) and heights (2, e), of one face there the normal (e, 3).
+    """
+    (a, b), (left, right) = ends, heights
     low, high = np.zeros(len(a)), np.ones(len(a))
-    share = at_a / (at_a - at_b)
-    value, row = share, np.zeros(len(a), np.int32)
-    distance = np.zeros(len(a))
-    left, right = np.array(at_a), np.array(at_b)
+    share = left / (left - right)
     for _ in range(4):  # the other sheet is bent: false position, kept within the bracket
-        place = a + share[:, None] * (b - a)
-        value, distance, row = other.offsets(place)
+        value, _, _ = other.offsets(a + share[:, None] * (b - a))
         same = np.sign(value) == np.sign(left)
         low, left = np.where(same, share, low), np.where(same, value, left)
         high, right = np.where(same, high, share), np.where(same, right, value)
         gap = left - right
         share = low + (high - low) * np.where(gap != 0, left / np.where(gap != 0, gap, 1.0), 0.5)
     place = a + share[:, None] * (b - a)
-    value, distance, row = other.offsets(place)
+    _, distance, row = other.offsets(place)
     half = other.half[other.faces[row]].mean(axis=1)
-    normal = _face_normals(sheet.mesh, h // 3)
-    steep = np.abs(np.einsum("ia,ia->i", normal, other.normals[row])) < ACROSS
+    steep = np.abs(np.einsum("ia,ia->i", normals, other.normals[row])) < ACROSS
     return place, share, steep & (distance <= NEAR * half)
 
 
 def _face_normals(mesh: EditMesh, rows: Index) -> FloatArray:
-    a, b, c = (mesh.points[mesh.faces[rows, j]] for j in range(3))
-    cross = np.cross(b - a, c - a)
-    length = np.linalg.norm(cross, axis=1, keepdims=True)
-    return np.divide(cross, length, out=np.zeros_like(cross), where=length > 0)
+    return unit_rows(corner_vectors(mesh.points, mesh.faces[rows]))
 
 
 def _snapped(
@@ -163,11 +149,8 @@ def _snapped(
         v = int(a[i] if share[i] < 0.5 else b[i])
         edges, border = mesh.leaving_edges(v)
         marked = any(mesh.marks[e] or mesh.marks[3 * (e // 3) + (e + 2) % 3] for e in edges)
-        if (border and mesh.twins[h[i]] >= 0) or (marked and not mesh.marks[h[i]]):
-            continue
-        if border or marked:  # it may slide along a straight line only
-            continue
-        if mesh.may_move(v, place[i]):
+        # On a border or a mark it could slide along a straight line only.
+        if not border and not marked and mesh.may_move(v, place[i]):
             mesh.points[v] = place[i]
             on.add(v)
             done[i] = True
@@ -262,8 +245,7 @@ def drop_stubs(sheet: CutSheet) -> None:
     mesh = sheet.mesh
     label = _pieces(mesh, np.ones(mesh.face_count, np.bool_))
     faces = np.where(mesh.faces[: mesh.face_count] < 0, 0, mesh.faces[: mesh.face_count])
-    a, b, c = (mesh.points[faces[:, k]] for k in range(3))
-    area = np.linalg.norm(np.cross(b - a, c - a), axis=1) * mesh.alive
+    area = twice_areas(mesh.points, faces) * mesh.alive
     total = np.bincount(label, area)
     core = np.bincount(label, area * (mesh.tags[: mesh.face_count] == CORE))
     mesh = mesh.without((core < LEAST_CORE * total)[label])
@@ -275,11 +257,11 @@ def drop_stubs(sheet: CutSheet) -> None:
     sheet.mesh = mesh.without(ahead & ~meets[label])
 
 
-def _pieces(mesh: EditMesh, chosen: Mask) -> IntArray:
-    """Give a number to each piece of chosen faces that hang together across no cut."""
+def _pieces(mesh: EditMesh, chosen: Mask, *, across_cuts: bool = False) -> IntArray:
+    """Give a number to each piece of chosen faces that hang together, across no cut as a rule."""
     h, _, _ = mesh.half_edges()
     twins = mesh.twins[h]
-    joined = (twins >= 0) & (mesh.marks[h] == 0)
+    joined = (twins >= 0) & (across_cuts | (mesh.marks[h] == 0))
     links = np.stack([h[joined] // 3, twins[joined] // 3], axis=1)
     return np.asarray(piece_labels(mesh.face_count, links[chosen[links].all(axis=1)]))
 
@@ -302,12 +284,8 @@ def tidy_borders(sheets: list[CutSheet], surface: NearestTree) -> None:
 def _drop_scraps(sheet: CutSheet) -> None:
     """Take away what hangs together with nothing and is too small for a sheet."""
     mesh = sheet.mesh
-    h, _, _ = mesh.half_edges()
-    inner = mesh.twins[h] >= 0
-    links = np.stack([h[inner] // 3, mesh.twins[h[inner]] // 3], axis=1)
-    label = piece_labels(mesh.face_count, links)
-    a, b, c = (mesh.points[mesh.faces[: mesh.face_count, k]] for k in range(3))
-    area = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
+    label = _pieces(mesh, np.ones(mesh.face_count, np.bool_), across_cuts=True)
+    area = twice_areas(mesh.points, mesh.faces[: mesh.face_count]) / 2
     core = np.bincount(label, area * (mesh.tags[: mesh.face_count] == CORE))
     small = core < LEAST_AREA * sheet.raw.thickness**2
     if small[label].any():
@@ -335,13 +313,10 @@ def join_steps(sheets: list[CutSheet], surface: NearestTree) -> None:
     """
     borders = [_inner_border(sheet, surface) for sheet in sheets]
     found: list[tuple[int, int, Index, FloatArray]] = []
-    for s, sheet in enumerate(sheets):
-        for j, other in enumerate(sheets):
-            if s == j or len(borders[s]) == 0 or len(borders[j]) == 0:
-                continue
-            rows, goals = _facing_border(sheet, borders[s], other, borders[j])
-            if len(rows):
-                found.append((s, j, rows, goals))
+    for s, j in permutations(range(len(sheets)), 2):
+        if len(borders[s]) and len(borders[j]):
+            rows, goals = _facing_border(sheets[s], borders[s], sheets[j], borders[j])
+            found.append((s, j, rows, goals))
     for s, j, rows, goals in found:
         mesh = sheets[s].mesh
         mesh.points[rows] = (mesh.points[rows] + goals) / 2

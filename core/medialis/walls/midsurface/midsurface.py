@@ -11,11 +11,11 @@ import math
 from collections import defaultdict
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from medialis.base.arrays import Described, Index
+from medialis.base.arrays import Described, Index, rows_of_labels, twice_areas
 from medialis.base.errors import InvalidShapeError
 from medialis.base.options import Options, algorithm, angle, length
 from medialis.base.progress import Progress
@@ -85,16 +85,8 @@ class Midsurface(Described):
 
     def __post_init__(self) -> None:
         n, m, e = len(self.points), len(self.faces), len(self.weld)
-        hold(
-            self,
-            points=(np.float64, n, 3),
-            faces=(np.int32, m, 3),
-            thickness=(np.float64, n),
-            face_thickness=(np.float64, m),
-            sheet=(np.int32, m),
-            weld_edges=(np.int32, e, 2),
-            weld=(np.int32, e),
-        )
+        hold(self, points=(n, 3), faces=(m, 3), thickness=n, face_thickness=m, sheet=m)
+        hold(self, weld_edges=(e, 2), weld=e)
 
     @property
     def sheets(self) -> int:
@@ -109,8 +101,7 @@ class Midsurface(Described):
     @cached_property
     def areas(self) -> FloatArray:
         """Area of each face, (m,)."""
-        a, b, c = (self.points[self.faces[:, j]] for j in range(3))
-        return np.asarray(np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2)
+        return twice_areas(self.points, self.faces) / 2
 
     def of_sheet(self, number: int) -> dict[str, float | int]:
         """Return area, number of faces, and mean, smallest and largest thickness of one sheet."""
@@ -174,8 +165,8 @@ def find_lumps(shape: Shape, sheets: Midsurface) -> tuple[tuple[Lump, ...], floa
     outside = np.flatnonzero(distance > BESIDE * half)
     label = _pieces(inside[outside], count)
     found = []
-    for number in np.unique(label):
-        mine = places[outside[label == number]]
+    for rows in rows_of_labels(label):
+        mine = places[outside[rows]]
         share = len(mine) / len(inside)
         if share >= LEAST_SHARE:
             x, y, z = mine[np.linalg.norm(mine - mine.mean(axis=0), axis=1).argmin()].tolist()
@@ -230,9 +221,8 @@ def assembled(
     nodes : int
         How many of the places are nodes, the first ones.
     """
-    points, faces, owner, count = [places], [], [], len(places)
-    halves = np.zeros(len(places))
-    values = []
+    points, faces, means, owner, values = [places], [], [], [], []
+    count, halves = len(places), np.zeros(len(places))
     for s, (sheet, known) in enumerate(zip(sheets, numbers, strict=True)):
         mesh = sheet.mesh
         corners = mesh.faces[: mesh.face_count][mesh.alive]
@@ -245,22 +235,23 @@ def assembled(
         half = np.zeros(mesh.vertex_count)
         if len(used):
             half[used] = sheet.raw.at(mesh.points[used])[1]
-        np.maximum.at(halves, number[used[number[used] < len(places)]],
-                      half[used[number[used] < len(places)]])  # fmt: skip
+        shared = used[number[used] < len(places)]
+        np.maximum.at(halves, number[shared], half[shared])
         points.append(mesh.points[own])
         values.append(half[own])
-        faces.append((number[corners], half[corners].mean(axis=1)))
+        faces.append(number[corners])
+        means.append(half[corners].mean(axis=1))
         owner.append(np.full(len(corners), s, np.int32))
         count += len(own)
     every = np.concatenate(points)
-    triangles = np.concatenate([f for f, _ in faces]).reshape(-1, 3)
+    triangles = np.concatenate(faces).reshape(-1, 3)
     fine = (triangles != np.roll(triangles, 1, axis=1)).all(axis=1)
     triangles = triangles[fine]
     used, compact = np.unique(triangles, return_inverse=True)
     new = np.full(len(every), -1, np.int64)
     new[used] = np.arange(len(used))
     half = np.concatenate([halves, *values])
-    mean = np.concatenate([h for _, h in faces])[fine]
+    mean = np.concatenate(means)[fine]
     raw_sheet = np.concatenate(owner)[fine]
     mesh_faces = compact.reshape(-1, 3).astype(np.int32)
     edges, of_edge = _weld_edges(curves, nodes, new)
@@ -271,12 +262,12 @@ def assembled(
 
 def _weld_edges(curves: list[Curve], nodes: int, new: Index) -> tuple[IntArray, IntArray]:
     """Return the edges of all curves of several sheets, and the curve of each."""
-    result, of_edge = [], []
-    first = _first_numbers(curves, nodes)
+    result, of_edge, first = [], [], nodes
     for k, curve in enumerate(curves):
+        inner = first + np.arange(len(curve.places) - 2)
+        first += len(inner)
         if len(curve.chains) < 2:
             continue
-        inner = first[k] + np.arange(len(curve.places) - 2)
         line = new[np.concatenate([[curve.nodes[0]], inner, [curve.nodes[1]]])]
         result.append(np.stack([line[:-1], line[1:]], axis=1))
         of_edge.append(np.full(len(line) - 1, k, np.int32))
@@ -285,14 +276,6 @@ def _weld_edges(curves: list[Curve], nodes: int, new: Index) -> tuple[IntArray, 
     edges, of_all = np.concatenate(result).astype(np.int32), np.concatenate(of_edge)
     there = (edges >= 0).all(axis=1) & (edges[:, 0] != edges[:, 1])
     return edges[there], of_all[there]
-
-
-def _first_numbers(curves: list[Curve], nodes: int) -> list[int]:
-    result, count = [], nodes
-    for curve in curves:
-        result.append(count)
-        count += len(curve.places) - 2
-    return result
 
 
 def _at_edges(faces: IntArray, edges: IntArray, count: int) -> dict[tuple[int, int], list[int]]:
@@ -343,8 +326,7 @@ def _numbered(
                 votes[pair] += length if on and alike else -length
     links = np.array([pair for pair, vote in votes.items() if vote > 0], np.int64).reshape(-1, 2)
     joined = piece_labels(count, links)[raw_sheet]
-    x, y, z = (points[faces[:, j]] for j in range(3))
-    area = np.bincount(joined, np.linalg.norm(np.cross(y - x, z - x), axis=1), minlength=count)
+    area = np.bincount(joined, twice_areas(points, faces), minlength=count)
     order = np.lexsort((np.arange(count), -area))
     rank = np.empty(count, np.int32)
     rank[order] = np.arange(count)
@@ -415,7 +397,9 @@ def middle_of_walls(
     sides = find_sides(balls, least_angle, crease)
     raws = raw_sheets(sides)
     if not raws:
-        return nothing()
+        none: Any = np.empty(0)
+        threes, pairs = none.reshape(0, 3), none.reshape(0, 2)
+        return Midsurface(threes, threes, none, none, none, pairs, none)
     progress.update(0.3)
     sheets = cut_sheets(raws)
     surface = NearestTree.of_triangles(shape.points, np.asarray(shape.faces))
@@ -434,15 +418,6 @@ def middle_of_walls(
         return found
     lumps, share = run_patiently(lambda: find_lumps(shape, found), progress)
     return replace(found, lumps=lumps, wall_share=share)
-
-
-def nothing() -> Midsurface:
-    """Return a midsurface without sheets."""
-    none = np.empty((0, 3))
-    return Midsurface(
-        none, np.empty((0, 3), np.int32), np.empty(0), np.empty(0), np.empty(0, np.int32),
-        np.empty((0, 2), np.int32), np.empty(0, np.int32),
-    )  # fmt: skip
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -72,13 +72,11 @@ def _note_lumps(found: Midsurface, progress: Progress) -> None:
     elif found.lumps:
         shares = ", ".join(f"{100 * lump.share:.1f} %" for lump in found.lumps[:5])
         more = ", ..." if len(found.lumps) > 5 else ""
-        progress.note(
+        text = (
             f"{counted(len(found.lumps), 'solid lump', verbs=('has', 'have'))} no midsurface: "
-            f"{shares}{more} of the volume. {100 * found.wall_share:.0f} % of it are walls.",
-            "lumps",
-            lumps=len(found.lumps),
-            wall_share=found.wall_share,
+            f"{shares}{more} of the volume. {100 * found.wall_share:.0f} % of it are walls."
         )
+        progress.note(text, "lumps", lumps=len(found.lumps), wall_share=found.wall_share)
 
 
 def _layers(found: Midsurface) -> tuple[Layer, ...]:
@@ -99,16 +97,10 @@ def _layers(found: Midsurface) -> tuple[Layer, ...]:
     edges = rows.reshape(-1, 2).astype(np.int32)
     weld = np.zeros(len(used), np.int32)
     weld[edges] = found.weld[:, None]
-    welds = Layer(
-        "midsurface_welds",
-        found.points[used],
-        edges=edges,
-        attributes={"weld": weld, "thickness": found.thickness[used]},
-        color_by="weld",
-        labels=("weld",),
-        role="hidden",
-    )
-    return sheets, welds
+    fields: dict[str, Any] = {"weld": weld, "thickness": found.thickness[used]}
+    shown: dict[str, Any] = {"color_by": "weld", "labels": ("weld",), "role": "hidden"}
+    points = found.points[used]
+    return sheets, Layer("midsurface_welds", points, edges=edges, attributes=fields, **shown)
 
 
 def _values(found: Midsurface, shape: Shape) -> dict[str, Any]:

@@ -6,6 +6,7 @@ in rounds (Botsch and Kobbelt 2004), and keeps vertices on the sheet.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -108,10 +109,9 @@ class EditMesh:
                 room[: len(old)] = old
                 setattr(self, name, room)
 
-    def split(self, h: int, place: FloatArray) -> int:
-        """Put a vertex on an edge and return its number."""
-        a, b = (np.array([v], np.int64) for v in (self.start(h), self.end(h)))
-        return int(self.split_between(a, b, place[None])[0])
+    def split(self, a: int, b: int, place: FloatArray) -> int:
+        """Put a vertex on the edge between two others and return its number."""
+        return int(self.split_between(np.array([a]), np.array([b]), place[None])[0])
 
     def split_between(self, a: Index, b: Index, places: FloatArray) -> Index:
         """Put vertices on the edges between pairs of vertices; -1 where there is no such edge."""
@@ -145,10 +145,6 @@ class EditMesh:
     def end(self, h: int) -> int:
         """Return the vertex that a half-edge leads to."""
         return int(self.faces[h // 3, (h + 1) % 3])
-
-    def start(self, h: int) -> int:
-        """Return the vertex that a half-edge leaves."""
-        return int(self.faces[h // 3, h % 3])
 
     def edge_between(self, a: int, b: int) -> int:
         """Return a half-edge from a to b, or from b to a; -1: there is none."""
@@ -184,12 +180,13 @@ def remesh(
         last = turn == ROUNDS - 1
         if not last:
             kind = _split(mesh, kind, LONG * edge)
-            _collapse(mesh, kind, SHORT * edge, LONG * edge)
-        _flip(mesh)
+            lengths = SHORT * edge, LONG * edge
+            _until_none(MOST_COLLAPSES, kernels.collapse_edges, mesh, kind, *lengths)
+        _until_none(MOST_FLIPS, kernels.flip_edges, mesh)
         for _ in range(SMOOTHINGS):
             kernels.smooth_vertices(mesh.arrays, kind)
         _project(mesh, kind, raw)
-        _flip(mesh)
+        _until_none(MOST_FLIPS, kernels.flip_edges, mesh)
 
 
 def _split(mesh: EditMesh, kind: NDArray[np.int8], longest: float) -> NDArray[np.int8]:
@@ -200,15 +197,10 @@ def _split(mesh: EditMesh, kind: NDArray[np.int8], longest: float) -> NDArray[np
     return np.concatenate([kind, np.full(mesh.vertex_count - len(kind), FREE, np.int8)])
 
 
-def _collapse(mesh: EditMesh, kind: NDArray[np.int8], low: float, high: float) -> None:
-    for _ in range(MOST_COLLAPSES):
-        if kernels.collapse_edges(mesh.arrays, kind, low, high) == 0:
-            return
-
-
-def _flip(mesh: EditMesh) -> None:
-    for _ in range(MOST_FLIPS):
-        if kernels.flip_edges(mesh.arrays) == 0:
+def _until_none(most: int, change: Callable[..., int], mesh: EditMesh, *how: Any) -> None:
+    """Change edges again and again, until there is none to change."""
+    for _ in range(most):
+        if change(mesh.arrays, *how) == 0:
             return
 
 

@@ -13,12 +13,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from medialis.base.arrays import Index, Mask
+from medialis.base.arrays import Index, Mask, corner_vectors, kd_tree, twice_areas, unit_rows
 from medialis.base.box_tree import NearestTree, nearest_on_triangles
 from medialis.base.validation import FloatArray, IntArray
 from medialis.shape.creases import Creases, find_creases
 from medialis.shape.shape import Shape
-from medialis.shape.surface import piece_labels
+from medialis.shape.surface import Topology, link_matrix, piece_labels
 from medialis.skeleton.medial_cloud import MedialCloud
 from medialis.walls.ribs import faces_in_walls
 
@@ -169,12 +169,10 @@ def folded_faces(shape: Shape, links: Index, width: float) -> Mask:
     often that this spreads over `width`: beside an edge of 50 degrees it is 25 degrees off, on a
     cylinder none, and where a bend of the inner radius of two widths begins 7.
     """
-    from scipy.sparse import csr_array, diags_array
+    from scipy.sparse import diags_array
 
     m, steps = shape.face_count, round((width / max(shape.spacing, 1e-300)) ** 2 * SPREAD)
-    one, two = links.T
-    ones = np.ones(2 * len(links))
-    matrix = csr_array((ones, (np.r_[one, two], np.r_[two, one])), shape=(m, m))
+    matrix = link_matrix(m, links)
     mean = diags_array(1.0 / (1.0 + matrix.sum(axis=1))) @ (matrix + diags_array(np.ones(m)))
     normals = np.array(shape.face_normals)
     for _ in range(min(max(steps, 1), MOST_STEPS)):
@@ -244,8 +242,7 @@ def _grown(
         if len(there) == 0:
             break
         order = np.lexsort((origin, new, there))
-        first = np.unique(there[order], return_index=True)[1]
-        chosen = order[first]
+        chosen = order[np.unique(there[order], return_index=True)[1]]
         moved = np.zeros(len(label), np.bool_)
         moved[there[chosen]] = True
         distance[there[chosen]], source[there[chosen]] = new[chosen], origin[chosen]
@@ -274,10 +271,8 @@ def _united(
         row[one.vertices] = np.arange(len(one.vertices))
         for k in (0, 1):
             mine = pair[:, k] == number
-            middle[k, mine], half[k, mine] = (
-                one.middle[row[vertex[mine]]],
-                one.half[row[vertex[mine]]],
-            )
+            here = row[vertex[mine]]
+            middle[k, mine], half[k, mine] = one.middle[here], one.half[here]
     thinner = np.minimum(half[0], half[1])
     steps = np.abs(half[0] - half[1]) / thinner
     folds = np.linalg.norm(middle[0] - middle[1], axis=2) / thinner
@@ -325,8 +320,7 @@ def _side_normals(points: FloatArray, faces: NDArray[Any], shape: Shape, rows: I
         cross = np.linalg.norm(np.cross(left, right), axis=1)
         weight = np.arctan2(cross, np.einsum("ij,ij->i", left, right))
         np.add.at(total, faces[:, j], weight[:, None] * shape.face_normals[rows])
-    length = np.linalg.norm(total, axis=1, keepdims=True)
-    return total / np.where(length > 0, length, 1.0)
+    return unit_rows(total)
 
 
 def _extended(
@@ -336,11 +330,9 @@ def _extended(
 
     The slope is at most that of the steepest wall that counts as one, tan 15 degrees.
     """
-    from scipy.spatial import cKDTree
-
     if len(places) == 0:
         return np.empty(0)
-    tree, k = cKDTree(known), min(NEIGHBOURS, len(known))
+    tree, k = kd_tree(known), min(NEIGHBOURS, len(known))
     distance, first = tree.query(places)
     back = (known[first] - places) / np.where(distance > 0, distance, 1.0)[:, None]
     step = np.maximum(distance, values[first] / 2)[:, None]
@@ -432,26 +424,20 @@ class RawSheet:
     @cached_property
     def normals(self) -> FloatArray:
         """Unit normals of the faces; zero where they have no area."""
-        a, b, c = (self.points[self.faces[:, j]] for j in range(3))
-        cross = np.cross(b - a, c - a)
-        length = np.linalg.norm(cross, axis=1, keepdims=True)
-        return np.divide(cross, length, out=np.zeros_like(cross), where=length > 0)
+        return unit_rows(corner_vectors(self.points, self.faces))
 
     @cached_property
     def vertex_normals(self) -> FloatArray:
         """Unit normals of the vertices, by the areas of their faces."""
-        a, b, c = (self.points[self.faces[:, j]] for j in range(3))
-        cross, total = np.cross(b - a, c - a), np.zeros_like(self.points)
+        cross, total = corner_vectors(self.points, self.faces), np.zeros_like(self.points)
         for j in range(3):
             np.add.at(total, self.faces[:, j], cross)
-        length = np.linalg.norm(total, axis=1, keepdims=True)
-        return np.divide(total, length, out=np.zeros_like(total), where=length > 0)
+        return unit_rows(total)
 
     @property
     def areas(self) -> FloatArray:
         """Area of each face."""
-        a, b, c = (self.points[self.faces[:, j]] for j in range(3))
-        return np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
+        return twice_areas(self.points, self.faces) / 2
 
     @cached_property
     def thickness(self) -> float:
@@ -483,8 +469,11 @@ class RawSheet:
 def raw_sheets(sides: Sides) -> list[RawSheet]:
     """Return a sheet for each wall, made from the side that tells most of it, extended."""
     shape = sides.shape
-    chosen = [_as_sheet(side, sides) for side in _chosen_sides(sides)]
-    chosen = [sheet for sheet in chosen if _large(sheet)]
+    chosen = [
+        sheet
+        for sheet in (_as_sheet(side, sides) for side in _chosen_sides(sides))
+        if float((sheet.areas * sheet.core).sum()) > LEAST_AREA * sheet.thickness**2
+    ]
     if not chosen:
         return []
     surface = NearestTree.of_triangles(shape.points, np.asarray(shape.faces))
@@ -492,16 +481,12 @@ def raw_sheets(sides: Sides) -> list[RawSheet]:
     return [extended(sheet, surface, farthest) for sheet in chosen]
 
 
-def _large(sheet: RawSheet) -> bool:
-    return float((sheet.areas * sheet.core).sum()) > LEAST_AREA * sheet.thickness**2
-
-
 def _chosen_sides(sides: Sides) -> list[Side]:
     """Return sides whose opposites cover all others, the largest middles first."""
     shape, count = sides.shape, sides.count
     faces = np.asarray(shape.faces)
     every = [side_of(sides, number) for number in range(count)]
-    areas = np.array([_area(side.middle, side.faces) for side in every])
+    areas = np.array([float(twice_areas(s.middle, s.faces).sum() / 2) for s in every])
     areas[sides.abrupt] *= ABRUPT
     core = sides.core & (sides.label >= 0)
     own = sides.label[core]
@@ -518,16 +503,9 @@ def _chosen_sides(sides: Sides) -> list[Side]:
     return [every[number] for number in chosen]
 
 
-def _area(points: FloatArray, faces: Index) -> float:
-    a, b, c = (points[faces[:, j]] for j in range(3))
-    return float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2)
-
-
 def _as_sheet(side: Side, sides: Sides) -> RawSheet:
-    core = sides.core[side.rows]
-    a, b, c = (side.middle[side.faces[:, j]] for j in range(3))
-    fine = np.linalg.norm(np.cross(b - a, c - a), axis=1) > 0
-    kind = np.where(core[fine], CORE, GROWN).astype(np.int32)
+    fine = twice_areas(side.middle, side.faces) > 0
+    kind = np.where(sides.core[side.rows][fine], CORE, GROWN).astype(np.int32)
     return RawSheet(side.middle, side.faces[fine].astype(np.int32), side.half, kind)
 
 
@@ -538,8 +516,6 @@ def extended(sheet: RawSheet, surface: NearestTree, farthest: float) -> RawSheet
     moved on in the plane of its faces, at right angles to the border; at the ends of such a piece
     of the border along the rim. The march stops at the surface, or after `farthest`.
     """
-    from medialis.shape.surface import Topology
-
     points, faces = sheet.points, sheet.faces
     twins = Topology(faces, len(points)).edge_twins
     border = np.flatnonzero(twins < 0)
@@ -555,8 +531,7 @@ def extended(sheet: RawSheet, surface: NearestTree, farthest: float) -> RawSheet
     if not inner.any():
         return sheet
     along = points[b] - points[a]
-    length = np.linalg.norm(along, axis=1, keepdims=True)
-    along = along / np.where(length > 0, length, 1.0)
+    along = unit_rows(along)
     outward = np.cross(along, _normals_of_core(sheet, middle))
     direction, weight = np.zeros_like(points), np.zeros(len(points))
     for ends in (a, b):
@@ -583,27 +558,20 @@ def extended(sheet: RawSheet, surface: NearestTree, farthest: float) -> RawSheet
 
 def _normals_of_core(sheet: RawSheet, places: FloatArray) -> FloatArray:
     """Return the mean normals of the nearest faces between opposite walls: no blend bends them."""
-    from scipy.spatial import cKDTree
-
     rows = np.flatnonzero(sheet.core)
-    tree = cKDTree(sheet.points[sheet.faces[rows]].mean(axis=1))
+    tree = kd_tree(sheet.points[sheet.faces[rows]].mean(axis=1))
     near = tree.query(places, k=np.arange(1, min(NEAREST, len(rows)) + 1))[1]
-    total = sheet.normals[rows[near]].sum(axis=1)
-    length = np.linalg.norm(total, axis=1, keepdims=True)
-    return np.asarray(total / np.where(length > 0, length, 1.0))
+    return unit_rows(sheet.normals[rows[near]].sum(axis=1))
 
 
 def _smoothed(direction: FloatArray, a: IntArray, b: IntArray) -> FloatArray:
     """Return unit vectors at the ends of edges a, b, each with those of its neighbours."""
     for _ in range(SMOOTHINGS):
-        size = np.linalg.norm(direction, axis=1, keepdims=True)
-        direction = direction / np.where(size > 0, size, 1.0)
-        total = 2.0 * direction
-        np.add.at(total, a, direction[b])
-        np.add.at(total, b, direction[a])
-        direction = total
-    size = np.linalg.norm(direction, axis=1, keepdims=True)
-    return np.asarray(direction / np.where(size > 0, size, 1.0))
+        before = unit_rows(direction)
+        direction = 2.0 * before
+        np.add.at(direction, a, before[b])
+        np.add.at(direction, b, before[a])
+    return unit_rows(direction)
 
 
 def _march(
@@ -651,8 +619,7 @@ def _with_strip(
     stays = ahead[a] | ahead[b]
     kind = np.concatenate([stays[both], stays[both], stays[only_a], stays[only_b]])
     points = np.concatenate([sheet.points, far[moving]])
-    x, y, z = (points[more[:, j]] for j in range(3))
-    fine = np.linalg.norm(np.cross(y - x, z - x), axis=1) > 0
+    fine = twice_areas(points, more) > 0
     return RawSheet(
         points,
         np.concatenate([sheet.faces, more[fine]]),
