@@ -9,7 +9,8 @@
 #   make kernels
 # For work on the Blender extension:
 #   make hosts             environments with Blender as a module, 1 GB each; `make test` uses them
-#   make blender           the extension's zips for all platforms, in dist/blender
+#   make blender           the extension's zip for this system, in dist/blender; CORE=folder
+#                          names one with the core's wheels of other systems, for zips of these too
 #   make blender-repository   these with an index.json that Blender installs and updates from
 # For the filters in MeshLab's menu (docs/meshlab.md says what it needs):
 #   make meshlab-plugin    the plugin for the MeshLab of this machine
@@ -86,7 +87,7 @@ hosts:
 	tests/blender/make_hosts.sh
 
 blender: $(VENV)/installed-dev
-	$(RUN) blender_addon/packaging/build_extension.py
+	$(RUN) blender_addon/packaging/build_extension.py $(if $(CORE),--all --core "$(CORE)")
 
 blender-repository: blender
 	$(RUN) blender_addon/packaging/build_repository.py

@@ -1,12 +1,16 @@
 """Seconds of what the Blender adapter does, with `import bpy`: `python benchmarks/blender.py`.
 
 With `--large` also operations on a million triangles, and how long Blender does not answer; with
-`--first` a new profile: enabling, and the first and the second operation with nothing compiled.
+`--first ZIP` the first clicks after that zip was installed in a new profile, the process that
+computes included.
 """
 
 import argparse
+import json
 import os
+import subprocess
 import sys
+import sysconfig
 import tempfile
 import time
 from pathlib import Path
@@ -118,25 +122,56 @@ def large():
         jobs.stop()
 
 
-def first():
-    """Print what a new profile takes: a folder of kernels without any."""
+def first(extension):
+    """Print what the first click takes in a new profile, in the session that installs, and later.
+
+    The session of the tests imports only bpy and what lies beside it: the core is that of the zip.
+    """
+    session = ROOT / "tests" / "blender" / "extension_session.py"
     with tempfile.TemporaryDirectory() as folder:
-        os.environ["MEDIALIS_CACHE_DIR"] = folder
-        print(f"| enable | {ENABLED:.2f} s | with import of the core |")
-        chosen = add("torus", *torus(100, 50))
-        for name in ("thickness", "thickness", "surface_skeleton", "surface_skeleton"):
-            answering(name, chosen)
-        jobs.stop()
+        for name in ("site", "home", "cache", "blender"):
+            (Path(folder) / name).mkdir()
+        for path in Path(sysconfig.get_path("purelib")).iterdir():
+            if not path.name.startswith(
+                ("scipy", "numba", "llvmlite", "medialis", "threadpoolctl")
+            ):
+                (Path(folder) / "site" / path.name).symlink_to(path)
+        environment = {
+            "PATH": os.environ["PATH"],
+            "HOME": f"{folder}/home",
+            "XDG_CACHE_HOME": f"{folder}/cache",
+            "BLENDER_USER_RESOURCES": f"{folder}/blender",
+        }
+        print(f"Blender {bpy.app.version_string}\n| | clock | processor time |\n|---|---|---|")
+        print(f"| enable, with import of the core | {ENABLED:.2f} s | |")
+        for name, step in (("installed", f"install={extension}"), ("next session", "enable")):
+            command = [
+                sys.executable,
+                "-I",
+                "-S",
+                "-B",
+                str(session),
+                f"{folder}/site",
+                step,
+                "click",
+            ]
+            run = subprocess.run(command, env=environment, capture_output=True, text=True)
+            lines = [line for line in run.stdout.splitlines() if line.startswith("RESULT ")]
+            if not lines:
+                raise SystemExit(run.stdout + run.stderr)
+            found = json.loads(lines[-1].removeprefix("RESULT "))
+            seconds, processor = found["seconds"], found["processor seconds"]
+            print(f"| first click, {name} | {seconds:.2f} s | {processor:.2f} s |")
 
 
 def main():
     """Print a table."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--large", action="store_true", help="only a million triangles")
-    parser.add_argument("--first", action="store_true", help="only a new profile")
+    parser.add_argument("--first", type=Path, metavar="ZIP", help="only a new profile")
     chosen = parser.parse_args()
     if chosen.large or chosen.first:
-        return large() if chosen.large else first()
+        return large() if chosen.large else first(chosen.first.resolve())
     print(f"Blender {bpy.app.version_string}\n| | best of 3 | limit |\n|---|---|---|")
     rng = np.random.default_rng(0)
     n = 500_000

@@ -17,7 +17,7 @@ def own_folder(name: str) -> Path:
     Parameters
     ----------
     name : str
-        "exchange" for arrays on their way, "kernels" for compiled code.
+        "exchange" for arrays on their way.
     """
     if __package__.startswith("bl_ext."):
         return Path(bpy.utils.extension_path_user(__package__, path=name, create=True))
@@ -29,19 +29,15 @@ def own_folder(name: str) -> Path:
     return folder
 
 
-def kernel_environment(chosen: str = "") -> dict[str, str]:
-    """Return the variable that tells the core where to keep compiled code.
+def kernel_environment() -> dict[str, str]:
+    """Return the variable that tells the core where it may keep compiled code.
 
-    Parameters
-    ----------
-    chosen : str
-        The folder that the user chose in the preferences, if any. Where the add-on is no extension,
-        the core's own choice stands.
+    Kernels are made ahead of time. Were there a numba of another extension, it could compile what
+    was not; where the add-on is no extension, the core's own choice of a folder stands.
     """
-    if chosen:
-        return {"MEDIALIS_CACHE_DIR": bpy.path.abspath(chosen)}
     if __package__.startswith("bl_ext."):
-        return {"MEDIALIS_CACHE_DIR": str(own_folder("kernels"))}
+        folder = bpy.utils.extension_path_user(__package__, path="kernels", create=False)
+        return {"MEDIALIS_CACHE_DIR": folder}
     return {}
 
 

@@ -21,12 +21,8 @@ _computer: Computer | None = None
 def computer() -> Computer:
     """Return the process that computes; it is started by its first job, and stays."""
     global _computer
-    environment = folders.kernel_environment(preferences.cache_folder())
-    if _computer is not None and _computer.environment != environment:
-        _computer.end()
-        _computer = None
     if _computer is None:
-        _computer = Computer(folders.own_folder("exchange"), environment)
+        _computer = Computer(folders.own_folder("exchange"), folders.kernel_environment())
     return _computer
 
 

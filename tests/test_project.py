@@ -84,3 +84,23 @@ def test_workflows_test_the_pythons_that_are_promised():
     assert tested == stated
     low, high = re.fullmatch(r">=3\.(\d+),<3\.(\d+)", PROJECT["requires-python"]).groups()
     assert stated == [f"3.{minor}" for minor in range(int(low), int(high))]
+
+
+@whole
+def test_wheels_are_built_for_these_pythons_and_tested_by_what_is_there():
+    about = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["tool"]["cibuildwheel"]
+    stated = re.findall(r"Python :: 3\.(\d+)", "\n".join(PROJECT["classifiers"]))
+    assert about["build"] == [f"cp3{minor}-*" for minor in stated]
+    tested = re.findall(r"{project}/([\w/.]+)", " ".join(about["test-command"]))
+    assert tested[0].endswith("self_test.py") and len(tested) > 5
+    assert all((ROOT / path).exists() for path in tested)
+
+
+@whole
+def test_a_release_has_what_its_jobs_upload():
+    text = (GITHUB / "workflows" / "release.yml").read_text("utf-8")
+    named = {"packages", "extension", "wheels-*", "plugins-*"}
+    uploaded = re.findall(r"upload-artifact@\S+\s+with:\s+name: ([\w-]+)(?:\$.*)?\n", text)
+    assert {name + "*" * name.endswith("-") for name in uploaded} == named
+    taken = re.findall(r"download-artifact@\S+\s+with:\s+(?:name|pattern): (\S+)\n", text)
+    assert set(taken) == named and taken.count("wheels-*") == 2

@@ -2,9 +2,11 @@
 # Make an environment with the bpy module for each Blender that tests/blender runs in:
 # .venv-bpy-4.2 and .venv-bpy-4.5 (Python 3.11), .venv-bpy-5.2 (Python 3.13).
 #
-# numba and scipy are the very wheels that the extension bundles; they stay in build/wheels, where
-# test_packaging.py takes them from. Interpreters: PYTHON311 and PYTHON313, or python3.11 and
-# python3.13 on the PATH, or pyenv's. A Blender whose Python is not there is left out with a word.
+# scipy and threadpoolctl are the very wheels that the extension bundles; they stay in build/wheels,
+# where test_packaging.py takes them from. As in the extension there is no numba: kernels are made
+# ahead for both Pythons, beside their sources, by environments of their own (build/kernels-env-*).
+# Interpreters: PYTHON311 and PYTHON313, or python3.11 and python3.13 on the PATH, or pyenv's. A
+# Blender whose Python is not there is left out with a word.
 set -euo pipefail
 cd "$(dirname "$0")/../.."
 BUILD=blender_addon/packaging/build_extension.py
@@ -25,7 +27,10 @@ sys.exit('%d.%d' % sys.version_info[:2] != '$1')" 2>/dev/null; then
 make_host() { # BLENDER PYTHON NUMPY
     local host=".venv-bpy-$1" python wheels
     local stamp="$host/installed"
-    if [ -e "$stamp" ] && [ -z "$(find "${SOURCES[@]}" -newer "$stamp")" ]; then return; fi
+    if [ -e "$stamp" ] && [ -z "$(find "${SOURCES[@]}" -newer "$stamp")" ]; then
+        "$host/bin/python" "$BUILD" --kernels # what has changed
+        return
+    fi
     python=$(find_python "$2")
     if [ -z "$python" ]; then
         echo "No tests in Blender $1: Python $2 was not found (PYTHON${2/./}=path names one)."
@@ -34,9 +39,11 @@ make_host() { # BLENDER PYTHON NUMPY
     echo "Making $host with $python ..."
     "$host/bin/python" -m pip --version >/dev/null 2>&1 || "$python" -m venv "$host"
     "$host/bin/python" -m pip install --quiet "bpy==$1.*" "$3" 'pytest>=8' 'setuptools>=77'
+    "$host/bin/python" -m pip uninstall --quiet --yes numba llvmlite # earlier hosts had them
     wheels=$("$host/bin/python" "$BUILD" --here --wheels-only)
     echo "$wheels" | tr '\n' '\0' |
         xargs -0 "$host/bin/python" -m pip install --quiet --no-deps --no-index
+    "$host/bin/python" "$BUILD" --kernels
     "$host/bin/python" -m pip install --quiet --no-deps --no-build-isolation --editable .
     touch "$stamp"
 }
@@ -44,4 +51,4 @@ make_host() { # BLENDER PYTHON NUMPY
 # numpy is Blender's own: 1.24 in the 4.2 application; the later bpy modules ask for what they have.
 make_host 4.2 3.11 'numpy==1.24.*'
 make_host 4.5 3.11 'numpy<2'
-make_host 5.2 3.13 'numpy<2.6' # the newest that the bundled numba takes
+make_host 5.2 3.13 'numpy<2.7' # the newest that the bundled scipy takes

@@ -23,6 +23,7 @@ from collections.abc import Callable, Hashable
 from contextlib import nullcontext, suppress
 from dataclasses import dataclass, replace
 from hashlib import blake2b
+from importlib.util import find_spec
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
@@ -219,6 +220,8 @@ class Host:
 
     def _watch_compiling(self) -> None:
         """Tell of kernels that are compiled: meanwhile the computation itself is silent."""
+        if find_spec("numba") is None:  # all were made ahead
+            return
         known = compiled = _compiled_kernels()
         while True:
             if not self._working.wait(PAUSE_OF_COMPILING):
