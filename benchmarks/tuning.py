@@ -14,7 +14,8 @@ means that all of them are the same on all shapes: the number is a bound on work
 rounding, or has no use. 100 % may also mean that the result came to be, or no longer did.
 
 What a number cannot change is not computed again: an operation that called no function that reads
-it, and kept results of modules that do not import its own. Numbers that are read at import, for
+it, and kept results of modules that do not import its own. On each shape the first operation of the
+folder that reads a number is run. Numbers that are read at import, for
 defaults and other constants, and those of kernels, which are compiled anew, have a process of their
 own. Results stand in tuning.json, and a run goes on where the last one ended; an entry is measured
 anew when the value in the code is another one.
@@ -46,7 +47,7 @@ RECORD = Path(__file__).resolve().parent / "tuning.json"
 
 FEATURES = {
     "rigging": ("armature", "armature naming=rigify"),
-    "walls": ("wall_check",),
+    "walls": ("wall_check", "thickness"),
     "walls/midsurface": ("midsurface",),
     "segments": ("parts", "patches", "soft_edges", "mean_shift_segments"),
     "curves": ("curve_skeleton",),
@@ -58,7 +59,7 @@ FEATURES = {
     "curves/from_views": ("view_curve_skeleton",),
     "medial_meshes": ("medial_mesh",),
 }
-"""Which operations are run for the numbers of a folder; `wall_check` computes thickness as well."""
+"""Which operations are run for the numbers of a folder: on each shape the first that reads one."""
 
 SLOW = {"medial_mesh": 4, "view_curve_skeleton": 3}
 """Operations that take seconds: one in so many shapes."""
@@ -72,12 +73,26 @@ def pairs(folder: str) -> list[tuple[str, str]]:
     return [(op, name) for op in FEATURES[folder] for name in names[:: SLOW.get(op, 1)]]
 
 
+def readers(number: Number, folder: str, base: Any) -> list[tuple[str, str]]:
+    """Return the first operation that reads a number with each shape on which one does.
+
+    Who reads numbers of kernels, and those that are read at import, is not known: all of them.
+    """
+    if is_read_at_import(number):
+        return pairs(folder)
+    found: dict[str, str] = {}
+    for operation, name in pairs(folder):
+        if name not in found and base.reads((operation, name), number):
+            found[name] = operation
+    return [(operation, name) for name, operation in found.items()]
+
+
 def measured(number: Number, folder: str, base: Any) -> dict[str, Any]:
     """Return the entry of a number: its value, how many results read it, what each way moves."""
     from tuning_suite.runs import change, in_own_process
 
     own = is_read_at_import(number)
-    chosen = [pair for pair in pairs(folder) if own or base.reads(pair, number)]
+    chosen = readers(number, folder, base)
     entry: dict[str, Any] = {"value": number.value, "reached": len(chosen)}
     for way, value in other_values(number).items():
         run = in_own_process if own else base.with_value
@@ -89,7 +104,7 @@ def measured(number: Number, folder: str, base: Any) -> dict[str, Any]:
             changes.items(), key=lambda item: item[1], default=(("", ""), (0, ""))
         )
         all_of_them = [one for one, _ in changes.values()]
-        all_of_them += [0.0] * (len(pairs(folder)) - len(chosen))
+        all_of_them += [0.0] * (len({name for _, name in pairs(folder)}) - len(chosen))
         where = f"{pair[0]}, {pair[1]}: {what}" if most else ""
         entry[way] = [round(float(np.median(all_of_them)), 6), round(most, 6) or most, where]
     return entry

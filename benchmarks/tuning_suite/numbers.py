@@ -137,6 +137,22 @@ def reaching(module: str) -> frozenset[str]:
 
 
 @cache
+def _names_from(module: str) -> frozenset[tuple[str, str]]:
+    """Return what a module imports by name: the modules and the names."""
+    return frozenset(
+        (node.module, alias.name)
+        for node in ast.walk(trees()[module])
+        if isinstance(node, ast.ImportFrom) and node.module
+        for alias in node.names
+    )
+
+
+def gets(module: str, number: Number) -> bool:
+    """Tell whether a module states a number or imports it by name."""
+    return module == number.module or (number.module, number.name) in _names_from(module)
+
+
+@cache
 def _read_at_import(module: str) -> frozenset[str]:
     """Return the names that a module reads outside of functions: for defaults, other constants."""
     names = set()
@@ -156,8 +172,7 @@ def _read_at_import(module: str) -> frozenset[str]:
 def is_read_at_import(number: Number) -> bool:
     """Tell whether a number has to be another one before modules are imported."""
     return number.in_kernels or any(
-        number.name in _read_at_import(module)
-        for module in {number.module, *(m for m in trees() if number.module in imported(m))}
+        number.name in _read_at_import(module) for module in trees() if gets(module, number)
     )
 
 

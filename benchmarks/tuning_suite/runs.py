@@ -22,7 +22,7 @@ import numpy as np
 import medialis
 from medialis.base import cache_folder, kept
 from tuning_suite import shapes
-from tuning_suite.numbers import PACKAGE, Number, is_kernels, module_of, path_of, reaching, trees
+from tuning_suite.numbers import PACKAGE, Number, gets, is_kernels, module_of, path_of, reaching
 
 Told = Mapping[str, Any]
 Pair = tuple[str, str]
@@ -96,16 +96,32 @@ def change(before: Told, after: Told) -> tuple[float, str]:
     found = (0.0, "")
     for name in {*before, *after}:
         a, b = before.get(name, 0), after.get(name, 0)
-        if a == b:
-            continue
         if isinstance(a, list) or isinstance(b, list):
             a, b = a or [], b or []
             same = sum(x == y for x, y in zip(a, b, strict=False))
-            share = 1 - same / max(len(a), len(b))
+            share = 1 - same / (max(len(a), len(b)) or 1) if a != b else 0.0
         else:
-            share = abs(a - b) / max(abs(a), abs(b))
-        found = max(found, (share, name))
+            share = abs(a - b) / max(abs(a), abs(b)) if a != b else 0.0
+        if share:
+            found = max(found, (share, name))
     return found
+
+
+_callers: dict[Any, str] = {}
+"""Which module asked for what is kept: its numbers may be in it as well."""
+
+
+def _note_callers() -> None:
+    store = kept._memory.store
+
+    def noted(key: Any, *given: Any) -> None:
+        _callers[key] = sys._getframe(2).f_globals["__name__"]
+        store(key, *given)
+
+    kept._memory.store = noted  # type: ignore[method-assign]
+
+
+_note_callers()
 
 
 class Base:
@@ -153,18 +169,21 @@ class Base:
         """Tell whether a function was called that reads a number; of kernels none is known."""
         self.result(pair)
         readers = self._readers[pair].get(number.name, set())
-        return number.in_kernels or bool(readers & reaching(number.module))
+        return number.in_kernels or any(gets(module, number) for module in readers)
 
     def with_value(self, number: Number, value: float, pairs: list[Pair]) -> list[dict[str, Any]]:
         """Run with another value of a number that only functions read."""
-        holders = [sys.modules[name] for name in reaching(number.module) if name in sys.modules]
         holders = [
-            one for one in holders if _gets(one.__name__, number) and hasattr(one, number.name)
+            sys.modules[name]
+            for name in reaching(number.module)
+            if name in sys.modules
+            and gets(name, number)
+            and hasattr(sys.modules[name], number.name)
         ]
         memory = kept._memory._entries
         entries = dict(memory)
         for key in entries:
-            if key[0][0] in reaching(number.module):
+            if not {key[0][0], _callers.get(key)}.isdisjoint(reaching(number.module)):
                 del memory[key]
         for module in holders:
             setattr(module, number.name, value)
@@ -175,16 +194,6 @@ class Base:
                 setattr(module, number.name, number.value)
             memory.clear()
             memory.update(entries)
-
-
-def _gets(module: str, number: Number) -> bool:
-    """Tell whether a module states a number or imports it by name."""
-    return module == number.module or any(
-        isinstance(node, ast.ImportFrom)
-        and node.module == number.module
-        and any(alias.name == number.name for alias in node.names)
-        for node in ast.walk(trees()[module])
-    )
 
 
 def in_own_process(number: Number, value: float, pairs: list[Pair]) -> list[dict[str, Any]]:
