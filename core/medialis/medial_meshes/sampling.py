@@ -38,6 +38,9 @@ BESIDE = 1e-6
 CANDIDATES = 4
 """Candidates for each sample: they carry the planes that the balls are fitted to."""
 
+AS_APART = 0.81
+"""Spacing of samples in roots of the area for each: about as many come as are asked for."""
+
 PIECES = 16
 """Pieces that faces are cut into for each sample, at most, besides one for each face."""
 
@@ -298,7 +301,7 @@ def take_samples(solid: Solid, count: int, seed: int) -> Samples:
     """Choose about `count` samples, more where the shape is thin."""
     surface = solid.surface
     area = float(surface.face_areas[solid.walls].sum())
-    spacing = 0.81 * math.sqrt(area / count)
+    spacing = AS_APART * math.sqrt(area / count)
     pieces, corners, _ = run_together(
         lambda: _cut(solid, 2 * spacing, PIECES * count),
         lambda: _corner_normals(solid),
