@@ -21,6 +21,7 @@ from medialis.base.threads import run_chunks, run_together
 from medialis.base.validation import FloatArray, IntArray, frozen
 from medialis.medial_meshes.envelope import box_tree
 from medialis.shape.graph import VIEW
+from medialis.shape.normals import CREASE_ANGLE
 from medialis.shape.surface import Surface
 
 if TYPE_CHECKING:
@@ -59,8 +60,8 @@ THIN = 1.0
 PAIRED = 0.6
 """Their spacing, as a share of the largest: it need not follow the thickness."""
 
-SMOOTH = math.cos(math.radians(30.0))
-"""Faces that bend less than 30 degrees are one smooth surface, as everywhere."""
+SMOOTH = math.cos(math.radians(CREASE_ANGLE))
+"""Faces that bend less are one smooth surface, as everywhere."""
 
 JITTER = 1e-8
 """Diagonals: Delaunay tetrahedra of points exactly on planes take 20 times as long."""
