@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ast
 import importlib
-import math
 import re
 from collections.abc import Iterator, Mapping
 from functools import cache
@@ -17,6 +16,9 @@ PACKAGE = cache_folder.PACKAGE
 WAYS = ("halved", "doubled")
 LONGEST_LINE = 100
 Record = Mapping[str, Mapping[str, Any]]
+
+LARGEST = 2**31 - 1
+"""From here on numbers are largest indices, moduli, and what stands for none: they tune nothing."""
 
 NAMES_OF_PLACES = re.compile(
     r"Columns? of|Rows of|What |How a length|Their places|Numbers of a prim"
@@ -82,10 +84,11 @@ def stated(module: str) -> Iterator[tuple[ast.Assign, list[str], str]]:
 
 
 def tunes(statement: ast.Assign, text: str) -> bool:
-    """Tell whether constants tune, rather than name places or states."""
-    counted = any(isinstance(one, ast.Call) and ast.unparse(one.func) == "range"
-                  for one in ast.walk(statement.value))  # fmt: skip
-    return not counted and not NAMES_OF_PLACES.match(text)
+    """Tell whether constants tune, rather than name places or states, or follow from others."""
+    parts = list(ast.walk(statement.value))
+    counted = any(isinstance(one, ast.Call) and ast.unparse(one.func) == "range" for one in parts)
+    derived = any(isinstance(one, ast.Name) and one.id.isupper() for one in parts)
+    return not counted and not derived and not NAMES_OF_PLACES.match(text)
 
 
 def numbers_of_module(module: str) -> Iterator[Number]:
@@ -93,7 +96,7 @@ def numbers_of_module(module: str) -> Iterator[Number]:
     for statement, names, text in stated(module):
         for name in names if tunes(statement, text) else ():
             value = getattr(importlib.import_module(module), name)
-            if type(value) in (int, float) and value and math.isfinite(value):
+            if type(value) in (int, float) and 0 < abs(value) < LARGEST:
                 yield Number(module, name, value, text.split(". ")[0].replace("\n", " "))
 
 

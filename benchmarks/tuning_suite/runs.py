@@ -31,6 +31,9 @@ Pair = tuple[str, str]
 LONGER, AT_LEAST = 10.0, 20.0
 """A run may take so many times as long as with the number that stands, and at least so many s."""
 
+REFINE = 0.02
+"""Longest edge as a fraction of the diagonal: by default there are 3 to 4 times as many samples."""
+
 ROOM = 6 << 30
 """Bytes of kept results: those of all shapes."""
 
@@ -79,7 +82,9 @@ def perform(pair: Pair, seconds: float = 600.0) -> dict[str, Any]:
             raise TimeoutError
 
     operation, *words = pair[0].split()
-    options = dict(word.split("=") for word in words)
+    options: dict[str, Any] = dict(word.split("=") for word in words)
+    if any(one.name == "refine" for one in medialis.operation(operation).options.parameters()):
+        options["refine"] = REFINE
     try:
         shape = shapes.shape(pair[1])
         return told(medialis.run(operation, shape, progress=stop, threads=1, **options))

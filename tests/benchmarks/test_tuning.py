@@ -22,7 +22,7 @@ MODULES = {
 def test_the_record_is_of_the_values_in_the_code():
     """`python benchmarks/tuning.py FOLDER` measures anew what has another value."""
     record, known = read_record(), known_numbers()
-    assert len(record) > 400
+    assert record
     for key, entry in record.items():
         assert key in known, f"{key} is gone: `python benchmarks/tuning.py --write` drops it"
         assert entry["value"] == known[key].value, key
