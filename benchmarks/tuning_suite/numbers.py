@@ -71,9 +71,9 @@ def path_of(module: str) -> Path:
     return path / "__init__.py" if path.is_dir() else path.with_suffix(".py")
 
 
-def stated(module: str) -> Iterator[tuple[ast.Assign, list[str], str]]:
+def stated(tree: ast.Module) -> Iterator[tuple[ast.Assign, list[str], str]]:
     """Find the constants of a module that have a text: the statement, their names, the text."""
-    body = trees()[module].body
+    body = tree.body
     for node, after in zip(body, [*body[1:], None], strict=True):
         if not isinstance(node, ast.Assign) or not isinstance(after, ast.Expr):
             continue
@@ -93,7 +93,7 @@ def tunes(statement: ast.Assign, text: str) -> bool:
 
 def numbers_of_module(module: str) -> Iterator[Number]:
     """Find the numbers of a module, in the order of the source."""
-    for statement, names, text in stated(module):
+    for statement, names, text in stated(trees()[module]):
         for name in names if tunes(statement, text) else ():
             value = getattr(importlib.import_module(module), name)
             if type(value) in (int, float) and 0 < abs(value) < LARGEST:
@@ -188,7 +188,7 @@ def percent(change: float) -> str:
     return f"{100 * change:.1f} %" if change < 0.01 else f"{100 * change:.0f} %"
 
 
-COMMENT = re.compile(r" *# (?:-|(?:halved|doubled) [<\d])[^#]*$")
+COMMENT = re.compile(r" *# (?:-; )*(?:halved|doubled) [<\d][^#]*$")
 """What `comment` makes, at the end of a line."""
 
 
@@ -208,7 +208,7 @@ def with_comments(module: str, source: str, record: Record) -> str:
     What stood there of the kind is replaced, so that a second time changes nothing.
     """
     lines = source.splitlines()
-    for statement, names, text in reversed(list(stated(module))):
+    for statement, names, text in reversed(list(stated(ast.parse(source)))):
         above, last = statement.lineno - 2, statement.end_lineno - 1
         told = comment(module, names, record) if tunes(statement, text) else None
         bare = COMMENT.sub("", lines[last])
