@@ -34,6 +34,9 @@ HIDDEN = 1e-7
 STEPS_OUT = 30
 """How many parts a place may go through on the way out of the envelope."""
 
+STEP_FALLS = 0.85
+"""Factor by which the step between points falls until there are enough."""
+
 
 @dataclass(frozen=True, repr=False)
 class EnvelopeDistance(Described):
@@ -211,7 +214,7 @@ def _step_for(most: int, parts: Parts, which: Mask, step: float) -> float:
     for _ in range(60):
         if _counts(parts, np.full(len(which), step))[which].sum() >= most:
             break
-        step *= 0.85
+        step *= STEP_FALLS
     return step
 
 

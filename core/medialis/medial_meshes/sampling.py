@@ -21,6 +21,7 @@ from medialis.base.threads import run_chunks, run_together
 from medialis.base.validation import FloatArray, IntArray, frozen
 from medialis.medial_meshes.envelope import box_tree
 from medialis.shape.graph import VIEW
+from medialis.shape.normals import CREASE_ANGLE
 from medialis.shape.surface import Surface
 
 if TYPE_CHECKING:
@@ -37,6 +38,9 @@ BESIDE = 1e-6
 
 CANDIDATES = 4
 """Candidates for each sample: they carry the planes that the balls are fitted to."""
+
+AS_APART = 0.81
+"""Spacing of samples in roots of the area for each: about as many come as are asked for."""
 
 PIECES = 16
 """Pieces that faces are cut into for each sample, at most, besides one for each face."""
@@ -56,8 +60,8 @@ THIN = 1.0
 PAIRED = 0.6
 """Their spacing, as a share of the largest: it need not follow the thickness."""
 
-SMOOTH = math.cos(math.radians(30.0))
-"""Faces that bend less than 30 degrees are one smooth surface, as everywhere."""
+SMOOTH = math.cos(math.radians(CREASE_ANGLE))
+"""Faces that bend less are one smooth surface, as everywhere."""
 
 JITTER = 1e-8
 """Diagonals: Delaunay tetrahedra of points exactly on planes take 20 times as long."""
@@ -294,7 +298,7 @@ def take_samples(solid: Solid, count: int, seed: int) -> Samples:
     """Choose about `count` samples, more where the shape is thin."""
     surface = solid.surface
     area = float(surface.face_areas[solid.walls].sum())
-    spacing = 0.81 * math.sqrt(area / count)
+    spacing = AS_APART * math.sqrt(area / count)
     pieces, corners, _ = run_together(
         lambda: _cut(solid, 2 * spacing, PIECES * count),
         lambda: _corner_normals(solid),

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from medialis.base.errors import InvalidShapeError
 from medialis.base.validation import FloatArray, IntArray, as_number
-from medialis.shape.normals import ring_normals
+from medialis.shape.normals import CREASE_ANGLE, ring_normals
 from medialis.shape.reading import ShapeLike, as_shape
 from medialis.shape.shape import Shape
 
@@ -41,7 +41,7 @@ BENDING = 2.0
 """Ratio of what bending adds in three rings and in two, at least: 2.0 to 3.0 on real meshes without
 noise, more on mechanical parts."""
 
-FLAT, SHARP = 1e-3, math.radians(30)
+FLAT, SHARP = 1e-3, math.radians(CREASE_ANGLE)
 """Bends of edges in radians that are flat, and sharp."""
 
 LONG, SHORT = 2.0, 0.1

@@ -29,8 +29,8 @@ FACING_AWAY = 1e-6
 """Cosine beyond which a face looks away from the normal: above rounding, so that the rim of a flat
 double-sided sheet, exactly at right angles to its faces, keeps its normal."""
 
-SHARP = 30.0
-"""Degrees: edges that bend by more are creases (as by default in `surface_skeleton`)."""
+CREASE_ANGLE = 30.0
+"""Degrees: edges that bend by more are creases, here and by default in `surface_skeleton`."""
 
 VERTICES_A_CHUNK = 4096
 
@@ -99,7 +99,7 @@ def ring_normals(points: FloatArray, faces: IntArray, *, smooth: bool = True) ->
     np.divide(units, length, out=units, where=length > 0)
     fans = Ragged.group(faces.ravel(), len(points))
     mesh = Fans(local, faces, units, fans.offsets, fans.indices)
-    normals, crease = np.zeros((len(points), 3)), math.cos(math.radians(SHARP))
+    normals, crease = np.zeros((len(points), 3)), math.cos(math.radians(CREASE_ANGLE))
     with_these = mesh, crease, FACING_AWAY, smooth, normals
     run_chunks(fill_normals, len(points), VERTICES_A_CHUNK, *with_these)
     return frozen(normals, np.float64)

@@ -35,7 +35,7 @@ from medialis.base.threads import run_patiently
 from medialis.base.validation import FloatArray
 from medialis.shape.creases import Creases
 from medialis.shape.diagnosis import power_of_two_scale
-from medialis.shape.normals import ring_normals
+from medialis.shape.normals import CREASE_ANGLE, ring_normals
 from medialis.shape.reading import as_shape
 from medialis.shape.shape import Shape
 from medialis.shape.surface import Surface
@@ -528,7 +528,7 @@ APART = 0.05
 """Share of the largest eigenvalue of the sum of n n^T over the faces at a vertex above which the
 others count: the second one of two normals 26 degrees apart."""
 
-TURN = math.cos(math.radians(30.0))
+TURN = math.cos(math.radians(CREASE_ANGLE))
 """Cosine of the angle by which a face may turn: more would be a crease."""
 
 

@@ -33,6 +33,7 @@ from medialis.base.threads import run_patiently
 from medialis.base.validation import FloatArray, IntArray, as_field, as_number
 from medialis.shape.creases import Creases, find_creases
 from medialis.shape.noise import noise_above, smooth_noise
+from medialis.shape.normals import CREASE_ANGLE
 from medialis.shape.reading import ShapeLike, as_shape
 from medialis.shape.refinement import RefineOptions, affordable_edge, on_smooth_surface, refine
 from medialis.shape.shape import Shape
@@ -169,7 +170,7 @@ class BallOptions(ShrinkOptions):
     """Options of `maximal_balls`."""
 
     creases: float = angle(
-        30.0,
+        CREASE_ANGLE,
         "Creases",
         "Edges that bend by more than this are sharp, and what bends less is a smooth surface "
         "through the vertices. 0: every edge is sharp, the mesh is an exact polyhedron; 180: none "

@@ -266,6 +266,9 @@ LEAST_SHARE = 0.75
 """What stands on a wall has a foot about as long as it is thick, at least: shorter rows of feet are
 dents and corners."""
 
+BEHIND = 0.2
+"""Sine of the angle by which a sample may lie behind the tangent plane of a place that sees it."""
+
 RibKind = Literal["rib", "boss"]
 
 
@@ -399,7 +402,7 @@ def _beside(
     near, distance = _nearest_each_way(points[samples], normals[samples], points[vertices])
     away = points[samples[near]] - points[vertices][:, None]
     ahead = np.einsum("vkj,vj->vk", away, normals[vertices])
-    seen = (distance > 0) & (ahead >= -0.2 * distance)  # not what lies behind a thin wall
+    seen = (distance > 0) & (ahead >= -BEHIND * distance)  # not what lies behind a thin wall
     facing = normals[samples[near]]
     # Nor the far side of a bore.
     seen &= np.einsum("vkj,vj->vk", facing, normals[vertices]) > OPPOSITE

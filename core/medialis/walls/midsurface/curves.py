@@ -21,6 +21,9 @@ SAME = 0.25
 CORNER = math.cos(math.radians(30.0))
 """Cosine of the turn from which on a curve has a corner."""
 
+AT_END = 0.05
+"""Share of an edge: a place so near to its end is its vertex, which makes no needle."""
+
 
 @dataclass(eq=False)
 class Chain:
@@ -260,7 +263,7 @@ def _nearest_edge(
 def _vertex_on(sheet: CutSheet, graph: _Graph, edge: tuple[int, int], share: float) -> int:
     """Return the vertex of a curve at a place of one of its edges, made where there is none."""
     a, b = edge
-    if share < 0.05 or share > 0.95:
+    if share < AT_END or share > 1 - AT_END:
         return a if share < 0.5 else b
     mesh, partners = sheet.mesh, graph.next[a][b]
     v = mesh.split(a, b, mesh.points[a] + share * (mesh.points[b] - mesh.points[a]))

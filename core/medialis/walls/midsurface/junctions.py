@@ -24,6 +24,12 @@ NEAR = 0.1
 SNAP = 0.15
 """Share of an edge: a cut so near to its end moves the end there."""
 
+ALONG = 0.1
+"""Share of its length by which the middle of an edge may lie off a sheet that it follows."""
+
+MOVED = 0.3
+"""Share of the shortest side beside it by which a vertex may move to where a cut is to end."""
+
 STEP_BESIDE = 0.2
 """Half thicknesses: how far beside each other sheets may end that a step joins."""
 
@@ -174,7 +180,7 @@ def _mark_cut(sheet: CutSheet, other: RawSheet, number: int, on: set[int]) -> No
     height, distance, row = other.offsets(middle)
     half = other.half[other.faces[row]].mean(axis=1)
     steep = np.abs(np.einsum("ia,ia->i", _face_normals(mesh, h[rows] // 3), other.normals[row]))
-    follows = (distance <= NEAR * half) & (np.abs(height) <= 0.1 * length) & (steep < ACROSS)
+    follows = (distance <= NEAR * half) & (np.abs(height) <= ALONG * length) & (steep < ACROSS)
     for edge in h[rows[follows]].tolist():
         sheet.mark_with(edge, number)
 
@@ -231,7 +237,7 @@ def _end_at(sheet: CutSheet, v: int, goal: FloatArray, number: int, edges: Index
             return
         # On the edge to a neighbour, or a little beyond it: the neighbour moves there.
         to = mesh.end(e)
-        if np.linalg.norm(mesh.points[to] - goal) < 0.3 * min(sides):
+        if np.linalg.norm(mesh.points[to] - goal) < MOVED * min(sides):
             around, border = mesh.leaving_edges(to)
             if not border and not any(mesh.marks[k] for k in around):
                 mesh.points[to] = goal

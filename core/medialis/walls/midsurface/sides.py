@@ -56,6 +56,12 @@ ALIKE = 0.05
 FLUSH = 0.15
 """The same for the distance of the middles that both give: 0.17 where they bend by 10 degrees."""
 
+STEEPEST = math.tan(math.radians(15.0))
+"""Slope of the thickness: that of the steepest wall that counts as one."""
+
+LEAST_LEFT = 0.1
+"""Share of the mean thickness near a place that is left there at least, however steep walls are."""
+
 LEAST_FACES = 6
 """Fewer faces that have an opposite are no side of a wall."""
 
@@ -328,7 +334,7 @@ def _extended(
 ) -> FloatArray:
     """Return values at places by linear functions through those at the nearest known points.
 
-    The slope is at most that of the steepest wall that counts as one, tan 15 degrees.
+    The slope is at most that of the steepest wall that counts as one.
     """
     if len(places) == 0:
         return np.empty(0)
@@ -347,9 +353,9 @@ def _extended(
     right = np.einsum("qka,qk->qa", shifted, values[near] - mean[:, None])
     slope = np.linalg.solve(spread + 1e-9 * size * np.eye(3), right[..., None])[..., 0]
     steep = np.linalg.norm(slope, axis=1)
-    slope *= np.minimum(1.0, math.tan(math.radians(15.0)) / np.maximum(steep, 1e-300))[:, None]
+    slope *= np.minimum(1.0, STEEPEST / np.maximum(steep, 1e-300))[:, None]
     result = mean - np.einsum("qa,qa->q", slope, middle)
-    return np.maximum(result, 0.1 * mean)
+    return np.maximum(result, LEAST_LEFT * mean)
 
 
 ABRUPT = 0.9
@@ -389,6 +395,9 @@ GROWN, CORE, OUT, AHEAD = 0, 1, 2, 3
 
 STEPS = 48
 """Of the march to the surface; each ends at the sphere of the distance."""
+
+ARRIVED = 1e-4
+"""Share of the way at most: a step as short as this has come to the surface."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -584,7 +593,7 @@ def _march(
         places = points[going] + reach[going, None] * direction[going]
         step = surface.distances(places)[0]
         reach[going] = np.minimum(reach[going] + step, farthest)
-        going = going[(step > 1e-4 * farthest) & (reach[going] < farthest)]
+        going = going[(step > ARRIVED * farthest) & (reach[going] < farthest)]
         if len(going) == 0:
             break
     return reach
