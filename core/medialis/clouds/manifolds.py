@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from medialis.base.arrays import Ragged, kd_tree
+from medialis.base.arrays import Index, Ragged, kd_tree
 from medialis.base.errors import InvalidShapeError
 from medialis.base.kept import Bound, kept
 from medialis.base.options import Options, algorithm, angle, flag, whole
@@ -156,18 +156,18 @@ class ManifoldSet(Bound):
         return frozen(np.minimum(self.manifolds.lengths, 2), np.int8)
 
     @cached_property
-    def sizes(self) -> NDArray[np.int64]:
+    def sizes(self) -> Index:
         """Points of each manifold, (m,); those in several count in each."""
         return frozen(np.bincount(self.manifolds.indices, minlength=self.count), np.int64)
 
-    def at(self, rows: NDArray[np.int64]) -> ManifoldSet:
+    def at(self, rows: Index) -> ManifoldSet:
         """Return the set of the given points (r,), in their order; they may repeat."""
         lengths = self.manifolds.lengths[rows]
         offsets = np.concatenate([[0], np.cumsum(lengths)])
         chosen = Ragged(offsets, self.manifolds.joined(rows))
         return ManifoldSet(chosen, self.count, self.patch_counts[rows], points=self.points[rows])
 
-    def points_of(self, manifold: int) -> NDArray[np.int64]:
+    def points_of(self, manifold: int) -> Index:
         """Return the points of a manifold, ascending.
 
         Raises
@@ -201,7 +201,7 @@ class Speakers:
     chosen: NDArray[np.int64]
     apart: float
 
-    def rows(self, found: ManifoldSet) -> NDArray[np.int64]:
+    def rows(self, found: ManifoldSet) -> Index:
         """Return the row of each point in a set of the chosen places, (n,).
 
         A place that was left out has that of the nearest chosen one in a manifold, if there is one
@@ -254,7 +254,7 @@ def classified_places(
     return moved, Speakers(place, places, chosen, apart)
 
 
-def different_rows(points: FloatArray, keys: FloatArray) -> tuple[FloatArray, NDArray[np.int64]]:
+def different_rows(points: FloatArray, keys: FloatArray) -> tuple[FloatArray, Index]:
     """Return the different rows, and which of them each point is.
 
     As `numpy.unique`, which lets no other thread run while it sorts rows. They are sorted by keys,
@@ -497,13 +497,13 @@ def manifold_surfaces(
     return frozen(np.concatenate(meshes), np.int32), frozen(owner, np.int32)
 
 
-def _surface(points: FloatArray) -> NDArray[np.int64]:
+def _surface(points: FloatArray) -> Index:
     """Triangles of one manifold, (m, 3); of equal points the first one stands for all."""
     places, first = np.unique(points, axis=0, return_index=True)
     return first[_triangulate(places)] if len(places) > 3 else np.empty((0, 3), np.int64)
 
 
-def _triangulate(points: FloatArray) -> NDArray[np.int64]:
+def _triangulate(points: FloatArray) -> Index:
     """Triangles of one manifold, (m, 3)."""
     from medialis.clouds._kernels import list_stars
 
@@ -523,7 +523,7 @@ def _triangulate(points: FloatArray) -> NDArray[np.int64]:
     return _agreed(triangles[made].astype(np.int64), radii[made])
 
 
-def _agreed(listed: NDArray[np.int64], radii: FloatArray) -> NDArray[np.int64]:
+def _agreed(listed: Index, radii: FloatArray) -> Index:
     """Triangles listed by two corners or three, at most two at an edge.
 
     Those of three corners come first, then those with small circles.

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from medialis.base.arrays import Mask
 from medialis.base.errors import InvalidShapeError
 from medialis.base.kept import kept
 from medialis.base.options import Options, changed, choice, flag, length, with_unit
@@ -34,9 +35,9 @@ from medialis.operations.result import FilterUnit, Layer, Outcome
 from medialis.shape.noise import noise_level, smooth_noise
 from medialis.shape.shape import Shape
 from medialis.shape.surface import Surface
-from medialis.skeleton.layers import summary
+from medialis.skeleton.layers import computed, summary
 from medialis.skeleton.medial_cloud import MedialCloud
-from medialis.skeleton.surface_skeleton import Preparation, surface_skeleton
+from medialis.skeleton.surface_skeleton import Preparation
 
 CLOUDS = ("points", "skeleton")
 
@@ -95,8 +96,7 @@ def note_mostly_noise(found: ManifoldSet, progress: Progress) -> None:
 
 
 def _of_skeleton(shape: Shape, options: ManifoldsRun, progress: Progress) -> Outcome:
-    with progress.stage("skeleton", 0.0, 0.5):
-        cloud = surface_skeleton.of(shape, options, progress)
+    cloud = computed(shape, options, progress, 0.5)
     fine = cloud.surface
     cloud, centers = kept(_skeleton_points, cloud, None, lambda: _skeleton_points(cloud), progress)
     with progress.stage("manifolds", 0.5, 1.0):
@@ -236,9 +236,7 @@ def run_remove_outliers(shape: Shape, options: RemoveOutliersRun, progress: Prog
     )
 
 
-def _note_removed(
-    found: ManifoldSet, kept: NDArray[np.bool_], dense: NDArray[np.bool_], progress: Progress
-) -> None:
+def _note_removed(found: ManifoldSet, kept: Mask, dense: Mask, progress: Progress) -> None:
     """Say how many points go, and why, and how many stay although they lie on no smooth patch."""
     removed = int((~kept).sum())
     rough = int((~kept & (found.patch_counts == 0)).sum())

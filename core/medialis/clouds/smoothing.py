@@ -15,12 +15,11 @@ from __future__ import annotations
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
-from medialis.base.arrays import kd_tree
+from medialis.base.arrays import Index, Mask, kd_tree
 from medialis.base.progress import Progress
 from medialis.base.threads import nearest_rows, run_chunks, run_patiently
-from medialis.base.validation import FloatArray
+from medialis.base.validation import FloatArray, IntArray
 from medialis.shape.surface import piece_labels
 
 PLANE_NEIGHBOURS = 54
@@ -130,7 +129,7 @@ def jitter(points: FloatArray) -> float:
     return float(np.median(scatter)) if some else 0.0
 
 
-def _group_jitter(points: FloatArray, rows: NDArray[np.int64]) -> tuple[float, float]:
+def _group_jitter(points: FloatArray, rows: Index) -> tuple[float, float]:
     """Scatter about places that are equally dense, and how many of them it makes rough.
 
     Neighbourhoods grow until the scatter does so no more; 0 where it never stops.
@@ -168,7 +167,7 @@ def _disc_like(places: FloatArray) -> bool:
 
 
 def without_jitter(
-    points: FloatArray, chosen: NDArray[np.int64], scatter: float, progress: Progress
+    points: FloatArray, chosen: Index, scatter: float, progress: Progress
 ) -> FloatArray:
     """Move each chosen point onto the plane that its neighbours support best (two passes).
 
@@ -199,9 +198,7 @@ def without_jitter(
     return moved
 
 
-def _in_the_middle(
-    points: FloatArray, chosen: FloatArray, near: NDArray[np.int32], scatter: float
-) -> NDArray[np.bool_]:
+def _in_the_middle(points: FloatArray, chosen: FloatArray, near: IntArray, scatter: float) -> Mask:
     """Tell the chosen points that lie where points are dense, not at the outside of the scatter.
 
     Points that are chosen for being apart lie there far more often than others.
@@ -213,7 +210,7 @@ def _in_the_middle(
 
 def neighbours_of(
     points: FloatArray, queries: FloatArray, count: int, progress: Progress
-) -> NDArray[np.int32]:
+) -> IntArray:
     """Return the `count` nearest points of each query but itself, (q, count), by distance.
 
     The points must differ.
@@ -223,16 +220,14 @@ def neighbours_of(
     return np.ascontiguousarray(near[:, 1:], np.int32)
 
 
-def _triples(neighbours: int) -> NDArray[np.int64]:
+def _triples(neighbours: int) -> Index:
     """Return ranks of three different places of a neighbourhood, 0 the point itself, (t, 3)."""
     rng = np.random.default_rng(0)
     ranks = [rng.choice(neighbours + 1, 3, replace=False) for _ in range(TRIPLES)]
     return np.array(ranks, np.int64)
 
 
-def dense_points(
-    points: FloatArray, noise: NDArray[np.bool_], least: int, progress: Progress
-) -> NDArray[np.bool_]:
+def dense_points(points: FloatArray, noise: Mask, least: int, progress: Progress) -> Mask:
     """Tell which points of noise lie as close together as the surface beside them.
 
     Parameters

@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from medialis.base.arrays import Index, Mask, unit_rows
+from medialis.base.arrays import Index, Mask, kd_tree, unit_rows
 from medialis.base.kept import Bound, kept
 from medialis.base.options import Options, algorithm
 from medialis.base.progress import Progress, ProgressCallback
@@ -342,8 +342,6 @@ def smooth_importance(
 
     A single estimate fails where plane cuts do not arrive.
     """
-    from scipy.spatial import cKDTree
-
     if len(candidates) == 0:
         return frozen(np.empty(0), np.float64)
     centers = measured.cloud.centers
@@ -352,7 +350,7 @@ def smooth_importance(
     near, distance = near_balls(measured.cloud, some, progress)
     around = np.where(distance < measured.cloud.radii[some, None], area[near], np.nan)
     median = np.nanmedian(np.column_stack([area, around]), axis=1)
-    nearest = run_patiently(lambda: cKDTree(centers[some]).query(centers[candidates])[1], progress)
+    nearest = run_patiently(lambda: kd_tree(centers[some]).query(centers[candidates])[1], progress)
     return frozen(median[nearest], np.float64)
 
 

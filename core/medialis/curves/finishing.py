@@ -25,7 +25,7 @@ from numpy.typing import ArrayLike, NDArray
 from medialis.base.arrays import Index, Mask, places_along
 from medialis.base.options import Options, algorithm, length
 from medialis.base.progress import Progress
-from medialis.base.validation import FloatArray, as_field, as_number, as_points
+from medialis.base.validation import FloatArray, IntArray, as_field, as_number, as_points
 from medialis.curves.curve_skeleton import CurveSkeleton
 from medialis.curves.growth import APART, GraphTree, Handles, grow_graph, link_balls, sticks_out
 from medialis.shape.surface import piece_labels
@@ -55,7 +55,7 @@ def prune(
     balls: Index,
     importance: FloatArray | None = None,
     areas: FloatArray | None = None,
-) -> tuple[Mask, NDArray[np.int32]]:
+) -> tuple[Mask, IntArray]:
     """Choose the nodes that stay when spurs and branches beside others go.
 
     Parameters
@@ -120,7 +120,7 @@ def prune_spurs(graph: CurveSkeleton, widths: FloatArray | None = None) -> Mask:
         stays[np.flatnonzero(stays)[gone[gone != base]]] = False
 
 
-def _limbs(graph: CurveSkeleton) -> list[tuple[int, NDArray[np.int32]]]:
+def _limbs(graph: CurveSkeleton) -> list[tuple[int, IntArray]]:
     """Branches with one free end: their number, and their nodes up to that end."""
     limbs = []
     for branch, row in enumerate(graph.branches):
@@ -311,7 +311,7 @@ def sample_branches(graph: CurveSkeleton, spacing: float) -> tuple[CurveSkeleton
     return CurveSkeleton.of(np.concatenate(nodes), joined, np.concatenate(room)), node_of
 
 
-def _needed_nodes(graph: CurveSkeleton) -> Iterator[tuple[NDArray[np.int32], int]]:
+def _needed_nodes(graph: CurveSkeleton) -> Iterator[tuple[IntArray, int]]:
     """Branches, and how many nodes each needs between its ends.
 
     Fewer would make a loop of one or two edges, or an edge that comes twice.
@@ -324,7 +324,7 @@ def _needed_nodes(graph: CurveSkeleton) -> Iterator[tuple[NDArray[np.int32], int
 
 
 def _sample(
-    graph: CurveSkeleton, row: NDArray[np.int32], spacing: float, least: int
+    graph: CurveSkeleton, row: IntArray, spacing: float, least: int
 ) -> tuple[FloatArray, FloatArray, FloatArray, Index]:
     """Even places along one branch: arc length, position, room; nearest place of each node."""
     points, radii = graph.nodes[row], graph.radii[row]
@@ -347,7 +347,7 @@ def _sample(
 
 
 def smooth_nodes(
-    nodes: FloatArray, edges: NDArray[np.int32], room: FloatArray, strength: float
+    nodes: FloatArray, edges: IntArray, room: FloatArray, strength: float
 ) -> FloatArray:
     """Smooth branches like splines: bends shorter than the radius go, longer ones stay.
 

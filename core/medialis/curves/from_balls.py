@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from medialis.base.arrays import Index, Mask
+from medialis.base.arrays import Index, Mask, kd_tree
 from medialis.base.errors import InvalidShapeError
 from medialis.base.kept import Bound, kept
 from medialis.base.options import Options, algorithm, changed, length, number
@@ -36,6 +36,7 @@ from medialis.curves.finishing import SimplifyOptions, finish_graph, simplify_br
 from medialis.curves.growth import Handles, Turns, find_handles, grow_graph, link_balls
 from medialis.shape.refinement import refine_where
 from medialis.shape.shape import Shape
+from medialis.skeleton.layers import computed
 from medialis.skeleton.medial_cloud import DEFAULT_TOLERANCE, MedialCloud, ShrinkOptions, shrink
 from medialis.skeleton.surface_skeleton import SurfaceSkeletonOptions, as_cloud, surface_skeleton
 
@@ -84,14 +85,12 @@ def put_in_surface(
 
 def _nearest(surface: Shape, missing: Mask) -> Index:
     """Return the nearest sample of the same component that is not missing for those that are."""
-    from scipy.spatial import cKDTree
-
     result = np.full(surface.point_count, -1)
     for part in np.unique(surface.components[missing]).tolist():
         rows = np.flatnonzero(surface.components == part)
         known, lost = rows[~missing[rows]], rows[missing[rows]]
         if len(known):
-            near = cKDTree(surface.points[known]).query(surface.points[lost])[1]
+            near = kd_tree(surface.points[known]).query(surface.points[lost])[1]
             result[lost] = known[near]
     return result[missing]
 
@@ -103,8 +102,6 @@ def node_importance(
 
     On a single node hangs the whole area of its part, and so it does in a part without candidates.
     """
-    from scipy.spatial import cKDTree
-
     surface, node = cloud.surface, np.asarray(graph.vertex_node)
     whole = np.bincount(surface.components, surface.point_areas)
     part = np.full(graph.component_count, -1)
@@ -113,7 +110,7 @@ def node_importance(
     result = np.where(of_node >= 0, whole[of_node], np.nan)
     for one in np.intersect1d(of_node, of_candidate).tolist():
         nodes, rows = np.flatnonzero(of_node == one), np.flatnonzero(of_candidate == one)
-        tree = cKDTree(cloud.centers[candidates[rows]])
+        tree = kd_tree(cloud.centers[candidates[rows]])
         result[nodes] = importance[rows[tree.query(graph.nodes[nodes])[1]]]
     alone = (graph.degrees == 0) & (of_node >= 0)
     result[alone] = whole[of_node[alone]]
@@ -330,8 +327,7 @@ def curve_skeleton_of(shape: Shape, options: Options, progress: Progress) -> Cur
     CurveSkeleton
         The first one with all loops, else that with the most.
     """
-    with progress.stage("skeleton", 0.0, 0.2):
-        cloud = surface_skeleton.of(shape, options, progress)
+    cloud = computed(shape, options, progress, 0.2)
     with progress.stage("curve skeleton", 0.2, 0.7):
         best = curve_skeleton.of(cloud, options, progress)
     most = max(MOST_SAMPLES, MOST_GROWTH * cloud.surface.point_count)
@@ -376,15 +372,13 @@ def _finer(
     surface: Shape, lines: tuple[FloatArray, ...], across: float, most: int, progress: Progress
 ) -> Shape:
     """Refine a mesh round lines to a share of the radius that is free inside and outside."""
-    from scipy.spatial import cKDTree
-
     finest = DEFAULT_TOLERANCE * surface.diagonal
     both, _ = shrink(surface, ShrinkOptions(side="both"), progress.still)
 
     def work() -> Shape:
         radii = np.fmin(*np.where(both.valid, both.radii, np.nan).reshape(2, -1))
         allowed = np.full(surface.point_count, np.inf)
-        away = cKDTree(np.concatenate(lines)).query(surface.points)[0]
+        away = kd_tree(np.concatenate(lines)).query(surface.points)[0]
         rows = np.flatnonzero(away <= NEARBY_RADII * radii)
         allowed[rows] = radii[rows] / across
         # Balls tell nothing of what is smaller than the tolerance.

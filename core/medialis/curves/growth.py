@@ -40,7 +40,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from medialis.base.arrays import Described, Index, Mask, Ragged, follow, next_side
+from medialis.base.arrays import Described, Index, Mask, Ragged, follow, kd_tree, next_side
 from medialis.base.progress import Progress
 from medialis.base.threads import run_chunks
 from medialis.base.validation import FloatArray, IntArray, frozen
@@ -206,7 +206,7 @@ class GraphTree:
 
 def grow_graph(
     links: BallLinks,
-    components: NDArray[np.int32],
+    components: IntArray,
     strength: FloatArray,
     candidates: Mask,
     handles: Mapping[int, Handles] | None = None,
@@ -418,7 +418,7 @@ def _sides_left(boundary: SolidBoundary) -> tuple[Index, Index]:
     return parent, sides[left]
 
 
-def _loop(corners: NDArray[np.int32], h: int, parent: Index) -> Index:
+def _loop(corners: IntArray, h: int, parent: Index) -> Index:
     """Side h and the paths of both its ends up the tree, as far as they differ."""
     a, b = (follow(parent, int(corners[h])) for h in (h, next_side(h)))
     while len(a) > 1 and len(b) > 1 and a[-2] == b[-2]:
@@ -589,10 +589,8 @@ def _follow_turns(graph: GraphTree, turns: Any, ball: int, nodes: dict[int, Inde
 
 def _apart(links: BallLinks, path: list[int], other: list[int]) -> list[int]:
     """Cut the end of a path off where it runs in the balls of another; it then ends on that."""
-    from scipy.spatial import cKDTree
-
     centers, radii = links.centers, links.radii
-    gap, place = cKDTree(centers[other]).query(centers[path])
+    gap, place = kd_tree(centers[other]).query(centers[path])
     beside = np.asarray(other)[place]
     alone = np.flatnonzero(gap >= np.minimum(radii[path], radii[beside]))
     last = alone[-1] + 1 if len(alone) else len(path)

@@ -8,7 +8,6 @@ written with as many digits as they need to come back the same.
 from __future__ import annotations
 
 import json
-import logging
 import math
 import os
 import re
@@ -489,7 +488,7 @@ def _note_shape(surface: Shape, evidence: CurveEvidence, progress: Progress) -> 
             f"The shape has only {counted(surface.point_count, 'sample')}; a curve skeleton needs "
             f"at least about {FEW_SAMPLES}. Refine the mesh."
         )
-        progress.note(text, "few_samples", level=logging.WARNING, samples=surface.point_count)
+        progress.warn(text, "few_samples", samples=surface.point_count)
     parts = surface.part_count
     if parts > 1:
         text = f"The shape has {parts} separate parts; each has a graph of its own."
@@ -506,7 +505,7 @@ def _note_shape(surface: Shape, evidence: CurveEvidence, progress: Progress) -> 
             f"At {counted(evidence.unclear, 'edge')} it is not known what is inside: a wall ends "
             "there, or the surface has only one side. The number of handles is the best guess."
         )
-        progress.note(text, "handles_uncertain", level=logging.WARNING, edges=evidence.unclear)
+        progress.warn(text, "handles_uncertain", edges=evidence.unclear)
     if surface.border_edges > 0:
         progress.note(
             f"The shape is open: {counted(surface.border_edges, 'edge', verbs=('lies', 'lie'))} at "
@@ -518,12 +517,11 @@ def _note_shape(surface: Shape, evidence: CurveEvidence, progress: Progress) -> 
     for number, genus in sorted(evidence.genus.items()):
         closed = evidence.closed_loops.get(number, 0)
         if closed < genus:
-            progress.note(
+            progress.warn(
                 f"Part {number} has {counted(genus, 'handle')}, but its graph has "
                 f"{counted(closed, 'loop')}: handles are thinner than the tolerance, the surface "
                 "crosses itself, or there are more than 2,048 of them.",
                 "loops_missing",
-                level=logging.WARNING,
                 part=number,
                 handles=genus,
                 loops=closed,
@@ -546,7 +544,7 @@ def _note_result(graph: CurveSkeleton, sheet: float, progress: Progress) -> None
             "curve skeleton. Thin sheets have no meaningful curve skeleton (use surface_skeleton), "
             "and thin limbs need smaller candidates."
         )
-        progress.note(text, "thin_sheets", level=logging.WARNING, share=sheet)
+        progress.warn(text, "thin_sheets", share=sheet)
 
 
 OPERATION = Operation(

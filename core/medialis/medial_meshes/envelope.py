@@ -10,7 +10,6 @@
 from __future__ import annotations
 
 import itertools
-import logging
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -276,12 +275,11 @@ def envelope_surface(
         if _off(best, mesh) == 0:
             return best
     assert best is not None
-    progress.note(
+    progress.warn(
         f"The surface of the envelope has {best.part_count} pieces and {_handles(best)} "
         f"handles, the medial mesh {mesh.betti[0] + mesh.betti[2]} and {mesh.betti[1]}: balls "
         "that no edge joins touch, or leave a hollow.",
         "envelope_topology",
-        level=logging.WARNING,
         pieces=best.part_count,
         handles=_handles(best),
     )

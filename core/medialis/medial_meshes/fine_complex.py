@@ -15,13 +15,12 @@
 
 from __future__ import annotations
 
-import logging
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from medialis.base.arrays import Index, Mask, Ragged
+from medialis.base.arrays import Index, Mask, Ragged, kd_tree
 from medialis.base.errors import InvalidShapeError
 from medialis.base.progress import Progress
 from medialis.base.threads import run_patiently, run_together
@@ -219,11 +218,10 @@ def _note_topology(
 ) -> None:
     """Say where the topology is a guess, and which number is wrong."""
     if wanted is None:
-        progress.note(
+        progress.warn(
             "The mesh is open or crosses itself, or neighbouring faces disagree: what is inside "
             "was told by how often the surface is wound round a place, so the topology is a guess.",
             "inside_guessed",
-            level=logging.WARNING,
         )
     elif found.betti != wanted:
         names = ("parts", "loops", "hollows")
@@ -232,10 +230,9 @@ def _note_topology(
             for name, a, b in zip(names, found.betti, wanted, strict=True)
             if a != b
         )
-        progress.note(
+        progress.warn(
             f"The topology of the mesh was not reached: the complex has {off}.",
             "topology_off",
-            level=logging.WARNING,
             found=list(found.betti),
             wanted=list(wanted),
         )
@@ -426,14 +423,12 @@ def _poles(
     corners: Index, radii: FloatArray, count: int, balls: FloatArray, points: FloatArray
 ) -> Index:
     """Return the largest ball at each sample; the nearest one where pruning left none."""
-    from scipy.spatial import cKDTree
-
     order = np.argsort(radii, kind="stable")
     pole = np.full(count, -1)
     pole[corners[order].ravel()] = np.repeat(order, 4)
     lost = np.flatnonzero(pole < 0)
     if len(lost):
-        pole[lost] = cKDTree(balls[:, :3]).query(points[lost])[1]
+        pole[lost] = kd_tree(balls[:, :3]).query(points[lost])[1]
     return pole
 
 

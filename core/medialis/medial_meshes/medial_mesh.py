@@ -8,11 +8,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import Any
 
 import numpy as np
 
-from medialis.base.arrays import Index
+from medialis.base.arrays import Index, kd_tree
 from medialis.base.errors import InvalidShapeError
 from medialis.base.kept import kept
 from medialis.base.options import Options, algorithm, choice, length, whole
@@ -239,24 +238,18 @@ def refined(given: Complex, faults: Fault, most: int, apart: float = APART) -> C
 
 def _new_ball(given: Complex, row: Index, shares: FloatArray, wanted: FloatArray) -> FloatArray:
     """Return the wanted ball where it is near its place in the complex, else the one there."""
-    there = row >= 0
-    here = shares[there] @ given.balls[row[there]]
+    row, shares = row[row >= 0], shares[row >= 0]
+    here = shares @ given.balls[row]
     near = np.linalg.norm(wanted[:3] - here[:3]) < NEAR_RADII * here[3] + NEAR
-    leaf = (shares[there] > PART).sum() == 1
-    return wanted if near or leaf else here
+    return wanted if near or (shares > PART).sum() == 1 else here
 
 
+@dataclass(frozen=True)
 class Hollows:
     """What finds the hollows of envelopes in a solid, which its fine complex tells."""
 
-    def __init__(self, fine: FineComplex, surface: Bounds) -> None:
-        self.samples, self.balls, self.surface = fine.samples, fine.balls, surface
-
-    @cached_property
-    def _centers(self) -> Any:
-        from scipy.spatial import cKDTree
-
-        return cKDTree(self.balls[:, :3])
+    fine: FineComplex
+    surface: Bounds
 
     def of(
         self, given: Complex, off: float, points: int = HOLLOWS_LOOKED_AT
@@ -269,8 +262,9 @@ class Hollows:
         """
         places, _ = boundary_points(Envelope.of(given), points)
         _, near = self.surface.nearest(places)
-        way = self.samples.points[near] - places
-        depth = np.maximum(np.einsum("ij,ij->i", way, self.samples.normals[near]), 0.0)
+        samples = self.fine.samples
+        way = samples.points[near] - places
+        depth = np.maximum(np.einsum("ij,ij->i", way, samples.normals[near]), 0.0)
         deepest = float(depth.max(initial=0.0))
         deep = np.flatnonzero(depth > max(SHALLOW * deepest, FROM * off))
         worst = deep[np.argsort(-depth[deep], kind="stable")[:MOST]]
@@ -280,9 +274,9 @@ class Hollows:
 
     def faults(self, places: FloatArray) -> Fault:
         """Return faults at such places, each with the fine ball nearest to it."""
-        points = places[:, :3]
-        depth, _ = self.surface.nearest(points)
-        return Fault(points, depth, self.balls[self._centers.query(points)[1]], points)
+        points, balls = places[:, :3], self.fine.balls
+        nearest = kd_tree(balls[:, :3]).query(points)[1]
+        return Fault(points, self.surface.nearest(points)[0], balls[nearest], points)
 
 
 @dataclass(frozen=True, eq=False)
@@ -435,8 +429,7 @@ class Search:
         if len(found.target.within) == len(self._all.within):
             return found.mesh
         again = self._fitted(found.mesh, found.target, "closed")
-        off = again.now.largest  # of the hollows found as well
-        return again.mesh if off < found.error else found.mesh
+        return again.mesh if again.now.largest < found.error else found.mesh  # hollows included
 
     def _with_worst(self, now: Complex, within: FloatArray) -> Target:
         """Return a target that looks at the worst of all candidates and vertices as well."""
@@ -570,11 +563,14 @@ def medial_mesh(shape: Shape, options: MedialMeshOptions, progress: Progress) ->
         if options.error:
             found = _smallest(base, options, progress)
         else:
-            found = _fitted(base, options.balls, options.quality, options, progress)
+            found = Search(base, options.balls, options.seed, progress).run(options.quality)
     samples = base.fine.samples
     fewer = LateCollapse(lambda: coarser(samples, found).placed(scale, middle))
-    if len(found) != options.balls and not options.error:
-        _note_count(len(found), options.balls, progress)
+    wanted, count = options.balls, len(found)
+    if count != wanted and not options.error:
+        why = "its topology needs them" if count > wanted else "its fine complex has no more"
+        text = f"The mesh has {counted(count, 'ball')} instead of {wanted:,}: {why}."
+        progress.note(text, "ball_count", balls=count, wanted=wanted)
     finer = base.sequence.placed(scale, middle)
     return MedialMesh.of(found.placed(scale, middle), finer=finer, coarser=fewer)
 
@@ -601,54 +597,41 @@ def _base(shape: Shape, options: MedialMeshOptions, progress: Progress) -> Base:
     return kept(_base, shape, (count, options.relief, options.seed), work, progress)
 
 
-def _fitted(
-    base: Base, balls: int, quality: str, options: MedialMeshOptions, progress: Progress
-) -> Complex:
-    """Return the mesh of a number of balls."""
-    return Search(base, balls, options.seed, progress).run(quality)
-
-
-def _note_count(found: int, wanted: int, progress: Progress) -> None:
-    why = "its topology needs them" if found > wanted else "its fine complex has no more"
-    text = f"The mesh has {counted(found, 'ball')} instead of {wanted:,}: {why}."
-    progress.note(text, "ball_count", balls=found, wanted=wanted)
-
-
 def _smallest(base: Base, options: MedialMeshOptions, progress: Progress) -> Complex:
     """Return the fewest balls that reach the error wanted: doubled, then halved in between.
 
     That is done with fast fits; better ones then try with fewer and fewer balls.
     """
+
+    def fitted(balls: int, quality: str = "fast") -> Complex:
+        return Search(base, balls, options.seed, progress).run(quality)
+
     low, high = 0, base.sequence.fewest
-    best = _fitted(base, high, "fast", options, progress)
+    best = fitted(high)
     errors = [base.error(best)]
     while errors[-1] > options.error:
         stuck = len(errors) > STUCK and errors[-1] > NO_BETTER * errors[-1 - STUCK]
         if stuck or len(best) == len(base.sequence.start):
-            _note_error(errors[-1], len(best), options.error, progress)
+            text = (
+                f"The error of {options.error:.2g} diagonals was not reached: with "
+                f"{counted(len(best), 'ball')} it is {errors[-1]:.2g}, and more balls do not lower "
+                "it. More samples may."
+            )
+            progress.note(text, "error_not_reached", error=errors[-1], wanted=options.error)
             return best
         low, high = high, 2 * high
-        best = _fitted(base, high, "fast", options, progress)
+        best = fitted(high)
         errors.append(base.error(best))
     while high - low > max(1, high // 16):
         middle = (low + high) // 2
-        found = _fitted(base, middle, "fast", options, progress)
+        found = fitted(middle)
         if base.error(found) <= options.error:
             best, high = found, middle
         else:
             low = middle
     while options.quality != "fast" and len(best) > base.sequence.fewest:
-        fewer = int(FEWER * len(best))
-        found = _fitted(base, fewer, options.quality, options, progress)
+        found = fitted(int(FEWER * len(best)), options.quality)
         if len(found) >= len(best) or base.error(found) > options.error:
             break
         best = found
     return best
-
-
-def _note_error(found: float, balls: int, wanted: float, progress: Progress) -> None:
-    text = (
-        f"The error of {wanted:.2g} diagonals was not reached: with {counted(balls, 'ball')} it is "
-        f"{found:.2g}, and more balls do not lower it. More samples may."
-    )
-    progress.note(text, "error_not_reached", error=found, wanted=wanted)

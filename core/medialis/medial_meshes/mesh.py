@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from medialis.base.arrays import Described, Index, Mask
+from medialis.base.arrays import Described, Index, Mask, kd_tree, twice_areas
 from medialis.base.errors import InvalidShapeError
 from medialis.base.kept import Bound
 from medialis.base.validation import BallRows, FloatArray, IntArray, Positions, frozen, hold
@@ -85,11 +85,7 @@ def sheets_of(points: FloatArray, faces: Index) -> Sheets:
     faces, count = np.asarray(faces, np.int64).reshape(-1, 3), len(points)
     topology = Topology(faces.astype(np.int32), count)
     table, pieces = topology.edge_table, topology.face_pieces
-    corners = points[faces]
-    areas = np.linalg.norm(
-        np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
-    )
-    order = np.argsort(-np.bincount(pieces, areas), kind="stable")
+    order = np.argsort(-np.bincount(pieces, twice_areas(points, faces)), kind="stable")
     of_faces = np.argsort(order)[pieces]
     low, high = np.full(count, len(faces)), np.full(count, -1)
     for corner in faces.T:
@@ -158,10 +154,7 @@ class Collapse:
         steps = min(max(len(self.start) - count, 0), len(self.removed))
         target = np.arange(len(self.start))
         target[self.removed[:steps]] = self.into[:steps]
-        while True:
-            further = target[target]
-            if (further == target).all():
-                break
+        while ((further := target[target]) != target).any():
             target = further
         balls = self.start.balls.copy()
         last = np.full(len(balls), -1)
@@ -169,8 +162,9 @@ class Collapse:
         moved = last >= 0
         balls[moved] = self.after[last[moved]]
         live = target == np.arange(len(target))
-        place = (np.cumsum(live) - 1)[target]
-        return mapped(Complex(balls[live], self.start.edges, self.start.faces), place), place
+        place, count = (np.cumsum(live) - 1)[target], int(live.sum())
+        images = (_image(place[rows], count) for rows in (self.start.edges, self.start.faces))
+        return Complex(balls[live], *images), place
 
 
 class LateCollapse:
@@ -187,13 +181,6 @@ class LateCollapse:
     def __getstate__(self) -> dict[str, Any]:
         """Other processes get what was computed."""
         return {"found": self.found}
-
-
-def mapped(given: Complex, place: Index) -> Complex:
-    """Return the image of edges and triangles under a map of their vertices."""
-    return Complex(
-        given.balls, _image(place[given.edges], len(given)), _image(place[given.faces], len(given))
-    )
 
 
 def _image(rows: Index, count: int) -> Index:
@@ -238,8 +225,7 @@ class MedialMesh(Bound):
 
     def __post_init__(self) -> None:
         n = len(self.centers)
-        rows = {"edges": 2, "faces": 3}
-        for name, width in rows.items():
+        for name, width in (("edges", 2), ("faces", 3)):
             value = np.sort(np.asarray(getattr(self, name), np.int64).reshape(-1, width), axis=1)
             if value.size and (value.min() < 0 or value.max() >= n):
                 raise InvalidShapeError(f"{name} must name balls from 0 to {n - 1}.")
@@ -253,15 +239,14 @@ class MedialMesh(Bound):
 
     def _check_simplices(self) -> None:
         """Refuse rows of equal corners, rows given twice, and sides that are no edge."""
-        n = np.int64(len(self.centers))
-        keys = self.edges.astype(np.int64) @ np.array([n, 1])
+        n, keys = np.int64(len(self.centers)), {}
         for name in ("edges", "faces"):
             rows = getattr(self, name).astype(np.int64)
-            powers = n ** np.arange(rows.shape[1])[::-1]
-            if (np.diff(rows, axis=1) == 0).any() or len(np.unique(rows @ powers)) < len(rows):
+            keys[name] = rows @ n ** np.arange(rows.shape[1])[::-1]
+            if (np.diff(rows, axis=1) == 0).any() or len(np.unique(keys[name])) < len(rows):
                 raise InvalidShapeError(f"{name} must have distinct balls, each row once.")
         sides = self.faces[:, [[0, 1], [0, 2], [1, 2]]].reshape(-1, 2).astype(np.int64)
-        if not np.isin(sides @ np.array([n, 1]), keys).all():
+        if not np.isin(sides @ np.array([n, 1]), keys["edges"]).all():
             raise InvalidShapeError("Each side of a triangle must be an edge.")
 
     def __len__(self) -> int:
@@ -335,11 +320,9 @@ class MedialMesh(Bound):
         coarser: Collapse | LateCollapse | None = None,
     ) -> MedialMesh:
         """Make a mesh of a complex, with the sequences of its levels."""
-        balls = given.balls
-        return cls(
-            balls[:, :3], np.maximum(balls[:, 3], 0.0), given.edges, given.faces,  # type: ignore[arg-type]
-            _finer=finer, _merged=coarser,
-        )  # fmt: skip
+        centers, radii = given.balls[:, :3], np.maximum(given.balls[:, 3], 0.0)
+        rows: tuple[Any, Any] = given.edges, given.faces
+        return cls(centers, radii, *rows, _finer=finer, _merged=coarser)
 
 
 @dataclass(frozen=True, repr=False)
@@ -396,15 +379,13 @@ def values_on_balls(mesh: MedialMesh, cloud: MedialCloud, values: ArrayLike) -> 
     >>> medialis.values_on_balls(mesh, cloud, cloud.radii).shape
     (12,)
     """
-    from scipy.spatial import cKDTree
-
     given = np.asarray(values, np.float64)
     if given.shape != (len(cloud),):
         raise InvalidShapeError(f"There are {len(cloud)} balls and values of shape {given.shape}.")
     known = np.flatnonzero(cloud.valid & ~np.isnan(given))
     if not len(known):
         return np.full(len(mesh), np.nan)
-    return given[known[cKDTree(cloud.centers[known]).query(mesh.centers)[1]]]
+    return given[known[kd_tree(cloud.centers[known]).query(mesh.centers)[1]]]
 
 
 def important_mesh(mesh: MedialMesh, importance: ArrayLike, threshold: float) -> MedialMesh:

@@ -23,7 +23,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from medialis.base.arrays import Index, polylines
+from medialis.base.arrays import Index, kd_tree, polylines
 from medialis.base.errors import InvalidOptionError, InvalidShapeError
 from medialis.base.options import METERS, changed, file, flag, length, whole
 from medialis.base.progress import Progress, counted
@@ -137,20 +137,17 @@ def read_ma(path: str | os.PathLike[str]) -> MedialMesh:
         rows: dict[str, list[list[float]]] = {word: [] for word in WIDTHS}
         deleted: dict[str, list[bool]] = {word: [] for word in WIDTHS}
         said = 0
-        for number, text, words in number_lines(name):
-            kind = words[0]
+        for number, text, (kind, *words) in number_lines(name):
             if kind in WIDTHS:
-                rows[kind].append(_numbers(number, text, words[1:], WIDTHS[kind]))
-                deleted[kind].append(len(words) - 1 == FLAGGED[kind] and words[-1] == "1")
+                count, width = len(words), WIDTHS[kind]
+                if count < width:
+                    problem = f"line {number} has {count} of {width} numbers: {text!r}."
+                    raise InvalidShapeError(problem)
+                rows[kind].append([float(word) for word in words[:width]])
+                deleted[kind].append(count == FLAGGED[kind] and words[-1] == "1")
             elif not said and kind.lstrip("+-").isdigit():
                 said = int(kind)
         return _mesh(rows, deleted, said)
-
-
-def _numbers(number: int, text: str, words: list[str], width: int) -> list[float]:
-    if len(words) < width:
-        raise InvalidShapeError(f"line {number} has {len(words)} of {width} numbers: {text!r}.")
-    return [float(word) for word in words[:width]]
 
 
 def _mesh(
@@ -165,17 +162,14 @@ def _mesh(
     if not kept.any():
         raise InvalidShapeError("all its balls are marked as deleted.")
     number = np.where(kept, np.cumsum(kept) - 1, -1)
-    edges, faces = (
-        _simplices(rows[word], deleted[word], WIDTHS[word], number) for word in ("e", "f")
-    )
-    return MedialMesh.of_rows(balls[kept], edges, faces)
+    simplices = (_simplices(rows[one], deleted[one], WIDTHS[one], number) for one in "ef")
+    return MedialMesh.of_rows(balls[kept], *simplices)
 
 
 def _simplices(rows: list[list[float]], deleted: list[bool], width: int, number: Index) -> Index:
     """Return the edges or triangles between balls that are there, in their numbers."""
-    found = np.array(rows, np.float64).reshape(-1, width)
-    count = len(number)
-    if found.size and not ((found >= 0) & (found < count) & (found == np.rint(found))).all():
+    found, count = np.array(rows, np.float64).reshape(-1, width), len(number)
+    if not ((found >= 0) & (found < count) & (found == np.rint(found))).all():
         raise InvalidShapeError(f"its edges and triangles must name balls from 0 to {count - 1}.")
     known = number[found[~np.array(deleted, bool)].astype(np.int64)]
     return known[(known >= 0).all(axis=1)]
@@ -286,7 +280,7 @@ BALL_FORMATS = (
 """Of layers of balls: a medial mesh, and balls for robots."""
 
 
-STEPS = ("removed", "into", "after")
+PARTS, STEPS = ("balls", "edges", "faces"), ("removed", "into", "after")
 
 
 @dataclass(frozen=True, eq=False)
@@ -323,11 +317,13 @@ class MeshLevels:
         bare = rows[(rows[:, 2] < 0) & (rows[:, 1] >= 0), :2].astype(np.int32)
         attributes: dict[str, NDArray[Any]] = {"radius": mesh.radii}
         if self.importance is not None:
-            attributes["importance"] = self._importance_of(mesh)
+            nearest = slice(None)
+            if mesh is not self.mesh:
+                nearest = kd_tree(self.mesh.centers).query(mesh.centers)[1]
+            attributes["importance"] = self.importance[nearest]
         attributes["ball_sheet"] = mesh.sheets.of_points.astype(np.int32)
-        on_faces: dict[str, NDArray[Any]] = {}
-        if len(mesh.faces):
-            on_faces["sheet"] = mesh.sheets.of_faces.astype(np.int32)
+        sheets = {"sheet": mesh.sheets.of_faces.astype(np.int32)}
+        on_faces = sheets if len(mesh.faces) else {}
         faces, edges = (rows if len(rows) else None for rows in (mesh.faces, bare))
         return Layer(
             "medial_mesh",
@@ -344,15 +340,6 @@ class MeshLevels:
             levels=self if self.fewest < self.most else None,
         )
 
-    def _importance_of(self, mesh: MedialMesh) -> FloatArray:
-        from scipy.spatial import cKDTree
-
-        assert self.importance is not None
-        if mesh is self.mesh:
-            return self.importance
-        found: FloatArray = self.importance[cKDTree(self.mesh.centers).query(mesh.centers)[1]]
-        return found
-
     def packed(self) -> bytes:
         """Return all of it as bytes, for hosts that keep it with their data."""
         mesh = self.mesh
@@ -362,10 +349,11 @@ class MeshLevels:
             arrays["importance"] = self.importance
         for name, sequence in (("finer", mesh._finer), ("coarser", mesh._coarser)):
             if sequence is not None:
-                start = sequence.start
-                own = {"balls": start.balls, "edges": start.edges, "faces": start.faces}
+                own = {part: getattr(sequence.start, part) for part in PARTS}
                 own |= {step: getattr(sequence, step) for step in STEPS}
-                arrays |= {f"{name}_{key}": _small(value) for key, value in own.items()}
+                for key, value in own.items():
+                    small = value.dtype.kind == "i"
+                    arrays[f"{name}_{key}"] = value.astype(np.int32) if small else value
         stream = io.BytesIO()
         np.savez_compressed(stream, **arrays)
         return stream.getvalue()
@@ -385,35 +373,26 @@ class MeshLevels:
 def _sequence(arrays: Mapping[str, NDArray[Any]], name: str) -> Collapse | None:
     if f"{name}_balls" not in arrays:
         return None
-    floats = ("balls", "after")
-    own: dict[str, Any] = {
-        key: arrays[f"{name}_{key}"].astype(np.float64 if key in floats else np.int64)
-        for key in ("balls", "edges", "faces", *STEPS)
-    }
-    start = Complex(own["balls"], own["edges"], own["faces"])
-    return Collapse(start, own["removed"], own["into"], own["after"])
-
-
-def _small(values: NDArray[Any]) -> NDArray[Any]:
-    return values.astype(np.int32) if values.dtype.kind == "i" else values
+    found: list[Any] = [
+        arrays[f"{name}_{key}"].astype(np.float64 if key in ("balls", "after") else np.int64)
+        for key in (*PARTS, *STEPS)
+    ]
+    return Collapse(Complex(*found[:3]), *found[3:])
 
 
 def seams_layer(mesh: MedialMesh) -> tuple[Layer, ...]:
     """Return the curves where three sheets or more meet, as a layer; none without seams."""
-    seams = mesh.sheets.seams
-    if not len(seams):
+    if not len(mesh.sheets.seams):
         return ()
-    balls, rows = np.unique(seams, return_inverse=True)
-    edges = rows.reshape(-1, 2).astype(np.int32)
-    lines = polylines(edges, len(balls))
+    balls, rows = np.unique(mesh.sheets.seams, return_inverse=True)
+    lines = polylines(rows, len(balls))
     edges = np.concatenate([np.stack([line[:-1], line[1:]], axis=1) for line in lines])
     curve = np.zeros(len(balls), np.int32)
     for number, line in enumerate(lines):
         curve[line] = number
     known: dict[str, Any] = {"color_by": "seam", "labels": ("seam",), "role": "hidden"}
     known["attributes"] = {"radius": mesh.radii[balls], "seam": curve}
-    points, edges = mesh.centers[balls], edges.astype(np.int32)
-    return (Layer("medial_mesh_seams", points, edges=edges, **known),)
+    return (Layer("medial_mesh_seams", mesh.centers[balls], edges=edges, **known),)
 
 
 MOST_LEVELS = 6

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from medialis.base.arrays import Described, kd_tree
+from medialis.base.arrays import Described, Index, Mask, kd_tree
 from medialis.base.errors import InvalidOptionError, InvalidShapeError
 from medialis.base.kept import kept
 from medialis.base.options import Options, algorithm, changed, choice, flag, length, whole
@@ -218,7 +218,7 @@ def shift_seeds(
     )
 
 
-def _grid(points: FloatArray, sigma: float) -> tuple[Grid, NDArray[np.int64]]:
+def _grid(points: FloatArray, sigma: float) -> tuple[Grid, Index]:
     """Sort points into a grid; returns their order as well. Lengths are in search radii."""
     from medialis.segments._kernels import Grid
 
@@ -234,7 +234,7 @@ def _grid(points: FloatArray, sigma: float) -> tuple[Grid, NDArray[np.int64]]:
 
 def _paths(
     grid: Grid, seeds: FloatArray, last: int, progress: Progress
-) -> tuple[FloatArray, NDArray[np.int64]]:
+) -> tuple[FloatArray, Index]:
     """Return the steps of all seeds, one path after the other, and how many each path has."""
     from medialis.segments._kernels import follow_seeds
 
@@ -250,7 +250,7 @@ def _paths(
     return np.concatenate(paths), np.array([len(path) for path in paths])
 
 
-def _merged(grid: Grid, ends: FloatArray, merge: float) -> tuple[FloatArray, NDArray[np.int64]]:
+def _merged(grid: Grid, ends: FloatArray, merge: float) -> tuple[FloatArray, Index]:
     """Return the centers, densest first, and the center of each end."""
     from medialis.segments._kernels import weigh_places
 
@@ -367,9 +367,7 @@ def mean_shift_segments(
         return found
 
 
-def seed_points(
-    cloud: MedialCloud, search_radius: float, share: float = BUMP_RADIUS
-) -> NDArray[np.int64]:
+def seed_points(cloud: MedialCloud, search_radius: float, share: float = BUMP_RADIUS) -> Index:
     """Choose balls of low radius and large spoke angle, spread over the cloud (thesis 5.3.3).
 
     Parameters
@@ -396,9 +394,7 @@ def seed_points(
     return rows[uniform_subsample(cloud.subset(rows), SEED_SPACING * search_radius)]
 
 
-def _seed_rows(
-    cloud: MedialCloud, usable: NDArray[np.bool_], options: MeanShiftSegmentsOptions
-) -> NDArray[np.int64]:
+def _seed_rows(cloud: MedialCloud, usable: Mask, options: MeanShiftSegmentsOptions) -> Index:
     """Rows of the seeds: the automatic ones, those added, without those removed."""
     rows = np.flatnonzero(usable & (options.seeds != "none"))
     if options.seeds in ("spread", "bumps"):
@@ -417,8 +413,8 @@ def _seed_rows(
 
 
 def _balls_of(
-    cloud: MedialCloud, usable: NDArray[np.bool_], picked: Sequence[int] | NDArray[np.integer]
-) -> NDArray[np.int64]:
+    cloud: MedialCloud, usable: Mask, picked: Sequence[int] | NDArray[np.integer]
+) -> Index:
     """Rows of the balls of picked samples; the smallest that touches one without a ball of its own.
 
     Later writes win: touching balls from the largest to the smallest, then the own ones.

@@ -14,8 +14,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from medialis.base.arrays import Index
 from medialis.base.errors import InvalidOptionError, InvalidShapeError
 from medialis.base.options import Options, file
 from medialis.base.progress import Progress
@@ -33,10 +33,12 @@ from medialis.skeleton.layers import (
     border_layer,
     cloud_arrays,
     computed,
+    layers_of_segments,
     note_unseen,
     segmentation_outcome,
     summary,
     surface_layers,
+    vertices_of_input,
 )
 from medialis.skeleton.surface_skeleton import Preparation
 
@@ -53,9 +55,8 @@ def run_soft_edges(shape: Shape, options: SoftEdgesRun, progress: Progress) -> O
         edges = soft_edges.of(cloud, options, progress)
     on_edge = np.isfinite(edges.radius)
     if not on_edge.any():
-        progress.note(
-            "No edge was found: the surface is smooth at the scale of its samples.", "no_edges"
-        )
+        text = "No edge was found: the surface is smooth at the scale of its samples."
+        progress.note(text, "no_edges")
     fields = {
         "sharpness": edges.sharpness,
         "edge_angle": edges.angle,
@@ -127,11 +128,7 @@ PATCHES = Operation(
     "the outer one. Small patches are merged.",
     source="thesis 6.3.2",
     examples=(("creature.ply", "patches between the edges, numbered"),),
-    layers={
-        "patches": "the surface with the number of the patch of each vertex and face",
-        "samples": "the same on the refined surface",
-        "borders": "curves between the segments",
-    },
+    layers=layers_of_segments("patches", "patch of each vertex and face"),
     options=PatchesRun,
     run=run_patches,
     order=130,
@@ -179,11 +176,7 @@ PARTS = Operation(
     "smoothed.",
     source="thesis 6.3.3",
     examples=(("creature.ply", "body, head, limbs and tail, numbered"),),
-    layers={
-        "parts": "the surface with the number of the part of each vertex and face",
-        "samples": "the same on the refined surface",
-        "borders": "curves between the segments",
-    },
+    layers=layers_of_segments("parts", "part of each vertex and face"),
     options=PartsRun,
     run=run_parts,
     order=140,
@@ -220,8 +213,7 @@ def run_mean_shift_segments(
         raise InvalidShapeError(
             "No sample got a segment: try a larger search radius or more last steps."
         )
-    fine, labels = cloud.surface, segments.labels
-    fields = {"segment": labels}
+    fine, fields = cloud.surface, {"segment": segments.labels}
     shown: dict[str, Any] = {"color_by": "segment", "labels": ("segment",)}
     layers = surface_layers("mean_shift_segments", shape, fine, fields, **shown)
     note_unseen(layers[0], segments.count, progress)
@@ -231,7 +223,7 @@ def run_mean_shift_segments(
         values={
             "samples": fine.point_count,
             "segments": segments.count,
-            "unassigned_samples": int((labels < 0).sum()),
+            "unassigned_samples": int((segments.labels < 0).sum()),
             "areas": numbers(segments.areas.tolist()),
         },
         arrays={**cloud_arrays(cloud), **fields},
@@ -239,7 +231,7 @@ def run_mean_shift_segments(
     )
 
 
-def _read_picks(path: str, shape: Shape) -> NDArray[np.int64]:
+def _read_picks(path: str, shape: Shape) -> Index:
     """Vertices in a file: a number of the input, or three coordinates, a line; # is a comment."""
     if not path:
         return np.empty(0, np.int64)
@@ -258,23 +250,11 @@ def _read_picks(path: str, shape: Shape) -> NDArray[np.int64]:
         places.append([x, y, z])
     if not numbers and not places:
         raise InvalidOptionError(f"{path} holds no vertex number and no point.")
-    return np.concatenate([_in_shape(numbers, shape), _nearest(places, shape)])
+    given = vertices_of_input(shape, np.array(numbers, np.int64), "no seed")
+    return np.concatenate([given, _nearest(places, shape)])
 
 
-def _in_shape(numbers: list[int], shape: Shape) -> NDArray[np.int64]:
-    """Numbers in the repaired shape of vertices of the input."""
-    known = shape.point_count if shape.vertex_map is None else len(shape.vertex_map)
-    outside = [number for number in numbers if not 0 <= number < known]
-    if outside:
-        raise InvalidOptionError(f"Vertices are numbered 0..{known - 1}, got {outside[0]}.")
-    picked = np.array(numbers, np.int64)
-    mapped = picked if shape.vertex_map is None else shape.vertex_map[picked].astype(np.int64)
-    if (mapped < 0).any():
-        raise InvalidOptionError(f"Vertex {picked[mapped < 0][0]} is used by no face: no seed.")
-    return mapped
-
-
-def _nearest(places: list[list[float]], shape: Shape) -> NDArray[np.int64]:
+def _nearest(places: list[list[float]], shape: Shape) -> Index:
     if not places:
         return np.empty(0, np.int64)
     if not np.isfinite(places).all():
@@ -292,11 +272,7 @@ MEAN_SHIFT_SEGMENTS = Operation(
     "the samples along their path are their segment.",
     source="thesis 5.3",
     examples=(("teeth.ply --search-radius 5%", "one segment for each tooth"),),
-    layers={
-        "mean_shift_segments": "the surface with the number of the segment of each vertex",
-        "samples": "the same on the refined surface",
-        "borders": "curves between the segments",
-    },
+    layers=layers_of_segments("mean_shift_segments", "segment of each vertex"),
     options=MeanShiftSegmentsRun,
     run=run_mean_shift_segments,
     order=170,

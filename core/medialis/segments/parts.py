@@ -24,9 +24,8 @@ from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from medialis.base.arrays import kd_tree
+from medialis.base.arrays import Index, Mask, kd_tree
 from medialis.base.errors import InvalidShapeError
 from medialis.base.kept import kept
 from medialis.base.options import Options, algorithm, changed, choice, number, whole
@@ -234,9 +233,7 @@ def _mean_widths(graph: CurveSkeleton, piece: IntArray, width: FloatArray) -> Fl
     return np.asarray(np.bincount(piece, share * width) / np.bincount(piece, share))
 
 
-def _sticks_out(
-    graph: CurveSkeleton, width: FloatArray, core: NDArray[np.bool_], arm: NDArray[np.bool_]
-) -> bool:
+def _sticks_out(graph: CurveSkeleton, width: FloatArray, core: Mask, arm: Mask) -> bool:
     """Tell whether an arm with a free end is long for its width; one that returns is."""
     a, b = graph.edges.T
     feet = np.concatenate([a[arm[a] & core[b]], b[arm[b] & core[a]]])
@@ -316,7 +313,7 @@ def _from_borders(surface: Shape, labels: IntArray, limit: float) -> FloatArray:
 class _Diffusion:
     """Systems of equations on the samples near borders; the others keep their values."""
 
-    def __init__(self, surface: Shape, rows: NDArray[np.int64], ends: tuple[Any, Any]) -> None:
+    def __init__(self, surface: Shape, rows: Index, ends: tuple[Any, Any]) -> None:
         self.area = surface.point_areas
         place = np.full(surface.point_count, -1)
         place[rows] = np.arange(len(rows))

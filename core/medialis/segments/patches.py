@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from medialis.base.arrays import Ragged
+from medialis.base.arrays import Mask, Ragged
 from medialis.base.kept import Bound
 from medialis.base.options import Options, algorithm, angle, number
 from medialis.base.progress import Progress
@@ -82,7 +82,7 @@ class SoftEdges(Bound):
 
     radius: FloatArray
     angle: FloatArray
-    rim: NDArray[np.bool_]
+    rim: Mask
     cloud: MedialCloud = field(kw_only=True)
 
     def __post_init__(self) -> None:
@@ -98,7 +98,7 @@ class SoftEdges(Bound):
         """Share of a right angle by which the surface turns across the edge, (n,), 0 to 1."""
         return np.minimum(self.angle / (np.pi / 2), 1.0)
 
-    def on_edge(self, min_angle: float) -> NDArray[np.bool_]:
+    def on_edge(self, min_angle: float) -> Mask:
         """Return the samples on edges that turn by at least this many degrees, (n,)."""
         return self.angle >= max(math.radians(min_angle), np.finfo(np.float64).tiny)
 
@@ -169,7 +169,7 @@ class FaceEdges:
 
     shape: Shape
     faces: IntArray
-    crease: NDArray[np.bool_]
+    crease: Mask
     length: FloatArray
 
     @classmethod
@@ -207,7 +207,7 @@ def joined_across_weak(
     edges: FaceEdges,
     labels: IntArray,
     seed: IntArray,
-    free: NDArray[np.bool_],
+    free: Mask,
     min_angle: float,
 ) -> IntArray:
     """Join patches where most of their common border is no edge.
@@ -265,7 +265,7 @@ def _joined(pair: NDArray[Any], vote: FloatArray, count: int) -> IntArray:
     return target
 
 
-def _bend(edges: FaceEdges, labels: IntArray, free: NDArray[np.bool_]) -> FloatArray:
+def _bend(edges: FaceEdges, labels: IntArray, free: Mask) -> FloatArray:
     """Mean curvature of each patch off its soft edges, positive where it bends inward."""
     ends, count = labels[edges.faces], int(labels.max(initial=-1)) + 1
     inside = (ends[:, 0] == ends[:, 1]) & free[edges.faces].all(axis=1) & ~edges.crease
@@ -277,7 +277,7 @@ def _bend(edges: FaceEdges, labels: IntArray, free: NDArray[np.bool_]) -> FloatA
 
 def face_patches(
     surface: Shape,
-    soft: NDArray[np.bool_],
+    soft: Mask,
     min_angle: float,
     kinds: tuple[bool, bool],
     smallest: float,

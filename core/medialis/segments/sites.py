@@ -29,7 +29,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from medialis.base.arrays import Ragged, kd_tree, unit_rows
+from medialis.base.arrays import Index, Ragged, kd_tree, unit_rows
 from medialis.base.kept import Bound
 from medialis.base.threads import run_chunks
 from medialis.base.validation import FloatArray, IntArray
@@ -280,7 +280,7 @@ def _turned(placement: int) -> FloatArray:
     return np.asarray(Rotation.from_rotvec(placement * TURN * np.ones(3) / 3**0.5).as_matrix())
 
 
-def _in_turn(places: FloatArray, axis: IntArray, step: float) -> NDArray[np.int64]:
+def _in_turn(places: FloatArray, axis: IntArray, step: float) -> Index:
     """Return an order of the places in which near ones are far from each other.
 
     It follows from their lines alone, so that a surface that is moved a little keeps nearly all of
@@ -295,9 +295,7 @@ def _in_turn(places: FloatArray, axis: IntArray, step: float) -> NDArray[np.int6
     return np.lexsort((along, np.round(turn, 9)))
 
 
-def _crossings(
-    points: FloatArray, faces: IntArray, step: float
-) -> list[tuple[FloatArray, NDArray[np.int64]]]:
+def _crossings(points: FloatArray, faces: IntArray, step: float) -> list[tuple[FloatArray, Index]]:
     """Return where lines of a lattice along each axis cross faces, and which faces these are."""
     from medialis.segments._kernels import list_crossings, mark_crossed
 

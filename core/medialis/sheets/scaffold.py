@@ -19,7 +19,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from medialis.base.arrays import Index, Mask, Ragged
+from medialis.base.arrays import Index, Mask, Ragged, kd_tree
 from medialis.base.errors import InvalidShapeError
 from medialis.base.kept import Bound
 from medialis.base.options import Options, algorithm, whole
@@ -167,14 +167,12 @@ def y_network(sheets: MedialSheets, options: YNetworkOptions, progress: Progress
 
 
 def _near_points(sheets: MedialSheets, neighbours: int) -> Mask:
-    from scipy.spatial import cKDTree
-
     near = np.zeros(len(sheets), np.bool_)
     rows = np.flatnonzero(sheets.labels >= 0)
     k = min(neighbours + 1, len(rows))
     if k > 1:
         centers, labels = sheets.cloud.centers[rows], sheets.labels[rows]
-        nearest = cKDTree(centers).query(centers, k=k)[1]
+        nearest = kd_tree(centers).query(centers, k=k)[1]
         near[rows] = (labels[nearest] != labels[:, None]).any(axis=1)
     return near
 
@@ -266,13 +264,11 @@ def _without_repeats(
     nearly all of it close to some with one; the weight of a node is the length of chain round it.
     What is no wider than half a spacing is a point, where many sheets meet or one ends on a line.
     """
-    from scipy.spatial import cKDTree
-
     length = np.bincount(piece, weight, minlength=len(meeting))
     members = Ragged.group(piece, len(length))
     kept: list[int] = []
     taken = np.full(len(points), -1, np.int64)
-    near = cKDTree(points).query_ball_point(points, SAME_CURVE * spacing) if len(points) else []
+    near = kd_tree(points).query_ball_point(points, SAME_CURVE * spacing) if len(points) else []
     for chain in np.lexsort((np.arange(len(length)), -length)).tolist():
         nodes = members[chain].tolist()
         shared = np.zeros(len(nodes), np.int64)

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from medialis.base.arrays import Index, Mask, Ragged, unit_rows
+from medialis.base.arrays import Index, Mask, Ragged, next_side, twice_areas, unit_rows
 from medialis.base.errors import InvalidShapeError
 from medialis.base.kept import Bound
 from medialis.base.validation import FloatArray, IntArray, frozen, hold
@@ -112,8 +112,7 @@ class Unfolded(Bound):
         """Area of the surface round each node, (u,)."""
         if self.cloud.surface.faces is None:
             return frozen(self.cloud.surface.point_areas[self.samples], np.float64)
-        a, b, c = (self.points[self.faces[:, j]] for j in range(3))
-        third = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 6
+        third = twice_areas(self.points, self.faces) / 6
         total = np.bincount(self.faces.ravel(), np.repeat(third, 3), len(self))
         return frozen(total, np.float64)
 
@@ -204,7 +203,7 @@ def strips(
     """
     there, back = creases.half_edges[creases.inward == (sign > 0)].T
     # From the face of the first half-edge to that of the second, at its start and at its end.
-    sides = [(corner[there], corner[_next(back)]), (corner[_next(there)], corner[back])]
+    sides = [(corner[there], corner[next_side(back)]), (corner[next_side(there)], corner[back])]
     steps = [_steps(fans, start, end, first, len(creases.vertices)) for start, end in sides]
     edge = np.concatenate([step[0] for step in steps])
     which = np.repeat([0, 1], [len(step[0]) for step in steps])
@@ -252,10 +251,6 @@ def _steps(
     edges, nodes, turns = edges[order], nodes[order], turns[order]
     step = np.flatnonzero(edges[1:] == edges[:-1])
     return edges[step], (turns[step] + turns[step + 1]) / 2, nodes[step], nodes[step + 1]
-
-
-def _next(half_edges: Index) -> Index:
-    return half_edges - half_edges % 3 + (half_edges + 1) % 3
 
 
 class _Nodes(NamedTuple):

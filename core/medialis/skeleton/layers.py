@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -10,6 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from medialis.base.arrays import Index
+from medialis.base.errors import InvalidOptionError
 from medialis.base.options import Options, changed, choice
 from medialis.base.progress import Progress
 from medialis.base.validation import FloatArray, IntArray
@@ -114,10 +115,37 @@ class EdgePreparation(SheetPreparation):
         return SurfaceSkeletonOptions.taken_from(self, side=SIDE_OF_EDGES[self.edges])
 
 
-def computed(shape: Shape, options: Options, progress: Progress) -> MedialCloud:
+def computed(shape: Shape, options: Options, progress: Progress, share: float = 0.4) -> MedialCloud:
     """Refine and shrink balls, the first part of all these operations."""
-    with progress.stage("skeleton", 0.0, 0.4):
+    with progress.stage("skeleton", 0.0, share):
         return surface_skeleton.of(shape, options, progress)
+
+
+def vertices_of_input(shape: Shape, numbers: Index, use: str) -> Index:
+    """Return the numbers in the repaired shape of vertices of the input.
+
+    Raises
+    ------
+    InvalidOptionError
+        For numbers of no vertex, and for vertices that no face uses: `use` says what they are not.
+    """
+    known = shape.point_count if shape.vertex_map is None else len(shape.vertex_map)
+    outside = numbers[(numbers < 0) | (numbers >= known)]
+    if len(outside):
+        raise InvalidOptionError(f"Vertices are numbered 0..{known - 1}, got {outside.max()}.")
+    mapped = numbers if shape.vertex_map is None else shape.vertex_map[numbers].astype(np.int64)
+    if (mapped < 0).any():
+        raise InvalidOptionError(f"Vertex {numbers[mapped < 0][0]} is used by no face: {use}.")
+    return mapped
+
+
+def layers_of_segments(name: str, found: str) -> dict[str, str]:
+    """Say what the layers of a segmentation are, for its declaration."""
+    return {
+        name: f"the surface with the number of the {found}",
+        "samples": "the same on the refined surface",
+        "borders": "curves between the segments",
+    }
 
 
 def surface_layers(
@@ -186,11 +214,10 @@ def segmentation_outcome(
     fine, labels = segmentation.surface, segmentation.labels
     missing = int((labels < 0).sum())
     if missing:
-        progress.note(
+        progress.warn(
             f"{missing} of {fine.point_count} samples have no label (-1): they lie in components "
             "of the surface without any inner ball (open or flat pieces).",
             "samples_unlabelled",
-            level=logging.WARNING,
             unlabelled=missing,
             samples=fine.point_count,
         )

@@ -10,7 +10,6 @@ like relief. `hidden_walls` finds the balls that passed through one (deviation f
 
 from __future__ import annotations
 
-import logging
 import math
 from dataclasses import dataclass, field, fields, replace
 from enum import IntEnum
@@ -557,7 +556,7 @@ def note_outcome(cloud: MedialCloud, tolerance: float, progress: Progress) -> No
             f"{counted(bare, 'sample', of=len(cloud), verbs=('has', 'have'))} no normal and so no "
             f"ball: {reason}."
         )
-        progress.note(text, "no_normal", samples=bare, of=len(cloud), level=logging.WARNING)
+        progress.warn(text, "no_normal", samples=bare, of=len(cloud))
     for sign, name in ((1, "inner"), (-1, "outer")):
         mine = cloud.side == sign
         count = int(((cloud.status == BallStatus.OPEN) & mine).sum())

@@ -36,7 +36,14 @@ from medialis.skeleton.importance.importance import (
     important_points,
     local_measures,
 )
-from medialis.skeleton.layers import cloud_arrays, cloud_layer, samples_layer, summary
+from medialis.skeleton.layers import (
+    cloud_arrays,
+    cloud_layer,
+    computed,
+    samples_layer,
+    summary,
+    vertices_of_input,
+)
 from medialis.skeleton.medial_cloud import BallStatus, MedialCloud, ShrinkOptions, Side
 from medialis.skeleton.skeleton_mesh import (
     SkeletonMesh,
@@ -48,7 +55,6 @@ from medialis.skeleton.skeleton_mesh import (
 from medialis.skeleton.surface_skeleton import (
     Preparation,
     SurfaceSkeletonOptions,
-    surface_skeleton,
     uniform_subsample,
 )
 
@@ -105,8 +111,7 @@ class SurfaceSkeletonRun(Preparation):
 
 def run_surface_skeleton(shape: Shape, options: SurfaceSkeletonRun, progress: Progress) -> Outcome:
     """Refine, shrink balls, measure their importance, thin the cloud if asked to."""
-    with progress.stage("skeleton", 0.0, 0.3):
-        cloud = surface_skeleton.of(shape, options, progress)
+    cloud = computed(shape, options, progress, 0.3)
     fine = cloud.surface
     importance = None
     if options.importance and fine.faces is not None and options.side == "inner":
@@ -234,8 +239,7 @@ class SkeletonMeshRun(SkeletonMeshOptions, Preparation):
 def run_skeleton_mesh(shape: Shape, options: SkeletonMeshRun, progress: Progress) -> Outcome:
     """Refine, shrink balls, choose the points to keep, connect them."""
     require_faces(shape)
-    with progress.stage("skeleton", 0.0, 0.5):
-        cloud = surface_skeleton.of(shape, options, progress)
+    cloud = computed(shape, options, progress, 0.5)
     measured: dict[str, FloatArray] = {}
     if options.importance > 0:
         with progress.stage("importance", 0.5, 0.8):
@@ -350,8 +354,7 @@ def run_skeleton_importance(
             shape = kept(surface_of_cloud, given, None, lambda: surface_of_cloud(given), progress)
         text = "A surface was built through the points of the cloud. Check it in the layer samples."
         progress.note(text, "surface_built")
-    with progress.stage("skeleton", 0.0, 0.2):
-        cloud = surface_skeleton.of(shape, options, progress)
+    cloud = computed(shape, options, progress, 0.2)
     fine = cloud.surface
     with progress.stage("importance", 0.2, 0.95):
         paths = geodesic_importance.of(cloud, options, progress)
@@ -457,7 +460,7 @@ def run_geodesic_path(shape: Shape, options: GeodesicPathRun, progress: Progress
     pairs = np.array([[options.start, options.end]])
     if options.pairs:
         pairs = _read_pairs(options.pairs)
-    ends = _in_shape(shape, pairs)
+    ends = vertices_of_input(shape, pairs, "no path starts or ends there")
     with progress.stage("geodesics", 0.0, 1.0):
         paths = geodesics(shape, ends, directions=options.directions, progress=progress)
     drawn = [(row, path) for row, path in enumerate(paths) if path is not None]
@@ -490,9 +493,7 @@ def run_geodesic_path(shape: Shape, options: GeodesicPathRun, progress: Progress
 def _layer(drawn: list[tuple[int, Geodesic]]) -> Layer:
     """All polylines, with the distance from their start, and their row in the list of pairs."""
     counts = np.array([len(path.points) for _, path in drawn])
-    first = np.cumsum(counts) - counts
-    index = np.arange(counts.sum())
-    inside = np.delete(index, first + counts - 1)  # a last point begins no edge
+    inside = np.delete(np.arange(counts.sum()), np.cumsum(counts) - 1)  # a last begins no edge
     points = np.concatenate([path.points for _, path in drawn])
     edges = np.stack([inside, inside + 1], axis=1).astype(np.int32)
     distance = np.concatenate([places_along(path.points) for _, path in drawn])
@@ -515,19 +516,6 @@ def _read_pairs(path: str) -> Index:
     return np.array(rows, np.int64)
 
 
-def _in_shape(shape: Shape, pairs: Index) -> Index:
-    """Numbers in the repaired shape of vertices of the input."""
-    known = shape.point_count if shape.vertex_map is None else len(shape.vertex_map)
-    if pairs.max() >= known:
-        raise InvalidOptionError(f"Vertices are numbered 0..{known - 1}, got {pairs.max()}.")
-    mapped = pairs if shape.vertex_map is None else shape.vertex_map[pairs].astype(np.int64)
-    if (mapped < 0).any():
-        raise InvalidOptionError(
-            f"Vertex {pairs[mapped < 0][0]} is used by no face: no path starts or ends there."
-        )
-    return mapped
-
-
 GEODESIC_PATH = Operation(
     name="geodesic_path",
     filter_name="generate_geodesic_path",
@@ -539,9 +527,7 @@ GEODESIC_PATH = Operation(
     "one wins. It is the shortest path in its neighbourhood.",
     source="thesis 3.3.2",
     examples=(("creature.ply --start 0 --end 500", "the shortest path between two vertices"),),
-    layers={
-        "geodesic_path": "the paths as polylines with the distance from their start",
-    },
+    layers={"geodesic_path": "the paths as polylines with the distance from their start"},
     options=GeodesicPathRun,
     run=run_geodesic_path,
     needs_faces=True,

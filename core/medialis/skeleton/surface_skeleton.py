@@ -15,7 +15,6 @@ operation takes its balls from here.
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -246,9 +245,7 @@ def _with_lower_tolerance(
             f"tolerance of {100 * tolerance:.3g} % of the diagonal. The balls there were computed "
             f"with a tolerance of down to {100 * finer:.3g} %."
         )
-        progress.note(
-            text, "thin_walls", level=logging.WARNING, samples=count, of=of, tolerance=finer
-        )
+        progress.warn(text, "thin_walls", samples=count, of=of, tolerance=finer)
     return cloud
 
 
@@ -278,21 +275,16 @@ def with_fans(
     shape = cloud.surface
     if shape.faces is None:
         return cloud
-    if walls:
-        creases = walls[0].creases
-    else:
-        creases = run_patiently(lambda: find_creases(shape, options.creases), progress)
+    find = partial(find_creases, shape, options.creases)
+    creases = walls[0].creases if walls else run_patiently(find, progress)
     if len(creases.half_edges) == 0:
         return cloud
     if not walls:
         tree = sample_tree(shape, progress)
         walls = [run_patiently(lambda: Walls.of(creases, tree), progress)]
-    signs = [one for one in np.unique(cloud.side) if (creases.concave == (one > 0)).any()]
-    parts = [cloud]
-    for sign in signs:
-        sources, directions = _directions(cloud, creases, int(sign))
-        parts.append(_balls(walls[0], sources, directions, int(sign), options, progress))
-    parts.append(between_samples(cloud, walls[0], options.tolerance))
+    signs = [s for s in np.unique(cloud.side).tolist() if (creases.concave == (s > 0)).any()]
+    fans = [_balls(walls[0], *_directions(cloud, creases, s), s, options, progress) for s in signs]
+    parts = [cloud, *fans, between_samples(cloud, walls[0], options.tolerance)]
     if sum(map(len, parts)) == len(cloud):
         return cloud
     columns: dict[str, Any] = {

@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from medialis.base.arrays import follow
+from medialis.base.arrays import follow, kd_tree
 from medialis.base.validation import FloatArray, IntArray
 from medialis.curves.curve_skeleton import CurveSkeleton
 from medialis.curves.finishing import prune_spurs, smooth_nodes
@@ -135,19 +135,17 @@ def merge_to(
 
 def thin_points(points: FloatArray, weights: FloatArray, cell: float, measure: Measure) -> Nodes:
     """Return the mean point of each cell of a grid, without strays and points outside."""
-    from scipy.spatial import cKDTree
-
     means, count = merge_cells(points, weights, cell)
     if len(means) == 0:
         return Nodes(means, count, count, np.empty((0, 2), np.int32), count)
-    tree = cKDTree(means)
+    tree = kd_tree(means)
     near = tree.sparse_distance_matrix(tree, 2 * cell, output_type="coo_matrix")
     density = np.zeros(len(means))
     np.add.at(density, near.row, count[near.col])  # itself included
     radii = measure(means)
     keep = (density >= SPARSE) & (radii > 0)
     means, density, radii = means[keep], density[keep], radii[keep]
-    links = cKDTree(means).query_pairs(LINK * cell, output_type="ndarray")
+    links = kd_tree(means).query_pairs(LINK * cell, output_type="ndarray")
     links = links[np.lexsort(links.T[::-1])].astype(np.int32)
     lengths = np.linalg.norm(means[links[:, 0]] - means[links[:, 1]], axis=1)
     # Balls that overlap hold the segment between their centers.
@@ -180,8 +178,6 @@ def _segments_inside(a: FloatArray, b: FloatArray, step: float, measure: Measure
 
 def join_pieces(nodes: Nodes, cell: float, measure: Measure) -> Nodes:
     """Join pieces by the shortest links inside the shape; drop small ones that cannot be joined."""
-    from scipy.spatial import cKDTree
-
     while len(nodes.points):
         piece = pieces_of(nodes)
         count = int(piece.max()) + 1
@@ -191,7 +187,7 @@ def join_pieces(nodes: Nodes, cell: float, measure: Measure) -> Nodes:
         nearest = []
         for number in range(count):
             own, other = np.flatnonzero(piece == number), np.flatnonzero(piece != number)
-            away, near = cKDTree(nodes.points[other]).query(nodes.points[own])
+            away, near = kd_tree(nodes.points[other]).query(nodes.points[own])
             few = np.argsort(away, kind="stable")[:NEAREST]
             nearest.append(np.stack([own[few], other[near[few]]], axis=1))
         pairs = np.concatenate(nearest)
@@ -260,10 +256,9 @@ def link_points(
 def _piece_paths(nodes: Nodes, rows: IntArray, cell: float) -> list[tuple[int, int]]:
     """Return the edges of the paths of a piece; one without length has none."""
     from scipy.sparse.csgraph import dijkstra
-    from scipy.spatial import cKDTree
 
     lengths, costs = nodes.graph(nodes.lengths), nodes.graph(nodes.costs)
-    tree = cKDTree(nodes.points[rows])
+    tree = kd_tree(nodes.points[rows])
     covered = COVERED * nodes.radii + LINK * cell
     open_ = np.zeros(len(nodes.points), bool)
     open_[rows] = True

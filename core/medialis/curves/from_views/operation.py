@@ -6,12 +6,12 @@ the plain function take. On hand, horse and fertility both find the same loops.
 
 from __future__ import annotations
 
-import logging
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from medialis.base.arrays import kd_tree
 from medialis.base.options import changed
 from medialis.base.progress import Progress, counted
 from medialis.base.threads import run_patiently
@@ -85,9 +85,7 @@ def run(shape: Shape, options: ViewCurveSkeletonRun, progress: Progress) -> Outc
 
 def _note_doubts(shape: Shape, curve: CurveSkeleton, progress: Progress) -> None:
     """Warn of sheets, and of parts that no branch was found for."""
-    from scipy.spatial import cKDTree
-
-    away, node = run_patiently(lambda: cKDTree(curve.nodes).query(shape.points), progress)
+    away, node = run_patiently(lambda: kd_tree(curve.nodes).query(shape.points), progress)
     share = float((away > FAR_RADII * curve.radii[node]).mean())
     if share > SHEET_SHARE:
         text = (
@@ -95,7 +93,7 @@ def _note_doubts(shape: Shape, curve: CurveSkeleton, progress: Progress) -> None
             "curve skeleton: the shape is a sheet there, or no view shows it. Use surface_skeleton "
             "for sheets."
         )
-        progress.note(text, "thin_sheets", share=share, level=logging.WARNING)
+        progress.warn(text, "thin_sheets", share=share)
     parts = int(shape.components.max()) + 1
     if curve.component_count != parts and shape.faces is not None:
         text = (
