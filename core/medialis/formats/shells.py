@@ -30,6 +30,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from medialis.base.arrays import rows_of_labels, twice_areas
 from medialis.base.errors import InvalidOptionError
 from medialis.base.validation import FloatArray, as_faces, as_points
 from medialis.formats.files import Drawn, write_lines
@@ -105,18 +106,15 @@ class ShellMesh:
         if self.grouped_by is None:
             return (self._group(0, "SHELL", np.arange(len(self.faces))),)
         numbers, stem = self.face_attributes[self.grouped_by], _word(self.grouped_by)
-        values, which = np.unique(numbers, return_inverse=True)
-        order = np.argsort(which.ravel(), kind="stable")
-        parts = np.split(order, np.cumsum(np.bincount(which.ravel()))[:-1])
+        parts = rows_of_labels(np.unique(numbers, return_inverse=True)[1].ravel())
         return tuple(
             self._group(number, f"NO_{stem}" if number < 0 else f"{stem}_{number}", rows)
-            for number, rows in zip(values.tolist(), parts, strict=True)
+            for number, rows in zip(np.unique(numbers).tolist(), parts, strict=True)
         )
 
     @cached_property
     def _areas(self) -> FloatArray:
-        a, b, c = (self.points[self.faces[:, j]] for j in range(3))
-        return np.asarray(0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1))
+        return twice_areas(self.points, self.faces) / 2
 
     @cached_property
     def _shared(self) -> NDArray[np.bool_]:

@@ -13,6 +13,7 @@ import re
 import numpy as np
 from numpy.typing import NDArray
 
+from medialis.base.arrays import corner_vectors, unit_rows
 from medialis.base.errors import InvalidOptionError, InvalidShapeError
 from medialis.base.progress import Message
 from medialis.formats.files import (
@@ -392,12 +393,9 @@ def write_stl(path: str | os.PathLike[str], layer: Drawn) -> None:
     """
     if layer.faces is None:
         raise InvalidOptionError("STL holds triangles only; write points as PLY, OBJ or OFF.")
-    corners = layer.points[layer.faces]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    lengths = np.linalg.norm(normals, axis=1, keepdims=True)
-    np.divide(normals, lengths, out=normals, where=lengths > 0)
-    table = np.zeros(len(corners), _FACET)
-    table["normal"], table["corners"] = normals, corners
+    table = np.zeros(len(layer.faces), _FACET)
+    table["normal"] = unit_rows(corner_vectors(layer.points, layer.faces))
+    table["corners"] = layer.points[layer.faces]
     head = b"medialis".ljust(80) + np.uint32(len(table)).tobytes()
     with complete_file(path) as stream:
         stream.write(head + table.tobytes())

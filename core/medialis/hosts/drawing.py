@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from medialis.base.arrays import Index, Mask, polylines
+from medialis.base.arrays import Index, Mask, kd_tree, polylines
 from medialis.base.errors import InvalidOptionError
 from medialis.base.options import Kind, Parameter
 from medialis.base.validation import FloatArray
@@ -350,10 +350,8 @@ def drawn_radius(layer: Layer, result: Outcome) -> float:
     if len(points) < 2:
         return LARGEST_DOT * diagonal
     if len(points) < SPARSE * shape.point_count:
-        from scipy.spatial import cKDTree
-
         chosen = points[:: max(1, len(points) // SAMPLES)]
-        usual = max(usual, 0.5 * float(np.median(cKDTree(points).query(chosen, k=2)[0][:, 1])))
+        usual = max(usual, 0.5 * float(np.median(kd_tree(points).query(chosen, k=2)[0][:, 1])))
     return min(usual, LARGEST_DOT * diagonal)
 
 

@@ -98,9 +98,7 @@ def run(shape: Shape, options: ArmatureRun, progress: Progress) -> Outcome:
         arrays={
             "heads": places(rig.heads),
             "tails": places(rig.tails),
-            "parents": rig.parents,
-            "limbs": rig.limbs,
-            "mirrors": rig.mirrors,
+            **{name: getattr(rig, name) for name in ("parents", "limbs", "mirrors")},
             "skin_bones": skin.bones,
             "skin_weights": numbers(skin.weights),
             "nodes": places(curve.nodes),

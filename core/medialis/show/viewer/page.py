@@ -39,6 +39,7 @@ from medialis.base.validation import FloatArray, IntArray
 from medialis.formats.files import write_text
 from medialis.show.camera import default_view
 from medialis.show.colors import color_table, palette, value_range
+from medialis.show.reports.page import data_text, page
 
 if TYPE_CHECKING:
     from medialis.operations.result import Layer, Outcome
@@ -370,15 +371,12 @@ def viewer_page(results: Sequence[Outcome], title: str = "medialis") -> str:
     scene = scene.replace("<", "\\u003c")  # a name must not end the script
     data = {"scene": scene, "arrays": packer.text(), "library": library}
     scripts = "\n".join(_text(f"{name}.js") for name in SCRIPTS)
-    return (
-        '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">\n'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        f"<title>{html.escape(title)}</title><style>\n{_text('viewer.css')}</style></head><body>\n"
-        f"{_text('page.html')}"
-        + "".join(
-            f'<script type="text/plain" id="{id}">{text}</script>\n' for id, text in data.items()
-        )
-        + f"<script>\n{scripts}</script>\n</body></html>\n"
+    return page(
+        title,
+        _text("viewer.css"),
+        _text("page.html").removesuffix("\n"),
+        *(f'<script type="text/plain" id="{id}">{text}</script>' for id, text in data.items()),
+        f"<script>\n{scripts}</script>",
     )
 
 
@@ -400,7 +398,7 @@ def _library() -> str:
 
 
 def _text(name: str) -> str:
-    return (resources.files(__package__) / name).read_text("utf-8")
+    return data_text("medialis.show.viewer", name)
 
 
 def _described(scene: Scene, packer: Packer) -> dict[str, Any]:
