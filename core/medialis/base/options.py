@@ -430,8 +430,8 @@ def _option(kind: Kind, default: Any, label: str, help: str, **about: Any) -> An
     return field(default=default, metadata={"parameter": known})
 
 
-# Each declares an option by default, label, help and what else a `Parameter` has: a number without a
-# unit, a whole one, a fraction of the bounding-box diagonal, degrees, and yes or no.
+# Each declares an option by default, label, help and what else a `Parameter` has: a number without
+# a unit, a whole one, a fraction of the bounding-box diagonal, degrees, and yes or no.
 number = functools.partial(_option, Kind.FLOAT)
 whole = functools.partial(_option, Kind.INT)
 length = functools.partial(_option, Kind.LENGTH)

@@ -13,7 +13,7 @@ import re
 import numpy as np
 from numpy.typing import NDArray
 
-from medialis.base.arrays import corner_vectors, unit_rows
+from medialis.base.arrays import corner_vectors, sums_of, unit_rows
 from medialis.base.errors import InvalidOptionError, InvalidShapeError
 from medialis.base.progress import Message
 from medialis.formats.files import (
@@ -195,8 +195,7 @@ def _vertex_normals(
     if (corners >= n).any() or (index >= len(vectors)).any():
         return None
     with np.errstate(all="ignore"):
-        sums = [np.bincount(corners, weights=vectors[index, i], minlength=n) for i in range(3)]
-    return np.stack(sums, axis=1)
+        return sums_of(corners, vectors[index], n)
 
 
 _HEADER = 84
