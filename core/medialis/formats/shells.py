@@ -122,12 +122,8 @@ class ShellMesh:
         if self.grouped_by is None:
             return np.zeros(len(self.points), np.bool_)
         numbers = np.repeat(self.face_attributes[self.grouped_by].astype(np.int64), 3)
-        corners = self.faces.ravel()
-        low = np.full(len(self.points), np.iinfo(np.int64).max)
-        high = np.full(len(self.points), np.iinfo(np.int64).min)
-        np.minimum.at(low, corners, numbers)
-        np.maximum.at(high, corners, numbers)
-        return np.asarray(low < high)
+        pairs = np.unique(np.stack([self.faces.ravel(), numbers], axis=1), axis=0)
+        return np.bincount(pairs[:, 0], minlength=len(self.points)) > 1
 
     def _group(self, number: int, name: str, rows: NDArray[np.int64]) -> ShellGroup:
         values, faces = np.empty(0), rows[:0]

@@ -369,6 +369,7 @@ _LAMPS = np.array(
         [0.0, 0.0, -1.0, 0.22],  # headlight
     ]
 )
+_LAMPS[:, :3] /= np.linalg.norm(_LAMPS[:, :3], axis=1, keepdims=True)
 
 
 @dataclass(frozen=True)
@@ -568,10 +569,8 @@ def render_layers(
         canvas = canvas._replace(glass=np.zeros((*canvas.depth.shape, 4), np.float32))
         with steps.stage("see-through", 0.7, 0.9):
             draw(veils, 0)
-    lamps = _LAMPS.copy()
-    lamps[:, :3] /= np.linalg.norm(lamps[:, :3], axis=1, keepdims=True)
     light = Light(
-        lamps,
+        _LAMPS,
         float(style.ambient),
         float(style.diffuse),
         float(style.specular),
