@@ -30,7 +30,7 @@ from scipy.spatial import cKDTree
 
 import medialis
 from medialis.base.progress import Progress
-from medialis.formats import write_ply
+from medialis.formats.ply_attributes import write_ply
 from medialis.show.writing import Pictures, write_result
 
 HERE = Path(__file__).parent

@@ -93,7 +93,7 @@ def test_obj_and_ply_hold_lines_and_radius(tmp_path):
     ]
     assert branches == [row.tolist() for row in before.branches]
     medialis.write_curve_skeleton(tmp_path / "a.ply", before)
-    from medialis.formats import read_ply_attributes
+    from medialis.formats.ply_attributes import read_ply_attributes
 
     read = read_ply_attributes(tmp_path / "a.ply")
     assert (read.edges == before.edges).all() and (read.attributes["radius"] == before.radii).all()

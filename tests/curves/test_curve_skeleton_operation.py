@@ -6,6 +6,7 @@ import pytest
 import closed_forms as forms
 import medialis
 from medialis.cli.commands import main
+from medialis.formats.ply_attributes import write_ply
 from tubes import circle, segment, tube
 
 
@@ -145,7 +146,7 @@ def test_clouds_and_flat_shapes_are_refused(creature):
 @pytest.mark.slow
 def test_files_of_the_command_line(tmp_path, capsys):
     shape = tube([circle([0, 0, 0], 1)], 0.3, 0.1)
-    medialis.formats.write_ply(tmp_path / "torus.ply", shape.points, faces=shape.faces)
+    write_ply(tmp_path / "torus.ply", shape.points, faces=shape.faces)
     out = tmp_path / "out"
     arguments = ["curve-skeleton", str(tmp_path / "torus.ply"), "-o", str(out), "--json"]
     assert main([*arguments, "--formats", "swc,json"]) == 0

@@ -11,7 +11,10 @@ import pytest
 
 import medialis
 from medialis.formats import json_npz as results
-from medialis.formats import meshes, read_mesh, read_npz, read_ply_attributes, write_ply
+from medialis.formats import meshes
+from medialis.formats.json_npz import read_npz
+from medialis.formats.meshes import read_mesh
+from medialis.formats.ply_attributes import read_ply_attributes, write_ply
 
 unix = pytest.mark.skipif(os.name == "nt", reason="needs pipes and devices of Unix")
 

@@ -12,7 +12,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from medialis.base.errors import FileError, InvalidShapeError, MedialisError
-from medialis.formats import read_mesh
+from medialis.formats.meshes import read_mesh
 
 POINTS = np.array(
     [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1.5]]

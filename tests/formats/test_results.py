@@ -11,17 +11,10 @@ import numpy as np
 import pytest
 
 from medialis.base.errors import FileError, InvalidOptionError, InvalidShapeError, MedialisError
-from medialis.formats import (
-    OutputFolder,
-    json_text,
-    read_mesh,
-    read_npz,
-    read_ply_attributes,
-    write_json,
-    write_npz,
-    write_ply,
-)
-from medialis.formats.files import complete_file
+from medialis.formats.files import OutputFolder, complete_file
+from medialis.formats.json_npz import json_text, read_npz, write_json, write_npz
+from medialis.formats.meshes import read_mesh
+from medialis.formats.ply_attributes import read_ply_attributes, write_ply
 
 
 def names_in(folder):

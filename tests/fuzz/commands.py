@@ -19,7 +19,7 @@ from typing import IO, Any
 
 from fuzz.kinds import Fault
 from fuzz.nasty_shapes import sphere, tube
-from medialis.formats import write_ply
+from medialis.formats.ply_attributes import write_ply
 
 PATIENCE = 150.0
 """Seconds after which a run hangs."""

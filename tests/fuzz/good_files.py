@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from fuzz.nasty_shapes import grid_box, tube
 from medialis.curves.curve_skeleton import CurveSkeleton
 from medialis.curves.operation import write_curve_skeleton
-from medialis.formats import write_ply
+from medialis.formats.ply_attributes import write_ply
 
 
 @dataclass(frozen=True)

@@ -22,7 +22,8 @@ from medialis.batches.batch import write_table
 from medialis.batches.jobs import Job, find_files, plan, run_job
 from medialis.cli.commands import main
 from medialis.curves.operation import write_curve_skeleton
-from medialis.formats import read_npz, read_ply_attributes, write_ply
+from medialis.formats.json_npz import read_npz
+from medialis.formats.ply_attributes import read_ply_attributes, write_ply
 
 MOST_MEMORY = GIGABYTE
 """Bytes that a case may take from the system: its files have at most some megabytes."""

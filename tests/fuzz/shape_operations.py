@@ -20,8 +20,8 @@ from fuzz.kinds import GIGABYTE, Case, Fault, Kind
 from fuzz.nasty_shapes import nasty_mesh, nasty_normals
 from medialis.base.options import Kind as Option
 from medialis.base.options import Parameter
-from medialis.formats import write_ply
-from medialis.formats.json_npz import json_text
+from medialis.formats.json_npz import json_text, read_npz
+from medialis.formats.ply_attributes import read_ply_attributes, write_ply
 from medialis.operations.declaration import Operation
 from medialis.operations.result import Result
 
@@ -282,8 +282,8 @@ def _check_written(result: Result, folder: Path) -> None:
     if missing:
         raise Fault("files of a manifest are missing", f"{missing}")
     for layer in result.layers:
-        medialis.formats.read_ply_attributes(folder / f"{layer.name}.ply")
-    arrays = medialis.formats.read_npz(folder / f"{result.operation}.npz")
+        read_ply_attributes(folder / f"{layer.name}.ply")
+    arrays = read_npz(folder / f"{result.operation}.npz")
     if any(not _same(np.asarray(result.arrays[name]), arrays[name]) for name in result.arrays):
         raise Fault("arrays are others after writing and reading")
 

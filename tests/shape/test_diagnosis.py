@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from medialis.base.errors import InvalidShapeError
-from medialis.formats import read_mesh
+from medialis.formats.meshes import read_mesh
 from medialis.shape.diagnosis import diagnose
 
 SHAPES = Path(__file__).resolve().parents[3] / "shared" / "shapes"

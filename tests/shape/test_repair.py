@@ -7,7 +7,7 @@ import pytest
 
 from medialis.base.arrays import first_equal_row
 from medialis.base.errors import InvalidShapeError
-from medialis.formats import read_mesh
+from medialis.formats.meshes import read_mesh
 from medialis.shape.diagnosis import diagnose, propagate_signs, winding_numbers
 from medialis.shape.repair import repair
 

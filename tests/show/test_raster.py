@@ -58,12 +58,11 @@ def cast_at_triangle(camera, corners):
 
 
 @pytest.mark.parametrize("perspective", [False, True])
-@pytest.mark.parametrize("far", [False, True])
-def test_ball_depth_is_the_exact_ray_intersection(perspective, far):
+def test_ball_depth_is_the_exact_ray_intersection(perspective):
     camera = view(perspective)
     for center, radius in (([0.0, 0.0, 0.0], 1.0), ([1.2, -0.9, 0.7], 0.6)):
-        expected = cast_at_ball(camera, np.array(center), radius, far)
-        seen = rasterize(camera, centers=[center], radii=[radius], furthest=far)
+        expected = cast_at_ball(camera, np.array(center), radius)
+        seen = rasterize(camera, centers=[center], radii=[radius])
         # The quadratic formula itself rounds near the rim, where its root is the root of 1e-15.
         assert (seen.mask == np.isfinite(expected)).mean() > 0.9999
         both = seen.mask & np.isfinite(expected)
@@ -84,13 +83,10 @@ def test_silhouette_area_of_a_ball(perspective):
 @pytest.mark.slow
 def test_ball_touches_are_where_the_radius_says():
     camera = view()
-    seen = rasterize(camera, centers=[[0, 0, 0]], radii=[0.5], normals=True)
-    assert seen.normals is not None
-    np.testing.assert_allclose(np.linalg.norm(seen.normals[seen.mask], axis=1), 1, atol=1e-12)
-    assert (seen.normals[~seen.mask] == 0).all()
+    seen = rasterize(camera, centers=[[0, 0, 0]], radii=[0.5])
     origin, direction = rays(camera)
-    hit = origin + seen.depth[..., None] * direction
-    np.testing.assert_allclose(hit[seen.mask] / 0.5, seen.normals[seen.mask], atol=1e-9)
+    hit = (origin + seen.depth[..., None] * direction)[seen.mask]
+    np.testing.assert_allclose(np.linalg.norm(hit, axis=1), 0.5, atol=1e-9)
 
 
 @pytest.mark.parametrize("perspective", [False, True])
@@ -110,7 +106,7 @@ def test_tiny_balls_cover_the_pixel_they_lie_in(perspective):
 def test_perspective_ball_behind_across_and_around_the_eye():
     camera = Camera([0, 0, 0], [0, 0, -1], [0, 1, 0], 2.0, 40, 40, True)
     assert not rasterize(camera, centers=[[0, 0, 3]], radii=[1.0]).mask.any()
-    around = rasterize(camera, centers=[[0, 0, 0]], radii=[2.0], normals=True)
+    around = rasterize(camera, centers=[[0, 0, 0]], radii=[2.0])
     assert around.mask.all()
     expected = cast_at_ball(camera, np.zeros(3), 2.0, far=True)
     np.testing.assert_allclose(around.depth, expected, rtol=1e-12)
@@ -120,19 +116,15 @@ def test_perspective_ball_behind_across_and_around_the_eye():
 
 
 @pytest.mark.parametrize("perspective", [False, True])
-@pytest.mark.parametrize("far", [False, True])
-def test_triangles_agree_with_ray_casting(perspective, far):
+def test_triangles_agree_with_ray_casting(perspective):
     """Random triangles of both orientations, some across the near plane or behind the eye."""
     rng = np.random.default_rng(5)
     camera = view(perspective, width=60, height=48)
     points = rng.uniform(-1.5, 1.5, (90, 3)) + camera.eye * rng.uniform(0, 1.2, (90, 1))
     faces = np.arange(90).reshape(-1, 3)
     layers = np.stack([cast_at_triangle(camera, points[face]) for face in faces])
-    if far:
-        layers = np.where(np.isfinite(layers), layers, -np.inf)
-    expected = layers.max(0) if far else layers.min(0)
-    names = layers.argmax(0) if far else layers.argmin(0)
-    seen = rasterize(camera, points=points, faces=faces, furthest=far)
+    expected, names = layers.min(0), layers.argmin(0)
+    seen = rasterize(camera, points=points, faces=faces)
     covered = np.isfinite(expected)
     assert covered.mean() > 0.2
     # A pixel center on an edge to the last bit may fall to either side.
@@ -140,18 +132,6 @@ def test_triangles_agree_with_ray_casting(perspective, far):
     assert same.mean() > 0.999
     both = same & covered
     np.testing.assert_allclose(seen.depth[both], expected[both], rtol=1e-7)
-
-
-@pytest.mark.slow
-def test_triangle_normals_face_the_viewer():
-    camera = Camera([0, 0, 5], [0, 0, 0], [0, 1, 0], 3.0, 30, 30)
-    corners = [[-1, -1, 0], [1, -1, 0], [0, 1, 0]]
-    for face in ([0, 1, 2], [0, 2, 1]):
-        seen = rasterize(camera, points=corners, faces=[face], normals=True)
-        assert seen.normals is not None
-        np.testing.assert_allclose(
-            seen.normals[seen.mask], np.tile([0, 0, 1.0], (seen.mask.sum(), 1)), atol=1e-7
-        )
 
 
 @pytest.mark.parametrize("perspective", [False, True])
@@ -207,20 +187,6 @@ def test_nearest_wins_and_ties_go_to_the_lowest_index():
     assert mixed.index[10, 10] == 0  # the ball's front is nearer in the middle
 
 
-def test_a_furthest_view_mirrors_the_nearest_one_from_behind():
-    rng = np.random.default_rng(3)
-    points = rng.uniform(-1, 1, (60, 3))
-    faces = np.arange(60).reshape(-1, 3)
-    front = Camera([0, 0, 5], [0, 0, 0], [0, 1, 0], 3.0, 50, 40)
-    back = Camera([0, 0, -5], [0, 0, 0], [0, 1, 0], 3.0, 50, 40)
-    centers, radii = points[:20], rng.uniform(0.02, 0.3, 20)
-    far = rasterize(front, centers=centers, radii=radii, points=points, faces=faces, furthest=True)
-    near = rasterize(back, centers=centers, radii=radii, points=points, faces=faces)
-    inside = near.mask[:, ::-1] & far.mask
-    assert inside.sum() > 0.99 * far.mask.sum()
-    np.testing.assert_allclose(far.depth[inside], 10 - near.depth[:, ::-1][inside], atol=1e-9)
-
-
 @pytest.mark.parametrize("perspective", [False, True])
 def test_one_thread_equals_two_and_inputs_stay(perspective):
     rng = np.random.default_rng(4)
@@ -232,14 +198,11 @@ def test_one_thread_equals_two_and_inputs_stay(perspective):
     for count in (1, 2):
         with thread_limit(count):
             results.append(
-                rasterize(
-                    camera, centers=centers, radii=radii, points=points, faces=faces, normals=True
-                )
+                rasterize(camera, centers=centers, radii=radii, points=points, faces=faces)
             )
     one, two = results
     np.testing.assert_array_equal(one.depth, two.depth)
     np.testing.assert_array_equal(one.index, two.index)
-    np.testing.assert_array_equal(one.normals, two.normals)
     for before, now in zip(kept, (centers, radii, points, faces), strict=True):
         np.testing.assert_array_equal(before, now)
 

@@ -29,16 +29,12 @@ ROWS_A_BLOCK = 1 << 20  # what is copied at a time, so that mapped input needs n
 Allocate = Callable[[str, tuple[int, ...], Any], NDArray[Any]]
 
 
-def _in_memory(name: str, shape: tuple[int, ...], dtype: Any) -> NDArray[Any]:
-    return np.empty(shape, dtype)
-
-
 def build_box_tree(
     points: NDArray[np.float64],
     normals: NDArray[np.float64],
     *,
     unit: float = 1.0,
-    allocate: Allocate = _in_memory,
+    allocate: Allocate = lambda name, shape, dtype: np.empty(shape, dtype),
 ) -> BoxTree:
     """Build the tree; deterministic, O(n log n), parallel below the top levels.
 

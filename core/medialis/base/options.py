@@ -430,29 +430,13 @@ def _option(kind: Kind, default: Any, label: str, help: str, **about: Any) -> An
     return field(default=default, metadata={"parameter": known})
 
 
-def number(default: float, label: str, help: str, **about: Any) -> Any:
-    """Declare a number without a unit; `about`: low, high, advanced (see `Parameter`)."""
-    return _option(Kind.FLOAT, default, label, help, **about)
-
-
-def whole(default: int, label: str, help: str, **about: Any) -> Any:
-    """Declare a whole number."""
-    return _option(Kind.INT, default, label, help, **about)
-
-
-def length(default: float, label: str, help: str, **about: Any) -> Any:
-    """Declare a length: a fraction of the bounding-box diagonal."""
-    return _option(Kind.LENGTH, default, label, help, **about)
-
-
-def angle(default: float, label: str, help: str, **about: Any) -> Any:
-    """Declare an angle in degrees."""
-    return _option(Kind.ANGLE, default, label, help, **{"high": 180.0, **about})
-
-
-def flag(default: bool, label: str, help: str, **about: Any) -> Any:
-    """Declare a choice between yes and no."""
-    return _option(Kind.BOOL, default, label, help, **about)
+# Each declares an option by default, label, help and what else a `Parameter` has: a number without
+# a unit, a whole one, a fraction of the bounding-box diagonal, degrees, and yes or no.
+number = functools.partial(_option, Kind.FLOAT)
+whole = functools.partial(_option, Kind.INT)
+length = functools.partial(_option, Kind.LENGTH)
+angle = functools.partial(_option, Kind.ANGLE, high=180.0)
+flag = functools.partial(_option, Kind.BOOL)
 
 
 def choice(default: str, label: str, help: str, choices: tuple[str, ...], **about: Any) -> Any:

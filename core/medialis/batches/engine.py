@@ -317,11 +317,10 @@ def warn_if_open(scheduler: str, progress: Progress) -> None:
     with suppress(ValueError):  # a name
         local = local or ipaddress.ip_address(host).is_loopback
     if not local and protocol not in ("tls", "wss"):
-        progress.note(
+        progress.warn(
             f"The Dask scheduler at {scheduler} is on the network and not encrypted: who reaches "
             "it runs code on its workers; use tls:// or a network that you trust.",
             "open_scheduler",
-            level=logging.WARNING,
             scheduler=scheduler,
         )
 

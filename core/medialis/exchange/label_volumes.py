@@ -14,6 +14,7 @@ from medialis.base.validation import FloatArray
 from medialis.exchange.libraries import library
 from medialis.shape.reading import make_shape
 from medialis.shape.shape import Shape
+from medialis.shape.surface import link_matrix
 
 ROUNDS = 50
 """Pairs of smoothing steps. The vertices of a ball with a radius of 8 voxels are then 0.06 voxels
@@ -168,12 +169,10 @@ def smoothed(points: FloatArray, faces: NDArray[Any]) -> FloatArray:
 
     Taubin (1995) under the constraint of Gibson (1998): a vertex stays within half a voxel.
     """
-    from scipy.sparse import coo_array, diags_array
+    from scipy.sparse import diags_array
 
     links = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
-    both = np.concatenate([links, links[:, ::-1]])
-    ones = np.ones(len(both))
-    near = coo_array((ones, both.T), shape=(len(points), len(points))).tocsr()
+    near = link_matrix(len(points), links)
     mean = diags_array(1.0 / np.maximum(near.sum(axis=1), 1.0)) @ near
     found = points
     for _ in range(ROUNDS):

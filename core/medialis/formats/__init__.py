@@ -10,21 +10,3 @@ Read meshes.py first. A new mesh format is a parser that returns a `ParsedMesh`,
 meshes.py; a format of one feature belongs to that feature. Sources: the manuals that the modules
 name.
 """
-
-from medialis.formats.files import OutputFolder
-from medialis.formats.json_npz import json_text, read_npz, write_json, write_npz
-from medialis.formats.meshes import MeshData, read_mesh
-from medialis.formats.ply_attributes import PlyData, read_ply_attributes, write_ply
-
-__all__ = [
-    "MeshData",
-    "OutputFolder",
-    "PlyData",
-    "json_text",
-    "read_mesh",
-    "read_npz",
-    "read_ply_attributes",
-    "write_json",
-    "write_npz",
-    "write_ply",
-]

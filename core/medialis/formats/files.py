@@ -173,14 +173,12 @@ def complete_file(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
         with _new_file(hidden) as stream:
             yield stream
         hidden.replace(target)
-    except OSError as error:
-        _remove(hidden)
-        if isinstance(error, FileError):
+    except BaseException as error:
+        with suppress(OSError, ValueError):
+            hidden.unlink()
+        if isinstance(error, FileError) or not isinstance(error, OSError):
             raise
         raise FileError(f"Cannot write {target}: {reason(error)}.") from None
-    except BaseException:
-        _remove(hidden)
-        raise
 
 
 def write_text(path: str | os.PathLike[str], text: str) -> None:
@@ -201,11 +199,6 @@ def _new_file(path: Path) -> BinaryIO:
         return path.open("xb")
     except ValueError as error:  # a NUL character in the name
         raise FileError(f"Cannot write {str(path)!r}: {reason(error)}.") from None
-
-
-def _remove(path: Path) -> None:
-    with suppress(OSError, ValueError):
-        path.unlink()
 
 
 BLOCK = 1 << 21

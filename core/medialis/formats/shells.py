@@ -30,6 +30,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from medialis.base.arrays import rows_of_labels, twice_areas
 from medialis.base.errors import InvalidOptionError
 from medialis.base.validation import FloatArray, as_faces, as_points
 from medialis.formats.files import Drawn, write_lines
@@ -105,18 +106,15 @@ class ShellMesh:
         if self.grouped_by is None:
             return (self._group(0, "SHELL", np.arange(len(self.faces))),)
         numbers, stem = self.face_attributes[self.grouped_by], _word(self.grouped_by)
-        values, which = np.unique(numbers, return_inverse=True)
-        order = np.argsort(which.ravel(), kind="stable")
-        parts = np.split(order, np.cumsum(np.bincount(which.ravel()))[:-1])
+        parts = rows_of_labels(np.unique(numbers, return_inverse=True)[1].ravel())
         return tuple(
             self._group(number, f"NO_{stem}" if number < 0 else f"{stem}_{number}", rows)
-            for number, rows in zip(values.tolist(), parts, strict=True)
+            for number, rows in zip(np.unique(numbers).tolist(), parts, strict=True)
         )
 
     @cached_property
     def _areas(self) -> FloatArray:
-        a, b, c = (self.points[self.faces[:, j]] for j in range(3))
-        return np.asarray(0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1))
+        return twice_areas(self.points, self.faces) / 2
 
     @cached_property
     def _shared(self) -> NDArray[np.bool_]:
@@ -124,12 +122,8 @@ class ShellMesh:
         if self.grouped_by is None:
             return np.zeros(len(self.points), np.bool_)
         numbers = np.repeat(self.face_attributes[self.grouped_by].astype(np.int64), 3)
-        corners = self.faces.ravel()
-        low = np.full(len(self.points), np.iinfo(np.int64).max)
-        high = np.full(len(self.points), np.iinfo(np.int64).min)
-        np.minimum.at(low, corners, numbers)
-        np.maximum.at(high, corners, numbers)
-        return np.asarray(low < high)
+        pairs = np.unique(np.stack([self.faces.ravel(), numbers], axis=1), axis=0)
+        return np.bincount(pairs[:, 0], minlength=len(self.points)) > 1
 
     def _group(self, number: int, name: str, rows: NDArray[np.int64]) -> ShellGroup:
         values, faces = np.empty(0), rows[:0]

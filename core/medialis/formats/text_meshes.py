@@ -13,6 +13,7 @@ import re
 import numpy as np
 from numpy.typing import NDArray
 
+from medialis.base.arrays import corner_vectors, sums_of, unit_rows
 from medialis.base.errors import InvalidOptionError, InvalidShapeError
 from medialis.base.progress import Message
 from medialis.formats.files import (
@@ -194,8 +195,7 @@ def _vertex_normals(
     if (corners >= n).any() or (index >= len(vectors)).any():
         return None
     with np.errstate(all="ignore"):
-        sums = [np.bincount(corners, weights=vectors[index, i], minlength=n) for i in range(3)]
-    return np.stack(sums, axis=1)
+        return sums_of(corners, vectors[index], n)
 
 
 _HEADER = 84
@@ -392,12 +392,9 @@ def write_stl(path: str | os.PathLike[str], layer: Drawn) -> None:
     """
     if layer.faces is None:
         raise InvalidOptionError("STL holds triangles only; write points as PLY, OBJ or OFF.")
-    corners = layer.points[layer.faces]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    lengths = np.linalg.norm(normals, axis=1, keepdims=True)
-    np.divide(normals, lengths, out=normals, where=lengths > 0)
-    table = np.zeros(len(corners), _FACET)
-    table["normal"], table["corners"] = normals, corners
+    table = np.zeros(len(layer.faces), _FACET)
+    table["normal"] = unit_rows(corner_vectors(layer.points, layer.faces))
+    table["corners"] = layer.points[layer.faces]
     head = b"medialis".ljust(80) + np.uint32(len(table)).tobytes()
     with complete_file(path) as stream:
         stream.write(head + table.tobytes())

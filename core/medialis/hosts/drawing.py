@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from medialis.base.arrays import Index, Mask, polylines
+from medialis.base.arrays import Index, Mask, kd_tree, polylines, unit_rows
 from medialis.base.errors import InvalidOptionError
 from medialis.base.options import Kind, Parameter
 from medialis.base.validation import FloatArray
@@ -350,10 +350,8 @@ def drawn_radius(layer: Layer, result: Outcome) -> float:
     if len(points) < 2:
         return LARGEST_DOT * diagonal
     if len(points) < SPARSE * shape.point_count:
-        from scipy.spatial import cKDTree
-
         chosen = points[:: max(1, len(points) // SAMPLES)]
-        usual = max(usual, 0.5 * float(np.median(cKDTree(points).query(chosen, k=2)[0][:, 1])))
+        usual = max(usual, 0.5 * float(np.median(kd_tree(points).query(chosen, k=2)[0][:, 1])))
     return min(usual, LARGEST_DOT * diagonal)
 
 
@@ -556,8 +554,7 @@ def _unit_ball(rounds: int) -> tuple[FloatArray, Index]:
     for _ in range(rounds):
         pairs = np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
         edges, place = np.unique(pairs, axis=0, return_inverse=True)
-        middle = points[edges].sum(axis=1)
-        middle /= np.linalg.norm(middle, axis=1)[:, None]
+        middle = unit_rows(points[edges].sum(axis=1))
         m = place.reshape(-1, 3) + len(points)
         points = np.concatenate([points, middle])
         corners = [(faces[:, k], m[:, k], m[:, k - 1]) for k in range(3)]
@@ -603,9 +600,7 @@ def _tube(line: FloatArray, radii: FloatArray) -> tuple[FloatArray, Index]:
 
 def _frames(line: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return two directions across a polyline at each point, which turn no more than it does."""
-    steps = np.diff(line, axis=0)
-    lengths = np.linalg.norm(steps, axis=1)
-    steps = np.where(lengths[:, None] > 0, steps / np.where(lengths > 0, lengths, 1)[:, None], 0)
+    steps = unit_rows(np.diff(line, axis=0))
     along = np.concatenate([steps[:1], steps[:-1] + steps[1:], steps[-1:]])
     norms = np.linalg.norm(along, axis=1)
     along[norms < 1e-9] = np.concatenate([steps, steps[-1:]])[norms < 1e-9]

@@ -20,7 +20,7 @@ from medialis.base.kept import Bound
 from medialis.base.options import Options, algorithm, length, number
 from medialis.base.progress import Progress
 from medialis.base.threads import run_patiently
-from medialis.base.validation import FloatArray, IntArray, Measures, Positions, frozen
+from medialis.base.validation import FloatArray, IntArray, Measures, Positions, frozen, hold
 from medialis.curves.curve_skeleton import CurveSkeleton
 from medialis.rigging.limbs import (
     Limb,
@@ -187,8 +187,7 @@ class SkinWeights(Bound):
                 f"bones and weights must both have shape (n, {MOST_BONES}), got "
                 f"{np.shape(self.bones)} and {np.shape(self.weights)}."
             )
-        object.__setattr__(self, "bones", frozen(self.bones, np.int32))
-        object.__setattr__(self, "weights", frozen(self.weights, np.float64))
+        hold(self, bones=wanted, weights=wanted)
 
     def of_bone(self, bone: int) -> FloatArray:
         """Return the weight of one bone on every vertex, (n,)."""

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from medialis.base.arrays import unit_rows
 from medialis.base.options import METERS, changed, choice
 from medialis.base.progress import Progress
 from medialis.base.validation import FloatArray
@@ -98,9 +99,7 @@ def run(shape: Shape, options: ArmatureRun, progress: Progress) -> Outcome:
         arrays={
             "heads": places(rig.heads),
             "tails": places(rig.tails),
-            "parents": rig.parents,
-            "limbs": rig.limbs,
-            "mirrors": rig.mirrors,
+            **{name: getattr(rig, name) for name in ("parents", "limbs", "mirrors")},
             "skin_bones": skin.bones,
             "skin_weights": numbers(skin.weights),
             "nodes": places(curve.nodes),
@@ -215,13 +214,10 @@ def write_rigged_gltf(
 
 def bone_frames(rig: Bones) -> FloatArray:
     """Return the place of each bone: its head, and axes of which y runs along it, (b, 4, 4)."""
-    along = rig.tails - rig.heads
-    length = np.linalg.norm(along, axis=1, keepdims=True)
-    y = np.where(length > 0, along / np.where(length > 0, length, 1.0), [0.0, 1.0, 0.0])
+    y = unit_rows(rig.tails - rig.heads, instead=[0.0, 1.0, 0.0])
     # The axis that is farthest from the bone makes the turn round it definite.
     least = np.eye(3)[np.abs(y).argmin(axis=1)]
-    z = np.cross(least, y)
-    z /= np.linalg.norm(z, axis=1, keepdims=True)
+    z = unit_rows(np.cross(least, y))
     frames = np.tile(np.eye(4), (rig.count, 1, 1))
     frames[:, :3, 0], frames[:, :3, 1], frames[:, :3, 2] = np.cross(y, z), y, z
     frames[:, :3, 3] = rig.heads

@@ -534,17 +534,23 @@ def examine(points: ArrayLike, faces: ArrayLike | None) -> tuple[Diagnosis, Surf
 
 def _finite_part(points: ArrayLike, faces: ArrayLike | None) -> tuple[FloatArray, IntArray, int]:
     """Return the finite points, the faces counted in them, and how many points are not finite."""
+    triangles: ArrayLike = np.empty((0, 3), np.int32) if faces is None else faces
+    if (finite := finite_points(points, triangles)) is not None:
+        place = (np.cumsum(finite) - 1).astype(np.int32)
+        xyz, lost = np.asarray(points)[finite], int((~finite).sum())
+        return as_points(xyz), place[as_faces(triangles, len(finite))], lost
+    xyz = as_points(points)
+    return xyz, as_faces(triangles, len(xyz)), 0
+
+
+def finite_points(points: ArrayLike, faces: ArrayLike) -> Mask | None:
+    """Tell which points are finite, where others are there that no face uses; None elsewhere."""
     raw = np.asarray(points)
     if raw.dtype.kind == "f" and raw.ndim == 2 and raw.shape[1] == 3:
         finite = np.asarray(np.isfinite(raw).all(axis=1))
-        if finite.any() and not finite.all():
-            triangles = as_faces(np.empty((0, 3)) if faces is None else faces, len(raw))
-            if finite[triangles].all():
-                place = np.cumsum(finite) - 1
-                lost = int((~finite).sum())
-                return as_points(raw[finite]), place[triangles].astype(np.int32), lost
-    xyz = as_points(points)
-    return xyz, as_faces(np.empty((0, 3)) if faces is None else faces, len(xyz)), 0
+        if finite.any() and not finite.all() and finite[as_faces(faces, len(raw))].all():
+            return finite
+    return None
 
 
 def _unscaled(value: float, scale: float, power: int) -> float:

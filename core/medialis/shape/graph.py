@@ -18,6 +18,7 @@ from medialis.base.kept import kept
 from medialis.base.progress import Progress
 from medialis.base.validation import FloatArray, IntArray, frozen
 from medialis.shape.shape import Shape
+from medialis.shape.surface import link_matrix
 
 CLOUD_NEIGHBOURS = 8
 """Nearest samples that are neighbours in a cloud; about as many as a vertex of a mesh has."""
@@ -62,16 +63,12 @@ def mesh_graph(faces: IntArray, wanted: NDArray[np.bool_]) -> Ragged:
 
 
 def _cloud_graph(shape: Shape) -> Ragged:
-    from scipy.sparse import coo_array
-
     n, k = shape.point_count, min(CLOUD_NEIGHBOURS + 1, shape.point_count)
     near = shape.tree.query(shape.points, k=k)[1].reshape(n, k)
     a, b = np.repeat(np.arange(n), k), near.ravel()
     cosine = np.einsum("ij,ij->i", shape.normals[a], shape.normals[b])
     kept = (a != b) & (cosine > OPPOSITE)
-    a, b = a[kept], b[kept]
-    ends = np.concatenate([a, b]), np.concatenate([b, a])
-    graph = coo_array((np.ones(len(ends[0]), np.int8), ends), shape=(n, n)).tocsr()
+    graph = link_matrix(n, np.stack([a[kept], b[kept]], axis=1))
     return Ragged(graph.indptr, graph.indices)
 
 

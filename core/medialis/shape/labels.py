@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import heapq
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -203,10 +203,9 @@ class Segmentation(Bound):
         number = np.full(self.count + 1, -1, np.int32)  # the last one is that of -1
         number[order] = np.arange(len(order))
         number[:-1] = number[first]
-        return Segmentation(
-            number[self.labels],
-            surface=self.surface,
-            method=self.method,
+        return replace(
+            self,
+            labels=number[self.labels],
             face_labels=None if self.face_labels is None else number[self.face_labels],
             joins=number[self.joins[turns:]],
             join_levels=self.join_levels[turns:],

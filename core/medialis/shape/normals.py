@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from medialis.base.arrays import Ragged, first_equal_row, kd_tree
+from medialis.base.arrays import Ragged, first_equal_row, kd_tree, unit_rows
 from medialis.base.errors import InvalidShapeError
 from medialis.base.options import Options, algorithm, whole
 from medialis.base.progress import Progress, counted
@@ -303,8 +303,7 @@ def _outward(
     component along it. 26 directions vote, weighted by that component.
     """
     grid = np.array(np.meshgrid(*[[-1.0, 0.0, 1.0]] * 3)).reshape(3, -1).T
-    directions = grid[np.abs(grid).sum(axis=1) > 0]
-    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    directions = unit_rows(grid[np.abs(grid).sum(axis=1) > 0])
     votes, sure = np.zeros(parts), np.zeros(parts)
     for direction in directions:
         height = points @ direction

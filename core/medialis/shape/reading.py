@@ -16,7 +16,6 @@ balls stay what they are.
 
 from __future__ import annotations
 
-import logging
 import os
 from collections.abc import Iterable, Sequence
 from typing import Any, Protocol, TypeAlias
@@ -29,7 +28,7 @@ from medialis.base.options import as_unit
 from medialis.base.progress import Progress, ProgressCallback
 from medialis.base.threads import run_patiently
 from medialis.base.validation import as_faces, as_normals, as_points
-from medialis.formats.meshes import read_mesh
+from medialis.formats.meshes import read_mesh, triangulate
 from medialis.shape.diagnosis import examine
 from medialis.shape.normals import as_viewpoints, estimate_normals, ring_normals
 from medialis.shape.repair import repaired
@@ -165,7 +164,7 @@ def _split_polygons(flat: NDArray[np.int64], points: NDArray[np.float64]) -> NDA
         raise InvalidShapeError("The row of faces ends within a polygon.")
     is_count = np.zeros(len(flat), bool)
     is_count[starts] = True
-    return _triangles(points, flat[is_count], flat[~is_count])
+    return triangulate(points, flat[is_count], flat[~is_count])[0]
 
 
 def _triangles_of_cells(cells: Any, points: NDArray[Any]) -> NDArray[Any] | None:
@@ -177,7 +176,7 @@ def _triangles_of_cells(cells: Any, points: NDArray[Any]) -> NDArray[Any] | None
         elif kind in ("quad", "polygon"):
             counts = np.full(len(corners), np.shape(corners)[1], np.int64)
             flat = np.asarray(corners, np.int64).ravel()
-            found.append(_triangles(np.asarray(points, np.float64), counts, flat))
+            found.append(triangulate(np.asarray(points, np.float64), counts, flat)[0])
     if not found and any(kind not in ("vertex", "line") for kind in cells):
         raise InvalidShapeError(f"Expected triangles or quads; got cells {', '.join(cells)}.")
     return np.concatenate(found) if found else None
@@ -189,13 +188,6 @@ def _said(given: Any) -> str:
     name = f"{kind.__module__}.{kind.__qualname__}".removeprefix("builtins.")
     text = repr(given)
     return f"{text} ({name})" if len(text) <= 40 else f"an object of {name}"
-
-
-def _triangles(points: Any, counts: Any, corners: Any) -> NDArray[Any]:
-    """Return polygons as triangles."""
-    from medialis.formats.meshes import triangulate
-
-    return triangulate(points, counts, corners)[0]
 
 
 def read_shape(
@@ -254,7 +246,7 @@ def read_shape(
     progress.record(*mesh.messages)
     if unit and mesh.unit and unit != mesh.unit:
         text = f"The file says that its unit is {mesh.unit}; it is taken as {unit}, as asked."
-        progress.note(text, "other_unit", level=logging.WARNING, file=mesh.unit, taken=unit)
+        progress.warn(text, "other_unit", file=mesh.unit, taken=unit)
     normals = None if mesh.faces is not None else mesh.normals
     known: dict[str, Any] = {"unit": unit or mesh.unit, "patches": mesh.patches, "repair": True}
     known["viewpoints"] = None if normals is not None else mesh.viewpoints

@@ -21,6 +21,7 @@ from medialis.base.validation import FloatArray, IntArray, as_faces, as_normals,
 from medialis.shape.diagnosis import (
     agreeing_flips,
     faces_to_drop,
+    finite_points,
     flipped,
     outward_flips,
     piece_volumes,
@@ -213,24 +214,16 @@ class _Work:
     @classmethod
     def begin(cls, points: ArrayLike, faces: ArrayLike | None, normals: ArrayLike | None) -> _Work:
         """Check the arrays, and drop points that are not finite."""
-        raw = np.asarray(points)
         triangles: ArrayLike = np.empty((0, 3), np.int32) if faces is None else faces
-        keep = np.ones(0, bool)
-        if raw.dtype.kind == "f" and raw.ndim == 2 and raw.shape[1] == 3:
-            keep = np.asarray(np.isfinite(raw).all(axis=1))
-            used = np.zeros(len(raw), bool)
-            used[as_faces(triangles, len(raw))] = True
-            if not keep.any() or (used & ~keep).any():
-                keep = np.ones(0, bool)  # as_points says what is wrong
-        partial = len(keep) and not keep.all()
-        xyz = as_points(np.where(keep[:, None], raw, 0.0) if partial else points)
+        keep = finite_points(points, triangles)
+        xyz = as_points(points if keep is None else np.where(keep[:, None], points, 0.0))
         n = len(xyz)
         checked = as_faces(triangles, n)
         vectors = None if normals is None else as_normals(normals, n)
         identity = np.arange(max(n, len(checked)), dtype=np.int32)
         work = cls(xyz, checked, vectors, identity[:n], identity[: len(checked)], len(checked), [])
         text = "Dropped {} with NaN or infinity."
-        if partial and work._note(text, "not_finite_dropped", "point", ~keep):
+        if keep is not None and work._note(text, "not_finite_dropped", "point", ~keep):
             work._keep_points(keep)
         return work
 

@@ -8,7 +8,6 @@ import numpy as np
 
 from medialis.base.validation import FloatArray, as_choice, as_whole_number
 from medialis.shape.generate import Cone, Point, blended, dental_arch, implicit_shape, organic_shape
-from medialis.shape.normals import ring_normals
 from medialis.shape.reading import make_shape
 from medialis.shape.shape import Shape
 
@@ -46,7 +45,7 @@ def sample_shape(name: str, resolution: int = 128) -> Shape:
     0
     """
     as_choice(name, "name", tuple(SAMPLES))
-    return _MAKERS[name](as_whole_number(resolution, "resolution", low=56, high=600))
+    return _MADE[name][0](as_whole_number(resolution, "resolution", low=56, high=600))
 
 
 def _hand(resolution: int) -> Shape:
@@ -165,7 +164,7 @@ def _turned(radius: FloatArray, level: FloatArray, around: int) -> Shape:
         np.stack([np.roll(first, -1), first, 0 * first + count * around], axis=1),
         np.stack([last, np.roll(last, -1), 0 * last + count * around + 1], axis=1),
     ]  # fmt: skip
-    return _solid(points, np.concatenate([part.reshape(-1, 3) for part in faces]))
+    return make_shape(points, np.concatenate([part.reshape(-1, 3) for part in faces]))
 
 
 def _gear(resolution: int) -> Shape:
@@ -191,7 +190,7 @@ def _gear(resolution: int) -> Shape:
     a, b = index, np.roll(index, -1, axis=1)
     c, d = np.roll(b, -1, axis=0), np.roll(a, -1, axis=0)
     faces = np.concatenate([np.stack([a, b, c], axis=2), np.stack([a, c, d], axis=2)])
-    return _solid(rings.reshape(-1, 3), faces.reshape(-1, 3))
+    return make_shape(rings.reshape(-1, 3), faces.reshape(-1, 3))
 
 
 def _bracket(resolution: int) -> Shape:
@@ -227,11 +226,6 @@ def _teeth(resolution: int) -> Shape:
     return dental_arch(resolution=min(max(resolution, 100), 500))[0]
 
 
-def _solid(points: FloatArray, faces: FloatArray) -> Shape:
-    triangles = faces.astype(np.int32)
-    return Shape(points, ring_normals(points, triangles), triangles)
-
-
 def _scan(resolution: int) -> Shape:
     """Return noisy points of the creature, and some anywhere around it."""
     shape, rng = organic_shape(resolution), np.random.default_rng(0)
@@ -244,27 +238,19 @@ def _scan(resolution: int) -> Shape:
 NOISE, OUTLIERS = 0.002, 0.05
 """Of the scan: deviation as a part of the diagonal, and share of outliers."""
 
-SAMPLES = {
-    "creature": "a creature with four legs, ears and a tail: for everything",
-    "hand": "a hand with five fingers: curve skeletons, parts, armatures",
-    "tree": "a tree with roots: curve skeletons that fork",
-    "molecule": "balls and sticks with a ring: curve skeletons, parts",
-    "vase": "a vessel with a thin wall: thickness",
-    "gear": "a gear with sharp edges and a hole: sheets, patches",
-    "bracket": "an angle with a rib and three holes: thickness, sheets",
-    "teeth": "a dental arch with 14 teeth: mean shift segments",
-    "scan": "points of the creature as a scanner sees them, with noise and outliers: for clouds",
+_MADE: dict[str, tuple[Callable[[int], Shape], str]] = {
+    "creature": (organic_shape, "a creature with four legs, ears and a tail: for everything"),
+    "hand": (_hand, "a hand with five fingers: curve skeletons, parts, armatures"),
+    "tree": (_tree, "a tree with roots: curve skeletons that fork"),
+    "molecule": (_molecule, "balls and sticks with a ring: curve skeletons, parts"),
+    "vase": (_vase, "a vessel with a thin wall: thickness"),
+    "gear": (_gear, "a gear with sharp edges and a hole: sheets, patches"),
+    "bracket": (_bracket, "an angle with a rib and three holes: thickness, sheets"),
+    "teeth": (_teeth, "a dental arch with 14 teeth: mean shift segments"),
+    "scan": (
+        _scan,
+        "points of the creature as a scanner sees them, with noise and outliers: for clouds",
+    ),
 }
+SAMPLES = {name: text for name, (_, text) in _MADE.items()}
 """What each sample shape is and what it is good for, by its name."""
-
-_MAKERS: dict[str, Callable[[int], Shape]] = {
-    "creature": organic_shape,
-    "hand": _hand,
-    "tree": _tree,
-    "molecule": _molecule,
-    "vase": _vase,
-    "gear": _gear,
-    "bracket": _bracket,
-    "teeth": _teeth,
-    "scan": _scan,
-}

@@ -87,7 +87,6 @@ def draw_text(
     size: float,
     *,
     anchor: str = "left",
-    color: tuple[int, int, int] = (35, 38, 45),
 ) -> None:
     """Write a line of text into an image (h, w, 3 or 4) in place; what sticks out is cut off.
 
@@ -108,7 +107,7 @@ def draw_text(
         np.maximum(part, glyph[: len(part), : part.shape[1]], out=part)
         at += float(tables.advances[number]) * scale
     top = round(row + size - tables.baseline * scale)
-    _blend(image, away, top, int(np.floor(place)) - pad, size, color)
+    _blend(image, away, top, int(np.floor(place)) - pad, size)
 
 
 def _blend(
@@ -117,7 +116,6 @@ def _blend(
     top: int,
     left: int,
     size: float,
-    color: tuple[int, int, int],
 ) -> None:
     """Lay the letters, and below them their rim where the image is see-through, over the image."""
     height, width = image.shape[:2]
@@ -130,7 +128,7 @@ def _blend(
     if image.shape[2] == 4:
         rim = np.clip(away + 0.5 + max(RIM * size, 1.0), 0.0, 1.0)
         over(area, np.array([255.0, 255.0, 255.0]), 0.85 * rim)
-    over(area, np.array(color, np.float64), np.clip(away + 0.5, 0.0, 1.0))
+    over(area, INK, np.clip(away + 0.5, 0.0, 1.0))
     image[rows, columns] = np.rint(area).astype(np.uint8)
 
 
@@ -152,7 +150,7 @@ MAX_KEYS = 24
 BAR_STEPS = 5
 """Round numbers that a colour bar shows between its ends, at most."""
 
-_DARK = np.array([60.0, 60.0, 60.0])
+INK, _DARK = np.array([35.0, 38.0, 45.0]), np.array([60.0, 60.0, 60.0])
 
 
 @dataclass(frozen=True)

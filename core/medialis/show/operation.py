@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
@@ -59,11 +58,10 @@ def run(shape: Shape, options: BallReconstructionRun, progress: Progress) -> Out
     with progress.stage("reconstruct", 0.3, 0.6 if options.progressive else 1.0):
         found = reconstruct_image(cloud, camera, progress=progress)
     if math.isnan(found.median_difference):
-        progress.note(
+        progress.warn(
             "No pixel shows both the balls and the surface, so their depths cannot be compared. "
             f"The shape is thinner than a pixel of a picture of {size} pixels: raise size.",
             "thinner_than_a_pixel",
-            level=logging.WARNING,
             size=size,
         )
     images = {

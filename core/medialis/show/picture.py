@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from medialis.base.arrays import unit_rows
 from medialis.base.errors import InvalidOptionError, InvalidShapeError
 from medialis.base.options import Kind
 from medialis.base.progress import Progress, ProgressCallback
@@ -453,8 +454,7 @@ def sheet_discs(
     if len(points) < 3:
         none = np.zeros(len(points))
         return none, none.astype(bool), np.zeros((len(points), 3)), none
-    lengths = np.linalg.norm(axes, axis=1, keepdims=True)
-    units = np.divide(axes, lengths, out=np.zeros_like(axes), where=lengths > 0)
+    units = unit_rows(axes)
     near, distances = nearest_others(np.asarray(points, np.float64), NEIGHBOURS)
     tensors = np.einsum("nki,nkj->nij", units[near], units[near])
     tensors += np.einsum("ni,nj->nij", units, units)
@@ -475,8 +475,7 @@ def disc_mesh(
     Triangles of disc i are the rows from i * (CORNERS - 2) on.
     """
     away = np.where(np.abs(axes[:, :1]) < 0.6, [[1.0, 0.0, 0.0]], [[0.0, 1.0, 0.0]])
-    first = np.cross(axes, away)
-    first /= np.linalg.norm(first, axis=1, keepdims=True)
+    first = unit_rows(np.cross(axes, away))
     second = np.cross(axes, first)
     turn = np.arange(CORNERS) * (2 * np.pi / CORNERS)
     rim = (

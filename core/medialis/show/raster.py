@@ -37,14 +37,14 @@ if TYPE_CHECKING:
     from medialis.base._splat_kernels import Balls, Canvas, Lens, Mesh, Triangles
 
 
-def lens_of(camera: Camera, sign: float = 1.0) -> Lens:
+def lens_of(camera: Camera) -> Lens:
     """Return the camera as the kernels read it."""
     from medialis.base._splat_kernels import Lens
 
     focal, near = 0.0, 0.0
     if camera.perspective:
         focal, near = camera.scale * camera.distance, camera.near
-    numbers = camera.scale, camera.width / 2, camera.height / 2, focal, near, sign
+    numbers = camera.scale, camera.width / 2, camera.height / 2, focal, near, 1.0
     return Lens(*(float(number) for number in numbers))
 
 
@@ -199,13 +199,10 @@ class Buffers:
         Distance along the viewing axis, in the caller's units; +inf where nothing is.
     index : (h, w) int32
         The ball, or the number of balls plus the face; -1 where nothing is.
-    normals : (h, w, 3) float64
-        Unit world-space normal turned to the viewer; 0 where nothing is. None when not asked for.
     """
 
     depth: FloatArray
     index: IntArray
-    normals: FloatArray | None = None
 
     @property
     def mask(self) -> NDArray[np.bool_]:
@@ -281,29 +278,6 @@ def draw_mesh(
     run_chunks(band, height, BAND, progress=progress)
 
 
-def mesh_of(
-    view: FloatArray,
-    faces: IntArray,
-    normals: NDArray[np.float32],
-    colors: NDArray[np.float32] | None = None,
-    density: NDArray[np.float32] | None = None,
-) -> Mesh:
-    """Return faces as the kernels read them; by default black and without density."""
-    from medialis.base._splat_kernels import Mesh
-
-    if colors is None:
-        colors = np.zeros(normals.shape, np.float32)
-    if density is None:
-        density = np.zeros(len(faces), np.float32)
-    return Mesh(np.ascontiguousarray(view), frozen(faces, np.int32), normals, colors, density)
-
-
-def empty_mesh() -> Mesh:
-    """Return no faces."""
-    corners = np.zeros((0, 3, 3), np.float32)
-    return mesh_of(np.zeros((0, 3)), np.zeros((0, 3), np.int32), corners)
-
-
 def as_radii(radii: ArrayLike, count: int) -> FloatArray:
     """Return radii (k,), or one number for all balls, as finite non-negative float64.
 
@@ -326,11 +300,9 @@ def rasterize(
     radii: ArrayLike | None = None,
     points: ArrayLike | None = None,
     faces: ArrayLike | None = None,
-    furthest: bool = False,
-    normals: bool = False,
     progress: Progress | ProgressCallback | None = None,
 ) -> Buffers:
-    """Return what a camera sees of balls and triangles: depth, index and, if asked, normals.
+    """Return what a camera sees of balls and triangles: depth and index.
 
     A ball has its exact sphere depth at each pixel center and covers at least the pixel of its
     center. Triangles show both sides; neighbours leave no gap and share no pixel. Equal depths go
@@ -343,10 +315,6 @@ def rasterize(
         Balls, in the units of the camera.
     points, faces : (n, 3) float and (m, 3) int, optional
         Triangles.
-    furthest : bool
-        Keep the furthest instead of the nearest surface.
-    normals : bool
-        Also return unit normals.
 
     Raises
     ------
@@ -367,41 +335,23 @@ def rasterize(
     >>> round(float(seen.depth.min()), 2), int(seen.mask.sum()) == 812
     (4.0, True)
     """
-    from medialis.base._splat_kernels import surface_normals
-
     steps = Progress.of(progress)
-    lens, canvas = lens_of(camera, -1.0 if furthest else 1.0), blank_canvas(camera)
-    balls, mesh = see_balls(camera, np.zeros((0, 3)), np.zeros(0)), empty_mesh()
+    lens, canvas, count = lens_of(camera), blank_canvas(camera), 0
     if centers is not None:
         data = as_points(centers, "centers")
         sizes = as_radii(0.0 if radii is None else radii, len(data))
+        count = len(data)
         with steps.stage("balls", 0.0, 0.5):
             balls = run_patiently(lambda: see_balls(camera, data, sizes), steps)
             draw_balls(balls, lens, canvas, steps)
     if points is not None:
         corners = as_points(points)
         triangles = as_faces(np.zeros((0, 3)) if faces is None else faces, len(corners))
-        view, count = camera.to_view(corners), len(balls.radii)
+        view = camera.to_view(corners)
         with steps.stage("triangles", 0.5, 0.9):
             seen = run_patiently(lambda: see_triangles(camera, view, triangles, count), steps)
-            draw_mesh(seen, lens, mesh, canvas, steps)
-            normals_of = run_patiently(
-                lambda: Surface.of_checked(view, triangles).face_normals, steps
-            )
-        flat = np.repeat(normals_of[:, None], 3, axis=1).astype(np.float32)
-        mesh = mesh_of(view, triangles, flat)
-    if furthest:
-        canvas = canvas._replace(depth=np.where(canvas.index >= 0, -canvas.depth, np.inf))
-    turned = None
-    if normals:
-        found = np.zeros((*canvas.depth.shape, 3))
-
-        def band(begin: int, end: int) -> None:
-            surface_normals(canvas, lens, balls, mesh, begin, end, found)
-
-        run_chunks(band, camera.height, BAND)
-        turned = np.einsum("hwk,kj->hwj", found, camera.axes)
-    return Buffers(canvas.depth, canvas.index, turned)
+            draw_mesh(seen, lens, mesh_of([], camera), canvas, steps)
+    return Buffers(canvas.depth, canvas.index)
 
 
 SMOOTH_COSINE = 0.75
@@ -419,6 +369,7 @@ _LAMPS = np.array(
         [0.0, 0.0, -1.0, 0.22],  # headlight
     ]
 )
+_LAMPS[:, :3] /= np.linalg.norm(_LAMPS[:, :3], axis=1, keepdims=True)
 
 
 @dataclass(frozen=True)
@@ -531,27 +482,23 @@ def _balls_of(layers: list[BallLayer], camera: Camera, supersampling: int) -> Ba
     return see_balls(camera, centers, radii, smallest, colors)
 
 
-def _mesh_of(layers: list[MeshLayer], camera: Camera) -> Mesh:
-    """Join mesh layers in view space."""
-    if not layers:
-        return empty_mesh()
-    counts = np.cumsum([0, *(len(layer.points) for layer in layers[:-1])])
+def mesh_of(layers: list[MeshLayer], camera: Camera) -> Mesh:
+    """Join mesh layers in view space, as the kernels read them."""
+    from medialis.base._splat_kernels import Mesh
+
     views = [camera.to_view(layer.points) for layer in layers]
-    normals = [
-        corner_normals(view, layer.faces, layer.smooth)
-        for view, layer in zip(views, layers, strict=True)
-    ]
-    faces = [layer.faces + count for layer, count in zip(layers, counts, strict=True)]
-    density = [
-        np.full(len(layer.faces), -np.log1p(-min(layer.opacity, 0.999)), np.float32)
-        for layer in layers
-    ]
-    return mesh_of(
-        np.concatenate(views),
-        np.concatenate(faces),
-        np.concatenate(normals),
-        np.concatenate([layer.colors.astype(np.float32) for layer in layers]),
-        np.concatenate(density),
+    rows, corners = np.zeros((0, 3)), np.zeros((0, 3, 3), np.float32)
+    firsts = np.cumsum([0, *(len(view) for view in views)])
+    faces = [layer.faces + first for layer, first in zip(layers, firsts, strict=False)]
+    shading = [(view, one.faces, one.smooth) for view, one in zip(views, layers, strict=True)]
+    opacity = np.array([min(layer.opacity, 0.999) for layer in layers])
+    density = np.repeat(-np.log1p(-opacity), [len(layer.faces) for layer in layers])
+    return Mesh(
+        np.concatenate([rows, *views]),
+        frozen(np.concatenate([rows, *faces]), np.int32),
+        np.concatenate([corners, *(corner_normals(*one) for one in shading)]),
+        np.concatenate([corners, *(layer.colors.astype(np.float32) for layer in layers)]),
+        density.astype(np.float32),
     )
 
 
@@ -608,7 +555,7 @@ def render_layers(
     steps = Progress.of(progress)
 
     def draw(layers: list[MeshLayer], base: int) -> Mesh:
-        mesh = run_patiently(lambda: _mesh_of(layers, fine), steps)
+        mesh = run_patiently(lambda: mesh_of(layers, fine), steps)
         seen = run_patiently(lambda: see_triangles(fine, mesh.points, mesh.faces, base), steps)
         draw_mesh(seen, lens, mesh, canvas, steps)
         return mesh
@@ -622,10 +569,8 @@ def render_layers(
         canvas = canvas._replace(glass=np.zeros((*canvas.depth.shape, 4), np.float32))
         with steps.stage("see-through", 0.7, 0.9):
             draw(veils, 0)
-    lamps = _LAMPS.copy()
-    lamps[:, :3] /= np.linalg.norm(lamps[:, :3], axis=1, keepdims=True)
     light = Light(
-        lamps,
+        _LAMPS,
         float(style.ambient),
         float(style.diffuse),
         float(style.specular),

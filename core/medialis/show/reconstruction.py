@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from medialis.base.arrays import unit_rows
 from medialis.base.errors import InvalidOptionError, InvalidShapeError
 from medialis.base.progress import Progress, ProgressCallback
 from medialis.base.threads import run_patiently
@@ -91,8 +92,7 @@ def sample_discs(shape: Shape) -> tuple[FloatArray, IntArray]:
     normals = shape.normals[rows]
     # Any direction across the normal: the cross product with the axis it is least aligned with.
     axis = np.eye(3)[np.abs(normals).argmin(axis=1)]
-    first = np.cross(normals, axis)
-    first /= np.linalg.norm(first, axis=1, keepdims=True)
+    first = unit_rows(np.cross(normals, axis))
     second = np.cross(normals, first)
     angle = np.pi / 3 * np.arange(6)[:, None, None]
     radius = 1.5 * shape.spacing / math.cos(math.pi / 6)

@@ -395,19 +395,14 @@ def chosen_formats(name: str, wanted: Sequence[str] | None) -> Sequence[str]:
     InvalidOptionError
         For a format that none has.
     """
-    own = _formats_of(name)
+    offered = registry.operation(name).offered if name else ()
     if wanted is None:
-        return [one.name for one in own if one.of and not one.unasked]
-    known = [*(one.name for one in own if one.of and not one.unasked), *LAYER_FORMATS]
+        return offered
+    known = [*offered, *LAYER_FORMATS]
     for ending in wanted:
         if ending not in known and all(ending not in one.offered for one in registry.OPERATIONS):
             as_choice(ending, "formats", known)
     return wanted
-
-
-def _formats_of(name: str) -> tuple[Format, ...]:
-    """Return the formats of an operation; a result made by hand has none."""
-    return registry.operation(name).formats if name else ()
 
 
 def write_layer(path: Path, layer: Layer, unit: str | None) -> None:
@@ -443,7 +438,8 @@ def _write_data(
                 file = new(f"{layer.name}.{ending}")
                 write_layer(file, layer, result.shape.unit)
             progress.update((number + 1) / (len(result.layers) + 1))
-        for own in _formats_of(result.operation):
+        # A result made by hand is of no operation.
+        for own in registry.operation(result.operation).formats if result.operation else ():
             if own.of in result.extras and (own.unasked or own.name in formats):
                 own.write(new(f"{result.operation}.{own.name}"), result)
         write_npz(new(f"{result.operation}.npz"), result.arrays)

@@ -162,8 +162,7 @@ def _note_share(
 ) -> None:
     """Say so where the threshold calls most of the shape thin."""
     thin = values < options.threshold * surface.diagonal
-    area = surface.point_areas if surface.faces is not None else np.ones(len(values))
-    share = float(area[thin].sum() / area.sum())
+    share = float(surface.point_areas[thin].sum() / surface.point_areas.sum())
     if share > MOST:
         limit = with_unit(options.threshold * surface.diagonal, surface.unit)
         median = with_unit(float(np.median(values)), surface.unit)

@@ -41,6 +41,7 @@ from medialis.base.threads import run_patiently
 from medialis.base.validation import FloatArray, IntArray, frozen, hold
 from medialis.shape.graph import CLOUD_NEIGHBOURS, TWICE, Enclosure
 from medialis.shape.shape import Shape
+from medialis.shape.surface import link_matrix
 from medialis.skeleton.medial_cloud import MedialCloud
 from medialis.skeleton.surface_skeleton import as_cloud
 from medialis.walls.thickness import (
@@ -145,16 +146,11 @@ class PlaceGraph:
     """
 
     def __init__(self, shape: Shape, walls: IntArray) -> None:
-        from scipy.sparse import coo_array
-
         from medialis.walls._kernels import Links
 
-        n = shape.point_count
         edges = shape.edges if shape.faces is not None else _cloud_links(shape)
-        a, b = np.concatenate([edges, walls]).T
-        ends = np.concatenate([a, b]), np.concatenate([b, a])
-        graph = coo_array((np.ones(len(ends[0]), np.int32), ends), shape=(n, n)).tocsr()
-        self._times = graph.data
+        graph = link_matrix(shape.point_count, np.concatenate([edges, walls]))
+        self._times = graph.data.astype(np.int32)
         self.links = Links(graph.indptr[:-1], graph.indptr[1:].copy(), graph.indices)
 
     def take_out(self, walls: IntArray) -> None:

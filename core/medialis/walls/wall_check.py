@@ -229,10 +229,8 @@ def _flaws(cloud: MedialCloud, walls: Mask) -> Mask:
 
 def _typical(cloud: MedialCloud, values: FloatArray) -> float:
     """Return the median over the area."""
-    surface = cloud.surface
-    weights = np.ones(len(values)) if surface.faces is None else surface.point_areas
     order = np.argsort(values, kind="stable")
-    below = np.cumsum(weights[order])
+    below = np.cumsum(cloud.surface.point_areas[order])
     return float(values[order[np.searchsorted(below, 0.5 * below[-1])]])
 
 
@@ -307,8 +305,7 @@ def _regions(
     for place in low_places(PlaceGraph(surface, cloud.features[rows]), field, level=level):
         row, inside = int(ball[place.vertex]), values[place.vertices]
         opposite = cloud.contacts[row] if row >= 0 else np.full(3, np.nan)
-        area = float(surface.point_areas[place.vertices].sum())
+        area = surface.point_areas[place.vertices].sum() if surface.faces is not None else math.nan
         told = float(values[place.vertex]), float(inside.min()), float(inside.max())
-        area = math.nan if surface.faces is None else area
         position = surface.points[place.vertex]
-        yield WallRegion(kind, position, opposite, *told, area, place.vertices), row
+        yield WallRegion(kind, position, opposite, *told, float(area), place.vertices), row

@@ -226,18 +226,16 @@ def verdicts(found: Mapping[str, Any]) -> list[dict[str, str]]:
         right was checked and holds, "look" where it does not hold or something is missing, and
         "info" where there is nothing to compare a number with.
     """
-    lines = [
+    judges = {
+        **{"emptiness": _emptiness, "reconstruction": _reconstruction, "envelope": _envelope},
+        **{"centredness": _centredness, "balls": _balls, "thin_spots": _thinnest, "values": _walls},
+    }
+    lines = [judge(found) for name, judge in judges.items() if found[name] is not None]
+    return [
         *_topology(found["topology"], found["input"]["as_computed"]),
-        _emptiness(found),
-        _reconstruction(found),
-        _envelope(found),
-        _centredness(found["centredness"]),
-        _balls(found["balls"]),
-        _thinnest(found),
-        _walls(found["values"]),
+        *filter(None, lines),
         _notes(found["messages"]),
     ]
-    return [line for line in lines if line is not None]
 
 
 def _line(about: str, state: str, text: str) -> dict[str, str]:
@@ -307,11 +305,8 @@ def _shape(topology: Mapping[str, Any], after: Mapping[str, Any]) -> str:
     return text + (f", open with {counted(holes, 'hole')}." if holes else ", closed.")
 
 
-def _emptiness(found: Mapping[str, Any]) -> dict[str, str] | None:
-    emptiness, parameters = found["emptiness"], found["parameters"]
-    if emptiness is None:
-        return None
-    deepest = emptiness["deepest"]
+def _emptiness(found: Mapping[str, Any]) -> dict[str, str]:
+    deepest, parameters = found["emptiness"]["deepest"], found["parameters"]
     if deepest == 0:
         return _line("Emptiness", GOOD, "No sample of the surface lies inside a ball.")
     text = f"The deepest sample lies {number(deepest, 3)} % of the diagonal inside a ball"
@@ -323,10 +318,8 @@ def _emptiness(found: Mapping[str, Any]) -> dict[str, str] | None:
     return _line("Emptiness", GOOD if within else LOOK, text)
 
 
-def _reconstruction(found: Mapping[str, Any]) -> dict[str, str] | None:
+def _reconstruction(found: Mapping[str, Any]) -> dict[str, str]:
     error = found["reconstruction"]
-    if error is None:
-        return None
     what, after = found["balls"]["what"], found["input"]["as_computed"]
     where = place(error["worst_place"], after["diagonal"])
     text = (
@@ -338,10 +331,8 @@ def _reconstruction(found: Mapping[str, Any]) -> dict[str, str] | None:
     return _line("Reconstruction", INFO, text)
 
 
-def _envelope(found: Mapping[str, Any]) -> dict[str, str] | None:
+def _envelope(found: Mapping[str, Any]) -> dict[str, str]:
     error = found["envelope"]
-    if error is None:
-        return None
     where = place(error["worst_place"], found["input"]["as_computed"]["diagonal"])
     text = (
         f"The surface and the envelope are {number(error['largest_error'], 3)} % of the diagonal "
@@ -357,9 +348,8 @@ def _one_way(error: Mapping[str, Any], way: str) -> str:
     return f"{number(largest, 3)} % of the diagonal (mean {number(mean, 2)} %)"
 
 
-def _centredness(share: Mapping[str, float] | None) -> dict[str, str] | None:
-    if share is None:
-        return None
+def _centredness(found: Mapping[str, Any]) -> dict[str, str]:
+    share = found["centredness"]
     return _line(
         "Centredness",
         INFO,
@@ -368,8 +358,9 @@ def _centredness(share: Mapping[str, float] | None) -> dict[str, str] | None:
     )
 
 
-def _balls(counts: Mapping[str, Any] | None) -> dict[str, str] | None:
-    if counts is None or "started" not in counts:
+def _balls(found: Mapping[str, Any]) -> dict[str, str] | None:
+    counts = found["balls"]
+    if "started" not in counts:
         return None
     missing = {"open": "without a second contact", "without_normal": "without a normal"}
     why = [f"{number(counts[name])} {text}" for name, text in missing.items() if counts[name]]
@@ -377,10 +368,8 @@ def _balls(counts: Mapping[str, Any] | None) -> dict[str, str] | None:
     return _line("Balls", INFO if why else GOOD, "; ".join([text, *why]) + ".")
 
 
-def _thinnest(found: Mapping[str, Any]) -> dict[str, str] | None:
+def _thinnest(found: Mapping[str, Any]) -> dict[str, str]:
     spots = found["thin_spots"]
-    if spots is None:
-        return None
     if not spots:
         return _line("Thin spots", GOOD, "No place is thinner than the threshold.")
     value, diagonal = spots[0]["value"], found["input"]["as_computed"]["diagonal"]
@@ -389,7 +378,8 @@ def _thinnest(found: Mapping[str, Any]) -> dict[str, str] | None:
     return _line("Thin spots", INFO, text)
 
 
-def _walls(values: Mapping[str, Any]) -> dict[str, str] | None:
+def _walls(found: Mapping[str, Any]) -> dict[str, str] | None:
+    values = found["values"]
     if "passed" not in values:
         return None
     if values["passed"]:

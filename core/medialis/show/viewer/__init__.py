@@ -5,5 +5,5 @@ of it in Python: it decides what is shown (`scene_of`), makes short text of arra
 writes the page (`viewer_page`) and opens it (`show_page`). The rest runs in the page, joined in
 this order: `unpack.js`, `shaders.js`, `parts.js`, `viewer.js`, `picking.js`, `legend.js`,
 `panel.js`, `start.js`. It draws with three.js, which `core/viewer_library/build.py` puts beside
-these files. Another thing to see: a field of `Scene`, an entry in `_described`, and its script.
+these files. Another thing to see: an entry in `_described`, and its script.
 """

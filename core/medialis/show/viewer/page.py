@@ -39,6 +39,7 @@ from medialis.base.validation import FloatArray, IntArray
 from medialis.formats.files import write_text
 from medialis.show.camera import default_view
 from medialis.show.colors import color_table, palette, value_range
+from medialis.show.reports.page import data_text, page
 
 if TYPE_CHECKING:
     from medialis.operations.result import Layer, Outcome
@@ -172,33 +173,11 @@ class Part:
         return bool(same and np.array_equal(self.points, points))
 
 
-@dataclass(frozen=True, eq=False)
-class Scene:
-    """All that a page shows.
-
-    Attributes
-    ----------
-    title : str
-    parts : list of Part
-    spots : list of dict
-        Thin spots as the values of a result tell them.
-    shape : Shape
-        Gives the size, and the first view.
-    notes : list of str
-        What the results say: shown as text.
-    """
-
-    title: str
-    parts: list[Part]
-    spots: list[dict[str, Any]]
-    shape: Shape
-    notes: list[str]
-
-
-def scene_of(results: Sequence[Outcome], title: str) -> Scene:
+def scene_of(results: Sequence[Outcome]) -> tuple[list[Part], list[dict[str, Any]]]:
     """Return what is shown of one or more results of the same shape; of the later ones, hidden.
 
-    Points and fields of the first result are seen at first.
+    Points and fields of the first result are seen at first. With it come thin spots, as the values
+    of a result tell them.
     """
     parts: list[Part] = []
     spots: list[dict[str, Any]] = []
@@ -214,8 +193,7 @@ def scene_of(results: Sequence[Outcome], title: str) -> Scene:
         else:
             parts.insert(0, Part("surface", "surface", shape.points, shape.faces))
     _choose(parts, shape)
-    notes = [str(note) for result in results for note in getattr(result, "messages", ())]
-    return Scene(title, parts, spots, shape, list(dict.fromkeys(notes)))
+    return parts, spots
 
 
 def _layers(result: Outcome) -> list[Layer]:
@@ -366,19 +344,16 @@ def viewer_page(results: Sequence[Outcome], title: str = "medialis") -> str:
     """
     library = _library()
     packer = Packer()
-    scene = json.dumps(_described(scene_of(results, title), packer), allow_nan=False)
+    scene = json.dumps(_described(results, title, packer), allow_nan=False)
     scene = scene.replace("<", "\\u003c")  # a name must not end the script
     data = {"scene": scene, "arrays": packer.text(), "library": library}
     scripts = "\n".join(_text(f"{name}.js") for name in SCRIPTS)
-    return (
-        '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">\n'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        f"<title>{html.escape(title)}</title><style>\n{_text('viewer.css')}</style></head><body>\n"
-        f"{_text('page.html')}"
-        + "".join(
-            f'<script type="text/plain" id="{id}">{text}</script>\n' for id, text in data.items()
-        )
-        + f"<script>\n{scripts}</script>\n</body></html>\n"
+    return page(
+        title,
+        _text("viewer.css"),
+        _text("page.html").removesuffix("\n"),
+        *(f'<script type="text/plain" id="{id}">{text}</script>' for id, text in data.items()),
+        f"<script>\n{scripts}</script>",
     )
 
 
@@ -400,30 +375,32 @@ def _library() -> str:
 
 
 def _text(name: str) -> str:
-    return (resources.files(__package__) / name).read_text("utf-8")
+    return data_text("medialis.show.viewer", name)
 
 
-def _described(scene: Scene, packer: Packer) -> dict[str, Any]:
+def _described(results: Sequence[Outcome], title: str, packer: Packer) -> dict[str, Any]:
     """Return the scene as plain data; its arrays go to the packer.
 
     All places are relative to the middle of the shape: graphics cards have single precision.
     """
-    low, high = scene.shape.bounds
+    (shown, spots), shape = scene_of(results), results[0].shape
+    low, high = shape.bounds
     origin = (low + high) / 2
-    direction, up = default_view(scene.shape.points)
-    parts = [_part(part, origin, packer) for part in scene.parts]
+    direction, up = default_view(shape.points)
+    parts = [_part(part, origin, packer) for part in shown]
+    notes = (str(note) for result in results for note in getattr(result, "messages", ()))
     maps = {field["map"] for part in parts for field in part["fields"]}
     return {
-        "title": scene.title,
-        "notes": scene.notes,
-        "unit": scene.shape.unit,
-        "diagonal": scene.shape.diagonal or 1.0,
+        "title": title,
+        "notes": list(dict.fromkeys(notes)),
+        "unit": shape.unit,
+        "diagonal": shape.diagonal or 1.0,
         "origin": origin.tolist(),
         "half": ((high - low) / 2).tolist(),
         "direction": np.asarray(direction).tolist(),
         "up": np.asarray(up).tolist(),
         "parts": parts,
-        "spots": [_spot(spot, origin) for spot in scene.spots],
+        "spots": [_spot(spot, origin) for spot in spots],
         "maps": {name: _colors(color_table(name), COLORS) for name in sorted(maps)},
         "palette": _colors(palette()),
     }

@@ -370,56 +370,6 @@ def _weld_curves(
     return edges.astype(np.int32), weld
 
 
-def middle_of_walls(
-    balls: MedialCloud, least_angle: float, crease: float, edge: float, progress: Progress
-) -> Midsurface:
-    """Return the midsurface of what the balls of a mesh tell.
-
-    Parameters
-    ----------
-    balls : MedialCloud
-        Inner balls, row i that of sample i.
-    least_angle : float
-        Radians: of the spokes of balls in walls.
-    crease : float
-        Degrees: sides of walls end at edges that bend by more.
-    edge : float
-        Length of the edges of triangles, in the units of the shape.
-    """
-    from medialis.base.box_tree import NearestTree
-    from medialis.walls.midsurface.curves import find_chains, find_curves, forget_lost, lay_curves
-    from medialis.walls.midsurface.junctions import cut_sheets, join_steps, tidy_borders
-    from medialis.walls.midsurface.remeshing import remesh
-    from medialis.walls.midsurface.sides import find_sides, raw_sheets
-
-    shape = balls.surface
-    progress.update(0.0)
-    sides = find_sides(balls, least_angle, crease)
-    raws = raw_sheets(sides)
-    if not raws:
-        none: Any = np.empty(0)
-        threes, pairs = none.reshape(0, 3), none.reshape(0, 2)
-        return Midsurface(threes, threes, none, none, none, pairs, none)
-    progress.update(0.3)
-    sheets = cut_sheets(raws)
-    surface = NearestTree.of_triangles(shape.points, np.asarray(shape.faces))
-    join_steps(sheets, surface)
-    tidy_borders(sheets, surface)
-    forget_lost(sheets)
-    chains, nodes = find_chains(sheets)
-    curves = find_curves(sheets, chains, nodes, edge)
-    kinds, numbers, places = lay_curves(sheets, curves, nodes)
-    for s, (sheet, kind) in enumerate(zip(sheets, kinds, strict=True)):
-        begin, end = (0.5 + 0.5 * (s + step) / len(sheets) for step in (0, 1))
-        with progress.stage("triangles", begin, end):
-            remesh(sheet.mesh, kind, sheet.raw, edge, progress)
-    found = assembled(sheets, numbers, places, curves, len(nodes))
-    if not shape.closed_components.all():
-        return found
-    lumps, share = run_patiently(lambda: find_lumps(shape, found), progress)
-    return replace(found, lumps=lumps, wall_share=share)
-
-
 @dataclass(frozen=True, kw_only=True)
 class MidsurfaceOptions(Options):
     """Options of `midsurface`."""
@@ -484,9 +434,39 @@ def midsurface(cloud: MedialCloud, options: MidsurfaceOptions, progress: Progres
     >>> middle.sheets, round(float(middle.areas.sum()), 6), round(float(middle.thickness.max()), 6)
     (1, 1200.0, 2.0)
     """
+    from medialis.base.box_tree import NearestTree
+    from medialis.walls.midsurface.curves import find_chains, find_curves, forget_lost, lay_curves
+    from medialis.walls.midsurface.junctions import cut_sheets, join_steps, tidy_borders
+    from medialis.walls.midsurface.remeshing import remesh
+    from medialis.walls.midsurface.sides import find_sides, raw_sheets
+
     shape = cloud.surface
     if shape.faces is None:
         raise InvalidShapeError("A midsurface is computed from a mesh, got a point cloud.")
     crease = next(p.default for p in Preparation.parameters() if p.name == "creases")
-    edge = options.edge * shape.diagonal
-    return middle_of_walls(cloud.inner.own, math.radians(options.angle), crease, edge, progress)
+    edge, balls = options.edge * shape.diagonal, cloud.inner.own
+    progress.update(0.0)
+    sides = find_sides(balls, math.radians(options.angle), crease)
+    raws = raw_sheets(sides)
+    if not raws:
+        none: Any = np.empty(0)
+        threes, pairs = none.reshape(0, 3), none.reshape(0, 2)
+        return Midsurface(threes, threes, none, none, none, pairs, none)
+    progress.update(0.3)
+    sheets = cut_sheets(raws)
+    surface = NearestTree.of_triangles(shape.points, np.asarray(shape.faces))
+    join_steps(sheets, surface)
+    tidy_borders(sheets, surface)
+    forget_lost(sheets)
+    chains, nodes = find_chains(sheets)
+    curves = find_curves(sheets, chains, nodes, edge)
+    kinds, numbers, places = lay_curves(sheets, curves, nodes)
+    for s, (sheet, kind) in enumerate(zip(sheets, kinds, strict=True)):
+        begin, end = (0.5 + 0.5 * (s + step) / len(sheets) for step in (0, 1))
+        with progress.stage("triangles", begin, end):
+            remesh(sheet.mesh, kind, sheet.raw, edge, progress)
+    found = assembled(sheets, numbers, places, curves, len(nodes))
+    if not shape.closed_components.all():
+        return found
+    lumps, share = run_patiently(lambda: find_lumps(shape, found), progress)
+    return replace(found, lumps=lumps, wall_share=share)

@@ -18,6 +18,9 @@ from medialis.skeleton.layers import summary
 from medialis.skeleton.surface_skeleton import Preparation, surface_skeleton
 from medialis.walls.midsurface.midsurface import Midsurface, MidsurfaceOptions, midsurface
 
+COLUMNS = ("faces", "thickness", "face_thickness", "sheet", "weld_edges", "weld")
+"""Arrays of a midsurface beside its points."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class MidsurfaceRun(MidsurfaceOptions, Preparation):
@@ -54,12 +57,7 @@ def run(shape: Shape, options: MidsurfaceRun, progress: Progress) -> Outcome:
         values=_values(found, shape),
         arrays={
             "midsurface_points": places(found.points),
-            "midsurface_faces": found.faces,
-            "midsurface_thickness": found.thickness,
-            "midsurface_face_thickness": found.face_thickness,
-            "midsurface_sheet": found.sheet,
-            "midsurface_weld_edges": found.weld_edges,
-            "midsurface_weld": found.weld,
+            **{f"midsurface_{name}": getattr(found, name) for name in COLUMNS},
         },
     )
 

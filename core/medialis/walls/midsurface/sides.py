@@ -539,8 +539,7 @@ def extended(sheet: RawSheet, surface: NearestTree, farthest: float) -> RawSheet
     inner &= (count[a] == 2) & (count[b] == 2)
     if not inner.any():
         return sheet
-    along = points[b] - points[a]
-    along = unit_rows(along)
+    along = unit_rows(points[b] - points[a])
     outward = np.cross(along, _normals_of_core(sheet, middle))
     direction, weight = np.zeros_like(points), np.zeros(len(points))
     for ends in (a, b):
