@@ -427,24 +427,6 @@ def ball_normal(i, px, py, pz, perspective, balls):
     return facing(x, y, z, px, py, pz, perspective)
 
 
-@kernel
-def surface_normals(canvas, lens, balls, mesh, begin, end, out_normals):
-    """Write the view-space normal, turned to the viewer, of each pixel in rows begin..end."""
-    count = len(balls.radii)
-    for row in range(begin, end):
-        for col in range(canvas.depth.shape[1]):
-            i = canvas.index[row, col]
-            if i < 0:
-                continue
-            px, py, pz = hit_point(row, col, canvas.depth[row, col], lens)
-            if i < count:
-                nx, ny, nz, _ = ball_normal(i, px, py, pz, lens.focal > 0, balls)
-            else:
-                nx, ny, nz, _, _, _, _ = triangle_hit(i - count, px, py, pz, lens.focal > 0, mesh)
-            out_normals[row, col, 0], out_normals[row, col, 1] = nx, ny
-            out_normals[row, col, 2] = nz
-
-
 class Light(NamedTuple):
     """How a picture is lit: the Phong model, and shadows of what stands closely in front.
 
