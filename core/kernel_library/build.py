@@ -89,9 +89,11 @@ def compile_feature(feature: str, work: Path) -> None:
     from numba import typeof
     from numba.pycc import compiler
 
-    from medialis.base import compiling  # noqa: F401 - lets numba see kernels
+    from medialis.base.compiling import know
+    from medialis.base.jit import kernel_class
     from medialis.hosts.compile_ahead import example, named
 
+    know(kernel_class())
     usual = compiler.Flags
 
     def without_the_lock() -> Any:

@@ -144,7 +144,7 @@ class _Cache(caching.FunctionCache):
 
 def dispatcher_of(kernel: Any) -> Any:
     """Return numba's dispatcher of a kernel, made when it is first asked for."""
-    _know(type(kernel))
+    know(type(kernel))
     if kernel.dispatcher is None:
         dispatcher = numba.njit(nogil=True)(kernel.py_func)
         with suppress(RuntimeError):  # no writable cache folder: slower start, same results
@@ -159,6 +159,6 @@ def compile_for(kernel: Any, examples: list[Any]) -> None:
 
 
 @cache
-def _know(kind: type) -> None:
+def know(kind: type) -> None:
     """Let numba see the dispatcher where one kernel calls another."""
     typeof_impl.register(kind)(lambda kernel, _: numba.types.Dispatcher(dispatcher_of(kernel)))

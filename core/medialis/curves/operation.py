@@ -333,14 +333,14 @@ def graph_formats(graph_of: Callable[[Result], CurveSkeleton]) -> tuple[Format, 
 GRAPH_FORMATS = graph_formats(lambda result: result.extras["graph"])
 
 
-FEW_SAMPLES = 100
+FEW_SAMPLES = 100  # halved 0 %, doubled 0 %
 """Below which a shape is said to have few."""
 
-SHEET_RADII = 4.0
+SHEET_RADII = 4.0  # halved 100 %, doubled 100 %
 """A place of the surface belongs to a sheet where its ball reaches farther than four radii from the
 curve skeleton: the cross-section is there more than four times as wide (2 4 r) as thick (2 r)."""
 
-SHEET_SHARE = 0.2
+SHEET_SHARE = 0.2  # halved 0 %, doubled 0 %
 """Share of its area on sheets from which a shape is called sheet-like. Shoulder blade: 29 %; thin
 plates: 57 %; rocker arm, a mechanical part with flat arms: 14 %; gears, screwdriver: below 6 %."""
 

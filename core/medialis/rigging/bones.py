@@ -33,13 +33,13 @@ from medialis.rigging.limbs import (
 from medialis.shape.graph import dissected
 from medialis.shape.surface import Surface
 
-MOST_BONES = 4
+MOST_BONES = 4  # halved 6 %, doubled 0.4 %
 """Bones that move one vertex: what game engines and exchange formats hold."""
 
-LEAST_WEIGHT = 0.01
+LEAST_WEIGHT = 0.01  # halved 0.2 %, doubled 0.5 %
 """Weights below this are left out: the tails of the smoothing would run over the whole shape."""
 
-AT_ONCE = 16
+AT_ONCE = 16  # halved 0 %, doubled 0 %
 """Bones whose weights are solved for together: the factors are read once for all of them."""
 
 _WHOLE = ("parents", "limbs", "mirrors", "sides", "edge_limbs", "node_limbs")

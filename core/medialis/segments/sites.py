@@ -37,13 +37,13 @@ from medialis.shape.graph import nearest_seeds, surface_graph
 from medialis.shape.surface import Surface
 from medialis.skeleton.medial_cloud import MedialCloud
 
-SITES = 500
+SITES = 500  # halved 60 %, doubled 31 %
 """Each stands for 0.2 % of the surface, a fifth of the smallest part by default."""
 
-CANDIDATES = 10
+CANDIDATES = 10  # halved 37 %, doubled 17 %
 """Places to choose a site from."""
 
-SHORTEST_STEP = 1e-4
+SHORTEST_STEP = 1e-4  # halved 0 %, doubled 0 %
 """Diagonals that the lines are apart at least: a needle would have millions of them."""
 
 SITES_APART = 0.835

@@ -23,11 +23,11 @@ from medialis.shape.shape import Shape
 from medialis.skeleton.medial_cloud import MedialCloud, sample_tree, shrink_options
 from medialis.skeleton.surface_skeleton import as_cloud
 
-GOES_ROUND = 0.4
+GOES_ROUND = 0.4  # halved 22 %, doubled 96 %
 """Agreement below which one cluster goes round its ball: 0 for a circle or a sphere, 0.30 for 3/4
 of a circle, 0.5 for a half sphere, 0.64 for half a circle."""
 
-BALLS_A_CHUNK = 1024
+BALLS_A_CHUNK = 1024  # halved 0 %, doubled 0 %
 """Some milliseconds of work."""
 
 

@@ -23,10 +23,10 @@ from medialis.shape.graph import mesh_graph, surface_graph
 from medialis.skeleton.medial_cloud import MedialCloud
 from medialis.skeleton.triangle_balls import angles_between
 
-TANGENT = 0.95
+TANGENT = 0.95  # halved 22 %, doubled 30 %
 """Cosine, of 18 degrees: between a spoke and the normal of the wall that its ball touches."""
 
-SAME_NORMAL = 1e-6
+SAME_NORMAL = 1e-6  # halved 0 %, doubled 0 %
 """Radians: what rounding turns the normal of a ball of a fan, with room."""
 
 

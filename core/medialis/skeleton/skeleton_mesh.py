@@ -30,11 +30,11 @@ from medialis.skeleton.importance.importance import (
 from medialis.skeleton.medial_cloud import MedialCloud
 from medialis.skeleton.surface_skeleton import as_cloud
 
-RADIUS_SLACK = 1.0
+RADIUS_SLACK = 1.0  # halved 78 %, doubled < 0.1 %
 """Sample spacings by which a radius may change against the slope of the sheet. On horse (48k
 samples, spoke angles above 30 degrees) 0.5 rejects 0.75 % of the faces, 1 0.2 %, 2 0.03 %."""
 
-FACES_A_CHUNK = 16384
+FACES_A_CHUNK = 16384  # halved 0 %, doubled 0 %
 """About 2 ms of work."""
 
 

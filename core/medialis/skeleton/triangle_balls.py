@@ -28,33 +28,33 @@ if TYPE_CHECKING:
     from medialis.base._box_tree_kernels import BoxTree
     from medialis.skeleton._triangle_kernels import Hung
 
-BLOCKS_A_CHUNK = 1024
+BLOCKS_A_CHUNK = 1024  # halved 0 %, doubled 0 %
 """Of 16 faces."""
 
-NODES_A_CHUNK = 64
+NODES_A_CHUNK = 64  # halved 0 %, doubled 0 %
 """Of the tree, each with all faces below it."""
 
-ROUNDING = 1e-10
+ROUNDING = 1e-10  # halved 0 %, doubled 0 %
 """Fraction of the diagonal: a place less deep than this in a ball is on it."""
 
-CREASE_DEPTH = 1e-6
+CREASE_DEPTH = 1e-6  # halved 0 %, doubled 0 %
 """Fraction of the diagonal: how far the ball at a crease lies from it, at least."""
 
-LARGEST_GAP = 1e-3
+LARGEST_GAP = 1e-3  # halved 19 %, doubled 17 %
 """Fraction of the diagonal: no place of a convex crease is farther than this from a ball."""
 
-MOST_BETWEEN = 3
+MOST_BETWEEN = 3  # halved 100 %, doubled 44 %
 """Balls between two samples of a crease, at most: enough for edges of 0.8 % of the diagonal."""
 
-DEPTH_BETWEEN = 0.55
+DEPTH_BETWEEN = 0.55  # halved 44 %, doubled 13 %
 """Lengths of their edge that balls between samples lie deep: in a right angle half-way to where the
 balls of the next samples begin."""
 
-LEAST_FIT = 0.9
+LEAST_FIT = 0.9  # halved 12 %, doubled 95 %
 """Share of the radius that two walls would allow: balls between samples with less lie where those
 of the samples do, since other walls are near."""
 
-LEAST_DEPTH = 1 / 16
+LEAST_DEPTH = 1 / 16  # halved 0.3 %, doubled 3 %
 """Of the tolerance: how deep a face that is no relief may lie in a ball."""
 
 
