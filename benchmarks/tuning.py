@@ -49,7 +49,7 @@ FEATURES = {
     "rigging": ("armature", "armature naming=rigify"),
     "walls": ("wall_check", "thickness"),
     "walls/midsurface": ("midsurface",),
-    "segments": ("parts", "patches", "soft_edges", "mean_shift_segments"),
+    "segments": ("parts", "parts method=limbs", "patches", "soft_edges", "mean_shift_segments"),
     "curves": ("curve_skeleton",),
     "sheets": ("point_types", "medial_sheets"),
     "clouds": ("manifolds", "remove_outliers", "smooth"),

@@ -191,7 +191,7 @@ def field_on_skeleton(
     return 0.5 * first + 0.5 * second  # halves: the sum of two large values would overflow
 
 
-SMOOTHING_STEPS, SMOOTHING_ACCURACY = 40, 1e-3
+SMOOTHING_STEPS, SMOOTHING_ACCURACY = 40, 1e-3  # halved 16 %, doubled 0 %; halved 22 %, doubled 9 %
 """Steps at most, and residual relative to the start. On horse2, 40 steps (60 ms) look the same as
 400; the transition is then up to 40 edges wide."""
 
@@ -336,7 +336,7 @@ def _nearest_in_space(surface: Shape, values: FloatArray) -> None:
 
 ThicknessKind = Literal["diameter", "radius"]
 
-WALL_ANGLE = 120.0
+WALL_ANGLE = 120.0  # halved 100 %, doubled 100 %
 """Degrees. The spoke angle of a ball in a wedge whose faces enclose the angle phi is pi - phi: 180
 degrees between parallel walls, 150 in a blade of 30, 90 along the edges of a box. 120 lets walls
 taper by 60 degrees, and leaves out every convex edge of up to 60 + 60 = 120 degrees between its

@@ -68,11 +68,11 @@ MATERIALS = {
 
 RegionKind = Literal["too thin", "too thick", "gap", "overlap"]
 
-LEAST_SHARE, LARGEST_SHARE = 0.5, 1.5
+LEAST_SHARE, LARGEST_SHARE = 0.5, 1.5  # halved 100 %, doubled 100 %; halved 100 %, doubled 100 %
 """Of the typical wall, where no limit is given. Moulding guides ask for no wall below 40 to 60 % of
 the one beside it; a rib as thick as its wall makes 1.25 times the thickness where they meet."""
 
-FLAW, BESIDE = 0.25, 3
+FLAW, BESIDE = 0.25, 3  # halved 58 %, doubled 73 %; halved 0 %, doubled 0 %
 """A ball smaller than this share of the spacing counts where so many neighbours have a ball within
 twice its size: along a fold there are two."""
 
