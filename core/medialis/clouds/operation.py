@@ -217,9 +217,10 @@ def run_remove_outliers(shape: Shape, options: RemoveOutliersRun, progress: Prog
     _note_removed(found, kept, dense, progress)
     note_mostly_noise(found, progress)
     source = np.flatnonzero(kept).astype(np.int32)
-    own = {"attributes": {"manifold": found.labels()[kept], "source": source}, "role": "shape"}
-    clean = Layer("without_outliers", shape.points[kept], **own, **BY_MANIFOLD)
-    shown: dict[str, Any] = {"color_by": "noise", "labels": ("noise",), "on_input": True}
+    fields = {"manifold": found.labels()[kept], "source": source}
+    shown: dict[str, Any] = {"attributes": fields, "role": "shape", **BY_MANIFOLD}
+    clean = Layer("without_outliers", shape.points[kept], **shown)
+    shown = {"color_by": "noise", "labels": ("noise",), "on_input": True}
     shown["attributes"] = {"noise": np.where(kept, -1, 0).astype(np.int32)}
     noise = Layer("noise", shape.points, shape.faces, **shown)
     return Outcome(

@@ -263,7 +263,7 @@ def _parse_json(data: bytes) -> CurveSkeleton:
         raise InvalidShapeError(f"it is no JSON ({error}).") from None
     if not isinstance(content, dict) or content.get("format") != NAME:
         raise InvalidShapeError(f"it is no {NAME}.")
-    floats = [
+    floats: list[Any] = [
         np.array([np.nan if v is None else v for v in content[name]], np.float64)
         for name in ("radii", "importance")
     ]

@@ -191,7 +191,8 @@ def join_pieces(nodes: Nodes, cell: float, measure: Measure) -> Nodes:
             few = np.argsort(away, kind="stable")[:NEAREST]
             nearest.append(np.stack([own[few], other[near[few]]], axis=1))
         pairs = np.concatenate(nearest)
-        pairs = pairs[_segments_inside(*nodes.points[pairs.T], cell / 2, measure)]
+        a, b = nodes.points[pairs.T]
+        pairs = pairs[_segments_inside(a, b, cell / 2, measure)]
         if len(pairs) == 0:
             break
         lengths = np.linalg.norm(nodes.points[pairs[:, 0]] - nodes.points[pairs[:, 1]], axis=1)

@@ -147,10 +147,10 @@ class PackedViews:
                     skeletonize(near[at], self.saliency, scratch, field[at])
 
         run_chunks(skeletons, count, 1, progress=progress.still)
-        seen = (
+        centers, axes, pixels = (
             np.array([getattr(c, name) for c in cameras]) for name in ("center", "axes", "pixel")
         )
-        return Views(*seen, near, far, field)
+        return Views(centers, axes, pixels, near, far, field)
 
 
 def radii_in(views: Views, points: FloatArray) -> FloatArray:
