@@ -137,16 +137,14 @@ class ManifoldSet(Bound):
         from scipy.sparse import csr_array
 
         rows = self.manifolds
-        filled = np.ones(len(rows.indices), np.bool_)
-        arrays = filled, rows.indices.copy(), rows.offsets.copy()
+        arrays = np.ones(len(rows.indices), bool), rows.indices.copy(), rows.offsets.copy()
         matrix = csr_array(arrays, shape=(len(self), self.count))
         matrix.sort_indices()
         return matrix
 
     def labels(self) -> IntArray:
         """Return one manifold for each point, (n,) int32: the first of its row; -1 is noise."""
-        result = np.full(len(self), -1, np.int32)
-        some = self.manifolds.lengths > 0
+        result, some = np.full(len(self), -1, np.int32), self.manifolds.lengths > 0
         result[some] = self.manifolds.indices[self.manifolds.offsets[:-1][some]]
         return frozen(result, np.int32)
 

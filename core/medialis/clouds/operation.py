@@ -54,10 +54,7 @@ class ManifoldsRun(ManifoldsOptions, Preparation):
     """Options of the operation `manifolds`."""
 
     cloud: str = choice(
-        "points",
-        "Cloud",
-        "The points of the shape, or the points of its surface skeleton.",
-        CLOUDS,
+        "points", "Cloud", "The points of the shape, or the points of its surface skeleton.", CLOUDS
     )
     surfaces: bool = flag(
         False,
@@ -221,12 +218,11 @@ def run_remove_outliers(shape: Shape, options: RemoveOutliersRun, progress: Prog
     note_mostly_noise(found, progress)
     source = np.flatnonzero(kept).astype(np.int32)
     fields = {"manifold": found.labels()[kept], "source": source}
-    clean = Layer(
-        "without_outliers", shape.points[kept], attributes=fields, role="shape", **BY_MANIFOLD
-    )
-    shown: dict[str, Any] = {"color_by": "noise", "labels": ("noise",), "on_input": True}
-    fields = {"noise": np.where(kept, -1, 0).astype(np.int32)}
-    noise = Layer("noise", shape.points, shape.faces, attributes=fields, **shown)
+    shown: dict[str, Any] = {"attributes": fields, "role": "shape", **BY_MANIFOLD}
+    clean = Layer("without_outliers", shape.points[kept], **shown)
+    shown = {"color_by": "noise", "labels": ("noise",), "on_input": True}
+    shown["attributes"] = {"noise": np.where(kept, -1, 0).astype(np.int32)}
+    noise = Layer("noise", shape.points, shape.faces, **shown)
     return Outcome(
         shape=shape,
         layers=(clean, noise),
@@ -304,9 +300,8 @@ def run_smooth(shape: Shape, options: SmoothRun, progress: Progress) -> Outcome:
             f"by {with_unit(math.sqrt(np.mean(moved**2)), shape.unit)} (root mean square)."
         )
         progress.note(text, "smoothed", noise=level)
-    fields = {"moved": moved}
-    shown: dict[str, Any] = {"color_by": "moved", "role": "shape"}
-    layer = Layer("smooth", points, shape.faces, attributes=fields, **shown)
+    shown: dict[str, Any] = {"attributes": {"moved": moved}, "color_by": "moved", "role": "shape"}
+    layer = Layer("smooth", points, shape.faces, **shown)
     return Outcome(
         shape=shape,
         layers=(layer,),
@@ -317,16 +312,14 @@ def run_smooth(shape: Shape, options: SmoothRun, progress: Progress) -> Outcome:
             "diagonal": shape.diagonal,
             "spacing": shape.spacing,
         },
-        arrays={"points": places(points), **fields},
+        arrays={"points": places(points), "moved": moved},
     )
 
 
 def _measured(shape: Shape) -> float:
-    return (
-        noise_level(shape)
-        if shape.faces is not None
-        else jitter(different_rows(shape.points, shape.points.T)[0])
-    )
+    if shape.faces is not None:
+        return noise_level(shape)
+    return jitter(different_rows(shape.points, shape.points.T)[0])
 
 
 def _smoothed(shape: Shape, level: float, progress: Progress) -> FloatArray:

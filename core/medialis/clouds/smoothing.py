@@ -259,8 +259,7 @@ def dense_points(points: FloatArray, noise: Mask, least: int, progress: Progress
         dense &= dense[around].mean(axis=1) >= DENSE_AROUND
     good = ~rest
     good[candidates[dense]] = True
-    a, b = np.repeat(np.arange(len(places)), DENSE_NEIGHBOURS), near.reshape(-1)
-    joined = good[a] & good[b]
-    part = piece_labels(len(places), np.stack([a[joined], b[joined]], axis=1))
+    links = np.stack([np.repeat(np.arange(len(places)), DENSE_NEIGHBOURS), near.ravel()], axis=1)
+    part = piece_labels(len(places), links[good[links].all(axis=1)])
     good &= rest & (np.bincount(part[good], minlength=part.max() + 1)[part] >= least)
     return good[place]

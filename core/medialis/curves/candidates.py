@@ -9,7 +9,7 @@ branches end.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -257,10 +257,8 @@ def near_balls(cloud: MedialCloud, rows: Index, progress: Progress) -> tuple[Int
     """Find the nearest others of some balls among themselves, as many as the thesis; kept."""
     from medialis.base.box_tree import nearest_others
 
-    return kept(
-        nearest_others, cloud, rows.tobytes(),
-        lambda: nearest_others(cloud.centers[rows], NEIGHBOURS, progress.still), progress,
-    )  # fmt: skip
+    find = partial(nearest_others, cloud.centers[rows], NEIGHBOURS, progress.still)
+    return kept(nearest_others, cloud, rows.tobytes(), find, progress)
 
 
 def area_importance(

@@ -307,23 +307,18 @@ class CurveSkeleton(Bound):
     @cached_property
     def tortuosity(self) -> FloatArray:
         """Length of each branch over the distance of its ends, (b,): 1 straight, inf closed."""
-        chord = np.array(
-            [np.linalg.norm(self.nodes[row[-1]] - self.nodes[row[0]]) for row in self.branches]
-        )
-        result = np.full(self.branch_count, np.inf)
-        np.divide(self.branch_lengths, chord, out=result, where=chord > 0)
-        return frozen(result, np.float64)
+        tips = [self.nodes[row[-1]] - self.nodes[row[0]] for row in self.branches]
+        chord, result = np.array([np.linalg.norm(tip) for tip in tips]), np.full(len(tips), np.inf)
+        return frozen(np.divide(self.branch_lengths, chord, out=result, where=chord > 0), float)
 
     @cached_property
     def mean_radii(self) -> FloatArray:
         """Mean radius along each branch, (b,), by length."""
         a, b = self.edges.T
-        middle = (self.radii[a] + self.radii[b]) / 2
-        total = np.bincount(self.branch, middle * self.edge_lengths, minlength=self.branch_count)
-        count = np.bincount(self.branch, minlength=self.branch_count)
-        plain = np.bincount(self.branch, middle, minlength=self.branch_count) / count
-        length = self.branch_lengths
-        return frozen(np.where(length > 0, total / np.where(length > 0, length, 1), plain), float)
+        middle, length = (self.radii[a] + self.radii[b]) / 2, self.branch_lengths
+        total = np.bincount(self.branch, middle * self.edge_lengths)
+        plain = np.bincount(self.branch, middle) / np.bincount(self.branch)
+        return frozen(np.divide(total, length, out=plain, where=length > 0), float)
 
     def surface_part(self, branch: int) -> IntArray:
         """Return the vertices of the surface that belong to a branch.
@@ -339,15 +334,14 @@ class CurveSkeleton(Bound):
 
 
 def _check_edges(edges: IntArray, count: int) -> None:
-    if len(edges) == 0:
-        return
-    if edges.min() < 0 or edges.max() >= count:
+    if edges.min(initial=0) < 0 or edges.max(initial=-1) >= count:
         raise InvalidShapeError(
             f"Edges must name nodes 0..{count - 1}, got {edges.min()}..{edges.max()}."
         )
-    if (edges[:, 0] == edges[:, 1]).any():
-        row = int((edges[:, 0] == edges[:, 1]).argmax())
-        raise InvalidShapeError(f"An edge must join two nodes; edge {row} joins one with itself.")
+    same = np.flatnonzero(edges[:, 0] == edges[:, 1])
+    if len(same):
+        text = f"An edge must join two nodes; edge {same[0]} joins one with itself."
+        raise InvalidShapeError(text)
     low, high = edges.min(axis=1).astype(np.int64), edges.max(axis=1)
     if len(np.unique(low * count + high)) < len(edges):
         raise InvalidShapeError("An edge must not come twice: merge equal edges first.")
@@ -365,13 +359,7 @@ def _check_branches(branch: IntArray, chain: IntArray) -> None:
 
 def _branch_of_edges(edges: IntArray, count: int) -> IntArray:
     """Join edges that meet at a node of degree 2 into chains, numbered by their lowest edge."""
-    e = len(edges)
-    if e == 0:
-        return np.empty(0, np.int32)
-    ends = edges.ravel()
-    order = np.argsort(ends, kind="stable")
-    degree = np.bincount(ends, minlength=count)
-    first = np.cumsum(degree) - degree
-    at = first[degree == 2]
-    a, b = order[at] // 2, order[at + 1] // 2
-    return piece_labels(e, np.stack([a, b], axis=1))
+    order = np.argsort(edges.ravel(), kind="stable")
+    degree = np.bincount(edges.ravel(), minlength=count)
+    first = (np.cumsum(degree) - degree)[degree == 2]
+    return piece_labels(len(edges), np.stack([order[first], order[first + 1]], axis=1) // 2)

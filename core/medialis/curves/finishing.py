@@ -120,14 +120,12 @@ def prune_spurs(graph: CurveSkeleton, widths: FloatArray | None = None) -> Mask:
         stays[np.flatnonzero(stays)[gone[gone != base]]] = False
 
 
-def _limbs(graph: CurveSkeleton) -> list[tuple[int, IntArray]]:
-    """Branches with one free end: their number, and their nodes up to that end."""
-    limbs = []
+def _limbs(graph: CurveSkeleton) -> Iterator[tuple[int, IntArray]]:
+    """Yield branches with one free end: their number, and their nodes up to that end."""
     for branch, row in enumerate(graph.branches):
         free = graph.degrees[row[[0, -1]]] == 1
         if free.sum() == 1:
-            limbs.append((branch, row[::-1] if free[0] else row))
-    return limbs
+            yield branch, row[::-1] if free[0] else row
 
 
 def _beside(
@@ -290,9 +288,8 @@ def sample_branches(graph: CurveSkeleton, spacing: float) -> tuple[CurveSkeleton
     fixed = np.flatnonzero(graph.degrees != 2)
     node_of = np.full(len(graph.nodes), -1, np.int64)
     node_of[fixed] = np.arange(len(fixed))
-    nodes, room = [graph.nodes[fixed]], [graph.radii[fixed]]
-    edges: list[Index] = []
-    count = len(fixed)
+    nodes, room, count = [graph.nodes[fixed]], [graph.radii[fixed]], len(fixed)
+    edges = [np.empty((0, 2), np.int64)]
     for row, least in _needed_nodes(graph):
         if node_of[row[0]] < 0:  # a ring: one of its nodes becomes fixed
             node_of[row[0]] = count
@@ -307,8 +304,8 @@ def sample_branches(graph: CurveSkeleton, spacing: float) -> tuple[CurveSkeleton
         room.append(free[1:-1])
         edges.append(np.stack([names[:-1], names[1:]], axis=1))
         count += len(inner)
-    joined = np.concatenate(edges) if edges else np.empty((0, 2))
-    return CurveSkeleton.of(np.concatenate(nodes), joined, np.concatenate(room)), node_of
+    parts = (np.concatenate(part) for part in (nodes, edges, room))
+    return CurveSkeleton.of(*parts), node_of
 
 
 def _needed_nodes(graph: CurveSkeleton) -> Iterator[tuple[IntArray, int]]:
@@ -454,13 +451,11 @@ def simplify_branches(
     [[0.0, 0.0, 0.0], [2.0, 0.0, 0.0]]
     """
     tolerance = options.simplify * graph.diagonal
-    stays = graph.degrees != 2
-    kept_of: list[Index] = []
+    stays, kept_of = graph.degrees != 2, []
     for row, least in _needed_nodes(graph):
         bound = np.minimum(tolerance, INSIDE * graph.radii[row])
-        kept = _kept(graph.nodes[row], bound, least)
-        kept_of.append(kept)
-        stays[row[kept]] = True
+        kept_of.append(_kept(graph.nodes[row], bound, least))
+        stays[row[kept_of[-1]]] = True
     number = np.cumsum(stays) - 1
     edges, near = [], np.where(stays, number, -1)
     for row, kept in zip(graph.branches, kept_of, strict=True):
@@ -484,17 +479,13 @@ def _kept(points: FloatArray, bound: FloatArray, least: int) -> Index:
     last = len(points) - 1
     # A closed branch has no chord to begin with, and a second branch needs a node: split evenly.
     kept = set(np.linspace(0, last, least + 2).round().astype(int).tolist())
-    marks = sorted(kept)
-    pieces = list(itertools.pairwise(marks))
+    pieces = list(itertools.pairwise(sorted(kept)))
     while pieces:
         a, b = pieces.pop()
-        if b - a < 2:
-            continue
-        chord = points[b] - points[a]
-        inner = points[a + 1 : b] - points[a]
+        chord, inner = points[b] - points[a], points[a + 1 : b] - points[a]
         share = np.clip(inner @ chord / max(float(chord @ chord), 1e-300), 0, 1)
         over = np.linalg.norm(inner - share[:, None] * chord, axis=1) - bound[a + 1 : b]
-        if over.max() > 0:
+        if over.max(initial=0.0) > 0:
             middle = a + 1 + int(over.argmax())
             kept.add(middle)
             pieces += [(a, middle), (middle, b)]

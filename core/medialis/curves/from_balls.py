@@ -218,8 +218,7 @@ def curve_skeleton(
         radii = cloud.radii[ground.candidates]
         least = np.maximum(SHARPEST * radii**2, (options.threshold * surface.diagonal) ** 2)
         enough = ground.importance >= least
-        wanted = np.zeros(len(cloud), bool)
-        importance = np.zeros(len(cloud))
+        wanted, importance = np.zeros(len(cloud), bool), np.zeros(len(cloud))
         importance[ground.candidates] = ground.importance
         wanted[ground.candidates[enough]] = True
 
@@ -344,12 +343,9 @@ def curve_skeleton_of(shape: Shape, options: Options, progress: Progress) -> Cur
             best = max(best, again, key=_closed)
     if best.surface is not None and best.surface is not cloud.surface:
         more = best.surface.point_count - cloud.surface.point_count
-        progress.note(
-            f"{counted(more, 'sample', verbs=('was', 'were'))} added where handles are thin, to "
-            "find their loops.",
-            "handles_refined",
-            samples=more,
-        )
+        was = counted(more, "sample", verbs=("was", "were"))
+        text = f"{was} added where handles are thin, to find their loops."
+        progress.note(text, "handles_refined", samples=more)
     return best
 
 

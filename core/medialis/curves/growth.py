@@ -123,17 +123,17 @@ def link_balls(
     k, centers, radii = len(radii), frozen(centers, np.float64), frozen(radii, np.float64)
     groups = np.zeros(k, np.int32) if groups is None else groups
     given = [
-        (np.ascontiguousarray(ends, np.int32), np.ascontiguousarray(others, np.int32), kind)
+        (*(np.ascontiguousarray(rows, np.int32) for rows in pair), kind == 1)
         for kind, lists in enumerate((near, needed))
-        for ends, others in lists
+        for pair in lists
     ]
     none, counts = np.empty(0, np.int32), np.zeros(k, np.int64)
-    for ends, others, kind in given:
-        list_links(ends, others, kind == 1, groups, centers, radii, counts, none)
+    for pair in given:
+        list_links(*pair, groups, centers, radii, counts, none)
     starts = np.concatenate([[0], np.cumsum(counts)])
     listed, places = np.empty(starts[-1], np.int32), starts[:-1].copy()
-    for ends, others, kind in given:
-        list_links(ends, others, kind == 1, groups, centers, radii, places, listed)
+    for pair in given:
+        list_links(*pair, groups, centers, radii, places, listed)
     offsets, neighbours = np.empty(k + 1, np.int64), np.empty(len(listed), np.int32)
     neighbours = neighbours[: sort_links(starts, listed, offsets, neighbours)].copy()
     balls = centers, radii, frozen(offsets, np.int64), frozen(neighbours, np.int32)

@@ -60,9 +60,7 @@ class Tree:
 
 def tree_of(graph: CurveSkeleton) -> Tree:
     """Return a curve skeleton as a tree. Roots are ends of branches where there are any."""
-    near = graph.neighbours
-    number: dict[int, int] = {}
-    parent: dict[int, int] = {}
+    near, number, parent = graph.neighbours, dict[int, int](), dict[int, int]()
     for root in [*graph.end_points.tolist(), *range(len(graph.nodes))]:
         if root in number:
             continue
@@ -253,8 +251,8 @@ def _json_text(graph: CurveSkeleton) -> str:
     for name in ("nodes", "radii", "importance", "edges", "branch", "vertex_node", "vertex_branch"):
         values = getattr(graph, name)
         content[name] = None if values is None else values.tolist()
-    for name in ("radii", "importance"):
-        content[name] = [v if math.isfinite(v) else None for v in getattr(graph, name).tolist()]
+        if name in ("radii", "importance"):
+            content[name] = [v if math.isfinite(v) else None for v in content[name]]
     return json.dumps(content, allow_nan=False) + "\n"
 
 
@@ -265,16 +263,15 @@ def _parse_json(data: bytes) -> CurveSkeleton:
         raise InvalidShapeError(f"it is no JSON ({error}).") from None
     if not isinstance(content, dict) or content.get("format") != NAME:
         raise InvalidShapeError(f"it is no {NAME}.")
-    radii, importance = (
+    floats: list[Any] = [
         np.array([np.nan if v is None else v for v in content[name]], np.float64)
         for name in ("radii", "importance")
-    )
+    ]
     nodes = as_points(content["nodes"], "nodes")
     edges = np.array(content["edges"], np.int32).reshape(-1, 2)
-    branch = np.array(content["branch"], np.int32)
-    given = (content.get(name) for name in ("vertex_node", "vertex_branch"))
-    maps = [None if row is None else np.array(row, np.int32) for row in given]
-    return CurveSkeleton(nodes, edges, radii, importance, branch, *maps)
+    given = content["branch"], content.get("vertex_node"), content.get("vertex_branch")
+    whole: list[Any] = [None if row is None else np.array(row, np.int32) for row in given]
+    return CurveSkeleton(nodes, edges, *floats, *whole)
 
 
 def _obj_text(graph: CurveSkeleton) -> str:
@@ -298,20 +295,16 @@ def _graphml_text(graph: CurveSkeleton) -> str:
         for kind, name, of in keys
     ]
     lines.append('<graph id="curve_skeleton" edgedefault="undirected">')
-    columns = (*graph.nodes.T.tolist(), graph.radii.tolist(), graph.importance.tolist())
-    degrees = graph.degrees.tolist()
-    for node, values in enumerate(zip(*columns, strict=True)):
+    columns = (*graph.nodes.T, graph.radii, graph.importance, graph.degrees)
+    for node, values in enumerate(zip(*(column.tolist() for column in columns), strict=True)):
         data = "".join(
             f'<data key="{name}">{value!r}</data>'
             for (_, name, _), value in zip(keys, values, strict=False)
             if math.isfinite(value)
         )
-        data += f'<data key="degree">{degrees[node]}</data>'
         lines.append(f'<node id="n{node}">{data}</node>')
-    rows = zip(
-        graph.edges.tolist(), graph.branch.tolist(), graph.edge_lengths.tolist(), strict=True
-    )
-    for (a, b), branch, length in rows:
+    columns = graph.edges, graph.branch, graph.edge_lengths
+    for (a, b), branch, length in zip(*(column.tolist() for column in columns), strict=True):
         lines.append(
             f'<edge source="n{a}" target="n{b}"><data key="branch">{branch}</data>'
             f'<data key="length">{length!r}</data></edge>'
@@ -409,13 +402,10 @@ def run(shape: Shape, options: CurveSkeletonRun, progress: Progress) -> Outcome:
 
 def _parts_layer(shape: Shape, graph: CurveSkeleton) -> Layer:
     """Layer of the surface with the branch and the node of each of its points."""
-    own = {"branch": graph.vertex_branch, "node": graph.vertex_node}
+    own = {"branch": np.asarray(graph.vertex_branch), "node": np.asarray(graph.vertex_node)}
+    shown: dict[str, Any] = {"color_by": "branch", "labels": ("branch",)}
     # A refined shape has the given points first.
-    (layer,) = surface_layers(
-        "curve_skeleton_parts", shape, shape, {key: np.asarray(own[key]) for key in own},
-        color_by="branch", labels=("branch",),
-    )  # fmt: skip
-    return layer
+    return surface_layers("curve_skeleton_parts", shape, shape, own, **shown)[0]
 
 
 def _by_importance(surface: Shape) -> dict[str, Any]:
@@ -435,7 +425,8 @@ def _candidates_layer(cloud: MedialCloud, evidence: CurveEvidence) -> Layer:
 def _values(
     surface: Shape, graph: CurveSkeleton, evidence: CurveEvidence, sheet: float
 ) -> dict[str, Any]:
-    values: dict[str, Any] = {
+    samples = np.bincount(np.asarray(graph.vertex_branch) + 1, minlength=graph.branch_count + 1)[1:]
+    return {
         "nodes": len(graph.nodes),
         "edges": len(graph.edges),
         "branches": graph.branch_count,
@@ -443,11 +434,8 @@ def _values(
         "end_points": len(graph.end_points),
         "components": graph.component_count,
         "loops": graph.loops,
-    }
-    values["expected_loops"] = sum(evidence.genus.values())
-    values["expected_loops_certain"] = evidence.unclear == 0
-    samples = np.bincount(np.asarray(graph.vertex_branch) + 1, minlength=graph.branch_count + 1)[1:]
-    return values | {
+        "expected_loops": sum(evidence.genus.values()),
+        "expected_loops_certain": evidence.unclear == 0,
         "length": graph.length,
         "candidates": len(evidence.candidates),
         "kept_candidates": int(evidence.kept.sum()),
@@ -473,11 +461,9 @@ def sheet_share(cloud: MedialCloud, graph: CurveSkeleton) -> float:
     rows = np.flatnonzero(cloud.valid & (node >= 0))
     if len(rows) == 0:
         return 0.0
-    area = cloud.surface.point_areas[rows]
-    away = np.linalg.norm(cloud.centers[rows] - graph.nodes[node[rows]], axis=1)
-    far = away + cloud.radii[rows] > SHEET_RADII * np.maximum(
-        cloud.radii[rows], graph.radii[node[rows]]
-    )
+    node, radii, area = node[rows], cloud.radii[rows], cloud.surface.point_areas[rows]
+    away = np.linalg.norm(cloud.centers[rows] - graph.nodes[node], axis=1)
+    far = away + radii > SHEET_RADII * np.maximum(radii, graph.radii[node])
     return float(area[far].sum() / max(area.sum(), 1e-300))
 
 

@@ -203,9 +203,8 @@ def shift_seeds(
         grid, _ = _grid(places, scaled)
         steps, lengths = _paths(grid, starts, options.last_steps, progress)
         ends = steps[np.cumsum(lengths) - 1]
-        centers, cluster = run_patiently(
-            lambda: _merged(grid, ends, (merge or radius) / radius), progress
-        )
+        merge_ends = partial(_merged, grid, ends, (merge or radius) / radius)
+        centers, cluster = run_patiently(merge_ends, progress)
     with progress.stage("votes", 0.5, 1.0):
         grid, order = _grid(steps, scaled)
         owner = np.repeat(cluster, lengths)[order]
@@ -213,9 +212,8 @@ def shift_seeds(
         vote = partial(count_votes, grid, owner, len(centers), places)
         run_chunks(vote, len(places), POINTS_A_CHUNK, labels, shares, progress=progress)
     wholes = frozen(labels, np.int32), frozen(cluster, np.int32)
-    return MeanShift(
-        frozen(centers * radius + origin, np.float64), *wholes, frozen(shares, np.float64)
-    )
+    places = frozen(centers * radius + origin, np.float64)
+    return MeanShift(places, *wholes, frozen(shares, np.float64))
 
 
 def _grid(points: FloatArray, sigma: float) -> tuple[Grid, Index]:
@@ -254,10 +252,8 @@ def _merged(grid: Grid, ends: FloatArray, merge: float) -> tuple[FloatArray, Ind
     """Return the centers, densest first, and the center of each end."""
     from medialis.segments._kernels import weigh_places
 
-    density = np.empty(len(ends))
-    weigh = partial(weigh_places, grid, ends)
-    run_chunks(weigh, len(ends), POINTS_A_CHUNK, density)
-    cluster = np.full(len(ends), -1, np.int64)
+    density, cluster = np.empty(len(ends)), np.full(len(ends), -1, np.int64)
+    run_chunks(partial(weigh_places, grid, ends), len(ends), POINTS_A_CHUNK, density)
     centers: list[FloatArray] = []
     # Ties by place: the order of the seeds does not matter.
     left = np.lexsort((*-ends.T[::-1], -density))
@@ -360,9 +356,8 @@ def mean_shift_segments(
     with progress.stage("mean shift", 0.0, 0.9):
         clusters = kept(shift_seeds, cloud, replace(options, fill=True), work, progress)
     with progress.stage("transfer", 0.9, 1.0):
-        found = run_patiently(
-            lambda: _on_surface(cloud.subset(usable), clusters, options.fill), progress
-        )
+        transfer = partial(_on_surface, cloud.subset(usable), clusters, options.fill)
+        found = run_patiently(transfer, progress)
         tell_pieces(found, progress)
         return found
 
@@ -427,10 +422,9 @@ def _balls_of(
     ball = np.full(n, -1, np.int64)
     ball[cloud.features[falling].reshape(-1)] = np.repeat(falling, 2)
     ball[cloud.source[rows]] = rows
-    if (ball[picks] < 0).any():
-        raise InvalidOptionError(
-            f"No ball touches sample {picks[ball[picks] < 0][0]}: pick another one."
-        )
+    lost = picks[ball[picks] < 0]
+    if len(lost):
+        raise InvalidOptionError(f"No ball touches sample {lost[0]}: pick another one.")
     return ball[picks]
 
 

@@ -106,7 +106,11 @@ def node_widths(skeleton: CurveSkeleton) -> FloatArray:
     such as the palm of a hand.
     """
     v, nodes, radii = len(skeleton.nodes), skeleton.nodes, skeleton.radii
-    node, area, distance = _samples_with_node(skeleton)
+    surface, of_sample = skeleton.surface, skeleton.vertex_node
+    assert surface is not None and of_sample is not None
+    rows = np.flatnonzero(of_sample >= 0)
+    node, area = of_sample[rows], surface.point_areas[rows]
+    distance = np.linalg.norm(surface.points[rows] - nodes[node], axis=1)
     weight = np.bincount(node, area, minlength=v)
     total = np.bincount(node, area * distance, minlength=v)
     inside = kd_tree(nodes).query_ball_point(nodes, radii, return_sorted=True)
@@ -118,15 +122,6 @@ def node_widths(skeleton: CurveSkeleton) -> FloatArray:
     width = radii.copy()
     np.divide(np.bincount(ball, total[member], minlength=v), around, out=width, where=around > 0)
     return np.maximum(width, radii)
-
-
-def _samples_with_node(skeleton: CurveSkeleton) -> tuple[IntArray, FloatArray, FloatArray]:
-    """Return the node of each sample that has one, the sample's area and its distance to it."""
-    surface, node = skeleton.surface, skeleton.vertex_node
-    assert surface is not None and node is not None
-    rows = np.flatnonzero(node >= 0)
-    distance = np.linalg.norm(surface.points[rows] - skeleton.nodes[node[rows]], axis=1)
-    return node[rows], surface.point_areas[rows], distance
 
 
 def find_limbs(graph: CurveSkeleton, width: FloatArray) -> IntArray:
@@ -546,8 +541,8 @@ def _in_valleys(
     sites: Sites, surface: Shape, labels: IntArray, options: PartsOptions
 ) -> Segmentation:
     """Merge small parts, and draw the borders into valleys."""
-    distance = sites.spacing * surface.diagonal * np.sqrt(options.smoothing / USUAL_ROUNDS)
-    graph = surface_graph(surface)
+    spacing, graph = sites.spacing * surface.diagonal, surface_graph(surface)
+    distance = spacing * np.sqrt(options.smoothing / USUAL_ROUNDS)
     labels = connected_labels(labels, graph)
     if options.count == 0 and options.smallest > 0:
         labels = without_strips(surface, labels, SITES_APART * sites.spacing * surface.diagonal)
@@ -618,12 +613,9 @@ def _limbs(cloud: MedialCloud, progress: Progress) -> IntArray:
             f"{surface.face_count} faces and {len(cloud)} balls for {surface.point_count} samples. "
             "Use method = sheets."
         )
-    share = run_patiently(lambda: extent_share(surface), progress)
-    usual = CurveSkeletonOptions()
-    of_extent = CurveSkeletonOptions(
-        threshold=share * usual.threshold, candidates=share * usual.candidates
-    )
-    skeleton = curve_skeleton.of(cloud, of_extent, progress)
+    share, usual = run_patiently(lambda: extent_share(surface), progress), CurveSkeletonOptions()
+    of_extent = {name: share * getattr(usual, name) for name in ("threshold", "candidates")}
+    skeleton = curve_skeleton.of(cloud, CurveSkeletonOptions(**of_extent), progress)
     node = skeleton.vertex_node
     assert node is not None
 

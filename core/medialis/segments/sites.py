@@ -209,14 +209,12 @@ def _sites(cloud: MedialCloud, surface: Surface, places: FloatArray, starts: Int
     shares = csr_array(diags_array(1.0 / np.where(total > 0, total, 1.0)) @ caps)
     area, every = surface.point_areas, np.arange(surface.point_count)
     areas = np.maximum(shares.T @ area, 1e-9 * surface.area)
-    mean_places = shares.T @ (area[:, None] * surface.points) / areas[:, None]
-    normal = shares.T @ (area[:, None] * cloud.surface.normals)
     radii, across = _balls(cloud, surface, shares)
     return Sites(
         shares=shares,
         areas=areas,
-        places=mean_places,
-        normals=unit_rows(normal),
+        places=shares.T @ (area[:, None] * surface.points) / areas[:, None],
+        normals=unit_rows(shares.T @ (area[:, None] * cloud.surface.normals)),
         radii=np.maximum(radii, LEAST_STEP * spacing),
         overlaps=in_common(shares, shares, every, every, area),
         across=across,
@@ -607,7 +605,7 @@ def _joined(shares: FloatArray, areas: FloatArray, cluster: IntArray, level: flo
     """Join clusters whose mean share has come up to the level since sites moved."""
     members = members_of(cluster, areas)
     total = members.sum(axis=0)
-    between = members.T @ shares @ members / (total[:, None] * total[None, :])
+    between = members.T @ shares @ members / np.outer(total, total)
     pairs, joined = join_tree(between, total)
     return _after_joins(pairs[: int((joined >= level).sum())], len(total))[cluster]
 

@@ -12,7 +12,7 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from medialis.base.arrays import Mask, Ragged
+from medialis.base.arrays import Mask, Ragged, sums_of
 from medialis.base.kept import Bound
 from medialis.base.options import Options, algorithm, number
 from medialis.base.progress import Progress
@@ -162,12 +162,9 @@ def _mean_face_normals(shape: Shape) -> FloatArray:
     normals[outward < 0] *= -1.0
     area = np.repeat(2 * shape.face_areas, 3)
     n, corner = shape.point_count, corners.ravel()
-    total = np.bincount(corner, area, minlength=n)
-    mean = np.stack(
-        [np.bincount(corner, np.repeat(normals[:, j], 3), minlength=n) for j in range(3)], axis=1
-    )
-    np.divide(mean, total[:, None], out=mean, where=total[:, None] > 0)
-    return np.where(total[:, None] > 0, mean, shape.normals)
+    total = np.bincount(corner, area, minlength=n)[:, None]
+    mean = sums_of(corner, np.repeat(normals, 3, axis=0), n)
+    return np.divide(mean, total, out=shape.normals.copy(), where=total > 0)
 
 
 def _find(cloud: MedialCloud, rows: IntArray, gaps: FloatArray, progress: Progress) -> FeatureSets:

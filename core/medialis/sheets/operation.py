@@ -35,11 +35,7 @@ from medialis.skeleton.surface_skeleton import Preparation, SurfaceSkeletonOptio
 class PointTypesRun(Preparation):
     """Options of the operation `point_types`."""
 
-    filter_rim: bool = flag(
-        False,
-        "Leave out the rim",
-        "Leave out points of type 1 (A3).",
-    )
+    filter_rim: bool = flag(False, "Leave out the rim", "Leave out points of type 1 (A3).")
     side: Side = changed(ShrinkOptions, "side")
 
 
@@ -118,20 +114,19 @@ def run_medial_sheets(shape: Shape, options: MedialSheetsRun, progress: Progress
         scaffold = medial_scaffold.of(sheets, options, progress)
     network, meshes = scaffold.network, scaffold.meshes
     if meshes is None:
-        progress.note(
+        text = (
             "A point cloud has no triangles: sheets and the Y-network come as points, without "
-            "meshes and curves.",
-            "sheets_as_points",
+            "meshes and curves."
         )
+        progress.note(text, "sheets_as_points")
     attributes = {
         "sheet": sheets.labels,
         "type": types,
         "linked": sheets.linked.astype(np.int32),
         "y_network": network.near.astype(np.int32),
     }
-    kept = cloud.valid
-    valid = {name: values[kept] for name, values in attributes.items()}
-    points = cloud_layer("medial_sheets", cloud.subset(kept), valid)
+    valid = {name: values[cloud.valid] for name, values in attributes.items()}
+    points = cloud_layer("medial_sheets", cloud.subset(cloud.valid), valid)
     layers = [replace(points, labels=("sheet",), filter_by="type")]
     if meshes is not None and len(meshes.mesh.faces):
         known: dict[str, Any] = {"color_by": "sheet", "labels": ("sheet",)}

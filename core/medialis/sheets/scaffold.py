@@ -271,10 +271,8 @@ def _without_repeats(
     near = kd_tree(points).query_ball_point(points, SAME_CURVE * spacing) if len(points) else []
     for chain in np.lexsort((np.arange(len(length)), -length)).tolist():
         nodes = members[chain].tolist()
-        shared = np.zeros(len(nodes), np.int64)
-        for place, node in enumerate(nodes):
-            others = taken[near[node]]
-            shared[place] = _shared(meeting[others[others >= 0]], meeting[chain])
+        others = (taken[near[node]] for node in nodes)
+        shared = np.array([_shared(meeting[one[one >= 0]], meeting[chain]) for one in others])
         two, one = (float(weight[nodes] @ (shared >= least)) for least in (2, 1))
         if two <= REPEATED_TWO * length[chain] and one <= REPEATED_ONE * length[chain]:
             away = points[nodes] - points[nodes].mean(axis=0)
@@ -297,11 +295,9 @@ def _compact(
     number = np.full(int(piece.max(initial=-1)) + 1, -1, np.int64)
     number[kept] = np.arange(len(kept))
     curve = number[piece]
-    nodes = np.flatnonzero(curve >= 0)
-    place = np.full(len(points), -1, np.int64)
-    place[nodes] = np.arange(len(nodes))
-    edges = place[links[curve[links[:, 0]] >= 0]]
-    return points[nodes], edges, curve[nodes], triple
+    stays = curve >= 0
+    edges = (np.cumsum(stays) - 1)[links[stays[links[:, 0]]]]
+    return points[stays], edges, curve[stays], triple
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -470,30 +466,25 @@ def _pieces(sheets: MedialSheets, borders: Borders) -> _Pieces:
     c, a, b = np.take_along_axis(faces[double], turn, axis=1).T
     ca, _, bc = u + np.take_along_axis(sides[double], turn, axis=1).T
     both = front[a] & front[b]
-    parts.append(_piece((c, ca, bc), (c, c, c), double, front[c]))
-    parts.append(_piece((a, b, bc), (a, b, b), double, both))
-    parts.append(_piece((a, bc, ca), (a, b, a), double, both))
+    cut = [
+        ((c, ca, bc), (c, c, c), double, front[c]),
+        ((a, b, bc), (a, b, b), double, both),
+        ((a, bc, ca), (a, b, a), double, both),
+    ]
     triple = borders.triple
     tip = u + len(borders.ends) + np.arange(len(triple))
     for j in range(3):
         c, after, before = faces[triple, j], sides[triple, j] + u, sides[triple, j - 1] + u
-        parts.append(_piece((c, after, tip), (c, c, c), triple, front[c]))
-        parts.append(_piece((c, tip, before), (c, c, c), triple, front[c]))
+        cut.append(((c, after, tip), (c, c, c), triple, front[c]))
+        cut.append(((c, tip, before), (c, c, c), triple, front[c]))
+    for places, near, rows, chosen in cut:
+        corners, nodes = (np.stack(columns, axis=1)[chosen] for columns in (places, near))
+        parts.append((corners, nodes, rows[chosen]))
     triangles, beside, which = (np.concatenate(part) for part in zip(*parts, strict=True))
     known = labels[beside[:, 0]] >= 0
     triangles, beside, which = triangles[known], beside[known], which[known]
     sheet, origin = labels[beside[:, 0]].astype(np.int64), np.asarray(unfolded.face_origin)[which]
     return _Pieces(triangles, sheet, origin, beside)
-
-
-def _piece(
-    places: tuple[Index, Index, Index],
-    beside: tuple[Index, Index, Index],
-    which: Index,
-    chosen: Mask,
-) -> tuple[Index, Index, Index]:
-    """Stack the corners of triangles, and take some of them."""
-    return np.stack(places, axis=1)[chosen], np.stack(beside, axis=1)[chosen], which[chosen]
 
 
 def _boundaries(mesh: SkeletonMesh, point_sheet: Index, count: int) -> FloatArray:
@@ -538,18 +529,15 @@ class MedialScaffold(Bound):
         meeting: list[list[int]] = [[] for _ in self.network.meeting]
         for curve, sheet in self.links.tolist():
             meeting[curve].append(sheet)
-        meshes, count = self.meshes, self.sheets.count
-        measures = (
-            [[None] * count] * 3
-            if meshes is None
-            else [_defined(m) for m in (meshes.areas, meshes.boundaries, meshes.mean_radii)]
-        )
+        measures: list[Any] = [[None] * self.sheets.count] * 3
+        if self.meshes is not None:
+            own = self.meshes.areas, self.meshes.boundaries, self.meshes.mean_radii
+            measures = [_defined(each) for each in own]
+        sheets = zip(self.sheets.sizes.tolist(), *measures, strict=True)
         return {
             "sheets": [
                 {"sheet": i, "balls": b, "area": a, "boundary": o, "mean_radius": r}
-                for i, b, a, o, r in zip(
-                    range(count), self.sheets.sizes.tolist(), *measures, strict=True
-                )
+                for i, (b, a, o, r) in enumerate(sheets)
             ],
             "curves": [
                 {"curve": i, "length": length, "sheets": meeting[i]}

@@ -176,13 +176,12 @@ class Fans:
         between = left + right < whole + SAME_NORMAL
         at_end = np.stack([left < SAME_NORMAL, right < SAME_NORMAL], axis=1)
         ends = [np.stack([pairs[pair, j], row], axis=1)[at_end[:, j]] for j in range(2)]
-        inside = between & ~at_end.any(axis=1)
-        pair, row, part = pair[inside], row[inside], (left / whole)[inside]
-        order = np.lexsort((part, pair))
-        pair = pair[order]
+        inside, part = np.flatnonzero(between & ~at_end.any(axis=1)), left / whole
+        order = inside[np.lexsort((part[inside], pair[inside]))]
         keys = pairs[:, 0] * len(creases.vertices) + pairs[:, 1]
-        first = np.searchsorted(pair, np.arange(len(pairs) + 1))
-        return cls(keys, first, row[order], part[order], pairs[pair, 0], np.concatenate(ends))
+        first = np.searchsorted(pair[order], np.arange(len(pairs) + 1))
+        ordered = row[order], part[order], pairs[pair[order], 0]
+        return cls(keys, first, *ordered, np.concatenate(ends))
 
 
 def strips(

@@ -191,23 +191,21 @@ def join_pieces(nodes: Nodes, cell: float, measure: Measure) -> Nodes:
             few = np.argsort(away, kind="stable")[:NEAREST]
             nearest.append(np.stack([own[few], other[near[few]]], axis=1))
         pairs = np.concatenate(nearest)
-        a, b = nodes.points[pairs[:, 0]], nodes.points[pairs[:, 1]]
+        a, b = nodes.points[pairs.T]
         pairs = pairs[_segments_inside(a, b, cell / 2, measure)]
         if len(pairs) == 0:
             break
         lengths = np.linalg.norm(nodes.points[pairs[:, 0]] - nodes.points[pairs[:, 1]], axis=1)
-        joined = np.arange(count)
-        links, sizes = [nodes.links], [nodes.lengths]
+        joined, rows = np.arange(count), []
         for row in np.argsort(lengths, kind="stable"):
             p, q = joined[piece[pairs[row]]]
             if p != q:
                 joined[joined == max(p, q)] = min(p, q)
-                links.append(pairs[row : row + 1].astype(np.int32))
-                sizes.append(lengths[row : row + 1])
-        nodes = replace(nodes, links=np.concatenate(links), lengths=np.concatenate(sizes))
-    if len(nodes.points) == 0:
+                rows.append(row)
+        links = np.concatenate([nodes.links, pairs[rows].astype(np.int32)])
+        nodes = replace(nodes, links=links, lengths=np.append(nodes.lengths, lengths[rows]))
+    else:
         return nodes
-    piece = pieces_of(nodes)
     share = np.bincount(piece, nodes.density) / nodes.density.sum()
     return nodes.subset((share >= SMALLEST_PIECE)[piece] | (share == share.max())[piece])
 

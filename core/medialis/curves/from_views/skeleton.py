@@ -147,10 +147,10 @@ class PackedViews:
                     skeletonize(near[at], self.saliency, scratch, field[at])
 
         run_chunks(skeletons, count, 1, progress=progress.still)
-        centers, axes = (
-            np.stack([getattr(c, name) for c in cameras]) for name in ("center", "axes")
+        centers, axes, pixels = (
+            np.array([getattr(c, name) for c in cameras]) for name in ("center", "axes", "pixel")
         )
-        return Views(centers, axes, np.array([c.pixel for c in cameras]), near, far, field)
+        return Views(centers, axes, pixels, near, far, field)
 
 
 def radii_in(views: Views, points: FloatArray) -> FloatArray:
@@ -193,8 +193,7 @@ def check_views(views: Sequence[tuple[View, View]]) -> list[tuple[View, View]]:
     ):
         raise InvalidShapeError("A Shape or at least one pair of Views (first, second) is needed.")
     size = pairs[0][0].camera.size
-    for number, (first, second) in enumerate(pairs):
-        a, b = first.camera, second.camera
+    for number, (a, b) in enumerate((first.camera, second.camera) for first, second in pairs):
         fits = a.extent == b.extent and np.allclose(a.center, b.center, rtol=0, atol=a.pixel / 100)
         if not (a.size == b.size == size and fits):
             raise InvalidShapeError(
@@ -403,11 +402,9 @@ def view_curve_skeleton(
         points, weights = _sharpen(packed, firsts, points, weights, progress)
     with progress.stage("link", 0.9, 1.0):
         measure = functools.partial(radii_in, packed.look(firsts[:PROBES], progress))
-        cell = CELL * firsts[0].pixel
-        most = MOST_NODES * firsts[0].size
-        curve = run_patiently(
-            lambda: link_points(points, weights, cell, measure, most=most), progress
-        )
+        cell, most = CELL * firsts[0].pixel, MOST_NODES * firsts[0].size
+        link = functools.partial(link_points, points, weights, cell, measure, most=most)
+        curve = run_patiently(link, progress)
     if len(curve.nodes) == 0:
         why = "no place was found in any pair of views"
         if matched:

@@ -216,15 +216,15 @@ def camera_pairs(
     differ from pair to pair. A limb along the rows of a pair cannot be placed by it; with one
     up-vector for all, some limbs would lie along the rows of most pairs.
     """
-    extent = 2 * radius * size / (size - 2 * MARGIN)
-    result = []
-    for axes in camera_axes(pairs):
+    extent, c, s = 2 * radius * size / (size - 2 * MARGIN), math.cos(angle), math.sin(angle)
+
+    def pair(axes: FloatArray) -> CameraPair:
         right, up, forward = axes
-        c, s = math.cos(angle), math.sin(angle)
         turned = np.stack([c * right - s * forward, up, c * forward + s * right])
         first, second = (OrthographicCamera(center, a, extent, size) for a in (axes, turned))
-        result.append((first, second))
-    return result
+        return first, second
+
+    return [pair(axes) for axes in camera_axes(pairs)]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -313,16 +313,11 @@ def _discs(shape: Shape) -> Rasterizer:
     points, normals = shape.points[has_normal], shape.normals[has_normal]
     radius = shape.tree.query(points, k=DISC_NEIGHBOUR + 1)[0][:, -1:]
     radius = np.minimum(radius, WIDEST_DISC * np.median(radius))
-    least = np.eye(3)[np.abs(normals).argmin(axis=1)]
-    across = np.cross(normals, least)
+    across = np.cross(normals, np.eye(3)[np.abs(normals).argmin(axis=1)])
     across *= radius / np.linalg.norm(across, axis=1, keepdims=True)
-    along = np.cross(normals, across)
-    turns = np.pi / 3 * np.arange(6)
-    corners = (
-        points[:, None]
-        + np.cos(turns)[:, None] * across[:, None]
-        + np.sin(turns)[:, None] * along[:, None]
-    )
+    turns = np.pi / 3 * np.arange(6)[:, None]
+    corners = points[:, None] + np.cos(turns) * across[:, None]
+    corners += np.sin(turns) * np.cross(normals, across)[:, None]
     fan = np.array([[0, 1, 2], [0, 2, 3], [0, 3, 4], [0, 4, 5]])
     faces = (6 * np.arange(len(points))[:, None, None] + fan).reshape(-1, 3)
     return Rasterizer(np.ascontiguousarray(corners.reshape(-1, 3)), faces.astype(np.int32))
