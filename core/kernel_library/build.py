@@ -13,7 +13,7 @@ What is compiled is derived: the kernels that other modules import, for the type
 Each feature is compiled by a process of its own, by the module compiler that numba calls pycc: it
 writes one object file with the code and a wrapper for each kernel, which is linked with numba's
 runtime. Kernels that kernels call are inside. The code runs on every processor since 2009
-(x86-64-v2): code for those of 2013 (x86-64-v3) was no faster, see docs/decisions.md.
+(x86-64-v2); where it pays there is a second module, `_made_v3`, for those of 2013 (x86-64-v3).
 """
 
 from __future__ import annotations
@@ -39,11 +39,13 @@ PACKAGE = CORE / "medialis"
 WORK = CORE.parent / "build" / f"kernels-{sys.implementation.cache_tag}"
 PROCESSORS = {"x86_64": "x86-64-v2", "amd64": "x86-64-v2"}
 """The baseline by machine; others get LLVM's `generic`."""
+FASTER = ("skeleton",)
+"""Features with a module for x86-64-v3 besides: balls take a quarter less time, others the same."""
 
 sys.path.insert(0, str(CORE))
 
 # jit.py imports nothing but the standard library: this runs before anything is installed.
-from medialis.base.jit import DISPATCH, MADE, RECORD, code_of, stamp_of  # noqa: E402
+from medialis.base.jit import DISPATCH, MADE, MADE_V3, RECORD, code_of, stamp_of  # noqa: E402
 
 
 def exported() -> dict[str, list[list[Any]]]:
@@ -79,8 +81,9 @@ def one_of_each(variants: list[list[Any]]) -> list[list[Any]]:
     return list(by_code.values())
 
 
-def compile_feature(feature: str, work: Path) -> None:
-    """Write the object file of a feature and the list of what it holds; in a process of its own."""
+def compile_module(module: str, work: Path) -> None:
+    """Write the object file of a module and the list of what it holds; in a process of its own."""
+    feature, _, name = module.partition("/")
     import warnings
 
     from numba.core.errors import NumbaWarning
@@ -103,24 +106,35 @@ def compile_feature(feature: str, work: Path) -> None:
 
     compiler.Flags = without_the_lock
     entries, table = [], {}
-    for name, variants in exported().items():
-        if name.partition(".")[0] != feature:
+    for kernel, variants in exported().items():
+        if kernel.partition(".")[0] != feature:
             continue
         for words in one_of_each(variants):
             symbol = f"kernel{len(entries)}"
             types = tuple(typeof(example(word)) for word in words)
             signature = argparse.Namespace(args=types, return_type=None)  # all that is asked of one
-            entries.append(compiler.ExportEntry(symbol, signature, named(name).py_func))
-            table.setdefault(name, []).append([code_of(words), symbol])
-    made = compiler.ModuleCompiler(entries, MADE, use_nrt=True, cpu_name=processor())
+            entries.append(compiler.ExportEntry(symbol, signature, named(kernel).py_func))
+            table.setdefault(kernel, []).append([code_of(words), symbol])
+    made = compiler.ModuleCompiler(entries, name, use_nrt=True, cpu_name=processor(name))
     made.external_init_function = "pycc_init_medialis"
-    made.write_native_object(str(work / f"{feature}.o"), wrap=True)
-    (work / f"{feature}.json").write_text(json.dumps(table), encoding="ascii")
+    made.write_native_object(str(work / f"{feature}{name}.o"), wrap=True)
+    (work / f"{feature}{name}.json").write_text(json.dumps(table), encoding="ascii")
 
 
-def processor() -> str:
-    """Return the name that LLVM has for the least processor that the code has to run on."""
-    return PROCESSORS.get(platform.machine().lower(), "generic")
+def processor(name: str) -> str:
+    """Return the name that LLVM has for the least processor that a module has to run on."""
+    least = PROCESSORS.get(platform.machine().lower(), "generic")
+    return "x86-64-v3" if name == MADE_V3 else least
+
+
+def modules_of(places: list[str]) -> list[str]:
+    """Return the modules of features, as in ``skeleton/_made``."""
+    faster = FASTER if processor(MADE) == "x86-64-v2" else ()
+    return [
+        f"{place}/{name}"
+        for place in places
+        for name in (MADE, *([MADE_V3] if place in faster else []))
+    ]
 
 
 def processors() -> int:
@@ -180,7 +194,7 @@ class Linker:
             if unix
             else []
         )
-        if name == MADE:
+        if name != DISPATCH:
             self._parts = self._parts or self.compile(
                 self._numba / "pycc" / "modulemixin.c", self._numba / "core" / "runtime" / "nrt.cpp"
             )
@@ -242,13 +256,13 @@ def build(features: list[str], *, anew: bool = False, say: Any = print) -> int:
         for place, of in types.items()
     }
 
-    def is_made(place: str) -> bool:
-        about = known.get(f"{place}/{MADE}", {})
+    def is_made(module: str) -> bool:
+        place, about = module.partition("/")[0], known.get(module, {})
         made = {name: [code for code, _ in v] for name, v in about.get("kernels", {}).items()}
         there = about and (PACKAGE / place / about["file"]).is_file()
         return bool(there and about["stamp"] == stamps[place] and made == codes[place])
 
-    waiting = [place for place in features or places if not is_made(place)]
+    waiting = [one for one in modules_of(features or places) if not is_made(one)]
     stamp = hashlib.sha256((HERE / "dispatch.c").read_bytes()).hexdigest()[:16]
     dispatch = known.get(f"base/{DISPATCH}", {})
     dispatch_is_made = (
@@ -263,38 +277,39 @@ def build(features: list[str], *, anew: bool = False, say: Any = print) -> int:
         path = linker.link("base", DISPATCH, linker.compile(HERE / "dispatch.c"))
         known[f"base/{DISPATCH}"] = {**_about(path), "stamp": stamp}
     # The largest first: the last one to end is then a small one.
-    waiting.sort(key=lambda place: -sum(map(len, types[place].values())))
+    waiting.sort(key=lambda one: -sum(map(len, types[one.partition("/")[0]].values())))
     running: dict[str, subprocess.Popen[bytes]] = {}
     total, processes = len(waiting), processors()
     while waiting or running:
         while waiting and len(running) < processes:
-            place = waiting.pop(0)
-            running[place] = _start(place)
+            module = waiting.pop(0)
+            running[module] = _start(module)
         time.sleep(0.05)
-        for place in [place for place, one in running.items() if one.poll() is not None]:
-            if running.pop(place).returncode:
+        for module in [module for module, one in running.items() if one.poll() is not None]:
+            if running.pop(module).returncode:
                 for other in running.values():
                     other.kill()
-                raise SystemExit(f"The kernels of {place} could not be compiled.")
-            path = linker.link(place, MADE, [f"{place}.o"])
-            kernels = json.loads((WORK / f"{place}.json").read_text(encoding="ascii"))
-            known[f"{place}/{MADE}"] = {**_about(path), "stamp": stamps[place], "kernels": kernels}
-            say(f"{place}: {len(kernels)} kernels, {path.stat().st_size / 1e6:.2f} MB")
+                raise SystemExit(f"The kernels of {module} could not be compiled.")
+            place, _, name = module.partition("/")
+            path = linker.link(place, name, [f"{place}{name}.o"])
+            kernels = json.loads((WORK / f"{place}{name}.json").read_text(encoding="ascii"))
+            known[module] = {**_about(path), "stamp": stamps[place], "kernels": kernels}
+            say(f"{module}: {len(kernels)} kernels, {path.stat().st_size / 1e6:.2f} MB")
             _write_record(known)
     _write_record(known)
     say(f"{total} modules in {time.perf_counter() - clock:.0f} s; {RECORD}")
     return total
 
 
-def _start(place: str) -> subprocess.Popen[bytes]:
+def _start(module: str) -> subprocess.Popen[bytes]:
     """Compile in another process: numba is told the processor by its environment."""
     environment = {
         **os.environ,
-        "NUMBA_CPU_NAME": processor(),
+        "NUMBA_CPU_NAME": processor(module.partition("/")[2]),
         "NUMBA_CPU_FEATURES": "",
         "MEDIALIS_CACHE_DIR": str(WORK / "numba"),
     }
-    command = [sys.executable, str(HERE / "build.py"), "--object", place]
+    command = [sys.executable, str(HERE / "build.py"), "--object", module]
     return subprocess.Popen(command, env=environment)
 
 
@@ -318,7 +333,7 @@ def main() -> None:
     parser.add_argument("--object", help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.object:
-        compile_feature(options.object, WORK)
+        compile_module(options.object, WORK)
         return
     if reason := can_link():
         raise SystemExit(f"Kernels are not made ahead: {reason}. numba compiles them when needed.")

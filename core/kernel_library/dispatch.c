@@ -245,6 +245,19 @@ runs_here(void)
 #endif
 }
 
+/* Whether it runs what was compiled for x86-64-v3 (Intel since 2013, AMD since 2015). */
+static int
+runs_v3(void)
+{
+#if defined(__x86_64__) && (defined(__GNUC__) || defined(__clang__))
+    __builtin_cpu_init();
+    return __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma") &&
+           __builtin_cpu_supports("bmi") && __builtin_cpu_supports("bmi2");
+#else
+    return 0;
+#endif
+}
+
 static struct PyModuleDef definition = {
     PyModuleDef_HEAD_INIT, "_dispatch", "Calls kernels that were made ahead of time.", -1, NULL,
 };
@@ -260,7 +273,8 @@ PyInit__dispatch(void)
         return NULL;
     Py_INCREF(&KernelType);
     if (PyModule_AddObject(module, "Kernel", (PyObject *)&KernelType) < 0 ||
-        PyModule_AddIntConstant(module, "RUNS_HERE", runs_here()) < 0) {
+        PyModule_AddIntConstant(module, "RUNS_HERE", runs_here()) < 0 ||
+        PyModule_AddIntConstant(module, "RUNS_V3", runs_v3()) < 0) {
         Py_DECREF(module);
         return NULL;
     }

@@ -31,6 +31,8 @@ logger = logging.getLogger("medialis")
 
 MADE = "_made"
 """Name of the extension module of a feature."""
+MADE_V3 = "_made_v3"
+"""Name of a second one, where it pays, for processors that know x86-64-v3 (since 2013)."""
 DISPATCH = "_dispatch"
 TAG = EXTENSION_SUFFIXES[0].split(".")[1]
 """Python, system and processor that a module is made for, as in its name."""
@@ -144,7 +146,7 @@ def _module(feature: str, name: str = MADE) -> Any:
     What packagers do to a module (a signature, names of libraries) makes it no smaller.
     """
     about = record().get(f"{feature}/{name}")
-    if about is None or (name == MADE and about["stamp"] != stamp_of(feature)):
+    if about is None or (name != DISPATCH and about["stamp"] != stamp_of(feature)):
         return None
     path = PACKAGE / feature / about["file"]
     try:
@@ -185,11 +187,12 @@ def _load(one: Any) -> None:
 def _variants(where: str, name: str) -> list[tuple[str, Callable[..., Any]]]:
     """Return what was made of a kernel: codes of types, and functions."""
     feature = where.partition(".")[0]
-    module = _module(feature)
-    if module is None:
-        return []
-    made = record()[f"{feature}/{MADE}"]["kernels"].get(f"{where}:{name}", ())
-    return [(code, getattr(module, symbol)) for code, symbol in made]
+    dispatch = _module("base", DISPATCH)
+    for made in (MADE_V3, MADE) if dispatch.RUNS_V3 else (MADE,):
+        if (module := _module(feature, made)) is not None:
+            kernels = record()[f"{feature}/{made}"]["kernels"].get(f"{where}:{name}", ())
+            return [(code, getattr(module, symbol)) for code, symbol in kernels]
+    return []
 
 
 def _compile(one: Any, arguments: tuple[Any, ...]) -> None:

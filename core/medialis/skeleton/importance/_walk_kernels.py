@@ -121,7 +121,9 @@ def trace_plane(
         t = twins[h]
         if t < 0:
             return math.inf, count
-        after, before = next_side(t), previous_side(t)
+        j = t % 3  # once for both neighbours: the innermost loop
+        after = t - 2 if j == 2 else t + 1
+        before = t + 2 if j == 0 else t - 1
         c = corners[before]
         if c == end:
             out[0], out[1], out[2] = x, y, z
@@ -137,7 +139,10 @@ def trace_plane(
         else:
             h, b, db = before, a, da
             a, da = c, dc
-        qx, qy, qz = on_plane(points, a, b, da, db)
+        share = da / (da - db)
+        qx = points[a, 0] + share * (points[b, 0] - points[a, 0])
+        qy = points[a, 1] + share * (points[b, 1] - points[a, 1])
+        qz = points[a, 2] + share * (points[b, 2] - points[a, 2])
         length += math.sqrt((qx - x) ** 2 + (qy - y) ** 2 + (qz - z) ** 2)
         x, y, z = qx, qy, qz
     return math.inf, count
