@@ -39,7 +39,9 @@ KERNELS = ROOT / "core" / "kernel_library" / "build.py"
 
 def get_requires_for_build_wheel(config_settings: dict[str, Any] | None = None) -> list[str]:
     """Ask for what kernels are made with, where they can be made."""
-    needed = ["numba", "numpy>=2", "threadpoolctl"] if why_pure() is None else []
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
+    with_range = [one for one in project["dependencies"] if one.startswith(("numba", "threadpool"))]
+    needed = [*with_range, "numpy>=2"] if why_pure() is None else []
     return [*build_meta.get_requires_for_build_wheel(config_settings), *needed]
 
 

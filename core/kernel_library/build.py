@@ -39,6 +39,8 @@ PACKAGE = CORE / "medialis"
 WORK = CORE.parent / "build" / f"kernels-{sys.implementation.cache_tag}"
 PROCESSORS = {"x86_64": "x86-64-v2", "amd64": "x86-64-v2"}
 """The baseline by machine; others get LLVM's `generic`."""
+OLDEST_NUMPY = "NPY_1_23_API_VERSION"
+"""The interface of numpy that modules are made for: Blender 4.2 has 1.24."""
 FASTER = ("skeleton",)
 """Features with a module for x86-64-v3 besides: balls take a quarter less time, others the same."""
 
@@ -169,7 +171,11 @@ class Linker:
         return self._compiler.compile(
             [os.path.relpath(source, self._work) for source in sources],
             output_dir="objects",
-            macros=[("PYCC_MODULE_NAME", "medialis"), ("PYCC_USE_NRT", "1")],
+            macros=[
+                ("PYCC_MODULE_NAME", "medialis"),
+                ("PYCC_USE_NRT", "1"),
+                ("NPY_TARGET_VERSION", OLDEST_NUMPY),
+            ],
             include_dirs=self._include,
             extra_preargs=[
                 "-O2",
@@ -268,6 +274,9 @@ def build(features: list[str], *, anew: bool = False, say: Any = print) -> int:
     dispatch_is_made = (
         dispatch.get("stamp") == stamp and (PACKAGE / "base" / dispatch["file"]).is_file()
     )
+    for gone in set(known) - {*modules_of(places), f"base/{DISPATCH}"}:  # no kernels any more
+        (PACKAGE / gone.partition("/")[0] / known.pop(gone)["file"]).unlink(missing_ok=True)
+        _write_record(known)
     if not waiting and dispatch_is_made:
         return 0
     WORK.mkdir(parents=True, exist_ok=True)

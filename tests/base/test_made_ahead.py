@@ -323,3 +323,20 @@ def test_the_log_says_it_once(monkeypatch, caplog):
     assert [record.getMessage()[:31] for record in caplog.records] == [
         "Kernels made ahead are of clay."
     ]
+
+
+def test_a_wheel_is_built_with_the_numba_that_was_tried(monkeypatch):
+    """Its module compiler is no promise of its makers: without an end it would break one day."""
+    backend = runpy.run_path(str(PACKAGE.parents[1] / "build_backend.py"))
+    monkeypatch.delenv("MEDIALIS_PURE", raising=False)
+    if backend["why_pure"]() is not None:
+        pytest.skip("no wheel with machine code can be built here")
+    (numba,) = (x for x in backend["get_requires_for_build_wheel"]() if x.startswith("numba"))
+    assert "<" in numba and ">=" in numba
+
+
+@made
+def test_the_record_names_features_that_have_kernels():
+    """One whose kernels had moved stayed in the record, and so in wheels (fixed)."""
+    features = {name.partition(".")[0] for name in library["exported"]()}
+    assert {one.partition("/")[0] for one in jit.record()} <= features
