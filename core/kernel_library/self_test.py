@@ -21,8 +21,6 @@ from typing import Any
 
 import numpy as np
 
-os.environ.pop("MEDIALIS_KERNELS", None)
-
 import medialis
 from medialis.base import jit
 from medialis.base.compiling import dispatcher_of
@@ -97,6 +95,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--drop", action="store_true", help="leave out kernels that differ")
     options = parser.parse_args()
+    os.environ.pop("MEDIALIS_KERNELS", None)
     if not jit.record():
         print("No kernels are made ahead for this Python.")
         return 1

@@ -227,6 +227,7 @@ def test_the_stamp_follows_called_kernels():
 @whole
 def test_what_fits_no_variant_never_gets_to_the_code(monkeypatch):
     """The made functions look at no type: another one would be read as if it were the right one."""
+    assert os.environ["MEDIALIS_KERNELS"] == "made", "a module that was imported has changed it"
     monkeypatch.setattr(group_keys, "dispatcher", None)  # another test may have had it compiled
     keys, ends = np.zeros(3, np.int64), np.zeros(3, np.int64)
     wrong = [
