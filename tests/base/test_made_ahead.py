@@ -5,6 +5,7 @@ import importlib
 import json
 import logging
 import os
+import re
 import runpy
 import shutil
 import subprocess
@@ -259,6 +260,13 @@ def test_read_only_arrays_fit_and_give_the_same():
     queries.flags.writeable = corners.flags.writeable = False
     nearest_places(queries, corners, second)
     assert first.tobytes() == second.tobytes() and first.any()
+
+
+def test_no_kernel_runs_threads():
+    """What is made ahead counts references to arrays without locks (`build.py`)."""
+    for path in PACKAGE.rglob("*kernels.py"):
+        found = re.search(r"\b(prange|parallel=|objmode)", path.read_text(encoding="utf-8"))
+        assert found is None, f"{path}: {found}"
 
 
 def test_other_threads_run_while_a_kernel_does():
