@@ -3,8 +3,8 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
+from dataclasses import replace
 from typing import Any
 
 import bpy
@@ -15,11 +15,10 @@ from numpy.typing import NDArray
 from medialis import InvalidShapeError, SkinWeights
 from medialis.hosts import Rig
 
-from . import attributes, looks
+from . import attributes
 from .changes import Changes
 from .transfer import Rows
 
-NAME = re.compile(r"bone \d{3,}(\.[LR])?")
 MODIFIER = "Medialis armature"
 FINISH = {
     *("SUBSURF", "MULTIRES", "SMOOTH", "CORRECTIVE_SMOOTH", "LAPLACIANSMOOTH", "BEVEL", "SOLIDIFY"),
@@ -86,6 +85,15 @@ def _add_bones(
         made.append(bone)
 
 
+def free_names(given: Rig, taken: Collection[str]) -> Rig:
+    """Give the bones other names where vertex groups of the user have some of theirs."""
+    names = given.bones.names
+    if not set(names) & set(taken):
+        return given
+    other = tuple(f"medialis {name}" for name in names)
+    return replace(given, bones=replace(given.bones, given_names=other))
+
+
 def own_weights(skin: SkinWeights, rows: Rows) -> SkinWeights:
     """Return the weights of the vertices of the object's own mesh."""
     weights = rows.of(skin.weights, "POINT")
@@ -93,7 +101,7 @@ def own_weights(skin: SkinWeights, rows: Rows) -> SkinWeights:
 
 
 def write_weights(place: bpy.types.Object, names: Sequence[str], skin: SkinWeights) -> list[str]:
-    """Write one vertex group a bone, of its name; those of that name or an earlier run go.
+    """Write one vertex group a bone, of its name.
 
     Vertices with the same weight are added together.
 
@@ -102,10 +110,6 @@ def write_weights(place: bpy.types.Object, names: Sequence[str], skin: SkinWeigh
     list of str
         The names of the groups.
     """
-    for group in [
-        group for group in place.vertex_groups if group.name in names or NAME.fullmatch(group.name)
-    ]:
-        place.vertex_groups.remove(group)
     vertices, columns = np.nonzero(skin.bones >= 0)
     of_bone = skin.bones[vertices, columns]
     weights = attributes.single(skin.weights[vertices, columns])
@@ -182,4 +186,4 @@ def _before_finish(place: bpy.types.Object) -> int:
 
 
 def _finishes(modifier: bpy.types.Modifier) -> bool:
-    return modifier.type in FINISH or modifier.name == looks.MODIFIER
+    return modifier.type in FINISH

@@ -101,6 +101,13 @@ def write(data: Any, column: Column, domain: str) -> bpy.types.Attribute:
     return attribute
 
 
+def add(data: Any, column: Column, domain: str) -> str:
+    """Write a column as a new attribute; return its name, with a number where that was taken."""
+    made = data.attributes.new(column.name, column.type, domain)
+    made.data.foreach_set(column.key, column.values)
+    return made.name
+
+
 def color_column(name: str, srgb: NDArray[np.float64]) -> Column:
     """Return an opaque colour attribute; Blender keeps linear light."""
     rgba = np.ones((len(srgb), 4), np.float32)

@@ -14,7 +14,7 @@ from medialis import MedialisError
 from medialis import operation as find_operation
 from medialis.hosts import Parameter, takes_back, write_edited
 
-from . import folders, jobs, properties, reading
+from . import folders, jobs, own, properties, reading
 from .reading import FORMATS, OPERATION, RESULT
 
 
@@ -52,7 +52,7 @@ def read_edited(chosen: bpy.types.Object, origin: NDArray[np.float64]) -> Edited
 
 def option_of(chosen: bpy.types.Object | None) -> Parameter | None:
     """Return the option of an operation that takes this result back, if there is one."""
-    if chosen is None or chosen.type != "MESH" or not chosen.get(RESULT):
+    if chosen is None or chosen.type != "MESH" or not reading.is_result(chosen):
         return None
     source = reading.source_of(chosen)
     if source is None or source == chosen:
@@ -90,6 +90,9 @@ class MEDIALIS_OT_rebuild(bpy.types.Operator):
         except MedialisError as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
+        own.remember(
+            chosen
+        )  # given back, it is the result's again, and goes when the new one comes
         operation = find_operation(chosen[OPERATION])
         given = properties.values_of(operation, context.scene.medialis)
         run = getattr(bpy.ops.medialis, operation.name)

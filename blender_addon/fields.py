@@ -3,9 +3,8 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import bpy
@@ -18,11 +17,13 @@ from medialis.hosts import Shown, distinct_names, label_name, on_input, shown
 from . import attributes, materials
 from .changes import Changes
 from .reading import Source, corner_totals, corner_vertices, has_topology
-from .removing import Record
 from .transfer import Rows, own_rows
 
 GROUP_LIMIT = 1000
 """Segments beyond which no vertex groups are made: a list of thousands helps nobody."""
+ACTIVE = "medialis_active_color"
+"""Custom property of meshes with results: the colour attribute that was seen before."""
+SLOTS, SLOTS_BEFORE = "material_index", "medialis slots before"
 FACE_SETS = ".sculpt_face_set"
 """Blender's attribute of the face sets of sculpt mode."""
 
@@ -113,11 +114,9 @@ def place_for_fields(
     if source.on_data:
         if not has_topology(chosen, len(source.points), source.topology):
             raise changed
-        _keep_a_copy(chosen, changes)
         return Place(chosen)
     rows = own_rows(context, chosen, source.topology)
     if rows is not None:
-        _keep_a_copy(chosen, changes)
         return Place(chosen, rows)
     graph = context.evaluated_depsgraph_get()
     evaluated = chosen.evaluated_get(graph)
@@ -135,7 +134,7 @@ def place_for_fields(
     return Place(copy)
 
 
-def _keep_a_copy(chosen: bpy.types.Object, changes: Changes) -> None:
+def keep_a_copy(chosen: bpy.types.Object, changes: Changes) -> None:
     """Copy the data first; the copy takes their place when something fails."""
     data = chosen.data
     collection = bpy.data.meshes if chosen.type == "MESH" else bpy.data.pointclouds
@@ -150,39 +149,55 @@ def _keep_a_copy(chosen: bpy.types.Object, changes: Changes) -> None:
     changes.keep_by(collection.remove, copy)
 
 
+@dataclass
+class Written:
+    """What was written on a mesh or point cloud: names that were taken have got a number."""
+
+    attributes: list[str] = field(default_factory=list)
+    groups: list[str] = field(default_factory=list)
+    colors: str = ""
+    """The colour attribute."""
+    slots: list[str] = field(default_factory=list)
+    """Materials of segments that were added to the slots."""
+    told: list[str] = field(default_factory=list)
+
+
 def write_field(
     plan: FieldPlan, place: Place, changes: Changes, segments_as: Collection[str] = ()
-) -> Record:
+) -> Written:
     """Write attributes and the colour attribute, and segments in the ways that were asked for.
 
-    Returns
-    -------
-    Record
-        The names of what was written.
+    Nothing that is there already is changed, whatever its name.
     """
     chosen, rows = place.object, place.rows
     data = chosen.data
     by_domain = (("POINT", plan.on_points), ("FACE", plan.on_faces))
-    columns = [(domain, column) for domain, some in by_domain for column in some]
-    for domain, column in columns:
-        attributes.write(data, column if rows is None else rows.column(column, domain), domain)
-    written = [column.name for _, column in columns]
+    done = Written()
+    for domain, columns in by_domain:
+        for column in columns:
+            own_column = column if rows is None else rows.column(column, domain)
+            done.attributes.append(attributes.add(data, own_column, domain))
     if plan.colors is not None:
-        _write_colors(plan, data, rows)
-        written.append(plan.colors.name)
-    groups: list[str] = []
+        done.colors = _write_colors(plan, data, rows)
+        done.attributes.append(done.colors)
     if chosen.type == "MESH":
         labels = [("POINT", *one) for one in plan.groups.items()]
         labels += [("FACE", *one) for one in plan.face_groups.items()]
         for domain, name, values in labels:
             own = values if rows is None else rows.of(values, domain)
+            on_faces, is_main = domain == "FACE", name == plan.main_label
             if "GROUPS" in segments_as:
-                groups += _write_label_groups(chosen, name, own, on_faces=domain == "FACE")
-            if "FACE_SETS" in segments_as and name == plan.main_label:
-                written.append(_write_face_sets(data, own, on_faces=domain == "FACE"))
-            if "MATERIALS" in segments_as and name == plan.main_label:
-                _write_materials(name, own, data, changes, on_faces=domain == "FACE")
-    return Record("", attributes=written, groups=groups)
+                done.groups += _write_label_groups(chosen, name, own, on_faces=on_faces)
+            if "FACE_SETS" in segments_as and is_main:
+                if FACE_SETS in data.attributes:
+                    done.told.append(f"{chosen.name} has face sets of its own: they stay.")
+                else:
+                    done.attributes.append(_write_face_sets(data, own, on_faces=on_faces))
+            if "MATERIALS" in segments_as and is_main:
+                kept, slots = _write_materials(name, own, data, changes, on_faces=on_faces)
+                done.attributes += kept
+                done.slots += slots
+    return done
 
 
 def _write_label_groups(
@@ -199,8 +214,7 @@ def _write_face_sets(mesh: bpy.types.Mesh, labels: NDArray[Any], *, on_faces: bo
     """Write the face sets of sculpt mode; 1, as of new faces, is no segment."""
     sets = (labels if on_faces else _of_first_corner(mesh, labels)) + 2
     column = attributes.Column(FACE_SETS, "INT", "value", sets.astype(np.int32))
-    attributes.write(mesh, column, "FACE")
-    return FACE_SETS
+    return attributes.add(mesh, column, "FACE")
 
 
 def _of_first_corner(mesh: bpy.types.Mesh, labels: NDArray[Any]) -> NDArray[Any]:
@@ -212,7 +226,7 @@ def _corners(mesh: bpy.types.Mesh) -> tuple[NDArray[np.int32], NDArray[np.int32]
     return corner_vertices(mesh), corner_totals(mesh)
 
 
-def _write_colors(plan: FieldPlan, data: Any, rows: Rows | None) -> None:
+def _write_colors(plan: FieldPlan, data: Any, rows: Rows | None) -> str:
     column, by_face = plan.colors, plan.color_by_face
     if rows is not None:
         column = rows.column(column, "FACE" if by_face else "POINT")
@@ -223,15 +237,35 @@ def _write_colors(plan: FieldPlan, data: Any, rows: Rows | None) -> None:
     if by_face:
         rgba = np.repeat(rgba, corner_totals(data), axis=0)
         column = attributes.Column(column.name, column.type, column.key, rgba.ravel())
-    attribute = attributes.write(data, column, "CORNER" if by_face else "POINT")
-    if isinstance(data, bpy.types.Mesh):
-        data.color_attributes.active_color = data.color_attributes[attribute.name]
+    if isinstance(data, bpy.types.Mesh) and ACTIVE not in data:
+        colors = data.color_attributes
+        active = colors.active_color
+        data[ACTIVE] = f"{colors.render_color_index} {active.name if active else ''}"
+    name = attributes.add(data, column, "CORNER" if by_face else "POINT")
+    show_color(data, name)
+    return name
+
+
+def show_color(data: Any, name: str) -> None:
+    """Let a colour attribute be the one that is seen."""
+    if isinstance(data, bpy.types.Mesh) and name in data.color_attributes:
+        data.color_attributes.active_color = data.color_attributes[name]
+
+
+def own_color(data: Any) -> None:
+    """Let the colour attribute be seen that was seen before all results."""
+    if ACTIVE in data:
+        number, _, name = data[ACTIVE].partition(" ")
+        show_color(data, name)
+        if 0 <= int(number) < len(data.color_attributes):
+            data.color_attributes.render_color_index = int(number)
+        del data[ACTIVE]
 
 
 def write_groups(
     place: bpy.types.Object, name: str, vertices: NDArray[Any], labels: NDArray[Any]
 ) -> list[str]:
-    """Write one vertex group a label, "<name> 003"; those of an earlier run are replaced.
+    """Write one vertex group a label, "<name> 003".
 
     Parameters
     ----------
@@ -243,9 +277,6 @@ def write_groups(
     list of str
         Their names.
     """
-    number = re.compile(rf"{re.escape(name)} \d{{3,}}")
-    for group in [group for group in place.vertex_groups if number.fullmatch(group.name)]:
-        place.vertex_groups.remove(group)
     present = np.unique(labels[labels >= 0])
     if len(present) > GROUP_LIMIT:
         return []
@@ -253,33 +284,55 @@ def write_groups(
     sorted_labels = labels[order]
     begins = np.searchsorted(sorted_labels, present)
     ends = np.searchsorted(sorted_labels, present, side="right")
+    made = []
     for label, begin, end in zip(present.tolist(), begins, ends, strict=True):
         group = place.vertex_groups.new(name=label_name(name, label))
         group.add(vertices[order[begin:end]].tolist(), 1.0, "REPLACE")
-    return [label_name(name, label) for label in present.tolist()]
+        made.append(group.name)
+    return made
 
 
 def _write_materials(
     name: str, labels: NDArray[Any], mesh: bpy.types.Mesh, changes: Changes, *, on_faces: bool
-) -> None:
-    """Give each segment a material slot of its own; earlier slots stay."""
+) -> tuple[list[str], list[str]]:
+    """Give each segment a material slot of its own; earlier slots stay.
+
+    Returns the attribute that keeps which slots the faces had, and the materials that were added.
+    """
     if not on_faces:
         labels = _of_first_corner(mesh, labels)
     present, rows = np.unique(labels, return_inverse=True)
     if len(present) > GROUP_LIMIT:
-        return
-    slots = [_slot(mesh, materials.label_material(name, int(i), changes)) for i in present]
-    _set_slots(mesh, np.array(slots, np.int32)[rows])
+        return [], []
+    kept = attributes.add(mesh, _slots(mesh, SLOTS_BEFORE), "FACE")
+    first, added = len(mesh.materials), []
+    for label in present.tolist():
+        mesh.materials.append(materials.label_material(name, label, changes))
+        added.append(mesh.materials[-1].name)
+    set_slots(mesh, (first + rows).astype(np.int32))
+    return [kept, SLOTS], added
 
 
-def _slot(mesh: bpy.types.Mesh, material: bpy.types.Material) -> int:
-    found = mesh.materials.find(material.name)
-    if found < 0:
-        mesh.materials.append(material)
-        found = len(mesh.materials) - 1
-    return found
+def own_slots(mesh: bpy.types.Mesh, kept: str, added: Collection[str]) -> None:
+    """Give the faces the slots that they had, and take the added ones away."""
+    before = _slots(mesh, SLOTS, kept).values
+    if before.any():
+        set_slots(mesh, before)
+    else:  # as Blender has it where all faces have the first slot
+        mesh.attributes.remove(mesh.attributes[SLOTS])
+    for number in reversed(range(len(mesh.materials))):
+        if mesh.materials[number] is not None and mesh.materials[number].name in added:
+            mesh.materials.pop(index=number)
 
 
-def _set_slots(mesh: bpy.types.Mesh, slots: NDArray[np.int32]) -> None:
-    attributes.write(mesh, attributes.Column("material_index", "INT", "value", slots), "FACE")
+def _slots(mesh: bpy.types.Mesh, name: str, of: str = SLOTS) -> attributes.Column:
+    values = np.zeros(len(mesh.polygons), np.int32)
+    if of in mesh.attributes:
+        mesh.attributes[of].data.foreach_get("value", values)
+    return attributes.Column(name, "INT", "value", values)
+
+
+def set_slots(mesh: bpy.types.Mesh, slots: NDArray[np.int32]) -> None:
+    """Set the material slot of each face."""
+    attributes.write(mesh, attributes.Column(SLOTS, "INT", "value", slots), "FACE")
     mesh.update()

@@ -16,6 +16,7 @@ import bpy
 from medialis import Layer
 from medialis.hosts import FilterUnit, Kind, title
 
+from . import own
 from .changes import Changes
 from .materials import MEANING, find_shared
 from .nodes import Nodes
@@ -121,7 +122,7 @@ def _node_group(
     name = shows if slider is None else slider.attribute
     group = bpy.data.node_groups.new(f"Medialis: {name}", "GeometryNodeTree")
     changes.undo_by(bpy.data.node_groups.remove, group)
-    group[MEANING] = meaning
+    own.mark(group, MEANING, meaning)
     group.is_modifier = True
     builder = _Builder(group)
     geometry = builder.input("Geometry", "NodeSocketGeometry")

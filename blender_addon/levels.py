@@ -13,7 +13,7 @@ from bpy.props import IntProperty
 
 from medialis.hosts import Levels, unpacked_levels
 
-from . import layers, meshes
+from . import layers, meshes, own
 
 
 def has(chosen: bpy.types.Object | None) -> bool:
@@ -33,6 +33,7 @@ def show(chosen: bpy.types.Object, count: int) -> int:
     meshes.fill(mesh, plan.points, plan.faces, plan.layer.edges)
     layers.write_attributes(mesh, plan)
     mesh.update()
+    own.remember(chosen)
     return len(plan.points)
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import bpy
 
-from . import materials
+from . import materials, own
 from .changes import Changes
 
 MODIFIER = "Medialis look"
@@ -31,7 +31,7 @@ def show_with(chosen: bpy.types.Object, look: str, changes: Changes) -> None:
         chosen[BEFORE] = [*color, *_shown_as(chosen)]
         changes.undo_by(_forget, chosen)
     chosen.color = (*color[:3], material.diffuse_color[3])
-    modifier = chosen.modifiers.get(MODIFIER)
+    modifier = look_of(chosen)
     if modifier is None:
         modifier = chosen.modifiers.new(MODIFIER, "NODES")
         if modifier is None:
@@ -42,6 +42,15 @@ def show_with(chosen: bpy.types.Object, look: str, changes: Changes) -> None:
     changes.undo_by(setattr, modifier, "node_group", before)
     modifier.node_group = _node_group(material, changes)
     modifier.show_expanded = False
+
+
+def look_of(chosen: bpy.types.Object) -> bpy.types.Modifier | None:
+    """Return the modifier of `show_with`, whatever it is called; None where there is none."""
+    for modifier in chosen.modifiers:
+        group = modifier.node_group if modifier.type == "NODES" else None
+        if group is not None and group.get(materials.MEANING, "").startswith("look "):
+            return modifier
+    return None
 
 
 def hide(chosen: bpy.types.Object, context: bpy.types.Context, changes: Changes) -> None:
@@ -55,7 +64,7 @@ def hide(chosen: bpy.types.Object, context: bpy.types.Context, changes: Changes)
 
 def own_look(chosen: bpy.types.Object) -> None:
     """Show an object as it was before all results."""
-    modifier = chosen.modifiers.get(MODIFIER)
+    modifier = look_of(chosen)
     if modifier is not None:
         chosen.modifiers.remove(modifier)
     before = chosen.get(BEFORE)
@@ -113,7 +122,7 @@ def _node_group(material: bpy.types.Material, changes: Changes) -> bpy.types.Nod
         return found
     group = bpy.data.node_groups.new(f"{material.name} (look)", "GeometryNodeTree")
     changes.undo_by(bpy.data.node_groups.remove, group)
-    group[materials.MEANING] = meaning
+    own.mark(group, materials.MEANING, meaning)
     group.is_modifier = True
     for way in ("INPUT", "OUTPUT"):
         group.interface.new_socket("Geometry", in_out=way, socket_type="NodeSocketGeometry")

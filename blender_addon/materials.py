@@ -15,6 +15,7 @@ import numpy as np
 
 from medialis.hosts import MISSING, color_table, label_name, palette, to_linear
 
+from . import own
 from .changes import Changes
 
 STOPS = 17
@@ -120,7 +121,7 @@ def _shared(name: str, meaning: str, build: _Build, changes: Changes) -> bpy.typ
         return found
     material = bpy.data.materials.new(name)
     changes.undo_by(bpy.data.materials.remove, material)
-    material[MEANING] = meaning
+    own.mark(material, MEANING, meaning)
     if material.node_tree is None:  # Blender 5 has nodes from the beginning
         material.use_nodes = True
     shader = next(node for node in material.node_tree.nodes if node.type == "BSDF_PRINCIPLED")
@@ -130,8 +131,9 @@ def _shared(name: str, meaning: str, build: _Build, changes: Changes) -> bpy.typ
 
 
 def find_shared(collection: Any, meaning: str) -> Any:
-    """Return what a collection of the file holds of this meaning, if anything."""
-    return next((one for one in collection if one.get(MEANING) == meaning), None)
+    """Return what medialis has made of this meaning in a collection of the file, if anything."""
+    made = (one for one in collection if one.get(MEANING) == meaning and one.library is None)
+    return next((one for one in made if own.is_own(one, collection)), None)
 
 
 def _attribute_node(tree: bpy.types.NodeTree, name: str, x: float) -> bpy.types.Node:

@@ -6,6 +6,7 @@ from __future__ import annotations
 from typing import Any, ClassVar
 
 import bpy
+from bpy.props import BoolProperty, StringProperty
 
 from medialis import OPERATIONS
 from medialis.hosts import Operation
@@ -160,12 +161,51 @@ class MEDIALIS_OT_own_look(bpy.types.Operator):
         return {"FINISHED"}
 
 
+class MEDIALIS_OT_show_result(bpy.types.Operator):
+    """Show or hide this result: its objects, and its colours on the surface"""  # noqa: D400 - a tooltip
+
+    bl_idname = "medialis.show_result"
+    bl_label = "Show Result"
+    bl_options: ClassVar = {"REGISTER", "UNDO", "INTERNAL"}
+    __annotations__: ClassVar = {
+        "result": StringProperty(name="Result", description="Operation"),
+        "solo": BoolProperty(name="Solo", description="Hide the others"),
+    }
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """Allow it where there are results."""
+        source = reading.target(context)
+        return source is not None and bool(removing.records_of(source))
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Turn it on or off, or the others off; then the source or a result is active."""
+        source = reading.target(context)
+        record = removing.record_of(source, self.result)
+        if record is None:
+            self.report({"ERROR"}, f"{source.name} has no result of that name.")
+            return {"CANCELLED"}
+        if self.solo:
+            removing.show_only(context, source, self.result)
+        else:
+            removing.show(context, source, self.result, on=not record.shown)
+        found = removing.results_of(source, removing.operation_of(source))
+        visible = [one for one in found if one.visible_get() and not one.hide_render]
+        placing.make_active(context, next(iter(visible), source))
+        return {"FINISHED"}
+
+
 class MEDIALIS_OT_remove_result(bpy.types.Operator):
-    """Remove the active result and all that it brought"""  # noqa: D400 - a tooltip
+    """Remove the result and all that it brought; what was edited stays"""  # noqa: D400 - a tooltip
 
     bl_idname = "medialis.remove_result"
     bl_label = "Remove Result"
     bl_options: ClassVar = {"REGISTER", "UNDO"}
+    __annotations__: ClassVar = {
+        "result": StringProperty(
+            name="Result", description="Operation; none: that of the active object"
+        ),
+    }
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
@@ -175,12 +215,13 @@ class MEDIALIS_OT_remove_result(bpy.types.Operator):
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Remove the operation's result; the source is active afterwards."""
         active = context.active_object
-        source, operation = reading.source_of(active), removing.operation_of(active)
+        source, operation = reading.source_of(active), self.result or removing.operation_of(active)
         if source is None:
             self.report({"ERROR"}, "The object of this result is gone: delete it with X.")
             return {"CANCELLED"}
         writing.leave_edit_mode(context, active)
-        removing.remove_result(context, source, operation)
+        for told in removing.remove_result(context, source, operation):
+            self.report({"INFO"}, told)
         placing.make_active(context, source)
         return {"FINISHED"}
 
@@ -223,6 +264,7 @@ def register() -> None:
             MEDIALIS_OT_cancel_computation,
             MEDIALIS_OT_show_colors,
             MEDIALIS_OT_own_look,
+            MEDIALIS_OT_show_result,
             MEDIALIS_OT_remove_result,
         ]
     )

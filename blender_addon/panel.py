@@ -11,7 +11,7 @@ from medialis import OPERATIONS
 from medialis import operation as find_operation
 from medialis.hosts import Operation
 
-from . import editing, filtering, jobs, levels, reading, summary, widgets
+from . import editing, filtering, jobs, levels, reading, removing, summary, widgets
 from .menus import groups
 from .properties import OPTIONS, values_of
 
@@ -97,6 +97,39 @@ class MEDIALIS_PT_output(_Panel, bpy.types.Panel):
         """Draw the options of the output."""
         for name in OPTIONS:
             self.layout.column().prop(context.scene.medialis, name)
+
+
+class MEDIALIS_PT_results(_Panel, bpy.types.Panel):
+    """All results of the object: which are shown, alone or not, and their removal."""
+
+    bl_idname = "MEDIALIS_PT_results"
+    bl_label = "Results"
+    bl_parent_id = "MEDIALIS_PT_main"
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """Show it for objects that have results."""
+        source = reading.target(context)
+        return source is not None and removing.RECORDS in source
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw a row a result."""
+        source = reading.target(context)
+        looked_at = removing.operation_of(context.active_object)
+        column = self.layout.column(align=True)
+        for record in removing.records_of(source):
+            row = column.row(align=True)
+            active = record.operation == looked_at
+            label = find_operation(record.operation).label
+            row.label(text=label, icon="RADIOBUT_ON" if active else "RADIOBUT_OFF")
+            for icon, solo in (
+                ("HIDE_OFF" if record.shown else "HIDE_ON", False),
+                ("SOLO_ON", True),
+            ):
+                button = row.operator("medialis.show_result", text="", icon=icon)
+                button.result, button.solo = record.operation, solo
+            button = row.operator("medialis.remove_result", text="", icon="X")
+            button.result = record.operation
 
 
 class MEDIALIS_PT_result(_Panel, bpy.types.Panel):
@@ -193,7 +226,10 @@ def register() -> None:
         )
         for group in groups()
     ]
-    _classes[:] = [MEDIALIS_PT_main, MEDIALIS_PT_result, *sections, MEDIALIS_PT_output]
+    _classes[:] = [
+        *(MEDIALIS_PT_main, MEDIALIS_PT_results, MEDIALIS_PT_result),
+        *(*sections, MEDIALIS_PT_output),
+    ]
     for made in _classes:
         bpy.utils.register_class(made)
 

@@ -3,33 +3,50 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import bpy
 import numpy as np
 from mathutils import Matrix
 
+from . import own
 from .changes import Changes
-from .reading import RESULT, Source
+from .reading import RESULT, Source, is_result
 
 
 def result_collection(
     scene: bpy.types.Scene, source: bpy.types.Object, changes: Changes
 ) -> bpy.types.Collection:
-    """Return the collection of the results of a source, "Medialis: <name>"; made when missing."""
+    """Return the collection of the results of a source, "Medialis: <name>"; made when missing.
+
+    It lies beside the source, in the collection of the scene that has it.
+    """
+    inside = [scene.collection, *scene.collection.children_recursive]
     for result in source.children_recursive:
-        for collection in result.users_collection if result.get(RESULT) else ():
-            if collection.get(RESULT) and collection in scene.collection.children_recursive:
+        for collection in result.users_collection if is_result(result) else ():
+            if _is_own(collection) and collection in inside:
                 return collection
     title = f"Medialis: {source.name}"
     while len(title.encode()) > 63:  # what Blender keeps of a name
         title = title[:-1]
-    found = bpy.data.collections.get((title, None))
-    if found is not None and found in scene.collection.children_recursive:
-        return found
     made = bpy.data.collections.new(title)
     changes.undo_by(bpy.data.collections.remove, made)
-    made[RESULT] = "collection"
-    scene.collection.children.link(made)
+    own.mark(made, RESULT, "collection")
+    beside = [one for one in inside if source.name in one.objects and one.library is None]
+    usable = [one for one in beside if one.override_library is None and not _is_own(one)]
+    next(iter(usable), scene.collection).children.link(made)
     return made
+
+
+def _is_own(collection: bpy.types.Collection) -> bool:
+    return own.is_own(collection, bpy.data.collections)
+
+
+def remove_empty(collections: Iterable[bpy.types.Collection]) -> None:
+    """Remove those of our collections that hold nothing any more."""
+    for collection in collections:
+        if _is_own(collection) and not collection.all_objects and not collection.children:
+            bpy.data.collections.remove(collection)
 
 
 def lay_on(child: bpy.types.Object, parent: bpy.types.Object, source: Source) -> None:

@@ -44,8 +44,12 @@ OPTIONS = {
     ),
     "legend": BoolProperty(
         name="Legend",
-        description="Add what the colours mean, and numbers at the places that have them",
+        description="Show in views what the colours mean, and numbers at the places that have them",
         default=True,
+    ),
+    "legend_in_renders": BoolProperty(
+        name="Legend in renders",
+        description="Add the legend and the numbers as objects that renders show, facing the view",
     ),
     "keep_earlier": BoolProperty(
         name="Keep earlier results",
@@ -60,6 +64,7 @@ OPTIONS = {
             ("MATERIALS", "Materials", "A slot for each segment; earlier slots stay"),
         ],
         options={"ENUM_FLAG"},
+        default={"GROUPS"},
     ),
     "curves": BoolProperty(
         name="Curve objects",

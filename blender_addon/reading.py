@@ -17,6 +17,8 @@ from numpy.typing import NDArray
 from medialis import InvalidShapeError
 from medialis.hosts import Operation, nearest_unit
 
+from . import own
+
 TYPES = ("MESH", "CURVE", "SURFACE", "FONT", "META", "POINTCLOUD")
 RESULT = "medialis_result"
 """Custom property that marks the objects that operations have added: the layer that they show."""
@@ -129,12 +131,17 @@ def selected_vertices(chosen: bpy.types.Object, source: Source) -> NDArray[np.in
     return np.array([int(apart.argmin()) for apart in squares], np.int64)
 
 
+def is_result(chosen: bpy.types.Object | None) -> bool:
+    """Tell whether an operation has added this object; a user's copy of a result is none."""
+    return chosen is not None and RESULT in chosen and own.is_own(chosen, bpy.data.objects)
+
+
 def source_of(chosen: bpy.types.Object | None) -> bpy.types.Object | None:
     """Return the object that a result belongs to; any other object itself."""
-    while chosen is not None and chosen.get(RESULT):
+    while chosen is not None and is_result(chosen):
         bound = []
         if chosen.type == "ARMATURE":  # one that its source is bound to is its parent
-            bound = [c for c in chosen.children if c.type in TYPES and not c.get(RESULT)]
+            bound = [c for c in chosen.children if c.type in TYPES and not is_result(c)]
         chosen = bound[0] if bound else chosen.parent
     return chosen
 

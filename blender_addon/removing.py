@@ -1,21 +1,26 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a result brought into the file, and how all of it goes again."""
+"""What results brought into the file, which of them is shown, and how all of it goes again.
+
+Only what medialis has made goes, and only while it is as it was made (`own.py`).
+"""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Collection, Iterable
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import bpy
 
-from . import looks, materials, summary
+from . import fields, looks, materials, own, placing, summary
 from .changes import Changes
-from .reading import OPERATION, RESULT, source_of
+from .reading import OPERATION, RESULT, is_result, source_of
 
 RECORDS = "medialis_records"
 """Custom property of sources: what each operation brought."""
+HIDDEN = "medialis_hidden"
+"""Custom property of objects that were hidden with their result, and not otherwise."""
 
 
 @dataclass
@@ -23,13 +28,19 @@ class Record:
     """What an operation brought to its source besides objects."""
 
     operation: str
-    attributes: list[str] = field(default_factory=list)
-    groups: list[str] = field(default_factory=list)
+    attributes: own.Made = field(default_factory=dict)
+    groups: own.Made = field(default_factory=dict)
     images: list[str] = field(default_factory=list)
+    slots: list[str] = field(default_factory=list)
+    """Materials of segments that were added to the slots of the source."""
     look: str = ""
     """What the source is shown with (`looks.show_with`)."""
     hides: bool = False
     """A copy stands in the place of the source."""
+    legend: dict[str, Any] = field(default_factory=dict)
+    """What the colours mean, and numbers at places (`overlay.py`)."""
+    summary: str = ""
+    shown: bool = True
 
 
 def records_of(source: bpy.types.Object) -> list[Record]:
@@ -37,11 +48,17 @@ def records_of(source: bpy.types.Object) -> list[Record]:
     return [Record(**one) for one in json.loads(source.get(RECORDS, "[]"))]
 
 
-def _write(source: bpy.types.Object, records: list[Record]) -> None:
+def write_records(source: bpy.types.Object, records: list[Record]) -> None:
+    """Keep what results have brought with the source."""
     if records:
         source[RECORDS] = json.dumps([asdict(one) for one in records])
     elif RECORDS in source:
         del source[RECORDS]
+
+
+def record_of(source: bpy.types.Object, operation: str) -> Record | None:
+    """Return what was recorded of an operation."""
+    return next((one for one in records_of(source) if one.operation == operation), None)
 
 
 def add_record(source: bpy.types.Object, new: Record) -> None:
@@ -49,25 +66,27 @@ def add_record(source: bpy.types.Object, new: Record) -> None:
     records = records_of(source)
     for record in records:
         if record.operation == new.operation:
-            for name in ("attributes", "groups", "images"):
-                more = [*getattr(record, name), *getattr(new, name)]
-                setattr(new, name, list(dict.fromkeys(more)))
+            new.attributes = {**record.attributes, **new.attributes}
+            new.groups = {**record.groups, **new.groups}
+            new.images, new.slots = record.images + new.images, record.slots + new.slots
             new.hides |= record.hides
-    _write(source, [*(one for one in records if one.operation != new.operation), new])
+    write_records(source, [*(one for one in records if one.operation != new.operation), new])
 
 
 def results_of(source: bpy.types.Object, operation: str) -> list[bpy.types.Object]:
     """Return the objects that an operation added to a source."""
     return [made for made in bpy.data.objects
-            if made.get(OPERATION) == operation and source_of(made) == source]  # fmt: skip
+            if made.get(OPERATION) == operation and is_result(made)
+            and source_of(made) == source]  # fmt: skip
 
 
 def operation_of(chosen: bpy.types.Object | None) -> str:
-    """Return the operation whose result is active; of a source, the last one."""
-    if chosen is None or chosen.get(RESULT):
+    """Return the operation whose result is active; of a source, the one that is shown, or last."""
+    if chosen is None or is_result(chosen):
         return "" if chosen is None else chosen.get(OPERATION, "")
     records = records_of(chosen)
-    return records[-1].operation if records else ""
+    shown = [record for record in records if record.shown] or records
+    return shown[-1].operation if shown else ""
 
 
 def replace_earlier(
@@ -75,44 +94,138 @@ def replace_earlier(
     source: bpy.types.Object,
     new: Record,
     made: Iterable[bpy.types.Object],
-) -> None:
-    """Take away what earlier runs of the same operation brought, and record the new ones.
+) -> list[str]:
+    """Take away the objects of earlier runs of the same operation, and record the new ones.
 
-    An armature that moves its object stays.
+    An armature that moves its object stays, and what was edited. Their attributes and groups have
+    gone before (`take_fields`).
+
+    Returns
+    -------
+    list of str
+        Sentences that say what stays.
     """
     kept = set(made)
     old = [one for one in results_of(source, new.operation) if one not in kept]
-    _remove_objects([one for one in old if not _moves(one)])
+    told = _remove_objects([one for one in old if not _moves(one)])
     records = records_of(source)
-    for record in records:
-        if record.operation == new.operation:
-            _remove_fields(source, record, keep=new)
     now = [*(one for one in records if one.operation != new.operation), new]
-    _write(source, now)
+    write_records(source, now)
     if any(one.hides for one in records) and not any(one.hides for one in now):
         _unhide(context, source)
     _purge()
+    return told
 
 
-def remove_result(context: bpy.types.Context, source: bpy.types.Object, operation: str) -> None:
-    """Take away all that an operation brought to a source."""
+def remove_result(
+    context: bpy.types.Context, source: bpy.types.Object, operation: str
+) -> list[str]:
+    """Take away all that an operation brought to a source; return sentences on what stays."""
     objects = results_of(source, operation)
     for one in objects:
         if one.type == "ARMATURE":
             _unbind(one)
-    _remove_objects(objects)
+    told = _remove_objects(objects)
     records = records_of(source)
     for record in records:
         if record.operation == operation:
-            _remove_fields(source, record)
+            told += take_fields(source, record)
+            take_images(record)
     rest = [one for one in records if one.operation != operation]
-    _write(source, rest)
+    write_records(source, rest)
     if any(one.hides for one in records) and not any(one.hides for one in rest):
         _unhide(context, source)
-    _show_as_recorded(source, rest)
+    if not any(one.attributes for one in rest) and source.data is not None:
+        fields.own_color(source.data)
+    if rest and not any(one.shown for one in rest):
+        show(context, source, rest[-1].operation, on=True)
+    else:
+        _show_as_recorded(source, [one for one in rest if one.shown])
     if not rest and summary.PROPERTY in source:
         del source[summary.PROPERTY]
     _purge()
+    return told
+
+
+def take_fields(source: bpy.types.Object, record: Record) -> list[str]:
+    """Remove attributes, vertex groups and slots as they were written.
+
+    Returns
+    -------
+    list of str
+        Sentences that say what the user has edited, and keeps.
+    """
+    data = source.data
+    ours, edited = own.unchanged(data, record.attributes) if record.attributes else ([], [])
+    shared = _of_others(source)
+    if fields.SLOTS in ours:
+        kept = next((one for one in ours if one.startswith(fields.SLOTS_BEFORE)), "")
+        fields.own_slots(data, kept, record.slots)
+    for name in ours:
+        if name not in (*shared, fields.SLOTS):
+            data.attributes.remove(data.attributes[name])
+    if record.groups:
+        groups, painted = own.unchanged_groups(source, record.groups)
+        edited += painted
+        for name in groups:
+            if name not in shared:
+                source.vertex_groups.remove(source.vertex_groups[name])
+    if not edited:
+        return []
+    return [f"{', '.join(edited)} of {source.name} was edited since: it stays as yours."]
+
+
+def take_images(record: Record) -> None:
+    """Remove the pictures of a result, but those that were painted on."""
+    for name in record.images:
+        image = bpy.data.images.get((name, None))
+        if image is not None and own.is_own(image, bpy.data.images) and not image.is_dirty:
+            bpy.data.images.remove(image)
+
+
+def _of_others(source: bpy.types.Object) -> set[str]:
+    """Return the attributes and groups that are results of other objects with the same data."""
+    names: set[str] = set()
+    if source.data.users > 1:
+        for other in bpy.data.objects:
+            if other != source and other.data == source.data:
+                for record in records_of(other):
+                    names |= {*record.attributes, *record.groups}
+    return names
+
+
+def show(context: bpy.types.Context, source: bpy.types.Object, operation: str, on: bool) -> None:
+    """Show or hide the result of an operation: its objects, and the colours of its source."""
+    for made in results_of(source, operation):
+        if made.name not in context.view_layer.objects:
+            continue
+        if made[RESULT] == "legend":
+            made.hide_render = not on
+        elif on and made.get(HIDDEN):
+            del made[HIDDEN]
+            made.hide_render = False
+            made.hide_set(False)
+        elif not on and not made.hide_get():
+            made[HIDDEN] = True
+            made.hide_render = True
+            made.hide_set(True)
+    records = records_of(source)
+    for record in records:
+        if record.operation == operation:
+            record.shown = on
+    write_records(source, records)
+    shown = [record for record in records if record.shown]
+    _show_as_recorded(source, shown)
+    if shown and summary.PROPERTY in source:
+        source[summary.PROPERTY] = shown[-1].summary
+
+
+def show_only(context: bpy.types.Context, source: bpy.types.Object, operation: str) -> None:
+    """Show the result of an operation, and hide the others."""
+    for record in records_of(source):
+        if record.operation != operation and record.shown:
+            show(context, source, record.operation, False)
+    show(context, source, operation, True)
 
 
 def _unhide(context: bpy.types.Context, source: bpy.types.Object) -> None:
@@ -124,17 +237,19 @@ def _unhide(context: bpy.types.Context, source: bpy.types.Object) -> None:
 def _show_as_recorded(source: bpy.types.Object, records: list[Record]) -> None:
     """Show the source as the last of these operations left it, or as its own."""
     look = next((record.look for record in reversed(records) if record.look), "")
-    if look:
-        with Changes() as changes:
-            looks.show_with(source, look, changes)
-    else:
+    if not look:
         looks.own_look(source)
+        return
+    with Changes() as changes:
+        looks.show_with(source, look, changes)
+    if look != looks.SEE_THROUGH:
+        fields.show_color(source.data, look)
 
 
 def _moves(armature: bpy.types.Object) -> bool:
     """Tell whether an object is an armature that others hang on."""
     return armature.type == "ARMATURE" and any(
-        not child.get(RESULT) or child.find_armature() == armature for child in armature.children
+        not is_result(child) or child.find_armature() == armature for child in armature.children
     )
 
 
@@ -149,36 +264,21 @@ def _unbind(armature: bpy.types.Object) -> None:
         child.matrix_world = place
 
 
-def _remove_objects(objects: Iterable[bpy.types.Object]) -> None:
+def _remove_objects(objects: Iterable[bpy.types.Object]) -> list[str]:
+    """Remove objects that are as they were made; the others become the user's, which is told."""
+    told = []
     for made in list(objects):
+        own.release_copies(made, bpy.data.objects)
+        if own.is_edited(made):
+            own.release(made)
+            told.append(f"{made.name} was edited since: it stays as yours.")
+            continue
         data, places = made.data, list(made.users_collection)
         bpy.data.objects.remove(made)
         if data is not None and data.users == 0:
             bpy.data.batch_remove([data])
-        for collection in places:
-            if collection.get(RESULT) and not collection.all_objects and not collection.children:
-                bpy.data.collections.remove(collection)
-
-
-def _remove_fields(source: bpy.types.Object, record: Record, keep: Record | None = None) -> None:
-    """Remove attributes, vertex groups and images, but those that are kept."""
-    new = keep or Record(record.operation)
-    attributes = getattr(source.data, "attributes", {})
-    for name in _gone(record.attributes, new.attributes):
-        if name in attributes:
-            attributes.remove(attributes[name])
-    for name in _gone(record.groups, new.groups):
-        group = source.vertex_groups.get(name)
-        if group is not None:
-            source.vertex_groups.remove(group)
-    for name in _gone(record.images, new.images):
-        image = bpy.data.images.get((name, None))
-        if image is not None:
-            bpy.data.images.remove(image)
-
-
-def _gone(old: Collection[str], new: Collection[str]) -> list[str]:
-    return [name for name in old if name not in new]
+        placing.remove_empty(places)
+    return told
 
 
 def _purge() -> None:
@@ -186,4 +286,5 @@ def _purge() -> None:
     for collection in (bpy.data.node_groups, bpy.data.materials):
         shared: Any = [one for one in collection if one.get(materials.MEANING) and not one.users]
         for one in shared:
-            collection.remove(one)
+            if own.is_own(one, collection):
+                collection.remove(one)

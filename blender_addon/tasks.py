@@ -35,6 +35,7 @@ class Tasks:
         self._options = properties.options_of(holder)
         self._gpu_views = views.chosen(getattr(holder, "views_by", "CPU"))
         self._told: list[str] = []
+        self._kept: list[str] = []
         self._failed: list[tuple[str, Exception]] = []
         self.job: jobs.Job
 
@@ -55,7 +56,7 @@ class Tasks:
         source = self.job.source
         try:
             shape, result = self.job.outcome()
-            writing.add_result(context, source, shape, result, self._options)
+            writing.add_result(context, source, shape, result, self._options, self._kept.append)
         except FAILURES as error:
             self._failed.append((source.name, error))
             if isinstance(error, Cancelled):
@@ -67,7 +68,7 @@ class Tasks:
 
     def tell(self, operator: bpy.types.Operator) -> set[str]:
         """Report what came of it; return what the operator returns."""
-        for text in self._told:
+        for text in (*self._told, *self._kept):
             operator.report({"INFO"}, text)
         for name, error in self._failed:
             text = str(error)

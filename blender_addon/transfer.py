@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from medialis.hosts import MISSING, to_linear
 
-from .attributes import Column, write
+from .attributes import Column, add
 from .reading import corner_vertices
 
 TAGS = {"POINT": "medialis tag", "FACE": "medialis tag of face"}
@@ -61,16 +61,16 @@ def own_rows(
     random = np.random.default_rng(0)
     counts = {"POINT": len(mesh.vertices), "FACE": len(mesh.polygons)}
     tags = {d: random.random((n, 3), np.float32) for d, n in counts.items()}
+    names: dict[str, str] = {}
     try:
         for domain, values in tags.items():
             column = Column(TAGS[domain], "FLOAT_VECTOR", "vector", values.ravel())
-            write(mesh, column, domain)
+            names[domain] = add(mesh, column, domain)
         mesh.update_tag()
-        seen = _tags_seen(context, chosen, topology)
+        seen = _tags_seen(context, chosen, topology, names)
     finally:
-        for name in TAGS.values():
-            if name in mesh.attributes:
-                mesh.attributes.remove(mesh.attributes[name])
+        for name in names.values():
+            mesh.attributes.remove(mesh.attributes[name])
         mesh.update_tag()
     if seen is None:
         return None
@@ -88,7 +88,10 @@ def own_rows(
 
 
 def _tags_seen(
-    context: bpy.types.Context, chosen: bpy.types.Object, topology: NDArray[np.int32]
+    context: bpy.types.Context,
+    chosen: bpy.types.Object,
+    topology: NDArray[np.int32],
+    names: dict[str, str],
 ) -> dict[str, NDArray[np.float32]] | None:
     """Return the vectors that arrive; None if they do not, or if something else is seen."""
     context.view_layer.update()
@@ -98,7 +101,7 @@ def _tags_seen(
         if not np.array_equal(corner_vertices(mesh), topology):
             return None
         found = {}
-        for domain, name in TAGS.items():
+        for domain, name in names.items():
             attribute = mesh.attributes.get(name)
             if attribute is None or attribute.domain != domain:
                 return None

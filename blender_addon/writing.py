@@ -8,8 +8,8 @@ before.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 
 import bpy
 import numpy as np
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from medialis import InvalidShapeError, Result, Shape
 from medialis.hosts import Rig, legend_of, numbers_of, rig_of, title
 
-from . import armatures, fields, layers, legends, looks, placing, removing, summary
+from . import armatures, fields, layers, legends, looks, overlay, own, placing, removing, summary
 from .changes import Changes
 from .reading import FORMATS, OPERATION, RESULT, Source, positions
 from .removing import Record
@@ -32,7 +32,8 @@ class Options:
     keep_materials: bool = False
     keep_earlier: bool = False
     legend: bool = True
-    segments_as: frozenset[str] = frozenset()
+    legend_in_renders: bool = False
+    segments_as: frozenset[str] = frozenset({"GROUPS"})
     curves: bool = False
     bind: bool = False
 
@@ -50,26 +51,38 @@ class _Run:
     options: Options
     rig: Rig | None
     changes: Changes
+    record: Record
     collection: bpy.types.Collection | None = None
+    told: list[str] = field(default_factory=list)
 
     def adopt(self, made: bpy.types.Object, name: str, of: str) -> None:
         """Name an object, mark it as a result, and put it into the collection of the source."""
         made.name = made.data.name = name
-        made[RESULT], made[OPERATION] = of, self.result.operation
+        made[OPERATION] = self.result.operation
+        own.mark(made, RESULT, of)
         if self.collection is None:
             self.collection = placing.result_collection(self.scene, self.chosen, self.changes)
         placing.link(made, self.collection)
 
 
 def add_result(
-    context: bpy.types.Context, source: Source, shape: Shape, result: Result, options: Options
+    context: bpy.types.Context,
+    source: Source,
+    shape: Shape,
+    result: Result,
+    options: Options,
+    tell: Callable[[str], object] | None = None,
 ) -> list[bpy.types.Object]:
     """Add a result to the scene of its source, in the place of an earlier one of its operation.
+
+    Results of other operations are hidden.
 
     Parameters
     ----------
     source, shape
         What was read, and the shape of the core made from it.
+    tell : callable, optional
+        Called with sentences that say what of the user's stays.
 
     Returns
     -------
@@ -90,21 +103,49 @@ def add_result(
         if other is not None:
             leave_edit_mode(context, other)
     with Changes() as changes:
-        run = _Run(context, scene, chosen, source, shape, result, options, rig, changes)
-        made, place, record = _make(run, plans)
+        record = Record(result.operation)
+        run = _Run(context, scene, chosen, source, shape, result, options, rig, changes, record)
+        place = _prepare(run, plans)
+        made, colors = _make(run, plans, place)
         carriers = list(dict.fromkeys(made.values()))
-        if rig is not None and rig.weights is not None:
-            _add_skin(run, made, place, record)
+        if run.rig is not None and run.rig.weights is not None:
+            _add_skin(run, made, place)
         record.images = _add_images(result, chosen.name, changes)
         extra = _add_signs(run, plans)
         record.hides = _hide_covered(run, plans, place)
         if plans and not options.keep_materials and plans[0].layer.role != "shape":
-            record.look = _set_look(run, plans, place)
-        text = summary.lines(result, [plan.layer for plan in plans], source.name)
+            record.look = _set_look(run, plans, place, colors)
+        if chosen.data is not None:
+            record.attributes = own.prints(chosen.data, record.attributes)
+            record.groups = own.group_prints(chosen, record.groups) if record.groups else {}
+        record.summary = summary.lines(result, [plan.layer for plan in plans], source.name)
         for carrier in carriers:
-            _remember(carrier, text, changes)
-        changes.keep_by(_finish, run, record, [*carriers, *extra], plans)
+            _remember(carrier, record.summary, changes)
+        changes.keep_by(_finish, run, [*carriers, *extra], plans)
+    for sentence in run.told if tell is not None else ():
+        tell(sentence)
     return carriers
+
+
+def _prepare(run: _Run, plans: Sequence[layers.Plan | fields.FieldPlan]) -> fields.Place | None:
+    """Return where layers on the input go; what an earlier run has written there goes before."""
+    chosen, changes = run.chosen, run.changes
+    place = None
+    if any(isinstance(plan, fields.FieldPlan) for plan in plans):
+        place = fields.place_for_fields(run.context, chosen, run.source, changes)
+    earlier = removing.record_of(chosen, run.result.operation)
+    replaced = earlier is not None and not run.options.keep_earlier
+    if (replaced or (place is not None and place.object == chosen)) and chosen.type in (
+        "MESH", "POINTCLOUD"
+    ):  # fmt: skip
+        fields.keep_a_copy(chosen, changes)
+    if replaced and earlier is not None:
+        run.told += removing.take_fields(chosen, earlier)
+        changes.keep_by(removing.take_images, earlier)
+    if place is not None and run.rig is not None:
+        taken = [group.name for group in place.object.vertex_groups]
+        run.rig = armatures.free_names(run.rig, taken)
+    return place
 
 
 def _plans(
@@ -144,20 +185,23 @@ def leave_edit_mode(context: bpy.types.Context, chosen: bpy.types.Object) -> Non
 
 
 def _make(
-    run: _Run, plans: Sequence[layers.Plan | fields.FieldPlan]
-) -> tuple[dict[str, bpy.types.Object], fields.Place | None, Record]:
-    """Add what the plans say; return what carries each layer, where fields lie, their names."""
-    place, record = None, Record(run.result.operation)
+    run: _Run, plans: Sequence[layers.Plan | fields.FieldPlan], place: fields.Place | None
+) -> tuple[dict[str, bpy.types.Object], dict[str, str]]:
+    """Add what the plans say; return what carries each layer, and the colours of those on input."""
+    record = run.record
     made: dict[str, bpy.types.Object] = {}
+    colors: dict[str, str] = {}
     for plan in plans:
         if isinstance(plan, fields.FieldPlan):
-            if place is None:  # one mesh for all layers on the input
-                place = fields.place_for_fields(run.context, run.chosen, run.source, run.changes)
+            assert place is not None
             carrier = place.object
             written = fields.write_field(plan, place, run.changes, run.options.segments_as)
+            colors[plan.layer.name] = written.colors
+            run.told += written.told
             if carrier == run.chosen:
-                record.attributes += written.attributes
-                record.groups += written.groups
+                record.attributes |= {key: [] for key in written.attributes}
+                record.groups |= {key: [] for key in written.groups}
+                record.slots += written.slots
         else:
             if run.rig is not None and plan.layer is run.rig.layer:
                 carrier = armatures.new_armature(run.context, plan.title, run.rig, run.changes)
@@ -173,19 +217,17 @@ def _make(
         if carrier != run.chosen and carrier not in made.values():
             run.adopt(carrier, plan.title, plan.layer.name)
         made[plan.layer.name] = carrier
-    return made, place, record
+    return made, colors
 
 
-def _add_skin(
-    run: _Run, made: dict[str, bpy.types.Object], place: fields.Place | None, record: Record
-) -> None:
+def _add_skin(run: _Run, made: dict[str, bpy.types.Object], place: fields.Place | None) -> None:
     """Write the weights on what carries the layer of the skin; bind that where it is asked for."""
     rig = run.rig
     assert rig is not None and place is not None
     weights = rig.weights if place.rows is None else armatures.own_weights(rig.weights, place.rows)
     names = armatures.write_weights(place.object, rig.bones.names, weights)
     if place.object == run.chosen:
-        record.groups += names
+        run.record.groups |= {key: [] for key in names}
     if run.options.bind:
         armatures.require_unbound(place.object)
         armatures.bind(place.object, made[rig.layer.name], run.changes)
@@ -195,8 +237,17 @@ def _add_signs(
     run: _Run,
     plans: Sequence[layers.Plan | fields.FieldPlan],
 ) -> list[bpy.types.Object]:
-    """Add the legend of the first layer that has colours, and numbers at places."""
-    if not run.options.legend:
+    """Record the legend of the first layer that has colours, and numbers at places.
+
+    Views draw them. Objects for renders are added where they are asked for.
+    """
+    if run.options.legend:
+        numbers = [numbers_of(plan.layer, run.result.shape) for plan in plans]
+        shown = next((plan.shown for plan in plans if plan.shown is not None), None)
+        key = None if shown is None else legend_of(shown)
+        linear = run.source.linear
+        run.record.legend = overlay.packed(key, [n for n in numbers if n is not None], linear)
+    if not run.options.legend_in_renders:
         return []
     found, around = [], [run.shape.points]
     for plan in plans:
@@ -215,6 +266,7 @@ def _add_signs(
     for sign in found:
         placing.lay_on(sign, run.chosen, run.source)
         run.adopt(sign, sign.name, "legend")
+        sign.hide_set(True)
     return found
 
 
@@ -230,7 +282,10 @@ def _hide_covered(
 
 
 def _set_look(
-    run: _Run, plans: Sequence[layers.Plan | fields.FieldPlan], place: fields.Place | None
+    run: _Run,
+    plans: Sequence[layers.Plan | fields.FieldPlan],
+    place: fields.Place | None,
+    colors: dict[str, str],
 ) -> str:
     """Show the shape in the colours of the result, or see-through where that lies inside.
 
@@ -242,35 +297,48 @@ def _set_look(
     if not isinstance(next(iter(plans), None), fields.FieldPlan) and run.rig is None:
         looks.show_with(run.chosen, looks.SEE_THROUGH, run.changes)
         return looks.SEE_THROUGH
-    field = next((p for p in plans if isinstance(p, fields.FieldPlan) and p.colors), None)
-    if field is None or place is None:
+    name = next((one for one in colors.values() if one), "")
+    if not name or place is None:
         return ""
-    looks.show_with(place.object, field.colors.name, run.changes)
-    return field.colors.name if place.object == run.chosen else ""
+    looks.show_with(place.object, name, run.changes)
+    return name if place.object == run.chosen else ""
 
 
 def _finish(
     run: _Run,
-    record: Record,
     made: list[bpy.types.Object],
     plans: Sequence[layers.Plan | fields.FieldPlan],
 ) -> None:
     """Take earlier results away, give the names that they had, and let the views show the new."""
+    record, chosen = run.record, run.chosen
     if run.options.keep_earlier:
         removing.add_record(run.chosen, record)
     else:
         names = {one: one.name for one in made}
-        removing.replace_earlier(run.context, run.chosen, record, made)
+        run.told += removing.replace_earlier(run.context, run.chosen, record, made)
         for one, name in names.items():
             stem = name.rpartition(".")[0] if name[-4:-3] == "." else name
             if one != run.chosen and name != stem and stem not in bpy.data.objects:
-                one.name = one.data.name = stem
+                own.rename(one, stem)
+                one.data.name = stem
+        for other in removing.records_of(run.chosen):
+            if other.operation != record.operation and other.shown:
+                removing.show(run.context, run.chosen, other.operation, on=False)
     run.context.view_layer.update()
     for one in made:
         if one.hide_render and one != run.chosen and one.name in run.context.view_layer.objects:
             one.hide_set(True)
     if made and made[0] != run.chosen:
         placing.make_active(run.context, made[0])
+    if run.told:
+        record.summary = "\n".join([record.summary, *(f"! {told}" for told in run.told)])
+        others = [one for one in removing.records_of(chosen) if one.operation != record.operation]
+        removing.write_records(chosen, [*others, record])
+    for one in made:
+        if summary.PROPERTY in one:
+            one[summary.PROPERTY] = record.summary
+        if one != chosen:
+            own.remember(one)
     on_surface = all(isinstance(plan, fields.FieldPlan) for plan in plans)
     looks.set_shading(run.context, colored_surface=on_surface)
 
@@ -296,6 +364,7 @@ def _add_images(result: Result, name: str, changes: Changes) -> list[str]:
         height, width = pixels.shape[:2]
         image = bpy.data.images.new(f"{name} {title(picture)}", width, height)
         changes.undo_by(bpy.data.images.remove, image)
+        own.mark(image, RESULT, picture)
         image.pixels.foreach_set(_rgba(pixels))
         image.update()
         image.pack()

@@ -52,7 +52,7 @@ def test_one_click_shows_it_and_removing_leaves_nothing(chosen, request, scene):
     hidden = creature.hide_render
     assert shown != {"own"} or hidden
     assert [slot.name for slot in creature.data.materials] == ["own"]
-    assert any("legend" in made.name for made in bpy.data.objects)
+    assert not any("legend" in made.name for made in bpy.data.objects)
     for made in bpy.data.objects:
         if made.type in ("POINTCLOUD", "MESH") and made != creature:
             assert made.data.materials[0] is not None
@@ -71,6 +71,7 @@ def test_thickness_is_seen_in_its_colours(creature):
     assert creature.data.color_attributes.active_color.name == "thickness_color"
     (spots,) = [o for o in bpy.data.objects if o.type == "POINTCLOUD"]
     assert spots.data.materials[0].name.startswith("Medialis: value")
+    start("thickness", legend_in_renders=True)
     numbers = bpy.data.objects["creature thin spots numbers"]
     assert numbers.parent == creature and len(numbers.data.polygons) > 20
 
@@ -118,7 +119,7 @@ def test_again_replaces(creature):
     start("surface_skeleton")
     assert sorted(bpy.data.objects.keys()) == names and counts() == before
     start("surface_skeleton", keep_earlier=True)
-    assert len(bpy.data.objects) == len(names) + 2
+    assert len(bpy.data.objects) == len(names) + 1
     assert counts()["node_groups"] == before["node_groups"]
     assert len(bpy.data.collections) == 1
     start("thickness", keep_earlier=True)
@@ -138,22 +139,25 @@ def test_one_collection_for_each_source(creature):
 
 def test_labels_get_groups_face_sets_and_materials_on_request(creature):
     start("parts")
-    assert not creature.vertex_groups and ".sculpt_face_set" not in creature.data.attributes
+    assert creature.vertex_groups and ".sculpt_face_set" not in creature.data.attributes
     start("parts", segments_as={"GROUPS", "FACE_SETS", "MATERIALS"})
     label = read_back(creature.data, "parts")
     first = [polygon.vertices[0] for polygon in creature.data.polygons]
     assert (read_back(creature.data, ".sculpt_face_set") == label[first] + 2).all()
     count = len(np.unique(label[label >= 0]))
     assert len(creature.vertex_groups) == count and len(creature.data.materials) > count
-    start("parts")
+    start("parts", segments_as=set())
     assert not creature.vertex_groups and ".sculpt_face_set" not in creature.data.attributes
+    assert [slot.name for slot in creature.data.materials] == ["own"]
 
 
 def test_the_legend_has_the_limits_and_the_colours(creature):
     from blender_addon import legends
 
-    start("thickness")
-    colors = read_back(bpy.data.objects["creature thickness legend"].data, legends.COLOR)
+    start("thickness", legend_in_renders=True)
+    sign = bpy.data.objects["creature thickness legend"]
+    assert sign.hide_get() and not sign.hide_render  # views draw their own
+    colors = read_back(sign.data, legends.COLOR)
     table = to_linear(medialis.hosts.color_table("diverging_reversed")[[0, -1]])
     for end in table:
         assert np.abs(colors[:, :3] - end).max(axis=1).min() < 1e-3

@@ -282,7 +282,7 @@ class FakeOperator:
             scale = {Kind.LENGTH: 100, Kind.ANGLE: np.radians(1)}.get(parameter.kind)
             setattr(self, parameter.name, value if scale is None else scale * value)
         self.add_samples = self.keep_materials = self.keep_earlier = self.curves = False
-        self.legend, self.segments_as = True, set()
+        self.legend, self.legend_in_renders, self.segments_as = True, False, set()
 
     def report(self, kind, text):
         self.reports.append((*kind, text))
