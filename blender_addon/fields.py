@@ -24,6 +24,8 @@ GROUP_LIMIT = 1000
 ACTIVE = "medialis_active_color"
 """Custom property of meshes with results: the colour attribute that was seen before."""
 SLOTS, SLOTS_BEFORE = "material_index", "medialis slots before"
+ONE_OF = {"parts": "part", "patches": "patch"}
+"""What one segment is called, where that is not the name of the labels."""
 FACE_SETS = ".sculpt_face_set"
 """Blender's attribute of the face sets of sculpt mode."""
 
@@ -265,7 +267,7 @@ def own_color(data: Any) -> None:
 def write_groups(
     place: bpy.types.Object, name: str, vertices: NDArray[Any], labels: NDArray[Any]
 ) -> list[str]:
-    """Write one vertex group a label, "<name> 003".
+    """Write one vertex group a label, such as "part 003".
 
     Parameters
     ----------
@@ -286,7 +288,7 @@ def write_groups(
     ends = np.searchsorted(sorted_labels, present, side="right")
     made = []
     for label, begin, end in zip(present.tolist(), begins, ends, strict=True):
-        group = place.vertex_groups.new(name=label_name(name, label))
+        group = place.vertex_groups.new(name=label_name(ONE_OF.get(name, name), label))
         group.add(vertices[order[begin:end]].tolist(), 1.0, "REPLACE")
         made.append(group.name)
     return made

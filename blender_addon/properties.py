@@ -89,7 +89,7 @@ EXTRAS: dict[str, dict[str, Any]] = {
                 (
                     "AUTO",
                     "Automatic",
-                    "Blender's GPU in a window with a graphics card, otherwise the processor",
+                    "Blender's GPU with a graphics card or without a window, otherwise the processor",
                 ),
                 (
                     "GPU",

@@ -39,13 +39,13 @@ def why_no_gpu() -> str | None:
 def chosen(views_by: str) -> bool:
     """Return whether the gpu module shall render the views: "GPU", "CPU" or "AUTO".
 
-    Software graphics are slower than the core's rasterizer. Without a window nothing is started to
-    find out which they are.
+    In a window with software graphics the core's rasterizer is faster. Without a window Blender is
+    asked, and the rasterizer takes over where it cannot draw.
     """
     if views_by != "AUTO":
         return views_by == "GPU"
     if bpy.app.background:
-        return False
+        return True
     import gpu
 
     return gpu.platform.device_type_get() != "SOFTWARE"

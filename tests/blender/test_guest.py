@@ -38,7 +38,9 @@ def snapshot():
 
 def own_values(one):
     """Custom properties, attributes with their values, weights."""
-    found = {"custom": {key: str(one[key]) for key in one.keys()}}  # noqa: SIM118
+    custom = {key: one[key] for key in one.keys()}  # noqa: SIM118
+    groups = {key: value.to_dict() for key, value in custom.items() if hasattr(value, "to_dict")}
+    found = {"custom": {key: str(value) for key, value in (custom | groups).items()}}
     for attribute in getattr(one, "attributes", ()):
         if attribute.name.startswith(".") and "sculpt" not in attribute.name:
             continue  # of selections

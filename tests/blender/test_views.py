@@ -115,8 +115,10 @@ def test_the_operator_renders_with_the_gpu(creature, scene, gpu_works, monkeypat
     assert np.array_equal(found, expected.points.astype(np.float32))
     bpy.context.view_layer.objects.active = chosen
     count = len(made)
-    bpy.ops.medialis.view_curve_skeleton(**quick)  # without a window, the processor
+    bpy.ops.medialis.view_curve_skeleton(views_by="CPU", **quick)
     assert len(made) == count
+    bpy.ops.medialis.view_curve_skeleton(**quick)  # without a window Blender renders as well
+    assert len(made) == count + 1
 
 
 def test_the_operator_falls_back_and_says_so(creature, scene, monkeypatch):
@@ -134,7 +136,7 @@ def test_automatic_takes_graphics_cards_only(device, gpu, monkeypatch):
     import sys
     from types import SimpleNamespace
 
-    assert not views.chosen("AUTO") and views.chosen("GPU") and not views.chosen("CPU")
+    assert views.chosen("AUTO") and views.chosen("GPU") and not views.chosen("CPU")
     monkeypatch.setattr(views, "bpy", SimpleNamespace(app=SimpleNamespace(background=False)))
     platform = SimpleNamespace(device_type_get=lambda: device)
     monkeypatch.setitem(sys.modules, "gpu", SimpleNamespace(platform=platform))
