@@ -378,7 +378,7 @@ def _find_patches(places: FloatArray, options: ManifoldsOptions, progress: Progr
 
     n = len(places)
     k = min(options.neighbours, n - 1)
-    near = neighbours_of(places, places, min(round(BENT * k), n - 1), progress)
+    near = neighbours_of(places, places, min(max(round(BENT * k), k), n - 1), progress)
     line = np.zeros(n, bool)
     find_lines(places, near, k, line)
     rows, wide = np.flatnonzero(line), WIDE * near.shape[1]
