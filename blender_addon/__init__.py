@@ -51,9 +51,9 @@ def unregister() -> None:
 
 def _modules() -> tuple:
     """Return the modules that register something, in their order."""
-    from . import editing, levels, live, menus, operators, panel, preferences, properties
+    from . import editing, levels, live, menus, operators, panel, preferences, presets, properties
 
-    return preferences, properties, levels, operators, editing, panel, menus, live
+    return preferences, properties, levels, operators, presets, editing, panel, menus, live
 
 
 def __getattr__(name: str) -> Any:

@@ -3,36 +3,19 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar
 
 import bpy
 
 from medialis import OPERATIONS
-from medialis import operation as find_operation
 from medialis.hosts import Operation
 
-from . import editing, filtering, jobs, levels, reading, summary, widgets
+from . import editing, filtering, jobs, levels, presets, reading, summary, widgets
 from .menus import groups
 from .properties import OPTIONS, values_of
 
 ICONS = {"Skeleton": "OUTLINER_OB_ARMATURE", "Thickness": "MOD_THICKNESS", "Segment": "MOD_EXPLODE"}
 """Of the groups of operations; any other has a magnifying glass."""
-
-
-class Preset(NamedTuple):
-    """A task that people come with: one operation with the options that it needs."""
-
-    label: str
-    icon: str
-    operation: str
-    given: dict[str, Any]
-
-
-PRESETS = (
-    Preset("Rig", "ARMATURE_DATA", "armature", {"bind": True}),
-    Preset("3D Print Check", "MOD_THICKNESS", "thickness", {"legend": True}),
-    Preset("Skeleton Study", "SNAP_MIDPOINT", "surface_skeleton", {"add_samples": True}),
-)
 
 
 class _Panel:
@@ -61,8 +44,10 @@ class MEDIALIS_PT_main(_Panel, bpy.types.Panel):
         column = layout.column(align=True)
         column.scale_y = 1.3
         column.operator_context = "INVOKE_DEFAULT"
-        for preset in PRESETS:
-            draw_preset(column, context, preset)
+        for preset in presets.PRESETS:
+            column.operator(preset.idname, icon=preset.icon)
+        if not presets.has_units(context.scene):
+            layout.label(text="No units: no millimetres to check", icon="INFO")
         layout.prop(context.scene.medialis, "live", icon="FILE_REFRESH")
         if jobs.running is not None:
             box = layout.box()
@@ -149,14 +134,6 @@ def draw_editing(layout: Any, active: bpy.types.Object) -> None:
         layout.operator("medialis.rebuild", icon="MOD_REMESH")
     if active.get(reading.FORMATS):
         layout.operator("medialis.export_layer", icon="EXPORT")
-
-
-def draw_preset(layout: Any, context: bpy.types.Context, preset: Preset) -> None:
-    """Draw the button of a task, with the options of the panel and its own."""
-    button = layout.operator(f"medialis.{preset.operation}", text=preset.label, icon=preset.icon)
-    set_options(button, context, find_operation(preset.operation))
-    for name, value in preset.given.items():
-        setattr(button, name, value)
 
 
 def set_options(button: Any, context: bpy.types.Context, operation: Operation) -> None:

@@ -133,7 +133,7 @@ def test_presets_and_units(draw):
     """Three tasks come first; lengths in the scene's unit begin at the same lengths."""
     add_mesh("cube", 2 * CUBE, QUADS)
     drawn = draw()
-    assert drawn[1:4] == [f"medialis.{n}" for n in ("armature", "thickness", "surface_skeleton")]
+    assert drawn[1:4] == [f"medialis.{n}" for n in ("rig", "print_check", "skeleton_study")]
     settings = bpy.context.scene.medialis
     settings.of_thickness.unfolded = True
     assert "tolerance" in draw()
