@@ -51,9 +51,23 @@ def unregister() -> None:
 
 def _modules() -> tuple:
     """Return the modules that register something, in their order."""
-    from . import editing, levels, live, menus, operators, panel, preferences, presets, properties
+    from . import (
+        assets,
+        editing,
+        finding,
+        levels,
+        live,
+        menus,
+        operators,
+        panel,
+        preferences,
+        presets,
+        properties,
+        selecting,
+    )
 
-    return preferences, properties, levels, operators, presets, editing, panel, menus, live
+    first = preferences, properties, levels, operators, presets, selecting, editing, assets
+    return *first, panel, menus, finding, live
 
 
 def __getattr__(name: str) -> Any:

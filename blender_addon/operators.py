@@ -80,11 +80,10 @@ class OperationOperator:
             return {"PASS_THROUGH"}
         if not job.look():
             context.window_manager.progress_update(int(100 * job.fraction))
-            context.workspace.status_text_set(
-                f"{job.label}: {job.text}, {100 * job.fraction:.0f} %   (Esc cancels)"
-            )
+            context.workspace.status_text_set(draw_status)
             redraw(context)
-            return {"PASS_THROUGH"}
+            # Esc is for the computation alone.
+            return {"RUNNING_MODAL" if event.type == "ESC" else "PASS_THROUGH"}
         self._tasks.write(context)
         if self._tasks.begin_next(context):
             return {"PASS_THROUGH"}
@@ -160,6 +159,29 @@ class MEDIALIS_OT_own_look(bpy.types.Operator):
         return {"FINISHED"}
 
 
+class MEDIALIS_OT_show_results(bpy.types.Operator):
+    """Hide the results of the object, or show them again where all are hidden"""  # noqa: D400 - a tooltip
+
+    bl_idname = "medialis.show_results"
+    bl_label = "Show or Hide Results"
+    bl_options: ClassVar = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """Allow it for objects with results of their own, and for these."""
+        return bool(results_in(context))
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Hide or show; the source is active, as what is hidden cannot be seen to be."""
+        results = results_in(context)
+        hidden = all(made.hide_get() for made in results)
+        for made in results:
+            made.hide_set(not hidden)
+        if not hidden:
+            placing.make_active(context, reading.target(context))
+        return {"FINISHED"}
+
+
 class MEDIALIS_OT_remove_result(bpy.types.Operator):
     """Remove the active result and all that it brought"""  # noqa: D400 - a tooltip
 
@@ -183,6 +205,24 @@ class MEDIALIS_OT_remove_result(bpy.types.Operator):
         removing.remove_result(context, source, operation)
         placing.make_active(context, source)
         return {"FINISHED"}
+
+
+def results_in(context: bpy.types.Context) -> list[bpy.types.Object]:
+    """Return the results of the active object that are in the view layer."""
+    source = reading.target(context)
+    return [
+        made
+        for made in context.view_layer.objects
+        if source is not None and made.get(reading.RESULT) and reading.source_of(made) == source
+    ]
+
+
+def draw_status(self: bpy.types.Header, context: bpy.types.Context) -> None:
+    """Draw the running job in the status bar."""
+    job = jobs.running
+    if job is not None:
+        self.layout.label(text="Cancel", icon="EVENT_ESC")
+        self.layout.label(text=f"{job.label}: {job.text}, {100 * job.fraction:.0f} %")
 
 
 def redraw(context: bpy.types.Context) -> None:
@@ -223,6 +263,7 @@ def register() -> None:
             MEDIALIS_OT_cancel_computation,
             MEDIALIS_OT_show_colors,
             MEDIALIS_OT_own_look,
+            MEDIALIS_OT_show_results,
             MEDIALIS_OT_remove_result,
         ]
     )

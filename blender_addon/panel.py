@@ -10,7 +10,7 @@ import bpy
 from medialis import OPERATIONS
 from medialis.hosts import Operation
 
-from . import editing, filtering, jobs, levels, presets, reading, summary, widgets
+from . import editing, filtering, jobs, levels, presets, reading, selecting, summary, widgets
 from .menus import groups
 from .properties import OPTIONS, values_of
 
@@ -106,8 +106,11 @@ class MEDIALIS_PT_result(_Panel, bpy.types.Panel):
         row = column.row(align=True)
         row.operator("medialis.show_colors", icon="COLOR")
         row.operator("medialis.own_look", icon="MATERIAL")
+        draw_selections(column, context)
         draw_editing(column, active)
+        column.operator("medialis.show_results", icon="HIDE_OFF")
         column.operator("medialis.remove_result", icon="TRASH")
+        column.operator("medialis.add_to_catalogue", icon="ASSET_MANAGER")
         lines = active[summary.PROPERTY].split("\n")
         widgets.draw_text(layout, context, lines[0], icon="CHECKMARK")
         notes = [line for line in lines[1:] if line.startswith("!")]
@@ -123,6 +126,16 @@ class MEDIALIS_PT_result(_Panel, bpy.types.Panel):
                 row = layout.row()
                 row.label(text=name)
                 row.label(text=value)
+
+
+def draw_selections(layout: Any, context: bpy.types.Context) -> None:
+    """Draw a button for each kind of faces that the result has found."""
+    chosen = selecting.carrier(context)
+    row = layout.row(align=True)
+    for name, label, _ in selecting.WHICH if chosen is not None else ():
+        if name in selecting.available(chosen):
+            text = f"Select {label}"
+            row.operator("medialis.select_faces", text=text, icon="FACESEL").which = name
 
 
 def draw_editing(layout: Any, active: bpy.types.Object) -> None:

@@ -13,6 +13,7 @@ from typing import Any, ClassVar, NamedTuple
 import bpy
 
 from medialis import operation as find_operation
+from medialis.hosts import as_typed
 
 from . import jobs, reading
 from .properties import LENGTH_SUFFIX, values_of
@@ -38,7 +39,7 @@ def print_check(scene: bpy.types.Scene) -> dict[str, Any]:
     in_units = "minimum" + LENGTH_SUFFIX
     if has_units(scene) and not options.get(in_units) and not options["minimum"]:
         options["lengths_in"] = "SCENE"
-        options[in_units] = LEAST_WALL / scene.unit_settings.scale_length
+        options[in_units] = LEAST_WALL / as_typed(scene.unit_settings.scale_length)
     return options
 
 

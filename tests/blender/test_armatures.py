@@ -179,7 +179,7 @@ def bend(armature):
 @pytest.mark.parametrize("with_parent", [False, True])
 def test_binding_again_replaces_the_armature(with_parent, creature, scene, monkeypatch):
     """Also below a parent and posed: new bones lie in the shape at rest, as the first did."""
-    points, faces, result = creature
+    points, faces, _ = creature
     place = {"location": (5, -2, 1), "rotation_euler": (0.3, 0.2, 1.0), "scale": (2, -1.5, 1)}
     chosen = add_mesh("creature", points, faces, **place)
     above = None
