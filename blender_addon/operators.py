@@ -82,8 +82,7 @@ class OperationOperator:
             context.window_manager.progress_update(int(100 * job.fraction))
             context.workspace.status_text_set(draw_status)
             redraw(context)
-            # Esc is for the computation alone.
-            return {"RUNNING_MODAL" if event.type == "ESC" else "PASS_THROUGH"}
+            return {"PASS_THROUGH"}
         self._tasks.write(context)
         if self._tasks.begin_next(context):
             return {"PASS_THROUGH"}

@@ -82,7 +82,7 @@ def replace_earlier(
     """
     kept = set(made)
     old = [one for one in results_of(source, new.operation) if one not in kept]
-    _remove_objects([one for one in old if not _moves(one)])
+    _remove_objects([one for one in old if not _moves(one, old)])
     records = records_of(source)
     for record in records:
         if record.operation == new.operation:
@@ -131,10 +131,11 @@ def _show_as_recorded(source: bpy.types.Object, records: list[Record]) -> None:
         looks.own_look(source)
 
 
-def _moves(armature: bpy.types.Object) -> bool:
-    """Tell whether an object is an armature that others hang on."""
+def _moves(armature: bpy.types.Object, going: Collection[bpy.types.Object]) -> bool:
+    """Tell whether an object is an armature that others hang on, of those that stay."""
     return armature.type == "ARMATURE" and any(
-        not child.get(RESULT) or child.find_armature() == armature for child in armature.children
+        child not in going and (not child.get(RESULT) or child.find_armature() == armature)
+        for child in armature.children
     )
 
 

@@ -358,7 +358,10 @@ def test_a_job_shows_progress_and_ends_with_the_result(modal):
     fake, context, go = modal("surface_skeleton")
     assert fake.modal(context, TIMER) == {"PASS_THROUGH"}
     assert fake.modal(context, MOVE) == {"PASS_THROUGH"}  # other work goes on
-    assert "Surface skeleton of cube" in context.shown[-1] and "Esc" in context.shown[-1]
+    told = []
+    bar = SimpleNamespace(label=lambda text, icon="NONE": told.append((text, icon)))
+    context.shown[-1](SimpleNamespace(layout=bar), context)  # as Blender draws the status bar
+    assert told[0] == ("Cancel", "EVENT_ESC") and told[1][0].startswith("Surface skeleton of cube")
     with pytest.raises(RuntimeError, match="is being computed"):
         start("thickness")
     assert finish(fake, context, go) == {"FINISHED"}

@@ -94,6 +94,19 @@ def test_a_rig_moves_the_object_also_when_it_is_made_again(scene):
         assert moved.max() > 0.1 * bone.bone.length and (moved < 1e-5).any()
 
 
+def test_a_copy_that_is_rigged_again_is_replaced(scene):
+    """Modifiers leave no vertex of the object: a copy is bound; its armature stayed (fixed)."""
+    shape = medialis.organic_shape(56)
+    chosen = add_mesh("creature", shape.points, shape.faces)
+    remesh = chosen.modifiers.new("remesh", "REMESH")
+    remesh.mode, remesh.voxel_size = "VOXEL", 0.05
+    for _ in range(2):
+        bpy.context.view_layer.objects.active = chosen
+        assert bpy.ops.medialis.rig() == {"FINISHED"}
+        assert len([o for o in bpy.data.objects if o.type == "ARMATURE"]) == 1
+        assert bpy.data.objects["creature skin"].parent == bpy.data.objects["creature armature"]
+
+
 def test_a_rig_of_the_user_stays(scene):
     shape = medialis.organic_shape(56)
     own = add_object("own", bpy.data.armatures.new("own"))
