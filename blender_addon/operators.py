@@ -168,11 +168,14 @@ class MEDIALIS_OT_show_results(bpy.types.Operator):
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         """Allow it for objects with results of their own, and for these."""
-        return bool(results_in(context))
+        return bool(removing.operation_of(context.active_object))
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Hide or show; the source is active, as what is hidden cannot be seen to be."""
         results = results_in(context)
+        if not results:
+            self.report({"INFO"}, "The result lies on the object itself: press Own Look.")
+            return {"CANCELLED"}
         hidden = all(made.hide_get() for made in results)
         for made in results:
             made.hide_set(not hidden)

@@ -38,7 +38,9 @@ def draw_keys(layout: Any, context: bpy.types.Context) -> None:
     for item in [] if keymap is None else keymap.keymap_items:
         menu = getattr(item.properties, "name", "") if item.idname == "wm.call_menu_pie" else ""
         if item.idname.startswith("medialis.") or menu.startswith("MEDIALIS_"):
-            column.prop(item, "type", text=item.name, full_event=True)
+            which = getattr(item.properties, "which", "")
+            text = f"{item.name}: {which.capitalize()}" if which else item.name
+            column.prop(item, "type", text=text, full_event=True)
 
 
 def _found() -> Any:

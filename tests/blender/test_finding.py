@@ -80,10 +80,14 @@ def test_every_operator_has_its_page(addon):
 
 
 def test_every_choice_has_a_tooltip(addon):
+    from blender_addon import editing
+
+    formats = {f.name for o in OPERATIONS for f in o.formats if not f.of}
+    assert formats <= set(editing.ABOUT)
     for name in dir(bpy.ops.medialis):
         rna = getattr(bpy.ops.medialis, name).get_rna_type()
         for shown in rna.properties:
-            if shown.type == "ENUM" and name != "export_layer":  # its formats are those of a result
+            if shown.type == "ENUM":
                 assert all(item.description for item in shown.enum_items), (name, shown.identifier)
 
 
@@ -156,6 +160,12 @@ def test_results_are_hidden_and_shown(creature):
     assert made.hide_get() and bpy.context.view_layer.objects.active == creature
     bpy.ops.medialis.show_results()
     assert not made.hide_get() and not creature.hide_get()
+    bpy.ops.medialis.remove_result()
+    bpy.ops.medialis.thickness(spots=1, legend=False)
+    for made in [o for o in bpy.data.objects if o != creature]:
+        bpy.data.objects.remove(made)
+    bpy.context.view_layer.objects.active = creature
+    assert bpy.ops.medialis.show_results() == {"CANCELLED"}
 
 
 def test_assets_and_their_catalogue(creature, tmp_path):

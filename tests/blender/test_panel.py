@@ -56,8 +56,8 @@ class Layout:
         assert 0 <= factor <= 1
         self.drawn.append(text)
 
-    def prop(self, owner, path, text=None, icon="NONE", emboss=True, slider=False):
-        assert icon in ICONS
+    def prop(self, owner, path, text=None, icon="NONE", **about):
+        assert icon in ICONS and set(about) <= {"emboss", "slider", "full_event"}
         if path.startswith("["):
             owner.path_resolve(path)
         else:
@@ -255,6 +255,19 @@ def test_the_pie_menu_has_eight_slots(scene):
     layout = Layout()
     finding.MEDIALIS_MT_pie.draw(SimpleNamespace(layout=layout), bpy.context)
     assert len(layout.drawn) == 8 and layout.drawn[:2] == ["medialis.rig", "medialis.print_check"]
+
+
+def test_the_preferences_list_the_keys(scene):
+    """As the user's keymap has them, which a window makes from that of add-ons."""
+    from blender_addon import finding, preferences
+
+    keymaps = bpy.context.window_manager.keyconfigs.addon.keymaps
+    configs = SimpleNamespace(user=SimpleNamespace(keymaps=keymaps))
+    context = SimpleNamespace(window_manager=SimpleNamespace(keyconfigs=configs))
+    layout = Layout()
+    preferences.draw_keys(layout, context)
+    assert len(layout.drawn) == len(finding.KEYS) and len(set(layout.drawn)) == len(layout.drawn)
+    assert any("Failed" in text for text in layout.drawn)
 
 
 def test_registering_twice_in_turn_leaves_nothing(addon):

@@ -5,7 +5,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy", reason="bpy is not installed: make hosts")
 import medialis
-from blender_scenes import add_mesh, add_object, evaluated, read_back
+from blender_scenes import add_mesh, add_object, counts, evaluated, read_back
 
 CUBE = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], float)
 QUADS = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
@@ -92,6 +92,17 @@ def test_a_rig_moves_the_object_also_when_it_is_made_again(scene):
         bone.rotation_mode, bone.rotation_euler = "XYZ", (0.6, 0.0, 0.0)
         moved = np.linalg.norm(seen() - before, axis=1)
         assert moved.max() > 0.1 * bone.bone.length and (moved < 1e-5).any()
+
+
+def test_one_step_of_undo_takes_a_rig_back(scene):
+    shape = medialis.organic_shape(56)
+    add_mesh("creature", shape.points, shape.faces)
+    bpy.ops.ed.undo_push(message="before")
+    before = counts()
+    bpy.ops.medialis.rig("EXEC_DEFAULT", True)  # as from a button
+    assert counts() != before
+    bpy.ops.ed.undo()
+    assert counts() == before and bpy.data.objects["creature"].parent is None
 
 
 def test_a_copy_that_is_rigged_again_is_replaced(scene):
