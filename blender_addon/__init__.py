@@ -51,9 +51,24 @@ def unregister() -> None:
 
 def _modules() -> tuple:
     """Return the modules that register something, in their order."""
-    from . import editing, levels, live, menus, operators, overlay, panel, preferences, properties
+    from . import (
+        assets,
+        editing,
+        finding,
+        levels,
+        live,
+        menus,
+        operators,
+        overlay,
+        panel,
+        preferences,
+        presets,
+        properties,
+        selecting,
+    )
 
-    return preferences, properties, levels, operators, editing, panel, menus, live, overlay
+    first = preferences, properties, levels, operators, presets, selecting, editing, assets
+    return *first, panel, menus, finding, live, overlay
 
 
 def __getattr__(name: str) -> Any:

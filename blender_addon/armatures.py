@@ -3,7 +3,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any
 
@@ -17,6 +18,7 @@ from medialis.hosts import Rig
 
 from . import attributes
 from .changes import Changes
+from .reading import is_result
 from .transfer import Rows
 
 MODIFIER = "Medialis armature"
@@ -125,38 +127,55 @@ def write_weights(place: bpy.types.Object, names: Sequence[str], skin: SkinWeigh
 
 
 def require_unbound(place: bpy.types.Object) -> None:
-    """Refuse to bind what another armature moves.
+    """Refuse to bind what an armature of the user moves; one of ours is replaced.
 
     Raises
     ------
     InvalidShapeError
-        When it does.
+        When one does.
     """
     for modifier in place.modifiers:
-        if modifier.type == "ARMATURE":
+        moves = modifier.type == "ARMATURE" and modifier.object is not None
+        if moves and not _is_ours(modifier):
             raise InvalidShapeError(
                 f"{place.name} is moved by the armature of its modifier {modifier.name} already: "
                 "remove that first, or do not bind."
             )
 
 
+def _is_ours(modifier: bpy.types.Modifier) -> bool:
+    return modifier.type == "ARMATURE" and is_result(modifier.object)
+
+
+@contextmanager
+def at_rest(context: bpy.types.Context, place: bpy.types.Object) -> Iterator[None]:
+    """Show what an armature of ours moves as it is without a pose: new bones belong there."""
+    found = [modifier.object for modifier in place.modifiers if _is_ours(modifier)]
+    posed = [one.data for one in found if one is not None and one.data.pose_position == "POSE"]
+    for data in posed:
+        data.pose_position = "REST"
+    context.view_layer.update()
+    try:
+        yield
+    finally:
+        for data in posed:
+            data.pose_position = "POSE"
+
+
 def bind(place: bpy.types.Object, armature: bpy.types.Object, changes: Changes) -> None:
     """Parent an object to an armature that lies on it, and let the bones deform it.
 
-    The armature takes the place of the object: it gets its parent, and no scale of its own.
+    The armature takes the place of the object: it gets its parent, and no scale of its own. An
+    armature of ours that moved the object becomes its child, as results that move nothing are.
     """
     context = bpy.context
     context.view_layer.update()
-    above, inverse = place.parent, place.matrix_parent_inverse.copy()
-    kind, bone = place.parent_type, place.parent_bone
+    modifier = next((one for one in place.modifiers if _is_ours(one)), None)
+    before = None if modifier is None else modifier.object
+    top = before if before is not None and place.parent == before else place
+    above, kind, bone = top.parent, top.parent_type, top.parent_bone
     here, there = place.matrix_world.copy(), armature.matrix_world.copy()
-
-    def restore() -> None:
-        place.parent = above
-        place.parent_type, place.parent_bone = kind, bone
-        place.matrix_parent_inverse = inverse
-
-    changes.undo_by(restore)
+    _keep_parent(place, changes)
     basis = place.matrix_basis.copy()
     armature.parent, armature.matrix_basis = above, Matrix()
     armature.matrix_parent_inverse = Matrix()
@@ -168,10 +187,29 @@ def bind(place: bpy.types.Object, armature: bpy.types.Object, changes: Changes) 
     armature.matrix_basis = there
     place.parent, place.parent_type = armature, "OBJECT"
     place.matrix_parent_inverse = there.inverted() @ here @ basis.inverted()
-    modifier = place.modifiers.new(MODIFIER, "ARMATURE")
-    changes.undo_by(place.modifiers.remove, modifier)
+    if modifier is None:
+        modifier = place.modifiers.new(MODIFIER, "ARMATURE")
+        changes.undo_by(place.modifiers.remove, modifier)
+        place.modifiers.move(len(place.modifiers) - 1, _before_finish(place))
+    else:
+        changes.undo_by(setattr, modifier, "object", before)
     modifier.object = armature
-    place.modifiers.move(len(place.modifiers) - 1, _before_finish(place))
+    if top is before:
+        _keep_parent(before, changes)
+        before.parent, before.parent_type = place, "OBJECT"
+
+
+def _keep_parent(child: bpy.types.Object, changes: Changes) -> None:
+    """Record the parent of an object, in case that something fails."""
+    above, inverse = child.parent, child.matrix_parent_inverse.copy()
+    kind, bone = child.parent_type, child.parent_bone
+
+    def restore() -> None:
+        child.parent = above
+        child.parent_type, child.parent_bone = kind, bone
+        child.matrix_parent_inverse = inverse
+
+    changes.undo_by(restore)
 
 
 def _before_finish(place: bpy.types.Object) -> int:

@@ -17,6 +17,15 @@ from medialis.hosts import Parameter, takes_back, write_edited
 from . import folders, jobs, own, properties, reading
 from .reading import FORMATS, OPERATION, RESULT
 
+ABOUT = {
+    "ma": "Balls, edges and triangles of a medial mesh, as text",
+    "glb": "Triangles, binary glTF",
+    "obj": "Triangles, as text",
+    "json": "Balls with middle and radius",
+    "urdf": "Balls as collision bodies of a robot",
+}
+"""Formats of results, for tooltips."""
+
 
 class Edited(NamedTuple):
     """The mesh of a result as it is now, scaled and moved with its object."""
@@ -106,7 +115,8 @@ def _formats(chosen: bpy.types.Object | None) -> list[str]:
 
 def _items(self: Any, context: bpy.types.Context | None) -> list[tuple[str, str, str]]:
     found = _formats(None if context is None else context.active_object)
-    _shown[:] = [(ending, ending.upper(), "") for ending in found] or [("none", "None", "")]
+    entries = [(ending, ending.upper(), ABOUT.get(ending, "")) for ending in found]
+    _shown[:] = entries or [("none", "None", "This result has no formats of its own")]
     return _shown
 
 

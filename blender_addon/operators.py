@@ -81,9 +81,7 @@ class OperationOperator:
             return {"PASS_THROUGH"}
         if not job.look():
             context.window_manager.progress_update(int(100 * job.fraction))
-            context.workspace.status_text_set(
-                f"{job.label}: {job.text}, {100 * job.fraction:.0f} %   (Esc cancels)"
-            )
+            context.workspace.status_text_set(draw_status)
             redraw(context)
             return {"PASS_THROUGH"}
         self._tasks.write(context)
@@ -162,13 +160,13 @@ class MEDIALIS_OT_own_look(bpy.types.Operator):
 
 
 class MEDIALIS_OT_show_result(bpy.types.Operator):
-    """Show or hide this result: its objects, and its colours on the surface"""  # noqa: D400 - a tooltip
+    """Show or hide a result: its objects, and its colours on the surface"""  # noqa: D400 - a tooltip
 
     bl_idname = "medialis.show_result"
-    bl_label = "Show Result"
-    bl_options: ClassVar = {"REGISTER", "UNDO", "INTERNAL"}
+    bl_label = "Show or Hide Results"
+    bl_options: ClassVar = {"REGISTER", "UNDO"}
     __annotations__: ClassVar = {
-        "result": StringProperty(name="Result", description="Operation"),
+        "result": StringProperty(name="Result", description="Operation; none: all results"),
         "solo": BoolProperty(name="Solo", description="Hide the others"),
     }
 
@@ -181,14 +179,17 @@ class MEDIALIS_OT_show_result(bpy.types.Operator):
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Turn it on or off, or the others off; then the source or a result is active."""
         source = reading.target(context)
-        record = removing.record_of(source, self.result)
-        if record is None:
-            self.report({"ERROR"}, f"{source.name} has no result of that name.")
+        records = removing.records_of(source)
+        wanted = [one for one in records if self.result in ("", one.operation)]
+        if not wanted:
+            self.report({"ERROR"}, f"{source.name} has no result of {self.result}.")
             return {"CANCELLED"}
-        if self.solo:
+        if self.solo and self.result:
             removing.show_only(context, source, self.result)
         else:
-            removing.show(context, source, self.result, on=not record.shown)
+            on = not any(one.shown for one in wanted)
+            for one in wanted[-1:] if on else wanted:
+                removing.show(context, source, one.operation, on=on)
         found = removing.results_of(source, removing.operation_of(source))
         visible = [one for one in found if one.visible_get() and not one.hide_render]
         placing.make_active(context, next(iter(visible), source))
@@ -224,6 +225,14 @@ class MEDIALIS_OT_remove_result(bpy.types.Operator):
             self.report({"INFO"}, told)
         placing.make_active(context, source)
         return {"FINISHED"}
+
+
+def draw_status(self: bpy.types.Header, context: bpy.types.Context) -> None:
+    """Draw the running job in the status bar."""
+    job = jobs.running
+    if job is not None:
+        self.layout.label(text="Cancel", icon="EVENT_ESC")
+        self.layout.label(text=f"{job.label}: {job.text}, {100 * job.fraction:.0f} %")
 
 
 def redraw(context: bpy.types.Context) -> None:

@@ -120,7 +120,12 @@ def fingerprint(made: bpy.types.Object) -> str:
     materials = [slot.material.name_full if slot.material else "" for slot in made.material_slots]
     modifiers = [(one.name, one.type) for one in made.modifiers]
     animated = [one.animation_data is not None for one in (made, data) if one is not None]
-    children = sorted(child.name for child in made.children if not child.get(NAME))
+    children = sorted(
+        child.name
+        for child in made.children
+        if not child.get(NAME)
+        and not any(m.type == "ARMATURE" and m.object == made for m in child.modifiers)
+    )
     groups = [group.name for group in made.vertex_groups]
     about = [materials, modifiers, len(made.constraints), animated, children, groups]
     digest.update(json.dumps(about).encode())

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar
 
 import bpy
 
@@ -11,28 +11,23 @@ from medialis import OPERATIONS
 from medialis import operation as find_operation
 from medialis.hosts import Operation
 
-from . import editing, filtering, jobs, levels, reading, removing, summary, widgets
+from . import (
+    editing,
+    filtering,
+    jobs,
+    levels,
+    presets,
+    reading,
+    removing,
+    selecting,
+    summary,
+    widgets,
+)
 from .menus import groups
 from .properties import OPTIONS, values_of
 
 ICONS = {"Skeleton": "OUTLINER_OB_ARMATURE", "Thickness": "MOD_THICKNESS", "Segment": "MOD_EXPLODE"}
 """Of the groups of operations; any other has a magnifying glass."""
-
-
-class Preset(NamedTuple):
-    """A task that people come with: one operation with the options that it needs."""
-
-    label: str
-    icon: str
-    operation: str
-    given: dict[str, Any]
-
-
-PRESETS = (
-    Preset("Rig", "ARMATURE_DATA", "armature", {"bind": True}),
-    Preset("3D Print Check", "MOD_THICKNESS", "thickness", {"legend": True}),
-    Preset("Skeleton Study", "SNAP_MIDPOINT", "surface_skeleton", {"add_samples": True}),
-)
 
 
 class _Panel:
@@ -61,8 +56,10 @@ class MEDIALIS_PT_main(_Panel, bpy.types.Panel):
         column = layout.column(align=True)
         column.scale_y = 1.3
         column.operator_context = "INVOKE_DEFAULT"
-        for preset in PRESETS:
-            draw_preset(column, context, preset)
+        for preset in presets.PRESETS:
+            column.operator(preset.idname, icon=preset.icon)
+        if not presets.has_units(context.scene):
+            layout.label(text="No units: no millimetres to check", icon="INFO")
         layout.prop(context.scene.medialis, "live", icon="FILE_REFRESH")
         if jobs.running is not None:
             box = layout.box()
@@ -154,8 +151,10 @@ class MEDIALIS_PT_result(_Panel, bpy.types.Panel):
         row = column.row(align=True)
         row.operator("medialis.show_colors", icon="COLOR")
         row.operator("medialis.own_look", icon="MATERIAL")
+        draw_selections(column, context)
         draw_editing(column, active)
         column.operator("medialis.remove_result", icon="TRASH")
+        column.operator("medialis.add_to_catalogue", icon="ASSET_MANAGER")
         lines = active[summary.PROPERTY].split("\n")
         widgets.draw_text(layout, context, lines[0], icon="CHECKMARK")
         notes = [line for line in lines[1:] if line.startswith("!")]
@@ -173,6 +172,16 @@ class MEDIALIS_PT_result(_Panel, bpy.types.Panel):
                 row.label(text=value)
 
 
+def draw_selections(layout: Any, context: bpy.types.Context) -> None:
+    """Draw a button for each kind of faces that the result has found."""
+    chosen = selecting.carrier(context)
+    row = layout.row(align=True)
+    for name, label, _ in selecting.WHICH if chosen is not None else ():
+        if name in selecting.available(chosen):
+            text = f"Select {label}"
+            row.operator("medialis.select_faces", text=text, icon="FACESEL").which = name
+
+
 def draw_editing(layout: Any, active: bpy.types.Object) -> None:
     """Draw the slider of levels, and what can be done with a result that was edited."""
     if levels.has(active):
@@ -182,14 +191,6 @@ def draw_editing(layout: Any, active: bpy.types.Object) -> None:
         layout.operator("medialis.rebuild", icon="MOD_REMESH")
     if active.get(reading.FORMATS):
         layout.operator("medialis.export_layer", icon="EXPORT")
-
-
-def draw_preset(layout: Any, context: bpy.types.Context, preset: Preset) -> None:
-    """Draw the button of a task, with the options of the panel and its own."""
-    button = layout.operator(f"medialis.{preset.operation}", text=preset.label, icon=preset.icon)
-    set_options(button, context, find_operation(preset.operation))
-    for name, value in preset.given.items():
-        setattr(button, name, value)
 
 
 def set_options(button: Any, context: bpy.types.Context, operation: Operation) -> None:

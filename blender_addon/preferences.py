@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The preferences of the add-on: how many threads compute."""
+"""The preferences of the add-on: how many threads compute, and keys."""
 
 from __future__ import annotations
 
@@ -27,6 +27,20 @@ class MEDIALIS_AP_preferences(bpy.types.AddonPreferences):
         layout = self.layout
         layout.use_property_split = True
         layout.prop(self, "threads", text="Threads" if self.threads else "Threads (Automatic)")
+        layout.label(text="Keys (none are assigned by default)")
+        draw_keys(layout, context)
+
+
+def draw_keys(layout: Any, context: bpy.types.Context) -> None:
+    """Draw the entries of the keymap (`finding.KEYS`) as the user has them, to be given a key."""
+    keymap = context.window_manager.keyconfigs.user.keymaps.get("3D View")
+    column = layout.column()
+    for item in [] if keymap is None else keymap.keymap_items:
+        menu = getattr(item.properties, "name", "") if item.idname == "wm.call_menu_pie" else ""
+        if item.idname.startswith("medialis.") or menu.startswith("MEDIALIS_"):
+            which = getattr(item.properties, "which", "")
+            text = f"{item.name}: {which.capitalize()}" if which else item.name
+            column.prop(item, "type", text=text, full_event=True)
 
 
 def _found() -> Any:

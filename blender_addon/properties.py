@@ -89,7 +89,7 @@ EXTRAS: dict[str, dict[str, Any]] = {
                 (
                     "AUTO",
                     "Automatic",
-                    "Blender's GPU with a graphics card or without a window, otherwise the processor",
+                    "Blender's GPU; in a window without a graphics card the processor",
                 ),
                 (
                     "GPU",
@@ -115,7 +115,8 @@ def property_of(parameter: Parameter, update: Update = None) -> Any:
     if kind is Kind.BOOL:
         return BoolProperty(default=parameter.default, **about)
     if kind is Kind.CHOICE:
-        items = [(value, title(value).capitalize(), "") for value in parameter.choices]
+        told = zip(parameter.choices, parameter.choice_help, strict=True)
+        items = [(word, title(word).capitalize(), text.removesuffix(".")) for word, text in told]
         return EnumProperty(items=items, default=parameter.default, **about)
     if kind is Kind.FILE:
         if bpy.app.version >= (4, 5, 0):  # "//" is the folder of the .blend file

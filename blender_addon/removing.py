@@ -7,7 +7,8 @@ Only what medialis has made goes, and only while it is as it was made (`own.py`)
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable
+import re
+from collections.abc import Collection, Iterable
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
@@ -61,6 +62,19 @@ def record_of(source: bpy.types.Object, operation: str) -> Record | None:
     return next((one for one in records_of(source) if one.operation == operation), None)
 
 
+def attribute_of(chosen: bpy.types.Object, wanted: str) -> str:
+    """Return the attribute of a result, which has a number where its name was taken; or nothing.
+
+    That of the result that is shown goes before; a copy that carries a result has no records.
+    """
+    records = sorted(records_of(chosen), key=lambda one: one.shown)
+    for record in reversed(records):
+        for name in record.attributes:
+            if re.fullmatch(re.escape(wanted) + r"(\.\d{3,})?", name):
+                return name
+    return wanted if not records and is_result(chosen) else ""
+
+
 def add_record(source: bpy.types.Object, new: Record) -> None:
     """Record what another run of an operation brought, besides the earlier ones."""
     records = records_of(source)
@@ -107,7 +121,7 @@ def replace_earlier(
     """
     kept = set(made)
     old = [one for one in results_of(source, new.operation) if one not in kept]
-    told = _remove_objects([one for one in old if not _moves(one)])
+    told = _remove_objects([one for one in old if not _moves(one, old)])
     records = records_of(source)
     now = [*(one for one in records if one.operation != new.operation), new]
     write_records(source, now)
@@ -246,10 +260,11 @@ def _show_as_recorded(source: bpy.types.Object, records: list[Record]) -> None:
         fields.show_color(source.data, look)
 
 
-def _moves(armature: bpy.types.Object) -> bool:
-    """Tell whether an object is an armature that others hang on."""
+def _moves(armature: bpy.types.Object, going: Collection[bpy.types.Object]) -> bool:
+    """Tell whether an object is an armature that others hang on, of those that stay."""
     return armature.type == "ARMATURE" and any(
-        not is_result(child) or child.find_armature() == armature for child in armature.children
+        child not in going and (not is_result(child) or child.find_armature() == armature)
+        for child in armature.children
     )
 
 

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from typing import Any
 
 import bpy
@@ -84,7 +85,8 @@ class Tasks:
         chosen = bpy.data.objects.get(key)
         if chosen is None:
             raise MedialisError(f"{key[0]} was deleted or renamed meanwhile: it was left out.")
-        source = reading.read_object(context, chosen)
+        with armatures.at_rest(context, chosen) if self._options.bind else nullcontext():
+            source = reading.read_object(context, chosen)
         if self._options.bind and source.on_data:
             armatures.require_unbound(chosen)
         number = self._of - len(self._waiting)

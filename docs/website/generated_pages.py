@@ -103,7 +103,7 @@ def _anchor(parameter: Parameter) -> str:
 
 
 def _section(operation: Operation, parameter: Parameter, pictures: Path) -> str:
-    text = parameter.help + (" Hosts fold it away under *More*." if parameter.advanced else "")
+    text = parameter.full_help + (" Hosts fold it away under *More*." if parameter.advanced else "")
     lines = [f"## {parameter.label}", f"`{parameter.name}`: {text}"]
     panels = strip(operation, parameter, pictures)
     if panels and can_be_seen(panels):

@@ -88,7 +88,8 @@ def search(keyword: str) -> None:
     """Print the filters of medialis whose name or help has all the words."""
     words = keyword.lower().replace("_", " ").split()
     for chosen in filters():
-        text = f"{chosen.name} {chosen.title} {chosen.help}".lower().replace("_", " ")
+        about = " ".join(chosen.operation.words)
+        text = f"{chosen.name} {chosen.title} {chosen.help} {about}".lower().replace("_", " ")
         if all(word in text for word in words):
             print(f"{chosen.name}: {chosen.help.splitlines()[0]}")
 
@@ -114,7 +115,7 @@ def docstring(chosen: Filter) -> str:
     lines += ["Parameters", "----------"]
     for parameter in parameters_of(chosen):
         lines.append(f"{parameter.name} : {TYPES[parameter.kind]} = {_default(parameter)}")
-        text = f"{parameter.help}{_units(parameter)}"
+        text = f"{parameter.full_help}{_units(parameter)}"
         lines.append(textwrap.fill(text, 96, initial_indent="    ", subsequent_indent="    "))
     return "\n".join([*lines, "", RESULTS])
 

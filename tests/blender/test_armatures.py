@@ -161,11 +161,62 @@ def test_failures_change_nothing(creature, scene, monkeypatch):
         assert counts() == before and groups_of(chosen) == {"bone 000": [1]}
         assert chosen.parent is None and not chosen.modifiers
         assert bpy.context.view_layer.objects.active == chosen and bpy.context.mode == "OBJECT"
-    bpy.ops.medialis.armature(bind=True)
+    own = add_object("own", bpy.data.armatures.new("own"))
+    bpy.context.view_layer.objects.active = chosen
+    chosen.modifiers.new("mine", "ARMATURE").object = own
     before = counts()
-    with pytest.raises(RuntimeError, match="is moved by the armature of its modifier"):
+    with pytest.raises(RuntimeError, match="is moved by the armature of its modifier mine"):
         bpy.ops.medialis.armature(bind=True)
-    assert counts() == before
+    assert counts() == before and chosen.modifiers["mine"].object == own
+
+
+def bend(armature):
+    bone = armature.pose.bones[-1]
+    bone.rotation_mode = "XYZ"
+    bone.rotation_euler = (0.6, 0.0, 0.0)
+
+
+@pytest.mark.parametrize("with_parent", [False, True])
+def test_binding_again_replaces_the_armature(with_parent, creature, scene, monkeypatch):
+    """Also below a parent and posed: new bones lie in the shape at rest, as the first did."""
+    points, faces, _ = creature
+    place = {"location": (5, -2, 1), "rotation_euler": (0.3, 0.2, 1.0), "scale": (2, -1.5, 1)}
+    chosen = add_mesh("creature", points, faces, **place)
+    above = None
+    if with_parent:
+        above = add_object("above", None, location=(1, 2, 3), scale=(1, 2, 0.5))
+        chosen.parent = above
+        bpy.context.view_layer.objects.active = chosen
+    before = seen(chosen)
+    heads = None
+    for _ in range(3):
+        bpy.ops.medialis.armature(bind=True)
+        armature = bpy.context.active_object
+        assert bpy.data.armatures.keys() == ["creature armature"] and chosen.parent == armature
+        assert list(chosen.modifiers.keys()) == ["Medialis armature", "Medialis look"]
+        assert chosen.modifiers[0].object == armature and armature.parent == above
+        found = np.array([bone.head_local for bone in armature.data.bones])
+        heads = found if heads is None else heads
+        if not with_parent:  # a matrix of other last digits may add a bone
+            assert np.abs(found - heads).max() < 1e-4
+        assert np.abs(seen(chosen) - before).max() < 1e-5
+        bend(armature)
+        assert np.abs(seen(chosen) - before).max() > 0.01
+    posed, total = seen(chosen), counts()
+
+    def broken(*_):
+        raise medialis.InvalidShapeError("It broke.")
+
+    with monkeypatch.context() as patch:  # after binding
+        patch.setattr("blender_addon.looks.show_with", broken)
+        with pytest.raises(RuntimeError, match="It broke"):
+            bpy.ops.medialis.armature(bind=True)
+    assert counts() == total and chosen.parent == armature and armature.parent == above
+    assert np.abs(seen(chosen) - posed).max() < 1e-5
+    bpy.ops.medialis.armature(bind=True)
+    bpy.ops.medialis.remove_result()
+    assert not bpy.data.armatures and not chosen.modifiers and chosen.parent == above
+    assert np.abs(seen(chosen) - before).max() < 1e-5
 
 
 def test_below_modifiers_the_object_itself_is_rigged(creature, scene):

@@ -19,6 +19,7 @@ class Layout:
 
     def __init__(self, drawn=None):
         self.drawn = [] if drawn is None else drawn
+        self.texts = []
 
     def _inside(self, kind, arguments):
         known = bpy.types.UILayout.bl_rna.functions[kind].parameters
@@ -40,8 +41,11 @@ class Layout:
     def separator(self):
         pass
 
-    def menu(self, name):
-        assert hasattr(bpy.types, name)
+    def menu_pie(self):
+        return Layout(self.drawn)
+
+    def menu(self, name, icon="NONE"):
+        assert hasattr(bpy.types, name) and icon in ICONS
         self.drawn.append(name)
 
     def label(self, text="", icon="NONE"):
@@ -52,8 +56,8 @@ class Layout:
         assert 0 <= factor <= 1
         self.drawn.append(text)
 
-    def prop(self, owner, path, text=None, icon="NONE", emboss=True, slider=False):
-        assert icon in ICONS
+    def prop(self, owner, path, text=None, icon="NONE", **about):
+        assert icon in ICONS and set(about) <= {"emboss", "slider", "full_event"}
         if path.startswith("["):
             owner.path_resolve(path)
         else:
@@ -65,6 +69,7 @@ class Layout:
         module, function = name.split(".")
         kind = getattr(getattr(bpy.ops, module), function).get_rna_type()
         self.drawn.append(name)
+        self.texts.append(text or kind.name)
         return Button(kind)
 
 
@@ -133,7 +138,7 @@ def test_presets_and_units(draw):
     """Three tasks come first; lengths in the scene's unit begin at the same lengths."""
     add_mesh("cube", 2 * CUBE, QUADS)
     drawn = draw()
-    assert drawn[1:4] == [f"medialis.{n}" for n in ("armature", "thickness", "surface_skeleton")]
+    assert drawn[1:4] == [f"medialis.{n}" for n in ("rig", "print_check", "skeleton_study")]
     settings = bpy.context.scene.medialis
     settings.of_thickness.unfolded = True
     assert "tolerance" in draw()
@@ -215,12 +220,54 @@ def test_the_menu_lists_every_operation(scene):
 
     layout = Layout()
     menus.MEDIALIS_MT_object.draw(SimpleNamespace(layout=layout), bpy.context)
-    assert layout.drawn == [
+    listed = [
         f"medialis.{o.name}" for group in menus.groups() for o in OPERATIONS if o.group == group
     ]
+    assert [name for name in layout.drawn if name in listed] == listed
+
+
+@pytest.mark.parametrize(
+    "words",
+    ["bones", "rig", "thin walls", "medial axis", "segment", "centerline", "denoise", "3D print"],
+)
+def test_search_finds_what_people_type(words, scene):
+    """F3 searches the texts of menu entries."""
+    from blender_addon import menus
+
+    layout = Layout()
+    menus.MEDIALIS_MT_object.draw(SimpleNamespace(layout=layout), bpy.context)
+    assert any(words.lower() in text.lower() for text in layout.texts)
+    for operation in OPERATIONS:
+        assert f"{operation.label} ({', '.join(operation.words)})" in layout.texts
+
+
+def test_the_menu_is_in_the_object_menu(scene):
+    from blender_addon import menus
+
     layout = Layout()
     menus._entry(SimpleNamespace(layout=layout), bpy.context)
     assert layout.drawn == ["MEDIALIS_MT_object"]
+
+
+def test_the_pie_menu_has_eight_slots(scene):
+    from blender_addon import finding
+
+    layout = Layout()
+    finding.MEDIALIS_MT_pie.draw(SimpleNamespace(layout=layout), bpy.context)
+    assert len(layout.drawn) == 8 and layout.drawn[:2] == ["medialis.rig", "medialis.print_check"]
+
+
+def test_the_preferences_list_the_keys(scene):
+    """As the user's keymap has them, which a window makes from that of add-ons."""
+    from blender_addon import finding, preferences
+
+    keymaps = bpy.context.window_manager.keyconfigs.addon.keymaps
+    configs = SimpleNamespace(user=SimpleNamespace(keymaps=keymaps))
+    context = SimpleNamespace(window_manager=SimpleNamespace(keyconfigs=configs))
+    layout = Layout()
+    preferences.draw_keys(layout, context)
+    assert len(layout.drawn) == len(finding.KEYS) and len(set(layout.drawn)) == len(layout.drawn)
+    assert any("Failed" in text for text in layout.drawn)
 
 
 def test_registering_twice_in_turn_leaves_nothing(addon):

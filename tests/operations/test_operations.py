@@ -34,8 +34,12 @@ def test_declarations_are_complete(chosen):
     for parameter in chosen.parameters:
         assert parameter.name.isidentifier() and parameter.help.endswith(".")
         assert parameter.check(parameter.default) == parameter.default
+        assert len(parameter.choices) == len(parameter.choice_help)  # tooltips of hosts
+        for word, sentence in zip(parameter.choices, parameter.choice_help, strict=True):
+            assert sentence.endswith(".") and f"{word}: {sentence}" in parameter.full_help
         if isinstance(parameter.default, float):  # single precision in Blender, typed by people
             assert float(f"{parameter.default:.6g}") == parameter.default
+    assert chosen.words and not any(word == chosen.label for word in chosen.words)
     json.dumps(chosen.describe(), allow_nan=False)
 
 

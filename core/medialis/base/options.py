@@ -29,7 +29,7 @@ import math
 import os
 import re
 import textwrap
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields, replace
 from enum import StrEnum
 from typing import Any, Generic, ParamSpec, Protocol, Self, TypeVar, cast, overload
@@ -358,8 +358,8 @@ class Parameter:
         For people; the help is one or two sentences.
     low, high : float
         Range of numbers, both included.
-    choices : tuple of str
-        Values of a CHOICE.
+    choices, choice_help : tuple of str
+        Values of a CHOICE, and one sentence on each.
     advanced : bool
         Hosts fold it away.
     selection : str
@@ -377,9 +377,16 @@ class Parameter:
     low: float = 0.0
     high: float = 1.0
     choices: tuple[str, ...] = ()
+    choice_help: tuple[str, ...] = ()
     advanced: bool = False
     selection: str = ""
     layer: str = ""
+
+    @property
+    def full_help(self) -> str:
+        """The help, then each choice with its sentence."""
+        told = zip(self.choices, self.choice_help, strict=False)
+        return " ".join([self.help, *(f"{word}: {sentence}" for word, sentence in told)])
 
     def type_text(self) -> str:
         """Return type and default as docstrings tell them."""
@@ -395,7 +402,7 @@ class Parameter:
     def sentence(self) -> str:
         """Return help and range as docstrings tell them."""
         if self.kind in (Kind.CHOICE, Kind.BOOL, Kind.FILE):
-            return self.help
+            return self.full_help
         return f"{self.help} {self.low:g} to {self.high:g}."
 
     def check(self, value: Any) -> Any:
@@ -439,9 +446,11 @@ angle = functools.partial(_option, Kind.ANGLE, high=180.0)
 flag = functools.partial(_option, Kind.BOOL)
 
 
-def choice(default: str, label: str, help: str, choices: tuple[str, ...], **about: Any) -> Any:
-    """Declare a choice between words."""
-    return _option(Kind.CHOICE, default, label, help, choices=choices, **about)
+def choice(default: str, label: str, help: str, choices: Mapping[str, str], **about: Any) -> Any:
+    """Declare a choice between words, each with a sentence that says what it does."""
+    words, sentences = tuple(choices), tuple(choices.values())
+    about = {"choices": words, "choice_help": sentences, **about}
+    return _option(Kind.CHOICE, default, label, help, **about)
 
 
 def file(label: str, help: str, **about: Any) -> Any:

@@ -355,7 +355,7 @@ def _add_parameter(group: Any, parameter: Parameter) -> None:
     from medialis.base.options import Kind
 
     flag = "--" + parameter.name.replace("_", "-")
-    text = f"{parameter.help} (default: {parameter.default})".replace("%", "%%")
+    text = f"{parameter.full_help} (default: {parameter.default})".replace("%", "%%")
     metavars = {Kind.INT: "N", Kind.FLOAT: "NUMBER", Kind.ANGLE: "DEGREES"}
     metavars[Kind.CHOICE] = "{" + ",".join(parameter.choices) + "}"
     taken: dict[str, Any] = {"metavar": metavars.get(parameter.kind, parameter.kind.name)}

@@ -576,7 +576,7 @@ def _describe(options: argparse.Namespace) -> int:
             kind = parameter.kind.value
             if parameter.choices:
                 kind = " | ".join(parameter.choices)
-            say(f"  {parameter.name} [{kind}, default {parameter.default}]: {parameter.help}")
+            say(f"  {parameter.name} [{kind}, default {parameter.default}]: {parameter.full_help}")
     return EXIT_OK
 
 

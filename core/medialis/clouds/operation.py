@@ -39,8 +39,6 @@ from medialis.skeleton.layers import computed, summary
 from medialis.skeleton.medial_cloud import MedialCloud
 from medialis.skeleton.surface_skeleton import Preparation
 
-CLOUDS = ("points", "skeleton")
-
 BY_MANIFOLD: dict[str, Any] = {"color_by": "manifold", "labels": ("manifold",)}
 """How layers are shown."""
 
@@ -54,7 +52,13 @@ class ManifoldsRun(ManifoldsOptions, Preparation):
     """Options of the operation `manifolds`."""
 
     cloud: str = choice(
-        "points", "Cloud", "The points of the shape, or the points of its surface skeleton.", CLOUDS
+        "points",
+        "Cloud",
+        "Which points are segmented.",
+        {
+            "points": "The points of the shape.",
+            "skeleton": "The points of its surface skeleton.",
+        },
     )
     surfaces: bool = flag(
         False,
@@ -187,6 +191,7 @@ MANIFOLDS = Operation(
     options=ManifoldsRun,
     run=run_manifolds,
     order=150,
+    words=("segment", "separate surfaces"),
 )
 
 
@@ -267,6 +272,7 @@ REMOVE_OUTLIERS = Operation(
     options=RemoveOutliersRun,
     run=run_remove_outliers,
     order=160,
+    words=("denoise", "clean point cloud"),
 )
 
 
@@ -348,4 +354,5 @@ SMOOTH = Operation(
     options=SmoothRun,
     run=run_smooth,
     order=165,
+    words=("denoise", "noise"),
 )

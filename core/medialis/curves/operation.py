@@ -560,4 +560,5 @@ OPERATION = Operation(
     formats=GRAPH_FORMATS,
     thin_lines=True,
     order=70,
+    words=("centerline", "centreline", "limbs"),
 )

@@ -188,7 +188,8 @@ def menu_entries() -> list[dict[str, Any]]:
 
 def _described(parameter: Parameter) -> dict[str, Any]:
     label = parameter.label + (" (degrees)" if parameter.kind is Kind.ANGLE else "")
-    return {**asdict(parameter), "kind": parameter.kind.value, "label": label}
+    about = {"kind": parameter.kind.value, "label": label, "help": parameter.full_help}
+    return {**asdict(parameter), **about}
 
 
 def host_layers(

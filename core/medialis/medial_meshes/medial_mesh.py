@@ -448,8 +448,6 @@ def coarser(samples: Samples, found: Complex) -> Collapse:
     return collapse(found, planes_of(samples, found.balls, nearest), 1)
 
 
-QUALITIES = ("balanced", "fast", "best")
-
 SAMPLES_A_BALL = 4
 """Samples of the fine complex for each ball wanted, at least."""
 
@@ -481,8 +479,12 @@ class MedialMeshOptions(Options):
     quality: str = choice(
         "balanced",
         "Quality",
-        "fast: fewer steps of the fit. best: more balls are moved to where they are needed.",
-        QUALITIES,
+        "How much time the fit takes.",
+        {
+            "balanced": "The fit takes the steps after which little is gained.",
+            "fast": "The fit takes fewer steps.",
+            "best": "The fit moves more balls to where they are needed.",
+        },
     )
     samples: int = whole(
         5000,

@@ -591,4 +591,5 @@ OPERATION = Operation(
     thin_lines=True,
     needs_faces=True,
     order=65,
+    words=("medial axis", "sphere mesh", "MAT"),
 )

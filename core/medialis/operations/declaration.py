@@ -108,6 +108,8 @@ class Operation(Described):
         is for.
     sample : str
         The shape of `medialis sample` that it is tried on: one that it has a result for.
+    words : tuple of str
+        What people type who look for it, where its label has other words.
     layers : dict of str
         What each of its layers is, by their names; some may be missing in a result.
     """
@@ -129,6 +131,7 @@ class Operation(Described):
     selection: Selection | None = None
     examples: tuple[tuple[str, str], ...] = ()
     sample: str = "creature"
+    words: tuple[str, ...] = ()
     layers: Mapping[str, str] = field(default_factory=dict)
 
     @property
@@ -170,6 +173,7 @@ class Operation(Described):
         plain = "name", "filter_name", "label", "group", "help", "source", "needs_faces"
         return {
             **{name: getattr(self, name) for name in plain},
+            "words": list(self.words),
             "formats": list(self.offered),
             "parameters": [{**asdict(p), "kind": p.kind.value} for p in self.parameters],
         }

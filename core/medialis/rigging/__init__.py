@@ -6,6 +6,7 @@ The thesis has no rigging; it names armatures as a use of curve skeletons.
 - `bones.py`: the results, bones from joint to joint, and weights by the map from the surface,
   smoothed along it; read it first.
 - `limbs.py`: limbs of the tree of shortest paths, their joints, pairs of mirrored limbs.
-- `naming.py`: how bones are turned, and what rigs call them. Other names are an entry of `NAMINGS`.
+- `naming.py`: how bones are turned, and what rigs call them. Other names are an entry of `NAMINGS`
+  and a choice of the operation.
 - `operation.py`: the operation armature, and rigged glTF.
 """

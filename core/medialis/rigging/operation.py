@@ -58,9 +58,12 @@ class ArmatureRun(Preparation):
     naming: str = choice(
         "numbers",
         "Names",
-        "Bones are numbered, or have names as Rigify's figures do (spine, thigh.L, upper_arm.R) or "
-        "Mixamo's (mixamorig:Hips, mixamorig:LeftUpLeg). Up is z.",
-        ("numbers", *NAMINGS),
+        "What bones are called; for names of bodies, up is z.",
+        {
+            "numbers": "Bones are numbered: bone 000, bone 001, mirrored ones with .L and .R.",
+            "rigify": "Bones have the names of Rigify's figures: spine, thigh.L, upper_arm.R.",
+            "mixamo": "Bones have Mixamo's names: mixamorig:Hips, mixamorig:LeftUpLeg.",
+        },
     )
 
 
@@ -311,4 +314,5 @@ OPERATION = Operation(
     formats=RIG_FORMATS,
     thin_lines=True,
     order=90,
+    words=("bones", "rig", "skin weights"),
 )

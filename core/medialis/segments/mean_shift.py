@@ -107,8 +107,11 @@ class SeedShiftOptions(Options):
     kernel: Kernel = choice(
         "gaussian",
         "Kernel",
-        "Weights of points by their distance: falling to 0.14 at the search radius, or all equal.",
-        ("gaussian", "flat"),
+        "Weights of points by their distance.",
+        {
+            "gaussian": "Weights fall to 0.14 at the search radius.",
+            "flat": "All points up to the search radius weigh the same.",
+        },
         advanced=True,
     )
     last_steps: int = whole(
@@ -274,9 +277,13 @@ class MeanShiftSegmentsOptions(SeedShiftOptions):
     seeds: Seeds = choice(
         "spread",
         "Seeds",
-        "Which balls are shifted: some all over, some of the smallest 30 % (bumps, "
-        "such as teeth), all (slow), or none but those added.",
-        ("spread", "bumps", "all", "none"),
+        "Which balls are shifted.",
+        {
+            "spread": "Some balls all over the shape are shifted.",
+            "bumps": "Some of the smallest 30 % are shifted, those of bumps such as teeth.",
+            "all": "All balls are shifted, which is slow.",
+            "none": "Only the seeds that are added are shifted.",
+        },
     )
     fill: bool = flag(
         True,

@@ -102,6 +102,7 @@ SOFT_EDGES = Operation(
     options=SoftEdgesRun,
     run=run_soft_edges,
     order=120,
+    words=("sharp edges", "creases", "ridges"),
 )
 
 
@@ -132,6 +133,7 @@ PATCHES = Operation(
     options=PatchesRun,
     run=run_patches,
     order=130,
+    words=("segment", "faces between edges"),
 )
 
 
@@ -180,6 +182,7 @@ PARTS = Operation(
     options=PartsRun,
     run=run_parts,
     order=140,
+    words=("segment", "split into parts", "limbs"),
 )
 
 _LINES = "Text file with a vertex number, or the x y z of a point near a vertex, in each line: "
@@ -276,4 +279,5 @@ MEAN_SHIFT_SEGMENTS = Operation(
     options=MeanShiftSegmentsRun,
     run=run_mean_shift_segments,
     order=170,
+    words=("segment", "teeth", "bumps"),
 )

@@ -382,10 +382,12 @@ class PartsOptions(Options):
     method: str = choice(
         "auto",
         "Method",
-        "auto: parts as people see them, cut where a shape bends inwards or gets thinner. limbs: "
-        "cut where limbs leave a body, by the curve skeleton. sheets: one part for each sheet of "
-        "the skeleton. Point clouds have sheets in any case.",
-        ("auto", "limbs", "sheets"),
+        "What parts are; point clouds have sheets in any case.",
+        {
+            "auto": "Parts as people see them, cut where a shape bends inwards or gets thinner.",
+            "limbs": "Parts are cut where limbs leave a body, by the curve skeleton.",
+            "sheets": "There is one part for each sheet of the skeleton.",
+        },
     )
     level: float = number(
         0.5,

@@ -88,6 +88,7 @@ POINT_TYPES = Operation(
     options=PointTypesRun,
     run=run_point_types,
     order=100,
+    words=("medial axis", "edges", "junctions"),
 )
 
 
@@ -185,4 +186,5 @@ MEDIAL_SHEETS = Operation(
     run=run_medial_sheets,
     thin_lines=True,
     order=110,
+    words=("medial axis", "separate sheets", "Y curves"),
 )

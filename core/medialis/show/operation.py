@@ -17,8 +17,6 @@ from medialis.skeleton.surface_skeleton import Preparation, surface_skeleton
 if TYPE_CHECKING:
     from medialis.show.reconstruction import Comparison
 
-ORDERS = ("radius", "spoke_angle")
-
 
 @dataclass(frozen=True, kw_only=True)
 class BallReconstructionRun(Preparation):
@@ -40,7 +38,10 @@ class BallReconstructionRun(Preparation):
         "radius",
         "Order",
         "What makes a ball important in progressive mode.",
-        ORDERS,
+        {
+            "radius": "Large balls come first.",
+            "spoke_angle": "Balls whose spokes enclose a large angle come first.",
+        },
     )
 
 
@@ -129,4 +130,5 @@ OPERATION = Operation(
     run=run,
     makes_images=True,
     order=30,
+    words=("spheres", "medial balls"),
 )

@@ -105,8 +105,12 @@ class EdgePreparation(SheetPreparation):
     edges: str = choice(
         "both",
         "Edges",
-        "Convex edges, concave ones, or both (takes twice as long as one).",
-        tuple(SIDE_OF_EDGES),
+        "Which edges are looked for.",
+        {
+            "convex": "Edges that stick out, by balls inside the shape.",
+            "concave": "Edges of notches and grooves, by balls outside the shape.",
+            "both": "Edges of both kinds, which takes twice as long as one.",
+        },
     )
 
     @property

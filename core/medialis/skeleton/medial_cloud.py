@@ -238,7 +238,6 @@ OPPOSITE = -0.5
 FEW_ROWS = 8
 """Samples whose neighbours are found among all others sooner than a tree of these is built."""
 
-SIDES = ("inner", "outer", "both")
 
 DEFAULT_TOLERANCE = 3e-4
 """Fraction of the diagonal. Exact balls cost no more, but follow every bit of relief: on horse2
@@ -359,7 +358,16 @@ class ShrinkOptions(Options):
         "suppress noise.",
         high=0.1,
     )
-    side: Side = choice("inner", "Side", "Skeleton inside the shape, outside, or both.", SIDES)
+    side: Side = choice(
+        "inner",
+        "Side",
+        "Where the skeleton lies.",
+        {
+            "inner": "The skeleton inside the shape.",
+            "outer": "The skeleton of the room around the shape.",
+            "both": "Both skeletons, inside and outside.",
+        },
+    )
     largest_radius: float = length(
         LARGEST_RADIUS,
         "Largest radius",

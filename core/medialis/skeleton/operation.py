@@ -226,6 +226,7 @@ SURFACE_SKELETON = Operation(
         _important,
     ),
     order=10,
+    words=("medial axis", "medial surface", "MAT"),
 )
 
 
@@ -318,6 +319,7 @@ SKELETON_MESH = Operation(
     run=run_skeleton_mesh,
     needs_faces=True,
     order=60,
+    words=("medial axis", "medial surface mesh"),
 )
 
 
@@ -438,6 +440,7 @@ SKELETON_IMPORTANCE = Operation(
     options=SkeletonImportanceRun,
     run=run_skeleton_importance,
     order=20,
+    words=("medial axis", "prune", "simplify skeleton"),
 )
 
 
@@ -534,4 +537,5 @@ GEODESIC_PATH = Operation(
     thin_lines=True,
     lies_on_shape=True,
     order=50,
+    words=("shortest path", "distance on surface"),
 )

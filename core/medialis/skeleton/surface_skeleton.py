@@ -65,7 +65,6 @@ FOLDED = 3.0  # halved 8 %, doubled 0 %
 FLAT_SHARE = 1e-9  # halved 0 %, doubled 0 %
 """Of the largest spread of points: where the least is below, the shape is flat to rounding."""
 
-DENOISE = ("auto", "off")
 
 NOISY_FROM = 0.04  # halved 0 %, doubled 0 %
 """Spacings: deviation of noise from which on a surface is smoothed. It tilts normals by 5 degrees.
@@ -346,9 +345,12 @@ class Preparation(Options):
     denoise: str = choice(
         "auto",
         "Noise",
-        "auto: measure the noise of the surface and compute on a smoothed copy where it disturbs "
-        "the normals; clean surfaces stay as they are, also with sharp edges. off: never.",
-        DENOISE,
+        "Whether a noisy surface is smoothed for the computation.",
+        {
+            "auto": "The noise of the surface is measured, and a smoothed copy computed on where "
+            "it disturbs the normals; clean surfaces stay as they are, also with sharp edges.",
+            "off": "Surfaces are computed on as they are.",
+        },
     )
     tolerance: float = changed(ShrinkOptions, "tolerance")
     refine: float = changed(

@@ -263,6 +263,7 @@ THICKNESS = Operation(
         {"threshold": 0.02},
     ),
     order=40,
+    words=("thin walls", "wall thickness", "3D print"),
 )
 
 CHECKS = ("within", "too thin", "too thick", "edge", "overlap", "gap")
@@ -292,7 +293,13 @@ class WallCheckRun(Preparation):
         "Material",
         "Take the limits that are usual for injection moulding of a plastic; the unit of the shape "
         "must be known.",
-        (NONE, *MATERIALS),
+        {
+            NONE: "No plastic: only the limits that are given count.",
+            **{
+                name: f"Walls are to be {low:g} to {high:g} mm thick."
+                for name, (low, high) in MATERIALS.items()
+            },
+        },
     )
     gap: float = length(
         0.0,
@@ -539,4 +546,5 @@ WALL_CHECK = Operation(
     run=run_wall_check,
     thin_lines=True,
     order=42,
+    words=("thin walls", "3D print check", "moulding"),
 )

@@ -356,8 +356,11 @@ class ThicknessOptions(Options):
     kind: ThicknessKind = choice(
         "diameter",
         "Measure",
-        "The diameter of the ball, as a caliper measures, or its radius.",
-        ("diameter", "radius"),
+        "What of the ball in the wall is told.",
+        {
+            "diameter": "The diameter of the ball, as a caliper measures the wall.",
+            "radius": "The radius of the ball, half of the wall.",
+        },
     )
     min_spoke_angle: float = angle(
         WALL_ANGLE,

@@ -125,4 +125,5 @@ OPERATION = Operation(
     run=run,
     thin_lines=True,
     order=80,
+    words=("centerline", "silhouettes"),
 )

@@ -150,4 +150,5 @@ OPERATION = Operation(
     thin_lines=True,
     needs_faces=True,
     order=45,
+    words=("mid-surface", "shells", "FEM"),
 )
