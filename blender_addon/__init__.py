@@ -12,7 +12,10 @@ _registered = False
 
 
 def register() -> None:
-    """Add operators, settings, preferences, panel and menu; nothing is computed."""
+    """Add operators, settings, preferences, panel and menu; nothing is computed.
+
+    Blender does it for the extension, and scripts where they want it: no import does it.
+    """
     global _registered
     if _registered:
         return
@@ -22,17 +25,6 @@ def register() -> None:
     # add-on is registered.
     atexit.register(unregister)
     _registered = True
-
-
-def register_in_scripts() -> None:
-    """Register when a script has imported bpy (`medialis_blender.pth`).
-
-    Blender itself, which starts Python with its own bpy, has the add-on from its preferences.
-    """
-    import bpy
-
-    if not bpy.app.binary_path:
-        register()
 
 
 def unregister() -> None:

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import atexit
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -23,6 +24,7 @@ def computer() -> Computer:
     global _computer
     if _computer is None:
         _computer = Computer(folders.own_folder("exchange"), folders.kernel_environment())
+        atexit.register(stop)  # for scripts that have called functions and registered nothing
     return _computer
 
 
@@ -107,6 +109,7 @@ def stop() -> None:
     """Close the running job, and end the process."""
     global _computer
     close()
+    atexit.unregister(stop)
     if _computer is not None:
         _computer.end()
         _computer = None

@@ -44,7 +44,7 @@ LEFT_OUT = {"three.js"}
 """The library of the viewer in a browser, which the extension does not open."""
 LARGEST_ZIP = {1: 50_000_000, 2: 90_000_000}
 """Bytes, by the number of Pythons."""
-OF_THE_PACKAGE = ("pyproject.toml", "setup.py", "medialis_blender.pth", "README.md")
+OF_THE_PACKAGE = ("pyproject.toml", "README.md")
 NOT_SHIPPED = {"packaging", "examples", "__pycache__", *OF_THE_PACKAGE}
 BLENDERS = {"3.11": ("4.2.0", "5.1.0"), "3.13": ("5.1.0", None)}
 """For each Python: the first Blender that has it, and the first that has it no more."""

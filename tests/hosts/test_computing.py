@@ -1,6 +1,11 @@
 """A process that computes for a host: the same bits, kept stages, cancelling, crashes, views."""
 
+import os
+import re
+import signal
+import subprocess
 import sys
+import time
 
 import numpy as np
 import pytest
@@ -8,6 +13,8 @@ import pytest
 import medialis
 from medialis.hosts import Computer, computing
 from medialis.hosts.computing_child import pack, unpack
+
+needs_signals = pytest.mark.skipif(sys.platform == "win32", reason="Windows has no such signals")
 
 
 @pytest.fixture
@@ -97,14 +104,93 @@ def test_a_process_that_does_not_come_back_is_replaced(computer, shape, monkeypa
     assert computer._process is not process and process.returncode is not None
 
 
+@needs_signals
 @pytest.mark.slow
-def test_a_crash_is_a_sentence(computer, shape):
+@pytest.mark.parametrize(
+    ("number", "sentence"),
+    [
+        ("SIGKILL", "as it does when memory runs out"),
+        ("SIGSEGV", r"unexpectedly \(signal 11\)\. N"),
+    ],
+)
+def test_a_crash_is_a_sentence(computer, shape, number, sentence):
+    """Every end of the process was told as a lack of memory."""
+    finished(begin(computer, shape))
     computation = begin(computer, shape)
-    computer._process.kill()
+    computer._process.send_signal(getattr(signal, number))
     computation.wait()
-    with pytest.raises(medialis.MedialisError, match="ended unexpectedly"):
+    with pytest.raises(medialis.MedialisError, match=sentence):
         computation.outcome()
     assert finished(begin(computer, shape))[1].operation == "thickness"
+
+
+@pytest.mark.parametrize(
+    ("module", "sentence"),
+    [
+        ("numpy", "The process that computes could not start (code 1): ImportError: Not there."),
+        ("scipy", "medialis needs is not there or does not work: ImportError: Not there."),
+    ],
+)
+def test_a_module_that_is_missing_is_named(tmp_path, shape, capfd, module, sentence):
+    """It was told as a lack of memory where the process imports it first of all."""
+    (tmp_path / "first").mkdir()
+    (tmp_path / "first" / f"{module}.py").write_text('raise ImportError("Not there.")')
+    (tmp_path / "exchange").mkdir()
+    path = os.pathsep.join([str(tmp_path / "first"), *sys.path])
+    computer = Computer(tmp_path / "exchange", {"PYTHONPATH": path})
+    with pytest.raises(medialis.MedialisError, match=re.escape(sentence)):
+        finished(begin(computer, shape))
+    computer.end()
+    assert "Traceback" in capfd.readouterr().err
+    assert list((tmp_path / "exchange").iterdir()) == []
+
+
+def test_a_python_without_its_library_says_so(computer, shape):
+    computer.environment = dict.fromkeys(("PYTHONHOME", "PYTHONPATH"), str(computer.folder))
+    with pytest.raises(medialis.MedialisError, match=r"could not start \(code 1\): .*encodings"):
+        finished(begin(computer, shape))
+
+
+HOST = """
+import sys, time, medialis
+from medialis.hosts import Computer
+from pathlib import Path
+folder, moment = Path(sys.argv[1]), sys.argv[2]
+computer = Computer(folder, {})
+shape = medialis.organic_shape(56)
+computation = computer.run(
+    "view_curve_skeleton", shape.points, shape.faces, {"pairs": 3000 if moment == "work" else 6}
+)
+until = {"start": -1.0, "work": 0.11, "rest": 1.0}[moment]
+while computation.fraction < until:
+    computation.look()
+    computer.listen(0.02)
+print(computer._process.pid, computation.done, flush=True)
+time.sleep(100)
+"""
+
+
+@needs_signals
+@pytest.mark.slow
+@pytest.mark.parametrize("moment", ["start", "work", "rest"])
+def test_it_is_gone_when_its_host_is_killed(tmp_path, moment):
+    """Whatever it is doing, and nobody has told it: the host had no time for last words."""
+    command = [sys.executable, "-c", HOST, str(tmp_path), moment]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as host:
+        process, done = host.stdout.readline().split()
+        assert done == str(moment == "rest") and is_running(int(process))
+        host.kill()
+    end = time.monotonic() + 20  # it may be importing, on a busy machine
+    while is_running(int(process)) and time.monotonic() < end:
+        time.sleep(0.02)
+    assert not is_running(int(process))
+
+
+def is_running(process):
+    """Tell whether a process is there; one that has ended may wait for someone to ask how."""
+    asked = ["ps", "-o", "stat=", "-p", str(process)]
+    state = subprocess.run(asked, capture_output=True, text=True).stdout.strip()
+    return state != "" and not state.startswith("Z")
 
 
 @pytest.mark.slow

@@ -3,21 +3,24 @@
 The process (`Computer`) is another Python of the same installation, which runs `computing_child`.
 It stays between computations, and with it what it has computed: a late option is answered from
 there. One computation (`Computation`) is looked at from a timer of the host, or waited for; there
-is no thread, and a crash of the process is a sentence.
+is no thread, and a crash of the process is a sentence. When the host is gone, also by a crash, the
+pipe ends, and with it the process.
 """
 
 from __future__ import annotations
 
 import os
+import signal
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from multiprocessing.connection import Pipe
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 from medialis.base.errors import Cancelled, MedialisError
 from medialis.base.validation import FloatArray, IntArray
@@ -167,6 +170,9 @@ class Computer:
         self._process: subprocess.Popen[bytes] | None = None
         self._pipe: Any = None
         self._free = True
+        self._ready = False
+        self._errors: IO[bytes] | None = None
+        self._passed_on = 0
 
     def run(
         self,
@@ -216,12 +222,15 @@ class Computer:
         except (EOFError, OSError):
             return "failed", self._death()
         if words[0] == "ready":
+            self._ready = True
             if words[1] == VERSION:
                 return None
             self.end()  # the files are of another version than what runs here
             told = f"medialis was updated from {VERSION} to {words[1]}: restart the program."
             return "failed", MedialisError(told)
         self._free = words[0] in ("done", "failed")
+        if self._free:
+            self._pass_on_errors()
         return words
 
     def listen(self, seconds: float) -> bool:
@@ -249,7 +258,9 @@ class Computer:
             self._process.kill()
             self._process.wait()
         self._process = self._pipe = None
-        self._free = True
+        self._free, self._ready = True, False
+        if self._errors is not None:
+            self._errors.close()
         for left in self.folder.glob("medialis-*.arrays"):
             with suppress(OSError):
                 left.unlink()
@@ -270,6 +281,9 @@ class Computer:
     def _start(self) -> None:
         here, there = Pipe()
         stdin = _descriptor(there)
+        self._errors, self._passed_on = None, 0
+        with suppress(OSError):  # `pack` says why nothing can be written there
+            self._errors = tempfile.TemporaryFile(dir=self.folder)  # noqa: SIM115 - `end` closes it
         try:
             self._process = subprocess.Popen(
                 [sys.executable, "-P", "-c", CODE],
@@ -277,11 +291,14 @@ class Computer:
                 cwd=self.folder,
                 stdin=stdin,
                 stdout=subprocess.DEVNULL,
+                stderr=self._errors,
                 creationflags=getattr(subprocess, "CREATE_NO_WINDOW", 0)
                 | getattr(subprocess, "BELOW_NORMAL_PRIORITY_CLASS", 0),
             )
         except OSError as error:
             here.close()
+            if self._errors is not None:
+                self._errors.close()
             raise MedialisError(
                 f"Python cannot be started for the computation ({sys.executable}: "
                 f"{error.strerror}). Is the program complete, and is there enough memory?"
@@ -299,19 +316,41 @@ class Computer:
         path = os.pathsep.join(dict.fromkeys(filter(None, sys.path)))
         return {**ours, "PYTHONPATH": path, **self.environment}
 
+    def _pass_on_errors(self) -> str:
+        """Write what the process wrote to its stderr to that of this one; return its last line.
+
+        The process has said its last word or is dead. Both have one position in the file, so it
+        must not write meanwhile.
+        """
+        if self._errors is None:
+            return ""
+        self._errors.seek(self._passed_on)
+        text = self._errors.read().decode("utf-8", "replace")
+        self._passed_on = self._errors.tell()
+        if text and sys.stderr is not None:
+            sys.stderr.write(text)
+        # Below what Python dies of before it runs, it lists threads without frames.
+        lines = [line for line in text.splitlines() if not line.startswith((" ", "Current thread"))]
+        return next((line.strip() for line in reversed(lines) if line.strip()), "")
+
     def _death(self) -> MedialisError:
         """Say how the process ended, and forget it."""
-        process = self._process
+        process, ready = self._process, self._ready
         code = None
         if process is not None:
             with suppress(subprocess.TimeoutExpired):
                 code = process.wait(SECONDS_TO_END)
+        last = self._pass_on_errors()
         self.end()
+        if sys.platform != "win32" and code == -signal.SIGKILL:
+            return MedialisError(
+                "The system killed the process that computes, as it does when memory runs out: "
+                "nothing was added. Run again, or with a smaller object."
+            )
         how = "" if code is None else f" (signal {-code})" if code < 0 else f" (code {code})"
-        return MedialisError(
-            f"The process that computes ended unexpectedly{how}: nothing was added. It may have "
-            "run out of memory; run again, or with a smaller object."
-        )
+        what = "ended unexpectedly" if ready else "could not start"
+        why = f": {last.removesuffix('.')}." if last else "."
+        return MedialisError(f"The process that computes {what}{how}{why} Nothing was added.")
 
 
 def _descriptor(pipe: Any) -> int:

@@ -293,6 +293,12 @@ def work(task: Task, host: Host) -> tuple[Any, ...]:
         return "failed", MedialisError(
             "There is not enough memory for this object and these options."
         )
+    except ImportError as error:
+        traceback.print_exc()
+        return "failed", MedialisError(
+            f"A module that medialis needs is not there or does not work: {type(error).__name__}: "
+            f"{error}. Nothing was added; install medialis again."
+        )
     except Exception as error:  # noqa: BLE001 - the host shows it and goes on
         traceback.print_exc()
         return "failed", MedialisError(
