@@ -1,5 +1,7 @@
-"""The documented script that processes a folder of files, run as its users run it."""
+"""The documented scripts, run as `blender --background --python script.py -- ...` runs them."""
 
+import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -10,59 +12,108 @@ import pytest
 bpy = pytest.importorskip("bpy", reason="bpy is not installed: make hosts")
 
 import medialis
-from medialis.formats.meshes import read_mesh
 from medialis.formats.ply_attributes import write_ply
 
 ROOT = Path(__file__).resolve().parents[2]
 
 
-@pytest.mark.parametrize(
-    ("name", "file", "attribute"),
-    [("surface_skeleton", "b surface skeleton.ply", "radius"), ("thickness", "b.ply", "thickness")],
-)
-def test_a_folder_of_files(tmp_path, name, file, attribute):
-    shape = medialis.organic_shape(56)
-    (tmp_path / "in").mkdir()
-    write_ply(tmp_path / "in" / "b.ply", shape.points, faces=shape.faces)
-    write_ply(tmp_path / "in" / "flat.ply", shape.points[:3] * 0, faces=np.array([[0, 1, 2]]))
-    (tmp_path / "in" / "notes.txt").write_text("no mesh")
-    done = subprocess.run(
-        [sys.executable, str(ROOT / "blender_addon/examples/process_folder.py"),
-         str(tmp_path / "in"), str(tmp_path / "out"), "--operation", name],
-        capture_output=True, text=True, timeout=120,
-    )  # fmt: skip
-    assert done.returncode == 1, done.stderr
-    assert "flat.ply: Error: " in done.stdout and " of b: " in done.stdout
-    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "out" / "b.blend"))
-    assert bpy.data.objects["b"].children
-    written = read_mesh(tmp_path / "out" / file)
-    given = medialis.make_shape(
-        shape.points.astype(np.float32).astype(float), shape.faces, repair=True
-    )
-    layer = medialis.run(name, given).layers[0]
-    assert len(written.points) == len(layer.points)
-    assert np.array_equal(written.points, layer.points.astype(np.float32))
-    assert attribute.encode() in (tmp_path / "out" / file).read_bytes()[:1000]
+@pytest.fixture(scope="module")
+def site(tmp_path_factory):
+    """A folder that has the add-on as its package is called."""
+    folder = tmp_path_factory.mktemp("site")
+    (folder / "medialis_blender").symlink_to(ROOT / "blender_addon")
+    return folder
 
 
-def test_a_mesh_is_rigged(tmp_path):
-    shape = medialis.organic_shape(56)
-    write_ply(tmp_path / "figure.ply", shape.points, faces=shape.faces)
-    script = str(ROOT / "blender_addon/examples/rig_from_curve_skeleton.py")
-
-    def run(*arguments):
+@pytest.fixture
+def run(site, tmp_path):
+    def run(name, *arguments):
+        path = os.pathsep.join([str(site), str(ROOT / "core")])
+        script = ROOT / "blender_addon" / "examples" / name
         return subprocess.run(
-            [sys.executable, script, *arguments],
-            capture_output=True, text=True, timeout=120, cwd=tmp_path,
-        )  # fmt: skip
+            [sys.executable, str(script), "--", *map(str, arguments)],
+            capture_output=True,
+            text=True,
+            timeout=300,
+            cwd=tmp_path,
+            env={**os.environ, "PYTHONPATH": path},
+        )
 
-    done = run("figure.ply", "figure.blend", "--bone-length", "20")
-    assert done.returncode == 0, done.stderr
-    assert "Armature of figure" in done.stdout
-    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "figure.blend"))
+    return run
+
+
+@pytest.fixture
+def meshes(tmp_path):
+    folder = tmp_path / "meshes"
+    folder.mkdir()
+    shape = medialis.organic_shape(56)
+    write_ply(folder / "figure.ply", shape.points, faces=shape.faces)
+    (folder / "bad.ply").write_text("no mesh")
+    (folder / "notes.txt").write_text("no mesh")
+    return folder
+
+
+def files_in(folder):
+    return {path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()}
+
+
+def test_a_folder_of_meshes_is_rigged(run, meshes, tmp_path):
+    done = run("rig_folder.py", meshes, tmp_path / "rigs", "--bone-length", "20%")
+    assert done.returncode == 1 and "bad.ply: " in done.stderr, done.stderr
+    assert "figure.ply: " in done.stdout and files_in(tmp_path / "rigs") == {"figure.blend"}
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "rigs" / "figure.blend"))
     figure = bpy.data.objects["figure"]
     assert figure.parent.type == "ARMATURE" and figure.modifiers[0].object == figure.parent
     assert len(figure.vertex_groups) == len(figure.parent.data.bones) > 8
-    (tmp_path / "bad.ply").write_text("no mesh")
-    assert run("bad.ply", "bad.blend").returncode == 1
-    assert not (tmp_path / "bad.blend").exists()
+
+
+def test_silhouettes_are_black_on_white_and_of_one_scale(run, meshes, tmp_path):
+    (meshes / "bad.ply").unlink()
+    done = run("silhouettes.py", meshes, "pictures", "--views", 3, "--size", 64)
+    assert done.returncode == 0, done.stderr
+    names = {f"figure_{number}.png" for number in range(3)}
+    assert files_in(tmp_path / "pictures") == names
+    for name in names:
+        image = bpy.data.images.load(str(tmp_path / "pictures" / name))
+        pixels = np.array(image.pixels[:]).reshape(64, 64, 4)
+        assert set(np.unique(pixels[..., 0])) == {0.0, 1.0} and pixels[..., 3].all()
+        assert 0.03 < (pixels[..., 0] == 0.0).mean() < 0.5
+
+
+def test_a_part_gets_a_report_and_a_picture(run, tmp_path):
+    corners, faces = plate(30.0, 20.0, 0.8)
+    write_stl(tmp_path / "part.stl", corners, faces)
+    before = files_in(tmp_path)
+    done = run("thickness_report.py", "part.stl", "part.json", "part.png", "--thin", "1mm")
+    assert done.returncode == 0, done.stderr
+    assert files_in(tmp_path) - before == {"part.json", "part.png"}
+    report = json.loads((tmp_path / "part.json").read_text())
+    assert report["median"] == pytest.approx(0.8, rel=1e-3) and report["spots"]
+    image = bpy.data.images.load(str(tmp_path / "part.png"))
+    pixels = np.array(image.pixels[:]).reshape(600, 800, 4)
+    assert 0.05 < (pixels[..., 3] > 0.5).mean() < 0.95
+
+
+def test_wrong_arguments_and_missing_files_are_told(run, tmp_path):
+    assert run("rig_folder.py", tmp_path, tmp_path / "rigs").returncode == 2
+    assert run("silhouettes.py", tmp_path).returncode == 2
+    done = run("thickness_report.py", "none.stl", "a.json", "a.png")
+    assert done.returncode == 1 and done.stderr.startswith("none.stl: ")
+    assert files_in(tmp_path) == set()
+
+
+def plate(*size):
+    """Corners and triangles of a box with this size."""
+    corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)]) * size
+    quads = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
+    faces = [[q[0], q[i], q[i + 1]] for q in quads for i in (1, 2)]
+    return corners.tolist(), faces
+
+
+def write_stl(path, corners, faces):
+    lines = ["solid part"]
+    for face in faces:
+        lines += ["facet normal 0 0 0", "outer loop"]
+        lines += [f"vertex {x} {y} {z}" for x, y, z in (corners[i] for i in face)]
+        lines += ["endloop", "endfacet"]
+    path.write_text("\n".join([*lines, "endsolid part"]))
