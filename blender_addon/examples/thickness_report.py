@@ -3,8 +3,8 @@
 
     blender --background --python thickness_report.py -- part.stl part.json part.png --thin 1mm
 
-Lengths are in mm. It writes these two files and nothing else. Exit status: 0 both are written, 1 the
-part cannot be read or measured, 2 wrong arguments.
+Lengths are in mm. It writes these two files and nothing else. Exit status: 0 both are written, 1
+the part cannot be read or measured, 2 wrong arguments.
 """
 
 import argparse
@@ -14,6 +14,7 @@ from pathlib import Path
 
 import bpy
 import numpy as np
+from mathutils import Vector
 
 from medialis import MedialisError
 
@@ -69,10 +70,15 @@ def set_stage(picture: Path) -> None:
 def draw() -> None:
     """Let the camera see everything, the legend included, and write the picture."""
     bpy.context.view_layer.update()
-    for made in bpy.context.scene.objects:
-        made.hide_select = False
-        made.select_set(made.type in ("MESH", "POINTCLOUD"))
-    bpy.ops.view3d.camera_to_view_selected()
+    shown = [one for one in bpy.context.scene.objects if one.type == "MESH" and not one.hide_render]
+    corners = [[*(one.matrix_world @ Vector(at))] for one in shown for at in one.bound_box]
+    camera, render = bpy.context.scene.camera, bpy.context.scene.render
+    axes = np.array(camera.matrix_world.to_3x3())
+    seen = np.array(corners) @ axes
+    low, high = seen.min(axis=0), seen.max(axis=0)
+    wide, tall, deep = high - low
+    camera.data.ortho_scale = 1.05 * max(wide, tall * render.resolution_x / render.resolution_y)
+    camera.location = axes @ np.array([*(low + high)[:2] / 2, high[2] + deep + 1.0])
     bpy.ops.render.render(write_still=True)
 
 

@@ -228,6 +228,14 @@ def test_samples_are_shapes_that_can_be_read_and_are_never_replaced(name, here, 
     assert run("sample") == 0 and name in capsys.readouterr().out
 
 
+def test_samples_are_ply_files(here, capsys):
+    """One that was called .stl was a PLY file, which other programs could not read (fixed)."""
+    assert run("sample", "bracket", "-o", "bracket.stl") == 2
+    assert (
+        "call the file bracket.ply" in capsys.readouterr().err and not Path("bracket.stl").exists()
+    )
+
+
 def test_there_is_no_other_sample():
     with pytest.raises(medialis.InvalidOptionError, match="creature"):
         medialis.sample_shape("dodo")

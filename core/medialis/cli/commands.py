@@ -408,6 +408,8 @@ def write_sample(options: argparse.Namespace) -> int:
             f"{', '.join(SAMPLES)}."
         )
     path = Path(options.output or f"{name}.ply")
+    if path.suffix.lower() != ".ply":
+        raise InvalidOptionError(f"Samples are written as PLY: call the file {path.stem}.ply.")
     _refuse_existing(path)  # at once, and again: the shape takes seconds
     shape = sample_shape(name)
     _refuse_existing(path)
