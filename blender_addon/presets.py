@@ -116,7 +116,7 @@ PRESETS = (
 class PresetOperator:
     """What the operators of all tasks do."""
 
-    preset: ClassVar[Preset]
+    preset: ClassVar[Any]  # a Preset: Blender evaluates it, and 4.2 crashes at its end by that
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:

@@ -61,6 +61,7 @@ def _start_gpu() -> None:
         gpu.init()
         return
     # Before, the module works after one render of the Workbench engine, however small.
+    images = set(bpy.data.images)
     scene = bpy.data.scenes.new("medialis views")
     camera = bpy.data.cameras.new("medialis views")
     eye = bpy.data.objects.new("medialis views", camera)
@@ -75,6 +76,8 @@ def _start_gpu() -> None:
         bpy.data.objects.remove(eye)
         bpy.data.cameras.remove(camera)
         bpy.data.scenes.remove(scene)
+        for image in set(bpy.data.images) - images:  # what a render leaves
+            bpy.data.images.remove(image)
 
 
 def _trial() -> str | None:

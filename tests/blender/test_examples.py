@@ -98,7 +98,7 @@ def test_wrong_arguments_and_missing_files_are_told(run, tmp_path):
     assert run("rig_folder.py", tmp_path, tmp_path / "rigs").returncode == 2
     assert run("silhouettes.py", tmp_path).returncode == 2
     done = run("thickness_report.py", "none.stl", "a.json", "a.png")
-    assert done.returncode == 1 and done.stderr.startswith("none.stl: ")
+    assert done.returncode == 1 and "none.stl: " in done.stderr
     assert files_in(tmp_path) == set()
 
 

@@ -38,13 +38,13 @@ from medialis.skeleton.surface_skeleton import points_apart
 if TYPE_CHECKING:
     from medialis.clouds._patch_kernels import Patches
 
-FEWEST_PLACES = 5
+FEWEST_PLACES = 5  # halved 0 %, doubled 0 %
 """A patch has a point and four neighbours (`LEAST_NEIGHBOURS` of `_patch_kernels`)."""
 
-BENT = 1.5
+BENT = 1.5  # halved 100 %, doubled 70 %
 """Neighbours of a bent patch for each of a flat one: a quadric has 6 coefficients, a plane 3."""
 
-WIDE = 10
+WIDE = 10  # halved 0 %, doubled 0 %
 """Times the neighbours of a patch among which points on one line of a scan look for others."""
 
 STAR_NEIGHBOURS = 32
@@ -59,11 +59,11 @@ TIE_WEIGHT = 1e-3
 """Weights of points in units of the squared spacing: on a grid, four points lie on a circle, and
 their corners must agree on one of its two diagonals."""
 
-ROUNDED = 1.01
+ROUNDED = 1.01  # halved 36 %, doubled 39 %
 """Times farther than it must have been that a place which was left out may find the one that speaks
 for it: rounding must leave none without."""
 
-CHUNK = 1024
+CHUNK = 1024  # halved 0 %, doubled 0 %
 """Points."""
 
 

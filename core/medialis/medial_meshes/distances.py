@@ -18,23 +18,23 @@ from medialis.medial_meshes.mesh import BallCover, MedialMesh
 from medialis.medial_meshes.sampling import Solid
 from medialis.shape.shape import Shape
 
-ON_SURFACE = 60_000
+ON_SURFACE = 60_000  # halved 11 %, doubled 6 %
 """Places of the surface that are looked at besides its vertices, about."""
 
-ON_ENVELOPE = 150_000
+ON_ENVELOPE = 150_000  # halved 17 %, doubled 4 %
 """Points of the envelope that are looked at, about, before hidden ones are taken away."""
 
-FEWEST, MOST = 24, 200_000
+FEWEST, MOST = 24, 200_000  # halved 85 %, doubled 100 %; halved 0 %, doubled 0 %
 """Points of one ball."""
 
-HIDDEN = 1e-7
+HIDDEN = 1e-7  # halved 43 %, doubled 43 %
 """Diagonals: a point deeper in another part of the envelope is not on its boundary."""
 
 
-STEPS_OUT = 30
+STEPS_OUT = 30  # halved < 0.1 %, doubled < 0.1 %
 """How many parts a place may go through on the way out of the envelope."""
 
-STEP_FALLS = 0.85
+STEP_FALLS = 0.85  # halved 55 %, doubled 79 %
 """Factor by which the step between points falls until there are enough."""
 
 

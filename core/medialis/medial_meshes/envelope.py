@@ -31,15 +31,15 @@ if TYPE_CHECKING:
     from medialis.medial_meshes._envelope_kernels import Primitives, Tree
 
 
-LEAF = 4
+LEAF = 4  # halved < 0.1 %, doubled < 0.1 %
 """Items of a leaf of a tree of boxes, at most."""
 
 PLACES_A_CHUNK = 1024
 
-BLOCK = 8
+BLOCK = 8  # halved 0 %, doubled 0 %
 """Cells of a block: far from the envelope whole blocks are left out."""
 
-THREAD = 0.867
+THREAD = 0.867  # halved 0 %, doubled 0.1 %
 """Cells: places this near to a line are corners of cells that hang together, however it lies."""
 
 MOVED, FAR = (0.25, -0.25, 0.5, -0.5), (0.75, -0.75)
@@ -51,10 +51,10 @@ Between balls it gets in up to twice as deep: far in halved cells, and in others
 VARIANTS = 2 * (2 + len(MOVED)) + 2 * len(FAR)
 """Of a surface, at most."""
 
-MOST_CELLS = 1_000_000
+MOST_CELLS = 1_000_000  # halved 0 %, doubled 0 %
 """Cells that the surface goes through, about, at most."""
 
-COARSEST = 1 / 32
+COARSEST = 1 / 32  # halved 0 %, doubled 0 %
 """Diagonals: the cells that a count begins with."""
 
 CUBE = np.array(list(itertools.product((0, 1), repeat=3)))

@@ -37,25 +37,25 @@ ATTEMPTS = (1.0, 1.0, 0.6, 1.7, 0.6)
 """Factors of the number of samples, each with its own draw, until the topology is right. Where
 faces of a mesh meet at sharp angles, a draw fails as often as not, and denser ones do as well."""
 
-MOST_TRIED = 16
+MOST_TRIED = 16  # halved 0 %, doubled 0 %
 """Attempts end when their samples together are this many times those asked for."""
 
-MENDED = 2
+MENDED = 2  # halved 72 %, doubled 86 %
 """How often a complex is built from a draw, with samples added where it crosses the surface."""
 
-FAR, NEAREST = 0.1, 1e-5
+FAR, NEAREST = 0.1, 1e-5  # halved 62 %, doubled 0 %; halved 0 %, doubled 0 %
 """Diagonals: larger balls are not looked at for crossings, nearer crossings are the same."""
 
-FEWEST_SAMPLES, SPREAD = 200, 2.0
+FEWEST_SAMPLES, SPREAD = 200, 2.0  # halved 0 %, doubled 0 %; halved 0 %, doubled 0 %
 """Samples of a body, at least; but all together no more than so many times those asked for."""
 
-SLIGHTLY = 1e-3
+SLIGHTLY = 1e-3  # halved 0 %, doubled 0 %
 """Share of hidden samples up to which bodies do not cross, but for rounding."""
 
-LONGEST_RING = 4096
+LONGEST_RING = 4096  # halved 0 %, doubled 0 %
 """Tetrahedra round one edge; more than that are left without a polygon."""
 
-INFINITE = 1e3
+INFINITE = 1e3  # halved 0 %, doubled 0 %
 """Diagonals: larger circumscribed balls are those of flat tetrahedra."""
 
 PAIRS = ((0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3))

@@ -59,19 +59,19 @@ from medialis.sheets.sheets import MedialSheetOptions, medial_sheets
 from medialis.skeleton.medial_cloud import MedialCloud
 from medialis.skeleton.surface_skeleton import as_cloud
 
-CORE = 0.92
+CORE = 0.92  # halved 100 %, doubled 100 %
 """Share of the width of a body up to which its core goes: there a limb 0.4 times as wide comes out
 of its ball."""
 
-NECK = 0.6
+NECK = 0.6  # halved 50 %, doubled 100 %
 """A place is a body when the branch just outside its ball is less than this share as wide."""
 
-TRUNK = 0.75
+TRUNK = 0.75  # halved 100 %, doubled 100 %
 """Share of its width: a core goes on into arms at least as wide as this, and into another core when
 neither is narrower where they meet. Limbs of real shapes are 0.1 to 0.7 as wide as their body, what
 goes on in a trunk is 0.85 or more."""
 
-LEAST_LIMB = 1.5
+LEAST_LIMB = 1.5  # halved 100 %, doubled 75 %
 """Widths of the core by which the end of a limb is away from its border. The corners of a cube are
 1.1 long, a half ball is 1."""
 
@@ -94,7 +94,7 @@ DIFFUSION = 5  # halved 4 %, doubled 4 %
 USUAL_ROUNDS = 4  # halved 6 %, doubled 11 %
 """Of smoothing, in which heat spreads as far as sites are apart."""
 
-MOST_LIMBS = 64
+MOST_LIMBS = 64  # halved 40 %, doubled 0 %
 """Before borders are smoothed. Where noise has more limbs, those of less than this part of the
 surface are merged first: every sample would have a share of hundreds."""
 

@@ -20,10 +20,10 @@ from medialis.base.validation import FloatArray, IntArray, frozen
 from medialis.shape.shape import Shape
 from medialis.shape.surface import link_matrix
 
-CLOUD_NEIGHBOURS = 8
+CLOUD_NEIGHBOURS = 8  # halved 26 %, doubled 36 %
 """Nearest samples that are neighbours in a cloud; about as many as a vertex of a mesh has."""
 
-OPPOSITE = -0.5
+OPPOSITE = -0.5  # halved < 0.1 %, doubled < 0.1 %
 """Cosine between normals below which near samples of a cloud lie on two sides of a thin wall."""
 
 

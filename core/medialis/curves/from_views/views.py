@@ -27,16 +27,16 @@ from medialis.base.validation import FloatArray, IntArray, as_number, as_whole_n
 from medialis.shape.reading import ShapeLike, as_shape
 from medialis.shape.shape import Shape
 
-MAX_SIZE = 8192
+MAX_SIZE = 8192  # halved 0 %, doubled 0 %
 """Pixels along a side of a picture."""
 
-GOLDEN = math.pi * (3 - math.sqrt(5))
+GOLDEN = math.pi * (3 - math.sqrt(5))  # halved 91 %, doubled 92 %
 """Radians by which a spiral turns from one direction to the next, so that they are even."""
 
-PLASTIC = 0.7548776662466927
+PLASTIC = 0.7548776662466927  # halved 84 %, doubled 82 %
 """Steps by this spread well, and, unlike golden ones, do not beat with the turns of the spiral."""
 
-MARGIN = 2
+MARGIN = 2  # halved 50 %, doubled 93 %
 """Free pixels on each side: the border of a picture must lie outside the silhouette."""
 
 DISC_NEIGHBOUR = 12

@@ -15,28 +15,28 @@ from medialis.shape.surface import piece_labels
 from medialis.walls.midsurface.remeshing import EditMesh
 from medialis.walls.midsurface.sides import AHEAD, CORE, LEAST_AREA, ON_RIM, RawSheet
 
-ACROSS = math.cos(math.radians(20.0))
+ACROSS = math.cos(math.radians(20.0))  # halved 100 %, doubled 0 %
 """Cosine: sheets that meet at a smaller angle go on into each other, and do not cut."""
 
-NEAR = 0.1
+NEAR = 0.1  # halved 0.1 %, doubled 0 %
 """Half thicknesses: how far a place of a cut may lie beyond the border of the other sheet."""
 
-SNAP = 0.15
+SNAP = 0.15  # halved 0.2 %, doubled 0.5 %
 """Share of an edge: a cut so near to its end moves the end there."""
 
-ALONG = 0.1
+ALONG = 0.1  # halved 0 %, doubled 0 %
 """Share of its length by which the middle of an edge may lie off a sheet that it follows."""
 
-MOVED = 0.3
+MOVED = 0.3  # halved 0 %, doubled 0 %
 """Share of the shortest side beside it by which a vertex may move to where a cut is to end."""
 
-STEP_BESIDE = 0.2
+STEP_BESIDE = 0.2  # halved 0 %, doubled 0 %
 """Half thicknesses: how far beside each other sheets may end that a step joins."""
 
-TIDYINGS = 6
+TIDYINGS = 6  # halved 2 %, doubled 3 %
 """Rounds in which ragged borders are smoothed."""
 
-LEAST_CORE = 0.02
+LEAST_CORE = 0.02  # halved 0 %, doubled 0 %
 """Share of the area of a piece that must lie between opposite walls."""
 
 

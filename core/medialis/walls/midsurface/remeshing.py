@@ -20,17 +20,18 @@ from medialis.walls.midsurface import _kernels as kernels
 from medialis.walls.midsurface._kernels import FREE, SAME_SIDE, Mesh
 from medialis.walls.midsurface.sides import RawSheet
 
-ROUNDS = 12
+ROUNDS = 12  # halved 0.2 %, doubled 0.2 %
 """Of splitting, collapsing, flipping and smoothing; the angles change little after eight."""
 
-LONG, SHORT = 4 / 3, 4 / 5
+LONG, SHORT = 4 / 3, 4 / 5  # halved 77 %, doubled 58 %; halved 55 %, doubled 1 %
 """Edge lengths, as shares of the one wished for, from which on edges are split or collapsed:
 halves of a split edge are not collapsed again (Botsch and Kobbelt 2004)."""
 
+# halved < 0.1 %, doubled 0 %; halved 7 %, doubled 2 %; halved 2 %, doubled 4 %
 MOST_FLIPS, MOST_COLLAPSES, SMOOTHINGS = 8, 3, 2
 """Passes in a round."""
 
-ROOM = 256
+ROOM = 256  # halved 0 %, doubled 0 %
 """Half-edges more than four times those of any vertex at first: no collapse gives one more."""
 
 
