@@ -161,8 +161,8 @@ shape = medialis.organic_shape(56)
 computation = computer.run(
     "view_curve_skeleton", shape.points, shape.faces, {"pairs": 3000 if moment == "work" else 6}
 )
-until = {"start": -1.0, "work": 0.11, "rest": 1.0}[moment]
-while computation.fraction < until:
+until = {"start": -1.0, "work": 0.11, "rest": 2.0}[moment]
+while computation.fraction < until and not computation.done:
     computation.look()
     computer.listen(0.02)
 print(computer._process.pid, computation.done, flush=True)
