@@ -266,7 +266,9 @@ def _add_signs(
     for sign in found:
         placing.lay_on(sign, run.chosen, run.source)
         run.adopt(sign, sign.name, "legend")
-        sign.hide_set(True)
+        run.context.view_layer.update()
+        if sign.name in run.context.view_layer.objects:  # not in a collection that is excluded
+            sign.hide_set(True)
     return found
 
 

@@ -29,12 +29,12 @@ READERS = {
 
 def main() -> int:
     """Rig all files and return the exit status."""
-    given = sys.argv[sys.argv.index("--") + 1 :] if "--" in sys.argv else sys.argv[1:]
     parser = argparse.ArgumentParser("rig_folder.py", description=__doc__.partition("\n")[0])
     parser.add_argument("meshes", type=Path, help="folder with PLY, OBJ or STL files")
     parser.add_argument("rigs", type=Path, help="folder for the .blend files")
     parser.add_argument("--bone-length", default="100%", help="the longest bone, of the size")
-    options = parser.parse_args(given)
+    after = sys.argv.index("--") + 1 if "--" in sys.argv else 1
+    options = parser.parse_args(sys.argv[after:])
     files = sorted(f for f in options.meshes.glob("*") if f.suffix.lower() in READERS)
     if not files:
         parser.error(f"there is no PLY, OBJ or STL file in {options.meshes}")
@@ -66,9 +66,10 @@ def read(file: Path) -> bpy.types.Object:
 
 
 def save(path: Path) -> None:
-    """Save the scene, without a copy of an earlier file of this name."""
+    """Save the scene; no copy of an earlier file, no thumbnail in the user's cache."""
     path.parent.mkdir(parents=True, exist_ok=True)
     bpy.context.preferences.filepaths.save_version = 0
+    bpy.context.preferences.filepaths.file_preview_type = "NONE"
     bpy.ops.wm.save_as_mainfile(filepath=str(path.resolve()), check_existing=False)
 
 

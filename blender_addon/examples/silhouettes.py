@@ -26,13 +26,13 @@ READERS = {
 
 def main() -> int:
     """Draw all files and return the exit status."""
-    given = sys.argv[sys.argv.index("--") + 1 :] if "--" in sys.argv else sys.argv[1:]
     parser = argparse.ArgumentParser("silhouettes.py", description=__doc__.partition("\n")[0])
     parser.add_argument("meshes", type=Path, help="folder with PLY, OBJ or STL files")
     parser.add_argument("pictures", type=Path, help="folder for the PNG files")
     parser.add_argument("--views", type=int, default=8, help="directions, at even angles")
     parser.add_argument("--size", type=int, default=256, help="pixels of an edge")
-    options = parser.parse_args(given)
+    after = sys.argv.index("--") + 1 if "--" in sys.argv else 1
+    options = parser.parse_args(sys.argv[after:])
     files = sorted(f for f in options.meshes.glob("*") if f.suffix.lower() in READERS)
     if not files or options.views < 1:
         parser.error(f"needs a PLY, OBJ or STL file in {options.meshes}, and 1 view or more")
