@@ -53,6 +53,7 @@ def test_the_script_of_the_readme_runs(installed, tmp_path):
 def test_the_wheel_has_the_add_on_and_its_licence(installed):
     names = {path.relative_to(installed).as_posix() for path in installed.rglob("*")}
     assert {"medialis_blender/__init__.py", "medialis_blender/operators.py"} <= names
+    assert {f"medialis_blender/translations/{name}.py" for name in ("__init__", "de")} <= names
     assert "medialis_blender.pth" in names
     assert not any("packaging" in name or "examples" in name for name in names)
     (about,) = installed.glob("*.dist-info/METADATA")
