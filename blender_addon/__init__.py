@@ -57,10 +57,11 @@ def _modules() -> tuple:
         presets,
         properties,
         selecting,
+        translations,
     )
 
     first = preferences, properties, levels, operators, presets, selecting, editing, assets
-    return *first, panel, menus, finding, live, overlay
+    return *first, panel, menus, finding, live, overlay, translations
 
 
 def __getattr__(name: str) -> Any:

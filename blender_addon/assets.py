@@ -91,11 +91,14 @@ def write_catalogue(folder: Path) -> bool:
 
 
 class MEDIALIS_OT_add_to_catalogue(bpy.types.Operator):
-    """Make the sliders and looks of the results in this file assets, which other objects can have.
-    Their catalogue is added to the file of catalogues beside this file"""  # noqa: D205, D209, D400 - a tooltip
+    """Mark node groups of results as assets."""
 
     bl_idname = "medialis.add_to_catalogue"
     bl_label = "Add to Asset Catalogue"
+    bl_description = (
+        "Make the sliders and looks of the results in this file assets, which other objects can "
+        "have. Their catalogue is added to the file of catalogues beside this file"
+    )
     bl_options: ClassVar = {"REGISTER", "UNDO"}
 
     @classmethod

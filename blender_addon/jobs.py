@@ -7,6 +7,8 @@ import atexit
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from bpy.app.translations import pgettext_tip as tip
+
 from medialis import Result, Shape
 from medialis.hosts import Computer
 
@@ -95,6 +97,11 @@ class Job:
             What the computation raised; `Cancelled` when it was cancelled.
         """
         return self._computation.outcome()
+
+
+def busy() -> str:
+    """Return why nothing else can start while a job is running."""
+    return tip("{job} is being computed: wait for it, or press Esc").format(job=running.label)
 
 
 def close() -> None:

@@ -6,6 +6,7 @@ from __future__ import annotations
 from typing import Any
 
 import bpy
+from bpy.app.translations import pgettext_iface as iface
 
 from medialis import OPERATIONS
 
@@ -23,7 +24,7 @@ class MEDIALIS_MT_object(bpy.types.Menu):
         layout = self.layout
         layout.operator_context = "INVOKE_DEFAULT"
         for preset in presets.PRESETS:
-            text = with_words(preset.label, [preset.words])
+            text = with_words(preset.label, preset.words)
             layout.operator(preset.idname, text=text, icon=preset.icon)
         for group in groups():
             layout.separator()
@@ -39,8 +40,14 @@ class MEDIALIS_MT_object(bpy.types.Menu):
 
 
 def with_words(label: str, words: Any) -> str:
-    """Return the text of an entry, such as "Armature (bones, rig)"."""
-    return f"{label} ({', '.join(words)})"
+    """Return the text of an entry, such as "Armature (bones, rig)", in the user's language."""
+    return f"{iface(label)} ({', '.join(map(iface, words))})"
+
+
+def words() -> set[str]:
+    """Return all words that people look for."""
+    found = [*presets.PRESETS, *OPERATIONS]
+    return {word for one in found for word in one.words}.union(*selecting.WORDS.values())
 
 
 def groups() -> list[str]:

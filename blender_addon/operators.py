@@ -6,6 +6,7 @@ from __future__ import annotations
 from typing import Any, ClassVar
 
 import bpy
+from bpy.app.translations import pgettext_rpt as rpt
 from bpy.props import BoolProperty, StringProperty
 
 from medialis import OPERATIONS
@@ -31,7 +32,7 @@ class OperationOperator:
         """Allow the operator when the active object can be used; say why where it cannot."""
         reason = reading.why_not(context, cls.operation)
         if jobs.running is not None:
-            reason = f"{jobs.running.label} is being computed: wait for it, or press Esc"
+            reason = jobs.busy()
         if reason is not None:
             cls.poll_message_set(reason)
         return reason is None
@@ -182,7 +183,9 @@ class MEDIALIS_OT_show_result(bpy.types.Operator):
         records = removing.records_of(source)
         wanted = [one for one in records if self.result in ("", one.operation)]
         if not wanted:
-            self.report({"ERROR"}, f"{source.name} has no result of {self.result}.")
+            told = rpt("{object} has no result of {operation}.")
+            told = told.format(object=source.name, operation=self.result)
+            self.report({"ERROR"}, told)
             return {"CANCELLED"}
         if self.solo and self.result:
             removing.show_only(context, source, self.result)

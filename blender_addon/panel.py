@@ -6,6 +6,7 @@ from __future__ import annotations
 from typing import Any, ClassVar
 
 import bpy
+from bpy.app.translations import pgettext_iface as iface
 
 from medialis import OPERATIONS
 from medialis import operation as find_operation
@@ -49,7 +50,7 @@ class MEDIALIS_PT_main(_Panel, bpy.types.Panel):
         if chosen is None:
             layout.label(text="Select a mesh or point cloud", icon="INFO")
         elif chosen.type not in reading.TYPES:
-            layout.label(text=f"{chosen.name} is no mesh", icon="ERROR")
+            layout.label(text=iface("{object} is no mesh").format(object=chosen.name), icon="ERROR")
         else:
             icon = "POINTCLOUD_DATA" if chosen.type == "POINTCLOUD" else "OBJECT_DATA"
             layout.label(text=chosen.name, icon=icon)
@@ -159,7 +160,8 @@ class MEDIALIS_PT_result(_Panel, bpy.types.Panel):
         widgets.draw_text(layout, context, lines[0], icon="CHECKMARK")
         notes = [line for line in lines[1:] if line.startswith("!")]
         settings = context.scene.medialis
-        if notes and widgets.draw_fold(layout, settings, "unfolded_notes", f"Notes: {len(notes)}"):
+        text = iface("Notes: {count}").format(count=len(notes))
+        if notes and widgets.draw_fold(layout, settings, "unfolded_notes", text):
             for note in notes:
                 mark, _, text = note.partition(" ")
                 widgets.draw_text(layout, context, text, icon="ERROR" if mark == "!!" else "INFO")

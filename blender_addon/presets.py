@@ -69,7 +69,7 @@ class Preset(NamedTuple):
 
     name: str
     label: str
-    words: str
+    words: tuple[str, ...]
     icon: str
     help: str
     operation: str
@@ -85,7 +85,7 @@ PRESETS = (
     Preset(
         "rig",
         "Rig",
-        "bones, armature, skin weights",
+        ("bones", "armature", "skin weights"),
         "ARMATURE_DATA",
         "Lay bones into the object and bind it to them. An armature of an earlier run is replaced",
         "armature",
@@ -94,7 +94,7 @@ PRESETS = (
     Preset(
         "print_check",
         "3D Print Check",
-        "thin walls, wall thickness",
+        ("thin walls", "wall thickness"),
         "MOD_THICKNESS",
         "Check that no wall is thinner than 0.8 mm, or than the minimum of the wall check in the "
         "panel. Without units in the scene, walls are compared with the typical wall",
@@ -104,7 +104,7 @@ PRESETS = (
     Preset(
         "skeleton_study",
         "Skeleton Study",
-        "medial axis, samples",
+        ("medial axis", "samples"),
         "SNAP_MIDPOINT",
         "Add the medial points of the object, and the samples of its surface that they belong to",
         "surface_skeleton",
@@ -123,7 +123,7 @@ class PresetOperator:
         """Allow it where its operation can start."""
         reason = reading.why_not(context, find_operation(cls.preset.operation))
         if jobs.running is not None:
-            reason = f"{jobs.running.label} is being computed: wait for it, or press Esc"
+            reason = jobs.busy()
         if reason is not None:
             cls.poll_message_set(reason)
         return reason is None

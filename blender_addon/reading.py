@@ -12,6 +12,8 @@ from dataclasses import dataclass
 
 import bpy
 import numpy as np
+from bpy.app.translations import pgettext_iface as iface
+from bpy.app.translations import pgettext_tip as tip
 from numpy.typing import NDArray
 
 from medialis import InvalidShapeError
@@ -150,11 +152,13 @@ def why_not(context: bpy.types.Context, operation: Operation) -> str | None:
     """Tell in one sentence why the operation cannot start now; None when it can."""
     chosen = target(context)
     if chosen is None:
-        return "Select a mesh or point cloud first: there is no active object"
+        return tip("Select a mesh or point cloud first: there is no active object")
     if chosen.type not in TYPES:
-        return f"{chosen.name} is of type {chosen.type.lower()}: select a mesh or point cloud"
+        text = tip("{object} is of type {type}: select a mesh or point cloud")
+        return text.format(object=chosen.name, type=chosen.type.lower())
     if operation.needs_faces and chosen.type == "POINTCLOUD":
-        return f"{operation.label} needs a surface with faces, and {chosen.name} is a point cloud"
+        text = tip("{operation} needs a surface with faces, and {object} is a point cloud")
+        return text.format(operation=iface(operation.label), object=chosen.name)
     return None
 
 

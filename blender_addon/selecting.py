@@ -7,6 +7,8 @@ from typing import Any, ClassVar
 
 import bpy
 import numpy as np
+from bpy.app.translations import pgettext_iface as iface
+from bpy.app.translations import pgettext_rpt as rpt
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty
 from numpy.typing import NDArray
 
@@ -28,6 +30,9 @@ WHICH = (
     ("FAILED", "Failed Walls", "Faces that do not pass the wall check: too thin, too thick, a gap"),
     ("PART", "Part", "Faces of one part or segment: that of the active face, or that of a number"),
 )
+
+WORDS = {"THIN": ("thickness", "too thin"), "FAILED": ("3D print",), "PART": ("segment",)}
+"""What people look for."""
 
 MISSING = {
     "THIN": "No thickness, or no thin spot where no threshold is given: run Thickness first.",
@@ -158,7 +163,9 @@ class MEDIALIS_OT_select_faces(bpy.types.Operator):
         except (MedialisError, RuntimeError) as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
-        self.report({"INFO"}, f"{count:,} of {len(faces):,} faces of {chosen.name} are selected.")
+        told = rpt("{count:,} of {total:,} faces of {object} are selected.")
+        told = told.format(count=count, total=len(faces), object=chosen.name)
+        self.report({"INFO"}, told)
         return {"FINISHED"}
 
     def draw(self, context: bpy.types.Context) -> None:
@@ -236,10 +243,9 @@ def _select(
 
 def draw_entries(layout: Any) -> None:
     """Draw the three selections, with the words that people look for."""
-    words = {"THIN": "thickness, too thin", "FAILED": "3D print", "PART": "segment"}
     for name, label, _ in WHICH:
-        entry = layout.operator("medialis.select_faces", text=f"Select {label} ({words[name]})")
-        entry.which = name
+        text = f"{iface(f'Select {label}')} ({', '.join(map(iface, WORDS[name]))})"
+        layout.operator("medialis.select_faces", text=text).which = name
 
 
 def register() -> None:

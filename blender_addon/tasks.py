@@ -7,6 +7,7 @@ from contextlib import nullcontext
 from typing import Any
 
 import bpy
+from bpy.app.translations import pgettext_iface as iface
 
 from medialis import Cancelled, MedialisError
 from medialis.hosts import Kind, Operation, picked_lines
@@ -90,12 +91,15 @@ class Tasks:
         if self._options.bind and source.on_data:
             armatures.require_unbound(chosen)
         number = self._of - len(self._waiting)
-        counted = f" ({number} of {self._of})" if self._of > 1 else ""
+        label = iface("{operation} of {object}")
+        label = label.format(operation=iface(self._operation.label), object=source.name)
+        if self._of > 1:
+            label += " " + iface("({number} of {count})").format(number=number, count=self._of)
         return jobs.Job(
             source,
             self._operation.name,
             {**self._parameters, **self._picked(chosen, source)},
-            f"{self._operation.label} of {source.name}{counted}",
+            label,
             gpu_views=self._gpu_views,
         )
 
