@@ -8,14 +8,9 @@ goes before that of a table. What a table lacks is shown in English.
 
 from __future__ import annotations
 
-import ast
-from collections.abc import Iterable, Iterator
-from pathlib import Path
-from typing import Any
+from collections.abc import Iterator
 
 import bpy
-
-from medialis import OPERATIONS
 
 from ..properties import PER_CENT
 from . import de, es, fr, ja, zh
@@ -31,9 +26,6 @@ LANGUAGES: dict[tuple[str, ...], dict[str, str]] = {
 
 CONTEXTS = ("*", "Operator")
 """Where Blender looks: labels of operators and texts of buttons are in the second."""
-
-LOOKED_UP = {"iface", "tip", "rpt", "poll_message_set", "report", "draw_fold"}
-"""Functions whose texts Blender looks up, besides those that are given as `text`."""
 
 
 def tables() -> dict[str, dict[tuple[str, str], str]]:
@@ -53,69 +45,6 @@ def _whole(table: dict[str, str]) -> Iterator[tuple[str, str]]:
         yield text, to
         if text != PER_CENT and PER_CENT in table:
             yield text + PER_CENT, to + table[PER_CENT]
-
-
-def messages() -> set[str]:
-    """Return all texts that the registered add-on shows; the tests ask each table for them.
-
-    What the core tells of single options, and of their choices, is not among them.
-    """
-    from .. import editing, menus, preferences, selecting
-
-    settings = bpy.types.Scene.bl_rna.properties["medialis"].fixed_type
-    groups = [p.fixed_type for p in settings.properties if p.identifier.startswith("of_")]
-    levels = bpy.types.Object.bl_rna.properties["medialis_level"]
-    shown = [PER_CENT, *menus.words(), *editing.ABOUT.values(), *selecting.MISSING.values()]
-    shown += [f"Select {label}" for _, label, _ in selecting.WHICH]
-    shown += _of_properties([levels, *preferences.MEDIALIS_AP_preferences.bl_rna.properties])
-    for name in [name for name in dir(bpy.types) if name.startswith("MEDIALIS_")]:
-        kind = getattr(bpy.types, name)
-        if "_OT_" in name:
-            operator = getattr(bpy.ops.medialis, name.partition("_OT_")[2]).get_rna_type()
-            shown += [operator.name, operator.description, *_of_properties(operator.properties)]
-        else:
-            shown += [kind.bl_label, kind.__dict__.get("__doc__") or ""]
-    for group in (settings, *groups):
-        shown += _of_properties(group.properties)
-    for path in Path(__file__).parents[1].glob("*.py"):
-        shown += _written(ast.parse(path.read_text(encoding="utf-8")))
-    found = {text.removesuffix(PER_CENT) if text != PER_CENT else text for text in shown}
-    return found - _told_by_options() - {""}
-
-
-def _told_by_options() -> set[str]:
-    """Return what the core tells of its options and their choices."""
-    every = [option for operation in OPERATIONS for option in operation.parameters]
-    told = [text for option in every for text in (option.help, *option.choice_help)]
-    return {text.removesuffix(".") for text in told}
-
-
-def _of_properties(properties: Iterable[Any]) -> Iterator[str]:
-    """Yield names and descriptions of properties and of their choices."""
-    for one in properties:
-        if one.type == "POINTER" or one.identifier in (one.name, "name", "bl_idname"):
-            continue  # none of these is shown
-        for shown in (one, *(one.enum_items if one.type == "ENUM" else ())):
-            yield from (shown.name, shown.description)
-
-
-def _written(tree: ast.AST) -> Iterator[str]:
-    """Yield the texts in a source that are given to functions of `LOOKED_UP`."""
-    for call in ast.walk(tree):
-        if not isinstance(call, ast.Call):
-            continue
-        texts = [word.value for word in call.keywords if word.arg == "text"]
-        if getattr(call.func, "attr", getattr(call.func, "id", "")) in LOOKED_UP:
-            texts += call.args
-        for one in [part for text in texts for part in _parts(text)]:
-            value = getattr(one, "value", None)
-            if isinstance(value, str) and (value[:1].isupper() or "{" in value):
-                yield value
-
-
-def _parts(text: ast.expr) -> list[ast.expr]:
-    """Return what an expression chooses from."""
-    return [text.body, text.orelse] if isinstance(text, ast.IfExp) else [text]
 
 
 def register() -> None:

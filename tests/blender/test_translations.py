@@ -2,15 +2,88 @@
 
 from __future__ import annotations
 
+import ast
 import re
+from collections.abc import Iterable, Iterator
+from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
 bpy = pytest.importorskip("bpy", reason="bpy is not installed: make hosts")
 
+from medialis import OPERATIONS
+
+ADDON = Path(__file__).resolve().parents[2] / "blender_addon"
+LOOKED_UP = {"iface", "tip", "rpt", "poll_message_set", "report", "draw_fold"}
+"""Functions whose texts Blender looks up, besides those that are given as `text`."""
 LANGUAGES = ("de", "fr", "es", "ja", "zh")
 KEPT = re.compile(r"\{[^}]*\}|\d+(?:\.\d+)?")
+
+
+def messages() -> set[str]:
+    """Return all texts that the registered add-on shows; the tests ask each table for them.
+
+    What the core tells of single options, and of their choices, is not among them.
+    """
+    from blender_addon import editing, menus, preferences, selecting
+    from blender_addon.properties import PER_CENT
+
+    settings = bpy.types.Scene.bl_rna.properties["medialis"].fixed_type
+    groups = [p.fixed_type for p in settings.properties if p.identifier.startswith("of_")]
+    levels = bpy.types.Object.bl_rna.properties["medialis_level"]
+    shown = [PER_CENT, *menus.words(), *editing.ABOUT.values(), *selecting.MISSING.values()]
+    shown += [f"Select {label}" for _, label, _ in selecting.WHICH]
+    shown += _of_properties([levels, *preferences.MEDIALIS_AP_preferences.bl_rna.properties])
+    for name in [name for name in dir(bpy.types) if name.startswith("MEDIALIS_")]:
+        kind = getattr(bpy.types, name)
+        if "_OT_" in name:
+            operator = getattr(bpy.ops.medialis, name.partition("_OT_")[2]).get_rna_type()
+            shown += [operator.name, operator.description, *_of_properties(operator.properties)]
+        else:
+            shown += [kind.bl_label, kind.__dict__.get("__doc__") or ""]
+    for group in (settings, *groups):
+        shown += _of_properties(group.properties)
+    for path in ADDON.glob("*.py"):
+        shown += _written(ast.parse(path.read_text(encoding="utf-8")))
+    found = {text.removesuffix(PER_CENT) if text != PER_CENT else text for text in shown}
+    return found - _told_by_options() - {""}
+
+
+def _told_by_options() -> set[str]:
+    """Return what the core tells of its options and their choices."""
+    every = [option for operation in OPERATIONS for option in operation.parameters]
+    told = [text for option in every for text in (option.help, *option.choice_help)]
+    return {text.removesuffix(".") for text in told}
+
+
+def _of_properties(properties: Iterable[Any]) -> Iterator[str]:
+    """Yield names and descriptions of properties and of their choices."""
+    for one in properties:
+        if one.type == "POINTER" or one.identifier in (one.name, "name", "bl_idname"):
+            continue  # none of these is shown
+        for shown in (one, *(one.enum_items if one.type == "ENUM" else ())):
+            yield from (shown.name, shown.description)
+
+
+def _written(tree: ast.AST) -> Iterator[str]:
+    """Yield the texts in a source that are given to functions of `LOOKED_UP`."""
+    for call in ast.walk(tree):
+        if not isinstance(call, ast.Call):
+            continue
+        texts = [word.value for word in call.keywords if word.arg == "text"]
+        if getattr(call.func, "attr", getattr(call.func, "id", "")) in LOOKED_UP:
+            texts += call.args
+        for one in [part for text in texts for part in _parts(text)]:
+            value = getattr(one, "value", None)
+            if isinstance(value, str) and (value[:1].isupper() or "{" in value):
+                yield value
+
+
+def _parts(text: ast.expr) -> list[ast.expr]:
+    """Return what an expression chooses from."""
+    return [text.body, text.orelse] if isinstance(text, ast.IfExp) else [text]
 
 
 @pytest.fixture
@@ -29,7 +102,7 @@ every = pytest.mark.parametrize("table", LANGUAGES, indirect=True)
 
 
 def test_messages_are_those_of_classes_tables_and_sources(translations):
-    found = translations.messages()
+    found = messages()
     some = {"Thickness", "Rig", "Keep my materials", "Select Thin Walls", "medial axis", "Bind"}
     some |= {"Notes: {count}", "{object} is no mesh", "Threads (Automatic)", "Balls", "Export"}
     some |= {"All tasks and operations, group after group.", "Vertex groups", "More"}
@@ -39,7 +112,7 @@ def test_messages_are_those_of_classes_tables_and_sources(translations):
 
 @every
 def test_every_message_has_a_text_and_no_other_has(translations, table):
-    asked = translations.messages()
+    asked = messages()
     assert asked - set(table) == set()
     assert set(table) - asked == set()
     assert all(to.strip() for to in table.values())
@@ -67,7 +140,7 @@ def test_a_new_operator_is_asked_for(translations):
 
     bpy.utils.register_class(MEDIALIS_OT_made_for_a_test)
     try:
-        missing = translations.messages() - set(translations.de.TABLE)
+        missing = messages() - set(translations.de.TABLE)
     finally:
         bpy.utils.unregister_class(MEDIALIS_OT_made_for_a_test)
     assert missing == {"Made for a Test", "Do what nobody has translated"}
