@@ -14,6 +14,7 @@ from typing import ClassVar
 
 import bpy
 
+from . import own
 from .materials import MEANING
 
 CATALOG = "e6a0d1c8-5f0b-4a6b-9d0e-2b7c3f1a8d54"
@@ -34,7 +35,8 @@ AUTHOR = "The medialis developers"
 
 def node_groups() -> list[bpy.types.NodeTree]:
     """Return the node groups that results of the file are shown with."""
-    return [one for one in bpy.data.node_groups if one.get(MEANING) and one.library is None]
+    every = bpy.data.node_groups
+    return [one for one in every if one.get(MEANING) and not one.library and own.is_own(one, every)]
 
 
 def mark(group: bpy.types.NodeTree) -> None:

@@ -311,7 +311,7 @@ def _write_materials(
     for label in present.tolist():
         mesh.materials.append(materials.label_material(name, label, changes))
         added.append(mesh.materials[-1].name)
-    set_slots(mesh, (first + rows).astype(np.int32))
+    _set_slots(mesh, (first + rows).astype(np.int32))
     return [kept, SLOTS], added
 
 
@@ -319,7 +319,7 @@ def own_slots(mesh: bpy.types.Mesh, kept: str, added: Collection[str]) -> None:
     """Give the faces the slots that they had, and take the added ones away."""
     before = _slots(mesh, SLOTS, kept).values
     if before.any():
-        set_slots(mesh, before)
+        _set_slots(mesh, before)
     else:  # as Blender has it where all faces have the first slot
         mesh.attributes.remove(mesh.attributes[SLOTS])
     for number in reversed(range(len(mesh.materials))):
@@ -334,7 +334,7 @@ def _slots(mesh: bpy.types.Mesh, name: str, of: str = SLOTS) -> attributes.Colum
     return attributes.Column(name, "INT", "value", values)
 
 
-def set_slots(mesh: bpy.types.Mesh, slots: NDArray[np.int32]) -> None:
+def _set_slots(mesh: bpy.types.Mesh, slots: NDArray[np.int32]) -> None:
     """Set the material slot of each face."""
     attributes.write(mesh, attributes.Column(SLOTS, "INT", "value", slots), "FACE")
     mesh.update()

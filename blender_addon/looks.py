@@ -48,7 +48,9 @@ def look_of(chosen: bpy.types.Object) -> bpy.types.Modifier | None:
     """Return the modifier of `show_with`, whatever it is called; None where there is none."""
     for modifier in chosen.modifiers:
         group = modifier.node_group if modifier.type == "NODES" else None
-        if group is not None and group.get(materials.MEANING, "").startswith("look "):
+        if group is None or not group.get(materials.MEANING, "").startswith("look "):
+            continue
+        if own.is_own(group, bpy.data.node_groups):  # a copy is the user's
             return modifier
     return None
 

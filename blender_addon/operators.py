@@ -30,12 +30,7 @@ class OperationOperator:
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         """Allow the operator when the active object can be used; say why where it cannot."""
-        reason = reading.why_not(context, cls.operation)
-        if jobs.running is not None:
-            reason = jobs.busy()
-        if reason is not None:
-            cls.poll_message_set(reason)
-        return reason is None
+        return tasks.can_start(cls, context, cls.operation)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Read, compute and write, all before returning."""
@@ -181,18 +176,18 @@ class MEDIALIS_OT_show_result(bpy.types.Operator):
         """Turn it on or off, or the others off; then the source or a result is active."""
         source = reading.target(context)
         records = removing.records_of(source)
-        wanted = [one for one in records if self.result in ("", one.operation)]
+        wanted = [one.operation for one in records if self.result in ("", one.operation)]
         if not wanted:
             told = rpt("{object} has no result of {operation}.")
             told = told.format(object=source.name, operation=self.result)
             self.report({"ERROR"}, told)
             return {"CANCELLED"}
+        shown = {one.operation for one in records if one.shown}
         if self.solo and self.result:
-            removing.show_only(context, source, self.result)
+            shown = {self.result}
         else:
-            on = not any(one.shown for one in wanted)
-            for one in wanted[-1:] if on else wanted:
-                removing.show(context, source, one.operation, on=on)
+            shown = shown - {*wanted} if shown & {*wanted} else {*shown, wanted[-1]}
+        removing.show(context, source, shown)
         found = removing.results_of(source, removing.operation_of(source))
         visible = [one for one in found if one.visible_get() and not one.hide_render]
         placing.make_active(context, next(iter(visible), source))

@@ -7,9 +7,7 @@ right corner, left of the side bar, and no render has it (`legends.py` adds obje
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
-from functools import lru_cache
 from typing import Any
 
 import bpy
@@ -57,17 +55,10 @@ def looked_at(context: bpy.types.Context) -> tuple[bpy.types.Object, Legends] | 
     source = reading.source_of(active)
     if source is None or removing.RECORDS not in source or not active.visible_get():
         return None
-    operation = removing.operation_of(active)
-    for record in _records(source[removing.RECORDS]):
-        if record["operation"] == operation and record["shown"] and record["legend"]:
-            return source, record["legend"]
-    return None
-
-
-@lru_cache(maxsize=8)
-def _records(text: str) -> list[dict[str, Any]]:
-    found: list[dict[str, Any]] = json.loads(text)
-    return found
+    record = removing.record_of(source, removing.operation_of(active))
+    if record is None or not record.shown or not record.legend:
+        return None
+    return source, record.legend
 
 
 def draw() -> None:
@@ -218,4 +209,3 @@ def unregister() -> None:
     if _handle is not None:
         bpy.types.SpaceView3D.draw_handler_remove(_handle, "WINDOW")
         _handle = None
-    _records.cache_clear()

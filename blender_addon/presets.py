@@ -15,7 +15,7 @@ import bpy
 from medialis import operation as find_operation
 from medialis.hosts import as_typed
 
-from . import jobs, reading
+from . import tasks
 from .properties import LENGTH_SUFFIX, values_of
 
 LEAST_WALL = 0.0008
@@ -121,12 +121,7 @@ class PresetOperator:
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         """Allow it where its operation can start."""
-        reason = reading.why_not(context, find_operation(cls.preset.operation))
-        if jobs.running is not None:
-            reason = jobs.busy()
-        if reason is not None:
-            cls.poll_message_set(reason)
-        return reason is None
+        return tasks.can_start(cls, context, find_operation(cls.preset.operation))
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Wait for the result."""

@@ -10,6 +10,7 @@ import json
 import re
 from collections.abc import Collection, Iterable
 from dataclasses import asdict, dataclass, field
+from functools import lru_cache
 from typing import Any
 
 import bpy
@@ -45,8 +46,17 @@ class Record:
 
 
 def records_of(source: bpy.types.Object) -> list[Record]:
-    """Return what was recorded, the last operation at the end."""
-    return [Record(**one) for one in json.loads(source.get(RECORDS, "[]"))]
+    """Return what was recorded, the last operation at the end; views and panels ask at each draw.
+
+    Fields of records may be set anew; what is in them stays as it is.
+    """
+    return [Record(**one) for one in _parsed(source.get(RECORDS, "[]"))]
+
+
+@lru_cache(maxsize=8)
+def _parsed(text: str) -> list[dict[str, Any]]:
+    found: list[dict[str, Any]] = json.loads(text)
+    return found
 
 
 def write_records(source: bpy.types.Object, records: list[Record]) -> None:
@@ -125,8 +135,7 @@ def replace_earlier(
     records = records_of(source)
     now = [*(one for one in records if one.operation != new.operation), new]
     write_records(source, now)
-    if any(one.hides for one in records) and not any(one.hides for one in now):
-        _unhide(context, source)
+    _cover(context, source, _is_covered(records), now)
     _purge()
     return told
 
@@ -147,14 +156,11 @@ def remove_result(
             take_images(record)
     rest = [one for one in records if one.operation != operation]
     write_records(source, rest)
-    if any(one.hides for one in records) and not any(one.hides for one in rest):
-        _unhide(context, source)
+    _cover(context, source, _is_covered(records), rest)
     if not any(one.attributes for one in rest) and source.data is not None:
         fields.own_color(source.data)
-    if rest and not any(one.shown for one in rest):
-        show(context, source, rest[-1].operation, on=True)
-    else:
-        _show_as_recorded(source, [one for one in rest if one.shown])
+    seen = [one.operation for one in rest if one.shown]
+    show(context, source, seen or [one.operation for one in rest[-1:]])
     if not rest and summary.PROPERTY in source:
         del source[summary.PROPERTY]
     _purge()
@@ -172,8 +178,8 @@ def take_fields(source: bpy.types.Object, record: Record) -> list[str]:
     data = source.data
     ours, edited = own.unchanged(data, record.attributes) if record.attributes else ([], [])
     shared = _of_others(source)
-    if fields.SLOTS in ours:
-        kept = next((one for one in ours if one.startswith(fields.SLOTS_BEFORE)), "")
+    kept = next((one for one in ours if one.startswith(fields.SLOTS_BEFORE)), "")
+    if fields.SLOTS in ours and kept:  # without it nobody knows what they were
         fields.own_slots(data, kept, record.slots)
     for name in ours:
         if name not in (*shared, fields.SLOTS):
@@ -208,44 +214,54 @@ def _of_others(source: bpy.types.Object) -> set[str]:
     return names
 
 
-def show(context: bpy.types.Context, source: bpy.types.Object, operation: str, on: bool) -> None:
-    """Show or hide the result of an operation: its objects, and the colours of its source."""
-    for made in results_of(source, operation):
-        if made.name not in context.view_layer.objects:
-            continue
-        if made[RESULT] == "legend":
-            made.hide_render = not on
-        elif on and made.get(HIDDEN):
-            del made[HIDDEN]
-            made.hide_render = False
-            made.hide_set(False)
-        elif not on and not made.hide_get():
-            made[HIDDEN] = True
-            made.hide_render = True
-            made.hide_set(True)
+def show(context: bpy.types.Context, source: bpy.types.Object, shown: Collection[str]) -> None:
+    """Show the results of these operations and hide all others: objects, and colours of the source.
+
+    Where none that is shown stands in the place of the source, the source is seen.
+    """
     records = records_of(source)
+    was_covered = _is_covered(records)
     for record in records:
-        if record.operation == operation:
-            record.shown = on
+        on = record.operation in shown
+        for made in results_of(source, record.operation) if on != record.shown else ():
+            if made.name in context.view_layer.objects:
+                _show_object(made, on=on)
+        record.shown = on
     write_records(source, records)
-    shown = [record for record in records if record.shown]
-    _show_as_recorded(source, shown)
-    if shown and summary.PROPERTY in source:
-        source[summary.PROPERTY] = shown[-1].summary
+    _cover(context, source, was_covered, records)
+    seen = [record for record in records if record.shown]
+    _show_as_recorded(source, seen)
+    if seen and summary.PROPERTY in source:
+        source[summary.PROPERTY] = seen[-1].summary
 
 
-def show_only(context: bpy.types.Context, source: bpy.types.Object, operation: str) -> None:
-    """Show the result of an operation, and hide the others."""
-    for record in records_of(source):
-        if record.operation != operation and record.shown:
-            show(context, source, record.operation, False)
-    show(context, source, operation, True)
+def _show_object(made: bpy.types.Object, *, on: bool) -> None:
+    if made[RESULT] == "legend":
+        made.hide_render = not on
+    elif on and made.get(HIDDEN):
+        del made[HIDDEN]
+        made.hide_render = False
+        made.hide_set(False)
+    elif not on and not made.hide_get():
+        made[HIDDEN] = True
+        made.hide_render = True
+        made.hide_set(True)
 
 
-def _unhide(context: bpy.types.Context, source: bpy.types.Object) -> None:
-    source.hide_render = False
-    if source.name in context.view_layer.objects:
-        source.hide_set(False)
+def _is_covered(records: Iterable[Record]) -> bool:
+    """Tell whether a copy that is shown stands in the place of the source."""
+    return any(record.hides and record.shown for record in records)
+
+
+def _cover(
+    context: bpy.types.Context, source: bpy.types.Object, before: bool, records: Iterable[Record]
+) -> None:
+    """Hide or show the source where it is covered now and was not before, or the other way."""
+    covered = _is_covered(records)
+    if covered != before:
+        source.hide_render = covered
+        if source.name in context.view_layer.objects:
+            source.hide_set(covered)
 
 
 def _show_as_recorded(source: bpy.types.Object, records: list[Record]) -> None:

@@ -17,6 +17,16 @@ from . import armatures, folders, jobs, properties, reading, summary, views, wri
 FAILURES = (MedialisError, MemoryError)
 
 
+def can_start(kind: Any, context: bpy.types.Context, operation: Operation) -> bool:
+    """Tell whether an operation can start now; where not, its operator says why."""
+    reason = reading.why_not(context, operation)
+    if jobs.running is not None:
+        reason = jobs.busy()
+    if reason is not None:
+        kind.poll_message_set(reason)
+    return reason is None
+
+
 class Tasks:
     """The objects that an operation is run on, and what came of it.
 

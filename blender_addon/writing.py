@@ -241,27 +241,28 @@ def _add_signs(
 
     Views draw them. Objects for renders are added where they are asked for.
     """
-    if run.options.legend:
-        numbers = [numbers_of(plan.layer, run.result.shape) for plan in plans]
-        shown = next((plan.shown for plan in plans if plan.shown is not None), None)
-        key = None if shown is None else legend_of(shown)
-        linear = run.source.linear
-        run.record.legend = overlay.packed(key, [n for n in numbers if n is not None], linear)
-    if not run.options.legend_in_renders:
+    options = run.options
+    if not (options.legend or options.legend_in_renders):
+        return []
+    numbered = [(plan, numbers_of(plan.layer, run.result.shape)) for plan in plans]
+    shown = next((plan.shown for plan in plans if plan.shown is not None), None)
+    key = None if shown is None else legend_of(shown)
+    if options.legend:
+        numbers = [one for _, one in numbered if one is not None]
+        run.record.legend = overlay.packed(key, numbers, run.source.linear)
+    if not options.legend_in_renders:
         return []
     found, around = [], [run.shape.points]
-    for plan in plans:
-        numbers = numbers_of(plan.layer, run.result.shape)
-        if numbers is not None:
+    for plan, one in numbered:
+        if one is not None:
             name, size = f"{plan.title} numbers", run.shape.diagonal
-            sign = legends.new_numbers(name, numbers, size, run.context, run.changes)
+            sign = legends.new_numbers(name, one, size, run.context, run.changes)
             sign.show_in_front = True
             around.append(positions(sign.data).astype(np.float64))
             found.append(sign)
-    colored = next((plan for plan in plans if plan.shown is not None), None)
-    if colored is not None:
+    if key is not None:
         name = f"{run.chosen.name} {title(run.result.operation)} legend"
-        key, all_of_it = legend_of(colored.shown), np.concatenate(around)
+        all_of_it = np.concatenate(around)
         found.append(legends.new_legend(name, key, all_of_it, run.context, run.changes))
     for sign in found:
         placing.lay_on(sign, run.chosen, run.source)
@@ -323,9 +324,9 @@ def _finish(
             if one != run.chosen and name != stem and stem not in bpy.data.objects:
                 own.rename(one, stem)
                 one.data.name = stem
-        for other in removing.records_of(run.chosen):
-            if other.operation != record.operation and other.shown:
-                removing.show(run.context, run.chosen, other.operation, on=False)
+        others = [one for one in removing.records_of(chosen) if one.operation != record.operation]
+        if any(one.shown for one in others):
+            removing.show(run.context, chosen, [record.operation])
     run.context.view_layer.update()
     for one in made:
         if one.hide_render and one != run.chosen and one.name in run.context.view_layer.objects:
@@ -336,9 +337,10 @@ def _finish(
         record.summary = "\n".join([record.summary, *(f"! {told}" for told in run.told)])
         others = [one for one in removing.records_of(chosen) if one.operation != record.operation]
         removing.write_records(chosen, [*others, record])
+        for one in made:
+            if summary.PROPERTY in one:
+                one[summary.PROPERTY] = record.summary
     for one in made:
-        if summary.PROPERTY in one:
-            one[summary.PROPERTY] = record.summary
         if one != chosen:
             own.remember(one)
     on_surface = all(isinstance(plan, fields.FieldPlan) for plan in plans)

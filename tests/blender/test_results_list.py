@@ -55,6 +55,16 @@ def test_colours_on_the_surface_follow(creature):
     assert not creature.modifiers  # nothing is shown: its own look
 
 
+def test_the_source_is_seen_where_its_copy_is_hidden(creature):
+    """A smoothed surface stands in its place; thickness hid that, and nothing was seen (fixed)."""
+    run(creature, "smooth")
+    assert seen() == {"creature smooth"}
+    run(creature, "thickness")
+    assert "creature" in seen() and "creature smooth" not in seen() and not creature.hide_render
+    bpy.ops.medialis.show_result(result="smooth", solo=True)
+    assert seen() == {"creature smooth"} and creature.hide_render
+
+
 def test_one_legend_of_what_is_looked_at(creature):
     from blender_addon import overlay
 
