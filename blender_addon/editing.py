@@ -94,7 +94,7 @@ class MEDIALIS_OT_rebuild(bpy.types.Operator):
         chosen, option = context.active_object, option_of(context.active_object)
         source = reading.source_of(chosen)
         origin = np.array(source.matrix_world, np.float64)[:3, 3]
-        path = folders.own_folder("exchange") / "edited.ma"
+        path = folders.exchange() / "medialis-edited.ma"
         try:
             write_edited(path, *read_edited(chosen, origin))
         except MedialisError as error:

@@ -140,6 +140,7 @@ def _node_group(
     if shows != "faces":  # Blender 4.5 loses the material of a cloud when it deletes points
         geometry = builder.colored(geometry)
     builder.link(geometry, builder.node("NodeGroupOutput").inputs[0])
+    own.remember_nodes(group)
     return group
 
 

@@ -11,22 +11,18 @@ import bpy
 _temporary: tempfile.TemporaryDirectory[str] | None = None
 
 
-def own_folder(name: str) -> Path:
-    """Return a folder of the extension, made when missing; a passing one of a module.
+def exchange() -> Path:
+    """Return the folder of this process for arrays on their way: no other Blender uses it.
 
-    Parameters
-    ----------
-    name : str
-        "exchange" for arrays on their way.
+    It goes with Blender; after a crash the process that computes takes it away.
     """
-    if __package__.startswith("bl_ext."):
-        return Path(bpy.utils.extension_path_user(__package__, path=name, create=True))
     global _temporary
     if _temporary is None:
-        _temporary = tempfile.TemporaryDirectory(prefix="medialis-")
-    folder = Path(_temporary.name) / name
-    folder.mkdir(exist_ok=True)
-    return folder
+        inside = None
+        if __package__.startswith("bl_ext."):
+            inside = bpy.utils.extension_path_user(__package__, path="exchange", create=True)
+        _temporary = tempfile.TemporaryDirectory(prefix="medialis-", dir=inside)
+    return Path(_temporary.name)
 
 
 def kernel_environment() -> dict[str, str]:
@@ -41,8 +37,8 @@ def kernel_environment() -> dict[str, str]:
     return {}
 
 
-def remove_passing() -> None:
-    """Remove the passing folder."""
+def remove_exchange() -> None:
+    """Remove the folder of this process."""
     global _temporary
     if _temporary is not None:
         _temporary.cleanup()

@@ -25,7 +25,7 @@ def computer() -> Computer:
     """Return the process that computes; it is started by its first job, and stays."""
     global _computer
     if _computer is None:
-        _computer = Computer(folders.own_folder("exchange"), folders.kernel_environment())
+        _computer = Computer(folders.exchange(), folders.kernel_environment())
         atexit.register(stop)  # for scripts that have called functions and registered nothing
     return _computer
 
@@ -120,4 +120,4 @@ def stop() -> None:
     if _computer is not None:
         _computer.end()
         _computer = None
-    folders.remove_passing()
+    folders.remove_exchange()

@@ -16,6 +16,8 @@ MODIFIER = "Medialis look"
 SEE_THROUGH = "see-through"
 BEFORE = "medialis_before"
 """Custom property of objects without modifiers: how they were shown."""
+NUMBER = "medialis_look"
+"""Custom property of objects: number of the modifier of `show_with`, which stays when renamed."""
 
 
 def show_with(chosen: bpy.types.Object, look: str, changes: Changes) -> None:
@@ -38,6 +40,8 @@ def show_with(chosen: bpy.types.Object, look: str, changes: Changes) -> None:
             _as_wire(chosen, changes)
             return
         changes.undo_by(chosen.modifiers.remove, modifier)
+        chosen[NUMBER] = str(modifier.persistent_uid)
+        changes.undo_by(chosen.pop, NUMBER)
     before = modifier.node_group
     changes.undo_by(setattr, modifier, "node_group", before)
     modifier.node_group = _node_group(material, changes)
@@ -45,12 +49,15 @@ def show_with(chosen: bpy.types.Object, look: str, changes: Changes) -> None:
 
 
 def look_of(chosen: bpy.types.Object) -> bpy.types.Modifier | None:
-    """Return the modifier of `show_with`, whatever it is called; None where there is none."""
-    for modifier in chosen.modifiers:
+    """Return the modifier of `show_with`, whatever it is called; None where there is none.
+
+    One to which the user has given nodes of theirs is theirs.
+    """
+    number = chosen.get(NUMBER)
+    for modifier in chosen.modifiers if number is not None else ():
         group = modifier.node_group if modifier.type == "NODES" else None
-        if group is None or not group.get(materials.MEANING, "").startswith("look "):
-            continue
-        if own.is_own(group, bpy.data.node_groups):  # a copy is the user's
+        ours = group is not None and group.get(materials.MEANING, "").startswith("look ")
+        if ours and str(modifier.persistent_uid) == number:
             return modifier
     return None
 
@@ -112,8 +119,9 @@ def _as_wire(chosen: bpy.types.Object, changes: Changes) -> None:
 
 
 def _forget(chosen: bpy.types.Object) -> None:
-    if BEFORE in chosen:
-        del chosen[BEFORE]
+    for name in (BEFORE, NUMBER):
+        if name in chosen:
+            del chosen[name]
 
 
 def _node_group(material: bpy.types.Material, changes: Changes) -> bpy.types.NodeTree:
@@ -134,4 +142,5 @@ def _node_group(material: bpy.types.Material, changes: Changes) -> bpy.types.Nod
     paint.location, output.location = (200, 0), (400, 0)
     group.links.new(given.outputs[0], paint.inputs["Geometry"])
     group.links.new(paint.outputs["Geometry"], output.inputs[0])
+    own.remember_nodes(group)
     return group

@@ -127,6 +127,7 @@ def _shared(name: str, meaning: str, build: _Build, changes: Changes) -> bpy.typ
     shader = next(node for node in material.node_tree.nodes if node.type == "BSDF_PRINCIPLED")
     shader.inputs["Roughness"].default_value = 0.6
     build(material, shader)
+    own.remember_nodes(material)
     return material
 
 

@@ -21,7 +21,8 @@ from numpy.typing import NDArray
 NAME = "medialis_name"
 """Custom property of what medialis has made: a number of its own, and the name that it had then."""
 PRINT = "medialis_print"
-"""Custom property of objects that medialis has made: what they were like then."""
+"""Custom property of objects, materials and node groups that medialis has made: what they were like
+then."""
 SAMPLE = 50_000
 """Vertices whose weights are looked at: reading them takes microseconds each."""
 KEYS = {
@@ -89,6 +90,38 @@ def remember(made: bpy.types.Object) -> None:
 def is_edited(made: bpy.types.Object) -> bool:
     """Tell whether the user has changed an object since: its geometry, or what hangs on it."""
     return made.get(PRINT) != fingerprint(made)
+
+
+def remember_nodes(one: Any) -> None:
+    """Keep what the nodes of a material or node group are like."""
+    one[PRINT] = _nodes_print(one)
+
+
+def is_rewired(one: Any) -> bool:
+    """Tell whether the user has changed its nodes since."""
+    return one.get(PRINT, "") not in ("", _nodes_print(one))
+
+
+def _nodes_print(one: Any) -> str:
+    """Return a checksum of nodes, what is set in them, and links; where they lie may change."""
+    tree = one.node_tree if isinstance(one, bpy.types.Material) else one
+    about: list[Any] = sorted(
+        [link.from_node.name, link.from_socket.identifier, link.to_node.name,
+         link.to_socket.identifier] for link in tree.links
+    )  # fmt: skip
+    for node in tree.nodes:
+        about.append([node.name, node.bl_idname, node.mute, getattr(node, "attribute_name", "")])
+        values = [getattr(socket, "default_value", None) for socket in node.inputs]
+        about.append([_plain(value) for value in values])
+        if ramp := getattr(node, "color_ramp", None):
+            about.append([[stop.position, *stop.color] for stop in ramp.elements])
+    return hashlib.blake2b(json.dumps(about).encode(), digest_size=12).hexdigest()
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, bpy.types.ID):
+        return value.name_full
+    return list(value) if hasattr(value, "__len__") and not isinstance(value, str) else value
 
 
 def release(one: Any) -> None:

@@ -136,8 +136,7 @@ def replace_earlier(
     now = [*(one for one in records if one.operation != new.operation), new]
     write_records(source, now)
     _cover(context, source, _is_covered(records), now)
-    _purge()
-    return told
+    return told + _purge()
 
 
 def remove_result(
@@ -163,8 +162,7 @@ def remove_result(
     show(context, source, seen or [one.operation for one in rest[-1:]])
     if not rest and summary.PROPERTY in source:
         del source[summary.PROPERTY]
-    _purge()
-    return told
+    return told + _purge()
 
 
 def take_fields(source: bpy.types.Object, record: Record) -> list[str]:
@@ -312,10 +310,24 @@ def _remove_objects(objects: Iterable[bpy.types.Object]) -> list[str]:
     return told
 
 
-def _purge() -> None:
-    """Remove node groups and materials of results that nothing uses any more."""
+def _purge() -> list[str]:
+    """Remove node groups and materials of results that nothing uses any more.
+
+    Returns
+    -------
+    list of str
+        Sentences that say which were edited, and stay.
+    """
+    told = []
     for collection in (bpy.data.node_groups, bpy.data.materials):
         shared: Any = [one for one in collection if one.get(materials.MEANING) and not one.users]
         for one in shared:
-            if own.is_own(one, collection):
+            if not own.is_own(one, collection):
+                continue
+            if own.is_rewired(one):
+                own.release(one)
+                one.use_fake_user = True
+                told.append(f"{one.name} was edited since: it stays as yours.")
+            else:
                 collection.remove(one)
+    return told

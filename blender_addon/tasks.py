@@ -127,7 +127,7 @@ class Tasks:
         vertices = reading.selected_vertices(chosen, source)
         if not len(vertices):
             return {}
-        path = folders.own_folder("exchange") / "selected.txt"
+        path = folders.exchange() / "medialis-selected.txt"
         path.write_text(picked_lines(lists[0], vertices))
         return {lists[0].name: str(path)}
 

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import medialis
+import plates
 from blender_scenes import QUICK, add_mesh, add_object, bpy, counts, groups_of, read_back
 from medialis import OPERATIONS
 
@@ -22,7 +23,7 @@ SKIPPED = {
     *("animation_visualization", "edge_creases", "color_tag", "is_active", "show_expanded"),
 }
 """Not kept in the file, or looked at otherwise."""
-RUNS = [one for one in OPERATIONS if one.name not in ("view_curve_skeleton", "midsurface")]
+RUNS = [one for one in OPERATIONS if one.name != "midsurface"]  # which needs a plate
 SOME = [one for one in OPERATIONS if one.name in ("thickness", "parts", "armature", "patches")]
 
 
@@ -315,3 +316,108 @@ def test_a_linked_object_is_refused_and_its_copy_is_ours_to_add_to(scene, tmp_pa
     run_all(local, SOME)
     remove_all(local)
     assert not differences(before, snapshot())
+
+
+def test_an_override_of_a_library_is_ours_to_add_to(scene, tmp_path):
+    """The override keeps what the user has set in it; the mesh of the library stays as it is."""
+    creature()
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "library.blend"))
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    with bpy.data.libraries.load(str(tmp_path / "library.blend"), link=True) as (_, into):
+        into.objects = ["creature"]
+    made = bpy.data.objects["creature"].override_create()
+    bpy.context.scene.collection.objects.link(made)
+    made.location.x = 2.0
+    made["own"] = 5
+    before = snapshot()
+    run_all(made, SOME)
+    remove_all(made)
+    assert not differences(before, snapshot())
+    assert made.location.x == 2.0 and made["own"] == 5
+
+
+def test_what_was_appended_is_replaced_as_any_other(scene, taken, tmp_path):
+    """A source that came with its results from another file, into a file full of our names."""
+    source = creature()
+    run_all(source, SOME, times=1)
+    names, source_name = [one.name for one in bpy.data.objects], source.name
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "from.blend"))
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    other = creature()
+    fill(other, taken)
+    before = snapshot()
+    with bpy.data.libraries.load(str(tmp_path / "from.blend"), link=False) as (_, into):
+        into.objects = list(names)
+    appended = into.objects[names.index(source_name)]
+    for one in into.objects:
+        bpy.context.scene.collection.objects.link(one)
+    run_all(appended, SOME)
+    remove_all(appended)
+    assert appended.name in bpy.data.objects and not appended.vertex_groups
+    after = snapshot()
+    assert not differences(before, {key: after[key] for key in before})
+    # Blender has called what came as it calls copies: it cannot be told from one, and stays.
+    came = {one.name for one in bpy.data.objects} - {key[1] for key in before}
+    assert all(one.endswith(".001") for one in came)
+
+
+def test_data_of_other_add_ons(scene):
+    """Custom properties, animation and drivers of any name, on the object, its mesh and scene."""
+    chosen = creature()
+    for one in (chosen, chosen.data, scene, scene.collection):
+        one["medialis_thickness"] = 3.0
+        one["thickness"] = {"a": [1, 2], "b": "text"}
+    chosen.keyframe_insert("location", frame=1)
+    chosen.data.attributes.new("other add-on", "FLOAT2", "CORNER")
+    before = snapshot()
+    run_all(chosen, SOME)
+    remove_all(chosen)
+    assert not differences(before, snapshot())
+
+
+def test_a_result_with_an_action_is_the_users(scene):
+    chosen = creature()
+    assert bpy.ops.medialis.curve_skeleton() == {"FINISHED"}
+    made = bpy.context.active_object
+    made.keyframe_insert("location", frame=1)
+    activate(chosen)
+    assert bpy.ops.medialis.curve_skeleton() == {"FINISHED"}
+    assert "edited" in bpy.context.active_object["medialis_summary"]
+    remove_all(chosen)
+    assert made.name in bpy.data.objects and made.animation_data.action is not None
+
+
+def test_a_midsurface_leaves_nothing(scene):
+    chosen = add_mesh("plate", *plates.boxes((0.0, 4.0, 0.0, 3.0, 0.0, 0.2)))
+    before = snapshot()
+    run_all(chosen, [one for one in OPERATIONS if one.name == "midsurface"])
+    remove_all(chosen)
+    assert not differences(before, snapshot())
+
+
+def test_a_material_that_was_edited_stays_and_is_told(scene):
+    from blender_addon import removing
+
+    chosen = creature()
+    assert bpy.ops.medialis.thickness() == {"FINISHED"}
+    material = next(one for one in bpy.data.materials if one.name.startswith("Medialis"))
+    shader = next(node for node in material.node_tree.nodes if node.type == "BSDF_PRINCIPLED")
+    shader.inputs["Roughness"].default_value = 0.125
+    told = removing.remove_result(bpy.context, chosen, "thickness")
+    assert material.name in bpy.data.materials and any(material.name in one for one in told)
+    assert bpy.ops.medialis.thickness() == {"FINISHED"}
+    new = [one for one in bpy.data.materials if "thickness_color" in one.name]
+    assert len(new) == 2  # the user's is not taken for ours
+
+
+def test_an_own_modifier_with_our_look_is_the_users(scene):
+    chosen = creature()
+    assert bpy.ops.medialis.thickness() == {"FINISHED"}
+    look = chosen.modifiers[-1].node_group
+    own = add_object("own", bpy.data.meshes["creature"].copy())
+    own.modifiers.new("mine", "NODES").node_group = look
+    activate(own)
+    assert bpy.ops.medialis.thickness() == {"FINISHED"}
+    assert len(own.modifiers) == 2
+    remove_all(own)
+    assert [one.name for one in own.modifiers] == ["mine"]

@@ -175,7 +175,9 @@ time.sleep(100)
 @pytest.mark.parametrize("moment", ["start", "work", "rest"])
 def test_it_is_gone_when_its_host_is_killed(tmp_path, moment):
     """Whatever it is doing, and nobody has told it: the host had no time for last words."""
-    command = [sys.executable, "-c", HOST, str(tmp_path), moment]
+    folder = tmp_path / "medialis-run"
+    folder.mkdir()
+    command = [sys.executable, "-c", HOST, str(folder), moment]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as host:
         process, done = host.stdout.readline().split()
         assert done == str(moment == "rest") and is_running(int(process))
@@ -184,6 +186,7 @@ def test_it_is_gone_when_its_host_is_killed(tmp_path, moment):
     while is_running(int(process)) and time.monotonic() < end:
         time.sleep(0.02)
     assert not is_running(int(process))
+    assert not list(tmp_path.iterdir())
 
 
 def is_running(process):

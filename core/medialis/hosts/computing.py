@@ -251,7 +251,9 @@ class Computer:
         """End the process, and with it what it knows."""
         if self._process is None:
             return
-        self._pipe.close()  # it ends by itself when nobody is there
+        with suppress(OSError):
+            self._pipe.send(("end",))
+        self._pipe.close()
         try:
             self._process.wait(SECONDS_TO_END)
         except subprocess.TimeoutExpired:

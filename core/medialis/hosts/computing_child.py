@@ -2,8 +2,8 @@
 
 It reads orders from the pipe that is its standard input, and ends when nobody is there any more.
 Orders are tuples that begin with a word: ``("run", Task)``, ``("cancel",)``, ``("answer",
-file)``. It tells ``("ready", version)`` first, then ``("progress", fraction, text)``, ``("ask",
-file)``, ``("done", file)`` and ``("failed", error)``.
+file)``, ``("end",)``. It tells ``("ready", version)`` first, then ``("progress", fraction,
+text)``, ``("ask", file)``, ``("done", file)`` and ``("failed", error)``.
 
 What has arrays does not go through the pipe, where the sender would wait for the receiver: `pack`
 writes it to a file of a folder that both know, and `unpack` reads it from there.
@@ -87,6 +87,17 @@ def discard(file: str) -> None:
     if file:
         with suppress(OSError):
             Path(file).unlink()
+
+
+def clear_up() -> None:
+    """Remove what a host that has crashed has left: the working folder is where it handed over."""
+    folder = Path.cwd()
+    for left in folder.glob("medialis-*.*"):
+        discard(str(left))
+    if folder.name.startswith("medialis-"):  # made for this run alone
+        with suppress(OSError):
+            os.chdir(folder.parent)
+            folder.rmdir()
 
 
 PAUSE = 0.04
@@ -211,8 +222,11 @@ class Host:
         while True:
             try:
                 order = self._pipe.recv()
-            except (EOFError, OSError):
+            except (EOFError, OSError):  # the host is gone without a word
+                clear_up()
                 os._exit(1)
+            if order[0] == "end":
+                os._exit(0)
             if order[0] == "cancel":
                 self._cancelled.set()
             else:
