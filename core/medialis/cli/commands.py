@@ -254,7 +254,7 @@ def run_operation(options: argparse.Namespace) -> int:
         check_same(folder, about)
     manifest = _compute(about, given, file, Path(folder), options)
     if not options.host:  # a host reads the manifest from the folder
-        _report(manifest, options.json)
+        _report(manifest, options.json, options.verbose)
     return EXIT_OK
 
 
@@ -266,7 +266,7 @@ def run_demo(options: argparse.Namespace) -> int:
     for file in [None] if options.file is None else [None, options.file]:
         folder = Path(options.output) / ("organic_shape" if file is None else Path(file).stem)
         manifest = _compute(_about(chosen, file, {}, options), {}, file, folder, options)
-        _report(manifest, False)
+        _report(manifest, False, False)
         say(manifest["picture"])  # last, as `make demo` says
     return EXIT_OK
 
@@ -382,13 +382,13 @@ def _compute(
     return manifest
 
 
-def _report(manifest: dict[str, Any], as_json: bool) -> None:
+def _report(manifest: dict[str, Any], as_json: bool, verbose: bool) -> None:
     if as_json:
         from medialis.formats.json_npz import json_text
 
         say(json_text(manifest))
         return
-    for line in summary_lines(manifest):
+    for line in summary_lines(manifest, verbose=verbose):
         say(line)
 
 

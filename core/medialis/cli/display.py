@@ -152,6 +152,19 @@ TABLES = {
 }
 """Title and columns of the tables of places, by the name of the value."""
 
+MOST_NOTES = 3
+"""Of the notes below a result, the most important first; --verbose has them all."""
+
+INNER = {
+    *("open_balls", "without_normal", "between_parts", "along_edges", "expected_loops_certain"),
+    *("candidates", "kept_candidates", "sheet_share", "kept_points", "spacing", "unlabelled"),
+    *("seam_edges", "fewest_balls", "most_balls", "unassigned_samples"),
+}
+"""Values that tell how it was computed: with --verbose, and in the manifest."""
+
+SAID_LAST = {"refined", "welded", "sharp_edges", "open_balls", "specks", "dense_kept"}
+"""Codes of notes on how it was computed."""
+
 WIDEST, NARROWEST = 100, 60
 
 FILES = {
@@ -182,25 +195,38 @@ FILES = {
 """What a file is for, by its name or its ending."""
 
 
-def summary_lines(manifest: Mapping[str, Any], width: int | None = None) -> Iterator[str]:
-    """Yield what there is to say of a result, from its manifest."""
+def summary_lines(
+    manifest: Mapping[str, Any], width: int | None = None, *, verbose: bool = False
+) -> Iterator[str]:
+    """Yield what there is to say of a result, from its manifest; all of it when verbose."""
     from medialis.operations.result import value_rows
 
     columns = width or _line_width()
     values, unit = manifest["values"], manifest["unit"]
     yield f"{manifest['operation'].replace('_', ' ')} of {manifest['input']}"
-    known = {name: value for name, value in values.items() if value is not None}
+    left_out: set[str] = set() if verbose else INNER
+    known = {name: v for name, v in values.items() if v is not None and name not in left_out}
     yield from _indented(_aligned(value_rows(known, unit)))
     tables = [name for name in TABLES if values.get(name)]
     for name in tables:
         most = MOST_ROWS // len(tables)
         yield from _indented(_table(*TABLES[name], values[name], most, unit))
-    for message, about in zip(manifest["messages"], manifest["notes"], strict=True):
-        text = f"{'warning' if about['warning'] else 'note'}: {message}"
+    for text in _notes(manifest, verbose):
         yield from textwrap.wrap(text, columns, subsequent_indent="  ", break_long_words=False)
     folder = Path(manifest["files"][0]).parent
     yield f"{len(manifest['files'])} files in {folder}, {manifest['seconds']['total']:.1f} seconds:"
     yield from _indented(_shortened(_aligned(_files(manifest)), columns - 2))
+
+
+def _notes(manifest: Mapping[str, Any], verbose: bool) -> Iterator[str]:
+    """Yield warnings, then notes; how many are left out."""
+    said = list(zip(manifest["messages"], manifest["notes"], strict=True))
+    said.sort(key=lambda one: (not one[1]["warning"], one[1]["code"] in SAID_LAST))
+    shown = said if verbose else said[:MOST_NOTES]
+    for message, about in shown:
+        yield f"{'warning' if about['warning'] else 'note'}: {message}"
+    if len(shown) < len(said):
+        yield f"{len(said) - len(shown)} more with --verbose, and in manifest.json"
 
 
 def _line_width() -> int:
@@ -259,7 +285,7 @@ def _table(
             *("" if thing[c] is None else value_text(c, thing[c], unit) for c in columns),
             ", ".join(f"{x:.4g}" for x in thing["position"]),
         )
-        for number, thing in enumerate(things[:most])
+        for number, thing in enumerate(things[:most], 1)
     ]
     left = len(things) - len(rows)
     more = [f"{left} more in manifest.json"] if left else []

@@ -141,6 +141,8 @@ def run(
         outcome = chosen.run(near, options, progress)
     outcome = moved(outcome, offset)
     outcome = _with_patches(outcome, data)
+    if "diagonal" in outcome.values:  # of the shape as given: samples may reach a little further
+        outcome = replace(outcome, values={**outcome.values, "diagonal": data.diagonal})
     progress.seconds["total"] = time.perf_counter() - clock
     return Result(
         **{f.name: getattr(outcome, f.name) for f in fields(Outcome)},

@@ -188,6 +188,10 @@ class Layer(Described):
         Its colour map (`render.colors`).
     color_limits : (float or None, float or None)
         Values of its first and last colour; the range of the values where None.
+    color_limit : float or None
+        Values of `color_by` below it are told from those above by colour.
+    classes : tuple of (str, (float, float, float))
+        Name and sRGB colour of the numbers 0, 1, ... where `color_by` tells kinds, not amounts.
     face_attributes : dict of (m,) or (m, d) arrays
         The same for faces.
     labels : tuple of str
@@ -230,6 +234,8 @@ class Layer(Described):
     color_by: str | None = None
     color_map: str = "sequential"
     color_limits: tuple[float | None, float | None] = (None, None)
+    color_limit: float | None = None
+    classes: tuple[tuple[str, tuple[float, float, float]], ...] = ()
     face_attributes: Mapping[str, NDArray[Any]] = field(default_factory=dict)
     labels: tuple[str, ...] = ()
     filter_by: str | None = None

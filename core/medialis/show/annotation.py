@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from medialis.base.errors import InvalidOptionError, InvalidShapeError
 from medialis.base.validation import FloatArray, as_whole_number, frozen
-from medialis.show.colors import MISSING, color_table, label_colors
+from medialis.show.colors import MISSING, color_table, label_colors, limit_colors
 
 CAP, REACH = 28, 4
 """Pixels of a capital's height in the tables, and the largest distance that they store."""
@@ -155,22 +155,45 @@ INK, _DARK = np.array([35.0, 38.0, 45.0]), np.array([60.0, 60.0, 60.0])
 
 @dataclass(frozen=True)
 class ColorBar:
-    """A colour scale from `low` to `high`; `missing` adds the grey of NaN."""
+    """A colour scale from `low` to `high`; `missing` adds the grey of NaN.
+
+    A `limit` has colours of its own (`limit_colors`) and its number.
+    """
 
     label: str
     cmap: str
     low: float
     high: float
     missing: bool = False
+    limit: float | None = None
+
+    @property
+    def numbers(self) -> list[float]:
+        """Numbers at the scale, those that must have room first."""
+        marks = [self.low, self.high] if self.limit is None else [self.limit, self.low, self.high]
+        return [*marks, *round_steps(self.low, self.high, BAR_STEPS)]
+
+    def text(self, number: float) -> str:
+        """Return what stands at a number."""
+        more = " limit" if number == self.limit else ""
+        return number_text(number) + more
+
+    def colors(self, count: int) -> FloatArray:
+        """Return sRGB colours of the scale, the highest first."""
+        if self.limit is None:
+            table = color_table(self.cmap)
+            return table[np.linspace(len(table) - 1, 0, count).astype(np.int64)]
+        return limit_colors(np.linspace(self.high, self.low, count), self.limit)
 
 
 @dataclass(frozen=True, eq=False)
 class LabelKey:
-    """The colours of labels; `names[i]` is the text of label i."""
+    """The colours of labels; `names[i]` is the text of label i, `palette[i]` its own colour."""
 
     label: str
     labels: NDArray[Any]
     names: Sequence[str] | None = None
+    palette: ArrayLike | None = None
 
 
 def number_text(value: float) -> str:
@@ -234,8 +257,7 @@ def _lines(key: ColorBar | LabelKey) -> tuple[list[str], list[str]]:
     """Return the wrapped heading and the texts of the entries."""
     heading = textwrap.wrap(key.label, 17) or [""]
     if isinstance(key, ColorBar):
-        numbers = [key.low, key.high, *round_steps(key.low, key.high, BAR_STEPS)]
-        return heading, [number_text(x) for x in numbers] + ["no value"] * key.missing
+        return heading, [key.text(x) for x in key.numbers] + ["no value"] * key.missing
     named = dict(enumerate(map(str, key.names or ())))
     labels = key.labels[:MAX_KEYS].tolist()
     entries = ["none" if label < 0 else named.get(label, str(label)) for label in labels]
@@ -278,18 +300,16 @@ def draw_legend(image: Image, key: ColorBar | LabelKey, *, left: int, top: int, 
 def _draw_bar(image: Image, key: ColorBar, top: int, left: int, rows: int, size: int) -> None:
     """Draw the scale with its ends and the round numbers between them that have room."""
     width = round(1.4 * size)
-    table = color_table(key.cmap)
-    place = np.linspace(len(table) - 1, 0, rows).astype(np.int64)
-    _fill(image, top, left, rows, width, np.rint(255 * table[place])[:, None])
+    _fill(image, top, left, rows, width, np.rint(255 * key.colors(rows))[:, None])
     used: list[float] = []
-    for value in (key.low, key.high, *round_steps(key.low, key.high, BAR_STEPS)):
+    for value in key.numbers:
         share = (value - key.low) / (key.high - key.low) if key.high > key.low else 0.5
         row = top + (1 - share) * (rows - 1)
         if all(abs(row - other) >= 1.8 * size for other in used):
             used.append(row)
             thick = max(size // 12, 1)
             _fill(image, round(row), left + width, thick, max(size // 3, 2), _DARK)
-            draw_text(image, number_text(value), row - size / 2, left + width + 0.7 * size, size)
+            draw_text(image, key.text(value), row - size / 2, left + width + 0.7 * size, size)
     if key.missing:
         top += rows + round(1.4 * size)
         _fill(image, top, left, width, width, np.rint(255 * np.array(MISSING)))
@@ -299,7 +319,7 @@ def _draw_bar(image: Image, key: ColorBar, top: int, left: int, rows: int, size:
 def _draw_keys(
     image: Image, key: LabelKey, entries: list[str], top: int, left: int, rows: int, size: int
 ) -> None:
-    colors = np.rint(255 * label_colors(key.labels[:MAX_KEYS]))
+    colors = np.rint(255 * label_colors(key.labels[:MAX_KEYS], key.palette))
     pitch = rows // max(len(entries), 1)
     swatch = max(round(0.7 * pitch), 3)
     letters = min(size, 0.62 * pitch)

@@ -82,8 +82,10 @@ def palette() -> FloatArray:
     return frozen(_stored()["palette"], np.float64)
 
 
-def label_colors(labels: ArrayLike) -> FloatArray:
+def label_colors(labels: ArrayLike, own: ArrayLike | None = None) -> FloatArray:
     """Return one sRGB colour a label, (n, 3): label i has `palette()` row i mod 48, -1 is grey.
+
+    With colours of its `own` (k, 3) it has the row i mod k of these.
 
     Raises
     ------
@@ -99,7 +101,8 @@ def label_colors(labels: ArrayLike) -> FloatArray:
     values = np.asarray(labels)
     if values.dtype.kind not in "iub":
         raise InvalidShapeError(f"labels must be whole numbers, got {values.dtype} values.")
-    colors = palette()[values.astype(np.int64) % PALETTE_SIZE]
+    table = palette() if own is None else np.asarray(own, np.float64)
+    colors = table[values.astype(np.int64) % len(table)]
     colors[values < 0] = MISSING
     return colors
 
@@ -130,6 +133,32 @@ def value_range(
     if bottom > top:
         raise InvalidOptionError(f"low must not be above high, got {bottom:g} and {top:g}.")
     return bottom, top
+
+
+NEAR_LIMIT, FAR_FROM_LIMIT = 1.25, 3.0
+"""Times the limit: what is below the first is near it, from the second on the colour stays."""
+_LIMIT_COLORS = (
+    (0.0, (0.42, 0.02, 0.07)), (1.0, (0.89, 0.36, 0.29)),  # below: red
+    (1.0, (0.97, 0.78, 0.30)), (NEAR_LIMIT, (0.97, 0.78, 0.30)),  # near: yellow
+    (NEAR_LIMIT, (0.84, 0.88, 0.89)), (FAR_FROM_LIMIT, (0.35, 0.53, 0.68)),  # above: grey to blue
+)  # fmt: skip
+
+
+def limit_colors(values: ArrayLike, limit: float) -> FloatArray:
+    """Return sRGB colours (n, 3): red below a limit, yellow near it, grey to blue above.
+
+    Examples
+    --------
+    >>> limit_colors([0.5, 1.1, 9.0], 1.0).round(1).tolist()
+    [[0.7, 0.2, 0.2], [1.0, 0.8, 0.3], [0.4, 0.5, 0.7]]
+    """
+    share = np.asarray(values, np.float64) / limit
+    colors = np.full((*share.shape, 3), MISSING)
+    for (low, first), (high, last) in zip(_LIMIT_COLORS[::2], _LIMIT_COLORS[1::2], strict=True):
+        inside = share >= low if low else ~np.isnan(share)
+        part = np.clip((share[inside] - low) / (high - low), 0.0, 1.0)[:, None]
+        colors[inside] = np.array(first) * (1 - part) + np.array(last) * part
+    return colors
 
 
 def map_colors(

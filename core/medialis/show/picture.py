@@ -22,9 +22,16 @@ from medialis.base.errors import InvalidOptionError, InvalidShapeError
 from medialis.base.options import Kind
 from medialis.base.progress import Progress, ProgressCallback
 from medialis.base.threads import run_patiently
-from medialis.base.validation import FloatArray, as_faces, as_field, as_number, as_points
+from medialis.base.validation import (
+    FloatArray,
+    IntArray,
+    as_faces,
+    as_field,
+    as_number,
+    as_points,
+)
 from medialis.formats.files import complete_file
-from medialis.operations.result import Layer, Outcome
+from medialis.operations.result import Layer, Outcome, quantity, value_text
 from medialis.shape.shape import Shape
 from medialis.show.annotation import (
     ColorBar,
@@ -37,7 +44,16 @@ from medialis.show.annotation import (
     title_height,
 )
 from medialis.show.camera import Camera, turntable
-from medialis.show.colors import label_colors, map_colors, to_linear, value_range
+from medialis.show.colors import (
+    FAR_FROM_LIMIT,
+    NEAR_LIMIT,
+    label_colors,
+    limit_colors,
+    map_colors,
+    to_linear,
+    value_range,
+)
+from medialis.show.marks import draw_scale, scale_height, seen, write_texts
 from medialis.show.raster import BallLayer, MeshLayer, Style, as_radii, render_layers
 
 SIGNATURE = b"\x89PNG\r\n\x1a\n"
@@ -118,6 +134,8 @@ def write_png(path: str | os.PathLike[str], image: ArrayLike) -> None:
 
 
 Color = tuple[float, float, float]
+SMALL = 320
+"""Pixels on the page of a notebook; smaller pictures have no scale."""
 SMALLEST_TEXT = 5
 """Pixels of a capital in a small picture whose legend needs more room than there is."""
 
@@ -136,6 +154,10 @@ class Painted:
         Distinct colours; -1 is grey.
     cmap, low, high
         Colour map and its limits, as in `map_colors`.
+    limit : float, optional
+        Values below it are told from those above by colour (`limit_colors`), in the place of cmap.
+    palette : (k, 3) float, optional
+        sRGB colours of the labels 0, 1, ...
     """
 
     color: ArrayLike = (0.62, 0.68, 0.76)
@@ -144,6 +166,8 @@ class Painted:
     cmap: str = "sequential"
     low: float | None = None
     high: float | None = None
+    limit: float | None = None
+    palette: ArrayLike | None = None
 
     def colors(self, count: int) -> FloatArray:
         """Return the sRGB colours of `count` elements, (count, 3).
@@ -158,9 +182,11 @@ class Painted:
                 raise InvalidShapeError(
                     f"labels must have shape ({count},), got {np.shape(self.labels)}."
                 )
-            return label_colors(self.labels)
+            return label_colors(self.labels, self.palette)
         if self.values is not None:
             field = as_field(self.values, count, "values")
+            if self.limit is not None:
+                return limit_colors(field, self.limit)
             return map_colors(field, self.cmap, self.low, self.high)
         color = np.asarray(self.color, np.float64)
         if color.shape not in ((3,), (count, 3)) or not ((color >= 0) & (color <= 1)).all():
@@ -188,10 +214,14 @@ class Balls(Painted):
 
 @dataclass(frozen=True, eq=False)
 class Points(Painted):
-    """Points (k, 3) shown as small balls of the same size everywhere, `size` pixels across."""
+    """Points (k, 3) shown as small balls of the same size everywhere, `size` pixels across.
+
+    `texts` stand beside those that no surface hides.
+    """
 
     points: ArrayLike
     size: float = 4.0
+    texts: Sequence[str] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -240,6 +270,7 @@ def draw(
     legend: str | None = None,
     label_names: Sequence[str] | None = None,
     style: Style | None = None,
+    unit: str | None = None,
     progress: Progress | ProgressCallback | None = None,
 ) -> NDArray[np.uint8]:
     """Return a picture of the items, (h, w, 3) uint8 with the camera's width and height.
@@ -261,6 +292,8 @@ def draw(
     style : Style, optional
         Light, background, anti-aliasing and framing; its `legend` and `limits` are for
         `draw_result`.
+    unit : str, optional
+        Of the lengths, for the bar that `Style.scale` adds.
     progress : callable, optional
 
     Raises
@@ -287,6 +320,7 @@ def draw(
         key = run_patiently(lambda: _legend_of(items, legend, label_names), steps)
     chosen = Style() if style is None else style
     size = text_size(camera.width, camera.height)
+    below = scale_height(size) if chosen.scale and camera.width >= SMALL else 0
     top, right, frame = 0, 0, camera
     if not chosen.crop:
         right = 0 if key is None else legend_size(key, size)[0]
@@ -299,14 +333,56 @@ def draw(
                 "a shorter legend text."
             )
         top = title_height(size) if title else 0
-        frame = _view_frame(camera, camera.width - right, camera.height - top)
+        frame = _view_frame(camera, camera.width - right, camera.height - top - below)
     surfaces = [one for one in items if isinstance(one, Surface)]
     others = [one for one in items if not isinstance(one, Surface)]
     balls = run_patiently(lambda: [_ball_layer(one, frame) for one in others], steps)
     meshes = run_patiently(lambda: [_mesh_layer(one) for one in surfaces], steps)
     image = render_layers(balls, meshes, frame, chosen, steps)
+    _write_texts(image, items, frame, steps)
+    if chosen.crop:
+        image, size = _cropped(image, chosen)
+        top = title_height(size) if title else 0
+        right = 0 if key is None else legend_size(key, size)[0]
     margins = (top, right, size)
-    return run_patiently(lambda: _composed(image, title, key, chosen, margins), steps)
+    whole = run_patiently(lambda: _composed(image, title, key, chosen, margins), steps)
+    return _with_scale(whole, frame, chosen, size, unit) if below else whole
+
+
+def _cropped(image: NDArray[np.uint8], style: Style) -> tuple[NDArray[np.uint8], int]:
+    """Return the image without what is empty round it, and the size of text for that."""
+    ground = [0] * 4 if style.background is None else [round(255 * style.background)] * 3
+    whole = text_size(image.shape[1], image.shape[0])
+    rows, columns = content_box(image, np.array(ground, np.uint8), whole)
+    size = text_size(round(1.2 * (columns.stop - columns.start)), image.shape[0])
+    return image[rows, columns], size
+
+
+def _write_texts(
+    image: NDArray[np.uint8], items: Sequence[Item], camera: Camera, progress: Progress
+) -> None:
+    """Write what stands beside points, where no solid surface hides them."""
+    solid = [one for one in items if isinstance(one, Surface) and one.opacity >= 1]
+    for item in items:
+        if not (isinstance(item, Points) and any(item.texts)):
+            continue
+        places, shown = as_points(item.points), np.ones(len(item.texts), bool)
+        for one in solid:
+            shown &= seen(camera, places, as_points(one.points), np.asarray(one.faces), progress)
+        texts = [text for text, see in zip(item.texts, shown, strict=True) if see]
+        if any(texts):
+            write_texts(image, camera, places[shown], texts)
+
+
+def _with_scale(
+    image: NDArray[np.uint8], camera: Camera, style: Style, size: int, unit: str | None
+) -> NDArray[np.uint8]:
+    """Return the picture with axes and a bar below."""
+    below = np.empty((scale_height(size), *image.shape[1:]), np.uint8)
+    below[...] = 0 if style.background is None else round(255 * style.background)
+    whole = np.concatenate([image, below])
+    draw_scale(whole, camera, len(image), size, unit)
+    return whole
 
 
 def _composed(
@@ -316,25 +392,17 @@ def _composed(
     style: Style,
     margins: tuple[int, int, int],
 ) -> NDArray[np.uint8]:
-    """Return the image, cut to what it shows if wanted, with its title above and legend at right.
+    """Return the image with its title above and legend at right.
 
-    `margins` are the rows and columns that they take and the size of the text; with cropping they
-    follow from what is left.
+    `margins` are the rows and columns that they take and the size of the text.
     """
     top, right, size = margins
-    tall = 0
-    ground = [0] * 4 if style.background is None else [round(255 * style.background)] * 3
-    if style.crop:
-        rows, columns = content_box(image, np.array(ground, np.uint8), size)
-        size = text_size(round(1.2 * (columns.stop - columns.start)), image.shape[0])
-        top = title_height(size) if title else 0
-        right, tall = (0, 0) if key is None else legend_size(key, size)
-        image = image[rows, columns]
     if top + right == 0:
         return np.ascontiguousarray(image)
+    tall = legend_size(key, size)[1] if style.crop and key is not None else 0
     high, wide = image.shape[:2]
     whole = np.empty((top + max(high, tall), wide + right, image.shape[2]), np.uint8)
-    whole[...] = ground
+    whole[...] = 0 if style.background is None else round(255 * style.background)
     below = top + (len(whole) - top - high) // 2
     whole[below : below + high, :wide] = image
     if title:
@@ -402,6 +470,9 @@ def _mesh_layer(item: Surface) -> MeshLayer:
     points = as_points(item.points)
     faces = as_faces(item.faces, len(points))
     opacity = as_number(item.opacity, "opacity", low=0, high=1)
+    if not item.per_face and (item.labels is not None or item.limit is not None):
+        points, faces, corners = _with_borders(item, points, faces)
+        return MeshLayer(points, faces, corners, opacity, item.smooth)
     if item.per_face:
         corners = np.repeat(item.light(len(faces))[:, None], 3, axis=1)
     else:
@@ -409,16 +480,33 @@ def _mesh_layer(item: Surface) -> MeshLayer:
     return MeshLayer(points, faces, corners, opacity, item.smooth)
 
 
+def _with_borders(
+    item: Surface, points: FloatArray, faces: IntArray
+) -> tuple[FloatArray, IntArray, FloatArray]:
+    """Return points, faces and colours of their corners, cut where the colours change."""
+    from medialis.show.borders import cut_at_levels, cut_by_labels
+
+    if item.labels is not None:
+        item.colors(len(points))  # which checks them
+        cut = cut_by_labels(points, faces, np.asarray(item.labels))
+        tints = to_linear(label_colors(cut.side, item.palette))
+        return cut.points, cut.faces, np.repeat(tints[:, None], 3, axis=1)
+    assert item.values is not None and item.limit is not None
+    values = as_field(item.values, len(points), "values")
+    cut, corners = cut_at_levels(points, faces, values, (item.limit, NEAR_LIMIT * item.limit))
+    return cut.points, cut.faces, to_linear(limit_colors(corners, item.limit))
+
+
 def _legend_of(
     items: Sequence[Item], label: str, names: Sequence[str] | None
 ) -> ColorBar | LabelKey:
     for item in items:
         if item.labels is not None:
-            return LabelKey(label, np.unique(item.labels), names)
+            return LabelKey(label, np.unique(item.labels), names, item.palette)
         if item.values is not None:
             low, high = value_range(item.values, item.low, item.high)
             missing = bool(np.isnan(np.asarray(item.values, np.float64)).any())
-            return ColorBar(label, item.cmap, low, high, missing)
+            return ColorBar(label, item.cmap, low, high, missing, item.limit)
     raise InvalidOptionError("A legend needs an item with values or labels; there is none.")
 
 
@@ -512,10 +600,13 @@ NEARBY = 0.1
 """Fraction of the diagonal: what lies further from the bounding box may leave the picture, so that
 a few large balls of an open surface do not make the shape small."""
 
-SMALL = 320
-"""Pixels on the page of a notebook."""
+MOST_TEXTS = 12
+"""Places whose number and value are written, the first ones."""
 
 IN_DEGREES = ("spoke_angle",)
+
+POWERS = {"length": "", "area": "²"}
+"""What stands behind the unit of a quantity."""
 
 MEDIAL = {"feature_1", "feature_2", "radius", "source"}
 """Attributes of points that are drawn as pieces of sheets."""
@@ -582,9 +673,12 @@ def draw_result(
             lambda: Camera.framing(_in_view(result), width=width, height=height), progress
         )
     style = Style() if style is None else style
+    if style.scale is None:
+        style = replace(style, scale=True)
     items, label = _paint(result, layer, color_by or layer.color_by, camera.width, style.limits)
     if result.shown:
-        items += [_mark(other, camera.width) for other in others]
+        unit = result.shape.unit
+        items += [_mark(other, camera.width, unit) for other in others]
     else:
         items = [_context(result, camera.width), *items]
     return draw(
@@ -592,7 +686,9 @@ def draw_result(
         camera,
         title=title,
         legend=label if style.legend else None,
+        label_names=[name for name, _ in layer.classes] or None,
         style=style,
+        unit=result.shape.unit,
         progress=progress,
     )
 
@@ -658,9 +754,16 @@ def _in_view(result: Outcome) -> NDArray[np.float64]:
     return np.concatenate([result.shape.points, points[near]])
 
 
-def _mark(layer: Layer, width: int) -> Item:
-    """Points as black balls on the surface, half of each outside it."""
-    return Points(layer.points, size=max(4.0, width / 60), color=(0.05, 0.05, 0.05))
+def _mark(layer: Layer, width: int, unit: str | None) -> Item:
+    """Points as black balls on the surface, half of each outside it, with number and value."""
+    texts: list[str] = []
+    if layer.number_by is not None:
+        values = layer.attributes[layer.number_by][:MOST_TEXTS]
+        told = [value_text(layer.number_by, float(value), unit) for value in values]
+        texts = [f"{rank}: {text}" for rank, text in enumerate(told, 1)]
+    texts += [""] * (len(layer.points) - len(texts))
+    size = max(4.0, width / 80)
+    return Points(layer.points, size=size, color=(0.05, 0.05, 0.05), texts=texts)
 
 
 def _paint(
@@ -677,12 +780,16 @@ def _paint(
         values, label = np.asarray(layer.attributes[color_by]), color_by.replace("_", " ")
         if color_by in IN_DEGREES:
             values, label = np.degrees(values), label + " (degrees)"
+        elif result.shape.unit and (power := POWERS.get(quantity(color_by))) is not None:
+            label += f" ({result.shape.unit}{power})"
     cloud = layer.faces is None and layer.edges is None
     shown = ~layer.hidden if cloud else np.ones(len(layer.points), bool)
     if values is not None and not shown.all():
         values, label = values[shown], f"{label}; {_shown_from(layer, str(color_by))}"
     colors: dict[str, Any] = {"values": values}
-    if color_by in layer.labels:
+    if layer.classes and color_by == layer.color_by:
+        colors = {"labels": values, "palette": [color for _, color in layer.classes]}
+    elif color_by in layer.labels:
         colors, label = {"labels": values}, None
     elif values is not None:
         given = layer.color_limits if color_by == layer.color_by else (None, None)
@@ -690,6 +797,9 @@ def _paint(
         colors.update(low=low, high=high)
         if color_by == layer.color_by:
             colors.update(cmap=layer.color_map)
+            if layer.color_limit is not None and limits is None:
+                far = FAR_FROM_LIMIT * layer.color_limit
+                colors.update(limit=layer.color_limit, low=0.0, high=far)
     items: list[Item] = []
     if layer.faces is not None:
         items.append(Surface(layer.points, layer.faces, **colors))

@@ -393,6 +393,8 @@ class Style:
         Say which colour is which value, where a picture has values.
     limits : (float, float), optional
         Values of the first and last colour; by default those of the item that is drawn.
+    scale : bool, optional
+        Draw the axes and a bar of a round length below; by default pictures of results have them.
 
     Raises
     ------
@@ -409,6 +411,7 @@ class Style:
     crop: bool = False
     legend: bool = True
     limits: tuple[float, float] | None = None
+    scale: bool | None = None
 
     def __post_init__(self) -> None:
         for name in ("ambient", "diffuse", "specular"):

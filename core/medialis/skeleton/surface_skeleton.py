@@ -480,9 +480,8 @@ def _denoised(shape: Shape, options: Preparation, progress: Progress) -> tuple[S
     raised = min(max(tolerance, left / shape.diagonal), highest)
     text = f", with a tolerance of {100 * raised:.3f} %" if raised > tolerance else ""
     said = (
-        f"The surface is noisy: its vertices lie {100 * level / shape.diagonal:.2g} % of the "
-        f"diagonal off a smooth surface ({level / shape.spacing:.2g} of the spacing). A smoothed "
-        f"copy was used{text} (denoise = off turns this off)."
+        f"The surface is noisy, by {100 * level / shape.diagonal:.2g} % of the diagonal: a "
+        f"smoothed copy was used{text} (denoise = off turns this off)."
     )
     progress.note(said, "denoised", noise=level / shape.diagonal, tolerance=raised)
     return smooth, raised
@@ -505,22 +504,17 @@ def _refined(shape: Shape, options: Preparation, progress: Progress) -> Shape:
         return shape
     if run_patiently(lambda: _dense(shape, fraction * shape.diagonal), progress):
         return shape
-    asked, fraction = fraction, affordable_edge(shape, fraction)
+    fraction = affordable_edge(shape, fraction)
     with progress.stage("refine", 0.0, 0.1):
         fine = refine.of(shape, RefineOptions(longest_edge=fraction), progress)
     if fine is not shape:
         if shape.face_origin is None:
             creases = run_patiently(lambda: find_creases(shape, options.creases), progress)
             fine = run_patiently(lambda: on_smooth_surface(shape, fine, creases), progress)
-        instead = (
-            f", not {100 * asked:g} %, which would make many more samples than so small a mesh "
-            f"needs (refine below {100 * RefineOptions().longest_edge:g} % makes more)"
-        ) * (fraction != asked)
         progress.note(
             f"The mesh was refined for the computation: {shape.point_count:,} vertices became "
-            f"{fine.point_count:,} samples. Edges longer than {100 * fraction:.3g} % of the "
-            f"diagonal were split{instead}; flat faces are unchanged, on rounded ones new samples "
-            "lie on the smooth surface through the vertices (refine = 0 turns this off).",
+            f"{fine.point_count:,} samples, at most {100 * fraction:.3g} % of the diagonal apart "
+            "(refine = 0 turns this off).",
             "refined",
             vertices=shape.point_count,
             samples=fine.point_count,

@@ -41,7 +41,7 @@ SHOWN_SHARE = 98.0  # halved 0 %, doubled 100 %
 """Per cent of the vertices that the colours span, from the thinnest up: a few very thick places do
 not make everything else look thin."""
 
-COLORS: dict[str, Any] = {"color_map": "diverging_reversed"}
+COLORS: dict[str, Any] = {"color_map": "sequential"}
 
 PLACES = 15  # halved 0 %, doubled 0 %
 """Balls that are looked at to tell whether a cloud or an open mesh encloses anything."""
@@ -89,6 +89,7 @@ def run_thickness(shape: Shape, options: ThicknessRun, progress: Progress) -> Ou
     fields: dict[str, Any] = {"thickness": values, "thin_spot": labels}
     shown: dict[str, Any] = {"color_by": "thickness", **COLORS, "labels": ("thin_spot",)}
     limits = float(values.min()), float(np.percentile(values, SHOWN_SHARE))
+    limit = given.threshold * shape.diagonal or None
     layers = surface_layers("thickness", shape, fine, fields, color_limits=limits, **shown)
     marks = _spots_layer(spots, limits)
     return Outcome(
@@ -104,7 +105,7 @@ def run_thickness(shape: Shape, options: ThicknessRun, progress: Progress) -> Ou
             "spacing": fine.spacing,
         },
         arrays={**cloud_arrays(cloud), **fields},
-        shown=layers[-1:] + marks,
+        shown=(replace(layers[-1], color_limit=limit), *marks),
     )
 
 
@@ -269,6 +270,12 @@ THICKNESS = Operation(
 CHECKS = ("within", "too thin", "too thick", "edge", "overlap", "gap")
 """What the numbers 0, 1, ... of the attribute `check` mean."""
 
+CHECK_COLORS = (
+    (0.80, 0.82, 0.82), (0.80, 0.17, 0.18), (0.15, 0.42, 0.75),
+    (0.92, 0.92, 0.90), (0.58, 0.30, 0.62), (0.95, 0.66, 0.20),
+)  # fmt: skip
+"""Their colours in pictures."""
+
 NONE = "none"
 
 
@@ -384,8 +391,18 @@ def run_wall_check(shape: Shape, options: WallCheckRun, progress: Progress) -> O
             "spacing": fine.spacing,
         },
         arrays={**cloud_arrays(cloud), **fields},
-        shown=layers[-1:] + marks[:1],
+        shown=(replace(layers[-1], color_by="check", classes=_classes(check, shape)), *marks[:1]),
     )
+
+
+def _classes(check: WallCheck, shape: Shape) -> tuple[tuple[str, tuple[float, float, float]], ...]:
+    """Return what the numbers of `check` mean, with the limits, and their colours."""
+    told = {"too thin": ("below", check.minimum), "too thick": ("above", check.maximum)}
+    names = [
+        f"{name}: {told[name][0]} {with_unit(told[name][1], shape.unit)}" if name in told else name
+        for name in CHECKS
+    ]
+    return tuple(zip(names, CHECK_COLORS, strict=True))
 
 
 def _limits(shape: Shape, options: WallCheckRun, progress: Progress) -> WallLimits:
