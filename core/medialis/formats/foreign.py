@@ -17,7 +17,7 @@ import json
 import os
 import re
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -157,7 +157,7 @@ def serve() -> None:
     head, _, data = sys.stdin.buffer.read().partition(b"\n")
     told = json.loads(head)
     try:
-        _tell(answers, _parser(told["kind"])(data, told["kind"], told["folder"]))
+        _tell(answers, _parsed(told["kind"], data, told["folder"]))
     except MedialisError as error:
         refused = str(error)
     except MemoryError:
@@ -184,17 +184,16 @@ def _tell(answers: io.BufferedWriter, found: Foreign) -> None:
         answers.write(np.ascontiguousarray(rows, kind).data)
 
 
-def _parser(kind: str) -> Callable[[bytes, str, str], Foreign]:
-    """Return what parses a kind, with its libraries loaded: files are guarded from then on."""
+def _parsed(kind: str, data: bytes, folder: str) -> Foreign:
     if kind == "step":
         from medialis.formats.step import parse_step
 
-        return parse_step
+        return Foreign(*parse_step(data))
     if kind == "3mf":
         from medialis.formats.three_mf import parse_three_mf
 
-        return parse_three_mf
-    return _through_trimesh
+        return Foreign(*parse_three_mf(data))
+    return _through_trimesh(data, kind, folder)
 
 
 def _through_trimesh(data: bytes, kind: str, folder: str) -> Foreign:

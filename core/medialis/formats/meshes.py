@@ -28,6 +28,7 @@ from numpy.typing import NDArray
 from medialis.base.errors import InvalidShapeError
 from medialis.base.progress import Message
 from medialis.base.validation import FloatArray, IntArray, as_normals, frozen
+from medialis.formats import point_texts
 from medialis.formats import text_meshes as texts
 from medialis.formats.files import ParsedMesh, file_bytes, reading
 from medialis.formats.foreign import THROUGH_TRIMESH, parsed_foreign
@@ -194,7 +195,7 @@ _EXTENSIONS = {
 }
 _PARSERS: dict[str, Callable[[bytes], ParsedMesh]] = {
     **{"ply": parse_ply, "off": texts.parse_off, "stl": texts.parse_stl, "obj": texts.parse_obj},
-    "xyz": texts.parse_point_text,
+    "xyz": point_texts.parse_point_text,
 }
 
 
@@ -312,13 +313,13 @@ def _looks_like(kind: str, data: bytes, expected: bool) -> bool:
     if kind == "ply":
         return bool(re.match(rb"ply[ \t]*[\r\n]", data))
     if kind == "off":
-        counts = expected and texts.starts_with_numbers(data)
+        counts = expected and point_texts.starts_with_numbers(data)
         return counts or bool(texts.KEYWORD.match(data.lstrip()[:20]))
     if kind == "stl":
         return texts.is_binary_stl(data) or texts.is_ascii_stl(data)
     if kind == "obj":
         return bool(re.search(rb"(?:^|[\r\n])[ \t]*v[ \t]+[-+.\d]", data[:1_000_000]))
-    return texts.starts_with_numbers(data) and not texts.is_binary_stl(data)
+    return point_texts.starts_with_numbers(data) and not texts.is_binary_stl(data)
 
 
 def _format_of(suffix: str, data: bytes) -> tuple[str, tuple[Message, ...]]:

@@ -21,9 +21,7 @@ from numpy.typing import NDArray
 
 from medialis.base.errors import InvalidShapeError
 from medialis.base.options import METERS
-from medialis.base.validation import FloatArray
-if TYPE_CHECKING:
-    from medialis.formats.foreign import Foreign
+from medialis.base.validation import FloatArray, IntArray
 
 CHORD = 3e-4
 """Share of the diagonal that a triangle may lie off its face: the tolerance of the balls."""
@@ -47,8 +45,8 @@ _WORDS = {b"INCH": "in", b"FOOT": "ft"}
 _INDICES = {5121: "u1", 5123: "<u2", 5125: "<u4"}
 
 
-def parse_step(data: bytes, kind: str = "step", folder: str = "") -> Foreign:
-    """Return the triangles of a STEP file, the face of each in the model, and the unit.
+def parse_step(data: bytes) -> tuple[FloatArray, NDArray[np.int64], str, IntArray]:
+    """Return points and triangles of a STEP file, its unit, and the face of each in the model.
 
     It runs in a process of its own (`formats/foreign.py`), since damaged files crash the library
     and keep it busy for ever.
@@ -63,7 +61,7 @@ def parse_step(data: bytes, kind: str = "step", folder: str = "") -> Foreign:
     corners = np.concatenate([tri + start for (_, tri), start in zip(faces, starts, strict=False)])
     patches = np.repeat(np.arange(len(faces), dtype=np.int32), [len(tri) for _, tri in faces])
     places = np.concatenate([points for points, _ in faces]) / METERS[unit]
-    return Foreign(_rounded(places), corners, unit, patches)
+    return _rounded(places), corners, unit, patches
 
 
 def _unit_of(data: bytes) -> str:

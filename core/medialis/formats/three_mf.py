@@ -23,7 +23,6 @@ from numpy.typing import NDArray
 from medialis.base.errors import InvalidShapeError
 from medialis.base.options import METERS, nearest_unit
 from medialis.base.validation import FloatArray
-from medialis.formats.foreign import Foreign
 
 Faces = NDArray[np.int64]
 Name = tuple[str, str]
@@ -52,8 +51,8 @@ class _Object:
     parts: list[_Placed] = field(default_factory=list)
 
 
-def parse_three_mf(data: bytes, kind: str = "3mf", folder: str = "") -> Foreign:
-    """Return all that the build of a 3MF file places, as one mesh.
+def parse_three_mf(data: bytes) -> tuple[FloatArray, Faces, str]:
+    """Return points and triangles of all that the build of a 3MF file places, and its unit.
 
     Raises
     ------
@@ -68,7 +67,7 @@ def parse_three_mf(data: bytes, kind: str = "3mf", folder: str = "") -> Foreign:
         points, faces = package.assembled(whole)
     except (zipfile.BadZipFile, expat.ExpatError, NotImplementedError, OSError, EOFError) as error:
         raise InvalidShapeError(f"it is damaged ({str(error)[:200]}).") from None
-    return Foreign(points, faces, root.unit)
+    return points, faces, root.unit
 
 
 class _Package:

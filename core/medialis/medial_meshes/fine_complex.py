@@ -128,8 +128,8 @@ def fine_complex(
                     raise
     if lost := len(bodies) - len(found):
         progress.warn(
-            f"{lost:,} of {len(bodies):,} parts of the mesh have no balls: they enclose nothing, or "
-            "are too small beside the size of the whole.",
+            f"{lost:,} of {len(bodies):,} parts of the mesh have no balls: they enclose nothing, "
+            "or are too small beside the size of the whole.",
             "parts_without_balls",
             lost=lost,
             parts=len(bodies),

@@ -41,8 +41,9 @@ SITES = 500  # halved 60 %, doubled 31 %
 """Each stands for 0.2 % of the surface, a fifth of the smallest part by default."""
 
 MOST_SITES, WIDER = 3, 1.25
-"""More than so many times the sites asked for come where a surface lies in pieces with space between
-them: they are chosen farther apart then, by so much. What follows costs their number cubed."""
+"""More than so many times the sites asked for come where a surface lies in pieces with space
+between them: they are chosen farther apart then, by so much. What follows costs their number cubed.
+"""
 
 CANDIDATES = 10  # halved 37 %, doubled 17 %
 """Places to choose a site from."""
