@@ -137,6 +137,8 @@ def _taken(said: bytes) -> Foreign:
     arrays: dict[str, Any] = {}
     for name, kind in (("points", "<f8"), ("faces", "<i8"), ("patches", "<i4")):
         count = int(told[name])
+        if count < 0:
+            raise InvalidShapeError("its parser failed: it is damaged.")
         width = 1 if name == "patches" else 3
         length = count * width * np.dtype(kind).itemsize
         arrays[name] = np.frombuffer(rest[:length], kind).reshape(count, width)

@@ -32,6 +32,9 @@ from medialis.formats.ply import for_each_point, said_viewpoints
 NORMAL_SLACK = 0.02
 """A normal written with two digits is off by at most 0.01 in length; colours are far away."""
 
+MOST_LETTERS = 20_000
+"""Of a heading that are looked at."""
+
 _AXES = {"x": 0, "y": 1, "z": 2, "0": 0, "1": 1, "2": 2}
 _AXIS = r"([xyz]|(?<=[:_. ])[012])"
 _POSITION = re.compile(
@@ -75,7 +78,7 @@ def parse_point_text(data: bytes) -> ParsedMesh:
     if first.strip() and not _is_numbers(first):
         if not _is_numbers(rest.lstrip().partition(b"\n")[0]):
             raise InvalidShapeError(f"expected lines with the numbers x y z, found {shown(first)}.")
-        heading, text = first.strip(), rest
+        heading, text = first.strip(b" "), rest
     values, counts = numbers_by_line(_plain_numbers(text), "point list")
     if len(counts) > 1 and counts[0] == 1:
         if values[0] != len(counts) - 1:
@@ -224,9 +227,10 @@ def _said(
 
 def _names(heading: str) -> list[str]:
     """Return the names of columns, without units and quotes."""
-    bare = re.sub(r"[\[(][^\])]*[\])]", "", heading)
-    mark = next((mark for mark in ";,\t" if mark in bare.strip()), None)
-    words = bare.strip().removesuffix(mark or "\0").split(mark)
+    bare = re.sub(r"[\[(][^\[\]()]{0,40}[\])]", "", heading[:MOST_LETTERS])
+    bare = bare.strip(" \n")
+    mark = next((mark for mark in ";,\t" if mark in bare), None)
+    words = bare.removesuffix(mark or "\0").split(mark)
     return [word.strip(" \t\"'").lower() for word in words]
 
 

@@ -507,7 +507,8 @@ def _nearest_each_way(
         count = min(NEAREST, len(rows))
         away, which = kd_tree(points[rows]).query(places, k=[*range(1, count + 1)])
         near[:, way, :count], distance[:, way, :count] = rows[which], away
-    return near.reshape(len(places), -1), distance.reshape(len(places), -1)
+    flat = len(places), len(ways) * NEAREST
+    return near.reshape(flat), distance.reshape(flat)
 
 
 def _outside_of_bosses(places: FloatArray, directions: FloatArray, thick: FloatArray) -> Index:
