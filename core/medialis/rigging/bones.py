@@ -590,10 +590,13 @@ def _smoothed(skin: SkinWeights, surface: Surface, width: FloatArray) -> SkinWei
     weights = np.zeros((len(width), MOST_BONES))
     for begin, end in zip([0, *ends[:-1]], ends, strict=True):
         rows = order[begin:end]
-        solver = splu(
-            csc_array(matrix[begin:end, begin:end]), permc_spec="NATURAL",
-            diag_pivot_thresh=0.0, options={"SymmetricMode": True},
-        )  # fmt: skip
+        try:
+            solver = splu(
+                csc_array(matrix[begin:end, begin:end]), permc_spec="NATURAL",
+                diag_pivot_thresh=0.0, options={"SymmetricMode": True},
+            )  # fmt: skip
+        except RuntimeError:  # a body so small that rounding loses its areas
+            continue
         own_bones, own_weights = bones[rows], weights[rows]
         own = csc_array(table[rows])
         present = np.flatnonzero(np.diff(own.indptr))
