@@ -41,6 +41,8 @@ def good_files() -> list[GoodFile]:
         (".glb", _glb(points, faces)),
         (".gltf", _gltf(points, faces)),
         (".3mf", _three_mf(points, faces)),
+        (".3mf", assembly(3, 4)),
+        (".step", (Path(__file__).parents[1] / "formats/data/plate_with_hole.step").read_bytes()),
         (".dae", _collada(points, faces)),
     ]
     return [
@@ -143,8 +145,11 @@ def _point_files(points: NDArray[np.float64]) -> list[tuple[str, bytes]]:
     xyzn = "".join(" ".join(f"{v:.6f}" for v in row) + "\n" for row in rows)
     csv = "x,y,z,nx,ny,nz\n" + "".join(",".join(f"{v:.6f}" for v in row) + "\n" for row in rows)
     pts = f"{len(rows)}\n{xyz}"
+    german = "Nr;x;y;z\n" + "".join(
+        f"{k};{x:.3f};{y:.3f};{z:.3f}\n".replace(".", ",") for k, (x, y, z, *_) in enumerate(rows)
+    )
     texts = {".xyz": xyz, ".xyzn": xyzn, ".csv": csv, ".pts": pts, ".txt": f"# points\n{xyz}"}
-    return [(ending, text.encode()) for ending, text in texts.items()]
+    return [*((ending, text.encode()) for ending, text in texts.items()), (".csv", german.encode())]
 
 
 def _npz_files() -> list[bytes]:
@@ -221,14 +226,40 @@ def _gltf(points: NDArray[np.float64], faces: NDArray[np.int32]) -> bytes:
 
 
 def _three_mf(points: NDArray[np.float64], faces: NDArray[np.int32]) -> bytes:
+    item = '<item objectid="1" transform="1 0 0 0 1 0 0 0 1 5 0 0"/>'
+    return three_mf(f'<object id="1" type="model">{_mesh(points, faces)}</object>', item)
+
+
+def assembly(parts: int, items: int) -> bytes:
+    """Return a 3MF file of a cube of 1 mm that an object places, and that one the build.
+
+    So many times each, 2 mm apart in x and in y.
+    """
+    rows = [f'<component objectid="1" transform="{_shift(2 * k, 0)}"/>' for k in range(parts)]
+    placed = [f'<item objectid="2" transform="{_shift(0, 2 * k)}"/>' for k in range(items)]
+    return three_mf(
+        f'<object id="1" type="model">{_mesh(*grid_box(1))}</object>'
+        f'<object id="2" type="model"><components>{"".join(rows)}</components></object>',
+        "".join(placed),
+    )
+
+
+def _shift(x: float, y: float) -> str:
+    return f"1 0 0 0 1 0 0 0 1 {x} {y} 0"
+
+
+def _mesh(points: NDArray[np.float64], faces: NDArray[np.int32]) -> str:
     vertices = "".join(f'<vertex x="{x:g}" y="{y:g}" z="{z:g}"/>' for x, y, z in points.tolist())
     rows = "".join(f'<triangle v1="{a}" v2="{b}" v3="{c}"/>' for a, b, c in faces.tolist())
+    return f"<mesh><vertices>{vertices}</vertices><triangles>{rows}</triangles></mesh>"
+
+
+def three_mf(objects: str, items: str, *, before: str = "", unit: str = "millimeter") -> bytes:
+    """Return a 3MF file with these objects, and items of its build."""
     space = "http://schemas.microsoft.com/3dmanufacturing/core/2015/02"
     model = (
-        f'<?xml version="1.0"?><model unit="millimeter" xmlns="{space}"><resources>'
-        f'<object id="1" type="model"><mesh><vertices>{vertices}</vertices>'
-        f"<triangles>{rows}</triangles></mesh></object></resources>"
-        '<build><item objectid="1" transform="1 0 0 0 1 0 0 0 1 5 0 0"/></build></model>'
+        f'<?xml version="1.0"?>{before}<model unit="{unit}" xmlns="{space}"><resources>'
+        f"{objects}</resources><build>{items}</build></model>"
     )
     types = (
         '<?xml version="1.0"?><Types xmlns="http://schemas.openxmlformats.org/package/2006/'

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import contextlib
 import functools
+import importlib.util
 import io
 import json
 import os
 import resource
+import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -18,6 +20,7 @@ import medialis
 from fuzz.good_files import GoodFile, good_files, small_tube
 from fuzz.kinds import GIGABYTE, Case, Fault, Kind
 from fuzz.mutations import mutated
+from fuzz.opened import opened
 from medialis.batches.batch import write_table
 from medialis.batches.jobs import Job, find_files, plan, run_job
 from medialis.cli.commands import main
@@ -26,7 +29,11 @@ from medialis.formats.json_npz import read_npz
 from medialis.formats.ply_attributes import read_ply_attributes, write_ply
 
 MOST_MEMORY = GIGABYTE
-"""Bytes that a case may take from the system: its files have at most some megabytes."""
+"""Bytes that a case may take from the system, and a process that reads for it."""
+
+SMALL, MOST_SECONDS = 1_000_000, 20.0
+"""Files of so many bytes at most are read or refused in so much processor time, by all processes.
+"""
 
 LONGEST_SENTENCE = 1500
 
@@ -71,16 +78,31 @@ def run(case: Case) -> None:
     reader = good.reader
     if reader == "mesh" and rng.random() < 0.25:
         reader = rng.choice(("info", "job"))
-    before = _peak_memory()
+    before, begin = _peak_memory(), _processor_seconds()
     try:
-        READERS[reader](path, case)
+        with opened() as paths:
+            READERS[reader](path, case)
     except medialis.MedialisError as error:
         if case.number < len(goods):
             raise Fault("a good file was refused", f"{path.name}: {error}") from error
         _check_sentence(str(error), path)
-    grown = _peak_memory() - before
+    _check_opened(paths, path, case)
+    if len(data) > SMALL:
+        return
+    grown = max(_peak_memory() - before, _peak_memory(resource.RUSAGE_CHILDREN))
     if grown > MOST_MEMORY:
         raise Fault(f"memory of the reader {reader}", f"{grown / GIGABYTE:.1f} GiB for {path.name}")
+    used = _processor_seconds() - begin
+    if used > MOST_SECONDS:
+        raise Fault(f"slow: the reader {reader}", f"{used:.1f} s for {path.name}", again=True)
+
+
+def _check_opened(paths: list[str], path: Path, case: Case) -> None:
+    """No file outside of the folder of the input, and of those of the fuzzers, is opened."""
+    ours = tuple(f"{os.path.realpath(folder)}{os.sep}" for folder in (case.folder, case.home))
+    own = os.path.realpath(path) if "\0" not in os.fspath(path) else ""
+    if outside := [place for place in paths if not place.startswith(ours) and place != own]:
+        raise Fault("a file outside of the folder of the input was opened", "\n".join(outside))
 
 
 def _no_file(case: Case, path: Path) -> Path:
@@ -220,10 +242,9 @@ READERS: dict[str, Callable[[Path, Case], None]] = {
 def _goods() -> tuple[GoodFile, ...]:
     """All good files; pairs, seeds and manifests as often as all meshes together."""
     files = good_files()
-    try:
-        import trimesh  # noqa: F401
-    except ImportError:
-        files = [file for file in files if file.ending not in (".glb", ".gltf", ".3mf", ".dae")]
+    for library, endings in (("trimesh", (".glb", ".gltf", ".dae")), ("cascadio", (".step",))):
+        if importlib.util.find_spec(library) is None:
+            files = [file for file in files if file.ending not in endings]
     single = [file for file in files if file.reader in ("pairs", "seeds", "manifest", "curve")]
     return (*files, *single, *single)
 
@@ -266,9 +287,15 @@ def _check_sentence(text: str, path: Path) -> None:
         raise Fault("an error without a sentence")
 
 
-def _peak_memory() -> int:
-    """Bytes that the process had at most."""
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
+def _peak_memory(whose: int = resource.RUSAGE_SELF) -> int:
+    """Bytes that the process had at most, or the largest of those that it began."""
+    return resource.getrusage(whose).ru_maxrss * 1024
+
+
+def _processor_seconds() -> float:
+    """Of this process and of those that it began and that have ended."""
+    spent = os.times()
+    return time.process_time() + spent.children_user + spent.children_system
 
 
 KIND = Kind(run, processor_seconds=20.0, wall_seconds=300.0, memory=8 * GIGABYTE, share=2.0)

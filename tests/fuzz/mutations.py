@@ -63,7 +63,9 @@ def mutated(rng: random.Random, data: bytes, others: Sequence[bytes]) -> bytes:
     """Return a file damaged in one to four ways; `others`: files to splice it with."""
     for _ in range(rng.choice((1, 1, 1, 2, 2, 4))):
         packed = data.startswith(b"PK\x03\x04") and rng.random() < 0.7
-        if packed:
+        if data.startswith(b"ISO-10303") and rng.random() < 0.7:
+            data = nasty_entity(rng, data, others)
+        elif packed:
             data = _inside_archive(rng, data, others)
         else:
             data = rng.choice(MUTATIONS)(rng, data, others)
@@ -147,6 +149,24 @@ def change_words(rng: random.Random, data: bytes, others: Sequence[bytes]) -> by
     a, b = rng.randrange(len(words)), rng.randrange(len(words))
     words[a], words[b] = words[b], rng.choice((words[a], b"", words[b]))
     return b"".join(words) + data[20_000:]
+
+
+CAPITALS = ("NAN", "INFINITY", ".EXA.", ".PICO.", "$", "*", "#1", "#999999", "''", "(())", ".T.",
+            "1.E+300", "1.E-300", "-1.", "0.")  # fmt: skip
+"""What STEP files have in place of numbers, units and names."""
+
+
+def nasty_entity(rng: random.Random, data: bytes, others: Sequence[bytes]) -> bytes:
+    """Replace some numbers, units or names of entities in a STEP file, or swap two of its lines."""
+    for _ in range(rng.choice((1, 1, 3, 20))):
+        spans = [m.span() for m in re.finditer(rb"#\d+|\.[A-Z]+\.|-?\d+\.[\dE+-]*", data)]
+        if len(spans) < 2 or rng.random() < 0.1:
+            return nasty_number(rng, data, others)
+        begin, end = rng.choice(spans)
+        other = data[slice(*rng.choice(spans))]
+        new = other if rng.random() < 0.4 else rng.choice(CAPITALS).encode()
+        data = data[:begin] + new + data[end:]
+    return data
 
 
 def deep_brackets(rng: random.Random, data: bytes, others: Sequence[bytes]) -> bytes:

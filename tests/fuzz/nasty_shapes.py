@@ -248,10 +248,44 @@ def _tetrahedron(rng: random.Random) -> Mesh:
     return points, np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]], np.int32)
 
 
+def _far_apart(rng: random.Random) -> Mesh:
+    """Bodies of very different size, very far from each other."""
+    parts, here = [], np.zeros(3)
+    for _ in range(rng.randint(2, 4)):
+        points, faces = _few(_plain(rng)) if rng.random() < 0.2 else _plain(rng)
+        parts.append((points * 10 ** rng.uniform(-4, 1) + here, faces))
+        way = np.array([rng.gauss(0, 1) for _ in range(3)])
+        here = here + way / np.linalg.norm(way) * 10 ** rng.uniform(0, 8)
+    return merged(*parts)
+
+
+def _shattered(rng: random.Random) -> Mesh:
+    """Triangles that have no corner in common."""
+    count = rng.choice((10, 100, 600))
+    generator = np.random.default_rng(rng.randrange(2**32))
+    size = 10 ** rng.uniform(-3, 0)
+    corners = generator.random((count, 1, 3)) + size * generator.normal(size=(count, 3, 3))
+    return corners.reshape(-1, 3), np.arange(3 * count, dtype=np.int32).reshape(-1, 3)
+
+
+def _degenerate(rng: random.Random) -> Mesh:
+    """Faces without an area: of one vertex, on an edge, of three places on a line."""
+    points, faces = _plain(rng)
+    rows = np.array([rng.randrange(len(faces)) for _ in range(rng.choice((1, 5, 40)))])
+    more = faces[rows].copy()
+    kind = rng.randrange(3)
+    if kind < 2:
+        more[:, 1 : 2 + kind] = more[:, :1]
+        return points, np.concatenate([faces, more])
+    middles = points[more[:, :2]].mean(axis=1)
+    more[:, 2] = len(points) + np.arange(len(more))
+    return np.concatenate([points, middles]), np.concatenate([faces, more])
+
+
 MAKERS: tuple[Callable[[random.Random], Mesh], ...] = (
     *(_plain, _slivers, _long_tube, _plate, _folded, _duplicated, _back_to_back, _fan, _hub),
     *(_moebius, _crossing, _nested, _touching, _open_sheet, _few_triangles, _flat, _soup, _fin),
-    *(_pyramids, _tetrahedron),
+    *(_pyramids, _tetrahedron, _far_apart, _far_apart, _shattered, _degenerate),
 )
 
 

@@ -35,7 +35,7 @@ TO_COMPILE = {"llvmlite", "numba"}
 
 EXTRAS = {
     "cad": ("STEP", ("cascadio",)),
-    "io": ("glTF, 3MF, Collada and more", ("trimesh", "networkx", "lxml", "pycollada")),
+    "io": ("glTF, Collada and more", ("trimesh", "networkx", "lxml", "pycollada")),
     "dask": ("batches on a cluster", ("dask", "distributed")),
     "completion": ("completion in shells", ("shtab",)),
     "meshlab": ("filters of pymeshlab", ("pymeshlab",)),

@@ -30,6 +30,9 @@ if TYPE_CHECKING:
 
 Found = TypeVar("Found")
 
+FARTHEST = 0.5
+"""Diagonals from the middle of the shape: no ball inside of it lies farther away or is larger."""
+
 SMALLEST_RADIUS = 1e-5
 
 LISTED, MOST_LISTED = 6, 24  # halved 13 %, doubled 0 %; halved 0 %, doubled 0 %
@@ -387,7 +390,8 @@ class Fit:
         for attempt in range(TRIES):
             change = self.equations.solve(self.damping) / np.sqrt(power - 1.0)
             moved = balls + change
-            moved[:, 3] = np.maximum(moved[:, 3], SMALLEST_RADIUS)
+            moved[:, 3] = np.clip(moved[:, 3], SMALLEST_RADIUS, FARTHEST)
+            moved[:, :3] = np.clip(moved[:, :3], -FARTHEST, FARTHEST)
             found = self.residuals(moved)
             after = sum(part for part, _ in self._weighed(found, power, scale))
             if after < before:

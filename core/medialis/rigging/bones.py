@@ -590,10 +590,13 @@ def _smoothed(skin: SkinWeights, surface: Surface, width: FloatArray) -> SkinWei
     weights = np.zeros((len(width), MOST_BONES))
     for begin, end in zip([0, *ends[:-1]], ends, strict=True):
         rows = order[begin:end]
-        solver = splu(
-            csc_array(matrix[begin:end, begin:end]), permc_spec="NATURAL",
-            diag_pivot_thresh=0.0, options={"SymmetricMode": True},
-        )  # fmt: skip
+        try:
+            solver = splu(
+                csc_array(matrix[begin:end, begin:end]), permc_spec="NATURAL",
+                diag_pivot_thresh=0.0, options={"SymmetricMode": True},
+            )  # fmt: skip
+        except RuntimeError:  # a body so small that rounding loses its areas
+            continue
         own_bones, own_weights = bones[rows], weights[rows]
         own = csc_array(table[rows])
         present = np.flatnonzero(np.diff(own.indptr))
@@ -602,7 +605,10 @@ def _smoothed(skin: SkinWeights, surface: Surface, width: FloatArray) -> SkinWei
             for bone, values in zip(some.tolist(), spread.T, strict=True):
                 _insert(own_bones, own_weights, bone, np.where(values < LEAST_WEIGHT, 0.0, values))
         bones[rows], weights[rows] = own_bones, own_weights
-    return replace(skin, bones=bones, weights=weights / weights.sum(axis=1, keepdims=True))
+    total = weights.sum(axis=1, keepdims=True)
+    lost = ~(total[:, 0] > 0.0)  # bodies far smaller than the whole: nothing of theirs is left
+    bones[lost], weights[lost], total[lost] = skin.bones[lost], skin.weights[lost], 1.0
+    return replace(skin, bones=bones, weights=weights / total)
 
 
 def _insert(bones: IntArray, weights: FloatArray, bone: int, values: FloatArray) -> None:

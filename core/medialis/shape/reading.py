@@ -201,7 +201,7 @@ def read_shape(
     Parameters
     ----------
     path : path
-        PLY, OBJ, OFF, STL or plain text points; glTF, 3MF, Collada and others with the extra `io`;
+        PLY, OBJ, OFF, STL, 3MF or plain text points; glTF, Collada and others with the extra `io`;
         STEP with the extra `cad`, whose faces become the `patches` of the shape.
     unit : str, optional
         What one unit of the file is: "mm", "cm", "m", "in", "ft", ... Else what the format says:

@@ -99,6 +99,9 @@ class _Diffusion:
         across = np.abs(shape.normals).argmax(axis=1)
         facing = np.take_along_axis(shape.normals, across[:, None], axis=1)[:, 0] > 0
         size = place.max(axis=0) + 1
+        if 6.0 * float(np.prod(size.astype(np.float64))) > 2.0**62:  # small bodies, far apart
+            place = np.stack([np.unique(row, return_inverse=True)[1] for row in place.T], axis=1)
+            size = place.max(axis=0) + 1
         key = 6 * np.ravel_multi_index(tuple(place.T), tuple(size)) + 2 * across + facing
         self.cell = np.unique(key, return_inverse=True)[1]
         self.mass = np.maximum(shape.point_areas, 1e-12 * shape.area / shape.point_count)
@@ -129,8 +132,16 @@ class _Diffusion:
         count, (one, two), flow = len(self.area), self.ends, width**2 * self.flow
         between = coo_array((flow, (one, two)), shape=(count, count)).tocsr()
         between = between + between.T
-        matrix: Any = diags_array(self.area + between.sum(axis=1)) - between
-        return splu(matrix.tocsc())
+        leaving = between.sum(axis=1)
+        matrix: Any = diags_array(self.area + leaving) - between
+        try:
+            return splu(matrix.tocsc())
+        except RuntimeError:  # bodies so small that rounding loses their areas
+            return splu((matrix + diags_array(1e-9 * leaving + 1e-300)).tocsc())
+
+
+ROUNDED = 1e-9
+"""Squared diagonals: of places nearer to each other, rounding has left no second moments."""
 
 
 def _linear(moments: FloatArray, places: FloatArray) -> FloatArray:
@@ -141,7 +152,7 @@ def _linear(moments: FloatArray, places: FloatArray) -> FloatArray:
     mean, value = moments[:, 1:4], moments[:, 4]
     square = moments[:, [5, 8, 9, 8, 6, 10, 9, 10, 7]].reshape(-1, 3, 3)
     square = square - mean[:, :, None] * mean[:, None, :]
-    size = np.trace(square, axis1=1, axis2=2)[:, None, None] + 1e-300
+    size = np.maximum(np.trace(square, axis1=1, axis2=2), ROUNDED)[:, None, None]
     right = moments[:, 11:14] - mean * value[:, None]
     slope = np.linalg.solve(square + 1e-6 * size * np.eye(3), right[:, :, None])[:, :, 0]
     return np.asarray(value + np.einsum("na,na->n", slope, places - mean))
@@ -195,7 +206,8 @@ def _near(cloud: MedialCloud, rows: Index, edges: FloatArray) -> Mask:
     one = cloud.surface.points[cloud.features[rows, 0]] - centers
     other = cloud.contacts[rows] - centers
     ahead = (one + other) / radii[:, None]  # |u + v| = 2 cos(spoke angle / 2)
-    meet = centers + 2.0 * radii[:, None] * ahead / np.einsum("ij,ij->i", ahead, ahead)[:, None]
+    square = np.maximum(np.einsum("ij,ij->i", ahead, ahead), 1e-300)  # 0: planes that never meet
+    meet = centers + 2.0 * radii[:, None] * ahead / square[:, None]
     middles = edges.mean(axis=1)
     half = 0.5 * np.linalg.norm(edges[:, 1] - edges[:, 0], axis=1)
     distance, nearest = kd_tree(middles).query(meet)
@@ -495,7 +507,8 @@ def _nearest_each_way(
         count = min(NEAREST, len(rows))
         away, which = kd_tree(points[rows]).query(places, k=[*range(1, count + 1)])
         near[:, way, :count], distance[:, way, :count] = rows[which], away
-    return near.reshape(len(places), -1), distance.reshape(len(places), -1)
+    flat = len(places), len(ways) * NEAREST
+    return near.reshape(flat), distance.reshape(flat)
 
 
 def _outside_of_bosses(places: FloatArray, directions: FloatArray, thick: FloatArray) -> Index:
