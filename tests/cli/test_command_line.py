@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 import medialis
+import plates
 from medialis.cli.arguments import with_dashes
 from medialis.cli.commands import main
 from medialis.formats.json_npz import read_npz
@@ -159,25 +160,32 @@ def test_info_tells_the_diagnosis(creature, capsys):
     assert "closed" in capsys.readouterr().out
 
 
+def test_info_joins_the_triangles_of_stl_before_it_judges(tmp_path, capsys):
+    """A closed part was told as 60 components with 60 holes (fixed)."""
+    points, faces = plates.boxes((0, 60, 0, 40, 0, 4))
+    corners = np.asarray(points, float)[np.asarray(faces)]
+    lines = ["solid part"]
+    for triangle in corners:
+        ends = (f"vertex {x} {y} {z}" for x, y, z in triangle)
+        lines += ["facet normal 0 0 0", "outer loop", *ends, "endloop", "endfacet"]
+    (tmp_path / "part.stl").write_text("\n".join([*lines, "endsolid part"]))
+    assert run("info", tmp_path / "part.stl") == 0
+    out = capsys.readouterr().out
+    assert "in 1 component\nclosed, genus 0" in out and "size 60 x 40 x 4\n" in out
+    assert "as operations see it" not in out and "duplicate" not in out
+
+
 def test_info_tells_what_repair_makes_of_it(tmp_path, capsys):
-    """Every STL file looked open, because its triangles share no vertices before welding."""
-    corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1.0]])
-    facets = corners[[[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]]]
-    text = "".join(
-        "facet normal 0 0 0\nouter loop\n"
-        + "".join("vertex {} {} {}\n".format(*corner) for corner in facet)
-        + "endloop\nendfacet\n"
-        for facet in facets
-    )
-    path = tmp_path / "tetrahedron.stl"
-    path.write_text(f"solid\n{text}endsolid\n")
+    corners = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1.0], [0, 0, 1.0]]
+    path = tmp_path / "torn.ply"
+    write_ply(path, corners, faces=[[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 4]])
     assert run("info", path, "--json") == 0
     told = json.loads(capsys.readouterr().out)
     assert not told["closed"] and told["repaired"]["closed"] and "Welded" in told["messages"][0]
     assert run("info", path) == 0
     assert "as operations see it:\nmesh of 4 vertices" in capsys.readouterr().out
 
-    path.write_text(f"solid\n{text}endsolid\n".replace("1.0", "0.0"))
+    write_ply(path, [[0, 0, 0], [1, 0, 0], [2, 0, 0]], faces=[[0, 1, 2]])  # without area
     assert run("info", path, "--json") == 0
     told = json.loads(capsys.readouterr().out)
     assert told["repaired"] is None and "refuse" in told["messages"][-1]

@@ -524,15 +524,16 @@ def _info(options: argparse.Namespace) -> int:
     from medialis.formats.json_npz import json_text
     from medialis.formats.meshes import read_mesh
     from medialis.shape.diagnosis import diagnose
-    from medialis.shape.repair import repair
+    from medialis.shape.repair import joined_corners, repair
     from medialis.shape.shape import Shape, far_points
 
     progress, repaired = Progress(), None
     mesh = run_patiently(lambda: read_mesh(options.file), progress)
-    found = run_patiently(lambda: diagnose(mesh.points, mesh.faces), progress)
+    points, faces = run_patiently(lambda: joined_corners(mesh.points, mesh.faces), progress)
+    found = run_patiently(lambda: diagnose(points, faces), progress)
     messages = list(mesh.messages)
     try:
-        fixed = run_patiently(lambda: repair(mesh.points, mesh.faces), progress)
+        fixed = run_patiently(lambda: repair(points, faces), progress)
         messages += fixed.messages
         repaired = found
         if fixed.messages:
@@ -549,6 +550,9 @@ def _info(options: argparse.Namespace) -> int:
         return EXIT_OK
     say(f"{options.file} ({mesh.format})")
     say(found.summary())
+    finite = points[np.isfinite(points).all(axis=1)]
+    sides = (f"{side:.6g}" for side in np.ptp(finite, axis=0)) if len(finite) else ["0"]
+    say(f"size {' x '.join(sides)}")
     say(f"unit: {mesh.unit or 'not said by the file (--unit mm says it to operations)'}")
     for message in messages:
         say(f"note: {message}")

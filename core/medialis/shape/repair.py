@@ -119,6 +119,31 @@ class Repair(Described):
     messages: tuple[Message, ...]
 
 
+def joined_corners(
+    points: FloatArray, faces: IntArray | None
+) -> tuple[FloatArray, IntArray | None]:
+    """Return points and faces with one vertex where corners of triangles lie at one place.
+
+    Only where each triangle has three corners of its own, as STL files store them: these say
+    nothing about which triangles hang together.
+
+    Examples
+    --------
+    >>> soup = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], float)
+    >>> points, faces = joined_corners(soup, np.arange(6, dtype=np.int32).reshape(2, 3))
+    >>> len(points), faces.tolist()
+    (4, [[0, 1, 2], [1, 3, 2]])
+    """
+    if faces is None or len(points) != faces.size:
+        return points, faces
+    if not np.array_equal(np.sort(faces, axis=None), np.arange(len(points))):
+        return points, faces
+    first = Surface.of_checked(points, faces).first_equal_point
+    kept = first == np.arange(len(points))
+    place = (np.cumsum(kept) - 1).astype(np.int32)
+    return points[kept], place[first[faces]]
+
+
 def repair(
     points: ArrayLike, faces: ArrayLike | None = None, normals: ArrayLike | None = None
 ) -> Repair:
