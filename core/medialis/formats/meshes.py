@@ -15,16 +15,18 @@ from __future__ import annotations
 
 import codecs
 import importlib.util
+import io
 import os
 import re
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from medialis.base.disk import Folder
 from medialis.base.errors import InvalidShapeError
 from medialis.base.options import nearest_unit
 from medialis.base.progress import Message
@@ -268,7 +270,7 @@ def read_mesh(path: str | os.PathLike[str]) -> MeshData:
     with reading(name):
         binary_gltf = data.startswith(b"glTF")
         if suffix in _THROUGH_TRIMESH or binary_gltf:
-            return _read_with_trimesh(name, "glb" if binary_gltf else suffix.lstrip("."))
+            return _read_with_trimesh(name, data, "glb" if binary_gltf else suffix.lstrip("."))
         if not (data.startswith(b"ply") or texts.is_binary_stl(data)):
             data = data.removeprefix(codecs.BOM_UTF8)  # some editors put it before any text
             if data[:400].lstrip().startswith(b"ISO-10303-21"):
@@ -357,13 +359,13 @@ def _checked(parsed: ParsedMesh, kind: str, told: tuple[Message, ...]) -> MeshDa
     )
 
 
-def _check_unpacked(name: str) -> None:
+def _check_unpacked(data: bytes) -> None:
     """Refuse an archive that unpacks to more than memory should be given for it."""
     import zipfile
 
-    if not zipfile.is_zipfile(name):
+    if not zipfile.is_zipfile(io.BytesIO(data)):
         return
-    with zipfile.ZipFile(name) as archive:
+    with zipfile.ZipFile(io.BytesIO(data)) as archive:
         size = sum(entry.file_size for entry in archive.infolist())
     if size > MOST_UNPACKED:
         raise InvalidShapeError(
@@ -372,7 +374,38 @@ def _check_unpacked(name: str) -> None:
         )
 
 
-def _read_with_trimesh(name: str, kind: str) -> MeshData:
+class _Neighbours:
+    """What trimesh asks for the files that a scene names: regular ones in its folder, no links."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+
+    def get(self, key: str) -> bytes:
+        """Return what a file holds."""
+        relative = PurePosixPath(key.strip().replace("\\", "/"))
+        if relative.is_absolute() or ".." in relative.parts or not relative.name:
+            raise InvalidShapeError(f"it names a file outside of its folder, {key[:60]!r}")
+        with Folder.at(self._folder / relative.parent, self._folder) as place:
+            return place.read(relative.name)
+
+    def __getitem__(self, key: str) -> bytes:
+        return self.get(key)
+
+    def namespaced(self, namespace: str) -> _Neighbours:
+        """Return the files of a folder in it."""
+        Folder.at(self._folder / namespace, self._folder).close()
+        return _Neighbours(self._folder / namespace)
+
+    def keys(self) -> list[str]:
+        """Return what is there."""
+        with Folder.at(self._folder) as place:
+            return [name for name in place.names() if place.is_file(name)]
+
+    def __contains__(self, key: str) -> bool:
+        return key in self.keys()
+
+
+def _read_with_trimesh(name: str, data: bytes, kind: str) -> MeshData:
     """Read through the optional trimesh; a scene becomes one mesh with its transforms applied."""
     if importlib.util.find_spec("trimesh") is None:
         raise InvalidShapeError(
@@ -381,9 +414,12 @@ def _read_with_trimesh(name: str, kind: str) -> MeshData:
         )
     import trimesh
 
-    _check_unpacked(name)
+    _check_unpacked(data)
+    neighbours: Any = _Neighbours(Path(name).absolute().parent)
     try:
-        loaded: Any = trimesh.load(name, file_type=kind, process=False)
+        loaded: Any = trimesh.load(
+            io.BytesIO(data), file_type=kind, process=False, resolver=neighbours
+        )
         if isinstance(loaded, trimesh.Scene):
             loaded = loaded.to_mesh()
         points = np.array(loaded.vertices, np.float64).reshape(-1, 3)
