@@ -229,3 +229,34 @@ def cube():
     from fuzz.nasty_shapes import grid_box
 
     return grid_box(4)
+
+
+@pytest.mark.slow
+def test_names_in_a_manifest_lead_nowhere_else(tmp_path):
+    """A layer called `../private/secret` was read into the page (fixed)."""
+    import medialis
+
+    result = medialis.run("thickness", medialis.make_shape(*cube(), repair=True))
+    manifest = medialis.write_result(
+        result, tmp_path / "out", pictures=medialis.Pictures(main=False)
+    )
+    (tmp_path / "private").mkdir()
+    secret = tmp_path / "private" / "secret.ply"
+    layer = manifest["layers"][0]["name"]
+    secret.write_bytes((tmp_path / "out" / f"{layer}.ply").read_bytes())
+    told = json.loads((tmp_path / "out" / MANIFEST).read_bytes())
+    for name in ("../private/secret", str(secret.with_suffix(""))):
+        text = json.dumps(told).replace(f'"{layer}"', json.dumps(name))
+        (tmp_path / "out" / MANIFEST).write_text(text)
+        with pytest.raises(medialis.InvalidShapeError, match="not the name of a file"):
+            medialis.read_result(tmp_path / "out")
+    (tmp_path / "out" / MANIFEST).write_text(json.dumps(told))
+    if sys.platform != "win32":
+        (tmp_path / "out" / f"{layer}.ply").unlink()
+        (tmp_path / "out" / f"{layer}.ply").symlink_to(secret)
+        with pytest.raises(medialis.FileError, match="link"):
+            medialis.read_result(tmp_path / "out")
+        (tmp_path / "out" / MANIFEST).unlink()
+        os.mkfifo(tmp_path / "out" / MANIFEST)
+        with pytest.raises(medialis.FileError, match="regular"):
+            medialis.read_result(tmp_path / "out")
