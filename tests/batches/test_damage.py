@@ -14,7 +14,7 @@ import medialis
 from medialis.base.progress import Progress
 from medialis.batches.batch import csv_text, locked_folder
 from medialis.batches.engine import warn_if_open
-from medialis.batches.jobs import DONE, find_files, plan, run_job, unique_names
+from medialis.batches.jobs import DONE, FAILED, find_files, plan, run_job, unique_names
 from medialis.formats.ply_attributes import write_ply
 
 
@@ -93,24 +93,25 @@ def test_a_file_with_other_contents_is_not_done(job):
 
 
 KILLED = """
-import os, pathlib, sys
+import os, sys
 import medialis
 from medialis.batches.jobs import plan
-from medialis.formats.files import OutputFolder
+from medialis.base.disk import Folder
+from medialis.formats.output_folder import OutputFolder
 from medialis.show.writing import write_result
 
 file, output, fatal = sys.argv[1:]
-left, move, replace = int(fatal), OutputFolder._move, pathlib.Path.replace
+left, move, replace = int(fatal), OutputFolder._move, Folder.move
 
-def counted(self, target):
+def counted(self, *where):
     global left
     if left == 0:
         os._exit(9)
     left -= 1
-    return replace(self, target)
+    return replace(self, *where)
 
 def moving(self):
-    pathlib.Path.replace = counted
+    Folder.move = counted
     move(self)
     print("moved", flush=True)
     if left == 0:
@@ -225,3 +226,32 @@ def test_no_cell_of_the_table_is_a_formula(tmp_path):
     assert [row[0] for row in rows[1:]] == ["'=1+1", "'-2", "'@a"]
     assert all(row[5] == "'+" and not row[4].startswith(("=", "-", "@")) for row in rows[1:])
     assert os.sep not in rows[1][0]
+
+
+@pytest.mark.slow
+def test_a_batch_follows_no_link_in_its_folder(tmp_path):
+    """Results at the end of a planted link were replaced, and a lock made a file there (fixed)."""
+    shape = medialis.organic_shape(56)
+    medialis.write_mesh(tmp_path / "a.ply", shape)
+    victim, out = tmp_path / "victim", tmp_path / "out"
+    for folder in (victim, out):
+        folder.mkdir()
+    (victim / "thickness.npz").write_text("mine")
+    (out / "a").symlink_to(victim)
+    (job,) = plan(["thickness"], [tmp_path / "a.ply"], out, picture=False)
+    (row,) = run_job(job)
+    assert row.status == FAILED and "link" in row.sentence
+    assert [path.name for path in victim.iterdir()] == ["thickness.npz"]
+    (out / ".medialis-batch").symlink_to(victim / "new")
+    with pytest.raises(medialis.FileError, match="link"):
+        medialis.batch("thickness", [tmp_path / "a.ply"], out, workers=1)
+    assert not (victim / "new").exists()
+
+
+def test_a_batch_refuses_a_folder_with_files_of_somebody_else(tmp_path):
+    medialis.write_mesh(tmp_path / "a.ply", medialis.organic_shape(56))
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "letter.txt").write_text("mine")
+    with pytest.raises(medialis.FileError, match=r"letter\.txt"):
+        medialis.batch("thickness", [tmp_path / "a.ply"], tmp_path / "out", workers=1)
+    assert [path.name for path in (tmp_path / "out").iterdir()] == ["letter.txt"]

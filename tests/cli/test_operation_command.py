@@ -130,6 +130,24 @@ def test_files_of_no_result_stay(here, capsys):
 
 
 @pytest.mark.slow
+def test_a_folder_with_files_of_somebody_else_is_refused(here, capsys):
+    """Results were written beside them without a question (fixed)."""
+    (here / "out").mkdir()
+    (here / "out" / "letter.txt").write_text("mine")
+    assert run("thickness", "creature.ply", "-o", "out", "--no-picture") == 2
+    said = capsys.readouterr().err
+    assert "letter.txt" in said and "--overwrite" in said and said.count("\n") == 1
+    assert contents(here / "out") == {"letter.txt": b"mine"}
+    result = medialis.run("thickness", medialis.organic_shape(56))
+    without = medialis.Pictures(main=False)
+    (here / "out" / "letter.txt").rename(here / "out" / ".DS_Store")  # the system's own
+    medialis.write_result(result, here / "out", pictures=without)
+    (here / "out" / "letter.txt").write_text("mine")
+    medialis.write_result(result, here / "out", pictures=without)  # beside a result it stays
+    assert (here / "out" / "letter.txt").read_text() == "mine"
+
+
+@pytest.mark.slow
 def test_an_overwriting_that_fails_leaves_the_old_result(here, monkeypatch):
     medialis.write_result(medialis.run("surface_skeleton", medialis.organic_shape(56)), "out")
     before = contents(here / "out")

@@ -381,6 +381,10 @@ def test_a_scene_reads_nothing_outside_of_its_folder(tmp_path):
         with pytest.raises(medialis.InvalidShapeError):
             read_mesh(folder / "model.gltf")
         (folder / name).unlink()
+        os.mkfifo(folder / name)  # it was waited for without end
+        with pytest.raises(medialis.InvalidShapeError):
+            read_mesh(folder / "model.gltf")
+        (folder / name).unlink()
         (tmp_path / name).rename(folder / name)
 
 

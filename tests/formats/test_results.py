@@ -10,10 +10,12 @@ from enum import Enum
 import numpy as np
 import pytest
 
+from medialis.base import disk
 from medialis.base.errors import FileError, InvalidOptionError, InvalidShapeError, MedialisError
-from medialis.formats.files import OutputFolder, complete_file
+from medialis.formats.files import complete_file
 from medialis.formats.json_npz import json_text, read_npz, write_json, write_npz
 from medialis.formats.meshes import read_mesh
+from medialis.formats.output_folder import OutputFolder
 from medialis.formats.ply_attributes import read_ply_attributes, write_ply
 
 
@@ -271,23 +273,23 @@ def test_output_folder_leaves_nothing_after_an_error(tmp_path, error):
 
 def test_output_folder_puts_everything_back_when_moving_fails(tmp_path, monkeypatch):
     (tmp_path / "a").write_text("old")
-    original = type(tmp_path).replace
+    original = disk.Folder.move
 
-    def fail_late(self, target):
-        if self.name == "c":
-            raise OSError(28, "No space left on device")
-        return original(self, target)
+    def fail_late(self, name, folder, new):
+        if name == "c":
+            raise OSError(28, "No space left on device", name)
+        return original(self, name, folder, new)
 
-    with pytest.raises(FileError, match="no space left"), OutputFolder(tmp_path) as folder:
+    with pytest.raises(FileError, match=r"\(c\): no space"), OutputFolder(tmp_path) as folder:
         for name in ("a", "b", "c"):
             folder.file(name).write_text("new")
-        monkeypatch.setattr(type(tmp_path), "replace", fail_late)
+        monkeypatch.setattr(disk.Folder, "move", fail_late)
     assert names_in(tmp_path) == ["a"] and (tmp_path / "a").read_text() == "old"
 
 
 KILLED = """
 import os, sys
-from medialis.formats.files import OutputFolder
+from medialis.formats.output_folder import OutputFolder
 with OutputFolder(sys.argv[1]) as folder:
     folder.file("half.txt").write_text("half")
     print("here", flush=True)
@@ -329,15 +331,15 @@ def test_output_folder_removes_what_a_killed_run_left_and_nothing_else(tmp_path)
 
 def test_output_folder_loses_no_old_file_when_it_is_interrupted(tmp_path, monkeypatch):
     """Ctrl-C just after an old file was moved away lost it (fixed)."""
-    original = type(tmp_path).replace
+    original = disk.Folder.move
     for count in range(20):
         (tmp_path / "a").write_text("old")
         (tmp_path / "manifest.json").write_text("old")
         left = count
 
-        def interrupted(self, target):
+        def interrupted(self, name, folder, new):
             nonlocal left
-            original(self, target)
+            original(self, name, folder, new)
             left -= 1
             if left == -1:
                 raise KeyboardInterrupt
@@ -346,7 +348,7 @@ def test_output_folder_loses_no_old_file_when_it_is_interrupted(tmp_path, monkey
             with OutputFolder(tmp_path) as folder:
                 for name in ("a", "b", "manifest.json"):
                     folder.file(name).write_text("new")
-                monkeypatch.setattr(type(tmp_path), "replace", interrupted)
+                monkeypatch.setattr(disk.Folder, "move", interrupted)
 
         try:
             write()
@@ -356,7 +358,7 @@ def test_output_folder_loses_no_old_file_when_it_is_interrupted(tmp_path, monkey
         else:
             break
         finally:
-            monkeypatch.setattr(type(tmp_path), "replace", original)
+            monkeypatch.setattr(disk.Folder, "move", original)
     assert count == 5
 
 

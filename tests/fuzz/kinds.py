@@ -14,6 +14,8 @@ KINDS = {
     "kills": "fuzz.kills",
     "cache": "fuzz.damaged_cache",
     "disk": "fuzz.full_disk",
+    "calls": "fuzz.faulty_disk",
+    "attackers": "fuzz.attackers",
 }
 """Modules with a `KIND`; `fuzz.faults` is one more, whose faults test the runner itself."""
 

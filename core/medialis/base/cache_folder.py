@@ -12,16 +12,14 @@ import os
 import stat
 import sys
 import tempfile
-from collections.abc import Iterator
 from contextlib import suppress
 from functools import lru_cache
 from importlib.metadata import version
 from pathlib import Path
 
-PACKAGE = Path(__file__).resolve().parent.parent
+from medialis.base.disk import steps_to
 
-LONGEST_WAY = 400
-"""Folders and links on the way to a folder; systems follow 40 links."""
+PACKAGE = Path(__file__).resolve().parent.parent
 
 SAME_CODE = ("NUMBA_CACHE_DIR", "NUMBA_NUM_THREADS", "NUMBA_DEBUG_CACHE")
 """Settings of numba that change no compiled code."""
@@ -91,7 +89,7 @@ def written_by_others(folder: Path) -> str | None:
         return None
     if folder.stat().st_uid != os.geteuid():
         return f"{folder} belongs to another user"
-    for place in _way_to(folder):
+    for place in (step for step, link in steps_to(folder) if not link):
         about = place.stat()
         if about.st_uid not in (0, os.geteuid()):
             return f"{place} belongs to another user"
@@ -100,23 +98,6 @@ def written_by_others(folder: Path) -> str | None:
         if about.st_mode & others and (place == folder or not about.st_mode & stat.S_ISVTX):
             return f"other users can write to {place}"
     return None
-
-
-def _way_to(folder: Path) -> Iterator[Path]:
-    """Yield every folder that is looked into to find one, through all links, and itself."""
-    place, waiting = Path(folder.anchor), list(folder.parts[1:])
-    for _ in range(LONGEST_WAY):
-        if not waiting:
-            break
-        yield place
-        after = place / waiting.pop(0)
-        if after.is_symlink():
-            target = after.readlink()
-            place = Path(target.anchor) if target.is_absolute() else place
-            waiting = [*target.parts[bool(target.anchor) :], *waiting]
-        else:
-            place = place.parent if after.name == ".." else after
-    yield place
 
 
 @lru_cache(maxsize=1)

@@ -12,24 +12,28 @@ import html
 import io
 import math
 import os
+import re
 import sys
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
+from medialis.base import disk
 from medialis.base.errors import FileError
 from medialis.base.progress import Progress, ProgressCallback
 from medialis.base.threads import thread_count
 from medialis.base.validation import as_whole_number
 from medialis.batches.engine import run_jobs, warn_if_open
-from medialis.batches.jobs import DONE, FAILED, TABLES, Row, plan, run_job
-from medialis.formats.files import reason, remove_left, take_lock, write_text
+from medialis.batches.jobs import DONE, FAILED, TABLES, Job, Row, plan, run_job
+from medialis.formats.files import absolute, reason, write_text
+from medialis.formats.output_folder import remove_left
 from medialis.operations.result import quantity
 from medialis.show.reports.page import data_text, page
 from medialis.show.viewer.page import has_library
+from medialis.show.writing import strangers
 
 OPEN_ROWS = 2000
 """Longer pages start with their tables closed, so that they open at once."""
@@ -162,6 +166,8 @@ def _text(value: Any) -> str:
 
 
 LOCK = ".medialis-batch"
+LEFT = re.compile(rf"\.({'|'.join(map(re.escape, TABLES))})-[0-9a-f]{{8}}")
+"""Names of tables that were half written."""
 
 
 @contextmanager
@@ -176,17 +182,31 @@ def locked_folder(folder: str | os.PathLike[str]) -> Iterator[None]:
     FileError
         When another batch holds the folder, or it cannot be made or written.
     """
-    path = Path(folder) / LOCK
+    made: list[Path] = []
     try:
-        made = [p for p in (path.parent, *path.parent.parents) if not p.exists()]
-        path.parent.mkdir(parents=True, exist_ok=True)
-        handle = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
-    except (OSError, ValueError) as error:
-        raise FileError(f"Cannot write results to {folder}: {reason(error)}.") from None
+        with ExitStack() as stack:
+            try:
+                disk.refuse_links_of_others(absolute(folder))
+                disk.make_folders(absolute(folder), made)
+                place = stack.enter_context(disk.Folder.at(folder))
+            except OSError as error:
+                raise FileError(f"Cannot write results to {folder}: {reason(error)}.") from None
+            yield from _locked(place, folder)
+    finally:
+        for new in reversed(made):
+            disk.remove_if_empty(new)
+
+
+def _locked(place: disk.Folder, folder: str | os.PathLike[str]) -> Iterator[None]:
+    """Hold the lock in an open folder."""
+    try:
+        handle = place.open_regular(LOCK, os.O_RDWR | os.O_CREAT)
+    except OSError as error:
+        raise FileError(f"Cannot write to {Path(folder) / LOCK}: {reason(error)}.") from None
     try:
         # The one who had it may have removed it between our opening and locking.
-        taken = take_lock(handle) is not False and path.exists()
-        if not (taken and os.path.samestat(os.fstat(handle), path.stat())):
+        about = place.about(LOCK) if disk.take_lock(handle) is not False else None
+        if about is None or not os.path.samestat(os.fstat(handle), about):
             raise FileError(
                 f"Another batch is writing to {folder}: wait until it has ended, or name another "
                 "folder."
@@ -195,15 +215,28 @@ def locked_folder(folder: str | os.PathLike[str]) -> Iterator[None]:
             yield
         finally:
             if sys.platform != "win32":  # before the next one can open and lock it
-                path.unlink(missing_ok=True)
+                _remove(place, LOCK)
     finally:
         os.close(handle)
         if sys.platform == "win32":  # an open file cannot be removed: not that of another batch
-            with suppress(OSError):
-                path.unlink()
-        with suppress(OSError):  # something is in it
-            for new in made:
-                new.rmdir()
+            _remove(place, LOCK)
+
+
+def _refuse_strangers(folder: str | os.PathLike[str], jobs: Sequence[Job]) -> None:
+    """Refuse a folder with files of somebody else, in which no batch of these shapes has begun."""
+    with disk.Folder.at(folder) as place:
+        own = [*TABLES, *(job.name for job in jobs)]
+        found = strangers(place, [job.file for job in jobs])
+        if found and all(place.about(name) is None for name in own):
+            raise FileError(
+                f"Nothing was written to {os.fspath(folder)}: it holds no results of a batch, but "
+                f"a file {found[0]}. Name another folder, such as a new one in it."
+            )
+
+
+def _remove(place: disk.Folder, name: str) -> None:
+    with suppress(OSError):
+        place.remove(name)
 
 
 FORMULA = ("=", "+", "-", "@", "\t", "\r")
@@ -224,9 +257,11 @@ def write_table(rows: Sequence[Row], folder: str | os.PathLike[str]) -> tuple[st
         When they cannot be written; each file is complete or as it was.
     """
     csv_path, page_path = (Path(folder) / name for name in TABLES)
+    with disk.Folder.at(folder) as place:
+        for name in filter(LEFT.fullmatch, place.names()):  # of a batch that was killed
+            if place.is_file(name):
+                _remove(place, name)
     for path, text in ((csv_path, csv_text(rows)), (page_path, html_text(rows))):
-        for left in path.parent.glob(f".{path.name}-????????"):  # of a batch that was killed
-            left.unlink(missing_ok=True)
         write_text(path, text)
     return str(csv_path), str(page_path)
 
@@ -338,10 +373,11 @@ def batch(
     if scheduler is not None:
         warn_if_open(scheduler, progress)
     with locked_folder(output):
+        _refuse_strangers(output, jobs)
         rows: dict[str, list[Row]] = {}
         for job in jobs:
             for name in job.operations:
-                remove_left(job.folder(name))
+                remove_left(job.folder(name), output)
             there = [row for name in job.operations if (row := job.finished(name)) is not None]
             if len(there) == len(job.operations):
                 rows[job.name] = there

@@ -11,25 +11,25 @@ result is the same bit for bit, on threads here (`shrink_chunks`) or on the work
 
 from __future__ import annotations
 
-import errno
 import math
 import os
-import shutil
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from medialis.base import disk
 from medialis.base.errors import FileError, InvalidShapeError
 from medialis.base.progress import Progress, ProgressCallback
 from medialis.base.threads import run_chunks
 from medialis.base.validation import FloatArray, as_normals, as_points
 from medialis.batches.engine import cluster, hand_out, warn_if_open
-from medialis.formats.files import OutputFolder, reason
+from medialis.formats.files import reason
+from medialis.formats.output_folder import OutputFolder
 from medialis.skeleton.importance.importance import measures_of_points
 from medialis.skeleton.medial_cloud import (
     SAMPLES_A_CHUNK,
@@ -78,24 +78,45 @@ def create_mapped(folder: Path, name: str, shape: tuple[int, ...], dtype: Any) -
     FileError
         When the disk is full or the file cannot be written.
     """
-    path = folder / f"{name}.npy"
+    header = {"descr": np.lib.format.dtype_to_descr(np.dtype(dtype)), "fortran_order": False}
     try:
-        array = np.lib.format.open_memmap(path, "w+", dtype, shape)
-        if hasattr(os, "posix_fallocate"):
-            _reserve(path)
+        with disk.folder_of(folder / f"{name}.npy") as (place, file):
+            stream = os.fdopen(place.create(file), "w+b")
+        with stream:
+            np.lib.format.write_array_header_1_0(stream, {**header, "shape": shape})
+            stream.flush()
+            size = math.prod(shape) * np.dtype(dtype).itemsize
+            disk.set_aside(stream.fileno(), stream.tell() + size)
+            array = np.memmap(stream, dtype, "r+", stream.tell(), shape)
     except OSError as error:
-        raise FileError(f"Cannot write {path.name}: {reason(error)}.") from None
+        raise FileError(f"Cannot write {name}.npy: {reason(error)}.") from None
     return as_plain(array)
 
 
-def _reserve(path: Path) -> None:
-    """Let the disk set the size of a file aside, where the file system can."""
-    try:
-        with path.open("r+b") as stream:
-            os.posix_fallocate(stream.fileno(), 0, path.stat().st_size)
-    except OSError as error:
-        if error.errno not in (errno.EOPNOTSUPP, errno.EINVAL):
-            raise
+def open_mapped(path: str | os.PathLike[str], *, write: bool = False) -> NDArray[Any]:
+    """Map the array of a .npy file.
+
+    Raises
+    ------
+    OSError
+        When it cannot be read, or is no regular file.
+    ValueError
+        When it is no such file, damaged, or holds Python objects.
+    """
+    with disk.open_file(path, os.O_RDWR if write else os.O_RDONLY) as stream:
+        version = np.lib.format.read_magic(stream)
+        read = {(1, 0): np.lib.format.read_array_header_1_0}.get(
+            version, np.lib.format.read_array_header_2_0
+        )
+        shape, by_columns, dtype = read(stream)
+        if dtype.hasobject:
+            raise ValueError("it holds Python objects")
+        size = math.prod(shape) * dtype.itemsize
+        if stream.tell() + size > os.fstat(stream.fileno()).st_size or not size:
+            raise ValueError("it is cut short, or empty")
+        order: Literal["F", "C"] = "F" if by_columns else "C"
+        mode: Literal["r+", "r"] = "r+" if write else "r"
+        return np.memmap(stream, dtype, mode, stream.tell(), shape, order)
 
 
 def as_plain(mapped: NDArray[Any]) -> NDArray[Any]:
@@ -128,7 +149,7 @@ def shrink_range(job: Range) -> int:
     names = (*OUT, *("points", "normals", "order", "blocks", "bounds", "child"))
     places = [Path(job.folder) / ("" if name in RESULTS else TREE) for name in names]
     mapped = {
-        name: as_plain(np.load(place / f"{name}.npy", mmap_mode="r+"))
+        name: as_plain(open_mapped(place / f"{name}.npy", write=True))
         for name, place in zip(names, places, strict=True)
     }
     results = {name: mapped.pop(name) for name in OUT}
@@ -253,8 +274,7 @@ def huge_surface_skeleton(
     progress = Progress.of(progress)
     with OutputFolder(folder) as out:
         files = out.file("a").parent
-        temporary = files / TREE
-        temporary.mkdir(exist_ok=True)
+        temporary = out.file(f"{TREE}/a").parent
         new = partial(create_mapped, temporary)
         unit_normals = new("unit_normals", (len(samples), 3), np.float64)
         with progress.stage("check", 0.0, 0.05):
@@ -273,7 +293,10 @@ def huge_surface_skeleton(
             _finish(tree, options, results, progress)
             _measure(samples, files, results)
         del tree, unit_normals, results
-        shutil.rmtree(temporary)
+        with disk.folder_of(temporary) as (place, name):
+            with place.folder(name) as passing:
+                passing.empty()
+            place.remove_folder(name)
     return open_medial_cloud(folder)
 
 
@@ -300,7 +323,7 @@ def open_medial_cloud(folder: str | os.PathLike[str]) -> Balls:
     True
     """
     try:
-        arrays = {n: np.load(Path(folder) / f"{n}.npy", mmap_mode="r") for n in RESULTS}
+        arrays = {n: open_mapped(Path(folder) / f"{n}.npy") for n in RESULTS}
         return Balls(**arrays)
     except (OSError, ValueError) as error:
         raise FileError(f"Cannot read a medial cloud in {os.fspath(folder)}: {error}.") from None
@@ -309,7 +332,7 @@ def open_medial_cloud(folder: str | os.PathLike[str]) -> Balls:
 def _mapped(values: Any, name: str) -> FloatArray:
     if isinstance(values, str | os.PathLike):
         try:
-            values = np.load(values, mmap_mode="r")
+            values = open_mapped(values)
         except (OSError, ValueError, EOFError) as error:
             raise FileError(f"Cannot read {name} from {os.fspath(values)}: {error}.") from None
     array = np.asarray(values)

@@ -16,14 +16,16 @@ from pathlib import Path
 from typing import Any
 
 from medialis.base.arrays import Described
+from medialis.base.disk import Folder
 from medialis.base.errors import Cancelled, FileError, InvalidOptionError, MedialisError
 from medialis.base.kept import forget
 from medialis.base.options import as_unit
 from medialis.base.progress import Progress
 from medialis.base.threads import thread_limit
 from medialis.base.version import package_version
-from medialis.formats.files import MANIFEST, absolute
+from medialis.formats.files import absolute
 from medialis.formats.json_npz import json_text
+from medialis.formats.output_folder import MANIFEST
 from medialis.operations.registry import operation, run
 from medialis.shape.reading import read_shape
 from medialis.shape.shape import Shape
@@ -215,25 +217,29 @@ class Job:
         same version of medialis. A manifest that is damaged is none; so is one whose files have
         other contents than it lists.
         """
-        folder = self.folder(operation_name)
         try:
-            manifest = json.loads((folder / MANIFEST).read_bytes())
-            files = {Path(name).name for name in manifest["files"]}
-            same = (
-                manifest["medialis"] == package_version()
-                and parameters_given(manifest) == dict(self.operations[operation_name])
-                and manifest["input_stamp"] == input_stamp(self.file)
-                and manifest["input_unit"] == self.unit
-                and (THUMBNAIL in files or not self.picture)
-                and (REPORT in files or not self.report)
-                and f"{operation_name}.npz" in files
-                and files == {*manifest["contents"], MANIFEST}
-                and _is_complete(manifest)
-                and all(_is_written(folder / n, told) for n, told in manifest["contents"].items())
-            )
-            return self.row(manifest) if same else None
+            with Folder.at(self.folder(operation_name), self.output) as folder:
+                return self._finished(folder, operation_name)
         except (OSError, ValueError, KeyError, TypeError, RecursionError):
             return None
+
+    def _finished(self, folder: Folder, operation_name: str) -> Row | None:
+        """Return the row of a result in an open folder; whatever is wrong with it raises."""
+        manifest = json.loads(folder.read(MANIFEST))
+        files = {Path(name).name for name in manifest["files"]}
+        same = (
+            manifest["medialis"] == package_version()
+            and parameters_given(manifest) == dict(self.operations[operation_name])
+            and manifest["input_stamp"] == input_stamp(self.file)
+            and manifest["input_unit"] == self.unit
+            and (THUMBNAIL in files or not self.picture)
+            and (REPORT in files or not self.report)
+            and f"{operation_name}.npz" in files
+            and files == {*manifest["contents"], MANIFEST}
+            and _is_complete(manifest)
+            and all(_is_written(folder, n, told) for n, told in manifest["contents"].items())
+        )
+        return self.row(manifest) if same else None
 
     def row(self, manifest: Mapping[str, Any]) -> Row:
         """Return the row of a result from its manifest, as it is read back from its file."""
@@ -261,10 +267,13 @@ class Job:
         return Row(self.name, self.file, operation_name, FAILED, " ".join(sentence.split()))
 
 
-def _is_written(path: Path, told: Mapping[str, Any]) -> bool:
+def _is_written(folder: Folder, name: str, told: Mapping[str, Any]) -> bool:
     """Whether a file holds what its manifest tells: a machine that lost power leaves empty ones."""
-    same_size = path.is_file() and 0 < path.stat().st_size == told["bytes"]
-    return same_size and content(path, Progress()) == told
+    about = folder.about(name)
+    if about is None or not 0 < about.st_size == told["bytes"]:
+        return False
+    with folder.open(name) as stream:
+        return content(stream, Progress()) == told
 
 
 def _is_complete(manifest: Mapping[str, Any]) -> bool:
@@ -388,6 +397,7 @@ def _run_operation(
         texts=texts,
         record={"input_stamp": stamp, "input_unit": job.unit},
         overwrite=True,  # a batch owns its folder, and computes anew what is not as it should be
+        below=job.output,
     )
     manifest = write_files(result, job.folder(name), wanted, progress)
     # As it is read back: a resumed batch must give the same table.

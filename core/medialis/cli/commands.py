@@ -163,15 +163,25 @@ def _of_folder(folder: Path) -> list[Outcome]:
     InvalidOptionError
         When there is none, or they are of several shapes.
     """
-    from medialis.formats.files import MANIFEST
+    from medialis.base.disk import Folder
+    from medialis.formats.output_folder import MANIFEST
     from medialis.show.result import read_result
 
-    folders = sorted(
-        path.parent for path in [*folder.glob(MANIFEST), *folder.glob(f"*/{MANIFEST}")]
-    )
+    def inside(place: Folder, depth: int) -> Iterator[Path]:
+        """Yield folders of results in a folder, and so many levels deeper, along no link."""
+        if place.about(MANIFEST) is not None:
+            yield place.path
+        for name in place.names() if depth else ():
+            with suppress(OSError):
+                if place.is_folder(name):
+                    with place.folder(name) as inner:
+                        yield from inside(inner, depth - 1)
+
+    with Folder.at(folder) as place:
+        found = [path.relative_to(place.path) for path in inside(place, 2)]
+    folders = [folder / path for path in sorted(found) if len(path.parts) < 2]
     if not folders:
-        inside = sorted({path.parents[1] for path in folder.glob(f"*/*/{MANIFEST}")})
-        more = f" Name one shape, such as {inside[0]}." if inside else ""
+        more = f" Name one shape, such as {folder / min(found).parent}." if found else ""
         raise InvalidOptionError(f"{folder} holds no results.{more}")
     results = [read_result(path) for path in folders]
     size = results[0].shape.diagonal
@@ -201,8 +211,10 @@ def _of_layer(file: Path) -> Outcome | None:
 
 
 def _is_ours(file: Path) -> bool:
+    from medialis.base.disk import open_file
+
     try:
-        with file.open("rb") as stream:
+        with open_file(file) as stream:
             return b"\ncomment medialis " in stream.read(2000)
     except OSError:
         return False  # the reader says why

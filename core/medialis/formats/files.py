@@ -1,6 +1,6 @@
 """Files as bytes and text: read or written whole, numbers out of text, one sentence for each fault.
 
-A folder of results appears whole or not at all as well (`OutputFolder`).
+A folder of results appears whole or not at all as well (`output_folder.py`).
 
 Parsers turn bytes into a `ParsedMesh`. They raise `InvalidShapeError` without the file name, which
 `reading` puts in front.
@@ -8,11 +8,10 @@ Parsers turn bytes into a `ParsedMesh`. They raise `InvalidShapeError` without t
 
 from __future__ import annotations
 
+import errno
 import os
 import re
 import secrets
-import shutil
-import sys
 import warnings
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
@@ -23,13 +22,9 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from medialis.base.errors import (
-    Cancelled,
-    FileError,
-    InvalidOptionError,
-    InvalidShapeError,
-    MedialisError,
-)
+from medialis.base.disk import folder_of, read_file
+from medialis.base.disk import shown as shown_path
+from medialis.base.errors import Cancelled, FileError, InvalidShapeError, MedialisError
 from medialis.base.progress import Message
 
 
@@ -43,13 +38,10 @@ def file_bytes(name: str) -> bytes:
     InvalidShapeError
         When it is empty.
     """
-    path = Path(name)
     try:
-        if path.is_dir():
+        if Path(name).is_dir():
             raise FileError(f"Cannot read {name}: it is a folder; name a mesh file inside it.")
-        if path.exists() and not path.is_file():
-            raise FileError(f"Cannot read {name}: it is not a regular file.")
-        data = path.read_bytes()
+        data = read_file(name)
     except FileNotFoundError:
         raise FileError(f"Cannot read {name}: there is no such file; check the path.") from None
     except PermissionError:
@@ -127,27 +119,6 @@ def absolute(path: str | os.PathLike[str]) -> Path:
         ) from None
 
 
-def take_lock(handle: int) -> bool | None:
-    """Lock an open file without waiting; False when another has it, None where there are no locks.
-
-    The system gives it back when the process ends in whatever way.
-    """
-    try:
-        if sys.platform == "win32":
-            import msvcrt
-
-            msvcrt.locking(handle, msvcrt.LK_NBLCK, 1)
-        else:
-            import fcntl
-
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except (PermissionError, BlockingIOError):  # the first is Windows
-        return False
-    except OSError:
-        return None
-    return True
-
-
 def reason(error: Exception) -> str:
     """Return why an operation on a file failed, in lower-case words."""
     text = getattr(error, "strerror", None) or str(error)
@@ -166,19 +137,23 @@ def complete_file(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
         When the file cannot be written (no such folder, no permission, disk full).
     """
     target = Path(path)
-    hidden = target.with_name(f".{target.name}-{secrets.token_hex(4)}") if target.name else target
     try:
         if target.is_dir():
-            raise FileError(f"Cannot write {target}: it is a folder; name a file inside it.")
-        with _new_file(hidden) as stream:
-            yield stream
-        hidden.replace(target)
-    except BaseException as error:
-        with suppress(OSError, ValueError):
-            hidden.unlink()
-        if isinstance(error, FileError) or not isinstance(error, OSError):
-            raise
-        raise FileError(f"Cannot write {target}: {reason(error)}.") from None
+            raise IsADirectoryError(errno.EISDIR, "it is a folder; name a file inside it")
+        with folder_of(target) as (folder, name):
+            hidden = f".{name}-{secrets.token_hex(4)}"
+            try:
+                with folder.new(hidden) as stream:
+                    yield stream
+                folder.move(hidden, folder, name)
+            except BaseException:
+                with suppress(OSError):
+                    folder.remove(hidden)
+                raise
+    except FileError:
+        raise
+    except OSError as error:
+        raise FileError(f"Cannot write {shown_path(target)}: {reason(error)}.") from None
 
 
 def write_text(path: str | os.PathLike[str], text: str) -> None:
@@ -192,13 +167,6 @@ def write_lines(path: str | os.PathLike[str], lines: Iterable[str]) -> None:
     with complete_file(path) as stream:
         for line in lines:
             stream.write(line.encode() + b"\n")
-
-
-def _new_file(path: Path) -> BinaryIO:
-    try:
-        return path.open("xb")
-    except ValueError as error:  # a NUL character in the name
-        raise FileError(f"Cannot write {str(path)!r}: {reason(error)}.") from None
 
 
 BLOCK = 1 << 21
@@ -372,228 +340,3 @@ def ragged_rows(starts: NDArray[np.int64], counts: NDArray[np.int64]) -> NDArray
     """Return the positions starts[i] .. starts[i] + counts[i] - 1 of all rows in one array."""
     offsets = np.cumsum(counts) - counts
     return np.arange(int(counts.sum())) + np.repeat(starts - offsets, counts)
-
-
-MANIFEST = "manifest.json"
-"""Moved after all others, and an old one away before: where it is, all it lists belongs to it."""
-LOCK = ".medialis-lock"
-"""In each hidden folder, held as long as its process lives: what nobody holds was left behind."""
-
-
-def remove_left(path: str | os.PathLike[str]) -> None:
-    """Remove the hidden folders of killed runs that wrote to `path`; never one in use."""
-    target = absolute(path)
-    ours = re.compile(re.escape(f".{target.name}-") + "[0-9a-f]{8}")
-    for place in (target.parent, target):
-        try:
-            left = [entry for entry in place.iterdir() if ours.fullmatch(entry.name)]
-        except (OSError, ValueError):  # not there, or not to be read
-            continue
-        for folder in left:
-            _remove_unless_held(folder)
-
-
-def _remove_unless_held(folder: Path) -> None:
-    try:
-        handle = os.open(folder / LOCK, os.O_RDWR)
-    except OSError:
-        with suppress(OSError):  # its process was killed before it made the lock, or it is not ours
-            folder.rmdir()
-        return
-    try:
-        taken = take_lock(handle)
-        if taken:
-            _remove_folder(folder)
-    finally:
-        os.close(handle)
-    if taken:  # Windows removes no open file
-        _remove_folder(folder)
-
-
-def _remove_folder(folder: Path) -> None:
-    """Remove a hidden folder, the mark that it is ours last: who is killed leaves no other one."""
-    with suppress(OSError):
-        for entry in folder.iterdir():
-            if entry.is_dir() and not entry.is_symlink():
-                shutil.rmtree(entry, ignore_errors=True)
-            elif entry.name != LOCK:
-                entry.unlink(missing_ok=True)
-    shutil.rmtree(folder, ignore_errors=True)
-
-
-class OutputFolder:
-    """Collect files in a hidden folder and move them to `path` when the block ends well.
-
-    The hidden folder lies beside `path` (inside it where only that is possible: another disk is
-    mounted there, or the folder around it may not be written), so moving is renaming. When the
-    block ends with any exception, or moving fails, everything is as it was before. What a killed
-    run has left is removed by the next one.
-
-    Parameters
-    ----------
-    path : path
-        The folder; made with its parents when missing. Files in it that are not written again stay.
-    replaced : iterable of str
-        Names of files that go in any case: those of an older result.
-
-    Raises
-    ------
-    FileError
-        On entering: `path` is a file or cannot be made or written. On leaving: moving failed.
-
-    Examples
-    --------
-    >>> import tempfile
-    >>> out = Path(tempfile.mkdtemp()) / "results"
-    >>> with OutputFolder(out) as folder:
-    ...     _ = folder.file("note.txt").write_text("done")
-    >>> (out / "note.txt").read_text()
-    'done'
-    """
-
-    def __init__(self, path: str | os.PathLike[str], *, replaced: Iterable[str] = ()) -> None:
-        self.path, self._replaced = Path(path), tuple(replaced)
-        self._hidden: Path | None = None
-        self._lock: int | None = None
-        self._made: list[Path] = []
-
-    def __enter__(self) -> OutputFolder:
-        self._hidden, self._made = None, []
-        target = absolute(self.path)
-        try:
-            if target.exists() and not target.is_dir():
-                raise FileError(
-                    f"Cannot write results to {self.path}: it is a file; name a folder."
-                )
-            self._make(target.parent)
-            place = target.parent
-            if target.exists():
-                if not os.access(target, os.W_OK | os.X_OK):
-                    raise PermissionError(13, "permission denied")
-                apart = target.stat().st_dev != place.stat().st_dev or not target.name
-                place = target if apart or not os.access(place, os.W_OK | os.X_OK) else place
-            remove_left(target)
-            while not self._hide(place, target.name):
-                pass
-        except BaseException as error:
-            self._clean()
-            if isinstance(error, FileError) or not isinstance(error, OSError | ValueError):
-                raise
-            raise FileError(f"Cannot write results to {self.path}: {reason(error)}.") from None
-        return self
-
-    def _hide(self, place: Path, name: str) -> bool:
-        """Make the hidden folder and hold its lock; False when another run removed it meanwhile."""
-        hidden = place / f".{name}-{secrets.token_hex(4)}"
-        try:
-            hidden.mkdir(mode=0o700)
-        except FileExistsError:
-            return False
-        self._hidden = hidden
-        try:
-            self._lock = os.open(hidden / LOCK, os.O_RDWR | os.O_CREAT, 0o600)
-        except FileNotFoundError:
-            return False
-        if take_lock(self._lock) is not False and (hidden / LOCK).exists():
-            return True
-        self._unlock()
-        return False
-
-    def _unlock(self) -> None:
-        if self._lock is not None:
-            os.close(self._lock)
-            self._lock = None
-
-    def file(self, name: str) -> Path:
-        """Return where to write the file `name` (such as "skeleton.ply" or "sheets/3.ply").
-
-        Raises
-        ------
-        InvalidOptionError
-            When the name leaves the folder, or outside of the `with` block.
-        """
-        if self._hidden is None:
-            raise InvalidOptionError("OutputFolder.file works only inside its `with` block.")
-        relative = Path(name)
-        if relative.is_absolute() or ".." in relative.parts or not relative.name:
-            raise InvalidOptionError(f"a result file must lie inside its folder, got {name!r}.")
-        result = self._hidden / relative
-        result.parent.mkdir(parents=True, exist_ok=True)
-        return result
-
-    def __exit__(self, kind: type[BaseException] | None, *error: object) -> None:
-        try:
-            if kind is None:
-                self._move()
-                self._made = []
-        except OSError as failure:
-            if isinstance(failure, FileError):
-                raise
-            raise FileError(f"Cannot write results to {self.path}: {reason(failure)}.") from None
-        finally:
-            self._clean()
-
-    def _make(self, folder: Path) -> None:
-        """Make a folder and its parents, remembering which ones are new."""
-        missing = []
-        while not folder.exists():
-            missing.append(folder)
-            folder = folder.parent
-        for new in reversed(missing):
-            new.mkdir(exist_ok=True)
-            self._made.append(new)
-
-    def _move(self) -> None:
-        """Rename all files into place; put everything back when one cannot be moved."""
-        if self._hidden is None:
-            return
-        hidden, target = self._hidden, absolute(self.path)
-        files = sorted(p for p in hidden.rglob("*") if not p.is_dir() and p != hidden / LOCK)
-        files.sort(key=lambda p: p.name == MANIFEST)
-        blocked = [p for p in files if (target / p.relative_to(hidden)).is_dir()]
-        if blocked:
-            raise FileError(
-                f"Cannot write results to {self.path}: {blocked[0].name} is a folder there."
-            )
-        backup = hidden / ".replaced"
-        done: list[tuple[Path, Path | None]] = []
-
-        def put_aside(place: Path) -> None:
-            backup.mkdir(exist_ok=True)
-            done.append((place, backup / str(len(done))))
-            place.replace(backup / str(len(done) - 1))
-
-        try:
-            if (target / MANIFEST).exists():  # a kill between moves leaves none
-                put_aside(target / MANIFEST)
-            for name in self._replaced:
-                if name != MANIFEST and not (hidden / name).exists() and (target / name).is_file():
-                    put_aside(target / name)
-            for source in files:
-                place = target / source.relative_to(hidden)
-                self._make(place.parent)
-                if place.exists():
-                    put_aside(place)
-                else:
-                    done.append((place, None))
-                source.replace(place)
-            self._make(target)
-        except BaseException:
-            for place, old in reversed(done):
-                if old is None:
-                    place.unlink(missing_ok=True)
-                elif old.exists():
-                    old.replace(place)
-            raise
-
-    def _clean(self) -> None:
-        if self._hidden is not None:
-            self._unlock()  # Windows removes no open file
-            _remove_folder(self._hidden)
-            self._hidden = None
-        for folder in reversed(self._made):
-            try:
-                folder.rmdir()
-            except OSError:  # someone else has put something there meanwhile
-                break
-        self._made = []

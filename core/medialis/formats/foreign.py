@@ -20,7 +20,7 @@ import sys
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any, cast
 from urllib.parse import unquote
 
@@ -28,10 +28,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from medialis.base.children import Ended, Limits, answer_of
+from medialis.base.disk import Folder
 from medialis.base.errors import InvalidShapeError, MedialisError
 from medialis.base.options import nearest_unit
 from medialis.base.validation import FloatArray, IntArray
-from medialis.formats.files import absolute, file_bytes
+from medialis.formats.files import absolute
 
 SECONDS, SECONDS_A_MEGABYTE = 10.0, 8.0
 """Processor time of a file. Good ones take 0.1 to 2 s for each MB, on a machine of 2026."""
@@ -217,10 +218,10 @@ def _through_trimesh(data: bytes, kind: str, folder: str) -> Foreign:
 
 
 class _Beside:
-    """Buffers of a glTF file: regular files in its folder, and nothing else."""
+    """Buffers of a glTF file: regular files in its folder, along no link, and nothing else."""
 
     def __init__(self, folder: str) -> None:
-        self._folder = folder
+        self._folder = Path(folder)
 
     def get(self, name: str) -> bytes:
         """Return the content of a file.
@@ -230,15 +231,21 @@ class _Beside:
         InvalidShapeError
             When it is not there, or no regular file of this folder.
         """
-        path = _inside(self._folder, name)
-        if not path.exists():
-            path = _inside(self._folder, unquote(name))
-        try:
-            return file_bytes(str(path))
-        except MedialisError:
-            raise InvalidShapeError(
-                f"its buffer {name[:60]!r} is not there, empty, or no regular file."
-            ) from None
+        for one in (name, unquote(name)):
+            relative = PurePosixPath(one.strip().replace("\\", "/"))
+            if relative.is_absolute() or ".." in relative.parts or not relative.name:
+                raise InvalidShapeError(
+                    f"the buffer {name[:60]!r} lies outside of the folder of the file"
+                )
+            with (
+                suppress(OSError),
+                Folder.at(self._folder / relative.parent, self._folder) as place,
+            ):
+                if content := place.read(relative.name):
+                    return content
+        raise InvalidShapeError(
+            f"its buffer {name[:60]!r} is not there, empty, or no regular file."
+        )
 
     __getitem__ = get
 
@@ -258,6 +265,7 @@ def guard(folder: str) -> None:
 
     mimetypes.init()
     sys.dont_write_bytecode = True
+    os.chdir(folder)  # names that are looked up in the open folder are told without it
     ours = (sys.prefix, sys.base_prefix, sys.exec_prefix, folder, *filter(None, sys.path))
     roots = tuple(f"{os.path.realpath(place)}{os.sep}" for place in ours)
 
@@ -267,7 +275,7 @@ def guard(folder: str) -> None:
         if event == "open" and not isinstance(arguments[0], int):
             path, _, flags = arguments
             place = os.path.realpath(os.fsdecode(path))
-            if (flags or 0) & WRITING or not place.startswith(roots):
+            if (flags or 0) & WRITING or not f"{place}{os.sep}".startswith(roots):
                 raise PermissionError("a file of others may not open files")
 
     sys.addaudithook(look)

@@ -26,8 +26,9 @@ from medialis.base.options import Kind, Options, Parameter
 from medialis.base.progress import Progress, ProgressCallback
 from medialis.base.threads import run_patiently
 from medialis.base.version import package_version
-from medialis.formats.files import OutputFolder, write_text
+from medialis.formats.files import write_text
 from medialis.formats.json_npz import json_text, write_json
+from medialis.formats.output_folder import OutputFolder
 from medialis.formats.ply_attributes import write_ply
 from medialis.hosts.drawing import hidden_apart, shown, solid
 from medialis.hosts.fields import on_input

@@ -11,17 +11,20 @@ import json
 import logging
 import os
 from collections.abc import Mapping
+from contextlib import ExitStack
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from medialis.base.disk import Folder
 from medialis.base.errors import FileError, InvalidOptionError, InvalidShapeError
 from medialis.base.options import Kind
 from medialis.base.progress import Message
-from medialis.formats.files import MANIFEST, file_bytes, reading
+from medialis.formats.files import file_bytes, reading
 from medialis.formats.json_npz import read_npz
+from medialis.formats.output_folder import MANIFEST
 from medialis.formats.ply_attributes import read_ply_attributes
 from medialis.operations import registry
 from medialis.operations import result as results
@@ -154,20 +157,27 @@ def read_result(folder: str | os.PathLike[str]) -> Result:
     True
     """
     base = Path(folder)
-    if not (base / MANIFEST).is_file():
-        raise FileError(f"{base} holds no result: there is no {MANIFEST} in it.")
-    with reading(base / MANIFEST):
+    with ExitStack() as stack:
+        try:
+            folder_there = stack.enter_context(Folder.at(base))
+            there = folder_there.about(MANIFEST) is not None
+        except OSError:
+            there = False
+        if not there:
+            raise FileError(f"{base} holds no result: there is no {MANIFEST} in it.")
+        stack.enter_context(folder_there.held())  # names in the manifest lead nowhere else
+        stack.enter_context(reading(base / MANIFEST))
         manifest = json.loads(file_bytes(os.fspath(base / MANIFEST)))
-        layers = {row["name"]: _layer(base, row) for row in manifest["layers"]}
+        layers = {row["name"]: _layer(folder_there, row) for row in manifest["layers"]}
         name = str(manifest["operation"])
-        arrays = read_npz(base / f"{name}.npz")
+        arrays = read_npz(folder_there.path_of(f"{name}.npz"))
         return Result(
             shape=_shape(arrays, layers, manifest.get("unit")),
             layers=tuple(layers.values()),
             values=manifest["values"],
             arrays=arrays,
             shown=tuple(layers[other] for other in manifest.get("shown", ())),
-            extras=_extras(base, name),
+            extras=_extras(folder_there, name),
             operation=name,
             parameters=manifest["parameters"],
             seconds=manifest["seconds"],
@@ -175,21 +185,22 @@ def read_result(folder: str | os.PathLike[str]) -> Result:
         )
 
 
-def _extras(folder: Path, name: str) -> dict[str, Any]:
+def _extras(folder: Folder, name: str) -> dict[str, Any]:
     """Read what the operation's own formats give back; nothing where none of them was written."""
     try:
         formats = registry.operation(name).formats
     except InvalidOptionError:  # of another version
         return {}
-    files = [(one, folder / f"{name}.{one.name}") for one in formats]
-    return {one.of: one.read(file) for one, file in files if one.read and file.is_file()}
+    files = [(one, f"{name}.{one.name}") for one in formats]
+    there = [(one, file) for one, file in files if one.read and folder.about(file) is not None]
+    return {one.of: one.read(folder.path_of(file)) for one, file in there if one.read}
 
 
-def _layer(folder: Path, row: Mapping[str, Any]) -> Layer:
+def _layer(folder: Folder, row: Mapping[str, Any]) -> Layer:
     unit = row["filter_unit"]
     told: dict[str, Any] = {name: row.get(name) for name in OF_LAYERS}
     return Layer(
-        **vars(read_ply_attributes(folder / f"{row['name']}.ply")),
+        **vars(read_ply_attributes(folder.path_of(f"{row['name']}.ply"))),
         filter_unit=FilterUnit(**{**unit, "kind": Kind(unit["kind"])}),
         facts=row.get("facts", {}),
         **told | {name: tuple(row.get(name, ())) for name in LISTS},

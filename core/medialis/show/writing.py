@@ -10,21 +10,24 @@ import json
 import logging
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 
+from medialis.base.disk import Folder, open_file
 from medialis.base.errors import FileError, InvalidOptionError
 from medialis.base.options import Length, Options
 from medialis.base.progress import Message, Progress, ProgressCallback
 from medialis.base.validation import IntArray, as_choice
 from medialis.base.version import package_version
-from medialis.formats.files import MANIFEST, Drawn, OutputFolder, absolute, write_text
+from medialis.formats.files import Drawn, absolute, write_text
 from medialis.formats.gltf import write_gltf
 from medialis.formats.json_npz import write_json, write_npz
+from medialis.formats.output_folder import MANIFEST, OutputFolder, remove_left
 from medialis.formats.ply_attributes import write_layer_ply
 from medialis.formats.shells import CALCULIX, write_inp, write_msh
 from medialis.formats.text_meshes import write_obj
@@ -45,6 +48,9 @@ DIFFERENCES = {
     "medialis": "of medialis {}",
 }
 """What tells results apart, and what is said of the one that is there."""
+
+OF_SYSTEMS = ("desktop.ini", "thumbs.db", "icon\r")
+"""Files that Windows and macOS put into folders by themselves, besides hidden ones."""
 
 
 def input_stamp(file: str | os.PathLike[str]) -> list[str | int]:
@@ -72,18 +78,28 @@ def parameters_given(manifest: Mapping[str, Any]) -> dict[str, Any]:
 def manifest_in(folder: str | os.PathLike[str]) -> dict[str, Any] | None:
     """Return the manifest in a folder; empty where it is damaged, None where there is none."""
     try:
-        text = (Path(folder) / MANIFEST).read_bytes()
-    except (OSError, ValueError):
+        with Folder.at(folder) as there:
+            return manifest_of(there)
+    except OSError:
+        return None
+
+
+def manifest_of(folder: Folder) -> dict[str, Any] | None:
+    """Return the manifest in an open folder; empty where it is damaged or no regular file."""
+    if folder.about(MANIFEST) is None:
         return None
     try:
-        found = json.loads(text)
+        found = json.loads(folder.read(MANIFEST))
         return found if isinstance(found, dict) else {}
-    except (ValueError, RecursionError):
+    except (OSError, ValueError, RecursionError):
         return {}
 
 
 def check_same(folder: str | os.PathLike[str], about: Mapping[str, Any]) -> None:
     """Refuse a folder with a result that is not the one that is about to be written there.
+
+    So is one without a result that has files of somebody else. What a killed run was moving there
+    is put back before.
 
     Parameters
     ----------
@@ -95,33 +111,66 @@ def check_same(folder: str | os.PathLike[str], about: Mapping[str, Any]) -> None
     ------
     FileError
     """
-    there = manifest_in(folder)
-    if there is None:
-        return
-    told = [
-        text.format(there.get(name, "unknown"))
-        for name, text in DIFFERENCES.items()
-        if name in about and there.get(name) != about[name]
-    ]
-    if not told:
-        before, now = parameters_given(there), dict(about["parameters"])
-        names = [name for name in {**before, **now} if before.get(name) != now.get(name)]
-        told = [f"with another {', '.join(names)}"] if names else []
-    if told:
-        raise _refused(folder, f"it holds a result {', '.join(told)}")
+    remove_left(folder)
+    with ExitStack() as stack:
+        try:
+            there = stack.enter_context(Folder.at(folder))
+        except OSError:  # not there, or writing tells what is wrong
+            return
+        check_open(there, folder, about)
 
 
-def check_free(folder: str | os.PathLike[str], names: Iterable[str]) -> None:
-    """Refuse a folder that has files of these names which belong to no result.
+def check_open(
+    there: Folder,
+    folder: str | os.PathLike[str],
+    about: Mapping[str, Any],
+    names: Iterable[str] = (),
+) -> None:
+    """Refuse an open folder as `check_same` does, or for files of these names of no result.
 
     Raises
     ------
     FileError
     """
-    own = set(files_of(manifest_in(folder)))
-    taken = [name for name in names if name not in own and (Path(folder) / name).exists()]
+    before = manifest_of(there)
+    if before is None:
+        if found := strangers(there, [str((about.get("input_stamp") or [""])[0])]):
+            raise FileError(
+                f"Nothing was written to {os.fspath(folder)}: it holds no result, but a file "
+                f"{found[0]}. Name another folder, or say that results may lie beside it: "
+                "--overwrite (in Python overwrite=True), which replaces only files of their names."
+            )
+    elif told := _told_apart(before, about):
+        raise _refused(folder, f"it holds a result {', '.join(told)}")
+    own = set(files_of(before))
+    taken = [n for n in names if n not in own and n != MANIFEST and there.about(n) is not None]
     if taken:
         raise _refused(folder, f"there is a file {taken[0]} already, which is of no result")
+
+
+def _told_apart(there: Mapping[str, Any], about: Mapping[str, Any]) -> list[str]:
+    """Return what tells a result from another one, in words."""
+    told = [
+        text.format(there.get(name, "unknown"))
+        for name, text in DIFFERENCES.items()
+        if name in about and there.get(name) != about[name]
+    ]
+    if told:
+        return told
+    before, now = parameters_given(there), dict(about["parameters"])
+    names = [name for name in {**before, **now} if before.get(name) != now.get(name)]
+    return [f"with another {', '.join(names)}"] if names else []
+
+
+def strangers(there: Folder, inputs: Sequence[str | os.PathLike[str]]) -> list[str]:
+    """Return the files in a folder that are no inputs, nor of those that systems put there."""
+    try:
+        names = there.names()
+    except OSError:  # not to be listed
+        return []
+    own = {absolute(file).name for file in inputs if absolute(file).parent == there.path}
+    shown = [name for name in names if not name.startswith(".") and name.lower() not in OF_SYSTEMS]
+    return [name for name in shown if name not in own and not there.is_folder(name)]
 
 
 def files_of(manifest: Mapping[str, Any] | None) -> list[str]:
@@ -257,6 +306,8 @@ class Written:
         More entries for the manifest.
     overwrite : bool
         Replace what is there.
+    below : str or None
+        As in `OutputFolder`.
     """
 
     source: str | None = None
@@ -265,6 +316,7 @@ class Written:
     texts: Mapping[str, str] = field(default_factory=dict)
     record: Mapping[str, Any] = field(default_factory=dict)
     overwrite: bool = False
+    below: str | None = None
 
 
 def write_result(
@@ -346,11 +398,19 @@ def write_files(
                 f"({ending}); vtu holds all it has."
             )
     about = describe_result(result, input=wanted.source, **wanted.record)
+    given = {**about, "parameters": parameters_given(about)}
     if not wanted.overwrite:
-        check_same(folder, {**about, "parameters": parameters_given(about)})
+        check_same(folder, given)
     drawn: list[str] = []
-    with OutputFolder(folder, replaced=files_of(manifest_in(folder))) as out:
-        names: list[str] = []
+    names: list[str] = []
+
+    def replaced(there: Folder) -> list[str]:
+        """Look once more: another run may have written meanwhile; none does now."""
+        if not wanted.overwrite:
+            check_open(there, folder, given, names)
+        return files_of(manifest_of(there))
+
+    with OutputFolder(folder, replaced=replaced, below=wanted.below) as out:
 
         def new(name: str) -> Path:
             names.append(name)
@@ -373,10 +433,11 @@ def write_files(
         for name, text in wanted.texts.items():
             write_text(new(name), text)
         with progress.stage("check", 0.95, 1.0):
-            contents = {name: content(out.file(name), progress) for name in names}
+            contents = {}
+            for name in names:
+                with open_file(out.file(name)) as stream:
+                    contents[name] = content(stream, progress)
         names.append(MANIFEST)
-        if not wanted.overwrite:
-            check_free(folder, names)
         base = Path(folder)
         manifest = about | {
             "files": [str(base / name) for name in names],
@@ -445,8 +506,8 @@ def _write_data(
         write_npz(new(f"{result.operation}.npz"), result.arrays)
 
 
-def content(file: Path, progress: Progress) -> dict[str, Any]:
-    """Return the size and the checksum of a file, by which a manifest knows its own.
+def content(stream: BinaryIO, progress: Progress) -> dict[str, Any]:
+    """Return the size and the checksum of an open file, by which a manifest knows its own.
 
     Raises
     ------
@@ -454,11 +515,10 @@ def content(file: Path, progress: Progress) -> dict[str, Any]:
         When it cannot be read.
     """
     checksum, size = hashlib.sha256(), 0
-    with file.open("rb") as stream:
-        while part := stream.read(1 << 24):
-            checksum.update(part)
-            size += len(part)
-            progress.update(0.0)
+    while part := stream.read(1 << 24):
+        checksum.update(part)
+        size += len(part)
+        progress.update(0.0)
     return {"bytes": size, "sha256": checksum.hexdigest()}
 
 

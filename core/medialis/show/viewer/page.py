@@ -478,7 +478,7 @@ def show_page(text: str, name: str) -> Path | None:
         return None
     words = re.sub(r"\W+", "-", name).strip("-") or "view"
     path = Path(tempfile.mkdtemp(prefix="medialis-")) / f"{words}.html"
-    path.write_text(text, encoding="utf-8")
+    write_text(path, text)
     webbrowser.open(path.as_uri())
     return path
 
