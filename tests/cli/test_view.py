@@ -3,6 +3,7 @@
 import pytest
 
 import medialis
+import rounded
 from medialis.cli.commands import main
 from medialis.show.viewer import page as viewer_page
 
@@ -66,6 +67,28 @@ def test_one_line_says_what_is_wrong(file, arguments, said, capsys, tmp_path):
     assert main(arguments) == 2
     assert said in capsys.readouterr().err
     assert not list(tmp_path.glob("*.html"))
+
+
+@pytest.mark.slow
+def test_results_of_one_coarse_part_are_shown_together(tmp_path, monkeypatch, capsys):
+    """Refined and repaired, it differs by more than two shapes may (fixed)."""
+    monkeypatch.chdir(tmp_path)
+    shape = medialis.make_shape(*rounded.tee(3.0, 2.0, 40.0, 30.0, 2.0, 50.0, 3))
+    medialis.write_mesh("tee.ply", shape)
+    for operation in ("thickness", "midsurface", "ball-reconstruction"):
+        assert main([operation, "tee.ply", "--unit", "mm", "--no-picture"]) == 0
+    assert main(["view", "tee-medialis"]) == 0
+    assert "tee-medialis-view.html" in capsys.readouterr().out
+
+
+@pytest.mark.slow
+def test_a_threshold_and_a_unit_are_those_of_what_is_seen_first(file, tmp_path, capsys):
+    assert main(["view", file, "--unit", "mm", "--threshold", "0.2mm", "--show", "thickness"]) == 0
+    page = next(tmp_path.glob("*.html")).read_text(encoding="utf-8")
+    assert '"mm"' in page or " mm" in page
+    assert main(["view", file, "--threshold", "0.2mm"]) == 2  # nobody knows what a millimetre is
+    assert main(["view", file, "--threshold", "1%", "--show", "parts"]) == 2
+    assert "--show thickness" in capsys.readouterr().err
 
 
 @pytest.mark.slow

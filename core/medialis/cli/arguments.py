@@ -30,7 +30,8 @@ Lengths are shares of the size (0.5% of the bounding-box diagonal; 0.005 is the 
 others add --unit mm."""
 
 
-SHOWN = "surface_skeleton,thickness,curve_skeleton"
+SHOWN, LIMITED = "surface_skeleton,thickness,curve_skeleton", "thickness,surface_skeleton"
+"""What `view` computes; with a threshold."""
 """Operations whose results are shown of a mesh or point cloud."""
 
 _VIEW = (
@@ -341,11 +342,16 @@ def _add_view(sub: argparse.ArgumentParser) -> None:
     sub.add_argument("-o", "--output", help="the page (default: NAME-view.html, here)")
     sub.add_argument(
         "--show",
-        default=SHOWN,
         metavar="OPERATION[,OPERATION...]",
         help="what to compute of a mesh or point cloud; the first is seen at first; '' for the "
-        "shape alone (default: %(default)s)",
+        f"shape alone (default: {SHOWN}; with --threshold {LIMITED})",
     )
+    sub.add_argument(
+        "--threshold",
+        metavar="LENGTH",
+        help="threshold of the operation that is seen first, such as 1mm for thickness",
+    )
+    _add_unit(sub)
     sub.add_argument("--open", action="store_true", help="open the page in the browser")
     sub.add_argument("--threads", type=int, help="use at most this many threads")
     _add_progress(sub)

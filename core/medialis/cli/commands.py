@@ -39,6 +39,8 @@ from medialis.cli.arguments import (
     EXIT_CANCELLED,
     EXIT_OK,
     EXIT_SOME_FAILED,
+    LIMITED,
+    SHOWN,
     add_completions,
     build_parser,
     nearest,
@@ -163,7 +165,7 @@ def _of_folder(folder: Path) -> list[Outcome]:
     InvalidOptionError
         When there is none, or they are of several shapes.
     """
-    from medialis.base.disk import Folder
+    from medialis.base.disk import Folder, read_file
     from medialis.formats.output_folder import MANIFEST
     from medialis.show.result import read_result
 
@@ -185,7 +187,9 @@ def _of_folder(folder: Path) -> list[Outcome]:
         raise InvalidOptionError(f"{folder} holds no results.{more}")
     results = [read_result(path) for path in folders]
     size = results[0].shape.diagonal
-    if any(abs(result.shape.diagonal - size) > 0.01 * size for result in results):
+    told = {str(json.loads(read_file(path / MANIFEST))["input"]) for path in folders}
+    other = any(abs(result.shape.diagonal - size) > 0.01 * size for result in results)
+    if len(told) > 1 and other:  # of one input the refined and the repaired shape may differ
         raise InvalidOptionError(
             f"{folder} holds results of several shapes. Name one, such as {folders[0]}."
         )
@@ -232,18 +236,28 @@ def _computed(file: Path, options: argparse.Namespace, progress: Progress) -> li
     from medialis.operations.result import Outcome
     from medialis.shape.reading import read_shape
 
-    names = [operation(name).name for name in filter(None, options.show.split(","))]
+    show = (LIMITED if options.threshold else SHOWN) if options.show is None else options.show
+    names = [operation(name).name for name in filter(None, show.split(","))]
+    given: dict[str, Any] = {}
+    if options.threshold:
+        if not names or not any(p.name == "threshold" for p in operation(names[0]).parameters):
+            raise InvalidOptionError(
+                "--threshold is for an operation that has one, such as --show thickness."
+            )
+        given = {"threshold": options.threshold}
     _compile_first(names, progress)
     with progress.stage("input", 0.0, 0.05):
-        shape = read_shape(file, progress=progress)
+        shape = read_shape(file, unit=options.unit, progress=progress)
     results: list[Outcome] = []
     for row, name in enumerate(names):
         start, width = 0.05 + 0.9 * row / len(names), 0.9 / len(names)
         try:
             with progress.stage(name, start, start + width):
-                results.append(run(name, shape, threads=options.threads, progress=progress))
+                chosen = given if row == 0 else {}
+                found = run(name, shape, threads=options.threads, progress=progress, **chosen)
+                results.append(found)
         except MedialisError as error:
-            if row == len(names) - 1 and not results:
+            if (row == len(names) - 1 and not results) or (given and row == 0):
                 raise
             say(f"note: {name} was left out: {error}")
     return results or [Outcome(shape=shape)]
