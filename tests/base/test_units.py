@@ -108,7 +108,7 @@ def test_lengths_of_plain_arrays_are_shares_of_their_extent():
     points = np.array(BOX, float)
     by_text = medialis.mean_shift(points, search_radius="20%")
     assert (by_text.labels == medialis.mean_shift(points, search_radius=0.2).labels).all()
-    with pytest.raises(medialis.InvalidOptionError, match="in which unit"):
+    with pytest.raises(medialis.InvalidOptionError, match="unit of the shape is not known"):
         medialis.mean_shift(points, search_radius="1mm")
 
 
@@ -146,7 +146,7 @@ def test_the_unit_stays_with_what_is_computed(creature):
 
 def test_a_number_beyond_its_range_is_told_how_lengths_are_written(creature):
     with pytest.raises(
-        medialis.InvalidOptionError, match="write 3mm for a length, 3units for one in"
+        medialis.InvalidOptionError, match=r"Write 3mm, 3units \(of the shape\)"
     ):
         medialis.run("thickness", creature, refine=3)
 
@@ -173,7 +173,7 @@ def test_the_command_line_takes_lengths_and_the_unit_of_a_file(creature, tmp_pat
     for bad in (["--threshold", "1"], ["--threshold", "1mm"], ["--unit", "ell"]):
         assert main([*plain, "--overwrite", *bad]) == 2
     said = capsys.readouterr().err.splitlines()
-    assert "write 1mm" in said[0] and "--unit mm" in said[1] and "unit must be" in said[2]
+    assert "Write 1mm" in said[0] and "--unit mm" in said[1] and "unit must be" in said[2]
 
 
 @pytest.mark.parametrize(("ending", "unit"), [("3mf", "mm"), ("glb", "m"), ("ply", None)])

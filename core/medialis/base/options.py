@@ -255,10 +255,8 @@ def as_length(value: Any, name: str, low: float, high: float) -> Length:
     if bare and share is not None and share > 0 and (share >= 1 or not low <= share <= high):
         word = value.strip()
         raise InvalidOptionError(
-            f"{name} {word} would be {100 * share:g} % of the size, because a bare number is a "
-            f"fraction of the diagonal: write {word}mm for a length, {word}units for one in the "
-            f"unit of the shape, or {word}% for a share; it may be {100 * low:g} % to "
-            f"{100 * high:g} %."
+            f"{name} {word} would be {100 * share:g} % of the size, but {100 * low:g} % to "
+            f"{100 * high:g} % are possible. Write {word}mm, {word}units (of the shape) or {word}%."
         )
     if length.amount < 0 or (share is not None and not low <= share <= high):
         raise InvalidOptionError(
@@ -308,9 +306,8 @@ class Size:
         if length.unit != UNITS:
             if self.unit is None:
                 raise InvalidOptionError(
-                    f"{name} is {length}, but it is not known in which unit the shape is: say so "
-                    "with --unit mm (in Python unit='mm' of read_shape and make_shape), or give a "
-                    "share such as 0.5%."
+                    f"{name} is {length}, but the unit of the shape is not known: say --unit mm "
+                    "(in Python unit='mm'), or give a share such as 0.5%."
                 )
             own *= METERS[length.unit] / METERS[self.unit]
         return own / self.diagonal if self.diagonal > 0.0 else 0.0

@@ -191,8 +191,8 @@ def deaf() -> Iterator[None]:
 Work = Callable[[Job], list[Row]]
 
 DIED = (
-    "The process that computed it died: out of memory, or a crash in a library. The other shapes "
-    "are not touched; try this one alone, with a larger refine or fewer samples."
+    "The process that computed it died: out of memory, or a crash in a library. Try this shape "
+    "alone, with a larger refine or fewer samples."
 )
 GO_ON = "What is finished stays: start it again, and call the batch again to go on from there."
 CONNECT_SECONDS = 10

@@ -527,8 +527,7 @@ def _note_result(graph: CurveSkeleton, sheet: float, progress: Progress) -> None
     if sheet > SHEET_SHARE:
         text = (
             f"{100 * sheet:.0f} % of the surface reaches more than {SHEET_RADII:g} radii off the "
-            "curve skeleton. Thin sheets have no meaningful curve skeleton (use surface_skeleton), "
-            "and thin limbs need smaller candidates."
+            "curve skeleton. Use surface_skeleton for thin sheets, smaller candidates for limbs."
         )
         progress.warn(text, "thin_sheets", share=sheet)
 

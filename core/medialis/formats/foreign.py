@@ -90,9 +90,8 @@ def parsed_foreign(kind: str, data: bytes, name: str) -> Foreign:
     except Ended as ended:
         if ended.slow:
             raise InvalidShapeError(
-                f"reading it took more than {limits.seconds:.0f} s of processor time, which is the "
-                f"limit for {size / 1e6:.2g} MB. It is damaged, or far too intricate: save it as "
-                "PLY or STL with the program that made it."
+                f"reading it took more than {limits.seconds:.0f} s of processor time, the limit "
+                f"for {size / 1e6:.2g} MB. It is damaged or too intricate: save it as PLY or STL."
             ) from None
         raise InvalidShapeError(
             f"the {_library(kind)} that reads it failed ({ended}): it is damaged, or needs more "

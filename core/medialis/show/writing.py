@@ -136,9 +136,8 @@ def check_open(
     if before is None:
         if found := strangers(there, [str((about.get("input_stamp") or [""])[0])]):
             raise FileError(
-                f"Nothing was written to {os.fspath(folder)}: it holds no result, but a file "
-                f"{found[0]}. Name another folder, or say that results may lie beside it: "
-                "--overwrite (in Python overwrite=True), which replaces only files of their names."
+                f"Nothing was written to {os.fspath(folder)}: it holds a file {found[0]} and no "
+                "result. Name another folder, or write beside it: --overwrite (overwrite=True)."
             )
     elif told := _told_apart(before, about):
         raise _refused(folder, f"it holds a result {', '.join(told)}")

@@ -90,16 +90,15 @@ def _note_doubts(shape: Shape, curve: CurveSkeleton, progress: Progress) -> None
     if share > SHEET_SHARE:
         text = (
             f"{100 * share:.0f} % of the surface lies further than {FAR_RADII:g} radii from the "
-            "curve skeleton: the shape is a sheet there, or no view shows it. Use surface_skeleton "
-            "for sheets."
+            "curve skeleton: it is a sheet, or hidden. Use surface_skeleton for sheets."
         )
         progress.warn(text, "thin_sheets", share=share)
     parts = int(shape.components.max()) + 1
     if curve.component_count != parts and shape.faces is not None:
         text = (
             f"The shape has {counted(parts, 'connected part')}, the curve skeleton "
-            f"{curve.component_count}. Parts that touch or overlap are joined, parts thinner than "
-            "two pixels are left out, and thin places may be cut (raise size)."
+            f"{curve.component_count}. Parts that touch are joined, those thinner than two pixels "
+            "are lost (raise size)."
         )
         progress.note(text, "parts_differ", parts=parts, components=curve.component_count)
 

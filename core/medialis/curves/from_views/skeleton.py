@@ -410,8 +410,8 @@ def view_curve_skeleton(
         if matched:
             why = f"{matched} places were found in pairs of views, all outside in some other view"
         raise InvalidShapeError(
-            f"No curve skeleton is left: {why}. A solid shape at least two pixels thick is needed: "
-            "check that it is closed, raise size, or use surface_skeleton, which finds thin sheets."
+            f"No curve skeleton is left: {why}. The shape must be closed and two pixels thick: "
+            "raise size, or use surface_skeleton for thin sheets."
         )
     return replace(curve, view_points=ViewPoints(points, weights))
 

@@ -164,9 +164,10 @@ def report_page(
 
 def _subtitle(measures: Mapping[str, Any]) -> str:
     shape = measures["input"]["as_computed"]
+    diagonal = measures["values"].get("diagonal") or shape["diagonal"]
     parts = [
         counted(shape["vertices"], "sample"),
-        f"diagonal {number(shape['diagonal'])} {measures['unit'] or 'in the units of the file'}",
+        f"diagonal {number(diagonal)} {measures['unit'] or 'in the units of the file'}",
         f"{number(measures['seconds'].get('total', 0.0), 3)} seconds",
         f"medialis {measures['versions']['medialis']}",
     ]

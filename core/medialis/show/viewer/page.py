@@ -368,7 +368,7 @@ def _library() -> str:
     if not has_library():
         raise FileError(
             "The viewer draws with three.js, which this installation lacks: in a checkout, "
-            "`make viewer` fetches it (npm is needed, which comes with Node.js); wheels have it."
+            "`make viewer` fetches it (npm is needed); wheels have it."
         )
     data = (resources.files(__package__) / LIBRARY).read_bytes()
     return base64.b64encode(zlib.compress(data, 9)).decode()

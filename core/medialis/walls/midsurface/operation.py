@@ -45,10 +45,8 @@ def run(shape: Shape, options: MidsurfaceRun, progress: Progress) -> Outcome:
         found = midsurface.of(cloud, replace(options, edge=min(edge, 0.5)), progress)
     if found.sheets == 0:
         raise InvalidShapeError(
-            "The solid has no midsurface: no part of it is a wall of even thickness. Nowhere do "
-            "two nearly parallel sides lie opposite to each other over more than their distance; "
-            "all of its volume is lumps. A smaller least angle takes walls that taper more, a "
-            "smaller refine sees narrower ones."
+            "The solid has no midsurface: no part of it is a wall of even thickness. A smaller "
+            "least angle takes walls that taper more, a smaller refine sees narrower ones."
         )
     _note_lumps(found, progress)
     return Outcome(
