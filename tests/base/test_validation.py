@@ -15,6 +15,7 @@ from medialis.base.validation import (
     as_points,
     as_whole_number,
     frozen,
+    require_rows,
 )
 
 EPS = np.finfo(float).eps
@@ -195,3 +196,12 @@ def test_bad_choices(value):
 def test_all_errors_are_one_family():
     for error in (InvalidOptionError, InvalidShapeError):
         assert issubclass(error, MedialisError) and issubclass(error, ValueError)
+
+
+@pytest.mark.parametrize("rows", [[3], [-1], [[0, 1], [2, 3]]])
+def test_rows_that_are_not_there_reach_no_kernel(rows):
+    """A sample of a ball that was not there corrupted memory in a medial mesh (fixed)."""
+    with pytest.raises(MedialisError, match=r"fault of medialis.*of 3 that are there"):
+        require_rows(np.array(rows), 3, "samples")
+    require_rows(np.array([0, 2]), 3, "samples")
+    require_rows(np.empty(0, np.int64), 0, "samples")

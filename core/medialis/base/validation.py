@@ -14,7 +14,7 @@ from typing import Annotated, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from medialis.base.errors import InvalidOptionError, InvalidShapeError
+from medialis.base.errors import InvalidOptionError, InvalidShapeError, MedialisError
 
 FloatArray = NDArray[np.float64]
 Positions = Annotated[FloatArray, "Positions"]
@@ -238,6 +238,21 @@ def as_number(
     ):
         raise InvalidOptionError(f"{name} must be a number ({range_text}), got {value!r}.")
     return number
+
+
+def require_rows(rows: NDArray[Any], count: int, what: str) -> None:
+    """Check indices that were computed, at the door of a kernel, which would write where they lead.
+
+    Raises
+    ------
+    MedialisError
+        When one is none of `count` rows: a fault of this project.
+    """
+    if rows.size and not 0 <= rows.min() <= rows.max() < count:
+        raise MedialisError(
+            f"This is a fault of medialis, please report it: {what} name {rows.min()} to "
+            f"{rows.max()}, of {count} that are there."
+        )
 
 
 def as_whole_number(value: Any, name: str, *, low: int, high: int) -> int:

@@ -17,7 +17,7 @@ from medialis.base.kept import kept
 from medialis.base.options import Options, algorithm, choice, length, whole
 from medialis.base.progress import Progress, counted
 from medialis.base.threads import run_together
-from medialis.base.validation import FloatArray
+from medialis.base.validation import FloatArray, require_rows
 from medialis.medial_meshes.distances import boundary_points, measure
 from medialis.medial_meshes.envelope import Envelope
 from medialis.medial_meshes.fine_complex import FineComplex, fine_complex
@@ -123,6 +123,7 @@ def planes_of(samples: Samples, balls: FloatArray, owner: Index) -> FloatArray:
     """Return the quadric of each ball: the planes of the candidates that belong to it, (v, 15)."""
     from medialis.medial_meshes._collapse_kernels import add_places, add_planes
 
+    require_rows(owner, len(balls), "samples of balls")
     quadrics = np.zeros((len(balls), 15))
     add_planes(samples.points, samples.normals, samples.areas, owner, quadrics)
     weights = np.bincount(owner, samples.areas, len(balls))
@@ -138,6 +139,7 @@ def collapse(start: Complex, quadrics: FloatArray, target: int) -> Collapse:
     count = len(start)
     lists = []
     for given in (start.edges, start.faces):
+        require_rows(given, count, "edges and faces")
         rows = given.astype(np.int32)  # half as much memory is gone through in half the time
         heads, after, before = (np.empty(n, np.int32) for n in (count, rows.size, rows.size))
         lists.append(Hung(rows, np.ones(len(rows), bool), heads, after, before))

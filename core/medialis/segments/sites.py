@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 from medialis.base.arrays import Index, Ragged, kd_tree, unit_rows
 from medialis.base.kept import Bound
 from medialis.base.threads import run_chunks
-from medialis.base.validation import FloatArray, IntArray
+from medialis.base.validation import FloatArray, IntArray, require_rows
 from medialis.shape.graph import nearest_seeds, surface_graph
 from medialis.shape.surface import Surface
 from medialis.skeleton.medial_cloud import MedialCloud
@@ -233,6 +233,8 @@ def in_common(
     """Return own[rows].T @ diag(weights) @ other[others], of sparse shares of sites in samples."""
     from medialis.segments._kernels import Caps, add_in_common
 
+    require_rows(rows, own.shape[0], "samples of sites")
+    require_rows(others, other.shape[0], "samples across sites")
     found = np.zeros((own.shape[1], other.shape[1]))
     pairs = rows.astype(np.int32), others.astype(np.int32), np.array(weights)
     caps = (Caps(shares.indptr, shares.indices, shares.data) for shares in (own, other))
