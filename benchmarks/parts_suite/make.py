@@ -52,9 +52,9 @@ def main() -> None:
             cq.exporters.export(work, str(given.folder / f"{name}.step"))
             for step in TESSELLATIONS:
                 # A solid keeps its triangles, also finer ones: each time from the model.
-                again = cq.importers.importStep(str(given.folder / f"{name}.step"))
+                again = cq.importers.importStep(str(given.folder / f"{name}.step")).val()
                 path = str(given.folder / f"{name}_{step:g}.stl")
-                cq.exporters.export(again, path, tolerance=step, angularTolerance=TURN)
+                again.exportStl(path, step, TURN, relative=False)
             known = part.truth() | {"volume": float(part.solid.Volume())}
             truth.write_text(json.dumps(known), encoding="utf-8")
             print(f"{name}: volume {known['volume']:.6g}", flush=True)
