@@ -10,10 +10,11 @@ Gaps: the room between walls that face each other, by balls outside of the shape
 Wall check: walls that are too thin or too thick, gaps that are too narrow (for thesis 3.5.1).
 
 A wall lies between two opposite faces: the two feature points of its balls are far apart, as seen
-from the center, and their planes meet at no sharp edge (`walls/ribs.py`). All other samples have
-the thickness of the wall that they belong to (`walls/thickness.py`), so that neither edges nor
-fillets are thin. A region is what is connected below the minimum, or above the maximum, along the
-surface and across the wall.
+from the center, and their planes meet at no sharp edge (`walls/ribs.py`) and in no rounded rim
+(`rim_balls`). All other samples have the thickness of the wall that they belong to
+(`walls/thickness.py`), so that neither edges nor fillets are thin. A region is what is connected
+below the minimum, or above the maximum, along the surface and across the wall; its area is that of
+one side of the wall (`side_area`).
 """
 
 from __future__ import annotations
@@ -27,14 +28,15 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from medialis.base.arrays import Described, Index, Mask
+from medialis.base.arrays import Described, Index, Mask, kd_tree
 from medialis.base.progress import Progress
 from medialis.base.threads import run_patiently
 from medialis.base.validation import FloatArray
 from medialis.shape.graph import ENCLOSED, Enclosure
+from medialis.shape.shape import Shape
 from medialis.skeleton.medial_cloud import MedialCloud
 from medialis.walls.ribs import Rib, edge_balls, ribs
-from medialis.walls.thickness import ThicknessOptions, thickness
+from medialis.walls.thickness import ThicknessOptions, thickness, thickness_field
 from medialis.walls.thin_spots import (
     PlaceGraph,
     ThinSpotOptions,
@@ -72,6 +74,17 @@ LEAST_SHARE, LARGEST_SHARE = 0.5, 1.5  # halved 100 %, doubled 100 %; halved 100
 """Of the typical wall, where no limit is given. Moulding guides ask for no wall below 40 to 60 % of
 the one beside it; a rib as thick as its wall makes 1.25 times the thickness where they meet."""
 
+EQUAL = 1e-3
+"""Of a limit: walls that differ from it by less are as thick as it says."""
+
+RIM_TAPER, RIM = 3.0, 0.6
+"""Degrees and thicknesses: where a rim is rounded, the two sides are parallel up to so much at its
+border, where the ball is 0.05 % smaller than the wall if the radius is 0.9 of it, and no wall any
+more, at 30 degrees, so much farther out: 0.52 radii, which are at most a thickness."""
+
+SIDE = math.cos(math.radians(45.0))
+"""Faces that turn by less from a sample in a wall are of the same side of it."""
+
 FLAW, BESIDE = 0.25, 3  # halved 58 %, doubled 73 %; halved 0 %, doubled 0 %
 """A ball smaller than this share of the spacing counts where so many neighbours have a ball within
 twice its size: along a fold there are two."""
@@ -92,7 +105,7 @@ class WallRegion(Described):
     most, least : float
         Over its samples.
     area : float
-        Of the surface, both sides of a wall; NaN in a cloud of points.
+        Of the wall, one of its sides; without rims, blends and corners. NaN in a cloud of points.
     vertices : (v,) int
         Samples, ascending.
     """
@@ -182,7 +195,8 @@ def check_walls(
     angle = math.radians(wall_angle)
     at_edge = run_patiently(lambda: edge_balls(cloud), progress)
     flaws = run_patiently(lambda: _flaws(cloud, ~at_edge & (cloud.wall_angles >= angle)), progress)
-    rest = ~(at_edge | flaws)  # unless nothing is left
+    at_rim = run_patiently(lambda: rim_balls(cloud, angle), progress)
+    rest = ~(at_edge | flaws | at_rim)  # unless nothing is left
     some = not rest.all() and (cloud.valid & (cloud.side > 0) & rest).any()
     walls = cloud.subset(rest) if some else cloud
     values = thickness.of(walls, ThicknessOptions(min_spoke_angle=wall_angle), progress)
@@ -191,8 +205,8 @@ def check_walls(
     if least is None and largest is None:
         least, largest = LEAST_SHARE * typical, LARGEST_SHARE * typical
     minimum, maximum = least or 0.0, largest or math.inf
-    regions = _thin(walls, values, minimum, limits, wall_angle, progress)
     rows = np.flatnonzero((walls.side > 0) & (walls.wall_angles >= angle))
+    regions = _thin(walls, values, minimum, limits, wall_angle, progress)
     if maximum < math.inf:
         regions += run_patiently(lambda: _thick(walls, values, rows, maximum, limits), progress)
     if outer is not None and limits.gap > 0:
@@ -227,6 +241,57 @@ def _flaws(cloud: MedialCloud, walls: Mask) -> Mask:
     return result
 
 
+def rim_balls(cloud: MedialCloud, least_angle: float) -> Mask:
+    """Return the inner balls (k,) between the two sides of a wall that ends in a rounded rim there.
+
+    Their sides are not parallel, those of the wall beside are, and beyond them is no wall.
+    """
+    result, surface = np.zeros(len(cloud), np.bool_), cloud.surface
+    inner = cloud.side > 0
+    wall = inner & (cloud.wall_angles >= least_angle)
+    flat = wall & (cloud.wall_angles >= math.pi - math.radians(RIM_TAPER))
+    rows, beyond = np.flatnonzero(wall & ~flat), np.ones(surface.point_count, np.bool_)
+    beyond[cloud.source[wall]] = False
+    if surface.faces is None or len(rows) == 0 or not flat.any() or not beyond.any():
+        return result
+    points, places = surface.points, surface.points[cloud.source[rows]]
+    near = 2.0 * RIM * cloud.radii[rows] + surface.spacing
+    is_rim = np.ones(len(rows), np.bool_)
+    for others in (points[cloud.source[flat]], points[beyond]):
+        is_rim &= kd_tree(others).query(places)[0] < near
+    result[rows[is_rim]] = True
+    return result
+
+
+def side_area(surface: Shape, wall: Index, samples: Index) -> float:
+    """Return the area of one side of a wall; NaN in a cloud of points.
+
+    Parameters
+    ----------
+    surface : Shape
+        n samples.
+    wall : (n,) int
+        The sample that each has its wall from, itself or a near one; -1 for none.
+    samples : (v,) int
+        Of the region.
+
+    Notes
+    -----
+    Half of the faces with corners whose wall is in the region, as it sees them: neither rims nor
+    the further half of a fillet.
+    """
+    if surface.faces is None:
+        return math.nan
+    mine = np.zeros(surface.point_count + 1, np.bool_)  # the last one is none
+    mine[samples] = True
+    corners = np.asarray(wall)[np.asarray(surface.faces)]
+    chosen = np.flatnonzero(mine[corners].any(axis=1))
+    corners = corners[chosen]
+    along = np.einsum("fa,fja->fj", surface.face_normals[chosen], surface.normals[corners])
+    seen = np.where(mine[corners] & (along > SIDE), along, 0.0).mean(axis=1)
+    return 0.5 * float(seen @ surface.face_areas[chosen])
+
+
 def _typical(cloud: MedialCloud, values: FloatArray) -> float:
     """Return the median over the area."""
     order = np.argsort(values, kind="stable")
@@ -242,18 +307,22 @@ def _thin(
     wall_angle: float,
     progress: Progress,
 ) -> list[WallRegion]:
-    if minimum <= 0.0 or not (values < minimum).any():
+    level = minimum * (1.0 - EQUAL)
+    if minimum <= 0.0 or not (values < level).any():
         return []
     options = ThinSpotOptions(
         min_spoke_angle=wall_angle,
-        threshold=min(minimum / cloud.surface.diagonal, 1.0),
+        threshold=min(level / cloud.surface.diagonal, 1.0),
         spots=limits.most_regions,
     )
-    found = []
+    found, field = [], thickness_field(cloud, options)
+    assert field is not None
     for spot in thin_spots.of(cloud, options, progress):
         kind: RegionKind = "too thin" if spot.kind == "wall" else "overlap"
         most = float(values[spot.vertices].max())
-        told = spot.value, spot.value, most, spot.area, spot.vertices
+        thin = spot.kind == "wall"
+        area = side_area(cloud.surface, field.seed, spot.vertices) if thin else spot.area
+        told = spot.value, spot.value, most, area, spot.vertices
         found.append(WallRegion(kind, spot.position, spot.opposite, *told))
     return found
 
@@ -261,9 +330,10 @@ def _thin(
 def _thick(
     cloud: MedialCloud, values: FloatArray, rows: Index, maximum: float, limits: WallLimits
 ) -> list[WallRegion]:
-    if not (values > maximum).any():
+    level = maximum * (1.0 + EQUAL)
+    if not (values > level).any():
         return []
-    found = _regions("too thick", cloud, rows, values, maximum / values, 1.0)
+    found = _regions("too thick", cloud, rows, values, level / values, 1.0)
     return [region for region, _ in islice(found, limits.most_regions)]
 
 
@@ -277,14 +347,15 @@ def _gaps(outer: MedialCloud, limits: WallLimits, least_angle: float) -> list[Wa
     surface = outer.surface
     chosen = outer.valid & (outer.side < 0) & (outer.wall_angles >= least_angle)
     rows = np.flatnonzero(chosen & ~edge_balls(outer))
-    rows = rows[2.0 * outer.radii[rows] < limits.gap]
+    level = limits.gap * (1.0 - EQUAL)
+    rows = rows[2.0 * outer.radii[rows] < level]
     if len(rows) == 0:
         return []
     widths, enclosure = np.full(surface.point_count, np.inf), Enclosure(surface)
     widths[outer.source[rows]] = 2.0 * outer.radii[rows]
     found = (
         region
-        for region, row in _regions("gap", outer, rows, widths, widths, limits.gap)
+        for region, row in _regions("gap", outer, rows, widths, widths, level)
         if enclosure.times(outer.centers[row][None])[0] < ENCLOSED
     )
     return list(islice(found, limits.most_regions))
@@ -302,10 +373,11 @@ def _regions(
     surface = cloud.surface
     ball = np.full(surface.point_count, -1, np.int64)
     ball[cloud.source[rows]] = rows
+    own = np.where(ball >= 0, np.arange(len(ball)), -1)
     for place in low_places(PlaceGraph(surface, cloud.features[rows]), field, level=level):
         row, inside = int(ball[place.vertex]), values[place.vertices]
         opposite = cloud.contacts[row] if row >= 0 else np.full(3, np.nan)
-        area = surface.point_areas[place.vertices].sum() if surface.faces is not None else math.nan
+        area = side_area(surface, own, place.vertices)
         told = float(values[place.vertex]), float(inside.min()), float(inside.max())
         position = surface.points[place.vertex]
-        yield WallRegion(kind, position, opposite, *told, float(area), place.vertices), row
+        yield WallRegion(kind, position, opposite, *told, area, place.vertices), row
