@@ -263,7 +263,7 @@ def rim_balls(cloud: MedialCloud, least_angle: float) -> Mask:
     return result
 
 
-def side_area(surface: Shape, wall: Index, samples: Index) -> float:
+def side_area(surface: Shape, wall: NDArray[np.integer], samples: NDArray[np.integer]) -> float:
     """Return the area of one side of a wall; NaN in a cloud of points.
 
     Parameters
