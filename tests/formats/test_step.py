@@ -123,6 +123,7 @@ def test_without_cascadio_a_sentence_says_what_to_install():
 
 
 def test_cad_files_are_known_by_their_beginning(monkeypatch):
-    monkeypatch.setattr("medialis.formats.step.parse_step", lambda data: pytest.fail("parsed"))
-    with pytest.raises(pytest.fail.Exception, match="parsed"):
+    parsed = "medialis.formats.meshes.parsed_foreign"
+    monkeypatch.setattr(parsed, lambda kind, data, name: pytest.fail(f"parsed as {kind}"))
+    with pytest.raises(pytest.fail.Exception, match="parsed as step"):
         read_mesh(PLATE)

@@ -31,6 +31,7 @@ PATIENCE = 0.05
 """Seconds between the reports of a thread that waits for others."""
 
 _limit: ContextVar[int | None] = ContextVar("medialis_thread_limit", default=None)
+_dropped: ContextVar[threading.Event | None] = ContextVar("medialis_dropped", default=None)
 
 
 def thread_count() -> int:
@@ -185,11 +186,12 @@ def run_patiently(work: Callable[[], T], progress: Progress) -> T:
     It runs in a thread of its own while the calling thread reports progress every 50 ms. When that
     cancels, or Ctrl-C comes, the thread ends by itself later and what it computed is dropped; so
     `work` may write to nothing that others see, and must not report progress itself. The linear
-    algebra of numpy and scipy keeps to that thread.
+    algebra of numpy and scipy keeps to that thread. What waits in it asks `given_up`.
     """
     results: list[T] = []
     failures: list[BaseException] = []
-    context = copy_context()
+    context, dropped = copy_context(), threading.Event()
+    context.run(_dropped.set, dropped)
 
     def call() -> None:
         try:
@@ -201,12 +203,22 @@ def run_patiently(work: Callable[[], T], progress: Progress) -> T:
     progress.update(0.0)
     thread = threading.Thread(target=call, daemon=True)
     thread.start()
-    while thread.is_alive():
-        thread.join(PATIENCE)
-        progress.update(0.0)
+    try:
+        while thread.is_alive():
+            thread.join(PATIENCE)
+            progress.update(0.0)
+    except BaseException:
+        dropped.set()
+        raise
     if failures:
         raise failures[0]
     return results[0]
+
+
+def given_up() -> bool:
+    """Return whether nobody waits any more for what this thread does for `run_patiently`."""
+    dropped = _dropped.get()
+    return dropped is not None and dropped.is_set()
 
 
 def run_together(*works: Callable[[], object], progress: Progress | None = None) -> list[Any]:

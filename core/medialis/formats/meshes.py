@@ -14,24 +14,24 @@ ear by ear.
 from __future__ import annotations
 
 import codecs
-import importlib.util
+import io
 import os
 import re
+import zipfile
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from medialis.base.errors import InvalidShapeError
-from medialis.base.options import nearest_unit
 from medialis.base.progress import Message
 from medialis.base.validation import FloatArray, IntArray, as_normals, frozen
-from medialis.formats import step
+from medialis.formats import point_texts
 from medialis.formats import text_meshes as texts
 from medialis.formats.files import ParsedMesh, file_bytes, reading
+from medialis.formats.foreign import THROUGH_TRIMESH, parsed_foreign
 from medialis.formats.ply import parse_ply
 
 UNPACK = "unpack it first"
@@ -195,9 +195,8 @@ _EXTENSIONS = {
 }
 _PARSERS: dict[str, Callable[[bytes], ParsedMesh]] = {
     **{"ply": parse_ply, "off": texts.parse_off, "stl": texts.parse_stl, "obj": texts.parse_obj},
-    "xyz": texts.parse_point_text,
+    "xyz": point_texts.parse_point_text,
 }
-_THROUGH_TRIMESH = {".glb", ".gltf", ".3mf", ".dae", ".3dxml", ".zae", ".xaml", ".ctm"}
 
 
 MOST_UNPACKED = 4_000_000_000
@@ -241,7 +240,7 @@ class MeshData:
 def read_mesh(path: str | os.PathLike[str]) -> MeshData:
     """Read a mesh or point cloud.
 
-    PLY, OBJ, OFF, STL and plain text points are read here; glTF, 3MF, Collada and others through
+    PLY, OBJ, OFF, STL, 3MF and plain text points are read here; glTF, Collada and others through
     `trimesh` when it is installed, STEP through `cascadio`. The extension names the
     format; where the content says otherwise, the content wins. Polygons are split into triangles.
 
@@ -266,13 +265,13 @@ def read_mesh(path: str | os.PathLike[str]) -> MeshData:
     data = file_bytes(name)
     suffix = Path(name).suffix.lower()
     with reading(name):
-        binary_gltf = data.startswith(b"glTF")
-        if suffix in _THROUGH_TRIMESH or binary_gltf:
-            return _read_with_trimesh(name, "glb" if binary_gltf else suffix.lstrip("."))
+        binary_gltf, ending = data.startswith(b"glTF"), suffix.lstrip(".")
+        if ending in ("3mf", *THROUGH_TRIMESH) or binary_gltf:
+            return _read_foreign("glb" if binary_gltf else ending, data, name)
         if not (data.startswith(b"ply") or texts.is_binary_stl(data)):
             data = data.removeprefix(codecs.BOM_UTF8)  # some editors put it before any text
             if data[:400].lstrip().startswith(b"ISO-10303-21"):
-                return _read_step(data)
+                return _read_foreign("step", data, name)
             if other := foreign(data):
                 raise InvalidShapeError(other)
         kind, told = _format_of(suffix, data)
@@ -280,14 +279,33 @@ def read_mesh(path: str | os.PathLike[str]) -> MeshData:
         return _checked(parsed, kind, told)
 
 
-def _read_step(data: bytes) -> MeshData:
-    """Cut the faces of a CAD model into triangles; each face is a patch."""
-    parsed, patches, unit = step.parse_step(data)
-    mesh = _checked(parsed, "step", ())
-    faces = int(patches.max()) + 1
-    text = f"The CAD model has {faces:,} {'face' if faces == 1 else 'faces'}, in {unit}."
-    note = Message(text, "cad_faces", faces=faces, unit=unit)
-    return replace(mesh, unit=unit, patches=frozen(patches, np.int32), messages=(note,))
+def _read_foreign(kind: str, data: bytes, name: str) -> MeshData:
+    """Read what a library of others parses; faces of a CAD model are patches."""
+    _check_unpacked(data)
+    found = parsed_foreign(kind, data, name)
+    counts = np.full(len(found.faces), 3, np.int64)
+    mesh = _checked(ParsedMesh(found.points, counts, found.faces.ravel()), kind, ())
+    mesh = replace(mesh, unit=found.unit)
+    if found.patches is None:
+        return mesh
+    faces = int(found.patches.max()) + 1
+    text = f"The CAD model has {faces:,} {'face' if faces == 1 else 'faces'}, in {found.unit}."
+    note = Message(text, "cad_faces", faces=faces, unit=found.unit)
+    return replace(mesh, patches=frozen(found.patches, np.int32), messages=(note,))
+
+
+def _check_unpacked(data: bytes) -> None:
+    """Refuse an archive that unpacks to more than memory should be given for it."""
+    stream = io.BytesIO(data)
+    if not zipfile.is_zipfile(stream):
+        return
+    with zipfile.ZipFile(stream) as archive:
+        size = sum(entry.file_size for entry in archive.infolist())
+    if size > MOST_UNPACKED:
+        raise InvalidShapeError(
+            f"the archive unpacks to {size / 1e9:.3g} GB; at most {MOST_UNPACKED / 1e9:g} GB are "
+            "read. Unpack it and name the mesh inside."
+        )
 
 
 def _looks_like(kind: str, data: bytes, expected: bool) -> bool:
@@ -295,13 +313,13 @@ def _looks_like(kind: str, data: bytes, expected: bool) -> bool:
     if kind == "ply":
         return bool(re.match(rb"ply[ \t]*[\r\n]", data))
     if kind == "off":
-        counts = expected and texts.starts_with_numbers(data)
+        counts = expected and point_texts.starts_with_numbers(data)
         return counts or bool(texts.KEYWORD.match(data.lstrip()[:20]))
     if kind == "stl":
         return texts.is_binary_stl(data) or texts.is_ascii_stl(data)
     if kind == "obj":
         return bool(re.search(rb"(?:^|[\r\n])[ \t]*v[ \t]+[-+.\d]", data[:1_000_000]))
-    return texts.starts_with_numbers(data) and not texts.is_binary_stl(data)
+    return point_texts.starts_with_numbers(data) and not texts.is_binary_stl(data)
 
 
 def _format_of(suffix: str, data: bytes) -> tuple[str, tuple[Message, ...]]:
@@ -355,43 +373,3 @@ def _checked(parsed: ParsedMesh, kind: str, told: tuple[Message, ...]) -> MeshDa
         told + parsed.messages + split,
         None if parsed.viewpoints is None else frozen(parsed.viewpoints, np.float64),
     )
-
-
-def _check_unpacked(name: str) -> None:
-    """Refuse an archive that unpacks to more than memory should be given for it."""
-    import zipfile
-
-    if not zipfile.is_zipfile(name):
-        return
-    with zipfile.ZipFile(name) as archive:
-        size = sum(entry.file_size for entry in archive.infolist())
-    if size > MOST_UNPACKED:
-        raise InvalidShapeError(
-            f"the archive unpacks to {size / 1e9:.3g} GB; at most {MOST_UNPACKED / 1e9:g} GB are "
-            "read. Unpack it and name the mesh inside."
-        )
-
-
-def _read_with_trimesh(name: str, kind: str) -> MeshData:
-    """Read through the optional trimesh; a scene becomes one mesh with its transforms applied."""
-    if importlib.util.find_spec("trimesh") is None:
-        raise InvalidShapeError(
-            f".{kind} files are read through trimesh, which is not installed; "
-            'install it with: pip install "medialis[io]".'
-        )
-    import trimesh
-
-    _check_unpacked(name)
-    try:
-        loaded: Any = trimesh.load(name, file_type=kind, process=False)
-        if isinstance(loaded, trimesh.Scene):
-            loaded = loaded.to_mesh()
-        points = np.array(loaded.vertices, np.float64).reshape(-1, 3)
-        faces = np.array(getattr(loaded, "faces", np.empty((0, 3))), np.int64).reshape(-1, 3)
-    except Exception as error:  # noqa: BLE001 - a third-party parser may raise anything
-        reason = " ".join(str(error).split())[:200] or type(error).__name__
-        raise InvalidShapeError(f"trimesh could not read it ({reason}).") from None
-    counts = np.full(len(faces), 3, np.int64)
-    mesh = _checked(ParsedMesh(points, counts, faces.ravel()), kind, ())
-    unit = nearest_unit(getattr(loaded, "units", None))
-    return replace(mesh, unit="m" if kind in ("glb", "gltf") else unit)  # glTF knows metres alone

@@ -8,15 +8,12 @@ their common edge. The triangles follow the model to within `CHORD` of its size,
 
 from __future__ import annotations
 
-import importlib.util
 import json
+import math
 import re
 import struct
-import subprocess
 import sys
-import tempfile
 from collections.abc import Iterator, Mapping
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -24,8 +21,7 @@ from numpy.typing import NDArray
 
 from medialis.base.errors import InvalidShapeError
 from medialis.base.options import METERS
-from medialis.base.validation import FloatArray
-from medialis.formats.files import ParsedMesh
+from medialis.base.validation import FloatArray, IntArray
 
 CHORD = 3e-4
 """Share of the diagonal that a triangle may lie off its face: the tolerance of the balls."""
@@ -35,31 +31,6 @@ TURN = 0.2
 
 COARSE = 1e6
 """A distance, in the millimetres of cascadio, that limits nothing: for the size of the model."""
-
-CHILD = """
-import json, math, sys
-package, given, made, coarse, chord, turn = sys.argv[1:]
-sys.path.append(package)
-import cascadio
-
-def tessellated(chord, turn):
-    return cascadio.load(
-        data, file_type="step", tol_linear=chord, tol_angular=turn, merge_primitives=False
-    )
-
-with open(given, "rb") as stream:
-    data = stream.read()
-packed = tessellated(float(coarse), 1.0)
-if len(packed) > 20:
-    scene = json.loads(packed[20 : 20 + int.from_bytes(packed[12:16], "little")])
-    boxes = [a for a in scene["accessors"] if len(a.get("min", ())) == 3]
-    low = [min(box["min"][d] for box in boxes) for d in range(3)]
-    high = [max(box["max"][d] for box in boxes) for d in range(3)]
-    packed = tessellated(max(float(chord) * 1000.0 * math.dist(low, high), 1e-9), float(turn))
-    with open(made, "wb") as stream:
-        stream.write(packed)
-"""
-"""What the process runs: faces cut into triangles roughly, for the size, and then finely."""
 
 SINGLE = 2.0**-24
 """Relative rounding of the numbers in binary glTF."""
@@ -74,26 +45,23 @@ _WORDS = {b"INCH": "in", b"FOOT": "ft"}
 _INDICES = {5121: "u1", 5123: "<u2", 5125: "<u4"}
 
 
-def parse_step(data: bytes) -> tuple[ParsedMesh, NDArray[np.int32], str]:
-    """Return the triangles of a STEP file, the face of each in the model, and the unit.
+def parse_step(data: bytes) -> tuple[FloatArray, NDArray[np.int64], str, IntArray]:
+    """Return points and triangles of a STEP file, its unit, and the face of each in the model.
+
+    It runs in a process of its own (`formats/foreign.py`), since damaged files crash the library
+    and keep it busy for ever.
 
     Raises
     ------
     InvalidShapeError
-        When cascadio is not installed, or finds nothing to cut into triangles.
+        When cascadio finds nothing to cut into triangles.
     """
-    if importlib.util.find_spec("cascadio") is None:
-        raise InvalidShapeError(
-            "STEP files are read through cascadio, which is not installed; "
-            'install it with: pip install "medialis[cad]".'
-        )
     unit, faces = _unit_of(data), list(_faces(data))
     starts = np.cumsum([0, *(len(points) for points, _ in faces)])
     corners = np.concatenate([tri + start for (_, tri), start in zip(faces, starts, strict=False)])
     patches = np.repeat(np.arange(len(faces), dtype=np.int32), [len(tri) for _, tri in faces])
     places = np.concatenate([points for points, _ in faces]) / METERS[unit]
-    counts = np.full(len(corners), 3, np.int64)
-    return ParsedMesh(_rounded(places), counts, corners.ravel()), patches, unit
+    return _rounded(places), corners, unit, patches
 
 
 def _unit_of(data: bytes) -> str:
@@ -146,23 +114,24 @@ def _faces(data: bytes) -> Iterator[tuple[FloatArray, NDArray[np.int64]]]:
 
 
 def _tessellated(data: bytes) -> bytes:
-    """Return the faces as binary glTF; nothing where the library fails or dies of a damaged file.
+    """Return the faces as binary glTF, cut roughly, for the size, and then finely; or nothing."""
+    sys.modules["trimesh"] = None  # type: ignore[assignment]  # cascadio works without, in half a second less
+    import cascadio
 
-    It runs in a process of its own, since damaged files crash it, and it prints to our output.
-    """
-    found = importlib.util.find_spec("cascadio")
-    assert found is not None and found.submodule_search_locations
-    package = str(Path(found.submodule_search_locations[0]).parent)
-    with tempfile.TemporaryDirectory() as folder:
-        given, made = Path(folder, "given"), Path(folder, "made")
-        given.write_bytes(data)
-        words = [package, str(given), str(made), *map(repr, (COARSE, CHORD, TURN))]
-        subprocess.run(
-            [sys.executable, "-P", "-c", CHILD, *words],
-            stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
-            check=False,
-        )  # fmt: skip
-        return made.read_bytes() if made.exists() else b""
+    def cut(chord: float, turn: float) -> bytes:
+        packed: bytes = cascadio.load(
+            data, file_type="step", tol_linear=chord, tol_angular=turn, merge_primitives=False
+        )
+        return packed
+
+    packed = cut(COARSE, 1.0)
+    if len(packed) < 20:
+        return b""
+    scene = json.loads(packed[20 : 20 + int.from_bytes(packed[12:16], "little")])
+    boxes = [about for about in scene["accessors"] if len(about.get("min", ())) == 3]
+    low, high = ([f(box[key][d] for box in boxes) for d in range(3)]
+                 for key, f in (("min", min), ("max", max)))  # fmt: skip
+    return cut(max(CHORD * 1000.0 * math.dist(low, high), 1e-9), TURN)
 
 
 def _placed(scene: Mapping[str, Any]) -> Iterator[tuple[int, FloatArray]]:

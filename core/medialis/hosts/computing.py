@@ -22,6 +22,7 @@ from multiprocessing.connection import Pipe
 from pathlib import Path
 from typing import IO, Any
 
+from medialis.base.children import Child
 from medialis.base.errors import Cancelled, MedialisError
 from medialis.base.validation import FloatArray, IntArray
 from medialis.base.version import package_version
@@ -285,15 +286,14 @@ class Computer:
         with suppress(OSError):  # `pack` says why nothing can be written there
             self._errors = tempfile.TemporaryFile(dir=self.folder)  # noqa: SIM115 - `end` closes it
         try:
-            self._process = subprocess.Popen(
-                [sys.executable, "-P", "-c", CODE],
-                env=self._variables(),
+            self._process = Child(
+                CODE,
+                environment=self.environment,
                 cwd=self.folder,
                 stdin=stdin,
                 stdout=subprocess.DEVNULL,
                 stderr=self._errors,
-                creationflags=getattr(subprocess, "CREATE_NO_WINDOW", 0)
-                | getattr(subprocess, "BELOW_NORMAL_PRIORITY_CLASS", 0),
+                creationflags=getattr(subprocess, "BELOW_NORMAL_PRIORITY_CLASS", 0),
             )
         except OSError as error:
             here.close()
@@ -307,14 +307,6 @@ class Computer:
             os.close(stdin)
             there.close()
         self._pipe, self._free = here, True
-
-    def _variables(self) -> dict[str, str]:
-        """Return the variables of the process: it finds the same modules as this one."""
-        ours = dict(os.environ)
-        if sys.flags.ignore_environment:  # a host that does not let others change its Python
-            ours = {name: text for name, text in ours.items() if not name.startswith("PYTHON")}
-        path = os.pathsep.join(dict.fromkeys(filter(None, sys.path)))
-        return {**ours, "PYTHONPATH": path, **self.environment}
 
     def _pass_on_errors(self) -> str:
         """Write what the process wrote to its stderr to that of this one; return its last line.

@@ -126,6 +126,14 @@ def fine_complex(
             except InvalidShapeError:
                 if k == len(bodies) - 1 and not found:
                     raise
+    if lost := len(bodies) - len(found):
+        progress.warn(
+            f"{lost:,} of {len(bodies):,} parts of the mesh have no balls: they enclose nothing, "
+            "or are too small beside the size of the whole.",
+            "parts_without_balls",
+            lost=lost,
+            parts=len(bodies),
+        )
     best = found[0]
     if len(bodies) > 1:
         best, hidden = _joined(solid, found)
@@ -151,6 +159,11 @@ def _of_body(solid: Solid, count: int, relief: float, seed: int, progress: Progr
             found.append(_mended(solid, samples, relief, progress))
         if solid.betti is None or found[-1].betti == solid.betti:
             break
+    found = [one for one in found if len(one.balls)]
+    if not found:
+        raise InvalidShapeError(
+            "No ball lies inside the shape: it is flat, or far too small beside its size and place."
+        )
     return min(found, key=lambda one: _distance(one, solid.betti))
 
 

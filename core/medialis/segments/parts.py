@@ -35,6 +35,7 @@ from medialis.base.validation import FloatArray, IntArray, frozen
 from medialis.curves.curve_skeleton import CurveSkeleton
 from medialis.curves.from_balls import CurveSkeletonOptions, curve_skeleton
 from medialis.segments.sites import (
+    SITES,
     SITES_APART,
     Sites,
     all_placements,
@@ -49,6 +50,7 @@ from medialis.shape.labels import (
     completed,
     connected_labels,
     diffused_labels,
+    fill_components,
     merge_small,
     spread_labels,
     tell_pieces,
@@ -58,6 +60,10 @@ from medialis.shape.surface import piece_labels
 from medialis.sheets.sheets import MedialSheetOptions, medial_sheets
 from medialis.skeleton.medial_cloud import MedialCloud
 from medialis.skeleton.surface_skeleton import as_cloud
+
+MOST_JOINED = 2000
+"""Parts of which a tree of joins is made: it costs their number squared. More parts than that are
+pieces of the surface, which have nothing in common."""
 
 CORE = 0.92  # halved 100 %, doubled 100 %
 """Share of the width of a body up to which its core goes: there a limb 0.4 times as wide comes out
@@ -546,6 +552,8 @@ def _in_valleys(
     spacing, graph = sites.spacing * surface.diagonal, surface_graph(surface)
     distance = spacing * np.sqrt(options.smoothing / USUAL_ROUNDS)
     labels = connected_labels(labels, graph)
+    if surface.components.max(initial=-1) >= SITES:  # too many for each to have a site
+        labels = fill_components(surface.components, labels, np.ones(len(labels), np.bool_))
     if options.count == 0 and options.smallest > 0:
         labels = without_strips(surface, labels, SITES_APART * sites.spacing * surface.diagonal)
     found = completed(surface, labels, options.smallest, method="auto")
@@ -564,11 +572,15 @@ def _of_samples(sites: Sites, shares: FloatArray, cluster: IntArray) -> IntArray
 
 
 def _with_tree(found: Segmentation, seen: SeenSites) -> Segmentation:
-    """Add the tree by which the parts are joined to fewer."""
+    """Add the tree by which the parts are joined to fewer; very many are joined to none."""
+    from scipy.sparse import csr_array
+
+    if found.count > MOST_JOINED:
+        return replace(found, joins=np.empty((0, 2), np.int32), join_levels=np.empty(0))
     known = np.flatnonzero(found.labels >= 0)
-    members = np.zeros((len(found.labels), found.count))
-    members[known, found.labels[known]] = found.surface.point_areas[known]
-    held = seen.sites.shares.T @ members
+    entries = found.surface.point_areas[known], (known, found.labels[known])
+    members = csr_array(entries, shape=(len(found.labels), found.count))
+    held = (seen.sites.shares.T @ members).toarray()
     total = held.sum(axis=0)
     between = held.T @ seen.shares @ held
     between /= np.maximum(total[:, None] * total[None, :], 1e-300)

@@ -40,6 +40,11 @@ from medialis.skeleton.medial_cloud import MedialCloud
 SITES = 500  # halved 60 %, doubled 31 %
 """Each stands for 0.2 % of the surface, a fifth of the smallest part by default."""
 
+MOST_SITES, WIDER = 3, 1.25
+"""More than so many times the sites asked for come where a surface lies in pieces with space
+between them: they are chosen farther apart then, by so much. What follows costs their number cubed.
+"""
+
 CANDIDATES = 10  # halved 37 %, doubled 17 %
 """Places to choose a site from."""
 
@@ -265,8 +270,9 @@ def even_places(
     spacing = np.sqrt(surface.area / count)
     apart = np.concatenate([places, APART_ACROSS * spacing * (normals @ axes)], axis=1)
     order = _in_turn(places, np.repeat(np.arange(3), [len(one) for one, _ in crossed]), step)
-    chosen = np.empty(len(places), np.int64)
-    used = choose_apart(apart[order], SITES_APART * spacing, chosen)
+    chosen, distance = np.empty(len(places), np.int64), SITES_APART * spacing
+    while (used := choose_apart(apart[order], distance, chosen)) > MOST_SITES * count:
+        distance *= WIDER
     rows = order[chosen[:used]]
     return places[rows] @ axes.T + middle, normals[rows]
 

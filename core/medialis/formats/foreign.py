@@ -1,0 +1,271 @@
+"""Meshes through libraries of others, each file in a process of its own that has limits.
+
+STEP is read through cascadio (Open CASCADE), glTF, Collada and others through trimesh, 3MF by
+ourselves with Python's XML. A file can make such a parser crash, spin or take all memory: it does
+so in a process that has `SECONDS` and `MEMORY`, and more for each byte of the file. The process
+opens no file but the modules that it runs and, for glTF, buffers in the folder of the file; it
+starts no other process and no connection. What it found comes back as JSON and arrays.
+
+`parsed_foreign` is the door, `serve` runs in the process.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import io
+import json
+import os
+import re
+import sys
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, cast
+from urllib.parse import unquote
+
+import numpy as np
+from numpy.typing import NDArray
+
+from medialis.base.children import Ended, Limits, answer_of
+from medialis.base.errors import InvalidShapeError, MedialisError
+from medialis.base.options import nearest_unit
+from medialis.base.validation import FloatArray, IntArray
+from medialis.formats.files import absolute, file_bytes
+
+SECONDS, SECONDS_A_MEGABYTE = 10.0, 8.0
+"""Processor time of a file. Good ones take 0.1 to 2 s for each MB, on a machine of 2026."""
+
+MEMORY, MEMORY_A_BYTE = 750_000_000, 100
+"""Bytes of memory of a file. Libraries take 80 to 350 MB before they read, good files some 50 times
+their size."""
+
+THROUGH_TRIMESH = ("glb", "gltf", "dae", "3dxml", "zae", "xaml", "ctm")
+"""Formats by their endings; 3MF and STEP have readers of their own."""
+
+CODE = (
+    "import sys; from medialis.base.children import settle; settle(*sys.argv[1:]); "
+    "from medialis.formats.foreign import serve; serve()"
+)
+
+_INSTALL = {
+    "step": ("cascadio", "STEP files are read through cascadio", "cad"),
+    "3mf": ("", "", ""),
+}
+_BUFFERS = re.compile(rb'"uri"\s*:\s*"(?!data:)([^"\\]{1,1000})"')
+
+
+@dataclass(frozen=True, eq=False)
+class Foreign:
+    """What a file holds: points (n, 3), triangles (m, 3), its unit, and the CAD face of each."""
+
+    points: FloatArray
+    faces: NDArray[np.int64]
+    unit: str | None = None
+    patches: IntArray | None = None
+
+
+def parsed_foreign(kind: str, data: bytes, name: str) -> Foreign:
+    """Return what a file of a kind ("step", "3mf", "glb", ...) holds; `name` is its path.
+
+    Raises
+    ------
+    InvalidShapeError
+        When the library is not installed, the file is damaged, or takes more than the limits.
+    """
+    package, what, extra = _INSTALL.get(
+        kind, ("trimesh", f".{kind} files are read through trimesh", "io")
+    )
+    if package and importlib.util.find_spec(package) is None:
+        raise InvalidShapeError(
+            f'{what}, which is not installed; install it with: pip install "medialis[{extra}]".'
+        )
+    folder = str(absolute(name).parent)
+    size = len(data) + (_size_of_buffers(data, folder) if kind == "gltf" else 0)
+    limits = Limits(SECONDS + SECONDS_A_MEGABYTE * size / 1e6, MEMORY + MEMORY_A_BYTE * size)
+    head = json.dumps({"kind": kind, "folder": folder}).encode()
+    try:
+        said = answer_of(CODE, head + b"\n" + data, limits)
+    except Ended as ended:
+        if ended.slow:
+            raise InvalidShapeError(
+                f"reading it took more than {limits.seconds:.0f} s of processor time, which is the "
+                f"limit for {size / 1e6:.2g} MB. It is damaged, or far too intricate: save it as "
+                "PLY or STL with the program that made it."
+            ) from None
+        raise InvalidShapeError(
+            f"the {_library(kind)} that reads it failed ({ended}): it is damaged, or needs more "
+            f"memory than {limits.memory / 1e9:.2g} GB, the limit for its size."
+        ) from None
+    return _taken(said)
+
+
+def _library(kind: str) -> str:
+    return {"step": "library cascadio", "3mf": "reader"}.get(kind, "library trimesh")
+
+
+def _size_of_buffers(data: bytes, folder: str) -> int:
+    """Return the bytes of the files beside a glTF file that it names."""
+    size = 0
+    for name in {unquote(match.decode("utf-8", "replace")) for match in _BUFFERS.findall(data)}:
+        with suppress(OSError, ValueError):
+            size += _inside(folder, name).stat().st_size
+    return size
+
+
+def _inside(folder: str, name: str) -> Path:
+    """Return the path of a file below a folder, however it is named.
+
+    Raises
+    ------
+    ValueError
+        When it lies elsewhere.
+    """
+    root = Path(folder).resolve()
+    path = (root / name).resolve()
+    if not path.is_relative_to(root):
+        raise ValueError(f"the buffer {name[:60]!r} lies outside of the folder of the file")
+    return path
+
+
+def _taken(said: bytes) -> Foreign:
+    """Return what a process told; it may be in the hands of a hostile file, so it is checked."""
+    head, _, rest = said.partition(b"\n")
+    told = json.loads(head)
+    if "refused" in told:
+        raise InvalidShapeError(str(told["refused"])[:1000])
+    arrays: dict[str, Any] = {}
+    for name, kind in (("points", "<f8"), ("faces", "<i8"), ("patches", "<i4")):
+        count = int(told[name])
+        width = 1 if name == "patches" else 3
+        length = count * width * np.dtype(kind).itemsize
+        arrays[name] = np.frombuffer(rest[:length], kind).reshape(count, width)
+        rest = rest[length:]
+    rows = arrays.pop("patches")
+    patches = rows[:, 0] if len(rows) else None
+    if patches is not None and len(patches) != len(arrays["faces"]):
+        raise InvalidShapeError("its parser failed: it is damaged.")
+    unit = told["unit"]
+    return Foreign(**arrays, unit=nearest_unit(unit) if unit else None, patches=patches)
+
+
+def serve() -> None:
+    """Read a kind, a folder and a file from the standard input, and tell what is in it."""
+    answers = os.fdopen(os.dup(1), "wb")
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, 1)  # libraries print there
+    head, _, data = sys.stdin.buffer.read().partition(b"\n")
+    told = json.loads(head)
+    try:
+        _tell(answers, _parsed(told["kind"], data, told["folder"]))
+    except MedialisError as error:
+        refused = str(error)
+    except MemoryError:
+        refused = "it needs more memory than is given to a file of its size."
+    except RecursionError:
+        refused = "it nests too deeply."
+    except Exception as error:  # noqa: BLE001 - a parser of others may raise anything
+        reason = " ".join(str(error).split())[:200] or type(error).__name__
+        refused = f"the {_library(told['kind'])} could not read it ({reason})."
+    else:
+        refused = ""
+    if refused:
+        answers.write(json.dumps({"refused": refused}).encode() + b"\n")
+    answers.close()
+    os._exit(0)  # nothing that a library does at the end is wanted
+
+
+def _tell(answers: io.BufferedWriter, found: Foreign) -> None:
+    patches = np.empty(0) if found.patches is None else found.patches
+    about = {"points": len(found.points), "faces": len(found.faces), "patches": len(patches),
+             "unit": found.unit}  # fmt: skip
+    answers.write(json.dumps(about).encode() + b"\n")
+    for rows, kind in ((found.points, "<f8"), (found.faces, "<i8"), (patches, "<i4")):
+        answers.write(np.ascontiguousarray(rows, kind).data)
+
+
+def _parsed(kind: str, data: bytes, folder: str) -> Foreign:
+    if kind == "step":
+        from medialis.formats.step import parse_step
+
+        return Foreign(*parse_step(data))
+    if kind == "3mf":
+        from medialis.formats.three_mf import parse_three_mf
+
+        return Foreign(*parse_three_mf(data))
+    return _through_trimesh(data, kind, folder)
+
+
+def _through_trimesh(data: bytes, kind: str, folder: str) -> Foreign:
+    """Read by trimesh; a scene becomes one mesh with its transforms applied."""
+    import trimesh
+
+    guard(folder)
+    more: Mapping[str, Any] = {"skip_materials": True} if kind in ("glb", "gltf") else {}
+    loaded: Any = trimesh.load(
+        io.BytesIO(data), file_type=kind, process=False, resolver=cast(Any, _Beside(folder)), **more
+    )
+    if isinstance(loaded, trimesh.Scene):
+        loaded = loaded.to_mesh()
+    points = np.array(loaded.vertices, np.float64).reshape(-1, 3)
+    faces = np.array(getattr(loaded, "faces", np.empty((0, 3))), np.int64).reshape(-1, 3)
+    unit = getattr(loaded, "units", None)
+    # glTF knows metres alone.
+    return Foreign(points, faces, "m" if kind in ("glb", "gltf") else str(unit) if unit else None)
+
+
+class _Beside:
+    """Buffers of a glTF file: regular files in its folder, and nothing else."""
+
+    def __init__(self, folder: str) -> None:
+        self._folder = folder
+
+    def get(self, name: str) -> bytes:
+        """Return the content of a file.
+
+        Raises
+        ------
+        InvalidShapeError
+            When it is not there, or no regular file of this folder.
+        """
+        path = _inside(self._folder, name)
+        if not path.exists():
+            path = _inside(self._folder, unquote(name))
+        try:
+            return file_bytes(str(path))
+        except MedialisError:
+            raise InvalidShapeError(
+                f"its buffer {name[:60]!r} is not there, empty, or no regular file."
+            ) from None
+
+    __getitem__ = get
+
+
+WRITING = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_APPEND
+
+_REFUSED = (
+    *("socket.", "subprocess.", "shutil.", "urllib.", "ctypes.dlopen", "os.system", "os.exec"),
+    *("os.fork", "os.posix_spawn", "os.spawn", "os.remove", "os.rename", "os.rmdir", "os.mkdir"),
+    *("os.link", "os.symlink", "os.truncate"),
+)
+
+
+def guard(folder: str) -> None:
+    """Open nothing from here on but modules, and files of a folder to read (what Python opens)."""
+    import mimetypes
+
+    mimetypes.init()
+    sys.dont_write_bytecode = True
+    ours = (sys.prefix, sys.base_prefix, sys.exec_prefix, folder, *filter(None, sys.path))
+    roots = tuple(f"{os.path.realpath(place)}{os.sep}" for place in ours)
+
+    def look(event: str, arguments: tuple[Any, ...]) -> None:
+        if event.startswith(_REFUSED):
+            raise PermissionError(f"a file of others may not do this: {event}")
+        if event == "open" and not isinstance(arguments[0], int):
+            path, _, flags = arguments
+            place = os.path.realpath(os.fsdecode(path))
+            if (flags or 0) & WRITING or not place.startswith(roots):
+                raise PermissionError("a file of others may not open files")
+
+    sys.addaudithook(look)
