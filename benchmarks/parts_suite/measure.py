@@ -38,6 +38,18 @@ class Known:
         """Return how far places are from the nearest weld."""
         return near_lines(self.welds, places)
 
+    def off_middle(self, region: dict[str, Any]) -> float:
+        """Return how far a thin place is from the middle of a wall, in thicknesses; inf at a rim.
+
+        Within half a thickness of a rim or weld, that is.
+        """
+        middle = np.mean([region["position"], region["opposite"]], axis=0)[None]
+        away, row = self.nearest_wall(middle)
+        wall, patch = self.patches[int(row[0])]
+        half = 0.5 * wall["thickness"]
+        rim = len(self.patches) == len(self.truth["walls"]) and on_border(patch, middle, half)[0]
+        return math.inf if rim else float(away[0]) / wall["thickness"]
+
     def thickness_at(self, row: int, places: np.ndarray) -> np.ndarray:
         """Return the true thickness of the wall of a patch at some places."""
         wall, patch = self.patches[row]
@@ -115,6 +127,11 @@ def walls(path: Path, known: Known) -> dict[str, Any]:
     """Return what the wall check gets wrong: verdicts, areas, ends of thin places, ribs."""
     clock, wrong, ends = time.perf_counter(), [], 0.0
     ribs: list[dict[str, Any]] = []
+    lowest = 0.9 * min(min(w["thickness"], w["ending"] or 1e9) for w in known.truth["walls"])
+    asked = {"minimum": f"{lowest:.9g}mm", "maximum": f"{known.thickest:.9g}mm", "rib_ratio": 100.0}
+    values = medialis.run("wall_check", _shape(path), **asked).values
+    if not values["passed"]:
+        wrong.append(f"up to {known.thickest:.4g} {values['verdict'][24:]}")
     for case in known.truth["verdicts"]:
         limit = case["minimum"]
         asked = {"minimum": f"{limit:.9g}mm", "rib_ratio": 100.0}
@@ -134,6 +151,7 @@ def walls(path: Path, known: Known) -> dict[str, Any]:
                 continue
             apart = math.dist(region["position"], region["opposite"])
             ends = max(ends, abs(apart / region["value"] - 1.0))
+            ends = max(ends, known.off_middle(region))
     return {
         "wrong": wrong,
         "ends": ends,

@@ -267,6 +267,9 @@ LEAST_SHARE = 0.75
 """What stands on a wall has a foot about as long as it is thick, at least: shorter rows of feet are
 dents and corners."""
 
+OVER = 1.1
+"""Radii from the center of a ball over which a foot makes it larger, with room for a fillet."""
+
 FAIR = 0.2
 """Share of a foot that has a piece of a wall beside it, at least: others are corners."""
 
@@ -354,6 +357,31 @@ def ribs(cloud: MedialCloud, values: FloatArray, walls: Index, balls: MedialClou
     pieces = _wall_pieces(cloud, own, edges)
     kept = _whole_bosses(_each_once(cloud.surface, feet, found, pieces))
     return sorted(kept, key=lambda rib: (-rib.ratio, int(rib.vertices[0])))
+
+
+def over_feet(cloud: MedialCloud, values: FloatArray, walls: Index) -> Mask:
+    """Tell which samples (n,) have a ball that touches a foot: where walls meet, it is larger.
+
+    Parameters
+    ----------
+    cloud : MedialCloud
+    values : (n,) float64
+        Thickness at each sample.
+    walls : (w,) int64
+        Rows of the balls between two walls.
+    """
+    surface = cloud.surface
+    result = np.zeros(surface.point_count, np.bool_)
+    if surface.faces is None or len(walls) == 0:
+        return result
+    own = np.full(surface.point_count, np.nan)
+    own[cloud.source[walls]] = 2.0 * cloud.radii[walls]
+    feet = np.unique(_foot_edges(surface, values, own)[0])
+    if len(feet):
+        away = kd_tree(surface.points[feet]).query(cloud.centers[walls])[0]
+        near = walls[away < OVER * cloud.radii[walls] + surface.spacing]
+        result[cloud.features[near].ravel()] = True
+    return result
 
 
 def _foot_edges(surface: Shape, values: FloatArray, own: FloatArray) -> tuple[IntArray, Mask]:

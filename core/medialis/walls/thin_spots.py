@@ -514,10 +514,20 @@ class WallBalls:
         for row in (start, *self._apart(rows)):
             caliper = close_caliper(self._patches, self._caliper(row))
             most = value if row == start else value / (1.0 + ALIKE)
-            if caliper is not None and least <= self.share * caliper.length <= most:
+            if caliper is None or not self._both_in(caliper, place.vertices):
+                continue
+            if least <= self.share * caliper.length <= most:
                 position, opposite = caliper.ends
                 value = self.share * caliper.length
         return position, opposite, value
+
+    def _both_in(self, caliper: Caliper, vertices: IntArray) -> bool:
+        """Tell whether both ends of a caliper lie on faces with samples of a place."""
+        faces = np.asarray(self.surface.faces)
+        self.marked[vertices] = True
+        inside = [bool(self.marked[faces[rows]].any()) for rows in caliper.faces]
+        self.marked[vertices] = False
+        return all(inside)
 
     def _deepest(self, rows: Index, vertices: IntArray) -> int:
         """Return the ball, of some with samples in a place, that is farthest from its border.

@@ -35,7 +35,7 @@ from medialis.base.validation import FloatArray
 from medialis.shape.graph import ENCLOSED, Enclosure
 from medialis.shape.shape import Shape
 from medialis.skeleton.medial_cloud import MedialCloud
-from medialis.walls.ribs import Rib, edge_balls, ribs
+from medialis.walls.ribs import Rib, edge_balls, over_feet, ribs
 from medialis.walls.thickness import ThicknessOptions, thickness, thickness_field
 from medialis.walls.thin_spots import (
     PlaceGraph,
@@ -330,10 +330,12 @@ def _thin(
 def _thick(
     cloud: MedialCloud, values: FloatArray, rows: Index, maximum: float, limits: WallLimits
 ) -> list[WallRegion]:
+    """Return the regions thicker than the maximum, but for those where walls meet."""
     level = maximum * (1.0 + EQUAL)
     if not (values > level).any():
         return []
-    found = _regions("too thick", cloud, rows, values, level / values, 1.0)
+    meet = over_feet(cloud, values, rows)
+    found = _regions("too thick", cloud, rows, values, level / values, 1.0, ~meet)
     return [region for region, _ in islice(found, limits.most_regions)]
 
 
@@ -368,16 +370,26 @@ def _regions(
     values: FloatArray,
     field: FloatArray,
     level: float,
+    telling: Mask | None = None,
 ) -> Iterator[tuple[WallRegion, int]]:
-    """Go through the regions where a field is below a level, with the ball of the worst place."""
+    """Go through the regions where a field is below a level, with the ball of the worst place.
+
+    Where samples that are `telling` (n,) are given, of these; regions without are left out.
+    """
     surface = cloud.surface
     ball = np.full(surface.point_count, -1, np.int64)
     ball[cloud.source[rows]] = rows
     own = np.where(ball >= 0, np.arange(len(ball)), -1)
     for place in low_places(PlaceGraph(surface, cloud.features[rows]), field, level=level):
-        row, inside = int(ball[place.vertex]), values[place.vertices]
+        vertex = place.vertex
+        if telling is not None:
+            mine = place.vertices[telling[place.vertices] & (ball[place.vertices] >= 0)]
+            if len(mine) == 0:
+                continue
+            vertex = int(mine[np.argmin(field[mine])])
+        row, inside = int(ball[vertex]), values[place.vertices]
         opposite = cloud.contacts[row] if row >= 0 else np.full(3, np.nan)
         area = side_area(surface, own, place.vertices)
-        told = float(values[place.vertex]), float(inside.min()), float(inside.max())
-        position = surface.points[place.vertex]
+        told = float(values[vertex]), float(inside.min()), float(inside.max())
+        position = surface.points[vertex]
         yield WallRegion(kind, position, opposite, *told, area, place.vertices), row
