@@ -24,7 +24,7 @@ SHELLS = ("bash", "zsh", "fish")
 EXIT_OK, EXIT_NOT_PASSED, EXIT_BAD_INPUT, EXIT_SOME_FAILED, EXIT_CANCELLED = 0, 1, 2, 3, 130
 
 _EPILOG = """exit codes: 0 done; 1 a check is not passed (with --fail); 2 bad input or options (a
-line on stderr); 3 a batch is done but some of its results failed (the table says why); 130 cancelled.
+line on stderr); 3 a batch is done but some of its results failed (see its table); 130 cancelled.
 Lengths are shares of the size (0.5% of the bounding-box diagonal; 0.005 is the same) or real ones
 (1mm, 0.2in), for which the unit of the file must be known: STEP, 3MF, glTF and Collada say it, for
 others add --unit mm."""

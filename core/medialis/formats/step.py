@@ -2,8 +2,9 @@
 
 cascadio cuts the faces of Open CASCADE into triangles and hands them on as binary glTF, one
 primitive a body, in metres and single precision, with the normals of the model's surfaces and the
-kind of each face. Neighbouring faces have the same points along their common edge. The triangles follow the model to within `CHORD` of its size, and turn by at most
-`TURN` from one to the next, so that they are facets of a smooth surface and no creases.
+kind of each face. Neighbouring faces have the same points along their common edge. The triangles
+follow the model to within `CHORD` of its size, and turn by at most `TURN` from one to the next, so
+that they are facets of a smooth surface and no creases.
 """
 
 from __future__ import annotations
