@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from medialis.base.arrays import next_side, sums_of, unit_rows
 from medialis.base.threads import run_chunks
 from medialis.base.validation import FloatArray, IntArray, frozen
+from medialis.shape.planes import only_plane, plane_normals
 from medialis.shape.shape import Shape
 from medialis.shape.surface import Surface, piece_labels
 
@@ -25,7 +26,8 @@ STEEPER = 1e-4  # halved < 0.1 %, doubled 0.1 %
 """Cosine: more than rounding makes of one angle."""
 
 LEAST_BEND = 1e-4  # halved 0 %, doubled 0 %
-"""Radians: what rounding bends a plane that is cut into triangles, at most."""
+"""Radians: what rounding bends a plane that is cut into triangles, at most; three chords of a right
+angle bend by 30 degrees, and are all smooth."""
 
 FACES_A_CHUNK = 16384
 
@@ -116,6 +118,8 @@ class Creases:
         )  # fmt: skip
         bulges, cosines = np.empty((shape.face_count, 3)), np.empty(shape.face_count)
         run_chunks(bulge_faces, shape.face_count, FACES_A_CHUNK, mesh, bulges, cosines)
+        if shape.planes is not None:
+            bulges[shape.planes >= 0] = 0.0
         self.__dict__["least_cosines"] = frozen(cosines, np.float64)
         return bulges, self.least_cosines
 
@@ -128,6 +132,10 @@ class Creases:
         if len(self.corners):
             mine = self.corners[place] == corners
             normals[mine] = self.normals[self.sector[place[mine]]]
+        if self.shape.planes is not None:
+            plane = self.shape.planes[faces]
+            flat = plane_normals(self.shape, self.shape.planes)[plane[plane >= 0]]
+            normals[plane >= 0] = flat[:, None]
         return np.asarray(normals)
 
     @property
@@ -234,7 +242,7 @@ def find_creases(shape: Shape, angle: float) -> Creases:
 def crease_edges(surface: Surface, angle: float) -> tuple[IntArray, IntArray, NDArray[np.bool_]]:
     """Return the two half-edges of each edge between two faces, and whether it is a crease."""
     first, second, opposite = surface.edge_table.pairs
-    bent = surface.edge_bends > max(math.radians(angle), LEAST_BEND)
+    bent = surface.edge_bends > math.radians(angle) + LEAST_BEND
     if opposite.all():
         return first, second, bent
     return first[opposite], second[opposite], bent[opposite]
@@ -271,6 +279,10 @@ def _sector_normals(
     result = unit_rows(total, 1e-12)
     alone = np.bincount(vertices, minlength=shape.point_count)[vertices] == 1
     result[alone] = shape.normals[vertices[alone]]
+    if shape.planes is not None:
+        plane = only_plane(sector, shape.planes[face], count)
+        flat = np.flatnonzero(plane >= 0)
+        result[flat] = plane_normals(shape, shape.planes)[plane[flat]]
     return result
 
 

@@ -23,7 +23,8 @@ from medialis.base.progress import Progress, counted
 from medialis.base.threads import nearest_rows, run_chunks, run_patiently
 from medialis.base.validation import FloatArray, IntArray, as_faces, as_points, frozen
 from medialis.shape.diagnosis import propagate_signs
-from medialis.shape.surface import piece_labels
+from medialis.shape.planes import find_planes, with_planes
+from medialis.shape.surface import Surface, piece_labels
 
 FACING_AWAY = 1e-6  # halved 0 %, doubled 0 %
 """Cosine beyond which a face looks away from the normal: above rounding, so that the rim of a flat
@@ -31,6 +32,10 @@ double-sided sheet, exactly at right angles to its faces, keeps its normal."""
 
 CREASE_ANGLE = 30.0  # halved 100 %, doubled 100 %
 """Degrees: edges that bend by more are creases, here and by default in `surface_skeleton`."""
+
+SHARP = math.radians(CREASE_ANGLE) + 1e-4
+"""The same in radians, with what rounding adds: three chords of a right angle bend by just 30
+degrees, and are all smooth."""
 
 VERTICES_A_CHUNK = 4096
 
@@ -40,7 +45,8 @@ def vertex_normals(points: FloatArray, faces: IntArray) -> FloatArray:
 
     At creases, where two edges at a vertex bend by more than 30 degrees, and at borders, it is the
     mean of the face normals, weighted by the angle of the face at the vertex. These weights depend
-    on the faces only, not on how they are cut into triangles.
+    on the faces only, not on how they are cut into triangles. Where a smooth surface ends at a flat
+    face of a part (`medialis.shape.planes`), it is that of this face.
 
     Parameters
     ----------
@@ -76,7 +82,11 @@ def vertex_normals(points: FloatArray, faces: IntArray) -> FloatArray:
     array([0., 0., 1.])
     """
     points = as_points(points)
-    return ring_normals(points, as_faces(faces, len(points)))
+    surface = Surface.of_checked(points, as_faces(faces, len(points)))
+    if surface.faces is None:
+        return frozen(np.zeros_like(points), np.float64)
+    planes = find_planes(surface, SHARP)
+    return with_planes(ring_normals(points, surface.faces), surface, planes, SHARP)
 
 
 def ring_normals(points: FloatArray, faces: IntArray, *, smooth: bool = True) -> FloatArray:
@@ -99,7 +109,7 @@ def ring_normals(points: FloatArray, faces: IntArray, *, smooth: bool = True) ->
     np.divide(units, length, out=units, where=length > 0)
     fans = Ragged.group(faces.ravel(), len(points))
     mesh = Fans(local, faces, units, fans.offsets, fans.indices)
-    normals, crease = np.zeros((len(points), 3)), math.cos(math.radians(CREASE_ANGLE))
+    normals, crease = np.zeros((len(points), 3)), math.cos(SHARP)
     with_these = mesh, crease, FACING_AWAY, smooth, normals
     run_chunks(fill_normals, len(points), VERTICES_A_CHUNK, *with_these)
     return frozen(normals, np.float64)

@@ -30,9 +30,16 @@ from medialis.base.threads import run_patiently
 from medialis.base.validation import as_faces, as_normals, as_points
 from medialis.formats.meshes import read_mesh, triangulate
 from medialis.shape.diagnosis import examine
-from medialis.shape.normals import as_viewpoints, estimate_normals, ring_normals
+from medialis.shape.normals import (
+    SHARP,
+    as_viewpoints,
+    estimate_normals,
+    ring_normals,
+)
+from medialis.shape.planes import find_planes, with_planes
 from medialis.shape.repair import repaired
 from medialis.shape.shape import Shape, far_points
+from medialis.shape.surface import Surface
 
 
 class HasVertices(Protocol):
@@ -339,7 +346,13 @@ def make_shape(
     directions = None if normals is None else as_normals(normals, len(vertices))
     if triangles is not None:
         if directions is None:
-            directions = run_patiently(lambda: ring_normals(vertices, triangles), progress)
+            surface = Surface.of_checked(vertices, triangles)
+            if known is not None:
+                surface.adopt(known)
+            planes = run_patiently(lambda: find_planes(surface, SHARP), progress)
+            rings = run_patiently(lambda: ring_normals(vertices, triangles), progress)
+            directions = with_planes(rings, surface, planes, SHARP)
+            extra["planes"], known = planes, surface.topology
     elif directions is None or not directions.any():  # programs write zeros for "none"
         lack = "has no normals" if directions is None else "has zero normals only"
         code = "normals_missing" if directions is None else "normals_zero"
@@ -427,4 +440,6 @@ def surface_of_cloud(shape: ShapeLike) -> Shape:
     triangles = corners[tetrahedron[:, None], _FACES[face]]
     flipped = volume[tetrahedron] < 0
     triangles[flipped] = triangles[flipped][:, [0, 2, 1]]
-    return shape.remade(faces=triangles.astype(np.int32), face_map=None, face_origin=None)
+    return shape.remade(
+        faces=triangles.astype(np.int32), face_map=None, face_origin=None, planes=None
+    )

@@ -428,7 +428,7 @@ def _with_faces_of(shape: Shape, cut: Cut, scale: float) -> Shape:
     origin[:n] = np.arange(n) if shape.origin is None else shape.origin
     made = {"points": points, "normals": np.concatenate([shape.normals, around[n:]])}
     made |= {"faces": faces, "origin": origin, "face_origin": cut.origin.astype(np.int32)}
-    for name in ("face_origin", "face_map", "patches"):
+    for name in ("face_origin", "face_map", "patches", "planes"):
         if (values := getattr(shape, name)) is not None:
             made[name] = values[cut.origin]
     return shape.remade(**made)

@@ -72,6 +72,9 @@ class Shape(Surface):
     patches : (m,) int32 or None
         The patch that each face lies on, such as the face of a CAD model that was read; None where
         nobody said.
+    planes : (m,) int32 or None
+        The flat face of the part that each face lies in, -1 for facets of what is rounded (see
+        `medialis.shape.planes`); None where nobody looked.
 
     Raises
     ------
@@ -89,6 +92,7 @@ class Shape(Surface):
     face_map: IntArray | None = None
     unit: str | None = None
     patches: IntArray | None = None
+    planes: IntArray | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "unit", as_unit(self.unit))
@@ -103,6 +107,7 @@ class Shape(Surface):
             ("face_origin", self.face_count),
             ("face_map", self.face_count),
             ("patches", self.face_count),
+            ("planes", self.face_count),
             ("vertex_map", 0 if self.vertex_map is None else np.size(self.vertex_map)),
         ):
             value = getattr(self, name)
