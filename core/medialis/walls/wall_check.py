@@ -34,6 +34,7 @@ from medialis.base.threads import run_patiently
 from medialis.base.validation import FloatArray
 from medialis.shape.graph import ENCLOSED, Enclosure
 from medialis.shape.shape import Shape
+from medialis.shape.surface import piece_labels
 from medialis.skeleton.medial_cloud import MedialCloud
 from medialis.walls.ribs import Rib, edge_balls, over_feet, ribs
 from medialis.walls.thickness import ThicknessOptions, thickness, thickness_field
@@ -77,9 +78,10 @@ the one beside it; a rib as thick as its wall makes 1.25 times the thickness whe
 EQUAL = 1e-3
 """Of a limit: walls that differ from it by less are as thick as it says."""
 
-UNSURE = 0.25
-"""Of the height of facets: so far the middle of two that make a quadrangle lies off the smooth
-surface. Where both sides of a wall are rounded, one of them makes it thicker, the other thinner."""
+UNSURE = 0.5
+"""Of the height of facets: the middle of two that make a quadrangle lies a quarter of it off the
+smooth surface, at the ends of pipes half of it. Where both sides of a wall are rounded, one of them
+makes it thicker, the other thinner."""
 
 RIM_TAPER, RIM = 3.0, 0.6
 """Degrees and thicknesses: where a rim is rounded, the two sides are parallel up to so much at its
@@ -267,6 +269,34 @@ def rim_balls(cloud: MedialCloud, least_angle: float) -> Mask:
     return result
 
 
+def surely(cloud: MedialCloud, known: Mask, beyond: FloatArray) -> Mask:
+    """Tell the samples (n,) whose wall is surely beyond a limit.
+
+    By more than is unsure there; or where most of what is beyond the limit, or may be, is beyond:
+    facets make a wall thicker here and thinner there, and half of it is as thick as it is.
+
+    Parameters
+    ----------
+    cloud : MedialCloud
+    known : (n,) bool
+        Samples of walls.
+    beyond : (n,) float64
+        How far the thickness is beyond the limit.
+    """
+    surface, unsure = cloud.surface, unsure_by(cloud)
+    sure = known & (beyond > unsure)
+    if surface.faces is None or not unsure.any():
+        return sure
+    may = known & (beyond > -unsure)
+    links = surface.edges[may[surface.edges].all(axis=1)].astype(np.int64)
+    label = piece_labels(surface.point_count, links)
+    every, fails = (
+        np.bincount(label[rows], surface.point_areas[rows], surface.point_count)
+        for rows in (may, known & (beyond > 0))
+    )
+    return np.asarray(sure | (may & (fails > 0.5 * every)[label]))
+
+
 def unsure_by(cloud: MedialCloud) -> FloatArray:
     """Return how much the thickness at each sample may be off, (n,), where facets are rounded.
 
@@ -346,7 +376,7 @@ def _thin(
     )
     found, field = [], thickness_field(cloud, options)
     assert field is not None
-    sure = ~np.isnan(field.known) & (values < level - unsure_by(cloud))
+    sure = surely(cloud, ~np.isnan(field.known), level - values)
     for spot in thin_spots.of(cloud, options, progress):
         kind: RegionKind = "too thin" if spot.kind == "wall" else "overlap"
         most = float(values[spot.vertices].max())
@@ -366,7 +396,7 @@ def _thick(
     level = maximum * (1.0 + EQUAL)
     if not (values > level).any():
         return []
-    sure = ~over_feet(cloud, values, rows) & (values > level + unsure_by(cloud))
+    sure = surely(cloud, ~over_feet(cloud, values, rows), values - level)
     found = _regions("too thick", cloud, rows, values, level / values, 1.0, sure)
     return [region for region, _ in islice(found, limits.most_regions)]
 
