@@ -34,6 +34,12 @@ STRAIGHT = math.cos(math.radians(15.0))  # halved 89 %, doubled 77 %
 FOLDED = math.cos(math.radians(12.0))  # halved 0 %, doubled 100 %
 """Cosine: a face that is more inclined to the mean of what is round it lies at an edge."""
 
+TURNS_ALONG = math.radians(175.0)
+"""Spoke angle from which on both sides of a rounded wall beside a flat one are parallel."""
+
+BEGINNING = 3
+"""Faces in a row where a blend begins, and is parallel to the other side still."""
+
 SPREAD = 3.0  # halved 0 %, doubled 26 %
 """Steps from face to face in which a mean spreads by an edge length, squared: a step is a third."""
 
@@ -157,10 +163,49 @@ def find_sides(cloud: MedialCloud, least_angle: float, crease: float) -> Sides:
     if core.any():
         half = float(np.median(balls_of(core, cloud)))
         core &= ~folded_faces(shape, links, half)
+        blend = blends(cloud, links)
+        core &= ~(blend | touching(cloud, blend))
         core = faces_in_walls(cloud, core, half)
     label = _pieces(core, links)
     grown, source = _grown(shape, cloud, label, links)
     return _united(cloud, wide, core & (label >= 0), grown, source, links)
+
+
+def blends(cloud: MedialCloud, links: Index) -> Mask:
+    """Tell the faces of fillets and other blends beside flat faces, (m,): no sides of walls.
+
+    What is rounded and ends tangent to a flat face is a wall where it bends along with its other
+    side, as in sheet metal. On a blend the ball touches what does not turn along.
+    """
+    shape = cloud.surface
+    m, n = shape.face_count, shape.point_count
+    if shape.planes is None or (shape.planes < 0).all():
+        return np.zeros(m, np.bool_)
+    rounded = shape.planes < 0
+    first, second = links.T
+    piece = piece_labels(m, links[rounded[first] & rounded[second]])
+    tangent = np.zeros(m, np.bool_)
+    tangent[piece[first[rounded[first] & ~rounded[second]]]] = True
+    tangent[piece[second[rounded[second] & ~rounded[first]]]] = True
+    rounded &= tangent[piece]
+    open_ = np.nan_to_num(cloud.spoke_angles[:n]) < TURNS_ALONG
+    blend = rounded & open_[np.asarray(shape.faces)].any(axis=1)
+    for _ in range(BEGINNING):
+        beside = np.zeros(m, np.bool_)
+        beside[second[blend[first]]] = beside[first[blend[second]]] = True
+        blend |= rounded & beside
+    return np.asarray(blend)
+
+
+def touching(cloud: MedialCloud, chosen: Mask) -> Mask:
+    """Tell the faces of which a ball touches chosen faces and no others, (m,)."""
+    shape, n = cloud.surface, cloud.surface.point_count
+    faces = np.asarray(shape.faces)
+    others = np.zeros(n, np.bool_)
+    others[faces[~chosen]] = True
+    second, face = cloud.features[:n, 1], cloud.contact_faces[:n]
+    there = np.where(face >= 0, chosen[face], ~others[np.maximum(second, 0)])
+    return np.asarray(there[faces].any(axis=1))
 
 
 def balls_of(chosen: Mask, cloud: MedialCloud) -> FloatArray:
@@ -230,6 +275,7 @@ def _grown(
 ) -> tuple[IntArray, Index]:
     """Let sides go on over smooth faces, each face with the nearest one that has an opposite."""
     faces, normals = np.asarray(shape.faces), shape.face_normals
+    plane = np.full(len(faces), -1) if shape.planes is None else shape.planes
     middle = shape.points[faces].mean(axis=1)
     half = cloud.radii[: shape.point_count][faces].mean(axis=1)
     limit = FARTHEST * half + ROWS * shape.spacing
@@ -244,6 +290,7 @@ def _grown(
         new = np.linalg.norm(middle[there] - middle[origin], axis=1)
         better = (new < distance[there]) & (new < limit[origin])
         better &= np.einsum("ij,ij->i", normals[origin], normals[there]) > STRAIGHT
+        better &= plane[origin] == plane[there]
         there, new, origin = there[better], new[better], origin[better]
         if len(there) == 0:
             break
@@ -368,7 +415,7 @@ UNCOVERED = 0.3  # halved 0 %, doubled 0 %
 ON_RIM = 0.02  # halved 4 %, doubled 20 %
 """Half thicknesses: so near to the surface a sheet has come to the rim."""
 
-FARTHEST_PIECE = 3.0  # halved 100 %, doubled 4 %
+FARTHEST_PIECE = 7.0  # halved 100 %, doubled 4 %
 """Largest half thickness of all walls, as the unit: how far sheets are extended at most."""
 
 ROUND = 0.95  # halved 0.8 %, doubled 0.8 %
