@@ -37,9 +37,6 @@ FOLDED = math.cos(math.radians(12.0))  # halved 0 %, doubled 100 %
 TURNS_ALONG = math.radians(175.0)
 """Spoke angle from which on both sides of a rounded wall beside a flat one are parallel."""
 
-BEGINNING = 3
-"""Faces in a row where a blend begins, and is parallel to the other side still."""
-
 SPREAD = 3.0  # halved 0 %, doubled 26 %
 """Steps from face to face in which a mean spreads by an edge length, squared: a step is a third."""
 
@@ -163,7 +160,7 @@ def find_sides(cloud: MedialCloud, least_angle: float, crease: float) -> Sides:
     if core.any():
         half = float(np.median(balls_of(core, cloud)))
         core &= ~folded_faces(shape, links, half)
-        blend = blends(cloud, links)
+        blend = blends(cloud, links, half)
         core &= ~(blend | touching(cloud, blend))
         core = faces_in_walls(cloud, core, half)
     label = _pieces(core, links)
@@ -171,11 +168,12 @@ def find_sides(cloud: MedialCloud, least_angle: float, crease: float) -> Sides:
     return _united(cloud, wide, core & (label >= 0), grown, source, links)
 
 
-def blends(cloud: MedialCloud, links: Index) -> Mask:
+def blends(cloud: MedialCloud, links: Index, width: float) -> Mask:
     """Tell the faces of fillets and other blends beside flat faces, (m,): no sides of walls.
 
     What is rounded and ends tangent to a flat face is a wall where it bends along with its other
-    side, as in sheet metal. On a blend the ball touches what does not turn along.
+    side, as in sheet metal. On a blend the ball touches what does not turn along: what most faces
+    within `width` say counts, since facets and the beginning of a blend may say otherwise.
     """
     shape = cloud.surface
     m, n = shape.face_count, shape.point_count
@@ -189,12 +187,26 @@ def blends(cloud: MedialCloud, links: Index) -> Mask:
     tangent[piece[second[rounded[second] & ~rounded[first]]]] = True
     rounded &= tangent[piece]
     open_ = np.nan_to_num(cloud.spoke_angles[:n]) < TURNS_ALONG
-    blend = rounded & open_[np.asarray(shape.faces)].any(axis=1)
-    for _ in range(BEGINNING):
-        beside = np.zeros(m, np.bool_)
-        beside[second[blend[first]]] = beside[first[blend[second]]] = True
-        blend |= rounded & beside
-    return np.asarray(blend)
+    value = (rounded & open_[np.asarray(shape.faces)].any(axis=1)).astype(np.float64)
+    mean = _mean_beside(shape, links[rounded[first] & rounded[second]])
+    for _ in range(_steps(shape, width)):
+        value = mean @ value
+    return np.asarray(rounded & (value > 0.5))
+
+
+def _mean_beside(shape: Shape, links: Index) -> Any:
+    """Return the matrix (m, m) that gives each face the mean of its own value and those beside."""
+    from scipy.sparse import diags_array
+
+    m = shape.face_count
+    matrix = link_matrix(m, links)
+    return diags_array(1.0 / (1.0 + matrix.sum(axis=1))) @ (matrix + diags_array(np.ones(m)))
+
+
+def _steps(shape: Shape, width: float) -> int:
+    """Return how often means are taken so that a value spreads over a width."""
+    steps = round((width / max(shape.spacing, 1e-300)) ** 2 * SPREAD)
+    return min(max(steps, 1), MOST_STEPS)
 
 
 def touching(cloud: MedialCloud, chosen: Mask) -> Mask:
@@ -220,13 +232,8 @@ def folded_faces(shape: Shape, links: Index, width: float) -> Mask:
     often that this spreads over `width`: beside an edge of 50 degrees it is 25 degrees off, on a
     cylinder none, and where a bend of the inner radius of two widths begins 7.
     """
-    from scipy.sparse import diags_array
-
-    m, steps = shape.face_count, round((width / max(shape.spacing, 1e-300)) ** 2 * SPREAD)
-    matrix = link_matrix(m, links)
-    mean = diags_array(1.0 / (1.0 + matrix.sum(axis=1))) @ (matrix + diags_array(np.ones(m)))
-    normals = np.array(shape.face_normals)
-    for _ in range(min(max(steps, 1), MOST_STEPS)):
+    mean, normals = _mean_beside(shape, links), np.array(shape.face_normals)
+    for _ in range(_steps(shape, width)):
         normals = mean @ normals
     length = np.linalg.norm(normals, axis=1)
     cosine = np.einsum("fa,fa->f", normals, shape.face_normals) / np.where(length > 0, length, 1.0)
