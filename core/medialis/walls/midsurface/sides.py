@@ -34,8 +34,11 @@ STRAIGHT = math.cos(math.radians(15.0))  # halved 89 %, doubled 77 %
 FOLDED = math.cos(math.radians(12.0))  # halved 0 %, doubled 100 %
 """Cosine: a face that is more inclined to the mean of what is round it lies at an edge."""
 
-TURNS_ALONG = math.radians(175.0)
+TURNS_ALONG = math.radians(168.0)
 """Spoke angle from which on both sides of a rounded wall beside a flat one are parallel."""
+
+BESIDE_CREASE = 1.2
+"""Radii of the ball: what is nearer to a crease does not tell whether its other side turns along."""
 
 SPREAD = 3.0  # halved 0 %, doubled 26 %
 """Steps from face to face in which a mean spreads by an edge length, squared: a step is a third."""
@@ -157,18 +160,19 @@ def find_sides(cloud: MedialCloud, least_angle: float, crease: float) -> Sides:
     wide = wide_samples(cloud, creases, least_angle)
     links = _smooth_links(shape, creases)
     core = wide[np.asarray(shape.faces)].all(axis=1)
+    blend = np.zeros(len(core), np.bool_)
     if core.any():
         half = float(np.median(balls_of(core, cloud)))
         core &= ~folded_faces(shape, links, half)
-        blend = blends(cloud, links, half)
+        blend = blends(cloud, creases, links, half)
         core &= ~(blend | touching(cloud, blend))
         core = faces_in_walls(cloud, core, half)
     label = _pieces(core, links)
-    grown, source = _grown(shape, cloud, label, links)
+    grown, source = _grown(cloud, label, links[~blend[links].any(axis=1)])
     return _united(cloud, wide, core & (label >= 0), grown, source, links)
 
 
-def blends(cloud: MedialCloud, links: Index, width: float) -> Mask:
+def blends(cloud: MedialCloud, creases: Creases, links: Index, width: float) -> Mask:
     """Tell the faces of fillets and other blends beside flat faces, (m,): no sides of walls.
 
     What is rounded and ends tangent to a flat face is a wall where it bends along with its other
@@ -186,12 +190,21 @@ def blends(cloud: MedialCloud, links: Index, width: float) -> Mask:
     tangent[piece[first[rounded[first] & ~rounded[second]]]] = True
     tangent[piece[second[rounded[second] & ~rounded[first]]]] = True
     rounded &= tangent[piece]
-    open_ = np.nan_to_num(cloud.spoke_angles[:n]) < TURNS_ALONG
-    value = (rounded & open_[np.asarray(shape.faces)].any(axis=1)).astype(np.float64)
-    mean = _mean_beside(shape, links[rounded[first] & rounded[second]])
+    faces, radii = np.asarray(shape.faces), cloud.radii[:n]
+    known = cloud.valid[:n] & (radii > 0)
+    if len(creases.vertices):
+        # Beside a crease the ball touches what is across it.
+        away = kd_tree(shape.points[np.unique(creases.vertices)]).query(shape.points)[0]
+        known &= away > BESIDE_CREASE * np.nan_to_num(radii)
+    open_ = known & (np.nan_to_num(cloud.spoke_angles[:n]) < TURNS_ALONG)
+    told = rounded[:, None] & np.stack([known[faces].any(axis=1), open_[faces].any(axis=1)], axis=1)
+    value, mean = (
+        told.astype(np.float64),
+        _mean_beside(shape, links[rounded[first] & rounded[second]]),
+    )
     for _ in range(_steps(shape, width)):
         value = mean @ value
-    return np.asarray(rounded & (value > 0.5))
+    return np.asarray(rounded & (value[:, 1] > 0.5 * value[:, 0]))
 
 
 def _mean_beside(shape: Shape, links: Index) -> Any:
@@ -277,10 +290,9 @@ def _pieces(chosen: Mask, links: Index) -> IntArray:
     return result
 
 
-def _grown(
-    shape: Shape, cloud: MedialCloud, label: IntArray, links: Index
-) -> tuple[IntArray, Index]:
+def _grown(cloud: MedialCloud, label: IntArray, links: Index) -> tuple[IntArray, Index]:
     """Let sides go on over smooth faces, each face with the nearest one that has an opposite."""
+    shape = cloud.surface
     faces, normals = np.asarray(shape.faces), shape.face_normals
     plane = np.full(len(faces), -1) if shape.planes is None else shape.planes
     middle = shape.points[faces].mean(axis=1)
