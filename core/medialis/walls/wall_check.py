@@ -83,6 +83,10 @@ UNSURE = 0.5
 smooth surface, at the ends of pipes half of it. Where both sides of a wall are rounded, one of them
 makes it thicker, the other thinner."""
 
+ROUNDED = 3e-3
+"""Of the thickness of a rounded wall: balls there are as exact as their tolerance, not exact as
+between planes. Tubes, bends and corners of trays were off by up to so much."""
+
 RIM_TAPER, RIM = 3.0, 0.6
 """Degrees and thicknesses: where a rim is rounded, the two sides are parallel up to so much at its
 border, where the ball is 0.05 % smaller than the wall if the radius is 0.9 of it, and no wall any
@@ -269,7 +273,7 @@ def rim_balls(cloud: MedialCloud, least_angle: float) -> Mask:
     return result
 
 
-def surely(cloud: MedialCloud, known: Mask, beyond: FloatArray) -> Mask:
+def surely(cloud: MedialCloud, values: FloatArray, known: Mask, beyond: FloatArray) -> Mask:
     """Tell the samples (n,) whose wall is surely beyond a limit.
 
     By more than is unsure there; or where most of what is beyond the limit, or may be, is beyond:
@@ -278,12 +282,14 @@ def surely(cloud: MedialCloud, known: Mask, beyond: FloatArray) -> Mask:
     Parameters
     ----------
     cloud : MedialCloud
+    values : (n,) float64
+        Thickness.
     known : (n,) bool
         Samples of walls.
     beyond : (n,) float64
         How far the thickness is beyond the limit.
     """
-    surface, unsure = cloud.surface, unsure_by(cloud)
+    surface, unsure = cloud.surface, unsure_by(cloud, values)
     sure = known & (beyond > unsure)
     if surface.faces is None or not unsure.any():
         return sure
@@ -297,7 +303,7 @@ def surely(cloud: MedialCloud, known: Mask, beyond: FloatArray) -> Mask:
     return np.asarray(sure | (may & (fails > 0.5 * every)[label]))
 
 
-def unsure_by(cloud: MedialCloud) -> FloatArray:
+def unsure_by(cloud: MedialCloud, values: FloatArray) -> FloatArray:
     """Return how much the thickness at each sample may be off, (n,), where facets are rounded.
 
     They are as high as the smooth surface that was put on them: 0 where that is flat, and in a mesh
@@ -315,11 +321,13 @@ def unsure_by(cloud: MedialCloud) -> FloatArray:
     np.minimum.at(low, facet, along.min(axis=1))
     np.maximum.at(high, facet, along.max(axis=1))
     np.maximum.at(height, faces.ravel(), np.repeat((high - low)[facet], 3))
+    beside = height[faces].max(axis=1)  # flat ones beside them have their samples
+    np.maximum.at(height, faces.ravel(), np.repeat(beside, 3))
     rows = np.flatnonzero(cloud.valid & (cloud.side > 0))
     result = height.copy()
     mine, other = cloud.source[rows], cloud.features[rows, 1]
     result[mine] = np.maximum(height[mine], height[other])
-    return UNSURE * result
+    return UNSURE * result + np.where(result > 1e-9 * surface.diagonal, ROUNDED * values, 0.0)
 
 
 def side_area(surface: Shape, wall: NDArray[np.integer], samples: NDArray[np.integer]) -> float:
@@ -376,7 +384,7 @@ def _thin(
     )
     found, field = [], thickness_field(cloud, options)
     assert field is not None
-    sure = surely(cloud, ~np.isnan(field.known), level - values)
+    sure = surely(cloud, values, ~np.isnan(field.known), level - values)
     for spot in thin_spots.of(cloud, options, progress):
         kind: RegionKind = "too thin" if spot.kind == "wall" else "overlap"
         most = float(values[spot.vertices].max())
@@ -396,7 +404,7 @@ def _thick(
     level = maximum * (1.0 + EQUAL)
     if not (values > level).any():
         return []
-    sure = surely(cloud, ~over_feet(cloud, values, rows), values - level)
+    sure = surely(cloud, values, ~over_feet(cloud, values, rows), values - level)
     found = _regions("too thick", cloud, rows, values, level / values, 1.0, sure)
     return [region for region, _ in islice(found, limits.most_regions)]
 
