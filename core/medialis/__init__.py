@@ -47,7 +47,7 @@ Other libraries:
     to_pandas, label_surfaces
 Control:
     Progress, Message, Cancelled, thread_count, thread_limit, memory_limit, kept_bytes, forget,
-    MedialisError, InvalidShapeError, InvalidOptionError, FileError
+    MedialisError, InvalidShapeError, InvalidOptionError, FileError, NotPassedError
 """
 
 from medialis.base.version import package_version, public_names

@@ -5,6 +5,7 @@ from medialis.base.errors import FileError as FileError
 from medialis.base.errors import InvalidOptionError as InvalidOptionError
 from medialis.base.errors import InvalidShapeError as InvalidShapeError
 from medialis.base.errors import MedialisError as MedialisError
+from medialis.base.errors import NotPassedError as NotPassedError
 from medialis.base.kept import forget as forget
 from medialis.base.kept import kept_bytes as kept_bytes
 from medialis.base.kept import memory_limit as memory_limit

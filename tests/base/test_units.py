@@ -145,9 +145,7 @@ def test_the_unit_stays_with_what_is_computed(creature):
 
 
 def test_a_number_beyond_its_range_is_told_how_lengths_are_written(creature):
-    with pytest.raises(
-        medialis.InvalidOptionError, match=r"Write 3mm, 3units \(of the shape\)"
-    ):
+    with pytest.raises(medialis.InvalidOptionError, match=r"Write 3mm, 3units \(of the shape\)"):
         medialis.run("thickness", creature, refine=3)
 
 

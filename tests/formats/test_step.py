@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 
 import medialis
+from medialis.base.progress import Progress
 from medialis.formats.meshes import read_mesh
 from medialis.formats.step import _unit_of
+from medialis.shape.reading import _made, _Told
 
 PLATE = Path(__file__).parent / "data" / "plate_with_hole.step"
 METRIC = b"( LENGTH_UNIT() NAMED_UNIT(*) SI_UNIT(.MILLI.,.METRE.) )"
@@ -96,6 +98,37 @@ def test_layers_on_the_shape_tell_the_faces_of_the_model(tmp_path):
     medialis.write_mesh(tmp_path / "a.inp", layer)
     sets = [line for line in (tmp_path / "a.inp").read_text().splitlines() if "*ELEMENT" in line]
     assert sets == [f"*ELEMENT, TYPE=S3, ELSET=CAD_FACE_{patch}" for patch in range(7)]
+
+
+@pytest.mark.slow
+@needs_cascadio
+def test_planes_and_normals_are_those_of_the_model():
+    """Normals of the hole point to its axis, exactly; at edges there are none in the model."""
+    mesh, shape = read_mesh(PLATE), medialis.read_shape(PLATE)
+    assert len(np.unique(shape.planes)) == 7 and (shape.planes == -1).any()
+    hole = shape.planes < 0
+    assert len(np.unique(shape.patches[hole])) == 1
+    assert hole.sum() == (shape.patches == shape.patches[hole][0]).sum()
+    assert not mesh.normals.any()  # each of its points lies on an edge
+    fine = medialis.refine(shape, longest_edge=0.01)
+    inside = np.abs(np.linalg.norm(fine.points[:, :2] - [50, 30], axis=1) - 10.0) < 0.1
+    out = fine.points[inside, :2] - [50, 30]
+    # A quarter of the height of chords that turn by 0.1 radians is left.
+    assert np.linalg.norm(out, axis=1) == pytest.approx(10.0, abs=10.0 * 0.1**2 / 8 / 4 + 1e-4)
+    flat = fine.planes >= 0
+    assert fine.face_normals[flat] == pytest.approx(np.round(fine.face_normals[flat]), abs=1e-12)
+
+
+def test_normals_of_a_model_stay_and_others_are_computed():
+    points, faces = np.eye(4, 3, -1), np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]])
+    given = np.zeros((4, 3))
+    given[1] = [0.0, 0.6, 0.8]
+    told = _Told(planes=np.arange(4, dtype=np.int32))
+    shape = _made(points, faces, given, told, True, Progress())
+    assert shape.normals[1].tolist() == [0.0, 0.6, 0.8]
+    assert shape.planes.tolist() == [0, 1, 2, 3]
+    rest = medialis.make_shape(points, faces).normals
+    assert np.array_equal(shape.normals[[0, 2, 3]], rest[[0, 2, 3]])
 
 
 def test_patches_follow_repair():

@@ -21,5 +21,9 @@ class FileError(MedialisError, OSError):
     """A file cannot be read or written (missing, a directory, no permission, disk full)."""
 
 
+class NotPassedError(MedialisError):
+    """What was checked is not as it has to be: `Result.require` raises it."""
+
+
 class Cancelled(MedialisError):  # noqa: N818 - an outcome that the user asked for, not a fault
     """The caller asked to stop; nothing half-made escapes."""

@@ -21,10 +21,10 @@ Command = Callable[[argparse.Namespace], int]
 
 SHELLS = ("bash", "zsh", "fish")
 
-EXIT_OK, EXIT_BAD_INPUT, EXIT_SOME_FAILED, EXIT_CANCELLED = 0, 2, 3, 130
+EXIT_OK, EXIT_NOT_PASSED, EXIT_BAD_INPUT, EXIT_SOME_FAILED, EXIT_CANCELLED = 0, 1, 2, 3, 130
 
-_EPILOG = """exit codes: 0 done; 2 bad input or options (one line on stderr); 3 a batch is done but
-some of its results failed (the table says why); 130 cancelled.
+_EPILOG = """exit codes: 0 done; 1 a check is not passed (with --fail); 2 bad input or options (a
+line on stderr); 3 a batch is done but some of its results failed (see its table); 130 cancelled.
 Lengths are shares of the size (0.5% of the bounding-box diagonal; 0.005 is the same) or real ones
 (1mm, 0.2in), for which the unit of the file must be known: STEP, 3MF, glTF and Collada say it, for
 others add --unit mm."""
@@ -248,6 +248,10 @@ def _add_operation(sub: argparse.ArgumentParser, chosen: Operation, run: Command
     options = sub.add_argument_group("parameters")
     for parameter in chosen.parameters:
         _add_parameter(options, parameter)
+    if chosen.checks:
+        sub.add_argument(
+            "--fail", action="store_true", help="end with exit code 1 where the check is not passed"
+        )
     sub.add_argument("--threads", type=int, help="use at most this many threads")
     sub.add_argument("--json", action="store_true", help="print the manifest as one JSON object")
     sub.add_argument("--no-picture", action="store_true", help="write no picture")
@@ -327,6 +331,9 @@ def _add_batch(sub: argparse.ArgumentParser) -> None:
     )
     sub.add_argument("--no-picture", action="store_true", help="draw no pictures")
     _add_report(sub, "of each result")
+    sub.add_argument(
+        "--fail", action="store_true", help="end with exit code 1 where a check is not passed"
+    )
     sub.add_argument("--json", action="store_true", help="print the table as JSON")
     _add_progress(sub)
 

@@ -37,6 +37,7 @@ from medialis.base.errors import (
 from medialis.cli.arguments import (
     EXIT_BAD_INPUT,
     EXIT_CANCELLED,
+    EXIT_NOT_PASSED,
     EXIT_OK,
     EXIT_SOME_FAILED,
     LIMITED,
@@ -97,7 +98,10 @@ def run_batch(options: argparse.Namespace) -> int:
         say(f"{len(rows) - len(bad)} results, {len(bad)} failed")
         for name in TABLES:
             say(Path(options.output) / name)
-    return EXIT_SOME_FAILED if bad else EXIT_OK
+    if bad:
+        return EXIT_SOME_FAILED
+    stopped = options.fail and any(row.numbers.get("passed") is False for row in rows)
+    return EXIT_NOT_PASSED if stopped else EXIT_OK
 
 
 def settings(given: Sequence[str]) -> dict[str, dict[str, Any]]:
@@ -281,6 +285,8 @@ def run_operation(options: argparse.Namespace) -> int:
     manifest = _compute(about, given, file, Path(folder), options)
     if not options.host:  # a host reads the manifest from the folder
         _report(manifest, options.json, options.verbose)
+    if chosen.checks and options.fail and not manifest["values"]["passed"]:
+        return EXIT_NOT_PASSED
     return EXIT_OK
 
 

@@ -53,17 +53,25 @@ _INSTALL = {
     "step": ("cascadio", "STEP files are read through cascadio", "cad"),
     "3mf": ("", "", ""),
 }
+_ARRAYS = {"points": "<f8", "faces": "<i8", "patches": "<i4", "normals": "<f8", "planes": "<i4"}
+"""What a process tells, three numbers a row, or one of those of four bytes."""
+
 _BUFFERS = re.compile(rb'"uri"\s*:\s*"(?!data:)([^"\\]{1,1000})"')
 
 
 @dataclass(frozen=True, eq=False)
 class Foreign:
-    """What a file holds: points (n, 3), triangles (m, 3), its unit, and the CAD face of each."""
+    """What a file holds: points (n, 3), triangles (m, 3), its unit, and the CAD face of each.
+
+    And the normals (n, 3) of the CAD model, zero at its edges, and the flat face of each triangle.
+    """
 
     points: FloatArray
     faces: NDArray[np.int64]
     unit: str | None = None
     patches: IntArray | None = None
+    normals: FloatArray | None = None
+    planes: IntArray | None = None
 
 
 def parsed_foreign(kind: str, data: bytes, name: str) -> Foreign:
@@ -135,20 +143,21 @@ def _taken(said: bytes) -> Foreign:
     if "refused" in told:
         raise InvalidShapeError(str(told["refused"])[:1000])
     arrays: dict[str, Any] = {}
-    for name, kind in (("points", "<f8"), ("faces", "<i8"), ("patches", "<i4")):
+    for name, kind in _ARRAYS.items():
         count = int(told[name])
         if count < 0:
             raise InvalidShapeError("its parser failed: it is damaged.")
-        width = 1 if name == "patches" else 3
+        width = 1 if kind == "<i4" else 3
         length = count * width * np.dtype(kind).itemsize
         arrays[name] = np.frombuffer(rest[:length], kind).reshape(count, width)
         rest = rest[length:]
-    rows = arrays.pop("patches")
-    patches = rows[:, 0] if len(rows) else None
-    if patches is not None and len(patches) != len(arrays["faces"]):
-        raise InvalidShapeError("its parser failed: it is damaged.")
+    for name in ("patches", "planes", "normals"):
+        rows, of = arrays[name], "points" if name == "normals" else "faces"
+        if len(rows) not in (0, len(arrays[of])):
+            raise InvalidShapeError("its parser failed: it is damaged.")
+        arrays[name] = None if not len(rows) else rows if name == "normals" else rows[:, 0]
     unit = told["unit"]
-    return Foreign(**arrays, unit=nearest_unit(unit) if unit else None, patches=patches)
+    return Foreign(**arrays, unit=nearest_unit(unit) if unit else None)
 
 
 def serve() -> None:
@@ -178,12 +187,12 @@ def serve() -> None:
 
 
 def _tell(answers: io.BufferedWriter, found: Foreign) -> None:
-    patches = np.empty(0) if found.patches is None else found.patches
-    about = {"points": len(found.points), "faces": len(found.faces), "patches": len(patches),
-             "unit": found.unit}  # fmt: skip
+    arrays = {name: getattr(found, name) for name in _ARRAYS}
+    arrays = {name: np.empty(0) if rows is None else rows for name, rows in arrays.items()}
+    about = {name: len(rows) for name, rows in arrays.items()} | {"unit": found.unit}
     answers.write(json.dumps(about).encode() + b"\n")
-    for rows, kind in ((found.points, "<f8"), (found.faces, "<i8"), (patches, "<i4")):
-        answers.write(np.ascontiguousarray(rows, kind).data)
+    for name, kind in _ARRAYS.items():
+        answers.write(np.ascontiguousarray(arrays[name], kind).data)
 
 
 def _parsed(kind: str, data: bytes, folder: str) -> Foreign:

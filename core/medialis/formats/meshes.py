@@ -21,6 +21,7 @@ import zipfile
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -225,6 +226,9 @@ class MeshData:
         What one unit of the points is, such as "mm"; None when the format does not say.
     patches : (m,) int32 or None
         The face of the CAD model that each triangle lies on; None when there is no such model.
+    planes : (m,) int32 or None
+        The flat face of the model that each lies on, -1 for none; `normals` are those of the model
+        then, zero at its edges.
     """
 
     points: FloatArray
@@ -235,6 +239,7 @@ class MeshData:
     viewpoints: FloatArray | None = None
     unit: str | None = None
     patches: IntArray | None = None
+    planes: IntArray | None = None
 
 
 def read_mesh(path: str | os.PathLike[str]) -> MeshData:
@@ -291,7 +296,11 @@ def _read_foreign(kind: str, data: bytes, name: str) -> MeshData:
     faces = int(found.patches.max()) + 1
     text = f"The CAD model has {faces:,} {'face' if faces == 1 else 'faces'}, in {found.unit}."
     note = Message(text, "cad_faces", faces=faces, unit=found.unit)
-    return replace(mesh, patches=frozen(found.patches, np.int32), messages=(note,))
+    told: dict[str, Any] = {"patches": frozen(found.patches, np.int32), "messages": (note,)}
+    if found.normals is not None and found.planes is not None:
+        told["normals"] = frozen(found.normals, np.float64)
+        told["planes"] = frozen(found.planes, np.int32)
+    return replace(mesh, **told)
 
 
 def _check_unpacked(data: bytes) -> None:

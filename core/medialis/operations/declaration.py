@@ -103,6 +103,8 @@ class Operation(Described):
     lies_on_shape : bool
         What it adds lies on the surface: hosts leave the shape visible.
     selection : Selection or None
+    checks : bool
+        Its values say whether the shape has `passed`, and the `verdict` in a sentence.
     examples : tuple of (str, str)
         What may follow its name on the command line, on shapes of `medialis sample`, and what it
         is for.
@@ -129,6 +131,7 @@ class Operation(Described):
     thin_lines: bool = False
     lies_on_shape: bool = False
     selection: Selection | None = None
+    checks: bool = False
     examples: tuple[tuple[str, str], ...] = ()
     sample: str = "creature"
     words: tuple[str, ...] = ()

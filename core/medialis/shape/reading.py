@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from typing import Any, Protocol, TypeAlias
 
 import numpy as np
@@ -254,12 +255,14 @@ def read_shape(
     if unit and mesh.unit and unit != mesh.unit:
         text = f"The file says that its unit is {mesh.unit}; it is taken as {unit}, as asked."
         progress.warn(text, "other_unit", file=mesh.unit, taken=unit)
-    normals = None if mesh.faces is not None else mesh.normals
-    known: dict[str, Any] = {"unit": unit or mesh.unit, "patches": mesh.patches, "repair": True}
-    known["viewpoints"] = None if normals is not None else mesh.viewpoints
+    # Those of a file are for clouds, but for a CAD model, which has those of its surfaces.
+    model = mesh.planes is not None
+    normals = mesh.normals if model or mesh.faces is None else None
+    views = None if normals is not None else mesh.viewpoints
+    told = _Told(views, unit or mesh.unit, mesh.patches, mesh.planes)
     with progress.stage("prepare", 0.5, 1.0):
         try:
-            return make_shape(mesh.points, mesh.faces, normals, progress=progress, **known)
+            return _made(mesh.points, mesh.faces, normals, told, True, progress)
         except InvalidShapeError as error:
             raise InvalidShapeError(f"Cannot use {os.fspath(path)}: {error}") from None
 
@@ -318,10 +321,38 @@ def make_shape(
     >>> medialis.make_shape(corners, [[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]])
     Shape(4 points, 4 faces, diagonal 1.73205)
     """
-    progress = Progress.of(progress)
-    extra: dict[str, Any] = {"unit": as_unit(unit)}
-    known = None
-    views = None if viewpoints is None else as_viewpoints(viewpoints, len(np.asarray(points)))
+    told = _Told(viewpoints, as_unit(unit), patches)
+    return _made(points, faces, normals, told, repair, Progress.of(progress))
+
+
+@dataclass(frozen=True)
+class _Told:
+    """What is known of a shape besides: see `make_shape` and `Shape.planes`."""
+
+    viewpoints: ArrayLike | None = None
+    unit: str | None = None
+    patches: ArrayLike | None = None
+    planes: ArrayLike | None = None
+
+    def of_faces(self, kept: NDArray[Any] | slice) -> dict[str, Any]:
+        """Return what is known of those faces that are kept."""
+        named = {"patches": self.patches, "planes": self.planes}
+        return {name: np.asarray(rows)[kept] for name, rows in named.items() if rows is not None}
+
+
+def _made(
+    points: ArrayLike,
+    faces: ArrayLike | None,
+    normals: ArrayLike | None,
+    told: _Told,
+    repair: bool,
+    progress: Progress,
+) -> Shape:
+    """Build a shape as `make_shape` does; normals of a mesh that are zero are computed."""
+    extra: dict[str, Any] = {"unit": told.unit, **told.of_faces(slice(None))}
+    known, views = None, None
+    if told.viewpoints is not None:
+        views = as_viewpoints(told.viewpoints, len(np.asarray(points)))
     if repair:
         given = points, faces, normals
         diagnosis, examined = run_patiently(lambda: examine(*given[:2]), progress)
@@ -334,24 +365,26 @@ def make_shape(
             first = np.unique(fixed.vertex_map, return_index=True)
             views = views[first[1][first[0] >= 0]]
         if fixed.faces is not None and len(fixed.faces):
-            extra["face_map"] = fixed.face_map
-            if patches is not None:
-                patches = np.asarray(patches)[fixed.face_map]
-    if patches is not None:
-        extra["patches"] = np.asarray(patches)
+            extra |= {"face_map": fixed.face_map, **told.of_faces(fixed.face_map)}
     vertices = as_points(points)
     triangles = None if faces is None else as_faces(faces, len(vertices))
     if triangles is not None and len(triangles) == 0:
         triangles = None
     directions = None if normals is None else as_normals(normals, len(vertices))
     if triangles is not None:
-        if directions is None:
+        if directions is None or told.planes is not None:
             surface = Surface.of_checked(vertices, triangles)
             if known is not None:
                 surface.adopt(known)
-            planes = run_patiently(lambda: find_planes(surface, SHARP), progress)
+            planes = extra.get("planes")
+            if planes is None:
+                planes = run_patiently(lambda: find_planes(surface, SHARP), progress)
             rings = run_patiently(lambda: ring_normals(vertices, triangles), progress)
-            directions = with_planes(rings, surface, planes, SHARP)
+            computed = with_planes(rings, surface, planes, SHARP)
+            if directions is not None:  # a model has none where its faces meet in an edge
+                told_there = np.asarray(directions).any(axis=1, keepdims=True)
+                computed = np.where(told_there, directions, computed)
+            directions = computed
             extra["planes"], known = planes, surface.topology
     elif directions is None or not directions.any():  # programs write zeros for "none"
         lack = "has no normals" if directions is None else "has zero normals only"

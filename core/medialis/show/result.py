@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from medialis.base.disk import Folder
-from medialis.base.errors import FileError, InvalidOptionError, InvalidShapeError
+from medialis.base.errors import FileError, InvalidOptionError, InvalidShapeError, NotPassedError
 from medialis.base.options import Kind
 from medialis.base.progress import Message
 from medialis.formats.files import file_bytes, reading
@@ -54,6 +54,23 @@ class Result(results.Result):
     def skin(self) -> Any:
         """Weights of the bones on the points of the given shape; None: it has none."""
         return self.extras.get("skin")
+
+    @property
+    def passed(self) -> bool | None:
+        """Whether the shape has passed what the operation checks; None: it checks nothing."""
+        return self.values.get("passed")
+
+    def require(self) -> Result:
+        """Return the result itself, where the shape has passed or nothing was checked.
+
+        Raises
+        ------
+        NotPassedError
+            With the verdict, where it has not.
+        """
+        if self.passed is False:
+            raise NotPassedError(str(self.values["verdict"]))
+        return self
 
     def viewer_html(
         self, path: str | os.PathLike[str], *others: Outcome, title: str | None = None

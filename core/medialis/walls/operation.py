@@ -29,6 +29,7 @@ from medialis.skeleton.surface_skeleton import Preparation, SurfaceSkeletonOptio
 from medialis.walls.thickness import thickness, unresolved_walls, wall_balls
 from medialis.walls.thin_spots import ThinSpot, ThinSpotOptions, thin_spots
 from medialis.walls.wall_check import (
+    EQUAL,
     LARGEST_SHARE,
     LEAST_SHARE,
     MATERIALS,
@@ -363,12 +364,13 @@ def run_wall_check(shape: Shape, options: WallCheckRun, progress: Progress) -> O
     limits_shown = low, max(high, low)
     layers = surface_layers("wall_check", shape, fine, fields, color_limits=limits_shown, **shown)
     marks = _regions_layer(check) + _ribs_layer(check, options)
-    failed = sum(region.kind != "overlap" for region in check.regions)
+    verdict, passed = _verdict(check, options)
     return Outcome(
         shape=fine,
         layers=(layers[0], *marks, *layers[1:]),
         values={
-            "passed": failed == 0,
+            "passed": passed,
+            "verdict": verdict,
             "minimum": check.minimum,
             "maximum": check.maximum,
             "typical": check.typical,
@@ -455,7 +457,26 @@ def _ribs_layer(check: WallCheck, options: WallCheckRun) -> tuple[Layer, ...]:
 
 
 def _thick_ribs(check: WallCheck, options: WallCheckRun) -> int:
-    return sum(rib.ratio > options.rib_ratio for rib in check.ribs)
+    most = options.rib_ratio * (1.0 + EQUAL)
+    return sum(rib.ratio > most for rib in check.ribs)
+
+
+def _verdict(check: WallCheck, options: WallCheckRun) -> tuple[str, bool]:
+    """Return what fails the check, in a sentence, and whether nothing does."""
+    nouns = {"too thin": "wall too thin", "too thick": "wall too thick", "gap": "gap too narrow"}
+    found = [
+        (len(check.of_kind(kind)), noun)  # type: ignore[arg-type]
+        for kind, noun in nouns.items()
+    ]
+    found.append((_thick_ribs(check, options), "rib too thick for its wall"))
+    told = [
+        f"{count} {noun if count == 1 else noun.replace(' ', 's ', 1)}"
+        for count, noun in found
+        if count
+    ]
+    if not told:
+        return "All walls, ribs and gaps that were checked are within the limits.", True
+    return f"The part does not pass: {', '.join(told)}.", False
 
 
 def _note_limits(
@@ -530,7 +551,8 @@ def _note_ribs(check: WallCheck, options: WallCheckRun, progress: Progress) -> N
         f"{count} of {len(check.ribs)} ribs and bosses {'is' if count == 1 else 'are'} thicker "
         f"than {options.rib_ratio:g} of the wall beside them, {worst.ratio:.3g} at most."
     )
-    progress.note(text, "ribs", ribs=len(check.ribs), thick=count, ratio=worst.ratio)
+    told: dict[str, Any] = {"ribs": len(check.ribs), "thick": count, "ratio": worst.ratio}
+    (progress.warn if count else progress.note)(text, "ribs", **told)
 
 
 WALL_CHECK = Operation(
@@ -562,6 +584,7 @@ WALL_CHECK = Operation(
     options=WallCheckRun,
     run=run_wall_check,
     thin_lines=True,
+    checks=True,
     order=42,
     words=("thin walls", "3D print check", "moulding"),
 )

@@ -279,6 +279,12 @@ LEAST_SHARE = 0.75
 """What stands on a wall has a foot about as long as it is thick, at least: shorter rows of feet are
 dents and corners."""
 
+OVER = 1.1
+"""Radii from the center of a ball over which a foot makes it larger, with room for a fillet."""
+
+FAIR = 0.2
+"""Share of a foot that has a piece of a wall beside it, at least: others are corners."""
+
 BEHIND = 0.2  # halved 2 %, doubled 100 %
 """Sine of the angle by which a sample may lie behind the tangent plane of a place that sees it."""
 
@@ -327,6 +333,7 @@ class _Feet:
     wall: FloatArray
     wall_normal: FloatArray
     wall_sample: Index
+    rib_sample: Index
     across: Index
 
 
@@ -357,10 +364,36 @@ def ribs(cloud: MedialCloud, values: FloatArray, walls: Index, balls: MedialClou
         return []
     stand = _on_walls(feet, surface, own, even)
     groups = [rows for rows in _joined(surface, feet, edges) if stand[rows].mean() > STANDING]
-    found = [_rib(surface, feet, rows) for rows in groups]
-    found = [rib for rib in found if rib.length >= LEAST_SHARE * rib.thickness]
-    found = _whole_bosses(found)
-    return sorted(found, key=lambda rib: (-rib.ratio, int(rib.vertices[0])))
+    found = [(_rib(surface, feet, rows), rows) for rows in groups]
+    found = [(rib, rows) for rib, rows in found if rib.length >= LEAST_SHARE * rib.thickness]
+    pieces = _wall_pieces(cloud, own, edges)
+    kept = _whole_bosses(_each_once(cloud.surface, feet, found, pieces))
+    return sorted(kept, key=lambda rib: (-rib.ratio, int(rib.vertices[0])))
+
+
+def over_feet(cloud: MedialCloud, values: FloatArray, walls: Index) -> Mask:
+    """Tell which samples (n,) have a ball that touches a foot: where walls meet, it is larger.
+
+    Parameters
+    ----------
+    cloud : MedialCloud
+    values : (n,) float64
+        Thickness at each sample.
+    walls : (w,) int64
+        Rows of the balls between two walls.
+    """
+    surface = cloud.surface
+    result = np.zeros(surface.point_count, np.bool_)
+    if surface.faces is None or len(walls) == 0:
+        return result
+    own = np.full(surface.point_count, np.nan)
+    own[cloud.source[walls]] = 2.0 * cloud.radii[walls]
+    feet = np.unique(_foot_edges(surface, values, own)[0])
+    if len(feet):
+        away = kd_tree(surface.points[feet]).query(cloud.centers[walls])[0]
+        near = walls[away < OVER * cloud.radii[walls] + surface.spacing]
+        result[cloud.features[near].ravel()] = True
+    return result
 
 
 def _foot_edges(surface: Shape, values: FloatArray, own: FloatArray) -> tuple[IntArray, Mask]:
@@ -460,7 +493,7 @@ def _beside(
     rows = np.flatnonzero(stands.any(axis=1) | (round_ >= 0))
     rib, wall = rib[rows], 1 - rib[rows]
     both = [(thick[rows, side], direction[rows, side]) for side in (rib, wall)]
-    on = samples[sides[rows, wall]], across[rows, rib]
+    on = samples[sides[rows, wall]], samples[sides[rows, rib]], across[rows, rib]
     return _Feet(vertices[rows], *both[0], *both[1], *on)
 
 
@@ -619,6 +652,76 @@ def _joined(surface: Shape, feet: _Feet, edges: IntArray) -> list[Index]:
     normals = feet.wall_normal[links]
     level = np.einsum("ij,ij->i", normals[:, 0], normals[:, 1]) > ALONG
     return rows_of_labels(piece_labels(count, links[level]))
+
+
+def _wall_pieces(cloud: MedialCloud, own: FloatArray, edges: IntArray) -> IntArray:
+    """Return labels (n,) of samples: of the same piece of wall, which ends at feet and creases."""
+    surface, n = cloud.surface, cloud.surface.point_count
+    inside = np.isfinite(own)
+    inside[edges.ravel()] = False
+    rows = cloud.valid & (cloud.side > 0)
+    across = cloud.features[rows & inside[cloud.source]]
+    links = np.concatenate([surface.edges, across[inside[across].all(axis=1)]])
+    links = links[inside[links].all(axis=1)].astype(np.int64)
+    cosine = np.einsum("ea,ea->e", *surface.normals[links.T])
+    return np.asarray(piece_labels(n, links[np.abs(cosine) > APART]))
+
+
+def _each_once(
+    surface: Shape, feet: _Feet, found: list[tuple[Rib, Index]], pieces: IntArray
+) -> list[Rib]:
+    """Return each rib once, on the thinnest wall that it stands on.
+
+    What stands on several walls has a foot on each. A rib that crosses another wall has one on both
+    sides of it: it is one rib, which stands on that wall only where it stands on no other.
+    """
+    count = len(found)
+    if count < 2:
+        return [rib for rib, _ in found]
+    base = [_most(pieces[feet.wall_sample[rows]]) for _, rows in found]
+    # A wall goes on under what stands on it, and behind what crosses it.
+    under = [np.stack([some, np.roll(some, 1)], axis=1) for some in base]
+    wall = piece_labels(len(pieces), np.concatenate(under).astype(np.int64))
+    walls = [np.unique(wall[some]) for some in base]
+    own = [np.unique(wall[_most(pieces[feet.rib_sample[rows]])]) for _, rows in found]
+    links, crosses = [], np.zeros(count, np.bool_)
+    for i, j in itertools.combinations(range(count), 2):
+        if np.intersect1d(walls[i], walls[j]).size and _cross(surface, feet, found[i], found[j]):
+            crosses[[i, j]] = True
+            links.append((i, j))
+        mine, others = (np.setdiff1d(own[k], walls[k]) for k in (i, j))
+        if np.intersect1d(mine, others).size and found[i][0].kind == found[j][0].kind:
+            links.append((i, j))
+    label = piece_labels(count, np.array(links, np.int64).reshape(-1, 2))
+    kept = []
+    for rows in rows_of_labels(label):
+        standing = rows[~crosses[rows]] if (~crosses[rows]).any() else rows
+        if found[rows[0]][0].kind == "boss":
+            kept += [found[row][0] for row in rows]
+        else:
+            kept.append(min((found[row][0] for row in standing), key=lambda rib: rib.wall))
+    return kept
+
+
+def _most(labels: IntArray) -> IntArray:
+    """Return the labels that a fair share of some have."""
+    found, counts = np.unique(labels, return_counts=True)
+    return np.asarray(found[counts > FAIR * len(labels)])
+
+
+def _cross(surface: Shape, feet: _Feet, one: tuple[Rib, Index], other: tuple[Rib, Index]) -> bool:
+    """Tell whether two feet are those of a rib that goes on behind the wall that it meets."""
+    (a, first), (b, second) = one, other
+    if max(a.thickness, b.thickness) > BENT * min(a.thickness, b.thickness):
+        return False
+    up, down = (feet.wall_normal[rows].mean(axis=0) for rows in (first, second))
+    if float(up @ down) > -APART * float(np.linalg.norm(up) * np.linalg.norm(down)):
+        return False
+    up = up / np.linalg.norm(up)
+    step = b.middle - a.middle
+    along = step - (step @ up) * up
+    wide = a.wall + 2.0 * FILLET * a.thickness
+    return bool(abs(step @ up) < wide and np.linalg.norm(along) < a.thickness)
 
 
 def _whole_bosses(found: list[Rib]) -> list[Rib]:

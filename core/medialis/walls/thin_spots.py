@@ -29,11 +29,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cache, cached_property, partial
 from itertools import islice
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from medialis.base.arrays import Described, Index, Mask
+from medialis.base.arrays import Described, Index, Mask, kd_tree
 from medialis.base.box_tree import nearest_on_triangles
 from medialis.base.options import algorithm, length, number, whole
 from medialis.base.progress import Progress, counted
@@ -106,6 +106,9 @@ ACROSS = math.cos(math.radians(30.0))  # halved 4 %, doubled 20 %
 STEEP = math.cos(math.radians(15.0))  # halved 18 %, doubled 21 %
 """A vertex with a face that leans more than this from its normal is at a crease: the normal is a
 mean over faces of two sides, and leans itself."""
+
+ALIKE = 1e-3
+"""Share of a thickness: of walls that differ by less the middle counts."""
 
 EQUAL = 1e-9  # halved 0 %, doubled 0 %
 """Relative: lengths that differ by less are the same one."""
@@ -489,22 +492,68 @@ class WallBalls:
         return bool(samples[self._around(place.vertices.astype(np.int64))].any())
 
     def thinnest(self, place: LowPlace) -> tuple[FloatArray, FloatArray, float]:
-        """Return both ends of the shortest line across the wall at a place, and the value there."""
+        """Return both ends of the shortest line across the wall at a place, and the value there.
+
+        Of lines that are as good as equal, that which is deepest inside of the place.
+        """
         rows, surface = self._rows_in(place.vertices), self.surface
-        own = rows[self.balls.source[rows] == place.vertex]
-        nearest = (own if len(own) else rows)[:1]
         position, value = surface.points[place.vertex], place.value
-        opposite = self.balls.contacts[nearest[0]] if len(nearest) else np.full(3, np.nan)
-        if surface.faces is None:
-            return position, opposite, value
+        if len(rows) == 0:
+            return position, np.full(3, np.nan), value
         # What is much thinner is a speck, as in the field.
         least = 0.0 if self.with_threshold else value / (1.0 + PROMINENCE)
-        for start in self._apart(rows[2.0 * self.share * self.balls.radii[rows] >= least]):
-            caliper = close_caliper(self._patches, self._caliper(start))
-            if caliper is not None and least <= self.share * caliper.length <= value:
+        sizes = 2.0 * self.share * self.balls.radii[rows]
+        high = rows[sizes >= least]
+        rows, sizes = (high, sizes[sizes >= least]) if len(high) else (rows, sizes)
+        start = self._deepest(rows[sizes <= (1.0 + ALIKE) * sizes[0]], place.vertices)
+        position = surface.points[self.balls.features[start, 0]]
+        opposite = self.balls.contacts[start]
+        value = min(value, 2.0 * self.share * float(self.balls.radii[start]))
+        if surface.faces is None:
+            return position, opposite, value
+        for row in (start, *self._apart(rows)):
+            caliper = close_caliper(self._patches, self._caliper(row))
+            most = value if row == start else value / (1.0 + ALIKE)
+            if caliper is None or not self._both_in(caliper, place.vertices):
+                continue
+            if least <= self.share * caliper.length <= most:
                 position, opposite = caliper.ends
                 value = self.share * caliper.length
         return position, opposite, value
+
+    def _both_in(self, caliper: Caliper, vertices: IntArray) -> bool:
+        """Tell whether both ends of a caliper lie on faces with samples of a place."""
+        faces = np.asarray(self.surface.faces)
+        self.marked[vertices] = True
+        inside = [bool(self.marked[faces[rows]].any()) for rows in caliper.faces]
+        self.marked[vertices] = False
+        return all(inside)
+
+    def _deepest(self, rows: Index, vertices: IntArray) -> int:
+        """Return the ball, of some with samples in a place, that is farthest from its border.
+
+        And from samples that have no ball between two walls.
+        """
+        if len(rows) == 1:
+            return int(rows[0])
+        points = self.surface.points[self.balls.source[rows]]
+        depth = np.full(len(rows), np.inf)
+        if self._beyond is not None:
+            depth = self._beyond.query(points)[0]
+        self.marked[vertices] = True
+        around = self._around(vertices.astype(np.int64))
+        border = around[~self.marked[around]]
+        self.marked[vertices] = False
+        if len(border):
+            depth = np.minimum(depth, kd_tree(self.surface.points[border]).query(points)[0])
+        return int(rows[np.argmax(np.round(depth / self.surface.spacing, 6))])
+
+    @cached_property
+    def _beyond(self) -> Any:
+        """Tree of the samples without a ball between two walls; None: there are none."""
+        without = np.ones(self.surface.point_count, np.bool_)
+        without[self.balls.source] = False
+        return kd_tree(self.surface.points[without]) if without.any() else None
 
     def _rows_in(self, vertices: IntArray) -> Index:
         """Return the balls of some samples, by rising radius."""

@@ -10,10 +10,11 @@ Gaps: the room between walls that face each other, by balls outside of the shape
 Wall check: walls that are too thin or too thick, gaps that are too narrow (for thesis 3.5.1).
 
 A wall lies between two opposite faces: the two feature points of its balls are far apart, as seen
-from the center, and their planes meet at no sharp edge (`walls/ribs.py`). All other samples have
-the thickness of the wall that they belong to (`walls/thickness.py`), so that neither edges nor
-fillets are thin. A region is what is connected below the minimum, or above the maximum, along the
-surface and across the wall.
+from the center, and their planes meet at no sharp edge (`walls/ribs.py`) and in no rounded rim
+(`rim_balls`). All other samples have the thickness of the wall that they belong to
+(`walls/thickness.py`), so that neither edges nor fillets are thin. A region is what is connected
+below the minimum, or above the maximum, along the surface and across the wall; its area is that of
+one side of the wall (`side_area`).
 """
 
 from __future__ import annotations
@@ -27,14 +28,16 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from medialis.base.arrays import Described, Index, Mask
+from medialis.base.arrays import Described, Index, Mask, kd_tree, sums_of, unit_rows
 from medialis.base.progress import Progress
 from medialis.base.threads import run_patiently
 from medialis.base.validation import FloatArray
 from medialis.shape.graph import ENCLOSED, Enclosure
+from medialis.shape.shape import Shape
+from medialis.shape.surface import piece_labels
 from medialis.skeleton.medial_cloud import MedialCloud
-from medialis.walls.ribs import Rib, edge_balls, ribs
-from medialis.walls.thickness import ThicknessOptions, thickness
+from medialis.walls.ribs import Rib, edge_balls, over_feet, ribs
+from medialis.walls.thickness import ThicknessOptions, thickness, thickness_field
 from medialis.walls.thin_spots import (
     PlaceGraph,
     ThinSpotOptions,
@@ -72,6 +75,26 @@ LEAST_SHARE, LARGEST_SHARE = 0.5, 1.5  # halved 100 %, doubled 100 %; halved 100
 """Of the typical wall, where no limit is given. Moulding guides ask for no wall below 40 to 60 % of
 the one beside it; a rib as thick as its wall makes 1.25 times the thickness where they meet."""
 
+EQUAL = 1e-3
+"""Of a limit: walls that differ from it by less are as thick as it says."""
+
+UNSURE = 0.5
+"""Of the height of facets: the middle of two that make a quadrangle lies a quarter of it off the
+smooth surface, at the ends of pipes half of it. Where both sides of a wall are rounded, one of them
+makes it thicker, the other thinner."""
+
+ROUNDED = 3e-3
+"""Of the thickness of a rounded wall: balls there are as exact as their tolerance, not exact as
+between planes. Tubes, bends and corners of trays were off by up to so much."""
+
+RIM_TAPER, RIM = 3.0, 0.6
+"""Degrees and thicknesses: where a rim is rounded, the two sides are parallel up to so much at its
+border, where the ball is 0.05 % smaller than the wall if the radius is 0.9 of it, and no wall any
+more, at 30 degrees, so much farther out: 0.52 radii, which are at most a thickness."""
+
+SIDE = math.cos(math.radians(45.0))
+"""Faces that turn by less from a sample in a wall are of the same side of it."""
+
 FLAW, BESIDE = 0.25, 3  # halved 58 %, doubled 73 %; halved 0 %, doubled 0 %
 """A ball smaller than this share of the spacing counts where so many neighbours have a ball within
 twice its size: along a fold there are two."""
@@ -92,7 +115,7 @@ class WallRegion(Described):
     most, least : float
         Over its samples.
     area : float
-        Of the surface, both sides of a wall; NaN in a cloud of points.
+        Of the wall, one of its sides; without rims, blends and corners. NaN in a cloud of points.
     vertices : (v,) int
         Samples, ascending.
     """
@@ -182,7 +205,8 @@ def check_walls(
     angle = math.radians(wall_angle)
     at_edge = run_patiently(lambda: edge_balls(cloud), progress)
     flaws = run_patiently(lambda: _flaws(cloud, ~at_edge & (cloud.wall_angles >= angle)), progress)
-    rest = ~(at_edge | flaws)  # unless nothing is left
+    at_rim = run_patiently(lambda: rim_balls(cloud, angle), progress)
+    rest = ~(at_edge | flaws | at_rim)  # unless nothing is left
     some = not rest.all() and (cloud.valid & (cloud.side > 0) & rest).any()
     walls = cloud.subset(rest) if some else cloud
     values = thickness.of(walls, ThicknessOptions(min_spoke_angle=wall_angle), progress)
@@ -191,8 +215,8 @@ def check_walls(
     if least is None and largest is None:
         least, largest = LEAST_SHARE * typical, LARGEST_SHARE * typical
     minimum, maximum = least or 0.0, largest or math.inf
-    regions = _thin(walls, values, minimum, limits, wall_angle, progress)
     rows = np.flatnonzero((walls.side > 0) & (walls.wall_angles >= angle))
+    regions = _thin(walls, values, minimum, limits, wall_angle, progress)
     if maximum < math.inf:
         regions += run_patiently(lambda: _thick(walls, values, rows, maximum, limits), progress)
     if outer is not None and limits.gap > 0:
@@ -227,6 +251,114 @@ def _flaws(cloud: MedialCloud, walls: Mask) -> Mask:
     return result
 
 
+def rim_balls(cloud: MedialCloud, least_angle: float) -> Mask:
+    """Return the inner balls (k,) between the two sides of a wall that ends in a rounded rim there.
+
+    Their sides are not parallel, those of the wall beside are, and beyond them is no wall.
+    """
+    result, surface = np.zeros(len(cloud), np.bool_), cloud.surface
+    inner = cloud.side > 0
+    wall = inner & (cloud.wall_angles >= least_angle)
+    flat = wall & (cloud.wall_angles >= math.pi - math.radians(RIM_TAPER))
+    rows, beyond = np.flatnonzero(wall & ~flat), np.ones(surface.point_count, np.bool_)
+    beyond[cloud.source[wall]] = False
+    if surface.faces is None or len(rows) == 0 or not flat.any() or not beyond.any():
+        return result
+    points, places = surface.points, surface.points[cloud.source[rows]]
+    near = 2.0 * RIM * cloud.radii[rows] + surface.spacing
+    is_rim = np.ones(len(rows), np.bool_)
+    for others in (points[cloud.source[flat]], points[beyond]):
+        is_rim &= kd_tree(others).query(places)[0] < near
+    result[rows[is_rim]] = True
+    return result
+
+
+def surely(cloud: MedialCloud, values: FloatArray, known: Mask, beyond: FloatArray) -> Mask:
+    """Tell the samples (n,) whose wall is surely beyond a limit.
+
+    By more than is unsure there; or where most of what is beyond the limit, or may be, is beyond:
+    facets make a wall thicker here and thinner there, and half of it is as thick as it is.
+
+    Parameters
+    ----------
+    cloud : MedialCloud
+    values : (n,) float64
+        Thickness.
+    known : (n,) bool
+        Samples of walls.
+    beyond : (n,) float64
+        How far the thickness is beyond the limit.
+    """
+    surface, unsure = cloud.surface, unsure_by(cloud, values)
+    sure = known & (beyond > unsure)
+    if surface.faces is None or not unsure.any():
+        return sure
+    may = known & (beyond > -unsure)
+    links = surface.edges[may[surface.edges].all(axis=1)].astype(np.int64)
+    label = piece_labels(surface.point_count, links)
+    every, fails = (
+        np.bincount(label[rows], surface.point_areas[rows], surface.point_count)
+        for rows in (may, known & (beyond > 0))
+    )
+    return np.asarray(sure | (may & (fails > 0.5 * every)[label]))
+
+
+def unsure_by(cloud: MedialCloud, values: FloatArray) -> FloatArray:
+    """Return how much the thickness at each sample may be off, (n,), where facets are rounded.
+
+    They are as high as the smooth surface that was put on them: 0 where that is flat, and in a mesh
+    that was not refined.
+    """
+    surface = cloud.surface
+    height = np.zeros(surface.point_count)
+    if surface.faces is None or surface.face_origin is None:
+        return height
+    facet, faces = surface.face_origin, np.asarray(surface.faces)
+    normal = sums_of(facet, np.asarray(surface.face_vectors), int(facet.max()) + 1)
+    normal = unit_rows(normal, 1e-300)
+    along = np.einsum("fja,fa->fj", surface.points[faces] - surface.bounds[0], normal[facet])
+    low, high = np.full(len(normal), np.inf), np.full(len(normal), -np.inf)
+    np.minimum.at(low, facet, along.min(axis=1))
+    np.maximum.at(high, facet, along.max(axis=1))
+    np.maximum.at(height, faces.ravel(), np.repeat((high - low)[facet], 3))
+    beside = height[faces].max(axis=1)  # flat ones beside them have their samples
+    np.maximum.at(height, faces.ravel(), np.repeat(beside, 3))
+    rows = np.flatnonzero(cloud.valid & (cloud.side > 0))
+    result = height.copy()
+    mine, other = cloud.source[rows], cloud.features[rows, 1]
+    result[mine] = np.maximum(height[mine], height[other])
+    return UNSURE * result + np.where(result > 1e-9 * surface.diagonal, ROUNDED * values, 0.0)
+
+
+def side_area(surface: Shape, wall: NDArray[np.integer], samples: NDArray[np.integer]) -> float:
+    """Return the area of one side of a wall; NaN in a cloud of points.
+
+    Parameters
+    ----------
+    surface : Shape
+        n samples.
+    wall : (n,) int
+        The sample that each has its wall from, itself or a near one; -1 for none.
+    samples : (v,) int
+        Of the region.
+
+    Notes
+    -----
+    Half of the faces with corners whose wall is in the region, as it sees them: neither rims nor
+    the further half of a fillet.
+    """
+    if surface.faces is None:
+        return math.nan
+    mine = np.zeros(surface.point_count + 1, np.bool_)  # the last one is none
+    mine[samples] = True
+    corners = np.asarray(wall)[np.asarray(surface.faces)]
+    chosen = np.flatnonzero(mine[corners].any(axis=1))
+    corners = corners[chosen]
+    along = np.einsum("fa,fja->fj", surface.face_normals[chosen], surface.normals[corners])
+    seen = np.where(mine[corners] & (along > SIDE), along, 0.0).mean(axis=1)
+    return 0.5 * float(seen @ surface.face_areas[chosen])
+
+
 def _typical(cloud: MedialCloud, values: FloatArray) -> float:
     """Return the median over the area."""
     order = np.argsort(values, kind="stable")
@@ -242,18 +374,25 @@ def _thin(
     wall_angle: float,
     progress: Progress,
 ) -> list[WallRegion]:
-    if minimum <= 0.0 or not (values < minimum).any():
+    level = minimum * (1.0 - EQUAL)
+    if minimum <= 0.0 or not (values < level).any():
         return []
     options = ThinSpotOptions(
         min_spoke_angle=wall_angle,
-        threshold=min(minimum / cloud.surface.diagonal, 1.0),
+        threshold=min(level / cloud.surface.diagonal, 1.0),
         spots=limits.most_regions,
     )
-    found = []
+    found, field = [], thickness_field(cloud, options)
+    assert field is not None
+    sure = surely(cloud, values, ~np.isnan(field.known), level - values)
     for spot in thin_spots.of(cloud, options, progress):
         kind: RegionKind = "too thin" if spot.kind == "wall" else "overlap"
         most = float(values[spot.vertices].max())
-        told = spot.value, spot.value, most, spot.area, spot.vertices
+        if spot.kind == "wall" and not sure[spot.vertices].any():
+            continue
+        thin = spot.kind == "wall"
+        area = side_area(cloud.surface, field.seed, spot.vertices) if thin else spot.area
+        told = spot.value, spot.value, most, area, spot.vertices
         found.append(WallRegion(kind, spot.position, spot.opposite, *told))
     return found
 
@@ -261,9 +400,12 @@ def _thin(
 def _thick(
     cloud: MedialCloud, values: FloatArray, rows: Index, maximum: float, limits: WallLimits
 ) -> list[WallRegion]:
-    if not (values > maximum).any():
+    """Return the regions thicker than the maximum, also where no walls meet."""
+    level = maximum * (1.0 + EQUAL)
+    if not (values > level).any():
         return []
-    found = _regions("too thick", cloud, rows, values, maximum / values, 1.0)
+    sure = surely(cloud, values, ~over_feet(cloud, values, rows), values - level)
+    found = _regions("too thick", cloud, rows, values, level / values, 1.0, sure)
     return [region for region, _ in islice(found, limits.most_regions)]
 
 
@@ -277,14 +419,15 @@ def _gaps(outer: MedialCloud, limits: WallLimits, least_angle: float) -> list[Wa
     surface = outer.surface
     chosen = outer.valid & (outer.side < 0) & (outer.wall_angles >= least_angle)
     rows = np.flatnonzero(chosen & ~edge_balls(outer))
-    rows = rows[2.0 * outer.radii[rows] < limits.gap]
+    level = limits.gap * (1.0 - EQUAL)
+    rows = rows[2.0 * outer.radii[rows] < level]
     if len(rows) == 0:
         return []
     widths, enclosure = np.full(surface.point_count, np.inf), Enclosure(surface)
     widths[outer.source[rows]] = 2.0 * outer.radii[rows]
     found = (
         region
-        for region, row in _regions("gap", outer, rows, widths, widths, limits.gap)
+        for region, row in _regions("gap", outer, rows, widths, widths, level)
         if enclosure.times(outer.centers[row][None])[0] < ENCLOSED
     )
     return list(islice(found, limits.most_regions))
@@ -297,15 +440,26 @@ def _regions(
     values: FloatArray,
     field: FloatArray,
     level: float,
+    telling: Mask | None = None,
 ) -> Iterator[tuple[WallRegion, int]]:
-    """Go through the regions where a field is below a level, with the ball of the worst place."""
+    """Go through the regions where a field is below a level, with the ball of the worst place.
+
+    Where samples that are `telling` (n,) are given, of these; regions without are left out.
+    """
     surface = cloud.surface
     ball = np.full(surface.point_count, -1, np.int64)
     ball[cloud.source[rows]] = rows
+    own = np.where(ball >= 0, np.arange(len(ball)), -1)
     for place in low_places(PlaceGraph(surface, cloud.features[rows]), field, level=level):
-        row, inside = int(ball[place.vertex]), values[place.vertices]
+        vertex = place.vertex
+        if telling is not None:
+            mine = place.vertices[telling[place.vertices] & (ball[place.vertices] >= 0)]
+            if len(mine) == 0:
+                continue
+            vertex = int(mine[np.argmin(field[mine])])
+        row, inside = int(ball[vertex]), values[place.vertices]
         opposite = cloud.contacts[row] if row >= 0 else np.full(3, np.nan)
-        area = surface.point_areas[place.vertices].sum() if surface.faces is not None else math.nan
-        told = float(values[place.vertex]), float(inside.min()), float(inside.max())
-        position = surface.points[place.vertex]
-        yield WallRegion(kind, position, opposite, *told, float(area), place.vertices), row
+        area = side_area(surface, own, place.vertices)
+        told = float(values[vertex]), float(inside.min()), float(inside.max())
+        position = surface.points[vertex]
+        yield WallRegion(kind, position, opposite, *told, area, place.vertices), row

@@ -384,7 +384,8 @@ def _walls(found: Mapping[str, Any]) -> dict[str, str] | None:
         return None
     if values["passed"]:
         return _line("Walls", GOOD, "All walls are within the limits.")
-    words = {"too_thin": "too thin", "too_thick": "too thick", "narrow_gaps": "gaps too narrow"}
+    words = {"too_thin": "too thin", "too_thick": "too thick", "narrow_gaps": "gaps too narrow",
+             "thick_ribs": "ribs too thick for their wall"}  # fmt: skip
     counts = [f"{number(values[name])} {text}" for name, text in words.items() if values[name]]
     return _line("Walls", LOOK, ", ".join(counts) + ".")
 

@@ -34,6 +34,12 @@ STRAIGHT = math.cos(math.radians(15.0))  # halved 89 %, doubled 77 %
 FOLDED = math.cos(math.radians(12.0))  # halved 0 %, doubled 100 %
 """Cosine: a face that is more inclined to the mean of what is round it lies at an edge."""
 
+TURNS_ALONG = math.radians(168.0)
+"""Spoke angle from which on both sides of a rounded wall beside a flat one are parallel."""
+
+BESIDE_CREASE = 1.2
+"""Radii of the ball: what is nearer to a crease does not tell whether its other side turns along."""
+
 SPREAD = 3.0  # halved 0 %, doubled 26 %
 """Steps from face to face in which a mean spreads by an edge length, squared: a step is a third."""
 
@@ -154,13 +160,77 @@ def find_sides(cloud: MedialCloud, least_angle: float, crease: float) -> Sides:
     wide = wide_samples(cloud, creases, least_angle)
     links = _smooth_links(shape, creases)
     core = wide[np.asarray(shape.faces)].all(axis=1)
+    blend = np.zeros(len(core), np.bool_)
     if core.any():
         half = float(np.median(balls_of(core, cloud)))
         core &= ~folded_faces(shape, links, half)
+        blend = blends(cloud, creases, links, half)
+        core &= ~(blend | touching(cloud, blend))
         core = faces_in_walls(cloud, core, half)
     label = _pieces(core, links)
-    grown, source = _grown(shape, cloud, label, links)
+    grown, source = _grown(cloud, label, links[~blend[links].any(axis=1)])
     return _united(cloud, wide, core & (label >= 0), grown, source, links)
+
+
+def blends(cloud: MedialCloud, creases: Creases, links: Index, width: float) -> Mask:
+    """Tell the faces of fillets and other blends beside flat faces, (m,): no sides of walls.
+
+    What is rounded and ends tangent to a flat face is a wall where it bends along with its other
+    side, as in sheet metal. On a blend the ball touches what does not turn along: what most faces
+    within `width` say counts, since facets and the beginning of a blend may say otherwise.
+    """
+    shape = cloud.surface
+    m, n = shape.face_count, shape.point_count
+    if shape.planes is None or (shape.planes < 0).all():
+        return np.zeros(m, np.bool_)
+    rounded = shape.planes < 0
+    first, second = links.T
+    piece = piece_labels(m, links[rounded[first] & rounded[second]])
+    tangent = np.zeros(m, np.bool_)
+    tangent[piece[first[rounded[first] & ~rounded[second]]]] = True
+    tangent[piece[second[rounded[second] & ~rounded[first]]]] = True
+    rounded &= tangent[piece]
+    faces, radii = np.asarray(shape.faces), cloud.radii[:n]
+    known = cloud.valid[:n] & (radii > 0)
+    if len(creases.vertices):
+        # Beside a crease the ball touches what is across it.
+        away = kd_tree(shape.points[np.unique(creases.vertices)]).query(shape.points)[0]
+        known &= away > BESIDE_CREASE * np.nan_to_num(radii)
+    open_ = known & (np.nan_to_num(cloud.spoke_angles[:n]) < TURNS_ALONG)
+    told = rounded[:, None] & np.stack([known[faces].any(axis=1), open_[faces].any(axis=1)], axis=1)
+    value, mean = (
+        told.astype(np.float64),
+        _mean_beside(shape, links[rounded[first] & rounded[second]]),
+    )
+    for _ in range(_steps(shape, width)):
+        value = mean @ value
+    return np.asarray(rounded & (value[:, 1] > 0.5 * value[:, 0]))
+
+
+def _mean_beside(shape: Shape, links: Index) -> Any:
+    """Return the matrix (m, m) that gives each face the mean of its own value and those beside."""
+    from scipy.sparse import diags_array
+
+    m = shape.face_count
+    matrix = link_matrix(m, links)
+    return diags_array(1.0 / (1.0 + matrix.sum(axis=1))) @ (matrix + diags_array(np.ones(m)))
+
+
+def _steps(shape: Shape, width: float) -> int:
+    """Return how often means are taken so that a value spreads over a width."""
+    steps = round((width / max(shape.spacing, 1e-300)) ** 2 * SPREAD)
+    return min(max(steps, 1), MOST_STEPS)
+
+
+def touching(cloud: MedialCloud, chosen: Mask) -> Mask:
+    """Tell the faces of which a ball touches chosen faces and no others, (m,)."""
+    shape, n = cloud.surface, cloud.surface.point_count
+    faces = np.asarray(shape.faces)
+    others = np.zeros(n, np.bool_)
+    others[faces[~chosen]] = True
+    second, face = cloud.features[:n, 1], cloud.contact_faces[:n]
+    there = np.where(face >= 0, chosen[face], ~others[np.maximum(second, 0)])
+    return np.asarray(there[faces].any(axis=1))
 
 
 def balls_of(chosen: Mask, cloud: MedialCloud) -> FloatArray:
@@ -175,13 +245,8 @@ def folded_faces(shape: Shape, links: Index, width: float) -> Mask:
     often that this spreads over `width`: beside an edge of 50 degrees it is 25 degrees off, on a
     cylinder none, and where a bend of the inner radius of two widths begins 7.
     """
-    from scipy.sparse import diags_array
-
-    m, steps = shape.face_count, round((width / max(shape.spacing, 1e-300)) ** 2 * SPREAD)
-    matrix = link_matrix(m, links)
-    mean = diags_array(1.0 / (1.0 + matrix.sum(axis=1))) @ (matrix + diags_array(np.ones(m)))
-    normals = np.array(shape.face_normals)
-    for _ in range(min(max(steps, 1), MOST_STEPS)):
+    mean, normals = _mean_beside(shape, links), np.array(shape.face_normals)
+    for _ in range(_steps(shape, width)):
         normals = mean @ normals
     length = np.linalg.norm(normals, axis=1)
     cosine = np.einsum("fa,fa->f", normals, shape.face_normals) / np.where(length > 0, length, 1.0)
@@ -225,11 +290,11 @@ def _pieces(chosen: Mask, links: Index) -> IntArray:
     return result
 
 
-def _grown(
-    shape: Shape, cloud: MedialCloud, label: IntArray, links: Index
-) -> tuple[IntArray, Index]:
+def _grown(cloud: MedialCloud, label: IntArray, links: Index) -> tuple[IntArray, Index]:
     """Let sides go on over smooth faces, each face with the nearest one that has an opposite."""
+    shape = cloud.surface
     faces, normals = np.asarray(shape.faces), shape.face_normals
+    plane = np.full(len(faces), -1) if shape.planes is None else shape.planes
     middle = shape.points[faces].mean(axis=1)
     half = cloud.radii[: shape.point_count][faces].mean(axis=1)
     limit = FARTHEST * half + ROWS * shape.spacing
@@ -244,6 +309,7 @@ def _grown(
         new = np.linalg.norm(middle[there] - middle[origin], axis=1)
         better = (new < distance[there]) & (new < limit[origin])
         better &= np.einsum("ij,ij->i", normals[origin], normals[there]) > STRAIGHT
+        better &= plane[origin] == plane[there]
         there, new, origin = there[better], new[better], origin[better]
         if len(there) == 0:
             break
@@ -368,7 +434,7 @@ UNCOVERED = 0.3  # halved 0 %, doubled 0 %
 ON_RIM = 0.02  # halved 4 %, doubled 20 %
 """Half thicknesses: so near to the surface a sheet has come to the rim."""
 
-FARTHEST_PIECE = 3.0  # halved 100 %, doubled 4 %
+FARTHEST_PIECE = 7.0  # halved 100 %, doubled 4 %
 """Largest half thickness of all walls, as the unit: how far sheets are extended at most."""
 
 ROUND = 0.95  # halved 0.8 %, doubled 0.8 %
