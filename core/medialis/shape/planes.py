@@ -47,6 +47,9 @@ parallel: share of their length along their mean direction."""
 FAR_WIDER = 3.0
 """Beside a region whose curvature no other edge tells."""
 
+MUCH_WIDER = 10.0
+"""Beside a strip so narrow its curvature does not matter, which triangles of a ruled strip hide."""
+
 NEGLIGIBLE = 1e-6
 """Share of the length of a border: regions as narrow as this across it tell nothing."""
 
@@ -240,7 +243,9 @@ def _widths(regions: _Regions, borders: _Borders, surface: Surface) -> FloatArra
         left = corners[at, (tip + 1) % 3] - corners[at, tip]
         right = corners[at, (tip + 2) % 3] - corners[at, tip]
         cross = 2.0 * regions.area[borders.one[rows]]
-        wide[rows] = borders.length[rows] * np.einsum("ba,ba->b", left, right) / cross
+        twice = borders.length[rows] * np.einsum("ba,ba->b", left, right) / cross
+        # A needle that leans over its side is no wider than it is high.
+        wide[rows] = np.minimum(wide[rows], twice)
     rows = np.flatnonzero((count <= FEW_FACES) & (count > 1))
     if len(rows):
         owner = np.repeat(np.arange(len(rows)), count[rows])
@@ -274,9 +279,10 @@ def _looks_like_facets(regions: _Regions, borders: _Borders, wide: FloatArray) -
     enough = (ratio >= WIDER) | (strip & (ratio >= NARROWER))
     bends_too_little = (told > np.sqrt(1.0 + np.maximum(ratio, 0.0)) * as_facet) & enough
     untold = (told == 0.0) & ((own == 0.0) | (ratio >= FAR_WIDER))
-    return np.asarray(
-        (wide <= 0.0) | (beside <= least) | ~(bends_too_little | (untold & sure[borders.one]))
-    )
+    untold &= sure[borders.one]
+    much_wider = several[borders.one] & (ratio >= MUCH_WIDER)
+    facet = ~(bends_too_little | untold | much_wider)
+    return np.asarray((wide <= 0.0) | (beside <= least) | facet)
 
 
 def _one_way(regions: _Regions, borders: _Borders) -> Mask:

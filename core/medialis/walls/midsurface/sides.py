@@ -38,7 +38,7 @@ TURNS_ALONG = math.radians(168.0)
 """Spoke angle from which on both sides of a rounded wall beside a flat one are parallel."""
 
 BESIDE_CREASE = 1.2
-"""Radii of the ball: what is nearer to a crease does not tell whether its other side turns along."""
+"""Radii of the ball: nearer to a crease nothing tells whether the other side turns along."""
 
 SPREAD = 3.0  # halved 0 %, doubled 26 %
 """Steps from face to face in which a mean spreads by an edge length, squared: a step is a third."""
