@@ -55,6 +55,7 @@ def test_bends_of_a_hollow_section_are_walls(segments):
     round_ = corner.all(axis=1)
     flat = np.minimum(np.abs(x - 49), np.abs(y - 34))
     off = np.where(round_, np.abs(np.linalg.norm(corner, axis=1) - 5), flat)
-    assert off.max() < 0.05 and np.quantile(off[~round_], 0.99) < 2e-3
+    # Half of a hundredth of the thickness on flat walls; in bends of chords of 30 degrees more.
+    assert np.quantile(off[~round_], 0.99) < 0.01 and off.max() < 0.08
     around = 2 * (88 + 58) + 2 * np.pi * 5
     assert found.areas.sum() == pytest.approx(30 * around, rel=5e-3)
