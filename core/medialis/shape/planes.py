@@ -47,6 +47,12 @@ parallel: share of their length along their mean direction."""
 FAR_WIDER = 3.0
 """Beside a region whose curvature no other edge tells."""
 
+MUCH_WIDER = 10.0
+"""Beside a strip so narrow its curvature does not matter, which triangles of a ruled strip hide."""
+
+LARGE = 4.0
+"""Mean areas of faces: smaller triangles between needles are no flat faces."""
+
 NEGLIGIBLE = 1e-6
 """Share of the length of a border: regions as narrow as this across it tell nothing."""
 
@@ -120,7 +126,8 @@ def find_planes(surface: Surface, crease: float) -> IntArray:
     first, second, bends = first[use], second[use], surface.edge_bends[use]
     regions = _regions(surface, first, second, bends)
     rows = np.flatnonzero(bends <= crease)
-    rows = rows[_may_tell(regions, first[rows], second[rows])]
+    needed, may = _may_tell(regions, first[rows], second[rows])
+    rows = rows[needed]
     borders = _borders(surface, regions, first[rows], second[rows], bends[rows])
     wide = _widths(regions, borders, surface)
     fails = _looks_like_facets(regions, borders, wide)
@@ -128,9 +135,7 @@ def find_planes(surface: Surface, crease: float) -> IntArray:
     rounded = np.bincount(borders.one, borders.length, count)
     amiss = np.bincount(borders.one[fails], borders.length[fails], count)
     sure = _never_by_chance(regions, borders)
-    plane = regions.flat & (amiss <= AMISS * rounded * sure)
-    alone = (regions.count[borders.one] == 1) & (regions.count[borders.other] == 1)
-    plane[borders.one[alone]] = False
+    plane = may & regions.flat & (amiss <= AMISS * rounded * sure)
     plane &= (rounded > 0) | (regions.count > 1)
     number = np.where(plane, np.cumsum(plane) - 1, -1)[regions.label]
     number[surface.flat_faces] = -1
@@ -170,19 +175,24 @@ def _regions(surface: Surface, first: IntArray, second: IntArray, bends: FloatAr
     return _Regions(label, count, normal, area, (worst < near) & (area > 0))
 
 
-def _may_tell(regions: _Regions, first: IntArray, second: IntArray) -> Mask:
-    """Tell the edges that are needed: of regions that may be flat faces, and of those beside them.
+def _may_tell(regions: _Regions, first: IntArray, second: IntArray) -> tuple[Mask, Mask]:
+    """Tell the edges that are needed, and the regions that may be flat faces.
 
-    A single triangle is one only where all that is rounded beside it are strips of several: on a
-    smooth shape all are single triangles.
+    Needed are those of such regions and of those beside them.
+
+    A single triangle is one only where all that is rounded beside it are strips of several, or much
+    narrower: on a smooth shape all are single triangles of about one size.
     """
     one, two = regions.label[first // 3], regions.label[second // 3]
     both = (regions.count[one] == 1) & (regions.count[two] == 1)
     may = np.ones(len(regions.area), np.bool_)
-    may[one[both]] = may[two[both]] = False
+    large = regions.area >= LARGE * regions.area.sum() / regions.count.sum()
+    for here, there in ((one[both], two[both]), (two[both], one[both])):
+        wide = large[here] & (regions.area[here] >= MUCH_WIDER * regions.area[there])
+        may[here[~wide]] = False
     beside = may.copy()
     beside[one[may[two]]] = beside[two[may[one]]] = True
-    return np.asarray(beside[one] | beside[two])
+    return np.asarray(beside[one] | beside[two]), may
 
 
 def _borders(
@@ -240,7 +250,9 @@ def _widths(regions: _Regions, borders: _Borders, surface: Surface) -> FloatArra
         left = corners[at, (tip + 1) % 3] - corners[at, tip]
         right = corners[at, (tip + 2) % 3] - corners[at, tip]
         cross = 2.0 * regions.area[borders.one[rows]]
-        wide[rows] = borders.length[rows] * np.einsum("ba,ba->b", left, right) / cross
+        twice = borders.length[rows] * np.einsum("ba,ba->b", left, right) / cross
+        # A needle that leans over its side is no wider than it is high.
+        wide[rows] = np.minimum(wide[rows], twice)
     rows = np.flatnonzero((count <= FEW_FACES) & (count > 1))
     if len(rows):
         owner = np.repeat(np.arange(len(rows)), count[rows])
@@ -274,9 +286,10 @@ def _looks_like_facets(regions: _Regions, borders: _Borders, wide: FloatArray) -
     enough = (ratio >= WIDER) | (strip & (ratio >= NARROWER))
     bends_too_little = (told > np.sqrt(1.0 + np.maximum(ratio, 0.0)) * as_facet) & enough
     untold = (told == 0.0) & ((own == 0.0) | (ratio >= FAR_WIDER))
-    return np.asarray(
-        (wide <= 0.0) | (beside <= least) | ~(bends_too_little | (untold & sure[borders.one]))
-    )
+    untold &= sure[borders.one]
+    alone = ~(several[borders.one] | several[borders.other])
+    facet = ~((bends_too_little & ~alone) | untold | (ratio >= MUCH_WIDER))
+    return np.asarray((wide <= 0.0) | (beside <= least) | facet)
 
 
 def _one_way(regions: _Regions, borders: _Borders) -> Mask:

@@ -30,7 +30,7 @@ ALONG = 0.1  # halved 0 %, doubled 0 %
 MOVED = 0.3  # halved 0 %, doubled 0 %
 """Share of the shortest side beside it by which a vertex may move to where a cut is to end."""
 
-STEP_BESIDE = 0.2  # halved 0 %, doubled 0 %
+STEP_BESIDE = 0.9
 """Half thicknesses: how far beside each other sheets may end that a step joins."""
 
 TIDYINGS = 6  # halved 2 %, doubled 3 %

@@ -37,6 +37,9 @@ FOLDED = math.cos(math.radians(12.0))  # halved 0 %, doubled 100 %
 TURNS_ALONG = math.radians(168.0)
 """Spoke angle from which on both sides of a rounded wall beside a flat one are parallel."""
 
+BEGINNING = 0.5
+"""Share of the area of a blend up to which what is rounded beside it is its beginning."""
+
 BESIDE_CREASE = 1.2
 """Radii of the ball: nearer to a crease nothing tells whether the other side turns along."""
 
@@ -204,7 +207,21 @@ def blends(cloud: MedialCloud, creases: Creases, links: Index, width: float) -> 
     )
     for _ in range(_steps(shape, width)):
         value = mean @ value
-    return np.asarray(rounded & (value[:, 1] > 0.5 * value[:, 0]))
+    blend = rounded & (value[:, 1] > 0.5 * value[:, 0])
+    return blend | _beginnings(shape, rounded, blend, links)
+
+
+def _beginnings(shape: Shape, rounded: Mask, blend: Mask, links: Index) -> Mask:
+    """Tell the rest of the faces of blends, (m,): smaller pieces of what is rounded beside them."""
+    m, first, second = shape.face_count, links[:, 0], links[:, 1]
+    alike = rounded[first] & rounded[second] & (blend[first] == blend[second])
+    piece = piece_labels(m, links[alike])
+    area = np.bincount(piece, shape.face_areas, m)
+    largest = np.zeros(m)
+    for here, there in ((first, second), (second, first)):
+        meets = rounded[here] & ~blend[here] & blend[there]
+        np.maximum.at(largest, piece[here[meets]], area[piece[there[meets]]])
+    return np.asarray(rounded & ~blend & (area[piece] < BEGINNING * largest[piece]))
 
 
 def _mean_beside(shape: Shape, links: Index) -> Any:
