@@ -21,6 +21,7 @@ from medialis.base.validation import FloatArray
 from medialis.medial_meshes.distances import boundary_points, measure
 from medialis.medial_meshes.envelope import Envelope
 from medialis.medial_meshes.fine_complex import FineComplex, fine_complex
+from medialis.medial_meshes.fins import finless
 from medialis.medial_meshes.fitting import DAMPING, Bounds, Fit, Target
 from medialis.medial_meshes.mesh import Collapse, Complex, LateCollapse, MedialMesh
 from medialis.medial_meshes.roofs import Roof, complex_of, roof_of
@@ -96,7 +97,11 @@ EARLY = 0.5  # halved 83 %, doubled 88 %
 """Share of the samples that the first fits look at."""
 
 MANY = 600  # halved 0 %, doubled 0 %
-"""More balls than this are not refined, and fitted with few steps: they are near already."""
+"""More balls than this are not refined, and fitted with few steps: they are near already. Their
+sheets stay whole; with fewer balls, merging across seams leaves smaller errors."""
+
+FIN = 1e-3
+"""Diagonals: so much, at most, may balls of a sheet stick out of others where it is taken away."""
 
 START = 0.8  # halved 100 %, doubled 88 %
 """Share of the balls that the collapse leaves; the rest is added where the fit is worst."""
@@ -159,9 +164,14 @@ def planes_of(
     return quadrics
 
 
-def collapse(start: Complex, quadrics: FloatArray, target: int) -> Collapse:
-    """Merge vertices, the cheapest pair first, until `target` are left or none may be merged."""
-    from medialis.medial_meshes._collapse_kernels import Hung, Room, Steps, link_all
+def collapse(
+    start: Complex, quadrics: FloatArray, target: int, *, whole: bool = False
+) -> Collapse:
+    """Merge vertices, the cheapest pair first, until `target` are left or none may be merged.
+
+    Sheets stay `whole`, if wanted, as long as they can.
+    """
+    from medialis.medial_meshes._collapse_kernels import Aim, Hung, Room, Steps, link_all
     from medialis.medial_meshes._collapse_kernels import collapse as run
 
     count = len(start)
@@ -174,7 +184,7 @@ def collapse(start: Complex, quadrics: FloatArray, target: int) -> Collapse:
     size = 2 * len(start.edges) + 1
     room = Room(np.empty(size), np.empty(size, np.int32), np.empty(size, np.int32))
     steps = Steps(np.empty(count, np.int64), np.empty(count, np.int64), np.empty((count, 4)))
-    made = run(start.balls.copy(), quadrics.copy(), *lists, target, LARGEST, room, steps)
+    made = run(start.balls.copy(), quadrics.copy(), *lists, Aim(target, LARGEST, whole), room, steps)
     return Collapse(start, *Steps._make(values[:made].copy() for values in steps))
 
 
@@ -486,6 +496,10 @@ def coarser(samples: Samples, found: Complex, roof: Roof | None = None) -> Colla
 SAMPLES_A_BALL = 4  # halved 0 %, doubled 0 %
 """Samples of the fine complex for each ball wanted, at least."""
 
+WHOLE_SAMPLES = 16_000
+"""Samples where sheets stay whole, at least: with 5,000 a hand has 100 fins that are too large to
+be taken away, with these one or two."""
+
 FEWER = 0.85
 """Share of the balls that a better fit tries to reach an error with."""
 
@@ -619,22 +633,26 @@ def _base(shape: Shape, options: MedialMeshOptions, progress: Progress) -> Base:
     solid, roof = _solid(shape, progress)
     if roof is not None and not options.error and balls < ENOUGH * len(roof):
         roof = None
+    whole = roof is None and balls > MANY
+    count = max(count, WHOLE_SAMPLES) if whole else count
 
     def work() -> Base:
         with progress.stage("sampling", 0.0, 0.7):
             if roof is None:
                 fine = fine_complex(solid, count, options.relief, options.seed, progress)
+                fine = finless(fine, FIN) if whole else fine
             else:
                 fine = complex_of(roof, take_samples(solid, count, options.seed), count)
         with progress.stage("collapse", 0.7, 1.0):
             start, samples = Complex(fine.balls, fine.edges, fine.faces), fine.samples
+            planes = planes_of(samples, fine.balls, fine.pole, roof)
             sequence, bounds = run_together(
-                lambda: collapse(start, planes_of(samples, fine.balls, fine.pole, roof), 1),
+                lambda: collapse(start, planes, 1, whole=whole),
                 lambda: Bounds(samples.points, samples.normals),  # in order for the fits
             )
             return Base(solid, fine, sequence, bounds, roof)
 
-    given = count, options.relief, options.seed, roof is not None
+    given = count, options.relief, options.seed, roof is not None, whole
     return kept(_base, shape, given, work, progress)
 
 
