@@ -53,6 +53,15 @@ class Room(NamedTuple):
     waiting: NDArray[np.int32]
 
 
+class Aim(NamedTuple):
+    """How far to go: vertices to be left, the largest radius of a merged ball, and whether sheets
+    and seams stay as long as they can."""
+
+    target: int
+    largest: float
+    whole: bool
+
+
 class Steps(NamedTuple):
     """Step s merged vertex removed[s] into into[s], which became the ball after[s], (4,)."""
 
@@ -175,6 +184,76 @@ def may_contract(u, v, edges, faces, mark, forest, flag):
 
 
 @kernel
+def _rank(u, edges, faces, count, seam):
+    """Tell where a vertex is: 0 within a sheet, 1 on a rim or a seam, 2 where those end or meet.
+
+    Marks `seam` (n,) of the neighbours along rims and seams, by the number of triangles there; a
+    fourth and more count as three. `count` (n,) is scratch.
+    """
+    end = edges.heads[u]
+    while end >= 0:
+        count[edges.rows[end >> 1, 1 - (end & 1)]] = 0
+        end = edges.after[end]
+    end = faces.heads[u]
+    while end >= 0:
+        t, k = end // 3, end % 3
+        count[faces.rows[t, (k + 1) % 3]] += 1
+        count[faces.rows[t, (k + 2) % 3]] += 1
+        end = faces.after[end]
+    number, first, same = 0, -1, True
+    end = edges.heads[u]
+    while end >= 0:
+        w = edges.rows[end >> 1, 1 - (end & 1)]
+        seam[w] = 0 if count[w] == 2 else 1 + min(count[w], 3)
+        if seam[w] > 0:
+            same = same and (number == 0 or seam[w] == first)
+            number += 1
+            first = seam[w]
+        end = edges.after[end]
+    if number == 0:
+        return 0
+    return 1 if number == 2 and same else 2
+
+
+@kernel
+def keeps_sheets(u, v, edges, faces, mark, scratch):
+    """Tell whether contracting edge u v keeps sheets, seams and rims as they are.
+
+    The links of u and v share those of u v alone, in the complex and along its seams and rims; two
+    vertices of these are only merged along one, and never two of its ends.
+    `mark` (n,) is 0 and is so again afterwards, `scratch` (3, n) is not kept.
+    """
+    own, other = scratch[1], scratch[2]
+    first = _rank(u, edges, faces, scratch[0], own)
+    second = _rank(v, edges, faces, scratch[0], other)
+    if first == 2 and second == 2:
+        return False
+    along = own[v] > 0
+    if first > 0 and second > 0 and not along:
+        return False
+    _mark_around(u, edges, mark, 1)
+    common, shared, good = 0, 0, True
+    end = edges.heads[v]
+    while end >= 0:
+        w = edges.rows[end >> 1, 1 - (end & 1)]
+        if mark[w] == 1:
+            common += 1
+            good = good and not (along and own[w] > 0 and other[w] > 0)
+        end = edges.after[end]
+    end = faces.heads[v]
+    while end >= 0 and good:
+        t, k = end // 3, end % 3
+        a, b = faces.rows[t, (k + 1) % 3], faces.rows[t, (k + 2) % 3]
+        if a == u or b == u:
+            shared += 1
+        elif mark[a] == 1 and mark[b] == 1 and _triangle_of(u, a, b, faces) >= 0:
+            good = False
+        end = faces.after[end]
+    _mark_around(u, edges, mark, 0)
+    return good and common == shared
+
+
+@kernel
 def contract(u, v, edges, faces, mark):
     """Move all that hangs on v to u; what becomes a point, or is there twice, goes.
 
@@ -292,19 +371,21 @@ def _merged(u, v, balls, quadrics, largest, scratch, factors, out):
 
 
 @kernel
-def collapse(balls, quadrics, edges, faces, target, largest, room, out):
+def collapse(balls, quadrics, edges, faces, aim, room, out):
     """Contract the cheapest edges until `target` vertices are left; returns the steps made.
 
     Each edge is on the heap of `room`, or waits: all at first, later those that must not be
     contracted, until one of their ends changes or 3 % of the vertices are gone. Where an end
     changes and the cost can only grow, it is computed anew when it is the lowest. There is room for
-    two entries an edge, on the heap for some that hold no more. No merged ball is larger than
-    `largest`.
+    two entries an edge, on the heap for some that hold no more. Where sheets shall stay `whole`,
+    that holds until no edge is left that lets them.
     """
     keys, names, waiting = room
+    target, largest, whole = aim
     live = edges.live
     n, total = len(balls), len(edges.rows)
     mark, forest, flag = np.zeros(n, np.int64), np.empty(n, np.int64), np.empty(n, np.int64)
+    scratch = np.zeros((3, n), np.int64)
     ball = np.empty(4)
     given = (balls, quadrics, largest, np.empty(15), np.empty((4, 4)), ball)
     changed, known = np.zeros(n, np.int64), np.zeros(total, np.int64)  # steps
@@ -316,7 +397,9 @@ def collapse(balls, quadrics, edges, faces, target, largest, room, out):
     while left > target:
         if size == 0 or last == len(waiting) or (last > 0 and left < LAZY * looked_at):
             if size == 0 and looked_at == left:
-                break
+                if not whole:
+                    break
+                whole = False
             for i in range(last):
                 e = waiting[i]
                 if live[e] and waits[e]:
@@ -337,7 +420,11 @@ def collapse(balls, quadrics, edges, faces, target, largest, room, out):
             cost[e], grows[e] = _merged(u, v, *given)
             size = push(keys, names, size, cost[e], e)
             continue
-        if not may_contract(u, v, edges, faces, mark, forest, flag):
+        if whole:
+            good = keeps_sheets(u, v, edges, faces, mark, scratch)
+        else:
+            good = may_contract(u, v, edges, faces, mark, forest, flag)
+        if not good:
             waiting[last], waits[e] = e, True
             last += 1
             continue

@@ -21,13 +21,29 @@ from medialis.base.validation import FloatArray, require_rows
 from medialis.medial_meshes.distances import boundary_points, measure
 from medialis.medial_meshes.envelope import Envelope
 from medialis.medial_meshes.fine_complex import FineComplex, fine_complex
+from medialis.medial_meshes.fins import finless
 from medialis.medial_meshes.fitting import DAMPING, Bounds, Fit, Target
 from medialis.medial_meshes.mesh import Collapse, Complex, LateCollapse, MedialMesh
-from medialis.medial_meshes.sampling import Samples, Solid
+from medialis.medial_meshes.roofs import Roof, complex_of, roof_of
+from medialis.medial_meshes.sampling import Samples, Solid, take_samples
 from medialis.shape.shape import Shape
 
 HOLD = 1e-3  # halved 100 %, doubled 100 %
 """Weight of staying in place against the planes of the surface, which alone leave slack."""
+
+ENOUGH = 0.75
+"""Share of the vertices of a polyhedron's structure from which on balls are placed on that: fewer
+are better placed freely."""
+
+TOUCHED = 0.1
+"""Weight of the planes that a ball of a polyhedron touches, in those of balls in the mean."""
+
+FLAT_HOLD = 1e-7
+"""The same where the planes are those of a polyhedron: they leave slack only along sheets and
+seams, and merging along these must cost less than the smallest sheet."""
+
+RIM = 1e-4
+"""Radii up to which balls of a polyhedron are on its edges and corners."""
 
 LEAST_WEIGHT = 1e-9  # halved 80 %, doubled 100 %
 """Share of the whole area that each ball counts as, so that none is free."""
@@ -81,7 +97,11 @@ EARLY = 0.5  # halved 83 %, doubled 88 %
 """Share of the samples that the first fits look at."""
 
 MANY = 600  # halved 0 %, doubled 0 %
-"""More balls than this are not refined, and fitted with few steps: they are near already."""
+"""More balls than this are not refined, and fitted with few steps: they are near already. Their
+sheets stay whole; with fewer balls, merging across seams leaves smaller errors."""
+
+FIN = 1e-3
+"""Diagonals: so much, at most, may balls of a sheet stick out of others where it is taken away."""
 
 START = 0.8  # halved 100 %, doubled 88 %
 """Share of the balls that the collapse leaves; the rest is added where the fit is worst."""
@@ -119,21 +139,40 @@ PLANS = {
 """Powers and steps of the fits."""
 
 
-def planes_of(samples: Samples, balls: FloatArray, owner: Index) -> FloatArray:
-    """Return the quadric of each ball: the planes of the candidates that belong to it, (v, 15)."""
+def planes_of(
+    samples: Samples, balls: FloatArray, owner: Index, roof: Roof | None = None
+) -> FloatArray:
+    """Return the quadric of each ball: the planes of the candidates that belong to it, (v, 15).
+
+    Balls of a polyhedron also have its planes that they touch, and those on its edges and corners
+    stay small: else they could slide along sheets, and small sheets may have no candidate at all.
+    """
     from medialis.medial_meshes._collapse_kernels import add_places, add_planes
 
     require_rows(owner, len(balls), "samples of balls")
     quadrics = np.zeros((len(balls), 15))
     add_planes(samples.points, samples.normals, samples.areas, owner, quadrics)
     weights = np.bincount(owner, samples.areas, len(balls))
-    add_places(balls, HOLD * (weights + LEAST_WEIGHT * weights.sum()), quadrics)
+    weights += LEAST_WEIGHT * weights.sum()
+    add_places(balls, (HOLD if roof is None else FLAT_HOLD) * weights, quadrics)
+    if roof is not None:
+        ball, plane = (x.copy() for x in np.nonzero(roof.touched(balls)))
+        normals, feet = -roof.planes[plane, :3], -roof.planes[plane, 3:] * roof.planes[plane, :3]
+        share = TOUCHED * float(weights.mean())
+        add_planes(feet, normals, np.full(len(ball), share), ball, quadrics)
+        rim = balls[:, 3] < RIM
+        quadrics[rim, 9] += np.maximum(weights[rim], share)
     return quadrics
 
 
-def collapse(start: Complex, quadrics: FloatArray, target: int) -> Collapse:
-    """Merge vertices, the cheapest pair first, until `target` are left or none may be merged."""
-    from medialis.medial_meshes._collapse_kernels import Hung, Room, Steps, link_all
+def collapse(
+    start: Complex, quadrics: FloatArray, target: int, *, whole: bool = False
+) -> Collapse:
+    """Merge vertices, the cheapest pair first, until `target` are left or none may be merged.
+
+    Sheets stay `whole`, if wanted, as long as they can.
+    """
+    from medialis.medial_meshes._collapse_kernels import Aim, Hung, Room, Steps, link_all
     from medialis.medial_meshes._collapse_kernels import collapse as run
 
     count = len(start)
@@ -147,7 +186,7 @@ def collapse(start: Complex, quadrics: FloatArray, target: int) -> Collapse:
     size = 2 * len(start.edges) + 1
     room = Room(np.empty(size), np.empty(size, np.int32), np.empty(size, np.int32))
     steps = Steps(np.empty(count, np.int64), np.empty(count, np.int64), np.empty((count, 4)))
-    made = run(start.balls.copy(), quadrics.copy(), *lists, target, LARGEST, room, steps)
+    made = run(start.balls.copy(), quadrics.copy(), *lists, Aim(target, LARGEST, whole), room, steps)
     return Collapse(start, *Steps._make(values[:made].copy() for values in steps))
 
 
@@ -289,6 +328,7 @@ class Base:
     fine: FineComplex
     sequence: Collapse
     bounds: Bounds
+    roof: Roof | None = None
 
     @cached_property
     def own(self) -> FloatArray:
@@ -340,6 +380,9 @@ class Search:
 
     def run(self, quality: str) -> Complex:
         """Return the mesh of the quality wanted."""
+        roof = self.base.roof
+        if roof is not None and self.balls >= len(roof):
+            return roof.mesh(self.balls)
         start, _ = self.base.sequence.level(self.balls)
         if len(start) > MANY:
             return self._closed(self._measured(start, self._all, "many"))
@@ -408,7 +451,9 @@ class Search:
     def _with_moved(self, best: _Found, share: float) -> _Found:
         """Take balls away and put others where the fit is worst; return what is nearer."""
         removed = max(1, int(share * self.balls))
-        fewer, _ = coarser(self.base.fine.samples, best.mesh).level(self.balls - removed)
+        fewer, _ = coarser(self.base.fine.samples, best.mesh, self.base.roof).level(
+            self.balls - removed
+        )
         other = self._grown(self._fitted(fewer, self._early, "round"), min(AGAIN, removed))
         found = self._measured(other.mesh, best.target, "round", most=best.error)
         if found.error >= best.error:
@@ -442,16 +487,20 @@ class Search:
         return Target(points, normals, np.union1d(target.rows, worst), within, target.bounds)
 
 
-def coarser(samples: Samples, found: Complex) -> Collapse:
+def coarser(samples: Samples, found: Complex, roof: Roof | None = None) -> Collapse:
     """Collapse a fitted complex further; each candidate pulls at the ball next to it."""
     envelope = Envelope.of(found)
     _, row, shares = envelope.distances(samples.points)
     nearest = envelope.rows[row, shares.argmax(axis=1)]
-    return collapse(found, planes_of(samples, found.balls, nearest), 1)
+    return collapse(found, planes_of(samples, found.balls, nearest, roof), 1)
 
 
 SAMPLES_A_BALL = 4  # halved 0 %, doubled 0 %
 """Samples of the fine complex for each ball wanted, at least."""
+
+WHOLE_SAMPLES = 16_000
+"""Samples where sheets stay whole, at least: with 5,000 a hand has 100 fins that are too large to
+be taken away, with these one or two."""
 
 FEWER = 0.85
 """Share of the balls that a better fit tries to reach an error with."""
@@ -569,7 +618,7 @@ def medial_mesh(shape: Shape, options: MedialMeshOptions, progress: Progress) ->
         else:
             found = Search(base, options.balls, options.seed, progress).run(options.quality)
     samples = base.fine.samples
-    fewer = LateCollapse(lambda: coarser(samples, found).placed(scale, middle))
+    fewer = LateCollapse(lambda: coarser(samples, found, base.roof).placed(scale, middle))
     wanted, count = options.balls, len(found)
     if count != wanted and not options.error:
         why = "its topology needs them" if count > wanted else "its fine complex has no more"
@@ -583,22 +632,42 @@ def _base(shape: Shape, options: MedialMeshOptions, progress: Progress) -> Base:
     """Return the fine complex and its collapse, kept for other numbers of balls."""
     balls = 0 if options.error else options.balls
     count = max(options.samples, SAMPLES_A_BALL * balls)
+    solid, roof = _solid(shape, progress)
+    if roof is not None and not options.error and balls < ENOUGH * len(roof):
+        roof = None
+    whole = roof is None and balls > MANY
+    count = max(count, WHOLE_SAMPLES) if whole else count
 
     def work() -> Base:
+        with progress.stage("sampling", 0.0, 0.7):
+            if roof is None:
+                fine = fine_complex(solid, count, options.relief, options.seed, progress)
+                fine = finless(fine, FIN) if whole else fine
+            else:
+                fine = complex_of(roof, take_samples(solid, count, options.seed), count)
+        with progress.stage("collapse", 0.7, 1.0):
+            start, samples = Complex(fine.balls, fine.edges, fine.faces), fine.samples
+            planes = planes_of(samples, fine.balls, fine.pole, roof)
+            sequence, bounds = run_together(
+                lambda: collapse(start, planes, 1, whole=whole),
+                lambda: Bounds(samples.points, samples.normals),  # in order for the fits
+            )
+            return Base(solid, fine, sequence, bounds, roof)
+
+    given = count, options.relief, options.seed, roof is not None, whole
+    return kept(_base, shape, given, work, progress)
+
+
+def _solid(shape: Shape, progress: Progress) -> tuple[Solid, Roof | None]:
+    """Return the solid at diagonal 1, and its structure where it is a convex polyhedron."""
+
+    def work() -> tuple[Solid, Roof | None]:
         low, high = shape.bounds
         assert shape.faces is not None
         solid = Solid((shape.points - 0.5 * (low + high)) / shape.diagonal, shape.faces)
-        with progress.stage("sampling", 0.0, 0.7):
-            fine = fine_complex(solid, count, options.relief, options.seed, progress)
-        with progress.stage("collapse", 0.7, 1.0):
-            start, samples = Complex(fine.balls, fine.edges, fine.faces), fine.samples
-            sequence, bounds = run_together(
-                lambda: collapse(start, planes_of(samples, fine.balls, fine.pole), 1),
-                lambda: Bounds(samples.points, samples.normals),  # in order for the fits
-            )
-            return Base(solid, fine, sequence, bounds)
+        return solid, roof_of(solid)
 
-    return kept(_base, shape, (count, options.relief, options.seed), work, progress)
+    return kept(_solid, shape, (), work, progress)
 
 
 def _smallest(base: Base, options: MedialMeshOptions, progress: Progress) -> Complex:
@@ -610,7 +679,7 @@ def _smallest(base: Base, options: MedialMeshOptions, progress: Progress) -> Com
     def fitted(balls: int, quality: str = "fast") -> Complex:
         return Search(base, balls, options.seed, progress).run(quality)
 
-    low, high = 0, base.sequence.fewest
+    low, high = 0, base.sequence.fewest if base.roof is None else len(base.roof)
     best = fitted(high)
     errors = [base.error(best)]
     while errors[-1] > options.error:

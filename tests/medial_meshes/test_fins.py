@@ -1,0 +1,119 @@
+"""Sheets of complexes are kept whole by the collapse, and taken away whole where they are fins."""
+
+import numpy as np
+import pytest
+
+import medialis
+from medialis.medial_meshes.fins import without_fins
+from medialis.medial_meshes.medial_mesh import collapse
+from medialis.medial_meshes.mesh import Complex, betti_numbers, sheets_of
+
+
+def grid(columns, rows, radius):
+    """A flat sheet of balls on a square grid of unit 1 / columns, as rows of a complex."""
+    y, x = np.mgrid[:rows, :columns] / (columns - 1)
+    balls = np.stack([x, y, 0 * x, radius(x, y)], axis=-1).reshape(-1, 4)
+    a = (np.arange(rows - 1)[:, None] * columns + np.arange(columns - 1)).ravel()
+    b, c, d = a + 1, a + columns, a + columns + 1
+    return balls, np.concatenate([np.stack([a, b, d], 1), np.stack([a, c, d], 1)])
+
+
+def whole(balls, faces):
+    faces = np.sort(faces, axis=1)
+    sides = np.unique(faces[:, [[0, 1], [0, 2], [1, 2]]].reshape(-1, 2), axis=0)
+    return Complex(balls, sides, faces)
+
+
+def book(leaves, count=9):
+    """Square sheets that share a side along y: a seam of so many sheets."""
+    all_balls, all_faces, start = [], [], 0
+    for k in range(leaves):
+        balls, faces = grid(count, count, lambda x, y: 0.3 + 0 * x)
+        turn = 2 * np.pi * k / leaves
+        x = balls[:, 0].copy()
+        balls[:, 0], balls[:, 2] = np.cos(turn) * x, np.sin(turn) * x
+        rows = np.arange(len(balls)) + start
+        if k:
+            spine = np.arange(len(balls)) % count == 0
+            rows = np.where(spine, np.arange(len(balls)), start + np.cumsum(~spine) - 1)
+            balls = balls[~spine]
+        all_balls.append(balls)
+        all_faces.append(rows[faces])
+        start += len(balls)
+    return whole(np.concatenate(all_balls), np.concatenate(all_faces))
+
+
+def structure(given):
+    found = sheets_of(given.balls[:, :3], given.faces)
+    return int(found.of_faces.max()) + 1, betti_numbers(len(given), given.edges, given.faces)
+
+
+@pytest.mark.parametrize("leaves", [1, 3, 4])
+def test_sheets_stay_as_the_collapse_goes_on(leaves):
+    """A book is told by its seam and rims; its quadrics, random, want anything but that."""
+    start, rng = book(leaves), np.random.default_rng(leaves)
+    quadrics = np.zeros((len(start), 15))
+    quadrics[:, [0, 4, 7, 9]] = rng.uniform(size=(len(start), 4)) ** 3
+    quadrics[:, 10:14] = quadrics[:, [0, 4, 7, 9]] * start.balls
+    found = collapse(start, quadrics, 1, whole=True)
+    for count in range(5 * leaves + 3, len(start), 7):
+        level, _ = found.level(count)
+        assert structure(level) == (leaves, (1, 0, 0))
+        sides = level.faces[:, [[0, 1], [0, 2], [1, 2]]].reshape(-1, 2)
+        ends, uses = np.unique(sides, axis=0, return_counts=True)
+        assert len(ends) == len(level.edges) and set(uses) <= {1, 2, leaves}
+    last, _ = found.level(1)
+    assert len(last) == 1  # in the end sheets go
+
+
+def with_a_fin(height):
+    """A large sheet with a small one at right angles on it, whose balls stick out by `height`."""
+    balls, faces = grid(21, 21, lambda x, y: 0.3 + 0 * x)
+    row = np.arange(21 * 10 + 8, 21 * 10 + 13)
+    tips = balls[row].copy()
+    tips[:, 2] += 0.2
+    tips[:, 3] += height - 0.2
+    new = len(balls) + np.arange(5)
+    fin = [[row[i], row[i + 1], new[i]] for i in range(4)]
+    fin += [[row[i + 1], new[i], new[i + 1]] for i in range(4)]
+    return whole(np.concatenate([balls, tips]), np.concatenate([faces, fin])), new
+
+
+def test_a_fin_goes_when_its_balls_hardly_stick_out():
+    """Of balls straight under them: by `height` exactly."""
+    for height, gone in ((0.009, True), (0.011, False)):
+        given, new = with_a_fin(height)
+        assert structure(given) == (2, (1, 0, 0))
+        found, place = without_fins(given, 0.01)
+        assert structure(found) == (1 if gone else 2, (1, 0, 0))
+        assert (place[new] < 0).all() == gone and len(found) == len(given) - 5 * gone
+        stays = place >= 0
+        assert np.array_equal(found.balls[place[stays]], given.balls[stays])
+
+
+def test_a_sheet_that_closes_a_hollow_stays():
+    """A bubble on the sheet has no free rim, however little it sticks out."""
+    given, new = with_a_fin(0.0)
+    a, b = 21 * 10 + 8, 21 * 10 + 9
+    others = np.array([[a, b, 21 * 9 + 8], [a, new[0], 21 * 9 + 8], [b, new[0], 21 * 9 + 8]])
+    faces = np.concatenate([given.faces, others])
+    closed = whole(given.balls, np.unique(np.sort(faces, axis=1), axis=0))
+    before = structure(closed)[1]
+    assert before[2] == 1
+    assert structure(without_fins(closed, 0.01)[0])[1] == before
+
+
+def test_flat_sheets_have_no_fins():
+    given = book(3)
+    found, place = without_fins(given, 1e-3)
+    assert len(found) == len(given) and np.array_equal(place, np.arange(len(given)))
+
+
+@pytest.mark.slow
+def test_many_balls_have_the_sheets_of_the_fine_complex():
+    """2.0 had some hundred more: merging cut them into pieces."""
+    shape = medialis.organic_shape(56)
+    mesh = medialis.medial_mesh(shape, balls=700)
+    assert len(mesh) == 700
+    assert structure(mesh.complex) == structure(mesh.level(mesh.most).complex)
+    assert mesh.betti == (1, 0, 0)
