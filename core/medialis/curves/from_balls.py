@@ -34,11 +34,17 @@ from medialis.curves.candidates import (
 from medialis.curves.curve_skeleton import CurveEvidence, CurveSkeleton
 from medialis.curves.finishing import SimplifyOptions, finish_graph, simplify_branches
 from medialis.curves.growth import Handles, Turns, find_handles, grow_graph, link_balls
+from medialis.curves.limb_sampling import with_limbs_sampled
 from medialis.shape.refinement import refine_where
 from medialis.shape.shape import Shape
-from medialis.skeleton.layers import computed
 from medialis.skeleton.medial_cloud import DEFAULT_TOLERANCE, MedialCloud, ShrinkOptions, shrink
-from medialis.skeleton.surface_skeleton import SurfaceSkeletonOptions, as_cloud, surface_skeleton
+from medialis.skeleton.surface_skeleton import (
+    Preparation,
+    SurfaceSkeletonOptions,
+    as_cloud,
+    prepared,
+    surface_skeleton,
+)
 
 if TYPE_CHECKING:
     from medialis.curves._kernels import BallLinks
@@ -216,8 +222,8 @@ def curve_skeleton(
     ground = kept(_ground, cloud, share, lambda: _ground(cloud, share, progress), progress)
     with progress.stage("reconstruct", 0.8, 1.0):
         radii = cloud.radii[ground.candidates]
-        least = np.maximum(SHARPEST * radii**2, (options.threshold * surface.diagonal) ** 2)
-        enough = ground.importance >= least
+        smallest = (options.threshold * surface.diagonal) ** 2
+        enough = _enough(ground, SHARPEST * radii**2, smallest)
         wanted, importance = np.zeros(len(cloud), bool), np.zeros(len(cloud))
         importance[ground.candidates] = ground.importance
         wanted[ground.candidates[enough]] = True
@@ -232,7 +238,7 @@ def curve_skeleton(
         progress.update(0.5)
         given = ground.links, edges, options.smoothing, importance
         graph, node_of_sample = run_patiently(
-            lambda: finish_graph(*given, surface.point_areas), progress
+            lambda: finish_graph(*given, surface.point_areas, smallest), progress
         )
         graph = put_in_surface(cloud, graph, node_of_sample, progress)
         if options.simplify > 0:
@@ -248,6 +254,16 @@ def curve_skeleton(
         lambda: node_importance(cloud, graph, ground.candidates, ground.importance), progress
     )
     return replace(graph, importance=of_nodes, evidence=evidence)
+
+
+def _enough(ground: _Ground, least: FloatArray, smallest: float) -> Mask:
+    """Tell the candidates that a graph must reach, in parts of the shape that are large enough."""
+    enough = ground.importance >= least
+    part = ground.components[ground.candidates]
+    large = np.zeros(int(part.max(initial=-1)) + 2, bool)
+    large[part[enough & (ground.importance >= smallest)]] = True
+    large[-1] = False
+    return np.asarray(enough & large[part])
 
 
 def _missing(handles: dict[int, Handles], loops: Turns) -> tuple[FloatArray, ...]:
@@ -326,11 +342,13 @@ def curve_skeleton_of(shape: Shape, options: Options, progress: Progress) -> Cur
     CurveSkeleton
         The first one with all loops, else that with the most.
     """
-    cloud = computed(shape, options, progress, 0.2)
+    with progress.stage("skeleton", 0.0, 0.2):
+        finer = functools.partial(with_limbs_sampled, progress=progress)
+        surface, tolerance = prepared(shape, Preparation.taken_from(options), progress, finer)
+        cloud = _balls(surface, options, progress, tolerance)
     with progress.stage("curve skeleton", 0.2, 0.7):
         best = curve_skeleton.of(cloud, options, progress)
     most = max(MOST_SAMPLES, MOST_GROWTH * cloud.surface.point_count)
-    surface = cloud.surface
     with progress.stage("handles", 0.7, 1.0):
         for attempt in range(ATTEMPTS):
             if not (missing := _evidence(best).missing):
@@ -339,7 +357,7 @@ def curve_skeleton_of(shape: Shape, options: Options, progress: Progress) -> Cur
             if finer is surface:
                 break
             surface = finer
-            again = curve_skeleton.of(_balls(surface, options, progress), options, progress)
+            again = curve_skeleton.of(_balls(surface, options, progress.still, tolerance), options, progress)
             best = max(best, again, key=_closed)
     if best.surface is not None and best.surface is not cloud.surface:
         more = best.surface.point_count - cloud.surface.point_count
@@ -358,10 +376,14 @@ def _closed(graph: CurveSkeleton) -> int:
     return sum(_evidence(graph).closed_loops.values())
 
 
-def _balls(surface: Shape, options: Options, progress: Progress) -> MedialCloud:
-    """Return the balls of a surface as it is; what is said of it was said before."""
-    as_it_is = SurfaceSkeletonOptions.taken_from(options, denoise="off", refine=0.0)
-    return surface_skeleton.of(surface, as_it_is, progress.still)
+def _balls(
+    surface: Shape, options: Options, progress: Progress, tolerance: float
+) -> MedialCloud:
+    """Return the balls of a surface as it is, with a tolerance."""
+    as_it_is = {"denoise": "off", "refine": 0.0, "tolerance": tolerance}
+    return surface_skeleton.of(
+        surface, SurfaceSkeletonOptions.taken_from(options, **as_it_is), progress
+    )
 
 
 def _finer(
