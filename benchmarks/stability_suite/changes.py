@@ -24,7 +24,7 @@ def turned(shape: medialis.Shape, turn: np.ndarray) -> medialis.Shape:
 
 
 def reordered(shape: medialis.Shape, rng: np.random.Generator) -> medialis.Shape:
-    """Number vertices and faces by chance."""
+    """Renumber vertices and faces by chance."""
     order = rng.permutation(shape.point_count)
     place = np.argsort(order)
     faces = place[np.asarray(shape.faces)][rng.permutation(shape.face_count)]

@@ -184,9 +184,7 @@ def meshed(tree: Tree, cell: float) -> medialis.Shape:
         begin = np.floor((np.minimum(a, b) - reach - low) / cell).astype(int).clip(0)
         stop = np.minimum(np.ceil((np.maximum(a, b) + reach - low) / cell).astype(int) + 1, count)
         part = tuple(slice(i, j) for i, j in zip(begin, stop, strict=True))
-        grid = np.stack(
-            np.meshgrid(*(axes[k][part[k]] for k in range(3)), indexing="ij"), axis=-1
-        )
+        grid = np.stack(np.meshgrid(*(axes[k][part[k]] for k in range(3)), indexing="ij"), axis=-1)
         value = _cone(grid.reshape(-1, 3), a, b, ra, rb).reshape(grid.shape[:3])
         field[part] = np.minimum(field[part], value)
     make_unambiguous(field)

@@ -12,9 +12,6 @@ from medialis.base.jit import kernel
 LEAST = 1e-9
 """Share of the size of the shape below which a ray hits what it starts from."""
 
-WAYS = 4
-"""Directions across a ray that are tried, evenly spread over half a turn."""
-
 
 @kernel
 def _enters(bound, j, place, way, reach):
@@ -93,12 +90,13 @@ def first_hit(place, way, tree, corners, stack, least):
 def measure_sections(begin, end, faces, tree, corners, out_sections):
     """Measure how thick a shape is below places of its surface, and how wide across there.
 
-    `faces` are rows of place and inward normal and the length (m, 7) below which half the thickness
-    matters; `out_sections` (m, 2) receives the length of the ray inwards and the least length of a
-    line across its middle, inf where nothing is hit or the thickness does not matter.
+    `faces` are rows of place, inward normal, three ways at right angles to it, and the length below
+    which half the thickness matters (m, 16); `out_sections` (m, 2) receives the length of the ray
+    inwards and the least length of a line across its middle: along one of the ways, or at right
+    angles to it; inf where nothing is hit or the thickness does not matter.
     """
     stack = np.empty(8 * 12 + 8, np.int64)
-    frame, way, back, middle = np.empty((2, 3)), np.empty(3), np.empty(3), np.empty(3)
+    way, middle = np.empty(3), np.empty(3)
     least = 0.0
     for k in range(3):
         least = max(least, LEAST * np.abs(tree.points[:, k]).max())
@@ -106,28 +104,18 @@ def measure_sections(begin, end, faces, tree, corners, out_sections):
         place, normal = faces[i, :3], faces[i, 3:6]
         thick = first_hit(place, normal, tree, corners, stack, least)
         out_sections[i, 0], out_sections[i, 1] = thick, math.inf
-        if thick == math.inf or thick / 2.0 > faces[i, 6]:
+        if thick == math.inf or thick / 2.0 > faces[i, 15]:
             continue
-        axis = 0
         for k in range(3):
             middle[k] = place[k] + thick / 2.0 * normal[k]
-            if abs(normal[k]) < abs(normal[axis]):
-                axis = k
-        size = 0.0
-        for k in range(3):
-            frame[0, k] = (1.0 if k == axis else 0.0) - normal[axis] * normal[k]
-            size += frame[0, k] ** 2
-        for k in range(3):
-            frame[0, k] /= math.sqrt(size)
-        for k in range(3):
-            a, b = (k + 1) % 3, (k + 2) % 3
-            frame[1, k] = normal[a] * frame[0, b] - normal[b] * frame[0, a]
-        for turn in range(WAYS):
-            c, s = math.cos(math.pi * turn / WAYS), math.sin(math.pi * turn / WAYS)
+        for turn in range(6):
+            along = faces[i, 6 + 3 * (turn // 2) : 9 + 3 * (turn // 2)]
             for k in range(3):
-                way[k] = c * frame[0, k] + s * frame[1, k]
-                back[k] = -way[k]
+                a, b = (k + 1) % 3, (k + 2) % 3
+                way[k] = along[k] if turn % 2 else normal[a] * along[b] - normal[b] * along[a]
             across = first_hit(middle, way, tree, corners, stack, least)
             if across < out_sections[i, 1]:
-                across += first_hit(middle, back, tree, corners, stack, least)
+                for k in range(3):
+                    way[k] = -way[k]
+                across += first_hit(middle, way, tree, corners, stack, least)
                 out_sections[i, 1] = min(out_sections[i, 1], across)

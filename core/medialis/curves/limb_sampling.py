@@ -11,11 +11,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from medialis.base.arrays import kd_tree, unit_rows
 from medialis.base.box_tree import NearestTree
 from medialis.base.progress import Progress
 from medialis.base.threads import run_chunks, run_patiently
 from medialis.base.validation import FloatArray
-from medialis.shape.refinement import refine_where
+from medialis.shape.refinement import refine_by
 from medialis.shape.shape import Shape
 from medialis.shape.surface import Surface
 
@@ -30,6 +31,9 @@ THINNEST = 0.0005
 
 MOST_SAMPLES = 60_000
 """That there may be for limbs, besides twice those given."""
+
+NEAREST, EQUAL = 4, 1e-6
+"""Vertices that may be the nearest to the middle of an edge, and by which share they may differ."""
 
 FACES_A_CHUNK = 256
 
@@ -55,7 +59,22 @@ def with_limbs_sampled(shape: Shape, progress: Progress) -> Shape:
         return shape
     most = MOST_SAMPLES + 2 * shape.point_count
     allowed = radius / EDGES_A_RADIUS
-    return run_patiently(lambda: refine_where(shape, _affordable(shape, allowed, most)), progress)
+    return run_patiently(lambda: _halved(shape, _affordable(shape, allowed, most), most), progress)
+
+
+def _halved(shape: Shape, allowed: FloatArray, most: int) -> Shape:
+    """Split edges longer than what is allowed at the vertices nearest to their middles.
+
+    Those are both ends as a rule: the least of them counts.
+    """
+    tree = kd_tree(shape.points)
+
+    def bound(middles: FloatArray) -> FloatArray:
+        distance, near = tree.query(middles, k=min(NEAREST, shape.point_count))
+        equal = distance <= (1.0 + EQUAL) * distance[:, :1]
+        return np.where(equal, allowed[near], np.inf).min(axis=1)
+
+    return refine_by(shape, bound, most)
 
 
 def limb_radii(shape: Shape, progress: Progress) -> FloatArray:
@@ -76,11 +95,14 @@ def limb_radii(shape: Shape, progress: Progress) -> FloatArray:
     faces = np.asarray(shape.faces)
     surface = Surface.of_checked(shape.points, faces).adopt(shape.topology)
     corners = shape.points[faces]
-    longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
-    tree = run_patiently(lambda: NearestTree.of_triangles(shape.points, shape.faces), progress)
+    sides = np.roll(corners, -1, axis=1) - corners
+    longest = np.linalg.norm(sides, axis=2).max(axis=1)
+    ways = unit_rows(sides.reshape(-1, 3)).reshape(-1, 9)
+    tree = run_patiently(lambda: NearestTree.of_triangles(shape.points, faces), progress)
     starts = corners.mean(axis=1) - tree.tree.center
     # What is wider than thick is thinner than it looks from its narrow side.
-    rows = np.column_stack([starts, -surface.face_normals, WIDEST * EDGES_A_RADIUS * longest])
+    matters = WIDEST * EDGES_A_RADIUS * longest
+    rows = np.column_stack([starts, -surface.face_normals, ways, matters])
     sections = np.empty((len(faces), 2))
     given = rows, tree.tree, tree.items.corners, sections
     run_chunks(measure_sections, len(faces), FACES_A_CHUNK, *given, progress=progress.still)
