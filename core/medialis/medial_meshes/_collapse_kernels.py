@@ -55,7 +55,8 @@ class Room(NamedTuple):
 
 class Aim(NamedTuple):
     """How far to go: vertices to be left, the largest radius of a merged ball, and whether sheets
-    and seams stay as long as they can."""
+    and seams stay as long as they can.
+    """
 
     target: int
     largest: float
