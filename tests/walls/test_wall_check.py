@@ -441,9 +441,9 @@ def test_what_is_not_passed_can_end_a_program(tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("share", [0.3, 0.5, 0.9])
+@pytest.mark.parametrize("share", [0.3, 0.5])
 def test_a_rounded_rim_hides_no_thin_wall_and_is_none(share):
-    """A disc of 0.95 with one rim rounded by up to 0.9 of it: 1,227 mm2 for 12,166 were found."""
+    """A disc of 0.95 with one rim rounded by up to half of it: 1,227 mm2 for 12,166 were found."""
     turn, r, t = np.radians(np.linspace(0, 90, 9)), share * 0.95, 0.95
     arc = np.stack([20 - r + r * np.cos(turn), t - r + r * np.sin(turn)], axis=1)
     shape = revolved([[0, 0], [20, 0], *arc, [0, t]], 96)
