@@ -202,3 +202,17 @@ def test_scapula_has_no_ball_outside(real_shapes):
     assert (winding_numbers(*triangles, before.centers[rows[::10]]) < 0.5).mean() > 0.9
     assert (winding_numbers(*triangles, after.centers[rows]) > 0.5).all()
     assert isinstance(after, MedialCloud) and after.valid.sum() == before.valid.sum()
+
+
+@pytest.mark.parametrize("fans", [False, True])
+def test_balls_at_the_rim_of_a_very_thin_plate_lie_in_it(fans):
+    """Balls beside creases lay as deep as the tolerance, which was twice the plate: 384 outside."""
+    size = np.array([100.0, 70.0, 0.01])
+    corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)]) * size
+    quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    faces = [t for a, b, c, d in quads for t in ((a, b, c), (a, c, d))]
+    shape = medialis.make_shape(corners, faces)
+    cloud = medialis.surface_skeleton(shape, fans=fans, refine=0.05)
+    centers = cloud.centers[cloud.valid]
+    assert len(centers) > 500
+    assert (centers >= 0).all() and (centers <= size).all()

@@ -199,7 +199,7 @@ def maximal_balls(
             )
             cloud = walls.constrain(cloud, options.tolerance, progress)
         cloud = _with_lower_tolerance(cloud, tree, walls, options, progress)
-        cloud = with_edge_balls(cloud, walls.creases, options.tolerance)
+        cloud = with_edge_balls(cloud, walls, options.tolerance)
         if out_walls is not None:
             out_walls.append(walls)
     note_outcome(cloud, options.tolerance, progress)

@@ -218,7 +218,49 @@ def angles_between(one: FloatArray, other: FloatArray) -> FloatArray:
     return np.arctan2(across, np.einsum("ij,ij->i", one, other))
 
 
-def with_edge_balls(cloud: MedialCloud, creases: Creases, tolerance: float) -> MedialCloud:
+PROBES = 6
+"""Depths at which there must be room, each an eighth of the one before."""
+
+MOST_HALVINGS = 40
+"""Of the depth of balls at creases: to a millionth of a millionth."""
+
+
+def _fitting(
+    walls: Walls, places: FloatArray, inward: FloatArray, cosine: FloatArray, depth: FloatArray
+) -> FloatArray:
+    """Return how deep below places balls of radius depth * cosine fit in, at most `depth` (k,).
+
+    In a plate thinner than the depth they would lie beyond the other side: there it is halved.
+    """
+    depth = np.array(depth)
+    left = np.arange(len(depth))
+    for _ in range(MOST_HALVINGS):
+        fits = _has_room(walls, places[left], inward[left], cosine[left], depth[left])
+        left = left[~fits]
+        if len(left) == 0:
+            break
+        depth[left] /= 2
+    return depth
+
+
+def _has_room(
+    walls: Walls, places: FloatArray, inward: FloatArray, cosine: FloatArray, depth: FloatArray
+) -> NDArray[np.bool_]:
+    """Tell whether balls of radius depth * cosine fit in below places, (k,), and smaller ones do.
+
+    Far beyond the other side of a thin plate there is room as well, but not on the way there: at
+    one of two depths one of which is eight times the other, down to a hundred-thousandth.
+    """
+    fits = np.ones(len(depth), np.bool_)
+    for power in range(PROBES):
+        rows = np.flatnonzero(fits)
+        deep = depth[rows] / 8.0**power
+        room = walls.room(places[rows] + deep[:, None] * inward[rows], deep * cosine[rows])
+        fits[rows] = room >= LEAST_FIT * deep * cosine[rows]
+    return fits
+
+
+def with_edge_balls(cloud: MedialCloud, walls: Walls, tolerance: float) -> MedialCloud:
     """Give samples on convex creases the ball that fits into the crease beside them.
 
     A ball tangent at such a sample cuts a face whatever its normal: its radius is 0. The ball whose
@@ -226,8 +268,7 @@ def with_edge_balls(cloud: MedialCloud, creases: Creases, tolerance: float) -> M
     sample instead: the end of the sheet that comes out of the crease. Both of its feature points
     are the sample; its spoke angle is that of the crease.
     """
-    surface = cloud.surface
-    depth = _depth(cloud, tolerance)
+    surface, creases = cloud.surface, walls.creases
     cut = np.zeros((surface.point_count, 2), np.bool_)
     for column, sign in enumerate((1, -1)):
         cut[creases.cut_vertices(sign), column] = True
@@ -239,7 +280,9 @@ def with_edge_balls(cloud: MedialCloud, creases: Creases, tolerance: float) -> M
     rows = rows[(lowest[source] > 0) & (lowest[source] < 1 - STEEPER)]
     source = cloud.source[rows]
     inward = -surface.normals[source] * cloud.side[rows, None]
-    centers, radii = surface.points[source] + depth * inward, depth * lowest[source]
+    deep = np.full(len(rows), _depth(cloud, tolerance))
+    depth = _fitting(walls, surface.points[source], inward, lowest[source], deep)
+    centers, radii = surface.points[source] + depth[:, None] * inward, depth * lowest[source]
     features, angles = np.stack([source, source], axis=1), 2.0 * np.arccos(lowest[source])
     balls = {"centers": centers, "radii": radii, "features": features, "spoke_angles": angles}
     on_none = {"status": BallStatus.OK, "contact_faces": -1, "contact_weights": 0.0}
@@ -278,9 +321,14 @@ def between_samples(cloud: MedialCloud, walls: Walls, tolerance: float) -> Media
     depth = np.minimum(DEPTH_BETWEEN * np.linalg.norm(ends, axis=1), most)
     depth = np.maximum(depth, small)
     # They lie `depth` off a place of the surface, which is no nearer than that.
-    radii = walls.room(place - (depth * sign)[:, None] * middle, depth)
+    inward = -sign[:, None] * middle
+    radii = walls.room(place + depth[:, None] * inward, depth)
     fits = radii >= LEAST_FIT * depth * cosine
-    depth, radii = np.where(fits, depth, small), np.where(fits, radii, small * cosine)
+    rows = np.flatnonzero(fits & (depth > small))
+    way = place[rows], inward[rows], cosine[rows], depth[rows] / 8.0
+    fits[rows] = _has_room(walls, *way)
+    shallow = _fitting(walls, place, inward, cosine, np.where(fits, 0.0, small))
+    depth, radii = np.where(fits, depth, shallow), np.where(fits, radii, shallow * cosine)
     centers, features = place - (depth * sign)[:, None] * middle, np.stack([source, source], axis=1)
     status, angles = np.full(len(face), BallStatus.OK), 2.0 * np.arccos(cosine)
     touching = centers, radii, features, source, status, angles, sign, face, weights
