@@ -210,10 +210,13 @@ def test_the_result_is_the_same_on_1_and_2_threads_and_inputs_stay(fork):
 
 
 @pytest.mark.slow
-def test_the_threshold_shortens_and_simplify_thins_the_graph(fork):
+def test_the_threshold_leaves_branches_out_and_simplify_thins_the_graph(fork):
+    """Branches run to their tips, or are none: an arm has some 2 pi r l = 0.2 diagonals^2."""
     whole, _ = skeleton_of(fork)
-    short, _ = skeleton_of(fork, threshold=0.3)
-    assert short.length < 0.9 * whole.length
+    same, _ = skeleton_of(fork, threshold=0.3)
+    assert hausdorff(whole, same, 1.0) < 1e-9
+    few, _ = skeleton_of(fork, threshold=0.6)
+    assert few.branch_count < whole.branch_count and few.length < 0.9 * whole.length
     thin, _ = skeleton_of(fork, simplify=0.01)
     assert len(thin.nodes) < len(whole.nodes) / 2 and thin.branch_count == whole.branch_count
     assert hausdorff(whole, thin, 1.0) <= 0.01 * fork.diagonal + 0.004

@@ -93,20 +93,22 @@ def test_no_loop_is_claimed_where_all_samples_lie_on_creases():
 @pytest.mark.slow
 @pytest.mark.parametrize(("around", "across", "minor"), [(5, 6, 0.02), (8, 4, 0.02), (24, 5, 0.03)])
 def test_a_thin_ring_of_flat_faces_has_its_loop(around, across, minor):
-    """All samples of a thin ring lie on creases; it is refined until some do not (was 0 of 1).
+    """All samples of a thin ring lie on creases; limbs get samples, or handles where refine is 0.
 
     The loop runs inside, so it is as long as the polygon of the axis but for what cutting its
     corners by the thickness saves.
     """
     ring = forms.torus_mesh(around=around, across=across, major=1.0, minor=minor)
-    run = medialis.run("curve_skeleton", ring)
-    assert run.graph.loops == run.values["expected_loops"] == 1
     polygon = 2 * around * np.sin(np.pi / around)
-    assert run.graph.length == pytest.approx(polygon, rel=2 * minor + 0.02)
-    (note,) = (note for note in run.messages if note.code == "handles_refined")
-    assert note.data["samples"] == run.shape.point_count - medialis.refine(ring).point_count
-    # The given vertices are there, first and unmoved, as with any refinement.
-    assert (run.shape.points[: ring.point_count] == ring.points).all()
+    for given, code in (({}, "refined"), ({"refine": 0}, "handles_refined")):
+        run = medialis.run("curve_skeleton", ring, **given)
+        assert run.graph.loops == run.values["expected_loops"] == 1
+        assert run.graph.length == pytest.approx(polygon, rel=2 * minor + 0.02)
+        (note,) = (note for note in run.messages if "refined" in note.code)
+        assert note.code == code
+        # The given vertices are there, first and unmoved, as with any refinement.
+        assert (run.shape.points[: ring.point_count] == ring.points).all()
+    assert note.data["samples"] == run.shape.point_count - ring.point_count
 
 
 @pytest.mark.slow

@@ -43,6 +43,10 @@ SCATTER_GROWTH = 1.5  # halved 100 %, doubled 0 %
 DISC_FLATNESS = 0.5  # halved 100 %, doubled 8 %
 """Thickness over width of a neighbourhood that tells how far points scatter about a surface."""
 
+THINNED, LEAST_THINNED, FEW = 4, 2000, 200
+"""One in so many points is left, of so many times so many at least; places whose neighbourhoods are
+looked at before."""
+
 GROUPS = 8  # halved 23 %, doubled 16 %
 """Of places with about the same distances between their points."""
 
@@ -118,6 +122,10 @@ def jitter(points: FloatArray) -> float:
         return 0.0
     # Chosen by the distance to the center: the same samples however the cloud is turned.
     order = np.argsort(np.linalg.norm(points - points.mean(axis=0), axis=1), kind="stable")
+    # Where points are so dense that neighbourhoods lie within the scatter, fewer tell more.
+    while len(points) >= LEAST_THINNED * THINNED and not _discs(points, order):
+        points = points[np.sort(order[::THINNED])]
+        order = np.argsort(np.linalg.norm(points - points.mean(axis=0), axis=1), kind="stable")
     rows = order[np.linspace(0, len(points) - 1, min(SAMPLES, len(points))).astype(np.int64)]
     near = neighbours_of(points, points[rows], SIZES[0], Progress())
     reach = np.linalg.norm(points[near[:, -1]] - points[rows], axis=1)
@@ -127,6 +135,12 @@ def jitter(points: FloatArray) -> float:
     rough = np.mean([share for _, share in found])
     some = 2 * len(scatter) > len(found) and rough > ROUGH_SHARE
     return float(np.median(scatter)) if some else 0.0
+
+
+def _discs(points: FloatArray, order: Index) -> bool:
+    """Tell whether the largest neighbourhoods are discs at most of some places."""
+    rows = order[np.linspace(0, len(points) - 1, FEW).astype(np.int64)]
+    return _disc_like(points[neighbours_of(points, points[rows], SIZES[-1], Progress())])
 
 
 def _group_jitter(points: FloatArray, rows: Index) -> tuple[float, float]:

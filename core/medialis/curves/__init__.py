@@ -5,6 +5,7 @@ with radii, edges and branches; it is what `segments` (limbs) and `rigging` (bon
 
 - `curve_skeleton.py`: the result; read it first.
 - `from_balls.py`: from the surface skeleton of a mesh (thesis 3.6); exact topology.
+- `limb_sampling.py`: samples on limbs that are coarse for how thin they are.
 - `candidates.py`: which balls lie on the curve skeleton, and how much of the surface hangs on each
   (thesis 3.6.1, 3.6.2).
 - `from_views/`: from silhouettes and depths (thesis 3.7); also of clouds and of unclean meshes.

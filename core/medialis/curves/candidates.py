@@ -24,7 +24,7 @@ from medialis.curves.growth import NEIGHBOURS
 from medialis.skeleton.importance.geodesics import surface_walk
 from medialis.skeleton.importance.importance import Importance, geodesic_importance
 from medialis.skeleton.medial_cloud import MedialCloud
-from medialis.skeleton.surface_skeleton import as_cloud
+from medialis.skeleton.surface_skeleton import as_cloud, points_apart
 
 LONGER_CUT = 1.1  # halved 36 %, doubled 0 %
 """Times the length of the geodesic up to which a plane cut is followed: where that was shortened
@@ -44,9 +44,9 @@ DIRECTIONS = 50  # halved 28 %, doubled 5 %
 LONGEST_CUT = 2.0  # halved 100 %, doubled 6 %
 """Diagonals: a plane cut that is longer does not lead to the other feature point."""
 
-CELL = 0.5  # halved 7 %, doubled 2 %
-"""Times the radius of its ball: the importance of one candidate is measured for all within a cell
-that is between half as wide and as wide. Some ten such cells lie in the ball of each."""
+CELL = 0.5
+"""Times the radius of its ball: the importance of one candidate is measured for all that are
+nearest to it, up to so far, or half as far. Some ten of those measured lie in the ball of each."""
 
 CANCELLED = 1e-12  # halved 0 %, doubled 0 %
 """Length of the sum of two unit tangents below which they cancel."""
@@ -292,7 +292,7 @@ def area_importance(
 
     See Also
     --------
-    curve_skeleton : whose branches end where the importance falls below a threshold.
+    curve_skeleton : whose branches end where less hangs on them than on a corner.
 
     Notes
     -----
@@ -343,7 +343,7 @@ def smooth_importance(
     if len(candidates) == 0:
         return frozen(np.empty(0), np.float64)
     centers = measured.cloud.centers
-    some = candidates[_one_a_cell(measured, candidates)]
+    some = candidates[_apart(measured, candidates)]
     area = area_importance(measured, some, progress=progress)
     near, distance = near_balls(measured.cloud, some, progress)
     around = np.where(distance < measured.cloud.radii[some, None], area[near], np.nan)
@@ -352,16 +352,20 @@ def smooth_importance(
     return frozen(median[nearest], np.float64)
 
 
-def _one_a_cell(measured: CandidateMeasure, candidates: Index) -> Index:
-    """Choose the surest candidate of each cell, a quarter to half as wide as its ball is thick.
+def _apart(measured: CandidateMeasure, candidates: Index) -> Index:
+    """Choose the surest candidates that are a quarter to half of their radius apart.
 
-    A cell is one of an octree: its width is a power of two.
+    They are taken in classes of radii, each up to twice the least of it.
     """
-    radii = measured.cloud.radii[candidates]
+    size = float(np.sqrt(max(measured.cloud.surface.area, 1e-300)))  # turns with the shape
+    radii = measured.cloud.radii[candidates] / size
     level = np.frexp(radii * CELL)[1] - 1
-    cell = np.floor(measured.cloud.centers[candidates] / np.ldexp(1.0, level)[:, None])
-    order = np.lexsort((-measured.spread[candidates], *cell.T, level))
-    keys = np.column_stack([level, cell])[order]
-    first = np.ones(len(order), bool)
-    first[1:] = (keys[1:] != keys[:-1]).any(axis=1)
-    return np.sort(order[first])
+    keys = measured.cloud.radii, measured.measure, measured.spread
+    order = np.lexsort([-key[candidates] for key in keys])
+    chosen = []
+    for one in np.unique(level).tolist():
+        mine = order[level[order] == one]
+        points = measured.cloud.centers[candidates[mine]]
+        distance = float(np.ldexp(size, one))
+        chosen.append(mine[points_apart(points, np.arange(len(mine)), distance)])
+    return np.sort(np.concatenate(chosen))

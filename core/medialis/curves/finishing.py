@@ -55,6 +55,7 @@ def prune(
     balls: Index,
     importance: FloatArray | None = None,
     areas: FloatArray | None = None,
+    smallest: float = 0.0,
 ) -> tuple[Mask, IntArray]:
     """Choose the nodes that stay when spurs and branches beside others go.
 
@@ -87,10 +88,13 @@ def prune(
         if importance is None or areas is None:
             return stays, nearest
         area = np.bincount(nearest[nearest >= 0], areas[nearest >= 0], len(links.radii))
-        beside = _beside(graph.subset(stays), links.radii, balls[rows], importance, area)
-        if not beside.any():
+        left = graph.subset(stays)
+        gone = _beside(left, links.radii, balls[rows], importance, area)
+        if not gone.any():
+            gone = _small(left, balls[rows], area, smallest)
+        if not gone.any():
             return stays, nearest
-        stays[rows[beside]] = False
+        stays[rows[gone]] = False
 
 
 def prune_spurs(graph: CurveSkeleton, widths: FloatArray | None = None) -> Mask:
@@ -148,6 +152,21 @@ def _beside(
     return beside
 
 
+def _small(graph: CurveSkeleton, balls: Index, area: NDArray[Any], smallest: float) -> Mask:
+    """Nodes of limbs on which less of the surface hangs than `smallest`, the least at each base."""
+    least: dict[int, tuple[float, IntArray]] = {}
+    for _, row in _limbs(graph):
+        base = int(row[0])
+        away = np.linalg.norm(graph.nodes[row] - graph.nodes[base], axis=1)
+        hangs = float(area[balls[row[away >= APART * graph.radii[base]]]].sum())
+        if hangs < min(smallest, least.get(base, (np.inf,))[0]):
+            least[base] = hangs, row
+    small = np.zeros(len(balls), bool)
+    for _, row in least.values():
+        small[row[1:]] = True
+    return small
+
+
 def overestimate(importance: float, radius: float) -> float:
     """Return how many times too large the importance of the end of a limb is estimated.
 
@@ -175,6 +194,7 @@ def finish_graph(
     smoothing: float,
     importance: FloatArray | None = None,
     areas: FloatArray | None = None,
+    smallest: float = 0.0,
 ) -> tuple[CurveSkeleton, Index]:
     """Prune spurs, merge close junctions, sample and smooth the branches of a grown graph.
 
@@ -200,7 +220,7 @@ def finish_graph(
     ends = inverse.reshape(-1, 2)
     ends = ends[ends[:, 0] != ends[:, 1]]
     raw = CurveSkeleton.of(links.centers[balls], ends, links.radii[balls])
-    stays, nearest = prune(links, raw, balls, importance, areas)
+    stays, nearest = prune(links, raw, balls, importance, areas, smallest)
     raw, balls = raw.subset(stays), balls[stays]
     merged, into = merge_junctions(raw, raw.radii)
     sampled, node_of = sample_branches(merged, links.spacing)

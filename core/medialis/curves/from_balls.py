@@ -1,5 +1,9 @@
 """The curve skeleton of a mesh from its surface skeleton, as a graph (thesis 3.6).
 
+A limb has samples as close as it is thin, whatever its triangles (`limb_sampling.py`). A branch is
+left out when less than a square with the threshold as its side hangs on it at its base; others run
+to their tips (deviation from thesis 3.6.3, which ends them where less hangs on them).
+
 Steps: candidates and their importance (`candidates.py`), links between balls, loops round handles,
 and growth along the links (`curves/growth.py`); then each node gets its distance to the surface and
 its importance, and each sample its node. What does not depend on the threshold is kept (`_Ground`).
@@ -14,7 +18,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
@@ -34,11 +38,17 @@ from medialis.curves.candidates import (
 from medialis.curves.curve_skeleton import CurveEvidence, CurveSkeleton
 from medialis.curves.finishing import SimplifyOptions, finish_graph, simplify_branches
 from medialis.curves.growth import Handles, Turns, find_handles, grow_graph, link_balls
+from medialis.curves.limb_sampling import with_limbs_sampled
 from medialis.shape.refinement import refine_where
 from medialis.shape.shape import Shape
-from medialis.skeleton.layers import computed
 from medialis.skeleton.medial_cloud import DEFAULT_TOLERANCE, MedialCloud, ShrinkOptions, shrink
-from medialis.skeleton.surface_skeleton import SurfaceSkeletonOptions, as_cloud, surface_skeleton
+from medialis.skeleton.surface_skeleton import (
+    Preparation,
+    SurfaceSkeletonOptions,
+    as_cloud,
+    prepared,
+    surface_skeleton,
+)
 
 if TYPE_CHECKING:
     from medialis.curves._kernels import BallLinks
@@ -66,6 +76,15 @@ MOST_SAMPLES = 100_000  # halved 0 %, doubled 0 %
 
 MOST_GROWTH = 8  # halved 0 %, doubled 0 %
 """Times as many samples as before there may be, if that is more."""
+
+
+TURNING = ("refine", "tolerance", "threshold", "candidates")
+"""Options that are lengths."""
+
+SPREADS = 4.0
+"""Times the spread of its area that a shape is large: its diagonal, as the mean of real shapes."""
+
+Turning = TypeVar("Turning", bound=Options)
 
 
 def put_in_surface(
@@ -124,9 +143,8 @@ class CurveSkeletonOptions(Options):
     threshold: float = length(
         0.02,
         "Importance",
-        "Branches end where the surface that hangs on them is smaller than a square with this "
-        "share of the size as its side, or than what hangs on a corner of their radius. Larger "
-        "values remove small details.",
+        "Branches on which less of the surface hangs than a square with this share of the size as "
+        "its side are left out; others run to their tips. Larger values remove small details.",
     )
     smoothing: float = number(
         0.7,
@@ -212,12 +230,14 @@ def curve_skeleton(
     """
     _require_whole_cloud(cloud)
     cloud = cloud.own
-    surface, share = cloud.surface, options.candidates
+    surface = cloud.surface
+    options = turning(surface, options, progress)
+    share = options.candidates
     ground = kept(_ground, cloud, share, lambda: _ground(cloud, share, progress), progress)
     with progress.stage("reconstruct", 0.8, 1.0):
         radii = cloud.radii[ground.candidates]
-        least = np.maximum(SHARPEST * radii**2, (options.threshold * surface.diagonal) ** 2)
-        enough = ground.importance >= least
+        smallest = (options.threshold * surface.diagonal) ** 2
+        enough = _enough(ground, SHARPEST * radii**2, smallest)
         wanted, importance = np.zeros(len(cloud), bool), np.zeros(len(cloud))
         importance[ground.candidates] = ground.importance
         wanted[ground.candidates[enough]] = True
@@ -232,7 +252,7 @@ def curve_skeleton(
         progress.update(0.5)
         given = ground.links, edges, options.smoothing, importance
         graph, node_of_sample = run_patiently(
-            lambda: finish_graph(*given, surface.point_areas), progress
+            lambda: finish_graph(*given, surface.point_areas, smallest), progress
         )
         graph = put_in_surface(cloud, graph, node_of_sample, progress)
         if options.simplify > 0:
@@ -248,6 +268,16 @@ def curve_skeleton(
         lambda: node_importance(cloud, graph, ground.candidates, ground.importance), progress
     )
     return replace(graph, importance=of_nodes, evidence=evidence)
+
+
+def _enough(ground: _Ground, least: FloatArray, smallest: float) -> Mask:
+    """Tell the candidates that a graph must reach, in parts of the shape that are large enough."""
+    enough = ground.importance >= least
+    part = ground.components[ground.candidates]
+    large = np.zeros(int(part.max(initial=-1)) + 2, bool)
+    large[part[enough & (ground.importance >= smallest)]] = True
+    large[-1] = False
+    return np.asarray(enough & large[part])
 
 
 def _missing(handles: dict[int, Handles], loops: Turns) -> tuple[FloatArray, ...]:
@@ -310,6 +340,34 @@ def _linked(
     return link_balls(*balls, *links, spacing=spacing, widths=measured.widths, groups=groups)
 
 
+def turning(shape: Shape, options: Turning, progress: Progress) -> Turning:
+    """Take lengths as shares of a size that turns with the shape, where no one asked for others.
+
+    Lengths that are no defaults stay shares of the diagonal.
+    """
+    declared = *SurfaceSkeletonOptions.parameters(), *CurveSkeletonOptions.parameters()
+    known = {p.name: p.default for p in declared if p.name in TURNING}
+    names = [p.name for p in options.parameters() if p.name in known]
+    usual = [name for name in names if getattr(options, name) == known[name]]
+    if not usual:
+        return options
+    share = run_patiently(lambda: size_share(shape), progress)
+    return replace(options, **{name: share * known[name] for name in usual})
+
+
+def size_share(shape: Shape) -> float:
+    """Return a size of a shape that no turn changes, in diagonals of its box.
+
+    It is a multiple of the spread of its area: of the root mean square distance from its middle.
+    """
+    area = shape.point_areas
+    if not area.sum() > 0.0 or not shape.diagonal > 0.0:
+        return 1.0
+    points, weights = (shape.points - shape.bounds[0]) / shape.diagonal, area / area.sum()
+    square = ((points - weights @ points) ** 2).sum(axis=1)
+    return SPREADS * float(np.sqrt(weights @ square))
+
+
 def curve_skeleton_of(shape: Shape, options: Options, progress: Progress) -> CurveSkeleton:
     """Compute the curve skeleton of a mesh, refined where handles have no loop.
 
@@ -326,11 +384,14 @@ def curve_skeleton_of(shape: Shape, options: Options, progress: Progress) -> Cur
     CurveSkeleton
         The first one with all loops, else that with the most.
     """
-    cloud = computed(shape, options, progress, 0.2)
+    options = turning(shape, options, progress)
+    with progress.stage("skeleton", 0.0, 0.2):
+        sampled = functools.partial(with_limbs_sampled, progress=progress)
+        surface, tolerance = prepared(shape, Preparation.taken_from(options), progress, sampled)
+        cloud = _balls(surface, options, progress, tolerance)
     with progress.stage("curve skeleton", 0.2, 0.7):
         best = curve_skeleton.of(cloud, options, progress)
     most = max(MOST_SAMPLES, MOST_GROWTH * cloud.surface.point_count)
-    surface = cloud.surface
     with progress.stage("handles", 0.7, 1.0):
         for attempt in range(ATTEMPTS):
             if not (missing := _evidence(best).missing):
@@ -339,7 +400,9 @@ def curve_skeleton_of(shape: Shape, options: Options, progress: Progress) -> Cur
             if finer is surface:
                 break
             surface = finer
-            again = curve_skeleton.of(_balls(surface, options, progress), options, progress)
+            again = curve_skeleton.of(
+                _balls(surface, options, progress.still, tolerance), options, progress
+            )
             best = max(best, again, key=_closed)
     if best.surface is not None and best.surface is not cloud.surface:
         more = best.surface.point_count - cloud.surface.point_count
@@ -358,10 +421,12 @@ def _closed(graph: CurveSkeleton) -> int:
     return sum(_evidence(graph).closed_loops.values())
 
 
-def _balls(surface: Shape, options: Options, progress: Progress) -> MedialCloud:
-    """Return the balls of a surface as it is; what is said of it was said before."""
-    as_it_is = SurfaceSkeletonOptions.taken_from(options, denoise="off", refine=0.0)
-    return surface_skeleton.of(surface, as_it_is, progress.still)
+def _balls(surface: Shape, options: Options, progress: Progress, tolerance: float) -> MedialCloud:
+    """Return the balls of a surface as it is, with a tolerance."""
+    as_it_is = {"denoise": "off", "refine": 0.0, "tolerance": tolerance}
+    return surface_skeleton.of(
+        surface, SurfaceSkeletonOptions.taken_from(options, **as_it_is), progress
+    )
 
 
 def _finer(

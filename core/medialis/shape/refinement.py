@@ -402,15 +402,19 @@ def refine_where(shape: Shape, allowed: FloatArray, most_points: int = MOST_POIN
     Shape
         As `refine` returns it; the same object when nothing is to do.
     """
-    near = np.flatnonzero(np.isfinite(allowed))
-    if len(near) == 0:
+    if not np.isfinite(allowed).any():
         return shape
+    tree = kd_tree(shape.points)
+    return refine_by(shape, lambda middles: allowed[tree.query(middles)[1]], most_points)
+
+
+def refine_by(shape: Shape, bound: Allowed, most_points: int = MOST_POINTS) -> Shape:
+    """Split edges that are longer than what a function of their middles (e, 3) allows."""
     scale = power_of_two_scale(shape.points)
-    tree, bound = kd_tree(shape.points * scale), allowed * scale
     cut = begun = Cut.of(Surface.of_checked(shape.points * scale, np.asarray(shape.faces)))
     try:
         for _ in range(MOST_HALVINGS):
-            more = cut.halved(lambda middles: bound[tree.query(middles)[1]], most_points)
+            more = cut.halved(lambda middles: scale * bound(middles / scale), most_points)
             if more is None:
                 break
             cut = more

@@ -15,7 +15,7 @@ operation takes its balls from here.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, TypeAlias
@@ -445,6 +445,8 @@ def surface_skeleton(
     )
 
 
+Finer: TypeAlias = Callable[[Shape], Shape]
+
 CloudLike: TypeAlias = MedialCloud | ShapeLike
 
 
@@ -461,10 +463,15 @@ def as_cloud(given: CloudLike, progress: Progress) -> MedialCloud:
     return surface_skeleton.of(as_shape(given, progress), SurfaceSkeletonOptions(), progress)
 
 
-def prepared(shape: Shape, options: Preparation, progress: Progress) -> tuple[Shape, float]:
-    """Return the surface to compute on, and the tolerance that it needs; say what was done."""
+def prepared(
+    shape: Shape, options: Preparation, progress: Progress, finer: Finer | None = None
+) -> tuple[Shape, float]:
+    """Return the surface to compute on, and the tolerance that it needs; say what was done.
+
+    `finer` may split edges of the refined mesh further, and return it as it is where none are.
+    """
     clean, tolerance = _denoised(shape, options, progress)
-    return _refined(clean, options, progress), tolerance
+    return _refined(clean, options, progress, finer), tolerance
 
 
 def _denoised(shape: Shape, options: Preparation, progress: Progress) -> tuple[Shape, float]:
@@ -498,16 +505,20 @@ def _without_noise(shape: Shape) -> tuple[Shape, float, float]:
     return (smooth, level, left) if smooth.diagonal > 0 else (shape, level, 0.0)
 
 
-def _refined(shape: Shape, options: Preparation, progress: Progress) -> Shape:
+def _refined(
+    shape: Shape, options: Preparation, progress: Progress, finer: Finer | None = None
+) -> Shape:
     """Refine a coarse mesh and say so."""
     fraction = options.refine
     if fraction == 0.0 or shape.faces is None:
         return shape
-    if run_patiently(lambda: _dense(shape, fraction * shape.diagonal), progress):
-        return shape
-    asked, fraction = fraction, affordable_edge(shape, fraction)
-    with progress.stage("refine", 0.0, 0.1):
-        fine = refine.of(shape, RefineOptions(longest_edge=fraction), progress)
+    fine, asked = shape, fraction
+    if not run_patiently(lambda: _dense(shape, fraction * shape.diagonal), progress):
+        fraction = affordable_edge(shape, fraction)
+        with progress.stage("refine", 0.0, 0.1):
+            fine = refine.of(shape, RefineOptions(longest_edge=fraction), progress)
+    if finer is not None:
+        fine = finer(fine)
     if fine is not shape:
         if shape.face_origin is None:
             creases = run_patiently(lambda: find_creases(shape, options.creases), progress)

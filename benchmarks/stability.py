@@ -1,0 +1,99 @@
+"""How much a curve skeleton changes when the same shape is told otherwise, and trees with known axes.
+
+    python benchmarks/stability.py MESH ...         # turned, scaled, remeshed, coarse, noisy, with holes
+    python benchmarks/stability.py --trees 10       # trees of swept balls, as they are and coarser
+
+Two tables in Markdown. Meshes of more than 30,000 faces are decimated to so many first, by
+pymeshlab, as are coarse copies.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+
+import medialis
+import numpy as np
+from stability_suite.changes import changes, decimated
+from stability_suite.measures import along, hausdorff, tree_row
+from stability_suite.trees import grown_tree, meshed
+
+MOST_FACES = 30_000
+COARSE = (20_000, 5_000, 2_000)
+"""Faces of copies of trees."""
+
+TREES = (
+    *((5, 0.3, 0), (8, 0.2, 0), (12, 0.15, 0), (15, 0.12, 0), (20, 0.12, 0), (25, 0.1, 0)),
+    *((10, 0.2, 1), (15, 0.15, 2), (6, 0.1, 0), (9, 0.25, 1)),
+)
+"""Limbs, the thinnest radius as a share of the trunk's, and rings."""
+
+
+def main() -> None:
+    """Measure what is asked for and print it."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("paths", nargs="*")
+    parser.add_argument("--trees", type=int, default=0)
+    given = parser.parse_args()
+    if given.paths:
+        print_changes(given.paths)
+    if given.trees:
+        print_trees(given.trees)
+
+
+def graph_of(shape: medialis.Shape) -> medialis.CurveSkeleton:
+    """Return the curve skeleton at the defaults."""
+    return medialis.run("curve_skeleton", shape).graph
+
+
+def print_changes(paths: list[str]) -> None:
+    """Print how ends and places of graphs change, over all meshes."""
+    found: dict[str, list[tuple[bool, bool, float]]] = {name: [] for name in changes()}
+    for path in paths:
+        shape = medialis.read_shape(path)
+        if shape.face_count > MOST_FACES:
+            shape = decimated(shape, MOST_FACES)
+        graph = graph_of(shape)
+        places, ends = along(graph), len(graph.end_points)
+        for name, (change, scale, turn) in changes().items():
+            other = graph_of(change(shape))
+            there = along(other) @ turn / scale
+            far = 100 * hausdorff(places, there) / shape.diagonal
+            row = len(other.end_points) == ends, other.loops == graph.loops, far
+            found[name].append(row)
+    print(
+        "| change | ends the same | loops the same | Hausdorff median / worst, % |\n|---|---|---|---|"
+    )
+    for name, rows in found.items():
+        ends, loops = (sum(row[k] for row in rows) for k in (0, 1))
+        far = [row[2] for row in rows]
+        most = f"{np.median(far):.1f} / {max(far):.1f}"
+        print(f"| {name} | {ends} of {len(rows)} | {loops} of {len(rows)} | {most} |")
+
+
+def print_trees(count: int) -> None:
+    """Print how many limbs of trees are found, and how well."""
+    rows: dict[str, list[dict[str, float]]] = {}
+    for number, (limbs, thinnest, rings) in enumerate(TREES[:count]):
+        tree = grown_tree(np.random.default_rng(number), limbs, thinnest, rings)
+        fine = meshed(tree, max(0.035, 0.45 * thinnest))
+        for faces in COARSE:
+            shape = decimated(fine, faces) if faces < fine.face_count else fine
+            clock = time.process_time()
+            row = tree_row(graph_of(shape), tree)
+            row["seconds"] = time.process_time() - clock
+            rows.setdefault(f"{faces:,} triangles", []).append(row)
+    names = ("tips", "absent", "short", "false", "loops_off", "axis", "radius", "seconds")
+    print("| " + " | ".join(("mesh", *names)) + " |\n" + "|---" * (len(names) + 1) + "|")
+    for name, all_rows in rows.items():
+        cells = [
+            f"{np.median([row[n] for row in all_rows]):.1f}"
+            if n in ("axis", "radius", "seconds")
+            else f"{sum(row[n] for row in all_rows):.0f}"
+            for n in names
+        ]
+        print("| " + " | ".join((name, *cells)) + " |")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,59 @@
+"""What is compared: ends and graphs of curve skeletons, thickness, and known axes of trees."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+import medialis
+from stability_suite.trees import Tree
+
+STEP = 0.002
+"""Fraction of the diagonal: distance of places along the edges of a graph."""
+
+
+def along(graph: medialis.CurveSkeleton) -> np.ndarray:
+    """Places along the edges of a graph; its nodes where it has none."""
+    if len(graph.edges) == 0:
+        return graph.nodes
+    a, b = graph.nodes[graph.edges[:, 0]], graph.nodes[graph.edges[:, 1]]
+    count = 1 + np.ceil(graph.edge_lengths / (STEP * max(graph.diagonal, 1e-300))).astype(int)
+    row = np.repeat(np.arange(len(a)), count)
+    t = (np.arange(len(row)) - np.repeat(np.cumsum(count) - count, count) + 0.5) / count[row]
+    return np.concatenate([graph.nodes, a[row] + t[:, None] * (b - a)[row]])
+
+
+def hausdorff(one: np.ndarray, other: np.ndarray) -> float:
+    """Return the largest distance of a place of either set from the other one."""
+    there, back = cKDTree(other).query(one)[0], cKDTree(one).query(other)[0]
+    return float(max(there.max(), back.max()))
+
+
+def tree_row(graph: medialis.CurveSkeleton, tree: Tree) -> dict[str, float]:
+    """Compare a graph with the known axis.
+
+    ``tips``: there are; ``absent``: limbs without an end; ``short``: ends more than one radius
+    from the tip; ``false``: ends that are none; ``loops_off``; ``axis``: median distance of the
+    nodes to the axis in per cent of its radius there; ``radius``: median error of their radius.
+    """
+    near = cKDTree(tree.places)
+    ends = graph.nodes[graph.end_points]
+    limb = tree.limb[near.query(ends)[1]] if len(ends) else np.empty(0, int)
+    absent = short = matched = 0
+    for number, (tip, radius) in enumerate(zip(tree.tips, tree.tip_radii, strict=True)):
+        mine = ends[limb == number]
+        if len(mine) == 0:
+            absent += 1
+            continue
+        matched += 1
+        short += bool(np.linalg.norm(mine - tip, axis=1).min() > radius)
+    off, place = near.query(graph.nodes)
+    return {
+        "tips": len(tree.tips),
+        "absent": absent,
+        "short": short,
+        "false": len(ends) - matched,
+        "loops_off": abs(graph.loops - tree.loops),
+        "axis": 100 * float(np.median(off / tree.place_radii[place])),
+        "radius": 100 * float(np.median(np.abs(graph.radii / tree.place_radii[place] - 1))),
+    }

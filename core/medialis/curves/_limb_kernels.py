@@ -1,0 +1,121 @@
+"""Kernels of the sampling of limbs: rays through a shape, as thick and as wide as it is there."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from medialis.base._box_tree_kernels import FAN
+from medialis.base.jit import kernel
+
+LEAST = 1e-9
+"""Share of the size of the shape below which a ray hits what it starts from."""
+
+
+@kernel
+def _enters(bound, j, place, way, reach):
+    """Whether a ray meets the box of child j before so far."""
+    first, last = 0.0, reach
+    for k in range(3):
+        low, high = bound[k, j] - place[k], bound[3 + k, j] - place[k]
+        if way[k] == 0.0:
+            if low > 0.0 or high < 0.0:
+                return False
+            continue
+        near, far = low / way[k], high / way[k]
+        first, last = max(first, min(near, far)), min(last, max(near, far))
+    # Boxes are of single precision.
+    return first <= last + 1e-6 * (abs(first) + abs(last))
+
+
+@kernel
+def _hit(place, way, corner, least):
+    """Length of a ray up to a triangle, inf where it misses; its sides belong to it."""
+    e1x, e1y, e1z = (
+        corner[1, 0] - corner[0, 0],
+        corner[1, 1] - corner[0, 1],
+        corner[1, 2] - corner[0, 2],
+    )
+    e2x, e2y, e2z = (
+        corner[2, 0] - corner[0, 0],
+        corner[2, 1] - corner[0, 1],
+        corner[2, 2] - corner[0, 2],
+    )
+    px, py, pz = (
+        way[1] * e2z - way[2] * e2y,
+        way[2] * e2x - way[0] * e2z,
+        way[0] * e2y - way[1] * e2x,
+    )
+    det = e1x * px + e1y * py + e1z * pz
+    if det == 0.0:
+        return math.inf
+    sx, sy, sz = place[0] - corner[0, 0], place[1] - corner[0, 1], place[2] - corner[0, 2]
+    u = (sx * px + sy * py + sz * pz) / det
+    qx, qy, qz = sy * e1z - sz * e1y, sz * e1x - sx * e1z, sx * e1y - sy * e1x
+    v = (way[0] * qx + way[1] * qy + way[2] * qz) / det
+    if u < -1e-9 or v < -1e-9 or u + v > 1.0 + 1e-9:
+        return math.inf
+    length = (e2x * qx + e2y * qy + e2z * qz) / det
+    return length if length > least else math.inf
+
+
+@kernel
+def first_hit(place, way, tree, corners, stack, least):
+    """Length of a ray up to the first triangle that it hits; inf for none.
+
+    `place` is relative to the center of the tree, whose boxes hold whole triangles.
+    """
+    bounds, child, depth, n = tree.bounds, tree.child, tree.depth, len(corners)
+    best, top = math.inf, 1
+    stack[0] = 0
+    while top > 0:
+        top -= 1
+        node = stack[top]
+        base = child[node]
+        for j in range(FAN):
+            if bounds[node, 0, j] == np.inf or not _enters(bounds[node], j, place, way, best):
+                continue
+            if base >= 0:
+                stack[top] = base + j
+                top += 1
+                continue
+            leaf = ~base + j
+            for k in range((n * leaf) >> depth, (n * (leaf + 1)) >> depth):
+                best = min(best, _hit(place, way, corners[k], least))
+    return best
+
+
+@kernel
+def measure_sections(begin, end, faces, tree, corners, out_sections):
+    """Measure how thick a shape is below places of its surface, and how wide across there.
+
+    `faces` are rows of place, inward normal, three ways at right angles to it, and the length below
+    which half the thickness matters (m, 16); `out_sections` (m, 2) receives the length of the ray
+    inwards and the least length of a line across its middle: along one of the ways, or at right
+    angles to it; inf where nothing is hit or the thickness does not matter.
+    """
+    stack = np.empty(8 * 12 + 8, np.int64)
+    way, middle = np.empty(3), np.empty(3)
+    least = 0.0
+    for k in range(3):
+        least = max(least, LEAST * np.abs(tree.points[:, k]).max())
+    for i in range(begin, end):
+        place, normal = faces[i, :3], faces[i, 3:6]
+        thick = first_hit(place, normal, tree, corners, stack, least)
+        out_sections[i, 0], out_sections[i, 1] = thick, math.inf
+        if thick == math.inf or thick / 2.0 > faces[i, 15]:
+            continue
+        for k in range(3):
+            middle[k] = place[k] + thick / 2.0 * normal[k]
+        for turn in range(6):
+            along = faces[i, 6 + 3 * (turn // 2) : 9 + 3 * (turn // 2)]
+            for k in range(3):
+                a, b = (k + 1) % 3, (k + 2) % 3
+                way[k] = along[k] if turn % 2 else normal[a] * along[b] - normal[b] * along[a]
+            across = first_hit(middle, way, tree, corners, stack, least)
+            if across < out_sections[i, 1]:
+                for k in range(3):
+                    way[k] = -way[k]
+                across += first_hit(middle, way, tree, corners, stack, least)
+                out_sections[i, 1] = min(out_sections[i, 1], across)
