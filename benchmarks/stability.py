@@ -1,7 +1,7 @@
-"""How much a curve skeleton changes when the same shape is told otherwise, and trees with known axes.
+"""How much curve skeletons change when a shape is told otherwise, and trees with known axes.
 
-    python benchmarks/stability.py MESH ...         # turned, scaled, remeshed, coarse, noisy, with holes
-    python benchmarks/stability.py --trees 10       # trees of swept balls, as they are and coarser
+    python benchmarks/stability.py MESH ...     # turned, scaled, remeshed, coarse, noisy, holed
+    python benchmarks/stability.py --trees 10   # trees of swept balls, as they are and coarser
 
 Two tables in Markdown. Meshes of more than 30,000 faces are decimated to so many first, by
 pymeshlab, as are coarse copies.
@@ -63,7 +63,8 @@ def print_changes(paths: list[str]) -> None:
             row = len(other.end_points) == ends, other.loops == graph.loops, far
             found[name].append(row)
     print(
-        "| change | ends the same | loops the same | Hausdorff median / worst, % |\n|---|---|---|---|"
+        "| change | ends the same | loops the same | Hausdorff median / worst, % |\n"
+        "|---|---|---|---|"
     )
     for name, rows in found.items():
         ends, loops = (sum(row[k] for row in rows) for k in (0, 1))

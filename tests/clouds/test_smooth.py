@@ -2,9 +2,13 @@
 
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 
 import closed_forms
 import medialis
+from medialis.base.progress import Progress
+from medialis.clouds.quadrics import on_quadrics
+from medialis.clouds.smoothing import jitter
 
 LEVEL = 0.003  # of the diagonal
 
@@ -111,3 +115,56 @@ def test_fewer_points_than_name_a_plane_stay(count):
     points = np.eye(3)[:count]
     moved = without_jitter(points, np.arange(count), 10.0, Progress())
     assert np.isfinite(moved).all() and moved.shape == (count, 3)
+
+
+def plain_quadrics(points, count=30):
+    """Moving least squares without any of ours: the quadric of each point's nearest neighbours."""
+    near = points[cKDTree(points).query(points, count)[1]]
+    spokes = near - near.mean(axis=1, keepdims=True)
+    axes = np.linalg.eigh(np.einsum("rki,rkj->rij", spokes, spokes))[1]
+    w, u, v = np.moveaxis((near - points[:, None]) @ axes, 2, 0)
+    form = np.stack([np.ones_like(u), u, v, u * u, u * v, v * v], axis=2)
+    square = u**2 + v**2
+    weight = np.exp(-2 * square / square.max(axis=1, keepdims=True))[:, :, None]
+    matrix = np.einsum("rka,rkb->rab", weight * form, form)
+    right = np.einsum("rka,rk->ra", weight * form, w)
+    return points + np.linalg.solve(matrix, right[:, :, None])[:, 0] * axes[:, :, 0]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("noise", [0.01, 0.04])
+def test_round_clouds_keep_their_volume(noise):
+    """Points of a sphere: less than .6 of the noise is left, less than plain quadrics leave."""
+    rng = np.random.default_rng(0)
+    sphere = rng.normal(size=(4000, 3))
+    sphere *= (1 + noise * rng.normal(size=(4000, 1))) / np.linalg.norm(sphere, axis=1)[:, None]
+    smooth = on_quadrics(sphere, noise, Progress())
+    off, plain = (np.linalg.norm(one, axis=1) - 1 for one in (smooth, plain_quadrics(sphere)))
+    assert abs(off.mean()) < 0.1 * noise
+    assert np.sqrt(np.mean(off**2)) < min(0.6 * noise, np.sqrt(np.mean(plain**2)))
+
+
+@pytest.mark.slow
+def test_two_surfaces_that_cross_stay_two():
+    """Points 3 deviations from the line where planes cross lie on one of them after smoothing."""
+    rng, noise = np.random.default_rng(1), 0.01
+    across, along = rng.uniform(-1, 1, (2, 8000))
+    off = noise * rng.normal(size=8000)
+    half = np.arange(8000) < 4000
+    points = np.column_stack([np.where(half, across, off), along, np.where(half, off, across)])
+    smooth = on_quadrics(points, noise, Progress())
+    far = np.abs(across) > 5 * noise
+    left = np.where(half, smooth[:, 2], smooth[:, 0])[far]
+    assert np.median(np.abs(left)) < 0.4 * noise
+    assert (np.abs(left) < 3 * noise).mean() > 0.98
+
+
+@pytest.mark.slow
+def test_the_scatter_of_a_dense_cloud_is_measured():
+    """All of the 182 nearest of a point lie within the scatter: fewer points tell it (was 0)."""
+    rng, noise = np.random.default_rng(2), 0.06
+    sphere = rng.normal(size=(80_000, 3))
+    sphere *= (1 + noise * rng.normal(size=(80_000, 1))) / np.linalg.norm(sphere, axis=1)[:, None]
+    assert jitter(sphere) == pytest.approx(noise, rel=0.15)
+    clean = sphere / np.linalg.norm(sphere, axis=1, keepdims=True)
+    assert jitter(clean) == 0.0

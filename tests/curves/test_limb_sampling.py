@@ -33,6 +33,7 @@ def all_hits(place, way, corners):
     return length[(u >= 0) & (v >= 0) & (u + v <= 1) & (length > 1e-9)].min(initial=np.inf)
 
 
+@pytest.mark.slow
 def test_rays_hit_what_all_triangles_tell():
     shape = forms.torus_mesh(around=20, across=10)
     tree = NearestTree.of_triangles(shape.points, shape.faces)
@@ -46,6 +47,7 @@ def test_rays_hit_what_all_triangles_tell():
         assert first_hit(*given) == pytest.approx(all_hits(place, way, corners), rel=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("turn", [np.eye(3), TURN])
 def test_a_bar_is_as_thick_as_its_sides_are_apart(turn):
     bar = prism(6, 0.1, 2.0)

@@ -28,7 +28,8 @@ from medialis.clouds.manifolds import (
     manifold_surfaces,
     manifolds,
 )
-from medialis.clouds.smoothing import dense_points, jitter, without_jitter
+from medialis.clouds.quadrics import on_quadrics
+from medialis.clouds.smoothing import dense_points, jitter
 from medialis.operations.declaration import Operation
 from medialis.operations.positions import places
 from medialis.operations.result import FilterUnit, Layer, Outcome
@@ -337,7 +338,7 @@ def _smoothed(shape: Shape, level: float, progress: Progress) -> FloatArray:
     points, place = different_rows(shape.points, shape.points.T)
     if len(points) < 4:  # no plane to move them to
         return shape.points
-    return without_jitter(points, np.arange(len(points)), level, progress)[place]
+    return on_quadrics(points, level, progress)[place]
 
 
 SMOOTH = Operation(

@@ -44,7 +44,7 @@ DIRECTIONS = 50  # halved 28 %, doubled 5 %
 LONGEST_CUT = 2.0  # halved 100 %, doubled 6 %
 """Diagonals: a plane cut that is longer does not lead to the other feature point."""
 
-CELL = 0.5
+MEASURED_APART = 0.5
 """Times the radius of its ball: the importance of one candidate is measured for all that are
 nearest to it, up to so far, or half as far. Some ten of those measured lie in the ball of each."""
 
@@ -359,7 +359,7 @@ def _apart(measured: CandidateMeasure, candidates: Index) -> Index:
     """
     size = float(np.sqrt(max(measured.cloud.surface.area, 1e-300)))  # turns with the shape
     radii = measured.cloud.radii[candidates] / size
-    level = np.frexp(radii * CELL)[1] - 1
+    level = np.frexp(radii * MEASURED_APART)[1] - 1
     keys = measured.cloud.radii, measured.measure, measured.spread
     order = np.lexsort([-key[candidates] for key in keys])
     chosen = []

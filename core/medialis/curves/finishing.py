@@ -70,6 +70,8 @@ def prune(
     importance, areas : (k,) float64, optional
         Area that hangs on each ball, 0 where it is not known, and of its sample. Without them only
         spurs go.
+    smallest : float
+        Area below which a limb goes: that of the samples next to it, outside the ball at its base.
 
     Returns
     -------
@@ -208,6 +210,8 @@ def finish_graph(
         As in `medialis.curve_skeleton`.
     importance, areas : (k,) float64, optional
         Area that hangs on each ball, and of its sample: for `prune`.
+    smallest : float
+        As in `prune`.
 
     Returns
     -------

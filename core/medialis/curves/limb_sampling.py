@@ -32,7 +32,7 @@ THINNEST = 0.0005
 MOST_SAMPLES = 60_000
 """That there may be for limbs, besides twice those given."""
 
-NEAREST, EQUAL = 4, 1e-6
+NEAREST, EQUAL = 2, 1e-6
 """Vertices that may be the nearest to the middle of an edge, and by which share they may differ."""
 
 FACES_A_CHUNK = 256
@@ -100,8 +100,7 @@ def limb_radii(shape: Shape, progress: Progress) -> FloatArray:
     ways = unit_rows(sides.reshape(-1, 3)).reshape(-1, 9)
     tree = run_patiently(lambda: NearestTree.of_triangles(shape.points, faces), progress)
     starts = corners.mean(axis=1) - tree.tree.center
-    # What is wider than thick is thinner than it looks from its narrow side.
-    matters = WIDEST * EDGES_A_RADIUS * longest
+    matters = EDGES_A_RADIUS * longest
     rows = np.column_stack([starts, -surface.face_normals, ways, matters])
     sections = np.empty((len(faces), 2))
     given = rows, tree.tree, tree.items.corners, sections
