@@ -133,7 +133,7 @@ PLANS = {
     "first": ((2, 6), (4, 6)),
     "round": ((4, 4), (9, 4)),
     "last": ((9, 8), (16, 8)),
-    "many": ((2, 4), (6, 4)),
+    "many": ((2, 4), (6, 4), (12, 6)),
     "closed": ((6, 4),),
 }
 """Powers and steps of the fits."""
@@ -164,9 +164,7 @@ def planes_of(
     return quadrics
 
 
-def collapse(
-    start: Complex, quadrics: FloatArray, target: int, *, whole: bool = False
-) -> Collapse:
+def collapse(start: Complex, quadrics: FloatArray, target: int, *, whole: bool = False) -> Collapse:
     """Merge vertices, the cheapest pair first, until `target` are left or none may be merged.
 
     Sheets stay `whole`, if wanted, as long as they can.
@@ -184,7 +182,9 @@ def collapse(
     size = 2 * len(start.edges) + 1
     room = Room(np.empty(size), np.empty(size, np.int32), np.empty(size, np.int32))
     steps = Steps(np.empty(count, np.int64), np.empty(count, np.int64), np.empty((count, 4)))
-    made = run(start.balls.copy(), quadrics.copy(), *lists, Aim(target, LARGEST, whole), room, steps)
+    made = run(
+        start.balls.copy(), quadrics.copy(), *lists, Aim(target, LARGEST, whole), room, steps
+    )
     return Collapse(start, *Steps._make(values[:made].copy() for values in steps))
 
 
