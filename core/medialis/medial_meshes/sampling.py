@@ -269,7 +269,8 @@ def without_holes(points: FloatArray, faces: IntArray) -> tuple[FloatArray, IntA
     after = dict(border.tolist())
     if len(after) < len(border) or set(after) != set(after.values()):
         return points, faces, 0
-    middles, more = [], []
+    middles: list[FloatArray] = []
+    more: list[tuple[int, int, int]] = []
     while after:
         start, now = after.popitem()
         ring = [start]
