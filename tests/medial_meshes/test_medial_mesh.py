@@ -228,10 +228,10 @@ def test_an_error_is_reached(organic):
 
 @pytest.mark.slow
 def test_an_error_out_of_reach_ends_with_a_message():
-    """Flat facets of 20 faces are far from the cones and slabs of any few balls."""
+    """320 flat facets, too many for a roof, are far from the cones and slabs of any few balls."""
     progress = medialis.Progress()
     mesh = medialis.medial_mesh(
-        icosphere(0), error=1e-4, samples=300, quality="fast", progress=progress
+        icosphere(2), error=1e-4, samples=300, quality="fast", progress=progress
     )
     assert "error_not_reached" in [message.code for message in progress.messages]
     assert mesh.betti == (1, 0, 0)
@@ -263,7 +263,8 @@ def test_topology_and_error_do_not_change_with_a_turn():
 @pytest.mark.slow
 def test_an_open_mesh_is_guessed_with_a_message():
     shape = icosphere(3)
-    opened = medialis.make_shape(shape.points, shape.faces[:-3])
+    cap = (shape.points[shape.faces][:, :, 2] > 0.9).all(axis=1)  # a hole of 0.9, too large
+    opened = medialis.make_shape(shape.points, shape.faces[~cap])
     progress = medialis.Progress()
     mesh = medialis.medial_mesh(opened, balls=4, progress=progress)
     assert "inside_guessed" in [message.code for message in progress.messages]

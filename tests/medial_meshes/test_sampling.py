@@ -3,7 +3,17 @@
 import numpy as np
 import pytest
 
-from medialis.medial_meshes.sampling import CANDIDATES, FINEST, PIECES, Solid, _cut, take_samples
+import medialis
+from closed_forms import torus_mesh
+from medialis.medial_meshes.sampling import (
+    CANDIDATES,
+    FINEST,
+    PIECES,
+    Solid,
+    _cut,
+    take_samples,
+    without_holes,
+)
 
 
 def needle(width):
@@ -29,3 +39,49 @@ def test_needles_are_cut_into_few_pieces(width):
     samples = take_samples(solid, 1000, 0)
     most = 1.5 * CANDIDATES * 1000 * FINEST**2  # all candidates, with the smallest spacing
     assert 300 < (samples.owner == np.arange(len(samples.owner))).sum() < most
+
+
+def torus_without(vertices):
+    """A torus of diagonal 1 without the faces at some vertices."""
+    shape = torus_mesh()
+    kept = ~np.isin(shape.faces, vertices).any(axis=1)
+    return shape.points / shape.diagonal, np.ascontiguousarray(shape.faces[kept])
+
+
+def volume(solid):
+    """By the divergence theorem."""
+    corner = solid.points[solid.faces[:, 0]]
+    return np.einsum("ij,ij->", corner, solid.surface.face_vectors) / 6
+
+
+def test_holes_of_missing_vertices_are_closed():
+    """Five of them: the mesh is closed again, with its handle, and its volume but for a bump."""
+    points, faces = torus_without([3, 400, 700, 900, 1100])
+    assert not Solid(points, faces).whole
+    filled, every, holes = without_holes(points, faces)
+    solid, whole = Solid(filled, every), Solid(*torus_without([]))
+    assert holes == 5 and solid.whole and solid.betti == (1, 1, 0)
+    assert np.array_equal(filled[: len(points)], points)
+    assert np.array_equal(every[: len(faces)], faces)
+    assert volume(solid) == pytest.approx(volume(whole), rel=0.01)
+
+
+def test_other_meshes_are_left_as_they_are():
+    """Closed, cut in two, without shared vertices, and with a hole that is too large."""
+    points, faces = torus_without([])
+    soup = points[faces].reshape(-1, 3), np.arange(3 * len(faces), dtype=np.int32).reshape(-1, 3)
+    middles = points[faces].mean(axis=1)
+    half = points, np.ascontiguousarray(faces[middles[:, 0] > 0])
+    wide = points, np.ascontiguousarray(faces[np.linalg.norm(middles - points[0], axis=1) > 0.12])
+    for given in ((points, faces), soup, half, wide):
+        found = without_holes(*given)
+        assert found[2] == 0 and found[0] is given[0] and found[1] is given[1]
+
+
+@pytest.mark.slow
+def test_closed_holes_are_said_and_the_loop_is_found():
+    points, faces = torus_without([3, 400, 700, 900, 1100])
+    shape, progress = medialis.make_shape(points, faces), medialis.Progress()
+    mesh = medialis.medial_mesh(shape, balls=16, quality="fast", progress=progress)
+    assert mesh.betti == (1, 1, 0)
+    assert "holes_closed" in [message.code for message in progress.messages]

@@ -54,8 +54,10 @@ class Room(NamedTuple):
 
 
 class Aim(NamedTuple):
-    """How far to go: vertices to be left, the largest radius of a merged ball, and whether sheets
-    and seams stay as long as they can.
+    """How far to go.
+
+    Vertices to be left, the largest radius of a merged ball, and whether sheets and seams stay as
+    long as they can.
     """
 
     target: int

@@ -25,7 +25,7 @@ from medialis.medial_meshes.fins import finless
 from medialis.medial_meshes.fitting import DAMPING, Bounds, Fit, Target
 from medialis.medial_meshes.mesh import Collapse, Complex, LateCollapse, MedialMesh
 from medialis.medial_meshes.roofs import Roof, complex_of, roof_of
-from medialis.medial_meshes.sampling import Samples, Solid, take_samples
+from medialis.medial_meshes.sampling import Samples, Solid, take_samples, without_holes
 from medialis.shape.shape import Shape
 
 HOLD = 1e-3  # halved 100 %, doubled 100 %
@@ -133,7 +133,7 @@ PLANS = {
     "first": ((2, 6), (4, 6)),
     "round": ((4, 4), (9, 4)),
     "last": ((9, 8), (16, 8)),
-    "many": ((2, 4), (6, 4)),
+    "many": ((2, 4), (6, 4), (12, 6)),
     "closed": ((6, 4),),
 }
 """Powers and steps of the fits."""
@@ -568,8 +568,9 @@ def medial_mesh(shape: Shape, options: MedialMeshOptions, progress: Progress) ->
     Parameters
     ----------
     shape : Shape
-        A mesh of m faces, best closed. What is inside an open one is told by how often the surface
-        is wound round a place; a message says so.
+        A mesh of m faces, best closed. Holes of up to 0.15 diagonals are closed, if that closes it.
+        What is inside an open one is told by how often the surface is wound round a place. A
+        message says so.
 
     Returns
     -------
@@ -659,12 +660,18 @@ def _base(shape: Shape, options: MedialMeshOptions, progress: Progress) -> Base:
 
 
 def _solid(shape: Shape, progress: Progress) -> tuple[Solid, Roof | None]:
-    """Return the solid at diagonal 1, and its structure where it is a convex polyhedron."""
+    """Return the solid at diagonal 1, small holes closed, and its structure if it is convex."""
 
     def work() -> tuple[Solid, Roof | None]:
         low, high = shape.bounds
         assert shape.faces is not None
-        solid = Solid((shape.points - 0.5 * (low + high)) / shape.diagonal, shape.faces)
+        given = (shape.points - 0.5 * (low + high)) / shape.diagonal
+        points, faces, holes = without_holes(given, shape.faces)
+        if holes:
+            verb = "was" if holes == 1 else "were"
+            text = f"{counted(holes, 'small hole')} of the mesh {verb} closed."
+            progress.note(text, "holes_closed", holes=holes)
+        solid = Solid(points, faces)
         return solid, roof_of(solid)
 
     return kept(_solid, shape, (), work, progress)
