@@ -44,6 +44,10 @@ NARROWER, ONE_WAY = 0.3, 0.99
 """The same of one that is rounded one way only, as in extruded outlines, whose borders are
 parallel: share of their length along their mean direction."""
 
+EVEN = 0.1
+"""By how much the curvature beside one of these differs, as a share, from that of an arc tangent to
+it. Where a surface bends one way, then the other, curvature grows from facet to facet."""
+
 FAR_WIDER = 3.0
 """Beside a region whose curvature no other edge tells."""
 
@@ -283,7 +287,9 @@ def _looks_like_facets(regions: _Regions, borders: _Borders, wide: FloatArray) -
     ratio = wide / np.maximum(beside, least)
     sure, one_way = _never_by_chance(regions, borders), _one_way(regions, borders)
     strip = (several & one_way)[borders.one]
-    enough = (ratio >= WIDER) | (strip & (ratio >= NARROWER))
+    tangent = (1.0 + np.maximum(ratio, 0.0)) * as_facet  # the curvature beside, were it flat
+    even = np.abs(told - tangent) <= EVEN * tangent
+    enough = (ratio >= WIDER) | (strip & even & (ratio >= NARROWER))
     bends_too_little = (told > np.sqrt(1.0 + np.maximum(ratio, 0.0)) * as_facet) & enough
     untold = (told == 0.0) & ((own == 0.0) | (ratio >= FAR_WIDER))
     untold &= sure[borders.one]
