@@ -45,8 +45,8 @@ NARROWER, ONE_WAY = 0.3, 0.99
 parallel: share of their length along their mean direction."""
 
 EVEN = 0.1
-"""By how much the curvature beside one of these differs, as a share, from that of an arc tangent to
-it. Where a surface bends one way, then the other, curvature grows from facet to facet."""
+"""Share by which the curvature of an arc may grow from facet to facet beside a flat face of less than
+`FAR_WIDER`: where a surface bends one way, then the other, it grows by more."""
 
 FAR_WIDER = 3.0
 """Beside a region whose curvature no other edge tells."""
@@ -281,15 +281,16 @@ def _looks_like_facets(regions: _Regions, borders: _Borders, wide: FloatArray) -
     least = NEGLIGIBLE * borders.length + 1e-300
     shown = np.where(wide + beyond > least, 2.0 * borders.bend, 0.0)
     shown /= np.maximum(wide + beyond, least)
-    own = _told_elsewhere(regions, borders, shown)
+    own, by = _told_elsewhere(regions, borders, shown)
     told = own[back]
+    next_one = by[back]  # the other border of the region beside, and what is beyond it
+    grows = (next_one >= 0) & (own[back[next_one]] > (1.0 + EVEN) * told)
     as_facet = 2.0 * borders.bend / np.maximum(wide + beside, least)
     ratio = wide / np.maximum(beside, least)
     sure, one_way = _never_by_chance(regions, borders), _one_way(regions, borders)
     strip = (several & one_way)[borders.one]
-    tangent = (1.0 + np.maximum(ratio, 0.0)) * as_facet  # the curvature beside, were it flat
-    even = np.abs(told - tangent) <= EVEN * tangent
-    enough = (ratio >= WIDER) | (strip & even & (ratio >= NARROWER))
+    enough = (ratio >= WIDER) | (strip & (ratio >= NARROWER))
+    enough &= ~grows | (ratio >= FAR_WIDER)
     bends_too_little = (told > np.sqrt(1.0 + np.maximum(ratio, 0.0)) * as_facet) & enough
     untold = (told == 0.0) & ((own == 0.0) | (ratio >= FAR_WIDER))
     untold &= sure[borders.one]
@@ -313,21 +314,27 @@ def _never_by_chance(regions: _Regions, borders: _Borders) -> Mask:
     return np.asarray((regions.count > 2) | pair)
 
 
-def _told_elsewhere(regions: _Regions, borders: _Borders, shown: FloatArray) -> FloatArray:
-    """Return the largest curvature that region `one` shows at its other borders, about parallel."""
+def _told_elsewhere(
+    regions: _Regions, borders: _Borders, shown: FloatArray
+) -> tuple[FloatArray, Index]:
+    """Return the largest curvature that region `one` shows at its other borders, about parallel.
+
+    And the border where it does, -1 where it shows none.
+    """
     order = np.argsort(borders.one, kind="stable")
     region = borders.one[order]
     size = np.bincount(region, minlength=len(regions.area))
     begin, size = (np.cumsum(size) - size)[region], size[region]
     place = np.arange(len(order)) - begin
-    result = np.zeros(len(order))
+    result, by = np.zeros(len(order)), np.full(len(order), -1, np.int64)
     for turn in range(1, min(int(size.max(initial=0)), MOST_BORDERS)):
         more = size > turn
         rows, mate = order[more], order[begin[more] + (place[more] + turn) % size[more]]
         parallel = np.abs(np.einsum("ba,ba->b", borders.along[rows], borders.along[mate]))
         told = np.where(parallel > PARALLEL, shown[mate], 0.0)
-        result[rows] = np.maximum(result[rows], told)
-    return result
+        larger = told > result[rows]
+        result[rows[larger]], by[rows[larger]] = told[larger], mate[larger]
+    return result, by
 
 
 def plane_normals(surface: Surface, planes: IntArray) -> FloatArray:

@@ -451,7 +451,7 @@ UNCOVERED = 0.3  # halved 0 %, doubled 0 %
 ON_RIM = 0.02  # halved 4 %, doubled 20 %
 """Half thicknesses: so near to the surface a sheet has come to the rim."""
 
-FARTHEST_PIECE = 7.0  # halved 100 %, doubled 4 %
+FARTHEST_PIECE = 7.0
 """Largest half thickness of all walls, as the unit: how far sheets are extended at most."""
 
 ROUND = 0.95  # halved 0.8 %, doubled 0.8 %
