@@ -144,7 +144,7 @@ def _taken(said: bytes) -> Foreign:
         raise InvalidShapeError(str(told["refused"])[:1000])
     arrays: dict[str, Any] = {}
     for name, kind in _ARRAYS.items():
-        count = int(told[name])
+        count = int(told.get(name, 0))
         if count < 0:
             raise InvalidShapeError("its parser failed: it is damaged.")
         width = 1 if kind == "<i4" else 3
