@@ -45,8 +45,8 @@ NARROWER, ONE_WAY = 0.3, 0.99
 parallel: share of their length along their mean direction."""
 
 EVEN = 0.1
-"""Share by which the curvature of an arc may grow from facet to facet beside a flat face of less than
-`FAR_WIDER`: where a surface bends one way, then the other, it grows by more."""
+"""Share by which curvature may grow from facet to facet beside a flat face below `FAR_WIDER`: where
+a surface bends one way, then the other, it grows by more."""
 
 FAR_WIDER = 3.0
 """Beside a region whose curvature no other edge tells."""
@@ -63,6 +63,10 @@ NEGLIGIBLE = 1e-6
 AMISS = 0.1
 """Share of its rounded border at which a flat face may look like a facet."""
 
+
+OF_A_PART = 0.05
+"""Share of the surface that is flat in a part. A scan or an isosurface has some faces in a plane by
+chance, up to 1.2 % on those tried, and nothing about them is special."""
 
 LEAST_SCALE = 2.0**-100
 """Smaller and larger shapes are scaled, so that squares of areas stay in range."""
@@ -141,6 +145,7 @@ def find_planes(surface: Surface, crease: float) -> IntArray:
     sure = _never_by_chance(regions, borders)
     plane = may & regions.flat & (amiss <= AMISS * rounded * sure)
     plane &= (rounded > 0) | (regions.count > 1)
+    plane &= regions.area[plane].sum() >= OF_A_PART * regions.area.sum()
     number = np.where(plane, np.cumsum(plane) - 1, -1)[regions.label]
     number[surface.flat_faces] = -1
     return frozen(number, np.int32)

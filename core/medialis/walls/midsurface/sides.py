@@ -189,10 +189,7 @@ def blends(cloud: MedialCloud, creases: Creases, links: Index, width: float) -> 
     rounded = shape.planes < 0
     first, second = links.T
     piece = piece_labels(m, links[rounded[first] & rounded[second]])
-    tangent = np.zeros(m, np.bool_)
-    tangent[piece[first[rounded[first] & ~rounded[second]]]] = True
-    tangent[piece[second[rounded[second] & ~rounded[first]]]] = True
-    rounded &= tangent[piece]
+    rounded &= _beside_planes(shape, piece, links)[piece]
     faces, radii = np.asarray(shape.faces), cloud.radii[:n]
     known = cloud.valid[:n] & (radii > 0)
     if len(creases.vertices):
@@ -209,6 +206,22 @@ def blends(cloud: MedialCloud, creases: Creases, links: Index, width: float) -> 
         value = mean @ value
     blend = rounded & (value[:, 1] > 0.5 * value[:, 0])
     return blend | _beginnings(shape, rounded, blend, links)
+
+
+def _beside_planes(shape: Shape, piece: NDArray[Any], links: Index) -> Mask:
+    """Tell the pieces of what is rounded that end tangent to flat faces larger than themselves.
+
+    Where only a small flat face lies beside a large rounded one, that is a wall and no blend.
+    """
+    m, planes = shape.face_count, np.asarray(shape.planes)
+    first, second = np.concatenate([links, links[:, ::-1]]).T
+    edge = (planes[first] < 0) & (planes[second] >= 0)
+    count = int(planes.max()) + 1
+    pairs = np.unique(piece[first[edge]].astype(np.int64) * count + planes[second[edge]])
+    flat = planes >= 0
+    areas = np.bincount(planes[flat], shape.face_areas[flat], count)
+    beside = np.bincount(pairs // count, areas[pairs % count], m)
+    return np.asarray(beside > np.bincount(piece, shape.face_areas, m))
 
 
 def _beginnings(shape: Shape, rounded: Mask, blend: Mask, links: Index) -> Mask:
