@@ -68,7 +68,8 @@ def test_noisy_scan(run_page):
 def test_solid_to_shells(run_page, tmp_path):
     """The model has the deflection that the page tells, where CalculiX is there to solve it."""
     names, output = run_page(DOCS / "tutorials" / "solid_to_shells.md")
-    assert "All walls, ribs and gaps that were checked are within the limits" in output and "shell elements" in output
+    assert "All walls, ribs and gaps that were checked are within the limits" in output
+    assert "shell elements" in output
     assert names["expected"] == pytest.approx(9.5238, abs=1e-3)
     if shutil.which("ccx"):
         subprocess.run(["ccx", "job"], cwd=tmp_path, check=True, capture_output=True, timeout=300)

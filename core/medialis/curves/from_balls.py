@@ -143,8 +143,8 @@ class CurveSkeletonOptions(Options):
     threshold: float = length(
         0.02,
         "Importance",
-        "Branches on which less of the surface hangs than a square with this share of the size as "
-        "its side are left out; others run to their tips. Larger values remove small details.",
+        "How large a limb must be to get a branch: its surface is at least a square with this share "
+        "of the size as its side. Larger values leave out small limbs.",
     )
     smoothing: float = number(
         0.7,
