@@ -143,8 +143,8 @@ class CurveSkeletonOptions(Options):
     threshold: float = length(
         0.02,
         "Importance",
-        "How large a limb must be to get a branch: its surface is at least a square with this share "
-        "of the size as its side. Larger values leave out small limbs.",
+        "How large a limb must be to get a branch: its surface is at least a square with this "
+        "share of the size as its side. Larger values leave out small limbs.",
     )
     smoothing: float = number(
         0.7,
