@@ -101,6 +101,7 @@ def _check_opened(paths: list[str], path: Path, case: Case) -> None:
     """No file outside of the folder of the input, and of those of the fuzzers, is opened."""
     ours = tuple(f"{os.path.realpath(folder)}{os.sep}" for folder in (case.folder, case.home))
     own = os.path.realpath(path) if "\0" not in os.fspath(path) else ""
+    paths = [place for place in paths if f"{place}{os.sep}" not in ours]  # the folder itself
     if outside := [place for place in paths if not place.startswith(ours) and place != own]:
         raise Fault("a file outside of the folder of the input was opened", "\n".join(outside))
 

@@ -37,11 +37,24 @@ def _listen() -> None:
     def note(event: str, arguments: tuple[object, ...]) -> None:
         if _paths is not None and event == "open" and isinstance(arguments[0], str | bytes):
             try:
-                _paths.append(os.path.realpath(os.fsdecode(arguments[0])))
+                _paths.append(os.path.realpath(_whole(os.fsdecode(arguments[0]))))
             except ValueError:  # a NUL character in it
                 _paths.append(repr(arguments[0]))
 
     sys.addaudithook(note)
+
+
+def _whole(path: str) -> str:
+    """Return the path of a name that is looked up in an open folder, which the event leaves out."""
+    from medialis.base.disk import Folder
+
+    frame = sys._getframe(2)
+    for _ in range(3):
+        folder = None if frame is None else frame.f_locals.get("self")
+        if isinstance(folder, Folder) and os.sep not in path:
+            return str(folder.path / path)
+        frame = None if frame is None else frame.f_back
+    return path
 
 
 @cache
