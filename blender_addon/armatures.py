@@ -149,17 +149,19 @@ def _is_ours(modifier: bpy.types.Modifier) -> bool:
 
 @contextmanager
 def at_rest(context: bpy.types.Context, place: bpy.types.Object) -> Iterator[None]:
-    """Show what an armature of ours moves as it is without a pose: new bones belong there."""
-    found = [modifier.object for modifier in place.modifiers if _is_ours(modifier)]
-    posed = [one.data for one in found if one is not None and one.data.pose_position == "POSE"]
-    for data in posed:
-        data.pose_position = "REST"
+    """Show what an armature of ours moves as it is without one: new bones belong there.
+
+    An armature at rest would do, but changes the last digits.
+    """
+    moving = [one for one in place.modifiers if _is_ours(one) and one.show_viewport]
+    for modifier in moving:
+        modifier.show_viewport = False
     context.view_layer.update()
     try:
         yield
     finally:
-        for data in posed:
-            data.pose_position = "POSE"
+        for modifier in moving:
+            modifier.show_viewport = True
 
 
 def bind(place: bpy.types.Object, armature: bpy.types.Object, changes: Changes) -> None:

@@ -162,6 +162,26 @@ def why_not(context: bpy.types.Context, operation: Operation) -> str | None:
     return None
 
 
+LAST_DIGITS = 2e-6
+"""Share of a matrix that single precision changes when it is put together from others."""
+
+_read: dict[str, NDArray[np.float64]] = {}
+"""Rotation and scale with which objects were read, by name."""
+
+
+def _settled(chosen: bpy.types.Object, linear: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return rotation and scale, those of the last time where only last digits are others.
+
+    A new parent changes them; the same shape has the same result, which is known already.
+    """
+    before = _read.get(chosen.name)
+    largest = np.abs(linear).max()
+    if before is not None and np.abs(linear - before).max() <= LAST_DIGITS * largest:
+        return before
+    _read[chosen.name] = linear
+    return linear
+
+
 def read_object(context: bpy.types.Context, chosen: bpy.types.Object) -> Source:
     """Read the object as it is seen: edits flushed, modifiers applied, scaled and mirrored.
 
@@ -178,7 +198,7 @@ def read_object(context: bpy.types.Context, chosen: bpy.types.Object) -> Source:
     chosen.update_from_editmode()
     graph = context.evaluated_depsgraph_get()
     evaluated = chosen.evaluated_get(graph)
-    linear = np.array(evaluated.matrix_world, np.float64)[:3, :3]
+    linear = _settled(chosen, np.array(evaluated.matrix_world, np.float64)[:3, :3])
     if not np.isfinite(linear).all() or np.linalg.matrix_rank(linear) < 3:
         raise InvalidShapeError(
             f"{chosen.name} needs a size in every direction, its scale is "

@@ -176,7 +176,6 @@ def bend(armature):
     bone.rotation_euler = (0.6, 0.0, 0.0)
 
 
-@pytest.mark.xfail(reason="issue 41: limbs follow the seventh digit of a mesh", strict=False)
 @pytest.mark.parametrize("with_parent", [False, True])
 def test_binding_again_replaces_the_armature(with_parent, creature, scene, monkeypatch):
     """Also below a parent and posed: new bones lie in the shape at rest, as the first did."""
@@ -220,7 +219,6 @@ def test_binding_again_replaces_the_armature(with_parent, creature, scene, monke
     assert np.abs(seen(chosen) - before).max() < 1e-5
 
 
-@pytest.mark.xfail(reason="issue 41: the bone that it turns has no skin now", strict=False)
 def test_below_modifiers_the_object_itself_is_rigged(creature, scene):
     """The vertices that are seen are others: the object's own get their weights."""
     points, faces, _ = creature

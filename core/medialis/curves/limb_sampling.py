@@ -29,11 +29,16 @@ WIDEST = 3.0
 THINNEST = 0.0005
 """Share of the diagonal below which a thickness is none: the surface touches itself there."""
 
+NARROWEST = 1e-4
+"""Share of the diagonal: the normal of a face that is less wide follows the last digits of its
+corners, and so does what a ray along it meets. Faces of the thinnest limb are wider."""
+
 MOST_SAMPLES = 60_000
 """That there may be for limbs, besides twice those given."""
 
-NEAREST, EQUAL = 2, 1e-6
-"""Vertices that may be the nearest to the middle of an edge, and by which share they may differ."""
+NEAREST, EQUAL = 6, 0.1
+"""Vertices that may be the nearest to the middle of an edge, and by which share they may differ. On
+grids four are: the ends of a diagonal and the corners beside it."""
 
 FACES_A_CHUNK = 256
 
@@ -107,6 +112,7 @@ def limb_radii(shape: Shape, progress: Progress) -> FloatArray:
     run_chunks(measure_sections, len(faces), FACES_A_CHUNK, *given, progress=progress.still)
     low, high = sections.min(axis=1), sections.max(axis=1)
     limb = (high < WIDEST * low) & (low > THINNEST * shape.diagonal)
+    limb &= 2.0 * shape.face_areas > NARROWEST * shape.diagonal * longest
     result = np.full(shape.point_count, np.inf)
     for corner in faces[limb].T:
         np.minimum.at(result, corner, low[limb] / 2)

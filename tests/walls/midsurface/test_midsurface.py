@@ -216,7 +216,6 @@ def test_a_pipe_junction_has_two_sheets_and_one_closed_weld(cell):
     assert np.bincount(found.weld_edges.ravel()).max() == 2
 
 
-@pytest.mark.xfail(reason="issue 39: two welds for one", strict=False)
 @pytest.mark.slow
 @pytest.mark.parametrize("across", [3, 12])
 def test_a_small_pipe_junction_is_exact_with_few_and_many_samples(across):

@@ -6,7 +6,7 @@ The raw sheet between the two sides of a wall, extended to the rim and into junc
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -91,6 +91,8 @@ class Sides:
         Faces of sides whose three corners are wide.
     abrupt : (s,) bool
         Sides that end before another one of a different thickness, on the same smooth face.
+    filleted : bool
+        Whether blends lie between walls, where sides end.
     """
 
     cloud: MedialCloud
@@ -98,6 +100,7 @@ class Sides:
     label: IntArray
     core: Mask
     abrupt: Mask
+    filleted: bool = False
 
     @property
     def shape(self) -> Shape:
@@ -172,7 +175,8 @@ def find_sides(cloud: MedialCloud, least_angle: float, crease: float) -> Sides:
         core = faces_in_walls(cloud, core, half)
     label = _pieces(core, links)
     grown, source = _grown(cloud, label, links[~blend[links].any(axis=1)])
-    return _united(cloud, wide, core & (label >= 0), grown, source, links)
+    united = _united(cloud, wide, core & (label >= 0), grown, source, links)
+    return replace(united, filleted=bool(blend.any()))
 
 
 def blends(cloud: MedialCloud, creases: Creases, links: Index, width: float) -> Mask:
@@ -464,8 +468,11 @@ UNCOVERED = 0.3  # halved 0 %, doubled 0 %
 ON_RIM = 0.02  # halved 4 %, doubled 20 %
 """Half thicknesses: so near to the surface a sheet has come to the rim."""
 
-FARTHEST_PIECE = 7.0
+FARTHEST_PIECE = 3.0  # halved 100 %, doubled 4 %
 """Largest half thickness of all walls, as the unit: how far sheets are extended at most."""
+
+UNDER_FILLETS = 7.0
+"""The same where there are fillets: they may be two walls wide, and the sheet goes on below."""
 
 ROUND = 0.95  # halved 0.8 %, doubled 0.8 %
 """Cosine of 18 degrees: a face whose corners have normals that differ by more is not rounded."""
@@ -582,7 +589,8 @@ def raw_sheets(sides: Sides) -> list[RawSheet]:
     if not chosen:
         return []
     surface = NearestTree.of_triangles(shape.points, np.asarray(shape.faces))
-    farthest = FARTHEST_PIECE * max(float(sheet.half.max()) for sheet in chosen)
+    reach = UNDER_FILLETS if sides.filleted else FARTHEST_PIECE
+    farthest = reach * max(float(sheet.half.max()) for sheet in chosen)
     return [extended(sheet, surface, farthest) for sheet in chosen]
 
 
