@@ -18,7 +18,8 @@ from surface_skeleton import REAL, best_seconds, table
 
 import medialis
 from medialis.show.camera import Camera
-from medialis.show.picture import Curves, Points, draw, write_png
+from medialis.show.picture import Curves, Points, draw
+from medialis.show.png import write_png
 
 RESULTS = Path(__file__).resolve().parent / "results"
 ACCURACY = ("fertility", "rockerarm", "cow", "fandisk", "bunny", "horse")

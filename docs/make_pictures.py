@@ -28,8 +28,8 @@ from medialis.show.picture import (
     draw,
     draw_result,
     draw_turntable,
-    write_png,
 )
+from medialis.show.png import write_png
 from medialis.show.raster import Style
 
 Image = NDArray[np.uint8]

@@ -22,7 +22,8 @@ from medialis.curves.candidates import tangent_field
 from medialis.curves.from_views.views import camera_pairs, pair_points, sphere_of
 from medialis.show.annotation import contact_sheet
 from medialis.show.camera import Camera
-from medialis.show.picture import Item, Points, Surface, draw, draw_result, write_png
+from medialis.show.picture import Item, Points, Surface, draw, draw_result
+from medialis.show.png import write_png
 from medialis.show.reconstruction import reconstruct_image
 
 SIZE = {"width": 560, "height": 440}

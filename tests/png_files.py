@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from medialis.show.picture import SIGNATURE
+from medialis.show.png import SIGNATURE
 
 
 def read_png(path):

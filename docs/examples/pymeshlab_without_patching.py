@@ -8,7 +8,7 @@ import sys
 import pymeshlab
 
 import medialis
-from medialis.show.picture import write_png
+from medialis.show.png import write_png
 from medialis_meshset import MeshSet, filter_parameter_values
 
 ms = MeshSet()

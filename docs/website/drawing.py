@@ -14,7 +14,7 @@ import make_thesis_figures
 
 from medialis.base.threads import thread_limit
 from medialis.operations.registry import OPERATIONS
-from medialis.show.picture import write_png
+from medialis.show.png import write_png
 from website.strips import default_picture, default_viewer, tiles
 
 PAGE_PICTURES = {**make_pictures.PICTURES, **make_thesis_figures.FIGURES}

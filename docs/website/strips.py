@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 
 import medialis
 from medialis.operations.declaration import Operation, Parameter
-from medialis.show.picture import draw_result, write_png
+from medialis.show.picture import draw_result
+from medialis.show.png import write_png
 from medialis.show.viewer.page import has_library
 from website.pages import ROOT
 from website.parameter_values import BASE, default_shape, example_of

@@ -303,13 +303,18 @@ def test_results_that_were_renamed_are_still_replaced(scene):
     assert counts() == before
 
 
-def test_a_linked_object_is_refused_and_its_copy_is_ours_to_add_to(scene, tmp_path):
+def linked_creature(folder):
+    """The creature from a library, in a new file."""
     creature()
-    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "library.blend"))
+    bpy.ops.wm.save_as_mainfile(filepath=str(folder / "library.blend"))
     bpy.ops.wm.read_factory_settings(use_empty=True)
-    with bpy.data.libraries.load(str(tmp_path / "library.blend"), link=True) as (_, into):
+    with bpy.data.libraries.load(str(folder / "library.blend"), link=True) as (_, into):
         into.objects = ["creature"]
-    linked = bpy.data.objects["creature"]
+    return bpy.data.objects["creature"]
+
+
+def test_a_linked_object_is_refused_and_its_copy_is_ours_to_add_to(scene, tmp_path):
+    linked = linked_creature(tmp_path)
     local = bpy.data.objects.new("local", linked.data)
     bpy.context.scene.collection.objects.link(local)
     before = snapshot()
@@ -320,12 +325,7 @@ def test_a_linked_object_is_refused_and_its_copy_is_ours_to_add_to(scene, tmp_pa
 
 def test_an_override_of_a_library_is_ours_to_add_to(scene, tmp_path):
     """The override keeps what the user has set in it; the mesh of the library stays as it is."""
-    creature()
-    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "library.blend"))
-    bpy.ops.wm.read_factory_settings(use_empty=True)
-    with bpy.data.libraries.load(str(tmp_path / "library.blend"), link=True) as (_, into):
-        into.objects = ["creature"]
-    made = bpy.data.objects["creature"].override_create()
+    made = linked_creature(tmp_path).override_create()
     bpy.context.scene.collection.objects.link(made)
     made.location.x = 2.0
     made["own"] = 5

@@ -35,12 +35,10 @@ from medialis.show.picture import (
     Surface,
     disc_mesh,
     draw,
-    encode_png,
     lifted_faces,
-    reduced,
     sheet_discs,
-    write_png,
 )
+from medialis.show.png import encode_png, reduced, write_png
 from medialis.show.raster import Style, corner_normals
 from png_files import read_png
 

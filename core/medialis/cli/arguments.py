@@ -31,8 +31,7 @@ others add --unit mm."""
 
 
 SHOWN, LIMITED = "surface_skeleton,thickness,curve_skeleton", "thickness,surface_skeleton"
-"""What `view` computes; with a threshold."""
-"""Operations whose results are shown of a mesh or point cloud."""
+"""What `view` computes of a mesh or point cloud: without a threshold, and with one."""
 
 _VIEW = (
     "Write one HTML file that shows a shape and its results in three dimensions: turn it, switch\n"

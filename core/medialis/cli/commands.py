@@ -169,9 +169,10 @@ def _of_folder(folder: Path) -> list[Outcome]:
     InvalidOptionError
         When there is none, or they are of several shapes.
     """
-    from medialis.base.disk import Folder, read_file
+    from medialis.base.disk import Folder
     from medialis.formats.output_folder import MANIFEST
     from medialis.show.result import read_result
+    from medialis.show.writing import manifest_in
 
     def inside(place: Folder, depth: int) -> Iterator[Path]:
         """Yield folders of results in a folder, and so many levels deeper, along no link."""
@@ -191,12 +192,12 @@ def _of_folder(folder: Path) -> list[Outcome]:
         raise InvalidOptionError(f"{folder} holds no results.{more}")
     results = [read_result(path) for path in folders]
     size = results[0].shape.diagonal
-    told = {str(json.loads(read_file(path / MANIFEST))["input"]) for path in folders}
-    other = any(abs(result.shape.diagonal - size) > 0.01 * size for result in results)
-    if len(told) > 1 and other:  # of one input the refined and the repaired shape may differ
-        raise InvalidOptionError(
-            f"{folder} holds results of several shapes. Name one, such as {folders[0]}."
-        )
+    if any(abs(result.shape.diagonal - size) > 0.01 * size for result in results):
+        inputs = {str((manifest_in(path) or {}).get("input")) for path in folders}
+        if len(inputs) > 1:  # of one input the refined and the repaired shape may differ
+            raise InvalidOptionError(
+                f"{folder} holds results of several shapes. Name one, such as {folders[0]}."
+            )
     return list(results)
 
 

@@ -5,5 +5,6 @@ graphics card (thesis 3.4 has its reconstruction), the page in three dimensions 
 with exact distances (`reports/`), and folders that are written whole or not at all.
 
 Read `picture.py` first: what of a result is drawn, and how. `raster.py` and `camera.py` are below
-it; `writing.py` is the folder; `result.py` is what people hold, and reads it back.
+it, `borders.py` and `marks.py` beside it, `png.py` makes files of it; `writing.py` is the folder;
+`result.py` is what people hold, and reads it back.
 """

@@ -36,7 +36,8 @@ from medialis.operations import registry
 from medialis.operations.declaration import Format
 from medialis.operations.result import Layer, Result
 from medialis.shape.surface import Surface
-from medialis.show.picture import draw_result, draw_turntable, reduced, require_attribute, write_png
+from medialis.show.picture import draw_result, draw_turntable, require_attribute
+from medialis.show.png import reduced, write_png
 from medialis.show.raster import Style
 from medialis.show.result import LISTS, OF_LAYERS
 

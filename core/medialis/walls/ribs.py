@@ -353,8 +353,7 @@ def ribs(cloud: MedialCloud, values: FloatArray, walls: Index, balls: MedialClou
     surface = cloud.surface
     if surface.faces is None or len(walls) == 0:
         return []
-    own = np.full(surface.point_count, np.nan)
-    own[cloud.source[walls]] = 2.0 * cloud.radii[walls]
+    own = _own_thickness(cloud, walls)
     edges, sharp = _foot_edges(surface, values, own)
     even = _even_walls(cloud, own, balls) if len(edges) else np.empty(0, np.int64)
     if len(even) == 0:
@@ -371,24 +370,23 @@ def ribs(cloud: MedialCloud, values: FloatArray, walls: Index, balls: MedialClou
     return sorted(kept, key=lambda rib: (-rib.ratio, int(rib.vertices[0])))
 
 
+def _own_thickness(cloud: MedialCloud, walls: Index) -> FloatArray:
+    """Return the thickness of the wall behind each sample (n,); NaN where there is none."""
+    own = np.full(cloud.surface.point_count, np.nan)
+    own[cloud.source[walls]] = 2.0 * cloud.radii[walls]
+    return own
+
+
 def over_feet(cloud: MedialCloud, values: FloatArray, walls: Index) -> Mask:
     """Tell which samples (n,) have a ball that touches a foot: where walls meet, it is larger.
 
-    Parameters
-    ----------
-    cloud : MedialCloud
-    values : (n,) float64
-        Thickness at each sample.
-    walls : (w,) int64
-        Rows of the balls between two walls.
+    Parameters are those of `ribs`.
     """
     surface = cloud.surface
     result = np.zeros(surface.point_count, np.bool_)
     if surface.faces is None or len(walls) == 0:
         return result
-    own = np.full(surface.point_count, np.nan)
-    own[cloud.source[walls]] = 2.0 * cloud.radii[walls]
-    feet = np.unique(_foot_edges(surface, values, own)[0])
+    feet = np.unique(_foot_edges(surface, values, _own_thickness(cloud, walls))[0])
     if len(feet):
         away = kd_tree(surface.points[feet]).query(cloud.centers[walls])[0]
         near = walls[away < OVER * cloud.radii[walls] + surface.spacing]

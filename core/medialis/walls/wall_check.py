@@ -386,11 +386,11 @@ def _thin(
     assert field is not None
     sure = surely(cloud, values, ~np.isnan(field.known), level - values)
     for spot in thin_spots.of(cloud, options, progress):
-        kind: RegionKind = "too thin" if spot.kind == "wall" else "overlap"
-        most = float(values[spot.vertices].max())
-        if spot.kind == "wall" and not sure[spot.vertices].any():
-            continue
         thin = spot.kind == "wall"
+        if thin and not sure[spot.vertices].any():
+            continue
+        kind: RegionKind = "too thin" if thin else "overlap"
+        most = float(values[spot.vertices].max())
         area = side_area(cloud.surface, field.seed, spot.vertices) if thin else spot.area
         told = spot.value, spot.value, most, area, spot.vertices
         found.append(WallRegion(kind, spot.position, spot.opposite, *told))

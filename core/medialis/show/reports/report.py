@@ -18,7 +18,8 @@ from medialis.formats.json_npz import json_text
 from medialis.operations.declaration import Kind
 from medialis.operations.registry import OPERATIONS
 from medialis.operations.result import Result, quantity
-from medialis.show.picture import draw_result, draw_turntable, encode_png
+from medialis.show.picture import draw_result, draw_turntable
+from medialis.show.png import encode_png
 from medialis.show.reports.measures import TABLES, measure
 from medialis.show.reports.page import (
     bullets,
