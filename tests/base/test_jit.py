@@ -119,6 +119,21 @@ def entries(folder):
     return found
 
 
+def test_processes_that_save_at_once_do_not_exchange_their_code(tmp_path, monkeypatch):
+    """Numba numbers data: of two types of a kernel one ran the code of the other (fixed)."""
+    from medialis.base.compiling import _CheckedFiles
+
+    one, other = (_CheckedFiles(str(tmp_path), "kernel-1.py311", "stamp") for _ in range(2))
+    with monkeypatch.context() as patch:  # both have read the index before the other wrote
+        patch.setattr(_CheckedFiles, "_load_index", lambda files: {})
+        one.save(("f4",), "code for f4")
+        other.save(("f8",), "code for f8")
+    found = {key: one.load((key,)) for key in ("f4", "f8")}
+    assert found == {"f4": None, "f8": "code for f8"}  # what is not known is compiled again
+    one.save(("f4",), "code for f4")
+    assert other.load(("f4",)) == "code for f4" and other.load(("f8",)) == "code for f8"
+
+
 @pytest.mark.slow
 def test_damaged_entries_are_compiled_anew(tmp_path):
     """Of 150 damaged caches 17 crashed the process and 2 gave wrong numbers (fixed)."""

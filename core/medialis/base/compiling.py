@@ -81,7 +81,26 @@ SUM = 32
 
 
 class _CheckedFiles(caching.IndexDataCacheFile):
-    """Numba's index and data files of one kernel, each behind a checksum."""
+    """Numba's index and data files of one kernel, each behind a checksum.
+
+    Data have the name of their types, not the next number: of processes that compile a kernel for
+    different types at the same time, numba gives two the same number, and one runs the code of the
+    other.
+    """
+
+    def save(self, key: Any, data: Any) -> None:
+        overloads, name = self._load_index(), self._name_of(key)
+        if overloads.get(key) != name:
+            self._save_index({**overloads, key: name})
+        self._save_data(name, data)
+
+    def load(self, key: Any) -> Any:
+        named = self._load_index().get(key) == self._name_of(key)  # others are of before
+        return super().load(key) if named else None
+
+    def _name_of(self, key: Any) -> str:
+        types = hashlib.sha256(repr(key).encode()).hexdigest()[:16]
+        return f"{self._index_name.removesuffix('.nbi')}.{types}.nbc"
 
     def _load_index(self) -> dict[Any, str]:
         content = self._read(self._index_path)
