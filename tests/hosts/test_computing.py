@@ -116,8 +116,10 @@ def test_a_process_that_does_not_come_back_is_replaced(computer, shape, monkeypa
 def test_a_crash_is_a_sentence(computer, shape, number, sentence):
     """Every end of the process was told as a lack of memory."""
     finished(begin(computer, shape))
+    computer._process.send_signal(signal.SIGSTOP)  # or it may be done before the signal comes
     computation = begin(computer, shape)
     computer._process.send_signal(getattr(signal, number))
+    computer._process.send_signal(signal.SIGCONT)
     computation.wait()
     with pytest.raises(medialis.MedialisError, match=sentence):
         computation.outcome()
