@@ -117,8 +117,10 @@ def _all_of(folder: Path) -> Content:
 
 
 def _plant(rng: random.Random, place: Path, name: str, victim: Path) -> None:
-    """Make one name; what is there already stays."""
+    """Make one name; what is there already stays, and so does the victim behind an own link."""
     path = place / name.format(f"{rng.getrandbits(32):08x}")
+    if path.parent.resolve().is_relative_to(victim.resolve()):
+        return
     with suppress(OSError):
         kind = rng.choice(("link", "link", "link", "file", "pipe", "folder", "dangling"))
         if kind == "link":

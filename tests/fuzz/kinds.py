@@ -11,6 +11,7 @@ from pathlib import Path
 KINDS = {
     "files": "fuzz.mutated_files",
     "shapes": "fuzz.shape_operations",
+    "defaults": "fuzz.defaults",
     "kills": "fuzz.kills",
     "cache": "fuzz.damaged_cache",
     "disk": "fuzz.full_disk",

@@ -212,7 +212,7 @@ def slowness() -> float:
 
 
 def check_result(result: Result) -> None:
-    """Look for NaN and for indices that name nothing."""
+    """Look for NaN, for indices that name nothing, and for balls larger than the shape."""
     for place, number in _numbers(result.values, "values"):
         if not math.isfinite(number):
             raise Fault(f"{number} in {result.operation}: {place}")
@@ -230,6 +230,8 @@ def check_result(result: Result) -> None:
                 )
         for name, values in layer.attributes.items():
             _check_numbers(values, name, f"{result.operation}: layer {layer.name}")
+            if name in ("radius", "radii") and (values > result.shape.diagonal).any():
+                raise Fault(f"layer {layer.name} of {result.operation} has balls larger than it")
     for name, values in result.arrays.items():
         _check_numbers(np.asarray(values), name, f"{result.operation}: arrays")
     json_text(result.values)
