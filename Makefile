@@ -19,7 +19,7 @@
 #   make viewer            the script that they draw with; needs npm, which comes with Node.js
 # For hostile inputs and faults, made at random (a run goes on where the last one ended):
 #   make fuzz MINUTES=10   findings in build/fuzz; FUZZ="--seed 7 --kinds files" for others
-#   make bounds            operations on nasty shapes, with kernels that check bounds; some minutes
+#   make bounds COUNT=200  operations on nasty shapes, with kernels that check bounds; some minutes
 # For a release:
 #   make site              gallery and docs in build/site, checked in Chromium where there is one
 #   make dist              wheels and sdists in dist; make test-dist looks into each, installs and
@@ -77,11 +77,12 @@ fuzz: $(VENV)/installed-dev
 
 # Anew each time, with kernels of its own: code that checks bounds is slow.
 BOUNDS = build/bounds
+COUNT ?= 200
 
 bounds: $(VENV)/installed-dev
 	rm -rf $(BOUNDS)
 	NUMBA_BOUNDSCHECK=1 MEDIALIS_CACHE_DIR="$(CURDIR)/$(BOUNDS)/kernels" PYTHONPATH="$(CURDIR)/tests" \
-		$(RUN) -m fuzz --kinds shapes --count 200 --seed 1 --output $(BOUNDS)/cases
+		$(RUN) -m fuzz --kinds shapes --count $(COUNT) --seed 1 --output $(BOUNDS)/cases
 
 hosts:
 	tests/blender/make_hosts.sh

@@ -6,12 +6,13 @@ import os
 import signal
 from collections.abc import Callable, Iterator
 from dataclasses import replace
-from functools import cache, wraps
+from functools import cache, partial, wraps
 from pathlib import Path
 
 import pytest
 
 import medialis
+from medialis.shape import samples
 from plates import with_walls
 
 # Where kernels are made ahead of time, one that is missing fails the test that calls it.
@@ -44,6 +45,17 @@ def made_once(make: Callable[..., medialis.Shape]) -> Callable[..., medialis.Sha
 # Tests ask for it some 300 times: 0.1 s for 56 cells, 3.6 s for 200. tests/shape/test_generate.py
 # looks at the function itself, which is still in `medialis.shape.generate`.
 medialis.organic_shape = made_once(medialis.organic_shape)
+# Examples of help texts and pages ask for samples again and again: 1 s each, the tree 5 s.
+samples._MADE.update({name: (made_once(make), text) for name, (make, text) in samples._MADE.items()})
+
+
+@pytest.fixture
+def small_samples(monkeypatch) -> None:
+    """Samples of a quarter as many vertices, for tests that run many commands on them."""
+    for name, (make, text) in samples._MADE.items():
+        small = partial(lambda make, _: make(64), make)
+        monkeypatch.setitem(samples._MADE, name, (small, text))
+
 
 QUICK = {"view_curve_skeleton": {"pairs": 40, "size": 128}}
 """Options of operations that take half a minute at their defaults."""

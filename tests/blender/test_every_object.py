@@ -30,7 +30,7 @@ def character():
     """Suzanne's left half, mirrored, moved by an armature, smoothed."""
     made = suzanne()
     mirror = made.modifiers.new("mirror", "MIRROR")
-    mirror.use_bisect_axis[0] = False
+    mirror.use_bisect_axis[0] = True
     bones = bpy.data.armatures.new("rig")
     rig = add_object("rig", bones)
     bpy.ops.object.mode_set(mode="EDIT")

@@ -116,7 +116,7 @@ def test_thickness_in_colours(creature):
     thickness = read_back(creature.data, "thickness")
     colors = read_back(creature.data, creature.data.color_attributes.active_color.name)
     thin, thick = colors[np.nanargmin(thickness)], colors[np.nanargmax(thickness)]
-    assert thin[0] > 2 * thin[2] and thick[2] > 2 * thick[0]
+    assert thick[:2].min() > 5 * thin[:2].max() > 5 * thick[2]  # dark, and yellow
     spots = bpy.data.objects["creature thin spots"]
     assert 0 < len(read_back(spots.data, "position")) <= 10
     assert (

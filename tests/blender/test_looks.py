@@ -158,7 +158,7 @@ def test_the_legend_has_the_limits_and_the_colours(creature):
     sign = bpy.data.objects["creature thickness legend"]
     assert sign.hide_get() and not sign.hide_render  # views draw their own
     colors = read_back(sign.data, legends.COLOR)
-    table = to_linear(medialis.hosts.color_table("diverging_reversed")[[0, -1]])
+    table = to_linear(medialis.hosts.color_table("sequential")[[0, -1]])
     for end in table:
         assert np.abs(colors[:, :3] - end).max(axis=1).min() < 1e-3
     scene = bpy.context.scene

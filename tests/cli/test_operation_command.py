@@ -164,7 +164,7 @@ def test_an_overwriting_that_fails_leaves_the_old_result(here, monkeypatch):
 @pytest.mark.slow
 @pytest.mark.parametrize("chosen", OPERATIONS, ids=lambda o: o.name)
 def test_every_example_of_help_runs_and_is_told_on_one_screen(
-    chosen, tmp_path, monkeypatch, capsys
+    chosen, tmp_path, monkeypatch, capsys, small_samples
 ):
     """With all its files, and what each of them is."""
     monkeypatch.chdir(tmp_path)
@@ -235,7 +235,9 @@ def test_nearly_right_words_get_a_hint(words, hint, here, capsys):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", SAMPLES)
-def test_samples_are_shapes_that_can_be_read_and_are_never_replaced(name, here, capsys):
+def test_samples_are_shapes_that_can_be_read_and_are_never_replaced(
+    name, here, capsys, small_samples
+):
     assert run("sample", name, "-o", "new.ply") == 0
     shape = medialis.read_shape("new.ply")
     made = medialis.sample_shape(name)

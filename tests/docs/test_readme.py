@@ -50,7 +50,7 @@ def test_every_block_runs_in_its_order_and_leaves_its_results(tmp_path, monkeypa
 
 
 @pytest.mark.slow
-def test_every_command_of_the_table_runs_in_its_order(tmp_path, monkeypatch):
+def test_every_command_of_the_table_runs_in_its_order(tmp_path, monkeypatch, small_samples):
     monkeypatch.chdir(tmp_path)
     for name in ("creature", "scan", "teeth", "bracket"):
         assert main(["sample", name]) == 0

@@ -266,7 +266,7 @@ STANDING = {
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("across", [3, 12])
+@pytest.mark.parametrize("across", [3, 6])
 @pytest.mark.parametrize("name", STANDING)
 def test_what_stands_on_a_wall_is_the_same_with_few_and_many_samples(name, across):
     """A polygon of 64 corners is up to 0.12 % narrower than its circle, on both sides of a ring."""
@@ -281,7 +281,7 @@ def test_what_stands_on_a_wall_is_the_same_with_few_and_many_samples(name, acros
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("across", [3, 12])
+@pytest.mark.parametrize("across", [3, 6])
 def test_bosses_bored_through_keep_their_ratio_where_a_rib_joins_them(across):
     """With few samples the walls of the bosses are too narrow to tell that the rib stands there."""
     second = [(a + 20, b + 20, *rest) for a, b, *rest in SQUARE]
@@ -297,7 +297,7 @@ def test_bosses_bored_through_keep_their_ratio_where_a_rib_joins_them(across):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("across", [3, 12])
+@pytest.mark.parametrize("across", [3, 6])
 def test_regions_gaps_and_thickness_are_the_same_with_few_and_many_samples(across):
     """A slot of 0.5 in a plate of 2 with a thin and a thick place."""
     shape = blocks((0, 6, 0, 10, 0, 2), (6.5, 12, 0, 10, 0, 2), (0, 12, 0, 3, 0, 2),
