@@ -4,13 +4,15 @@ import ast
 import importlib
 import sys
 from collections.abc import Callable
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
 
 def package_version() -> str:
     """Return the installed version; "unknown" when the sources are used without installing."""
+    # Half of what `import medialis` took, in which Ctrl-C is not one line yet.
+    from importlib.metadata import PackageNotFoundError, version
+
     try:
         return version("medialis")
     except PackageNotFoundError:
