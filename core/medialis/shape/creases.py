@@ -19,6 +19,7 @@ from medialis.base.arrays import next_side, sums_of, unit_rows
 from medialis.base.threads import run_chunks
 from medialis.base.validation import FloatArray, IntArray, frozen
 from medialis.shape.planes import only_plane, plane_normals
+from medialis.shape.rulings import find_mitres, find_rulings
 from medialis.shape.shape import Shape
 from medialis.shape.surface import Surface, piece_labels
 
@@ -202,6 +203,9 @@ def find_creases(shape: Shape, angle: float) -> Creases:
     Borders, and edges of more than two faces, are no creases. Cost O(m), and what lies at creases.
     """
     first, second, bent = crease_edges(shape, angle)
+    if shape.planes is not None and angle < 180.0:
+        opposite = shape.edge_table.pairs[2]
+        bent = bent | find_mitres(shape, shape.planes)[opposite]
     first, second = first[bent], second[bent]
     flat = shape.topology.faces.ravel()
     touched = np.zeros(shape.point_count, np.bool_)
@@ -214,7 +218,7 @@ def find_creases(shape: Shape, angle: float) -> Creases:
     count = int(sector.max(initial=-1)) + 1
     vertices = np.zeros(count, np.int32)
     vertices[sector] = flat[corners]
-    normals = _sector_normals(shape, corners, sector, vertices)
+    normals = _sector_normals(shape, corners, sector, vertices, angle)
     # Side h of one face runs from u to v, its twin from v to u: the corners that lie together.
     left = np.concatenate([row[first], row[next_side(first)]])
     right = np.concatenate([row[next_side(second)], row[second]])
@@ -262,7 +266,11 @@ def _links_within_sectors(
 
 
 def _sector_normals(
-    shape: Shape, corners: NDArray[np.int64], sector: IntArray, vertices: IntArray
+    shape: Shape,
+    corners: NDArray[np.int64],
+    sector: IntArray,
+    vertices: IntArray,
+    angle: float,
 ) -> NDArray[np.float64]:
     """Return the normals of sectors; `vertices` are those that they are at."""
     count = len(vertices)
@@ -280,6 +288,13 @@ def _sector_normals(
     alone = np.bincount(vertices, minlength=shape.point_count)[vertices] == 1
     result[alone] = shape.normals[vertices[alone]]
     if shape.planes is not None:
+        rulings = find_rulings(shape, shape.planes, math.radians(angle) + LEAST_BEND)
+        side = np.concatenate([rulings.sides, next_side(rulings.sides)])
+        place = np.minimum(np.searchsorted(corners, side), len(corners) - 1)
+        mine = np.flatnonzero(corners[place] == side)
+        own = sector[place[mine]]
+        single = np.bincount(own, minlength=count)[own] == 1
+        result[own[single]] = rulings.normals[mine[single] % len(rulings.sides)]
         plane = only_plane(sector, shape.planes[face], count)
         flat = np.flatnonzero(plane >= 0)
         result[flat] = plane_normals(shape, shape.planes)[plane[flat]]

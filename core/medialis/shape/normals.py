@@ -24,6 +24,7 @@ from medialis.base.threads import nearest_rows, run_chunks, run_patiently
 from medialis.base.validation import FloatArray, IntArray, as_faces, as_points, frozen
 from medialis.shape.diagnosis import propagate_signs
 from medialis.shape.planes import find_planes, with_planes
+from medialis.shape.rulings import with_rulings
 from medialis.shape.surface import Surface, piece_labels
 
 FACING_AWAY = 1e-6  # halved 0 %, doubled 0 %
@@ -86,7 +87,8 @@ def vertex_normals(points: FloatArray, faces: IntArray) -> FloatArray:
     if surface.faces is None:
         return frozen(np.zeros_like(points), np.float64)
     planes = find_planes(surface, SHARP)
-    return with_planes(ring_normals(points, surface.faces), surface, planes, SHARP)
+    normals = with_planes(ring_normals(points, surface.faces), surface, planes, SHARP)
+    return with_rulings(normals, surface, planes, SHARP)
 
 
 def ring_normals(points: FloatArray, faces: IntArray, *, smooth: bool = True) -> FloatArray:

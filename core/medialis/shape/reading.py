@@ -39,6 +39,7 @@ from medialis.shape.normals import (
 )
 from medialis.shape.planes import find_planes, with_planes
 from medialis.shape.repair import repaired
+from medialis.shape.rulings import with_rulings
 from medialis.shape.shape import Shape, far_points
 from medialis.shape.surface import Surface
 
@@ -381,6 +382,7 @@ def _made(
                 planes = run_patiently(lambda: find_planes(surface, SHARP), progress)
             rings = run_patiently(lambda: ring_normals(vertices, triangles), progress)
             computed = with_planes(rings, surface, planes, SHARP)
+            computed = with_rulings(computed, surface, planes, SHARP)
             if directions is not None:  # a model has none where its faces meet in an edge
                 told_there = np.asarray(directions).any(axis=1, keepdims=True)
                 computed = np.where(told_there, directions, computed)

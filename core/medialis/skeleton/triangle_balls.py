@@ -54,9 +54,6 @@ LEAST_FIT = 0.9  # halved 12 %, doubled 95 %
 """Share of the radius that two walls would allow: balls between samples with less lie where those
 of the samples do, since other walls are near."""
 
-LEAST_DEPTH = 1 / 16  # halved 0.3 %, doubled 3 %
-"""Of the tolerance: how deep a face that is no relief may lie in a ball."""
-
 
 @dataclass(frozen=True, eq=False)
 class Walls:
@@ -177,7 +174,7 @@ class Walls:
         lengths = shrink_options(shape.diagonal, tolerance, largest)
         radii = cloud.radii[order] / lengths.unit
         face, places = np.full(len(order), -1, np.int64), np.zeros((len(order), 3))
-        least = max(ROUNDING * shape.diagonal / lengths.unit, LEAST_DEPTH * lengths.tolerance)
+        least = ROUNDING * shape.diagonal / lengths.unit  # what is no relief may lie no deeper
         highest = math.sin(math.radians(min(self.creases.angle, 90.0))) ** 2 / 2
         balls = TangentBalls(samples, direction, signs, at_own, radii, face, places)
         given = balls, lengths, least, highest, self.hung

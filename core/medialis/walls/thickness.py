@@ -476,9 +476,13 @@ def _diameters(
     return own, values
 
 
-def wall_balls(cloud: MedialCloud) -> Index:
-    """Return the rows of the inner balls between two walls (`WALL_ANGLE`)."""
-    return np.flatnonzero((cloud.side > 0) & (cloud.wall_angles >= math.radians(WALL_ANGLE)))
+def wall_balls(cloud: MedialCloud, angle: float = WALL_ANGLE) -> Index:
+    """Return the rows of the inner balls between two walls, by an angle or `WALL_ANGLE` at least.
+
+    `angle` is in degrees. Those of a rounded rim have less than is asked of walls.
+    """
+    least = math.radians(max(angle, WALL_ANGLE))
+    return np.flatnonzero((cloud.side > 0) & (cloud.wall_angles >= least))
 
 
 def unresolved_walls(cloud: MedialCloud) -> Mask:

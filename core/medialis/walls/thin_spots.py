@@ -45,6 +45,7 @@ from medialis.shape.surface import link_matrix
 from medialis.skeleton.medial_cloud import MedialCloud
 from medialis.skeleton.surface_skeleton import as_cloud
 from medialis.walls.thickness import (
+    WALL_ANGLE,
     ThicknessOptions,
     thickness,
     thickness_field,
@@ -407,15 +408,21 @@ class WallBalls:
     Parameters
     ----------
     cloud : MedialCloud
-    share : float
-        Of a diameter, in the field that the places are those of: 1, or 1/2 for radii.
+    options : ThicknessOptions
+        Of the field that the places are those of: `share`, and the angle of walls, which is at
+        least `WALL_ANGLE`.
     with_threshold : bool
         Whether places are regions below a threshold: then specks are places, too.
     """
 
-    def __init__(self, cloud: MedialCloud, *, share: float, with_threshold: bool) -> None:
-        self.balls, self.surface = cloud.subset(wall_balls(cloud)), cloud.surface
-        self.share, self.with_threshold = share, with_threshold
+    def __init__(
+        self, cloud: MedialCloud, options: ThicknessOptions, *, with_threshold: bool
+    ) -> None:
+        rows = wall_balls(cloud, options.min_spoke_angle)
+        self.balls, self.surface = cloud.subset(rows), cloud.surface
+        self.share, self.with_threshold = options.share, with_threshold
+        least = math.radians(max(options.min_spoke_angle, WALL_ANGLE))
+        self._least_cosine = math.cos(math.pi - least)
         enclosure = Enclosure(self.surface)
         # Each place is asked for again and again.
         self._enclosed = cache(lambda *place: float(enclosure.times(np.array([place]))[0]))
@@ -516,6 +523,8 @@ class WallBalls:
             most = value if row == start else value / (1.0 + ALIKE)
             if caliper is None or not self._both_in(caliper, place.vertices):
                 continue
+            if not self._across_wall(caliper):
+                continue
             if least <= self.share * caliper.length <= most:
                 position, opposite = caliper.ends
                 value = self.share * caliper.length
@@ -528,6 +537,15 @@ class WallBalls:
         inside = [bool(self.marked[faces[rows]].any()) for rows in caliper.faces]
         self.marked[vertices] = False
         return all(inside)
+
+    def _across_wall(self, caliper: Caliper) -> bool:
+        """Tell whether the faces at both ends taper no more than those of walls do.
+
+        Along a rim that is rounded by few facets, as by a chamfer, the ends lie on creases as well.
+        """
+        one, other = (self.surface.face_vectors[rows].sum(axis=0) for rows in caliper.faces)
+        size = float(np.linalg.norm(one) * np.linalg.norm(other))
+        return bool(-(one @ other) >= (self._least_cosine - NEARER) * size)
 
     def _deepest(self, rows: Index, vertices: IntArray) -> int:
         """Return the ball, of some with samples in a place, that is farthest from its border.
@@ -710,7 +728,7 @@ def _find(cloud: MedialCloud, options: ThinSpotOptions) -> tuple[tuple[ThinSpot,
     share, level, field = options.share, options.threshold, thickness_field(cloud, options)
     assert field is not None
     values = share * field.values
-    every = partial(WallBalls, cloud, share=share, with_threshold=level > 0)
+    every = partial(WallBalls, cloud, options, with_threshold=level > 0)
     balls, level = every(), level * cloud.surface.diagonal
     flawed = specks = np.zeros(cloud.surface.point_count, np.bool_)
     found: dict[str, list[LowPlace]] = {"wall": [], "overlap": [], "speck": []}

@@ -92,6 +92,9 @@ RIM_TAPER, RIM = 3.0, 0.6
 border, where the ball is 0.05 % smaller than the wall if the radius is 0.9 of it, and no wall any
 more, at 30 degrees, so much farther out: 0.52 radii, which are at most a thickness."""
 
+RIM_WALLS = 16
+"""Places of the wall beside a rim that are looked at: the nearest ones may be thinner as well."""
+
 SIDE = math.cos(math.radians(45.0))
 """Faces that turn by less from a sample in a wall are of the same side of it."""
 
@@ -254,22 +257,28 @@ def _flaws(cloud: MedialCloud, walls: Mask) -> Mask:
 def rim_balls(cloud: MedialCloud, least_angle: float) -> Mask:
     """Return the inner balls (k,) between the two sides of a wall that ends in a rounded rim there.
 
-    Their sides are not parallel, those of the wall beside are, and beyond them is no wall.
+    The wall beside has parallel sides, beyond it is no wall, and between the two its own sides are
+    not parallel, or it is thinner than the taper of the wall beside explains: normals say less than
+    places where few facets round a rim.
     """
     result, surface = np.zeros(len(cloud), np.bool_), cloud.surface
-    inner = cloud.side > 0
-    wall = inner & (cloud.wall_angles >= least_angle)
-    flat = wall & (cloud.wall_angles >= math.pi - math.radians(RIM_TAPER))
-    rows, beyond = np.flatnonzero(wall & ~flat), np.ones(surface.point_count, np.bool_)
-    beyond[cloud.source[wall]] = False
-    if surface.faces is None or len(rows) == 0 or not flat.any() or not beyond.any():
+    angles = cloud.wall_angles
+    rows = np.flatnonzero((cloud.side > 0) & (angles >= least_angle))
+    is_flat = angles[rows] >= math.pi - math.radians(RIM_TAPER)
+    beyond = np.ones(surface.point_count, np.bool_)
+    beyond[cloud.source[rows]] = False
+    if surface.faces is None or not is_flat.any() or not beyond.any():
         return result
-    points, places = surface.points, surface.points[cloud.source[rows]]
+    flat, points = rows[is_flat], surface.points
     near = 2.0 * RIM * cloud.radii[rows] + surface.spacing
-    is_rim = np.ones(len(rows), np.bool_)
-    for others in (points[cloud.source[flat]], points[beyond]):
-        is_rim &= kd_tree(others).query(places)[0] < near
-    result[rows[is_rim]] = True
+    ends = kd_tree(points[beyond]).query(points[cloud.source[rows]])[0] < near
+    rows, is_flat, near = rows[ends], is_flat[ends], near[ends]
+    count = min(RIM_WALLS, len(flat))
+    away, walls = kd_tree(points[cloud.source[flat]]).query(points[cloud.source[rows]], k=count)
+    away, walls = away.reshape(-1, count), flat[walls.reshape(-1, count)]
+    expected = 2.0 * cloud.radii[walls] - away * (math.pi - angles[walls])
+    thinner = expected * (1.0 - EQUAL) > 2.0 * cloud.radii[rows, None]
+    result[rows] = ((away < near[:, None]) & (thinner | ~is_flat[:, None])).any(axis=1)
     return result
 
 

@@ -6,6 +6,7 @@ The raw sheet between the two sides of a wall, extended to the rim and into junc
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -418,15 +419,19 @@ def side_of(sides: Sides, number: int) -> Side:
 
 def _side_normals(points: FloatArray, faces: NDArray[Any], shape: Shape, rows: Index) -> FloatArray:
     """Return unit normals of the vertices by the faces of the side alone, weighted by angle."""
-    corners = points[faces]
     total = np.zeros_like(points)
+    for j, weight in enumerate(_angles(points[faces])):
+        np.add.at(total, faces[:, j], weight[:, None] * shape.face_normals[rows])
+    return unit_rows(total)
+
+
+def _angles(corners: FloatArray) -> Iterator[FloatArray]:
+    """Go through the angles of triangles (f, 3, 3) at their three corners, in radians."""
     for j in range(3):
         left = corners[:, (j + 1) % 3] - corners[:, j]
         right = corners[:, (j + 2) % 3] - corners[:, j]
         cross = np.linalg.norm(np.cross(left, right), axis=1)
-        weight = np.arctan2(cross, np.einsum("ij,ij->i", left, right))
-        np.add.at(total, faces[:, j], weight[:, None] * shape.face_normals[rows])
-    return unit_rows(total)
+        yield np.arctan2(cross, np.einsum("ij,ij->i", left, right))
 
 
 def _extended(
@@ -540,10 +545,10 @@ class RawSheet:
 
     @cached_property
     def vertex_normals(self) -> FloatArray:
-        """Unit normals of the vertices, by the areas of their faces."""
-        cross, total = corner_vectors(self.points, self.faces), np.zeros_like(self.points)
-        for j in range(3):
-            np.add.at(total, self.faces[:, j], cross)
+        """Unit normals of the vertices, weighted by angle: at a rim no diagonal counts."""
+        total = np.zeros_like(self.points)
+        for j, weight in enumerate(_angles(self.points[self.faces])):
+            np.add.at(total, self.faces[:, j], weight[:, None] * self.normals)
         return unit_rows(total)
 
     @property
