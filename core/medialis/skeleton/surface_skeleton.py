@@ -523,7 +523,7 @@ def _refined(
             creases = run_patiently(lambda: find_creases(shape, options.creases), progress)
             fine = run_patiently(lambda: on_smooth_surface(shape, fine, creases), progress)
         progress.note(
-            f"The mesh was refined for the computation: {shape.point_count:,} vertices became "
+            f"The mesh was refined: {shape.point_count:,} vertices became "
             f"{fine.point_count:,} samples, at most {100 * fraction:.3g} % of the diagonal apart "
             "(refine = 0 turns this off).",
             "refined",
