@@ -787,14 +787,17 @@ def _find(cloud: MedialCloud, options: ThinSpotOptions) -> ThinPlaces:
     if walls_only:
         smooth = thickness_without(cloud, crumpled, options, whole_field) or whole_field
     at_least = walls_only and level <= 0
-    values = _agreeing(share * smooth.values, spots, cloud.surface, at_least=at_least)
+    values = agreeing(share * smooth.values, spots, cloud.surface, at_least=at_least)
     return ThinPlaces(tuple(spots), values, len(found["speck"]))
 
 
-def _agreeing(
-    values: FloatArray, spots: Sequence[ThinSpot], surface: Shape, *, at_least: bool
+def agreeing(
+    values: FloatArray, spots: Sequence[Any], surface: Shape, *, at_least: bool = False
 ) -> FloatArray:
-    """Return values (n,) that are those of thin spots where these are, and nowhere lower."""
+    """Return values (n,) that are those of thin spots, or of regions, where these are.
+
+    `at_least`: and nowhere lower.
+    """
     result = values.copy()
     if at_least and spots:
         for spot in (one for one in spots if one.kind == "wall"):
