@@ -163,3 +163,31 @@ def test_a_curve_skeleton_enters_few_files(tmp_path):
     run = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
     assert run.returncode == 0, run.stderr
     assert len(run.stderr.splitlines()) <= MOST_ENTERED, run.stderr
+
+
+LONGEST, PLACEHOLDER = 160, 6
+
+
+def sentences(path):
+    """Give each sentence that a function may say, and its length: 6 characters a value."""
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    functions = [one for one in ast.walk(tree) if isinstance(one, ast.FunctionDef)]
+    docstrings = {ast.get_docstring(one, clean=False) for one in functions}
+    for node in (node for one in functions for node in ast.walk(one)):
+        if isinstance(node, ast.JoinedStr):
+            parts = [
+                part.value if isinstance(part, ast.Constant) else "x" * PLACEHOLDER
+                for part in node.values
+            ]
+            yield "".join(parts)
+        elif isinstance(node, ast.Constant) and isinstance(node.value, str | None):
+            yield "" if node.value in docstrings else node.value or ""
+
+
+def test_no_message_is_long():
+    """What functions say is read in one line: 160 characters, help texts apart."""
+    folders = [path for path in modules() if path.stem != "arguments"]
+    said = {text for path in folders for text in sentences(path) if text[:1].isupper()}
+    said = {text for text in said if text.endswith(".") and "\n" not in text}
+    assert len(said) > 200
+    assert [text for text in said if len(text) > LONGEST] == []

@@ -53,8 +53,8 @@ def finished(shapes, tmp_path_factory) -> tuple[Path, list[Row]]:
 
 def without_seconds(text: str) -> list[list[str]]:
     rows = list(csv.reader(text.splitlines()))
-    place = rows[0].index("seconds")
-    return [row[:place] + row[place + 1 :] for row in rows]
+    times = [place for place, name in enumerate(rows[0]) if name.endswith(": seconds")]
+    return [[cell for place, cell in enumerate(row) if place not in times] for row in rows]
 
 
 @pytest.mark.slow
@@ -69,7 +69,7 @@ def test_good_shapes_are_done_and_bad_ones_say_why(finished, shapes):
     assert all("damaged.ply" in text for text in sentences[2:4])
     assert all("no such file" in text for text in sentences[4:])
     listed = list(csv.DictReader((out / "results.csv").read_text("utf-8").splitlines()))
-    assert [row["status"] for row in listed] == [r.status for r in rows]
+    assert [row[f"{o}: status"] for row in listed for o in OPERATIONS] == [r.status for r in rows]
     page = (out / "results.html").read_text("utf-8")
     assert page.count("<img") == 6 and "6 shapes: 6 results, 6 failed" in page
     for link in re.findall('(?:src|href)="([^"#]+)"', page):
@@ -158,7 +158,7 @@ def test_a_killed_batch_goes_on_and_gives_the_same_table(finished, shapes, tmp_p
     child.wait()
     assert not (tmp_path / "out" / "results.csv").exists()
     done = subprocess.run(command, capture_output=True, text=True)
-    assert done.returncode == 3 and "6 results, 6 failed" in done.stdout, done.stderr
+    assert done.returncode == 3 and "\n6 results failed.\n" in done.stdout, done.stderr
     text = (tmp_path / "out" / "results.csv").read_text("utf-8")
     assert without_seconds(text) == without_seconds(csv_text(rows))
     assert not list(tmp_path.glob("out/*/.*"))
@@ -444,14 +444,41 @@ def test_the_page_shows_any_name_as_text():
     row = Row("<b>", "<b>.ply", "thickness", FAILED, 'a < b & "c"', values={"x": 1 / 3})
     page = html_text([row, replace(row, status=DONE)])
     assert "<b>.ply" not in page and "&lt;b&gt;" in page and "a &lt; b &amp;" in page
-    assert "0.33333" in page and np.isclose(float(csv_text([row]).split(",")[-1]), 1 / 3)
+    assert "0.33333" in page and np.isclose(float(csv_text([row]).split(",")[-2]), 1 / 3)
 
 
-def test_the_page_gives_angles_in_degrees_and_the_table_in_radians():
+def test_page_and_table_give_angles_in_degrees():
     row = Row("a", "a.ply", "surface_skeleton", DONE, values={"spoke_angle_max": np.pi / 3})
     page = html_text([row])
     assert "spoke angle max in degrees" in page and ">60<" in page
-    assert float(csv_text([row]).split(",")[-1]) == np.pi / 3
+    (line,) = csv.DictReader(csv_text([row]).splitlines())
+    assert float(line["surface_skeleton: spoke_angle_max (degrees)"]) == np.degrees(np.pi / 3)
+
+
+def test_the_table_has_a_line_a_shape_and_a_column_a_unit():
+    """It had a line a result, and millimetres and inches in one column (fixed)."""
+    sizes = {"diagonal": 2.0, "area": 3.0, "parts": 4}
+    rows = [
+        Row(name, f"{name}.ply", operation, DONE, values=sizes, unit=unit)
+        for name, unit in (("a", "mm"), ("b", "in"), ("c", None))
+        for operation in ("parts", "thickness")
+    ]
+    lines = list(csv.DictReader(csv_text([*rows, rows[0]]).splitlines()))
+    assert [(line["shape"], line["unit"]) for line in lines] == [
+        ("a", "mm"),
+        ("b", "in"),
+        ("c", ""),
+    ]
+    for line, unit in zip(lines, (" (mm)", " (in)", ""), strict=True):
+        square = unit.replace(")", "²)")
+        for operation in ("parts", "thickness"):
+            filled = {name for name, cell in line.items() if cell and name.startswith(operation)}
+            assert filled == {
+                *(f"{operation}: {name}" for name in ("status", "parts")),
+                *(f"{operation}: diagonal{unit}", f"{operation}: area{square}"),
+            }
+    page = html_text(rows)
+    assert "diagonal in mm<" in page and "diagonal in in<" in page and "area in mm²<" in page
 
 
 def test_failures_come_first_and_the_same_sentence_once():

@@ -224,7 +224,7 @@ def test_no_cell_of_the_table_is_a_formula(tmp_path):
     jobs = plan(["thickness"], ["=1+1.ply", "-2.ply", "@a.ply"], tmp_path)
     rows = list(csv.reader(csv_text([job.failed("thickness", "+") for job in jobs]).splitlines()))
     assert [row[0] for row in rows[1:]] == ["'=1+1", "'-2", "'@a"]
-    assert all(row[5] == "'+" and not row[4].startswith(("=", "-", "@")) for row in rows[1:])
+    assert all(row[5] == "'+" and not row[1].startswith(("=", "-", "@")) for row in rows[1:])
     assert os.sep not in rows[1][0]
 
 

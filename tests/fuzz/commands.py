@@ -155,8 +155,10 @@ def _steady(path: Path) -> bytes:
             return json.dumps(manifest, sort_keys=True).encode()
     if path.name == "results.csv":
         rows = list(csv.reader(io.StringIO(data.decode("utf-8", "replace"))))
-        place = rows[0].index("seconds") if rows and "seconds" in rows[0] else len(rows)
-        return json.dumps([row[:place] + row[place + 1 :] for row in rows]).encode()
+        times = [place for place, name in enumerate(rows[0] if rows else ()) if "seconds" in name]
+        return json.dumps(
+            [[cell for place, cell in enumerate(row) if place not in times] for row in rows]
+        ).encode()
     if path.name == "results.html":
         return b""  # it has times; the table beside it says the same
     return data

@@ -213,8 +213,8 @@ def _compile(one: Any, arguments: tuple[Any, ...]) -> None:
         if (error.name or "").partition(".")[0] not in ("numba", "llvmlite"):
             raise
         raise MedialisError(
-            f"The kernel {one.__name__} was not made ahead of time for this computer, and numba, "
-            f"which would compile it, is not installed: {OTHERS}, `pip install numba` helps too."
+            f"Kernel {one.__name__} was not made ahead of time for this computer, and numba is "
+            f"missing: `pip install numba`, or {OTHERS}."
         ) from error
     dispatcher_of(one)
 

@@ -23,7 +23,7 @@ from urllib.parse import quote
 
 from medialis.base import disk
 from medialis.base.errors import FileError
-from medialis.base.progress import Progress, ProgressCallback
+from medialis.base.progress import Progress, ProgressCallback, counted
 from medialis.base.threads import thread_count
 from medialis.base.validation import as_whole_number
 from medialis.batches.engine import run_jobs, warn_if_open
@@ -93,9 +93,8 @@ def _failed(rows: Sequence[Row], operations: int) -> str:
 
 def _operation(name: str, rows: Sequence[Row], is_open: str) -> str:
     done = [row for row in rows if row.status == DONE]
-    columns = list(dict.fromkeys(key for row in done for key in row.numbers))
-    units = {name: " in degrees" if quantity(name) == "angle" else "" for name in columns}
-    values = [_words(name) + unit for name, unit in units.items()]
+    columns = _columns(done)
+    values = [_words(name) + (f" in {unit}" if unit else "") for name, unit in columns]
     heads = ["shape", "seconds", *values, "what was said"]
     head = "".join(f'<th aria-sort="none"><button>{text}</button></th>' for text in heads)
     lines = "\n".join(_line(row, columns) for row in done)
@@ -109,7 +108,29 @@ def _operation(name: str, rows: Sequence[Row], is_open: str) -> str:
     )
 
 
-def _line(row: Row, columns: Sequence[str]) -> str:
+Column = tuple[str, str]
+"""Name of a value, and its unit: what has different units has different columns."""
+
+
+def _columns(rows: Sequence[Row]) -> list[Column]:
+    return list(dict.fromkeys((name, _unit(row, name)) for row in rows for name in row.numbers))
+
+
+def _unit(row: Row, name: str) -> str:
+    """Return the unit of a value of a row; "" where it has none, or that is not known."""
+    unit = row.unit or ""
+    of = {"length": unit, "area": f"{unit}²" if unit else "", "angle": "degrees"}
+    return of.get(quantity(name), "%" if name.endswith("_percent") else "")
+
+
+def _value(row: Row, column: Column) -> Any:
+    """Return what a row has in a column, angles in degrees; None: nothing."""
+    name, unit = column
+    value = row.numbers.get(name) if _unit(row, name) == unit else None
+    return math.degrees(value) if unit == "degrees" and value is not None else value
+
+
+def _line(row: Row, columns: Sequence[Column]) -> str:
     name, links = _text(row.name), []
     folder = _link(f"{row.name}/{row.operation}/")
     image = ""
@@ -126,7 +147,7 @@ def _line(row: Row, columns: Sequence[str]) -> str:
     links.append(f'<a href="{folder}">files</a>')
     seconds = "" if row.seconds is None else f"{row.seconds:.2f}"
     said = f'<p tabindex="0">{_text(row.sentence)}</p>' if row.sentence else ""
-    values = "".join(_cell(column, row.numbers.get(column)) for column in columns)
+    values = "".join(_cell(_value(row, column)) for column in columns)
     return (
         f'<tr data-shape="{name}"><th scope="row" title="{_text(row.file)}"><div>{image}'
         f"<span>{name}<br><small>{' '.join(links)}</small></span></div></th>"
@@ -134,9 +155,7 @@ def _line(row: Row, columns: Sequence[str]) -> str:
     )
 
 
-def _cell(column: str, value: Any) -> str:
-    if isinstance(value, float) and quantity(column) == "angle":
-        value = math.degrees(value)
+def _cell(value: Any) -> str:
     if isinstance(value, bool):
         return f"<td>{'yes' if value else 'no'}</td>"
     if isinstance(value, float):
@@ -240,7 +259,7 @@ def _remove(place: disk.Folder, name: str) -> None:
 
 
 FORMULA = ("=", "+", "-", "@", "\t", "\r")
-FIRST = ("shape", "operation", "status", "seconds", "file", "sentence")
+FIRST = ("shape", "file", "unit")
 
 
 def write_table(rows: Sequence[Row], folder: str | os.PathLike[str]) -> tuple[str, str]:
@@ -267,18 +286,40 @@ def write_table(rows: Sequence[Row], folder: str | os.PathLike[str]) -> tuple[st
 
 
 def csv_text(rows: Sequence[Row]) -> str:
-    """Return the table as CSV: one line a result, one column a value that any result has."""
-    numbers = [row.numbers for row in rows]
-    names = list(dict.fromkeys(name for values in numbers for name in values))
+    """Return the table as CSV: one line a shape; columns are named `operation: value (unit)`.
+
+    A shape that could not be read has no unit. Angles are in degrees.
+    """
+    shapes: dict[tuple[str, str], dict[str, Row]] = {}
+    operations: dict[str, list[Row]] = {}
+    for row in rows:
+        shapes.setdefault((row.name, row.file), {})[row.operation] = row
+        operations.setdefault(row.operation, []).append(row)
+    columns = {name: _columns(group) for name, group in operations.items()}
+    heads = [*FIRST]
+    for operation, found in columns.items():
+        values = [f"{name} ({unit})" if unit else name for name, unit in found]
+        heads += [f"{operation}: {name}" for name in ("status", "seconds", *values, "sentence")]
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow([*FIRST, *names])
-    for row, values in zip(rows, numbers, strict=True):
-        seconds = "" if row.seconds is None else f"{row.seconds:.3f}"
-        first = [row.name, row.operation, row.status, seconds, row.file, row.sentence]
-        cells = [*first, *(values.get(name, "") for name in names)]
+    writer.writerow(heads)
+    for (name, file), own in shapes.items():
+        unit = next((row.unit for row in own.values() if row.unit), "")
+        cells: list[Any] = [name, file, unit]
+        for operation, found in columns.items():
+            cells += _cells(own.get(operation), found)
         writer.writerow([_plain(cell) for cell in cells])
     return text.getvalue()
+
+
+def _cells(row: Row | None, columns: Sequence[Column]) -> list[Any]:
+    """Return what one operation has in the line of a shape."""
+    if row is None:
+        return [""] * (len(columns) + 3)
+    seconds = "" if row.seconds is None else f"{row.seconds:.3f}"
+    values = (_value(row, column) for column in columns)
+    told = ["" if value is None else value for value in values]
+    return [row.status, seconds, *told, row.sentence]
 
 
 def _plain(cell: Any) -> Any:
@@ -375,10 +416,12 @@ def batch(
     with locked_folder(output):
         _refuse_strangers(output, jobs)
         rows: dict[str, list[Row]] = {}
+        known = 0
         for job in jobs:
             for name in job.operations:
                 remove_left(job.folder(name), output)
             there = [row for name in job.operations if (row := job.finished(name)) is not None]
+            known += len(there)
             if len(there) == len(job.operations):
                 rows[job.name] = there
         waiting = [job for job in jobs if job.name not in rows]
@@ -394,4 +437,8 @@ def batch(
             progress.update(len(rows) / len(jobs), f"{len(rows)} of {len(jobs)}{bad}: {job.name}")
         table = [row for job in jobs for row in rows[job.name]]
         write_table(table, output)
+    done = sum(row.status == DONE for row in table) - known
+    text = f"{counted(done, 'result', verbs=('was', 'were'))} computed"
+    text += f", {known} {'was' if known == 1 else 'were'} there already." if known else "."
+    progress.note(text, "batch", computed=done, there=known)
     return table

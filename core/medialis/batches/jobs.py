@@ -157,6 +157,8 @@ class Row(Described):
         Counts and measures of the result.
     picture, thumbnail, report : str or None
         Paths relative to the output folder.
+    unit : str or None
+        Of the lengths among the values; None: not known.
     """
 
     name: str
@@ -169,6 +171,7 @@ class Row(Described):
     picture: str | None = None
     thumbnail: str | None = None
     report: str | None = None
+    unit: str | None = None
 
     @property
     def numbers(self) -> dict[str, Any]:
@@ -260,6 +263,7 @@ class Job:
             None if manifest["picture"] is None else path(Path(manifest["picture"]).name),
             path(THUMBNAIL),
             path(REPORT),
+            manifest["unit"],
         )
 
     def failed(self, operation_name: str, sentence: str) -> Row:

@@ -60,6 +60,7 @@ if TYPE_CHECKING:
 
 def run_batch(options: argparse.Namespace) -> int:
     """Run a batch and return the exit code."""
+    from medialis.base.progress import counted
     from medialis.batches.batch import batch
     from medialis.batches.jobs import FAILED, TABLES
     from medialis.formats.json_npz import json_text
@@ -95,7 +96,10 @@ def run_batch(options: argparse.Namespace) -> int:
             groups.setdefault((row.file, row.sentence), []).append(row.operation)
         for (file, sentence), names in groups.items():
             say(f"failed: {', '.join(names)} of {file}: {sentence}")
-        say(f"{len(rows) - len(bad)} results, {len(bad)} failed")
+        for message in progress.messages:
+            if message.code == "batch":
+                say(message)
+        say(f"{counted(len(bad), 'result')} failed." if bad else "None failed.")
         for name in TABLES:
             say(Path(options.output) / name)
     if bad:

@@ -146,11 +146,14 @@ MOST_ROWS = 5
 """Of all tables of places together; the manifest has them all."""
 
 TABLES = {
-    "spots": ("thin spots", ("value", "area")),
-    "regions": ("regions", ("value", "area")),
-    "ribs": ("ribs", ("ratio", "thickness", "wall")),
+    "spots": ("thin spots", {"value": "value", "area": "area, both sides"}),
+    "regions": ("regions", {"value": "value", "area": "area, one side"}),
+    "ribs": ("ribs", {"ratio": "ratio", "thickness": "thickness", "wall": "wall"}),
 }
-"""Title and columns of the tables of places, by the name of the value."""
+"""Title of the tables of places, and heads of their columns, by the name of the value."""
+
+MOST_LINES, FEWEST_FILES = 25, 2
+"""Of a result on the screen; of its files, those left over in one line."""
 
 MOST_NOTES = 3
 """Of the notes below a result, the most important first; --verbose has them all."""
@@ -162,8 +165,11 @@ INNER = {
 }
 """Values that tell how it was computed: with --verbose, and in the manifest."""
 
-SAID_LAST = {"refined", "welded", "sharp_edges", "open_balls", "specks", "dense_kept"}
+SAID_LAST = {"refined", "welded", "sharp_edges", "specks", "dense_kept"}
 """Codes of notes on how it was computed."""
+
+UNSAID = {"open_balls", "thin_walls"}
+"""Codes of notes that only --verbose has, and the manifest: there is nothing to do about them."""
 
 WIDEST, NARROWEST = 100, 60
 
@@ -199,9 +205,24 @@ def summary_lines(
     manifest: Mapping[str, Any], width: int | None = None, *, verbose: bool = False
 ) -> Iterator[str]:
     """Yield what there is to say of a result, from its manifest; all of it when verbose."""
+    columns = width or _line_width()
+    lines = [*_told(manifest, columns, verbose)]
+    yield from lines
+    folder = Path(manifest["files"][0]).parent
+    yield f"{len(manifest['files'])} files in {folder}, {manifest['seconds']['total']:.1f} seconds:"
+    files = [*_files(manifest)]
+    room = len(files) if verbose else max(MOST_LINES - len(lines) - 1, FEWEST_FILES)
+    shown = files if len(files) <= room else files[: room - 1]
+    yield from _indented(_shortened(_aligned(shown), columns - 2))
+    if len(shown) < len(files):
+        rest = f"and {', '.join(name for name, _ in files[len(shown) :])}"
+        yield from _indented(_shortened([rest], columns - 2))
+
+
+def _told(manifest: Mapping[str, Any], columns: int, verbose: bool) -> Iterator[str]:
+    """Yield all but the files."""
     from medialis.operations.result import value_rows
 
-    columns = width or _line_width()
     values, unit = manifest["values"], manifest["unit"]
     yield f"{manifest['operation'].replace('_', ' ')} of {manifest['input']}"
     left_out: set[str] = set() if verbose else INNER
@@ -213,20 +234,21 @@ def summary_lines(
         yield from _indented(_table(*TABLES[name], values[name], most, unit))
     for text in _notes(manifest, verbose):
         yield from textwrap.wrap(text, columns, subsequent_indent="  ", break_long_words=False)
-    folder = Path(manifest["files"][0]).parent
-    yield f"{len(manifest['files'])} files in {folder}, {manifest['seconds']['total']:.1f} seconds:"
-    yield from _indented(_shortened(_aligned(_files(manifest)), columns - 2))
 
 
 def _notes(manifest: Mapping[str, Any], verbose: bool) -> Iterator[str]:
     """Yield warnings, then notes; how many are left out."""
     said = list(zip(manifest["messages"], manifest["notes"], strict=True))
     said.sort(key=lambda one: (not one[1]["warning"], one[1]["code"] in SAID_LAST))
-    shown = said if verbose else said[:MOST_NOTES]
+    shown = said if verbose else [one for one in said if not _is_inner(one[1])][:MOST_NOTES]
     for message, about in shown:
         yield f"{'warning' if about['warning'] else 'note'}: {message}"
     if len(shown) < len(said):
         yield f"{len(said) - len(shown)} more with --verbose, and in manifest.json"
+
+
+def _is_inner(about: Mapping[str, Any]) -> bool:
+    return about["code"] in UNSAID and not about["warning"]
 
 
 def _line_width() -> int:
@@ -270,7 +292,7 @@ def _meaning(name: str, layers: Mapping[str, str]) -> str:
 
 def _table(
     title: str,
-    columns: Sequence[str],
+    columns: Mapping[str, str],
     things: Sequence[Mapping[str, Any]],
     most: int,
     unit: str | None,
@@ -289,7 +311,7 @@ def _table(
     ]
     left = len(things) - len(rows)
     more = [f"{left} more in manifest.json"] if left else []
-    return _aligned([("", title, *columns, "position"), *rows]) + more
+    return _aligned([("", title, *columns.values(), "position"), *rows]) + more
 
 
 def _aligned(rows: Iterator[tuple[str, ...]] | Sequence[tuple[str, ...]]) -> list[str]:

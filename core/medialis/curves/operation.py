@@ -505,8 +505,8 @@ def _note_shape(surface: Shape, evidence: CurveEvidence, progress: Progress) -> 
         if closed < genus:
             progress.warn(
                 f"Part {number} has {counted(genus, 'handle')}, but its graph has "
-                f"{counted(closed, 'loop')}: handles are thinner than the tolerance, the surface "
-                "crosses itself, or there are more than 2,048 of them.",
+                f"{counted(closed, 'loop')}: handles are thinner than the tolerance, more than "
+                "2,048, or faces cross.",
                 "loops_missing",
                 part=number,
                 handles=genus,

@@ -276,9 +276,8 @@ def envelope_surface(
             return best
     assert best is not None
     progress.warn(
-        f"The surface of the envelope has {best.part_count} pieces and {_handles(best)} "
-        f"handles, the medial mesh {mesh.betti[0] + mesh.betti[2]} and {mesh.betti[1]}: balls "
-        "that no edge joins touch, or leave a hollow.",
+        f"The envelope has {best.part_count} pieces and {_handles(best)} handles, the medial mesh "
+        f"{mesh.betti[0] + mesh.betti[2]} and {mesh.betti[1]}: balls that no edge joins touch.",
         "envelope_topology",
         pieces=best.part_count,
         handles=_handles(best),

@@ -232,8 +232,8 @@ def _note_topology(
     """Say where the topology is a guess, and which number is wrong."""
     if wanted is None:
         progress.warn(
-            "The mesh is open or crosses itself, or neighbouring faces disagree: what is inside "
-            "was told by how often the surface is wound round a place, so the topology is a guess.",
+            "The mesh is open, crosses itself, or has faces that are turned over: what is inside, "
+            "and so the topology, is a guess.",
             "inside_guessed",
         )
     elif found.betti != wanted:

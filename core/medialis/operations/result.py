@@ -22,6 +22,27 @@ from medialis.shape.shape import Shape
 
 _PARTS = ("_min", "_median", "_max")
 
+WORDS = {
+    "a3_points": "rim points",
+    "y_points": "Y-curve points",
+    "y_network_points": "Y-network points",
+    "y_curves": "Y-curves",
+    "y_length": "Y-curve length",
+    "seams": "Y-curves",
+}
+"""What values are called for people, where that is not their name."""
+
+
+def value_words(name: str) -> str:
+    """Return the name of a value for people.
+
+    Examples
+    --------
+    >>> value_words("thin_spots"), value_words("seams"), value_words("largest_error_percent")
+    ('thin spots', 'Y-curves', 'largest error')
+    """
+    return WORDS.get(name, name.removesuffix("_percent").replace("_", " "))
+
 
 def quantity(name: str) -> str:
     """Return "length", "area" or "angle" (in radians) for the name of a value, else nothing.
@@ -86,9 +107,9 @@ def value_rows(values: Mapping[str, Any], unit: str | None = None) -> Iterator[t
             ending = low.removeprefix(low.split(" ")[0])
             if ending and high.endswith(ending):
                 low = low.removesuffix(ending)
-            yield stem.replace("_", " "), f"{low} to {high}, median {median}"
+            yield value_words(stem), f"{low} to {high}, median {median}"
         else:
-            yield name.removesuffix("_percent").replace("_", " "), value_text(name, value, unit)
+            yield value_words(name), value_text(name, value, unit)
 
 
 def value_lines(values: Mapping[str, Any], unit: str | None = None) -> list[str]:

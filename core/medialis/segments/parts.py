@@ -623,7 +623,7 @@ def _limbs(cloud: MedialCloud, progress: Progress) -> IntArray:
     surface = cloud.surface
     if not _has_curves(cloud):
         raise InvalidShapeError(
-            "Limbs need a curve skeleton, which needs a mesh with its whole inner cloud; got "
+            "Limbs need a mesh with its whole inner cloud; got "
             f"{surface.face_count} faces and {len(cloud)} balls for {surface.point_count} samples. "
             "Use method = sheets."
         )

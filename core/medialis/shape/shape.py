@@ -218,26 +218,22 @@ def far_points(shape: Shape) -> Message | None:
     """
     low, high = np.quantile(shape.points, TAILS, axis=0)
     bulk = float(np.linalg.norm(high - low))
-    harm = (
-        f"the diagonal is {shape.diagonal:.3g}, and lengths such as tolerance and refine are "
-        "fractions of it, too coarse for the"
-    )
+    harm = f"Options are shares of the diagonal of {shape.diagonal:.3g}, too coarse for the"
     if 0 < bulk < shape.diagonal / FAR:
         away = ((shape.points < low - bulk) | (shape.points > high + bulk)).any(axis=1)
         first = ", ".join(f"{x:.6g}" for x in shape.points[int(away.argmax())])
         told = {"points": int(away.sum()), "of": shape.point_count, "size": bulk}
         text = (
-            f"{told['points']} of {shape.point_count} points lie far from the rest, which is "
-            f"about {bulk:.3g} large (the first at {first}): {harm} rest. Delete the far points if "
-            "they are strays."
+            f"{told['points']} of {shape.point_count} points lie far from the rest, as at "
+            f"({first}). {harm} rest. Delete strays."
         )
         return Message(text, "far_points", logging.WARNING, **told)
     largest = _largest_part(shape)
     if 0 < largest < shape.diagonal / FAR:
         parts = int(shape.components.max()) + 1
         text = (
-            f"The {parts} parts lie far apart, the largest is {largest:.3g} large: {harm} parts. "
-            "Delete parts that are strays, or run the parts one by one."
+            f"The {parts} parts lie far apart. {harm} largest, of {largest:.3g}. Delete strays, or "
+            "run the parts one by one."
         )
         return Message(text, "far_parts", logging.WARNING, parts=parts, size=largest)
     return None

@@ -48,7 +48,7 @@ def run_point_types(shape: Shape, options: PointTypesRun, progress: Progress) ->
     keep = types > (PointType.A3 if options.filter_rim else PointType.NONE)
     if not keep.any():
         raise InvalidShapeError(
-            "All points of the skeleton are on its rim (A3): the shape is too coarse, or smooth "
+            "All points of the skeleton are on its rim: the shape is too coarse, or smooth "
             "all round. Use a smaller refine, or filter_rim = False."
         )
     layer = cloud_layer("point_types", cloud.subset(keep), {"type": types[keep]})

@@ -60,8 +60,8 @@ def run(shape: Shape, options: BallReconstructionRun, progress: Progress) -> Out
         found = reconstruct_image(cloud, camera, progress=progress)
     if math.isnan(found.median_difference):
         progress.warn(
-            "No pixel shows both the balls and the surface, so their depths cannot be compared. "
-            f"The shape is thinner than a pixel of a picture of {size} pixels: raise size.",
+            "No pixel shows both the balls and the surface: the shape is thinner than a pixel of a "
+            f"picture of {size} pixels. Raise size.",
             "thinner_than_a_pixel",
             size=size,
         )

@@ -230,7 +230,7 @@ def require_faces(shape: Shape) -> None:
     if shape.faces is None:
         raise InvalidShapeError(
             "A skeleton mesh needs a surface with faces, got a point cloud: reconstruct a surface "
-            "first, or use surface_skeleton, which shows the skeleton as points."
+            "first, or use surface_skeleton, which shows points."
         )
 
 

@@ -240,11 +240,11 @@ def _with_lower_tolerance(
         cloud = cloud.with_rows(np.concatenate(rows), **columns)
         of = shape.point_count
         text = (
-            f"{counted(count, 'sample', of=of, verbs=('lies', 'lie'))} on a wall thinner than the "
-            f"tolerance of {100 * tolerance:.3g} % of the diagonal. The balls there were computed "
-            f"with a tolerance of down to {100 * finer:.3g} %."
+            f"{counted(count, 'sample', of=of, verbs=('lies', 'lie'))} where the shape is finer "
+            f"than the tolerance of {100 * tolerance:.3g} % of the diagonal; one of down to "
+            f"{100 * finer:.3g} % was taken there."
         )
-        progress.warn(text, "thin_walls", samples=count, of=of, tolerance=finer)
+        progress.note(text, "thin_walls", samples=count, of=of, tolerance=finer)
     return cloud
 
 
@@ -523,7 +523,7 @@ def _refined(
             creases = run_patiently(lambda: find_creases(shape, options.creases), progress)
             fine = run_patiently(lambda: on_smooth_surface(shape, fine, creases), progress)
         progress.note(
-            f"The mesh was refined for the computation: {shape.point_count:,} vertices became "
+            f"The mesh was refined: {shape.point_count:,} vertices became "
             f"{fine.point_count:,} samples, at most {100 * fraction:.3g} % of the diagonal apart "
             "(refine = 0 turns this off).",
             "refined",

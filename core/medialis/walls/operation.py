@@ -27,7 +27,7 @@ from medialis.skeleton.layers import cloud_arrays, summary, surface_layers
 from medialis.skeleton.medial_cloud import MedialCloud
 from medialis.skeleton.surface_skeleton import Preparation, SurfaceSkeletonOptions, surface_skeleton
 from medialis.walls.thickness import thickness, unresolved_walls, wall_balls
-from medialis.walls.thin_spots import ThinSpot, ThinSpotOptions, thin_spots
+from medialis.walls.thin_spots import ThinSpot, ThinSpotOptions, thin_places
 from medialis.walls.wall_check import (
     EQUAL,
     LARGEST_SHARE,
@@ -77,9 +77,10 @@ def run_thickness(shape: Shape, options: ThicknessRun, progress: Progress) -> Ou
     same = options.threshold * shape.diagonal / fine.diagonal
     given, options = options, replace(options, threshold=min(same, 1.0))
     with progress.stage("thickness", 0.7, 0.85):
-        values = thickness.of(cloud, options, progress)
+        thickness.of(cloud, options, progress)
     with progress.stage("thin spots", 0.85, 1.0):
-        spots = thin_spots.of(cloud, options, progress)
+        places = thin_places.of(cloud, options, progress)
+    values, spots = places.values, places.spots
     note_resolution(cloud, progress)
     note_enclosure(cloud, progress)
     _note_share(values, options, fine, progress)
@@ -197,8 +198,7 @@ def _note_thinnest(
         count = len(spots) - len(walls)
         text = (
             f"{counted(count, 'place', verbs=('is', 'are'))} thin{more} because parts of the mesh "
-            "overlap there, or one part crosses itself: the values tell how deep, not how thick a "
-            "wall is. They come last and have the kind overlap."
+            "overlap or cross there: their values tell how deep, not how thick a wall is."
         )
         progress.warn(text, "overlaps", spots=count)
 
@@ -217,7 +217,7 @@ def note_enclosure(cloud: MedialCloud, progress: Progress) -> None:
         text = (
             f"The {'cloud' if shape.faces is None else 'surface'} encloses nothing at "
             f"{counted(outside, 'place', of=len(rows))} that were looked at. Thickness there is "
-            "the distance to whatever lies behind the surface, not that of a wall."
+            "the distance to what lies behind, not that of a wall."
         )
         progress.warn(text, "encloses_nothing", places=outside, of=len(rows))
 
@@ -486,7 +486,7 @@ def _note_limits(
     low, high = with_unit(check.minimum, unit), with_unit(check.maximum, unit)
     if limits.minimum is None and limits.maximum is None:
         text = (
-            f"No limit was given: walls were compared with {low} and {high}, {LEAST_SHARE:g} and "
+            f"No limit was given: {low} to {high} were taken, {LEAST_SHARE:g} and "
             f"{LARGEST_SHARE:g} times the typical wall of {with_unit(check.typical, unit)}. Say "
             "--minimum, --maximum or --material."
         )

@@ -25,7 +25,7 @@ normals of facets are too rough to tell more than the balls of the samples do.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property, partial
 from itertools import islice
@@ -707,19 +707,56 @@ def thin_spots(
     >>> spots[0].kind, bool(spots[0].value < spots[1].value)
     ('wall', True)
     """
+    return thin_places.of(cloud, options, progress).spots
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ThinPlaces(Described):
+    """Thin spots, and a thickness that they are the lowest places of.
+
+    Attributes
+    ----------
+    spots : tuple of ThinSpot
+    values : (n,) float64
+        `thickness` with that of each spot where it is: calipers measure between samples, and
+        without a threshold specks take no part. Nothing is thinner than the thinnest spot, unless
+        all balls were asked for (`min_spoke_angle` 0).
+    specks : int
+        Places that were left out.
+    """
+
+    spots: tuple[ThinSpot, ...]
+    values: FloatArray
+    specks: int
+
+
+@algorithm(ThinSpotOptions, door=as_cloud)
+def thin_places(cloud: MedialCloud, options: ThinSpotOptions, progress: Progress) -> ThinPlaces:
+    """Return `thin_spots` with a thickness that agrees with them.
+
+    Parameters
+    ----------
+    cloud : MedialCloud
+        Balls on n samples.
+
+    Raises
+    ------
+    InvalidShapeError
+        When no inner ball is valid.
+    """
     thickness.of(cloud, options, progress)  # raises where there is no ball
-    spots, specks = run_patiently(lambda: _find(cloud, options), progress)
-    if specks:
+    places = run_patiently(lambda: _find(cloud, options), progress)
+    if places.specks:
         text = (
-            f"{counted(specks, 'place', verbs=('was', 'were'))} left out that only a few samples "
-            "make far thinner than all around: flaws of the mesh, such as folds."
+            f"{counted(places.specks, 'place', verbs=('was', 'were'))} left out that only a few "
+            "samples make far thinner than all around: flaws of the mesh, such as folds."
         )
-        progress.note(text, "specks", places=specks)
-    return spots
+        progress.note(text, "specks", places=places.specks)
+    return places
 
 
-def _find(cloud: MedialCloud, options: ThinSpotOptions) -> tuple[tuple[ThinSpot, ...], int]:
-    """Return thin spots, walls before overlaps, and how many specks were as thin as they.
+def _find(cloud: MedialCloud, options: ThinSpotOptions) -> ThinPlaces:
+    """Find thin spots, walls before overlaps, and count the specks that were as thin as they.
 
     Balls of specks and of overlaps are left out, the thickness completed and its places looked for
     again: the wall round them is a place when nothing in it is thinner. What is beside specks is
@@ -727,10 +764,12 @@ def _find(cloud: MedialCloud, options: ThinSpotOptions) -> tuple[tuple[ThinSpot,
     """
     share, level, field = options.share, options.threshold, thickness_field(cloud, options)
     assert field is not None
+    whole_field = field
     values = share * field.values
     every = partial(WallBalls, cloud, options, with_threshold=level > 0)
     balls, level = every(), level * cloud.surface.diagonal
     flawed = specks = np.zeros(cloud.surface.point_count, np.bool_)
+    crumpled = np.zeros_like(flawed)
     found: dict[str, list[LowPlace]] = {"wall": [], "overlap": [], "speck": []}
     changed = True
     for rings in range(ROUNDS):
@@ -746,7 +785,8 @@ def _find(cloud: MedialCloud, options: ThinSpotOptions) -> tuple[tuple[ThinSpot,
                     found[what].append(place)
                 if what != "wall":
                     (specks if what == "speck" else flawed)[place.vertices] = True
-        flawed |= balls.grown(specks, rings)
+        grown = balls.grown(specks, rings)
+        flawed, crumpled = flawed | grown, crumpled | grown
         if int(flawed.sum()) == before:
             break
         rest = field and thickness_without(cloud, flawed, options, field)
@@ -761,7 +801,35 @@ def _find(cloud: MedialCloud, options: ThinSpotOptions) -> tuple[tuple[ThinSpot,
         places = found[kind][: options.spots]
         by = every() if kind == "overlap" and places else balls
         spots += sorted((_spot(kind, by, place) for place in places), key=lambda spot: spot.value)
-    return tuple(spots), len(found["speck"])
+    smooth, walls_only = whole_field, options.min_spoke_angle > 0
+    if walls_only:
+        smooth = thickness_without(cloud, crumpled, options, whole_field) or whole_field
+    at_least = walls_only and level <= 0
+    values = agreeing(share * smooth.values, spots, cloud.surface, at_least=at_least)
+    return ThinPlaces(tuple(spots), values, len(found["speck"]))
+
+
+def agreeing(
+    values: FloatArray, spots: Sequence[Any], surface: Shape, *, at_least: bool = False
+) -> FloatArray:
+    """Return values (n,) that are those of thin spots, or of regions, where these are.
+
+    `at_least`: and nowhere lower.
+    """
+    result = values.copy()
+    if at_least and spots:
+        for spot in (one for one in spots if one.kind == "wall"):
+            result[spot.vertices] = np.maximum(result[spot.vertices], spot.value)
+        np.maximum(result, min(spot.value for spot in spots), out=result)
+    for spot in spots:
+        if result[spot.vertices].min() <= spot.value:
+            continue
+        points = surface.points[spot.vertices]
+        for end in (spot.position, spot.opposite):
+            if not np.isnan(end).any():
+                nearest = spot.vertices[np.linalg.norm(points - end, axis=1).argmin()]
+                result[nearest] = min(result[nearest], spot.value)
+    return frozen(result, np.float64)
 
 
 def _spot(kind: SpotKind, balls: WallBalls, place: LowPlace) -> ThinSpot:

@@ -41,6 +41,7 @@ from medialis.walls.thickness import ThicknessOptions, thickness, thickness_fiel
 from medialis.walls.thin_spots import (
     PlaceGraph,
     ThinSpotOptions,
+    agreeing,
     low_places,
     thin_spots,
 )
@@ -229,6 +230,8 @@ def check_walls(
     regions.sort(key=lambda region: order.index(region.kind))
     edge = np.zeros(len(values), np.bool_)
     edge[cloud.source[at_edge & (2.0 * cloud.radii < minimum)]] = True
+    thin = [region for region in regions if region.kind in ("too thin", "overlap")]
+    values = agreeing(values, thin, cloud.surface)  # calipers measure between samples
     return WallCheck(
         *(values, edge, int(flaws.sum()), minimum, maximum, limits.gap, typical),
         *(tuple(regions), tuple(standing)),

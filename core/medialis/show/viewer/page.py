@@ -394,7 +394,7 @@ def _described(results: Sequence[Outcome], title: str, packer: Packer) -> dict[s
         "title": title,
         "notes": list(dict.fromkeys(notes)),
         "unit": shape.unit,
-        "diagonal": shape.diagonal or 1.0,
+        "diagonal": _size(results[0]) or 1.0,
         "origin": origin.tolist(),
         "half": ((high - low) / 2).tolist(),
         "direction": np.asarray(direction).tolist(),
@@ -404,6 +404,12 @@ def _described(results: Sequence[Outcome], title: str, packer: Packer) -> dict[s
         "maps": {name: _colors(color_table(name), COLORS) for name in sorted(maps)},
         "palette": _colors(palette()),
     }
+
+
+def _size(result: Outcome) -> float:
+    """Return the diagonal that the result tells; what was refined or is inside has another one."""
+    told = result.values.get("diagonal")
+    return told if isinstance(told, float) else result.shape.diagonal
 
 
 def _part(part: Part, origin: FloatArray, packer: Packer) -> dict[str, Any]:

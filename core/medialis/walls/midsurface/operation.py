@@ -45,8 +45,8 @@ def run(shape: Shape, options: MidsurfaceRun, progress: Progress) -> Outcome:
         found = midsurface.of(cloud, replace(options, edge=min(edge, 0.5)), progress)
     if found.sheets == 0:
         raise InvalidShapeError(
-            "The solid has no midsurface: no part of it is a wall of even thickness. A smaller "
-            "least angle takes walls that taper more, a smaller refine sees narrower ones."
+            "The solid has no midsurface: no part of it is a wall of even thickness. Try a "
+            "smaller refine, which sees narrower walls, or a smaller least angle."
         )
     _note_lumps(found, progress)
     return Outcome(
