@@ -299,7 +299,7 @@ def test_without_code_and_without_numba_a_sentence_says_what_to_do(monkeypatch):
         jit.kernel(nothing)()
     monkeypatch.delitem(sys.modules, "medialis.base.compiling")
     monkeypatch.setitem(sys.modules, "numba", None)
-    with pytest.raises(medialis.MedialisError, match="numba, which would compile it, is not"):
+    with pytest.raises(medialis.MedialisError, match="numba is missing: `pip install numba`"):
         jit.kernel(nothing)()
 
 
