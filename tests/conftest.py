@@ -46,7 +46,9 @@ def made_once(make: Callable[..., medialis.Shape]) -> Callable[..., medialis.Sha
 # looks at the function itself, which is still in `medialis.shape.generate`.
 medialis.organic_shape = made_once(medialis.organic_shape)
 # Examples of help texts and pages ask for samples again and again: 1 s each, the tree 5 s.
-samples._MADE.update({name: (made_once(make), text) for name, (make, text) in samples._MADE.items()})
+samples._MADE.update(
+    {name: (made_once(make), text) for name, (make, text) in samples._MADE.items()}
+)
 
 
 @pytest.fixture

@@ -222,7 +222,7 @@ def test_binding_again_replaces_the_armature(with_parent, creature, scene, monke
 def test_below_modifiers_the_object_itself_is_rigged(creature, scene):
     """The vertices that are seen are others: the object's own get their weights."""
     points, faces, _ = creature
-    chosen = add_mesh("creature", points + [0.0, 2.0, 0.0], faces)
+    chosen = add_mesh("creature", np.add(points, [0.0, 2.0, 0.0]), faces)
     chosen.modifiers.new("mirror", "MIRROR").use_axis = (False, True, False)
     chosen.modifiers.new("smooth", "SUBSURF").levels = 1
     before = seen(chosen)

@@ -27,6 +27,7 @@ Measures = Annotated[FloatArray, "Measures"]
 """The type of a field with several columns of other numbers."""
 IntArray = NDArray[np.int32]
 
+AXES = ("x", "y", "z")
 LARGEST_COORDINATE = 1e151
 """Squares of distances between points, and of cameras around them, stay below 1.8e308."""
 

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from medialis.base.errors import InvalidOptionError
+from medialis.base.validation import AXES
 from medialis.cli.display import STYLES, say
 from medialis.operations.names import named_operations
 
@@ -166,7 +167,7 @@ def build_parser(
     _add_progress(demo)
     demo.set_defaults(
         **{"overwrite": True, "turntable": 0, "formats": "", "host": False, "report": False},
-        **dict.fromkeys(("unit", "threads", "no_picture", "color_by")),
+        **dict.fromkeys(("unit", "up", "threads", "no_picture", "color_by")),
     )
     sample = add("sample", "Write a shape to try things on; without a name: list them.")
     sample.add_argument("name", nargs="?", help="its name")
@@ -244,6 +245,7 @@ def _add_operation(sub: argparse.ArgumentParser, chosen: Operation, run: Command
         "--overwrite", action="store_true", help="replace another result in that folder"
     )
     _add_unit(sub)
+    _add_up(sub)
     options = sub.add_argument_group("parameters")
     for parameter in chosen.parameters:
         _add_parameter(options, parameter)
@@ -358,6 +360,7 @@ def _add_view(sub: argparse.ArgumentParser) -> None:
         help="threshold of the operation that is seen first, such as 1mm for thickness",
     )
     _add_unit(sub)
+    _add_up(sub)
     sub.add_argument("--open", action="store_true", help="open the page in the browser")
     sub.add_argument("--threads", type=int, help="use at most this many threads")
     _add_progress(sub)
@@ -374,6 +377,15 @@ def _add_parameter(group: Any, parameter: Parameter) -> None:
     if parameter.kind is Kind.BOOL:
         taken = {"action": argparse.BooleanOptionalAction, "default": parameter.default}
     group.add_argument(flag, dest=f"parameter_{parameter.name}", help=text, **taken)
+
+
+def _add_up(sub: argparse.ArgumentParser) -> None:
+    sub.add_argument(
+        "--up",
+        choices=AXES,
+        help="the axis that points up in pictures (default: y in glTF, z in STL, 3MF and STEP, "
+        "else as the shape stands)",
+    )
 
 
 def _add_unit(sub: argparse.ArgumentParser) -> None:

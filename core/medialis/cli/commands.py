@@ -256,7 +256,7 @@ def _computed(file: Path, options: argparse.Namespace, progress: Progress) -> li
         given = {"threshold": options.threshold}
     _compile_first(names, progress)
     with progress.stage("input", 0.0, 0.05):
-        shape = read_shape(file, unit=options.unit, progress=progress)
+        shape = read_shape(file, unit=options.unit, up=options.up, progress=progress)
     results: list[Outcome] = []
     for row, name in enumerate(names):
         start, width = 0.05 + 0.9 * row / len(names), 0.9 / len(names)
@@ -392,7 +392,7 @@ def _compute(
 
             shape = organic_shape()
         else:
-            shape = read_shape(file, unit=about["input_unit"], progress=progress)
+            shape = read_shape(file, unit=about["input_unit"], up=options.up, progress=progress)
     with progress.stage("compute", 0.1, 0.7):
         result = run(about["operation"], shape, threads=threads, progress=progress, **given)
     source = "organic shape" if file is None else file

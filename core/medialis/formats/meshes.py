@@ -204,6 +204,10 @@ MOST_UNPACKED = 4_000_000_000
 """Bytes in an archive: ten times the largest meshes that people hand round."""
 
 
+UP = {"stl": "z", "3mf": "z", "step": "z", "glb": "y", "gltf": "y"}
+"""The axis that points up, by formats that have one: printers and CAD stand on x and y."""
+
+
 @dataclass(frozen=True, eq=False)
 class MeshData:
     """What a file holds, as triangles; not yet repaired (see `medialis.shape.repair`).
@@ -240,6 +244,11 @@ class MeshData:
     unit: str | None = None
     patches: IntArray | None = None
     planes: IntArray | None = None
+
+    @property
+    def up(self) -> str | None:
+        """The axis that points up in files of this format, "y" or "z"; None where it has none."""
+        return UP.get(self.format)
 
 
 def read_mesh(path: str | os.PathLike[str]) -> MeshData:

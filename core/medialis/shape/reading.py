@@ -203,6 +203,7 @@ def read_shape(
     path: str | os.PathLike[str],
     *,
     unit: str | None = None,
+    up: str | None = None,
     progress: Progress | ProgressCallback | None = None,
 ) -> Shape:
     """Read a mesh or point cloud, repair it without moving a vertex, and complete its normals.
@@ -215,6 +216,9 @@ def read_shape(
     unit : str, optional
         What one unit of the file is: "mm", "cm", "m", "in", "ft", ... Else what the format says:
         glTF, 3MF, Collada and STEP do, the others do not.
+    up : {"x", "y", "z"}, optional
+        The axis that points up in pictures. Else that of the format: y in glTF, z in STL, 3MF and
+        STEP; of the others it is guessed from the shape.
     progress : callable, optional
         Called with (fraction, text); returning False cancels.
 
@@ -230,7 +234,7 @@ def read_shape(
     FileError, InvalidShapeError
         One sentence that names the file and what is wrong with it.
     InvalidOptionError
-        When the unit is none.
+        When the unit or the axis is none.
 
     See Also
     --------
@@ -260,7 +264,7 @@ def read_shape(
     model = mesh.planes is not None
     normals = mesh.normals if model or mesh.faces is None else None
     views = None if normals is not None else mesh.viewpoints
-    told = _Told(views, unit or mesh.unit, mesh.patches, mesh.planes)
+    told = _Told(views, unit or mesh.unit, mesh.patches, mesh.planes, up or mesh.up)
     with progress.stage("prepare", 0.5, 1.0):
         try:
             return _made(mesh.points, mesh.faces, normals, told, True, progress)
@@ -334,6 +338,7 @@ class _Told:
     unit: str | None = None
     patches: ArrayLike | None = None
     planes: ArrayLike | None = None
+    up: str | None = None
 
     def of_faces(self, kept: NDArray[Any] | slice) -> dict[str, Any]:
         """Return what is known of those faces that are kept."""
@@ -350,7 +355,7 @@ def _made(
     progress: Progress,
 ) -> Shape:
     """Build a shape as `make_shape` does; normals of a mesh that are zero are computed."""
-    extra: dict[str, Any] = {"unit": told.unit, **told.of_faces(slice(None))}
+    extra: dict[str, Any] = {"unit": told.unit, "up": told.up, **told.of_faces(slice(None))}
     known, views = None, None
     if told.viewpoints is not None:
         views = as_viewpoints(told.viewpoints, len(np.asarray(points)))

@@ -19,10 +19,12 @@ from medialis.base.errors import InvalidShapeError
 from medialis.base.options import as_unit
 from medialis.base.progress import Message
 from medialis.base.validation import (
+    AXES,
     Directions,
     FloatArray,
     IntArray,
     Positions,
+    as_choice,
     as_faces,
     as_normals,
     as_points,
@@ -69,6 +71,8 @@ class Shape(Surface):
         After repair: the input face of each face.
     unit : str or None
         What one unit of the points is, such as "mm"; None where nobody said.
+    up : "x", "y", "z" or None
+        The axis that points up, for pictures; None where nobody said.
     patches : (m,) int32 or None
         The patch that each face lies on, such as the face of a CAD model that was read; None where
         nobody said.
@@ -91,11 +95,14 @@ class Shape(Surface):
     vertex_map: IntArray | None = None
     face_map: IntArray | None = None
     unit: str | None = None
+    up: str | None = None
     patches: IntArray | None = None
     planes: IntArray | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "unit", as_unit(self.unit))
+        if self.up is not None:
+            as_choice(self.up, "up", AXES)
         points = owned(as_points(self.points))
         object.__setattr__(self, "points", points)
         object.__setattr__(self, "normals", owned(as_normals(self.normals, len(points))))

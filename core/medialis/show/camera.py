@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from medialis.base.arrays import Described
 from medialis.base.errors import InvalidOptionError
 from medialis.base.validation import (
+    AXES,
     FloatArray,
     as_choice,
     as_number,
@@ -121,14 +122,20 @@ def _footprint(points: FloatArray, axis: int) -> float:
     return float(np.ptp(feet, axis=0).prod() / whole) if whole > 0 else 0.0
 
 
-def default_view(points: ArrayLike) -> tuple[FloatArray, FloatArray]:
+def default_view(points: ArrayLike, up: str | None = None) -> tuple[FloatArray, FloatArray]:
     """Return (direction from the shape to the camera, up): a three-quarter view of its broad side.
 
     The camera faces the axis of least variance, so that most of the shape is visible, and is then
     turned 30 degrees to the side and raised by 20 degrees, so that depth shows. Up is y, unless the
     shape is thinnest along y, or stands clearly better on its lowest z than on its lowest y (feet
     spread out below): then z. A shape without a thin side is seen from the front (+z, or -y when
-    up is z).
+    up is z). One that lies flat, with `up` across it, is seen from 50 degrees above.
+
+    Parameters
+    ----------
+    points : (n, 3) float
+    up : {"x", "y", "z"}, optional
+        The axis that points up, where it is known.
 
     Raises
     ------
@@ -150,16 +157,22 @@ def default_view(points: ArrayLike) -> tuple[FloatArray, FloatArray]:
     lying = clear and abs(thin[1]) > 0.8
     facing = clear and abs(thin[2]) > 0.8
     standing = not facing and _footprint(offsets, 2) > 1.5 * _footprint(offsets, 1) + 0.05
-    upward = np.eye(3)[2 if lying or standing else 1]
+    upward = np.eye(3)[AXES.index(up) if up else 2 if lying or standing else 1]
     front = thin - upward * float(thin @ upward)
-    if not clear or np.linalg.norm(front) < 0.3:
+    lies = clear and np.linalg.norm(front) < 0.6  # with what is given as up
+    if lies and variances[1] < 0.8 * variances[2]:
+        front = vectors[:, 1] - upward * float(vectors[:, 1] @ upward)
+    elif lies or not clear:
         front = np.roll(upward, 1) if upward[2] < 0.5 else np.array([0.0, -1.0, 0.0])
         front = front - upward * float(front @ upward)
     front /= np.linalg.norm(front)
     viewer = np.array([0.4, -1.0, 0.0] if upward[2] > 0.5 else [0.4, 0.0, 1.0])
     if front @ viewer < 0:
         front = -front
-    yaw, pitch = math.radians(30.0), math.radians(20.0)
+    yaw, pitch = (
+        math.radians(30.0),
+        math.radians(50.0 if lies and variances[0] < 0.25 * variances[1] else 20.0),
+    )
     side = np.cross(upward, front)
     level = front * math.cos(yaw) + side * math.sin(yaw)
     return unit_direction(level * math.cos(pitch) + upward * math.sin(pitch), "direction"), upward
@@ -273,7 +286,7 @@ class Camera(Described):
         points: ArrayLike,
         *,
         direction: ArrayLike | None = None,
-        up: ArrayLike | None = None,
+        up: ArrayLike | str | None = None,
         width: int = 1000,
         height: int = 750,
         margin: float = 0.05,
@@ -288,7 +301,7 @@ class Camera(Described):
             What must be visible, for instance the points of a shape or its two bounding corners.
         direction : (3,) float, optional
             From the shape to the camera; `default_view` when missing.
-        up : (3,) float, optional
+        up : (3,) float or {"x", "y", "z"}, optional
             Upward direction; `default_view` when missing.
         width, height : int
             Picture size in pixels.
@@ -312,9 +325,11 @@ class Camera(Described):
         as_choice(fit, "fit", ("tight", "turntable", "sphere"))
         width = as_whole_number(width, "width", low=1, high=MAX_PIXELS)
         height = as_whole_number(height, "height", low=1, high=MAX_PIXELS)
-        if direction is None or up is None:
-            usual, above = default_view(data)
-            direction, up = usual if direction is None else direction, above if up is None else up
+        axis = as_choice(up, "up", AXES) if isinstance(up, str) else None
+        if direction is None or up is None or axis:
+            usual, above = default_view(data, axis)
+            direction = usual if direction is None else direction
+            up = above if up is None or axis else up
         toward, upward = unit_direction(direction, "direction"), unit_direction(up, "up")
         if np.linalg.norm(np.cross(toward, upward)) < 1e-6:  # looking straight along up
             upward = np.roll(upward, 1)

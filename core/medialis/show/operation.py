@@ -55,7 +55,7 @@ def run(shape: Shape, options: BallReconstructionRun, progress: Progress) -> Out
         cloud = surface_skeleton.of(shape, options, progress)
     fine = cloud.surface
     size = options.size
-    camera = Camera.framing(fine.points, width=size, height=size)
+    camera = Camera.framing(fine.points, up=fine.up, width=size, height=size)
     with progress.stage("reconstruct", 0.3, 0.6 if options.progressive else 1.0):
         found = reconstruct_image(cloud, camera, progress=progress)
     if math.isnan(found.median_difference):

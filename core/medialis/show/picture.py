@@ -588,9 +588,10 @@ def draw_result(
     """
     layer, *others = result.shown or result.layers[:1]
     progress = Progress.of(progress)
+    up = result.shape.up
     if camera is None:
         camera = run_patiently(
-            lambda: Camera.framing(_in_view(result), width=width, height=height), progress
+            lambda: Camera.framing(_in_view(result), up=up, width=width, height=height), progress
         )
     style = Style() if style is None else style
     if style.scale is None:
@@ -631,7 +632,8 @@ def draw_turntable(
 ) -> Iterator[NDArray[np.uint8]]:
     """Draw `count` views round the up-axis one after the other, (size, size, 3) uint8 each."""
     steps = Progress.of(progress)
-    camera = Camera.framing(_in_view(result), width=size, height=size, fit="turntable")
+    points, up = _in_view(result), result.shape.up
+    camera = Camera.framing(points, up=up, width=size, height=size, fit="turntable")
     for number, view in enumerate(turntable(camera, count)):
         with steps.stage("turntable", number / count, (number + 1) / count):
             image = draw_result(result, color_by=color_by, camera=view, progress=steps)

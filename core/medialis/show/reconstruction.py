@@ -75,7 +75,7 @@ def inner_balls(cloud: MedialCloud) -> IntArray:
 
 def _cameras(shape: Shape, camera: Camera | Sequence[Camera] | None) -> list[Camera]:
     if camera is None:
-        return [Camera.framing(shape.points)]
+        return [Camera.framing(shape.points, up=shape.up)]
     cameras = [camera] if isinstance(camera, Camera) else list(camera)
     if not cameras:
         raise InvalidOptionError("camera must be a camera or at least one of them, got none.")

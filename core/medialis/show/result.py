@@ -189,7 +189,7 @@ def read_result(folder: str | os.PathLike[str]) -> Result:
         name = str(manifest["operation"])
         arrays = read_npz(folder_there.path_of(f"{name}.npz"))
         return Result(
-            shape=_shape(arrays, layers, manifest.get("unit")),
+            shape=_shape(arrays, layers, unit=manifest.get("unit"), up=manifest.get("up")),
             layers=tuple(layers.values()),
             values=manifest["values"],
             arrays=arrays,
@@ -229,7 +229,7 @@ def _message(text: str, note: Mapping[str, Any]) -> Message:
     return Message(text, note["code"], level, **note["data"])
 
 
-def _shape(arrays: Mapping[str, Any], layers: Mapping[str, Layer], unit: str | None) -> Shape:
+def _shape(arrays: Mapping[str, Any], layers: Mapping[str, Layer], **told: Any) -> Shape:
     """Return the surface as computed on: from the arrays, else the layer that shows it.
 
     Raises
@@ -239,9 +239,9 @@ def _shape(arrays: Mapping[str, Any], layers: Mapping[str, Layer], unit: str | N
     """
     if {"points", "normals"} <= arrays.keys():
         faces = arrays.get("faces")
-        return Shape(arrays["points"], arrays["normals"], faces, unit=unit)
+        return Shape(arrays["points"], arrays["normals"], faces, **told)
     surfaces = [layer for layer in layers.values() if layer.name == "samples" or layer.on_input]
     for layer in [*surfaces, *layers.values()]:
         normals = layer.attributes.get("normal", np.zeros(layer.points.shape))
-        return Shape(layer.points, normals, layer.faces, unit=unit)
+        return Shape(layer.points, normals, layer.faces, **told)
     raise InvalidShapeError("it holds no points.")

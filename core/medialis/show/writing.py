@@ -239,6 +239,7 @@ def describe_result(result: Result, **more: Any) -> dict[str, Any]:
         **{name: dict(getattr(result, name)) for name in ("parameters", "seconds", "values")},
         "lengths": {str(data["option"]): str(data["given"]) for data in notes},
         "unit": result.shape.unit,
+        "up": result.shape.up,
         "shape": known.hex() if isinstance(known, bytes) else "",
         "messages": [str(message) for message in result.messages],
         "notes": [_note(message) for message in result.messages],

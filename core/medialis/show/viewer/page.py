@@ -386,7 +386,7 @@ def _described(results: Sequence[Outcome], title: str, packer: Packer) -> dict[s
     (shown, spots), shape = scene_of(results), results[0].shape
     low, high = shape.bounds
     origin = (low + high) / 2
-    direction, up = default_view(shape.points)
+    direction, up = default_view(shape.points, shape.up)
     parts = [_part(part, origin, packer) for part in shown]
     notes = (str(note) for result in results for note in getattr(result, "messages", ()))
     maps = {field["map"] for part in parts for field in part["fields"]}

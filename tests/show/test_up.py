@@ -1,0 +1,64 @@
+"""Up is up: the axis of the file's format, else as asked, else as the shape stands."""
+
+import json
+
+import numpy as np
+import pytest
+
+import medialis
+from medialis.cli.commands import main
+from medialis.formats.meshes import UP
+from medialis.formats.ply_attributes import write_ply
+from medialis.show.camera import Camera, default_view
+
+SIZES = {"standing": (1.0, 2.0, 4.0), "lying": (4.0, 2.0, 0.1), "cube": (1.0, 1.0, 1.0)}
+
+
+def corners(size):
+    return np.stack(np.meshgrid(*[(0.0, one) for one in size]), axis=-1).reshape(-1, 3)
+
+
+@pytest.mark.parametrize("axis", "xyz")
+@pytest.mark.parametrize("order", [(0, 1, 2), (1, 2, 0), (2, 0, 1), (2, 1, 0)])
+@pytest.mark.parametrize("size", SIZES.values(), ids=SIZES)
+def test_what_is_given_points_up(size, order, axis):
+    """And is seen from above, so that something of the top is visible."""
+    direction, up = default_view(corners(size)[:, order], axis)
+    assert up.tolist() == np.eye(3)["xyz".index(axis)].tolist()
+    height = float(direction @ up)
+    assert np.isclose(height, np.sin(np.radians(20))) or np.isclose(height, np.sin(np.radians(50)))
+    camera = Camera.framing(corners(size)[:, order], up=axis)
+    assert np.allclose(camera.up, up) and np.allclose(camera.axes[1] @ direction, 0, atol=1e-9)
+    assert camera.axes[1] @ up > 0.6  # upwards in the picture
+
+
+def test_a_plate_on_the_ground_shows_its_top():
+    """A printed part of an STL file was seen from its edge by a rule that knew the axis alone."""
+    direction, _ = default_view(corners(SIZES["lying"]), "z")
+    assert direction[2] > 0.7 and abs(direction[1]) > abs(direction[0])  # its long side across
+
+
+def test_formats_say_it(tmp_path):
+    points, faces = medialis.organic_shape(56).points, medialis.organic_shape(56).faces
+    triangles = points[faces]
+    write_ply(tmp_path / "a.ply", points, faces)
+    facet = [("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("byte", "<u2")]
+    rows = np.zeros(len(faces), facet)
+    rows["corners"] = triangles
+    (tmp_path / "a.stl").write_bytes(bytes(80) + np.uint32(len(faces)).tobytes() + rows.tobytes())
+    assert medialis.read_shape(tmp_path / "a.ply").up is None
+    assert medialis.read_shape(tmp_path / "a.stl").up == UP["stl"] == "z"
+    assert medialis.read_shape(tmp_path / "a.stl", up="x").up == "x"
+    with pytest.raises(medialis.InvalidOptionError, match="up must be one of x, y, z"):
+        medialis.read_shape(tmp_path / "a.ply", up="up")
+
+
+def test_the_command_line_has_it_and_results_keep_it(tmp_path, capsys):
+    shape = medialis.organic_shape(56)
+    write_ply(tmp_path / "a.ply", shape.points, shape.faces)
+    words = ["point-types", str(tmp_path / "a.ply"), "--up", "x", "-o", str(tmp_path / "out")]
+    assert main(words) == 0
+    assert json.loads((tmp_path / "out" / "manifest.json").read_text())["up"] == "x"
+    assert medialis.read_result(tmp_path / "out").shape.up == "x"
+    assert main([*words[:2], "--up", "w"]) == 2
+    assert "--up" in capsys.readouterr().err
