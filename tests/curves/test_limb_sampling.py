@@ -7,10 +7,17 @@ import closed_forms as forms
 import medialis
 from medialis.base.box_tree import NearestTree
 from medialis.base.progress import Progress
+from medialis.curves import limb_sampling
 from medialis.curves._limb_kernels import first_hit
 from medialis.curves.finishing import _small
 from medialis.curves.from_balls import size_share
-from medialis.curves.limb_sampling import EDGES_A_RADIUS, limb_radii, with_limbs_sampled
+from medialis.curves.limb_sampling import (
+    EDGES_A_RADIUS,
+    _longest_sides,
+    _thin_places,
+    limb_radii,
+    with_limbs_sampled,
+)
 
 TURN = np.array([[0.36, 0.48, -0.8], [-0.8, 0.6, 0], [0.48, 0.64, 0.6]])
 
@@ -44,7 +51,9 @@ def test_rays_hit_what_all_triangles_tell():
         way = rng.normal(size=3)
         way /= np.linalg.norm(way)
         given = place - tree.tree.center, way, tree.tree, tree.items.corners, stack, 1e-9
-        assert first_hit(*given) == pytest.approx(all_hits(place, way, corners), rel=1e-9)
+        true = all_hits(place, way, corners)
+        assert first_hit(*given, np.inf) == pytest.approx(true, rel=1e-9)
+        assert first_hit(*given, 0.999 * true) == np.inf  # nothing is so near
 
 
 @pytest.mark.slow
@@ -70,8 +79,21 @@ def test_plates_are_limbs_at_their_corners_alone():
     thick, edge = 0.1, 0.2
     plate = forms.box_mesh((2.0, 1.6, thick), longest_edge=edge)
     limb = np.isfinite(limb_radii(plate, Progress()))
-    corner = np.array([1.0, 0.8]) - np.abs(plate.points[:, :2] - np.mean(plate.bounds, axis=0)[:2])
+    middles = plate.points[plate.faces].mean(axis=1)[:, :2]
+    corner = np.array([1.0, 0.8]) - np.abs(middles - np.mean(plate.bounds, axis=0)[:2])
     assert limb.any() and np.hypot(*corner[limb].T).max() < 1.5 * thick + edge
+
+
+def test_only_faces_that_may_be_thin_are_measured_and_others_tell_the_same(monkeypatch):
+    """A thin limb on a thick body; samples round the limb are apart by up to its thickness."""
+    profile = [(0, -1), (1, -1), (1, 0), (0.08, 0.02), (0.08, 1.5), (0, 1.5)]
+    shape = medialis.refine(forms.revolved(profile, around=12), longest_edge=0.03)
+    chosen, others = _thin_places(shape, _longest_sides(shape), Progress())
+    found = limb_radii(shape, Progress())
+    assert 0 < len(chosen) < len(others) < shape.face_count
+    whole = np.arange(shape.face_count), np.arange(shape.face_count)
+    monkeypatch.setattr(limb_sampling, "_thin_places", lambda *_: whole)
+    assert (limb_radii(shape, Progress()) == found).all()
 
 
 def test_the_size_is_that_of_a_ball_and_no_turn_changes_it():

@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 import closed_forms as forms
 from medialis.base.errors import InvalidOptionError, InvalidShapeError
 from medialis.shape import refinement
-from medialis.shape.refinement import affordable_edge, refine, refine_where
+from medialis.shape.refinement import affordable_edge, refine, refine_faces, refine_where
 from medialis.shape.shape import Shape
 from oracles import edge_uses, euler_number
 
@@ -293,6 +293,26 @@ def test_inputs_stay_unchanged_and_result_is_deterministic():
     assert (cube.points == points).all() and (cube.faces == faces).all()
     assert one.points.tobytes() == two.points.tobytes()
     assert one.faces.tobytes() == two.faces.tobytes()
+
+
+def test_faces_are_cut_as_they_allow_and_others_keep_their_edges():
+    """A face between two that allow less keeps what is inside of it; the surface stays."""
+    cube = forms.box_mesh((1.0, 1.0, 1.0), 0.25)
+    allowed = np.full(cube.face_count, np.inf)
+    allowed[[0, 40]] = 0.1, 0.03
+    fine = refine_faces(cube, allowed)
+    assert (fine.points[: cube.point_count] == cube.points).all()
+    assert fine.area == pytest.approx(cube.area) and fine.border_edges == 0
+    corners = fine.points[fine.faces]
+    longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
+    for face in (0, 40):
+        assert 0.5 * allowed[face] < longest[fine.face_origin == face].max() <= allowed[face]
+    beside = np.append(cube.edge_twins.reshape(-1, 3)[[0, 40]].ravel() // 3, [0, 40])
+    others = np.setdiff1d(np.arange(cube.face_count), beside)
+    assert (np.bincount(fine.face_origin)[others] == 1).all()
+    assert refine_faces(cube, np.full(cube.face_count, np.inf)) is cube
+    few = refine_faces(cube, allowed, cube.point_count + 5)
+    assert cube.point_count < few.point_count <= cube.point_count + 5
 
 
 def test_edges_are_split_where_they_are_too_long_and_nowhere_else():

@@ -61,13 +61,13 @@ def _hit(place, way, corner, least):
 
 
 @kernel
-def first_hit(place, way, tree, corners, stack, least):
-    """Length of a ray up to the first triangle that it hits; inf for none.
+def first_hit(place, way, tree, corners, stack, least, reach):
+    """Length of a ray up to the first triangle that it hits; inf for none nearer than `reach`.
 
     `place` is relative to the center of the tree, whose boxes hold whole triangles.
     """
     bounds, child, depth, n = tree.bounds, tree.child, tree.depth, len(corners)
-    best, top = math.inf, 1
+    best, top = reach, 1
     stack[0] = 0
     while top > 0:
         top -= 1
@@ -83,39 +83,39 @@ def first_hit(place, way, tree, corners, stack, least):
             leaf = ~base + j
             for k in range((n * leaf) >> depth, (n * (leaf + 1)) >> depth):
                 best = min(best, _hit(place, way, corners[k], least))
-    return best
+    return best if best < reach else math.inf
 
 
 @kernel
-def measure_sections(begin, end, faces, tree, corners, out_sections):
+def measure_sections(begin, end, faces, tree, corners, wide, least, out_sections):
     """Measure how thick a shape is below places of its surface, and how wide across there.
 
-    `faces` are rows of place, inward normal, three ways at right angles to it, and the length below
-    which half the thickness matters (m, 16); `out_sections` (m, 2) receives the length of the ray
+    `faces` are rows of place, inward normal, three ways at right angles to it, and the thickness
+    from which on it does not matter (m, 16); `out_sections` (m, 2) receives the length of the ray
     inwards and the least length of a line across its middle: along one of the ways, or at right
-    angles to it; inf where nothing is hit or the thickness does not matter.
+    angles to it; inf where one of them is longer than it matters, which for the line across is
+    `wide` times the thickness. Rays begin `least` above what they start from.
     """
     stack = np.empty(8 * 12 + 8, np.int64)
     way, middle = np.empty(3), np.empty(3)
-    least = 0.0
-    for k in range(3):
-        least = max(least, LEAST * np.abs(tree.points[:, k]).max())
     for i in range(begin, end):
         place, normal = faces[i, :3], faces[i, 3:6]
-        thick = first_hit(place, normal, tree, corners, stack, least)
+        thick = first_hit(place, normal, tree, corners, stack, least, faces[i, 15])
         out_sections[i, 0], out_sections[i, 1] = thick, math.inf
-        if thick == math.inf or thick / 2.0 > faces[i, 15]:
+        if thick == math.inf:
             continue
         for k in range(3):
             middle[k] = place[k] + thick / 2.0 * normal[k]
+        width = wide * thick
         for turn in range(6):
             along = faces[i, 6 + 3 * (turn // 2) : 9 + 3 * (turn // 2)]
             for k in range(3):
                 a, b = (k + 1) % 3, (k + 2) % 3
                 way[k] = along[k] if turn % 2 else normal[a] * along[b] - normal[b] * along[a]
-            across = first_hit(middle, way, tree, corners, stack, least)
-            if across < out_sections[i, 1]:
+            across = first_hit(middle, way, tree, corners, stack, least, width)
+            if across < width:
                 for k in range(3):
                     way[k] = -way[k]
-                across += first_hit(middle, way, tree, corners, stack, least)
-                out_sections[i, 1] = min(out_sections[i, 1], across)
+                across += first_hit(middle, way, tree, corners, stack, least, width - across)
+                if across < width:
+                    width = out_sections[i, 1] = across

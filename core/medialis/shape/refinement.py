@@ -41,7 +41,8 @@ from medialis.shape.shape import Shape
 from medialis.shape.surface import Surface
 
 Rows = NDArray[np.int64]
-Allowed = Callable[[FloatArray], FloatArray]
+Allowed = Callable[[Surface, Rows], FloatArray]
+"""Tells how long each edge of a surface may be (e,), whose faces are pieces of given ones (m,)."""
 
 LONG = 4.0  # halved 11 %, doubled 36 %
 """Longest edges: a face no higher than one and longer than this many is a strip. Shorter ones are
@@ -137,7 +138,7 @@ class Cut:
     def halved(self, longest_edge: float | Allowed, most_points: int) -> Cut | None:
         """Halve every edge that is too long once; None when there is none.
 
-        `longest_edge` may be a function of the middles (e, 3) of the edges.
+        `longest_edge` may be a function of the mesh so far, without strips.
 
         Raises
         ------
@@ -151,7 +152,7 @@ class Cut:
         )
         bound: Any = longest_edge
         if callable(bound):
-            bound = bound(surface.points[surface.edges].mean(axis=1))
+            bound = bound(surface, self.origin)
         n, long = surface.point_count, surface.edge_lengths > bound
         if not long.any():
             return None
@@ -236,8 +237,8 @@ class LongEdges:
     faces: NDArray[np.int64]
 
     @classmethod
-    def of(cls, whole: Surface, longest_edge: float) -> LongEdges:
-        """Return the faces with edges longer than `longest_edge`."""
+    def of(cls, whole: Surface, longest_edge: float | FloatArray) -> LongEdges:
+        """Return the faces with edges longer than `longest_edge`: one for all, or one for each."""
         table, corners = whole.edge_table, np.asarray(whole.faces)
         proper = table.low != table.high  # a face that names a vertex twice has a side of no length
         long = np.flatnonzero(proper)[whole.edge_lengths > longest_edge]
@@ -272,9 +273,9 @@ class LongEdges:
         except TooManyPointsError as error:
             made, wanted = error.args
             raise TooManyPointsError(made + others, wanted) from None
-        return self._with_rest(cut)
+        return self.with_rest(cut)
 
-    def _with_rest(self, cut: Cut) -> Cut:
+    def with_rest(self, cut: Cut) -> Cut:
         """Put the part, cut into smaller faces, back in its place."""
         points, count = self.whole.points, len(self.vertices)
         new = cut.points[count:]
@@ -404,23 +405,66 @@ def refine_where(shape: Shape, allowed: FloatArray, most_points: int = MOST_POIN
     """
     if not np.isfinite(allowed).any():
         return shape
-    tree = kd_tree(shape.points)
-    return refine_by(shape, lambda middles: allowed[tree.query(middles)[1]], most_points)
+    scale, tree = power_of_two_scale(shape.points), kd_tree(shape.points)
+
+    def bound(surface: Surface, _: Rows) -> FloatArray:
+        middles = surface.points[surface.edges].mean(axis=1) / scale
+        return np.asarray(scale * allowed[tree.query(middles)[1]])
+
+    begun = Cut.of(Surface.of_checked(shape.points * scale, np.asarray(shape.faces)))
+    cut = _halved(begun, bound, most_points)
+    return shape if cut is begun else _with_faces_of(shape, cut, scale)
 
 
-def refine_by(shape: Shape, bound: Allowed, most_points: int = MOST_POINTS) -> Shape:
-    """Split edges that are longer than what a function of their middles (e, 3) allows."""
+def refine_faces(shape: Shape, allowed: FloatArray, most_points: int = MOST_POINTS) -> Shape:
+    """Split edges that are longer than what a face beside them allows.
+
+    Pieces of a face allow what it does, so that no other face is looked at.
+
+    Parameters
+    ----------
+    shape : Shape
+        A mesh of m faces.
+    allowed : (m,) float64
+        Longest edge of each face; inf: any.
+    most_points : int
+        Of as many points refinement stops.
+
+    Returns
+    -------
+    Shape
+        As `refine` returns it; the same object when nothing is to do.
+    """
     scale = power_of_two_scale(shape.points)
-    cut = begun = Cut.of(Surface.of_checked(shape.points * scale, np.asarray(shape.faces)))
+    whole = Surface.of_checked(shape.points * scale, shape.faces).adopt(shape.topology)
+    lengths = scale * allowed
+    part = LongEdges.of(whole, _least_of_faces(whole, lengths))
+    if len(part.faces) == 0:
+        return shape
+    lengths, begun = lengths[part.faces], Cut.of(part.surface)
+    most = most_points - (whole.point_count - len(part.vertices))
+    cut = _halved(begun, lambda surface, origin: _least_of_faces(surface, lengths[origin]), most)
+    return shape if cut is begun else _with_faces_of(shape, part.with_rest(cut), scale)
+
+
+def _least_of_faces(surface: Surface, values: FloatArray) -> FloatArray:
+    """Return the least value of the faces beside each edge, (e,)."""
+    least = np.full(len(surface.edges) + 1, np.inf)
+    np.minimum.at(least, edges_of_sides(surface), values[:, None])
+    return least[:-1]
+
+
+def _halved(cut: Cut, bound: Allowed, most_points: int) -> Cut:
+    """Halve edges that are too long, six times at most, and not into too many points."""
     try:
         for _ in range(MOST_HALVINGS):
-            more = cut.halved(lambda middles: scale * bound(middles / scale), most_points)
+            more = cut.halved(bound, most_points)
             if more is None:
                 break
             cut = more
     except TooManyPointsError:
         pass  # as fine as it may be
-    return shape if cut is begun else _with_faces_of(shape, cut, scale)
+    return cut
 
 
 def _with_faces_of(shape: Shape, cut: Cut, scale: float) -> Shape:
