@@ -93,6 +93,10 @@ RIM_TAPER, RIM = 3.0, 0.6
 border, where the ball is 0.05 % smaller than the wall if the radius is 0.9 of it, and no wall any
 more, at 30 degrees, so much farther out: 0.52 radii, which are at most a thickness."""
 
+PARALLEL = 0.05
+"""Degrees between flat faces that are parallel, at most. On a facet at 15 degrees or more that is
+as wide as a rim at most, sides differ by more where it is thinner than its wall by `EQUAL`."""
+
 RIM_WALLS = 16
 """Places of the wall beside a rim that are looked at: the nearest ones may be thinner as well."""
 
@@ -260,9 +264,9 @@ def _flaws(cloud: MedialCloud, walls: Mask) -> Mask:
 def rim_balls(cloud: MedialCloud, least_angle: float) -> Mask:
     """Return the inner balls (k,) between the two sides of a wall that ends in a rounded rim there.
 
-    The wall beside has parallel sides, beyond it is no wall, and between the two its own sides are
-    not parallel, or it is thinner than the taper of the wall beside explains: normals say less than
-    places where few facets round a rim.
+    The wall beside has parallel sides and faces the same way, beyond it is no wall. Between the two
+    its own sides are not parallel: by more than a few degrees, or they are less thick than the
+    taper of the wall beside explains, since normals say little where few facets round a rim.
     """
     result, surface = np.zeros(len(cloud), np.bool_), cloud.surface
     angles = cloud.wall_angles
@@ -273,6 +277,8 @@ def rim_balls(cloud: MedialCloud, least_angle: float) -> Mask:
     if surface.faces is None or not is_flat.any() or not beyond.any():
         return result
     flat, points = rows[is_flat], surface.points
+    rows = rows[tapers := angles[rows] < math.pi - math.radians(PARALLEL)]
+    is_flat = is_flat[tapers]
     near = 2.0 * RIM * cloud.radii[rows] + surface.spacing
     ends = kd_tree(points[beyond]).query(points[cloud.source[rows]])[0] < near
     rows, is_flat, near = rows[ends], is_flat[ends], near[ends]
@@ -281,6 +287,9 @@ def rim_balls(cloud: MedialCloud, least_angle: float) -> Mask:
     away, walls = away.reshape(-1, count), flat[walls.reshape(-1, count)]
     expected = 2.0 * cloud.radii[walls] - away * (math.pi - angles[walls])
     thinner = expected * (1.0 - EQUAL) > 2.0 * cloud.radii[rows, None]
+    normals = surface.normals
+    same = np.einsum("ra,rwa->rw", normals[cloud.source[rows]], normals[cloud.source[walls]]) > SIDE
+    thinner &= same
     result[rows] = ((away < near[:, None]) & (thinner | ~is_flat[:, None])).any(axis=1)
     return result
 

@@ -14,7 +14,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from medialis.base.arrays import Index, Mask, corner_vectors, kd_tree, twice_areas, unit_rows
+from medialis.base.arrays import (
+    Index,
+    Mask,
+    corner_vectors,
+    kd_tree,
+    next_side,
+    twice_areas,
+    unit_rows,
+)
 from medialis.base.box_tree import NearestTree, nearest_on_triangles
 from medialis.base.validation import FloatArray, IntArray
 from medialis.shape.creases import Creases, find_creases
@@ -545,9 +553,18 @@ class RawSheet:
 
     @cached_property
     def vertex_normals(self) -> FloatArray:
-        """Unit normals of the vertices, weighted by angle: at a rim no diagonal counts."""
-        total = np.zeros_like(self.points)
-        for j, weight in enumerate(_angles(self.points[self.faces])):
+        """Unit normals of the vertices: by the areas of their faces, so that wide ones tell most.
+
+        On the border they are weighted by angle: no diagonal that ends there counts.
+        """
+        count = len(self.points)
+        on_border = np.zeros(count, np.bool_)
+        sides = np.flatnonzero(Topology(self.faces, count).edge_twins < 0)
+        corners = self.faces.ravel()
+        on_border[corners[sides]] = on_border[corners[next_side(sides)]] = True
+        total, areas = np.zeros_like(self.points), self.areas
+        for j, angle in enumerate(_angles(self.points[self.faces])):
+            weight = np.where(on_border[self.faces[:, j]], angle, areas)
             np.add.at(total, self.faces[:, j], weight[:, None] * self.normals)
         return unit_rows(total)
 
