@@ -216,9 +216,10 @@ def _on_page(place: Path, manifest: Mapping[str, Any]) -> Iterator[str]:
 def _true(manifest: Mapping[str, Any], known: Known) -> Iterator[str]:
     """Hold the manifest against closed forms, and ranges against what they must contain."""
     values = manifest["values"]
+    numbers = dict(surfaces.known_numbers(values))
     for name, (truth, share) in known.truths.get(manifest["operation"], {}).items():
-        if values.get(name) is None or abs(values[name] - truth) > share * abs(truth):
-            yield f"{name} is {values.get(name)!r}, in truth {truth!r}"
+        if name not in numbers or abs(numbers[name] - truth) > share * abs(truth):
+            yield f"{name} is {numbers.get(name)!r}, in truth {truth!r}"
     low = values.get("thickness_min")
     for name in ("spots", "regions"):
         for row, one in enumerate(values.get(name) or ()):

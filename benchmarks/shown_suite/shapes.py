@@ -83,7 +83,9 @@ def plate() -> medialis.Shape:
     return cells((xs, ys, [0, 3]), lambda i, j, k: (i, j) not in holes)
 
 
-def rods(*limbs: tuple[Sequence[float], Sequence[float], float]) -> Callable[[], medialis.Shape]:
+def rods(
+    *limbs: tuple[Sequence[float], Sequence[float], float], cells: int = 100
+) -> Callable[[], medialis.Shape]:
     """Return what makes a union of capsules (start, end, radius), a little rounded where they meet.
 
     Away from where they meet the surface is that of the capsules.
@@ -102,18 +104,22 @@ def rods(*limbs: tuple[Sequence[float], Sequence[float], float]) -> Callable[[],
     def make() -> medialis.Shape:
         ends = np.array([place for limb in limbs for place in limb[:2]], float)
         most = 1.3 * max(radius for *_, radius in limbs)
-        made = implicit_shape(distance, ends.min(axis=0) - most, ends.max(axis=0) + most, 100)
+        made = implicit_shape(distance, ends.min(axis=0) - most, ends.max(axis=0) + most, cells)
         return medialis.make_shape(made.points, made.faces, unit="mm")
 
     return make
 
 
-def fork(angle: float = 60.0, length: float = 40.0) -> Callable[[], medialis.Shape]:
+def fork(
+    angle: float = 60.0, length: float = 40.0, cells: int = 100
+) -> Callable[[], medialis.Shape]:
     """Return what makes a stem of radius 4 with two arms of radius 3 at an angle in degrees."""
     half = math.radians(angle / 2)
     arms = [(s * length * math.sin(half), length * math.cos(half), 0.0) for s in (-1, 1)]
     start = (0.0, 0.0, 0.0)
-    return rods(((0.0, -length, 0.0), start, 4.0), *((start, arm, 3.0) for arm in arms))
+    return rods(
+        ((0.0, -length, 0.0), start, 4.0), *((start, arm, 3.0) for arm in arms), cells=cells
+    )
 
 
 def sample(name: str, size: float) -> Callable[[], medialis.Shape]:
@@ -174,7 +180,10 @@ SHAPES = (
     ),
     Known(
         "fork", fork(), {**GRAPH, "parts": ()},
-        {"curve_skeleton": {"length": (120, NEAR), "branches": (3, 0), "junctions": (1, 0)}},
+        {"curve_skeleton": {"length": (120, NEAR), "branches": (3, 0), "junctions": (1, 0),
+                            "branch_table[1].mean_radius": (4, NEAR),
+                            "branch_table[0].fork_angle": (math.radians(60), NEAR),
+                            "branch_table[1].fork_angle": (math.radians(150), NEAR)}},
     ),
     Known("figure", sample("creature", 180.0), {**TWO, **GRAPH, **BALLS, "parts": ()}),
     Known("hand", sample("hand", 200.0), {**TWO, **GRAPH, "armature": ()}),

@@ -14,7 +14,7 @@ import pytest
 
 import medialis
 import plates
-from medialis.cli.arguments import with_dashes
+from medialis.cli.arguments import with_dashes, with_method
 from medialis.cli.commands import main
 from medialis.formats.json_npz import read_npz
 from medialis.formats.ply_attributes import read_ply_attributes, write_ply
@@ -490,3 +490,17 @@ def test_warnings_are_told_as_such(creature, tmp_path, capsys):
         assert f"{'warning' if note['warning'] else 'note'}: {message}" in printed
     (hidden,) = [note for note in manifest["notes"] if note["code"] == "hidden_points"]
     assert hidden["data"]["hidden"] == manifest["values"]["hidden_points"]
+
+
+def test_curve_skeletons_from_views_are_a_method(tmp_path, capsys):
+    """To a person they are a curve skeleton; the operation has its own name."""
+    given = ["curve-skeleton", "a.ply", "--method=views"]
+    assert with_method(given) == ["view-curve-skeleton", "a.ply"]
+    for words in ("curve-skeleton a.ply --method balls", "parts --method views",
+                  "curve-skeleton -- --method views", "curve-skeleton --method"):  # fmt: skip
+        assert with_method(words.split()) == words.split()
+    file = tmp_path / "none.ply"
+    assert main(["curve-skeleton", str(file), "--method", "views", "--pairs", "0"]) == 2
+    assert "pairs" in capsys.readouterr().err  # an option of the views
+    assert main(["curve-skeleton", str(file), "--method", "balls"]) == 2
+    assert "no such file" in capsys.readouterr().err

@@ -46,3 +46,33 @@ def test_a_single_run_is_silent_in_a_log(capsys):
     display.shown_progress("auto").update(0.5, "half")
     display.shown_progress("none", batch=True).update(0.5, "half")
     assert capsys.readouterr().err == ""
+
+
+def test_a_result_takes_no_more_lines_than_a_screen_has():
+    """A wall check of a bracket took 30; files that have no room are in the last line."""
+    notes = [{"code": f"note_{k}", "warning": k == 4} for k in range(6)]
+    manifest = {
+        "operation": "wall_check", "input": "a.ply", "unit": "mm", "layers": [], "picture": None,
+        "values": {f"value_{k}": float(k) for k in range(14)}, "notes": notes,
+        "messages": [f"Sentence {k}." for k in range(6)], "seconds": {"total": 1.0},
+        "files": [f"a/file_{k}.ply" for k in range(9)],
+    }  # fmt: skip
+    lines = list(display.summary_lines(manifest, 120))
+    assert len(lines) == 25 and lines[15] == "warning: Sentence 4."
+    assert lines[18] == "3 more with --verbose, and in manifest.json"
+    assert lines[-1] == "  and file_4.ply, file_5.ply, file_6.ply, file_7.ply, file_8.ply"
+    whole = list(display.summary_lines(manifest, 120, verbose=True))
+    assert len(whole) == 1 + 14 + 6 + 1 + 9 and not whole[-1].startswith("  and")
+
+
+def test_notes_on_how_it_was_computed_are_for_the_verbose():
+    """`37,702 outer balls meet no second sample` says nothing to who asked for patches (fixed)."""
+    manifest = {
+        "operation": "patches", "input": "a.ply", "unit": None, "layers": [], "picture": None,
+        "values": {}, "seconds": {"total": 1.0}, "files": ["a/manifest.json"],
+        "notes": [{"code": "open_balls", "warning": False}, {"code": "round", "warning": True}],
+        "messages": ["Balls are open.", "It is round."],
+    }  # fmt: skip
+    lines = list(display.summary_lines(manifest, 120))
+    assert lines[1:3] == ["warning: It is round.", "1 more with --verbose, and in manifest.json"]
+    assert "note: Balls are open." in display.summary_lines(manifest, 120, verbose=True)

@@ -50,6 +50,22 @@ def test_sections_have_the_thickness_of_their_own_points_also_at_welds(tmp_path)
     assert "NODAL" not in (tmp_path / "a.inp").read_text()
 
 
+def test_an_input_file_says_the_unit_once_it_is_known(tmp_path):
+    """It said "Lengths are in the unit of the shape" also with `--unit mm` (fixed)."""
+    for unit, said in ((None, "the unit of the shape"), ("mm", "mm")):
+        write_inp(tmp_path / "a.inp", Drawn(*_arguments(tee())), unit=unit)
+        assert f"\n** Lengths are in {said}.\n" in (tmp_path / "a.inp").read_text()
+    points, faces, *_ = tee()
+    result = medialis.Result(
+        shape=medialis.make_shape(points, faces, unit="mm"),
+        layers=(medialis.Layer("tee", points, faces, formats=("obj",)),),
+    )
+    medialis.write_result(result, tmp_path / "r", formats=["inp", "ccx"])
+    for name in ("tee.inp", "tee.ccx.inp"):
+        assert "\n** Lengths are in mm.\n" in (tmp_path / "r" / name).read_text()
+    assert (tmp_path / "r" / "tee.obj").read_text().startswith("# lengths in mm\n")
+
+
 def _arguments(layer):
     points, faces, attributes, face_attributes = layer
     return points, faces, None, attributes, face_attributes

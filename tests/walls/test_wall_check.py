@@ -134,6 +134,7 @@ def test_a_wall_with_draft_is_thin_though_it_tapers():
     values = check(wall, minimum=1.0 / wall.diagonal)
     assert kinds(values) == ["too thin"]
     assert values["regions"][0]["value"] == pytest.approx(1.2 - 2 * lean, rel=0.01)
+    assert values["thickness_min"] == values["regions"][0]["value"]
 
 
 @pytest.mark.slow

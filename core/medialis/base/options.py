@@ -52,13 +52,14 @@ SHARE, PERCENT, UNITS = "", "%", "units"
 
 LENGTHS = frozenset(
     {"thickness", "radius", "importance", "edge_radius", "length", "y_length", "mean_radius"}
+    | {"least_radius"}
     | {"straight_distance", "diagonal", "spacing", "value", "noise", "moved", "feature_radius"}
     | {"minimum", "maximum", "typical", "wall", "least", "most"}
     | {"rib_thickness", "wall_thickness", "weld_length"}
     | {"distance", "largest_error", "mean_error", "surface_to_envelope", "envelope_to_surface"}
 )
 AREAS = frozenset({"area"})
-RADIANS = frozenset({"spoke_angle", "edge_angle"})
+RADIANS = frozenset({"spoke_angle", "edge_angle", "fork_angle"})
 """Names of values and attributes that have a unit, without _min, _median and _max."""
 
 _WORDS = {

@@ -224,6 +224,29 @@ def with_dashes(arguments: Sequence[str]) -> list[str]:
     return result
 
 
+OF_METHOD = {("curve-skeleton", "views"): "view-curve-skeleton"}
+"""Operations that people call by another one and its `--method`."""
+
+
+def with_method(arguments: Sequence[str]) -> list[str]:
+    """Return arguments with the operation that a `--method` stands for, and without it.
+
+    Examples
+    --------
+    >>> with_method(["curve-skeleton", "a.ply", "--method", "views", "--pairs", "40"])
+    ['view-curve-skeleton', 'a.ply', '--pairs', '40']
+    """
+    result = list(arguments)
+    end = result.index("--") if "--" in result else len(result)
+    for place, word in enumerate(result[:end]):
+        name, equals, value = word.partition("=")
+        given = value if equals else "".join(result[place + 1 : place + 2])
+        if name == "--method" and (operation := OF_METHOD.get((result[0], given))):
+            del result[place : place + (1 if equals else 2)]
+            return [operation, *result[1:]]
+    return result
+
+
 def _add_operation(sub: argparse.ArgumentParser, chosen: Operation, run: Command) -> None:
     lines = chosen.full_help.splitlines()  # paragraphs, in lines that fit a terminal
     sub.description = "\n".join(textwrap.fill(line, 88) for line in lines)
@@ -252,6 +275,15 @@ def _add_operation(sub: argparse.ArgumentParser, chosen: Operation, run: Command
     if chosen.checks:
         sub.add_argument(
             "--fail", action="store_true", help="end with exit code 1 where the check is not passed"
+        )
+    methods = [method for (command, method) in OF_METHOD if command == sub.prog.split()[-1]]
+    if methods:
+        sub.add_argument(
+            "--method",
+            choices=("balls", *methods),
+            default="balls",
+            help="from the balls inside (default), or from pictures all round, which takes point "
+            "clouds and open meshes too and has options of its own (medialis view-curve-skeleton)",
         )
     sub.add_argument("--threads", type=int, help="use at most this many threads")
     sub.add_argument("--json", action="store_true", help="print the manifest as one JSON object")
@@ -362,6 +394,15 @@ def _add_view(sub: argparse.ArgumentParser) -> None:
     _add_unit(sub)
     _add_up(sub)
     sub.add_argument("--open", action="store_true", help="open the page in the browser")
+    methods = [method for (command, method) in OF_METHOD if command == sub.prog.split()[-1]]
+    if methods:
+        sub.add_argument(
+            "--method",
+            choices=("balls", *methods),
+            default="balls",
+            help="from the balls inside (default), or from pictures all round, which takes point "
+            "clouds and open meshes too and has options of its own (medialis view-curve-skeleton)",
+        )
     sub.add_argument("--threads", type=int, help="use at most this many threads")
     _add_progress(sub)
 

@@ -47,6 +47,7 @@ from medialis.cli.arguments import (
     nearest,
     number,
     with_dashes,
+    with_method,
 )
 from medialis.cli.display import clear_bar, say, shown_progress, summary_lines
 from medialis.operations.names import RENAMED, named_operations, renamed_note
@@ -467,7 +468,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     interrupts: list[int] = []
     try:
         with _ending_as_interrupt(interrupts):
-            given = with_dashes(sys.argv[1:] if arguments is None else arguments)
+            given = with_method(with_dashes(sys.argv[1:] if arguments is None else arguments))
             if given and given[0] in RENAMED:
                 say(renamed_note(given[0]), file=sys.stderr)
                 given[0] = RENAMED[given[0]].replace("_", "-")

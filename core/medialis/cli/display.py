@@ -142,13 +142,23 @@ def say(text: object = "", *, file: TextIO | None = None) -> None:
     print("".join(safe), file=file)
 
 
-MOST_ROWS = 5
+MOST_ROWS, MOST_BRANCHES = 5, 3
 """Of all tables of places together; the manifest has them all."""
 
 TABLES = {
     "spots": ("thin spots", {"value": "value", "area": "area, both sides"}),
     "regions": ("regions", {"value": "value", "area": "area, one side"}),
     "ribs": ("ribs", {"ratio": "ratio", "thickness": "thickness", "wall": "wall"}),
+    "branch_table": (
+        "branches",
+        {
+            "length": "length",
+            "mean_radius": "mean radius",
+            "least_radius": "least radius",
+            "tortuosity": "tortuosity",
+            "fork_angle": "fork angle",
+        },
+    ),
 }
 """Title of the tables of places, and heads of their columns, by the name of the value."""
 
@@ -191,6 +201,9 @@ FILES = {
     ".inp": "shell elements with their thickness, for Abaqus",
     ".ccx.inp": "shell elements with their thickness, for CalculiX",
     ".ma": "the balls with their edges and triangles, for programs for medial meshes",
+    ".csv": "the branches as a table, for spreadsheets",
+    ".branches.graphml": "forks and ends, an edge a branch, for tools that read networks",
+    ".branches.json": "the same for programs",
     ".swc": "the graph as a tree, for tools that read neurons",
     ".graphml": "the graph, for tools that read networks",
     ".json": "the graph with all that it holds",
@@ -230,7 +243,7 @@ def _told(manifest: Mapping[str, Any], columns: int, verbose: bool) -> Iterator[
     yield from _indented(_aligned(value_rows(known, unit)))
     tables = [name for name in TABLES if values.get(name)]
     for name in tables:
-        most = MOST_ROWS // len(tables)
+        most = MOST_BRANCHES if name == "branch_table" else MOST_ROWS // len(tables)
         yield from _indented(_table(*TABLES[name], values[name], most, unit))
     for text in _notes(manifest, verbose):
         yield from textwrap.wrap(text, columns, subsequent_indent="  ", break_long_words=False)
@@ -305,13 +318,22 @@ def _table(
             str(number),
             thing["kind"],
             *("" if thing[c] is None else value_text(c, thing[c], unit) for c in columns),
-            ", ".join(f"{x:.4g}" for x in thing["position"]),
+            ", ".join(f"{x:.4g}" for x in thing.get("position", ())),
         )
-        for number, thing in enumerate(things[:most], 1)
+        for number, thing in _first(things, most)
     ]
     left = len(things) - len(rows)
     more = [f"{left} more in manifest.json"] if left else []
-    return _aligned([("", title, *columns.values(), "position"), *rows]) + more
+    last = "position" if "position" in things[0] else ""
+    return _aligned([("", title, *columns.values(), last), *rows]) + more
+
+
+def _first(things: Sequence[Mapping[str, Any]], most: int) -> list[tuple[int, Mapping[str, Any]]]:
+    """Return the first ones with their numbers; of branches the longest ones."""
+    numbered = list(enumerate(things, 1))
+    if "position" not in things[0]:
+        numbered.sort(key=lambda one: -one[1]["length"])
+    return numbered[:most]
 
 
 def _aligned(rows: Iterator[tuple[str, ...]] | Sequence[tuple[str, ...]]) -> list[str]:

@@ -11,7 +11,7 @@ import json
 import math
 import os
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -29,7 +29,7 @@ from medialis.formats.files import complete_file, file_bytes, reading
 from medialis.formats.ply_attributes import write_ply
 from medialis.operations.declaration import Format, Operation
 from medialis.operations.positions import numbers, places
-from medialis.operations.result import FilterUnit, Layer, Outcome, Result
+from medialis.operations.result import FilterUnit, Layer, Outcome, Result, quantity
 from medialis.shape.shape import Shape
 from medialis.skeleton.layers import cloud_arrays, samples_layer, surface_layers
 from medialis.skeleton.medial_cloud import MedialCloud
@@ -80,9 +80,10 @@ def tree_of(graph: CurveSkeleton) -> Tree:
     return Tree(list(number), [parent[node] for node in number], cut)
 
 
-def _swc_text(graph: CurveSkeleton) -> str:
+def _swc_text(graph: CurveSkeleton, unit: str | None) -> str:
     tree = tree_of(graph)
     lines = ["# medialis curve skeleton", "# number type x y z radius parent"]
+    lines += [f"# {_lengths(unit)}"] if unit else []
     if tree.cut:
         lines.append(f"# SWC holds trees: {len(tree.cut)} edges that close loops were left out")
         lines += [f"{LOOP} {a} {b}" for a, b in tree.cut]
@@ -140,11 +141,13 @@ def parse_swc(data: bytes) -> CurveSkeleton:
     return CurveSkeleton.of(table[:, :3], edges, table[:, 3])
 
 
-FORMATS = ("swc", "graphml", "json", "obj", "ply")
+FORMATS = ("swc", "graphml", "json", "obj", "csv", "branches.graphml", "branches.json", "ply")
 NAME = "medialis curve skeleton"
 
 
-def write_curve_skeleton(path: str | os.PathLike[str], graph: CurveSkeleton) -> int:
+def write_curve_skeleton(
+    path: str | os.PathLike[str], graph: CurveSkeleton, *, unit: str | None = None
+) -> int:
     """Write a curve skeleton in the format that the file name ends in.
 
     Parameters
@@ -153,7 +156,12 @@ def write_curve_skeleton(path: str | os.PathLike[str], graph: CurveSkeleton) -> 
         ``.json`` holds everything. ``.swc`` holds a tree: an edge of each loop is cut, and named in
         a comment. ``.graphml`` holds nodes and edges with all measures. ``.obj`` holds branches
         as polylines, the radius as texture coordinate. ``.ply`` holds edges and attributes.
+        ``.csv`` is the table of the branches, with angles in degrees; ``.branches.graphml`` and
+        ``.branches.json`` hold a node for each fork and end, and an edge for each branch, with what
+        the table has, and angles in radians.
     graph : CurveSkeleton
+    unit : str, optional
+        Of lengths, such as "mm", which files then say.
 
     Returns
     -------
@@ -181,8 +189,9 @@ def write_curve_skeleton(path: str | os.PathLike[str], graph: CurveSkeleton) -> 
     ...     medialis.write_curve_skeleton(f"{folder}/curve.swc", curve)
     0
     """
-    ending = Path(path).suffix[1:].lower()
-    if ending not in FORMATS:
+    name = Path(path).name.lower()
+    ending = next((one for one in reversed(FORMATS) if name.endswith(f".{one}")), "")
+    if not ending:
         raise InvalidOptionError(
             f"A curve skeleton is written as {', '.join('.' + name for name in FORMATS)}; "
             f"got {os.fspath(path)!r}."
@@ -190,9 +199,8 @@ def write_curve_skeleton(path: str | os.PathLike[str], graph: CurveSkeleton) -> 
     if ending == "ply":
         write_ply(path, graph.nodes, edges=graph.edges, attributes=node_attributes(graph))
         return 0
-    texts = {"swc": _swc_text, "json": _json_text, "graphml": _graphml_text, "obj": _obj_text}
     with complete_file(path) as stream:
-        stream.write(texts[ending](graph).encode("ascii"))
+        stream.write(TEXTS[ending](graph, unit).encode())
     return graph.loops if ending == "swc" else 0
 
 
@@ -246,8 +254,12 @@ def node_attributes(graph: CurveSkeleton) -> dict[str, NDArray[Any]]:
     return {**known, "branch": branch, "degree": graph.degrees}
 
 
-def _json_text(graph: CurveSkeleton) -> str:
-    content: dict[str, Any] = {"format": NAME, "version": 1}
+def _lengths(unit: str | None) -> str:
+    return f"lengths in {unit}" if unit else "lengths in the unit of the shape"
+
+
+def _json_text(graph: CurveSkeleton, unit: str | None) -> str:
+    content: dict[str, Any] = {"format": NAME, "version": 1, "unit": unit}
     for name in ("nodes", "radii", "importance", "edges", "branch", "vertex_node", "vertex_branch"):
         values = getattr(graph, name)
         content[name] = None if values is None else values.tolist()
@@ -274,8 +286,9 @@ def _parse_json(data: bytes) -> CurveSkeleton:
     return CurveSkeleton(nodes, edges, *floats, *whole)
 
 
-def _obj_text(graph: CurveSkeleton) -> str:
+def _obj_text(graph: CurveSkeleton, unit: str | None) -> str:
     lines = ["# medialis curve skeleton; vt is the radius of each node"]
+    lines += [f"# {_lengths(unit)}"] if unit else []
     lines += [f"v {x!r} {y!r} {z!r}" for x, y, z in graph.nodes.tolist()]
     lines += [f"vt {r!r}" for r in graph.radii.tolist()]
     for row in graph.branches:
@@ -283,40 +296,122 @@ def _obj_text(graph: CurveSkeleton) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _graphml_text(graph: CurveSkeleton) -> str:
-    keys = [("node", name, "double") for name in ("x", "y", "z", "radius", "importance")]
-    keys += [("node", "degree", "int"), ("edge", "branch", "int"), ("edge", "length", "double")]
+def _graphml_text(graph: CurveSkeleton, unit: str | None) -> str:
+    nodes: dict[str, NDArray[Any]] = {
+        **dict(zip("xyz", graph.nodes.T, strict=True)),
+        "radius": graph.radii,
+        "importance": graph.importance,
+        "degree": graph.degrees,
+    }
+    edges: dict[str, NDArray[Any]] = {"branch": graph.branch, "length": graph.edge_lengths}
+    return _graphml("curve_skeleton", nodes, graph.edges, edges, unit)
+
+
+def _graphml(
+    name: str,
+    nodes: Mapping[str, NDArray[Any]],
+    pairs: NDArray[Any],
+    edges: Mapping[str, NDArray[Any]],
+    unit: str | None,
+) -> str:
+    """Return a graph with columns of its nodes and edges; what is not finite is left out."""
+
+    def data(columns: Mapping[str, NDArray[Any]]) -> Iterator[str]:
+        for values in zip(*(column.tolist() for column in columns.values()), strict=True):
+            told = zip(columns, values, strict=True)
+            yield "".join(f'<data key="{k}">{v!r}</data>' for k, v in told if math.isfinite(v))
+
+    keys = [
+        f'<key id="{column}" for="{kind}" attr.name="{column}" '
+        f'attr.type="{"double" if values.dtype.kind == "f" else "int"}"/>'
+        for kind, columns in (("node", nodes), ("edge", edges))
+        for column, values in columns.items()
+    ]
     lines = [
         '<?xml version="1.0" encoding="UTF-8"?>',
         '<graphml xmlns="http://graphml.graphdrawing.org/xmlns">',
+        *([f"<desc>{_lengths(unit)}, angles in radians</desc>"] if unit else []),
+        *keys,
+        f'<graph id="{name}" edgedefault="undirected">',
+        *(f'<node id="n{row}">{text}</node>' for row, text in enumerate(data(nodes))),
+        *(
+            f'<edge source="n{a}" target="n{b}">{text}</edge>'
+            for (a, b), text in zip(pairs.tolist(), data(edges), strict=True)
+        ),
     ]
-    lines += [
-        f'<key id="{name}" for="{kind}" attr.name="{name}" attr.type="{of}"/>'
-        for kind, name, of in keys
-    ]
-    lines.append('<graph id="curve_skeleton" edgedefault="undirected">')
-    columns = (*graph.nodes.T, graph.radii, graph.importance, graph.degrees)
-    for node, values in enumerate(zip(*(column.tolist() for column in columns), strict=True)):
-        data = "".join(
-            f'<data key="{name}">{value!r}</data>'
-            for (_, name, _), value in zip(keys, values, strict=False)
-            if math.isfinite(value)
-        )
-        lines.append(f'<node id="n{node}">{data}</node>')
-    columns = graph.edges, graph.branch, graph.edge_lengths
-    for (a, b), branch, length in zip(*(column.tolist() for column in columns), strict=True):
-        lines.append(
-            f'<edge source="n{a}" target="n{b}"><data key="branch">{branch}</data>'
-            f'<data key="length">{length!r}</data></edge>'
-        )
     return "\n".join([*lines, "</graph>", "</graphml>"]) + "\n"
+
+
+def _csv_text(graph: CurveSkeleton, unit: str | None) -> str:
+    """Return a line a branch; heads have units, and angles are in degrees."""
+    heads, columns = ["branch"], [list(range(1, graph.branch_count + 1))]
+    for name, values in graph.branch_table.items():
+        kind = quantity(name)
+        own = {"length": unit, "angle": "degrees"}.get(kind)
+        heads.append(f"{name} ({own})" if own else name)
+        columns.append((np.degrees(values) if kind == "angle" else values).tolist())
+    rows = zip(*columns, strict=True)
+    lines = [",".join(repr(v) if math.isfinite(v) else "" for v in row) for row in rows]
+    return "\n".join([",".join(heads), *lines]) + "\n"
+
+
+def _reduced(graph: CurveSkeleton) -> tuple[dict[str, NDArray[Any]], NDArray[Any]]:
+    """Return forks and ends as columns, and the two rows of them that each branch joins.
+
+    A closed branch without a fork has its first node.
+    """
+    table = graph.branch_table
+    ends = np.stack([table["start"], table["end"]], axis=1)
+    alone = np.flatnonzero(graph.degrees == 0)
+    chosen = np.unique(np.concatenate([ends.ravel(), alone]))
+    nodes: dict[str, NDArray[Any]] = {
+        "node": chosen,
+        **dict(zip("xyz", graph.nodes[chosen].T, strict=True)),
+        "radius": graph.radii[chosen],
+        "degree": graph.degrees[chosen],
+    }
+    return nodes, np.searchsorted(chosen, ends)
+
+
+def _of_branches(graph: CurveSkeleton) -> dict[str, NDArray[Any]]:
+    measured = {k: v for k, v in graph.branch_table.items() if k not in ("start", "end")}
+    return {"branch": np.arange(graph.branch_count), **measured}
+
+
+def _branches_graphml_text(graph: CurveSkeleton, unit: str | None) -> str:
+    nodes, pairs = _reduced(graph)
+    return _graphml("branches", nodes, pairs, _of_branches(graph), unit)
+
+
+def _branches_json_text(graph: CurveSkeleton, unit: str | None) -> str:
+    nodes, pairs = _reduced(graph)
+    edges = {"start": pairs[:, 0], "end": pairs[:, 1], **_of_branches(graph)}
+    content: dict[str, Any] = {"format": "medialis branches", "version": 1, "unit": unit}
+    for name, columns in (("nodes", nodes), ("edges", edges)):
+        rows = zip(*(column.tolist() for column in columns.values()), strict=True)
+        content[name] = [
+            {key: v if math.isfinite(v) else None for key, v in zip(columns, row, strict=True)}
+            for row in rows
+        ]
+    return json.dumps(content, allow_nan=False) + "\n"
+
+
+TEXTS: dict[str, Callable[[CurveSkeleton, str | None], str]] = {
+    "swc": _swc_text,
+    "json": _json_text,
+    "graphml": _graphml_text,
+    "obj": _obj_text,
+    "csv": _csv_text,
+    "branches.graphml": _branches_graphml_text,
+    "branches.json": _branches_json_text,
+}
 
 
 def graph_formats(graph_of: Callable[[Result], CurveSkeleton]) -> tuple[Format, ...]:
     """Return the formats of an operation whose result has a graph; JSON comes back without loss."""
 
     def write(path: Path, result: Result) -> None:
-        write_curve_skeleton(path, graph_of(result))
+        write_curve_skeleton(path, graph_of(result), unit=result.shape.unit)
 
     read = {"json": read_curve_skeleton}
     names = (name for name in FORMATS if name != "ply")  # its layer is one
@@ -442,17 +537,24 @@ def _values(
         "sheet_share": sheet,
         "samples": surface.point_count,
         "diagonal": surface.diagonal,
-        "branch_table": [
-            {
-                "length": float(graph.branch_lengths[branch]),
-                "tortuosity": float(graph.tortuosity[branch]),
-                "mean_radius": float(graph.mean_radii[branch]),
-                "nodes": [int(row[0]), int(row[-1])],
-                "samples": int(samples[branch]),
-            }
-            for branch, row in enumerate(graph.branches)
-        ],
+        "branch_table": branch_rows(graph, samples),
     }
+
+
+def branch_rows(graph: CurveSkeleton, samples: NDArray[np.integer] | None = None) -> list[Any]:
+    """Return the table of the branches as rows for people and programs; angles are in radians."""
+    table, degrees = graph.branch_table, graph.degrees
+    words = {1: "end", 2: "loop"}
+    rows = []
+    for branch, (a, b) in enumerate(zip(table["start"], table["end"], strict=True)):
+        kinds = sorted(words.get(int(degrees[node]), "fork") for node in (a, b))
+        row: dict[str, Any] = {"kind": "loop" if "loop" in kinds else " to ".join(kinds)}
+        row |= {k: float(v[branch]) for k, v in table.items() if k not in ("start", "end")}
+        row["nodes"] = [int(a), int(b)]
+        if samples is not None:
+            row["samples"] = int(samples[branch])
+        rows.append(row)
+    return rows
 
 
 def sheet_share(cloud: MedialCloud, graph: CurveSkeleton) -> float:

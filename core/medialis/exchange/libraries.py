@@ -291,7 +291,8 @@ def to_pandas(thing: Drawable | Sequence[Any]) -> Any:
     ----------
     thing : Layer, Result, MedialCloud, CurveSkeleton, or sequence of ThinSpot or Row
         A layer or result: one line a point, with x, y, z and every attribute. A curve skeleton: one
-        line a branch. A list of thin spots or of rows of a batch: one line each.
+        line a branch (`CurveSkeleton.branch_table`). A list of thin spots or of rows of a batch:
+        one line each.
 
     Returns
     -------
@@ -317,10 +318,7 @@ def to_pandas(thing: Drawable | Sequence[Any]) -> Any:
     """
     pandas = library("pandas")
     if isinstance(thing, CurveSkeleton):
-        ends = np.array([[row[0], row[-1]] for row in thing.branches]).reshape(-1, 2)
-        columns: dict[str, Any] = {"start": ends[:, 0], "end": ends[:, 1]}
-        columns |= {"length": thing.branch_lengths, "mean_radius": thing.mean_radii}
-        return pandas.DataFrame({**columns, "tortuosity": thing.tortuosity})
+        return pandas.DataFrame({name: np.array(v) for name, v in thing.branch_table.items()})
     if isinstance(thing, list | tuple) and all(dataclasses.is_dataclass(row) for row in thing):
         return pandas.DataFrame([_line(row) for row in thing])
     drawn = Drawn.of(thing)  # type: ignore[arg-type]

@@ -232,7 +232,7 @@ PER_LINE = 12
 """Numbers in a line of an element set: 16 at most."""
 
 
-def write_inp(path: str | os.PathLike[str], layer: Drawn) -> None:
+def write_inp(path: str | os.PathLike[str], layer: Drawn, *, unit: str | None = None) -> None:
     """Write the triangles of a layer as shell elements: S3, or S6 for CalculiX.
 
     Parameters
@@ -242,6 +242,8 @@ def write_inp(path: str | os.PathLike[str], layer: Drawn) -> None:
     layer : Drawn
         With triangles. `thickness` of the points makes sections; `sheet` of the faces, or their
         first attribute of whole numbers, makes element sets: SHEET_0, ...
+    unit : str, optional
+        Of lengths; the file says it.
 
     Raises
     ------
@@ -253,7 +255,7 @@ def write_inp(path: str | os.PathLike[str], layer: Drawn) -> None:
         When the file cannot be written.
     """
     element = "S6" if os.fspath(path).lower().endswith(CALCULIX) else "S3"
-    write_lines(path, _inp_lines(ShellMesh(layer), element))
+    write_lines(path, _inp_lines(ShellMesh(layer), element, unit))
 
 
 def _nodes(
@@ -280,12 +282,12 @@ def _nodes(
     return points, thickness, np.concatenate([corners, between], axis=1)
 
 
-def _inp_lines(mesh: ShellMesh, element: str) -> Iterator[str]:
+def _inp_lines(mesh: ShellMesh, element: str, unit: str | None) -> Iterator[str]:
     points, thickness, elements = _nodes(mesh, element)
     numbers = np.arange(1, len(mesh.faces) + 1)
     yield "*HEADING"
     yield "Shell model written by medialis"
-    yield "** Lengths are in the unit of the shape."
+    yield f"** Lengths are in {unit or 'the unit of the shape'}."
     if not all(np.isnan(group.thickness) for group in mesh.groups):
         yield f"** Define *MATERIAL, NAME={MATERIAL} before you include this file."
     yield "*NODE, NSET=ALL_NODES"

@@ -276,15 +276,16 @@ def _rows(mark: str, rows: NDArray[np.generic]) -> list[str]:
     return [mark + " ".join(map(repr, row)) for row in rows.tolist()]
 
 
-def write_obj(path: str | os.PathLike[str], layer: Drawn) -> None:
-    """Write points, triangles and edges as OBJ, with all digits.
+def write_obj(path: str | os.PathLike[str], layer: Drawn, *, unit: str | None = None) -> None:
+    """Write points, triangles and edges as OBJ, with all digits; a comment says the unit.
 
     Raises
     ------
     FileError
         When the file cannot be written.
     """
-    lines = _rows("v ", layer.points)
+    lines = [f"# lengths in {unit}"] if unit else []
+    lines += _rows("v ", layer.points)
     for mark, rows in (("f ", layer.faces), ("l ", layer.edges)):
         lines += [] if rows is None else _rows(mark, rows + 1)
     write_lines(path, lines)

@@ -200,12 +200,15 @@ LAYER_FORMATS: dict[str, tuple[str, Callable[..., None]]] = {
 }
 """Endings and writers of what each layer may be written as besides PLY."""
 
+WITH_UNIT = ("inp", "ccx")
+"""Those whose files say the unit of lengths."""
+
 SHELLS = ("msh", "inp", "ccx")
 """Those for layers with triangles, as shell elements: for Gmsh, Abaqus and CalculiX."""
 
 
 def _write_obj(path: Path, layer: Layer, unit: str | None) -> None:
-    write_obj(path, Drawn(layer.points, _triangles(layer)))
+    write_obj(path, Drawn(layer.points, _triangles(layer)), unit=unit)
 
 
 def _write_glb(path: Path, layer: Layer, unit: str | None) -> None:
@@ -495,15 +498,16 @@ def _write_data(
             for name in filter(LAYER_FORMATS.__contains__, formats):
                 if name not in SHELLS or layer.faces is not None:
                     ending, write = LAYER_FORMATS[name]
-                    write(new(layer.name + ending), layer)
+                    own = {"unit": result.shape.unit} if name in WITH_UNIT else {}
+                    write(new(layer.name + ending), layer, **own)
             for ending in layer.formats:
                 file = new(f"{layer.name}.{ending}")
                 write_layer(file, layer, result.shape.unit)
             progress.update((number + 1) / (len(result.layers) + 1))
         # A result made by hand is of no operation.
-        for own in registry.operation(result.operation).formats if result.operation else ():
-            if own.of in result.extras and (own.unasked or own.name in formats):
-                own.write(new(f"{result.operation}.{own.name}"), result)
+        for one in registry.operation(result.operation).formats if result.operation else ():
+            if one.of in result.extras and (one.unasked or one.name in formats):
+                one.write(new(f"{result.operation}.{one.name}"), result)
         write_npz(new(f"{result.operation}.npz"), result.arrays)
 
 

@@ -17,7 +17,7 @@ from medialis.base.progress import Progress, counted
 from medialis.base.threads import run_patiently
 from medialis.curves.curve_skeleton import CurveSkeleton, ViewPoints
 from medialis.curves.from_views.skeleton import ViewCurveSkeletonOptions, view_curve_skeleton
-from medialis.curves.operation import GRAPH_FORMATS, node_attributes
+from medialis.curves.operation import GRAPH_FORMATS, branch_rows, node_attributes
 from medialis.operations.declaration import Operation
 from medialis.operations.positions import places
 from medialis.operations.result import Layer, Outcome
@@ -70,6 +70,7 @@ def run(shape: Shape, options: ViewCurveSkeletonRun, progress: Progress) -> Outc
             **summary(curve.radii, "radius"),
             "points": len(points.points),
             "diagonal": shape.diagonal,
+            "branch_table": branch_rows(curve),
         },
         arrays={
             "nodes": places(curve.nodes),
