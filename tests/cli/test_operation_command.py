@@ -166,7 +166,7 @@ def test_an_overwriting_that_fails_leaves_the_old_result(here, monkeypatch):
 def test_every_example_of_help_runs_and_is_told_on_one_screen(
     chosen, tmp_path, monkeypatch, capsys, small_samples
 ):
-    """With all its files, and what each of them is."""
+    """With what each of its files is; the wrapped lines name the first ones, --verbose all."""
     monkeypatch.chdir(tmp_path)
     seen = set()
     with medialis.memory_limit(DEFAULT_LIMIT):
@@ -175,7 +175,7 @@ def test_every_example_of_help_runs_and_is_told_on_one_screen(
             if not Path(shape).exists():
                 assert run("sample", shape.removesuffix(".ply")) == 0
             capsys.readouterr()
-            assert run(chosen.name.replace("_", "-"), shape, *options) == 0
+            assert run(chosen.name.replace("_", "-"), shape, *options, "--verbose") == 0
             out = capsys.readouterr().out.splitlines()
             ((folder, path),) = {p.parent: p for p in tmp_path.rglob("manifest.json")
                                  if p.parent not in seen}.items()  # fmt: skip

@@ -1,6 +1,7 @@
 """Shell elements: .msh, .inp and .vtu, read back by the programs that they are for."""
 
 import importlib.util
+import re
 
 import numpy as np
 import pytest
@@ -48,6 +49,18 @@ def test_sections_have_the_thickness_of_their_own_points_also_at_welds(tmp_path)
     assert [head.split("ELSET=")[1].split(",")[0] for head, _ in sections] == ["SHEET_0", "SHEET_1"]
     assert [float(rows[0][0]) for _, rows in sections] == [0.25, 0.5]
     assert "NODAL" not in (tmp_path / "a.inp").read_text()
+
+
+def test_no_number_is_longer_than_calculix_reads(tmp_path):
+    """-2.848362679850857e-20 ended its reading of nodes (fixed)."""
+    layer, values = _arguments(tee())[0], _arguments(tee())[1:]
+    points = np.array(layer) - 2.848362679850857e-20
+    points[0] = -1.2345678901234567e-200
+    write_inp(tmp_path / "a.ccx.inp", Drawn(points, *values))
+    cells = re.split(r"[,\n]\s*", (tmp_path / "a.ccx.inp").read_text().partition("*NODE")[2])
+    numbers = [cell for cell in cells if re.fullmatch(r"[-+.\deE]+", cell)]
+    assert len(numbers) > 100 and max(map(len, numbers)) <= 20
+    assert len(nodes_of(tmp_path / "a.ccx.inp")) >= len(points)
 
 
 def test_an_input_file_says_the_unit_once_it_is_known(tmp_path):

@@ -101,7 +101,8 @@ def test_a_selection_has_defaults_of_its_own_and_is_all_that_is_written(tmp_path
         (about,) = manifest["layers"]
         assert about["role"] == "selection" and about["on_input"]
         chosen = read_ply_attributes(tmp_path / "out" / about["file"]).attributes["selected"]
-        thickness = medialis.run("thickness", medialis.read_shape(tmp_path / "in.ply")).layers[0]
+        read = medialis.read_shape(tmp_path / "in.ply")
+        thickness = medialis.run("thickness", read, threshold=share).layers[0]
         expected = thickness.attributes["thickness"] < share * shape.diagonal
         np.testing.assert_array_equal(chosen == 1, expected)
         assert manifest["values"] == {"selected": expected.sum()} and expected.any()

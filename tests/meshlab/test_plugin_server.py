@@ -87,7 +87,8 @@ def test_lengths_of_a_script_are_shares_of_the_size_it_was_made_on(meshlab, crea
     entry = filter_named("compute_selection_by_medial_thickness_per_vertex")
     printed = meshlab.run([creature], entry, {"threshold": 0.05}, size=size)
     shape = medialis.read_shape(creature)
-    thickness = medialis.run("thickness", shape).layers[0].attributes["thickness"]
+    layer = medialis.run("thickness", shape, threshold=0.05).layers[0]
+    thickness = layer.attributes["thickness"]
     assert f"selected: {(thickness < 0.05 * shape.diagonal).sum()}\n" in printed
 
 

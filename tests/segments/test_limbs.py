@@ -132,7 +132,7 @@ def test_outer_balls_and_wrong_input(jack):
     with pytest.raises(medialis.InvalidShapeError, match="whole inner cloud"):
         medialis.parts(cloud.subset(np.arange(100)), method="limbs")
     form = forms.box_samples()
-    with pytest.raises(medialis.InvalidShapeError, match="needs a mesh"):
+    with pytest.raises(medialis.InvalidShapeError, match="need a mesh"):
         medialis.run("parts", form.shape, method="limbs")
     with pytest.raises(medialis.Cancelled):
         medialis.parts(cloud, method="limbs", progress=lambda *_: False)

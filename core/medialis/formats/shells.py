@@ -282,6 +282,15 @@ def _nodes(
     return points, thickness, np.concatenate([corners, between], axis=1)
 
 
+DIGITS = 12
+"""Of a number in an INP file: CalculiX reads 20 characters, -2.848362679850857e-20 has 22."""
+
+
+def _short(values: FloatArray) -> FloatArray:
+    """Return numbers of `DIGITS` digits."""
+    return np.char.mod(f"%.{DIGITS}g", values).astype(np.float64)
+
+
 def _inp_lines(mesh: ShellMesh, element: str, unit: str | None) -> Iterator[str]:
     points, thickness, elements = _nodes(mesh, element)
     numbers = np.arange(1, len(mesh.faces) + 1)
@@ -291,7 +300,7 @@ def _inp_lines(mesh: ShellMesh, element: str, unit: str | None) -> Iterator[str]
     if not all(np.isnan(group.thickness) for group in mesh.groups):
         yield f"** Define *MATERIAL, NAME={MATERIAL} before you include this file."
     yield "*NODE, NSET=ALL_NODES"
-    yield from number_rows(np.arange(1, len(points) + 1), points)
+    yield from number_rows(np.arange(1, len(points) + 1), _short(points))
     for group in mesh.groups:
         yield f"*ELEMENT, TYPE={element}, ELSET={group.name}"
         yield from number_rows(numbers[group.faces], elements[group.faces] + 1)
@@ -304,10 +313,10 @@ def _inp_lines(mesh: ShellMesh, element: str, unit: str | None) -> Iterator[str]
         yield "*NODAL THICKNESS"
         used = np.unique(elements[np.concatenate([group.faces for group in tapered])])
         used = used[np.isfinite(thickness[used])]
-        yield from number_rows(used + 1, thickness[used])
+        yield from number_rows(used + 1, _short(thickness[used]))
     for group in mesh.groups:
         if np.isnan(group.thickness):
             continue
         by_nodes = "" if group.even else ", NODAL THICKNESS"
         yield f"*SHELL SECTION, ELSET={group.name}, MATERIAL={MATERIAL}{by_nodes}"
-        yield repr(group.thickness)
+        yield f"{group.thickness:.{DIGITS}g}"
