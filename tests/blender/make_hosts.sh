@@ -6,7 +6,8 @@
 # where test_packaging.py takes them from. As in the extension there is no numba: kernels are made
 # ahead for both Pythons, beside their sources, by environments of their own (build/kernels-env-*).
 # Interpreters: PYTHON311 and PYTHON313, or python3.11 and python3.13 on the PATH, or pyenv's. A
-# Blender whose Python is not there is left out with a word.
+# Blender whose Python is not there is left out with a word, and one that BLENDERS does not name
+# ("4.2 5.2") without.
 set -euo pipefail
 cd "$(dirname "$0")/../.."
 BUILD=blender_addon/packaging/build_extension.py
@@ -25,6 +26,7 @@ sys.exit('%d.%d' % sys.version_info[:2] != '$1')" 2>/dev/null; then
 }
 
 make_host() { # BLENDER PYTHON NUMPY
+    case " ${BLENDERS:-$1} " in *" $1 "*) ;; *) return ;; esac
     local host=".venv-bpy-$1" python wheels
     local stamp="$host/installed"
     if [ -e "$stamp" ] && [ -z "$(find "${SOURCES[@]}" -newer "$stamp")" ]; then
