@@ -39,13 +39,8 @@ def test_a_plate_on_the_ground_shows_its_top():
 
 
 def test_formats_say_it(tmp_path):
-    points, faces = medialis.organic_shape(56).points, medialis.organic_shape(56).faces
-    triangles = points[faces]
-    write_ply(tmp_path / "a.ply", points, faces)
-    facet = [("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("byte", "<u2")]
-    rows = np.zeros(len(faces), facet)
-    rows["corners"] = triangles
-    (tmp_path / "a.stl").write_bytes(bytes(80) + np.uint32(len(faces)).tobytes() + rows.tobytes())
+    for name in ("a.ply", "a.stl"):
+        medialis.write_mesh(tmp_path / name, medialis.organic_shape(56))
     assert medialis.read_shape(tmp_path / "a.ply").up is None
     assert medialis.read_shape(tmp_path / "a.stl").up == UP["stl"] == "z"
     assert medialis.read_shape(tmp_path / "a.stl", up="x").up == "x"
@@ -60,5 +55,7 @@ def test_the_command_line_has_it_and_results_keep_it(tmp_path, capsys):
     assert main(words) == 0
     assert json.loads((tmp_path / "out" / "manifest.json").read_text())["up"] == "x"
     assert medialis.read_result(tmp_path / "out").shape.up == "x"
+    assert main([*words[:2], "--up", "z", *words[4:]]) == 2
+    assert "holds a result with another axis up. Name" in capsys.readouterr().err
     assert main([*words[:2], "--up", "w"]) == 2
     assert "--up" in capsys.readouterr().err

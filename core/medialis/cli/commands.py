@@ -351,6 +351,7 @@ def _about(
         "parameters": as_given(chosen.resolve(given)),
         "input_stamp": here,
         "input_unit": as_unit(options.unit),
+        "input_up": options.up,
     }
 
 
@@ -393,7 +394,8 @@ def _compute(
 
             shape = organic_shape()
         else:
-            shape = read_shape(file, unit=about["input_unit"], up=options.up, progress=progress)
+            unit, up = about["input_unit"], about["input_up"]
+            shape = read_shape(file, unit=unit, up=up, progress=progress)
     with progress.stage("compute", 0.1, 0.7):
         result = run(about["operation"], shape, threads=threads, progress=progress, **given)
     source = "organic shape" if file is None else file
@@ -412,7 +414,7 @@ def _compute(
         with progress.stage("report", 0.7, 0.85), thread_limit(threads):
             texts = report_texts(result, source=file, progress=progress)
     pictures = Pictures(not options.no_picture, options.color_by, options.turntable)
-    record = {name: about[name] for name in ("input_stamp", "input_unit")}
+    record = {name: about[name] for name in ("input_stamp", "input_unit", "input_up")}
     wanted = Written(source, pictures, _formats(options), texts, record, options.overwrite)
     with progress.stage("output", 0.85, 1.0), thread_limit(threads):
         manifest = write_files(result, folder, wanted, progress)

@@ -46,6 +46,7 @@ DIFFERENCES = {
     "input_stamp": "of another input or an older state of it",
     "shape": "of another shape",
     "input_unit": "in another unit",
+    "input_up": "with another axis up",
     "medialis": "of medialis {}",
 }
 """What tells results apart, and what is said of the one that is there."""
