@@ -69,7 +69,9 @@ def contradictions(known: Known, folder: Path) -> Iterator[str]:
     manifests: dict[str, dict[str, Any]] = {}
     for name, more in known.runs.items():
         place = folder / known.name / name
-        texts, screen = _run(name, str(file), "--unit", UNIT, "-o", str(place), *_plain(more))
+        texts, screen = _run(
+            name, str(file), "--unit", UNIT, "-o", str(place), "--overwrite", *more
+        )
         manifest = json.loads((place / "manifest.json").read_text(encoding="utf-8"))
         manifests[manifest["operation"]] = manifest
         for line in (
@@ -81,11 +83,6 @@ def contradictions(known: Known, folder: Path) -> Iterator[str]:
             yield f"{name}: {line}"
     yield from _together(manifests, shape)
     yield from _in_table(file, known, manifests)
-
-
-def _plain(more: Sequence[str]) -> Sequence[str]:
-    """Let a second run replace what the first one wrote."""
-    return ("--overwrite", *more)
 
 
 def _run(*words: str) -> tuple[list[str], str]:

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 import medialis
-from medialis.shape.generate import implicit_shape
+from medialis.shape.generate import blended, implicit_shape
 
 Numbers = Mapping[str, tuple[float, float]]
 """Truths by the name of a value: what it is, and by what share it may be off."""
@@ -90,16 +90,11 @@ def rods(
 
     Away from where they meet the surface is that of the capsules.
     """
+    cones = [(start, end, radius, radius) for start, end, radius in limbs]
+    soft = 0.1 * min(radius for *_, radius in limbs)
 
     def distance(places: np.ndarray) -> np.ndarray:
-        found = []
-        for start, end, radius in limbs:
-            a, along = np.array(start, float), np.array(end, float) - np.array(start, float)
-            share = np.clip((places - a) @ along / (along @ along), 0.0, 1.0)
-            found.append(np.linalg.norm(places - a - share[:, None] * along, axis=1) - radius)
-        least = np.min(found, axis=0)
-        soft = 0.1 * min(radius for *_, radius in limbs)
-        return least - soft * np.log(sum(np.exp((least - one) / soft) for one in found))
+        return blended(places, cones, soft)
 
     def make() -> medialis.Shape:
         ends = np.array([place for limb in limbs for place in limb[:2]], float)

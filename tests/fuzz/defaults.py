@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-import json
 import time
-
-import numpy as np
 
 import medialis
 from fuzz.kinds import GIGABYTE, Case, Fault, Kind
 from fuzz.nasty_shapes import nasty_mesh
-from fuzz.shape_operations import SLOWER, check_result, slowness
-from medialis.formats.ply_attributes import write_ply
+from fuzz.shape_operations import SLOWER, check_cost, check_result, keep_shape, peak_memory
 
 OPERATIONS = (
     *("thickness", "curve_skeleton", "parts", "medial_mesh", "midsurface", "wall_check"),
@@ -27,12 +23,8 @@ def run(case: Case) -> None:
     name = OPERATIONS[case.number % len(OPERATIONS)]
     points, faces, made = nasty_mesh(case.rng)
     repair = case.rng.random() < 0.8
-    (case.folder / "about.json").write_text(
-        json.dumps({"operation": name, "repair": repair, "made": made})
-    )
-    np.savez(case.folder / "shape.npz", points=points, faces=faces)
-    write_ply(case.folder / "shape.ply", points, faces)
-    begin = time.process_time()
+    keep_shape(case, {"operation": name, "repair": repair, "made": made}, points, faces)
+    begin, before = time.process_time(), peak_memory()
     try:
         shape = medialis.make_shape(points, faces, repair=repair)
         with medialis.memory_limit(0):
@@ -40,9 +32,7 @@ def run(case: Case) -> None:
     except medialis.MedialisError as error:
         if not str(error).strip():
             raise Fault("an error without a sentence") from error
-    seconds = time.process_time() - begin
-    if seconds > SLOWER * SECONDS * slowness():
-        raise Fault(f"slow: {name}", f"{seconds:.1f} s of processor time", again=True)
+    check_cost(name, time.process_time() - begin, peak_memory() - before, SLOWER * SECONDS)
 
 
 KIND = Kind(

@@ -17,7 +17,7 @@ from scipy.spatial import cKDTree
 
 import medialis
 from fuzz.kinds import GIGABYTE, Case, Fault, Kind
-from fuzz.nasty_shapes import nasty_mesh, nasty_normals
+from fuzz.nasty_shapes import Faces, Points, nasty_mesh, nasty_normals
 from medialis.base.options import Kind as Option
 from medialis.base.options import Parameter
 from medialis.formats.json_npz import json_text, read_npz
@@ -82,18 +82,14 @@ def run(case: Case) -> None:
     repair = rng.random() < 0.8
     options = random_options(rng, chosen, len(points), case.folder)
     about = {"operation": chosen.name, "options": options, "repair": repair, "made": made}
-    (case.folder / "about.json").write_text(json.dumps({**about, "cloud": cloud}, indent=1))
-    arrays = {"points": points} | ({} if cloud else {"faces": faces})
-    arrays |= {} if normals is None else {"normals": normals}
-    np.savez(case.folder / "shape.npz", **arrays)  # type: ignore[arg-type]
-    write_ply(case.folder / "shape.ply", points, None if cloud else faces)
+    keep_shape(case, {**about, "cloud": cloud}, points, None if cloud else faces, normals)
     extras = rng.random(), rng.random()
     try:
         shape = medialis.make_shape(points, None if cloud else faces, normals, repair=repair)
-        begin, before = time.process_time(), _peak_memory()
+        begin, before = time.process_time(), peak_memory()
         result = _computed(chosen, shape, options, threads=1)
         limit = SLOWER * (LONG_SECONDS if _dear(chosen, options) else SECONDS)
-        _check_cost(chosen, time.process_time() - begin, _peak_memory() - before, limit)
+        check_cost(chosen.name, time.process_time() - begin, peak_memory() - before, limit)
         check_result(result)
         if extras[0] < 0.15:
             _check_threads(result, _computed(chosen, shape, options, threads=2))
@@ -102,6 +98,21 @@ def run(case: Case) -> None:
     except medialis.MedialisError as error:
         if not str(error).strip():
             raise Fault("an error without a sentence") from error
+
+
+def keep_shape(
+    case: Case,
+    about: Mapping[str, Any],
+    points: Points,
+    faces: Faces | None,
+    normals: Points | None = None,
+) -> None:
+    """Write what a case is about into its folder, which stays where something is found."""
+    (case.folder / "about.json").write_text(json.dumps(about, indent=1))
+    given = {"points": points, "faces": faces, "normals": normals}
+    arrays = {name: rows for name, rows in given.items() if rows is not None}
+    np.savez(case.folder / "shape.npz", **arrays)  # type: ignore[arg-type]
+    write_ply(case.folder / "shape.ply", points, faces)
 
 
 def random_options(
@@ -192,12 +203,13 @@ def _computed(
         return medialis.run(chosen.name, shape, threads=threads, **options)
 
 
-def _check_cost(chosen: Operation, seconds: float, memory: int, limit: float) -> None:
+def check_cost(name: str, seconds: float, memory: int, limit: float) -> None:
+    """Compare processor time with a limit on a quiet machine, and memory with `MOST_MEMORY`."""
     if seconds > limit and seconds > limit * (slow := slowness()):
         text = f"{seconds:.1f} s of processor time, at most {limit:g} x {slow:.2f}"
-        raise Fault(f"slow: {chosen.name}", text, again=True)
+        raise Fault(f"slow: {name}", text, again=True)
     if memory > MOST_MEMORY:
-        raise Fault(f"memory of {chosen.name}", f"{memory / GIGABYTE:.1f} GiB")
+        raise Fault(f"memory of {name}", f"{memory / GIGABYTE:.1f} GiB")
 
 
 def slowness() -> float:
@@ -290,7 +302,7 @@ def _check_written(result: Result, folder: Path) -> None:
         raise Fault("arrays are others after writing and reading")
 
 
-def _peak_memory() -> int:
+def peak_memory() -> int:
     """Bytes that the process had at most."""
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
 

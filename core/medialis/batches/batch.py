@@ -30,7 +30,7 @@ from medialis.batches.engine import run_jobs, warn_if_open
 from medialis.batches.jobs import DONE, FAILED, TABLES, Job, Row, plan, run_job
 from medialis.formats.files import absolute, reason, write_text
 from medialis.formats.output_folder import remove_left
-from medialis.operations.result import quantity
+from medialis.operations.result import unit_of
 from medialis.show.reports.page import data_text, page
 from medialis.show.viewer.page import has_library
 from medialis.show.writing import strangers
@@ -113,20 +113,14 @@ Column = tuple[str, str]
 
 
 def _columns(rows: Sequence[Row]) -> list[Column]:
-    return list(dict.fromkeys((name, _unit(row, name)) for row in rows for name in row.numbers))
-
-
-def _unit(row: Row, name: str) -> str:
-    """Return the unit of a value of a row; "" where it has none, or that is not known."""
-    unit = row.unit or ""
-    of = {"length": unit, "area": f"{unit}²" if unit else "", "angle": "degrees"}
-    return of.get(quantity(name), "%" if name.endswith("_percent") else "")
+    found = ((name, unit_of(name, row.unit)) for row in rows for name in row.numbers)
+    return list(dict.fromkeys(found))
 
 
 def _value(row: Row, column: Column) -> Any:
     """Return what a row has in a column, angles in degrees; None: nothing."""
     name, unit = column
-    value = row.numbers.get(name) if _unit(row, name) == unit else None
+    value = row.numbers.get(name) if unit_of(name, row.unit) == unit else None
     return math.degrees(value) if unit == "degrees" and value is not None else value
 
 

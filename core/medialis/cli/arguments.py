@@ -276,7 +276,8 @@ def _add_operation(sub: argparse.ArgumentParser, chosen: Operation, run: Command
         sub.add_argument(
             "--fail", action="store_true", help="end with exit code 1 where the check is not passed"
         )
-    methods = [method for (command, method) in OF_METHOD if command == sub.prog.split()[-1]]
+    own = chosen.name.replace("_", "-")
+    methods = [method for (command, method) in OF_METHOD if command == own]
     if methods:
         sub.add_argument(
             "--method",
@@ -394,15 +395,6 @@ def _add_view(sub: argparse.ArgumentParser) -> None:
     _add_unit(sub)
     _add_up(sub)
     sub.add_argument("--open", action="store_true", help="open the page in the browser")
-    methods = [method for (command, method) in OF_METHOD if command == sub.prog.split()[-1]]
-    if methods:
-        sub.add_argument(
-            "--method",
-            choices=("balls", *methods),
-            default="balls",
-            help="from the balls inside (default), or from pictures all round, which takes point "
-            "clouds and open meshes too and has options of its own (medialis view-curve-skeleton)",
-        )
     sub.add_argument("--threads", type=int, help="use at most this many threads")
     _add_progress(sub)
 

@@ -29,7 +29,7 @@ from medialis.formats.files import complete_file, file_bytes, reading
 from medialis.formats.ply_attributes import write_ply
 from medialis.operations.declaration import Format, Operation
 from medialis.operations.positions import numbers, places
-from medialis.operations.result import FilterUnit, Layer, Outcome, Result, quantity
+from medialis.operations.result import FilterUnit, Layer, Outcome, Result, unit_of
 from medialis.shape.shape import Shape
 from medialis.skeleton.layers import cloud_arrays, samples_layer, surface_layers
 from medialis.skeleton.medial_cloud import MedialCloud
@@ -346,10 +346,9 @@ def _csv_text(graph: CurveSkeleton, unit: str | None) -> str:
     """Return a line a branch; heads have units, and angles are in degrees."""
     heads, columns = ["branch"], [list(range(1, graph.branch_count + 1))]
     for name, values in graph.branch_table.items():
-        kind = quantity(name)
-        own = {"length": unit, "angle": "degrees"}.get(kind)
+        own = unit_of(name, unit)
         heads.append(f"{name} ({own})" if own else name)
-        columns.append((np.degrees(values) if kind == "angle" else values).tolist())
+        columns.append((np.degrees(values) if own == "degrees" else values).tolist())
     rows = zip(*columns, strict=True)
     lines = [",".join(repr(v) if math.isfinite(v) else "" for v in row) for row in rows]
     return "\n".join([",".join(heads), *lines]) + "\n"

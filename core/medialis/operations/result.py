@@ -57,6 +57,18 @@ def quantity(name: str) -> str:
     return next((kind for kind, names in kinds.items() if stem in names), "")
 
 
+def unit_of(name: str, unit: str | None) -> str:
+    """Return the unit that a value has in tables; `unit` is that of the shape. "": none is known.
+
+    Examples
+    --------
+    >>> unit_of("area", "mm"), unit_of("spoke_angle", None), unit_of("error_percent", None)
+    ('mm²', 'degrees', '%')
+    """
+    of = {"length": unit or "", "area": f"{unit}²" if unit else "", "angle": "degrees"}
+    return of.get(quantity(name), "%" if name.endswith("_percent") else "")
+
+
 def value_text(name: str, value: Any, unit: str | None = None) -> str:
     """Return a value of a result for people, with its unit; `unit` is that of the shape.
 

@@ -87,8 +87,12 @@ def vertex_normals(points: FloatArray, faces: IntArray) -> FloatArray:
     if surface.faces is None:
         return frozen(np.zeros_like(points), np.float64)
     planes = find_planes(surface, SHARP)
-    normals = with_planes(ring_normals(points, surface.faces), surface, planes, SHARP)
-    return with_rulings(normals, surface, planes, SHARP)
+    return part_normals(ring_normals(points, surface.faces), surface, planes)
+
+
+def part_normals(normals: FloatArray, surface: Surface, planes: IntArray) -> FloatArray:
+    """Return normals (n, 3) that are those of flat faces and of rulings, where these end."""
+    return with_rulings(with_planes(normals, surface, planes, SHARP), surface, planes, SHARP)
 
 
 def ring_normals(points: FloatArray, faces: IntArray, *, smooth: bool = True) -> FloatArray:

@@ -35,11 +35,11 @@ from medialis.shape.normals import (
     SHARP,
     as_viewpoints,
     estimate_normals,
+    part_normals,
     ring_normals,
 )
-from medialis.shape.planes import find_planes, with_planes
+from medialis.shape.planes import find_planes
 from medialis.shape.repair import repaired
-from medialis.shape.rulings import with_rulings
 from medialis.shape.shape import Shape, far_points
 from medialis.shape.surface import Surface
 
@@ -386,8 +386,7 @@ def _made(
             if planes is None:
                 planes = run_patiently(lambda: find_planes(surface, SHARP), progress)
             rings = run_patiently(lambda: ring_normals(vertices, triangles), progress)
-            computed = with_planes(rings, surface, planes, SHARP)
-            computed = with_rulings(computed, surface, planes, SHARP)
+            computed = part_normals(rings, surface, planes)
             if directions is not None:  # a model has none where its faces meet in an edge
                 told_there = np.asarray(directions).any(axis=1, keepdims=True)
                 computed = np.where(told_there, directions, computed)

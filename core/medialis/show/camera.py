@@ -169,10 +169,8 @@ def default_view(points: ArrayLike, up: str | None = None) -> tuple[FloatArray, 
     viewer = np.array([0.4, -1.0, 0.0] if upward[2] > 0.5 else [0.4, 0.0, 1.0])
     if front @ viewer < 0:
         front = -front
-    yaw, pitch = (
-        math.radians(30.0),
-        math.radians(50.0 if lies and variances[0] < 0.25 * variances[1] else 20.0),
-    )
+    is_flat = lies and variances[0] < 0.25 * variances[1]
+    yaw, pitch = math.radians(30.0), math.radians(50.0 if is_flat else 20.0)
     side = np.cross(upward, front)
     level = front * math.cos(yaw) + side * math.sin(yaw)
     return unit_direction(level * math.cos(pitch) + upward * math.sin(pitch), "direction"), upward

@@ -588,8 +588,8 @@ def draw_result(
     """
     layer, *others = result.shown or result.layers[:1]
     progress = Progress.of(progress)
-    up = result.shape.up
     if camera is None:
+        up = result.shape.up
         camera = run_patiently(
             lambda: Camera.framing(_in_view(result), up=up, width=width, height=height), progress
         )

@@ -481,8 +481,12 @@ def wall_balls(cloud: MedialCloud, angle: float = WALL_ANGLE) -> Index:
 
     `angle` is in degrees. Those of a rounded rim have less than is asked of walls.
     """
-    least = math.radians(max(angle, WALL_ANGLE))
-    return np.flatnonzero((cloud.side > 0) & (cloud.wall_angles >= least))
+    return np.flatnonzero((cloud.side > 0) & (cloud.wall_angles >= least_wall_angle(angle)))
+
+
+def least_wall_angle(angle: float) -> float:
+    """Return the least angle between two walls in radians: that asked for in degrees, or more."""
+    return math.radians(max(angle, WALL_ANGLE))
 
 
 def unresolved_walls(cloud: MedialCloud) -> Mask:

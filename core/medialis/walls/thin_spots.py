@@ -45,8 +45,8 @@ from medialis.shape.surface import link_matrix
 from medialis.skeleton.medial_cloud import MedialCloud
 from medialis.skeleton.surface_skeleton import as_cloud
 from medialis.walls.thickness import (
-    WALL_ANGLE,
     ThicknessOptions,
+    least_wall_angle,
     thickness,
     thickness_field,
     thickness_without,
@@ -421,8 +421,7 @@ class WallBalls:
         rows = wall_balls(cloud, options.min_spoke_angle)
         self.balls, self.surface = cloud.subset(rows), cloud.surface
         self.share, self.with_threshold = options.share, with_threshold
-        least = math.radians(max(options.min_spoke_angle, WALL_ANGLE))
-        self._least_cosine = math.cos(math.pi - least)
+        self._least_cosine = math.cos(math.pi - least_wall_angle(options.min_spoke_angle))
         enclosure = Enclosure(self.surface)
         # Each place is asked for again and again.
         self._enclosed = cache(lambda *place: float(enclosure.times(np.array([place]))[0]))

@@ -17,7 +17,7 @@ from medialis.base.threads import run_patiently
 from medialis.formats.json_npz import json_text
 from medialis.operations.declaration import Kind
 from medialis.operations.registry import OPERATIONS
-from medialis.operations.result import Result, quantity
+from medialis.operations.result import Result, quantity, unit_of
 from medialis.show.picture import draw_result, draw_turntable
 from medialis.show.png import encode_png
 from medialis.show.reports.measures import TABLES, measure
@@ -234,8 +234,8 @@ def _values(measures: Mapping[str, Any]) -> list[str]:
             what = quantity(name) if isinstance(value, float) else ""
             is_length = what == "length" and name != "diagonal" and diagonal > 0
             share = f"{number(100 * value / diagonal)} %" if is_length else ""
-            unit = {"length": measures["unit"], "area": f"{measures['unit']}²"}.get(what)
-            text = f"{cell(value)} {unit}" if unit and measures["unit"] else cell(value)
+            unit = unit_of(name, measures["unit"]) if what else ""
+            text = f"{cell(value)} {unit}" if unit else cell(value)
             single.append((named(name), text, share))
     head = ("", "", "of the diagonal") if any(share for *_, share in single) else ()
     return [table(single, head), *more]
