@@ -59,7 +59,7 @@ def test_a_bend_and_its_counterbend_are_two_cylinders():
     one = np.column_stack([10 + 6 * np.sin(turn), 6 - 6 * np.cos(turn)])
     two = np.column_stack([20 - 4 * np.cos(turn), 6 + 4 * np.sin(turn)])
     middle = np.concatenate([[[0, 0], [10, 0]], one, two, [[35, 10]]])
-    outline = np.concatenate([middle, middle[::-1] + [-1e-9, 30]])
+    outline = np.concatenate([middle, middle[::-1] + np.array([-1e-9, 30])])
     found = medialis.make_shape(*extruded(outline, 80.0)).cylinders
     assert np.sort(found.radii) == pytest.approx([4.0, 4.0, 6.0, 6.0], rel=1e-6)
 
@@ -93,7 +93,7 @@ def test_a_cylinder_goes_on_where_its_triangles_are_no_needles():
     assert (found.label >= 0).sum() == 4 * around
 
 
-@pytest.mark.parametrize("chords", [4, 7])
+@pytest.mark.parametrize("chords", [3, 4, 7])
 def test_bends_of_a_hollow_section_are_as_thick_as_its_walls(chords):
     """Balls met the chords of the bore: 1.1 % too thick."""
     shape = medialis.make_shape(*hollow_section(60, 40, 2.0, 6.0, 80, chords))
@@ -102,7 +102,7 @@ def test_bends_of_a_hollow_section_are_as_thick_as_its_walls(chords):
     points, told = layer.points, layer.attributes["thickness"]
     away = np.minimum(points[:, 2], 80 - points[:, 2])
     wrong = np.abs(told[away > 3] / 2.0 - 1.0)
-    assert np.quantile(wrong, 0.999) < 1e-3 and wrong.max() < 0.01
+    assert np.quantile(wrong, 0.99) < 1e-4 and wrong.max() < 0.01
 
 
 def test_far_and_near_the_origin_it_is_one_part():

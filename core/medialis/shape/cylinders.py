@@ -33,7 +33,8 @@ CLEARLY = 10.0
 """So many times as far lie chords off a cylinder, else it might be flat."""
 
 LEAST_CORNERS = 5
-"""Different corners, seen along the axis: three lie on a circle always, and two more tell."""
+"""Different corners, seen along the axis: three lie on a circle always, and two more tell. So does
+each flat face that the cylinder is tangent to where it ends."""
 
 LONG_SIDE = 0.25
 """Of the square of its longest side: needles lie beside each other over longer ones of both."""
@@ -127,12 +128,12 @@ def find_cylinders(surface: Surface, planes: IntArray, crease: float) -> Cylinde
     tries = MOST_TRIES
     for chain in _chains(surface, planes, crease):
         begin = 0
-        while begin + LEAST_CORNERS - 2 < len(chain) and tries > 0:
+        while begin + LEAST_CORNERS - 2 < len(chain) and tries > 0:  # two chords at least
             rest, which = chain[begin:], _known(surface, chain[begin : begin + 2], found, near)
             if which < 0:
                 # All of the chain as a rule; else what a few tell, and as far as it goes.
-                fitted = _fit(surface, rest, near) if begin == 0 else None
-                fitted = fitted or _fit(surface, rest[:WINDOW], near)
+                fitted = _fit(surface, rest, near, 3) if begin == 0 else None
+                fitted = fitted or _fit(surface, rest[:WINDOW], near, LEAST_CORNERS)
                 if fitted is None:
                     begin, tries = begin + 1, tries - 1
                     continue
@@ -145,11 +146,31 @@ def find_cylinders(surface: Surface, planes: IntArray, crease: float) -> Cylinde
             begin += end
     cylinders = _table(label, found)
     no_more = _goes_on(surface, planes, cylinders, crease)
-    no_more |= np.bincount(label[label >= 0], minlength=len(found)) < LEAST_FACES
+    no_more |= ~_are_sure(surface, planes, cylinders, np.array([one[4] for one in found], int))
     number = np.append(np.where(no_more, -1, np.cumsum(~no_more) - 1), -1)
     label = frozen(number[label], np.int32)
     cylinders = _table(label, [one for one, bad in zip(found, no_more, strict=True) if not bad])
     return replace(cylinders, label=_grown(surface, planes, cylinders, crease, near))
+
+
+def _are_sure(
+    surface: Surface, planes: IntArray, cylinders: Cylinders, corners: NDArray[Any]
+) -> Mask:
+    """Tell the cylinders that corners, and flat faces tangent to them, leave no doubt of, (c,)."""
+    count = len(corners)
+    face, side = np.nonzero((cylinders.label[:, None] >= 0) & (surface.face_adjacency >= 0))
+    plane = planes[surface.face_adjacency[face, side]]
+    face, side, plane = face[plane >= 0], side[plane >= 0], plane[plane >= 0]
+    points, flat = surface.points, np.asarray(surface.faces)
+    middle = 0.5 * (points[flat[face, side]] + points[flat[face, (side + 1) % 3]])
+    which = cylinders.label[face].astype(np.int64)
+    beside = surface.face_normals[surface.face_adjacency[face, side]]
+    cosine = np.einsum("fa,fa->f", cylinders.normals(which, middle), beside)
+    tangent = cosine >= SAME_WAY
+    pairs = np.unique(np.stack([which[tangent], plane[tangent]], axis=1), axis=0)
+    tangents = np.bincount(pairs[:, 0], minlength=count)
+    faces = np.bincount(cylinders.label[cylinders.label >= 0], minlength=count)
+    return np.asarray((corners + tangents >= LEAST_CORNERS) & (faces + 2 * tangents >= LEAST_FACES))
 
 
 def _goes_on(surface: Surface, planes: IntArray, cylinders: Cylinders, crease: float) -> Mask:
@@ -178,8 +199,8 @@ def _goes_on(surface: Surface, planes: IntArray, cylinders: Cylinders, crease: f
     return np.asarray(beyond > AMISS * total)
 
 
-_Fitted = tuple[FloatArray, FloatArray, float, float]
-"""Axis, center, radius and sign of a cylinder."""
+_Fitted = tuple[FloatArray, FloatArray, float, float, int]
+"""Axis, center, radius and sign of a cylinder, and the number of its different corners."""
 
 
 def _table(label: IntArray, found: list[_Fitted]) -> Cylinders:
@@ -232,8 +253,8 @@ def _chains(surface: Surface, planes: IntArray, crease: float) -> list[Rows]:
     return [chains[k] for k in np.argsort(-np.array(areas), kind="stable")]
 
 
-def _fit(surface: Surface, faces: Rows, near: float) -> _Fitted | None:
-    """Return axis, center, radius and sign of the cylinder through faces; None: there is none."""
+def _fit(surface: Surface, faces: Rows, near: float, least: int) -> _Fitted | None:
+    """Return the cylinder through faces of at least so many corners; None: there is none."""
     sides = surface.points[np.asarray(surface.faces)[faces]]
     sides = np.roll(sides, -1, axis=1) - sides
     longest = np.einsum("fja,fja->fj", sides, sides).argmax(axis=1)
@@ -275,13 +296,13 @@ def _fit(surface: Surface, faces: Rows, near: float) -> _Fitted | None:
     gaps = np.diff(angle, append=angle[0] + 2.0 * math.pi)
     apart = gaps * radius > 10.0 * near
     chords = np.sort(gaps[apart])[:-1]
-    if len(chords) + 1 < LEAST_CORNERS:
+    if len(chords) + 1 < least:
         return None
     if radius * (1.0 - math.cos(0.5 * float(np.median(chords)))) < CLEARLY * near:
         return None
     middle = surface.points[np.asarray(surface.faces)[faces]].mean(axis=1) - origin - center
     facing = np.einsum("fa,fa->f", middle, surface.face_vectors[faces]).sum()
-    return axis, origin + center, radius, math.copysign(1.0, facing)
+    return axis, origin + center, radius, math.copysign(1.0, facing), len(chords) + 1
 
 
 def _lie_on(
