@@ -24,8 +24,9 @@ from medialis.base.arrays import (
     unit_rows,
 )
 from medialis.base.box_tree import NearestTree, nearest_on_triangles
-from medialis.base.validation import FloatArray, IntArray
+from medialis.base.validation import FloatArray, IntArray, frozen
 from medialis.shape.creases import Creases, find_creases
+from medialis.shape.cylinders import Cylinders, corner_normals
 from medialis.shape.shape import Shape
 from medialis.shape.surface import Topology, link_matrix, piece_labels
 from medialis.skeleton.medial_cloud import MedialCloud
@@ -189,20 +190,17 @@ def find_sides(cloud: MedialCloud, least_angle: float, crease: float) -> Sides:
 
 
 def blends(cloud: MedialCloud, creases: Creases, links: Index, width: float) -> Mask:
-    """Tell the faces of fillets and other blends beside flat faces, (m,): no sides of walls.
+    """Tell the faces of fillets and other blends beside walls, (m,): no sides of these.
 
     What is rounded and ends tangent to a flat face is a wall where it bends along with its other
     side, as in sheet metal. On a blend the ball touches what does not turn along: what most faces
-    within `width` say counts, since facets and the beginning of a blend may say otherwise.
+    within `width` say counts, since facets and the beginning of a blend may say otherwise. A
+    cylinder that turns along with its other side is the wall of a pipe, as sure as a flat one.
     """
     shape = cloud.surface
     m, n = shape.face_count, shape.point_count
-    if shape.planes is None or (shape.planes < 0).all():
+    if shape.planes is None:
         return np.zeros(m, np.bool_)
-    rounded = shape.planes < 0
-    first, second = links.T
-    piece = piece_labels(m, links[rounded[first] & rounded[second]])
-    rounded &= _beside_planes(shape, piece, links)[piece]
     faces, radii = np.asarray(shape.faces), cloud.radii[:n]
     known = cloud.valid[:n] & (radii > 0)
     if len(creases.vertices):
@@ -210,7 +208,14 @@ def blends(cloud: MedialCloud, creases: Creases, links: Index, width: float) -> 
         away = kd_tree(shape.points[np.unique(creases.vertices)]).query(shape.points)[0]
         known &= away > BESIDE_CREASE * np.nan_to_num(radii)
     open_ = known & (np.nan_to_num(cloud.spoke_angles[:n]) < TURNS_ALONG)
-    told = rounded[:, None] & np.stack([known[faces].any(axis=1), open_[faces].any(axis=1)], axis=1)
+    told = np.stack([known[faces].any(axis=1), open_[faces].any(axis=1)], axis=1)
+    wall = _round_walls(shape, told)
+    if (wall < 0).all():
+        return np.zeros(m, np.bool_)
+    rounded, (first, second) = wall < 0, links.T
+    piece = piece_labels(m, links[rounded[first] & rounded[second]])
+    rounded &= _beside_walls(shape, wall, piece, links)[piece]
+    told &= rounded[:, None]
     value, mean = (
         told.astype(np.float64),
         _mean_beside(shape, links[rounded[first] & rounded[second]]),
@@ -221,18 +226,33 @@ def blends(cloud: MedialCloud, creases: Creases, links: Index, width: float) -> 
     return blend | _beginnings(shape, rounded, blend, links)
 
 
-def _beside_planes(shape: Shape, piece: NDArray[Any], links: Index) -> Mask:
-    """Tell the pieces of what is rounded that end tangent to flat faces larger than themselves.
+def _round_walls(shape: Shape, told: Mask) -> Index:
+    """Return the wall of each face, (m,): a flat face, or a cylinder that turns along; -1: none."""
+    planes = np.asarray(shape.planes, np.int64)
+    if (cylinders := shape.cylinders) is None or len(cylinders.radii) == 0:
+        return planes
+    count, label = len(cylinders.radii), cylinders.label
+    on = label >= 0
+    known, open_ = (
+        np.bincount(label[on], shape.face_areas[on] * told[on, k], count) for k in (0, 1)
+    )
+    along = (known > 0) & (open_ <= 0.5 * known)
+    number = np.where(along, int(planes.max()) + 1 + np.arange(count), -1)
+    return np.where(on, number[label], planes)
+
+
+def _beside_walls(shape: Shape, wall: Index, piece: NDArray[Any], links: Index) -> Mask:
+    """Tell the pieces of what is rounded that end tangent to walls larger than themselves.
 
     Where only a small flat face lies beside a large rounded one, that is a wall and no blend.
     """
-    m, planes = shape.face_count, np.asarray(shape.planes)
+    m = shape.face_count
     first, second = np.concatenate([links, links[:, ::-1]]).T
-    edge = (planes[first] < 0) & (planes[second] >= 0)
-    count = int(planes.max()) + 1
-    pairs = np.unique(piece[first[edge]].astype(np.int64) * count + planes[second[edge]])
-    flat = planes >= 0
-    areas = np.bincount(planes[flat], shape.face_areas[flat], count)
+    edge = (wall[first] < 0) & (wall[second] >= 0)
+    count = int(wall.max()) + 1
+    pairs = np.unique(piece[first[edge]].astype(np.int64) * count + wall[second[edge]])
+    flat = wall >= 0
+    areas = np.bincount(wall[flat], shape.face_areas[flat], count)
     beside = np.bincount(pairs // count, areas[pairs % count], m)
     return np.asarray(beside > np.bincount(piece, shape.face_areas, m))
 
@@ -418,19 +438,26 @@ def side_of(sides: Sides, number: int) -> Side:
     inside[np.asarray(shape.faces)[rows[sides.core[rows]]]] = True
     known = inside[vertices] & sides.wide[vertices]
     points, half = shape.points[vertices], np.array(cloud.radii[vertices])
-    normals = _side_normals(points, faces, shape, rows)
+    normals = _side_normals(vertices, faces, shape, rows)
     half[~known] = _extended(points[known], half[known], points[~known], normals[~known])
     middle = points - half[:, None] * normals
     middle[known] = cloud.centers[vertices[known]]
     return Side(vertices.astype(np.int64), faces.astype(np.int64), rows, middle, half)
 
 
-def _side_normals(points: FloatArray, faces: NDArray[Any], shape: Shape, rows: Index) -> FloatArray:
+def _side_normals(
+    vertices: NDArray[Any], faces: NDArray[Any], shape: Shape, rows: Index
+) -> FloatArray:
     """Return unit normals of the vertices by the faces of the side alone, weighted by angle."""
+    points = shape.points[vertices]
     total = np.zeros_like(points)
     for j, weight in enumerate(_angles(points[faces])):
         np.add.at(total, faces[:, j], weight[:, None] * shape.face_normals[rows])
-    return unit_rows(total)
+    normals = unit_rows(total)
+    if shape.cylinders is None:
+        return normals
+    corners = np.repeat(rows, 3), faces.ravel()
+    return corner_normals(normals, vertices, *corners, shape, shape.cylinders)
 
 
 def _angles(corners: FloatArray) -> Iterator[FloatArray]:
@@ -493,6 +520,10 @@ ROUND = 0.95  # halved 0.8 %, doubled 0.8 %
 ALONG_RIM = 0.7  # halved 0 %, doubled 2 %
 """Cosine: a rim that leads on more steeply than this is a ragged one, and leads nowhere."""
 
+EVEN_WALL, UNEVEN_SHARE = 0.01, 0.1
+"""Half thicknesses: the middle of a round wall is a cylinder where it lies no farther off, but for
+such a share of its vertices."""
+
 NEAREST = 24  # halved 2 %, doubled 0.4 %
 """Faces whose mean normal tells the plane in which a border is extended."""
 
@@ -529,12 +560,15 @@ class RawSheet:
     kind : (f,) int32
         CORE: between two opposite walls; GROWN: where a side goes on; OUT: extended straight on to
         the surface; AHEAD: extended, and it came to no surface.
+    rounds : Cylinders or None
+        Cylinders in the middle of walls that are round, and the one of each face.
     """
 
     points: FloatArray
     faces: IntArray
     half: FloatArray
     kind: IntArray
+    rounds: Cylinders | None = None
 
     @property
     def core(self) -> Mask:
@@ -597,7 +631,13 @@ class RawSheet:
         smooth = np.einsum("qja,qa->qj", normals, self.normals[row]).min(axis=1) > ROUND
         bulge = np.einsum("qj,qj,qja->qa", weights, height, normals) / 2
         half = np.einsum("qj,qj->q", weights, self.half[corners])
-        return flat + smooth[:, None] * bulge, half
+        result = flat + smooth[:, None] * bulge
+        if self.rounds is not None:
+            on = np.flatnonzero(self.rounds.label[row] >= 0)
+            which = self.rounds.label[row[on]]
+            height = self.rounds.heights(which, result[on])
+            result[on] += height[:, None] * self.rounds.normals(which, result[on])
+        return result, half
 
 
 def raw_sheets(sides: Sides) -> list[RawSheet]:
@@ -641,7 +681,26 @@ def _chosen_sides(sides: Sides) -> list[Side]:
 def _as_sheet(side: Side, sides: Sides) -> RawSheet:
     fine = twice_areas(side.middle, side.faces) > 0
     kind = np.where(sides.core[side.rows][fine], CORE, GROWN).astype(np.int32)
-    return RawSheet(side.middle, side.faces[fine].astype(np.int32), side.half, kind)
+    faces, cylinders = side.faces[fine].astype(np.int32), sides.shape.cylinders
+    sheet = RawSheet(side.middle, faces, side.half, kind)
+    if cylinders is not None and len(cylinders.radii):
+        sheet = replace(sheet, rounds=_in_the_middle(cylinders.of_faces(side.rows[fine]), sheet))
+    return sheet
+
+
+def _in_the_middle(cylinders: Cylinders, sheet: RawSheet) -> Cylinders:
+    """Return cylinders with the radii of the middle of their walls; those of even walls alone."""
+    radii, label = np.array(cylinders.radii), np.array(cylinders.label)
+    for number in np.unique(label[label >= 0]):
+        vertices = np.unique(sheet.faces[sheet.core & (label == number)])
+        height = cylinders.heights(np.full(len(vertices), number), sheet.points[vertices])
+        depth = float(np.median(height)) if len(vertices) else math.nan
+        uneven = ~(np.abs(height - depth) <= EVEN_WALL * sheet.half[vertices])
+        if uneven.mean() < UNEVEN_SHARE:  # never of none
+            radii[number] -= cylinders.signs[number] * depth
+        else:
+            label[label == number] = -1
+    return replace(cylinders, radii=radii, label=frozen(label, np.int32))
 
 
 def extended(sheet: RawSheet, surface: NearestTree, farthest: float) -> RawSheet:
@@ -754,9 +813,14 @@ def _with_strip(
     kind = np.concatenate([stays[both], stays[both], stays[only_a], stays[only_b]])
     points = np.concatenate([sheet.points, far[moving]])
     fine = twice_areas(points, more) > 0
+    rounds = sheet.rounds
+    if rounds is not None:
+        none = np.full(int(fine.sum()), -1, np.int32)
+        rounds = replace(rounds, label=np.concatenate([rounds.label, none]))
     return RawSheet(
         points,
         np.concatenate([sheet.faces, more[fine]]),
         np.concatenate([sheet.half, sheet.half[moving]]),
         np.concatenate([sheet.kind, np.where(kind[fine], AHEAD, OUT).astype(np.int32)]),
+        rounds,
     )
