@@ -102,9 +102,12 @@ def test_balls_that_shrank_touch_the_face_that_they_name():
     assert len(rows) > 50
     apart = np.linalg.norm(cloud.contacts[rows] - cloud.centers[rows], axis=1)
     # A ball touches the smooth surface, which bulges over the face.
-    bulges = np.maximum(find_creases(cloud.surface, 30.0).bulges[cloud.contact_faces[rows]], 0.0)
+    bulges = find_creases(cloud.surface, 30.0).bulges[cloud.contact_faces[rows]]
     weights = cloud.contact_weights[rows]
-    height = (weights[:, [0, 1, 2]] * weights[:, [1, 2, 0]] * bulges).sum(axis=1)
+    pairs = weights[:, [0, 1, 2]] * weights[:, [1, 2, 0]]
+    outward, both = ((pairs * b).sum(axis=1) for b in (np.maximum(bulges, 0.0), bulges))
+    height = np.where(both < 0, both, outward)
+    assert (both < 0).any() and (both > 0).any()
     radii = cloud.radii[rows]
     assert apart**2 + 2 * radii * height == pytest.approx(radii**2, rel=1e-9)
     corners = cloud.surface.faces[cloud.contact_faces[rows]]

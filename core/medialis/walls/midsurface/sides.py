@@ -524,6 +524,9 @@ EVEN_WALL, UNEVEN_SHARE = 0.01, 0.1
 """Half thicknesses: the middle of a round wall is a cylinder where it lies no farther off, but for
 such a share of its vertices."""
 
+ALONG_AXIS = 0.9
+"""Cosine: the border of a round wall that leads on so is an end of it."""
+
 NEAREST = 24  # halved 2 %, doubled 0.4 %
 """Faces whose mean normal tells the plane in which a border is extended."""
 
@@ -741,6 +744,7 @@ def extended(sheet: RawSheet, surface: NearestTree, farthest: float) -> RawSheet
         direction[ends[rim][fits]] = on[fits]
         direction[ends[rim][~fits]] = 0.0  # a ragged rim: the end stays where it is
         ending[ends[rim]] = True
+    direction = _along_rounds(sheet, direction, border[inner] // 3, a[inner], b[inner])
     reach = _march(points, direction, moving[~ending[moving]], surface, farthest)
     _reach_of_ends(reach, direction, ending, a[inner], b[inner])
     moving = np.flatnonzero((weight > 0) & (reach > 0))
@@ -765,6 +769,25 @@ def _smoothed(direction: FloatArray, a: IntArray, b: IntArray) -> FloatArray:
         np.add.at(direction, a, before[b])
         np.add.at(direction, b, before[a])
     return unit_rows(direction)
+
+
+def _along_rounds(
+    sheet: RawSheet, direction: FloatArray, faces: Index, a: IntArray, b: IntArray
+) -> FloatArray:
+    """Return directions at the ends of edges a, b of faces that are the axis of a round wall.
+
+    Where they lead about along it, that is: from a bend a sheet goes straight on.
+    """
+    if sheet.rounds is None:
+        return direction
+    label, result = sheet.rounds.label[faces], np.array(direction)
+    for ends in (a, b):
+        rows = np.flatnonzero(label >= 0)
+        axis = sheet.rounds.axes[label[rows]]
+        along = np.einsum("ia,ia->i", direction[ends[rows]], axis)
+        on = np.abs(along) > ALONG_AXIS
+        result[ends[rows[on]]] = np.sign(along[on])[:, None] * axis[on]
+    return result
 
 
 def _march(
