@@ -13,7 +13,8 @@ compiled code: that happens at the first computation. All public names, by what 
 
 Shapes:
     read_shape, make_shape, Shape, Surface, diagnose, Diagnosis, repair, Repair, refine,
-    noise_level, smooth_noise, vertex_normals, organic_shape, dental_arch, sample_shape, SAMPLES
+    noise_level, smooth_noise, vertex_normals, Cylinders, organic_shape, dental_arch,
+    sample_shape, SAMPLES
 Balls and skeletons:
     surface_skeleton, shrink_balls, MedialCloud, Balls, BallStatus, Ragged, uniform_subsample,
     huge_surface_skeleton, open_medial_cloud, skeleton_mesh, SkeletonMesh

@@ -91,6 +91,7 @@ from medialis.segments.parts import parts as parts
 from medialis.segments.patches import SoftEdges as SoftEdges
 from medialis.segments.patches import patches as patches
 from medialis.segments.patches import soft_edges as soft_edges
+from medialis.shape.cylinders import Cylinders as Cylinders
 from medialis.shape.diagnosis import Diagnosis as Diagnosis
 from medialis.shape.diagnosis import diagnose as diagnose
 from medialis.shape.generate import dental_arch as dental_arch

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from medialis.base.arrays import next_side, sums_of, unit_rows
 from medialis.base.threads import run_chunks
 from medialis.base.validation import FloatArray, IntArray, frozen
+from medialis.shape.cylinders import corner_normals
 from medialis.shape.planes import only_plane, plane_normals
 from medialis.shape.rulings import find_mitres, find_rulings
 from medialis.shape.shape import Shape
@@ -295,6 +296,8 @@ def _sector_normals(
         own = sector[place[mine]]
         single = np.bincount(own, minlength=count)[own] == 1
         result[own[single]] = rulings.normals[mine[single] % len(rulings.sides)]
+        if shape.cylinders is not None:
+            result = corner_normals(result, vertices, face, sector, shape, shape.cylinders)
         plane = only_plane(sector, shape.planes[face], count)
         flat = np.flatnonzero(plane >= 0)
         result[flat] = plane_normals(shape, shape.planes)[plane[flat]]

@@ -301,4 +301,5 @@ def _plate(shape: Shape, length: float) -> Shape:
         before, size = size, np.einsum("ij,ij->j", rest, ready)
         step = ready + size / np.maximum(before, 1e-300) * step
     points = shape.points + change
-    return shape.remade(points=points, normals=ring_normals(points, shape.faces), planes=None)
+    normals = ring_normals(points, shape.faces)
+    return shape.remade(points=points, normals=normals, planes=None, cylinders=None)

@@ -22,6 +22,7 @@ from medialis.base.options import Options, algorithm, whole
 from medialis.base.progress import Progress, counted
 from medialis.base.threads import nearest_rows, run_chunks, run_patiently
 from medialis.base.validation import FloatArray, IntArray, as_faces, as_points, frozen
+from medialis.shape.cylinders import Cylinders, find_cylinders, with_cylinders
 from medialis.shape.diagnosis import propagate_signs
 from medialis.shape.planes import find_planes, with_planes
 from medialis.shape.rulings import with_rulings
@@ -87,12 +88,16 @@ def vertex_normals(points: FloatArray, faces: IntArray) -> FloatArray:
     if surface.faces is None:
         return frozen(np.zeros_like(points), np.float64)
     planes = find_planes(surface, SHARP)
-    return part_normals(ring_normals(points, surface.faces), surface, planes)
+    cylinders = find_cylinders(surface, planes, SHARP)
+    return part_normals(ring_normals(points, surface.faces), surface, planes, cylinders)
 
 
-def part_normals(normals: FloatArray, surface: Surface, planes: IntArray) -> FloatArray:
-    """Return normals (n, 3) that are those of flat faces and of rulings, where these end."""
-    return with_rulings(with_planes(normals, surface, planes, SHARP), surface, planes, SHARP)
+def part_normals(
+    normals: FloatArray, surface: Surface, planes: IntArray, cylinders: Cylinders
+) -> FloatArray:
+    """Return normals (n, 3) that are those of flat faces, of rulings and of cylinders."""
+    normals = with_rulings(with_planes(normals, surface, planes, SHARP), surface, planes, SHARP)
+    return with_cylinders(normals, surface, planes, cylinders, SHARP)
 
 
 def ring_normals(points: FloatArray, faces: IntArray, *, smooth: bool = True) -> FloatArray:

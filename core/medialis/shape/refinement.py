@@ -474,11 +474,16 @@ def _with_faces_of(shape: Shape, cut: Cut, scale: float) -> Shape:
     around = ring_normals(points, faces[has_new(faces, n)], smooth=False)
     origin = np.full(len(points), -1, np.int32)
     origin[:n] = np.arange(n) if shape.origin is None else shape.origin
-    made = {"points": points, "normals": np.concatenate([shape.normals, around[n:]])}
+    made: dict[str, Any] = {
+        "points": points,
+        "normals": np.concatenate([shape.normals, around[n:]]),
+    }
     made |= {"faces": faces, "origin": origin, "face_origin": cut.origin.astype(np.int32)}
     for name in ("face_origin", "face_map", "patches", "planes"):
         if (values := getattr(shape, name)) is not None:
             made[name] = values[cut.origin]
+    if shape.cylinders is not None:
+        made["cylinders"] = shape.cylinders.of_faces(cut.origin)
     return shape.remade(**made)
 
 
@@ -600,7 +605,8 @@ def on_smooth_surface(shape: Shape, fine: Shape, creases: Creases) -> Shape:
     Notes
     -----
     With the bulges h_f and normals n_f of the faces f at a new vertex, it moves by the shortest d
-    with n_f.d = h_f. Cost O(n), and 1 us for each vertex on an edge.
+    with n_f.d = h_f. On cylinders both are known, else they follow from the normals at the corners.
+    Cost O(n), and 1 us for each vertex on an edge.
     """
     from medialis.base.box_tree import nearest_on_triangles
 
@@ -613,6 +619,11 @@ def on_smooth_surface(shape: Shape, fine: Shape, creases: Creases) -> Shape:
     normals = unit_rows(normals, 0.5)
     pairs = weights * weights[:, [1, 2, 0]]
     height = np.einsum("ij,ij->i", pairs, creases.own_bulges[face])
+    if (cylinders := shape.cylinders) is not None:
+        rows = np.flatnonzero(cylinders.label[face] >= 0)
+        which, places = cylinders.label[face[rows]], fine.points[vertex[rows]]
+        normals[rows] = cylinders.normals(which, places)
+        height[rows] = cylinders.heights(which, places)
     step, mean, on_crease = _common_steps(vertex - n, normals, height, fine.point_count - n)
     points = _unfolded(fine, n, np.concatenate([np.zeros((n, 3)), step]))
     around = ring_normals(points, np.asarray(fine.faces)[has_new(fine.faces, n)], smooth=False)

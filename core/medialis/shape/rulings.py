@@ -76,13 +76,21 @@ class _Needles:
     two: FloatArray
 
 
+def needles(surface: Surface, planes: IntArray) -> tuple[Mask, FloatArray]:
+    """Tell the faces that are needles and in no plane, (m,), and the squares of longest sides."""
+    sides = surface.points[np.asarray(surface.faces)]
+    sides = np.roll(sides, -1, axis=1) - sides
+    longest = np.einsum("fja,fja->fj", sides, sides).max(axis=1)
+    needle = (longest > 2.0 * NEEDLE * surface.face_areas) & (planes < 0)
+    return needle & (surface.face_areas > 0), longest
+
+
 def _between_needles(surface: Surface, planes: IntArray) -> _Needles:
     first, second, opposite = surface.edge_table.pairs
     sides = surface.points[np.asarray(surface.faces)]
     sides = np.roll(sides, -1, axis=1) - sides
     square = np.einsum("fja,fja->fj", sides, sides)
-    needle = (square.max(axis=1) > 2.0 * NEEDLE * surface.face_areas) & (planes < 0)
-    needle &= surface.face_areas > 0
+    needle, _ = needles(surface, planes)
     one, two = first // 3, second // 3
     rows = np.flatnonzero(needle[one] & needle[two] & opposite & (surface.edge_bends > LEAST_BEND))
     one, two = one[rows], two[rows]
@@ -90,14 +98,13 @@ def _between_needles(surface: Surface, planes: IntArray) -> _Needles:
     return _Needles(rows, unit_rows(sides[one, first[rows] % 3]), *straight)
 
 
-def _is_part(surface: Surface, planes: IntArray, rulings: NDArray[np.int64]) -> bool:
-    """Tell whether a mesh is of a part: it has flat faces, or most of it is ruled.
+def is_part(surface: Surface, planes: IntArray, ruled: NDArray[np.int64]) -> bool:
+    """Tell whether a mesh is of a part: it has flat faces, or most of it, these faces, is ruled.
 
     Elsewhere needles lie beside each other by chance.
     """
     if (planes >= 0).any():
         return True
-    ruled = np.unique(np.concatenate([pair[rulings] // 3 for pair in surface.edge_table.pairs[:2]]))
     return bool(surface.face_areas[ruled].sum() >= RULED_PART * surface.area)
 
 
@@ -118,7 +125,8 @@ def find_rulings(surface: Surface, planes: IntArray, crease: float) -> Rulings:
     leans = [np.abs(np.einsum("ea,ea->e", edges.along, u)) for u in (edges.one, edges.two)]
     rows = edges.rows[np.minimum(*leans) >= ALONG]
     rows = rows[surface.edge_bends[rows] <= crease]
-    if not _is_part(surface, planes, rows):
+    ruled = np.unique(np.concatenate([first[rows], second[rows]]) // 3)
+    if not is_part(surface, planes, ruled):
         rows = rows[:0]
     # Over the circle the normal turns by as much of the bend as its side is wide: areas tell that.
     one, two = first[rows] // 3, second[rows] // 3

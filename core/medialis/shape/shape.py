@@ -33,6 +33,7 @@ from medialis.base.validation import (
 from medialis.shape.surface import Surface
 
 if TYPE_CHECKING:
+    from medialis.shape.cylinders import Cylinders
     from medialis.shape.diagnosis import Diagnosis
 
 
@@ -79,6 +80,9 @@ class Shape(Surface):
     planes : (m,) int32 or None
         The flat face of the part that each face lies in, -1 for facets of what is rounded (see
         `medialis.shape.planes`); None where nobody looked.
+    cylinders : Cylinders or None
+        The cylinders of the part, and the one that each face is a chord of (see
+        `medialis.shape.cylinders`); None where nobody looked.
 
     Raises
     ------
@@ -98,6 +102,7 @@ class Shape(Surface):
     up: str | None = None
     patches: IntArray | None = None
     planes: IntArray | None = None
+    cylinders: Cylinders | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "unit", as_unit(self.unit))
@@ -132,7 +137,7 @@ class Shape(Surface):
         """
         made = object.__new__(Shape)
         for value in arrays.values():
-            if value is not None:
+            if isinstance(value, np.ndarray):
                 value.flags.writeable = False
         made.__dict__.update({one.name: getattr(self, one.name) for one in fields(self)} | arrays)
         return made

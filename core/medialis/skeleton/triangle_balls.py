@@ -183,7 +183,36 @@ class Walls:
         rows = order[touching]
         radii = radii[touching] * lengths.unit
         faces, weights = self.faces[face[touching]], places[touching]
+        own = shape.points[cloud.source[rows]]
+        radii = _within_cylinders(shape, faces, own, direction[touching], radii)
         return _touching_faces(cloud, rows, direction[touching], radii, faces, weights)
+
+
+ROUNDS_TO_TOUCH = 4
+"""The first one leaves the square of what chords lie off, over the radius."""
+
+
+def _within_cylinders(
+    shape: Shape, faces: IntArray, own: FloatArray, directions: FloatArray, radii: FloatArray
+) -> FloatArray:
+    """Return radii of balls that touch the cylinder that a face is a chord of, not the chord.
+
+    Of a bore seen from the wall around it chords lie beyond the surface: balls were too large.
+    """
+    cylinders, result = shape.cylinders, np.array(radii)
+    rows = np.arange(0) if cylinders is None else np.flatnonzero(cylinders.label[faces] >= 0)
+    if cylinders is None or len(rows) == 0:
+        return result
+    which, own, directions = cylinders.label[faces[rows]], own[rows], directions[rows]
+    for _ in range(ROUNDS_TO_TOUCH):
+        center = own - result[rows, None] * directions
+        height = cylinders.heights(which, center)
+        step = own - center - height[:, None] * cylinders.normals(which, center)
+        along = 2.0 * np.einsum("ka,ka->k", step, directions)
+        square = np.einsum("ka,ka->k", step, step)
+        deep = (along > 0) & (square < result[rows] * along)
+        result[rows[deep]] = square[deep] / along[deep]
+    return result
 
 
 def _touching_faces(
