@@ -59,7 +59,7 @@ def test_walls_beside_blunt_needles_are_planes():
     x, y, z = points.T
     corner = (np.abs(x) > 44.001) & (np.abs(y) > 29.001)
     grown = np.where(corner, 1 + 1e-5 * np.random.default_rng(0).uniform(-1, 1, len(points)), 1.0)
-    z = z + 0.6 * np.where(z > 15, 1, -1) * (np.abs(x) + np.abs(y))
+    z = z - 0.1 * np.where(z > 15, 1, -1) * (np.abs(x) + np.abs(y))
     shape = medialis.make_shape(np.stack([x * grown, y * grown, z], axis=1), faces)
     middle = np.abs(shape.points[shape.faces].mean(axis=1))
     sides = np.abs(shape.face_normals[:, 2]) < 0.1

@@ -291,9 +291,6 @@ def _looks_like_facets(regions: _Regions, borders: _Borders, wide: FloatArray) -
     next_one = by[back]  # the other border of the region beside, and what is beyond it
     grows = (next_one >= 0) & (own[back[next_one]] > (1.0 + EVEN) * told)
     as_facet = 2.0 * borders.bend / np.maximum(wide + beside, least)
-    # A blunt triangle beside is less than nothing wide by its circumcenter, but as wide as high.
-    height = 2.0 * regions.area[borders.other] / np.maximum(borders.length, 1e-300)
-    beside = np.where(beside > least, beside, height)
     ratio = wide / np.maximum(beside, least)
     sure, one_way = _never_by_chance(regions, borders), _one_way(regions, borders)
     strip = (several & one_way)[borders.one]
@@ -303,8 +300,12 @@ def _looks_like_facets(regions: _Regions, borders: _Borders, wide: FloatArray) -
     untold = (told == 0.0) & ((own == 0.0) | (ratio >= FAR_WIDER))
     untold &= sure[borders.one]
     alone = ~(several[borders.one] | several[borders.other])
-    facet = ~((bends_too_little & ~alone) | untold | (ratio >= MUCH_WIDER))
-    return np.asarray((wide <= 0.0) | (beside <= least) | facet)
+    # A blunt triangle beside is less than nothing wide by its circumcenter, and tells no curvature.
+    bends_too_little, untold = bends_too_little & (beside > least), untold & (beside > least)
+    height = 2.0 * regions.area[borders.other] / np.maximum(borders.length, 1e-300)
+    beside = np.where(beside > least, beside, height)
+    much_wider = (wide >= MUCH_WIDER * beside) & (beside > least)
+    return np.asarray((wide <= 0.0) | ~((bends_too_little & ~alone) | untold | much_wider))
 
 
 def _one_way(regions: _Regions, borders: _Borders) -> Mask:
