@@ -705,6 +705,7 @@ def _each_once(
             continue
         # A short piece of its foot may look like a boss, as round the end of a rib with a fillet.
         several = [found[row][0] for row in standing]
+        several = [rib for rib in several if rib.kind == "rib"] or several
         thinnest = min(rib.wall for rib in several)
         on_it = [rib for rib in several if rib.wall < BENT * thinnest]
         kept.append(max(on_it, key=lambda rib: rib.length))
