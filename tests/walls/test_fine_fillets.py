@@ -1,4 +1,4 @@
-"""Fillets cut as finely as STEP files and careful exports have them: rows of facets by the dozen."""
+"""Fillets cut as finely as STEP files and careful exports have them: dozens of rows of facets."""
 
 import numpy as np
 import pytest
