@@ -50,6 +50,25 @@ def test_walls_of_a_hollow_section_are_planes(radius, segments):
     assert len(np.unique(shape.planes[expected])) == 10
 
 
+def test_walls_beside_blunt_needles_are_planes():
+    """Their circumcenters lie far on the other side: walls beside them were taken for facets.
+
+    The ends are inclined, and the facets of the corners not quite even, as fine STL files have it.
+    """
+    points, faces = hollow_section(100, 70, 2, 6, 30, 6)
+    x, y, z = points.T
+    corner = (np.abs(x) > 44.001) & (np.abs(y) > 29.001)
+    grown = np.where(corner, 1 + 1e-5 * np.random.default_rng(0).uniform(-1, 1, len(points)), 1.0)
+    z = z - 0.1 * np.where(z > 15, 1, -1) * (np.abs(x) + np.abs(y))
+    shape = medialis.make_shape(np.stack([x * grown, y * grown, z], axis=1), faces)
+    middle = np.abs(shape.points[shape.faces].mean(axis=1))
+    sides = np.abs(shape.face_normals[:, 2]) < 0.1
+    wall = sides & ((middle[:, 0] < 44) | (middle[:, 1] < 29))
+    assert wall.sum() == 16
+    assert (shape.planes[wall] >= 0).all()
+    assert (shape.planes[sides & ~wall] < 0).all()
+
+
 @pytest.mark.parametrize("segments", [3, 6])
 def test_flat_walls_beside_round_corners_read_their_thickness(segments):
     """They read up to 214 % too thick: normals at the round corner bent the long triangles."""

@@ -26,12 +26,16 @@ from medialis.base.errors import InvalidShapeError
 from medialis.base.options import METERS
 from medialis.base.validation import FloatArray, IntArray
 
-CHORD = 1e-4
-"""Share of the diagonal that a triangle may lie off its face: a third of the tolerance of balls."""
+CHORD = 5e-5
+"""Share of the diagonal that a triangle may lie off its face. A curved wall is off by a quarter of
+this on each side: one of 1.5 in a part of 80 by 0.1 % (0.17 % where doubled, 0.05 % where halved,
+in a third more time)."""
 
-TURN = 0.1
-"""Radians between neighbouring triangles, some 6 degrees: creases begin at 30. What is rounded is
-off by a quarter of the height of its facets then, 0.03 % of its radius."""
+TURN = 0.25
+"""Radians between neighbouring triangles, some 14 degrees: creases begin at 30. The normals are
+those of the model, so that narrow fillets need no more: their facets are as wide as a sixth of a
+right angle, and lie within `CHORD` wherever that is narrower. At 0.1 the rims of a tube took 60,000
+triangles, and its middle surface was off by 4 % of the thickness beside them, for 0.6 %."""
 
 SMOOTH = math.cos(math.radians(1.0))
 """Faces that go over into each other smoothly have one normal, up to this angle from their mean."""

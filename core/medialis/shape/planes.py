@@ -300,8 +300,12 @@ def _looks_like_facets(regions: _Regions, borders: _Borders, wide: FloatArray) -
     untold = (told == 0.0) & ((own == 0.0) | (ratio >= FAR_WIDER))
     untold &= sure[borders.one]
     alone = ~(several[borders.one] | several[borders.other])
-    facet = ~((bends_too_little & ~alone) | untold | (ratio >= MUCH_WIDER))
-    return np.asarray((wide <= 0.0) | (beside <= least) | facet)
+    # A blunt triangle beside is less than nothing wide by its circumcenter, and tells no curvature.
+    bends_too_little, untold = bends_too_little & (beside > least), untold & (beside > least)
+    height = 2.0 * regions.area[borders.other] / np.maximum(borders.length, 1e-300)
+    beside = np.where(beside > least, beside, height)
+    much_wider = (wide >= MUCH_WIDER * beside) & (beside > least)
+    return np.asarray((wide <= 0.0) | ~((bends_too_little & ~alone) | untold | much_wider))
 
 
 def _one_way(regions: _Regions, borders: _Borders) -> Mask:

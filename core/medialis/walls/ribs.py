@@ -638,7 +638,11 @@ def _joined(surface: Shape, feet: _Feet, edges: IntArray) -> list[Index]:
     places = surface.points[feet.vertices]
     away, near = kd_tree(places).query(places, k=[*range(1, min(BESIDE, count) + 1)])
     one, which = np.nonzero(away < 0.5 * feet.rib[:, None])
-    along = np.concatenate([row[edges], np.stack([one, near[one, which]], axis=1)])
+    # The rows of a fine fillet lie nearer to each other than the samples along it.
+    faces = row[np.asarray(surface.faces)]
+    inside = faces[(faces >= 0).all(axis=1)]
+    beside = np.concatenate([inside[:, :2], inside[:, 1:]])
+    along = np.concatenate([row[edges], np.stack([one, near[one, which]], axis=1), beside])
     a, b = along[(along >= 0).all(axis=1)].T
     same = np.einsum("ij,ij->i", feet.rib_normal[a], feet.rib_normal[b]) > ALONG
     # Or round the corner of a boss, which turns outward; that of two ribs does so inward.
@@ -688,16 +692,23 @@ def _each_once(
             crosses[[i, j]] = True
             links.append((i, j))
         mine, others = (np.setdiff1d(own[k], walls[k]) for k in (i, j))
-        if np.intersect1d(mine, others).size and found[i][0].kind == found[j][0].kind:
+        one, other = found[i][0], found[j][0]
+        alike = max(one.thickness, other.thickness) < BENT * min(one.thickness, other.thickness)
+        if np.intersect1d(mine, others).size and (alike or one.kind == other.kind):
             links.append((i, j))
     label = piece_labels(count, np.array(links, np.int64).reshape(-1, 2))
     kept = []
     for rows in rows_of_labels(label):
         standing = rows[~crosses[rows]] if (~crosses[rows]).any() else rows
-        if found[rows[0]][0].kind == "boss":
+        if all(found[row][0].kind == "boss" for row in rows):
             kept += [found[row][0] for row in rows]
-        else:
-            kept.append(min((found[row][0] for row in standing), key=lambda rib: rib.wall))
+            continue
+        # A short piece of its foot may look like a boss, as round the end of a rib with a fillet.
+        several = [found[row][0] for row in standing]
+        several = [rib for rib in several if rib.kind == "rib"] or several
+        thinnest = min(rib.wall for rib in several)
+        on_it = [rib for rib in several if rib.wall < BENT * thinnest]
+        kept.append(max(on_it, key=lambda rib: rib.length))
     return kept
 
 

@@ -314,7 +314,8 @@ def surely(cloud: MedialCloud, values: FloatArray, known: Mask, beyond: FloatArr
     sure = known & (beyond > unsure)
     if surface.faces is None or not unsure.any():
         return sure
-    may = known & (beyond > -unsure)
+    # What is as thick as the limit counts as well: a tray is no thicker than its flat sides.
+    may = known & (beyond > -unsure - 2.0 * EQUAL * values)
     links = surface.edges[may[surface.edges].all(axis=1)].astype(np.int64)
     label = piece_labels(surface.point_count, links)
     every, fails = (
@@ -327,8 +328,8 @@ def surely(cloud: MedialCloud, values: FloatArray, known: Mask, beyond: FloatArr
 def unsure_by(cloud: MedialCloud, values: FloatArray) -> FloatArray:
     """Return how much the thickness at each sample may be off, (n,), where facets are rounded.
 
-    They are as high as the smooth surface that was put on them: 0 where that is flat, and in a mesh
-    that was not refined.
+    They are as high as the smooth surface that was put on them, which is 0 where they are so small
+    that nothing was. What is flat is not off, nor is a mesh that was not refined.
     """
     surface = cloud.surface
     height = np.zeros(surface.point_count)
@@ -348,7 +349,11 @@ def unsure_by(cloud: MedialCloud, values: FloatArray) -> FloatArray:
     result = height.copy()
     mine, other = cloud.source[rows], cloud.features[rows, 1]
     result[mine] = np.maximum(height[mine], height[other])
-    return UNSURE * result + np.where(result > 1e-9 * surface.diagonal, ROUNDED * values, 0.0)
+    rounded = height > 1e-9 * surface.diagonal
+    if surface.planes is not None and (surface.planes >= 0).any():
+        rounded[faces[surface.planes < 0]] = True
+    rounded[mine] |= rounded[other]
+    return UNSURE * result + np.where(rounded, ROUNDED * values, 0.0)
 
 
 def side_area(surface: Shape, wall: NDArray[np.integer], samples: NDArray[np.integer]) -> float:
