@@ -522,6 +522,7 @@ class WallBalls:
             most = value if row == start else value / (1.0 + ALIKE)
             if caliper is None or not self._both_in(caliper, place.vertices):
                 continue
+            caliper = self._on_cylinders(caliper)
             if not self._across_wall(caliper):
                 continue
             if least <= self.share * caliper.length <= most:
@@ -536,6 +537,18 @@ class WallBalls:
         inside = [bool(self.marked[faces[rows]].any()) for rows in caliper.faces]
         self.marked[vertices] = False
         return all(inside)
+
+    def _on_cylinders(self, caliper: Caliper) -> Caliper:
+        """Return a caliper whose ends lie on the cylinders or spheres that faces are chords of."""
+        if (cylinders := self.surface.cylinders) is None:
+            return caliper
+        ends = np.array(caliper.ends)
+        for j, faces in enumerate(caliper.faces):
+            which = cylinders.label[faces]
+            if len(which) and which.min() >= 0:
+                height = cylinders.heights(which[:1], ends[j : j + 1])
+                ends[j] += height[0] * cylinders.normals(which[:1], ends[j : j + 1])[0]
+        return replace(caliper, ends=ends)
 
     def _across_wall(self, caliper: Caliper) -> bool:
         """Tell whether the faces at both ends taper no more than those of walls do.
