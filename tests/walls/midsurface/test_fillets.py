@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import medialis
+from plates import boxes
 from rounded import hollow_section, tee
 
 
@@ -59,3 +60,18 @@ def test_bends_of_a_hollow_section_are_walls(segments):
     assert np.quantile(off[~round_], 0.99) < 0.01 and off.max() < 0.08
     around = 2 * (88 + 58) + 2 * np.pi * 5
     assert found.areas.sum() == pytest.approx(30 * around, rel=5e-3)
+
+
+@pytest.mark.parametrize("rounding", [pytest.param(1e-5, marks=pytest.mark.slow), 1e-6])
+def test_rounding_of_a_symmetric_part_makes_no_sliver(rounding):
+    """Vertices that lay on a weld but for rounding got others beside them, 0 mm off, and a weld
+    of its own began there."""
+    points, faces = boxes(
+        (0, 70, 0, 60, 0, 3), (8, 62, 29, 31, 3, 15), (34.25, 35.75, 8, 52, 3, 15)
+    )
+    points = points + np.random.default_rng(2).uniform(-rounding, rounding, points.shape)
+    result = medialis.run("midsurface", medialis.make_shape(points, faces))
+    lengths = [weld["length"] for weld in result.values["weld_list"]]
+    assert sorted(lengths) == pytest.approx([13.5, 44.0, 54.0], rel=1e-4)
+    layer = result.layers[0]
+    assert least_angles(layer.points, layer.faces).min() > 10

@@ -167,6 +167,20 @@ class _Graph:
         size = float(np.linalg.norm(one) * np.linalg.norm(two))
         return bool(one @ two < CORNER * size)
 
+    def passed(self, numbers: list[int], places: list[FloatArray], limit: float) -> list[int]:
+        """Return the numbers of places that may lie within a limit of an edge, in their order.
+
+        Such a place is no farther from an end of the edge than that and half of its length.
+        """
+        ends = np.array([(a, b) for a, others in self.next.items() for b in others], np.int64)
+        if len(ends) == 0 or len(numbers) == 0:
+            return []
+        one, two = (self.sheet.mesh.points[v] for v in ends.T)
+        farthest = limit + 0.5 * float(np.linalg.norm(two - one, axis=1).max())
+        tree = kd_tree(self.sheet.mesh.points[np.unique(ends)])
+        away = tree.query(np.array([places[number] for number in numbers]))[0]
+        return [numbers[i] for i in np.flatnonzero(away <= 1.001 * farthest)]
+
     def chains(
         self, s: int, node: dict[tuple[int, int], int], middles: list[FloatArray]
     ) -> list[Chain]:
@@ -210,7 +224,7 @@ def _part_passing(
     for s, graph in enumerate(graphs):
         wanted = [k for k, owners in of_node.items() if s not in owners]
         limit = SAME * float(sheets[s].raw.half.min())
-        for number in wanted:
+        for number in graph.passed(wanted, middles, limit):
             owners = of_node[number]
             edges = [
                 (a, b)

@@ -21,6 +21,9 @@ ACROSS = math.cos(math.radians(20.0))  # halved 100 %, doubled 0 %
 NEAR = 0.1  # halved 0.1 %, doubled 0 %
 """Half thicknesses: how far a place of a cut may lie beyond the border of the other sheet."""
 
+ON_IT = 1e-4
+"""Half thicknesses: vertices that lie less far off another sheet are on it."""
+
 SNAP = 0.15  # halved 0.2 %, doubled 0.5 %
 """Share of an edge: a cut so near to its end moves the end there."""
 
@@ -97,7 +100,8 @@ def cut_along(sheet: CutSheet, other: RawSheet, number: int) -> None:
     length = np.linalg.norm(points[a] - points[b], axis=1)
     first, second = which[: len(a)], which[len(a) :]
     reached = np.minimum(distance[first], distance[second]) <= length
-    zero = np.abs(height) <= 1e-9 * float(np.abs(other.points).max() + 1e-300)
+    # In a symmetric part vertices lie on the other sheet but for the rounding of its file.
+    zero = np.abs(height) <= ON_IT * float(other.half.mean())
     sign = np.where(zero, 0.0, np.sign(height))
     crossing = reached & (sign[first] * sign[second] < 0)
     rows = np.flatnonzero(crossing)
