@@ -21,7 +21,7 @@ from medialis.base.validation import FloatArray, require_rows
 from medialis.medial_meshes.distances import boundary_points, measure
 from medialis.medial_meshes.envelope import Envelope
 from medialis.medial_meshes.fine_complex import FineComplex, fine_complex
-from medialis.medial_meshes.fins import finless
+from medialis.medial_meshes.fins import finless, is_round, useful
 from medialis.medial_meshes.fitting import DAMPING, Bounds, Fit, Target
 from medialis.medial_meshes.mesh import Collapse, Complex, LateCollapse, MedialMesh
 from medialis.medial_meshes.roofs import Roof, complex_of, roof_of
@@ -101,7 +101,8 @@ MANY = 600  # halved 0 %, doubled 0 %
 sheets stay whole; with fewer balls, merging across seams leaves smaller errors."""
 
 FIN = 1e-3
-"""Diagonals: so much, at most, may balls of a sheet stick out of others where it is taken away."""
+"""Diagonals: so far, at most, samples may be from the balls that stay where sheets are taken away.
+"""
 
 START = 0.8  # halved 100 %, doubled 88 %
 """Share of the balls that the collapse leaves; the rest is added where the fit is worst."""
@@ -617,12 +618,14 @@ def medial_mesh(shape: Shape, options: MedialMeshOptions, progress: Progress) ->
         if options.error:
             found = _smallest(base, options, progress)
         else:
-            found = Search(base, options.balls, options.seed, progress).run(options.quality)
+            found = _useful(base, options, progress)
     samples = base.fine.samples
     fewer = LateCollapse(lambda: coarser(samples, found, base.roof).placed(scale, middle))
     wanted, count = options.balls, len(found)
     if count != wanted and not options.error:
         why = "its topology needs them" if count > wanted else "its fine complex has no more"
+        if is_round(base.solid, base.fine):
+            why = "the shape is nearly a ball, and more are of no use"
         text = f"The mesh has {counted(count, 'ball')} instead of {wanted:,}: {why}."
         progress.note(text, "ball_count", balls=count, wanted=wanted)
     finer = base.sequence.placed(scale, middle)
@@ -675,6 +678,19 @@ def _solid(shape: Shape, progress: Progress) -> tuple[Solid, Roof | None]:
         return solid, roof_of(solid)
 
     return kept(_solid, shape, (), work, progress)
+
+
+def _useful(base: Base, options: MedialMeshOptions, progress: Progress) -> Complex:
+    """Return as many balls as are wanted, fewer where more are of no use."""
+
+    def fitted(balls: int, quality: str = "fast") -> Complex:
+        return Search(base, balls, options.seed, progress).run(quality)
+
+    if base.roof is None and is_round(base.solid, base.fine):
+        found = useful(fitted, base.error, options.balls)
+        if found is not None:
+            return found
+    return fitted(options.balls, options.quality)
 
 
 def _smallest(base: Base, options: MedialMeshOptions, progress: Progress) -> Complex:
