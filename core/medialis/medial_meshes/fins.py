@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from medialis.base.arrays import Index, Mask, Ragged, kd_tree
+from medialis.base.arrays import Index, Mask, Ragged
 from medialis.base.box_tree import NearestTree
 from medialis.base.validation import FloatArray
 from medialis.medial_meshes.fine_complex import FineComplex
@@ -41,14 +41,15 @@ LOWERED, STUCK = 0.75, 2
 
 
 def finless(fine: FineComplex, bound: float) -> FineComplex:
-    """Return a fine complex without fins; candidates belong to the ball next to theirs then."""
+    """Return a fine complex without fins; candidates belong to the ball next to them then."""
     chosen = fine.samples.chosen
     touched = Touched(fine.samples.points[chosen], fine.pole[chosen])
     now, place = without_fins(Complex(fine.balls, fine.edges, fine.faces), touched, bound)
     pole = place[fine.pole]
     lost = np.flatnonzero(pole < 0)
     if len(lost):
-        pole[lost] = kd_tree(now.balls[:, :3]).query(fine.balls[fine.pole[lost], :3])[1]
+        tree = NearestTree.of_balls(now.balls[:, :3], now.balls[:, 3])
+        pole[lost] = tree.distances(fine.samples.points[lost])[1]
     return FineComplex(now.balls, now.edges, now.faces, fine.samples, pole, fine.betti)
 
 

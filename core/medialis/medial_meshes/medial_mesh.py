@@ -60,6 +60,9 @@ APART = 0.04  # halved 44 %, doubled 98 %
 NEARLY_WORST = 0.6  # halved 100 %, doubled 100 %
 """Part of the largest error from which on a place gets a ball in the same round."""
 
+LEAST_SHARE = 0.01
+"""The same where balls are still missing in the end, at least."""
+
 TRIED = 100  # halved 0 %, doubled 0 %
 """Faults that are looked at for each ball to be added, at most: the worst."""
 
@@ -259,13 +262,15 @@ def faults_of(fit: Fit, fine: FloatArray) -> Fault:
     return Fault.joined([off, out])
 
 
-def refined(given: Complex, faults: Fault, most: int, apart: float = APART) -> Complex:
-    """Add at most this many balls to a complex, where the faults are worst."""
+def refined(
+    given: Complex, faults: Fault, most: int, apart: float = APART, share: float = NEARLY_WORST
+) -> Complex:
+    """Add at most this many balls to a complex, for faults of some share of the worst."""
     order = np.argsort(-faults.errors, kind="stable")[: TRIED * most]
     done: list[FloatArray] = []
     result = given
     for i in order:
-        if len(done) == most or faults.errors[i] < NEARLY_WORST * faults.errors[order[0]]:
+        if len(done) == most or faults.errors[i] < share * faults.errors[order[0]]:
             break
         place = faults.places[i]
         if any(((place - other) ** 2).sum() < apart**2 for other in done):
@@ -440,6 +445,10 @@ class Search:
             while len(now) < wanted and apart > 1e-3:
                 now = refined(now, faults, wanted - len(now), apart)
                 apart /= 2
+            share = NEARLY_WORST
+            while left == 1 and len(now) < wanted and share > LEAST_SHARE:
+                share /= 2
+                now = refined(now, faults, wanted - len(now), APART, share)
             fit = self._fitted(now, self._early.with_within(places), "round")
         return fit
 
