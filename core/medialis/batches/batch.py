@@ -66,7 +66,7 @@ def html_text(rows: Sequence[Row]) -> str:
         data_text("medialis.batches", "batch.css"),
         f"<header><h1>medialis batch</h1><p>{summary}.</p></header>",
         f"<nav>{links}{find}</nav>",
-        _failed(bad, len(groups)) + tables,
+        f"<main>{_failed(bad, len(groups))}{tables}</main>",
         f"<script>\n{data_text('medialis.batches', 'batch.js')}</script>",
     )
 

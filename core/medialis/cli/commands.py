@@ -159,11 +159,29 @@ def run_view(options: argparse.Namespace) -> int:
     else:
         results = _computed(source, options, progress)
     with progress.stage("page", 0.95, 1.0):
-        write_viewer(output, results, source.resolve().name)
+        write_viewer(output, results, _title(source, results))
     say(f"{output} ({output.stat().st_size / 1e6:.1f} MB): open it in a browser.")
     if options.open:
         webbrowser.open(output.resolve().as_uri())
     return 0
+
+
+def _title(source: Path, results: Sequence[Outcome]) -> str:
+    """Return the name of the shape, with the operation where there is one."""
+    from medialis.operations.result import Result
+    from medialis.show.writing import manifest_in
+
+    if not source.is_dir():
+        return source.resolve().name
+    manifests = (manifest_in(path) for path in (source, *sorted(source.iterdir())))
+    names = [str(one["input"]) for one in manifests if one and one.get("input")]
+    name = names[0] if names else source.resolve().name
+    first = results[0]
+    return (
+        f"{name}: {first.title.lower()}"
+        if [first] == results and isinstance(first, Result)
+        else name
+    )
 
 
 def _of_folder(folder: Path) -> list[Outcome]:

@@ -168,13 +168,6 @@ MOST_LINES, FEWEST_FILES = 25, 2
 MOST_NOTES = 3
 """Of the notes below a result, the most important first; --verbose has them all."""
 
-INNER = {
-    *("open_balls", "without_normal", "between_parts", "along_edges", "expected_loops_certain"),
-    *("candidates", "kept_candidates", "sheet_share", "kept_points", "spacing", "unlabelled"),
-    *("seam_edges", "fewest_balls", "most_balls", "unassigned_samples"),
-}
-"""Values that tell how it was computed: with --verbose, and in the manifest."""
-
 SAID_LAST = {"refined", "welded", "sharp_edges", "specks", "dense_kept"}
 """Codes of notes on how it was computed."""
 
@@ -234,7 +227,7 @@ def summary_lines(
 
 def _told(manifest: Mapping[str, Any], columns: int, verbose: bool) -> Iterator[str]:
     """Yield all but the files."""
-    from medialis.operations.result import value_rows
+    from medialis.operations.result import INNER, value_rows
 
     values, unit = manifest["values"], manifest["unit"]
     yield f"{manifest['operation'].replace('_', ' ')} of {manifest['input']}"

@@ -27,7 +27,7 @@ from medialis.base.validation import (
     as_number,
     as_points,
 )
-from medialis.operations.result import Layer, Outcome, quantity, value_text
+from medialis.operations.result import Layer, Outcome, quantity, value_text, value_words
 from medialis.shape.shape import Shape
 from medialis.show.annotation import (
     ColorBar,
@@ -136,7 +136,7 @@ class Balls(Painted):
 class Points(Painted):
     """Points (k, 3) shown as small balls of the same size everywhere, `size` pixels across.
 
-    `texts` stand beside those that no surface hides.
+    `texts` stand beside those that no surface hides, each once.
     """
 
     points: ArrayLike
@@ -289,9 +289,11 @@ def _write_texts(
         places, shown = as_points(item.points), np.ones(len(item.texts), bool)
         for one in solid:
             shown &= seen(camera, places, as_points(one.points), np.asarray(one.faces), progress)
-        texts = [text for text, see in zip(item.texts, shown, strict=True) if see]
-        if any(texts):
-            write_texts(image, camera, places[shown], texts)
+        # Of two ends of a wall with the same text the first one that is seen has it.
+        rows = {item.texts[row]: row for row in np.flatnonzero(shown)[::-1] if item.texts[row]}
+        if rows:
+            turn = sorted(rows.values())
+            write_texts(image, camera, places[turn], [item.texts[row] for row in turn])
 
 
 def _with_scale(
@@ -599,7 +601,7 @@ def draw_result(
     items, label = _paint(result, layer, color_by or layer.color_by, camera.width, style.limits)
     if result.shown:
         unit = result.shape.unit
-        items += [_mark(other, camera.width, unit) for other in others]
+        items += [_mark(result, other, camera.width, unit) for other in others]
     else:
         items = [_context(result, camera.width), *items]
     return draw(
@@ -676,16 +678,28 @@ def _in_view(result: Outcome) -> NDArray[np.float64]:
     return np.concatenate([result.shape.points, points[near]])
 
 
-def _mark(layer: Layer, width: int, unit: str | None) -> Item:
-    """Points as black balls on the surface, half of each outside it, with number and value."""
+PLACES = {"thin_spots": "spots", "wall_regions": "regions"}
+"""Layers of places, and the values that tell the other end of each."""
+
+
+def _mark(result: Outcome, layer: Layer, width: int, unit: str | None) -> Item:
+    """Points as black balls on the surface, half of each outside it, with number and value.
+
+    Both ends of a wall have a ball, and that which is seen has the number.
+    """
     texts: list[str] = []
     if layer.number_by is not None:
         values = layer.attributes[layer.number_by][:MOST_TEXTS]
         told = [value_text(layer.number_by, float(value), unit) for value in values]
         texts = [f"{rank}: {text}" for rank, text in enumerate(told, 1)]
     texts += [""] * (len(layer.points) - len(texts))
-    size = max(4.0, width / 80)
-    return Points(layer.points, size=size, color=(0.05, 0.05, 0.05), texts=texts)
+    points = np.asarray(layer.points)
+    rows = result.values.get(PLACES.get(layer.name, ""), ())
+    ends = {row: one["opposite"] for row, one in enumerate(rows) if one.get("opposite")}
+    if ends and len(rows) == len(points):
+        points = np.concatenate([points, np.array([*ends.values()], np.float64)])
+        texts += [texts[row] for row in ends]
+    return Points(points, size=max(4.0, width / 80), color=(0.05, 0.05, 0.05), texts=texts)
 
 
 def _paint(
@@ -699,7 +713,7 @@ def _paint(
     values, label = None, None
     if color_by is not None:
         require_attribute((layer,), color_by)
-        values, label = np.asarray(layer.attributes[color_by]), color_by.replace("_", " ")
+        values, label = np.asarray(layer.attributes[color_by]), value_words(color_by)
         if color_by in IN_DEGREES:
             values, label = np.degrees(values), label + " (degrees)"
         elif result.shape.unit and (power := POWERS.get(quantity(color_by))) is not None:

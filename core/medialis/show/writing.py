@@ -39,7 +39,7 @@ from medialis.shape.surface import Surface
 from medialis.show.picture import draw_result, draw_turntable, require_attribute
 from medialis.show.png import reduced, write_png
 from medialis.show.raster import Style
-from medialis.show.result import LISTS, OF_LAYERS
+from medialis.show.result import LISTS, LOOKS, OF_LAYERS
 
 DIFFERENCES = {
     "operation": "of the operation {}",
@@ -260,6 +260,7 @@ def describe_result(result: Result, **more: Any) -> dict[str, Any]:
             for layer in result.layers
         ],
         "shown": [layer.name for layer in result.shown],
+        "looks": [{name: getattr(layer, name) for name in LOOKS} for layer in result.shown],
         **more,
     }
 

@@ -1,6 +1,7 @@
 """The page in a real browser: opened from disk, moved, cut, asked; no error is logged."""
 
 import dataclasses
+import re
 
 import numpy as np
 import pytest
@@ -146,7 +147,7 @@ def test_picking_tells_the_values_of_the_place(page, results):
     assert number(second["spoke angle"].rstrip("°")) == pytest.approx(
         np.degrees(layer.attributes["spoke_angle"][row]), rel=1e-3
     )
-    assert "thickness near by" in second
+    assert "thickness nearby" in second
     assert found["radius"] == pytest.approx(layer.attributes["radius"][row], rel=1e-3)
     assert found["shown"] is False and found["none"] is None and found["away"] is True
 
@@ -203,6 +204,70 @@ def test_labels_have_the_colours_of_the_pictures(results, tmp_path):
     assert ((corner == last[:, None]).sum(axis=1)[two] >= 2).all()
 
 
+KEYS = """
+    const event = key => new KeyboardEvent("keydown", {key, bubbles: true});
+    const press = (id, key) => $(id).dispatchEvent(event(key));
+    const says = id => $(id).getAttribute("aria-valuetext");
+"""
+
+
+@pytest.mark.slow
+def test_keys_turn_the_shape_and_move_sliders_in_round_steps(page):
+    found = browser.looked_at(
+        page,
+        f"""{KEYS}
+        const keys = ["ArrowRight", "ArrowRight", "PageUp", "Home"];
+        const steps = keys.map(key => (press("from", key), says("from")));
+        const start = viewer.camera.position.toArray();
+        press("canvas", "ArrowLeft");
+        const turned = viewer.camera.position.toArray();
+        press("canvas", "+");
+        const near = viewer.camera.position.length();
+        press("canvas", "0");
+        $("cutbutton").click();
+        press("depth", "ArrowRight");
+        const depth = [says("depth"), $("depthwords").textContent];
+        $("cutbutton").click();
+        document.querySelector("#places button").click();
+        const card = !$("card").hidden;
+        document.body.dispatchEvent(event("Escape"));
+        return {{steps, start, turned, near, home: viewer.camera.position.toArray(), depth, card,
+          closed: $("card").hidden, menu: $("menu").getAttribute("aria-expanded")}};
+        """,
+    )
+    values = [number(text) for text in found["steps"]]
+    assert values[0] < values[1] < values[2] > values[3]
+    assert all(float(f"{value:.2g}") == value for value in values[:3]), "round numbers"
+    assert all(text.endswith("% of the size)") for text in found["steps"])
+    start, turned = (np.linalg.norm(found[name]) for name in ("start", "turned"))
+    assert start == pytest.approx(turned) and found["start"] != found["turned"]
+    assert found["near"] == pytest.approx(0.85 * start)
+    assert found["home"] == pytest.approx(found["start"])
+    assert found["depth"][0] == found["depth"][1] and found["depth"][0].startswith("x = ")
+    assert found["card"] and found["closed"] and found["menu"] == "true"
+
+
+@pytest.mark.slow
+def test_without_webgl_there_is_a_picture_with_numbers_and_places(page, results):
+    found = browser.looked_at(
+        page,
+        """
+        const still = $("still"), rows = [...document.querySelectorAll("#places li")];
+        return {why: $("why").textContent, shown: !still.hidden, width: still.naturalWidth,
+          alt: still.alt, places: rows.map(row => row.textContent),
+          numbers: $("numberlist").textContent,
+          buttons: document.querySelectorAll("nav:not([hidden])").length};
+        """,
+        webgl=False,
+    )
+    assert "WebGL" in found["why"] and found["shown"] and found["width"] > 300 and found["alt"]
+    spots = results["thickness"].values["spots"]
+    assert len(found["places"]) == len(spots) and found["buttons"] == 0
+    for row, text in enumerate(found["places"], 1):
+        assert re.fullmatch(rf"{row} [\d.]+, at \(-?[\d.]+, -?[\d.]+, -?[\d.]+\)", text)
+    assert "samples" in found["numbers"]
+
+
 @pytest.mark.slow
 def test_a_hostile_name_stays_text(results, tmp_path):
     result = results["surface_skeleton"]
@@ -225,7 +290,7 @@ def test_a_hostile_name_stays_text(results, tmp_path):
           field: $("field").textContent};
         """,
     )
-    assert found["hacked"] is None and found["images"] == 0
+    assert found["hacked"] is None and found["images"] == 1
     assert found["title"] == found["document"] == found["note"] == HOSTILE
     assert found["layer"] == HOSTILE.replace("_", " ") and found["field"] == HOSTILE
 
