@@ -109,7 +109,8 @@ def _row(name: str, text: str) -> Iterator[Told]:
 
 def _cells(heads: Sequence[str], cells: Sequence[str]) -> Iterator[Told]:
     """Yield the cells of a line of a table, after its number."""
-    start = f"{TITLES[heads[0]]}[{int(cells[0]) - 1}]"
+    first = 0 if heads[0] == "branches" else 1
+    start = f"{TITLES[heads[0]]}[{int(cells[0]) - first}]"
     names = [*heads] if len(cells) > len(heads) else [*heads[1:]]
     for name, cell in zip(names, cells[1:], strict=False):
         one = re.fullmatch(rf"({NUMBER}){UNITS}", cell)

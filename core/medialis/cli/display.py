@@ -322,9 +322,13 @@ def _table(
 
 
 def _first(things: Sequence[Mapping[str, Any]], most: int) -> list[tuple[int, Mapping[str, Any]]]:
-    """Return the first ones with their numbers; of branches the longest ones."""
-    numbered = list(enumerate(things, 1))
-    if "position" not in things[0]:
+    """Return the first ones with their numbers; of branches the longest ones.
+
+    Places are numbered from 1, branches from 0: as in all files.
+    """
+    are_places = "position" in things[0]
+    numbered = list(enumerate(things, 1 if are_places else 0))
+    if not are_places:
         numbered.sort(key=lambda one: -one[1]["length"])
     return numbered[:most]
 

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from medialis.base.arrays import unit_rows
 from medialis.base.errors import InvalidOptionError, InvalidShapeError
-from medialis.base.options import Kind
+from medialis.base.options import Kind, with_unit
 from medialis.base.progress import Progress, ProgressCallback
 from medialis.base.threads import run_patiently
 from medialis.base.validation import (
@@ -721,7 +721,7 @@ def _paint(
     cloud = layer.faces is None and layer.edges is None
     shown = ~layer.hidden if cloud else np.ones(len(layer.points), bool)
     if values is not None and not shown.all():
-        values, label = values[shown], f"{label}; {_shown_from(layer, str(color_by))}"
+        values, label = values[shown], f"{label}; {_shown_from(layer, color_by, result.shape.unit)}"
     colors: dict[str, Any] = {"values": values}
     if layer.classes and color_by == layer.color_by:
         colors = {"labels": values, "palette": [color for _, color in layer.classes]}
@@ -780,10 +780,17 @@ def _cloud_items(
     return [item for item, count in drawn if count]
 
 
-def _shown_from(layer: Layer, color_by: str) -> str:
-    """Say in few words from which value on a picture shows points; the note has the sentence."""
+def _shown_from(layer: Layer, color_by: str | None, unit: str | None) -> str:
+    """Say in few words from which value on a picture shows points; the note has the sentence.
+
+    A length has the unit of the shape, as the values beside it; where none is known, it is a share.
+    """
     value, kind = layer.filter_default, layer.filter_unit.kind
-    unit = {Kind.LENGTH: " %", Kind.ANGLE: " degrees"}.get(kind, "")
-    limit = f"{100 * value if kind is Kind.LENGTH else value:.3g}{unit}"
+    if kind is Kind.LENGTH and unit:
+        limit = with_unit(layer.filter_unit.attribute(value), unit, int(layer.filter_unit.power))
+    elif kind is Kind.LENGTH:
+        limit = f"{100 * value:.3g} % of the size"
+    else:
+        limit = f"{value:.3g}{' degrees' if kind is Kind.ANGLE else ''}"
     of = "" if color_by == layer.filter_by else f" {str(layer.filter_by).replace('_', ' ')}"
     return f"shown from {limit}{of} on"

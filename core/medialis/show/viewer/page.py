@@ -1,4 +1,4 @@
-"""The page of the viewer, in five steps: short text of arrays, scene, words, page, where it is seen.
+"""The page of the viewer, in five steps: text of arrays, scene, words, page, where it is shown.
 
 The scene is what is shown of results: surfaces, points and curves with values. Words are the places
 that were found and the numbers, as on the screen of the command line: they are there without WebGL.
