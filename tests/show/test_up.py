@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 import medialis
+import plates
 from medialis.cli.commands import main
 from medialis.formats.meshes import UP
 from medialis.formats.ply_attributes import write_ply
-from medialis.show.camera import Camera, default_view
+from medialis.show.camera import Camera, default_view, shape_view
 
 SIZES = {"standing": (1.0, 2.0, 4.0), "lying": (4.0, 2.0, 0.1), "cube": (1.0, 1.0, 1.0)}
 
@@ -59,3 +60,13 @@ def test_the_command_line_has_it_and_results_keep_it(tmp_path, capsys):
     assert "holds a result with another axis up. Name" in capsys.readouterr().err
     assert main([*words[:2], "--up", "w"]) == 2
     assert "--up" in capsys.readouterr().err
+
+
+def test_the_view_does_not_depend_on_the_triangles():
+    """A bracket of 32 vertices was seen from its back, refined from its front (fixed)."""
+    coarse = plates.shape_of(plates.bracket())
+    fine = medialis.refine(coarse, longest_edge=0.02)
+    views = [shape_view(shape) for shape in (coarse, fine)]
+    assert fine.point_count > 20 * coarse.point_count
+    assert views[0][1].tolist() == views[1][1].tolist()
+    assert np.degrees(np.arccos(views[0][0] @ views[1][0])) < 3

@@ -305,7 +305,7 @@ def run_operation(options: argparse.Namespace) -> int:
     given = _given(chosen, options)
     about = _about(chosen, file, given, options)  # says what is wrong before the file is read
     if not options.overwrite and not options.host:
-        check_same(folder, about)
+        about["earlier"] = check_same(folder, about)
     manifest = _compute(about, given, file, Path(folder), options)
     if not options.host:  # a host reads the manifest from the folder
         _report(manifest, options.json, options.verbose)
@@ -433,7 +433,10 @@ def _compute(
             texts = report_texts(result, source=file, progress=progress)
     pictures = Pictures(not options.no_picture, options.color_by, options.turntable)
     record = {name: about[name] for name in ("input_stamp", "input_unit", "input_up")}
-    wanted = Written(source, pictures, _formats(options), texts, record, options.overwrite)
+    wanted = Written(
+        *(source, pictures, _formats(options), texts, record, options.overwrite),
+        earlier=about.get("earlier"),
+    )
     with progress.stage("output", 0.85, 1.0), thread_limit(threads):
         manifest = write_files(result, folder, wanted, progress)
     manifest["seconds"] = {**progress.seconds, "total": time.perf_counter() - clock}

@@ -238,6 +238,9 @@ def _told(manifest: Mapping[str, Any], columns: int, verbose: bool) -> Iterator[
     for name in tables:
         most = MOST_BRANCHES if name == "branch_table" else MOST_ROWS // len(tables)
         yield from _indented(_table(*TABLES[name], values[name], most, unit))
+    if manifest.get("replaced"):
+        told = ", ".join(f"{name} {value}" for name, value in manifest["replaced"].items())
+        yield f"replaces the earlier result ({told})"
     for text in _notes(manifest, verbose):
         yield from textwrap.wrap(text, columns, subsequent_indent="  ", break_long_words=False)
 

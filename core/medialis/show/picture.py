@@ -26,6 +26,7 @@ from medialis.base.validation import (
     as_field,
     as_number,
     as_points,
+    frozen,
 )
 from medialis.operations.result import Layer, Outcome, quantity, value_text, value_words
 from medialis.shape.shape import Shape
@@ -39,7 +40,7 @@ from medialis.show.annotation import (
     text_size,
     title_height,
 )
-from medialis.show.camera import Camera, turntable
+from medialis.show.camera import Camera, shape_view, turntable
 from medialis.show.colors import (
     FAR_FROM_LIMIT,
     NEAR_LIMIT,
@@ -591,10 +592,7 @@ def draw_result(
     layer, *others = result.shown or result.layers[:1]
     progress = Progress.of(progress)
     if camera is None:
-        up = result.shape.up
-        camera = run_patiently(
-            lambda: Camera.framing(_in_view(result), up=up, width=width, height=height), progress
-        )
+        camera = run_patiently(lambda: _framed(result, width, height), progress)
     style = Style() if style is None else style
     if style.scale is None:
         style = replace(style, scale=True)
@@ -634,8 +632,7 @@ def draw_turntable(
 ) -> Iterator[NDArray[np.uint8]]:
     """Draw `count` views round the up-axis one after the other, (size, size, 3) uint8 each."""
     steps = Progress.of(progress)
-    points, up = _in_view(result), result.shape.up
-    camera = Camera.framing(points, up=up, width=size, height=size, fit="turntable")
+    camera = _framed(result, size, size, "turntable")
     for number, view in enumerate(turntable(camera, count)):
         with steps.stage("turntable", number / count, (number + 1) / count):
             image = draw_result(result, color_by=color_by, camera=view, progress=steps)
@@ -668,6 +665,38 @@ def require_attribute(layers: Sequence[Layer], name: str) -> None:
         raise InvalidOptionError(
             f"Layer {layers[0].name} has no attribute {name}; it has {', '.join(known)}."
         )
+
+
+SLIVER = 0.006
+"""Height of triangles below this share of the size, which are drawn as lines: about their width."""
+
+
+def line_edges(layer: Layer) -> IntArray | None:
+    """Return the edges of a layer that are drawn as lines; None: it has none.
+
+    Those of a layer of edges and triangles have those of its slivers, too: seen from the side, a
+    limb of them would be a dashed line.
+    """
+    if layer.edges is None or layer.faces is None or not len(layer.faces):
+        return None if layer.edges is None else frozen(layer.edges, np.int32)
+    points = np.asarray(layer.points)
+    corners = points[layer.faces]
+    sides = np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=2).max(axis=1)
+    double = np.linalg.norm(
+        np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
+    )
+    size = float(np.linalg.norm(np.ptp(points, axis=0)))
+    thin = np.asarray(layer.faces)[double < SLIVER * size * sides]
+    own = np.concatenate([thin[:, [0, 1]], thin[:, [1, 2]], thin[:, [2, 0]]])
+    every = np.sort(np.concatenate([layer.edges, own]), axis=1)
+    return frozen(np.unique(every, axis=0), np.int32)
+
+
+def _framed(result: Outcome, width: int, height: int, fit: str = "tight") -> Camera:
+    """Return the camera of a result: that of all results of its shape."""
+    direction, up = shape_view(result.shape)
+    sizes: dict[str, Any] = {"width": width, "height": height, "fit": fit}
+    return Camera.framing(_in_view(result), direction=direction, up=up, **sizes)
 
 
 def _in_view(result: Outcome) -> NDArray[np.float64]:
@@ -739,8 +768,9 @@ def _paint(
     items: list[Item] = []
     if layer.faces is not None:
         items.append(Surface(layer.points, layer.faces, **colors))
-    if layer.edges is not None:
-        items.append(Curves(layer.points, layer.edges, width=width / 180, **colors))
+    edges = line_edges(layer)
+    if edges is not None:
+        items.append(Curves(layer.points, edges, width=width / 180, **colors))
     if items:
         return items, label
     return _cloud_items(result, layer, np.flatnonzero(shown), colors, width), label

@@ -39,9 +39,9 @@ from medialis.base.options import AREAS, LENGTHS, RADIANS
 from medialis.base.validation import FloatArray, IntArray
 from medialis.formats.files import write_text
 from medialis.operations.result import INNER, value_rows, value_text, value_words
-from medialis.show.camera import default_view
+from medialis.show.camera import shape_view
 from medialis.show.colors import color_table, palette, value_range
-from medialis.show.picture import draw_result
+from medialis.show.picture import draw_result, line_edges
 from medialis.show.png import encode_png
 from medialis.show.reports.page import data_text, page
 
@@ -241,7 +241,7 @@ def _add(parts: list[Part], layer: Layer, visible: bool) -> None:
             kind,
             layer.points,
             layer.faces,
-            layer.edges,
+            line_edges(layer),
             fields,
             layer.color_by if layer.color_by in names else next(iter(names), None),
             layer.filter_by if layer.filter_by in names else None,
@@ -512,7 +512,7 @@ def _described(results: Sequence[Outcome], title: str, packer: Packer) -> dict[s
     shown, shape = scene_of(results), results[0].shape
     low, high = shape.bounds
     origin = (low + high) / 2
-    direction, up = default_view(shape.points, shape.up)
+    direction, up = shape_view(shape)
     parts = [_part(part, origin, packer) for part in shown]
     notes = (str(note) for result in results for note in getattr(result, "messages", ()))
     maps = {field["map"] for part in parts for field in part["fields"]}
