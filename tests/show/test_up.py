@@ -7,8 +7,9 @@ import pytest
 
 import medialis
 import plates
+from medialis.batches.jobs import plan
 from medialis.cli.commands import main
-from medialis.formats.meshes import UP
+from medialis.formats.meshes import UP, _collada_up
 from medialis.formats.ply_attributes import write_ply
 from medialis.show.camera import Camera, default_view, shape_view
 
@@ -70,3 +71,23 @@ def test_the_view_does_not_depend_on_the_triangles():
     assert fine.point_count > 20 * coarse.point_count
     assert views[0][1].tolist() == views[1][1].tolist()
     assert np.degrees(np.arccos(views[0][0] @ views[1][0])) < 3
+
+
+@pytest.mark.parametrize(("said", "axis"), [("Z_UP", "z"), ("X_UP", "x"), (None, "y")])
+def test_collada_files_say_it_themselves(said, axis):
+    text = f"<asset><up_axis> {said} </up_axis></asset>" if said else "<asset/>"
+    assert _collada_up(text.encode()) == axis
+
+
+def test_batches_have_it_too(tmp_path):
+    shape = medialis.organic_shape(56)
+    write_ply(tmp_path / "a.ply", shape.points, shape.faces)
+    reading = {"read_shape": {"up": "x"}}
+    options = {"parameters": reading, "workers": 1, "picture": False}
+    (row,) = medialis.batch("point_types", [tmp_path / "a.ply"], tmp_path / "out", **options)
+    assert row.status == "done"
+    assert medialis.read_result(tmp_path / "out" / "a" / "point_types").shape.up == "x"
+    with pytest.raises(medialis.InvalidOptionError, match="up must be one of x, y, z"):
+        plan(
+            ["point_types"], [tmp_path / "a.ply"], tmp_path, parameters={"read_shape": {"up": "w"}}
+        )

@@ -351,7 +351,7 @@ def batch(
         Folder of the batch.
     parameters : dict of dict, optional
         Parameters by the name of the operation; the others are at their defaults. Those
-        of "read_shape" are how files are read: its `unit`.
+        of "read_shape" are how files are read: its `unit` and `up`.
     workers : int or str, optional
         Number of processes, which share the threads of this machine; as many as processors when
         missing. Or the address of an existing Dask scheduler, such as "tcp://127.0.0.1:8786": its

@@ -357,6 +357,7 @@ def _add_batch(sub: argparse.ArgumentParser) -> None:
         help="a parameter that is not at its default; may be given several times",
     )
     _add_unit(sub)
+    _add_up(sub)
     sub.add_argument("--workers", type=int, help="processes (default: one a processor)")
     sub.add_argument(
         "--scheduler",
@@ -417,7 +418,7 @@ def _add_up(sub: argparse.ArgumentParser) -> None:
         "--up",
         choices=AXES,
         help="the axis that points up in pictures (default: y in glTF, z in STL, 3MF and STEP, "
-        "else as the shape stands)",
+        "what a Collada file says, else as the shape stands)",
     )
 
 

@@ -72,7 +72,10 @@ def run_batch(options: argparse.Namespace) -> int:
             [name.strip() for name in options.operations.split(",")],
             options.files,
             options.output,
-            parameters={**settings(options.set), "read_shape": {"unit": options.unit}},
+            parameters={
+                **settings(options.set),
+                "read_shape": {"unit": options.unit, "up": options.up},
+            },
             workers=options.scheduler or options.workers,
             picture=not options.no_picture,
             report=options.report,

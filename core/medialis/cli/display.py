@@ -213,6 +213,9 @@ def summary_lines(
     """Yield what there is to say of a result, from its manifest; all of it when verbose."""
     columns = width or _line_width()
     lines = [*_told(manifest, columns, verbose)]
+    for most in range(MOST_NOTES - 1, 0, -1):
+        if not verbose and len(lines) > MOST_LINES - FEWEST_FILES - 1:
+            lines = [*_told(manifest, columns, verbose, most)]
     yield from lines
     folder = Path(manifest["files"][0]).parent
     yield f"{len(manifest['files'])} files in {folder}, {manifest['seconds']['total']:.1f} seconds:"
@@ -225,7 +228,9 @@ def summary_lines(
         yield from _indented(_shortened([rest], columns - 2))
 
 
-def _told(manifest: Mapping[str, Any], columns: int, verbose: bool) -> Iterator[str]:
+def _told(
+    manifest: Mapping[str, Any], columns: int, verbose: bool, most_notes: int = MOST_NOTES
+) -> Iterator[str]:
     """Yield all but the files."""
     from medialis.operations.result import INNER, value_rows
 
@@ -241,15 +246,15 @@ def _told(manifest: Mapping[str, Any], columns: int, verbose: bool) -> Iterator[
     if manifest.get("replaced"):
         told = ", ".join(f"{name} {value}" for name, value in manifest["replaced"].items())
         yield f"replaces the earlier result ({told})"
-    for text in _notes(manifest, verbose):
+    for text in _notes(manifest, verbose, most_notes):
         yield from textwrap.wrap(text, columns, subsequent_indent="  ", break_long_words=False)
 
 
-def _notes(manifest: Mapping[str, Any], verbose: bool) -> Iterator[str]:
+def _notes(manifest: Mapping[str, Any], verbose: bool, most: int) -> Iterator[str]:
     """Yield warnings, then notes; how many are left out."""
     said = list(zip(manifest["messages"], manifest["notes"], strict=True))
     said.sort(key=lambda one: (not one[1]["warning"], one[1]["code"] in SAID_LAST))
-    shown = said if verbose else [one for one in said if not _is_inner(one[1])][:MOST_NOTES]
+    shown = said if verbose else [one for one in said if not _is_inner(one[1])][:most]
     for message, about in shown:
         yield f"{'warning' if about['warning'] else 'note'}: {message}"
     if len(shown) < len(said):
