@@ -448,5 +448,8 @@ def _add_progress(sub: argparse.ArgumentParser) -> None:
         "programs; auto: a bar on a terminal, else a log of a batch and nothing of a single run",
     )
     sub.add_argument(
-        "-v", "--verbose", action="store_true", help="print all values and notes, and log on stderr"
+        "-v",
+        "--verbose",
+        action="store_true",
+        help="say more: all values and notes, and a log on stderr",
     )

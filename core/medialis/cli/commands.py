@@ -156,9 +156,9 @@ def run_view(options: argparse.Namespace) -> int:
     output = Path(options.output or f"{source.resolve().stem}-view.html")
     progress = shown_progress(options.progress)
     if source.is_dir():
-        results = _of_folder(source)
+        results = _as_asked(_of_folder(source), options)
     elif (layer := _of_layer(source)) is not None:
-        results = [layer]
+        results = _as_asked([layer], options)
     else:
         results = _computed(source, options, progress)
     with progress.stage("page", 0.95, 1.0):
@@ -167,6 +167,41 @@ def run_view(options: argparse.Namespace) -> int:
     if options.open:
         webbrowser.open(output.resolve().as_uri())
     return 0
+
+
+def _as_asked(results: list[Outcome], options: argparse.Namespace) -> list[Outcome]:
+    """Give results that were read the unit and the threshold that were asked for.
+
+    Raises
+    ------
+    InvalidOptionError
+        When they have another unit, or nothing in the first one has a threshold.
+    """
+    from dataclasses import replace
+
+    from medialis.base.options import LENGTHS, Size, as_length, as_unit
+
+    unit, own = as_unit(options.unit), results[0].shape.unit
+    if unit is not None and own not in (None, unit):
+        raise InvalidOptionError(f"The results are in {own}: --unit {unit} cannot change that.")
+    if unit is not None:
+        results = [replace(one, shape=replace(one.shape, unit=unit)) for one in results]
+    if not options.threshold:
+        return results
+    first, *others = results
+    told = first.values.get("diagonal")
+    size = Size(told if isinstance(told, float) else first.shape.diagonal, unit or own)
+    share = size.fraction(as_length(options.threshold, "threshold", 0.0, 1.0), "threshold")
+    if first.shown and first.shown[0].color_by in LENGTHS:
+        look = replace(first.shown[0], color_limit=share * size.diagonal)
+        return [replace(first, shown=(look, *first.shown[1:])), *others]
+    if first.layers and first.layers[0].filter_by is not None:
+        layer = replace(first.layers[0], filter_default=share)
+        return [replace(first, layers=(layer, *first.layers[1:])), *others]
+    raise InvalidOptionError(
+        "--threshold is for thickness and for skeletons with importance; what is shown first "
+        "has neither."
+    )
 
 
 def _title(source: Path, results: Sequence[Outcome]) -> str:

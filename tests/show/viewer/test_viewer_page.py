@@ -1,7 +1,10 @@
 """The page in a real browser: opened from disk, moved, cut, asked; no error is logged."""
 
+import base64
 import dataclasses
+import os
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -245,6 +248,30 @@ def test_keys_turn_the_shape_and_move_sliders_in_round_steps(page):
     assert found["home"] == pytest.approx(found["start"])
     assert found["depth"][0] == found["depth"][1] and found["depth"][0].startswith("x = ")
     assert found["card"] and found["closed"] and found["menu"] == "true"
+
+
+AXE = """
+    (0, eval)(new TextDecoder().decode(Uint8Array.from(atob("AXE"), c => c.charCodeAt(0))));
+    await new Promise(done => setTimeout(done, 200));
+    const found = await axe.run(document, {resultTypes: ["violations"]});
+    return {bad: found.violations.filter(one => ["serious", "critical"].includes(one.impact))
+      .map(one => [one.id, one.nodes.map(node => node.html.slice(0, 100))]),
+      rules: found.passes.length};
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("webgl", [True, False])
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_axe_finds_nothing_serious(page, webgl, scheme):
+    """The accessibility checker axe-core of npm, where AXE_CORE names its axe.min.js."""
+    file = Path(os.environ.get("AXE_CORE", ""))
+    if not file.is_file():
+        pytest.skip("needs axe-core (AXE_CORE names its axe.min.js)")
+    source = base64.b64encode(file.read_bytes()).decode()
+    theme = f"document.documentElement.dataset.theme = {scheme!r};"
+    found = browser.looked_at(page, theme + AXE.replace("AXE", source), webgl=webgl)
+    assert found["bad"] == [] and found["rules"] > 10
 
 
 @pytest.mark.slow
