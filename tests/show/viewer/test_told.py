@@ -68,6 +68,25 @@ def test_a_check_opens_on_its_kinds(check, library):
     assert not any(part["visible"] for part in others)
 
 
+def test_borders_of_labels_are_lines(default_run, library):
+    """Where two labels met, triangles made saw-teeth; the count that is told stays that before."""
+    result = default_run("parts")
+    (part,) = viewer_page.scene_of([result])
+    cut = viewer_page.with_borders(part)
+    shown = next(one for one in cut.fields if one.name == cut.color_by)
+    labels = np.asarray(shown.values)
+    assert len(cut.points) > len(part.points) and all(
+        len(one.values) == len(cut.points) for one in cut.fields
+    )
+    assert (labels[cut.faces] == labels[cut.faces[:, :1]]).all()
+    before, after = (
+        medialis.Shape(p.points, np.zeros_like(p.points), p.faces) for p in (part, cut)
+    )
+    assert after.area == pytest.approx(before.area, rel=1e-9)
+    text = viewer_page.viewer_page([result], still=False)
+    assert scene(text)["parts"][0]["told"] == len(part.faces)
+
+
 def test_the_slider_starts_at_the_threshold(default_run, library):
     result = default_run("thickness")
     limit = 0.04 * result.shape.diagonal

@@ -26,7 +26,7 @@ import tempfile
 import webbrowser
 import zlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -39,6 +39,7 @@ from medialis.base.options import AREAS, LENGTHS, RADIANS
 from medialis.base.validation import FloatArray, IntArray
 from medialis.formats.files import write_text
 from medialis.operations.result import INNER, value_rows, value_text, value_words
+from medialis.show.borders import cut_by_labels
 from medialis.show.camera import shape_view
 from medialis.show.colors import color_table, palette, value_range
 from medialis.show.picture import draw_result, line_edges
@@ -539,11 +540,49 @@ def _size(result: Outcome) -> float:
     return told if isinstance(told, float) else result.shape.diagonal
 
 
+def with_borders(part: Part) -> Part:
+    """Return a surface that shows labels with its triangles cut at their borders: no saw-teeth.
+
+    Each side has points of its own there, so that all corners of a triangle have one label.
+    """
+    shown = next((one for one in part.fields if one.name == part.color_by), None)
+    if part.faces is None or shown is None or not shown.is_label:
+        return part
+    count, labels = len(part.points), np.asarray(shown.values, np.int32)
+    cut = cut_by_labels(part.points, part.faces, labels)
+    side = np.repeat(cut.side[:, None], 3, axis=1)
+    new = cut.faces >= count
+    pairs, row = np.unique(
+        np.stack([cut.faces[new], side[new]], axis=1), axis=0, return_inverse=True
+    )
+    faces = cut.faces.copy()
+    faces[new] = count + row.reshape(-1)
+    ends = cut.shares[pairs[:, 0] - count]
+    first, second = ends[:, :2].astype(np.int64).T
+
+    def continued(field: Field) -> Field:
+        values = np.asarray(field.values)
+        nearer = values[np.where(ends[:, 2] < 0.5, first, second)]
+        if field is shown:
+            nearer = pairs[:, 1].astype(values.dtype)
+        elif not field.is_label and values.dtype.kind == "f":
+            between = values[first] + ends[:, 2] * (values[second] - values[first])
+            nearer = np.where(np.isfinite(between), between, nearer)
+        return replace(field, values=np.concatenate([values, nearer]))
+
+    points = np.concatenate([part.points, cut.points[pairs[:, 0]]])
+    fields = [continued(field) for field in part.fields]
+    return replace(part, points=points, faces=faces, fields=fields)
+
+
 def _part(part: Part, origin: FloatArray, packer: Packer) -> dict[str, Any]:
+    told = len(part.points if part.faces is None else part.faces)
+    part = with_borders(part)
     names = [field.name for field in part.fields]
     codes, place = point_codes(part.points - origin)
     return {
         **{name: getattr(part, name) for name in ("title", "kind", "visible", "opacity", "role")},
+        "told": told,
         "points": {**place, "codes": packer.add(codes)},
         "faces": None if part.faces is None else packer.add_faces(part.faces),
         "edges": None if part.edges is None else packer.add(part.edges),

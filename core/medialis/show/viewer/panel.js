@@ -69,7 +69,7 @@ class Panel {
   }
 
   countOf(part) {
-    const count = part.faces ? part.faces.length / 3 : part.count;
+    const count = part.told;  // before triangles were cut at borders
     const noun = part.faces ? "triangle" : part.edges ? "node" : "point";
     return `${count.toLocaleString("en")} ${noun}${count === 1 ? "" : "s"}`;
   }
