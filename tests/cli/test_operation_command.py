@@ -114,10 +114,16 @@ def test_another_threshold_replaces_its_own_earlier_result(here, capsys):
     assert json.loads((folder / "manifest.json").read_text())["replaced"] == {}
     with (folder / "thickness.ply").open("ab") as stream:
         stream.write(b"mine")
-    before = contents(folder)
-    assert run(*command, "--threshold", "4%") == 2
-    assert "thickness.ply has changed" in capsys.readouterr().err
-    assert contents(folder) == before
+    whole = (folder / "manifest.json").read_bytes()
+    for damage, named in (({}, "thickness.ply"), ({"contents": [1]}, "manifest.json"),
+                          ({"contents": {"../a": {}, "a\0": 1}}, "a")):  # fmt: skip
+        (folder / "manifest.json").write_text(json.dumps({**json.loads(whole), **damage}))
+        before = contents(folder)
+        assert run(*command, "--threshold", "4%") == 2
+        said = capsys.readouterr().err
+        assert named in said and "has changed since it was written" in said
+        assert contents(folder) == before
+    (folder / "manifest.json").write_bytes(whole)
     assert run(*command, "--threshold", "4%", "--overwrite") == 0
     assert (folder / "notes.txt").read_text() == "mine"
 

@@ -199,15 +199,16 @@ def _manifest_bytes(there: Folder) -> bytes:
 def _edited(there: Folder, manifest: Mapping[str, Any]) -> str:
     """Return a file of a result that is not as it was written; "" where all are.
 
-    One that is missing is no loss.
+    One that is missing is no loss; a list of them that is damaged tells nothing.
     """
-    for name, told in dict(manifest.get("contents") or {}).items():
-        if there.about(name) is None:
-            continue
+    contents = manifest.get("contents")
+    for name, told in contents.items() if isinstance(contents, dict) else [(MANIFEST, None)]:
         try:
+            if there.about(name) is None:
+                continue
             with there.open(name) as stream:
                 same = content(stream, Progress()) == told
-        except OSError:
+        except (OSError, ValueError):
             same = False
         if not same:
             return str(name)
