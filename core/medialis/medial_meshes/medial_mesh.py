@@ -550,8 +550,8 @@ class MedialMeshOptions(Options):
     samples: int = whole(
         5000,
         "Samples",
-        "Samples of the fine complex, about; more where the shape is thin or its topology needs "
-        "them.",
+        "About how many samples the fine mesh is computed from; more where the shape is thin or "
+        "its topology needs them.",
         low=100,
         high=1_000_000,
         advanced=True,
@@ -559,12 +559,12 @@ class MedialMeshOptions(Options):
     relief: float = length(
         0.002,
         "Relief",
-        "Bumps that stand out less leave no branch in the fine complex.",
+        "Bumps that stand out less than this leave no branch in the fine mesh.",
         high=0.1,
         advanced=True,
     )
     seed: int = whole(
-        0, "Seed", "Another one draws other samples.", low=0, high=2**31 - 1, advanced=True
+        0, "Seed", "Another number draws other samples.", low=0, high=2**31 - 1, advanced=True
     )
 
 

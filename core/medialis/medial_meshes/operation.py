@@ -444,7 +444,7 @@ class MedialMeshRun(MedialMeshOptions, EnvelopeSurfaceOptions):
     threshold: float = length(
         0.0,
         "Importance from",
-        "Take balls that are less important than this share of the size from the rims; the "
+        "Remove balls from the rims that are less important than this share of the size; the "
         "topology stays. 0 keeps all.",
         high=10.0,
     )
@@ -580,7 +580,7 @@ OPERATION = Operation(
     filter_name="generate_medial_mesh",
     label="Medial mesh",
     group="Skeleton",
-    help="Compute the shape as few balls, connected with the topology of the solid.\n\n"
+    help="Describe a shape by few balls, joined into a mesh with the topology of the solid.\n\n"
     "Balls are joined by edges and triangles: cones and slabs between them fill the shape. The "
     "number of balls, or the largest distance to the surface, is chosen; the rest follows. The "
     "union of balls, cones and slabs comes as a closed mesh of its own, and the balls as a file "
