@@ -598,7 +598,7 @@ OPERATION = Operation(
         "triangle",
         "medial_mesh_envelope": "the union of balls, cones and slabs as a closed mesh",
         "medial_mesh_seams": "the curves where three sheets or more meet",
-        "medial_mesh_junctions": "the balls where three seams or more meet",
+        "medial_mesh_junctions": "the balls where three such curves or more meet",
         "ball_cover": "balls that hold the whole surface",
         **{
             f"medial_mesh_level_{number}": f"the mesh merged to 1/{1 << number} of the balls"
